@@ -16,13 +16,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import date
-from typing import Any, NotRequired, TypedDict, TypeVar, Unpack
+from typing import NotRequired, TypedDict, TypeVar, Unpack
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
+from airswing.evaluation.contents import FieldTestFound, Group, Headline
 from airswing.evaluation.day_sums import (
     GROUPS,
     WINDOWS,
@@ -40,7 +41,7 @@ from airswing.evaluation.disagreement import (
 )
 from airswing.evaluation.robustness import scrutinise
 from airswing.flags import ROLL, SCREENING, TEMPERATURE_QC
-from airswing.products.findings import Findings
+from airswing.products.findings import findings
 from airswing.products.ragged import aircraft_of_report, blocks, time_span
 from airswing.units import KNOT
 
@@ -114,7 +115,7 @@ def field_test(
     draws: int = 2000,
     seed: int = 0,
     **test: Unpack[FieldTest],
-) -> Findings:
+) -> FieldTestFound:
     """Compute the field test of two groups of aircraft.
 
     Parameters
@@ -133,8 +134,9 @@ def field_test(
 
     Returns
     -------
-    Findings
-        A dict with the content of ``field_test.json``; disagreements in knots.
+    FieldTestFound
+        A dict with the content of ``field_test.json``, but for what was expected of the test;
+        disagreements in knots.
 
     Raises
     ------
@@ -149,13 +151,6 @@ def field_test(
         temperature_qc=test.get("temperature_qc", "require_pass"),
     )
     window = _Window.of(headings, start=test["start"], before_start=test["before_start"], end=end)
-    result: dict[str, Any] = {
-        "reference": reference,
-        "start": str(test["start"]),
-        "before_start": str(test["before_start"]),
-        "end": str(end) if end else None,
-        "notes": notes,
-    }
     names = headings["aircraft"].to_numpy().astype(str)
     member = np.isin(names, [*corrected, *controls])
     days: dict[str, list[DayPart]] = {key: [] for key in pools}
@@ -171,17 +166,24 @@ def field_test(
         groups = {"controls": controls, "corrected": corrected}
         for cell, part in _measures(block, pools[reference], chosen, number, groups).items():
             measured.setdefault(cell, []).append(part)
-    for key in pools:
-        sums = DaySums.of(days[key], member, np.isin(names[member], corrected))
-        entry = _headline(sums, draws=draws, seed=seed)
-        if key == reference:
-            result |= entry | scrutinise(sums, names[member], draws=draws, seed=seed)
-            result["components"] = _components(measured)
-        result.setdefault("by_reference", {})[key] = entry
-    return Findings(result)
+    treated = np.isin(names[member], corrected)
+    sums = {key: DaySums.of(days[key], member, treated) for key in pools}
+    by_reference = {key: _headline(own, draws=draws, seed=seed) for key, own in sums.items()}
+    result: FieldTestFound = {
+        "reference": reference,
+        "start": str(test["start"]),
+        "before_start": str(test["before_start"]),
+        "end": str(end) if end else None,
+        "notes": notes,
+        **by_reference[reference],
+        **scrutinise(sums[reference], names[member], draws=draws, seed=seed),
+        "components": _components(measured),
+        "by_reference": by_reference,
+    }
+    return findings(result)
 
 
-def _headline(sums: DaySums, *, draws: int, seed: int) -> dict[str, object]:
+def _headline(sums: DaySums, *, draws: int, seed: int) -> Headline:
     """Groups, reductions and their intervals."""
     means = sums.means()
     empty = [key for key, value in means.items() if not np.isfinite(value)]
@@ -194,7 +196,7 @@ def _headline(sums: DaySums, *, draws: int, seed: int) -> dict[str, object]:
         )
     linear, quadrature = adjusted_reductions(*_four(means))
     drawn = bootstrap(sums, draws=draws, seed=seed)
-    groups = {}
+    groups: dict[str, Group] = {}
     for index, group in enumerate(GROUPS):
         chosen = sums.corrected if group == "corrected" else ~sums.corrected
         groups[group] = {
@@ -257,9 +259,11 @@ def _measures(
     return found
 
 
-def _components(measured: Mapping[tuple[str, str], list[Floats]]) -> dict[str, object]:
+def _components(
+    measured: Mapping[tuple[str, str], list[Floats]],
+) -> dict[str, dict[str, dict[str, float]]]:
     """Every measure of disagreement by group and window, m/s."""
-    found: dict[str, Any] = {}
+    found: dict[str, dict[str, dict[str, float]]] = {}
     for (group, name), sums in measured.items():
         total = np.concatenate(sums, axis=1).sum(axis=1)
         found.setdefault(group, {})[name] = measures_of(total)

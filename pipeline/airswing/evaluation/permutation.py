@@ -11,6 +11,8 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.evaluation.contents import Matched
+
 # Values of a batch of permutations: half a megabyte stays in a core's own cache, where all draws of
 # a large fleet at once would go to memory and back at every step.
 _TOGETHER = 65_536
@@ -109,7 +111,7 @@ def _shuffled(
 
 def matched_controls(
     before: NDArray[np.float64], during: NDArray[np.float64], corrected: NDArray[np.bool_]
-) -> dict[str, object]:
+) -> Matched:
     """Each corrected aircraft against the control nearest to it before the test.
 
     Parameters
@@ -119,7 +121,7 @@ def matched_controls(
 
     Returns
     -------
-    dict
+    Matched
         ``adjusted_reduction_kt`` and ``mean_distance_kt`` between the matched.
     """
     if corrected.all() or not corrected.any():

@@ -5,13 +5,20 @@ Assumes the products of docs/formats.md; None is what the configuration does not
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import xarray as xr
 
 if TYPE_CHECKING:
+    from airswing.evaluation.contents import (
+        FieldTestContent,
+        Ranked,
+        SensitivityContent,
+        StabilityContent,
+        VirtualContent,
+    )
     from airswing.evaluation.events_file import Monitoring
 
 
@@ -24,10 +31,10 @@ class Evaluation:
     observation_errors: xr.Dataset | None = None
     # stability, virtual, field_test, sensitivity: contents of ``stability.json``,
     # ``virtual_field_test.json`` and so on
-    stability: Mapping[str, object] | None = None
+    stability: StabilityContent | None = None
     # of :func:`airswing.evaluation.backtest.ranking.rank_aircraft`
-    ranking: Sequence[Mapping[str, object]] | None = None
-    virtual: Mapping[str, object] | None = None
-    field_test: Mapping[str, object] | None = None
-    sensitivity: Mapping[str, object] | None = None
+    ranking: Sequence[Ranked] | None = None
+    virtual: VirtualContent | None = None
+    field_test: FieldTestContent | None = None
+    sensitivity: SensitivityContent | None = None
     monitoring: Monitoring | None = None

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.evaluation.contents import Scrutiny, Spurious
 from airswing.evaluation.day_sums import DaySums
 from airswing.evaluation.permutation import (
     matched_controls,
@@ -18,9 +19,7 @@ from airswing.evaluation.permutation import (
 )
 
 
-def scrutinise(
-    sums: DaySums, names: NDArray[np.generic], *, draws: int, seed: int
-) -> dict[str, object]:
+def scrutinise(sums: DaySums, names: NDArray[np.generic], *, draws: int, seed: int) -> Scrutiny:
     """Permutation test, check for regression to the mean, and matched controls.
 
     Parameters
@@ -29,7 +28,7 @@ def scrutinise(
 
     Returns
     -------
-    dict
+    Scrutiny
         ``permutation``, ``regression_to_the_mean``, ``matched_controls`` and ``by_aircraft`` of
         ``field_test.json``.
     """
@@ -65,7 +64,7 @@ def scrutinise(
     }
 
 
-def _regression_to_the_mean(sums: DaySums) -> dict[str, object]:
+def _regression_to_the_mean(sums: DaySums) -> Spurious:
     """Choose the worst aircraft in the first half of the window before, watch the second half."""
     days = np.flatnonzero(~sums.during)
     first, second = days[: days.size // 2], days[days.size // 2 :]

@@ -6,8 +6,9 @@ Assumes plain values, lists and mappings of them.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, TypeVar, cast
 
+Content = TypeVar("Content", bound=Mapping[str, object])
 _MOST, _WIDTH = 6, 100  # of a list named in a line, and letters of the line
 
 
@@ -20,6 +21,12 @@ class Findings(dict[str, Any]):
         return "\n".join(
             line if len(line) <= _WIDTH else line[: _WIDTH - 3] + "..." for line in lines
         )
+
+
+def findings(content: Content) -> Content:
+    """What a stage found, with the names it has in its file, shown as :class:`Findings` are."""
+    # A TypedDict is a dict with certain keys, and this is one with the very same.
+    return cast(Content, Findings(content))
 
 
 def _short(value: object) -> str:

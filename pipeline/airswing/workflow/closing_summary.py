@@ -8,7 +8,7 @@ after; it is measured on the data the fit was made from (the field test holds da
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import NotRequired, TypedDict
 
 import numpy as np
 import xarray as xr
@@ -20,11 +20,45 @@ from airswing.flags import STATUS
 from airswing.report.run.page_numbers import disagreement, kept_reports
 from airswing.report.run.reading_warnings import reading_warnings, reference_warnings, tally
 from airswing.units import NORMAL_95
+from airswing.workflow.progress import Accounts
+
+
+class FitLine(TypedDict):
+    """One aircraft of the summary: its fit, degrees, and its winds before and after, knots."""
+
+    aircraft: str
+    status: str
+    offset: float
+    amplitude: float
+    phase: float
+    offset_standard_error: float
+    amplitude_standard_error: float
+    reports: int
+    before_kt: float
+    after_kt: float
+
+
+class Summary(TypedDict):
+    """What a person wants to know first of a run."""
+
+    reference: str
+    reports: dict[str, int]
+    aircraft: int
+    status: dict[str, int]
+    disagreement_kt: dict[str, float]
+    warnings: list[str]
+    fits: list[FitLine]
+    # of a run or an update that is over
+    accounts: NotRequired[Accounts]
+    # months, watched, events: of an update alone (:func:`airswing.workflow.update.update`)
+    months: NotRequired[dict[str, list[str]]]
+    watched: NotRequired[str]
+    events: NotRequired[int]
 
 
 def summarise(
     config: Config, headings: xr.Dataset, fits: xr.Dataset, corrected: xr.Dataset
-) -> dict[str, object]:
+) -> Summary:
     """Collect what a person wants to know first.
 
     Parameters
@@ -34,7 +68,7 @@ def summarise(
 
     Returns
     -------
-    dict
+    Summary
         ``reports``, ``aircraft``, ``status`` counts, ``disagreement_kt`` before and after, and
         one entry per aircraft under ``fits``.
     """
@@ -63,13 +97,11 @@ def summarise(
             {
                 "aircraft": str(name),
                 "status": status[i],
-                **{
-                    key: float(chosen[key][i])
-                    for key in (
-                        *("offset", "amplitude", "phase"),
-                        *("offset_standard_error", "amplitude_standard_error"),
-                    )
-                },
+                "offset": float(chosen["offset"][i]),
+                "amplitude": float(chosen["amplitude"][i]),
+                "phase": float(chosen["phase"][i]),
+                "offset_standard_error": float(chosen["offset_standard_error"][i]),
+                "amplitude_standard_error": float(chosen["amplitude_standard_error"][i]),
                 "reports": int(chosen["report_count"][i]),
                 "before_kt": float(apart.before[i]),
                 "after_kt": float(apart.after[i]),
@@ -79,12 +111,12 @@ def summarise(
     }
 
 
-def as_text(summary: dict[str, Any], output: Path) -> str:
+def as_text(summary: Summary, output: Path) -> str:
     """Lay the summary out for a terminal.
 
     Parameters
     ----------
-    summary : dict
+    summary : Summary
         Of :func:`summarise`.
     output : Path
         Folder of the products.
@@ -113,12 +145,11 @@ def as_text(summary: dict[str, Any], output: Path) -> str:
     return "\n".join(lines)
 
 
-def _line(fit: dict[str, Any]) -> str:
+def _line(fit: FitLine) -> str:
     """One aircraft; a dash for what was not fitted."""
-    amplitude, offset = (
-        _digits(form, fit[name], NORMAL_95 * fit[f"{name}_standard_error"])
-        for name, form in (("amplitude", "{:6.2f} +- {:4.2f}"), ("offset", "{:8.2f} +- {:4.2f}"))
-    )
+    wide = NORMAL_95 * fit["amplitude_standard_error"], NORMAL_95 * fit["offset_standard_error"]
+    amplitude = _digits("{:6.2f} +- {:4.2f}", fit["amplitude"], wide[0])
+    offset = _digits("{:8.2f} +- {:4.2f}", fit["offset"], wide[1])
     winds = _digits("{:7.2f} -> {:5.2f}", fit["before_kt"], fit["after_kt"])
     return (
         f"{fit['aircraft']:<10} {amplitude} {_digits('{:8.1f}', fit['phase'])} "

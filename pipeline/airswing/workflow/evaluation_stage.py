@@ -5,12 +5,14 @@ Takes the products and writes ``error_profiles.nc``, ``field_test.json`` and ``s
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import xarray as xr
 
+from airswing.config import FieldTest
 from airswing.errors import ConfigError
 from airswing.evaluation.results import Evaluation
+from airswing.products.findings import findings
 from airswing.products.netcdf import write_product
 from airswing.products.whole_files import write_json
 from airswing.workflow.job import (
@@ -24,6 +26,14 @@ from airswing.workflow.job import (
     ready,
 )
 from airswing.workflow.ranking_stage import make_ranking, make_stability, make_virtual
+
+if TYPE_CHECKING:
+    from airswing.evaluation.contents import (
+        Expected,
+        FieldTestContent,
+        IntervalCost,
+        SensitivityContent,
+    )
 
 
 def make_evaluation(
@@ -88,15 +98,15 @@ def make_observation_errors(job: Job, headings: xr.Dataset, corrected: xr.Datase
 
 
 def make_field_test(
-    job: Job, headings: xr.Dataset | None = None, *, expected: dict[str, object] | None = None
-) -> dict[str, object]:
+    job: Job, headings: xr.Dataset | None = None, *, expected: Expected | None = None
+) -> FieldTestContent:
     """The field test of the configuration: ``field_test.json``.
 
     Parameters
     ----------
     headings : Dataset, optional
         Read from the output folder when not given.
-    expected : dict, optional
+    expected : Expected, optional
         Of :func:`expected_reduction`, where ``headings`` is of the test's own dates alone.
 
     Raises
@@ -106,18 +116,18 @@ def make_field_test(
     """
     from airswing.evaluation.field_test import field_test
 
-    config = job.config
-    if config.field_test is None:
-        raise ConfigError(
-            "there is no field test to evaluate",
-            field="field_test",
-            remedy="Add field_test with start, before_start, corrected and controls",
-        )
+    config, test = job.config, asked_field_test(job)
     with job.progress.stage("field test") as stage:
         screened = ready(job, headings, HEADINGS)
-        against: dict[str, Any] = {"pools": config.pools(), "reference": main_reference(config)}
-        result = field_test(screened, **against, **config.field_test.model_dump())
-        result |= expected_reduction(job, screened) if expected is None else expected
+        found = field_test(
+            screened,
+            pools=config.pools(),
+            reference=main_reference(config),
+            **test.model_dump(),
+        )
+        told = expected_reduction(job, screened) if expected is None else expected
+        content: FieldTestContent = {**found, **told}
+        result = findings(content)
         write_json(job.output / FIELD_TEST, result)
         low, high = result["adjusted_reduction_ci_kt"]
         stage.note = (
@@ -126,7 +136,24 @@ def make_field_test(
     return result
 
 
-def expected_reduction(job: Job, headings: xr.Dataset) -> dict[str, object]:
+def asked_field_test(job: Job) -> FieldTest:
+    """The field test of the configuration.
+
+    Raises
+    ------
+    ConfigError
+        If it has none.
+    """
+    if job.config.field_test is None:
+        raise ConfigError(
+            "there is no field test to evaluate",
+            field="field_test",
+            remedy="Add field_test with start, before_start, corrected and controls",
+        )
+    return job.config.field_test
+
+
+def expected_reduction(job: Job, headings: xr.Dataset) -> Expected:
     """What the fits before the field test expected of it.
 
     Parameters
@@ -138,15 +165,12 @@ def expected_reduction(job: Job, headings: xr.Dataset) -> dict[str, object]:
 
     Returns
     -------
-    dict
+    Expected
         Of :func:`airswing.evaluation.backtest.virtual_field_test.predicted_reduction`.
     """
     from airswing.evaluation.backtest.virtual_field_test import predicted_reduction
 
-    config = job.config
-    test = config.field_test
-    if test is None:
-        return {}
+    config, test = job.config, asked_field_test(job)
     return predicted_reduction(
         headings,
         start=test.start,
@@ -159,7 +183,7 @@ def expected_reduction(job: Job, headings: xr.Dataset) -> dict[str, object]:
 
 def make_sensitivity(
     job: Job, headings: xr.Dataset | None = None, *, intervals: bool = False
-) -> dict[str, Any]:
+) -> SensitivityContent:
     """Every reference and pool fitted on the same reports: ``sensitivity.json``.
 
     Parameters
@@ -176,7 +200,7 @@ def make_sensitivity(
     found = ready(job, headings, HEADINGS)
     costs = _interval_costs(job, found) if intervals else {}
     if costs and len(config.references) == 1:
-        alone = {"time_interval": costs}
+        alone: SensitivityContent = {"time_interval": costs}
         write_json(job.output / SENSITIVITY, alone)
         return alone
     with job.progress.stage("compare") as stage:
@@ -198,7 +222,7 @@ def make_sensitivity(
     return result
 
 
-def _interval_costs(job: Job, headings: xr.Dataset) -> dict[str, Any]:
+def _interval_costs(job: Job, headings: xr.Dataset) -> dict[str, list[IntervalCost]]:
     """What hourly references would lose every three and six hours, and say so."""
     from airswing.evaluation.reference_comparison.time_interval import interval_cost
     from airswing.workflow.collocating import catalogues

@@ -38,7 +38,7 @@ from airswing.workflow.job import (
 )
 
 if TYPE_CHECKING:
-    from airswing.evaluation.compass_changes.change_dates import AircraftChanges
+    from airswing.evaluation.contents import AircraftChanges
     from airswing.workflow.progress import StageRecord
 
 

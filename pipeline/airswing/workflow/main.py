@@ -6,6 +6,7 @@ reports -> collocate -> headings -> screen -> fit -> table -> correct -> evaluat
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import xarray as xr
 
@@ -16,13 +17,16 @@ from airswing.workflow.fits import make_corrected, make_fits
 from airswing.workflow.headings_stage import make_headings
 from airswing.workflow.job import Job
 
+if TYPE_CHECKING:
+    from airswing.workflow.closing_summary import Summary
 
-def run(job: Job) -> dict[str, object]:
+
+def run(job: Job) -> Summary:
     """Do the main job: every stage, every product, the page.
 
     Returns
     -------
-    dict
+    Summary
         The closing summary (see :func:`airswing.workflow.closing_summary.summarise`), and as
         ``accounts`` what each stage cost (see
         :meth:`airswing.workflow.progress.Progress.accounts`).
@@ -37,7 +41,8 @@ def run(job: Job) -> dict[str, object]:
         evaluation = make_evaluation(job, headings, fits, corrected)
         make_page(job, headings, fits, corrected, summary, evaluation)
     job.progress.say(job.progress.accounts_text())
-    return summary | {"accounts": job.progress.accounts()}
+    summary["accounts"] = job.progress.accounts()
+    return summary
 
 
 def make_page(
@@ -45,14 +50,14 @@ def make_page(
     headings: xr.Dataset,
     fits: xr.Dataset,
     corrected: xr.Dataset,
-    summary: dict[str, object],
+    summary: Summary,
     evaluation: Evaluation,
 ) -> Path:
     """The page a person opens first: ``report/index.html``.
 
     Parameters
     ----------
-    summary : dict
+    summary : Summary
         Of :func:`airswing.workflow.closing_summary.summarise`.
     evaluation : Evaluation
         Of :func:`make_evaluation`.

@@ -14,8 +14,8 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass, field
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, TypedDict
 
 from dask.callbacks import Callback
 
@@ -63,11 +63,43 @@ class StageRecord:
         self._began = phase, now
         self.phase = f"{phase} {done:.0%}" if done else phase
 
-    def account(self) -> dict[str, object]:
+    def account(self) -> StageAccount:
         """What is kept of a stage that is over."""
-        found = asdict(self)
-        del found["phase"], found["_began"]
-        return found
+        return {
+            "name": self.name,
+            "seconds": self.seconds,
+            "note": self.note,
+            "octets": self.octets,
+            "messages": self.messages,
+            "reports": self.reports,
+            "decoding": self.decoding,
+            "tasks": self.tasks,
+            "phases": dict(self.phases),
+        }
+
+
+class StageAccount(TypedDict):
+    """What is kept of a stage that is over, as :class:`StageRecord` has it."""
+
+    name: str
+    seconds: float
+    note: str
+    octets: int
+    messages: int
+    reports: int
+    decoding: float
+    tasks: int
+    phases: dict[str, float]
+
+
+class Accounts(TypedDict):
+    """What a run cost; times in seconds."""
+
+    seconds: float
+    threads: int
+    decoding_seconds: float
+    decoding_share: float
+    stages: list[StageAccount]
 
 
 @dataclass
@@ -146,12 +178,12 @@ class Progress:
         later = [stage for stage in self.expected if stage not in past and stage != name]
         return left + scale * sum(self.expected[stage] for stage in later)
 
-    def accounts(self) -> dict[str, Any]:
+    def accounts(self) -> Accounts:
         """What the run cost so far.
 
         Returns
         -------
-        dict
+        Accounts
             ``seconds``, ``threads``, ``decoding_seconds`` (summed over threads),
             ``decoding_share`` of the time those threads had, and ``stages``.
         """
@@ -285,6 +317,7 @@ def _client() -> object:
 
 def _ask(client: Any, tasks: Tasks) -> None:
     done, total = client.run_on_scheduler(count_tasks)
+    # The scheduler forgets tasks whose results nobody waits for any more: no count goes back.
     tasks.done, tasks.total = max(done, tasks.done), max(total, tasks.total)
 
 

@@ -9,9 +9,9 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from datetime import date
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Literal, TypeVar
 
 import xarray as xr
 
@@ -20,6 +20,16 @@ from airswing.products.ragged import time_span
 from airswing.products.whole_files import write_json, write_text
 from airswing.workflow.job import Job, main_reference
 
+if TYPE_CHECKING:
+    from airswing.evaluation.contents import (
+        NotTried,
+        Ranked,
+        StabilityContent,
+        VirtualContent,
+        WindowFit,
+    )
+
+Found = TypeVar("Found")
 STABILITY, RANKING, VIRTUAL = "stability.json", "ranking.csv", "virtual_field_test.json"
 # Each fit still has four fifths of the flights.
 FOLDS = 5
@@ -27,12 +37,12 @@ FOLDS = 5
 _LEARNED_SHARE = 2.0 / 3.0
 
 
-def make_stability(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> dict[str, object]:
+def make_stability(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> StabilityContent:
     """Fits by month, or by quarter in archives over a year, and changes: ``stability.json``.
 
     Returns
     -------
-    dict
+    StabilityContent
         ``reference``, ``changes`` of
         :func:`airswing.evaluation.compass_changes.change_dates.find_changes` and ``windows`` of
         :func:`~airswing.evaluation.compass_changes.window_fits.fit_by_window`.
@@ -54,18 +64,18 @@ def make_stability(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> dict[str
 
 
 def written_stability(
-    job: Job, fits: xr.Dataset, window: str, windows: list[dict[str, object]]
-) -> tuple[dict[str, Any], str]:
+    job: Job, fits: xr.Dataset, window: str, windows: list[WindowFit]
+) -> tuple[StabilityContent, str]:
     """Write ``stability.json``; what is in it, and in a few words.
 
     Parameters
     ----------
-    windows : list of dict
+    windows : list of WindowFit
         Of :func:`airswing.evaluation.compass_changes.window_fits.fit_by_window`.
     """
     from airswing.evaluation.compass_changes.change_notes import noted_changes
 
-    result = {
+    result: StabilityContent = {
         "reference": main_reference(job.config),
         "window": window,
         "changes": (changes := noted_changes(fits)),
@@ -76,12 +86,12 @@ def written_stability(
     return result, f"compass changed: {', '.join(changed) or 'none'}"
 
 
-def make_ranking(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> list[dict[str, object]]:
+def make_ranking(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> list[Ranked]:
     """Whom to correct first: ``ranking.csv``.
 
     Returns
     -------
-    list of dict
+    list of Ranked
         Of :func:`airswing.evaluation.backtest.ranking.rank_aircraft`.
     """
     from airswing.evaluation.backtest.ranking import rank_aircraft
@@ -97,7 +107,7 @@ def make_ranking(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> list[dict[
     return ranking
 
 
-def _ranking_table(ranking: list[dict[str, Any]]) -> str:
+def _ranking_table(ranking: Sequence[Ranked]) -> str:
     """The ranking as CSV."""
     titles = (
         "rank",
@@ -118,7 +128,8 @@ def _ranking_table(ranking: list[dict[str, Any]]) -> str:
     for entry in ranking:
         gain = entry.get("expected_gain_ci_kt") or (None, None)
         place = entry.get("rank_ci") or (None, None)
-        row = entry | {
+        row: dict[str, object] = {
+            **entry,
             "expected_gain_low_kt": gain[0],
             "expected_gain_high_kt": gain[1],
             "rank_low": place[0],
@@ -134,8 +145,8 @@ def _ranking_table(ranking: list[dict[str, Any]]) -> str:
 
 
 def make_virtual(
-    job: Job, headings: xr.Dataset, fits: xr.Dataset, ranking: list[dict[str, object]]
-) -> dict[str, Any]:
+    job: Job, headings: xr.Dataset, fits: xr.Dataset, ranking: list[Ranked]
+) -> VirtualContent:
     """Corrections learned from one part and judged on another: ``virtual_field_test.json``.
 
     Learned up to the start of the field test, where there is one, and applied to the aircraft
@@ -143,12 +154,12 @@ def make_virtual(
 
     Parameters
     ----------
-    ranking : list of dict
+    ranking : list of Ranked
         Of :func:`make_ranking`.
 
     Returns
     -------
-    dict
+    VirtualContent
         ``later`` of :func:`airswing.evaluation.backtest.virtual_field_test.virtual_field_test` and
         ``held_out`` of :func:`~airswing.evaluation.backtest.crossvalidation.cross_validate`; where
         one cannot be computed its ``why``.
@@ -157,35 +168,45 @@ def make_virtual(
     from airswing.evaluation.backtest.virtual_field_test import virtual_field_test
 
     config = job.config
-    options: dict[str, Any] = {
-        "pools": config.pools(),
-        "reference": main_reference(config),
-        "resolution": math.degrees(config.table.resolution),
-        **config.fit.model_dump(),
-    }
+    pools, reference = config.pools(), main_reference(config)
+    resolution, fit = math.degrees(config.table.resolution), config.fit.model_dump()
     test, corrected = config.field_test, uncorrected(job, headings)
     until = test.start if test is not None else later_date(headings)
     with job.progress.stage("virtual field test") as stage:
-        result = {
+        result: VirtualContent = {
             "later": tried(
                 lambda: virtual_field_test(
-                    headings, learned_until=until, corrected=corrected, **options
+                    headings,
+                    learned_until=until,
+                    pools=pools,
+                    reference=reference,
+                    corrected=corrected,
+                    resolution=resolution,
+                    **fit,
                 )
             ),
             "held_out": tried(
-                lambda: cross_validate(headings, folds=FOLDS, whole=(fits, ranking), **options)
+                lambda: cross_validate(
+                    headings,
+                    pools=pools,
+                    reference=reference,
+                    folds=FOLDS,
+                    whole=(fits, ranking),
+                    resolution=resolution,
+                    **fit,
+                )
             ),
         }
         stage.note = written_virtual(job, result)
     return result
 
 
-def written_virtual(job: Job, result: dict[str, Any]) -> str:
+def written_virtual(job: Job, result: VirtualContent) -> str:
     """Write ``virtual_field_test.json``; what is in it in a few words.
 
     Parameters
     ----------
-    result : dict
+    result : VirtualContent
         As of :func:`make_virtual`.
     """
     write_json(job.output / VIRTUAL, result)
@@ -193,7 +214,7 @@ def written_virtual(job: Job, result: dict[str, Any]) -> str:
         f"{words} {part['predicted_gain_kt']:.2f} kt predicted, "
         f"{part['realised_gain_kt']:.2f} realised"
         for words, part in (("later", result["later"]), ("held out", result["held_out"]))
-        if part.get("realised_gain_kt") is not None
+        if "why" not in part and part["realised_gain_kt"] is not None
     ]
     return "; ".join(told) or "too few reports"
 
@@ -214,7 +235,7 @@ def later_date(headings: xr.Dataset) -> date:
     return found
 
 
-def tried(make: Callable[[], dict[str, object]]) -> dict[str, object]:
+def tried(make: Callable[[], Found]) -> Found | NotTried:
     """Do a part; where the archive cannot carry it, say why instead."""
     try:
         return make()

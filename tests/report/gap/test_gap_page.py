@@ -36,6 +36,7 @@ from airswing.report.gap.words import (
     digits_for,
     effect_sentence,
     joined,
+    nature_text,
     parameter_text,
     parameters_text,
     period_text,
@@ -215,6 +216,34 @@ def test_page_of_a_real_diagnosis(gap: GapReport, gap_product: Path) -> None:
     held = sum(one.ok for one in gap.assumptions)
     assert f"{held} of {len(gap.assumptions)} hold" in " ".join(text.split())
     assert "heading error of one cycle (hard_iron)" in text
+
+
+def test_every_effect_found_says_what_it_is_and_what_is_like_it(
+    gap: GapReport, maps: xr.Dataset, tmp_path: Path
+) -> None:
+    twice = effect("tas_scale", "N1"), effect("tas_scale", "N2"), effect("compass_step", "N3")
+    text, _ = parsed(write_gap_page(tmp_path, gap=replace(gap, effects=list(twice)), maps=maps))
+    for name in ("tas_scale", "compass_step"):
+        assert text.count(f"<li>{escape(nature_text(name))}</li>") == 1
+    assert text.count("Easily confused with") == 2
+    told = nature_text("compass_step")
+    assert told.startswith("Compass deviation that changes at a date: Maintenance, ")
+    assert "both. Source: EASA AMC 25.1327 and FAA AC 43.13-1B (when a compass must be " in told
+    assert (
+        "; constant heading error or heading error of one cycle (where the date lies near an end "
+        "of the record); two aircraft exchanged identifiers (where "
+    ) in told
+
+
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_what_is_said_of_an_effect_is_whole_sentences_without_code_names(name: str) -> None:
+    told = nature_text(name)
+    assert told.endswith(".") and "_" not in told and ".." not in told
+    assert CATALOGUE[name].physics in told and CATALOGUE[name].source in told
+
+
+def test_an_effect_that_is_no_longer_in_the_catalogue_is_told_without_its_nature() -> None:
+    assert nature_text("of_another_version") == ""
 
 
 def test_the_page_the_command_wrote_is_the_page_of_its_products(

@@ -24,6 +24,7 @@ from airswing.evaluation.backtest.learning import (
     require_reference,
 )
 from airswing.evaluation.backtest.ranking import rank_aircraft
+from airswing.evaluation.contents import CrossValidation, Ranked
 
 
 def cross_validate(
@@ -32,11 +33,11 @@ def cross_validate(
     pools: Mapping[str, list[str]],
     reference: str,
     folds: int = 5,
-    whole: tuple[xr.Dataset, list[dict[str, object]]] | None = None,
+    whole: tuple[xr.Dataset, list[Ranked]] | None = None,
     draws: int = 1000,
     seed: int = 0,
     **fit_options: Unpack[TableOptions],
-) -> dict[str, object]:
+) -> CrossValidation:
     """Correct every flight with a fit that never saw it, and compare with the prediction.
 
     Parameters
@@ -45,7 +46,7 @@ def cross_validate(
         Key of ``pools``.
     folds : int, default 5
         Parts the flights are dealt into, day by day and aircraft by aircraft.
-    whole : (Dataset, list of dict), optional
+    whole : (Dataset, list of Ranked), optional
         Fits of all reports with the same options, with their tables, and the ranking of
         :func:`airswing.evaluation.backtest.ranking.rank_aircraft` by them; made when not given.
     **fit_options
@@ -53,7 +54,7 @@ def cross_validate(
 
     Returns
     -------
-    dict
+    CrossValidation
         As :func:`airswing.evaluation.backtest.virtual_field_test.virtual_field_test` gives, without
         groups, and ``in_sample_gain_kt``: what the fit of all flights gains on its own reports.
 
@@ -92,13 +93,13 @@ def cross_validate(
             found=str(folds),
             remedy="Use fewer folds, or lower fit.min_reports",
         )
-    result = {
+    return {
         "reference": reference,
         "folds": folds,
         "method": "table",
         "in_sample_gain_kt": sum(float(gain.total.sum()) for gain in own_gains) / reports,
+        **compared(headings, gains, ranking, draws=draws, seed=seed),
     }
-    return result | compared(headings, gains, ranking, draws=draws, seed=seed)
 
 
 def _held_out(

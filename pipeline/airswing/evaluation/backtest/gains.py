@@ -6,13 +6,15 @@ own error hardly enters. Its interval is a bootstrap over days. Knots of wind ve
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.compass.correction import correct
+from airswing.evaluation.contents import AircraftGain, Compared, Ranked, SideBySide
 from airswing.evaluation.day_sums import day_weights, interval_95
 from airswing.evaluation.disagreement import reference_mean, vector_difference
 from airswing.flags import mended as was_mended
@@ -88,11 +90,11 @@ def gains_of(block: xr.Dataset, gain: Floats, judged: NDArray[np.bool_]) -> list
 def compared(
     headings: xr.Dataset,
     gains: list[Gain],
-    ranking: list[dict[str, Any]],
+    ranking: Sequence[Ranked],
     *,
     draws: int,
     seed: int,
-) -> dict[str, object]:
+) -> Compared:
     """Hold the predicted against the realised gain, each aircraft and together.
 
     Parameters
@@ -101,18 +103,19 @@ def compared(
         Names the aircraft.
     gains : list of Gain
         One an aircraft.
-    ranking : list of dict
+    ranking : sequence of Ranked
         Of :func:`airswing.evaluation.backtest.ranking.rank_aircraft`.
 
     Returns
     -------
-    dict
+    Compared
         ``predicted_gain_kt``, ``realised_gain_kt``, their difference with intervals, ``agree``
         (None where one day leaves the intervals unknown), ``reports``, and the same
         ``by_aircraft``; None where nothing could be judged.
     """
     predicted = {entry["aircraft"]: entry for entry in ranking}
-    entries, judged = [], []
+    entries: list[AircraftGain] = []
+    judged = []
     for name, gain in zip(headings["aircraft"].to_numpy().astype(str), gains, strict=True):
         known = predicted[name]
         if not gain.reports or known["expected_gain_kt"] is None:
@@ -138,15 +141,14 @@ def compared(
     together = float(share @ [entry["predicted_gain_kt"] for entry in entries])
     spread = share @ np.diag([entry["predicted_standard_error_kt"] ** 2 for entry in entries])
     mean, drawn = _bootstrapped(_together(judged), draws=draws, seed=seed)
-    return _side_by_side(together, float(np.sqrt(spread @ share)), mean, drawn) | {
+    return {
+        **_side_by_side(together, float(np.sqrt(spread @ share)), mean, drawn),
         "reports": int(weights.sum()),
         "by_aircraft": entries,
     }
 
 
-def _side_by_side(
-    predicted: float, error: float, realised: float, drawn: Floats
-) -> dict[str, object]:
+def _side_by_side(predicted: float, error: float, realised: float, drawn: Floats) -> SideBySide:
     """Both gains with their intervals; no verdict where an interval cannot be told."""
     own = float(drawn.std())
     difference, wide = realised - predicted, float(np.hypot(error, own))

@@ -16,7 +16,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -25,6 +24,7 @@ from numpy.typing import NDArray
 from airswing.compass.correction import corrected_wind, curve_standard_error
 from airswing.evaluation.backtest.learning import require_reference
 from airswing.evaluation.clustered_mean import cluster_sums, clustered_mean
+from airswing.evaluation.contents import Ranked
 from airswing.evaluation.disagreement import reference_mean
 from airswing.flags import STATUS, published
 from airswing.products.ragged import blocks, row_bounds
@@ -222,7 +222,7 @@ def rank_aircraft(
     pools: Mapping[str, list[str]],
     reference: str,
     seed: int = 0,
-) -> list[dict[str, Any]]:
+) -> list[Ranked]:
     """Rank the aircraft by what correcting them is expected to gain.
 
     Parameters
@@ -238,7 +238,7 @@ def rank_aircraft(
 
     Returns
     -------
-    list of dict
+    list of Ranked
         Largest expected gain first, aircraft without a fit last: ``rank``, ``aircraft``,
         ``status``, ``reports``, ``disagreement_kt``, ``expected_gain_kt``,
         ``expected_gain_ci_kt`` (not a number for reports of one day: nothing tells how days
@@ -255,33 +255,43 @@ def rank_aircraft(
         headings, pools[reference], abscissa=str(fits.attrs.get("abscissa", "magnetic"))
     )
     words = {code: name for name, code in STATUS.items()}
-    entries, drawn = [], []
+    entries: list[Ranked] = []
+    drawn = []
     for k, (name, own) in enumerate(zip(chosen["aircraft"].to_numpy(), flown, strict=True)):
         status = words[int(chosen["status"][k])]
-        entry: dict[str, object] = {
-            "aircraft": str(name),
-            "status": status,
-            "reports": int(own.u.size),
-        }
-        if published(chosen["status"][k]) and own.u.size:
-            before, gain, spread = expected_gain(
-                own,
-                chosen["deviation"].to_numpy()[k],
-                chosen["deviation_covariance"].to_numpy()[k],
-                draws=DRAWS,
-                seed=seed + k,
+        if not published(chosen["status"][k]) or not own.u.size:
+            entries.append(
+                {
+                    "rank": None,
+                    "aircraft": str(name),
+                    "status": status,
+                    "reports": int(own.u.size),
+                    "expected_gain_kt": None,
+                    "why": f"no fit to be trusted: {status}",
+                }
             )
-            drawn.append(spread)
-            entry |= {
+            continue
+        before, gain, spread = expected_gain(
+            own,
+            chosen["deviation"].to_numpy()[k],
+            chosen["deviation_covariance"].to_numpy()[k],
+            draws=DRAWS,
+            seed=seed + k,
+        )
+        drawn.append(spread)
+        entries.append(
+            {
+                "rank": None,
+                "aircraft": str(name),
+                "status": status,
+                "reports": int(own.u.size),
                 "disagreement_kt": before / KNOT,
                 "expected_gain_kt": gain / KNOT,
                 "expected_gain_ci_kt": _interval(spread),
                 "expected_gain_standard_error_kt": _spread(spread),
                 "amplitude_deg": float(chosen["amplitude"][k]),
             }
-        else:
-            entry |= {"expected_gain_kt": None, "why": f"no fit to be trusted: {status}"}
-        entries.append(entry)
+        )
     return _ordered(entries, drawn)
 
 
@@ -296,7 +306,7 @@ def _spread(values: Floats) -> float:
     return float(values.std() / KNOT) if np.isfinite(values).all() else float("nan")
 
 
-def _ordered(entries: list[dict[str, Any]], drawn: list[Floats]) -> list[dict[str, object]]:
+def _ordered(entries: list[Ranked], drawn: list[Floats]) -> list[Ranked]:
     """Sort by expected gain and give every rank its interval."""
     ranked = [entry for entry in entries if entry["expected_gain_kt"] is not None]
     if ranked:
@@ -304,9 +314,7 @@ def _ordered(entries: list[dict[str, Any]], drawn: list[Floats]) -> list[dict[st
         low, high = np.percentile(place, [2.5, 97.5], axis=1, method="nearest")
         for k, entry in enumerate(ranked):
             entry["rank_ci"] = [int(low[k]), int(high[k])]
-        ranked.sort(key=lambda entry: -entry["expected_gain_kt"])
-    rest = [entry for entry in entries if entry["expected_gain_kt"] is None]
-    return [
-        {"rank": number if number <= len(ranked) else None} | entry
-        for number, entry in enumerate([*ranked, *rest], start=1)
-    ]
+        ranked.sort(key=lambda entry: -(entry["expected_gain_kt"] or 0.0))
+    for number, entry in enumerate(ranked, start=1):
+        entry["rank"] = number
+    return [*ranked, *(entry for entry in entries if entry["expected_gain_kt"] is None)]

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from datetime import date
-from typing import Any, Unpack
+from typing import Unpack
 
 import numpy as np
 import xarray as xr
@@ -26,6 +26,7 @@ from airswing.evaluation.backtest.learning import (
     require_reference,
 )
 from airswing.evaluation.backtest.ranking import rank_aircraft
+from airswing.evaluation.contents import Expected, VirtualGroup, VirtualTest
 from airswing.products.ragged import aircraft_of_report, blocks, time_span
 from airswing.units import NORMAL_95
 
@@ -41,7 +42,7 @@ def virtual_field_test(
     draws: int = 1000,
     seed: int = 0,
     **fit_options: Unpack[TableOptions],
-) -> dict[str, object]:
+) -> VirtualTest:
     """Learn the corrections up to a date, apply them after it, and compare with the prediction.
 
     Parameters
@@ -65,7 +66,7 @@ def virtual_field_test(
 
     Returns
     -------
-    dict
+    VirtualTest
         ``groups`` as in ``field_test.json``; ``predicted_gain_kt`` and ``realised_gain_kt`` with
         intervals, over all reports of the corrected aircraft that have a fit and in
         ``by_aircraft``; ``agree``: whether their difference is within its interval.
@@ -99,13 +100,13 @@ def virtual_field_test(
         windows.append(_windows(block, apart.before, after, kept & learn(block), late))
         judged = late & apart.done & corrected_here
         gains += gains_of(block, apart.before - after, judged)
-    result: dict[str, object] = {
+    return {
         "reference": reference,
         "learned_until": str(learned_until),
         "method": "table",
         "groups": _groups(np.concatenate(windows, axis=1), treated),
+        **compared(headings, gains, ranking, draws=draws, seed=seed),
     }
-    return result | compared(headings, gains, ranking, draws=draws, seed=seed)
 
 
 def predicted_reduction(
@@ -117,7 +118,7 @@ def predicted_reduction(
     reference: str,
     seed: int = 0,
     **fit_options: Unpack[TableOptions],
-) -> dict[str, object]:
+) -> Expected:
     """What the fits before a field test expected of it, aircraft weighted alike.
 
     Parameters
@@ -133,7 +134,7 @@ def predicted_reduction(
 
     Returns
     -------
-    dict
+    Expected
         ``ranking`` of all aircraft before the test, and ``predicted_reduction_kt`` with
         ``predicted_reduction_ci_kt`` of the corrected that had a fit (None without any):
         what to hold the adjusted reduction against.
@@ -143,19 +144,19 @@ def predicted_reduction(
     fits = fitted(before, pools, reference, **fit_options)
     ranking = rank_aircraft(before, fits, pools=pools, reference=reference, seed=seed)
     known = [
-        entry
+        (gain, entry["expected_gain_standard_error_kt"])
         for entry in ranking
-        if entry["aircraft"] in corrected and entry["expected_gain_kt"] is not None
+        if entry["aircraft"] in corrected and (gain := entry["expected_gain_kt"]) is not None
     ]
-    result: dict[str, object] = {
+    result: Expected = {
         "ranking": ranking,
         "predicted_reduction_kt": None,
         "predicted_reduction_ci_kt": None,
         "predicted_aircraft": len(known),
     }
     if known:
-        mean = float(np.mean([entry["expected_gain_kt"] for entry in known]))
-        errors = [entry["expected_gain_standard_error_kt"] for entry in known]
+        gains, errors = zip(*known, strict=True)
+        mean = float(np.mean(gains))
         wide = float(np.sqrt(np.sum(np.square(errors))) / len(known))
         result["predicted_reduction_kt"] = mean
         result["predicted_reduction_ci_kt"] = [mean - NORMAL_95 * wide, mean + NORMAL_95 * wide]
@@ -221,9 +222,9 @@ def _windows(
     )
 
 
-def _groups(windows: Floats, treated: NDArray[np.bool_]) -> dict[str, Any]:
+def _groups(windows: Floats, treated: NDArray[np.bool_]) -> dict[str, VirtualGroup]:
     """The seed's table: the corrected as corrected after the date, the controls as reported."""
-    found = {}
+    found: dict[str, VirtualGroup] = {}
     for group, member in (("controls", ~treated), ("corrected", treated)):
         learned, before, judged, after, uncorrected = windows[:, member].sum(axis=1)
         if not learned or not judged:

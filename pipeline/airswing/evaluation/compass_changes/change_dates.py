@@ -10,7 +10,7 @@ Dates are days, UTC; angles in degrees.
 
 from __future__ import annotations
 
-from typing import Literal, TypedDict
+from typing import Literal
 
 import numpy as np
 import xarray as xr
@@ -26,6 +26,7 @@ from airswing.evaluation.compass_changes.change_kernels import (
     scores,
     without_changes,
 )
+from airswing.evaluation.contents import AircraftChanges, Change
 from airswing.evaluation.disagreement import member_mean
 from airswing.products.ragged import blocks, row_bounds
 
@@ -50,29 +51,6 @@ SUMMED_FROM = (
     "time",
     "screening",
 )
-
-
-class Change(TypedDict):
-    """A change of a compass; degrees."""
-
-    date: str  # first day of the new compass
-    date_ci: list[str]
-    # change_deg, standard_error_deg: of A, B, C
-    change_deg: dict[str, float]
-    standard_error_deg: dict[str, float]
-    curve_rms_deg: float
-    p_value: float
-
-
-class AircraftChanges(TypedDict):
-    """All changes of one aircraft."""
-
-    aircraft: str
-    days: int
-    # p_value, statistic: of the largest; None with too few days
-    p_value: float | None
-    statistic: float | None
-    changes: list[Change]
 
 
 def find_changes(

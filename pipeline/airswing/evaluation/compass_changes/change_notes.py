@@ -19,7 +19,7 @@ from airswing.errors import InputError
 from airswing.vocabulary import describe
 
 if TYPE_CHECKING:
-    from airswing.evaluation.compass_changes.change_dates import AircraftChanges, Change
+    from airswing.evaluation.contents import AircraftChanges, Change
 
 _NO_CHANGE = np.datetime64("NaT", "ns")
 

@@ -6,14 +6,16 @@ Assumes screened headings; every window is fitted from its own reports alone. An
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Literal, Unpack
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from airswing.compass.fit.acceptance import FitOptions
 from airswing.compass.fit.deviation import FITTED_FROM, FleetSums, fit_sums, sum_aircraft
 from airswing.errors import InputError
+from airswing.evaluation.contents import WindowFit
 from airswing.flags import STATUS, published
 from airswing.products.ragged import blocks, some_reports
 
@@ -24,8 +26,8 @@ def fit_by_window(
     pools: Mapping[str, list[str]],
     reference: str,
     window: Literal["month", "quarter"] = "month",
-    **fit_options: object,
-) -> list[dict[str, object]]:
+    **fit_options: Unpack[FitOptions],
+) -> list[WindowFit]:
     """Fit every aircraft in each calendar window on its own.
 
     Parameters
@@ -38,7 +40,7 @@ def fit_by_window(
 
     Returns
     -------
-    list of dict
+    list of WindowFit
         One for each aircraft, window with reports: ``aircraft``, ``window`` (its first day),
         ``reports``, ``status`` and, where something is fitted, ``offset``, ``amplitude``, ``phase``
         and ``A`` to ``E`` with ``*_standard_error``, degrees.
@@ -57,10 +59,7 @@ def fit_by_window(
         )
     members = list(pools[reference])
     part = headings.sel(reference=members)
-    options: dict[str, Any] = {
-        "pools": {reference: members} if len(members) > 1 else {},
-        **fit_options,
-    }
+    mean = {reference: members} if len(members) > 1 else {}
     step = 1 if window == "month" else 3
 
     def number(reports: xr.Dataset) -> NDArray[np.int64]:
@@ -74,7 +73,7 @@ def fit_by_window(
     for block in blocks(part, FITTED_FROM):
         own = number(block)
         for one, parts in sums.items():
-            parts.append(sum_aircraft(some_reports(block, own == one), **options))
+            parts.append(sum_aircraft(some_reports(block, own == one), pools=mean, **fit_options))
     words = {code: name for name, code in STATUS.items()}
     found = []
     for one in list(sums):
@@ -85,8 +84,8 @@ def fit_by_window(
     return sorted(found, key=lambda entry: (entry["aircraft"], entry["window"]))
 
 
-def _window_entry(fit: xr.Dataset, first: str, words: dict[int, str]) -> dict[str, object]:
-    entry: dict[str, object] = {
+def _window_entry(fit: xr.Dataset, first: str, words: dict[int, str]) -> WindowFit:
+    entry: WindowFit = {
         "aircraft": str(fit["aircraft"].item()),
         "window": first,
         "reports": int(fit["report_count"]),
@@ -94,10 +93,17 @@ def _window_entry(fit: xr.Dataset, first: str, words: dict[int, str]) -> dict[st
     }
     if not published(fit["status"]):
         return entry
-    for name in ("offset", "amplitude", "phase"):
-        entry[name] = float(fit[name])
-        entry[f"{name}_standard_error"] = float(fit[f"{name}_standard_error"])
-    wide = np.sqrt(np.diag(fit["deviation_covariance"].to_numpy()))
-    for name, value, error in zip("ABCDE", fit["deviation"].to_numpy(), wide, strict=True):
-        entry[name], entry[f"{name}_standard_error"] = float(value), float(error)
+    entry["offset"] = float(fit["offset"])
+    entry["offset_standard_error"] = float(fit["offset_standard_error"])
+    entry["amplitude"] = float(fit["amplitude"])
+    entry["amplitude_standard_error"] = float(fit["amplitude_standard_error"])
+    entry["phase"] = float(fit["phase"])
+    entry["phase_standard_error"] = float(fit["phase_standard_error"])
+    a, b, c, d, e = fit["deviation"].to_numpy().tolist()
+    wide = np.sqrt(np.diag(fit["deviation_covariance"].to_numpy())).tolist()
+    entry["A"], entry["A_standard_error"] = a, wide[0]
+    entry["B"], entry["B_standard_error"] = b, wide[1]
+    entry["C"], entry["C_standard_error"] = c, wide[2]
+    entry["D"], entry["D_standard_error"] = d, wide[3]
+    entry["E"], entry["E_standard_error"] = e, wide[4]
     return entry

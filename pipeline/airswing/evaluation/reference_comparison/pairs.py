@@ -12,9 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special  # not scipy.stats, whose import takes longer than a small fit
 
+from airswing.evaluation.contents import Component, Region
+
 Floats = NDArray[np.float64]
 # A to E; airspeed scale and bias are each fit's own affair.
 COEFFICIENTS = 5
+COMPONENTS: tuple[Component, Component] = ("eastward", "northward")
 # Days a weather situation, and with it a model's error, lasts.
 _LAG = 3
 # Regions seen on fewer days say nothing.
@@ -226,7 +229,7 @@ def region_sums(
     return np.array(found, dtype=np.float64).reshape(3, regions, days)
 
 
-def regional_bias(sums: Floats) -> list[dict[str, object]]:
+def regional_bias(sums: Floats) -> list[Region]:
     """Mean wind difference of two references by region, and against the other regions.
 
     The two models' errors are shared by regions and last for days. So each region is also held
@@ -241,7 +244,7 @@ def regional_bias(sums: Floats) -> list[dict[str, object]]:
 
     Returns
     -------
-    list of dict
+    list of Region
         ``region``, ``component``, ``days``; ``difference`` and ``contrast``, each with
         ``*_standard_error`` (m/s) and ``*_p_value`` (the contrast None with one region).
     """
@@ -250,22 +253,32 @@ def regional_bias(sums: Floats) -> list[dict[str, object]]:
     block = np.zeros(number.shape[1], dtype=np.int64)
     if seen.size:
         block[seen] = day_blocks(seen)
-    found = []
+    found: list[Region] = []
     for region in np.flatnonzero(number.any(axis=1)):
         own = number[region]
         days = int(np.count_nonzero(own))
         if days < _MIN_DAYS:
             continue
         others = number.sum(axis=0) - own
-        for component, values in (("eastward", sums[1]), ("northward", sums[2])):
-            entry: dict[str, object] = {"region": int(region), "component": component, "days": days}
-            entry |= _named("difference", *_block_mean(values[region], own, block))
+        for component, values in zip(COMPONENTS, sums[1:], strict=True):
+            mean, error, p_value = _block_mean(values[region], own, block)
+            entry: Region = {
+                "region": int(region),
+                "component": component,
+                "days": days,
+                "difference": mean,
+                "difference_standard_error": error,
+                "difference_p_value": p_value,
+                "contrast": None,
+                "contrast_p_value": None,
+            }
             both = (own > 0) & (others > 0)
-            entry["contrast"] = entry["contrast_p_value"] = None
             if np.unique(block[both]).size >= 4:
                 rest = values.sum(axis=0) - values[region]
                 less = values[region][both] - own[both] * rest[both] / others[both]
-                entry |= _named("contrast", *_block_mean(less, own[both], block[both]))
+                mean, error, p_value = _block_mean(less, own[both], block[both])
+                entry["contrast"], entry["contrast_p_value"] = mean, p_value
+                entry["contrast_standard_error"] = error
             found.append(entry)
     return found
 
@@ -301,7 +314,3 @@ def _block_mean(
     summed = np.bincount(index, weights=total - mean * number, minlength=blocks)
     error = float(np.sqrt((summed**2).sum() * blocks / (blocks - 1.0)) / number.sum())
     return mean, error, float(2 * special.stdtr(blocks - 1, -abs(mean) / max(error, 1e-12)))
-
-
-def _named(name: str, value: float, error: float, p_value: float) -> dict[str, float]:
-    return {name: value, f"{name}_standard_error": error, f"{name}_p_value": p_value}

@@ -40,7 +40,8 @@ LEAST_DAYS = 10
 class Rows:
     """Plain columns of one aircraft's reports, radians and SI; winds and leads by reference.
 
-    Days count from the first of the archive; ``number`` is the aircraft's.
+    Or of a block's, of which :meth:`of_aircraft` takes one aircraft after the other. Days count
+    from the first of the archive; ``number`` is the aircraft's.
     """
 
     number: int
@@ -57,6 +58,25 @@ class Rows:
     u: dict[str, Floats]
     v: dict[str, Floats]
     lead: dict[str, Floats]
+
+    def of_aircraft(self, number: int, own: slice) -> Rows:
+        """Those of one aircraft, where the columns are of several."""
+        return Rows(
+            number,
+            day=self.day[own],
+            month=self.month[own],
+            region=self.region[own],
+            phase=self.phase[own],
+            pressure=self.pressure[own],
+            heading=self.heading[own],
+            magnetic=self.magnetic[own],
+            airspeed=self.airspeed[own],
+            kept=self.kept[own],
+            kept_any_phase=self.kept_any_phase[own],
+            u={name: values[own] for name, values in self.u.items()},
+            v={name: values[own] for name, values in self.v.items()},
+            lead={name: values[own] for name, values in self.lead.items()},
+        )
 
 
 class AircraftPair(NamedTuple):

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from itertools import combinations
 from math import comb
-from typing import Any, Unpack
+from typing import Literal, NamedTuple, Unpack
 
 import numpy as np
 import xarray as xr
@@ -24,6 +24,17 @@ from airswing.compass.fit.acceptance import FitOptions
 from airswing.compass.fit.deviation import fit_deviation
 from airswing.errors import InputError
 from airswing.evaluation.backtest.folds import only
+from airswing.evaluation.contents import (
+    AircraftDifference,
+    Component,
+    Difference,
+    FleetDifference,
+    Pair,
+    Region,
+    SensitivityContent,
+    Strata,
+    Verdict,
+)
 from airswing.evaluation.disagreement import member_mean, reference_mean
 from airswing.evaluation.reference_comparison.pairs import (
     common_difference,
@@ -36,7 +47,7 @@ from airswing.evaluation.reference_comparison.pairsums import AircraftPair, Pair
 from airswing.evaluation.reference_comparison.threeway import hat_sums, hats_of
 from airswing.flags import PHASE, SCREENING
 from airswing.physics.triangle import wrap_degrees
-from airswing.products.findings import Findings
+from airswing.products.findings import findings
 from airswing.products.ragged import blocks, row_bounds, time_span
 from airswing.units import NORMAL_95
 
@@ -63,6 +74,8 @@ _COLUMNS = (
     "reference_northward_wind",
 )
 _SEASONS = ("DJF", "MAM", "JJA", "SON")
+# What the reports are sliced by.
+_Kind = Literal["by_lead_time", "by_phase", "by_level", "by_season"]
 
 
 def compare(
@@ -71,7 +84,7 @@ def compare(
     pools: Mapping[str, list[str]],
     never_pool: list[str] | None = None,
     **fit_options: Unpack[FitOptions],
-) -> Findings:
+) -> SensitivityContent:
     """Fit every reference and pool on the same reports and judge each pair of references.
 
     Parameters
@@ -87,7 +100,7 @@ def compare(
 
     Returns
     -------
-    Findings
+    SensitivityContent
         A dict with the content of ``sensitivity.json``: ``reports`` shared, ``pairs`` with
         differences, intervals and a verdict (``own_test`` false where a pool stands against its
         member: their difference is made of the members'), the same ``by_lead_time``,
@@ -112,7 +125,7 @@ def compare(
     first, last = (day.astype("datetime64[D]").astype(np.int64) for day in time_span(headings))
     days = int(last - first) + 1
     whole = {pair: PairSums(*pair, days) for pair in _pairs(singles, pools)}
-    slices: dict[tuple[str, str, tuple[str, str]], PairSums] = {}
+    slices: dict[tuple[_Kind, str, tuple[str, str]], PairSums] = {}
     hats, number = np.zeros((comb(len(singles), 3), 4, days)), 0
     for block in blocks(shared, _COLUMNS):
         for rows in _aircraft_rows(block, pools, regions, int(first), number):
@@ -120,8 +133,7 @@ def compare(
                 sums.add(rows, rows.kept)
             for pair in combinations(singles, 2):
                 for title, name, chosen in _slices(rows, *pair):
-                    key = (title, name, pair)
-                    slices.setdefault(key, PairSums(*pair, days)).add(rows, chosen)
+                    slices.setdefault((title, name, pair), PairSums(*pair, days)).add(rows, chosen)
             u, v = (np.array([part[name] for name in singles]) for part in (rows.u, rows.v))
             hats += hat_sums(u[:, rows.kept], v[:, rows.kept], rows.day[rows.kept], days)
         number += block.sizes["aircraft"]
@@ -134,16 +146,21 @@ def compare(
             remedy="Check that the references cover the same times and places",
         )
     barred = {name.lower() for name in never_pool or []}
-    return Findings(
-        reports=reports,
-        references=list(pools),
-        pairs=[
+    strata = _strata(slices, singles, barred)
+    content: SensitivityContent = {
+        "reports": reports,
+        "references": list(pools),
+        "pairs": [
             _judge(sums, fits, barred, own_test=set(pair) <= set(singles))
             for pair, sums in whole.items()
         ],
-        **_strata(slices, singles, barred),
-        three_way=hats_of(hats, singles),
-    )
+        "by_lead_time": strata["by_lead_time"],
+        "by_phase": strata["by_phase"],
+        "by_level": strata["by_level"],
+        "by_season": strata["by_season"],
+        "three_way": hats_of(hats, singles),
+    }
+    return findings(content)
 
 
 def _pairs(singles: list[str], pools: Mapping[str, list[str]]) -> list[tuple[str, str]]:
@@ -175,31 +192,29 @@ def _aircraft_rows(
     )
     airspeed, screening = ds["airspeed"].to_numpy().astype(float), ds["screening"].to_numpy()
     known = np.isfinite(heading + magnetic + airspeed)
-    columns: dict[str, Any] = {
-        "day": time.astype("datetime64[D]").astype(np.int64) - first,
-        "month": time.astype("datetime64[M]").astype(np.int64) % 12,
-        "region": regions.at(ds),
-        "phase": ds["phase"].to_numpy().astype(np.int64),
-        "pressure": ds["pressure"].to_numpy().astype(float),
-        "heading": heading,
-        "magnetic": magnetic,
-        "airspeed": airspeed,
-        "kept": (screening == 0) & known,
-        "kept_any_phase": ((screening & ~SCREENING["phase"]) == 0) & known,
-    }
-    u = {k: one["reference_eastward_wind"].to_numpy().astype(float) for k, one in winds.items()}
-    v = {k: one["reference_northward_wind"].to_numpy().astype(float) for k, one in winds.items()}
+    together = Rows(
+        number,
+        day=time.astype("datetime64[D]").astype(np.int64) - first,
+        month=time.astype("datetime64[M]").astype(np.int64) % 12,
+        region=regions.at(ds),
+        phase=ds["phase"].to_numpy().astype(np.int64),
+        pressure=ds["pressure"].to_numpy().astype(float),
+        heading=heading,
+        magnetic=magnetic,
+        airspeed=airspeed,
+        kept=(screening == 0) & known,
+        kept_any_phase=((screening & ~SCREENING["phase"]) == 0) & known,
+        u={k: w["reference_eastward_wind"].to_numpy().astype(float) for k, w in winds.items()},
+        v={k: w["reference_northward_wind"].to_numpy().astype(float) for k, w in winds.items()},
+        lead=lead,
+    )
     for k, bounds in enumerate(zip(*row_bounds(ds["row_size"].to_numpy()), strict=True)):
-        row = slice(*map(int, bounds))
-        own: dict[str, Any] = {name: values[row] for name, values in columns.items()}
-        for name, part in (("u", u), ("v", v), ("lead", lead)):
-            own[name] = {reference: values[row] for reference, values in part.items()}
-        yield Rows(number + k, **own)
+        yield together.of_aircraft(number + k, slice(*map(int, bounds)))
 
 
 def _judge(
     sums: PairSums, fits: xr.Dataset | None, barred: set[str], *, own_test: bool = True
-) -> dict[str, object]:
+) -> Pair:
     """Differences, tests and the verdict of one pair over some reports.
 
     Without a test of its own: a pool against one of its members, whose difference is made of those
@@ -208,7 +223,7 @@ def _judge(
     one, two = sums.one, sums.two
     fleet = _fleet(sums)
     regions = regional_bias(sums.regions)
-    biased = _biased(regions)
+    verdict = _verdict(fleet, _biased(regions), {one.lower(), two.lower()} & barred)
     return {
         "references": [one, two],
         "reports": sums.reports,
@@ -217,32 +232,44 @@ def _judge(
         "aircraft": [_entry(own, fits, one, two) for own in sums.aircraft],
         "regions": regions,
         "own_test": own_test,
-        **_verdict(fleet, biased, {one.lower(), two.lower()} & barred),
+        "poolable": verdict["poolable"],
+        "why": verdict["why"],
     }
 
 
-def _biased(regions: list[dict[str, Any]]) -> list[dict[str, object]]:
+class _Biased(NamedTuple):
+    """A test that a region's mean wind fails; m/s."""
+
+    of: str  # the difference, or the contrast to the other regions
+    value: float
+    error: float
+    component: Component
+    region: int
+
+
+def _biased(regions: list[Region]) -> list[_Biased]:
     """Regions whose mean wind differs beyond error and by a size that matters.
 
     Every region is tested by its own difference and by its contrast to the other regions; Holm's
     adjustment covers all of these tests.
     """
-    keys = [(entry, name) for entry in regions for name in ("difference", "contrast")]
-    p_values = [
-        float("nan") if entry[f"{name}_p_value"] is None else entry[f"{name}_p_value"]
-        for entry, name in keys
-    ]
+    p_values = [p for one in regions for p in (one["difference_p_value"], one["contrast_p_value"])]
+    adjusted = holm([float("nan") if p is None else p for p in p_values])
     biased = []
-    for (entry, name), adjusted in zip(keys, holm(p_values), strict=True):
-        entry[f"{name}_adjusted_p_value"] = adjusted
-        if adjusted < _SIGNIFICANCE and abs(entry[name]) > _REGION_BIAS:
-            biased.append({"of": name, "value": entry[name]} | entry)
+    for entry, own, beside in zip(regions, adjusted[::2], adjusted[1::2], strict=True):
+        entry["difference_adjusted_p_value"], entry["contrast_adjusted_p_value"] = own, beside
+        where = entry["component"], entry["region"]
+        value, error = entry["difference"], entry["difference_standard_error"]
+        if own < _SIGNIFICANCE and abs(value) > _REGION_BIAS:
+            biased.append(_Biased("difference", value, error, *where))
+        contrast = entry["contrast"]
+        if contrast is not None and beside < _SIGNIFICANCE and abs(contrast) > _REGION_BIAS:
+            error = entry["contrast_standard_error"]
+            biased.append(_Biased("contrast", contrast, error, *where))
     return biased
 
 
-def _verdict(
-    fleet: dict[str, Any], biased: list[dict[str, Any]], barred: set[str]
-) -> dict[str, object]:
+def _verdict(fleet: FleetDifference, biased: list[_Biased], barred: set[str]) -> Verdict:
     """Say whether the pair may be pooled, and why not."""
     why = []
     if not np.isfinite(fleet["p_value"]):
@@ -253,18 +280,18 @@ def _verdict(
             f"(p = {fleet['p_value']:.2g})"
         )
     if biased:
-        worst = max(biased, key=lambda entry: abs(entry["value"]))
-        beside = " more than elsewhere" if worst["of"] == "contrast" else ""
+        worst = max(biased, key=lambda one: abs(one.value))
+        beside = " more than elsewhere" if worst.of == "contrast" else ""
         why.append(
-            f"the {worst['component']} wind differs by {worst['value']:.2f} +- "
-            f"{worst[worst['of'] + '_standard_error']:.2f} m/s in region {worst['region']}{beside}"
+            f"the {worst.component} wind differs by {worst.value:.2f} +- {worst.error:.2f} m/s "
+            f"in region {worst.region}{beside}"
         )
     if barred:
         why.append(f"{', '.join(sorted(barred))} is in never_pool")
     return {"poolable": not why, "why": "; ".join(why) or _agreement(fleet)}
 
 
-def _agreement(fleet: dict[str, Any]) -> str:
+def _agreement(fleet: FleetDifference) -> str:
     """What was found of a pair that may be pooled: no test shows that two things are equal."""
     beyond = (
         f"beyond error but less than {_CURVE_RMS_DEG:g}"
@@ -278,12 +305,12 @@ def _agreement(fleet: dict[str, Any]) -> str:
     )
 
 
-def _entry(own: AircraftPair, fits: xr.Dataset | None, one: str, two: str) -> dict[str, object]:
+def _entry(own: AircraftPair, fits: xr.Dataset | None, one: str, two: str) -> AircraftDifference:
     """Differences of one aircraft in degrees, with 95 % intervals."""
     values, clusters, index = own.values, own.days.size, own.number
     covariance = own.influence.T @ own.influence
     degrees, error = np.degrees(values), np.degrees(np.sqrt(np.diag(covariance)))
-    entry: dict[str, object] = {
+    entry: AircraftDifference = {
         "p_value": wald(values, covariance, clusters),
         "difference": dict(zip(NAMES, degrees, strict=True)),
         "standard_error": dict(zip(NAMES, error, strict=True)),
@@ -294,13 +321,15 @@ def _entry(own: AircraftPair, fits: xr.Dataset | None, one: str, two: str) -> di
     }
     if fits is not None:
         entry["aircraft"] = str(fits["aircraft"].to_numpy()[index])
-        entry |= _sinusoid_difference(fits, one, two, index, np.degrees(np.degrees(covariance)))
+        entry["offset"], entry["amplitude"], entry["phase"] = _sinusoid_difference(
+            fits, one, two, index, np.degrees(np.degrees(covariance))
+        )
     return entry
 
 
 def _sinusoid_difference(
     fits: xr.Dataset, one: str, two: str, index: int, covariance: NDArray[np.float64]
-) -> dict[str, object]:
+) -> tuple[Difference, Difference, Difference]:
     """Differences of the published offset, amplitude and phase, by the delta method."""
     pair = fits.isel(aircraft=index).sel(reference=[one, two])
     change = {name: float(-np.diff(pair[name])[0]) for name in ("offset", "amplitude", "phase")}
@@ -316,20 +345,19 @@ def _sinusoid_difference(
         "amplitude": np.sqrt(along @ block @ along),
         "phase": np.sqrt(around @ block @ around),
     }
-    return {
-        name: {
+
+    def part(name: str) -> Difference:
+        half = NORMAL_95 * errors[name]
+        return {
             "difference": change[name],
             "standard_error": float(errors[name]),
-            "ci": [
-                change[name] - NORMAL_95 * errors[name],
-                change[name] + NORMAL_95 * errors[name],
-            ],
+            "ci": [change[name] - half, change[name] + half],
         }
-        for name in change
-    }
+
+    return part("offset"), part("amplitude"), part("phase")
 
 
-def _fleet(sums: PairSums) -> dict[str, object]:
+def _fleet(sums: PairSums) -> FleetDifference:
     """Difference the fleet has in common, honouring that aircraft share the days' errors."""
     days = np.flatnonzero(sums.common.any(axis=(1, 2)))
     if not days.size:
@@ -347,7 +375,7 @@ def _fleet(sums: PairSums) -> dict[str, object]:
     }
 
 
-def _slices(rows: Rows, one: str, two: str) -> Iterator[tuple[str, str, NDArray[np.bool_]]]:
+def _slices(rows: Rows, one: str, two: str) -> Iterator[tuple[_Kind, str, NDArray[np.bool_]]]:
     """Slices of one aircraft's reports: of what kind, which, and the reports in it."""
     for name, mask in _lead_slices(rows.lead[one], rows.lead[two]).items():
         yield "by_lead_time", name, mask & rows.kept
@@ -367,21 +395,19 @@ def _slices(rows: Rows, one: str, two: str) -> Iterator[tuple[str, str, NDArray[
 
 
 def _strata(
-    slices: Mapping[tuple[str, str, tuple[str, str]], PairSums],
+    slices: Mapping[tuple[_Kind, str, tuple[str, str]], PairSums],
     singles: list[str],
     barred: set[str],
-) -> dict[str, object]:
+) -> Strata:
     """The same judgement within slices of the reports."""
-    found: dict[str, Any] = {
-        title: [] for title in ("by_lead_time", "by_phase", "by_level", "by_season")
-    }
+    found: Strata = {"by_lead_time": [], "by_phase": [], "by_level": [], "by_season": []}
     for pair in combinations(singles, 2):
         for (title, name, own), sums in slices.items():
             if own != pair or sums.reports < _MIN_STRATUM:
                 continue
             entry = _judge(sums, None, barred)
             entry.pop("aircraft")
-            found[title].append({"slice": name} | entry)
+            found[title].append({"slice": name, **entry})
     return found
 
 

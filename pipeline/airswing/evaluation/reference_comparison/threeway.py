@@ -12,6 +12,8 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.evaluation.contents import Hat
+
 # Corners of the hat that each difference lies between.
 _PAIRS = ((0, 1), (0, 2), (1, 2))
 
@@ -45,7 +47,7 @@ def hat_sums(
     return np.array(found).reshape(-1, 4, days)
 
 
-def hats_of(sums: NDArray[np.float64], names: list[str]) -> list[dict[str, object]]:
+def hats_of(sums: NDArray[np.float64], names: list[str]) -> list[Hat]:
     """Estimate the error of each of three references for every triple, from their sums.
 
     Parameters
@@ -55,12 +57,12 @@ def hats_of(sums: NDArray[np.float64], names: list[str]) -> list[dict[str, objec
 
     Returns
     -------
-    list of dict
+    list of Hat
         ``references`` and per reference ``component_rms`` (m/s; None where the variance came
         out negative), ``variance``, ``variance_standard_error`` (of a jackknife over days), and
         ``reports``.
     """
-    found = []
+    found: list[Hat] = []
     for triple, own in zip(combinations(range(len(names)), 3), sums, strict=True):
         count, squares = own[0], own[1:]
         if count.sum() < 100:

@@ -7,12 +7,11 @@ reports. At the middle of an interval it is largest; over all reports it is what
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from airswing.evaluation.contents import IntervalCost
 from airswing.reference.collocate import collocate
 from airswing.reference.geometry.wind_profiles import Catalogue
 
@@ -26,7 +25,7 @@ _HOUR = 3_600_000_000_000  # ns
 _MIDDLE = _HOUR // 2
 
 
-def interval_cost(reports: xr.Dataset, catalogue: Catalogue) -> list[dict[str, Any]]:
+def interval_cost(reports: xr.Dataset, catalogue: Catalogue) -> list[IntervalCost]:
     """Compare winds interpolated over three and six hours with hourly ones.
 
     Parameters
@@ -38,7 +37,7 @@ def interval_cost(reports: xr.Dataset, catalogue: Catalogue) -> list[dict[str, A
 
     Returns
     -------
-    list of dict
+    list of IntervalCost
         For each interval ``interval_h``, ``reports``, ``rms_vector_difference_m_s`` over all of
         them, ``reports_at_middle`` and ``rms_vector_difference_at_middle_m_s``; empty where the
         reference is not hourly.
@@ -54,7 +53,7 @@ def interval_cost(reports: xr.Dataset, catalogue: Catalogue) -> list[dict[str, A
     winds = collocate(chosen, {"whole": catalogue, **kept}, max_time_gap=gap).compute()
     u, v = (winds[f"reference_{way}ward_wind"].values for way in ("east", "north"))
     time = chosen["time"].values.astype("M8[ns]").astype(np.int64)
-    rows = []
+    rows: list[IntervalCost] = []
     for number, name in enumerate(kept, start=1):
         length = np.hypot(u[number] - u[0], v[number] - v[0])
         step = int(name) * _HOUR

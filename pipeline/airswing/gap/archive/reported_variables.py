@@ -15,11 +15,11 @@ Units: degrees, m/s, K, hPa, hours, days.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from airswing.gap.archive.frame import Frame
 from airswing.gap.archive.recent_turns import last_turn, turn
@@ -144,7 +144,7 @@ def values_of(frame: Frame, quiet: Frame, name: str) -> Floats:
     if name == "drift":
         track = np.arctan2(frame.ground_u, frame.ground_v)
         return np.asarray(np.degrees(np.angle(np.exp(1j * (track - quiet.heading)))))
-    simple: dict[str, Any] = {
+    simple: dict[str, Callable[[], ArrayLike]] = {
         "magnetic_heading": lambda: np.mod(np.degrees(quiet.magnetic_heading), 360.0),
         "track": lambda: np.mod(np.degrees(np.arctan2(frame.ground_u, frame.ground_v)), 360.0),
         "hour": lambda: np.mod(frame.time / 3600.0, 24.0),

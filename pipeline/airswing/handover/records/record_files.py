@@ -234,6 +234,7 @@ def _fill(
             records = _records(rows[begin:stop], number, fleet)
             number += records.first.size
             with file.made.open("ab") as stream:
+                # Keeps its place: what it counts is known when the last report is written.
                 if not file.reports:
                     stream.write(layout.header({}))
                 stream.write(layout.encode(records))

@@ -18,7 +18,7 @@ import os
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Self
+from typing import Self, TypedDict
 
 import numpy as np
 import xarray as xr
@@ -30,7 +30,18 @@ from airswing.reference.geometry.model_time import HYBRID, ModelTime, SourceFile
 from airswing.reference.geometry.placing import Placing
 
 Table = NDArray[np.void]
-Skipped = list[dict[str, Any]]
+
+
+class LeftOut(TypedDict):
+    """A part of a model file that gave no wind: the file, what it was of it, and how often."""
+
+    file: str
+    what: str
+    reason: str
+    count: int
+
+
+Skipped = list[LeftOut]
 
 
 @dataclass(eq=False, repr=False)
@@ -153,7 +164,7 @@ class Catalogue:
         return result
 
 
-def skip(file: str, what: str, reason: str, count: int = 1) -> dict[str, object]:
+def skip(file: str, what: str, reason: str, count: int = 1) -> LeftOut:
     """One entry of `Catalogue.skipped`."""
     return {"file": file, "what": what, "reason": reason, "count": count}
 

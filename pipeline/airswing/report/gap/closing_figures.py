@@ -50,6 +50,7 @@ def waterfall_figure(gap: GapReport) -> Figure:
         axes.barh(row, level - previous, left=previous, color=colour, height=0.62)
         axes.plot([previous, previous], [row - 1.31, row + 0.31], color=SOFT, linewidth=0.8)
         interval = intervals[row]
+        # Left of the bar and of its interval, so that the figure covers neither.
         axes.annotate(
             f"{level - previous:+.2f}",
             (min([level, previous, *(interval or [])]), row),
@@ -77,6 +78,7 @@ def waterfall_figure(gap: GapReport) -> Figure:
     _level(axes, last + 1, floor, floor)
     axes.set_yticks(range(len(labels)), labels)
     axes.set_ylim(len(labels) - 0.4, -0.6)
+    # Room for the level that stands behind the longest bar.
     axes.set_xlim(0, right * 1.14)
     axes.grid(axis="y", visible=False)
     axes.tick_params(axis="y", length=0)

@@ -40,6 +40,7 @@ from airswing.report.gap.which_figures import (
 from airswing.report.gap.words import (
     effect_sentence,
     joined,
+    nature_text,
     parameters_text,
     period_text,
     plain_name,
@@ -179,6 +180,7 @@ def _which_section(gap: GapReport, maps: xr.Dataset) -> Section:
                 "held-out flights; ± is one standard error.",
             )
         )
+        parts += _natures(effects)
         parts += _per_aircraft(effects)
     else:
         parts.append(paragraph("No effect of the catalogue is needed to explain these reports."))
@@ -189,6 +191,13 @@ def _which_section(gap: GapReport, maps: xr.Dataset) -> Section:
         tails = [str(tail) for tail in maps["aircraft"].to_numpy()]
         parts.append(embedded(posterior_figure(tails, single)))
     return Section("which", "Which effect", "", parts)
+
+
+def _natures(effects: Sequence[EffectEntry]) -> list[Markup]:
+    """Return a line for each effect found, however often it is: what it is, and what is like it."""
+    told = [nature_text(name) for name in dict.fromkeys(effect.name for effect in effects)]
+    lines = [text for text in told if text]
+    return [heading("What they are"), listing(lines)] if lines else []
 
 
 def _per_aircraft(effects: Sequence[EffectEntry]) -> list[Markup]:

@@ -48,6 +48,7 @@ def _counted(gap: GapReport) -> str:
 def _even_limit(values: Floats, *, least: float = 0.5) -> float:
     """Return the half width of a diverging colour scale that holds 98 % of the cells."""
     finite = np.abs(values[np.isfinite(values)])
+    # Not of the largest: one wild cell would leave all others pale.
     return max(float(np.percentile(finite, 98)), least) if finite.size else least
 
 
@@ -126,6 +127,7 @@ def _aircraft_grid(
     named = {tail for effect in gap.effects for tail in effect.tails}
     figure = new_figure(1.25 + max(0.19 * len(tails), 1.4))
     axes = figure.add_subplot()
+    # Even on both sides, so that the middle colour is no error.
     limit = _even_limit(shown)
     drawn = axes.pcolormesh(
         _edges(centres),

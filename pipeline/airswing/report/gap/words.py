@@ -48,6 +48,30 @@ def plain_name(name: str) -> str:
     return effect.title if effect and effect.title else name.replace("_", " ")
 
 
+def nature_text(name: str) -> str:
+    """Return what happens in an effect, who says so, and what is easily taken for it.
+
+    Returns
+    -------
+    str
+        Empty for a name that is not in the catalogue.
+    """
+    effect = CATALOGUE.get(name)
+    if effect is None:
+        return ""
+    title = plain_name(name)
+    text = f"{title[0].upper()}{title[1:]}: {effect.physics} Source: {effect.source}"
+    alike = "; ".join(map(_alike_text, effect.confused_with))
+    return f"{text} Easily confused with {alike}." if alike else text
+
+
+def _alike_text(hint: str) -> str:
+    """A hint such as ``compass_drift, compass_step: where ...``, effects called by their titles."""
+    names, _, when = hint.partition(": ")
+    told = " or ".join(plain_name(one) if one in CATALOGUE else one for one in names.split(", "))
+    return f"{told} ({when})" if when else told
+
+
 def joined(words: Sequence[str], *, most: int = _MOST_TAILS) -> str:
     """Return ``a, b and c``, cut after a few with the number of the rest."""
     shown = [str(word) for word in words[:most]]

@@ -81,7 +81,9 @@ RC: Any = {
     "figure.facecolor": "white",
     "axes.facecolor": "white",
     "savefig.facecolor": "white",
+    # The same figure gives the same octets, names inside it included: pages can be compared.
     "svg.hashsalt": "airswing",
+    # As outlines: a reader need not have the font for words to end where they were measured.
     "svg.fonttype": "path",
 }
 
@@ -115,6 +117,7 @@ def svg_bytes(figure: Figure, *, dpi: float = RASTER_DPI) -> bytes:
 
 def _saved(figure: Figure, kind: str, *, dpi: float) -> bytes:
     stream = io.BytesIO()
+    # No date, for the same reason as the salt.
     metadata = {"Date": None} if kind == "svg" else None
     engine = figure.get_layout_engine()
     with matplotlib.rc_context(RC):

@@ -7,8 +7,7 @@ is mean vector disagreement in knots, profiles are rms in m/s and degrees by lay
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
@@ -18,6 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from airswing.evaluation.contents import FieldTestFound, Group, Levels, Permutation
 from airswing.report.html.document import drawing, paragraph
 from airswing.report.html.style import (
     BLUE,
@@ -46,14 +46,13 @@ PROFILES = (
 _STATES = (("reported", ORANGE, False, -0.1), ("corrected", BLUE, True, 0.1))
 
 
-def _interval(axes: Axes, entry: Mapping[str, Any], key: str, y: float, colour: str) -> None:
-    bounds = entry.get(f"{key}_ci_kt")
+def _interval(axes: Axes, bounds: Sequence[float] | None, y: float, colour: str) -> None:
     if bounds:
         axes.plot(bounds, [y, y], color=colour, linewidth=1.3, solid_capstyle="butt", zorder=2)
 
 
 @styled
-def field_test_figure(field_test: Mapping[str, Any]) -> Figure:
+def field_test_figure(field_test: FieldTestFound) -> Figure:
     """Draw disagreement before and during the test by group, and the reductions.
 
     Parameters
@@ -61,7 +60,7 @@ def field_test_figure(field_test: Mapping[str, Any]) -> Figure:
     field_test : mapping
         Content of ``field_test.json`` (docs/formats.md).
     """
-    groups: Mapping[str, Mapping[str, Any]] = field_test["groups"]
+    groups = field_test["groups"]
     figure = new_figure(1.5 + 0.5 * len(groups))
     left, right = figure.subplots(1, 2, width_ratios=(1.5, 1))
     for row, entry in enumerate(groups.values()):
@@ -73,8 +72,8 @@ def field_test_figure(field_test: Mapping[str, Any]) -> Figure:
             zorder=1,
             arrowprops={"arrowstyle": "-|>", "color": FAINT, "linewidth": 2.2},
         )
-        _interval(left, entry, "before", row - 0.14, ORANGE)
-        _interval(left, entry, "during", row + 0.14, BLUE)
+        _interval(left, entry.get("before_ci_kt"), row - 0.14, ORANGE)
+        _interval(left, entry.get("during_ci_kt"), row + 0.14, BLUE)
         left.plot(
             before,
             row,
@@ -111,9 +110,7 @@ def field_test_figure(field_test: Mapping[str, Any]) -> Figure:
     left.grid(axis="y", visible=False)
     _reductions(right, field_test)
     figure.legend(loc="outside upper left", ncols=2)
-    number = sum(
-        int(e.get(f"reports_{w}", 0)) for e in groups.values() for w in ("before", "during")
-    )
+    number = sum(_reports(entry) for entry in groups.values())
     return figure.say(
         "The field test: mean length of the difference between reported and reference wind of "
         "each group before and during the test (thin lines: 95 % intervals where given), and "
@@ -121,16 +118,29 @@ def field_test_figure(field_test: Mapping[str, Any]) -> Figure:
     )
 
 
-def _reductions(axes: Axes, field_test: Mapping[str, Any]) -> None:
+def _reports(entry: Group) -> int:
+    return int(entry.get("reports_before", 0)) + int(entry.get("reports_during", 0))
+
+
+def _reductions(axes: Axes, field_test: FieldTestFound) -> None:
     entries = [
-        (f"{name}: reduction", entry.get("reduction_kt"), entry.get("reduction_ci_kt"), SOFT)
-        for name, entry in field_test["groups"].items()
+        *(
+            (f"{name}: reduction", entry.get("reduction_kt"), entry.get("reduction_ci_kt"), SOFT)
+            for name, entry in field_test["groups"].items()
+        ),
+        (
+            "adjusted, linear",
+            field_test.get("adjusted_reduction_kt"),
+            field_test.get("adjusted_reduction_ci_kt"),
+            BLUE,
+        ),
+        (
+            "adjusted, quadrature",
+            field_test.get("adjusted_reduction_quadrature_kt"),
+            field_test.get("adjusted_reduction_quadrature_ci_kt"),
+            BLUE,
+        ),
     ]
-    for key, label in (
-        ("adjusted_reduction", "adjusted, linear"),
-        ("adjusted_reduction_quadrature", "adjusted, quadrature"),
-    ):
-        entries.append((label, field_test.get(f"{key}_kt"), field_test.get(f"{key}_ci_kt"), BLUE))
     entries = [entry for entry in entries if entry[1] is not None]
     for row, (_, value, bounds, colour) in enumerate(entries):
         if bounds:
@@ -152,7 +162,7 @@ def _reductions(axes: Axes, field_test: Mapping[str, Any]) -> None:
 
 
 @styled
-def scrutiny_figure(field_test: Mapping[str, Any]) -> Figure:
+def scrutiny_figure(field_test: FieldTestFound) -> Figure:
     """Draw each aircraft before against during, and the effect among permuted groups.
 
     Parameters
@@ -163,14 +173,14 @@ def scrutiny_figure(field_test: Mapping[str, Any]) -> Figure:
     figure = new_figure(3.7)
     left, right = figure.subplots(1, 2)
     number = _each_aircraft(left, field_test.get("by_aircraft", []))
-    words = _permutation(right, field_test.get("permutation", {}))
+    words = _permutation(right, field_test.get("permutation"))
     return figure.say(
         f"Left: each aircraft's mean disagreement before and during the test (n = "
         f"{plural(number, 'aircraft', 'aircraft')}); below the line it fell. {words}"
     )
 
 
-def _each_aircraft(axes: Axes, rows: Sequence[Mapping[str, Any]]) -> int:
+def _each_aircraft(axes: Axes, rows: Sequence[Levels]) -> int:
     axes.set_title("Each aircraft")
     look = {"controls": (SOFT, "s"), "corrected": (BLUE, "o")}
     for group, (colour, marker) in look.items():
@@ -186,7 +196,7 @@ def _each_aircraft(axes: Axes, rows: Sequence[Mapping[str, Any]]) -> int:
                 label=group,
                 rasterized=len(rows) > HEAVY,
             )
-    values = [row[key] for row in rows for key in ("before_kt", "during_kt")]
+    values = [value for row in rows for value in (row["before_kt"], row["during_kt"])]
     values = [value for value in values if value is not None and np.isfinite(value)]
     if not values:
         blank(axes, "No single aircraft given.")
@@ -214,13 +224,13 @@ def _each_aircraft(axes: Axes, rows: Sequence[Mapping[str, Any]]) -> int:
     return len(rows)
 
 
-def _permutation(axes: Axes, permutation: Mapping[str, Any]) -> str:
-    draws = np.asarray(permutation.get("null_effects_kt", []), float)
-    effect, p_value = permutation.get("effect_kt"), permutation.get("p_value")
+def _permutation(axes: Axes, permutation: Permutation | None) -> str:
+    draws = np.asarray(permutation["null_effects_kt"] if permutation else [], float)
     axes.set_title("Permutation test over aircraft")
-    if draws.size == 0 or effect is None:
+    if permutation is None or draws.size == 0:
         blank(axes, "Too few aircraft for a permutation test.")
         return "Too few aircraft for a permutation test."
+    effect, p_value = permutation["effect_kt"], permutation["p_value"]
     axes.hist(draws, bins=30, color=FAINT)
     axes.axvline(effect, color=VERMILION, linewidth=2.0)
     side = "right" if effect > 0.5 * (draws.min() + max(draws.max(), effect)) else "left"

@@ -6,12 +6,19 @@ they do not have are left out of the page.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
+from typing import Literal
 
 import xarray as xr
 from markupsafe import Markup
 
+from airswing.evaluation.contents import (
+    FieldTestContent,
+    FieldTestFound,
+    Hat,
+    Pair,
+    SensitivityContent,
+)
 from airswing.report.html.document import (
     Column,
     Row,
@@ -36,7 +43,7 @@ from airswing.report.run.sensitivity_figures import (
     verdict_word,
 )
 
-SLICES = {
+SLICES: dict[Literal["by_lead_time", "by_phase", "by_level", "by_season"], str] = {
     "by_lead_time": "lead time",
     "by_phase": "phase of flight",
     "by_level": "level",
@@ -44,7 +51,7 @@ SLICES = {
 }
 
 
-def field_test_section(field_test: Mapping[str, object] | None) -> Section:
+def field_test_section(field_test: FieldTestContent | None) -> Section:
     """Return the field test: the sentence, the figures, the table, the scrutiny."""
     if not field_test or not field_test.get("groups"):
         return Section("field-test", "Field test")
@@ -55,30 +62,29 @@ def field_test_section(field_test: Mapping[str, object] | None) -> Section:
     return Section("field-test", "Field test", _field_test_sentence(field_test), parts)
 
 
-def _bounds(entry: Mapping[str, Any], key: str) -> str:
-    bounds = entry.get(key)
+def _bounds(bounds: Sequence[float] | None) -> str:
     return f" ({number_text(bounds[0])} to {number_text(bounds[1])})" if bounds else ""
 
 
-def _field_test_sentence(field_test: Mapping[str, Any]) -> str:
+def _field_test_sentence(field_test: FieldTestFound) -> str:
     linear = float(field_test["adjusted_reduction_kt"])
     text = (
         f"The corrected aircraft gained {linear:.2f} kt"
-        f"{_bounds(field_test, 'adjusted_reduction_ci_kt')} beyond the controls by the linear "
+        f"{_bounds(field_test.get('adjusted_reduction_ci_kt'))} beyond the controls by the linear "
         "difference"
     )
     square = field_test.get("adjusted_reduction_quadrature_kt")
     if square is not None:
         text += (
             f", {float(square):.2f} kt"
-            f"{_bounds(field_test, 'adjusted_reduction_quadrature_ci_kt')} adding errors in "
+            f"{_bounds(field_test.get('adjusted_reduction_quadrature_ci_kt'))} adding errors in "
             "quadrature"
         )
     reference = field_test.get("reference")
     return text + (f", against {reference}." if reference else ".")
 
 
-def _groups_table(field_test: Mapping[str, Any]) -> Markup:
+def _groups_table(field_test: FieldTestFound) -> Markup:
     rows = [
         Row(
             [
@@ -86,7 +92,7 @@ def _groups_table(field_test: Mapping[str, Any]) -> Markup:
                 entry["aircraft"],
                 number_text(entry["before_kt"]),
                 number_text(entry["during_kt"]),
-                number_text(entry["reduction_kt"]) + _bounds(entry, "reduction_ci_kt"),
+                number_text(entry["reduction_kt"]) + _bounds(entry.get("reduction_ci_kt")),
                 f"{int(entry.get('reports_before', 0)):,}",
                 f"{int(entry.get('reports_during', 0)):,}",
             ]
@@ -105,16 +111,16 @@ def _groups_table(field_test: Mapping[str, Any]) -> Markup:
     return table(columns, rows, caption="Mean vector disagreement; in brackets 95 % intervals.")
 
 
-def _scrutiny_words(field_test: Mapping[str, Any]) -> list[Markup]:
+def _scrutiny_words(field_test: FieldTestContent) -> list[Markup]:
     lines = []
-    luck = (field_test.get("regression_to_the_mean") or {}).get("spurious_reduction_kt")
-    if luck is not None:
+    chosen = field_test.get("regression_to_the_mean")
+    if chosen and (luck := chosen["spurious_reduction_kt"]) is not None:
         lines.append(
             "Regression to the mean: choosing the same number of worst aircraft in an earlier "
             f"window alone would have given {float(luck):+.2f} kt."
         )
-    matched = (field_test.get("matched_controls") or {}).get("adjusted_reduction_kt")
-    if matched is not None:
+    nearest = field_test.get("matched_controls")
+    if nearest and (matched := nearest["adjusted_reduction_kt"]) is not None:
         lines.append(
             f"Against the control nearest before the test, each corrected aircraft gained "
             f"{float(matched):+.2f} kt on average."
@@ -123,16 +129,16 @@ def _scrutiny_words(field_test: Mapping[str, Any]) -> list[Markup]:
     if predicted is not None:
         lines.append(
             f"Predicted from the fits before the test: {float(predicted):.2f} kt"
-            f"{_bounds(field_test, 'predicted_reduction_ci_kt')}."
+            f"{_bounds(field_test.get('predicted_reduction_ci_kt'))}."
         )
     lines += [str(note) for note in field_test.get("notes", [])]
     return [listing(lines)] if lines else []
 
 
-def sensitivity_section(sensitivity: Mapping[str, Any] | None) -> Section:
+def sensitivity_section(sensitivity: SensitivityContent | None) -> Section:
     """Return the dependence on the reference: verdicts, figures, slices, error estimates."""
     title = "Does the reference matter?"
-    pairs: Sequence[Mapping[str, Any]] = (sensitivity or {}).get("pairs") or []
+    pairs = sensitivity.get("pairs") if sensitivity else None
     if not sensitivity or not pairs:
         return Section("sensitivity", title)
     parts = [embedded(pair_differences_figure(pairs)), _verdict_table(pairs, "Every pair.")]
@@ -155,13 +161,13 @@ def sensitivity_section(sensitivity: Mapping[str, Any] | None) -> Section:
     return Section("sensitivity", title, lead.replace(" +- ", " ± "), parts)
 
 
-def _apart_sentence(apart: Sequence[Mapping[str, object]]) -> str:
+def _apart_sentence(apart: Sequence[Pair]) -> str:
     named = [f"{pair_name(pair)} ({pair.get('why', '')})" for pair in apart[:2]]
     more = f", and {len(apart) - 2} more pairs" if len(apart) > 2 else ""
     return f"Not poolable: {'; '.join(named)}{more}." if named else ""
 
 
-def _verdict_table(pairs: Sequence[Mapping[str, Any]], caption: str) -> Markup:
+def _verdict_table(pairs: Sequence[Pair], caption: str) -> Markup:
     sliced = any(pair.get("slice") for pair in pairs)
     columns = [Column("slice", "words")] if sliced else []
     columns += [
@@ -175,7 +181,7 @@ def _verdict_table(pairs: Sequence[Mapping[str, Any]], caption: str) -> Markup:
     ]
     rows = []
     for pair in pairs:
-        fleet = pair.get("fleet") or {}
+        fleet = pair["fleet"]
         rows.append(
             Row(
                 [
@@ -194,11 +200,11 @@ def _verdict_table(pairs: Sequence[Mapping[str, Any]], caption: str) -> Markup:
     return table(columns, rows, caption=caption)
 
 
-def _own_test(pair: Mapping[str, object]) -> bool:
+def _own_test(pair: Pair) -> bool:
     return bool(pair.get("own_test", True))
 
 
-def _why(pair: Mapping[str, object]) -> str:
+def _why(pair: Pair) -> str:
     """Why a pair may be pooled or not; a pool and its member say nothing new of that."""
     if not _own_test(pair) and pair.get("poolable"):
         return "the pool is made of its members: their difference is part of the members' own"
@@ -209,15 +215,15 @@ def _p_value(value: float | None) -> str:
     return f"{float(value):.2g}" if value is not None and float(value) == float(value) else "-"
 
 
-def _three_way(found: Sequence[Mapping[str, Any]]) -> list[Markup]:
+def _three_way(found: Sequence[Hat]) -> list[Markup]:
     rows = [
         Row(
             [
                 ", ".join(entry["references"]),
                 corner["reference"],
                 "negative variance"
-                if corner.get("component_rms") is None
-                else number_text(corner["component_rms"]),
+                if (rms := corner.get("component_rms")) is None
+                else number_text(rms),
                 f"{int(entry['reports']):,}",
             ]
         )

@@ -7,7 +7,6 @@ errors.  Fits that are not to be trusted are drawn hollow and grey.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -66,6 +65,7 @@ def _draw_quantity(axes: Axes, fits: xr.Dataset, names: Sequence[str], quantity:
     place = {name: row for row, name in enumerate(known)}
     rows = [place[name] for name in names]
     references = [str(name) for name in fits["reference"].to_numpy()]
+    # In a row one high: an aircraft's intervals stand under each other, apart from the next's.
     shift = np.linspace(-0.27, 0.27, len(references)) if len(references) > 1 else [0.0]
     for index, reference in enumerate(references):
         fit = fits.isel(reference=index, aircraft=rows)
@@ -245,7 +245,7 @@ def reading_reasons(ds: xr.Dataset) -> tuple[dict[str, int], dict[str, int]]:
     return _ordered(audit.get("dropped", {})), _ordered(audit.get("repaired", {}))
 
 
-def _ordered(counts: Mapping[str, Any]) -> dict[str, int]:
+def _ordered(counts: Mapping[str, int]) -> dict[str, int]:
     """Keep what was counted at least once, the largest first."""
     kept = {str(name): int(number) for name, number in counts.items() if int(number) > 0}
     return dict(sorted(kept.items(), key=lambda item: -item[1]))

@@ -80,6 +80,7 @@ def compared(
         / KNOT
     )
     keep = used(headings) & np.isfinite(before) & np.isfinite(after)
+    # What was left as it was has the same disagreement twice and would only thin the gain.
     if "correction_applied" in corrected:
         keep &= mended(corrected["correction_applied"].to_numpy())
     return before, after, keep
@@ -121,6 +122,7 @@ def disagreement(
     sums = _sums(headings, corrected, fits, reference)
     (before, after, gain), (*_, error) = zip(*map(clustered_mean, sums), strict=True)
     number = sums[0, 0].astype(np.int64)
+    # A flight is of one aircraft: clustered sums of the fleet are those of its aircraft added.
     return BeforeAfter(before, after, gain, NORMAL_95 * error, number, _total(sums.sum(axis=-1)))
 
 

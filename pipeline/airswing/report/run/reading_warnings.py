@@ -12,9 +12,13 @@ import re
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Literal, TypedDict, overload
 
 import xarray as xr
+
+if TYPE_CHECKING:
+    from airswing.reference.geometry.wind_profiles import LeftOut
+    from airswing.reports.canonical.audit import AuditContent
 
 _GROUPS_SHOWN = 5
 # An attribute stays small, however much is broken.
@@ -27,13 +31,27 @@ _PLACE = re.compile(r"^message at \d+: ")
 _EXPECTED = "wind"
 
 
-def tally(ds: xr.Dataset, name: str) -> dict[str, Any]:
+class ReferenceAudit(TypedDict, total=False):
+    """What was counted of one reference, beside its plan."""
+
+    notes: list[str]
+    skipped: list[LeftOut]
+    unread: list[LeftOut]
+
+
+@overload
+def tally(ds: xr.Dataset, name: Literal["reading_audit"]) -> AuditContent: ...
+@overload
+def tally(ds: xr.Dataset, name: Literal["reference_audit"]) -> dict[str, ReferenceAudit]: ...
+@overload
+def tally(ds: xr.Dataset, name: Literal["screened_out"]) -> dict[str, int]: ...
+def tally(ds: xr.Dataset, name: str) -> Mapping[str, object]:
     """Read a tally from an attribute.
 
     Parameters
     ----------
     name : str
-        ``reading_audit`` or ``reference_audit``.
+        ``reading_audit``, ``reference_audit`` or ``screened_out``.
 
     Returns
     -------
@@ -47,12 +65,12 @@ def tally(ds: xr.Dataset, name: str) -> dict[str, Any]:
         return {}
 
 
-def reading_warnings(audit: Mapping[str, Any]) -> list[str]:
+def reading_warnings(audit: AuditContent) -> list[str]:
     """Say what a person should look at among the reports.
 
     Parameters
     ----------
-    audit : mapping
+    audit : AuditContent
         Of :meth:`airswing.reports.canonical.audit.Audit.as_dict`.
 
     Returns
@@ -93,7 +111,7 @@ def reading_warnings(audit: Mapping[str, Any]) -> list[str]:
     return lines
 
 
-def model_warnings(skipped: Sequence[Mapping[str, object]]) -> list[str]:
+def model_warnings(skipped: Sequence[LeftOut]) -> list[str]:
     """Say which damaged or unusable model files and messages were left out.
 
     Parameters
@@ -109,7 +127,7 @@ def model_warnings(skipped: Sequence[Mapping[str, object]]) -> list[str]:
     return model_reasons([entry for entry in skipped if entry["what"] != _EXPECTED])
 
 
-def unread(problems: Iterable[tuple[object, str, str]]) -> list[dict[str, object]]:
+def unread(problems: Iterable[tuple[object, str, str]]) -> list[LeftOut]:
     """Count the messages that gave no wind when they were read, by file and reason.
 
     Parameters
@@ -123,13 +141,14 @@ def unread(problems: Iterable[tuple[object, str, str]]) -> list[dict[str, object
         As ``skipped`` of a catalogue; at most `_ENTRIES_KEPT`, the most frequent first.
     """
     counts = Counter((file, _PLACE.sub("", reason)) for _, file, reason in problems)
+    often = sorted(counts.items(), key=lambda one: (-one[1], one[0]))[:_ENTRIES_KEPT]
     return [
         {"file": file, "what": "message", "reason": reason, "count": count}
-        for (file, reason), count in sorted(counts.items(), key=lambda one: (-one[1], one[0]))
-    ][:_ENTRIES_KEPT]
+        for (file, reason), count in often
+    ]
 
 
-def reference_warnings(audits: Mapping[str, object]) -> list[str]:
+def reference_warnings(audits: Mapping[str, ReferenceAudit]) -> list[str]:
     """Say which model files and messages were left out or gave no wind, reference by reference.
 
     Parameters
@@ -150,7 +169,7 @@ def reference_warnings(audits: Mapping[str, object]) -> list[str]:
     ]
 
 
-def model_reasons(skipped: Sequence[Mapping[str, Any]]) -> list[str]:
+def model_reasons(skipped: Sequence[LeftOut]) -> list[str]:
     """Count what was left out of model files by reason.
 
     Parameters

@@ -7,13 +7,13 @@ errors clustered by day.  Bars are 1.96 standard errors.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from airswing.evaluation.contents import Difference, Pair
 from airswing.report.html.style import (
     BLUE,
     INK,
@@ -30,26 +30,26 @@ COEFFICIENTS = ("A", "B", "C", "D", "E")
 MOST_AIRCRAFT = 40
 
 
-def pair_name(pair: Mapping[str, Any]) -> str:
+def pair_name(pair: Pair) -> str:
     """Return ``ruc - rtfdaa`` for a pair, the order in which differences are taken."""
     return " - ".join(str(name) for name in pair["references"])
 
 
-def verdict_word(pair: Mapping[str, object]) -> str:
+def verdict_word(pair: Pair) -> str:
     """Return whether a pair may be pooled, in a word or two."""
     if pair.get("poolable") is None:
         return "cannot tell"
     return "poolable" if pair["poolable"] else "not poolable"
 
 
-def _verdict_colour(pair: Mapping[str, object]) -> str:
+def _verdict_colour(pair: Pair) -> str:
     if pair.get("poolable") is None:
         return SOFT
     return BLUE if pair["poolable"] else VERMILION
 
 
 @styled
-def pair_differences_figure(pairs: Sequence[Mapping[str, Any]]) -> Figure:
+def pair_differences_figure(pairs: Sequence[Pair]) -> Figure:
     """Draw the fleet's common difference of each coefficient for every pair of references.
 
     Parameters
@@ -88,12 +88,12 @@ def pair_differences_figure(pairs: Sequence[Mapping[str, Any]]) -> Figure:
     )
 
 
-def _slice(pair: Mapping[str, object]) -> str:
+def _slice(pair: Pair) -> str:
     return f"{pair['slice']}: " if pair.get("slice") else ""
 
 
 @styled
-def aircraft_differences_figure(pair: Mapping[str, Any]) -> Figure:
+def aircraft_differences_figure(pair: Pair) -> Figure:
     """Draw the difference of offset and amplitude of each aircraft for one pair of references.
 
     Parameters
@@ -109,8 +109,8 @@ def aircraft_differences_figure(pair: Mapping[str, Any]) -> Figure:
         return empty_figure("No aircraft has enough reports against both")
     figure = new_figure(1.2 + max(0.2 * len(rows), 0.8))
     panels = figure.subplots(1, 2, sharey=True)
-    for axes, quantity in zip(panels, ("amplitude", "offset"), strict=True):
-        _differences(axes, rows, quantity)
+    _differences(panels[0], "Amplitude", [entry["amplitude"] for entry in rows])
+    _differences(panels[1], "Offset", [entry["offset"] for entry in rows])
     panels[0].set_yticks(range(len(rows)), [str(e["aircraft"]) for e in rows], fontsize=8)
     panels[0].set_ylim(len(rows) - 0.4, -0.6)
     more = f" of {len(known)}, those that differ most" if len(known) > len(rows) else ""
@@ -126,9 +126,9 @@ def _number(value: float | None) -> float:
     return float("nan") if value is None else float(value)
 
 
-def _differences(axes: Axes, rows: Sequence[Mapping[str, Any]], quantity: str) -> None:
-    value = np.array([_number(entry[quantity]["difference"]) for entry in rows])
-    low, high = np.array([[_number(end) for end in entry[quantity]["ci"]] for entry in rows]).T
+def _differences(axes: Axes, title: str, rows: Sequence[Difference]) -> None:
+    value = np.array([_number(entry["difference"]) for entry in rows])
+    low, high = np.array([[_number(end) for end in entry["ci"]] for entry in rows]).T
     colours = [
         SOFT if one <= 0 <= other else VERMILION for one, other in zip(low, high, strict=True)
     ]
@@ -136,7 +136,7 @@ def _differences(axes: Axes, rows: Sequence[Mapping[str, Any]], quantity: str) -
     axes.hlines(places, low, high, colors=colours, linewidth=1.3)
     axes.scatter(value, places, s=16, c=colours, zorder=2)
     axes.axvline(0.0, color=INK, linewidth=0.8)
-    axes.set_title(quantity.capitalize())
+    axes.set_title(title)
     axes.set_xlabel("difference (degree)")
     axes.tick_params(axis="y", length=0)
     ends = np.concatenate([low, high])

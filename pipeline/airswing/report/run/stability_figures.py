@@ -7,8 +7,7 @@ disagreement; intervals are 95 %.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -16,7 +15,14 @@ from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
-from airswing.evaluation.compass_changes.change_dates import Change
+from airswing.evaluation.contents import (
+    AircraftGain,
+    Change,
+    Ranked,
+    StabilityContent,
+    VirtualContent,
+    WindowFit,
+)
 from airswing.report.html.style import (
     BLUE,
     FAINT,
@@ -36,16 +42,15 @@ from airswing.units import NORMAL_95
 # What a screen holds.
 MOST_ROWS = 10
 _MOST_BARS = 40
-PARTS = (("offset", "offset (degree)", BLUE), ("amplitude", "amplitude (degree)", ORANGE))
 
 
 @styled
-def stability_figure(stability: Mapping[str, Any], aircraft: Sequence[str] | None = None) -> Figure:
+def stability_figure(stability: StabilityContent, aircraft: Sequence[str] | None = None) -> Figure:
     """Draw each aircraft's offset and amplitude window by window, with the dates of changes.
 
     Parameters
     ----------
-    stability : mapping
+    stability : StabilityContent
         Content of ``stability.json``.
     aircraft : sequence of str, optional
         Which to draw; by default those that changed first, ten at most.
@@ -63,12 +68,16 @@ def stability_figure(stability: Mapping[str, Any], aircraft: Sequence[str] | Non
     step = np.timedelta64(1 if stability["window"] == "month" else 3, "M")
     for row, name in enumerate(aircraft):
         own = [entry for entry in windows if entry["aircraft"] == name]
-        for axes, (key, label, colour) in zip(grid[row], PARTS, strict=True):
-            _windows(axes, own, key, colour, step)
+        offset, amplitude = grid[row]
+        values = [(entry["offset"], entry["offset_standard_error"]) for entry in own]
+        _windows(offset, own, values, BLUE, step)
+        values = [(entry["amplitude"], entry["amplitude_standard_error"]) for entry in own]
+        _windows(amplitude, own, values, ORANGE, step)
+        for axes in (offset, amplitude):
             _dates(axes, changes.get(name, []))
-            if row == 0:
-                axes.set_title(label)
         grid[row, 0].set_ylabel(name)
+    grid[0, 0].set_title("offset (degree)")
+    grid[0, 1].set_title("amplitude (degree)")
     _date_ticks(grid[-1, 0])
     number = sum(len(changes.get(name, [])) for name in aircraft)
     return figure.say(
@@ -91,12 +100,17 @@ def _date_ticks(axes: Axes) -> None:
 
 
 def _windows(
-    axes: Axes, own: Sequence[Mapping[str, Any]], key: str, colour: str, step: np.timedelta64
+    axes: Axes,
+    own: Sequence[WindowFit],
+    values: Sequence[tuple[float, float]],
+    colour: str,
+    step: np.timedelta64,
 ) -> None:
+    """Values with their standard errors, one a window."""
     first = np.array([entry["window"] for entry in own], dtype="datetime64[M]")
     begin, end = _place(first), _place(first + step)
-    value = [entry[key] for entry in own]
-    half = [NORMAL_95 * entry[f"{key}_standard_error"] for entry in own]
+    value = [one for one, _ in values]
+    half = [NORMAL_95 * error for _, error in values]
     axes.hlines(value, begin, end, color=colour, linewidth=1.4)
     axes.errorbar((begin + end) // 2, value, yerr=half, fmt="o", color=colour, markersize=4)
 
@@ -116,7 +130,7 @@ def _place(days: ArrayLike) -> NDArray[np.float64]:
 
 
 @styled
-def ranking_figure(ranking: Sequence[Mapping[str, Any]]) -> Figure:
+def ranking_figure(ranking: Sequence[Ranked]) -> Figure:
     """Draw what correcting each aircraft is expected to gain.
 
     Parameters
@@ -124,19 +138,19 @@ def ranking_figure(ranking: Sequence[Mapping[str, Any]]) -> Figure:
     ranking : sequence of mapping
         Of :func:`airswing.evaluation.backtest.ranking.rank_aircraft`.
     """
-    known = [entry for entry in ranking if entry["expected_gain_kt"] is not None]
+    known = [(gain, entry) for entry in ranking if (gain := entry["expected_gain_kt"]) is not None]
     shown = known[:_MOST_BARS]
     figure = new_figure(1.1 + 0.26 * max(len(shown), 2))
     axes = figure.add_subplot()
     if not shown:
         blank(axes, "No aircraft has a fit to be trusted.")
         return figure.say("No aircraft has a fit to be trusted (n = 0).")
-    for row, entry in enumerate(shown):
+    for row, (gain, entry) in enumerate(shown):
         low, high = entry["expected_gain_ci_kt"]
         axes.plot([low, high], [row, row], color=BLUE, linewidth=1.6, solid_capstyle="butt")
-        axes.plot(entry["expected_gain_kt"], row, "o", color=BLUE, markersize=5.5)
+        axes.plot(gain, row, "o", color=BLUE, markersize=5.5)
     axes.axvline(0.0, color=INK, linewidth=0.8)
-    axes.set_yticks(range(len(shown)), [entry["aircraft"] for entry in shown])
+    axes.set_yticks(range(len(shown)), [entry["aircraft"] for _, entry in shown])
     axes.set_ylim(len(shown) - 0.5, -0.5)
     axes.set_xlabel("expected gain of a correction (kt of mean vector disagreement)")
     left_out = len(ranking) - len(known)
@@ -149,7 +163,7 @@ def ranking_figure(ranking: Sequence[Mapping[str, Any]]) -> Figure:
 
 
 @styled
-def prediction_figure(virtual: Mapping[str, Any]) -> Figure:
+def prediction_figure(virtual: VirtualContent) -> Figure:
     """Draw predicted against realised gain of each aircraft: later reports, held-out flights.
 
     Parameters
@@ -158,11 +172,14 @@ def prediction_figure(virtual: Mapping[str, Any]) -> Figure:
         Content of ``virtual_field_test.json``: ``later`` and ``held_out``.
     """
     figure = new_figure(3.8)
-    titles = {"later": "Learned before, applied after", "held_out": "Flights held out of the fit"}
+    parts = {
+        "Learned before, applied after": virtual.get("later"),
+        "Flights held out of the fit": virtual.get("held_out"),
+    }
     total = 0
-    for axes, (key, title) in zip(figure.subplots(1, 2), titles.items(), strict=True):
+    for axes, (title, part) in zip(figure.subplots(1, 2), parts.items(), strict=True):
         axes.set_title(title)
-        rows = virtual.get(key, {}).get("by_aircraft", [])
+        rows = part["by_aircraft"] if part and "why" not in part else []
         total += len(rows)
         if rows:
             _against(axes, rows)
@@ -175,13 +192,16 @@ def prediction_figure(virtual: Mapping[str, Any]) -> Figure:
     )
 
 
-def _against(axes: Axes, rows: Sequence[Mapping[str, Any]]) -> None:
-    names = ("predicted_gain_kt", "realised_gain_kt", "predicted_gain_ci_kt", "realised_gain_ci_kt")
-    x, y, across, along = (np.array([row[name] for row in rows], float) for name in names)
+def _against(axes: Axes, rows: Sequence[AircraftGain]) -> None:
+    x, y = (
+        np.array([row["predicted_gain_kt"] for row in rows], float),
+        np.array([row["realised_gain_kt"] for row in rows], float),
+    )
+    across = np.array([row["predicted_gain_ci_kt"] for row in rows], float)
+    along = np.array([row["realised_gain_ci_kt"] for row in rows], float)
     many = len(rows) > HEAVY
-    look: dict[str, Any] = {"color": FAINT, "linewidth": 1.4, "rasterized": many}
-    axes.hlines(y, *across.T, **look)
-    axes.vlines(x, *along.T, **look)
+    axes.hlines(y, *across.T, color=FAINT, linewidth=1.4, rasterized=many)
+    axes.vlines(x, *along.T, color=FAINT, linewidth=1.4, rasterized=many)
     apart = np.array([row["agree"] is False for row in rows])
     for own, color in ((~apart, BLUE), (apart, VERMILION)):
         size = 2.5 if many else 5.5
@@ -196,7 +216,7 @@ def _against(axes: Axes, rows: Sequence[Mapping[str, Any]]) -> None:
                 fontsize=8,
                 color=SOFT,
             )
-    values = [row[key] for row in rows for key in ("predicted_gain_kt", "realised_gain_kt")]
+    values = [gain for row in rows for gain in (row["predicted_gain_kt"], row["realised_gain_kt"])]
     low, high = min(0.0, *values) - 0.3, max(values) + 0.5
     axes.plot([low, high], [low, high], color=SOFT, linewidth=1.0, zorder=1)
     axes.set_xlim(low, high)

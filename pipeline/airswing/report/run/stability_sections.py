@@ -6,9 +6,9 @@ Assumes ``stability.json``, the ranking and ``virtual_field_test.json`` as
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
+from airswing.evaluation.contents import Compared, Ranked, StabilityContent, VirtualContent
 from airswing.report.html.document import Column, Row, Section, paragraph, table
 from airswing.report.html.embed import embedded
 from airswing.report.run.page_numbers import number_text
@@ -20,7 +20,7 @@ from airswing.report.run.stability_figures import (
 from airswing.units import NORMAL_95
 
 
-def stability_section(stability: Mapping[str, Any] | None) -> Section:
+def stability_section(stability: StabilityContent | None) -> Section:
     """Return whether the compasses stayed as they were: the sentence, the figure, the dates."""
     title = "Stability"
     if not stability:
@@ -66,44 +66,47 @@ def stability_section(stability: Mapping[str, Any] | None) -> Section:
     return Section("stability", title, lead, parts)
 
 
-def ranking_section(
-    ranking: Sequence[Mapping[str, Any]] | None, virtual: Mapping[str, object] | None
-) -> Section:
+def ranking_section(ranking: Sequence[Ranked] | None, virtual: VirtualContent | None) -> Section:
     """Return whom to correct first, and how far such predictions held."""
     title = "Whom to correct"
-    known = [entry for entry in ranking or [] if entry["expected_gain_kt"] is not None]
+    known = [
+        (most, entry) for entry in ranking or [] if (most := entry["expected_gain_kt"]) is not None
+    ]
     if not known or ranking is None:
         return Section("ranking", title)
-    first = known[0]
-    gain = _with_interval(first["expected_gain_kt"], first["expected_gain_ci_kt"])
+    most, first = known[0]
+    gain = _with_interval(most, first["expected_gain_ci_kt"])
     lead = (
         f"{first['aircraft']} would gain most: {gain} of its "
         f"{number_text(first['disagreement_kt'])} kt."
     )
     parts = [embedded(ranking_figure(ranking))]
-    lines = _prediction_words(virtual or {})
-    if lines:
-        parts.append(embedded(prediction_figure(virtual or {})))
+    lines = _prediction_words(virtual) if virtual else []
+    if virtual and lines:
+        parts.append(embedded(prediction_figure(virtual)))
         parts += [paragraph(line) for line in lines]
     return Section("ranking", title, lead, parts)
 
 
-def _prediction_words(virtual: Mapping[str, Any]) -> list[str]:
-    words = {
-        "later": "Learned up to {learned_until} and applied after it",
-        "held_out": "With whole flights held out of the fit ({folds} parts)",
-    }
+def _prediction_words(virtual: VirtualContent) -> list[str]:
     lines = []
-    for key, text in words.items():
-        part = virtual.get(key) or {}
-        if part.get("realised_gain_kt") is None:
-            continue
-        found = _with_interval(part["realised_gain_kt"], part["realised_gain_ci_kt"])
-        expected = _with_interval(part["predicted_gain_kt"], part["predicted_gain_ci_kt"])
-        lines.append(
-            f"{text.format_map(dict(part))}, the winds gain {found}; expected were {expected}."
-        )
+    later, held_out = virtual.get("later"), virtual.get("held_out")
+    if later and "why" not in later:
+        text = f"Learned up to {later['learned_until']} and applied after it"
+        lines += _prediction_line(text, later)
+    if held_out and "why" not in held_out:
+        text = f"With whole flights held out of the fit ({held_out['folds']} parts)"
+        lines += _prediction_line(text, held_out)
     return lines
+
+
+def _prediction_line(text: str, part: Compared) -> list[str]:
+    realised, predicted = part["realised_gain_kt"], part["predicted_gain_kt"]
+    if realised is None or predicted is None:
+        return []
+    found = _with_interval(realised, part["realised_gain_ci_kt"])
+    expected = _with_interval(predicted, part["predicted_gain_ci_kt"])
+    return [f"{text}, the winds gain {found}; expected were {expected}."]
 
 
 def _with_interval(value: float, interval: Sequence[float]) -> str:

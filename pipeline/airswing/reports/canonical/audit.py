@@ -11,9 +11,25 @@ import json
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
+
+
+class AuditContent(TypedDict, total=False):
+    """A tally as it stands beside the reports; the counts of :class:`Audit` by name."""
+
+    reports_read: int
+    reports_kept: int
+    dropped: dict[str, int]
+    repaired: dict[str, int]
+    missing: dict[str, int]
+    flags: dict[str, dict[str, int]]
+    formats: dict[str, int]
+    files: int  # of all formats
+    files_skipped: list[dict[str, str]]
+    examples: dict[str, str]
+    similar_tails: list[list[str]]
 
 
 @dataclass
@@ -59,7 +75,7 @@ class Audit:
         """Add the number of reports per code met in one flag field of the source."""
         self.flags.setdefault(name, Counter()).update(tally)
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> AuditContent:
         """Plain form of the tally."""
         return {
             "reports_read": self.read,
@@ -80,7 +96,7 @@ class Audit:
         return json.dumps(self.as_dict())
 
     @classmethod
-    def from_dict(cls, content: Mapping[str, Any]) -> Audit:
+    def from_dict(cls, content: AuditContent) -> Audit:
         """Undo :meth:`as_dict`."""
         return cls(
             read=content["reports_read"],

@@ -14,7 +14,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import xarray as xr
 
@@ -24,6 +24,7 @@ from airswing.products.monthly import joined_months
 from airswing.products.netcdf import read_product
 from airswing.products.ragged import time_span
 from airswing.workflow.evaluation_stage import (
+    asked_field_test,
     expected_reduction,
     make_field_test,
     make_observation_errors,
@@ -50,6 +51,17 @@ from airswing.workflow.ranking_stage import (
 from airswing.workflow.update.month_fits import fits_before
 from airswing.workflow.update.months import keep_note, kept_note, span_of
 
+if TYPE_CHECKING:
+    from airswing.evaluation.contents import (
+        FieldTestContent,
+        NotTried,
+        StabilityContent,
+        VirtualContent,
+        VirtualTest,
+        WindowFit,
+    )
+
+Found = TypeVar("Found")
 # four weeks: with 31 days the month before would stay whole to the last night of every month
 RECENT = 28
 
@@ -109,13 +121,13 @@ def judged(
 
 def _virtual(
     job: Job, complete: list[str], headings: xr.Dataset, fits: xr.Dataset
-) -> dict[str, Any]:
+) -> VirtualContent:
     """The last complete month judged by the tables of those before it."""
     from airswing.evaluation.backtest.virtual_field_test import virtual_field_test
 
     config = job.config
     with job.progress.stage("virtual field test") as stage:
-        later: dict[str, Any] = {"why": "fewer than two months are complete"}
+        later: VirtualTest | NotTried = {"why": "fewer than two months are complete"}
         if len(complete) > 1:
             later = tried(
                 lambda: virtual_field_test(
@@ -127,18 +139,19 @@ def _virtual(
                     reference=main_reference(config),
                 )
             )
-        result = {"later": later, "held_out": {"why": "left to `airswing run`"}}
+        result: VirtualContent = {
+            "later": later,
+            "held_out": {"why": "left to `airswing run`"},
+        }
         stage.note = written_virtual(job, result)
     return result
 
 
 def _field_test(
     job: Job, months: list[str], headings: xr.Dataset, fits: xr.Dataset
-) -> dict[str, object]:
+) -> FieldTestContent:
     """The field test of the months of its dates; what was expected of it is kept."""
-    test = job.config.field_test
-    if test is None:
-        return {}
+    test = asked_field_test(job)
     last = test.end or span_of(months[-1])[1].astype("M8[D]").astype(object)
     of = [one for one in months if str(test.before_start)[:7] <= one <= str(last)[:7]]
     before = [one for one in months if one <= str(test.start)[:7]]
@@ -155,7 +168,7 @@ def _field_test(
         if note.get("made") != made:
             note = {"made": made, "found": _plain(expected_reduction(job, known))}
             keep_note(path, note)
-    return make_field_test(job, _of(job, of, fits), expected=dict(note["found"]))
+    return make_field_test(job, _of(job, of, fits), expected=note["found"])
 
 
 class _Monthly:
@@ -171,7 +184,7 @@ class _Monthly:
     def __init__(self, job: Job, months: list[str]) -> None:
         self.job, self.complete = job, months[:-1]
 
-    def kept(self, name: str, make: Callable[[], dict[str, object]]) -> dict[str, object]:
+    def kept(self, name: str, make: Callable[[], Found]) -> Found:
         """What stands since the last month was complete; made where nothing does."""
         config = self.job.config.model_dump(exclude={"compute", "output"})
         made = fingerprint(name, self.complete, config, code_digest(__name__, *FITTING))
@@ -179,20 +192,21 @@ class _Monthly:
         before = kept_note(path)
         if self.complete and before.get("made") == made and (self.job.output / name).exists():
             self.job.progress.say(f"{name}: of the months to {self.complete[-1]}, kept")
-            return dict(before["found"])
+            kept: Found = before["found"]
+            return kept
         found = make()
         keep_note(path, {"made": made, "found": _plain(found)})
         return found
 
 
-def _plain(found: dict[str, object]) -> Any:
+def _plain(found: object) -> Any:
     """What JSON can hold, not-a-number included."""
     return json.loads(json.dumps(found, default=lambda value: value.tolist()))
 
 
-def _stability(job: Job, months: list[str], fits: xr.Dataset) -> dict[str, object]:
+def _stability(job: Job, months: list[str], fits: xr.Dataset) -> StabilityContent:
     """Fits by calendar month, each made with its month alone, and the changes found."""
-    windows: list[dict[str, object]] = []
+    windows: list[WindowFit] = []
     with job.progress.stage("stability") as stage:
         for month in months:
             windows += _window(replace(job, month=month))
@@ -201,7 +215,7 @@ def _stability(job: Job, months: list[str], fits: xr.Dataset) -> dict[str, objec
     return result
 
 
-def _window(job: Job) -> list[dict[str, object]]:
+def _window(job: Job) -> list[WindowFit]:
     """Fits of one month, kept while its headings and the fit stay as they are."""
     from airswing.evaluation.compass_changes.window_fits import fit_by_window
 

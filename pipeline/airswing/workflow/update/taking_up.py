@@ -9,7 +9,7 @@ every report stand by month; all else is as ``airswing run`` writes it.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import xarray as xr
 
@@ -31,10 +31,11 @@ from airswing.workflow.update.months import Month, keep_note, kept_note, months_
 
 if TYPE_CHECKING:
     from airswing.reports.staging_store import Spool
+    from airswing.workflow.closing_summary import Summary
 
 
-def _of_all(headings: xr.Dataset, summary: dict[str, Any], since: str) -> dict[str, object]:
-    """Counts of all months, and a word on what is of the last ones alone."""
+def _of_all(headings: xr.Dataset, summary: Summary, since: str) -> Summary:
+    """The summary with counts of all months, and a word on what is of the last ones alone."""
     counts = {
         "read": tally(headings, "reading_audit")["reports_read"],
         "usable": headings.sizes["report"],
@@ -44,7 +45,7 @@ def _of_all(headings: xr.Dataset, summary: dict[str, Any], since: str) -> dict[s
         f"Fits and tables are of all {counts['kept']:,} reports kept; wind disagreement, ranking, "
         f"profiles and the figures of reports are of the flights since {since}."
     )
-    return {"reports": counts, "warnings": [words, *summary["warnings"]]}
+    return {**summary, "reports": counts, "warnings": [words, *summary["warnings"]]}
 
 
 @dataclass(frozen=True)
@@ -59,12 +60,12 @@ class Taken:
     months: dict[str, list[str]]
 
 
-def update(job: Job) -> dict[str, Any]:
+def update(job: Job) -> Summary:
     """Take up what is new since the last time; end with every product as of now.
 
     Returns
     -------
-    dict
+    Summary
         As of :func:`airswing.workflow.main.run`; ``months`` of :class:`Taken`; ``watched``, a line
         for what happened to the fleet and one for each new event; ``events``, how many there are in
         all (to be noted once the lines are said, :func:`.monitoring_stage.events_said`).
@@ -78,7 +79,7 @@ def update(job: Job) -> dict[str, Any]:
         recent = recent_months(job, months, fits)
         summary = summarise(job.config, recent.headings, fits, recent.corrected)
         if recent.since:
-            summary |= _of_all(headings, summary, recent.since)
+            summary = _of_all(headings, summary, recent.since)
         watched = make_monitoring(job, fits)
         drawn, mark = job.output / ".update/page.json", _of_page(job, taken)
         if kept_note(drawn).get("mark") == mark and (job.output / "report/index.html").exists():
@@ -89,12 +90,10 @@ def update(job: Job) -> dict[str, Any]:
             make_page(job, recent.headings, fits, recent.corrected, summary, evaluation)
             keep_note(drawn, {"mark": mark})
     job.progress.say(job.progress.accounts_text())
-    return summary | {
-        "accounts": job.progress.accounts(),
-        "months": taken.months,
-        "watched": watched.text,
-        "events": len(watched.events),
-    }
+    summary["accounts"] = job.progress.accounts()
+    summary["months"], summary["watched"] = taken.months, watched.text
+    summary["events"] = len(watched.events)
+    return summary
 
 
 def _of_page(job: Job, taken: Taken) -> str:
