@@ -49,8 +49,8 @@ Integers = NDArray[np.int64]
 #: mostly these names over again (the square of their correlation from which it is): where every
 #: aircraft has a little of all effects a table takes that up as well, 1.1 to 1.3 at 0.68 to 0.91.
 #: Names that only stand in for what has none are unlike it (0.31 to 0.37, and it explains 4 times
-#: as much).
-LEADS, LIKENESS, LEADS_ITS_LIKE = 1.05, 0.6, 1.5
+#: as much). One that holds the names at a quarter more than their size says that they are too small.
+LEADS, LIKENESS, SAME_SIZE, LEADS_ITS_LIKE = 1.05, 0.6, 1.25, 1.5
 #: Evidence beside the strongest's from which a table of another component is tried as well.
 RIVAL = 0.3
 #: Size beside that of the names' on the same aircraft under which an unknown is their remainder.
@@ -313,9 +313,8 @@ def _leads(bench: Bench, unknown: Unknown, ways: Sequence[Floats], fold: Integer
     """
     table = field_of(bench, unknown, fold)
     names = max(ways, key=lambda errors: explained(bench, errors))
-    like = float((table * names).sum()) ** 2 >= LIKENESS * float(
-        (table**2).sum() * (names**2).sum()
-    )
+    both, square = float((table * names).sum()), float((names**2).sum())
+    like = both**2 >= LIKENESS * float((table**2).sum()) * square and both <= SAME_SIZE * square
     least = LEADS_ITS_LIKE if like else LEADS
     return explained(bench, table) > least * explained(bench, names)
 
