@@ -49,7 +49,7 @@ Integers = NDArray[np.int64]
 #: mostly these names over again (the square of their correlation from which it is): where every
 #: aircraft has a little of all effects a table takes that up as well, 1.1 to 1.3 at 0.68 to 0.91.
 #: Names that only stand in for what has none are unlike it (0.31 to 0.37, and it explains 4 times
-#: as much). One that holds the names at a quarter more than their size says that they are too small.
+#: as much). One that holds the names at a quarter more than their size says they are too small.
 LEADS, LIKENESS, SAME_SIZE, LEADS_ITS_LIKE = 1.05, 0.6, 1.25, 1.5
 #: Evidence beside the strongest's from which a table of another component is tried as well.
 RIVAL = 0.3
