@@ -99,4 +99,4 @@ def unknown_not_known(unknown: UnknownEntry, effects: Sequence[ActiveEffect]) ->
     left = [p for p in unknown.where if COMPONENT.get(p.component, p.component) not in known]
     if len(left) == len(unknown.where):
         return unknown
-    return UnknownEntry(bool(left), left)
+    return replace(unknown, present=bool(left), where=left, closure=None)

@@ -15,6 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from airswing.gap.as_sent.mended import Mended
+from airswing.gap.closure.not_seen import hidden_interval
 from airswing.gap.evidence.gaussian import luck
 from airswing.gap.held_out.reduction import Closure
 from airswing.gap.result.schema import (
@@ -87,7 +88,28 @@ def with_unknowns(
         )
     places = [*tables, *others]
     report = replace(report, unknown=UnknownEntry(bool(places), places, closes))
-    return _moved(report, off, moved) if off else report
+    return with_hidden(_moved(report, off, moved) if off else report)
+
+
+def with_hidden(report: GapReport) -> GapReport:
+    """Say what nobody thought of could close unseen; where nothing is told, the interval holds it.
+
+    Of one day nothing but names of single aircraft can be told, so nothing is said.
+    """
+    closure, counts = report.closure, report.counts
+    if counts.days < 2:
+        return report
+    low, high = hidden_interval(closure.before, counts.reports)
+    told = replace(closure, could_hide_kt=high)
+    ends, after = closure.reduction_ci, closure.ci
+    silent = not report.effects and not report.unknown.present
+    if silent and ends is not None and after is not None:
+        told = replace(
+            told,
+            ci=[after[0] - high, after[1] - low],
+            reduction_ci=[ends[0] + low, ends[1] + high],
+        )
+    return replace(report, closure=told)
 
 
 def _with_closures(places: Sequence[PlaceEntry], found: Found, whole: Closure) -> list[PlaceEntry]:

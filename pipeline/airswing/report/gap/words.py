@@ -297,8 +297,16 @@ def _nothing_missing(gap: GapReport) -> str:
     return (
         "Nothing is missing from the simulation that these reports can show: the disagreement is "
         f"{gap.gap.mean_vector_disagreement_kt:.1f} kt and the noise floor "
-        f"{gap.gap.noise_floor_kt:.1f} kt."
+        f"{gap.gap.noise_floor_kt:.1f} kt.{_could_hide(gap)}"
     )
+
+
+def _could_hide(gap: GapReport) -> str:
+    """What nobody thought of could close without being told."""
+    most = gap.closure.could_hide_kt
+    if most is None:
+        return ""
+    return f" What nobody thought of could close up to {most:.2g} kt and not be seen."
 
 
 def _unknown_closure(gap: GapReport) -> str:

@@ -192,7 +192,10 @@ class UnknownEntry:
 
 @dataclass(frozen=True)
 class ClosureEntry:
-    """Disagreement on held-out reports without and with the effects, kt; intervals of 95 %."""
+    """Disagreement on held-out reports without and with the effects, kt; intervals of 95 %.
+
+    ``could_hide_kt``: what an error outside the catalogue could close without being told.
+    """
 
     before: float
     after: float
@@ -201,6 +204,7 @@ class ClosureEntry:
     held_out: bool
     reduction: float
     reduction_ci: Sequence[float] | None
+    could_hide_kt: float | None = field(default=None, metadata=LEFT_OUT)
 
 
 @dataclass(frozen=True)
