@@ -16,11 +16,13 @@ from airswing.gap.evidence.changepoint import windows
 from airswing.gap.evidence.gaussian import (
     SCALE_GRID,
     SIZE_GRID,
+    SUREST,
     allowance_covariance,
     evidence_over_backgrounds,
     gaussian_evidence,
     grid_evidence,
     own_fit,
+    plain_probability,
     raw_evidence,
 )
 from airswing.gap.evidence.localisation import cross_fitted, false_discovery, score_test
@@ -329,3 +331,9 @@ def test_medians_over_what_is_finite_are_those_of_numpy():
         warnings.simplefilter("ignore", RuntimeWarning)
         expected = np.nanmedian(values, axis=1)
     np.testing.assert_array_equal(clusters._median(values), expected)
+
+
+def test_evidence_alone_makes_nothing_certain():
+    assert plain_probability(np.log(50.0)) == pytest.approx(SUREST / 2)
+    assert plain_probability(-1000.0) == pytest.approx(0.0, abs=1e-12)
+    assert plain_probability(1000.0) == SUREST

@@ -14,6 +14,7 @@ from airswing.gap.search.belief import (
     STATED,
     learned_weights,
     of_one_day,
+    outside_catalogue,
     probabilities,
 )
 from airswing.gap.search.confirmation import Confirmation
@@ -80,3 +81,9 @@ def test_of_one_day_evidence_decides_where_its_parts_confirm():
     weighed[:, 1] = [2.5, 1.9, 6.0]
     # ln 9 = 2.197 = 3.8 ln(8.915 / 5)
     np.testing.assert_allclose(of_one_day(weighed), [0.9, 0.0, 0.5], atol=2e-3)
+
+
+def test_a_table_that_a_known_effect_explains_is_hardly_of_another():
+    told = [outside_catalogue(share) for share in (0.0, 0.3, 0.45, 0.54, 0.9)]
+    assert told == sorted(told, reverse=True)
+    assert told[1] > STATED and told[2] == 0.5 and told[3] < 0.2

@@ -17,6 +17,7 @@ from airswing.gap.archive.value_tables import UNIT_OF
 from airswing.gap.as_sent.mended import Mended
 from airswing.gap.evidence.gaussian import plain_probability
 from airswing.gap.result.schema import ClosesEntry, CurveEntry, PlaceEntry
+from airswing.gap.search.belief import outside_catalogue
 from airswing.gap.witness.fitted_tables import Unknown
 from airswing.gap.witness.taken_off import Taken
 from airswing.units import KNOT
@@ -59,7 +60,7 @@ def entry(taken: Taken, tails: Sequence[str]) -> PlaceEntry:
         closure=ClosesEntry(reduction, list(interval([taken]))),
         held_out_energy=2 * unknown.held_out,
         held_out_energy_standard_error=2 * unknown.held_out_error,
-        probability=plain_probability(unknown.evidence),
+        probability=plain_probability(unknown.evidence) * outside_catalogue(taken.share),
         largest_m_s=unknown.peak,
         nearest_effect=taken.nearest,
         nearest_effect_share=taken.share,

@@ -45,6 +45,10 @@ LIKELIER_ANOTHER = 0.5
 #: Of one day: nats at which a name is as likely wrong as right; growth of its log odds with their
 #: logarithm (0.9 at nine nats); deviations by which parts of the day must confirm it.
 ONE_DAY_EVEN, ONE_DAY_SLOPE, ONE_DAY_DEVIATIONS = 5.0, 3.8, 2.0
+#: That a table is of no effect of the catalogue: share of it that the nearest explains at which it
+#: is even, and how its log odds fall with the share. In the blind checks what came from outside was
+#: explained to 0.3 at most; effects of the catalogue told as unknowns, to 0.54 to 0.93.
+OUTSIDE_EVEN, OUTSIDE_SLOPE = 0.45, 20.0
 #: Deviations beyond which a claim does not become surer.
 MOST_DEVIATIONS = 6.0
 
@@ -146,6 +150,17 @@ def beside_table(probability: float) -> float:
     """Probability of a doubtful name that explains what a table does which stands by itself."""
     odds = TABLE_ODDS * probability / max(1.0 - probability, 1e-9)
     return odds / (1.0 + odds)
+
+
+def outside_catalogue(share: float) -> float:
+    """Probability that a table is of something outside the catalogue.
+
+    Parameters
+    ----------
+    share : float
+        Of the table's mean square that the nearest effect explains.
+    """
+    return float(1.0 / (1.0 + np.exp(OUTSIDE_SLOPE * (share - OUTSIDE_EVEN))))
 
 
 @lru_cache(maxsize=1)
