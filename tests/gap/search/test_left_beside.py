@@ -65,6 +65,22 @@ def test_a_name_that_is_likelier_another_effect_is_not_told(made, monkeypatch):
     assert standing.energy.size == standing.probability.size == len(standing.weighed) == 1
 
 
+def test_what_a_doubtful_name_explains_speaks_less_against_another(made):
+    """The offset leaves the cycle: with the cycle as likely as 0.8, the offset is nearly so."""
+    base, terms = made.problem.base, made.standing.found.terms
+    pool = candidates(base.stats.layout, EFFECTS, dictionary=False)
+    first, second = sorted(terms, key=lambda term: term.candidate.name)
+    # it was found on another aircraft; that it is on the offset's as well its evidence there tells
+    doubt = cross_validated.Doubtful(replace(second, tails=(1,)), 0.8, np.zeros(5), "")
+    alone = cross_validated._likely_as_named(base, pool, [first], [])
+    beside = cross_validated._likely_as_named(base, pool, [first], [doubt])
+    weak = cross_validated._likely_as_named(base, pool, [first], [replace(doubt, probability=0.4)])
+    assert alone[0] < 0.01
+    assert beside[0] == pytest.approx(0.8 / (1 + np.exp(-NAMED_EVEN)), abs=0.05)
+    assert weak == alone
+    assert cross_validated._likely_as_named(base, pool, [], [doubt]).size == 0
+
+
 def test_terms_without_a_name_are_not_asked(made):
     base, (term, *_) = made.problem.base, made.standing.found.terms
     pool = candidates(base.stats.layout, EFFECTS, dictionary=False)

@@ -42,7 +42,7 @@ from airswing.gap.search.fewest import shared_by_all
 from airswing.gap.search.left_beside import left_beside
 from airswing.gap.search.nested_forms import widened
 from airswing.gap.search.stepwise import Found, Rules, found_of, search
-from airswing.gap.sums.elimination import Base
+from airswing.gap.sums.elimination import Base, Conditional
 
 Floats = NDArray[np.float64]
 
@@ -161,8 +161,7 @@ def _believed(ranking: Ranking, found: Found, rules: Rules) -> Standing:
         )
         del terms[worst]
     if not base.stats.clock.short:  # what a day leaves beside a name was not learned
-        wide = np.array([term.candidate.scope == "fleet" for term in terms], bool)
-        likely = as_named(left_beside(base, pool, terms), wide)
+        likely = _likely_as_named(base, pool, terms, doubtful)
         others = sorted({*np.flatnonzero(likely < LIKELIER_ANOTHER)} - {*shapes})
         chance = chance * likely
         # all at once: one taken out leaves its evidence beside names that are right
@@ -179,6 +178,37 @@ def _believed(ranking: Ranking, found: Found, rules: Rules) -> Standing:
     )
     found = replace(found, terms=sure)
     return Standing(found, tests.energy, tests.error, chance, weighed, tuple(doubtful))
+
+
+def _likely_as_named(
+    base: Base, pool: Sequence[Candidate], terms: Sequence[Term], doubtful: Sequence[Doubtful]
+) -> Floats:
+    """Probability that each term is what its name says, (t,), whether or not the doubtful are.
+
+    What a name's aircraft show beside it may be another effect that was likelier than not, and not
+    likely enough to be told: were it at work, nothing would speak against the name.
+    """
+    wide = np.array([term.candidate.scope == "fleet" for term in terms], bool)
+    alone = as_named(left_beside(base, pool, terms), wide)
+    near = [one for one in doubtful if one.probability >= LIKELIER_ANOTHER]
+    if not near or not terms:
+        return alone
+    given = given_terms(base, terms)
+    own = sorted({a for term in terms for a in term.tails})
+    others = [_spread_to(base, given, one.term, own) for one in near]
+    beside = as_named(left_beside(base, pool, [*terms, *others])[: len(terms)], wide)
+    weight = min(one.probability for one in near)
+    return np.asarray(weight * np.maximum(beside, alone) + (1.0 - weight) * alone)
+
+
+def _spread_to(base: Base, given: Conditional, term: Term, aircraft: Sequence[int]) -> Term:
+    """A term also on those of some aircraft that rather have it than not."""
+    if term.candidate.scope == "fleet":
+        return term
+    allowed = np.isin(np.arange(len(base.stats.tails)), [*aircraft, *term.tails])
+    score = evaluate_named(base, given, term.candidate, allowed, term.period)
+    more = np.flatnonzero(allowed & (score.aircraft_evidence > 0.0)).tolist()
+    return replace(term, tails=tuple(sorted({*term.tails, *more})))
 
 
 def _chance(
