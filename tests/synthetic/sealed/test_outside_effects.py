@@ -79,6 +79,7 @@ def surroundings(n=4000, seed=0):
         "phase": rng.integers(1, 4, n),
         "bank": rng.normal(0, 0.1, n),
         "acceleration": rng.normal(0, 0.3, n),
+        "flight": rng.integers(0, 40, n),
     }
     u, v = rng.normal(5, 8, n), rng.normal(0, 8, n)
     return report_variables(frame, u, v, rng.uniform(0, 240, n)), u, v

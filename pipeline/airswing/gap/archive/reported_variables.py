@@ -10,7 +10,7 @@ dependence as well.
 Validity: a variable that is unknown in half the reports, or does not vary, is left out; a report
 that does not know it is in no cell.
 
-Units: degrees, m/s, K, hPa, hours, days.
+Units: degrees, m/s, K, hPa, minutes, hours, days.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from airswing.gap.archive.flight_time import flight_time
 from airswing.gap.archive.frame import Frame
 from airswing.gap.archive.recent_turns import last_turn, turn
 from airswing.physics.atmosphere import altitude_from_pressure
@@ -47,6 +48,7 @@ KINDS: dict[str, tuple[str, int]] = {
     "acceleration": ("linear", 6),
     "turn": ("linear", 12),
     "last_turn": ("linear", 6),
+    "flight_time": ("linear", 8),
     "date": ("linear", 6),
     "icing": ("category", 2),
     "phase": ("category", 3),
@@ -73,6 +75,7 @@ UNITS = {
     "acceleration": "m/s2",
     "turn": "degree",
     "last_turn": "degree",
+    "flight_time": "minute",
     "date": "day",
     "icing": "",
     "phase": "",
@@ -156,6 +159,7 @@ def values_of(frame: Frame, quiet: Frame, name: str) -> Floats:
         "acceleration": lambda: frame.acceleration,
         "turn": lambda: turn(frame),
         "last_turn": lambda: last_turn(frame),
+        "flight_time": lambda: flight_time(frame),
         "date": lambda: (frame.time - frame.epoch) / DAY,
         "icing": lambda: np.where(frame.icing < 0, np.nan, frame.icing > 0),
         "phase": lambda: np.where(frame.phase > 0, frame.phase - 1.0, np.nan),

@@ -106,6 +106,7 @@ def settled_by(names: Sequence[str]) -> str:
         "acceleration": "a recorder of raw heading through speed changes on several headings",
         "turn": "a recorder of raw heading through turns and for minutes after them",
         "last_turn": "the raw heading on one course, turned into from either side",
+        "flight_time": "the unit's raw sensors through an hour of level flight on one course",
         "bank": "a recorder of raw heading through steady turns both ways",
     }
     found = [told[name] for name in names if name in told]

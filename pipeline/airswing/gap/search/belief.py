@@ -45,9 +45,10 @@ LIKELIER_ANOTHER = 0.5
 #: Of one day: nats at which a name is as likely wrong as right; growth of its log odds with their
 #: logarithm (0.9 at nine nats); deviations by which parts of the day must confirm it.
 ONE_DAY_EVEN, ONE_DAY_SLOPE, ONE_DAY_DEVIATIONS = 5.0, 3.8, 2.0
-#: That a table is of no effect of the catalogue: share of it that the nearest explains at which it
-#: is even, and how its log odds fall with the share. In the blind checks what came from outside was
-#: explained to 0.3 at most; effects of the catalogue told as unknowns, to 0.54 to 0.93.
+#: That a table is of no effect of the catalogue: share of it that the nearest explains from which
+#: it may as well be that, and how sharply the odds fall there. In the blind checks what came from
+#: outside was explained to 0.3 at most, five effects of the catalogue told as unknowns to 0.54 to
+#: 0.93; but errors that grow, or wear off, in flight and never change sign to 0.5 and 0.7 as well.
 OUTSIDE_EVEN, OUTSIDE_SLOPE = 0.45, 20.0
 #: Deviations beyond which a claim does not become surer.
 MOST_DEVIATIONS = 6.0
@@ -160,7 +161,8 @@ def outside_catalogue(share: float) -> float:
     share : float
         Of the table's mean square that the nearest effect explains.
     """
-    return float(1.0 / (1.0 + np.exp(OUTSIDE_SLOPE * (share - OUTSIDE_EVEN))))
+    near = 1.0 / (1.0 + np.exp(-OUTSIDE_SLOPE * (share - OUTSIDE_EVEN)))
+    return float(1.0 - 0.5 * near)
 
 
 @lru_cache(maxsize=1)

@@ -77,6 +77,7 @@ VARIABLES = (
     "bank",
     "acceleration",
     "date",
+    "flight_time",
     "wind_speed",
     "drift",
 )
@@ -127,8 +128,17 @@ def report_variables(
             "wind_speed": np.hypot(u, v),
             "hour": np.mod(hours, 24.0),
             "date": hours / 24.0,
+            "flight_time": _flown(np.asarray(frame["flight"]), hours),
         }
     )
+
+
+def _flown(flight: NDArray[np.generic], hours: Array) -> Array:
+    """Return the hours since the first report of each flight."""
+    _, own = np.unique(flight, return_inverse=True)
+    begin = np.full(own.max(initial=-1) + 1, np.inf)
+    np.minimum.at(begin, own, hours)
+    return np.asarray(hours - begin[own])
 
 
 @dataclass(frozen=True)
