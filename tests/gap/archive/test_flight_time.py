@@ -19,6 +19,11 @@ def test_it_is_counted_from_the_first_report_of_each_flight():
     assert flight_time(reports([], [])).size == 0
 
 
+def test_reports_of_one_number_for_days_are_of_no_flight():
+    flown = flight_time(reports([0, 0, 0], [0.0, 86400.0, 86460.0]))
+    assert flown[:2].tolist() == [0.0, 1440.0] and np.isnan(flown[2])
+
+
 @given(st.permutations(range(12)), st.floats(-1e6, 1e6))
 def test_order_and_epoch_do_not_matter(order, epoch):
     flight = np.repeat([4, 1, 9], 4)
