@@ -153,6 +153,7 @@ def mended_place(found: Mended, tails: Sequence[str], interval: tuple[float, flo
         curve=curve,
         closure=ClosesEntry(float(found.saved.mean()) / KNOT, list(interval)),
         settled_by=BEFORE_CODING,
+        title=found.title,
     )
 
 

@@ -415,6 +415,9 @@ def value_words(variable: str, value: str) -> str:
 
 def slice_words(entry: SliceEntry | PlaceEntry, *, most: int = 4) -> str:
     """Return a slice of the archive in words: variable, component and at most a few values."""
+    if isinstance(entry, PlaceEntry) and entry.title is not None:
+        whose = joined(list(entry.tails), most=most)
+        return f"{entry.title}: {whose}" if whose else entry.title
     if isinstance(entry, PlaceEntry):
         variables, values = entry.variables, entry.tails
     else:

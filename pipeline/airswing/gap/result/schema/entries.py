@@ -169,6 +169,7 @@ class PlaceEntry:
     settled_by: str | None = None
     steps: StepsEntry | None = field(default=None, metadata=LEFT_OUT)
     mean: MeanEntry | None = field(default=None, metadata=LEFT_OUT)
+    title: str | None = field(default=None, metadata=LEFT_OUT)  # what is sent wrongly, in words
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,195 @@
+"""Headings or wind directions of some aircraft that are given against magnetic north.
+
+Assumptions: declination is added to what a compass shows; forgotten, a heading or the direction of
+a wind is short of it by the declination d, added twice it is as much beyond, with the wrong sign
+twice as much short. So the error is k d with k of -1, 1 or -2, no parameter free, and everywhere on
+the routes. Of right ones k is near nothing. It is the regression
+
+* of a heading's difference from the one that the reference implies, on d, beside a deviation of
+  four cycles: an offset of the compass is not taken for it where d changes along the routes;
+* of the winds' part across the reference's, on d times its speed, beside errors across and along
+  the heading. There an angle that is everywhere the same, and by chance the declination's, is not
+  told from it.
+
+Validity: five days of an aircraft and more; k known to 0.12 (by its scatter between days). Of what
+all aircraft have, wind directions are the reference's as well, and are left to names.
+
+Units: rad, m/s.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.gap.archive.frame import Frame
+from airswing.gap.as_sent.mended import Mended, days_of, in_aircraft, shortened
+from airswing.gap.witness.taken_off import DRAWS, LASTS, without
+from airswing.physics.triangle import wrap_signed
+
+Floats = NDArray[np.float64]
+
+#: What may have been done with the declination, by what it makes of it.
+MADE = {
+    -1.0: "without the declination",
+    1.0: "with the declination added twice",
+    -2.0: "with the declination's sign turned round",
+}
+#: How near k must be to one of these, how well it must be known, the same in standard errors; and
+#: in standard errors on aircraft that join those on which it is clear. Of 14 aircraft without such
+#: an error the greatest k of headings was 0.04, of directions 0.2 beside the fleet's.
+NEAR, KNOWN, SIGNIFICANT, JOINS = 0.2, 0.12, 8.0, 4.0
+LEAST_DAYS = 5
+#: Largest error of a heading that is looked at, rad: beyond it is a gross error.
+GROSS = np.radians(30.0)
+#: Cells of the table by longitude.
+CELLS = 8
+
+
+@dataclass(frozen=True)
+class _Told:
+    """What goes with the declination: its columns, and how it is told."""
+
+    component: str
+    what: str
+    values: Floats  # (n,): what errs
+    columns: Floats  # (n, k): the first is what a k of one would make of it
+    rows: NDArray[np.bool_]  # reports that are looked at
+    of_reference: bool  # whether the reference's error goes with it on all aircraft
+
+
+def against_magnetic_north_of(frame: Frame) -> Mended | None:
+    """Find aircraft whose headings or directions are against magnetic north, and turn them."""
+    found = [_struck(frame, told) for told in (_headings(frame), _directions(frame))]
+    made = [_mended(frame, *one) for one in found if one is not None]
+    return max(
+        (one for one in made if one is not None), key=lambda one: one.saved.mean(), default=None
+    )
+
+
+def _headings(frame: Frame) -> _Told:
+    """Headings less those that the reference implies."""
+    implied = np.arctan2(frame.ground_u - frame.u_ref, frame.ground_v - frame.v_ref)
+    off = np.asarray(wrap_signed(frame.heading - implied))
+    deviation = [f(k * frame.magnetic_heading) for k in (1, 2) for f in (np.sin, np.cos)]
+    columns = np.stack([frame.declination, np.ones(frame.size), *deviation], -1)
+    rows = (np.abs(off) < GROSS) & np.isfinite(frame.declination)
+    return _Told("heading_angle", "headings", off, columns, rows, False)
+
+
+def _directions(frame: Frame) -> _Told:
+    """Winds across the reference's, to the right of it."""
+    speed = np.hypot(frame.u_ref, frame.v_ref)
+    right = np.stack([frame.v_ref, -frame.u_ref], -1) / np.maximum(speed, 1e-6)[:, None]
+    across = (frame.residual * right).sum(axis=1)
+    nose = np.stack([np.sin(frame.heading), np.cos(frame.heading)], -1)
+    beam = np.stack([nose[:, 1], -nose[:, 0]], -1)
+    heading = [(one * right).sum(axis=1) for one in (nose, beam)]
+    columns = np.stack([frame.declination * speed, *heading], -1)
+    rows = (np.abs(across) < GROSS * frame.airspeed) & np.isfinite(frame.declination)
+    return _Told("wind_angle", "wind directions", across, columns, rows, True)
+
+
+def _struck(frame: Frame, told: _Told) -> tuple[_Told, float, list[int], float] | None:
+    """Aircraft with one k, what it is and its standard error; None where there are none."""
+    looked = {a: told.rows & (frame.aircraft == a) for a in range(len(frame.tails))}
+    slopes = {
+        a: _slope(frame, told, rows)
+        for a, rows in looked.items()
+        if days_of(frame, rows) >= LEAST_DAYS
+    }
+    if not slopes:
+        return None
+    # what the reference's own error makes of all aircraft's directions
+    usual = float(np.median([slope for slope, _ in slopes.values()])) if told.of_reference else 0.0
+    slopes = {a: (slope - usual, error) for a, (slope, error) in slopes.items()}
+    clear = [k for k in (_made_of(*one) for one in slopes.values()) if k is not None]
+    if not clear:
+        return None
+    k = max(sorted(set(clear)), key=clear.count)
+    own = [
+        a
+        for a, (slope, error) in slopes.items()
+        if abs(slope - k) < max(NEAR, 2 * error) and abs(slope) > JOINS * error
+    ]
+    if told.of_reference and len(own) > len(slopes) / 2:
+        return None
+    return told, k, own, _slope(frame, told, told.rows & in_aircraft(frame, own))[1]
+
+
+def _made_of(slope: float, error: float) -> float | None:
+    """What was done with the declination, told by its slope; None where it is nothing of these."""
+    if error > KNOWN or abs(slope) < SIGNIFICANT * error:
+        return None
+    near = min(MADE, key=lambda k: abs(slope - k))
+    return near if abs(slope - near) < NEAR else None
+
+
+def _slope(frame: Frame, told: _Told, rows: NDArray[np.bool_]) -> tuple[float, float]:
+    """Regression of what errs on what the declination makes, and its standard error over days."""
+    x, y = told.columns[rows], told.values[rows]
+    inverse = np.linalg.pinv(x.T @ x)
+    value = inverse @ (x.T @ y)
+    day = np.unique(frame.day[rows], return_inverse=True)[1]
+    score = x * (y - x @ value)[:, None]
+    by_day = np.stack([np.bincount(day, column) for column in score.T], -1)
+    return float(value[0]), float(np.sqrt(((by_day @ inverse[0]) ** 2).sum()))
+
+
+def _mended(frame: Frame, told: _Told, k: float, own: Sequence[int], error: float) -> Mended | None:
+    rows = in_aircraft(frame, own) & np.isfinite(frame.declination)
+    angle = np.where(rows, k * np.nan_to_num(frame.declination), 0.0)
+    winds = _turned_back(frame, told, angle)
+    saved = shortened(frame, winds)
+    mean = float(saved.mean())
+    spread = float(np.hypot(LASTS, error) * abs(mean))
+    if mean <= 2 * spread:
+        return None
+    sent = np.stack([frame.u_rep, frame.v_rep], -1)
+    reference = np.stack([frame.u_ref, frame.v_ref], -1)
+    size = float(np.sqrt(((sent - winds)[rows] ** 2).sum(axis=1).mean()))
+    left = float(((winds - reference)[rows] ** 2).sum(axis=1).mean())
+    edges, values = _by_longitude(frame, angle, rows)
+    return Mended(
+        told.component,
+        ("longitude",),
+        f"{told.what} {MADE[k]}",
+        tuple(own),
+        0.5 * float(rows.sum()) * size**2 / left,
+        size,
+        without(frame, winds - reference),
+        saved,
+        mean + spread * np.random.default_rng(0).standard_normal(DRAWS),
+        tuple(f"{low:.1f} to {high:.1f}" for low, high in pairwise(edges)),
+        tuple(float(x) for x in values),
+        "degree",
+        tuple(float(x) for x in edges),
+    )
+
+
+def _turned_back(frame: Frame, told: _Told, angle: Floats) -> Floats:
+    """Winds as they would be with headings, or directions, turned back by an angle, (n, 2)."""
+    if told.component == "heading_angle":
+        heading = frame.heading - angle
+        air = frame.airspeed[:, None] * np.stack([np.sin(heading), np.cos(heading)], -1)
+        winds = np.stack([frame.ground_u, frame.ground_v], -1) - air
+        own = (angle != 0.0)[:, None]
+        return np.where(own, winds, np.stack([frame.u_rep, frame.v_rep], -1))
+    sine, cosine = np.sin(angle), np.cos(angle)
+    u, v = frame.u_rep, frame.v_rep
+    return np.stack([cosine * u - sine * v, cosine * v + sine * u], -1)
+
+
+def _by_longitude(frame: Frame, angle: Floats, rows: NDArray[np.bool_]) -> tuple[Floats, Floats]:
+    """Edges of longitude, and the mean angle between them, degrees."""
+    east = frame.longitude[rows]
+    edges = np.unique(np.quantile(east, np.linspace(0, 1, CELLS + 1)))
+    if edges.size < 2:
+        edges = np.array([edges[0] - 0.5, edges[0] + 0.5])
+    cell = np.clip(np.searchsorted(edges, east, "right") - 1, 0, edges.size - 2)
+    count = np.maximum(np.bincount(cell, minlength=edges.size - 1), 1)
+    return edges, np.degrees(np.bincount(cell, angle[rows], edges.size - 1) / count)

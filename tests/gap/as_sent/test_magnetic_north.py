@@ -1,0 +1,94 @@
+"""Headings and directions against magnetic north are told by how they go with the declination."""
+
+import numpy as np
+import pytest
+from tests.gap.toy import make_frame
+
+from airswing.gap.as_sent.magnetic_north import against_magnetic_north_of
+from airswing.gap.diagnose import diagnose
+from airswing.gap.effects.empirical import grid_of
+from airswing.gap.witness.taken_off import without
+from airswing.report.gap.words import verdict
+
+
+@pytest.fixture(scope="module")
+def plain():
+    return make_frame(seed=6, aircraft=6, days=21, noise=1.5)
+
+
+def off_headings(frame, k, tails, degrees=0.0):
+    """The frame with headings off by k declinations, and a fixed angle, on some aircraft."""
+    own = np.isin(frame.aircraft, tails)
+    heading = frame.heading + own * (k * frame.declination + np.radians(degrees))
+    air = frame.airspeed[:, None] * np.stack([np.sin(heading), np.cos(heading)], -1)
+    reference = np.stack([frame.u_ref, frame.v_ref], -1)
+    return without(frame, np.stack([frame.ground_u, frame.ground_v], -1) - air - reference)
+
+
+def off_directions(frame, k, tails):
+    """The frame with winds turned to the right by k declinations on some aircraft."""
+    angle = np.where(np.isin(frame.aircraft, tails), k * frame.declination, 0.0)
+    sine, cosine = np.sin(angle), np.cos(angle)
+    u, v = cosine * frame.u_rep + sine * frame.v_rep, cosine * frame.v_rep - sine * frame.u_rep
+    return without(frame, np.stack([u - frame.u_ref, v - frame.v_ref], -1))
+
+
+def true_closure(frame, plain):
+    return np.hypot(*frame.residual.T).mean() - np.hypot(*plain.residual.T).mean()
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_right_headings_are_left(seed):
+    assert against_magnetic_north_of(make_frame(seed=seed, aircraft=5, days=12)) is None
+
+
+@pytest.mark.parametrize(
+    ("k", "words"), [(-1.0, "without"), (1.0, "added twice"), (-2.0, "sign turned round")]
+)
+def test_headings_are_found_and_turned_back(plain, k, words):
+    frame = off_headings(plain, k, (1, 4))
+    found = against_magnetic_north_of(frame)
+    assert found is not None and words in found.title
+    assert (found.component, found.variables, found.tails) == (
+        "heading_angle",
+        ("longitude",),
+        (1, 4),
+    )
+    assert found.saved.mean() == pytest.approx(true_closure(frame, plain), rel=0.01)
+    np.testing.assert_allclose(found.lifted.residual, plain.residual, atol=1e-6)
+    grid = grid_of({"variables": ["longitude"], "edges": [found.edges]})
+    assert grid.size == len(found.values)
+
+
+def test_an_offset_beside_it_changes_nothing_and_alone_is_none(plain):
+    found = against_magnetic_north_of(off_headings(plain, -1.0, (2,), degrees=3.0))
+    assert found is not None and found.tails == (2,)
+    assert against_magnetic_north_of(off_headings(plain, 0.0, (2,), degrees=3.0)) is None
+    assert against_magnetic_north_of(off_headings(plain, 0.4, (2,))) is None  # of nothing forgotten
+
+
+def test_a_whole_fleet_may_forget_it(plain):
+    found = against_magnetic_north_of(off_headings(plain, -1.0, range(6)))
+    assert found is not None and found.tails == tuple(range(6))
+
+
+def test_wind_directions_are_found_but_of_all_aircraft_left_to_names(plain):
+    strong = without(plain, plain.residual + 0.0)
+    frame = off_directions(strong, -1.0, (0, 3))
+    found = against_magnetic_north_of(frame)
+    assert found is not None
+    assert (found.component, found.tails) == ("wind_angle", (0, 3))
+    true = true_closure(frame, plain)
+    low, high = np.quantile(found.drawn, (0.005, 0.995))
+    assert low < true < high
+    assert against_magnetic_north_of(off_directions(plain, -1.0, range(6))) is None
+
+
+def test_it_is_told_with_what_was_done(plain):
+    report = diagnose(off_headings(plain, -1.0, (1, 4)), catalogue={}).report
+    (place,) = report.unknown.where
+    assert place.component == "heading_angle" and place.variables == ["longitude"]
+    assert place.tails == [plain.tails[1], plain.tails[4]]
+    assert place.title == "headings without the declination"
+    assert any(place.title in step.label for step in report.waterfall)
+    assert f"{place.title}: N" in verdict(report)
