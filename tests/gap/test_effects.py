@@ -51,6 +51,7 @@ NAMES = {
     "tail_swap": {"pair"},
     "wind_coding": {"step"},
     "position_coding": {"step"},
+    "heading_coding": {"step_deg", "true_north"},
     "outliers": {"fraction"},
 }
 EXAMPLES = {
@@ -468,6 +469,17 @@ def test_coarse_positions_lie_on_their_lattice_and_leave_the_wind(perfect):
         np.testing.assert_allclose(values * 30.0, np.round(values * 30.0), atol=1e-9)
     assert 0.0 < np.abs(sent.latitude - perfect.latitude).max() <= 1.0 / 60.0 + 1e-12
     np.testing.assert_array_equal(sent.u_rep, perfect.u_rep)
+
+
+@pytest.mark.parametrize("true_north", [None, True])
+def test_coarse_headings_lie_on_their_lattice_and_leave_the_airspeed(perfect, true_north):
+    values = {"step_deg": 5.0, "true_north": true_north}
+    sent = simulate(perfect, effects=[ActiveEffect("heading_coding", values)])
+    heading = np.degrees(sent.heading if true_north else sent.magnetic_heading)
+    np.testing.assert_allclose(heading / 5.0, np.round(heading / 5.0), atol=1e-6)
+    np.testing.assert_allclose(sent.airspeed, perfect.airspeed, atol=1e-9)
+    turned = np.degrees(np.abs(np.angle(np.exp(1j * (sent.heading - perfect.heading)))))
+    assert 2.0 < turned.max() <= 2.5 + 1e-6
 
 
 def test_outliers_are_as_many_and_as_large_as_said(perfect):

@@ -58,6 +58,23 @@ def test_coarse_coding(frame):
     assert part.interval[0] < true < part.interval[1]
 
 
+@pytest.mark.parametrize("step", [2.0, 5.0, 10.0])
+def test_coarse_headings(frame, step):
+    north = frame.heading - frame.magnetic_heading
+    width = np.radians(step)
+    heading = width * np.round(frame.magnetic_heading / width) + north
+    coded = replace(
+        frame,
+        u_rep=frame.ground_u - frame.airspeed * np.sin(heading),
+        v_rep=frame.ground_v - frame.airspeed * np.cos(heading),
+    )
+    found = verdict("heading_coding", frame, {"step_deg": step})
+    part = reduction_of(coded, coded.residual, found, np.zeros(frame.size, bool))
+    true = mean_kt(coded.residual) - mean_kt(frame.residual)
+    assert part.interval[0] < true < part.interval[1]
+    assert part.kt == pytest.approx(true, rel=0.2)
+
+
 def test_jitter_and_what_hardly_moves_the_wind(frame):
     rng = np.random.default_rng(3)
     own = frame.aircraft == 1

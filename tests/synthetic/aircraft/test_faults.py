@@ -155,6 +155,9 @@ def test_reporting_faults(plain: pd.DataFrame) -> None:
     places = simulated("position_coding", step=1.0)
     minutes = places["latitude"] * 60
     np.testing.assert_allclose(minutes, np.round(minutes), atol=1e-9)
+    stepped = simulated("heading_coding", step_deg=5.0)
+    indicated = np.degrees(stepped["heading"] - stepped["declination"])
+    np.testing.assert_allclose(indicated / 5, np.round(indicated / 5), atol=1e-6)
     minute = simulated("time_lag", to_minute=True)
     assert (minute["time"].dt.second == 0).all()
     wild = simulated("outliers", fraction=0.02)

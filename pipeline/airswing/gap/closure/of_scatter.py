@@ -76,6 +76,8 @@ def reduction_of(frame: Frame, residual: Floats, verdict: MomentVerdict, gross: 
         return _of_gross(frame, residual, verdict, struck & ~gross, rng)
     if verdict.name == "wind_coding":
         return _of_coding(frame, residual, verdict, struck & ~gross, rng)
+    if verdict.name == "heading_coding":
+        return _of_headings(frame, residual, verdict, gross)
     return Reduction(0.0, 0.0)
 
 
@@ -166,6 +168,23 @@ def _of_coding(
         )
 
     return _scaled(_backwards(residual[struck], error), struck)
+
+
+def _of_headings(frame: Frame, residual: Floats, verdict: MomentVerdict, gross: Mask) -> Reduction:
+    """Coarse headings: across the heading V^2 step^2 / 12 of the mean square would be missing."""
+    right = np.stack([np.cos(frame.heading), -np.sin(frame.heading)], -1)
+    across = (residual * right).sum(axis=1)
+    longer, touched = np.zeros(frame.size), np.zeros(frame.size, bool)
+    for tail, values in verdict.per_tail.items():
+        own = (frame.aircraft == frame.tails.index(tail)) & ~gross
+        rounding = float((frame.airspeed[own] ** 2).mean()) * (
+            np.radians(float(values["step_deg"])) ** 2 / 12
+        )
+        left = max(1 - rounding / float((across[own] ** 2).mean()), LEAST_LEFT)
+        without = residual[own] - (across[own] * (1 - np.sqrt(left)))[:, None] * right[own]
+        longer[own] = np.hypot(*residual[own].T) - np.hypot(*without.T)
+        touched |= own
+    return _scaled(longer[touched], touched)
 
 
 def _backwards(residual: Floats, error: Callable[[], Floats]) -> Floats:

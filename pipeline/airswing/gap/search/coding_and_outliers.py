@@ -2,7 +2,8 @@
 
 Assumptions: the simulation sends winds in whole degrees and whole knots: coarser is an effect,
 whoever has it. Positions come in tenths of a minute of arc or finer and times in seconds; coarser
-is an effect of an aircraft, unless the whole fleet is alike in steps that formats use. A value lies
+is an effect of an aircraft, unless the whole fleet is alike in steps that formats use. Headings in
+steps of two degrees and more are an effect, whoever has it. A value lies
 on a coarse lattice by chance in one of (step / base) cases; the share above chance is the share
 coded coarsely. Gross errors are single reports that stand out from both neighbours; how many would
 without any, a simulated archive of the same paths, noise and coding tells, so that a rate which all
@@ -23,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.archive.frame import Frame
+from airswing.gap.archive.heading_lattice import heading_lattice_of
 from airswing.gap.noise.model import NoiseFit
 from airswing.gap.noise.residual_statistics import gross_errors
 from airswing.gap.simulation.forward import Coding, draw_noise
@@ -206,6 +208,18 @@ def position_coding(frame: Frame) -> MomentVerdict | None:
     return _verdict("position_coding", per_tail, None, told) if per_tail else None
 
 
+def heading_coding(frame: Frame) -> MomentVerdict | None:
+    """Find aircraft whose headings come in coarse steps."""
+    per_tail: dict[str, dict[str, Any]] = {}
+    evidence = []
+    for a, tail in enumerate(frame.tails):
+        found = heading_lattice_of(frame, a)
+        if found is not None:
+            per_tail[tail] = {"step_deg": found.step, "true_north": found.true_north or None}
+            evidence.append(found.evidence)
+    return _verdict("heading_coding", per_tail, None, evidence) if per_tail else None
+
+
 def whole_minutes(frame: Frame) -> MomentVerdict | None:
     """Find aircraft whose times are cut to the minute while others' are not."""
     cut, evidence = [], []
@@ -349,12 +363,20 @@ def _verdict(
     evidence: list[float],
 ) -> MomentVerdict:
     first = next(iter(per_tail.values()))
-    middle = {k: float(np.median([v[k] for v in per_tail.values()])) for k in first}
+    middle = {
+        k: float(np.median([v[k] for v in per_tail.values()])) if is_number else first[k]
+        for k, is_number in ((k, isinstance(value, float)) for k, value in first.items())
+    }
     clearest = float(max(evidence) - LOOKED_AT)
     return MomentVerdict(name, tuple(per_tail), middle, {}, per_tail, period, clearest)
 
 
 def second_moments(frame: Frame, noise: NoiseFit) -> list[MomentVerdict]:
     """All second-moment effects of an archive."""
-    found = [wind_coding(frame), position_coding(frame), whole_minutes(frame)]
+    found = [
+        wind_coding(frame),
+        position_coding(frame),
+        heading_coding(frame),
+        whole_minutes(frame),
+    ]
     return [f for f in (*found, outliers(frame, noise)) if f is not None]

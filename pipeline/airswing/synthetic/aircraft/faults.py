@@ -217,6 +217,7 @@ _REPORTING = (
     "tail_swap",
     "wind_coding",
     "position_coding",
+    "heading_coding",
     "outliers",
     "outside",
 )

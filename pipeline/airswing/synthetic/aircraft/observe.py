@@ -156,6 +156,21 @@ def _indicate(
     return heading, airspeed + coding.airspeed_noise * noise[1]
 
 
+def _in_steps(
+    heading: Array, setting: Setting, faults: Sequence[Fault], tails: Sequence[str]
+) -> None:
+    """Round indicated headings (radians) of units that take them in coarse steps."""
+    for fault in faults:
+        if fault.name == "heading_coding":
+            own = acts(fault, setting.tail, setting.hours, tails)
+            step = np.radians(fault.value("step_deg"))
+            north = np.zeros(heading.size)
+            if not fault.parameters.get("true_north"):
+                north = setting.declination + setting.declination_error
+            rounded = np.round((heading - north) / step) * step + north
+            heading[own] = rounded[own]
+
+
 def _gross(
     rng: np.random.Generator, u: Array, v: Array, hit: NDArray[np.bool_]
 ) -> tuple[Array, Array]:
@@ -227,6 +242,7 @@ def observe(
     apply_unit_faults(setting, faults, tails)
     rng = stream(seed, "instrument noise")
     heading, airspeed = _indicate(used, setting, rng, units.coding, units.correction)
+    _in_steps(heading, setting, faults, tails)
     u, v = compute_wind(used["east"], used["north"], airspeed, heading)
     exact = {"aircraft": tail, "flight": flight, "phase": flown.phase[step, flight]}
     exact |= {"icing": icing.astype(np.int8), "heading": heading, "airspeed": airspeed}

@@ -1,0 +1,75 @@
+"""Headings that come in coarse steps: whole fives or tens of degrees from one of the norths.
+
+Assumptions: the heading that ground vector and reported wind imply is the one the unit used, to a
+few tenths of a degree. Rounded to steps of s it lies near multiples of s, so that the mean of
+cos(2 pi psi / s) over its reports, exp(-2 pi^2 sigma^2 / s^2) at a spread sigma, is near one;
+routes and winds spread others evenly. The same over flights says how sure that is: a few flights
+on a few courses may lie anywhere.
+
+Validity: ten flights of an aircraft and more. On 62 sealed archives without such steps the mean was
+0.05 at most for steps to 5 degrees, 0.2 for 10 (0.3 of a single day).
+
+Source: Mardia & Jupp (2000), Directional Statistics, ch. 2 (mean resultant length).
+
+Units: rad, but for steps, in degrees.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.gap.archive.frame import Frame
+
+Floats = NDArray[np.float64]
+
+#: Steps that headings may come in, degrees, and least mean cosine of each.
+HEADING_STEPS = {2.0: 0.35, 5.0: 0.35, 10.0: 0.4, 15.0: 0.5, 30.0: 0.6}
+#: Share of a finer step's mean that a coarser one's must have: multiples of 10 are of 5 as well.
+COARSER = 0.6
+#: Flights, at least, and standard errors between them.
+LEAST_FLIGHTS, SIGNIFICANT = 10, 6.0
+
+
+@dataclass(frozen=True)
+class HeadingLattice:
+    """Steps that an aircraft's headings come in."""
+
+    step: float  # degrees
+    true_north: bool  # whether they are counted from it; from magnetic north else
+    evidence: float  # nats, against headings that are spread evenly
+
+
+def heading_lattice_of(frame: Frame, aircraft: int) -> HeadingLattice | None:
+    """Find the steps of an aircraft's headings, counted from the north that shows them more."""
+    own = np.flatnonzero((frame.aircraft == aircraft) & np.isfinite(frame.magnetic_heading))
+    flight = np.unique(frame.flight[own], return_inverse=True)[1]
+    if flight.max(initial=-1) + 1 < LEAST_FLIGHTS:
+        return None
+    found = [
+        (mean, step, north)
+        for north, heading in ((False, frame.magnetic_heading), (True, frame.heading))
+        for mean, step in [_coarsest(heading[own], flight)]
+        if step > 0.0
+    ]
+    if not found:
+        return None
+    mean, step, north = max(found)
+    # two degrees of freedom of a mean direction: Rayleigh's test
+    return HeadingLattice(step, north, float(own.size * mean**2))
+
+
+def _coarsest(heading: Floats, flight: NDArray[np.int64]) -> tuple[float, float]:
+    """Mean cosine and coarsest step that tells, degrees; (0, 0) where none does."""
+    best = (0.0, 0.0)
+    for step, least in HEADING_STEPS.items():
+        cosine = np.cos(2 * np.pi * np.degrees(heading) / step)
+        count = np.bincount(flight)
+        each = np.bincount(flight, cosine) / count
+        mean = float(cosine.mean())
+        error = float(np.sqrt((count**2 * (each - mean) ** 2).sum())) / heading.size
+        if mean > max(least, SIGNIFICANT * error, COARSER * best[0]):
+            best = (mean, step)
+    return best

@@ -1,0 +1,64 @@
+"""Headings coded more coarsely than stated."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from airswing.gap.archive.frame import Frame
+from airswing.gap.effects.base import Parameter, Parameters, State
+from airswing.gap.effects.forms import MomentEffect
+from airswing.synthetic.sealed.draws import Draw
+
+
+class HeadingCoding(MomentEffect):
+    """Heading rounded to `step_deg` degrees before the wind is computed.
+
+    The error lasts while the aircraft keeps its course, but over all courses it has no mean: no
+    report can be turned back, and a table by heading resolves no such steps.
+    """
+
+    name = "heading_coding"
+    title = "headings coded more coarsely than stated"
+    draw = Draw(
+        ladder=({"step_deg": 2.0}, {"step_deg": 5.0}, {"step_deg": 10.0}), compared=("step_deg",)
+    )
+    physics = (
+        "The unit takes its heading from a bus or a display in steps of a few degrees: the wind "
+        "errs across the heading by up to half a step of the airspeed, the same along one course."
+    )
+    source = "ARINC 429, labels 014 and 320 (resolution); WMO No. 958, AMDAR Reference Manual."
+    parameters = (
+        Parameter("step_deg", "degree", 5.0, "step of the heading", required=True),
+        Parameter(
+            "true_north",
+            "1",
+            0.0,
+            "true: counted from true north; null: from magnetic north",
+            None,
+            number=False,
+        ),
+    )
+    confused_with = ("scatter across the heading: where the step is finer than the noise",)
+
+    def apply(
+        self, state: State, frame: Frame, values: Parameters, rng: np.random.Generator
+    ) -> State:
+        """See `Effect.apply`: the air vector that the wind implies is turned to the next step."""
+        full = self.complete(values)
+        step = np.radians(float(full["step_deg"]))
+        if step <= 0.0:
+            return state
+        air_u, air_v = frame.ground_u - state.report_u, frame.ground_v - state.report_v
+        airspeed = np.hypot(air_u, air_v)
+        north = 0.0 if full["true_north"] else frame.declination
+        heading = np.round((np.arctan2(air_u, air_v) - north) / step) * step + north
+        return replace(
+            state,
+            report_u=frame.ground_u - airspeed * np.sin(heading),
+            report_v=frame.ground_v - airspeed * np.cos(heading),
+        )
+
+
+EFFECT = HeadingCoding()

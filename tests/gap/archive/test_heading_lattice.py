@@ -1,0 +1,73 @@
+"""Headings in coarse steps are told by their lattice; courses that repeat are none."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.gap.toy import make_frame
+
+from airswing.gap.archive.heading_lattice import heading_lattice_of
+from airswing.gap.diagnose import diagnose
+from airswing.gap.effects import CATALOGUE
+from airswing.gap.search.coding_and_outliers import heading_coding
+from airswing.gap.witness.taken_off import without
+
+
+@pytest.fixture(scope="module")
+def plain():
+    return make_frame(seed=4, aircraft=4, days=14, noise=1.5)
+
+
+def stepped(frame, step, tails, *, true_north=False, spread=0.0, seed=0):
+    """The frame with headings rounded to steps, seen with an error of some tenths of a degree."""
+    rng = np.random.default_rng(seed)
+    north = 0.0 if true_north else frame.heading - frame.magnetic_heading
+    width = np.radians(step)
+    heading = width * np.round((frame.heading - north) / width) + north
+    heading += np.radians(spread) * rng.standard_normal(frame.size)
+    air = frame.airspeed[:, None] * np.stack([np.sin(heading), np.cos(heading)], -1)
+    winds = np.stack([frame.ground_u, frame.ground_v], -1) - air
+    winds -= np.stack([frame.u_ref, frame.v_ref], -1)
+    own = np.isin(frame.aircraft, tails)[:, None]
+    return without(frame, np.where(own, winds, frame.residual))
+
+
+@pytest.mark.parametrize("true_north", [False, True])
+@pytest.mark.parametrize(
+    ("step", "spread"), [(2.0, 0.2), (5.0, 0.6), (10.0, 1.0), (15.0, 1.0), (30.0, 1.0)]
+)
+def test_steps_and_their_north_are_found(plain, step, spread, true_north):
+    frame = stepped(plain, step, [1], true_north=true_north, spread=spread)
+    found = heading_lattice_of(frame, 1)
+    assert found is not None
+    assert (found.step, found.true_north) == (step, true_north)
+    assert found.evidence > 100.0
+    assert heading_lattice_of(frame, 0) is None
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_headings_as_they_are_have_none(seed):
+    frame = make_frame(seed=seed, aircraft=4, days=7)
+    assert heading_coding(frame) is None
+
+
+def test_a_few_courses_are_no_lattice(plain):
+    """Six flights on one course each, on whole tens by chance: too few to tell."""
+    own = np.flatnonzero(np.isin(plain.flight, np.unique(plain.flight)[:6]))
+    few = plain.take(own)
+    straight = replace(few, magnetic_heading=np.radians(10.0 * (few.flight % 6)))
+    assert all(heading_lattice_of(straight, a) is None for a in range(4))
+
+
+def test_it_is_named_with_its_step_and_what_it_closes(plain):
+    frame = stepped(plain, 5.0, [0, 2], spread=0.3)
+    catalogue = {"heading_coding": CATALOGUE["heading_coding"]}
+    report = diagnose(frame, catalogue=catalogue).report
+    (effect,) = report.effects
+    assert effect.name == "heading_coding"
+    assert effect.tails == [plain.tails[0], plain.tails[2]]
+    assert effect.parameters == {"step_deg": 5.0, "true_north": None}
+    true = (np.hypot(*frame.residual.T).mean() - np.hypot(*plain.residual.T).mean()) / 0.514444
+    low, high = report.closure.reduction_ci
+    assert low < true < high
+    assert report.closure.reduction == pytest.approx(true, rel=0.25)
