@@ -176,7 +176,7 @@ def diagnose(
     search = Search(effects, Rules(), dictionary, seed, tell)
     known_names = set(CATALOGUE if catalogue is None else catalogue)
     swaps = "tail_swap" in known_names and not archive.clock.short
-    mended = all_mended(archive.view) if dictionary else []
+    mended = all_mended(archive.view, known_names) if dictionary else []
     if mended:  # nothing is fitted to winds that are not the aircraft's own
         archive = of_view(archive, mended[-1].lifted)
     final, again, swap = search_twice(archive, search, swaps=swaps)

@@ -6,7 +6,10 @@ from tests.gap.toy import make_frame
 
 from airswing.gap.as_sent.magnetic_north import against_magnetic_north_of
 from airswing.gap.diagnose import diagnose
+from airswing.gap.effects import CATALOGUE
 from airswing.gap.effects.empirical import grid_of
+from airswing.gap.result.effect_entries import active_effects
+from airswing.gap.simulation.forward import simulate
 from airswing.gap.witness.taken_off import without
 from airswing.report.gap.words import verdict
 
@@ -84,7 +87,30 @@ def test_wind_directions_are_found_but_of_all_aircraft_left_to_names(plain):
     assert against_magnetic_north_of(off_directions(plain, -1.0, range(6))) is None
 
 
-def test_it_is_told_with_what_was_done(plain):
+def test_it_is_named_where_the_catalogue_has_the_name(plain):
+    frame = off_headings(plain, -1.0, (1, 4))
+    catalogue = {name: CATALOGUE[name] for name in ("declination_error", "compass_offset")}
+    report = diagnose(frame, catalogue=catalogue).report
+    (effect,) = report.effects
+    assert effect.name == "declination_error" and effect.parameters["factor"] == 0.0
+    assert effect.tails == [plain.tails[1], plain.tails[4]]
+    assert not report.unknown.present and effect.share_of_gap == 1.0
+    true = true_closure(frame, plain) * 3600 / 1852
+    closure = report.closure
+    assert closure.reduction_ci[0] < true < closure.reduction_ci[1]
+    assert closure.reduction == pytest.approx(true, rel=0.02)
+    assert closure.before - closure.after == pytest.approx(closure.reduction)
+    first, step, *_ = report.waterfall
+    assert (first.kt, step.label) == (pytest.approx(closure.before), "declination_error")
+    (active,) = active_effects(report)
+    sent = simulate(plain, effects=[active])
+    # simulated, these aircraft err by as much
+    late = plain.aircraft == 1
+    off = np.angle(np.exp(1j * (sent.heading - plain.heading)))[late]
+    assert np.corrcoef(off, -plain.declination[late])[0, 1] > 0.5
+
+
+def test_without_its_name_it_is_told_with_what_was_done(plain):
     report = diagnose(off_headings(plain, -1.0, (1, 4)), catalogue={}).report
     (place,) = report.unknown.where
     assert place.component == "heading_angle" and place.variables == ["longitude"]

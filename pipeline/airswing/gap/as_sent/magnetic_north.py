@@ -22,6 +22,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -168,7 +169,23 @@ def _mended(frame: Frame, told: _Told, k: float, own: Sequence[int], error: floa
         tuple(float(x) for x in values),
         "degree",
         tuple(float(x) for x in edges),
+        **_name_of(told, k, error, angle[rows]),
     )
+
+
+def _name_of(told: _Told, k: float, error: float, angle: Floats) -> dict[str, Any]:
+    """Of headings the effect that it is; winds against magnetic north have no name."""
+    if told.of_reference:
+        return {}
+    return {
+        "name": "declination_error",
+        "parameters": {
+            "epoch_year": None,
+            "factor": 1.0 + k,
+            "mean_deg": float(np.degrees(angle.mean())),
+        },
+        "standard_errors": {"factor": error},
+    }
 
 
 def _turned_back(frame: Frame, told: _Told, angle: Floats) -> Floats:

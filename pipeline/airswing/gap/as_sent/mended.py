@@ -11,8 +11,8 @@ Units: m/s.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +39,10 @@ class Mended:
     values: tuple[float, ...]
     unit: str
     edges: tuple[float, ...] | None = None  # of the first variable, where it is a table
+    # the effect of the catalogue that it is, where it has a name
+    name: str | None = None
+    parameters: Mapping[str, float | None] = field(default_factory=dict)
+    standard_errors: Mapping[str, float] = field(default_factory=dict)
 
 
 def shortened(frame: Frame, winds: Floats) -> Floats:

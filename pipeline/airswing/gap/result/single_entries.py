@@ -157,6 +157,23 @@ def mended_place(found: Mended, tails: Sequence[str], interval: tuple[float, flo
     )
 
 
+def mended_effect(found: Mended, tails: Sequence[str]) -> EffectEntry:
+    """Entry of ``effects`` for what was set right before anything was fitted, and has a name."""
+    whole = len(found.tails) == len(tails)
+    return EffectEntry(
+        name=str(found.name),
+        probability=plain_probability(found.evidence),
+        tails=[tails[a] for a in found.tails],
+        parameters=found.parameters,
+        standard_errors=found.standard_errors,
+        period=None,
+        scope="fleet" if whole else "aircraft",
+        evidence_nats=round(found.evidence, 2),
+        size_m_s=found.size,
+        held_out_energy=2.0 * found.evidence,
+    )
+
+
 def _speed_map(speeds: list[float], sent: list[float]) -> CurveEntry:
     """Speeds, and what is sent in their place, m/s."""
     return CurveEntry(

@@ -26,7 +26,7 @@ from airswing.gap.result.schema import (
     UnknownClosureEntry,
     UnknownEntry,
 )
-from airswing.gap.result.single_entries import mended_place
+from airswing.gap.result.single_entries import mended_effect, mended_place
 from airswing.gap.result.table_entries import entry, interval
 from airswing.gap.search.stepwise import Found
 from airswing.gap.sums.problem import Problem
@@ -62,8 +62,10 @@ def with_unknowns(
         Winds set right before all others.
     """
     tails = problem.archive.tails
-    off: list[Taken | Mended] = [*mended, *taken]
-    tables = [mended_place(one, tails, interval([one])) for one in mended]
+    with_name = [one for one in mended if one.name is not None]
+    nameless = [one for one in mended if one.name is None]
+    off: list[Taken | Mended] = [*nameless, *taken]
+    tables = [mended_place(one, tails, interval([one])) for one in nameless]
     tables += [entry(one, tails) for one in taken]
     raised = _with_closures(report.unknown.where, found, whole)
     others = [place for place in raised if _stands(place, tables)]
@@ -88,7 +90,46 @@ def with_unknowns(
         )
     places = [*tables, *others]
     report = replace(report, unknown=UnknownEntry(bool(places), places, closes))
-    return with_hidden(_moved(report, off, moved) if off else report)
+    report = _moved(report, off, moved) if off else report
+    for one in reversed(with_name):
+        report = _with_named(report, one, tails)
+    return with_hidden(report)
+
+
+def _with_named(report: GapReport, found: Mended, tails: Sequence[str]) -> GapReport:
+    """Add what was set right first under its name: the first of the effects taken off."""
+    moved, (low, high) = float(found.saved.mean()) / KNOT, interval([found])
+    gap, closure = report.gap, report.closure
+    before, reduction = closure.before + moved, closure.reduction + moved
+    bounds = None
+    if closure.reduction_ci is not None:
+        bounds = [closure.reduction_ci[0] + low, closure.reduction_ci[1] + high]
+    excess = before - gap.noise_floor_kt
+    others = [
+        replace(effect, share_of_gap=effect.share_of_gap * closure.reduction / reduction)
+        for effect in report.effects
+    ]
+    own = replace(mended_effect(found, tails), share_of_gap=min(moved / reduction, 1.0))
+    first, *rest = report.waterfall
+    step = StepEntry(own.name, first.kt, [low, high])
+    return replace(
+        report,
+        effects=sorted([own, *others], key=lambda effect: -effect.held_out_energy),
+        gap=replace(
+            gap,
+            mean_vector_disagreement_kt=gap.mean_vector_disagreement_kt + moved,
+            significance=min(gap.significance, luck(found.evidence)),
+        ),
+        closure=replace(
+            closure,
+            before=before,
+            reduction=reduction,
+            reduction_ci=bounds,
+            ci=None if bounds is None else [before - bounds[1], before - bounds[0]],
+            fraction_of_excess=float(np.clip(reduction / excess, 0, 1)) if excess > 1e-6 else None,
+        ),
+        waterfall=[replace(first, kt=first.kt + moved), step, *rest],
+    )
 
 
 def with_hidden(report: GapReport) -> GapReport:
