@@ -30,6 +30,7 @@ from airswing.gap.closure.of_scatter import (
     with_scatter,
 )
 from airswing.gap.design.candidates import candidates
+from airswing.gap.design.heading_uncertainty import rounding_of_headings
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.effects.base import Effect
 from airswing.gap.evidence.localisation import slices
@@ -189,9 +190,7 @@ def diagnose(
     while seeks and len(taken) < MOST_UNKNOWNS:
         tell("witness", len(taken) / MOST_UNKNOWNS)
         beside = _beside_names(final)
-        unknown = _next_unknown(final, beside, witness)
-        if unknown is not None and is_remainder(unknown[0], taken):
-            unknown = None
+        unknown = _next_unknown(final, beside, witness, taken)
         others = [one.unknown.tails for one in taken] + [one.term.tails for one in search.named]
         weak = unknown is None or unknown[0].unknown.run > 0.0
         doubtful = _by_means(final, beside, others) if weak else None
@@ -276,14 +275,22 @@ def _by_means(
 
 
 def _next_unknown(
-    final: Pass, beside: _BesideNames, witness: LearnedWitness
+    final: Pass, beside: _BesideNames, witness: LearnedWitness, taken: Sequence[Taken]
 ) -> tuple[Taken, Frame] | None:
-    """Find what the names of a pass do not explain, and the archive without it."""
+    """Find what the names of a pass do not explain, and the archive without it.
+
+    Not what earlier ones, or the steps of coarse headings, leave.
+    """
     problem = final.problem
     fold = folds_of_days(problem.base.stats)
-    return next_unknown(
+    unknown = next_unknown(
         beside.setting, problem.effects, beside.rest, fold, witness, linear=beside.linear
     )
+    frame = problem.archive
+    rounding = float(np.mean(frame.airspeed)) * rounding_of_headings(frame)
+    if unknown is not None and is_remainder(unknown[0], taken, rounding):
+        return None
+    return unknown
 
 
 def _name_of(final: Pass, taken: Taken, left: Frame) -> Doubtful | None:

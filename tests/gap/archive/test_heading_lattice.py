@@ -1,16 +1,18 @@
 """Headings in coarse steps are told by their lattice; courses that repeat are none."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from tests.gap.toy import make_frame
 
 from airswing.gap.archive.heading_lattice import heading_lattice_of
+from airswing.gap.design.heading_uncertainty import heading_doubt, rounding_of_headings
 from airswing.gap.diagnose import diagnose
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.search.coding_and_outliers import heading_coding
-from airswing.gap.witness.taken_off import without
+from airswing.gap.witness.taken_off import is_remainder, without
 
 
 @pytest.fixture(scope="module")
@@ -71,3 +73,25 @@ def test_it_is_named_with_its_step_and_what_it_closes(plain):
     low, high = report.closure.reduction_ci
     assert low < true < high
     assert report.closure.reduction == pytest.approx(true, rel=0.25)
+
+
+def test_aircraft_with_coarse_headings_have_less_say(plain):
+    frame = stepped(plain, 10.0, [1])
+    spread = rounding_of_headings(frame)
+    np.testing.assert_allclose(np.degrees(spread), [0.0, 10.0 / np.sqrt(12.0), 0.0, 0.0])
+    more = heading_doubt(frame, frame) ** 2 - heading_doubt(plain, plain) ** 2
+    own = frame.aircraft == 1
+    assert np.allclose(more[~own], 0.0)
+    assert np.sqrt(more[own].mean()) == pytest.approx(
+        np.radians(10.0) / np.sqrt(12.0) * frame.airspeed[own].mean(), rel=0.1
+    )
+
+
+def test_what_coarse_headings_leave_is_no_unknown():
+    def one(size, tails):
+        return SimpleNamespace(unknown=SimpleNamespace(run=0.0, tails=tails, size=size))
+
+    rounding = np.array([0.0, 6.0, 6.0])
+    assert is_remainder(one(1.5, (1, 2)), [], rounding)
+    assert not is_remainder(one(3.0, (1, 2)), [], rounding)
+    assert not is_remainder(one(1.5, (0, 1)), [], rounding)

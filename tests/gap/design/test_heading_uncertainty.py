@@ -22,6 +22,8 @@ def test_only_a_deviated_aircraft_is_doubted_and_only_in_a_turn():
         u_ref=np.zeros(8),
         v_ref=np.zeros(8),
         heading_error=error,
+        heading=heading,
+        magnetic_heading=heading,
     )
     deviated = np.repeat([0.0, np.radians(3.0)], 4)
     columns = SimpleNamespace(heading=heading + deviated, airspeed=np.full(8, 100.0))

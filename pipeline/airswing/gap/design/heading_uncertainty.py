@@ -3,7 +3,9 @@
 Assumptions: a column of the deviation is evaluated at the heading the archive holds. Where that
 heading is off by eps (beside a turn: `airswing.physics.turns`), the column misses the error the
 unit made by about airspeed x deviation x eps, at random from report to report. The miss is white
-noise of that report, and is added to the noise the residual is whitened with.
+noise of that report, and is added to the noise the residual is whitened with. So is the rounding of
+headings that come in coarse steps, which would pass for errors of many kinds: it stays the same
+along a course, and white noise of its size gives such aircraft as little say as they deserve.
 
 Validity: one size of deviation for each aircraft. SI units and radians.
 """
@@ -14,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.archive.frame import Frame
+from airswing.gap.archive.heading_lattice import heading_lattice_of
 from airswing.physics.triangle import wrap_signed
 
 Floats = NDArray[np.float64]
@@ -42,4 +45,13 @@ def heading_doubt(frame: Frame, columns_frame: Frame) -> Floats:
     count = np.maximum(np.bincount(frame.aircraft, minlength=len(frame.tails)), 1)
     deviation = np.sqrt(np.bincount(frame.aircraft, squared, minlength=len(frame.tails)) / count)
     off = np.minimum(np.nan_to_num(frame.heading_error), WIDEST)
-    return np.asarray(columns_frame.airspeed * deviation[frame.aircraft] * off)
+    rounding = rounding_of_headings(frame)[frame.aircraft]
+    beside_turns = deviation[frame.aircraft] * off
+    return np.asarray(columns_frame.airspeed * np.hypot(beside_turns, rounding))
+
+
+def rounding_of_headings(frame: Frame) -> Floats:
+    """Standard deviation of each aircraft's headings from their coarse steps, (aircraft,) rad."""
+    found = [heading_lattice_of(frame, a) for a in range(len(frame.tails))]
+    steps = np.array([one.step if one is not None else 0.0 for one in found])
+    return np.asarray(np.radians(steps) / np.sqrt(12.0))

@@ -324,11 +324,22 @@ def small_beside(errors: Floats, size: float, *, share: float = REMAINDER) -> bo
     return size < share * float(np.sqrt((errors**2).sum(axis=1).mean()))
 
 
-def is_remainder(new: Taken, earlier: Sequence[Taken]) -> bool:
-    """Whether an unknown is what the cells of an earlier one left on the same aircraft."""
+def is_remainder(new: Taken, earlier: Sequence[Taken], rounding: Floats) -> bool:
+    """Whether an unknown is what the cells of an earlier one left on the same aircraft.
+
+    Or what their coarse headings leave: the same along a course, it goes with all that courses do.
+
+    Parameters
+    ----------
+    rounding : (aircraft,) float
+        What the steps of each aircraft's headings make, m/s; 0 of fine ones.
+    """
     if new.unknown.run and earlier:  # runs are of what is small, beside nothing that is not
         return True
     own = set(new.unknown.tails)
+    coarse = rounding[list(own)]
+    if np.mean(coarse > 0) > 0.5 and new.unknown.size < OWN_REMAINDER * float(coarse.max()):
+        return True
     return any(
         len(own & set(old.unknown.tails)) > 0.5 * len(own)
         and new.unknown.size < OWN_REMAINDER * old.unknown.size
