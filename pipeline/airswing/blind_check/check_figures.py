@@ -6,13 +6,14 @@ Units: m/s, kt.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
+from numpy.typing import NDArray
 
 from airswing.blind_check.reliability_table import reliability_rows
+from airswing.blind_check.scores import Score, ShareKey
 from airswing.report.html.style import (
     BLUE,
     GREEN,
@@ -26,8 +27,6 @@ from airswing.report.html.style import (
 
 __all__ = ["check_figure", "confusion", "wilson"]
 
-Score = Mapping[str, Any]
-
 
 def wilson(right: int, number: int) -> tuple[float, float]:
     """Return the 68 % Wilson interval of a share (Wilson 1927)."""
@@ -39,7 +38,7 @@ def wilson(right: int, number: int) -> tuple[float, float]:
     return float(centre - half), float(centre + half)
 
 
-def confusion(scores: Sequence[Score]) -> tuple[list[str], list[str], np.ndarray[Any, Any]]:
+def confusion(scores: Sequence[Score]) -> tuple[list[str], list[str], NDArray[np.float64]]:
     """Return what was taken for what.
 
     Returns
@@ -101,13 +100,12 @@ def _size_panel(axes: Axes, scores: Sequence[Score]) -> None:
         blank(axes, "no single effects")
         return
     place = np.arange(len(sizes), dtype=float)
-    for shift, (key, name, colour, marker) in enumerate(
-        (
-            ("detected", "detected", SOFT, "o"),
-            ("first_right", "first name right", BLUE, "s"),
-            ("in_set", "truth in the set", GREEN, "^"),
-        )
-    ):
+    curves: tuple[tuple[ShareKey, str, str, str], ...] = (
+        ("detected", "detected", SOFT, "o"),
+        ("first_right", "first name right", BLUE, "s"),
+        ("in_set", "truth in the set", GREEN, "^"),
+    )
+    for shift, (key, name, colour, marker) in enumerate(curves):
         share, low, high = [], [], []
         for size in sizes:
             values = [bool(s[key]) for s in singles if s["size"] == size and s[key] is not None]
