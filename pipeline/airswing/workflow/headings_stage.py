@@ -11,7 +11,7 @@ import tempfile
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import xarray as xr
@@ -40,10 +40,11 @@ from airswing.workflow.job import (
 
 if TYPE_CHECKING:
     from airswing.config import Config
+    from airswing.workflow.cost import ReferencePlan, RunPlan
     from airswing.workflow.progress import StageRecord
 
 
-def plan_run(job: Job) -> dict[str, object]:
+def plan_run(job: Job) -> RunPlan:
     """Say what a run would read and cost; nothing is decoded and nothing kept.
 
     Returns
@@ -82,7 +83,10 @@ def plan_run(job: Job) -> dict[str, object]:
             keep=job.config.compute.keep_samples,
         ),
         "references": {
-            name: one.as_dict() | {"kept_messages": one.messages - left[name].messages}
+            name: cast(
+                "ReferencePlan",
+                one.as_dict() | {"kept_messages": one.messages - left[name].messages},
+            )
             for name, one in plans.items()
         },
     }
