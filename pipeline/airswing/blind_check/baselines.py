@@ -237,6 +237,7 @@ def slice_tree(frame: Frame, without: Sequence[str] = ()) -> Claim:
         flights = np.unique(frame.flight[test], return_inverse=True)[1]
         by_flight = np.bincount(flights, saved)
         error = float(by_flight.std() * np.sqrt(by_flight.size))
+        # flights alike to the last digit (a tree that does not split) have no error to divide by
         ratio = float(by_flight.sum()) / max(error, 1e-9)
         if ratio > max(3.0, best[0]):
             importance: dict[str, float] = {}
@@ -254,6 +255,7 @@ def _grown(x: Array, y: Array) -> DecisionTreeRegressor:
     """Return a regression tree whose every split is worth twelve times the noise."""
     from sklearn.tree import DecisionTreeRegressor
 
+    # so shallow and with leaves so large that a person would read it
     tree = DecisionTreeRegressor(
         max_depth=_DEPTH,
         min_samples_leaf=_LEAF,
@@ -321,6 +323,7 @@ def _context(frame: Frame) -> Array:
             np.cos(m),
             np.sin(2 * m),
             np.cos(2 * m),
+            # nil in the middle of what turboprops fly through
             np.log(frame.pressure / 6e4),
             frame.phase == 1,
             frame.phase == 3,

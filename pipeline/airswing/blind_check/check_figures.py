@@ -205,6 +205,7 @@ def _confusion_panel(axes: Axes, scores: Sequence[Score]) -> None:
     if not truths:
         blank(axes, "no cases")
         return
+    # by rows: how often each truth came is the draw's doing
     share = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
     axes.imshow(share, cmap="Blues", vmin=0, vmax=1.2, aspect="auto")
     for (row, column), count in np.ndenumerate(counts):

@@ -102,6 +102,7 @@ class Plan:
     @property
     def played(self) -> list[int]:
         """Rungs that can be played."""
+        # rung 0 is the generator's own proof, and no case
         rungs = list(self.rungs or (1, 2, 3, 4, 5))
         there = self.real is not None and (self.real / "heading").is_dir()
         return rungs if there else [rung for rung in rungs if rung != 5]

@@ -341,6 +341,7 @@ def targets(scores: Sequence[Score]) -> list[TargetReached]:
 def _is_met(reached: float, sense: str, target: Target, number: int) -> bool:
     """Whether a target is met; all of a few cases do not exceed what a larger number would show."""
     if isinstance(target, tuple):
+        # of so few, none missed is what the upper end of the target lets expect
         few = number * (1.0 - target[1]) < 1.0
         return target[0] <= reached and (few or reached <= target[1])
     return reached >= target if sense == ">=" else reached <= target

@@ -66,6 +66,7 @@ def score_case(
         "focus": label["focus"],
         "failure": failure if gap is None else None,
     }
+    # spelled out for the type checker: of a failed diagnosis no score is there
     nothing: Found = {}
     if gap is None:
         return {**asked, **nothing}
