@@ -8,9 +8,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter
 
+from airswing.gap.archive.reported_variables import CATEGORIES
 from airswing.gap.result.schema import EvidenceEntry, GapReport, PlaceEntry
 from airswing.report.gap.words import slice_words
 from airswing.report.html.style import (
@@ -24,6 +26,9 @@ from airswing.report.html.style import (
     plural,
     styled,
 )
+
+# Letters of names below a figure that still stand side by side.
+_SIDE_BY_SIDE = 80
 
 
 @styled
@@ -94,11 +99,14 @@ def posterior_figure(tails: Sequence[str], probability: Mapping[str, Sequence[fl
         By effect.
     """
     value = np.array(list(probability.values()), float)
-    figure = new_figure(1.3 + 0.36 * len(value))
+    # at least as high as the words beside the scale are long
+    figure = new_figure(max(1.3 + 0.36 * len(value), 2.1))
     axes = figure.add_subplot()
     drawn = axes.imshow(value, cmap="Blues", vmin=0, vmax=1, aspect="auto")
     size = 8.5 if len(tails) <= 30 else 6.0
-    axes.set_xticks(range(len(tails)), tails, rotation=90, fontsize=size)
+    # letters that stand side by side at this size
+    turned = 90 if len(tails) * max(map(len, tails)) > _SIDE_BY_SIDE else 0
+    axes.set_xticks(range(len(tails)), tails, rotation=turned, fontsize=size)
     axes.set_yticks(range(len(value)), [name.replace("_", " ") for name in probability])
     axes.grid(visible=False)
     if len(tails) <= 30:
@@ -118,6 +126,13 @@ def posterior_figure(tails: Sequence[str], probability: Mapping[str, Sequence[fl
         f"Probability that each aircraft carries the effect (n = "
         f"{plural(len(tails), 'aircraft', 'aircraft')})."
     )
+
+
+def _name_categories(axis: Axis, variable: str) -> None:
+    """Put the names of a variable's categories where its cells would have numbers."""
+    names = CATEGORIES.get(variable, ())
+    if names:
+        axis.set_ticks(range(len(names)), names)
 
 
 @styled
@@ -145,6 +160,8 @@ def _table_figure(place: PlaceEntry) -> Figure:
         )
         axes.set_ylabel(names[1])
         figure.colorbar(mesh, ax=axes, label=what)
+    for axis, name in zip((axes.xaxis, axes.yaxis), curve.variables or (), strict=False):
+        _name_categories(axis, name)
     closes = f"; it closes {place.closure.reduction:.2f} kt" if place.closure else ""
     return figure.say(
         f"The unknown effect, fitted without physics on weeks left out: {slice_words(place)} "
