@@ -75,13 +75,13 @@ def _first_told(score: Score) -> str:
 def check_figure(scores: Sequence[Score]) -> CaptionedFigure:
     """Draw the check."""
     figure = new_figure(10.5)
-    axes = figure.subplot_mosaic(
-        [["size", "closure", "stated"], ["confusion"] * 3], height_ratios=[1, 2.2]
-    )
-    _size_panel(axes["size"], scores)
-    _closure_panel(axes["closure"], scores)
-    _reliability_panel(axes["stated"], scores)
-    _confusion_panel(axes["confusion"], scores)
+    # laid out apart: the long names below would make the panels above narrow
+    above, below = figure.subfigures(2, 1, height_ratios=[1, 2.2], squeeze=False)[:, 0]
+    size, closure, stated = above.subplots(1, 3)
+    _size_panel(size, scores)
+    _closure_panel(closure, scores)
+    _reliability_panel(stated, scores)
+    _confusion_panel(below.subplots(), scores)
     return figure.say(
         f"Sealed cases: {len(scores)}. Above left, share of single effects detected, named first, "
         "and in the ambiguity set, by their size where they act. Above middle, closure stated "
@@ -128,7 +128,8 @@ def _size_panel(axes: Axes, scores: Sequence[Score]) -> None:
     axes.set_xlabel("effect where it acts, m/s rms (cases)")
     axes.set_ylabel("share of cases")
     axes.set_ylim(-0.03, 1.05)
-    axes.legend(loc="upper left")
+    # shares grow with size: below on the right nothing lies
+    axes.legend(loc="lower right")
 
 
 def _closure_panel(axes: Axes, scores: Sequence[Score]) -> None:
@@ -163,7 +164,7 @@ def _closure_panel(axes: Axes, scores: Sequence[Score]) -> None:
     axes.plot(span, span, color=SOFT, linewidth=1)
     axes.set_xlabel("true, kt")
     axes.set_ylabel("stated, kt")
-    axes.legend(loc="lower right")
+    axes.legend(loc="upper left")
 
 
 def _closure_told(score: Score) -> tuple[float, Sequence[float]]:
@@ -187,10 +188,11 @@ def _reliability_panel(axes: Axes, scores: Sequence[Score]) -> None:
         axes.errorbar(row["stated"], row["right"], yerr=reach, color=BLUE, marker="o", capsize=2)
         axes.annotate(
             f"{row['claims']}",
-            (row["stated"], row["right"]),
+            (row["stated"], 0.0),
             fontsize=7.5,
-            xytext=(4, -10),
-            textcoords="offset points",
+            # most claims are stated near one: upright, at the foot, none covers another
+            rotation=90,
+            ha="center",
         )
     axes.plot([0, 1], [0, 1], color=SOFT, linewidth=1)
     axes.set_xlim(min(0.45, rows[0]["stated"] - 0.05), 1.03)
