@@ -251,6 +251,7 @@ def collocate_places(
         with written_to(folder):
             store.begin()
         for number in range(len(places)):
+            # stretches of time one after the other: memory holds the winds of one
             winds = collocate(
                 places.reports(number),
                 models,

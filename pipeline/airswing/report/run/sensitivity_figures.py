@@ -27,6 +27,7 @@ from airswing.report.html.style import (
 from airswing.units import NORMAL_95
 
 COEFFICIENTS = ("A", "B", "C", "D", "E")
+# Likewise of a figure: the largest differences, the others are in the table.
 MOST_AIRCRAFT = 40
 
 

@@ -31,6 +31,7 @@ from airswing.reports.canonical.dialects import dialect_of
 from airswing.reports.canonical.report_formats import Mapped, ReportFormat, is_text, register
 from airswing.reports.canonical.times import Column, parse_times
 
+# Rows in memory at a time: text of a table is many times what is kept of it.
 ROWS_PER_PIECE = 250_000
 _BUFFER = 2**20
 # Octets and lines: what goes on longer before a head is no table.
