@@ -337,6 +337,12 @@ def test_categories_stand_by_name_beside_a_table_of_an_unknown() -> None:
     axes = which_figures.unknown_curve_figure(replace(table, curve=curve)).axes[0]
     assert [one.get_text() for one in axes.get_xticklabels()] == ["ascent", "cruise", "descent"]
     assert [one.get_text() for one in axes.get_yticklabels()] == ["off", "on"]
+    edges = [[0.0, 180.0, 360.0], [-0.1, 0.0, 0.3]]
+    names, units = ["magnetic_heading", "acceleration"], ["degree", "m/s2"]
+    turn = replace(curve, variables=names, variable_units=units, edges=edges, values=[0.5] * 4)
+    axes = which_figures.unknown_curve_figure(replace(table, curve=turn)).axes[0]
+    assert axes.get_xticks().tolist() == [0.0, 90.0, 180.0, 270.0, 360.0]
+    assert axes.get_ylabel() == "acceleration (m/s²)"
 
 
 def test_layers_stand_by_their_bounds(gap: GapReport, maps: xr.Dataset) -> None:
@@ -350,6 +356,10 @@ def test_names_below_the_probabilities_turn_where_they_would_overlap() -> None:
         tails = [f"N{401 + k}" for k in range(number)]
         axes = which_figures.posterior_figure(tails, {"tas_scale": [0.5] * number}).axes[0]
         assert {one.get_rotation() for one in axes.get_xticklabels()} == {turned}
+    rows = {"tas_scale": [0.5], "cross:airspeed*heading": [0.5], "wind:turned": [0.5]}
+    axes = which_figures.posterior_figure(["N1"], rows).axes[0]
+    told = [one.get_text() for one in axes.get_yticklabels()]
+    assert told == ["tas scale", "airspeed by heading, across", "turned, wind"]
 
 
 def test_steps_of_the_waterfall_carry_the_level_they_leave(gap: GapReport) -> None:
