@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from sklearn.linear_model import LogisticRegression
 
 from airswing.blind_check.reliability_table import reliability_rows
+from airswing.blind_check.scores import StatedClaim
 from airswing.gap.search.belief import FEATURES, WEIGHTS_FILE
 
 Floats = NDArray[np.float64]
@@ -136,7 +137,7 @@ def main() -> None:
     own, alone = log_score(stated, right), log_score(base, right)
     print(f"{right.size} claims, {right.sum()} right; log score left out {own:.3f} bit,")
     print(f"of the share of right claims {alone:.3f}")
-    claims = [["name", p, bool(r)] for p, r in zip(stated, right, strict=True)]
+    claims = [StatedClaim("name", p, bool(r)) for p, r in zip(stated, right, strict=True)]
     for row in reliability_rows(claims):
         where = f"{row['low']:.2f} to {row['high']:.2f}: {row['claims']} claims"
         print(f"{where}, stated {row['stated']:.3f}, right {row['right']:.3f}")

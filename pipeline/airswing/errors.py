@@ -16,6 +16,7 @@ LONGEST = 2_000  # Characters of a message
 _LONGEST_PART, _MOST_BITS = 450, 512
 
 _REPR = reprlib.Repr()
+# Of a large value its beginning tells which it is: a message stays one that can be read.
 _REPR.maxlevel, _REPR.maxdict, _REPR.maxlist, _REPR.maxtuple, _REPR.maxset = 3, 6, 8, 8, 8
 _REPR.maxstring = _REPR.maxother = _REPR.maxlong = 120
 

@@ -9,6 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+# Codes stand in products: a number keeps its meaning for as long as files of earlier versions are
+# read.
 PHASE = {"unknown": 0, "ascent": 1, "cruise": 2, "descent": 3}
 ROLL = {"missing": 0, "good": 1, "bad": 2, "not_available": 3}
 TEMPERATURE_QC = {"missing": 0, "pass": 1, "fail": 2}

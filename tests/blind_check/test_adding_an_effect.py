@@ -14,6 +14,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 import yaml
+from tests.blind_check.made_up import claimed, diagnosis
 from tests.gap.toy import make_frame
 
 from airswing.blind_check import Plan, gap_check
@@ -120,15 +121,8 @@ def test_the_blind_check_draws_writes_seals_and_scores_it(added, tmp_path, monke
             sealed = json.loads((tmp_path / "sealed" / "labels.json").read_text())
             labels.update({label["name"]: label for label in sealed})
         label = labels[config.parent.name]
-        effects = [
-            {**one, "probability": 1.0, "share_of_gap": 1.0, "ambiguous_with": []}
-            for one in label["effects"]
-        ]
-        return {
-            "effects": effects,
-            "unknown": {"present": False, "where": []},
-            "closure": label["closure"],
-        }
+        effects = [claimed(**one, probability=1.0, share_of_gap=1.0) for one in label["effects"]]
+        return diagnosis(effects, closure=label["closure"])
 
     plan = Plan(2, 3, True, nulls=0, rungs=(1,), names=(NAME,))
     check = gap_check(tmp_path, plan, diagnoser=oracle, baselines=False)

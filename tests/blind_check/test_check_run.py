@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
+from tests.blind_check.made_up import claimed, diagnosis
 from tests.gap.toy import make_frame
 
 from airswing.blind_check import Plan, baselines, gap_check
@@ -66,28 +67,12 @@ def checked(tmp_path_factory):
 def perfect(label, without):
     """What a diagnosis that knows the label would write."""
     effects = [
-        {
-            "name": e["name"],
-            "probability": 1.0,
-            "tails": e["tails"],
-            "period": e["period"],
-            "parameters": e["parameters"],
-            "standard_errors": {},
-            "ambiguous_with": [],
-            "share_of_gap": 0.5,
-        }
-        for e in label["effects"]
-        if e["name"] not in without
+        claimed(**effect, probability=1.0, share_of_gap=0.5)
+        for effect in label["effects"]
+        if effect["name"] not in without
     ]
-    closure = {**label["closure"], "fraction_of_excess": 1.0, "held_out": True}
-    closure["ci"] = [closure["after"] - 0.1, closure["after"] + 0.1]
-    return {
-        "gap": {},
-        "where": [],
-        "effects": effects,
-        "unknown": {"present": False, "where": []},
-        "closure": closure,
-    }
+    after = label["closure"]["after"]
+    return diagnosis(effects, closure={**label["closure"], "ci": [after - 0.1, after + 0.1]})
 
 
 def test_a_diagnosis_that_knows_everything_scores_everything(checked):

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.blind_check.made_up import claimed, diagnosis, placed
 
 from airswing.blind_check.check_summary import (
     baseline_rows,
@@ -20,6 +22,7 @@ from airswing.blind_check.reliability_table import (
     stated_claims,
     worst_gap,
 )
+from airswing.blind_check.scores import StatedClaim
 from airswing.blind_check.scoring import (
     aircraft_overlap,
     date_error,
@@ -29,6 +32,7 @@ from airswing.blind_check.scoring import (
     score_case,
 )
 from airswing.errors import InputError
+from airswing.gap.result.schema import UnknownClosureEntry, UnknownEntry
 from airswing.synthetic.sealed.sealing import digest_of, open_seal, seal
 
 
@@ -65,33 +69,17 @@ def label(kind="single", effects=None, **changes):
 
 
 def claim(name="hard_iron", **changes):
-    return {
-        "name": name,
-        "probability": 0.99,
+    own = {
         "tails": ["N401", "N402"],
         "parameters": {"amplitude_deg": 2.0, "phase_deg": 30.0},
-        "standard_errors": {},
-        "period": None,
-        "ambiguous_with": [],
         "share_of_gap": 0.9,
-    } | changes
-
-
-def gap(*claims, unknown=None, closure=None):
-    return {
-        "gap": {"mean_vector_disagreement_kt": 7.0, "noise_floor_kt": 6.5, "significance": 0.001},
-        "where": [],
-        "effects": list(claims),
-        "unknown": {"present": bool(unknown), "where": unknown or []},
-        "closure": closure
-        or {
-            "before": 7.0,
-            "after": 6.5,
-            "ci": [6.4, 6.6],
-            "fraction_of_excess": 1.0,
-            "held_out": True,
-        },
     }
+    return claimed(name, **own | changes)
+
+
+def gap(*claims, unknown=(), closure=None):
+    told = closure or {"before": 7.0, "after": 6.5, "ci": [6.4, 6.6]}
+    return diagnosis(claims, places=unknown, closure=told)
 
 
 def test_a_perfect_diagnosis():
@@ -129,8 +117,8 @@ def test_gross_errors_of_the_hard_world_are_neither_right_nor_wrong():
     hard = label("null", effects=[], background=["outliers"])
     found = score_case(hard, gap(claim("outliers")))
     assert found["false_names"] == [] and not found["detected"]
-    struck = [{"name": "outliers", "tails": ["N401"], "parameters": {"fraction": 0.04}}]
-    own = label(effects=struck, background=["outliers"])
+    struck = {"name": "outliers", "tails": ["N401"], "parameters": {"fraction": 0.04}}
+    own = label(effects=[struck | {"period": None}], background=["outliers"])
     assert score_case(own, gap(claim("outliers")))["detected"]
 
 
@@ -155,33 +143,34 @@ def test_heading_errors_of_a_real_record_are_neither_right_nor_wrong():
     for unknown in ([place(component="along_wind")], [heading, place(component="along_wind")]):
         other = score_case(sensor, gap(unknown=unknown))
         assert other["unknown"] and other["detected"] and not other["of_background"]
-        assert other["claims"] == [["unknown", 0.97, False]]
+        assert other["claims"] == [("unknown", 0.97, False)]
 
 
 def test_aircraft_overlap_by_hand():
     own = [{"tails": ["a", "b", "c"]}]
-    found = [{"tails": ["b", "c", "d", "e"]}]
+    found = [claimed(tails=["b", "c", "d", "e"])]
     assert aircraft_overlap(own, found) == (0.5, pytest.approx(2 / 3), pytest.approx(0.4))
 
 
 def test_amplitude_and_phase_are_one_vector():
     own = [{"tails": None, "parameters": {"amplitude_deg": 1.0, "phase_deg": 0.0}}]
-    turned = [{"parameters": {"amplitude_deg": 1.0, "phase_deg": 90.0}}]
-    opposite = [{"parameters": {"amplitude_deg": -1.0, "phase_deg": 180.0}}]
+    turned = [claimed(parameters={"amplitude_deg": 1.0, "phase_deg": 90.0})]
+    opposite = [claimed(parameters={"amplitude_deg": -1.0, "phase_deg": 180.0})]
     assert parameter_errors("hard_iron", own, turned) == [pytest.approx(np.sqrt(2))]
     assert parameter_errors("hard_iron", own, opposite) == [pytest.approx(0.0, abs=1e-12)]
 
 
 def test_offset_and_cycle_weigh_by_their_root_mean_square():
     own = [{"tails": None, "parameters": {"offset_deg": 1.0, "amplitude_deg": 0.0}}]
-    found = [{"parameters": {"offset_deg": 1.0, "amplitude_deg": 1.0, "phase_deg": 17.0}}]
+    told = {"offset_deg": 1.0, "amplitude_deg": 1.0, "phase_deg": 17.0}
+    found = [claimed(parameters=told)]
     assert parameter_errors("compass_step", own, found) == [pytest.approx(np.sqrt(0.5))]
 
 
 def test_aircraft_with_parameters_of_their_own_are_judged_each():
     own = [{"tails": ["a", "b"], "parameters": {"offset_deg": 2.0}}]
     each = {t: {"parameters": {"offset_deg": v}} for t, v in {"a": 2.2, "b": 1.0, "x": 9.0}.items()}
-    found = [{"parameters": {"offset_deg": 1.6}, "per_tail": each}]
+    found = [claimed(parameters={"offset_deg": 1.6}, per_tail=each)]
     assert parameter_errors("compass_offset", own, found) == pytest.approx([0.1, 0.5])
 
 
@@ -203,11 +192,11 @@ def test_closure_interval_turns_into_one_of_the_reduction():
 def test_log_score_by_hand():
     number = len(draws())
     assert log_score([], []) == pytest.approx(np.log2(0.999))
-    half = [{"name": "hard_iron", "probability": 0.5}]
+    half = [claimed(probability=0.5)]
     rest = (number - 1) * np.log2(0.999)
     assert log_score(half, ["hard_iron"]) == pytest.approx((np.log2(0.5) + rest) / number)
     assert log_score(half, []) == pytest.approx((np.log2(0.5) + rest) / number)
-    sure = [{"name": "hard_iron", "probability": 1.0}]
+    sure = [claimed(probability=1.0)]
     assert log_score(sure, []) == pytest.approx((np.log2(0.001) + rest) / number)
 
 
@@ -231,14 +220,9 @@ def outside(tails=("N401",), variables=("hour",), **changes):
 
 
 def place(variable="hour", tails=("N401",), reduction=None, ci=None, **changes):
-    closure = {} if reduction is None else {"reduction": reduction, "reduction_ci": ci}
-    return {
-        "variable": variable,
-        "variables": [variable],
-        "tails": list(tails),
-        "closure": closure,
-        "probability": 0.97,
-    } | changes
+    closure = None if reduction is None else {"reduction": reduction, "reduction_ci": ci}
+    own = {"tails": list(tails), "closure": closure, "probability": 0.97}
+    return placed(variable, **own | changes)
 
 
 def quiet(*claims, places):
@@ -272,8 +256,8 @@ def test_what_closes_more_stands_ahead_where_both_are_told_in_knots():
     assert not scored(outside(), gap(small, unknown=unknown, closure=closure))["unknown_first"]
 
 
-def test_a_false_name_counts_as_ahead_where_nothing_tells_otherwise():
-    found = gap(claim("time_lag"), unknown=[{"variable": "hour"}])
+def test_a_false_name_counts_as_ahead_of_an_unknown_without_a_place():
+    found = replace(gap(claim("time_lag")), unknown=UnknownEntry(True, ()))
     assert not scored(outside(), found)["unknown_first"]
 
 
@@ -310,9 +294,9 @@ def test_the_closure_of_an_unknown_adds_to_that_of_the_names():
     assert found["unknown_closure_stated"] == pytest.approx(0.4)
     assert found["unknown_closure_error"] == pytest.approx(0.1)
     assert found["unknown_closure_covered"]
-    stated["unknown"]["closure"] = {"reduction": 0.1, "reduction_ci": [0.05, 0.15]}
-    stated["closure"] |= {"reduction": 0.2, "reduction_ci": [0.1, 0.25]}
-    whole = scored(outside(), stated)
+    together = replace(stated.unknown, closure=UnknownClosureEntry(7.0, 6.9, 0.1, [0.05, 0.15]))
+    names = replace(stated.closure, reduction=0.2, reduction_ci=[0.1, 0.25])
+    whole = scored(outside(), replace(stated, unknown=together, closure=names))
     assert whole["unknown_closure_stated"] == pytest.approx(0.3)
     assert not whole["unknown_closure_covered"]  # 0.15 to 0.4 does not hold 0.5
     silent = scored(outside(), quiet(places=[]))
@@ -329,7 +313,8 @@ def test_an_effect_told_twice_on_an_aircraft_is_a_repeat():
 
 
 def test_stated_probabilities_in_bins_by_hand():
-    claims = [["name", 0.97, True]] * 18 + [["name", 0.97, False]] * 2 + [["unknown", 0.6, True]]
+    right, wrong = (StatedClaim("name", 0.97, one) for one in (True, False))
+    claims = [right] * 18 + [wrong] * 2 + [StatedClaim("unknown", 0.6, True)]
     rows = reliability_rows(claims)
     assert [(row["low"], row["claims"], row["right"]) for row in rows] == [
         (0.5, 1, 1.0),
@@ -338,17 +323,17 @@ def test_stated_probabilities_in_bins_by_hand():
     gap_, number = worst_gap(claims)
     assert gap_ == pytest.approx(0.07) and number == 20  # the bin of one claim is not judged
     assert worst_gap(claims[:19]) == (None, 0)
-    assert reliability_rows([["name", 1.0, True]])[0]["low"] == 0.99
+    assert reliability_rows([StatedClaim("name", 1.0, True)])[0]["low"] == 0.99
 
 
 def test_claims_of_the_background_and_of_hard_worlds_are_not_judged():
     found = gap(claim(), claim("outliers"), unknown=[place()])
     truth = label(background=["outliers"], world="hard")
-    assert stated_claims(truth, found, ["hard_iron"]) == [["name", 0.99, True]]
+    assert stated_claims(truth, found, ["hard_iron"]) == [("name", 0.99, True)]
     assert stated_claims(label(), found, ["hard_iron"]) == [
-        ["name", 0.99, True],
-        ["name", 0.99, False],
-        ["unknown", 0.97, False],
+        ("name", 0.99, True),
+        ("name", 0.99, False),
+        ("unknown", 0.97, False),
     ]
 
 

@@ -2,27 +2,25 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from typer.testing import CliRunner
 
 from airswing.blind_check import Plan, Size, gap_check
 from airswing.blind_check.check_run import run_public_command
 from airswing.cli import app
+from airswing.gap.result.schema import GapReport
 
 
-def diagnosed(config: Path, output: Path, without: Sequence[str]) -> dict[str, Any]:
+def diagnosed(config: Path, output: Path, without: Sequence[str]) -> GapReport:
     """Run the public command: in a process of its own for the first archive, else in this one."""
     if config.parent.name == "case_001":
         return run_public_command(config, output, without)
     words = ["gap", str(config), "--output", str(output), "--quiet"]
     done = CliRunner().invoke(app, [*words, *(f"--without={name}" for name in without)])
     assert done.exit_code == 0, done.output
-    content: dict[str, Any] = json.loads((output / "gap.json").read_text())
-    return content
+    return GapReport.read(output / "gap.json")
 
 
 def test_a_short_check_by_the_public_command(tmp_path, monkeypatch, no_gap_page):

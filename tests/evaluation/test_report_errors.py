@@ -323,6 +323,11 @@ def test_a_simulated_archive_against_its_truth(simulated, tmp_path):
     section = report_errors_section(product)
     assert "weighs as" in worth_sentence(product) and len(section.parts) == 3
     figure = report_errors_figure(product)
+    few = product.copy(deep=True)
+    few["observation_error"].loc[{"flight_phase": ["ascent", "descent"]}] = np.nan
+    cruise = report_errors_figure(few)
+    assert [axes.get_title("left") for axes in cruise.axes] == ["cruise"]
+    assert "Too few reports meet in ascent and descent." in cruise.caption
     shown = figure.axes[1].containers[-1].lines[0].get_ydata()
     bottom, top = (product[f"layer_{end}_pressure"].to_numpy() for end in ("bottom", "top"))
     # Each state lies 4 hPa beside the middle of its layer.

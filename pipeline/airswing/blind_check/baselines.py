@@ -24,14 +24,16 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, NotRequired, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.blind_check.scores import BaselineScore
 from airswing.blind_check.scoring import draws
 from airswing.gap.archive.frame import Frame
 from airswing.products.whole_files import write_json
+from airswing.synthetic.sealed.labels import Label
 
 if TYPE_CHECKING:
     from sklearn.tree import DecisionTreeRegressor
@@ -39,11 +41,19 @@ if TYPE_CHECKING:
 __all__ = ["classifier", "least_squares_bic", "run_baselines", "slice_tree"]
 
 Array = NDArray[np.float64]
-Claim = dict[str, object]
 # Archives hold two effects and a background: what enters later is noise.
 _MOST_TERMS = 6
 _LEAF = 400
 _DEPTH = 4
+
+
+class Claim(TypedDict):
+    """What a simple method says of an archive, most important name first."""
+
+    names: list[str]
+    detected: bool
+    importance: NotRequired[dict[str, float]]  # of the tree's variables
+    area: NotRequired[float]  # under the classifier's held-out curve
 
 
 def collocated(config: Path, output: Path) -> Frame:
@@ -65,13 +75,13 @@ def collocated(config: Path, output: Path) -> Frame:
 
 
 def run_baselines(
-    output: Path, labels: Sequence[Mapping[str, Any]], *, say: Callable[[str], None]
-) -> dict[str, list[dict[str, object]]]:
+    output: Path, labels: Sequence[Label], *, say: Callable[[str], None]
+) -> dict[str, list[BaselineScore]]:
     """Run every baseline on every case and score the names it claims.
 
     Parameters
     ----------
-    labels : sequence of mapping
+    labels : sequence of Label
         Truth of the cases.
     say : callable
         Told what goes on.
@@ -79,14 +89,14 @@ def run_baselines(
     Returns
     -------
     dict
-        Baseline to one mapping per case: ``claimed, detected, first_right, false_alarm``.
+        Baseline to one score per case.
     """
-    out: dict[str, list[dict[str, object]]] = {name: [] for name in _BASELINES}
+    out: dict[str, list[BaselineScore]] = {name: [] for name in _BASELINES}
     for label in labels:
         target = output / "diagnosed" / label["name"]
         kept = target / "baselines.json"
         if kept.exists():
-            found = json.loads(kept.read_text(encoding="utf-8"))
+            found: dict[str, Claim] = json.loads(kept.read_text(encoding="utf-8"))
         else:
             frame = collocated(output / "cases" / label["name"] / "config.yaml", target)
             found = {name: method(frame, label["without"]) for name, method in _BASELINES.items()}
@@ -227,6 +237,7 @@ def slice_tree(frame: Frame, without: Sequence[str] = ()) -> Claim:
         flights = np.unique(frame.flight[test], return_inverse=True)[1]
         by_flight = np.bincount(flights, saved)
         error = float(by_flight.std() * np.sqrt(by_flight.size))
+        # flights alike to the last digit (a tree that does not split) have no error to divide by
         ratio = float(by_flight.sum()) / max(error, 1e-9)
         if ratio > max(3.0, best[0]):
             importance: dict[str, float] = {}
@@ -244,6 +255,7 @@ def _grown(x: Array, y: Array) -> DecisionTreeRegressor:
     """Return a regression tree whose every split is worth twelve times the noise."""
     from sklearn.tree import DecisionTreeRegressor
 
+    # so shallow and with leaves so large that a person would read it
     tree = DecisionTreeRegressor(
         max_depth=_DEPTH,
         min_samples_leaf=_LEAF,
@@ -311,6 +323,7 @@ def _context(frame: Frame) -> Array:
             np.cos(m),
             np.sin(2 * m),
             np.cos(2 * m),
+            # nil in the middle of what turboprops fly through
             np.log(frame.pressure / 6e4),
             frame.phase == 1,
             frame.phase == 3,

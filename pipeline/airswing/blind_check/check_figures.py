@@ -6,13 +6,14 @@ Units: m/s, kt.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
+from numpy.typing import NDArray
 
 from airswing.blind_check.reliability_table import reliability_rows
+from airswing.blind_check.scores import Score, ShareKey
 from airswing.report.html.style import (
     BLUE,
     GREEN,
@@ -26,8 +27,6 @@ from airswing.report.html.style import (
 
 __all__ = ["check_figure", "confusion", "wilson"]
 
-Score = Mapping[str, Any]
-
 
 def wilson(right: int, number: int) -> tuple[float, float]:
     """Return the 68 % Wilson interval of a share (Wilson 1927)."""
@@ -39,7 +38,7 @@ def wilson(right: int, number: int) -> tuple[float, float]:
     return float(centre - half), float(centre + half)
 
 
-def confusion(scores: Sequence[Score]) -> tuple[list[str], list[str], np.ndarray[Any, Any]]:
+def confusion(scores: Sequence[Score]) -> tuple[list[str], list[str], NDArray[np.float64]]:
     """Return what was taken for what.
 
     Returns
@@ -76,13 +75,13 @@ def _first_told(score: Score) -> str:
 def check_figure(scores: Sequence[Score]) -> CaptionedFigure:
     """Draw the check."""
     figure = new_figure(10.5)
-    axes = figure.subplot_mosaic(
-        [["size", "closure", "stated"], ["confusion"] * 3], height_ratios=[1, 2.2]
-    )
-    _size_panel(axes["size"], scores)
-    _closure_panel(axes["closure"], scores)
-    _reliability_panel(axes["stated"], scores)
-    _confusion_panel(axes["confusion"], scores)
+    # laid out apart: the long names below would make the panels above narrow
+    above, below = figure.subfigures(2, 1, height_ratios=[1, 2.2], squeeze=False)[:, 0]
+    size, closure, stated = above.subplots(1, 3)
+    _size_panel(size, scores)
+    _closure_panel(closure, scores)
+    _reliability_panel(stated, scores)
+    _confusion_panel(below.subplots(), scores)
     return figure.say(
         f"Sealed cases: {len(scores)}. Above left, share of single effects detected, named first, "
         "and in the ambiguity set, by their size where they act. Above middle, closure stated "
@@ -101,13 +100,12 @@ def _size_panel(axes: Axes, scores: Sequence[Score]) -> None:
         blank(axes, "no single effects")
         return
     place = np.arange(len(sizes), dtype=float)
-    for shift, (key, name, colour, marker) in enumerate(
-        (
-            ("detected", "detected", SOFT, "o"),
-            ("first_right", "first name right", BLUE, "s"),
-            ("in_set", "truth in the set", GREEN, "^"),
-        )
-    ):
+    curves: tuple[tuple[ShareKey, str, str, str], ...] = (
+        ("detected", "detected", SOFT, "o"),
+        ("first_right", "first name right", BLUE, "s"),
+        ("in_set", "truth in the set", GREEN, "^"),
+    )
+    for shift, (key, name, colour, marker) in enumerate(curves):
         share, low, high = [], [], []
         for size in sizes:
             values = [bool(s[key]) for s in singles if s["size"] == size and s[key] is not None]
@@ -130,7 +128,8 @@ def _size_panel(axes: Axes, scores: Sequence[Score]) -> None:
     axes.set_xlabel("effect where it acts, m/s rms (cases)")
     axes.set_ylabel("share of cases")
     axes.set_ylim(-0.03, 1.05)
-    axes.legend(loc="upper left")
+    # shares grow with size: below on the right nothing lies
+    axes.legend(loc="lower right")
 
 
 def _closure_panel(axes: Axes, scores: Sequence[Score]) -> None:
@@ -165,7 +164,7 @@ def _closure_panel(axes: Axes, scores: Sequence[Score]) -> None:
     axes.plot(span, span, color=SOFT, linewidth=1)
     axes.set_xlabel("true, kt")
     axes.set_ylabel("stated, kt")
-    axes.legend(loc="lower right")
+    axes.legend(loc="upper left")
 
 
 def _closure_told(score: Score) -> tuple[float, Sequence[float]]:
@@ -189,10 +188,11 @@ def _reliability_panel(axes: Axes, scores: Sequence[Score]) -> None:
         axes.errorbar(row["stated"], row["right"], yerr=reach, color=BLUE, marker="o", capsize=2)
         axes.annotate(
             f"{row['claims']}",
-            (row["stated"], row["right"]),
+            (row["stated"], 0.0),
             fontsize=7.5,
-            xytext=(4, -10),
-            textcoords="offset points",
+            # most claims are stated near one: upright, at the foot, none covers another
+            rotation=90,
+            ha="center",
         )
     axes.plot([0, 1], [0, 1], color=SOFT, linewidth=1)
     axes.set_xlim(min(0.45, rows[0]["stated"] - 0.05), 1.03)
@@ -207,6 +207,7 @@ def _confusion_panel(axes: Axes, scores: Sequence[Score]) -> None:
     if not truths:
         blank(axes, "no cases")
         return
+    # by rows: how often each truth came is the draw's doing
     share = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
     axes.imshow(share, cmap="Blues", vmin=0, vmax=1.2, aspect="auto")
     for (row, column), count in np.ndenumerate(counts):

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from airswing.blind_check.check_summary import (
+    Group,
     baseline_rows,
     grouped,
     hard_and_real,
@@ -20,6 +21,7 @@ from airswing.blind_check.check_summary import (
     targets,
 )
 from airswing.blind_check.reliability_table import reliability_rows
+from airswing.blind_check.scores import Score
 
 if TYPE_CHECKING:
     from airswing.blind_check.check_run import Check
@@ -46,7 +48,7 @@ _COLUMNS = (
 )
 
 
-def _text(value: Any, form: str) -> str:
+def _text(value: float | None, form: str) -> str:
     if value is None:
         return "–"
     if form == "%":
@@ -60,7 +62,7 @@ def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join(lines)
 
 
-def _group_table(title: str, groups: Mapping[object, Mapping[str, object]]) -> str:
+def _group_table(title: str, groups: Mapping[Group, Mapping[str, float | None]]) -> str:
     rows = [
         [str(name), *(_text(found[key], form) for key, _, form in _COLUMNS)]
         for name, found in groups.items()
@@ -77,7 +79,7 @@ def _target_text(sense: str, target: float | Sequence[float], form: str) -> str:
     return ("at least " if sense == ">=" else "at most ") + _text(target, form)
 
 
-def _target_rows(scores: Sequence[Mapping[str, object]]) -> list[list[str]]:
+def _target_rows(scores: Sequence[Score]) -> list[list[str]]:
     """Targets by row: they are set for default archives; every rung together beside them."""
     rows = []
     for entry, whole in zip(targets(of_default(scores)), targets(scores), strict=True):
@@ -170,7 +172,7 @@ def _of_all(check: Check) -> str:
     return str(done) if sealed in (None, done) else f"{done} of {sealed}"
 
 
-def _one_line(found: Mapping[str, object]) -> str:
+def _one_line(found: Mapping[str, float | None]) -> str:
     return ", ".join(f"{name} {_text(found[key], form)}" for key, name, form in _COLUMNS) + "."
 
 
@@ -179,8 +181,13 @@ def _baseline_table(check: Check) -> str:
         [
             row["method"],
             *(
-                _text(row[k], "%")
-                for k in ("detected", "first_right", "extra_names", "false_alarms")
+                _text(share, "%")
+                for share in (
+                    row["detected"],
+                    row["first_right"],
+                    row["extra_names"],
+                    row["false_alarms"],
+                )
             ),
             f"{row['singles']} / {row['nulls']}",
         ]
@@ -199,7 +206,7 @@ def _baseline_table(check: Check) -> str:
     )
 
 
-def _reliability_table(scores: Sequence[Mapping[str, object]]) -> str:
+def _reliability_table(scores: Sequence[Score]) -> str:
     """Stated probabilities by bin: of names, of unknowns, and of both together."""
     claims = [c for s in of_default(scores) if not s.get("failure") for c in s["claims"]]
     rows = [
@@ -211,15 +218,15 @@ def _reliability_table(scores: Sequence[Mapping[str, object]]) -> str:
             _text(row["right"], ".3f"),
         ]
         for kind in ("name", "unknown", "name and unknown")
-        for row in reliability_rows([c for c in claims if c[0] in kind.split(" and ")])
+        for row in reliability_rows([c for c in claims if c.kind in kind.split(" and ")])
     ]
     return _table(["claim", "stated", "claims", "stated, mean", "right"], rows)
 
 
-def _outside_table(scores: Sequence[Mapping[str, object]]) -> str:
+def _outside_table(scores: Sequence[Score]) -> str:
     rows = []
-    for s in sorted(_done(scores, "outside"), key=lambda s: (s["outside"]["shape"], s["size"])):
-        true = s["outside"]
+    cases = [(true, s) for s in _done(scores, "outside") if (true := s["outside"]) is not None]
+    for true, s in sorted(cases, key=lambda case: (case[0]["shape"], case[1]["size"])):
         rows.append(
             [
                 s["name"],
@@ -265,11 +272,11 @@ def _outside_table(scores: Sequence[Mapping[str, object]]) -> str:
     )
 
 
-def _done(scores: Sequence[Mapping[str, object]], kind: str) -> list[Mapping[str, Any]]:
+def _done(scores: Sequence[Score], kind: str) -> list[Score]:
     return [s for s in scores if s["kind"] == kind and not s.get("failure")]
 
 
-def _removed_table(scores: Sequence[Mapping[str, object]]) -> str:
+def _removed_table(scores: Sequence[Score]) -> str:
     rows = [
         [
             s["name"],
@@ -298,7 +305,7 @@ def _removed_table(scores: Sequence[Mapping[str, object]]) -> str:
     )
 
 
-def _null_text(scores: Sequence[Mapping[str, Any]]) -> str:
+def _null_text(scores: Sequence[Score]) -> str:
     nulls = [s for s in scores if s["kind"] == "null" and not s["failure"]]
     loud = [s for s in nulls if s["false_names"] or s["unknown"]]
     lines = [f"{len(loud)} of {len(nulls)} nulls raised a claim."]
@@ -318,7 +325,7 @@ def _null_text(scores: Sequence[Mapping[str, Any]]) -> str:
     return "\n".join(lines)
 
 
-def _unknown_text(score: Mapping[str, object]) -> str:
+def _unknown_text(score: Score) -> str:
     if score["unknown"]:
         return " + unknown"
     return " (unknown of the record)" if score.get("of_background") else ""

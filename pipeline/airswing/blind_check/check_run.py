@@ -21,11 +21,13 @@ from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
+from airswing.blind_check.scores import BaselineScore, Score
+from airswing.gap.result.schema import GapReport
 from airswing.products.fingerprint import code_digest
 from airswing.products.whole_files import write_json
 from airswing.synthetic.sealed.cases import Case, Size, World, plan_cases
+from airswing.synthetic.sealed.labels import Label
 from airswing.synthetic.sealed.sealed_archives import Archivist
 from airswing.synthetic.sealed.sealing import open_seal, seal
 
@@ -33,7 +35,7 @@ __all__ = ["Check", "Plan", "gap_check", "run_public_command"]
 
 Say = Callable[[str], None]
 # (configuration, output folder, effects to do without) to the content of gap.json.
-Diagnoser = Callable[[Path, Path, Sequence[str]], dict[str, object]]
+Diagnoser = Callable[[Path, Path, Sequence[str]], GapReport]
 # Seconds: one diagnosis that hangs must not hold up the check; they take a minute or two.
 _TIMEOUT = 1800.0
 
@@ -44,14 +46,14 @@ class Check:
 
     digest: str  # published before the first diagnosis
     # labels, scores: truth and score of each case, in the same order
-    labels: list[dict[str, Any]]
-    scores: list[dict[str, Any]]
+    labels: list[Label]
+    scores: list[Score]
     failures: dict[str, str]  # case to the message of a diagnosis that did not end well
-    baselines: dict[str, list[dict[str, object]]]  # baseline to its scores
+    baselines: dict[str, list[BaselineScore]]  # baseline to its scores
     settings: dict[str, object]  # number of cases, seed, size: what repeats it
 
 
-def run_public_command(config: Path, output: Path, without: Sequence[str]) -> dict[str, object]:
+def run_public_command(config: Path, output: Path, without: Sequence[str]) -> GapReport:
     """Diagnose one archive through the command a user has.
 
     Parameters
@@ -60,11 +62,6 @@ def run_public_command(config: Path, output: Path, without: Sequence[str]) -> di
         Configuration and folder for the products.
     without : sequence of str
         Effects to leave out of the catalogue.
-
-    Returns
-    -------
-    dict
-        The content of gap.json.
 
     Raises
     ------
@@ -81,8 +78,7 @@ def run_public_command(config: Path, output: Path, without: Sequence[str]) -> di
     if done.returncode != 0:
         last = done.stderr.strip().splitlines() or ["no message"]
         raise RuntimeError(f"exit status {done.returncode}: {last[-1]}")
-    content: dict[str, object] = json.loads((output / "gap.json").read_text(encoding="utf-8"))
-    return content
+    return GapReport.read(output / "gap.json")
 
 
 @dataclass(frozen=True)
@@ -106,6 +102,7 @@ class Plan:
     @property
     def played(self) -> list[int]:
         """Rungs that can be played."""
+        # rung 0 is the generator's own proof, and no case
         rungs = list(self.rungs or (1, 2, 3, 4, 5))
         there = self.real is not None and (self.real / "heading").is_dir()
         return rungs if there else [rung for rung in rungs if rung != 5]
@@ -207,7 +204,7 @@ def gap_check(
     labels = open_seal(output / "sealed", digest=digest)
     settings |= {"sealed": len(labels)}
     if so_far:
-        labels = [label for label in labels if _read(output, label["name"]) is not None]
+        labels = [label for label in labels if _gap_file(output, label["name"]).exists()]
     say("seals opened, digest verified")
     scores = [
         score_case(
@@ -264,13 +261,13 @@ def _sealed(
         for label in own
     ]
     # worlds end in any order, and the digest is of the whole
-    labels.sort(key=lambda label: str(label["name"]))
+    labels.sort(key=lambda label: label["name"])
     return seal(labels, output / "sealed")
 
 
 def _written(
     output: Path, worlds: Sequence[Sequence[Case]], real: Path | None, workers: int, say: Say
-) -> Iterator[list[dict[str, object]]]:
+) -> Iterator[list[Label]]:
     """Write the cases of every world, several worlds at a time where asked to."""
     if workers <= 1:
         for cases in worlds:
@@ -286,9 +283,7 @@ def _written(
             yield labels
 
 
-def _world_labels(
-    output: Path, real: Path | None, cases: Sequence[Case]
-) -> list[dict[str, object]]:
+def _world_labels(output: Path, real: Path | None, cases: Sequence[Case]) -> list[Label]:
     """Write the archives of one world and return their labels."""
     archivist = Archivist(output, real)
     return [_label(output, archivist, case) for case in cases]
@@ -303,11 +298,11 @@ def _of_this_code(output: Path) -> None:
         note.write_text(code, encoding="utf-8")
 
 
-def _label(output: Path, archivist: Archivist, case: Case) -> dict[str, object]:
+def _label(output: Path, archivist: Archivist, case: Case) -> Label:
     """Write one case, or read its label where an interrupted check has written it."""
     path = output / "sealed" / "parts" / f"{case.name}.json"
     if path.exists():
-        known: dict[str, object] = json.loads(path.read_text(encoding="utf-8"))
+        known: Label = json.loads(path.read_text(encoding="utf-8"))
         return known
     label = archivist.write(case)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -336,7 +331,7 @@ def _diagnose_all(
             failed = str(err)
         else:
             if not (target / "gap.json").exists():
-                write_json(target / "gap.json", found)
+                write_json(target / "gap.json", found.content())
             say(f"{case.name} diagnosed, {time.perf_counter() - began:.1f} s")
             return
         failures[case.name] = failed
@@ -348,9 +343,10 @@ def _diagnose_all(
     return failures
 
 
-def _read(output: Path, name: str) -> dict[str, object] | None:
-    path = output / "diagnosed" / name / "gap.json"
-    if not path.exists():
-        return None
-    content: dict[str, object] = json.loads(path.read_text(encoding="utf-8"))
-    return content
+def _gap_file(output: Path, name: str) -> Path:
+    return output / "diagnosed" / name / "gap.json"
+
+
+def _read(output: Path, name: str) -> GapReport | None:
+    path = _gap_file(output, name)
+    return GapReport.read(path) if path.exists() else None

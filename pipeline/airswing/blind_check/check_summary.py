@@ -9,11 +9,12 @@ Units: kt, days, fractions of 1.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 
 from airswing.blind_check.reliability_table import worst_gap
+from airswing.blind_check.scores import BaselineScore, MeanKey, Score, ShareKey
 from airswing.synthetic.sealed.outside_truth import WORTH_KT
 
 __all__ = [
@@ -27,29 +28,59 @@ __all__ = [
     "targets",
 ]
 
-Score = Mapping[str, Any]
 Reached = tuple[float | None, int]
+Group = str | float
 Target = float | tuple[float, float]
 # m/s: a smaller effect is scored and shown, but counts in no target.
 _DETECTABLE = 0.4
 
 
-def _share(scores: Iterable[Score], key: str) -> tuple[float | None, int]:
-    values = [bool(score[key]) for score in scores if score.get(key) is not None]
+class TargetReached(TypedDict):
+    """A target and what was reached; both None without cases."""
+
+    what: str
+    sense: str
+    target: Target
+    reached: float | None
+    cases: int
+    met: bool | None
+
+
+class MethodRow(TypedDict):
+    """One method on the cases all were played on; shares None without cases."""
+
+    method: str
+    detected: float | None
+    first_right: float | None
+    false_alarms: float | None
+    extra_names: float | None
+    singles: int
+    nulls: int
+
+
+def _of_all(values: Sequence[bool | float]) -> Reached:
     return (float(np.mean(values)) if values else None), len(values)
 
 
-def _median(scores: Iterable[Score], key: str) -> tuple[float | None, int]:
-    values = [float(score[key]) for score in scores if score.get(key) is not None]
+def _share(scores: Iterable[Score], key: ShareKey) -> Reached:
+    return _of_all([bool(score[key]) for score in scores if score.get(key) is not None])
+
+
+def _told(scores: Iterable[Score], key: MeanKey) -> list[float]:
+    values = [score.get(key) for score in scores]
+    return [float(value) for value in values if value is not None]
+
+
+def _median(scores: Iterable[Score], key: MeanKey) -> Reached:
+    values = _told(scores, key)
     return (float(np.median(values)) if values else None), len(values)
 
 
-def _mean(scores: Iterable[Score], key: str) -> tuple[float | None, int]:
-    values = [float(score[key]) for score in scores if score.get(key) is not None]
-    return (float(np.mean(values)) if values else None), len(values)
+def _mean(scores: Iterable[Score], key: MeanKey) -> Reached:
+    return _of_all(_told(scores, key))
 
 
-def summarise(scores: Sequence[Score]) -> dict[str, object]:
+def summarise(scores: Sequence[Score]) -> dict[str, float | None]:
     """Return shares and medians of a group of cases with an effect in the catalogue.
 
     Parameters
@@ -86,7 +117,7 @@ def summarise(scores: Sequence[Score]) -> dict[str, object]:
 
 
 # Ways to split the cases.
-BY: dict[str, Callable[[Score], Any]] = {
+BY: dict[str, Callable[[Score], Group]] = {
     "effect": lambda score: " + ".join(score["focus"]) or "nothing",
     "variant": lambda score: score["variant"],
     "size": lambda score: score["size"],
@@ -94,7 +125,7 @@ BY: dict[str, Callable[[Score], Any]] = {
 }
 
 
-def grouped(scores: Sequence[Score], by: str) -> dict[object, dict[str, object]]:
+def grouped(scores: Sequence[Score], by: str) -> dict[Group, dict[str, float | None]]:
     """Return the summary of every group.
 
     Parameters
@@ -108,7 +139,11 @@ def grouped(scores: Sequence[Score], by: str) -> dict[object, dict[str, object]]
         In ascending order of the group's name.
     """
     key = BY[by]
-    names = sorted({key(score) for score in scores})
+    # words or numbers, never both
+    names = sorted(
+        {key(score) for score in scores},
+        key=lambda name: (0.0, name) if isinstance(name, str) else (name, ""),
+    )
     return {name: summarise([s for s in scores if key(s) == name]) for name in names}
 
 
@@ -135,19 +170,16 @@ def _raised(scores: Sequence[Score]) -> list[Score]:
 def _with_false_names(scores: Sequence[Score]) -> Reached:
     """Archives in which a name stands that is not at work; what was taken out has none."""
     judged = [s for s in scores if not s.get("failure") and s["kind"] != "removed"]
-    values = [bool(score["false_names"]) for score in judged]
-    return (float(np.mean(values)) if values else None), len(values)
+    return _of_all([bool(score["false_names"]) for score in judged])
 
 
 def _with_repeats(scores: Sequence[Score]) -> Reached:
-    values = [bool(score["repeated_names"]) for score in scores if not score.get("failure")]
-    return (float(np.mean(values)) if values else None), len(values)
+    return _of_all([bool(s["repeated_names"]) for s in scores if not s.get("failure")])
 
 
 def _claims_on_nulls(scores: Sequence[Score]) -> Reached:
     nulls = _of(scores, "null")
-    values = [bool(score["false_names"]) or bool(score["unknown"]) for score in nulls]
-    return (float(np.mean(values)) if values else None), len(values)
+    return _of_all([bool(score["false_names"]) or bool(score["unknown"]) for score in nulls])
 
 
 def _named(scores: Sequence[Score]) -> list[Score]:
@@ -287,15 +319,9 @@ def of_default(scores: Sequence[Score]) -> list[Score]:
     return [score for score in scores if score["world"] == "default"]
 
 
-def targets(scores: Sequence[Score]) -> list[dict[str, Any]]:
-    """Return every target with what was reached.
-
-    Returns
-    -------
-    list of dict
-        ``what, sense, target, reached, cases, met`` (met is None without cases).
-    """
-    out = []
+def targets(scores: Sequence[Score]) -> list[TargetReached]:
+    """Return every target with what was reached."""
+    out: list[TargetReached] = []
     for what, sense, target, measure in TARGETS:
         reached, number = measure(scores)
         met = None if reached is None else _is_met(reached, sense, target, number)
@@ -315,42 +341,38 @@ def targets(scores: Sequence[Score]) -> list[dict[str, Any]]:
 def _is_met(reached: float, sense: str, target: Target, number: int) -> bool:
     """Whether a target is met; all of a few cases do not exceed what a larger number would show."""
     if isinstance(target, tuple):
+        # of so few, none missed is what the upper end of the target lets expect
         few = number * (1.0 - target[1]) < 1.0
         return target[0] <= reached and (few or reached <= target[1])
     return reached >= target if sense == ">=" else reached <= target
 
 
 def baseline_rows(
-    scores: Sequence[Score], baselines: Mapping[str, Sequence[Score]]
-) -> list[dict[str, Any]]:
+    scores: Sequence[Score], baselines: Mapping[str, Sequence[BaselineScore]]
+) -> list[MethodRow]:
     """Return ours and the baselines on the same cases.
 
     Parameters
     ----------
-    scores : sequence of mapping
+    scores : sequence of Score
         Ours.
     baselines : mapping
         Name to theirs.
-
-    Returns
-    -------
-    list of dict
-        ``method, detected, first_right, false_alarms, extra_names``.
     """
-    rows = []
-    for name, own in {"airswing gap": scores, **baselines}.items():
-        singles = [s for s in _of(own, "single") if s["size"] >= _DETECTABLE]
-        nulls = _of(own, "null")
+    ours: Sequence[Score | BaselineScore] = scores
+    rows: list[MethodRow] = []
+    for name, own in {"airswing gap": ours, **baselines}.items():
+        done = [s for s in own if not s.get("failure")]
+        singles = [s for s in done if s["kind"] == "single" and s["size"] >= _DETECTABLE]
+        nulls = [s for s in done if s["kind"] == "null"]
         alarms = [bool(s["false_names"]) or bool(s.get("unknown", s["detected"])) for s in nulls]
         rows.append(
             {
                 "method": name,
-                "detected": _share(singles, "detected")[0],
-                "first_right": _share(singles, "first_right")[0],
-                "false_alarms": float(np.mean(alarms)) if alarms else None,
-                "extra_names": float(np.mean([bool(s["false_names"]) for s in singles]))
-                if singles
-                else None,
+                "detected": _of_all([s["detected"] for s in singles])[0],
+                "first_right": _of_all([s["first_right"] for s in singles])[0],
+                "false_alarms": _of_all(alarms)[0],
+                "extra_names": _of_all([bool(s["false_names"]) for s in singles])[0],
                 "singles": len(singles),
                 "nulls": len(nulls),
             }

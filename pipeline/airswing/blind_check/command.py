@@ -6,12 +6,23 @@ Assumes nothing but a folder to write to.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypedDict
 
 if TYPE_CHECKING:
     from airswing.blind_check.check_run import Plan
+    from airswing.blind_check.check_summary import TargetReached
 
 __all__ = ["check_and_report"]
+
+
+class Summary(TypedDict):
+    """What a check came to: all of it that ``--json`` prints."""
+
+    digest: str
+    targets: list[TargetReached]
+    every_rung: list[TargetReached]
+    proof: dict[str, float]  # the generator's numerical errors, m/s
+    settings: dict[str, object]
 
 
 def check_and_report(
@@ -22,7 +33,7 @@ def check_and_report(
     baselines: bool = True,
     so_far: bool = False,
     quiet: bool = False,
-) -> tuple[dict[str, Any], str]:
+) -> tuple[Summary, str]:
     """Run a blind check and write its table, figure and page.
 
     Parameters
@@ -35,7 +46,6 @@ def check_and_report(
     Returns
     -------
     summary : dict
-        ``digest, targets, settings``.
     text : str
         The same for a terminal.
     """
@@ -53,7 +63,7 @@ def check_and_report(
         output, plan, workers=workers, baselines=baselines, so_far=so_far, say=progress.say
     )
     page = write_reports(output, check, command=plan.command, proof=proof)
-    summary = {
+    summary: Summary = {
         "digest": check.digest,
         "targets": targets(of_default(check.scores)),
         "every_rung": targets(check.scores),

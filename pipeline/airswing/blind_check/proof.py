@@ -12,7 +12,6 @@ Units: m/s.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -46,8 +45,7 @@ def prove_generator(folder: Path, *, seed: int) -> dict[str, float]:
     archivist = Archivist(folder)
     archivist.write(Case("proof", 0, "null", world))
     frame = collocated(folder / "cases" / "proof" / "config.yaml", folder / "proof")
-    options = generator_options(world) | {"derivatives": False}
-    own = simulate_arrays(effects=[], **options)
+    own = simulate_arrays(effects=[], derivatives=False, **generator_options(world))
     tails = np.array(frame.tails)[frame.aircraft]
     read = pd.DataFrame(
         {
@@ -68,7 +66,7 @@ def prove_generator(folder: Path, *, seed: int) -> dict[str, float]:
     return {
         "reference wind, files against generator": _rms(reference),
         "reported wind, files against generator": _rms(reported),
-        "aircraft without the effect, with against without": _untouched(options, own),
+        "aircraft without the effect, with against without": _untouched(world, own),
     }
 
 
@@ -77,9 +75,9 @@ def _rms(parts: list[pd.Series]) -> float:
     return float(np.sqrt((stacked**2).sum(axis=0).mean()))
 
 
-def _untouched(options: dict[str, Any], own: pd.DataFrame) -> float:
+def _untouched(world: World, own: pd.DataFrame) -> float:
     """Return by how much an effect on one aircraft changes the reports of the others."""
     effect = {"name": "hard_iron", "tails": ["N401"], "parameters": {"amplitude_deg": 3.0}}
-    changed = simulate_arrays(effects=[effect], **options)
+    changed = simulate_arrays(effects=[effect], derivatives=False, **generator_options(world))
     others = (own["tail"] != "N401").to_numpy()
     return _rms([changed[name][others] - own[name][others] for name in ("u", "v")])

@@ -11,12 +11,15 @@ Units: fractions of 1.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
+from typing import TypedDict
 
 import numpy as np
 
+from airswing.blind_check.scores import StatedClaim
 from airswing.blind_check.unknown_scores import of_background
+from airswing.gap.result.schema import GapReport
+from airswing.synthetic.sealed.labels import Label
 
 __all__ = ["EDGES", "LEAST", "reliability_rows", "stated_claims", "worst_gap"]
 
@@ -26,55 +29,60 @@ EDGES = (0.0, 0.5, 0.8, 0.9, 0.95, 0.99, 1.0)
 LEAST = 20
 
 
-def stated_claims(
-    label: Mapping[str, Any], gap: Mapping[str, Any], truth: Sequence[str]
-) -> list[list[object]]:
+class Bin(TypedDict):
+    """Claims whose stated probability lies from ``low`` to ``high``."""
+
+    low: float
+    high: float
+    claims: int
+    stated: float  # mean
+    right: float  # share
+
+
+def stated_claims(label: Label, gap: GapReport, truth: Sequence[str]) -> list[StatedClaim]:
     """Return every claim of a diagnosis with its probability and whether it is right.
 
     Parameters
     ----------
-    gap : mapping
-        Content of gap.json.
     truth : sequence of str
         Names at work that the diagnosis knows.
 
     Returns
     -------
-    list of [str, float, bool]
-        ``name`` or ``unknown``, probability, right. What is there beside the case's own effect
+    list of StatedClaim
+        What is there beside the case's own effect
         (gross errors of a hard world, the heading errors of a real record) is not judged, nor
         unknowns where a little of everything is.
     """
-    out: list[list[object]] = []
-    for claim in gap["effects"]:
-        name = str(claim["name"])
-        if name in truth or name not in label["background"]:
-            out.append(["name", float(claim["probability"]), name in truth])
+    out = [
+        StatedClaim("name", claim.probability, claim.name in truth)
+        for claim in gap.effects
+        if claim.name in truth or claim.name not in label["background"]
+    ]
     if label["world"] != "hard" and label["kind"] != "removed":
         out += [
-            ["unknown", float(place["probability"]), label["kind"] == "outside"]
-            for place in gap["unknown"]["where"]
-            if place.get("probability") is not None and not of_background(label, place)
+            StatedClaim("unknown", place.probability, label["kind"] == "outside")
+            for place in gap.unknown.where
+            if place.probability is not None and not of_background(label, place)
         ]
     return out
 
 
-def reliability_rows(claims: Sequence[Sequence[object]]) -> list[dict[str, Any]]:
+def reliability_rows(claims: Sequence[StatedClaim]) -> list[Bin]:
     """Return the calibration table of claims.
 
     Parameters
     ----------
-    claims : sequence of (str, float, bool)
+    claims : sequence of StatedClaim
         From `stated_claims`, of all cases.
 
     Returns
     -------
     list of dict
-        ``low, high`` (bin of stated probability), ``claims, stated`` (mean), ``right`` (share).
         Bins without claims are left out.
     """
-    stated = np.array([claim[1] for claim in claims], float)
-    right = np.array([claim[2] for claim in claims], bool)
+    stated = np.array([claim.probability for claim in claims], float)
+    right = np.array([claim.right for claim in claims], bool)
     place = np.clip(np.searchsorted(EDGES, stated, side="right") - 1, 0, len(EDGES) - 2)
     return [
         {
@@ -88,12 +96,12 @@ def reliability_rows(claims: Sequence[Sequence[object]]) -> list[dict[str, Any]]
     ]
 
 
-def worst_gap(claims: Sequence[Sequence[object]]) -> tuple[float | None, int]:
+def worst_gap(claims: Sequence[StatedClaim]) -> tuple[float | None, int]:
     """Return the largest distance of stated and right where `LEAST` claims stand, and their number.
 
     Parameters
     ----------
-    claims : sequence of (str, float, bool)
+    claims : sequence of StatedClaim
         From `stated_claims`.
 
     Returns

@@ -2,8 +2,8 @@
 
 Assumptions
 -----------
-* ``gap.json`` is the binding form; entries beyond it (per-aircraft parameters, an interval of the
-  reduction) are used where present and never required.
+* What is scored is the content of ``gap.json`` (`airswing.gap.result.schema.GapReport`); parameters
+  of each aircraft are used where they are told.
 * A name is *claimed* when it stands among ``effects``. The ambiguity set of a claim is its name and
   its ``ambiguous_with``.
 * In the hard world gross errors are really there, and a real valve's record errs across the heading
@@ -12,8 +12,7 @@ Assumptions
 * Log score: the mean over all catalogue names of log2 of the probability given to what is true
   (each name at work or not), probabilities held in [0.001, 0.999]; 0 is perfect.
 * A false name is *ahead* of a raised unknown when it is claimed and closes more kt than the unknown
-  (or, where that is not told, more held-out energy, or a larger share of the gap); with nothing
-  told, whenever it is claimed.
+  (or, where that is not told, more held-out energy); with no place told, whenever it is claimed.
 
 Units: kt, days, fractions.
 """
@@ -22,20 +21,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from datetime import datetime
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from airswing.blind_check.reliability_table import stated_claims
+from airswing.blind_check.scores import Asked, Found, Score
 from airswing.blind_check.unknown_scores import only_of_background, same_variable, unknown_scores
 from airswing.gap.effects import CATALOGUE
+from airswing.gap.result.schema import EffectEntry, GapReport, UnknownEntry
 from airswing.synthetic.sealed.draws import Draw
+from airswing.synthetic.sealed.labels import Injected, Label
 from airswing.units import DAY
 
 __all__ = ["aircraft_overlap", "draws", "parameter_errors", "score_case"]
-
-Label = Mapping[str, Any]
-Gap = Mapping[str, Any]
 
 
 def draws() -> dict[str, Draw]:
@@ -44,74 +43,71 @@ def draws() -> dict[str, Draw]:
 
 
 def score_case(
-    label: Label, gap: Gap | None, *, failure: str | None = None, fleet: Sequence[str] = ()
-) -> dict[str, object]:
+    label: Label, gap: GapReport | None, *, failure: str | None = None, fleet: Sequence[str] = ()
+) -> Score:
     """Score one diagnosis.
 
     Parameters
     ----------
-    label : mapping
-        Truth of the case (`airswing.synthetic.sealed.sealed_archives.Archivist.write`).
-    gap : mapping or None
-        Content of gap.json; None where the diagnosis failed.
+    label : Label
+        Truth of the case.
+    gap : GapReport or None
+        None where the diagnosis failed.
     fleet : sequence of str
         All aircraft of the archive.
-
-    Returns
-    -------
-    dict
-        Plain values; None where a score does not apply.
     """
-    score: dict[str, object] = {
-        key: label[key] for key in ("name", "rung", "kind", "variant", "world", "size", "focus")
+    asked: Asked = {
+        "name": label["name"],
+        "rung": label["rung"],
+        "kind": label["kind"],
+        "variant": label["variant"],
+        "world": label["world"],
+        "size": label["size"],
+        "focus": label["focus"],
+        "failure": failure if gap is None else None,
     }
-    score["failure"] = failure if gap is None else None
+    # spelled out for the type checker: of a failed diagnosis no score is there
+    nothing: Found = {}
     if gap is None:
-        return score
-    claims = [dict(effect) for effect in gap["effects"]]
-    names = list(dict.fromkeys(str(claim["name"]) for claim in claims))
+        return {**asked, **nothing}
+    claims = gap.effects
+    names = list(dict.fromkeys(claim.name for claim in claims))
     truth = [name for name in label["names"] if name not in label["without"]]
     truth = [name for name in truth if name in CATALOGUE]
     # what a hard world has by itself is neither asked for nor wrong to tell
     beside = set(label["background"]) - set(truth)
-    judged = [claim for claim in claims if claim["name"] not in beside]
+    judged = [claim for claim in claims if claim.name not in beside]
     false = [n for n in names if n not in truth and n not in label["background"]]
-    raised = bool(gap["unknown"]["present"]) and not only_of_background(label, gap)
-    score |= {
+    raised = gap.unknown.present and not only_of_background(label, gap)
+    found: Found = {
         "claimed": names,
         "detected": bool(judged) or raised,
-        "first_right": bool(judged) and judged[0]["name"] in truth,
+        "first_right": bool(judged) and judged[0].name in truth,
         "all_named": bool(truth) and set(label["focus"]) & set(truth) <= set(names),
         "false_names": false,
         "repeated_names": repeated_names(label, claims),
         "claims": stated_claims(label, gap, truth),
         "log_score": log_score(claims, truth, skip=[*label["background"], *label["without"]]),
         "unknown": raised,
-        "of_background": bool(gap["unknown"]["present"]) and not raised,
+        "of_background": gap.unknown.present and not raised,
         "unknown_first": raised and not _ahead(claims, false, gap),
-        "placed": _placed(label, gap["unknown"]) if raised else False,
+        "placed": _placed(label, gap.unknown) if raised else False,
         "outside": label["outside"],
-        "stated_before": gap["closure"].get("before"),
+        "stated_before": gap.closure.before,
     }
-    score |= _set_scores(judged, truth) | _closure_scores(label, gap, beside)
+    found |= _set_scores(judged, truth) | _closure_scores(label, gap, beside)
     if label["kind"] in ("single", "pair"):
-        score |= _match_scores(label, claims)
-    if label["kind"] == "outside":
-        score |= unknown_scores(label, gap, fleet)
-    return score
+        found |= _match_scores(label, claims)
+    if label["outside"] is not None:
+        found |= unknown_scores(label, label["outside"], gap, fleet)
+    return {**asked, **found}
 
 
-def repeated_names(label: Label, claims: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return the effects told more often than they are there, on aircraft in common.
-
-    Parameters
-    ----------
-    claims : sequence of mapping
-        Entries with ``name, tails``.
-    """
+def repeated_names(label: Label, claims: Sequence[EffectEntry]) -> list[str]:
+    """Return the effects told more often than they are there, on aircraft in common."""
     out = []
-    for name in dict.fromkeys(str(claim["name"]) for claim in claims):
-        own = [set(claim.get("tails") or ()) for claim in claims if claim["name"] == name]
+    for name in dict.fromkeys(claim.name for claim in claims):
+        own = [set(claim.tails) for claim in claims if claim.name == name]
         there = sum(effect["name"] == name for effect in label["effects"])
         # on other aircraft a second entry is no repetition
         common = sum(bool(a & b) for k, a in enumerate(own) for b in own[:k])
@@ -121,14 +117,12 @@ def repeated_names(label: Label, claims: Sequence[Mapping[str, Any]]) -> list[st
 
 
 def log_score(
-    claims: Sequence[Mapping[str, Any]], truth: Sequence[str], *, skip: Sequence[str] = ()
+    claims: Sequence[EffectEntry], truth: Sequence[str], *, skip: Sequence[str] = ()
 ) -> float:
     """Return the mean log2 probability given to what is true, over the catalogue's names.
 
     Parameters
     ----------
-    claims : sequence of mapping
-        With ``name, probability``.
     truth, skip : sequence of str
         Names at work; names not judged.
 
@@ -139,8 +133,8 @@ def log_score(
     """
     stated = {name: 0.0 for name in draws() if name not in skip}
     for claim in claims:
-        if claim["name"] in stated:
-            stated[claim["name"]] = max(stated[claim["name"]], float(claim["probability"]))
+        if claim.name in stated:
+            stated[claim.name] = max(stated[claim.name], claim.probability)
     total = 0.0
     for name, probability in stated.items():
         given = probability if name in truth else 1.0 - probability
@@ -153,13 +147,13 @@ def _how(name: str) -> Draw:
     return draws().get(name, Draw())
 
 
-def _set_scores(claims: Sequence[Mapping[str, object]], truth: Sequence[str]) -> dict[str, object]:
+def _set_scores(claims: Sequence[EffectEntry], truth: Sequence[str]) -> Found:
     """Return whether the first claim's ambiguity set holds a truth, and how large it is."""
     if not claims or not truth:
         return {"in_set": None if not truth else False, "set_size": None}
     # a name comes with those it could not be told from: told together, one of them is right
-    first = {str(claims[0]["name"]), *_rivals(claims[0])}
-    everyone = {str(claim["name"]) for claim in claims}.union(*map(_rivals, claims))
+    first = {claims[0].name, *claims[0].ambiguous_with}
+    everyone = {name for claim in claims for name in (claim.name, *claim.ambiguous_with)}
     return {
         "in_set": bool(first & set(truth)),
         "in_any_set": set(truth) <= everyone,
@@ -167,85 +161,60 @@ def _set_scores(claims: Sequence[Mapping[str, object]], truth: Sequence[str]) ->
     }
 
 
-def _rivals(claim: Mapping[str, Any]) -> set[str]:
-    return {
-        str(rival["name"] if isinstance(rival, Mapping) else rival)
-        for rival in claim.get("ambiguous_with", ())
-    }
-
-
-def _closure_scores(label: Label, gap: Gap, beside: set[str]) -> dict[str, object]:
+def _closure_scores(label: Label, gap: GapReport, beside: set[str]) -> Found:
     """Return the error of the stated closure and whether its interval holds the truth, kt.
 
     The twin has the background too: what names ``beside`` the truth close is no part of it.
     """
-    closure, truth = gap["closure"], label["closure"]
+    closure, truth = gap.closure, label["closure"]
     true = truth["before"] - truth["after"]
-    if closure.get("before") is None or closure.get("after") is None:
-        return {
-            "closure_error": None,
-            "closure_covered": None,
-            "closure_true": true,
-            "closure_stated": None,
-        }
     known = sum(
-        float((claim.get("closure") or {}).get("reduction") or 0.0)
-        for claim in gap["effects"]
-        if claim["name"] in beside
+        claim.closure.reduction
+        for claim in gap.effects
+        if claim.name in beside and claim.closure is not None
     )
-    stated = closure["before"] - closure["after"] - known
-    interval = closure.get("reduction_ci")
-    if interval is None and closure.get("ci") is not None:
-        interval = [closure["before"] - closure["ci"][1], closure["before"] - closure["ci"][0]]
+    stated = closure.before - closure.after - known
+    interval = closure.reduction_ci
+    if interval is None and closure.ci is not None:
+        interval = [closure.before - closure.ci[1], closure.before - closure.ci[0]]
     if interval is not None:
         interval = [end - known for end in interval]
-    covered = None if interval is None else bool(interval[0] <= true <= interval[1])
     return {
         "closure_true": true,
         "closure_stated": stated,
         "closure_error": abs(stated - true),
-        "closure_covered": covered,
-        "closure_interval": None if interval is None else [float(end) for end in interval],
+        "closure_covered": None if interval is None else bool(interval[0] <= true <= interval[1]),
+        "closure_interval": interval,
     }
 
 
-def _ahead(claims: Sequence[Mapping[str, object]], false: Sequence[str], gap: Gap) -> bool:
+def _ahead(claims: Sequence[EffectEntry], false: Sequence[str], gap: GapReport) -> bool:
     """Whether a false name stands before the unknown."""
-    wrong = [claim for claim in claims if claim["name"] in false]
+    wrong = [claim for claim in claims if claim.name in false]
     if not wrong:
         return False
-    places = gap["unknown"]["where"]
-    closed = _numbers([place.get("closure") or {} for place in places], "reduction")
-    shares = _numbers(wrong, "share_of_gap")
-    named = _numbers([gap["closure"]], "reduction")
-    if closed and shares and named:
-        return max(shares) * named[0] > max(closed)
-    for key in ("held_out_energy", "share_of_gap"):
-        own = _numbers(places, key)
-        rival = _numbers(wrong, key)
-        if own and rival:
-            return max(rival) > max(own)
-    return True
+    places = gap.unknown.where
+    if not places:
+        return True
+    closed = [place.closure.reduction for place in places if place.closure is not None]
+    if len(closed) == len(places):
+        share = max(claim.share_of_gap for claim in wrong)
+        return share * gap.closure.reduction > max(closed)
+    energy = max(claim.held_out_energy for claim in wrong)
+    return energy > max(place.held_out_energy for place in places)
 
 
-def _numbers(entries: Sequence[Mapping[str, object]], key: str) -> list[float]:
-    """Return one number of every entry, or nothing where one of them lacks it."""
-    values = [entry.get(key) for entry in entries]
-    numbers = [float(value) for value in values if isinstance(value, int | float)]
-    return numbers if len(numbers) == len(values) else []
-
-
-def _placed(label: Label, unknown: Mapping[str, Any]) -> bool:
+def _placed(label: Label, unknown: UnknownEntry) -> bool:
     """Whether a place of the unknown names a variable of the effect, or exactly its aircraft."""
     wanted = {name for focus in label["focus"] for name in _how(focus).places}
     if label["outside"] is not None:
         wanted = set(label["outside"]["variables"])
     tails = {tail for effect in label["effects"] for tail in effect["tails"] or ()}
-    for place in unknown["where"]:
-        told = {str(place.get("variable")), *map(str, place.get("variables", ()))}
+    for place in unknown.where:
+        told = {place.variable, *place.variables}
         if any(same_variable(name, true) for name in told for true in wanted):
             return True
-        named = set(place.get("tails") or ())
+        named = set(place.tails)
         # half of all named or struck in common: a single aircraft too many or too few is near
         # enough
         if not wanted and tails and named and len(tails & named) / len(tails | named) >= 0.5:
@@ -253,19 +222,19 @@ def _placed(label: Label, unknown: Mapping[str, Any]) -> bool:
     return False
 
 
-def _match_scores(label: Label, claims: Sequence[Mapping[str, object]]) -> dict[str, object]:
+def _match_scores(label: Label, claims: Sequence[EffectEntry]) -> Found:
     """Return aircraft, parameter and date scores of the effects that were named."""
     overlaps, errors, dates = [], [], []
     for name in label["focus"]:
         own = [effect for effect in label["effects"] if effect["name"] == name]
-        found = [claim for claim in claims if claim["name"] == name]
+        found = [claim for claim in claims if claim.name == name]
         if not found:
             continue
         if _how(name).whose != "fleet" and own[0]["tails"] is not None:
             overlaps.append(aircraft_overlap(own, found))
         errors += parameter_errors(name, own, found)
-        if own[0].get("period"):
-            dates.append(date_error(own[0]["period"], [claim.get("period") for claim in found]))
+        if own[0]["period"]:
+            dates.append(date_error(own[0]["period"], [claim.period for claim in found]))
     known = [value for value in dates if value is not None]
     mean = [float(np.mean([o[k] for o in overlaps])) if overlaps else None for k in range(3)]
     return {
@@ -278,17 +247,17 @@ def _match_scores(label: Label, claims: Sequence[Mapping[str, object]]) -> dict[
 
 
 def aircraft_overlap(
-    own: Sequence[Mapping[str, Any]], found: Sequence[Mapping[str, Any]]
+    own: Sequence[Injected], found: Sequence[EffectEntry]
 ) -> tuple[float, float, float]:
     """Return precision, recall and Jaccard index of the aircraft named.
 
     Parameters
     ----------
-    own, found : sequence of mapping
-        True and claimed entries of one name, each with ``tails``.
+    own, found : sequence
+        True and claimed entries of one name.
     """
     true = {tail for effect in own for tail in effect["tails"] or ()}
-    told = {tail for claim in found for tail in claim["tails"] or ()}
+    told = {tail for claim in found for tail in claim.tails}
     both = len(true & told)
     return (
         both / len(told) if told else 0.0,
@@ -298,13 +267,13 @@ def aircraft_overlap(
 
 
 def parameter_errors(
-    name: str, own: Sequence[Mapping[str, Any]], found: Sequence[Mapping[str, Any]]
+    name: str, own: Sequence[Injected], found: Sequence[EffectEntry]
 ) -> list[float]:
     """Return the relative errors of the stated parameters.
 
     Parameters
     ----------
-    own, found : sequence of mapping
+    own, found : sequence
         True and claimed entries.
 
     Returns
@@ -318,9 +287,9 @@ def parameter_errors(
     stated: list[Mapping[str, object]] = []
     for claim in found:
         tails = own[0]["tails"]
-        each = claim.get("per_tail") or {}
-        chosen = [each[tail]["parameters"] for tail in each if tails is None or tail in tails]
-        stated += chosen or [claim["parameters"]]
+        each = claim.per_tail or {}
+        chosen = [one.parameters for tail, one in each.items() if tails is None or tail in tails]
+        stated += chosen or [claim.parameters]
     wanted = _vector(name, true)
     size = float(np.linalg.norm(wanted))
     if size == 0.0:
@@ -328,23 +297,30 @@ def parameter_errors(
     return [float(np.linalg.norm(_vector(name, one) - wanted)) / size for one in stated]
 
 
-def _vector(name: str, parameters: Mapping[str, Any]) -> np.ndarray[Any, np.dtype[np.float64]]:
+def _vector(name: str, parameters: Mapping[str, object]) -> NDArray[np.float64]:
     """Return the primary parameters as orthogonal components."""
     out = []
     compared = _how(name).compared
     for key in compared:
         if key == "phase_deg":
             continue
-        value = float(parameters.get(key) or 0.0)
+        value = _number(parameters, key)
         if key == "amplitude_deg" and "phase_deg" in compared:
-            angle = np.radians(float(parameters.get("phase_deg") or 0.0))
+            angle = np.radians(_number(parameters, "phase_deg"))
             out += [value * np.cos(angle) / np.sqrt(2), value * np.sin(angle) / np.sqrt(2)]
         else:
             out.append(value)
     return np.array(out, float)
 
 
-def date_error(period: Sequence[object], told: Sequence[Any]) -> float | None:
+def _number(parameters: Mapping[str, object], key: str) -> float:
+    value = parameters.get(key)
+    return float(value) if isinstance(value, int | float) else 0.0
+
+
+def date_error(
+    period: Sequence[str | None], told: Sequence[Sequence[str | None] | None]
+) -> float | None:
     """Return the distance in days between the true start and the nearest one told; None if none."""
     true = _date(period[0])
     starts = [_date(one[0]) for one in told if one]
@@ -356,7 +332,7 @@ def date_error(period: Sequence[object], told: Sequence[Any]) -> float | None:
     return min(apart) if apart else None
 
 
-def _date(text: object) -> datetime | None:
+def _date(text: str | None) -> datetime | None:
     if text is None:
         return None
-    return datetime.fromisoformat(str(text).replace("Z", "")).replace(tzinfo=None)
+    return datetime.fromisoformat(text.replace("Z", "")).replace(tzinfo=None)

@@ -16,8 +16,11 @@ Units: kt, fractions.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
+
+from airswing.blind_check.scores import Found
+from airswing.gap.result.schema import GapReport, PlaceEntry
+from airswing.synthetic.sealed.labels import Label, OutsideTruth
 
 __all__ = [
     "CARRIES",
@@ -28,8 +31,6 @@ __all__ = [
     "unknown_scores",
 ]
 
-Label = Mapping[str, Any]
-Gap = Mapping[str, Any]
 # Variables go together (pressure and temperature): one that tells nearly as much is no error.
 CARRIES = 0.8
 
@@ -59,20 +60,20 @@ def same_variable(told: str, true: str) -> bool:
     return told == true or told in SAME.get(true, ())
 
 
-def of_background(label: Label, place: Mapping[str, object]) -> bool:
+def of_background(label: Label, place: PlaceEntry) -> bool:
     """Return whether a place is of what the world has in the background, on all aircraft.
 
     Parameters
     ----------
-    label : mapping
+    label : Label
         ``background_components``: components in which the background errs; none where not given.
-    place : mapping
+    place : PlaceEntry
         One of ``unknown.where``.
     """
-    return place.get("component") in label.get("background_components", ())
+    return place.component in label.get("background_components", ())
 
 
-def only_of_background(label: Label, gap: Gap) -> bool:
+def only_of_background(label: Label, gap: GapReport) -> bool:
     """Return whether every place of an unknown is of the background.
 
     Returns
@@ -80,29 +81,31 @@ def only_of_background(label: Label, gap: Gap) -> bool:
     bool
         False where there is no place.
     """
-    places = gap["unknown"]["where"]
+    places = gap.unknown.where
     return bool(places) and all(of_background(label, place) for place in places)
 
 
-def _variables(place: Mapping[str, Any]) -> list[str]:
-    own = [str(name) for name in place.get("variables") or ()]
-    return own or [str(place.get("variable", ""))]
+def _variables(place: PlaceEntry) -> list[str]:
+    return list(place.variables) or [place.variable]
 
 
-def _closes(place: Mapping[str, Any]) -> float:
-    closure = place.get("closure") or {}
-    return float(closure.get("reduction") or 0.0)
+def _closes(place: PlaceEntry) -> float:
+    return 0.0 if place.closure is None else place.closure.reduction
 
 
-def unknown_scores(label: Label, gap: Gap, fleet: Sequence[str]) -> dict[str, object]:
+def unknown_scores(
+    label: Label, truth: OutsideTruth, gap: GapReport, fleet: Sequence[str]
+) -> Found:
     """Score the unknown of a diagnosis.
 
     Parameters
     ----------
-    label : mapping
+    label : Label
         Truth of an outside case.
-    gap : mapping
-        Content of gap.json.
+    truth : OutsideTruth
+        Its ``outside``.
+    fleet : sequence of str
+        All aircraft of the archive.
 
     Returns
     -------
@@ -111,20 +114,21 @@ def unknown_scores(label: Label, gap: Gap, fleet: Sequence[str]) -> dict[str, ob
         unknown_closure_stated, unknown_closure_interval, unknown_closure_error,
         unknown_closure_covered``; all but the closure None where no unknown is raised.
     """
-    unknown = gap["unknown"]
-    closed = _closure(label, gap)
-    raised = bool(unknown["present"]) and bool(unknown["where"])
-    if not raised:
-        keys = (
-            "variable_first",
-            "variable_near",
-            "variable_any",
-            "unknown_precision",
-            "unknown_recall",
-        )
-        return dict.fromkeys(keys) | closed
-    places = sorted(unknown["where"], key=_closes, reverse=True)
-    truth = label["outside"]
+    if gap.unknown.present and gap.unknown.where:
+        return _raised(label, truth, gap, fleet) | _closure(label, gap)
+    silent: Found = {
+        "variable_first": None,
+        "variable_near": None,
+        "variable_any": None,
+        "unknown_precision": None,
+        "unknown_recall": None,
+    }
+    return silent | _closure(label, gap)
+
+
+def _raised(label: Label, truth: OutsideTruth, gap: GapReport, fleet: Sequence[str]) -> Found:
+    """Return whether the places of an unknown have its variables and its aircraft."""
+    places = sorted(gap.unknown.where, key=_closes, reverse=True)
     first = _variables(places[0])[0]
     every = [name for place in places for name in _variables(place)]
     strict = any(same_variable(first, name) for name in truth["variables"])
@@ -133,7 +137,7 @@ def unknown_scores(label: Label, gap: Gap, fleet: Sequence[str]) -> dict[str, ob
     near = max(
         (share for name, share in carried.items() if same_variable(first, name)), default=0.0
     )
-    told = {tail for place in places for tail in place.get("tails") or fleet}
+    told = {tail for place in places for tail in place.tails or fleet}
     own = {tail for effect in label["effects"] for tail in effect["tails"] or fleet}
     return {
         "variable_first": strict,
@@ -141,24 +145,18 @@ def unknown_scores(label: Label, gap: Gap, fleet: Sequence[str]) -> dict[str, ob
         "variable_any": any(same_variable(t, n) for t in every for n in truth["variables"]),
         "unknown_precision": len(told & own) / len(told) if told else 0.0,
         "unknown_recall": len(told & own) / len(own) if own else 0.0,
-        **closed,
     }
 
 
-def _closure(label: Label, gap: Gap) -> dict[str, object]:
+def _closure(label: Label, gap: GapReport) -> Found:
     """Return what names and unknown close together against the truth, kt."""
     true = label["closure"]["before"] - label["closure"]["after"]
-    parts = [gap["closure"], gap["unknown"].get("closure") or {}]
-    if parts[1].get("reduction") is None:
-        each = [place.get("closure") or {} for place in gap["unknown"]["where"]]
-        parts = [parts[0], *each]
+    whole = [gap.unknown.closure] if gap.unknown.closure is not None else []
+    each = [place.closure for place in gap.unknown.where if place.closure is not None]
     stated, low, high = 0.0, 0.0, 0.0
-    for part in parts:
-        reduction = part.get("reduction")
-        if reduction is None and part.get("before") is not None and part.get("after") is not None:
-            reduction = part["before"] - part["after"]
-        ends = part.get("reduction_ci") or [reduction or 0.0] * 2
-        stated, low, high = stated + float(reduction or 0.0), low + ends[0], high + ends[1]
+    for part in (gap.closure, *(whole or each)):
+        ends = part.reduction_ci or [part.reduction] * 2
+        stated, low, high = stated + part.reduction, low + ends[0], high + ends[1]
     return {
         "unknown_closure_stated": stated,
         "unknown_closure_interval": [low, high],

@@ -26,6 +26,7 @@ from airswing.compass.fit.sandwich import Array
 
 SIZE = (8.27, 5.83)  # Inches
 Box = tuple[float, float, float, float]  # Left, bottom, width and height, shares of the page
+# Card above the nodes on the left, two panels beside them; the page is A5, half a sheet.
 CARD_BOX: Box = (0.015, 0.545, 0.475, 0.385)
 NODE_BOX: Box = (0.015, 0.04, 0.475, 0.46)
 PANELS: tuple[Box, Box] = ((0.585, 0.525, 0.40, 0.405), (0.585, 0.055, 0.40, 0.405))

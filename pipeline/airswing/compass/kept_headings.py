@@ -134,6 +134,7 @@ def _marks_of(reports: xr.Dataset, winds: xr.Dataset, pieces: Pieces) -> list[st
             digest.update(values[row : row + 1].data)
         for _, values in of_report:
             digest.update(values[start:stop].data)
+        # 128 bits: no two of any number of reports share them
         found.append(digest.hexdigest()[:32])
     return found
 

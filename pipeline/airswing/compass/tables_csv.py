@@ -35,6 +35,7 @@ from airswing.products.whole_files import atomic
 from airswing.units import NORMAL_95
 
 CARDINALS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
+# A swing card of a cockpit has twelve rows: every 30 degrees.
 CARD_HEADINGS = np.arange(0.0, 360.0, 30.0)
 COLUMNS = (
     "aircraft",

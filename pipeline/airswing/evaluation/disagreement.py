@@ -95,7 +95,9 @@ def disagreement_sums(
     du, dv = eastward - reference_eastward, northward - reference_northward
     good = np.isfinite(du) & np.isfinite(dv)
     turned = np.arctan2(eastward, northward) - np.arctan2(reference_eastward, reference_northward)
+    # m/s: in weaker winds the direction is mostly that of the error
     strong = good & (np.hypot(reference_eastward, reference_northward) >= 5.0)
+    # the shorter way round
     turned = np.arctan2(np.sin(turned[strong]), np.cos(turned[strong]))
     du, dv, heading = (np.asarray(part[good], np.float64) for part in (du, dv, heading))
     parts = [

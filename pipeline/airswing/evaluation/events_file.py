@@ -122,7 +122,7 @@ class Monitoring:
         news, silent = self.new_events, [one.aircraft for one in self.states if one.silent]
         lines = [
             f"{len(self.states):,} aircraft watched to {self.until} against {self.reference}: "
-            + (f"{len(news):,} new events" if news else "nothing new"),
+            + (f"{len(news):,} new event{'s' * (len(news) != 1)}" if news else "nothing new"),
             *(event.line for event in news),
         ]
         for words, names in (("another table for", self.differing), ("silent", silent)):

@@ -48,6 +48,7 @@ def permutation_test(
         Effects under permutation.
     """
     number = before.size
+    # of four aircraft there are six ways at most to choose two: no p value below 0.16
     if number < 5 or corrected.all() or not corrected.any():
         return float("nan"), float("nan"), np.empty(0)
     rng = np.random.default_rng(seed)
@@ -95,6 +96,7 @@ def unconditional_p_value(
     weight = np.where(corrected, 1.0 / corrected.sum(), -1.0 / (~corrected).sum())
     found = abs(float(weight @ change))
     drawn = np.abs(np.concatenate([part @ weight for part in _shuffled(rng, change, draws)]))
+    # a draw that is the very choice made must count as well, whatever the order of the sum
     return float((1.0 + (drawn >= found * (1 - 1e-12)).sum()) / (draws + 1.0))
 
 

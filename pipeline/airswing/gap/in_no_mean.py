@@ -31,6 +31,7 @@ from airswing.gap.witness.taken_off import small_beside
 
 Floats = NDArray[np.float64]
 
+# What stands beside a moment that is told and closes nothing.
 NOTHING = Reduction(0.0, 0.0)
 #: Size of scatter beside that of names on the same aircraft up to which it is what they leave: a
 #: band of ten degrees of temperature, sent in whole ones, leaves a tenth of its energy.

@@ -11,14 +11,22 @@ from typing import TYPE_CHECKING
 
 from airswing.errors import InputError
 from airswing.handover.records.registry import WINDS, Account, Request, Winds, format_of
-from airswing.products.findings import Findings
+from airswing.products.findings import findings
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from airswing.config import Handover
 
+
 SHOWN = 5  # Files, and aircraft, named to a person
+
+
+class Exported(Account):
+    """What was handed over, and as what."""
+
+    format: str
+    winds: Winds
 
 
 def export(
@@ -31,7 +39,7 @@ def export(
     soundings: bool = False,
     overwrite: bool = False,
     settings: Handover | None = None,
-) -> Findings:
+) -> Exported:
     """Write corrected winds for an assimilation system.
 
     Parameters
@@ -58,10 +66,10 @@ def export(
 
     Returns
     -------
-    Findings
-        A dict: ``format``, ``files`` with their reports and levels, ``reports``, ``levels``,
-        ``left_out`` (counts by reason), ``platforms``, ``notes``, and ``identifiers`` where
-        aircraft are written as numbers.
+    dict
+        ``format``, ``files`` with their reports and levels, ``reports``, ``levels``, ``left_out``
+        (counts by reason), ``platforms``, ``notes``, and ``identifiers`` where aircraft are written
+        as numbers.
 
     Raises
     ------
@@ -92,7 +100,8 @@ def export(
             overwrite,
             None if product is None else product.parent,
         )
-        return Findings(format=to, winds=winds, **chosen.write(request))
+        told: Exported = {"format": to, "winds": winds, **chosen.write(request)}
+        return findings(told)
     finally:
         if product is not None:
             ds.close()
@@ -122,7 +131,7 @@ def _seconds(window: str | None) -> float | None:
     return seconds
 
 
-def as_text(result: Account) -> str:
+def as_text(result: Exported) -> str:
     """Tell a person what :func:`export` wrote."""
     files = result["files"]
     places = [str(file["path"]) for file in files[:SHOWN]]

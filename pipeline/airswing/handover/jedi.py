@@ -25,7 +25,13 @@ from numpy.typing import NDArray
 from airswing.errors import InputError
 from airswing.flags import published
 from airswing.handover.records.platforms import identifiers
-from airswing.handover.records.registry import Account, ExportFormat, Request, register
+from airswing.handover.records.registry import (
+    Account,
+    ExportFormat,
+    FileAccount,
+    Request,
+    register,
+)
 from airswing.handover.records.run_products import (
     errors_beside,
     none_known,
@@ -64,7 +70,7 @@ def write(request: Request) -> Account:
     rows = _error_rows(errors_beside(request), request.winds, called)
     with product_beside(request, "fits.nc", why="it holds the coefficients") as product:
         fits = product.load()
-    files = []
+    files: list[FileAccount] = []
     for component, target in targets.items():
         head = [f"{STATION},{PRESSURE},ErrorVariance/{component}", "string,float,float"]
         write_text(target, "\n".join([*head, *rows]) + "\n")

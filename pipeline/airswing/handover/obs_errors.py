@@ -24,7 +24,13 @@ import numpy as np
 
 from airswing.errors import InputError
 from airswing.handover.records.platforms import PLATFORMS, platforms
-from airswing.handover.records.registry import Account, ExportFormat, Request, register
+from airswing.handover.records.registry import (
+    Account,
+    ExportFormat,
+    FileAccount,
+    Request,
+    register,
+)
 from airswing.handover.records.run_products import errors_beside, none_known, refuse_existing
 
 if TYPE_CHECKING:
@@ -54,7 +60,7 @@ def write(request: Request) -> Account:
         for phase, name in _names(own, folder=request.folder).items()
     }
     refuse_existing(request, *targets.values())
-    written = []
+    written: list[FileAccount] = []
     for phase, target in targets.items():
         tables = _wind_tables(own, phase)
         write_text(target, _changed_table(base, tables, types))

@@ -20,7 +20,15 @@ import numpy as np
 
 from airswing.errors import InputError
 from airswing.handover.records.gsi_list import WIND_CRITERIA, Entry, RejectList, read_reject_list
-from airswing.handover.records.registry import Account, ExportFormat, Request, register
+from airswing.handover.records.registry import (
+    Account,
+    ArchiveWinds,
+    ExportFormat,
+    Listed,
+    Request,
+    TakenOff,
+    register,
+)
 from airswing.handover.records.run_products import (
     correction_members,
     product_beside,
@@ -99,28 +107,28 @@ def judge(request: Request, criteria: dict[str, float]) -> list[Judged]:
 
 def _rescued(
     current: RejectList, fleet: dict[str, Judged]
-) -> tuple[list[bytes], list[Account], list[Account]]:
+) -> tuple[list[bytes], list[TakenOff], list[Listed]]:
     """The lines of the list as it could be, who comes off and who stays.
 
-    Of each aircraft whose wind is rejected: ``aircraft``, ``why``, and what the archive says.
+    Told is every aircraft whose wind is rejected.
     """
     known = {_plain(name): judged for name, judged in fleet.items()}
     lines: list[bytes] = []
-    taken_off: list[Account] = []
-    stay: list[Account] = []
+    taken_off: list[TakenOff] = []
+    stay: list[Listed] = []
     for entry in current.entries:
         if "W" not in entry.flags:
             lines.append(entry.line)
             continue
         judged = known.get(_plain(entry.identifier)) or known.get(_plain(entry.second))
         comes_off, why = verdict(entry, judged)
-        told = {"aircraft": entry.identifier, "why": why, **_told(judged)}
+        told: Listed = {"aircraft": entry.identifier, "why": why, **_told(judged)}
         if not comes_off:
             stay.append(told)
             lines.append(entry.line)
             continue
         left = entry.without_wind()
-        taken_off.append(told | {"still_rejected": left.flags if left else ""})
+        taken_off.append({**told, "still_rejected": left.flags if left else ""})
         lines += [left.line] if left else []
     return lines, taken_off, stay
 
@@ -157,7 +165,7 @@ def _plain(identifier: str) -> str:
     return identifier.strip().lstrip("0") or identifier.strip()
 
 
-def _told(judged: Judged | None) -> Account:
+def _told(judged: Judged | None) -> ArchiveWinds:
     if judged is None:
         return {}
     return {
@@ -175,8 +183,8 @@ def _account(
     target: Path,
     current: RejectList,
     fleet: dict[str, Judged],
-    taken_off: list[Account],
-    stay: list[Account],
+    taken_off: list[TakenOff],
+    stay: list[Listed],
 ) -> Account:
     """What there is to tell."""
     listed = {one.get("name") for one in [*taken_off, *stay]}

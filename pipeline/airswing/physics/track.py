@@ -169,16 +169,19 @@ def _make_fixes(
         for value in (latitude, longitude, seconds, altitude)
     )
     number = np.asarray(flight).reshape(-1)
+    # a step that is not known hides nothing
     step = np.broadcast_to(np.nan_to_num(np.asarray(resolution.position, np.float64)), lat.shape)
     tick = np.broadcast_to(np.nan_to_num(np.asarray(resolution.time, np.float64)), lat.shape)
     distance, forward, backward = (np.full(lat.shape, np.nan) for _ in range(3))
     placed = np.isfinite(lat) & np.isfinite(lon) & np.isfinite(when)
+    # only chords within a flight are asked for: geodesics are most of what this costs
     pair = np.flatnonzero((number[1:] == number[:-1]) & placed[1:] & placed[:-1])
     forward[pair], backward[pair], distance[pair] = _geodesic(lat, lon, pair, pair + 1)
     duration = np.full(lat.shape, np.nan)
     duration[:-1] = np.diff(when)
     # rounding may hide up to one step of time and two of position
     slack = 2.0 * METRES_PER_DEGREE * step
+    # nought is sound: two reports of one minute stand in one run, though they have no chord
     sound = (duration >= 0.0) & (duration <= MAX_GAP)
     sound &= distance - slack <= MAX_GROUND_SPEED * (duration + np.where(tick > 1.0, tick, 0.0))
     segment = np.concatenate([[0], np.cumsum(~sound[:-1])]) if lat.size else np.zeros(0)
@@ -288,12 +291,14 @@ def _bends(fixes: _Fixes) -> Index:
 def _widen(fixes: _Fixes, before: Index, after: Index, density: float) -> None:
     """Reach further wherever that lowers the expected variance of the velocity (in place)."""
     speed = _local_speed(fixes)
+    # an error of time moves a fix along the track alone: half of it is a component's
     noise = fixes.position_variance + 0.5 * speed**2 * fixes.time_variance
     everyone = np.arange(fixes.seconds.size)
     gain, wander = _variances(*_arms(fixes.seconds, before, after, everyone), density)
     # rounding falls as 1/t^2 and wandering grows as t: below this the plain window is the best
     here = np.flatnonzero(np.isfinite(noise) & (noise * gain > 0.5 * wander))
     bends = _bends(fixes)
+    # a report in the middle of a bend keeps its plain window: a wider one would cut the corner
     straight = bends[here] == bends[np.maximum(here - 1, 0)]
     best = noise[here] * gain[here] + wander[here]
     centred = (before[here] > 0) & (after[here] > 0)
@@ -311,6 +316,7 @@ def _widen(fixes: _Fixes, before: Index, after: Index, density: float) -> None:
         gain, wander = _variances(one, two, density)
         cost = noise[here[place]] * gain + wander
         timed = (one > 0.0) & (two > 0.0) if both else one + two > 0.0
+        # a centred window displaces a chord to one side whatever either costs: the chord lags
         better = timed & ((cost < best[place]) | (both & ~centred[place]))
         place = place[better]
         best[place], centred[place] = cost[better], both
@@ -345,6 +351,7 @@ def _motion(fixes: _Fixes, before: Index, after: Index, density: float) -> Groun
         # An error of time moves a fix along the track by the speed, and not across it.
         along = cross + gain * (east**2 + north**2) * fixes.time_variance
     centred = (before > 0) & (after > 0)
+    # between the middles of the two chords
     interval = np.where(centred, 0.5 * (arm_1 + arm_2), np.nan)
     turn = wrap_signed(bearing(east_2, north_2) - bearing(east_1, north_1))
     speed_1, speed_2 = np.hypot(east_1, north_1), np.hypot(east_2, north_2)
@@ -404,6 +411,7 @@ def _chord(fixes: _Fixes, reach: Index, side: int) -> tuple[Array, Array, Array,
         fixes.latitude, fixes.longitude, here, here + side * reach[here]
     )
     everyone = np.arange(size)
+    # a reach of nought is the report itself: nothing over nothing, not a number
     there = everyone + side * reach
     duration = side * (fixes.seconds[there] - fixes.seconds)
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -248,6 +248,7 @@ def _times(fix: Index, there: Mask, legs: _Legs) -> Array:
     times = legs.seconds[fix] - legs.seconds[fix[:, REACH]][:, None]
     number = np.maximum(there.sum(axis=1), 1)
     mean = np.where(there, np.diff(times, axis=1), 0.0).sum(axis=1) / number
+    # s: of a single fix there is no leg
     mean = np.where(mean > 0.0, mean, 60.0)
     for k in range(REACH):
         after, before = REACH + k, REACH - 1 - k
@@ -365,6 +366,7 @@ def _prior(window: _Window, turns: _Turns, turn: Single) -> Single:
     number = np.maximum(window.there.sum(axis=1), 1)
     speed = (window.speed.sum(axis=1) / number)[:, None].astype(np.float32)
     bank = np.arctan(np.abs(turn) / turns.length * speed / np.float32(GRAVITY))
+    # rad: straight on has no logarithm, and is another hypothesis
     usual = np.log(np.maximum(bank, np.float32(1e-3)) / np.float32(BANK)) / BANK_SPREAD
     mean = window.duration.mean(axis=1)[:, None].astype(np.float32)
     log = -0.5 * usual**2 - np.log(turns.length / mean) - np.log(turns.length.shape[1])
@@ -421,4 +423,5 @@ def _airspeed(window: _Window, turns: _Turns, fit: _Fitted) -> tuple[Array, Arra
         lengths.append(np.where(window.there[:, k], window.speed[:, k] * factor, np.nan))
     speed = total / share
     change = np.nan_to_num(lengths[1] - lengths[0])  # speeding up: which part before the report
+    # uniform over the change: a twelfth of its square
     return speed, np.sqrt(doubt / share + change**2 / 12.0)

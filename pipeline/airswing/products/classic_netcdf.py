@@ -70,6 +70,7 @@ class _Header:
     def __init__(self, file: BinaryIO) -> None:
         self._file = file
         self.version = self._octets(1)[0]
+        # classic, 64-bit offset, and CDF-5
         if self.version not in (1, 2, 5):
             raise _ShortError(f"format {self.version}")
 
@@ -146,6 +147,7 @@ def _extent(header: _Header) -> tuple[int, int]:
 
 
 def _few(count: int) -> int:
+    # NC_MAX_VAR_DIMS of the library: more is damage
     if count > 1024:
         raise _ShortError(f"a variable of {count:,} dimensions")
     return count

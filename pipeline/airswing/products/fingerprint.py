@@ -87,6 +87,7 @@ def code_digest(*modules: str, package: Path = PACKAGE) -> str:
     for path in sorted(seen):
         digest.update(f"{path.relative_to(package)}\0".encode())
         digest.update(path.read_bytes())
+    # 128 bits tell versions apart; whole ones make attributes long
     return digest.hexdigest()[:32]
 
 

@@ -194,6 +194,7 @@ def _field(data: _Winds, axes: list[Floats]) -> Floats:
         found = spsolve(normal, design.T @ (weight * right))
         # Huber's weights by the median of what is left, which outliers do not move.
         rest = np.abs(right - design @ found)
+        # the median of a normal variable's size is 0.6745 of its standard deviation
         limit = HUBER * max(float(np.median(rest)) / 0.6745, 1e-6)
         weight = plain * np.minimum(1.0, limit / np.maximum(rest, 1e-9))
     return np.asarray(found[: 2 * nodes].reshape(2, nodes) + middle[:, np.newaxis])
@@ -223,6 +224,7 @@ def _bends(sizes: list[int]) -> sparse.csr_matrix:
         if size > 2:
             own = sparse.diags([1.0, -2.0, 1.0], [0, 1, 2], shape=(size - 2, size))
         else:
+            # two nodes have no curvature: their difference is held instead, less firmly
             own = sparse.diags([-0.3, 0.3], [0, 1], shape=(size - 1, size))
         each = [own if k == j else sparse.identity(n) for j, n in enumerate(sizes)]
         parts.append(reduce(sparse.kron, each))

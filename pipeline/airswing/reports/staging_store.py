@@ -133,8 +133,11 @@ class Spool:
         """
         require_format(format)
         mapping = parse_mapping(columns)
+        # once, before anything is read: a file that grows meanwhile is another one to the next run
         wanted = {path: _identity(path) for path in expand(files)}
         self._take_up(set(wanted.values()))
+        # small files share a segment: thousands of files of a few reports would be thousands of
+        # segments
         writer, errors = _Batch(self), []
         for path, identity in wanted.items():
             if identity in self.files:
@@ -152,6 +155,7 @@ class Spool:
             self.octets_read += identity[1]
             writer.keep(identity, own)
         writer.commit()
+        # after the commit: what was read stays kept, whatever is told now
         if len(errors) == len(wanted):
             raise none_read(errors)
         self._tally(wanted)
@@ -197,6 +201,7 @@ class Spool:
         start, labels = 0, _Labels()
         for one, own, tails in parts:
             run = slice(start, start + own.size)
+            # segments number their own tails and labels: both are brought to common numbers
             rows["tail"][run] = np.array([place[tail] for tail in tails])[own["tail"]]
             rows["flight"][run] = labels.numbers(one.flights, own["flight"])
             start += own.size
@@ -238,6 +243,7 @@ class Spool:
             self.segments += segments
             held |= {path, *(Path(str(one.rows)) for one in segments)}
         for path in self.folder.iterdir():
+            # segments of a run that was killed before its note have no note: they go, too
             if path not in held:
                 path.unlink()
 
@@ -250,6 +256,7 @@ class _Labels:
 
     def numbers(self, labels: Sequence[str], codes: NDArray[np.integer]) -> NDArray[np.int32]:
         """Own numbers for codes of another list of labels."""
+        # of thousands of labels a block uses a few
         used, index = np.unique(codes, return_inverse=True)
         found = [self.known.setdefault(labels[code], len(self.known)) for code in used]
         return np.array(found, dtype=np.int32)[index]
@@ -282,6 +289,7 @@ class _Batch:
     def drop(self, identity: Identity, error: InputError) -> None:
         """Forget the file under way: it cannot be read."""
         for one in self.of_current:
+            # pieces of it that were full are on disk already
             if isinstance(one.rows, Path):
                 one.rows.unlink()
         self._begin_file()
@@ -303,6 +311,7 @@ class _Batch:
         if _size(self.whole):
             self.segments.append(self._set_down(self.whole))
         spool = self.spool
+        # files that cannot be read alone are no reason for a note: they are tried again
         if spool.folder is not None and any(isinstance(one, Audit) for one in self.files.values()):
             self._write_manifest(spool.folder)
         spool.files |= self.files
@@ -324,6 +333,7 @@ class _Batch:
                 one._asdict() | {"rows": Path(str(one.rows)).name} for one in self.segments
             ],
         }
+        # after its rows: a note stands for segments that are whole
         _write(folder / f"{uuid.uuid4().hex}.json", note(content).encode())
 
     def _set_down(self, frames: list[pd.DataFrame]) -> Segment:
@@ -345,6 +355,7 @@ class _Batch:
         flights, rows["flight"] = in_alphabetical_order(
             list(labels["flight"].known), rows["flight"]
         )
+        # stable: reports of an aircraft stay in the order in which they were read
         rows = rows[np.argsort(rows["tail"], kind="stable")]
         stop = np.cumsum(np.bincount(rows["tail"], minlength=tails.size))
         kept: NDArray[np.void] | Path = rows
@@ -380,6 +391,7 @@ def _hours(rows: NDArray[np.void]) -> list[tuple[int, int]]:
 def _complete(one: Segment) -> bool:
     """Whether a segment's rows are all there, as they were written."""
     rows = Path(str(one.rows))
+    # the size first: it costs nothing, and tells most of what is cut off
     if not rows.is_file() or rows.stat().st_size != one.stop[-1] * ROW.itemsize:
         return False
     found = hashlib.blake2b(digest_size=SEAL)

@@ -79,6 +79,7 @@ def filled(job: Job, folder: Path) -> Spool:
     options = asked.model_dump(include={"format", "columns", "only", "on_bad_file"})
     spool = Spool(
         folder / "reports",
+        # the code too: cleaned reports of an older version are cleaned anew
         key=fingerprint(options, code_digest("airswing.reports.staging_store")),
     )
     spool.fill(
@@ -114,6 +115,7 @@ def catalogues(
         for name in names:
             asked = job.config.references[name]
             files, engine = (only or {}).get(name, asked.files), str(asked.engine)
+            # made of the reports themselves, and from then on a reference like any other
             if engine == "fleet" and archive is not None and folder is not None:
                 with written_to(folder):
                     files = [str(write_fleet_wind(archive, folder / f"{name}_wind.nc"))]
@@ -183,6 +185,7 @@ def needs_of(
     from airswing.reference.planning import Need, points_of
 
     gap, needs = job.config.collocation.max_time_gap, dict[str, Need]()
+    # samples without derivatives do not serve: the gap's inputs are made in the same pass
     finished = None if kept is None else partial(kept.holds, derivatives=True)
     for number in range(len(places)):
         points = points_of(places.reports(number))
@@ -209,6 +212,7 @@ def _plans_of(
         }
         messages = sum(one.messages for one in plans.values())
         stage.note = f"{messages:,} messages to read"
+    # reports are the same for each; a reference without any has none counted
     reports = max(one.reports for one in plans.values())
     threads = job.progress.threads
     job.progress.expected = stage_seconds(reports, aircraft, plans, threads=threads)
@@ -247,6 +251,7 @@ def collocate_places(
         with written_to(folder):
             store.begin()
         for number in range(len(places)):
+            # stretches of time one after the other: memory holds the winds of one
             winds = collocate(
                 places.reports(number),
                 models,
@@ -261,6 +266,7 @@ def collocate_places(
                 problems[name] |= met
             with written_to(folder):
                 places.put(number, winds.drop_vars([*ACCOUNT, PROBLEMS]))
+        # after all stretches: a model time may serve the next one as well
         store.forget_unused()
         matched = ", ".join(f"{name} {one.matched:,}" for name, one in plans.items())
         stage.note = f"reports within the model: {matched}"
@@ -311,6 +317,8 @@ def collocated_blocks(
     places = set_places_down(archive, job.store / "blocks")
     plans = _plans_of(job, places, models, aircraft=archive.aircraft)
     if given is None:
+        # before hours of reading: no report in the model's time or grid is a mistake of the
+        # configuration
         require_overlap(plans)
     met = collocate_places(job, places, models, plans, job.store)
     lost = {file for one in met.values() for _, file, reason in one if of_a_lost_file(reason)}
@@ -338,6 +346,7 @@ def collocated_blocks(
             winds = places.winds(number, reports)
             headings = found.derive(reports, winds.drop_vars(DERIVATIVES))
             yield headings.assign(winds[list(DERIVATIVES)])
+        # what derives headings learns on all blocks, so it is known after the last
         attrs["ground_vector_evidence"] = json.dumps(found.evidence)
 
     return Blocks(archive.reports, archive.aircraft, each, "headings", attrs, whole=not lost)

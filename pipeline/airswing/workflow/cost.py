@@ -7,7 +7,7 @@ another machine differs by a factor of two or so. Good for "minutes or a night?"
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypedDict
 
 if TYPE_CHECKING:
     from airswing.reference.planning import Plan
@@ -62,6 +62,45 @@ BYTES_KEPT, BYTES_KEPT_PER_REFERENCE = 73, 32
 _BASE_BYTES = 400_000_000
 
 
+class Estimate(TypedDict):
+    """What a run is expected to take."""
+
+    seconds: float
+    stages: dict[str, float]  # seconds of each
+    memory_bytes: int  # at most
+    disk_bytes: int  # while it runs
+    kept_disk_bytes: int  # after it, products included
+
+
+class ReferencePlan(TypedDict):
+    """A :class:`airswing.reference.planning.Plan`, and what of it an earlier run has done."""
+
+    reference: str
+    model_times: int
+    messages: int
+    bytes: int
+    sparse_messages: int
+    reports: int
+    matched: int
+    without_time: int
+    outside_grid: int
+    outside_levels: int
+    report_times: tuple[str, str]
+    model_span: tuple[str, str]
+    report_box: tuple[float, float, float, float]
+    model_box: tuple[float, float, float, float]
+    model_levels: tuple[float, ...]
+    kept_messages: int
+
+
+class RunPlan(Estimate):
+    """What a run would read, and what it is expected to take."""
+
+    reports: int
+    aircraft: int
+    references: dict[str, ReferencePlan]
+
+
 def stage_seconds(
     reports: int, aircraft: int, plans: Mapping[str, Plan], *, threads: int = 1, kept: float = 0.0
 ) -> dict[str, float]:
@@ -100,7 +139,7 @@ def estimate(
     block: int,
     left: Mapping[str, Plan] | None = None,
     keep: bool = True,
-) -> dict[str, object]:
+) -> Estimate:
     """Estimate time, peak memory and disk space of a run.
 
     Parameters
@@ -111,12 +150,6 @@ def estimate(
         What an earlier run left to be read; all of the plans by default.
     keep : bool, default True
         Finished work is kept for later runs.
-
-    Returns
-    -------
-    dict
-        ``seconds``, ``stages`` (seconds of each), ``memory_bytes``, ``disk_bytes`` while it runs,
-        ``kept_disk_bytes`` after it, products included.
     """
     left = plans if left is None else left
     whole, rest = (sum(one.messages for one in some.values()) for some in (plans, left))
@@ -137,14 +170,8 @@ def estimate(
     }
 
 
-def as_text(found: Mapping[str, Any]) -> str:
-    """Lay a plan out for a terminal.
-
-    Parameters
-    ----------
-    found : mapping
-        Of :func:`airswing.workflow.plan_run`.
-    """
+def as_text(found: RunPlan) -> str:
+    """Lay a plan out for a terminal."""
     lines = [f"{found['reports']:,} reports of {found['aircraft']} aircraft"]
     for name, one in found["references"].items():
         lines += [

@@ -51,6 +51,7 @@ def make_evaluation(
         profiles=make_profiles(job, headings, corrected),
         observation_errors=make_observation_errors(job, headings, corrected),
         stability=make_stability(job, headings, fits),
+        # named here: the virtual field test below takes it up
         ranking=(ranking := make_ranking(job, headings, fits)),
         virtual=make_virtual(job, headings, fits, ranking),
         field_test=None if config.field_test is None else make_field_test(job, headings),
@@ -125,6 +126,8 @@ def make_field_test(
             reference=main_reference(config),
             **test.model_dump(),
         )
+        # an update hands it in: its headings begin with the test, and the fits are of what was
+        # before
         told = expected_reduction(job, screened) if expected is None else expected
         content: FieldTestContent = {**found, **told}
         result = findings(content)
@@ -200,6 +203,7 @@ def make_sensitivity(
     found = ready(job, headings, HEADINGS)
     costs = _interval_costs(job, found) if intervals else {}
     if costs and len(config.references) == 1:
+        # one reference has nothing to be compared with
         alone: SensitivityContent = {"time_interval": costs}
         write_json(job.output / SENSITIVITY, alone)
         return alone
@@ -227,6 +231,7 @@ def _interval_costs(job: Job, headings: xr.Dataset) -> dict[str, list[IntervalCo
     from airswing.evaluation.reference_comparison.time_interval import interval_cost
     from airswing.workflow.collocating import catalogues
 
+    # a wind of the fleet itself has no files that could be read more seldom
     own = [name for name, one in job.config.references.items() if one.engine != "fleet"]
     models = catalogues(job, own)
     with job.progress.stage("time interval") as stage:

@@ -44,6 +44,7 @@ def gap_headings(job: Job) -> xr.Dataset:
     by_month = where_it_stands(job, HEADINGS).is_dir()
     headings = ready(job, None, HEADINGS) if by_month else make_headings(replace(job, resume=True))
     inputs = ready(job, None, GAP_INPUTS)
+    # both products are by report and have no key but their order
     if inputs.attrs.get(MARK) != headings.attrs.get(MARK):
         raise InputError(
             "the derivatives of the model winds are not of these headings",
@@ -113,16 +114,20 @@ def diagnosis(
     from airswing.workflow.gap_start import read_start, starting_point
 
     config = job.config
+    # before anything is read: a mistyped file must not cost the hour that headings may take
     asked = read_start(job, known=known, simulated=simulated)
     headings = gap_headings(job)
     with job.progress.stage("read") as stage:
         archive = _archive(job, headings, held=bool(asked.known or asked.simulated))
         stage.note = f"{archive.reports:,} reports, {archive.view.size:,} held in memory"
     start = starting_point(job, archive.view, asked, effects_of=_effects_of_archive)
+    # something was taken off the reports in memory: sums of the file's would have it still
     if start.frame is not archive.view:
         archive = held_archive(start.frame, workers=archive.workers)
     with job.progress.stage("diagnose") as stage:
         found = diagnose(archive, catalogue=_catalogue(without), progress=stage.tell)
+        # effects of scatter cannot be taken off the reports: those the simulation has are found
+        # again
         effects = not_known(found.report.effects, start.known)
         names = [effect.name for effect in effects]
         stage.note = ", ".join(names) or "no effect missing"
@@ -184,12 +189,14 @@ def _seen(
     if archive.whole:
         return headings, adjustment
     chosen = np.zeros(headings.sizes["report"], dtype=bool)
+    # by blocks: an archive larger than memory is never whole
     chosen[archive.view.report] = True
     parts, start = [], 0
     for block in blocks(headings):
         stop = start + block.sizes["report"]
         parts.append(some_reports(block, chosen[start:stop]))
         start = stop
+    # ranks: the reports kept are numbered anew from 0
     order = np.argsort(np.argsort(adjustment.report))
     return joined(parts), replace(adjustment, report=order)
 

@@ -11,7 +11,7 @@ import tempfile
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import xarray as xr
@@ -40,10 +40,11 @@ from airswing.workflow.job import (
 
 if TYPE_CHECKING:
     from airswing.config import Config
+    from airswing.workflow.cost import ReferencePlan, RunPlan
     from airswing.workflow.progress import StageRecord
 
 
-def plan_run(job: Job) -> dict[str, object]:
+def plan_run(job: Job) -> RunPlan:
     """Say what a run would read and cost; nothing is decoded and nothing kept.
 
     Returns
@@ -57,6 +58,7 @@ def plan_run(job: Job) -> dict[str, object]:
     from airswing.reference.store import SampleStore
     from airswing.workflow.cost import estimate
 
+    # without --resume a run reads everything again
     kept = SampleStore(job.store) if job.resume else None
     with tempfile.TemporaryDirectory() as name:
         archive = read(job, Path(name))
@@ -82,7 +84,10 @@ def plan_run(job: Job) -> dict[str, object]:
             keep=job.config.compute.keep_samples,
         ),
         "references": {
-            name: one.as_dict() | {"kept_messages": one.messages - left[name].messages}
+            name: cast(
+                "ReferencePlan",
+                one.as_dict() | {"kept_messages": one.messages - left[name].messages},
+            )
             for name, one in plans.items()
         },
     }
@@ -103,6 +108,7 @@ def make_headings(job: Job, given: Sources | None = None) -> xr.Dataset:
         the reports are in it.
     """
     names = list(job.config.references)
+    # two hashes: with other screening alone the model winds still hold, and hours of reading
     unscreened, *screened = depends_on(job.config, given)
     beside = inputs_hold(job, unscreened)
 
@@ -111,7 +117,10 @@ def make_headings(job: Job, given: Sources | None = None) -> xr.Dataset:
         if made is None:
             job.begin_store()
             made = _collocated(job, names, given)
+            # before the screening: the derivatives are of all reports, whatever is screened out of
+            # them later
             made = set_apart(job, made, unscreened if made.whole else "")
+        # a run whose model files were lost on the way must be found stale by the next
         made.attrs[MARK] = unscreened if made.whole else ""
         return _screened(job, made)
 
@@ -123,6 +132,7 @@ def make_headings(job: Job, given: Sources | None = None) -> xr.Dataset:
         depends=(unscreened, *screened),
         whole=beside,
     )
+    # only now: until the product stands, finished model times are what a killed run goes on with
     job.end_store()
     return headings
 
@@ -190,6 +200,7 @@ def _screened(job: Job, made: Blocks) -> Blocks:
     def each(stage: StageRecord) -> Iterator[xr.Dataset]:
         kept, removed = 0, xr.DataArray(0)
         for block in made.each(stage):
+            # as stored: screening at full precision could differ from screening what is read again
             headings = screen(as_stored(block), **config.screening.model_dump())
             if config.field_test is not None:
                 test = config.field_test
@@ -202,6 +213,7 @@ def _screened(job: Job, made: Blocks) -> Blocks:
             kept += int((headings["screening"] == 0).sum())
             removed = removed + audit(headings)["together_total"]
             yield headings
+        # known when the last block has come by: attributes are written after the variables
         made.attrs["kept_reports"] = kept
         made.attrs["screened_out"] = removed.to_series().to_dict() if made.reports else {}
         stage.note = f"{kept:,} of {made.reports:,} reports kept"
@@ -224,6 +236,7 @@ def _unscreened(job: Job, mark: str) -> Blocks | None:
     kept, record = found.drop_vars("screening"), Record.read(job.record)
 
     def written(uuid: str) -> None:
+        # the record tells which rows an earlier run derived, and is of that product alone
         if record is not None and record.product == found.attrs["uuid"]:
             with written_to(job.store):
                 record._replace(product=uuid).write(job.record)

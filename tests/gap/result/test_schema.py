@@ -35,6 +35,14 @@ def test_the_keys_of_the_format_stand_in_the_file(gap_product):
     assert "known" not in content and "simulation" not in content
 
 
+@pytest.mark.parametrize("value", [[-15.0, 0.0], ["N401", "N402"], "flag", 2.0, True, None])
+def test_a_parameter_may_be_a_range_a_pair_a_word_or_a_number(gap_product, value):
+    content = json.loads((gap_product / "gap.json").read_text())
+    content["effects"][0]["parameters"] = {"one": value}
+    (told,) = GapReport.of(content).effects[0].parameters.values()
+    assert told == value and type(told) is type(value)
+
+
 def test_a_number_of_another_kind_is_named(gap_product, tmp_path):
     content = json.loads((gap_product / "gap.json").read_text())
     content["closure"]["before"] = "much"

@@ -42,6 +42,8 @@ def test_only_the_forms_that_are_absorbed_are_named():
     base, bare = sums([30.0, 10.0], [3.0, 6.0])
     reason = absorbed(base, bare, [candidate(0), candidate(1)], EFFECTS)["bias"]
     assert reason.startswith("in part (all): at least 90 %")
+    reason = absorbed(*sums([30.0, 10.0], [30.0, 0.6]), [candidate(0), candidate(1)], EFFECTS)
+    assert reason["bias"].startswith("in part (above 500 hPa): ")
     base, bare = sums([30.0, 10.0], [3.0, 1.0])
     assert absorbed(base, bare, [candidate(0), candidate(1)], EFFECTS)["bias"].startswith(
         "at least 90 %"

@@ -36,7 +36,7 @@ from airswing.report.gap.words import (
     digits_for,
     effect_sentence,
     joined,
-    nature_text,
+    nature_of,
     parameter_text,
     parameters_text,
     period_text,
@@ -193,6 +193,8 @@ def test_whom_an_effect_concerns(gap: GapReport) -> None:
     each = effect("hard_iron", *(f"n{k}" for k in range(8)))
     assert who_text(each, 9) == "n0, n1, n2, n3, n4, n5 and 2 more"
     assert who_text(each, 8) == "each of the 8 aircraft"
+    three, four = (effect("hard_iron", *(f"n{k}" for k in range(size))) for size in (3, 4))
+    assert who_text(four, 4) == "each of the 4 aircraft" and who_text(three, 3) == "n0, n1 and n2"
     assert effect_sentence(each, 8).startswith("Each of the 8 aircraft: heading error of one")
     single = effect("tas_scale", "n1x")
     assert who_text(single) == "n1x"
@@ -224,26 +226,29 @@ def test_every_effect_found_says_what_it_is_and_what_is_like_it(
     twice = effect("tas_scale", "N1"), effect("tas_scale", "N2"), effect("compass_step", "N3")
     text, _ = parsed(write_gap_page(tmp_path, gap=replace(gap, effects=list(twice)), maps=maps))
     for name in ("tas_scale", "compass_step"):
-        assert text.count(f"<li>{escape(nature_text(name))}</li>") == 1
+        for part in nature_of(name):
+            assert text.count(str(escape(part))) == 1
     assert text.count("Easily confused with") == 2
-    told = nature_text("compass_step")
-    assert told.startswith("Compass deviation that changes at a date: Maintenance, ")
-    assert "both. Source: EASA AMC 25.1327 and FAA AC 43.13-1B (when a compass must be " in told
+    assert "<li><b>Compass deviation that changes at a date.</b> Maintenance, " in text
+    told = nature_of("compass_step")
+    assert told.source.startswith("Source: EASA AMC 25.1327 and FAA AC 43.13-1B (when a compass ")
     assert (
         "; constant heading error or heading error of one cycle (where the date lies near an end "
         "of the record); two aircraft exchanged identifiers (where "
-    ) in told
+    ) in told.alike
 
 
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_what_is_said_of_an_effect_is_whole_sentences_without_code_names(name: str) -> None:
-    told = nature_text(name)
-    assert told.endswith(".") and "_" not in told and ".." not in told
-    assert CATALOGUE[name].physics in told and CATALOGUE[name].source in told
+    told = nature_of(name)
+    for part in (told.physics, told.source, told.alike or "."):
+        assert part.endswith(".") and "_" not in part and ".." not in part
+        assert "seed" not in part and " k x " not in part
+    assert told.physics == CATALOGUE[name].physics and CATALOGUE[name].source in told.source
 
 
 def test_an_effect_that_is_no_longer_in_the_catalogue_is_told_without_its_nature() -> None:
-    assert nature_text("of_another_version") == ""
+    assert nature_of("of_another_version") is None
 
 
 def test_the_page_the_command_wrote_is_the_page_of_its_products(
@@ -323,6 +328,38 @@ def test_unknown_effects_are_placed_and_drawn(
     first, second = slice_words(place), slice_words(table)
     assert f"found in {first} and {second}." in text
     assert found.images == without.images + 2
+
+
+def test_categories_stand_by_name_beside_a_table_of_an_unknown() -> None:
+    table = gap_factories.unknown_table()
+    edges = [[-0.5, 0.5, 1.5, 2.5], [-0.5, 0.5, 1.5]]
+    curve = replace(table.curve, variables=["phase", "icing"], edges=edges, values=[0.5] * 6)
+    axes = which_figures.unknown_curve_figure(replace(table, curve=curve)).axes[0]
+    assert [one.get_text() for one in axes.get_xticklabels()] == ["ascent", "cruise", "descent"]
+    assert [one.get_text() for one in axes.get_yticklabels()] == ["off", "on"]
+    edges = [[0.0, 180.0, 360.0], [-0.1, 0.0, 0.3]]
+    names, units = ["magnetic_heading", "acceleration"], ["degree", "m/s2"]
+    turn = replace(curve, variables=names, variable_units=units, edges=edges, values=[0.5] * 4)
+    axes = which_figures.unknown_curve_figure(replace(table, curve=turn)).axes[0]
+    assert axes.get_xticks().tolist() == [0.0, 90.0, 180.0, 270.0, 360.0]
+    assert axes.get_ylabel() == "acceleration (m/s²)"
+
+
+def test_layers_stand_by_their_bounds(gap: GapReport, maps: xr.Dataset) -> None:
+    axes = where_figures.phase_level_figure(maps, gap).axes[0]
+    told = [one.get_text() for one in axes.get_yticklabels()]
+    assert told == ["850-1100", "700-850", "600-700", "500-600", "400-500", "above 400"]
+
+
+def test_names_below_the_probabilities_turn_where_they_would_overlap() -> None:
+    for number, turned in ((14, 0.0), (30, 90.0)):
+        tails = [f"N{401 + k}" for k in range(number)]
+        axes = which_figures.posterior_figure(tails, {"tas_scale": [0.5] * number}).axes[0]
+        assert {one.get_rotation() for one in axes.get_xticklabels()} == {turned}
+    rows = {"tas_scale": [0.5], "cross:airspeed*heading": [0.5], "wind:turned": [0.5]}
+    axes = which_figures.posterior_figure(["N1"], rows).axes[0]
+    told = [one.get_text() for one in axes.get_yticklabels()]
+    assert told == ["tas scale", "airspeed by heading, across", "turned, wind"]
 
 
 def test_steps_of_the_waterfall_carry_the_level_they_leave(gap: GapReport) -> None:

@@ -290,6 +290,7 @@ def joined(parts: list[PassSums], size: int) -> tuple[Array, Array, float]:
 
 def solve(normal: Array, score: Array) -> Array:
     """Solve symmetric equations, their columns brought to one size."""
+    # a parameter that no report tells has a diagonal of nil
     scale = np.sqrt(np.maximum(normal.diagonal(), 1e-30))
     square = normal / (scale * scale[:, np.newaxis])
     # at unit diagonal: keeps a parameter no report tells of solvable, and moves no other

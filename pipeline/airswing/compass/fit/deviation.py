@@ -266,6 +266,7 @@ def _sum_reference(columns: Columns, members: list[int], options: Options) -> li
 
 def compass_points(angle: NDArray[np.floating]) -> int:
     """Compass points that angles (degrees) are nearest to: three of them, or one in 500."""
+    # so few are turns or gross headings, and no point that is flown on
     least = max(3, 0.002 * angle.size)
     counts = np.zeros(8, dtype=np.int64)
     for begin in range(0, angle.size, BLOCK):

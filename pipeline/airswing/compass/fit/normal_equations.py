@@ -47,6 +47,7 @@ from airswing.compass.fleet.flight_segments import ROWS, SLOPES
 
 COMPASS = 5
 """A, B, C, D, E come first in every parameter vector, then s, then b_u, b_v a reference."""
+# Of one reference: beside the compass s, b_u and b_v.
 LOCAL = COMPASS + 3
 # Tukey's constants: 95 % efficiency for a normal vector (2-D) and scalar residual.
 CUT_2D, CUT_1D = 5.0, 4.685
@@ -154,6 +155,7 @@ def accumulate(
         if cuts is not None:
             _add_blocks(rows, cuts[k], sums)
     sums.scatter = scatter
+    # the eighth row is the residual itself: it is no parameter of the normal matrix
     sums.normal += _of_all(cross[:7, :7], along[1:, 1:])
     if apart is not None:
         sums.flight_normal = _of_all(*apart)
@@ -212,6 +214,8 @@ def _scores(rows: Rows) -> Single:
     cross, along = rows.weighted_cross, rows.weighted_along[1:]
     cross[:7] *= rows.cross[7]
     along *= rows.along[0]
+    # both components tell of b_u and b_v, and only the one along of s, which takes the place of the
+    # residual
     cross[5] -= along[2]
     cross[6] += along[1]
     cross[7] = along[0]
@@ -271,6 +275,7 @@ def _robust_scatter(
         # places rather than flags: several times faster to take by
         low, high = np.flatnonzero(below), np.flatnonzero(~below)
         small = float(variance[low].mean()) if low.size else np.inf
+        # what the two halves differ by tells how much of the known variance the residuals show
         spread = float(variance[high].mean()) - small
         if spread > 1e-9:
             above, along, cross = _median(cross[high]), along[low], cross[low]

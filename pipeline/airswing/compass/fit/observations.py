@@ -116,6 +116,7 @@ class Reports:
         heading[:] = self.heading[keep]
         error[:] = self.heading_error[keep]
         known[:] = self.standard_error[keep]
+        # four rows that stand side by side are degrees: one pass over the memory for all of them
         room[1:5] *= np.float32(np.pi / 180.0)
         np.sin(cosine, out=sine)
         np.cos(cosine, out=cosine)

@@ -187,6 +187,8 @@ def _from_airspeed(group: list[AircraftFit]) -> tuple[Array, Array, float]:
     speed = np.array([_airspeed(fit) for fit in group])
     design, error = design * speed[:, np.newaxis], scale * speed
     size = np.sqrt((design**2).mean(axis=0))
+    # a fleet that flies one way shows the reference's bias and a scale alike: then only the scatter
+    # is told
     if np.linalg.cond(design / size) > 10.0 or len(group) < 2 * FEWEST_AIRCRAFT:
         spread = error - np.median(error)
         return np.zeros(2), np.zeros((2, 2)), float(np.sqrt((spread**2).sum() / (len(group) - 1)))

@@ -27,6 +27,8 @@ class Rows:
     """
 
     def __init__(self, size: int) -> None:
+        # one allocation for all kinds of rows, as `cut` deals them out; single precision halves
+        # what a pass reads
         self.memory = np.empty((ROWS + 5 + 12 + 2 + 2 + 1) * size, np.float32)
         self.size = -1
         self.cut(size)

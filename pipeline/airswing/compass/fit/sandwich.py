@@ -88,6 +88,7 @@ def degrees_of_freedom(normal: Array, normals: Array | None, clusters: int) -> A
         return np.full(normal.shape[0], max(clusters / 3.0, 1.0))
     inverse = np.linalg.pinv(normal, hermitian=True)
     part = ((inverse @ normals) * inverse.T).sum(axis=2)
+    # a parameter held fixed has no part in any flight
     share = part / np.maximum(part.sum(axis=0), 1e-300)
     pieces = 1.0 / np.maximum((share**2).sum(axis=0), 1e-12)
     return np.asarray(np.maximum(pieces - 1.0, 1.0))

@@ -240,6 +240,7 @@ def blocks_of(
         As for :func:`make_blocks`.
     """
     count, at = cut.count, cut.middle
+    # weights mean one: a block is then worth its reports, and variances are those of a report
     unit = int(count.sum()) / max(float(sums[0].sum()), 1e-30)
     sums = sums * unit
     sums[1:3] /= kappa

@@ -130,6 +130,7 @@ class Written:
         for part, place in zip(equations.parts, equations.places(), strict=True):
             newton[np.ix_(place, place)] += part.dense()
         diagonal = np.arange(shared)
+        # a coefficient held at zero is no unknown: as stiff as the stiffest, it hardly moves
         newton[diagonal, diagonal] += np.where(
             equations.free.ravel(), 0.0, np.diagonal(newton)[:shared].max()
         )
@@ -141,6 +142,8 @@ class Written:
         score = right[shared:] - newton[shared:, :shared] @ top[:, -1]
         self.prior = np.zeros(right.size)
         groups = [group - shared for group in equations.groups()]
+        # aircraft's coefficients have no prior: a fleet of steep deviations must not be drawn to
+        # its mean
         self.prior[shared:] = 1.0 / group_variances(square, score, groups)
         self.covariance = np.linalg.inv(newton + np.diag(self.prior))
 
@@ -177,6 +180,7 @@ class Iterated:
         diagonal = np.diagonal(self.blocks, axis1=1, axis2=2)[:, :SLOPES]
         self.held[: equations.free.size] = np.where(equations.free, 0.0, diagonal.max()).ravel()
         self.lasting = [part.lasting_block() for part in equations.parts]
+        # without a prior first: finding it needs a preconditioner already
         self._settle(np.zeros(right.size))
         self._find_prior(right)
 
@@ -192,8 +196,11 @@ class Iterated:
         unit[low, np.arange(low.size)] = 1.0
         solved = self._solved(unit, COARSE)
         among = solved[low]
+        # solved to a tolerance only, it is symmetric but for that, and its root would not exist
         root = np.linalg.cholesky(np.linalg.inv((among + among.T) / 2.0))
         part = (solved[self.place[:, :SLOPES]]) @ root
+        # the inverse of a block and what passes through the lasting part; what aircraft share
+        # otherwise is made up for by the mean ratio below
         found = self.inverse[:, :SLOPES, :SLOPES] + part @ part.transpose(0, 2, 1)
         ratio = np.sqrt(self._mean_ratio(np.diagonal(found, axis1=1, axis2=2)))
         return np.asarray(found * ratio[:, np.newaxis] * ratio)
@@ -202,6 +209,8 @@ class Iterated:
         """As of :class:`Inverse`."""
         if columns.shape[1] <= AT_ONCE:
             return self._squares(columns)
+        # sums of columns under random signs have the same sum of squares in the mean (Hutchinson):
+        # a thousand columns become a few
         return self._squares(columns @ _signs(columns.shape[1], AT_ONCE)) / AT_ONCE
 
     def prior_squares(self) -> Floats:
@@ -218,6 +227,7 @@ class Iterated:
         found = np.ones(SLOPES)
         for k in np.flatnonzero(self.equations.free.any(axis=0)):
             rows = np.flatnonzero(self.equations.free[:, k])
+            # Hutchinson's estimate of a trace, each aircraft brought to one
             signs = _signs(rows.size, SIGNS) / np.sqrt(variance[rows, k, np.newaxis])
             right = np.zeros((self.prior.size, SIGNS))
             right[self.place[rows, k]] = signs
@@ -249,6 +259,8 @@ class Iterated:
         columns[:, 0] = right
         own = [slice(1 + SIGNS * k, 1 + SIGNS * (k + 1)) for k in range(len(groups))]
         for group, some in zip(groups, own, strict=True):
+            # solved along with the score: the trace of the inverse over a group, which Schall's
+            # step needs
             columns[group, some] = _signs(group.size, SIGNS)
         variance = np.full(len(groups), FIRST_VARIANCE)
         prior = np.zeros(right.size)
@@ -258,6 +270,7 @@ class Iterated:
             for group, value in zip(groups, variance, strict=True):
                 prior[group] = 1.0 / value
             self._settle(prior)
+            # from the last round's solution: variances move less and less
             solved = self._solved(columns, COARSE, solved)
             before = variance.copy()
             for k, (group, some) in enumerate(zip(groups, own, strict=True)):
@@ -291,17 +304,20 @@ class Iterated:
         found = np.zeros_like(right) if start is None else start.copy()
         for begin in range(0, right.shape[1], AT_ONCE):
             some = slice(begin, begin + AT_ONCE)
+            # so many at a time: each has all unknowns of the fleet
             found[:, some] = self._some_solved(right[:, some], tolerance, found[:, some])
         return found
 
     def _some_solved(self, right: Floats, tolerance: float, found: Floats) -> Floats:
         """Conjugate gradients, every column by itself until it is near enough."""
         found = found.copy()
+        # in the norm of the preconditioner: unknowns of different units count alike
         goal = tolerance**2 * _dots(right, self._preconditioned(right))
         left = right - self._times(found)
         near = self._preconditioned(left)
         active, energy, toward = np.arange(right.shape[1]), _dots(left, near), near
         for _ in range(ITERATIONS):
+            # columns that are near enough leave: the slowest one must not cost all of them
             keep = energy > goal[active]
             if not keep.any():
                 return found
@@ -333,6 +349,7 @@ def _dots(one: Floats, other: Floats) -> Floats:
 
 def _signs(rows: int, columns: int) -> Floats:
     """The same random signs for the same numbers of them."""
+    # drawn alike in every run: fits of the same archive are the same to the bit
     signs = np.random.default_rng([rows, columns]).integers(0, 2, (rows, columns))
     return np.asarray(2.0 * signs - 1.0)
 

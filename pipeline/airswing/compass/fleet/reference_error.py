@@ -40,6 +40,7 @@ Flags = NDArray[np.bool_]
 
 LARGEST_VARIANCE = 9.0
 """(m/s)2: more than this is not the reference's error."""
+# Rounds in which the variances settle: each takes off the parts that the one before found.
 ROUNDS = 6
 
 
@@ -300,6 +301,7 @@ def estimate_variances(stretch: Stretch, white: Floats) -> Variances:
         found = Variances(
             white,
             block,
+            # as of the block: never nothing
             min(max(piece, 1e-3), LARGEST_VARIANCE),
             min(max(passing, 1e-4), LARGEST_VARIANCE),
         )

@@ -33,6 +33,7 @@ def packed_bases(bases: Mapping[str, Base]) -> Arrays:
         return {"aircraft": np.empty(0, dtype="U1")}
     free = np.zeros((len(every), every[0].theta.size), dtype=np.bool_)
     for row, one in zip(free, every, strict=True):
+        # as flags: aircraft have free coefficients of different number, and an array has one width
         row[one.free] = True
     return {
         "aircraft": np.array(list(bases), dtype=np.str_),
@@ -70,6 +71,7 @@ def packed_sums(sums: Mapping[str, AircraftSums]) -> Arrays:
     counts = [(one.reports, one.flights, one.compass_points, one.status) for one in every]
     found: Arrays = {
         "aircraft": np.array(list(sums), dtype=np.str_),
+        # of no aircraft it would be of one dimension
         "counts": np.array(counts, dtype=np.int64).reshape(-1, 4),
         "field": np.array([one.field for one in every], dtype=np.float64),
     }
@@ -81,6 +83,8 @@ def packed_sums(sums: Mapping[str, AircraftSums]) -> Arrays:
         found[f"{part}/numbers"] = np.array(numbers).reshape(-1, len(_NUMBERS))
         for name in _OF_FIT if known else ():
             values = [getattr(fit, name) for fit in known]
+            # end to end with their shapes: matrices of fits differ in size, and .npz holds no
+            # objects unpickled
             found[f"{part}/{name}"] = np.concatenate([one.ravel() for one in values])
             found[f"{part}/{name}/shape"] = np.array([one.shape for one in values])
     return found
@@ -114,6 +118,7 @@ def _unpacked_fits(
     for row, k in enumerate(np.flatnonzero(known)):
         own = dict(zip(_OF_FIT, (column[row] for column in columns), strict=True))
         told = dict(zip(_NUMBERS, map(float, numbers[row]), strict=True))
+        # numbers were stored as floats, whether it converged among them
         fit = AircraftFit(**own, **told)  # type: ignore[arg-type]
         found[k] = replace(fit, converged=bool(fit.converged))
     return found
@@ -158,6 +163,7 @@ def unpacked(arrays: Mapping[str, NDArray[Any]]) -> dict[str, PeriodSums]:
     names = [str(name) for name in arrays["aircraft"]]
     if not names:
         return {}
+    # each member of a pool has sums of its own, numbered from 0
     members = sum(name.endswith("/normal") for name in arrays)
     flights = _slices(arrays["flights"])
     each = [_unpacked_member(arrays, k, flights) for k in range(members)]

@@ -241,6 +241,7 @@ def _turned(period: PeriodSums, ratio: float) -> list[PassSums]:
     scale = np.ones(LOCAL)
     scale[1:3] = ratio
     slopes = np.ones(1 + 2 + 2 * SLOPES)
+    # B and C of either component grow with the field; A, D, E and the rest do not
     slopes[[4, 5, 4 + SLOPES, 5 + SLOPES]] = ratio
     square = np.outer(scale, scale)
     return [

@@ -94,7 +94,9 @@ def virtual_field_test(
     for block, aircraft in judged_blocks(headings):
         apart = Apart.of(block, fits, pools[reference], reference)
         corrected_here = treated[aircraft][aircraft_of_report(block)]
+        # controls stay as reported, though they have a fit too
         after = np.where(corrected_here, apart.after, apart.before)
+        # the same reports before and after: one without a corrected wind has no part in either
         kept = (block["screening"].to_numpy() == 0) & np.isfinite(apart.before + apart.after)
         late = kept & judge(block)
         windows.append(_windows(block, apart.before, after, kept & learn(block), late))
@@ -157,6 +159,8 @@ def predicted_reduction(
     if known:
         gains, errors = zip(*known, strict=True)
         mean = float(np.mean(gains))
+        # aircraft's fits err independently: the mean of n of them by the root of their summed
+        # squares over n
         wide = float(np.sqrt(np.sum(np.square(errors))) / len(known))
         result["predicted_reduction_kt"] = mean
         result["predicted_reduction_ci_kt"] = [mean - NORMAL_95 * wide, mean + NORMAL_95 * wide]
@@ -227,6 +231,7 @@ def _groups(windows: Floats, treated: NDArray[np.bool_]) -> dict[str, VirtualGro
     found: dict[str, VirtualGroup] = {}
     for group, member in (("controls", ~treated), ("corrected", treated)):
         learned, before, judged, after, uncorrected = windows[:, member].sum(axis=1)
+        # a group on one side of the date only has no difference
         if not learned or not judged:
             continue
         found[group] = {

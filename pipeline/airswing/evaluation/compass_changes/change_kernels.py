@@ -326,6 +326,8 @@ def without_changes(score: Floats, share: Floats, *, most: int, trim: float, few
     edges, left = [0, score.shape[0]], score
     for _ in range(most):
         values, vectors = np.linalg.eigh(left.T @ left)
+        # coefficients that a heading flown all day cannot tell apart leave a direction without
+        # scatter: its rounding must not be blown up to the size of the others
         white = left @ (vectors / np.sqrt(np.maximum(values, values[-1] * 1e-10)))
         path = _path(white, share, order, trim=trim, fewest=fewest)[0]
         edges = sorted({*edges, int(np.argmax(path)) + 1})
@@ -354,6 +356,7 @@ def block_orders(days: int, *, block: int, draws: int, rng: np.random.Generator)
     number = np.arange(days)
     for k in range(draws):
         piece = (number + rng.integers(block)) // block
+        # days of a block share its key: the little more keeps them in their order
         keys[k] = rng.random(int(piece[-1]) + 1)[piece] + number * 1e-9
     return keys
 

@@ -60,6 +60,7 @@ def common_part(weight: Floats, score: Floats, level: Floats, prior: Floats) -> 
         left = score - weight @ middle
         inside = np.linalg.solve(precision / 25.0 + weight, left[..., np.newaxis])[..., 0]
         distance = np.einsum("ni,ni->n", left, inside)
+        # heavy tails: an aircraft that stepped itself must not move the level of all
         share = FAR / (FAR + distance**2 / FAR)
         total = (share[:, np.newaxis, np.newaxis] * weight).sum(0)
         told = (share[:, np.newaxis] * score).sum(0)
@@ -139,10 +140,12 @@ def _sizes(terms: Floats, squares: Floats) -> Floats:
     middle = float(np.median(squares / terms[:, 0]) / 0.455)
     size = np.eye(terms.shape[1])[0] * middle
     for _ in range(8):
+        # sizes may come out as nil, and the next round divides by them
         expected = np.maximum(terms @ size, 1e-30)
         # three standard deviations: a step or a gross day counts as that much
         held = np.minimum(squares, 9.0 * expected)
         size = nnls(terms / expected[:, np.newaxis], held / expected)[0]
+        # the scatter within days is never nothing: weights would be without bound
         size[0] = max(size[0], 0.05 * middle)
     return np.asarray(size, np.float64)
 
@@ -154,10 +157,12 @@ def _persistence(
     product = square = 0.0
     for own in groups:
         weight, score = noise.weights(normal[own], left[own])
+        # a day may tell nothing of a parameter
         root = np.sqrt(np.maximum(np.diagonal(weight, axis1=1, axis2=2), 1e-30))
         z = np.clip(score / root, -3.0, 3.0)[:, noise.between > 0]
         next_day = np.diff(day[own]) == 1
         # a level fitted to the block makes the days of n look -1/n correlated
         product += float((z[1:] * z[:-1])[next_day].sum() + (z**2).sum() / own.size)
         square += float((z[1:] ** 2)[next_day].sum())
+    # a level that drifts looks like persistence
     return float(np.clip(product / max(square, 1e-30), 0.0, 0.8))

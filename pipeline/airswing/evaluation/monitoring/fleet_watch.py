@@ -37,6 +37,7 @@ LIKELY = 3.0
 DEGREE = np.pi / 180.0
 UNKNOWNS = 12
 """A to E, third and fourth harmonic (radians), airspeed scale, reference's b_u, b_v (m/s)."""
+# Which of the unknowns are angles, which the scale and which winds: their sizes are given apart.
 _ANGLES = np.repeat([1.0, 0.0], [9, 3])
 _SCALE = np.repeat([0.0, 1.0, 0.0], [9, 1, 2])
 _WINDS = np.repeat([0.0, 1.0], [10, 2])

@@ -154,6 +154,7 @@ class Watch:
 
     def _level(self, weight: Floats, right: Floats, scale: Floats) -> tuple[Floats, Floats]:
         """Level by the sums of the days before, and its covariance."""
+        # by a year of days that go together: a level is of all days before
         long = self.noise.inflation(365.0) * scale[..., np.newaxis, np.newaxis]
         precision = weight / long + np.diag(self.law.level**-2.0)
         # the inverse is asked for anyway: solving beside it would factor every matrix twice
@@ -347,6 +348,8 @@ def _mixture(weight: Floats, score: Floats, shape: Floats) -> Floats:
 
 def _distance(weight: Floats, score: Floats, wide: Floats) -> tuple[Floats, Floats]:
     """Squared distance of days from what was expected, and the degrees of freedom behind it."""
+    # ten times the widest step: all but free, and a day that tells nothing of a parameter stays
+    # solvable
     root = 10.0 * wide
     inside = np.eye(wide.size) + root[:, np.newaxis] * weight * root
     drawn = score * root

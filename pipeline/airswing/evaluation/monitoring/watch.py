@@ -135,6 +135,7 @@ def events_of(
     """
     name = str(fit["reference"].item())
     last = int(rows.day.max(initial=0)) if until is None else _day(until)
+    # what came later must not be known: a look at an earlier day tells what was told then
     rows = rows.of(rows.day <= last)
     if not rows.day.size:
         raise InputError("no report to watch", field="until", found=_date(last))
@@ -148,13 +149,16 @@ def events_of(
         found += _new_aircraft(rows, names, seen)
         found = _not_told(found, previous)
     told = [] if previous is None else previous.events
+    # a reference's event has no aircraft
     order = sorted(found, key=lambda event: (event.noticed, event.date, event.aircraft or ""))
     now = tables_of(fit)
     before = {} if previous is None else {state.aircraft: state for state in previous.states}
     in_use = {who: state.table_in_use for who, state in before.items() if state.table_in_use}
+    # the last one counts: what the user says over what was first seen over what the fits have
     in_use = now | in_use | dict(tables_in_use or {})
     states = _states(rows, names, silent, now, in_use)
     there = {one.aircraft for one in states}
+    # an aircraft whose reports were removed is still known, and not new when it comes back
     gone = [state for who, state in before.items() if who not in there]
     unsaid = 0 if previous is None else previous.unsaid
     return Monitoring(_date(last), name, [*states, *gone], [*told, *order], len(told) - unsaid)
@@ -165,6 +169,7 @@ def changed_since(found: Monitoring) -> dict[str, str]:
     since: dict[str, str] = {}
     for event in found.events:
         if event.kind == "compass_changed" and event.aircraft is not None:
+            # a table learned from before it could be half of the compass before
             latest = str(event.evidence["date_ci"][1])
             since[event.aircraft] = max(latest, since.get(event.aircraft, latest))
     return since
@@ -208,6 +213,7 @@ def _alarms(rows: Rows, names: Names, kept: Mapping[str, KeptWatch]) -> list[Eve
             used.aircraft,
             used.day,
             used.count[:, np.newaxis, np.newaxis],
+            # logarithms: a rise is a factor, whatever an aircraft's own level
             used.log_difference[:, np.newaxis],
         ),
         WIND,
@@ -216,6 +222,7 @@ def _alarms(rows: Rows, names: Names, kept: Mapping[str, KeptWatch]) -> list[Eve
         number=names.size,
         kept=kept.get("wind"),
     )
+    # a disagreement that falls is no news to act on
     rose = [alarm for alarm in wind if alarm.step.size[0] > 0 and not _explained(alarm, turned)]
     return [
         *(_compass_event(alarm, names) for alarm in turned),
@@ -252,6 +259,7 @@ def _wind_event(alarm: Alarm, names: Names) -> Event:
     size, error = float(alarm.step.size[0]), float(alarm.step.error[0])
     evidence: Evidence = {
         "factor": float(np.exp(size)),
+        # of a factor whose logarithm has this error
         "standard_error": float(np.exp(size) * error),
         "threshold": WIND.threshold,
     }
@@ -293,6 +301,8 @@ def _presence(
                 evidence,
             )
         )
+    # at the first look only: an aircraft that begins with the archive is not new, one that joins it
+    # is
     late = new & (begin >= rows.day.min() + LEARNING) & (begin <= last)
     found += [_first_seen(str(names[k]), int(begin[k])) for k in np.flatnonzero(late)]
     return silent, found
@@ -330,6 +340,7 @@ def _not_told(found: list[Event], before: Monitoring) -> list[Event]:
         alike = left.get((event.kind, event.aircraft), [])
         gaps = [(abs(_day(one.date) - _day(event.date)), k) for k, one in enumerate(alike)]
         gap, k = min(gaps, default=(span + 1, -1))
+        # an aircraft is new once, whatever its first day is now
         if gap <= span or (gaps and event.kind == "aircraft_new"):
             # an old event explains one new one: a second at the same date is news
             del alike[k]
@@ -352,6 +363,7 @@ def _states(
         if begin == stop:
             continue
         own, name = rows.of(slice(begin, stop)), str(names[k])
+        # days of reports that screening or a missing model left none of
         winds = own.of(own.count > 0)
         state = State(
             name,

@@ -199,6 +199,7 @@ def persistent_covariance(influence: Floats, day: NDArray[np.int64]) -> Floats:
     for shift in range(1, min(_LAG, filled.shape[0] - 1) + 1):
         product = filled[shift:].T @ filled[:-shift]
         total += (1.0 - shift / (_LAG + 1.0)) * (product + product.T)
+    # never narrower: correlations of few days come out negative by chance
     wider = np.sqrt(np.maximum(np.diag(total) / np.maximum(np.diag(plain), 1e-300), 1.0))
     return np.asarray(plain * np.outer(wider, wider))
 
@@ -296,6 +297,8 @@ def day_blocks(day: NDArray[np.int64]) -> NDArray[np.int64]:
         6 to 12 stretches of equal length, of five days where that many fit.
     """
     first, length = int(day.min()), int(np.ptp(day)) + 1
+    # five days outlast the weather's memory; under six blocks Student's quantile is wide, and
+    # beyond twelve it is hardly narrower
     blocks = int(np.clip(length // 5, 6, 12))
     return np.asarray((day - first) * blocks // length)
 
@@ -313,4 +316,5 @@ def _block_mean(
         return mean, float("nan"), float("nan")
     summed = np.bincount(index, weights=total - mean * number, minlength=blocks)
     error = float(np.sqrt((summed**2).sum() * blocks / (blocks - 1.0)) / number.sum())
+    # two references with one and the same wind differ by nothing, exactly
     return mean, error, float(2 * special.stdtr(blocks - 1, -abs(mean) / max(error, 1e-12)))

@@ -28,6 +28,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
+# Thirds of the reports by latitude, and of each by longitude.
 REGIONS = 9
 STEP = 0.01  # degrees
 LEAST_REPORTS = 50  # Reports below which an aircraft says nothing of a difference

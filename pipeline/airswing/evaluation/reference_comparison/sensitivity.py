@@ -195,6 +195,7 @@ def _aircraft_rows(
     together = Rows(
         number,
         day=time.astype("datetime64[D]").astype(np.int64) - first,
+        # months count from January 1970
         month=time.astype("datetime64[M]").astype(np.int64) % 12,
         region=regions.at(ds),
         phase=ds["phase"].to_numpy().astype(np.int64),
@@ -381,6 +382,7 @@ def _slices(rows: Rows, one: str, two: str) -> Iterator[tuple[_Kind, str, NDArra
         yield "by_lead_time", name, mask & rows.kept
     for name, code in PHASE.items():
         yield "by_phase", name, (rows.phase == code) & rows.kept_any_phase
+    # Pa; between them the rest
     high, low = rows.pressure <= 50000.0, rows.pressure > 70000.0
     for name, mask in (
         ("below 700 hPa", low),

@@ -24,6 +24,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 REACH = (30_000.0, 0.06, 1350.0)  # Separation at which a pair is no longer near: m, ln p, s
+# Of what the reference's own error grows by with separation.
 TERMS = 4
 # Reports of a day looked at together; of more, some are drawn.
 _MOST_AT_ONCE = 20_000

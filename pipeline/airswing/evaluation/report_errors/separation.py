@@ -93,6 +93,7 @@ def _design(table: PairTable, column: Ints, classes: int, amplitude: Floats) -> 
         np.add.at(design, (row, column[table.cells[:, end]]), 0.5)
         np.add.at(design, (row, cells + table.classes[:, end]), 0.5)
     scale = np.sqrt(amplitude[table.cells]).prod(axis=1)
+    # of mean one: the terms then are in the units of the half squares
     scale /= max(float(scale.mean()), 1e-12)
     design[:, cells + classes :] = separation_terms(table.separation) * scale[:, None]
     return design
@@ -101,6 +102,7 @@ def _design(table: PairTable, column: Ints, classes: int, amplitude: Floats) -> 
 def _solve(matrix: Floats, right: Floats, own: int) -> Floats:
     """Solve with the least ridge: cells and classes both hold the mean, which only one can."""
     diagonal = np.einsum("dii->di", matrix)
+    # a cell nobody flew in a day drawn has no row: it stays solvable
     ridge = 1e-9 * diagonal + 1e-30
     # so little that what the pairs tell stays, and the mean goes to the classes
     ridge[:, :own] += 1e-4 * diagonal[:, :own].mean(axis=1, keepdims=True)
@@ -127,4 +129,5 @@ def _weights(squares: Floats, separation: Floats) -> Floats:
     place = np.minimum((apart * _BINS).astype(np.int64), _BINS - 1)
     number = np.maximum(np.bincount(place, minlength=_BINS), 1)
     mean = np.bincount(place, weights=squares, minlength=_BINS) / number
+    # a bin without a pair has no weight to give
     return np.asarray(1.0 / np.maximum(mean[place], 1e-12) ** 2)

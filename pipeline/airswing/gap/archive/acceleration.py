@@ -132,11 +132,13 @@ def expected_acceleration(
         if telling.size < 50:
             continue
         middle = np.median(acceleration[telling])
+        # a hair more: where all are alike the spread is nil, and none would be near
         bound = 3 * robust_sd(acceleration[telling], middle) + 1e-9
         near = telling[np.abs(acceleration[telling] - middle) < bound]
         # a hair beyond the last: knots increase where all are flown at one level
         knots = np.linspace(log_pressure[own].min(), log_pressure[own].max() + 1e-6, 6)
         base = hats(log_pressure[near], knots)
+        # worth five reports a knot: a layer hardly flown in keeps the middle
         normal = base @ base.T + 5.0 * np.eye(knots.size)
         profile = np.linalg.solve(normal, base @ (acceleration[near] - middle))
         out[own] = middle + profile @ hats(log_pressure[own], knots)

@@ -200,6 +200,7 @@ class Frame:
         lat, lon = np.radians(self.latitude), np.radians(self.longitude)
         out = np.full(self.size, np.nan)
         out[1:] = EARTH_RADIUS * central_angle(lat[:-1], lon[:-1], lat[1:], lon[1:])
+        # the way from one flight's end to the next one's beginning was not flown
         out[1:][self.flight[1:] != self.flight[:-1]] = np.nan
         return out
 
@@ -294,7 +295,9 @@ def _build(
     for name in REPORT_FIELDS:
         values[name] = values[name][keep]
     told = ("acceleration", "pressure", "phase", "flight", "time", "latitude", "longitude")
+    # of the reports kept: it looks at neighbours, and one left out is none
     values["acceleration"] = acceleration_at_reports(*(values[name] for name in told))
+    # after what is left out: drifts count from the first report that is used
     start = float(values["time"].min()) if epoch is None else float(epoch)
     if reference_field is None:
         field_values = values["horizontal_field"][np.isfinite(values["horizontal_field"])]

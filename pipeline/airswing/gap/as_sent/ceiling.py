@@ -64,6 +64,7 @@ def ceiling_of(frame: Frame) -> Mended | None:
     if not bounds:
         return None
     limit = float(np.median([bound for bound, _ in bounds.values()]))
+    # kt: the median of several bounds may lie half way between two
     tails = tuple(a for a, (bound, _) in bounds.items() if abs(bound - limit) <= 0.6)
     if not tails:
         return None
@@ -114,10 +115,12 @@ def _bound(knots: Floats) -> tuple[float, float] | None:
     """Speed at which an aircraft's pile up, kt, and the evidence, nats; None where they do not."""
     count = np.bincount(np.round(knots).astype(int))
     often = np.flatnonzero(count >= LEAST_COUNT)
+    # kt: nobody bounds winds as weak as this; the distribution of speeds itself begins there
     if often.size == 0 or often[-1] < 10:
         return None
     top = int(often[-1])
     here = float(count[top])
+    # what the five knots below would let expect; of none at least one report
     expected = max(float(count[max(top - 5, 0) : top].mean()), 1.0)
     if here < PILED * expected or count[top + 1 :].sum() > BEYOND * here:
         return None
@@ -206,6 +209,7 @@ def _gibbs(start: Floats, bounded: Mask, phi: Floats, rng: np.random.Generator) 
             later = value[(rows + 1) % value.size] * after[rows] / (1 - after[rows] ** 2)
             middle, spread = (earlier + later) / precision[rows], precision[rows] ** -0.5
             beyond = ndtr(-(least[rows] - middle) / spread)
+            # far out the tail underflows: its quantile would be infinite
             chance = np.maximum(rng.uniform(size=rows.size) * beyond, 1e-300)
             value[rows] = np.maximum(middle - spread * ndtri(chance), least[rows])
     return value

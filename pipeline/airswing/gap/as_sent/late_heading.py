@@ -74,6 +74,7 @@ def lag(frame: Frame, memory: float, *, evenly: bool) -> Floats:
     # of what was turned since the report before: all of it decayed alike, or each part by its age
     share = keeps
     if evenly:
+        # two reports of one second: the share goes to one, and is not nought by nought
         age = np.maximum(apart / memory, 1e-9)
         share = (1 - keeps) / age
     starts = np.flatnonzero(begins)

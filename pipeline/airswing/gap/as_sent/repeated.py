@@ -155,6 +155,7 @@ def _mended(frame: Frame, which: str, runs: _Runs, rows: Mask) -> Mended | None:
         # of a drawn calm the direction is anybody's: it is not blown up to the speed sent
         winds *= (speed / np.maximum(drawn, 0.1))[..., None]
     elif which == "reported_speed":
+        # of a calm sent likewise
         winds = sent * (drawn / np.maximum(speed, 0.1))[..., None]
     winds = np.where(rows[:, None], winds, sent)
     saved = shortened(frame, winds)
@@ -169,6 +170,7 @@ def _mended(frame: Frame, which: str, runs: _Runs, rows: Mask) -> Mended | None:
     # how long it has been so, of each report
     since = np.zeros(frame.size)
     begun = frame.time[runs.order[np.repeat(runs.start, runs.length - 1)]]
+    # minutes, as the cells
     since[runs.order[runs.places]] = (frame.time[runs.order[runs.places]] - begun) / 60.0
     cell = np.searchsorted(MINUTES[1:-1], since, "right")
     each = [rows & (cell == k) for k in range(len(MINUTES) - 1)]

@@ -127,6 +127,7 @@ def _right(frame: Frame, near: list[int]) -> list[int]:
 def _nearer(told: tuple[Floats, Floats], one: Floats, other: Floats) -> bool:
     """Whether a slope is nearer to one than to another, in its standard errors."""
     slope, error = told
+    # a slope is taken as known to 0.02 at best: a formal error of nothing would decide by itself
     far = [(((slope - of) / np.maximum(error, 0.02)) ** 2).sum() for of in (one, other)]
     return bool(far[0] + SIGNIFICANT < far[1])
 

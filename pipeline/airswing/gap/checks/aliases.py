@@ -189,6 +189,7 @@ def explained(cross: Floats, gram: Floats) -> float:
         Products of the others with each other.
     """
     scale = np.sqrt(np.maximum(np.diagonal(gram), 1e-30))
+    # a column that nothing moves on these flights is no alias of any
     live = scale > 1e-12
     if not live.any():
         return 0.0

@@ -253,12 +253,15 @@ def _cluster_rows(found: Found) -> list[AssumptionEntry]:
 
 
 def _decoy_row(decoy: Decoy) -> AssumptionEntry:
-    low, high = decoy.held_out_ci
+    # what rounds to nothing has no sign
+    held, fitted, low, high = (
+        round(kt, 3) + 0.0 for kt in (decoy.held_out, decoy.fitted, *decoy.held_out_ci)
+    )
     return _row(
         "what an effect closes on held-out flights is no luck",
         "a decoy, the deviation of other flights, forced in",
-        f"closes {decoy.held_out:+.3f} kt [{low:+.3f}, {high:+.3f}] on held-out flights "
-        f"({decoy.fitted:+.3f} where it was fitted)",
+        f"closes {held:+.3f} kt [{low:+.3f}, {high:+.3f}] on held-out flights "
+        f"({fitted:+.3f} where it was fitted)",
         decoy.closes_nothing,
     )
 

@@ -204,6 +204,7 @@ def flight_features(frame: Frame, values: Floats, kept: NDArray[np.bool_]) -> Fl
     power = np.bincount(number, (own**2).sum(axis=1) - 2.0) / root
     linked = np.bincount(number, neighbour) / root
     features = np.column_stack([means, means**2, power, linked])
+    # of fewer reports a flight's means are single values
     return np.asarray(features[count >= 5])
 
 
@@ -239,6 +240,7 @@ def two_sample(real: Floats, simulated: Floats, rng: np.random.Generator) -> tup
 def discriminant(first: Floats, second: Floats) -> Floats:
     """Weights (k,) of Fisher's linear discriminant, extreme features drawn in to 5 robust sd."""
     both = np.vstack([first, second])
+    # a feature all flights have alike would be divided by nothing
     scale = np.array([robust_sd(one) for one in both.T]) + 1e-9
     limit = 5.0 * scale
     middle = np.median(both, axis=0)

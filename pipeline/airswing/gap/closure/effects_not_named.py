@@ -213,6 +213,7 @@ def closure_slopes(residual: Floats, fields: Floats) -> tuple[Floats, Floats]:
         Coefficients c close ``slope c - c' curve c / 2``, summed over reports, m s-1.
     """
     speed = np.hypot(*residual.T)
+    # a residual of nil has no direction, and closes nothing either way
     along = np.einsum("nc,nck->nk", residual / np.maximum(speed, 1e-9)[:, None], fields)
     weight = 1 / np.maximum(speed, LEAST_SPEED)
     curve = np.einsum("nck,ncl,n->kl", fields, fields, weight, optimize=True)

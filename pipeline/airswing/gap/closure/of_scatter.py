@@ -157,6 +157,7 @@ def _of_coding(
     owner = frame.aircraft[struck]
     wind = np.stack([frame.u_rep, frame.v_rep], -1)[struck]
     speed = np.hypot(*wind.T)
+    # a calm has no direction to scatter along
     along = wind / np.maximum(speed, 1e-6)[:, None]
     across = np.stack([along[:, 1], -along[:, 0]], -1)
 

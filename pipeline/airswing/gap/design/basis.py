@@ -165,6 +165,7 @@ def plan_dictionary(frame: Frame, known: Collection[str] | None = None) -> Dicti
         # the outer knots a little inside: beyond them few reports would carry a knot of their own
         edges = np.quantile(finite, np.linspace(0.04, 0.96, count))
         spread = edges[-1] - edges[0]
+        # one value on all reports (but for rounding): its hats would be a constant, which is there
         if spread <= 1e-6 * max(1.0, abs(float(edges[0]))):
             continue
         # a variable that mostly has one value puts several quantiles on it: they are one knot
@@ -331,6 +332,7 @@ def _centred(rows: Floats, means: Floats) -> Floats:
 
 def _hour_hats(values: Floats, points: Floats) -> Floats:
     """Periodic hats over the day."""
+    # midnight stands at both ends: its two halves are one hat
     extended = np.r_[points, 24.0]
     rows = hats(values, extended)
     rows[0] += rows[-1]

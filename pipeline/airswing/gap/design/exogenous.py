@@ -185,6 +185,7 @@ def smooth_deviation(difference: Floats, angle: Floats, aircraft: NDArray[np.int
     for a in np.unique(aircraft):
         own = np.flatnonzero(aircraft == a)
         middle = np.median(difference[own])
+        # of an aircraft without any scatter all are near
         spread = robust_sd(difference[own], middle) + 1e-9
         near = own[np.abs(difference[own] - middle) < 3.0 * spread]
         normal = design[near].T @ design[near]

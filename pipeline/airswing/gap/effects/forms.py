@@ -218,6 +218,7 @@ def amplitude_phase(
     phase = float(np.degrees(np.arctan2(cosine, sine)))
     covariance = np.asarray(covariance, dtype=np.float64)
     if size == 0.0:
+        # of nothing the phase is any, and the gradients below divide by the size
         spread = float(np.degrees(np.sqrt(max(0.0, np.trace(covariance) / 2.0))))
         return (0.0, 0.0), (spread, MAX_PHASE_ERROR)
     amplitude_error = _spread(np.array([sine, cosine]) / size, covariance)

@@ -35,7 +35,7 @@ class HardIron(HeadingEffect):
         "heading that grows as 1/H."
     )
     source = (
-        "Coefficients B and C, NGA Handbook of Magnetic Compass Adjustment; seed paper, step d."
+        "Coefficients B and C, NGA Handbook of Magnetic Compass Adjustment; Jacobs et al. 2010."
     )
     parameters = (
         Parameter("amplitude_deg", "degree", 4.0, "amplitude at the stated H", required=True),

@@ -44,7 +44,7 @@ class ReferenceGridRelative(OneCoefficient):
     stage = "atmosphere"
     needs = ("grid_convergence",)
     confused_with = (
-        "hard_iron: under a steady wind, k x wind fakes one cycle",
+        "hard_iron: where the wind is steady: turned, it is off by one cycle in the heading",
         "declination_error: both turn with longitude, one the wind, the other the heading",
     )
     column_names = ("fraction",)

@@ -334,6 +334,7 @@ def _steadily(
 def _unshrunk(sums: tuple[Floats, Floats], window: int) -> Floats:
     """Least-squares coefficients (k,) of one window."""
     information, score = sums[0][window], sums[1][window]
+    # a window may lack what tells one coefficient: it stays at nil and moves no other
     ridge = 1e-6 * np.trace(information) + 1e-12
     return np.asarray(np.linalg.solve(information + ridge * np.eye(score.size), score))
 
@@ -382,6 +383,7 @@ def _window_sums(
         grams[:, :, k:] *= factor[:, None, :]
         cross_total = (grams[:, k:, k:] * factor[:, :, None]).sum(axis=0)
         cross_total += np.diag([x.precision for x in included])
+        # terms already found may share a direction: then either of them may take it up
         inverse = np.linalg.inv(cross_total + 1e-9 * np.trace(cross_total) * np.eye(others.size))
     running = np.concatenate([np.zeros((1, *grams.shape[1:])), np.cumsum(grams, axis=0)])
     score = np.concatenate([np.zeros((1, k)), np.cumsum(remains[:, columns], axis=0)])

@@ -62,6 +62,8 @@ def shared_part(information: Floats, fleet: float) -> tuple[Floats, float]:
         total = float(own.sum())
         if total <= 0.0:
             return information, 0.0
+        # all of it shared would leave the fleet no information, and the next round nothing to
+        # divide by
         share = float(np.clip(1 - fleet / total, 0.0, 1 - 1e-6))
         # the correction of one that is nearly the whole fleet would divide by nothing
         own = information / (1 - np.minimum(share * own / total, 0.9))
@@ -90,6 +92,7 @@ def shifts(information: Floats, score: Floats, fleet: float, factor: float) -> S
     Shifts
         Only none where aircraft share too little of it to matter.
     """
+    # aircraft that never flew where the effect acts have no say in what is common
     live = information > 1e-9 * information.max(initial=1e-30)
     if live.sum() < 3:
         return no_shift(information)

@@ -50,6 +50,7 @@ def plain_probability(nats: float) -> float:
 
 def luck(nats: float) -> float:
     """Probability at most that the strongest evidence of all is chance."""
+    # from nil on: what speaks against it is no more than certain to be luck
     return float(min(1.0, PRIOR_ODDS * np.exp(-np.clip(nats, 0, 60))))
 
 

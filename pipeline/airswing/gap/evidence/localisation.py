@@ -66,6 +66,8 @@ def cross_fitted(gram: Floats, score_by_day: Floats, half: NDArray[np.bool_]) ->
     float
         Expectation zero where nothing is there.
     """
+    # each half holds half of the information; the ridge keeps a direction few days tell from
+    # answering in the one half to noise of the other
     inner = 0.5 * gram + 1e-3 * np.trace(gram) / gram.shape[0] * np.eye(gram.shape[0])
     first = np.linalg.solve(inner, score_by_day[half].sum(axis=0))
     second = np.linalg.solve(inner, score_by_day[~half].sum(axis=0))
@@ -89,6 +91,7 @@ def score_test(gram: Floats, score: Floats, factor: float) -> tuple[float, Float
     """
     scale = np.sqrt(np.maximum(np.diagonal(gram), 1e-30))
     values, vectors = np.linalg.eigh(gram / np.outer(scale, scale))
+    # each direction counts as a freedom: those told a thousandth as well would add noise alone
     kept = values > 1e-3 * values[-1]
     half = vectors[:, kept] / scale[:, None] / np.sqrt(values[kept])
     projected = half.T @ score
@@ -177,12 +180,14 @@ def _group_slices(
     for group in plan.groups:
         columns = layout.columns(group.name)
         gram = novel.fleet_gram[np.ix_(columns, columns)]
+        # nothing is left of it beside what is given
         if np.trace(gram) <= 1e-9:
             continue
         score = novel.fleet_score[:, columns]
         factor = fleet_factor(base.stats, novel, columns)
         p, estimate, error = score_test(gram, score.sum(axis=0), factor)
         energy = cross_fitted(gram, score, half)
+        # at two standard errors: these are named to a reader, the test is the whole group's
         strong = np.abs(estimate) > 2 * np.maximum(error, 1e-12)
         values = tuple(x for x, s in zip(group.labels, strong, strict=True) if s)
         out.append(
@@ -251,6 +256,7 @@ def residual_maps(frame: Frame) -> xr.Dataset:
     cross, along = unit_vectors(frame.heading)
     across = (frame.residual * cross).sum(-1)
     parallel = (frame.residual * along).sum(-1)
+    # a heading error turns the air vector: across the heading it is V times the angle, and opposite
     degrees = -np.degrees(across / np.maximum(frame.airspeed, 1.0))
     octant = np.mod(np.round(np.degrees(frame.magnetic_heading) / 45.0).astype(np.int64), 8)
     count = len(frame.tails)

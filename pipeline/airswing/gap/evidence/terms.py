@@ -60,6 +60,7 @@ def term_weights(term: Term, shape: tuple[int, int]) -> Floats:
 def term_columns(term: Term, shape: tuple[int, int]) -> list[Included]:
     """Columns a term conditions on: its own per aircraft, or shared in fleet scope."""
     whole = term_weights(term, shape)
+    # four prior widths: beside what is tested a term found is all but free, and still bounded
     width = 4.0 * np.maximum(term.candidate.scales, 1e-12)
     out = []
     if term.candidate.scope == "fleet":

@@ -103,6 +103,7 @@ def readout_factors(
         free = with_large_scale_tendency(columns_frame)
         under, _ = regress(free, x, term, effect)
         found, error = regress(free, rest, term, effect)
+        # what is not found at all cannot be read too small
         known = abs(found) > 1e-9
         out[name], doubts[name] = _shrunk(
             float(coefficients[k][0, 0]) * under / found if known else 0.0,
@@ -122,6 +123,7 @@ def _told_by_days(
     frames, effect = (problem.archive, problem.context), problem.effects[term.candidate.name]
     column = Column.of(*frames, effect, term.candidate.subset[0])
     found = ByDays.of(frames, problem.noise, problem.day, rest, [column]).weigh(0)
+    # as above: the ratio of two nothings says nothing
     if found is None or abs(found.value) < 1e-9:
         return None
     return _shrunk(read / found.value, found.error / abs(found.value))
@@ -177,6 +179,7 @@ def _regressed(
     part = eliminate_days(stats, base.variances)
     column = int(layout.columns(effect.name)[term.candidate.subset[0]])
     weights = term_weights(term, stats.day_count.shape)
+    # next to no prior: least squares are wanted, and a shrunk slope would hide what is attenuated
     fit = fit_included(part, [*climatology(part), Included(column, weights, 1e-12)])
     return float(fit.coefficients[-1]), float(np.sqrt(fit.covariance[-1, -1]))
 

@@ -177,6 +177,8 @@ class ByDays:
         taken = inverse @ total[:s, told]
         whole = float(total[told, own] - taken @ total[:s, own])
         left = float(total[told, told] - taken @ total[:s, told])
+        # what lasts takes all of it up, or told and true go opposite ways: days say nothing of its
+        # size
         if self.sizes[k] == 0 or left <= 1e-6 * total[told, told] or whole <= 0:
             return None
         value = float(total[told, -1] - taken @ total[:s, -1]) / whole

@@ -122,6 +122,7 @@ def day_interval(values: Floats, day: Integers, seed: int) -> tuple[float, float
     pick = rng.integers(0, used.size, (DRAWS, used.size))
     means = total[used][pick].sum(axis=1) / count[used][pick].sum(axis=1)
     middle = total.sum() / count.sum()
+    # days drawn again scatter by (n - 1) / n of the variance days have
     apart = np.sqrt(used.size / max(used.size - 1, 1))
     low, high = np.quantile(middle + apart * (means - middle), [0.025, 0.975])
     return float(low), float(high)

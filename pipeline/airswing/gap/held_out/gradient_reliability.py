@@ -36,6 +36,7 @@ def path_derivative(values: Floats, scale: Floats, flight: NDArray[np.integer]) 
     """
     out = np.full(values.shape, np.nan)
     step = scale[2:] - scale[:-2]
+    # level flight has no step in ln p: its gradient would be any number
     inside = (flight[2:] == flight[:-2]) & (np.abs(step) > 1e-3)
     out[1:-1][inside] = (values[2:] - values[:-2])[inside] / step[inside, None]
     return out

@@ -41,6 +41,7 @@ from airswing.physics.robust_spread import robust_sd
 
 Floats = NDArray[np.float64]
 
+# Reports the likelihood is maximised on: it is evaluated some hundred times.
 MOST_REPORTS = 24_000
 
 
@@ -245,6 +246,7 @@ def _maximise(
 ) -> NoiseModel:
     """Maximum likelihood of the four parameters on the chosen flights."""
     order = flight_order(flight[chosen], time[chosen])
+    # an archive made without any noise: the logarithms below stay finite
     spread = max(robust_sd(values[chosen].ravel()), 1e-3)
     # from a usual flight: most of the scatter correlated, over 150 km; in logarithms none turns
     # negative
@@ -275,4 +277,6 @@ def _maximise(
 
 def _simplex(start: Floats) -> Floats:
     """Start simplex: steps of a third in each logarithm."""
+    # the simplex method's own steps are shares of the values: one near 0, in logarithms, would
+    # stand still
     return np.vstack([start, start + 0.35 * np.eye(start.size)])

@@ -96,6 +96,8 @@ def remove_smooth_effects(
         bound = 8 * robust_sd(values) + 1e-12
         good = np.abs(values - np.median(values)) < bound
         used = design * good
+        # an aircraft on one heading cannot tell its columns apart: the smallest solution is taken
+        # off
         coefficients = np.linalg.lstsq(used @ design.T, used @ values, rcond=1e-13)[0]
         out[own] -= (coefficients @ design).reshape(-1, 2)
     return out

@@ -163,6 +163,7 @@ def _products_of_hats(place: Floats, steps: tuple[float, ...], most: int) -> tup
         # still count
         low, high = np.quantile(v, [0.005, 0.995])
         count = max(2, int(np.ceil((high - low) / step)) + 1)
+        # a hair more: knots increase where all lie at one place
         own = np.linspace(low, high + 1e-6, min(most, count))
         knots.append(own)
         values = (values[:, :, None] * hats(v, own).T[:, None]).reshape(v.size, -1)

@@ -156,6 +156,7 @@ def _found_entries(
     effects = [replace(e, share_of_energy=max(e.held_out_energy, 0) / total) for e in named]
     whole = findings.closure.before - findings.closure.after
     for moment in findings.moments:
+        # effects of scatter stand behind the named ones: they are no step of the waterfall
         reduction = findings.scatter[moment.name]
         share = float(np.clip(reduction.kt / whole, 0, 1)) if whole > 1e-6 else 0.0
         effects.append(replace(moment_entry(moment, reduction), share_of_gap=share))

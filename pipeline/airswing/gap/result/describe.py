@@ -67,6 +67,7 @@ def pooled(values: Floats, formal: Floats, allowed: Floats) -> tuple[Floats, Flo
     own = np.einsum("tij,tjk,tlk->il", turn, formal, turn)
     apart = values - mean
     squared = float(np.einsum("ti,tij,tj->", apart, weights, apart)) / ((count - 1) * k)
+    # the part of what the aircraft differ by that their errors explain is drawn to the mean
     share = min(1.0, 1.0 / max(squared, 1e-12))
     common = own + allowed.mean(axis=0)
     return mean + (1 - share) * apart, share * common + (1 - share) * spreads

@@ -76,6 +76,8 @@ def with_unknowns(
     moved = float(saved.mean()) / KNOT
     low, high = interval(off) if off else (0.0, 0.0)
     if others:
+        # of these curves no interval is drawn: half of what they close either way, and 0.01 kt
+        # where they close nothing
         spread = 0.5 * curves + 0.01
         low, high = low - spread, high + spread
     closes = None

@@ -84,6 +84,7 @@ def _alike(one: set[int], other: set[int]) -> bool:
 
 def _share(named: tuple[Floats, Floats], nameless: tuple[Floats, Floats]) -> tuple[float, float]:
     """First's share of two sums of energies and its standard error."""
+    # held out an energy may come out negative: then there is none
     known, unknown = (max(float(own[0].sum()), 1e-9) for own in (named, nameless))
     errors = [float(np.hypot.reduce(own[1])) for own in (named, nameless)]
     doubt = np.hypot(unknown * errors[0], known * errors[1]) / (known + unknown) ** 2

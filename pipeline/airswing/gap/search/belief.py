@@ -149,6 +149,7 @@ def of_one_day(weighed: Floats) -> Floats:
 
 def beside_table(probability: float) -> float:
     """Probability of a doubtful name that explains what a table does which stands by itself."""
+    # certainty has no odds
     odds = TABLE_ODDS * probability / max(1.0 - probability, 1e-9)
     return odds / (1.0 + odds)
 

@@ -34,12 +34,15 @@ from airswing.units import KNOT
 
 Floats = NDArray[np.float64]
 
+# Steps looked for: kt, degrees, arc minutes. Finer ones than 1 kt, 1 degree and 0.1 arc minute are
+# how reports come anyway.
 SPEED_STEPS = (2.0, 5.0, 10.0)
 DIRECTION_STEPS = (2.0, 5.0, 10.0)
 POSITION_STEPS = (0.5, 0.6, 1.0, 2.0, 3.0, 5.0, 6.0, 10.0)
 FREQUENT = {"speed": 2, "direction": 12}
 """Most frequent values that a lattice must show without: a floor or a hole sends one or two speeds
 too often, a few directions at weak winds are at most twelve; a coding in steps spreads over all."""
+# Share of the values, above chance, from which a lattice is one.
 LEAST_SHARE = 0.15
 LEAST_RATE = 0.002
 """Share of gross errors from which they are worth a name: 0.1 kt at the usual size."""
@@ -87,6 +90,7 @@ def against_chance(count: int, share: float, chance: float) -> float:
         ``count`` times the Kullback-Leibler divergence of the two Bernoulli laws; 0 for a share
         not above chance.
     """
+    # all or none have no logarithm, though the divergence of them is finite
     p, q = (float(np.clip(x, 1e-9, 1 - 1e-9)) for x in (share, chance))
     return count * (p * np.log(p / q) + (1 - p) * np.log((1 - p) / (1 - q))) if p > q else 0.0
 
@@ -135,6 +139,7 @@ def coarsest(values: Floats, steps: tuple[float, ...], *, base: float) -> tuple[
     steps : tuple of float
         Increasing.
     """
+    # five standard errors of a share of so many
     need = max(LEAST_SHARE, 5.0 / np.sqrt(max(values.size, 1)))
     for step in reversed(steps):
         share = lattice_share(values, step, base=base)
@@ -198,11 +203,13 @@ def position_coding(frame: Frame) -> MomentVerdict | None:
             for values in (frame.latitude, frame.longitude)
         ]
         steps.append(min(found))
+        # tenths of an arc minute are how positions come
         if min(found) > 0.1:
             per_tail[tail] = {"step": min(found)}
             evidence[tail] = lattice_evidence(60.0 * frame.latitude[own], min(found), base=0.1)
     common = float(np.median(steps)) if steps else 0.1
     if common < 1.0:
+        # what all send in is their format, and told of none
         per_tail = {t: v for t, v in per_tail.items() if v["step"] > 1.2 * common}
     told = [evidence[tail] for tail in per_tail]
     return _verdict("position_coding", per_tail, None, told) if per_tail else None
@@ -229,6 +236,7 @@ def whole_minutes(frame: Frame) -> MomentVerdict | None:
             continue
         # half a second: times come in whole ones
         whole = float((np.minimum(seconds, 60 - seconds) < 0.5).mean())
+        # nearly all: a time that is whole by chance is one in sixty
         if whole > 0.95:
             cut.append(tail)
             evidence.append(against_chance(seconds.size, whole, 1 / 60))
@@ -251,6 +259,7 @@ def outliers(frame: Frame, noise: NoiseFit) -> MomentVerdict | None:
     count = np.bincount(frame.aircraft, minlength=fleet).astype(float)
     hits = np.bincount(frame.aircraft, noise.gross, minlength=fleet).astype(float)
     used = count >= 100
+    # of a handful a rate, and whose it is, is anybody's
     if not used.any() or hits[used].sum() < 5:
         return None
     chance = np.maximum(simulated_rate(frame, noise), LEAST_CHANCE)
@@ -261,6 +270,8 @@ def outliers(frame: Frame, noise: NoiseFit) -> MomentVerdict | None:
     size = _gross_size(frame, noise.gross & np.isin(frame.aircraft, struck))
     if size < LEAST_SIZE:
         return None  # an effect that is switched on and off, not an error of single reports
+    # gross errors of less than 5 m/s in both components pass for noise: those seen are scaled up by
+    # them, at most by a half
     seen = 1.0 - float(np.clip(_inside(5.0 / size), 0, 0.6)) ** 2
     own = _shrunk(hits[struck] / count[struck], count[struck], rate) - chance[struck]
     per_tail = {
@@ -313,6 +324,7 @@ def shared_rate(hits: Floats, count: Floats, chance: Floats) -> tuple[float, Flo
 
     own = [against_chance(int(n), h / n, q) for h, n, q in zip(hits, count, chance, strict=True)]
     rate = float(max(hits[np.argmax(own)] / count[np.argmax(own)], chance.max()))
+    # expectation maximisation of one rate settles within a dozen rounds
     for _ in range(30):
         share = 1 / (1 + np.exp(-np.clip(gain(rate), -50, 50)))
         rate = float(max((share @ hits) / (share @ count), chance.max()))

@@ -84,8 +84,10 @@ class Confirmation:
         """Normal deviation as likely as Student's of the multiple, (t,); 0 if untested."""
         out = np.zeros(self.multiple.size)
         for k in np.flatnonzero(self.tested):
+            # parts that agree to the last digit leave no doubt to divide by
             ratio = float(self.multiple[k] / max(self.doubt[k], 1e-9))
             tail = stdtr(self.parts[k] - 1.0, -abs(ratio))
+            # far out the tail underflows, and its deviation would be infinite
             out[k] = -np.sign(ratio) * ndtri(max(float(tail), 1e-300))
         return out
 
@@ -174,6 +176,7 @@ def _judged(
 def _persistent(base: Base, term: Term) -> float:
     """Standard deviation of the multiple by errors that persist over the archive."""
     score, tails = term.score, list(term.tails)
+    # an aircraft on which it came out as nil
     size = np.maximum(score.size[tails], 1e-9)
     if term.candidate.scope == "fleet":
         allowed = fleet_allowance(base, term.candidate.columns)

@@ -241,6 +241,7 @@ def _level(excess: Floats, weight: Floats) -> tuple[Floats, Floats]:
     """Curve of mean 0 and levels of aircraft that fit cells best, (cells,), (aircraft,)."""
     curve = np.zeros(excess.shape[1])
     whole = np.maximum(weight.sum(axis=0), 1e-9)
+    # levels and curve in turn: each settles the other within a few rounds
     for _ in range(10):
         level = (weight * (excess - curve)).sum(axis=1) / np.maximum(weight.sum(axis=1), 1e-9)
         curve = (weight * (excess - level[:, None])).sum(axis=0) / whole
@@ -265,6 +266,7 @@ def _struck(excess: Floats, count: Floats, natural: float) -> NDArray[np.bool_]:
     share = known / (1 + np.exp(-np.clip(own, -30, 30)))
     if share.max(initial=0.0) < 0.5:
         share = known.astype(float)
+    # expectation maximisation of who is struck
     for _ in range(20):
         curve, _ = _level(excess, count * share[:, None])
         rest = _own_level(excess - curve, count)

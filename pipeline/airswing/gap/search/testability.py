@@ -13,6 +13,7 @@ nuisance columns. docs/gap.md sections 5 and 6.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -105,7 +106,9 @@ def absorbed(
         share = surviving_share(base, bare, candidate)
         if np.isfinite(share):
             form = " and ".join(effects[candidate.name].column_names[k] for k in candidate.subset)
-            shares.setdefault(candidate.name, {})[form.replace("_", " ")] = share
+            # parts of a level are called by its pressure
+            form = re.sub(r"\b(above|below)_(\d+)", r"\1 \2 hPa", form).replace("_", " ")
+            shares.setdefault(candidate.name, {})[form] = share
     out = {}
     for name, forms in shares.items():
         lost = {form: share for form, share in forms.items() if share < LEAST_SHARE}

@@ -125,6 +125,7 @@ def plain_period(period: tuple[float | None, float | None] | None) -> list[str |
 
 def _iso(seconds: float) -> str:
     stamp = datetime.fromtimestamp(seconds, UTC).replace(tzinfo=None)
+    # whole seconds, as nearly all are, stay short
     kind = "milliseconds" if stamp.microsecond else "seconds"
     return f"{stamp.isoformat(timespec=kind)}Z"
 
@@ -137,6 +138,8 @@ def _plain(value: Any) -> Any:
 
 def _nearest(word: object, known: Iterable[str]) -> str:
     names = list(known)
+    # below difflib's own 0.6: what is meant by a short name would be missed, and one guess does no
+    # harm
     near = difflib.get_close_matches(str(word), names, n=1, cutoff=0.4)
     return f"Did you mean {near[0]}?" if near else f"Known: {', '.join(names)}"
 
@@ -194,6 +197,7 @@ def _parameters(
     try:
         effect.complete(values)
     except InputError as err:
+        # the effect knows no file
         raise InputError(err.what, file=file, field=err.field, remedy=err.remedy) from err
     return values
 
@@ -201,9 +205,11 @@ def _parameters(
 def _number(parameter: Parameter, value: object, file: object | None) -> object:
     if not parameter.number:
         return value
+    # a bool is an int to Python
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         raise InputError("needs a number", file=file, field=parameter.name, found=value)
     if not isinstance(value, str):
+        # turned round, for a not-a-number to be refused as well
         if not abs(value) <= sys.float_info.max:
             raise InputError("needs a number", file=file, field=parameter.name, found=value)
         return float(value)

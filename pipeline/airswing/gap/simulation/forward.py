@@ -36,6 +36,7 @@ from airswing.physics.triangle import (
 )
 
 FloatArray = NDArray[np.float64]
+# The error changes by much less than the heading does: it settles in some ten rounds.
 MOST_ITERATIONS = 100
 TOLERANCE = 1e-12
 """rad: the indicated heading has settled."""

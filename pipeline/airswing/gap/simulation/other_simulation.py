@@ -29,6 +29,8 @@ SAME_TIME = 60.0
 """Seconds: times cut to the minute still match."""
 SAME_PLACE = 0.05
 """Degrees of a great circle: three arc minutes."""
+# Of the archive's reports that must be matched, and how many: a simulation of other flights tells
+# nothing of these.
 LEAST_SHARE = 0.5
 LEAST_MATCHED = 200
 

@@ -121,6 +121,7 @@ class Statistics:
     @cached_property
     def week_of_day(self) -> Integers:
         """Position in ``weeks`` of every day, (D,)."""
+        # weeks may be joined (`together`): a day belongs to the last that begins before it
         return np.asarray(np.searchsorted(self.weeks, self.days // 7, side="right") - 1)
 
     @property

@@ -61,6 +61,7 @@ def cluster_factor(
     spread, rank = _truncated_inverse(information)
     fit = np.einsum("...ij,...j->...i", spread, score_by_day.sum(axis=-2))
     share = np.trace(gram_by_day.sum(axis=-3), axis1=-2, axis2=-1)
+    # the days sum to about the information only: brought to it
     ratio = np.trace(information, axis1=-2, axis2=-1) / np.maximum(share, 1e-30)
     fitted = (gram_by_day @ fit[..., None, :, None])[..., 0]
     remains = score_by_day - ratio[..., None, None] * fitted

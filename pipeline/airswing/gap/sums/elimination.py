@@ -105,6 +105,7 @@ class Base:
         cross = _cross_rows(self, lasting)[1]
         taken = ((fit_included(self, lasting).half @ cross) ** 2).sum(axis=0)
         own = np.diagonal(self.fleet_gram)
+        # a column that never acts has nothing to be taken up
         share = np.divide(taken, own, out=np.zeros_like(taken), where=own > 1e-9)
         return np.asarray(np.clip(share, 0.0, 1.0))
 
@@ -371,6 +372,7 @@ def _daily_sums(
 
 def digest_of(weights: Floats) -> bytes:
     """What tells weights from others; most are 0, and are not gone through."""
+    # places as well as values: the same numbers on other days are other weights
     where = np.flatnonzero(weights)
     told = where.tobytes() + weights.ravel()[where].tobytes()
     return blake2b(told, digest_size=16).digest()

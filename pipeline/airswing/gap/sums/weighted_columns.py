@@ -20,6 +20,7 @@ Integers = NDArray[np.int64]
 def week_means(stats: Statistics, weights: Floats) -> Floats:
     """Mean of day weights (m, A, D) over each week's reports, (m, A, W)."""
     own = (stats.week_of_day[:, None] == np.arange(stats.weeks.size)).astype(float)
+    # a week an aircraft did not fly
     total = np.maximum(stats.day_count @ own, 1e-9)
     return np.asarray((weights * stats.day_count) @ own / total)
 

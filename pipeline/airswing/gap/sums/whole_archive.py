@@ -98,6 +98,7 @@ class Archive:
             if number not in pair:
                 return read(number)
             found = [read(one) for one in pair]
+            # reports of one airframe stand under the other's name: both are read for either
             both = [exchange(one) for one in found if one is not None]
             own = [one.take(one.aircraft == number) for one in both]
             mine = [one for one in own if one.size]
@@ -145,7 +146,9 @@ def read_archive(
         frame = Frame.from_headings(ds, reference=reference, phases=phases)
         return held_archive(frame, workers=workers)
     source = _Source(ds, reference, phases)
+    # flights are drawn whole: errors along a flight are told by their neighbours
     share = most / ds.sizes["report"]
+    # in order, threads or not: the same archive gives the same view
     looks = [look for look in _in_turn(source.look(share), source.number, workers) if look]
     if not looks:
         raise InputError(
@@ -197,6 +200,7 @@ class _Source:
         self.start = np.r_[0, np.cumsum(counts)]
         flown_ = ds["time"].isel(report=self.start[:-1][counts > 0]).values
         self.epoch = float(flown_.min().astype("datetime64[ns]").astype(np.int64)) / 1e9
+        # constants of the archive from as many reports as are held: they need no more
         few = slice(None, None, max(1, int(self.start[-1]) // VIEW))
         longitude = ds["longitude"][few].values.astype(float)
         self.meridian = middle_longitude(longitude)
@@ -205,11 +209,13 @@ class _Source:
         self.reference_field = float(np.median(known)) if known.size else None
         east = wrap_degrees(longitude - self.meridian) + self.meridian
         places = east, ds["latitude"][few].values, np.log(ds["pressure"][few].values.astype(float))
+        # sums of squares about a middle known beforehand: about nought they would lose digits
         self.centre = np.array([[np.nanmean(v), np.nanstd(v) or 1.0] for v in places])
 
     def part(self, number: int) -> Frame | None:
         """Reports of one aircraft; None where none is usable."""
         own = slice(int(self.start[number]), int(self.start[number + 1]))
+        # all aircraft stay in it, without reports: their numbers are the archive's
         rows = np.where(np.arange(self.number) == number, self.counts, 0)
         part = self.ds.isel(report=own).assign(row_size=(self.ds["row_size"].dims, rows))
         try:
@@ -225,6 +231,7 @@ class _Source:
             if error.field == "reports":
                 return None
             raise
+        # numbered in the whole archive again
         return replace(made, report=made.report + own.start)
 
     def look(self, share: float) -> Callable[[int], _Look | None]:
@@ -235,6 +242,7 @@ class _Source:
             if frame is None:
                 return None
             flights, first = np.unique(frame.flight, return_index=True)
+            # by the flight's number and not by lot: the same flights whatever the order of reading
             drawn = (flights * _SPREAD) % _WHOLE < share * _WHOLE
             kept = drawn[np.searchsorted(flights, frame.flight)]
             return _Look(
@@ -291,6 +299,8 @@ def sum_reports(
         residual, known = frame.residual, None
         if about is not None:
             quiet, known = about(frame, context)
+            # the sums are of what is left and what is taken as known together; the noise is of what
+            # is left alone
             residual = quiet + known
         if noise is None:
             calm = residual if known is None else residual - known

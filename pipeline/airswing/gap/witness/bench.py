@@ -411,6 +411,7 @@ def regression_share(bench: Bench) -> float:
     for name, component in (("wind_direction", "across_wind"), ("wind_speed", "along_wind")):
         if name not in bench.variables:
             continue
+        # cells of 15 degrees, and as many of speed
         grid = Grid((axis_of(bench.variables[name], 24),))
         told = [bench.cells(grid)]
         told += [grid.cells(bench.told(grid, k)) for k in range(len(bench.simulated))]
@@ -425,6 +426,7 @@ def regression_share(bench: Bench) -> float:
     if not real:
         return 1.0
     x, y = (np.concatenate(v) / np.concatenate(weight) for v in (simulated, real))
+    # cells that no simulated wind moves have no slope
     use = np.abs(x) > 1e-9
     slopes, weights = y[use] / x[use], np.abs(x[use])
     order = np.argsort(slopes)

@@ -61,6 +61,7 @@ class CellSums:
         """Scatter of the scores between folds over what ``f`` reports to one would give."""
         s, number = self.prior.size, self.score.shape[0]
         gram = self.gram.sum(axis=0)
+        # cells without a report stay at nil
         ridge = np.diag(np.r_[self.prior, np.full(gram.shape[0] - s, 1e-6 * np.trace(gram))])
         best = np.linalg.solve(gram + ridge, self.score.sum(axis=0))
         apart = self.score - self.gram @ best
@@ -93,6 +94,7 @@ class CellSums:
         noise[:s, :s] += np.diag(self.prior)
         turn = np.concatenate([-part, np.eye(left.shape[0])], axis=1)
         noise = turn @ noise @ turn.T
+        # a cell that what lasts takes up whole has no noise left, and its equation no solution
         noise += np.eye(left.shape[0]) * max(1e-9 * np.trace(noise), 1e-12)
         told = np.linalg.solve(noise, np.column_stack([left, own]))
         return left @ told[:, :-1], left @ told[:, -1]
@@ -156,6 +158,7 @@ class CellModel:
 
     def weigh(self, residual: Floats) -> Weights:
         """Weigh a residual, (n, 2) m/s."""
+        # one bound for all of them, that of a usual report
         spread = np.where(self.weight > 0, CLIP / np.sqrt(np.maximum(self.weight, 1e-12)), 0.0)
         bound = np.median(spread[spread > 0], keepdims=True)[:, None]
         values = self.weight[:, None] * np.clip(residual, -bound, bound)

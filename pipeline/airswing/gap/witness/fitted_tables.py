@@ -108,6 +108,7 @@ def struck(candidate: Candidate) -> tuple[int, ...]:
     if candidate.sums.apart is not None and found.fleet[0] >= found.single[0]:
         return tuple(range(aircraft))
     share = 0.5
+    # expectation maximisation of the share of aircraft that have it
     for _ in range(20):
         odds = own + np.log(share / (1 - share))
         posterior = 1 / (1 + np.exp(-np.clip(odds, -50, 50)))
@@ -255,6 +256,7 @@ def _confirmed(
         daily = sums.day_weight[group].sum(axis=0)
         for f in range(energy.size):
             keep = fold != f
+            # of the information the part that the days of the other folds have
             ratio = float(daily[keep].sum() / max(daily.sum(), 1e-12))
             _, value = evidence(
                 gram * ratio, score[keep].sum(axis=0)[None], prior, error=0.0, factor=factor
@@ -284,6 +286,7 @@ def cell_values(
     keep = np.arange(means.score.shape[0]) != (-1 if without is None else without)
     gram, score = means.of_table(keep)
     _, mean = evidence(gram, score[None], prior, error=0.0, factor=np.array([means.factor]))
+    # a smooth prior has next to nothing in its roughest direction
     inverse = np.linalg.inv(prior + 1e-9 * np.eye(prior.shape[0]))
     square = np.clip(mean[0] @ inverse @ mean[0] / mean[0].size, SIZES[0] ** 2, SIZES[-1] ** 2)
     return mean[0], inverse_root(gram / means.factor + inverse / square).T
@@ -301,6 +304,7 @@ def sizes(
     speed = np.sqrt(square.sum(axis=1))
     if speed.size == 0:
         return 0.0, 0.0
+    # a tenth of the reports: the largest alone would be one cell's noise
     top = np.sort(speed)[-max(1, speed.size // 10) :]
     return float(np.sqrt((speed**2).mean())), float(np.sqrt((top**2).mean()))
 

@@ -249,6 +249,7 @@ def plain_sums(
     used = np.flatnonzero(cells >= 0)
     key = (aircraft[used] * shape[1] + day[used]) * size + cells[used]
     total = int(np.prod(shape))
+    # one over the variance of the residual along the direction: sums come in its units
     unit = float(np.mean(square)) / max(float(np.mean(values[0] ** 2)), 1e-6)
     count = np.bincount(key, minlength=total).reshape(shape)
     weight = unit * np.bincount(key, square[used], minlength=total).reshape(shape)

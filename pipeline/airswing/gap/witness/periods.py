@@ -94,6 +94,7 @@ def _likeliest(component: str, gram: Floats, score: Floats, factor: float) -> Pe
     # beside what is there on all days: that is no period's
     share = (summed[last, -1] - summed[first, -1]) / summed[-1, -1]
     here = (here - share * told[-1]) / factor
+    # a period that is the whole archive has nothing beside it
     square = np.maximum(square - share**2 * summed[-1, -1], 1e-9) / factor
     narrow = square * (1 + square * PERSISTENT**2)
     each = np.empty((SIZES.size, first.size))

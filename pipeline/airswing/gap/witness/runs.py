@@ -99,6 +99,7 @@ def _strongest(
 def _of_fleet(sums: Sums, score: Floats) -> Floats:
     """Scatter of all aircraft's daily scores (A, D, m) together over that of their own, (m,)."""
     together = score.sum(axis=0)
+    # a column that no report moves scatters by nothing
     whole = np.maximum((score**2).sum(axis=(0, 1)), 1e-12)
     days = max(together.shape[0] - 1, 1)
     apart = together - together.mean(axis=0)
@@ -173,5 +174,6 @@ def evidence(
         tails = tuple(range(score.shape[0]))
     nats = float(logsumexp(totals) - np.log(len(totals) * score.shape[1]))
     own = list(tails)
+    # where the best stands there is information; a chance of none would be a size without end
     size = abs(score[own, place].sum()) / max(gram[own, place].sum(), 1e-9)
     return nats, place, tails, float(size)

@@ -64,6 +64,7 @@ def evidence(
     log_bayes_factor : (R,) float
     mean : (R, k) float
     """
+    # a smooth prior has next to nothing in its roughest direction: a root needs all of them
     root = np.linalg.cholesky(prior + 1e-9 * np.eye(prior.shape[0]))
     values, vectors = np.linalg.eigh(root.T @ gram @ root)
     values = np.maximum(values, 0.0)
@@ -74,6 +75,7 @@ def evidence(
     for s, size in enumerate(SIZES):
         narrow = scaled * (1 + scaled * error**2)
         wide = scaled * (1 + scaled * (error**2 + size**2))
+        # directions that nothing tells add no evidence, and would divide nought by nought
         safe = scaled > 1e-9
         gain = told / np.where(safe, narrow, 1.0) - told / np.where(safe, wide, 1.0)
         gain -= np.log(np.where(safe, wide, 1.0) / np.where(safe, narrow, 1.0))
@@ -124,6 +126,7 @@ def weigh(
 def _fleet_factor(sums: Sums, score: Floats) -> float:
     values = cluster_factor(sums.fleet_days, score, sums.fleet_gram)
     finite = values[np.isfinite(values)]
+    # a fleet's days go together more than one aircraft's; where no day tells how much, twice
     return max(1.2, float(finite.max())) if finite.size else 2.0
 
 
@@ -134,4 +137,5 @@ def own_factor(sums: Sums, score: Floats) -> float:
         return 1.5
     values = sums.scatter_of(score)[flown]
     middle = [np.median(c[np.isfinite(c)]) for c in values.T if np.isfinite(c).any()]
+    # reports are never worth more than they are; unknown, half as much again
     return max(1.0, float(np.max(middle))) if middle else 1.5

@@ -227,6 +227,7 @@ def _by_aircraft(bench: Bench, sample: Sample, halves: Sequence[_Half]) -> Float
         owner = np.tile(tails[~half.learned], 2)
         for a in range(area.size):
             own = owner == a
+            # of fewer an area scatters by a tenth, and half says that nothing is told
             if own.sum() > 50:
                 area[a] = roc_auc_score(half.label[own], half.score[own])
     return np.asarray(areas.mean(axis=0))
@@ -241,6 +242,7 @@ def struck_of(beyond: Floats, error: float) -> NDArray[np.bool_]:
     """
     level, share = float(beyond.max()), 0.5
     has = np.zeros(beyond.size)
+    # expectation maximisation of level and share
     for _ in range(50):
         spread = float(np.hypot(error, UNEVEN * level))
         against = (np.maximum(beyond, 0.0) / error) ** 2 - ((beyond - level) / spread) ** 2
@@ -266,11 +268,13 @@ def _map_of(bench: Bench, aircraft: Sequence[int], use: NDArray[np.bool_]) -> tu
         ]
     )
     speeds = made.mean(axis=0)
+    # m/s at least: a few simulated winds may agree by chance; their mean errs as well
     error = np.maximum(made.std(axis=0, ddof=1), 0.02) * np.sqrt(1 + 1 / made.shape[0])
     told = np.hypot(*(x[own] for x in _sent(bench, 0)))
     sent, smooth = np.quantile(told, levels), np.quantile(np.abs(told + spread), levels)
     same = np.abs(smooth - speeds) < np.maximum(LEAST_CHANGE, CLEAR * error)
     sent = np.maximum.accumulate(np.where(same, speeds, sent))
+    # speeds sent in steps put several quantiles on one: a map needs them to increase
     speeds = np.maximum.accumulate(speeds + 1e-6 * np.arange(QUANTILES))
     return speeds, np.where(same, speeds, sent)
 
@@ -302,6 +306,7 @@ def _closure(bench: Bench, aircraft: Sequence[int], fold: Integers) -> tuple[flo
         for k in range(1, len(bench.winds)):
             u, v = (x[rows] for x in _sent(bench, k))
             speed = np.hypot(u, v)
+            # a calm stays one
             scale = mapped_speed(speed, speeds, sent) / np.maximum(speed, 1e-6)
             after = np.hypot(scale * u - frame.u_ref[rows], scale * v - frame.v_ref[rows])
             before = np.hypot(u - frame.u_ref[rows], v - frame.v_ref[rows])
@@ -309,4 +314,5 @@ def _closure(bench: Bench, aircraft: Sequence[int], fold: Integers) -> tuple[flo
     total = added.sum(axis=1)
     folds = added.mean(axis=0)
     within = folds.std(ddof=1) * np.sqrt(folds.size)
+    # kt: nothing is known better than that
     return float(total.mean()), float(np.hypot(within, total.std(ddof=1)) + 0.01)

@@ -229,6 +229,7 @@ def _taken(
     if not stands(unknown):
         return None
     frame = setting.frame
+    # for the reader of what could be meant as well: behind the sixth none is near
     rivals = tuple((c.strength, c.component, c.grid.variables) for c in ranked[:6])
     unknown = replace(unknown, rivals=rivals)
     error = field_of(bench, unknown, fold)
@@ -271,6 +272,7 @@ def _drawn(bench: Bench, unknown: Unknown, sensor: bool, missed_share: float) ->
     owner, cell, near = frame.aircraft[rows], cells[rows], left[rows]
     direction = bench.direction_for(unknown.grid, unknown.component)[rows]
     gained = float(np.hypot(*frame.residual[rows].T).sum() - np.hypot(*near.T).sum())
+    # as in the scan: the prior's root needs every direction
     lasting = np.linalg.cholesky(unknown.grid.prior() + 1e-9 * np.eye(unknown.grid.size))
     lasting *= bench.persistent(unknown.grid, unknown.tails) / bench.scale(unknown.component)
     start, out = np.hypot(*near.T).sum(), np.empty(DRAWS)

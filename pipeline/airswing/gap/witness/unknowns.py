@@ -212,6 +212,8 @@ def _of_one(bench: Bench, best: Candidate) -> list[Candidate]:
     made = [best] if alone else []
     for name in best.grid.variables:
         kind = bench.variables[name].kind
+        # what lasts for 10 degrees, or for a fortieth of the range, is seen; finer cells hold too
+        # few reports, and a category has no finer ones
         for count in {"circular": (24, 36), "linear": (12, 20, 40), "category": ()}[kind]:
             grid = Grid((axis_of(bench.variables[name], count),))
             finer = weighed(bench, grid, best.component)
@@ -254,11 +256,13 @@ def _more_explaining(
     if first is None or other is None:
         return first or other
     one, two = (explained(bench, field_of(bench, table, fold)) for table in (first, other))
+    # a second table must earn its cells: of nothing explained a share is nothing
     return other if two > one + max(GAIN * abs(one), 1e-4) else first
 
 
 def _pair_axis(bench: Bench, name: str) -> Axis:
     variable = bench.variables[name]
+    # coarser than alone: a pair has the product of them, and each cell wants reports of its own
     return axis_of(variable, {"circular": 12, "linear": 6, "category": 3}[variable.kind])
 
 

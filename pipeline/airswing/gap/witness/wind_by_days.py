@@ -47,6 +47,7 @@ class WindName:
     def weighed(self) -> Floats:
         """What its probability is made of, as :func:`airswing.gap.search.belief.features`."""
         nothing_else = np.zeros(len(FEATURES) - 2)
+        # the fit of probabilities has logarithms of evidence; below a tenth of a nat it is none
         return np.asarray(np.r_[np.log(max(self.evidence, 0.1)), self.deviations, nothing_else])
 
     @property

@@ -72,6 +72,7 @@ def correct_forecasts(
     bias = _known_bias(errors, kalman_bias, chosen).where(chosen > 0.0, 0.0).transpose(*DIMS)
     mean = _known_bias(errors, running_mean, window).transpose(*DIMS)
     starts = pairs[TIME]
+    # ns in an hour; rounded, for 1/3 h to be a time that others have as well
     hours = (pairs["lead"] * 3.6e12).round().astype("timedelta64[ns]")
     found = pairs.assign(
         corrected_forecast=_bounded(pairs["forecast"] - bias),

@@ -210,6 +210,7 @@ def _at_stations(
 def _stamp(keys: dict[str, Any], kind: str) -> np.datetime64:
     """A time of the header within the years that ns can count."""
     date, clock = (int(keys.get(kind + part, -1)) for part in ("Date", "Time"))
+    # ns since 1970 end in 2262
     if not 19000101 <= date < 22000101:
         raise UnreadableMessageError("damaged: impossible reference time")
     stamp = f"{date // 10000:04d}-{date // 100 % 100:02d}-{date % 100:02d}"

@@ -55,6 +55,7 @@ def put_number(
     numbers = np.broadcast_to(np.asarray(values, dtype=np.float64), lines.shape[:1])
     if not np.isfinite(numbers).all() or (np.abs(numbers) >= 10.0**width).any():
         raise ValueError(f"a number cannot stand in {width} columns")
+    # whole numbers, whose digits are written a column of all lines at a time
     rest = np.rint(np.abs(numbers) * 10.0**decimals).astype(np.int64)
     # What rounds to zero has no sign: some readers stop at -0.
     sign = (numbers < 0) & (rest > 0)

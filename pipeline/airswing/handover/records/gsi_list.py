@@ -41,6 +41,7 @@ class Entry:
     def without_wind(self) -> Entry | None:
         """The entry with its wind no longer rejected; None where nothing is left to reject."""
         flags = self.flags.replace("W", "")
+        # the wind's column; all else stays to the octet
         line = self.line[:12] + b"-" + self.line[13:]
         return replace(self, line=line, flags=flags) if flags else None
 

@@ -58,6 +58,7 @@ def identifiers(corrected: xr.Dataset, settings: Handover) -> list[str]:
                 f"an aircraft's identifier is not 1 to {LONGEST_IDENTIFIER} characters of plain "
                 "text, and the format has no room for it",
                 field="aircraft",
+                # whatever is in it, on one line
                 found=ascii(name[:120]),
                 remedy="Give the aircraft a shorter name in the reports and run again",
             )

@@ -34,7 +34,7 @@ from airswing.handover.records.platforms import (
     identifiers,
     platforms,
 )
-from airswing.handover.records.registry import Account, Request
+from airswing.handover.records.registry import Account, FileAccount, Request
 from airswing.handover.records.run_products import refuse_existing
 from airswing.handover.records.soundings import joined_soundings
 from airswing.handover.records.time_order import TimeOrder
@@ -84,7 +84,7 @@ class _Written:
     platforms: Counter[str] = field(default_factory=Counter)
     span: tuple[int, int] = (0, 0)
 
-    def told(self) -> Account:
+    def told(self) -> FileAccount:
         first, last = (f"{np.datetime64(moment, 's')}Z" for moment in self.span)
         return {
             "path": str(self.target),
@@ -97,12 +97,6 @@ class _Written:
 
 def write_records(request: Request, layout: Layout) -> Account:
     """Write the reports of an archive.
-
-    Returns
-    -------
-    dict
-        ``files``, ``reports``, ``levels``, ``platforms`` and ``left_out`` (counts by name), and
-        ``identifiers`` where aircraft are written as numbers.
 
     Raises
     ------
@@ -155,14 +149,16 @@ def _write(request: Request, layout: Layout, folder: Path) -> Account:
     total: Counter[str] = Counter()
     for file in files:
         total.update(file.platforms)
-    return {
+    account: Account = {
         "files": [file.told() for file in files],
         "reports": sum(file.reports for file in files),
         "levels": sum(file.levels for file in files),
         "platforms": dict(total),
         "left_out": dict(left_out),
-        **({"identifiers": table} if request.settings.identifiers == "number" else {}),
     }
+    if request.settings.identifiers == "number":
+        account["identifiers"] = table
+    return account
 
 
 def _rows(request: Request, layout: Layout, left_out: Counter[str]) -> Iterator[NDArray[np.void]]:

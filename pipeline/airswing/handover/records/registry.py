@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal, NotRequired, TypedDict
 
 from airswing.errors import InputError
 
@@ -20,10 +20,73 @@ if TYPE_CHECKING:
 
     from airswing.config import Handover
 
-Account = dict[str, Any]
-"""What an export wrote and left out, ready for JSON."""
 Winds = Literal["corrected", "reported"]
 WINDS: tuple[Winds, ...] = ("corrected", "reported")
+
+
+class FileAccount(TypedDict):
+    """One file that was written; a format counts in it what it has."""
+
+    path: str
+    # reports, levels, first_time, last_time: of formats that hold reports
+    reports: NotRequired[int]
+    levels: NotRequired[int]
+    first_time: NotRequired[str]
+    last_time: NotRequired[str]
+    rows: NotRequired[int]  # of a table
+    # flight_phase, errors: of a table of errors; m/s by pressure in hPa
+    flight_phase: NotRequired[str]
+    errors: NotRequired[dict[str, float]]
+    entries: NotRequired[int]  # of a reject list
+
+
+class ArchiveWinds(TypedDict, total=False):
+    """What an archive says of one aircraft's winds; nothing of one that it does not have."""
+
+    name: str
+    reports: int
+    winds_a_day: float
+    # reported, corrected: value of each criterion; those exceeded
+    reported: dict[str, float]
+    corrected: dict[str, float]
+    reported_fails: list[str]
+    corrected_fails: list[str]
+
+
+class Listed(ArchiveWinds):
+    """An aircraft of a reject list: whether it comes off, and why."""
+
+    aircraft: str
+    why: str
+
+
+class TakenOff(Listed):
+    """One that comes off it."""
+
+    still_rejected: str  # flags of other things than wind that are left to it
+
+
+class Account(TypedDict):
+    """What an export wrote and left out, ready for JSON."""
+
+    files: Sequence[FileAccount]
+    # reports, levels, platforms, left_out (by reason): of formats that hold reports
+    reports: NotRequired[int]
+    levels: NotRequired[int]
+    platforms: NotRequired[dict[str, int]]
+    left_out: NotRequired[dict[str, int]]
+    identifiers: NotRequired[dict[str, str]]  # aircraft to the number written for it
+    max_obs: NotRequired[int]  # what WRF's namelist needs
+    errors_from: NotRequired[str]
+    types: NotRequired[list[str]]  # of report, in OBSPROC's table
+    # of a reject list
+    criteria: NotRequired[dict[str, float]]
+    taken_off: NotRequired[list[TakenOff]]
+    stay: NotRequired[list[Listed]]
+    not_listed: NotRequired[list[ArchiveWinds]]
+    winds_a_day_gained: NotRequired[float]
+    blank_identifiers_filled: NotRequired[int]
+    notes: NotRequired[list[str]]  # for a person
 
 
 @dataclass(frozen=True)
@@ -47,8 +110,6 @@ class ExportFormat:
 
     name: str  # as given to ``--to``
     summary: str  # one line for a person: what it is and who reads it
-    # Gives the account of what was written: ``files`` (list of ``{"path": ..., ...}``),
-    # ``left_out`` (counts by reason), what else there is to tell, and ``notes`` for a person.
     write: Callable[[Request], Account]
 
 

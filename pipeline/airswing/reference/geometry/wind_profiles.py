@@ -87,6 +87,7 @@ class Catalogue:
         hybrid = self.level_kinds[number] == HYBRID
         tables = [self.u[rows].copy(), self.v[rows].copy()]
         tables.append(self.pressure[rows].copy() if hybrid else self.pressure[:0].copy())
+        # its own files alone: a year's list would go along with every one of its thousands of hours
         used, _ = np.unique(np.concatenate([t["file"] for t in tables]), return_inverse=True)
         for table in tables:
             table["file"] = np.searchsorted(used, table["file"])
@@ -116,6 +117,7 @@ class Catalogue:
         if self.level_kinds[number] == HYBRID and needed.any():
             tables.append(self.pressure[rows])
         table = np.concatenate(tables)
+        # fields of one message have one place in the file
         octets = int(np.unique(table[["file", "offset", "length"]])["length"].sum())
         return int(table.size), octets, int(table["sparse"].sum())
 
@@ -159,6 +161,7 @@ class Catalogue:
             except OSError:
                 result.append(skip(file.path, "file", "vanished since it was catalogued"))
                 continue
+            # as every file's identity here: contents are too large to be hashed
             if (status.st_size, status.st_mtime_ns) != (file.size, file.mtime_ns):
                 result.append(skip(file.path, "file", "replaced since it was catalogued"))
         return result
@@ -203,8 +206,10 @@ def paired(
     # Of rows of one field the last counts.
     last = np.append(changes(table, FIELD)[1:], True)[: table.size]
     table = table[last]
+    # number of the level, the same for u, v and pressure, which stand together in this order
     level = np.cumsum(changes(table, (*_PROFILE, "level"))) - 1
     count = int(level[-1]) + 1 if level.size else 0
+    # one place for each kind; -1 where there is none
     rows = np.full((3, count), -1)
     rows[table["kind"], level] = np.arange(table.size)
     u, v, pressure = rows
@@ -224,6 +229,7 @@ def paired(
     why = "hybrid level without a pressure field"
     skipped += [skip(path, "level", why, n) for path, n in bare.items()]
     both &= ~hybrid | (pressure >= 0)
+    # isobaric levels have no pressure field: any row holds their place
     return table[u[both]], table[v[both]], table[np.maximum(pressure[both], 0)], notes
 
 
@@ -291,6 +297,7 @@ def selected(
     order = np.lexsort([heads["grid"], -sizes, *(heads[c] for c in preference)])
     first = changes(heads[order], ("valid",))
     chosen = order[first]
+    # in the order of preference: what differs first is why the other was not taken
     _note_choices(heads[order], first, notes)
     rows = np.concatenate([np.arange(starts[n], starts[n] + sizes[n]) for n in chosen])
     bounds = np.concatenate([[0], np.cumsum(sizes[chosen])]).astype(np.int64)
@@ -325,6 +332,7 @@ def _note_choices(heads: Table, first: NDArray[np.bool_], notes: list[str]) -> N
     }
     counts: Counter[str] = Counter()
     for n in again:
+        # with the row before, which is the chosen one or one passed over for a like reason
         counts[next((c for c in said if heads[c][n] != heads[c][n - 1]), "grid")] += 1
     notes += [
         f"{counts[c]} further profile(s) at the same valid time, {said[c]}"

@@ -85,6 +85,7 @@ def describe_dataset(ds: xr.Dataset, naming: Naming, file: str) -> Described:
     InputError
         Where something needed is missing or ambiguous, naming the file.
     """
+    # what cfgrib could not place was counted when the parts were opened
     found = Described(skipped=Counter(ds.encoding.get(SKIPPED, {})))
     chosen: dict[tuple[int, bool], tuple[int, str]] = {}
     native: list[str] = []
@@ -106,8 +107,10 @@ def describe_dataset(ds: xr.Dataset, naming: Naming, file: str) -> Described:
         if levels.native:
             native.append(one.name)
             found.rows += _pressure_of(ds, levels, naming, file)
+    # after the winds: only those on native levels ask for a pressure of their own
     found.rows += _pressures(ds, native, naming, file)
     speed = speed_only(ds)
+    # beside components it is a further variable and nothing is missing
     if not chosen and speed:
         raise InputError(
             "a wind speed without components",
@@ -170,9 +173,11 @@ def _rows(
     if axes.member:
         numbers = members_of(ds, axes.member, outer[axes.member])
         shape = [outer[d] if d == axes.member else 1 for d in outer]
+        # rows stand in the order in which the outer dimensions are stored
         member = np.broadcast_to(numbers.reshape(shape), tuple(outer.values())).ravel()
     wind = kind < PRESSURE
     written = naming.units.get(name, written_units(ds[name].attrs))
+    # surface pressure without a unit of pressure is its logarithm, as spectral models write it
     exponential = kind == SURFACE and factor_of(written, "pressure") is None
     scale = 1.0
     if not exponential:
@@ -193,11 +198,13 @@ def _table(
 ) -> Table:
     """A row a field and level; fields without a time are left out."""
     count = 1 if levels is None else levels.values.size
+    # the least integer is what not-a-time becomes
     known = np.flatnonzero(valid != np.iinfo(np.int64).min)
     table = np.zeros((known.size, count), dtype=ROW_DTYPE)
     columns = {"valid": valid, "lead": lead, "member": member, "index": np.arange(valid.size)}
     for column, values in columns.items():
         table[column] = values[known, None]
+    # a surface's own pressure is b = 1 of itself: rows of levels write over it
     table["kind"], table["level_kind"], table["b"] = kind, HYBRID, 1.0
     if levels is not None:
         table["level"], table["level_index"] = levels.values, np.arange(count)
@@ -233,6 +240,7 @@ def _chunks_of(one: xr.DataArray, plane: tuple[str, str]) -> tuple[int | tuple[i
     if one.chunks is not None:
         starts = [np.concatenate([[0], np.cumsum(lengths)]) for lengths in one.chunks]
         return tuple(tuple(int(n) for n in ends) for ends in starts)
+    # netCDF files have the first, Zarr the second
     written = one.encoding.get("chunksizes") or one.encoding.get("preferred_chunks")
     if isinstance(written, dict):
         written = [written.get(d) for d in one.dims]
@@ -256,6 +264,7 @@ def _grid(ds: xr.Dataset, name: str, axes: Axes, naming: Naming, file: str) -> P
         laid = None
         if mapping is not None:
             laid = through_points(frame_of(mapping, file=file, field="projection"), lat, lon)
+        # two-dimensional coordinates of a plain grid: placed by two rows, not by search
         if laid is None and (lat == lat[:, :1]).all() and (lon == lon[:1]).all():
             laid = AxesGrid(LONGITUDE_LATITUDE, lon[0], lat[:, 0])
         return laid or CurvilinearGrid(lat, lon)

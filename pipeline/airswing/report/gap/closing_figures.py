@@ -130,7 +130,13 @@ def autocorrelation_figure(gap: GapReport) -> Figure:
     figure = new_figure(3.2)
     axes = figure.add_subplot()
     axes.plot(
-        noise.distance_km, noise.autocovariance, "o", color=INK, markersize=4, label="measured"
+        noise.distance_km,
+        noise.autocovariance,
+        "o",
+        color=INK,
+        markersize=4,
+        label="measured",
+        clip_on=False,  # the first lies on the axis
     )
     axes.plot(noise.distance_km, noise.autocovariance_model, color=BLUE, label="noise model")
     axes.axhline(0.0, color=INK, linewidth=0.8)

@@ -40,7 +40,7 @@ from airswing.report.gap.which_figures import (
 from airswing.report.gap.words import (
     effect_sentence,
     joined,
-    nature_text,
+    nature_of,
     parameters_text,
     period_text,
     plain_name,
@@ -53,6 +53,7 @@ from airswing.report.html.document import (
     Column,
     Row,
     Section,
+    described,
     document,
     folded,
     heading,
@@ -194,10 +195,14 @@ def _which_section(gap: GapReport, maps: xr.Dataset) -> Section:
 
 
 def _natures(effects: Sequence[EffectEntry]) -> list[Markup]:
-    """Return a line for each effect found, however often it is: what it is, and what is like it."""
-    told = [nature_text(name) for name in dict.fromkeys(effect.name for effect in effects)]
-    lines = [text for text in told if text]
-    return [heading("What they are"), listing(lines)] if lines else []
+    """Return what each effect found is, who says so, and what is like it: once, however often."""
+    told = [nature_of(name) for name in dict.fromkeys(effect.name for effect in effects)]
+    entries = [
+        described(f"{one.title}.", one.physics, [one.source, one.alike])
+        for one in told
+        if one is not None
+    ]
+    return [heading("What they are"), listing(entries)] if entries else []
 
 
 def _per_aircraft(effects: Sequence[EffectEntry]) -> list[Markup]:
@@ -276,6 +281,6 @@ def _noise_table(noise: NoiseEntry) -> Markup:
     rows = [
         Row(["correlated part (m/s)", f"{noise.correlated_sd_m_s:.2f}"]),
         Row(["white part (m/s)", f"{noise.white_sd_m_s:.2f}"]),
-        Row(["correlation length (km)", f"{noise.length_km:.2f}"]),
+        Row(["correlation length (km)", f"{noise.length_km:.0f}"]),
     ]
     return table([Column("noise model", "words"), Column("fitted")], rows)

@@ -19,8 +19,8 @@ from airswing.report.html.style import (
     SOFT,
     empty_figure,
     new_figure,
+    plural,
     styled,
-    thousands,
 )
 
 # Share of the gap below which a slice stands in the table alone.
@@ -53,6 +53,8 @@ def slices_figure(where: Sequence[SliceEntry]) -> Figure:
     axes.tick_params(axis="y", length=0)
     axes.axvline(0.0, color=SOFT, linewidth=0.8)
     axes.set_xlim(right=max(float(share.max()) * 1.4, 5.0))
+    # room for the figures beside the bars, where no share can lie
+    axes.set_xticks([tick for tick in axes.get_xticks() if tick <= 100.0])
     axes.set_xlabel("share of the gap's energy (%)")
     more = (
         f"; {len(where) - len(rows)} smaller ones are in the table"
@@ -61,6 +63,6 @@ def slices_figure(where: Sequence[SliceEntry]) -> Figure:
     )
     return figure.say(
         f"Slices that hold the gap, by their share of its cross-fitted energy (n = "
-        f"{thousands(len(rows))} slices{more}). Blue: beyond noise at a false-discovery rate of "
+        f"{plural(len(rows), 'slice')}{more}). Blue: beyond noise at a false-discovery rate of "
         "5 %. Slices overlap, so shares need not add to 100 %."
     )

@@ -9,6 +9,7 @@ figure. Each figure says of how many reports the diagnosis is.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 import xarray as xr
@@ -161,8 +162,18 @@ def _cell_texts(
     """Write (x, y, value) into the cells of a map, white on what is dark."""
     for x, y, value in texts:
         colour = "white" if abs(value) > _DARK * limit else INK
-        said = f"{value:+.{decimals}f}"
+        # what rounds to nothing has no sign
+        said = f"{round(value, decimals) + 0.0:+.{decimals}f}"
         axes.text(x, y, said, ha="center", va="center", fontsize=size, color=colour)
+
+
+def _layers(middle: Floats) -> list[str]:
+    """Return the bounds of layers of these middles (increasing), hPa; the first begins at 0."""
+    edges = [0.0]
+    for one in middle:
+        edges.append(2.0 * float(one) - edges[-1])
+    lower = [f"{top:.0f}-{bottom:.0f}" for top, bottom in pairwise(edges[1:])]
+    return [f"above {edges[1]:.0f}", *lower]
 
 
 @styled
@@ -180,6 +191,7 @@ def phase_level_figure(maps: xr.Dataset, gap: GapReport) -> Figure:
     along = _cells(maps, "level_map_along", "phase", "level")
     level = np.asarray(maps["level"].to_numpy(), float)
     filled, up = np.flatnonzero(np.isfinite(across).any(axis=1)), np.argsort(-level)
+    layers = _layers(level)
     pick = np.ix_(filled, up)
     shown = {"along the heading": along[pick].T, "across the heading": across[pick].T}
     limit = _even_limit(np.concatenate([v.ravel() for v in shown.values()]), least=0.2)
@@ -191,7 +203,7 @@ def phase_level_figure(maps: xr.Dataset, gap: GapReport) -> Figure:
         )
         axes.set_title(name)
         axes.set_xticks(range(filled.size), [str(maps["phase"].to_numpy()[i]) for i in filled])
-        axes.set_yticks(range(level.size), [f"{one:.0f}" for one in level[up]])
+        axes.set_yticks(range(level.size), [layers[one] for one in up])
         axes.grid(visible=False)
         texts = [(x, y, cell) for (y, x), cell in np.ndenumerate(value) if np.isfinite(cell)]
         _cell_texts(axes, texts, limit, decimals=2, size=8)

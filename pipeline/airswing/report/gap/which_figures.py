@@ -8,9 +8,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter
+from numpy.typing import NDArray
 
+from airswing.gap.archive.reported_variables import CATEGORIES
 from airswing.gap.result.schema import EvidenceEntry, GapReport, PlaceEntry
 from airswing.report.gap.words import slice_words
 from airswing.report.html.style import (
@@ -24,6 +27,10 @@ from airswing.report.html.style import (
     plural,
     styled,
 )
+
+Floats = NDArray[np.float64]
+# Letters of names below a figure that still stand side by side.
+_SIDE_BY_SIDE = 80
 
 
 @styled
@@ -94,12 +101,15 @@ def posterior_figure(tails: Sequence[str], probability: Mapping[str, Sequence[fl
         By effect.
     """
     value = np.array(list(probability.values()), float)
-    figure = new_figure(1.3 + 0.36 * len(value))
+    # at least as high as the words beside the scale are long
+    figure = new_figure(max(1.3 + 0.36 * len(value), 2.1))
     axes = figure.add_subplot()
     drawn = axes.imshow(value, cmap="Blues", vmin=0, vmax=1, aspect="auto")
     size = 8.5 if len(tails) <= 30 else 6.0
-    axes.set_xticks(range(len(tails)), tails, rotation=90, fontsize=size)
-    axes.set_yticks(range(len(value)), [name.replace("_", " ") for name in probability])
+    # letters that stand side by side at this size
+    turned = 90 if len(tails) * max(map(len, tails)) > _SIDE_BY_SIDE else 0
+    axes.set_xticks(range(len(tails)), tails, rotation=turned, fontsize=size)
+    axes.set_yticks(range(len(value)), [_row_name(name) for name in probability])
     axes.grid(visible=False)
     if len(tails) <= 30:
         for (row, column), cell in np.ndenumerate(value):
@@ -120,6 +130,23 @@ def posterior_figure(tails: Sequence[str], probability: Mapping[str, Sequence[fl
     )
 
 
+def _set_ticks(axis: Axis, variable: str, edges: Floats) -> None:
+    """Put names of categories, or quarters of a whole turn, in the place of round numbers."""
+    names = CATEGORIES.get(variable, ())
+    if names:
+        axis.set_ticks(range(len(names)), names)
+    elif edges[0] == 0.0 and edges[-1] == 360.0:
+        axis.set_ticks(np.arange(0.0, 361.0, 90.0))
+
+
+def _row_name(name: str) -> str:
+    """A row of the map of probabilities: an effect, or a curve of the dictionary in words."""
+    component, _, variables = name.rpartition(":")
+    words = variables.replace("*", " by ").replace("_", " ")
+    side = {"cross": ", across", "along": ", along"}.get(component, f", {component}")
+    return words + (side if component else "")
+
+
 @styled
 def _table_figure(place: PlaceEntry) -> Figure:
     """Steps of an unknown's table over one variable, or a map of it over two."""
@@ -127,7 +154,7 @@ def _table_figure(place: PlaceEntry) -> Figure:
     edges = [np.asarray(own, float) for own in curve.edges or ()]
     value = np.reshape(np.asarray(curve.values, float), [own.size - 1 for own in edges])
     names = [
-        f"{name.replace('_', ' ')}{f' ({unit})' if unit else ''}"
+        f"{name.replace('_', ' ')}{f' ({unit})' if unit else ''}".replace("s2", "s²")
         for name, unit in zip(curve.variables or (), curve.variable_units or (), strict=True)
     ]
     what = f"{place.component.replace('_', ' ')} ({curve.unit})"
@@ -145,6 +172,9 @@ def _table_figure(place: PlaceEntry) -> Figure:
         )
         axes.set_ylabel(names[1])
         figure.colorbar(mesh, ax=axes, label=what)
+    sides = zip((axes.xaxis, axes.yaxis), curve.variables or (), edges, strict=False)
+    for axis, name, own in sides:
+        _set_ticks(axis, name, own)
     closes = f"; it closes {place.closure.reduction:.2f} kt" if place.closure else ""
     return figure.say(
         f"The unknown effect, fitted without physics on weeks left out: {slice_words(place)} "
@@ -182,6 +212,9 @@ def unknown_curve_figure(place: PlaceEntry) -> Figure:
     axes = figure.add_subplot()
     axes.bar(range(value.size), value, color=[BLUE if v >= 0 else ORANGE for v in value], width=0.7)
     axes.axhline(0.0, color=INK, linewidth=0.8)
+    # of one or two a bar would be as wide as the page
+    least = max(0.0, 4.0 - value.size) / 2.0
+    axes.set_xlim(-0.6 - least, value.size - 0.4 + least)
     turned = 45 if len(labels) > 8 else 0
     axes.set_xticks(
         range(len(labels)),

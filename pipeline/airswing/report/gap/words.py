@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -38,6 +39,8 @@ UNITS: tuple[tuple[str, str], ...] = (
     ("_s", " s"),
 )
 _MOST_TAILS = 6
+#: Aircraft that are listed even where they are all there are: names of so few say more.
+_FEW = 3
 #: Share of an unknown that an effect explains from which its name is said and not that it has none.
 NEAR = 0.8
 
@@ -48,21 +51,34 @@ def plain_name(name: str) -> str:
     return effect.title if effect and effect.title else name.replace("_", " ")
 
 
-def nature_text(name: str) -> str:
+class Nature(NamedTuple):
+    """What an effect is, in whole sentences but for the title; ``alike`` empty where nothing is."""
+
+    title: str
+    physics: str
+    source: str
+    alike: str
+
+
+def nature_of(name: str) -> Nature | None:
     """Return what happens in an effect, who says so, and what is easily taken for it.
 
     Returns
     -------
-    str
-        Empty for a name that is not in the catalogue.
+    Nature or None
+        None for a name that is not in the catalogue.
     """
     effect = CATALOGUE.get(name)
     if effect is None:
-        return ""
+        return None
     title = plain_name(name)
-    text = f"{title[0].upper()}{title[1:]}: {effect.physics} Source: {effect.source}"
     alike = "; ".join(map(_alike_text, effect.confused_with))
-    return f"{text} Easily confused with {alike}." if alike else text
+    return Nature(
+        f"{title[0].upper()}{title[1:]}",
+        effect.physics,
+        f"Source: {effect.source}",
+        f"Easily confused with {alike}." if alike else "",
+    )
 
 
 def _alike_text(hint: str) -> str:
@@ -188,7 +204,7 @@ def who_text(effect: EffectEntry, aircraft: int = 0) -> str:
         return "the reference"
     if not effect.tails or effect.scope == "fleet":
         return "the whole fleet"
-    if len(effect.tails) == aircraft > _MOST_TAILS:
+    if len(effect.tails) == aircraft > _FEW:
         return f"each of the {aircraft:,} aircraft"
     return joined(effect.tails)
 

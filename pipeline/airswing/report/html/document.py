@@ -99,6 +99,12 @@ def listing(items: Iterable[object]) -> Markup:
     return Markup('<ul class="plain">{}</ul>').format(inside)
 
 
+def described(title: str, text: str, beside: Iterable[str]) -> Markup:
+    """Return what stands under a title in bold, and smaller lines below it; empty ones left out."""
+    lines = (Markup('<span class="beside">{}</span>').format(line) for line in beside if line)
+    return Markup("<b>{}</b> {}{}").format(title, text, Markup("").join(lines))
+
+
 def link(address: str, text: str) -> Markup:
     """Return a link to a file beside the page; anything but a plain address is shown as text."""
     if ":" in address.split("/")[0] or address.startswith("//"):

@@ -50,6 +50,7 @@ from airswing.report.run.selection import (
 from airswing.units import NORMAL_95
 
 Floats = NDArray[np.float64]
+# Degrees, of a turn: two cycles keep their shape, and each bin has reports of several flights.
 BIN_WIDTH = 15.0
 _SECTORS = 24
 

@@ -42,6 +42,7 @@ from airswing.report.run.selection import (
 from airswing.units import NORMAL_95
 
 Floats = NDArray[np.float64]
+# Reports drawn of an aircraft: more cover each other, and the page grows by every one of them.
 DRAWN, DRAWN_SMALL = 1500, 300
 # Degrees: one wild aircraft does not flatten the others.
 WIDEST = 25.0

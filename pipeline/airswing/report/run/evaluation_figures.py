@@ -153,6 +153,8 @@ def _reductions(axes: Axes, field_test: FieldTestFound) -> None:
             textcoords="offset points",
             ha="center",
             fontsize=8.5,
+            # the line of no reduction may run through it
+            bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.5},
         )
     axes.axvline(0.0, color=INK, linewidth=0.8)
     axes.set_yticks(range(len(entries)), [entry[0] for entry in entries])

@@ -31,6 +31,7 @@ from airswing.report.html.style import (
 if TYPE_CHECKING:  # the watch itself is not needed to show it
     from airswing.evaluation.events_file import Event, Monitoring
 
+# Aircraft that stand below each other on a screen and can still be read.
 MOST_ROWS = 24
 SHORTEST = 30  # Days the line of time shows at least
 FLEET = "all at once"

@@ -36,7 +36,7 @@ def report_errors_section(errors: xr.Dataset | None) -> Section:
     title = "The reports' own error"
     if errors is None:
         return Section("report-errors", title)
-    why = str(errors.attrs.get("believed_because", ""))
+    why = str(errors.attrs.get("believed_because", "")).replace("m2/s2", "m²/s²")
     believed = str(errors.attrs.get("believed", ""))
     if not believed:
         return Section("report-errors", title, f"Not known: {why}.", [listing([why])])
@@ -67,17 +67,17 @@ def worth_sentence(errors: xr.Dataset) -> str:
 
 @styled
 def report_errors_figure(errors: xr.Dataset) -> Figure:
-    """Draw the error by layer for each phase of flight, beside what others use."""
+    """Draw the error by layer for each phase of flight it is known in, beside what others use."""
     figure = new_figure(4.2)
-    panels = figure.subplots(1, len(_PHASES), sharey=True, sharex=True)
+    reached = {phase: _cells_known(errors, phase) for phase in _PHASES}
+    phases = [phase for phase, cells in reached.items() if cells]
+    # an empty panel would take the room of a full one
+    drawn = phases or list(_PHASES)
+    panels = figure.subplots(1, len(drawn), sharey=True, sharex=True, squeeze=False)[0]
     level = 0.5 * (errors["layer_bottom_pressure"] + errors["layer_top_pressure"]) / 100.0
-    known, drawn = 0, []
-    for axes, phase in zip(panels, _PHASES, strict=True):
+    for axes, phase in zip(panels, drawn, strict=True):
         own = errors.sel(flight_phase=phase)
-        shown = np.isfinite(own["observation_error"].to_numpy())
-        known += int(shown.any(axis=1).sum())
-        if shown.any():
-            drawn.append(axes)
+        if phases:
             for name, (label, line) in _USED.items():
                 axes.plot(
                     errors[name], level, color=SOFT, linewidth=1.0, linestyle=line, label=label
@@ -90,17 +90,22 @@ def report_errors_figure(errors: xr.Dataset) -> Figure:
         axes.set_xlabel("error of a component (m/s)")
     panels[0].set_ylim(1000, 200)
     panels[0].set_xlim(left=0.0)
-    leftmost = drawn[0] if drawn else panels[0]  # a blank panel shows no scale
-    leftmost.set_ylabel("pressure (hPa)")
-    leftmost.tick_params(labelleft=True)
-    fullest = max(panels, key=lambda axes: len(axes.get_legend_handles_labels()[1]))
-    figure.legend(*fullest.get_legend_handles_labels(), loc="outside lower center", ncols=3)
+    panels[0].set_ylabel("pressure (hPa)")
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
     number = int(errors["observation_count"].sel(flight_phase="all").sum())
+    missing = " and ".join(phase for phase in _PHASES if phases and phase not in phases)
+    few = f" Too few reports meet in {missing}." if missing else ""
     return figure.say(
         "Standard error of a wind component of the reports alone, by phase of flight and layer, "
         "with 95 % intervals; in grey the errors that assimilation systems use "
-        f"(n = {plural(number, 'report')}, {plural(known, 'cell')} known)."
+        f"(n = {plural(number, 'report')}, {plural(sum(reached.values()), 'cell')} known).{few}"
     )
+
+
+def _cells_known(errors: xr.Dataset, phase: str) -> int:
+    """Return in how many layers of a phase the error is known, of either state."""
+    own = errors["observation_error"].sel(flight_phase=phase)
+    return int(own.notnull().any("state").sum())
 
 
 def _profile(axes: Axes, own: xr.Dataset, level: np.ndarray, index: int) -> None:

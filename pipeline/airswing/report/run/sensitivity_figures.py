@@ -27,6 +27,7 @@ from airswing.report.html.style import (
 from airswing.units import NORMAL_95
 
 COEFFICIENTS = ("A", "B", "C", "D", "E")
+# Rows of the figure, the largest differences first; every aircraft stands in the table.
 MOST_AIRCRAFT = 40
 
 

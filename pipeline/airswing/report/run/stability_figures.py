@@ -217,7 +217,9 @@ def _against(axes: Axes, rows: Sequence[AircraftGain]) -> None:
                 color=SOFT,
             )
     values = [gain for row in rows for gain in (row["predicted_gain_kt"], row["realised_gain_kt"])]
-    low, high = min(0.0, *values) - 0.3, max(values) + 0.5
+    low, high = min(0.0, *values), max(values)
+    # bars may be cut, points and their names not
+    low, high = low - 0.05 * (high - low) - 0.2, high + 0.1 * (high - low) + 0.2
     axes.plot([low, high], [low, high], color=SOFT, linewidth=1.0, zorder=1)
     axes.set_xlim(low, high)
     axes.set_ylim(low, high)

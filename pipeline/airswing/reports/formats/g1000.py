@@ -38,6 +38,7 @@ from airswing.reports.canonical.times import parse_times
 from airswing.units import FOOT, KNOT, ZERO_CELSIUS
 
 INCH_OF_MERCURY = 3386.389  # Pa at 0 degC (NIST SP 811)
+# Rows in memory at a time: a record of a second each has some sixty columns of text.
 ROWS_PER_PIECE = 100_000
 _NEEDED = ("Lcl Date", "Lcl Time", "UTCOfst", "Latitude", "Longitude", "AltB", "HDG", "TRK")
 _OWNERS = ("tail_number", "aircraft_ident", "registration", "system_id")

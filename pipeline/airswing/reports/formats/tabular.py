@@ -31,6 +31,7 @@ from airswing.reports.canonical.dialects import dialect_of
 from airswing.reports.canonical.report_formats import Mapped, ReportFormat, is_text, register
 from airswing.reports.canonical.times import Column, parse_times
 
+# Rows in memory at a time: text of a table is many times what is kept of it.
 ROWS_PER_PIECE = 250_000
 _BUFFER = 2**20
 # Octets and lines: what goes on longer before a head is no table.
@@ -75,6 +76,7 @@ def _csv_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFr
     text = {
         column: str
         for name, source in found.items()
+        # time joined of parts: 0930 read as a number has lost its nought
         if (name in TEXT or name.startswith(ONLY)) and (name != "time" or source.parts)
         for column in source.columns
     }
@@ -88,7 +90,9 @@ def _csv_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFr
         "index_col": False,
         "on_bad_lines": "warn",
         "dtype": {**text, _EXTRA: str},
+        # pandas' own list would make a tail named NA a missing one: ours is of number columns alone
         "keep_default_na": False,
+        # a type is inferred of a whole piece: in parts one column may come out as two types
         "low_memory": False,
         "na_values": {column: _BLANKS for column in wanted if column not in text},
         "encoding": "utf-8",
@@ -169,6 +173,7 @@ def _tables(path: Path, options: dict[str, Any], audit: Audit) -> Iterator[pd.Da
 
 def _whole_rows(table: pd.DataFrame, audit: Audit) -> pd.DataFrame:
     """Drop rows with more columns than the header names; a lone trailing separator is no harm."""
+    # pandas skips rows of two columns too many by itself: those are counted by its warnings
     ragged = (table.pop(_EXTRA).fillna("").str.strip() != "").to_numpy(dtype=bool)
     audit.read += int(ragged.sum())
     audit.drop("ragged_row", int(ragged.sum()))
@@ -192,9 +197,11 @@ def _with_dialect(names: Sequence[str], mapping: Mapped) -> Mapped:
 
 def _header(path: Path) -> _Head:
     with path.open("rb") as file:
+        # by its first octets: downloads are named as they may
         packed = file.read(2) == b"\x1f\x8b"
     opener: Any = gzip.open if packed else open
     try:
+        # utf-8-sig: a byte order mark, as spreadsheets write it, is no part of the first name
         with opener(path, "rt", encoding="utf-8-sig", newline="") as file:
             line, lines = _naming_line(file)
     except UnicodeDecodeError as error:
@@ -213,6 +220,7 @@ def _header(path: Path) -> _Head:
     separator = max(",;\t", key=line.count)
     names: list[str] = []
     for name in next(csv.reader([line.rstrip("\r\n")], delimiter=separator)):
+        # pandas refuses a name twice
         names.append(name if name not in names else f"{name} (column {len(names) + 1})")
     return _Head(names, separator, "gzip" if packed else None, lines)
 
@@ -253,6 +261,7 @@ def _parquet_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.Da
         raise InputError(f"cannot be read as Parquet: {error}", file=path) from error
     with file:
         inside = file.schema_arrow.names
+        # what stands in the file counts before what its folder is called
         folders = {name: value for name, value in _of_folders(path).items() if name not in inside}
         names = [*inside, *folders]
         found = sources(names, _with_dialect(names, mapping), path)
@@ -307,6 +316,7 @@ def _origin(table: pd.DataFrame, source: Source) -> Column:
         return pd.Series(source.value, index=table.index)
     column = table[source.column]
     for other in source.others:
+        # text columns hold blanks where number columns hold nothing
         column = column.where(column.notna() & (column.astype(str).str.strip() != ""), table[other])
     if source.parts:
         column = column.astype(str).str.strip()

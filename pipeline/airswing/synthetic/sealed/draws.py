@@ -23,6 +23,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.synthetic.sealed.labels import Injected
+
 if TYPE_CHECKING:
     import pandas as pd
 
@@ -41,7 +43,6 @@ __all__ = [
     "sign",
 ]
 
-Effect = dict[str, Any]
 Parameters = Mapping[str, Any]
 Mask = NDArray[np.bool_]
 Unit = Callable[[np.random.Generator], dict[str, object]]
@@ -139,7 +140,7 @@ class Drawn:
 
     name: str  # effect the case is about
     # what the generator is told; for a swap, the two deviations that make it visible as well
-    effects: tuple[Effect, ...]
+    effects: tuple[Injected, ...]
     how: Draw = field(default_factory=Draw)  # how it was drawn
 
     @property
@@ -197,7 +198,7 @@ def draw_effect(
     parameters = dict(how.ladder[step]) if how.unit is None else how.unit(rng)
     if variant == "form" and how.form is not None:
         parameters |= how.form(rng)
-    effect: Effect = {"name": name, "tails": chosen, "parameters": parameters, "period": None}
+    effect: Injected = {"name": name, "tails": chosen, "parameters": parameters, "period": None}
     if how.dated == "always" or last:
         effect["period"] = [_date(rng, occasion, last=last), None]
     return Drawn(name, (effect,), how)
@@ -221,7 +222,7 @@ def _swap(name: str, how: Draw, rng: np.random.Generator, tails: list[str], date
     """Return two aircraft with opposite deviations that exchange names at a date."""
     pair = sorted(str(tail) for tail in rng.choice(tails, 2, replace=False))
     phase = _phase(rng)
-    deviations = [
+    deviations: list[Injected] = [
         {
             "name": "hard_iron",
             "tails": [tail],
@@ -230,7 +231,12 @@ def _swap(name: str, how: Draw, rng: np.random.Generator, tails: list[str], date
         }
         for tail, turn in zip(pair, (0.0, 180.0), strict=True)
     ]
-    swap = {"name": name, "tails": pair, "parameters": {"pair": pair}, "period": [date, None]}
+    swap: Injected = {
+        "name": name,
+        "tails": pair,
+        "parameters": {"pair": pair},
+        "period": [date, None],
+    }
     return Drawn(name, (*deviations, swap), how)
 
 
@@ -250,7 +256,7 @@ def scaled(drawn: Drawn, factor: float) -> Drawn:
     how = drawn.how
     if how.ladder:
         return drawn
-    out = []
+    out: list[Injected] = []
     for effect in drawn.effects:
         parameters: Parameters = effect["parameters"]
         changed = {

@@ -31,6 +31,7 @@ from airswing.errors import InputError
 from airswing.synthetic.aircraft.instrument import coded, compute_wind
 from airswing.synthetic.aircraft.outside_effects import KNOT
 from airswing.synthetic.sealed.cases import World
+from airswing.synthetic.sealed.labels import TwinClosure
 from airswing.synthetic.world.gridded_fields import GriddedReference, sample_reference
 from airswing.synthetic.world.true_atmosphere import stream
 
@@ -215,7 +216,7 @@ def _moments(
 
 def write_model_case(
     folder: Path, real: Path, effects: Sequence[Mapping[str, object]], world: World
-) -> dict[str, float]:
+) -> TwinClosure:
     """Write a case on a real forecast run and measure its true closure.
 
     Parameters
@@ -238,7 +239,7 @@ def write_model_case(
     if not grib.is_dir():
         raise InputError("no real model run", file=grib)
     run, _, start = realwinds.read_run(grib)
-    closure = {}
+    found = {}
     for name, active in (("after", []), ("before", list(effects))):
         realwinds.write_archive(
             folder,
@@ -248,12 +249,12 @@ def write_model_case(
             effects=active,
             output=str((folder / "results").resolve()),
         )
-        closure[name] = _read_disagreement(folder / "reports", run, np.datetime64(start, "s"))
+        found[name] = _read_disagreement(folder / "reports", run, np.datetime64(start, "s"))
     truth = folder / "truth"
     for path in truth.iterdir():
         path.unlink()
     truth.rmdir()
-    return closure
+    return {"after": found["after"], "before": found["before"]}
 
 
 def _read_disagreement(folder: Path, run: GriddedReference, start: np.datetime64) -> float:

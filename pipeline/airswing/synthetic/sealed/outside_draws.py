@@ -28,10 +28,10 @@ from airswing.synthetic.aircraft.outside_effects import (
     SHAPES,
     VARIABLES,
 )
+from airswing.synthetic.sealed.labels import Injected
 
 __all__ = ["ALIKE", "OUTSIDE_SHAPES", "SCOPES", "draw_outside"]
 
-Effect = dict[str, object]
 # Shapes dealt: of one variable, of two, and what moves no mean.
 OUTSIDE_SHAPES = (*SHAPES, "product", "threshold", "scatter")
 SCOPES = ("one", "some", "all")
@@ -59,7 +59,7 @@ def draw_outside(
     start: datetime,
     days: int,
     size: float,
-) -> Effect:
+) -> Injected:
     """Draw one outside effect.
 
     Parameters

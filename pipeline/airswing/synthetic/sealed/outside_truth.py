@@ -24,6 +24,7 @@ from airswing.synthetic.aircraft.outside_effects import (
     report_variables,
     scatter_change,
 )
+from airswing.synthetic.sealed.labels import OutsideTruth
 from airswing.synthetic.sealed.nearness import carried_by, named_share, signed_size
 
 __all__ = [
@@ -55,7 +56,7 @@ def _chosen(frame: pd.DataFrame, effect: Mapping[str, Any]) -> NDArray[np.bool_]
 
 def outside_truth(
     frame: pd.DataFrame, innovation: Array, effect: Mapping[str, Any], *, seed: int
-) -> dict[str, Any]:
+) -> OutsideTruth:
     """Measure an outside effect on an archive without it.
 
     Parameters
@@ -117,7 +118,7 @@ def _true_variables(parameters: Mapping[str, Any]) -> list[str]:
     return list(dict.fromkeys(own))
 
 
-def is_fit(told: Mapping[str, Any]) -> bool:
+def is_fit(told: OutsideTruth) -> bool:
     """Return whether an outside effect is fit for a case.
 
     Parameters

@@ -40,6 +40,7 @@ from airswing.synthetic.sample import sample_archive as archive
 from airswing.synthetic.sample.sample_archive import Scenario, simulate_arrays, write_reports
 from airswing.synthetic.sealed.cases import START, Case, World
 from airswing.synthetic.sealed.draws import Drawn, scaled
+from airswing.synthetic.sealed.labels import Label, OutsideTruth, TwinClosure
 from airswing.synthetic.sealed.outside_truth import WORTH_KT, is_fit, outside_truth
 from airswing.synthetic.world.gribwriter import write_reference
 from airswing.synthetic.world.gridded_fields import GriddedReference, sample_reference
@@ -108,7 +109,7 @@ def usable(frame: pd.DataFrame) -> NDArray[np.bool_]:
     return np.asarray(np.isfinite(innovation(frame)).all(axis=1) & passed)
 
 
-def twin_closure(made: pd.DataFrame, twin: pd.DataFrame) -> dict[str, float]:
+def twin_closure(made: pd.DataFrame, twin: pd.DataFrame) -> TwinClosure:
     """Return the mean vector disagreement of an archive and of its twin, on the same reports.
 
     Parameters
@@ -123,10 +124,10 @@ def twin_closure(made: pd.DataFrame, twin: pd.DataFrame) -> dict[str, float]:
     """
     own, bare = made.set_index("made"), twin.set_index("made").loc[made["made"]]
     both = usable(own) & usable(bare)
-    return {
-        name: float(np.hypot(*innovation(frame)[both].T).mean() / KNOT)
-        for name, frame in (("before", own), ("after", bare))
-    }
+    before, after = (
+        float(np.hypot(*innovation(frame)[both].T).mean() / KNOT) for frame in (own, bare)
+    )
+    return {"before": before, "after": after}
 
 
 def acting(frame: pd.DataFrame, drawn: Drawn) -> NDArray[np.bool_]:
@@ -164,7 +165,9 @@ def strength_of(drawn: Drawn, world: World) -> float:
 def _in_force(drawn: Drawn, world: World) -> float:
     """Return the days from which an effect begins to the end of the archive."""
     period = drawn.effects[0]["period"]
-    begins = START if period is None else datetime.fromisoformat(period[0])
+    begins = START
+    if period is not None and period[0] is not None:
+        begins = datetime.fromisoformat(period[0])
     return world.days - (begins - START).total_seconds() / 86400.0
 
 
@@ -234,7 +237,7 @@ class Archivist:
     real: Path | None = None  # folder with real data for rung 5
     _bare: tuple[World, pd.DataFrame] | None = field(default=None, init=False)
 
-    def write(self, case: Case) -> dict[str, object]:
+    def write(self, case: Case) -> Label:
         """Write one case's archive and return its label.
 
         Returns
@@ -284,7 +287,7 @@ class Archivist:
             "outside": outside,
         }
 
-    def _fit_draw(self, case: Case) -> tuple[tuple[Drawn, ...], dict[str, Any]]:
+    def _fit_draw(self, case: Case) -> tuple[tuple[Drawn, ...], OutsideTruth]:
         """Return the first draw of an outside effect that is fit, and what is true of it.
 
         Of a case that shall be worth closing, the first that is fit and closes `WORTH_KT`, or that
@@ -301,8 +304,8 @@ class Archivist:
                     return fit[-1]
             others.append(((part,), told))
         if fit:
-            return max(fit, key=lambda one: float(one[1]["closes_kt"]))
-        return min(others, key=lambda one: float(one[1]["named_share"]))
+            return max(fit, key=lambda one: one[1]["closes_kt"])
+        return min(others, key=lambda one: one[1]["named_share"])
 
     def _real(self) -> Path:
         if self.real is None:
@@ -315,7 +318,7 @@ class Archivist:
         ordinary = replace(world, kind="default", days=max(world.days, _CALIBRATION_DAYS))
         return scaled(drawn, size / max(strength_of(drawn, ordinary), 1e-6))
 
-    def _write_sample(self, folder: Path, world: World, effects: Effects) -> dict[str, float]:
+    def _write_sample(self, folder: Path, world: World, effects: Effects) -> TwinClosure:
         """Write reports and configuration; return the disagreement with and without effects."""
         made = self._simulated(world, effects)
         bare = made if not effects else self._without(world)

@@ -10,10 +10,10 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from airswing.errors import InputError
 from airswing.products.whole_files import plain, write_text
+from airswing.synthetic.sealed.labels import Label
 
 __all__ = ["digest_of", "open_seal", "seal"]
 
@@ -40,7 +40,7 @@ def seal(labels: Sequence[Mapping[str, object]], folder: Path) -> str:
     return digest
 
 
-def open_seal(folder: Path, *, digest: str) -> list[dict[str, Any]]:
+def open_seal(folder: Path, *, digest: str) -> list[Label]:
     """Read the labels back, after checking that nobody changed them.
 
     Parameters
@@ -66,5 +66,5 @@ def open_seal(folder: Path, *, digest: str) -> list[dict[str, Any]]:
             found=found,
             remedy=f"published: {digest}",
         )
-    labels: list[dict[str, object]] = json.loads(path.read_text(encoding="utf-8"))
+    labels: list[Label] = json.loads(path.read_text(encoding="utf-8"))
     return labels

@@ -64,7 +64,8 @@ def make_monitoring(job: Job, fits: xr.Dataset | None = None) -> Monitoring:
         found = replace(found, unsaid=len(found.new_events))
         write_events(found, path)
         write_monitoring_page(job.output / "report" / PAGE, found)
-        stage.note = f"{len(found.new_events):,} new events"
+        number = len(found.new_events)
+        stage.note = f"{number:,} new event{'s' * (number != 1)}"
     return found
 
 

@@ -118,6 +118,7 @@ def fits_before(job: Job, months: list[str], headings: xr.Dataset) -> xr.Dataset
         Of aircraft that the sums do not tell: no fit.
     """
     fleet = _Fleet(job, months, headings)
+    # bases are of all months: a fit of some may lie farther from them than one of all
     found, _ = fleet.told(farthest=AS_FITTED, scatter=np.inf)
     none = AircraftSums(0, 0, 0, None, STATUS["too_few_reports"], np.nan)
     sums = fleet.together(
@@ -140,12 +141,14 @@ class _Fleet:
     def __init__(self, job: Job, months: list[str], headings: xr.Dataset) -> None:
         self.job, self.months, self.headings = job, months, headings
         self.options: dict[str, Any] = job.config.fit.model_dump()
+        # columns are made with it; the sums have no need of it
         self.options.pop("abscissa")
         self.abscissa = job.config.fit.abscissa
         self.names = headings["aircraft"].to_numpy().astype(str)
         self.groups = groups_of(headings, job.config.pools(), alone=True)
         self.folder = job.output / ".update"
         config = job.config.model_dump(include={"fit", "pool", "references"})
+        # sums of other options or another version are not those asked for
         self.mark = fingerprint(config["fit"], config["pool"], code_digest(*_CODE))
         self._held: dict[str, MonthSums] = {}
         self._counted: dict[str, Arrays] = {}
@@ -156,9 +159,11 @@ class _Fleet:
         if untold:
             whole = self._from_reports(untold)
             self._take_in(whole)
+            # again: a new base changes what the months tell of the aircraft
             found, left = self.told()
             for name in left:
                 for group, own in found.items():
+                    # even at its own base the months do not tell it: the fit to its reports stands
                     own[name] = whole[group][name]
             self.job.progress.say(f"  {len(untold)} aircraft fitted to all of their reports")
         return self.together(found)
@@ -166,6 +171,7 @@ class _Fleet:
     def together(self, found: dict[str, dict[str, AircraftSums]]) -> FleetSums:
         """Sums of every group and aircraft as one fleet's."""
         some = self.headings[[name for name in FITTED_FROM if name in self.headings]]
+        # the frame of a fleet's sums, references and options in it, without a report
         empty = some.isel(aircraft=slice(0), report=slice(0)).load()
         groups = {group: [own[name] for name in self.names] for group, own in found.items()}
         return replace(self._summed(empty), aircraft=self.names.astype(object), groups=groups)
@@ -176,6 +182,7 @@ class _Fleet:
         total, count = np.zeros(self.names.size), np.zeros(self.names.size)
         for month in self.months:
             kept = self._counts(month)
+            # names are sorted in both; an aircraft may be in some months only
             place = np.searchsorted(self.names, kept["aircraft"])
             histogram[place] += kept["histogram"]
             total[place] += kept["total"]
@@ -236,6 +243,7 @@ class _Fleet:
                     parts = [one.periods[group].get(name) for one in months]
                     one = self._one([part for part in parts if part is not None], base, **near)
                 else:
+                    # without a curve: its fit stays while none of its reports changed
                     one = kept[group].get(name) if of.get(name) == content[name] else None
                 if one is None:
                     untold.add(name)
@@ -254,6 +262,7 @@ class _Fleet:
             return None  # a fit would cut its blocks otherwise
         flights = sum(one.day.size for one in periods)
         counts = np.sum([one.points for one in periods], axis=0)
+        # as `compass_points` counts them
         points = int(np.count_nonzero(counts >= max(3, 0.002 * reports)))
         enough = reports >= self.options["min_reports"] and flights >= MIN_FLIGHTS
         if not enough or points < self.options["min_compass_points"]:
@@ -281,6 +290,7 @@ class _Fleet:
         content, (of, kept) = self._content, self._without
         for group, own in whole.items():
             for name, one in own.items():
+                # it may have had a curve before and have none now, or the other way round
                 self.bases[group].pop(name, None)
                 kept[group].pop(name, None)
                 of[name] = content[name]
@@ -294,8 +304,11 @@ class _Fleet:
             bases |= {f"{k}:{key}": one for key, one in packed_bases(self.bases[group]).items()}
             fits |= {f"{k}:{key}": one for key, one in packed_sums(kept[group]).items()}
         words = {"aircraft": np.array(list(of)), "content": np.array(list(of.values()))}
+        # bases last: killed between, an aircraft has its old base yet and is fitted again, which
+        # makes the same one
         keep_arrays(self.folder / "without_curve.npz", self.mark, fits | words)
         keep_arrays(self.folder / "base.npz", self.mark, bases)
+        # cached of the bases before
         del self._marks
 
     def _month(self, month: str) -> MonthSums:
@@ -308,6 +321,7 @@ class _Fleet:
             mark = fingerprint(headings.attrs["uuid"], self.mark)
             if found is None:
                 found = MonthSums.of(kept_arrays(path, mark), self.groups)
+            # nothing kept of this month holds
             fresh = not found.content
             if fresh:
                 found.content = contents(headings)
@@ -344,6 +358,7 @@ class _Fleet:
         """What a month counts for the tables."""
         if month in self._counted:
             return self._counted[month]
+        # apart from the sums: counts need no base, and stay when bases move
         path = self.folder / f"{month}.counts.npz"
         config = self.job.config
         members = config.pools()[main_reference(config)]
@@ -357,6 +372,7 @@ class _Fleet:
                     "histogram": heading_histogram(headings, abscissa=self.abscissa),
                     "total": total,
                     "count": count,
+                    # every day, however few reports: a month's last day goes on in the next month
                     **_packed_days(fleet_day_sums(headings, members, self.abscissa, fewest=1)),
                 }
                 keep_arrays(path, mark, kept)
@@ -389,6 +405,7 @@ def _packed_days(sums: list[DaySums | None]) -> dict[str, NDArray[Any]]:
 
 def _one_after_another(parts: list[DaySums]) -> DaySums | None:
     """Days of one aircraft; a day in which a month ends may stand twice, each part a day's."""
+    # a change needs days enough on either side of it
     if sum(one.day.size for one in parts) < 2 * FEWEST_DAYS:
         return None
     names = [part.name for part in fields(DaySums)]

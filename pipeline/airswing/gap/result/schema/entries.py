@@ -15,8 +15,8 @@ from pydantic import BeforeValidator
 
 #: A number that may be unknown.
 Number = Annotated[float, BeforeValidator(lambda value: float("nan") if value is None else value)]
-#: Value of an effect's parameter.
-Parameter = bool | int | float | str | list[str] | None
+#: Value of an effect's parameter; a range is its two ends, a pair its two aircraft.
+Parameter = bool | int | float | str | list[str] | list[float] | None
 #: First and last date, ISO 8601; null at the archive's ends.
 Period = list[str | None]
 

@@ -87,6 +87,8 @@ def axes_of(ds: xr.Dataset, name: str, naming: Naming, file: str) -> Axes:
         found = {axis: _metpy_axis(parsed, axis) for axis in ("vertical", "time", "y", "x")}
         places = {axis: _metpy_axis(parsed, axis) for axis in ("latitude", "longitude")}
     y, x = _horizontal(ds, parsed, found, places, naming, file)
+    # what is left is told one by one: levels before members, since only levels may be without any
+    # mark
     left = [str(d) for d in parsed.dims if d not in (*y.dims, *x.dims)]
     vertical = _vertical(ds, parsed, found["vertical"], found["time"], left, naming, file)
     if vertical is not None:
@@ -94,6 +96,7 @@ def axes_of(ds: xr.Dataset, name: str, naming: Naming, file: str) -> Axes:
     member = next((d for d in left if _is_member(ds, d)), "")
     either = next((d for d in left if d == _EITHER), "")
     crs = getattr(parsed.coords.get("metpy_crs"), "item", lambda: None)()
+    # MetPy makes a plain longitude and latitude mapping up where a file has none
     mapped = parsed.attrs.get("grid_mapping") in ds.variables
     return Axes(
         y,
@@ -162,6 +165,7 @@ def _horizontal(
     ]
     y = named[0] if named[0] is not None else found["y"]
     x = named[1] if named[1] is not None else found["x"]
+    # by axis first: a projected grid has y and x beside the latitudes and longitudes of its points
     if y is None or x is None or y.ndim != 1 or x.ndim != 1:
         y = named[0] if named[0] is not None else places["latitude"]
         x = named[1] if named[1] is not None else places["longitude"]
