@@ -47,6 +47,8 @@ REGION = ("longitude", "latitude")
 REPORTED_PERSISTENT = 0.25
 #: The same of the fleet by drift, which holds a part of the wind's error: 0.2 to 0.3 m/s on nulls.
 DRIFT_PERSISTENT = 0.25
+#: Least variance of such a dependence between simulated archives: of four it may be small by chance.
+LEAST_SPREAD = 0.1**2
 #: Days between which scores of a table's means are taken for independent.
 BLOCK = 3
 #: Least factor by which their scatter between blocks counts where cells are of the reported wind:
@@ -401,34 +403,53 @@ def lasting_of_fleet(grid: Grid, share: float) -> float:
 def regression_share(bench: Bench) -> float:
     """Share of the simulated dependence on the reported wind that the real archive shows.
 
+    Of direction (across the wind) and speed (along it), each counting as sure as simulated archives
+    agree about it among themselves: where strong and weak winds come in a few spells, speed tells
+    next to nothing.
+
     Returns
     -------
     float
-        Between 0 and 1, by least absolute deviations over the cells of direction (across the wind)
-        and speed (along it): an effect in some cells does not move it.
+        Between 0 and 1; of either by least absolute deviations over cells: an effect in some cells
+        does not move it.
     """
-    real, simulated, weight = [], [], []
+    told, sure = [], []
     for name, component in (("wind_direction", "across_wind"), ("wind_speed", "along_wind")):
-        if name not in bench.variables:
-            continue
-        # cells of 15 degrees, and as many of speed
-        grid = Grid((axis_of(bench.variables[name], 24),))
-        told = [bench.cells(grid)]
-        told += [grid.cells(bench.told(grid, k)) for k in range(len(bench.simulated))]
-        sums = []
-        for k, cells in enumerate(told):
-            values = np.einsum("nc,nc->n", bench.residuals[k], bench.direction(component, k))
-            values[bench.setting.noise.gross] = 0.0
-            sums.append(np.bincount(cells, values, minlength=grid.size))
-        real.append(sums[0])
-        simulated.append(np.mean(sums[1:], axis=0))
-        weight.append(np.sqrt(np.maximum(np.bincount(told[0], minlength=grid.size), 1.0)))
-    if not real:
+        if name in bench.variables and bench.simulated:
+            sums = _sums_by_reported(bench, name, component)
+            simulated = sums[1:].mean(axis=0)
+            slopes = [_median_slope(simulated, one) for one in sums]
+            told.append(slopes[0])
+            sure.append(1.0 / max(float(np.var(slopes[1:])), LEAST_SPREAD))
+    if not told:
         return 1.0
-    x, y = (np.concatenate(v) / np.concatenate(weight) for v in (simulated, real))
-    # cells that no simulated wind moves have no slope
-    use = np.abs(x) > 1e-9
+    return float(np.clip(np.average(told, weights=sure), 0.0, 1.0))
+
+
+def _sums_by_reported(bench: Bench, name: str, component: str) -> Floats:
+    """Sums over cells of the reported wind of the real archive and of each simulated one.
+
+    In units of their noise, (1 + B, cells).
+    """
+    # cells of 15 degrees, and as many of speed
+    grid = Grid((axis_of(bench.variables[name], 24),))
+    told = [bench.cells(grid)]
+    told += [grid.cells(bench.told(grid, k)) for k in range(len(bench.simulated))]
+    count = np.maximum(np.bincount(told[0], minlength=grid.size), 1.0)
+    sums = []
+    for k, cells in enumerate(told):
+        values = np.einsum("nc,nc->n", bench.residuals[k], bench.direction(component, k))
+        values[bench.setting.noise.gross] = 0.0
+        sums.append(np.bincount(cells, values, minlength=grid.size))
+    return np.asarray(np.stack(sums) / np.sqrt(count))
+
+
+def _median_slope(x: Floats, y: Floats) -> float:
+    """Slope of y on x through nothing, by least absolute deviations; 0 where x is nothing."""
+    use = np.abs(x) > 1e-9  # cells that no simulated wind moves have no slope
+    if not use.any():
+        return 0.0
     slopes, weights = y[use] / x[use], np.abs(x[use])
     order = np.argsort(slopes)
     middle = np.searchsorted(np.cumsum(weights[order]), 0.5 * weights.sum())
-    return float(np.clip(slopes[order][middle], 0.0, 1.0))
+    return float(slopes[order][middle])
