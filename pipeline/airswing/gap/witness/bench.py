@@ -47,7 +47,7 @@ REGION = ("longitude", "latitude")
 REPORTED_PERSISTENT = 0.25
 #: The same of the fleet by drift, which holds a part of the wind's error: 0.2 to 0.3 m/s on nulls.
 DRIFT_PERSISTENT = 0.25
-#: Least variance of such a dependence between simulated archives: of four it may be small by chance.
+#: Least variance of such a dependence between simulated archives: of four it is small by chance.
 LEAST_SPREAD = 0.1**2
 #: Days between which scores of a table's means are taken for independent.
 BLOCK = 3
