@@ -267,15 +267,6 @@ def test_reported_and_reference_wind_are_not_in_one_table():
     assert _tells_itself(("ground_speed", "wind_direction")) and not _tells_itself(("drift",))
 
 
-def test_the_reported_wind_by_the_date_is_weather_in_its_own_frame_alone():
-    from airswing.gap.witness.unknowns import _is_weather
-
-    assert _is_weather(("wind_speed", "date"), "across_wind")
-    assert not _is_weather(("wind_speed", "date"), "across_heading")
-    assert not _is_weather(("longitude", "date"), "across_wind")
-    assert not _is_weather(("wind_speed", "track"), "wind_angle")
-
-
 def test_a_slope_that_simulated_archives_do_not_agree_about_counts_little(monkeypatch):
     """Of direction all agree and the real archive shows 0.9; of speed they do not, and it -1."""
     from airswing.gap.witness import bench

@@ -126,15 +126,6 @@ def _tells_itself(names: Sequence[str]) -> bool:
     return bool(set(names) & set(OF_THE_REPORT)) and bool(set(names) & set(OF_THE_REFERENCE))
 
 
-def _is_weather(names: Sequence[str], component: str) -> bool:
-    """Whether a table is of the reported wind, in its own frame, by the date.
-
-    With the season winds turn, and with them what a report's own error makes of its direction: so
-    weak winds of an archive without effect were 12 degrees off one way and then the other.
-    """
-    return "wind" in component and "date" in names and bool(set(names) & set(OF_THE_REPORT))
-
-
 def pairs_of(bench: Bench, heard: Heard) -> list[Candidate]:
     """Tables of pairs of variables, most evidence first.
 
@@ -145,7 +136,7 @@ def pairs_of(bench: Bench, heard: Heard) -> list[Candidate]:
     out = [
         weighed(bench, Grid(tuple(_pair_axis(bench, name) for name in pair)), component)
         for component, pair in dict.fromkeys(named)
-        if not _tells_itself(pair) and not _is_weather(pair, component)
+        if not _tells_itself(pair)
     ]
     return sorted(out, key=lambda c: -c.nats)
 
@@ -237,8 +228,7 @@ def _of_two(bench: Bench, best: Candidate) -> list[Candidate]:
     name = best.grid.variables[0]
     pairs = []
     for other, variable in bench.variables.items():
-        weather = _is_weather((name, other), best.component)
-        if other != name and not weather and not _tells_itself((name, other)):
+        if other != name and not _tells_itself((name, other)):
             own = best.grid.axes[0] if np.isfinite(best.jumps) else _pair_axis(bench, name)
             axes = (own, axis_of(variable, PAIR_CELLS[variable.kind]))
             pairs.append(weighed(bench, Grid(axes), best.component))
