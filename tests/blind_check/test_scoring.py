@@ -302,6 +302,11 @@ def test_the_closure_of_an_unknown_adds_to_that_of_the_names():
     silent = scored(outside(), quiet(places=[]))
     assert silent["unknown_closure_error"] == pytest.approx(0.5)
     assert silent["variable_first"] is None and not silent["unknown_closure_covered"]
+    assert "could_hide_holds" not in silent and "could_hide_holds" not in found
+    for most, holds in ((0.4, False), (0.6, True)):  # 0.5 is true
+        nothing = quiet(places=[])
+        told = replace(nothing, closure=replace(nothing.closure, could_hide_kt=most))
+        assert scored(outside(), told)["could_hide_holds"] is holds
 
 
 def test_an_effect_told_twice_on_an_aircraft_is_a_repeat():

@@ -250,6 +250,12 @@ TARGETS = (
         lambda s: _share(_outside(s), "unknown_closure_covered"),
     ),
     (
+        "outside and not told: closes no more than is said could hide",
+        ">=",
+        0.95,
+        lambda s: _share(_outside(s), "could_hide_holds"),
+    ),
+    (
         "first name right, single effects and their forms, any scope",
         ">=",
         0.95,

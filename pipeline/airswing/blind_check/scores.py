@@ -92,6 +92,8 @@ class Found(TypedDict, total=False):
     unknown_closure_interval: list[float]
     unknown_closure_error: float
     unknown_closure_covered: bool
+    # of what was not raised: whether it closes no more than the report says could hide
+    could_hide_holds: bool | None
 
 
 class Score(Asked, Found):
@@ -107,6 +109,7 @@ ShareKey = Literal[
     "unknown",
     "unknown_first",
     "unknown_closure_covered",
+    "could_hide_holds",
     "variable_first",
 ]
 MeanKey = Literal[

@@ -112,7 +112,8 @@ def unknown_scores(
     dict
         ``variable_first, variable_near, variable_any, unknown_precision, unknown_recall,
         unknown_closure_stated, unknown_closure_interval, unknown_closure_error,
-        unknown_closure_covered``; all but the closure None where no unknown is raised.
+        unknown_closure_covered``; all but the closure None where no unknown is raised; there
+        ``could_hide_holds``, whether it closes no more than the report says could hide.
     """
     if gap.unknown.present and gap.unknown.where:
         return _raised(label, truth, gap, fleet) | _closure(label, gap)
@@ -123,6 +124,10 @@ def unknown_scores(
         "unknown_precision": None,
         "unknown_recall": None,
     }
+    most = gap.closure.could_hide_kt
+    if most is not None:
+        true = label["closure"]["before"] - label["closure"]["after"]
+        silent["could_hide_holds"] = true <= most
     return silent | _closure(label, gap)
 
 
