@@ -19,6 +19,12 @@ def plain():
     return make_frame(seed=6, aircraft=6, days=21, noise=1.5)
 
 
+@pytest.fixture(scope="module")
+def small():
+    """Enough to be told, small enough to be searched in seconds."""
+    return make_frame(seed=6, aircraft=5, days=8, noise=0.5)
+
+
 def off_headings(frame, k, tails, degrees=0.0):
     """The frame with headings off by k declinations, and a fixed angle, on some aircraft."""
     own = np.isin(frame.aircraft, tails)
@@ -87,15 +93,15 @@ def test_wind_directions_are_found_but_of_all_aircraft_left_to_names(plain):
     assert against_magnetic_north_of(off_directions(plain, -1.0, range(6))) is None
 
 
-def test_it_is_named_where_the_catalogue_has_the_name(plain):
-    frame = off_headings(plain, -1.0, (1, 4))
+def test_it_is_named_where_the_catalogue_has_the_name(small):
+    frame = off_headings(small, -1.0, (1, 4))
     catalogue = {name: CATALOGUE[name] for name in ("declination_error", "compass_offset")}
     report = diagnose(frame, catalogue=catalogue).report
     (effect,) = report.effects
     assert effect.name == "declination_error" and effect.parameters["factor"] == 0.0
-    assert effect.tails == [plain.tails[1], plain.tails[4]]
+    assert effect.tails == [small.tails[1], small.tails[4]]
     assert not report.unknown.present and effect.share_of_gap == 1.0
-    true = true_closure(frame, plain) * 3600 / 1852
+    true = true_closure(frame, small) * 3600 / 1852
     closure = report.closure
     assert closure.reduction_ci[0] < true < closure.reduction_ci[1]
     assert closure.reduction == pytest.approx(true, rel=0.02)
@@ -103,18 +109,18 @@ def test_it_is_named_where_the_catalogue_has_the_name(plain):
     first, step, *_ = report.waterfall
     assert (first.kt, step.label) == (pytest.approx(closure.before), "declination_error")
     (active,) = active_effects(report)
-    sent = simulate(plain, effects=[active])
+    sent = simulate(small, effects=[active])
     # simulated, these aircraft err by as much
-    late = plain.aircraft == 1
-    off = np.angle(np.exp(1j * (sent.heading - plain.heading)))[late]
-    assert np.corrcoef(off, -plain.declination[late])[0, 1] > 0.5
+    late = small.aircraft == 1
+    off = np.angle(np.exp(1j * (sent.heading - small.heading)))[late]
+    assert np.corrcoef(off, -small.declination[late])[0, 1] > 0.5
 
 
-def test_without_its_name_it_is_told_with_what_was_done(plain):
-    report = diagnose(off_headings(plain, -1.0, (1, 4)), catalogue={}).report
+def test_without_its_name_it_is_told_with_what_was_done(small):
+    report = diagnose(off_headings(small, -1.0, (1, 4)), catalogue={}).report
     (place,) = report.unknown.where
     assert place.component == "heading_angle" and place.variables == ["longitude"]
-    assert place.tails == [plain.tails[1], plain.tails[4]]
+    assert place.tails == [small.tails[1], small.tails[4]]
     assert place.title == "headings without the declination"
     assert any(place.title in step.label for step in report.waterfall)
     assert f"{place.title}: N" in verdict(report)

@@ -46,7 +46,7 @@ def test_it_shrinks_with_the_archive_and_ends_at_the_disagreement():
 def test_silence_widens_the_closure_and_a_claim_does_not(gap_product):
     report = GapReport.read(gap_product / "gap.json")
     told = with_hidden(report)
-    low, high = hidden_interval(report.closure.before, report.counts.reports)
+    low, high = hidden_interval(report.closure.before, report.counts.reports_in_view)
     assert report.effects
     assert told.closure == report.closure
     assert told.closure.could_hide_kt == high

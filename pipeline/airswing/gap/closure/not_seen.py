@@ -38,7 +38,7 @@ def could_hide(disagreement: float, reports: int) -> float:
     disagreement : float
         Mean vector disagreement, kt.
     reports : int
-        All that were looked at.
+        All that unknowns were looked for on.
 
     Returns
     -------

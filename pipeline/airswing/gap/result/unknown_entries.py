@@ -142,7 +142,8 @@ def with_hidden(report: GapReport) -> GapReport:
     closure, counts = report.closure, report.counts
     if counts.days < 2:
         return report
-    low, high = hidden_interval(closure.before, counts.reports)
+    # unknowns are looked for on the reports held in memory
+    low, high = hidden_interval(closure.before, counts.reports_in_view)
     told = replace(closure, could_hide_kt=high)
     ends, after = closure.reduction_ci, closure.ci
     silent = not report.effects and not report.unknown.present
