@@ -33,6 +33,7 @@ from airswing.gap.design.candidates import candidates
 from airswing.gap.design.heading_uncertainty import rounding_of_headings
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.effects.base import Effect
+from airswing.gap.evidence.gaussian import plain_probability
 from airswing.gap.evidence.localisation import slices
 from airswing.gap.evidence.terms import given_terms
 from airswing.gap.held_out.attenuation import readout_factors
@@ -352,7 +353,7 @@ def _findings(final: Pass, search: Search, *, again: bool, names: Collection[str
     moments = [
         m
         for m in second_moments(frame, calm)
-        if m.name in names and m.probability >= search.rules.probability
+        if m.name in names and plain_probability(m.evidence) >= search.rules.probability
     ]
     scatter = {m.name: reduction_of(frame, whole.residual, m, calm.gross) for m in moments}
     closure, whole = with_scatter(closure, scatter), with_scatter(whole, scatter)

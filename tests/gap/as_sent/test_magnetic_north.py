@@ -82,8 +82,7 @@ def test_a_whole_fleet_may_forget_it(plain):
 
 
 def test_wind_directions_are_found_but_of_all_aircraft_left_to_names(plain):
-    strong = without(plain, plain.residual + 0.0)
-    frame = off_directions(strong, -1.0, (0, 3))
+    frame = off_directions(plain, -1.0, (0, 3))
     found = against_magnetic_north_of(frame)
     assert found is not None
     assert (found.component, found.tails) == ("wind_angle", (0, 3))

@@ -10,6 +10,7 @@ from tests.gap.toy import make_frame, noise_of
 
 from airswing.gap.closure.of_scatter import reduction_of
 from airswing.gap.design.exogenous import exogenous
+from airswing.gap.evidence.gaussian import plain_probability
 from airswing.gap.noise.residual_statistics import gross_errors
 from airswing.gap.search.coding_and_outliers import outliers, shared_rate, simulated_rate
 from airswing.units import KNOT
@@ -37,7 +38,7 @@ def test_a_share_is_found_whoever_has_it(archive, aircraft, share):
     made, noise = struck(archive, aircraft, share)
     found = outliers(made, noise)
     assert found.tails == tuple(made.tails[a] for a in aircraft)
-    assert found.probability > 0.9
+    assert plain_probability(found.evidence) > 0.9
     count = share * np.isin(made.aircraft, aircraft).sum()
     assert found.parameters["fraction"] == pytest.approx(share, abs=3 * share / np.sqrt(count))
     reduction = reduction_of(made, made.residual, found, noise.gross)

@@ -267,23 +267,20 @@ def test_reported_and_reference_wind_are_not_in_one_table():
     assert _tells_itself(("ground_speed", "wind_direction")) and not _tells_itself(("drift",))
 
 
-def test_a_slope_that_simulated_archives_do_not_agree_about_counts_little(monkeypatch):
+def test_a_slope_that_simulated_archives_do_not_agree_about_counts_little():
     """Of direction all agree and the real archive shows 0.9; of speed they do not, and it -1."""
-    from airswing.gap.witness import bench
+    from airswing.gap.witness.null import LEAST_SPREAD, _median_slope, shown_share
 
     simulated = np.linspace(1.0, 2.0, 24)
-    sums = {
-        "wind_direction": simulated * np.array([[0.9], [1.0], [1.1], [0.9], [1.0]]),
-        "wind_speed": simulated * np.array([[-1.0], [0.2], [2.0], [0.1], [1.7]]),
-    }
-    monkeypatch.setattr(bench, "_sums_by_reported", lambda _, name, component: sums[name])
-    there = SimpleNamespace(variables=sums, simulated=(1, 2, 3, 4))
-    variance = max(np.var([1.0, 1.1, 0.9, 1.0]), bench.LEAST_SPREAD), np.var([0.2, 2.0, 0.1, 1.7])
+    direction = simulated * np.array([[0.9], [1.0], [1.1], [0.9], [1.0]])
+    speed = simulated * np.array([[-1.0], [0.2], [2.0], [0.1], [1.7]])
+    variance = max(np.var([1.0, 1.1, 0.9, 1.0]), LEAST_SPREAD), np.var([0.2, 2.0, 0.1, 1.7])
     told = (0.9 / variance[0] - 1.0 / variance[1]) / (1 / variance[0] + 1 / variance[1])
-    assert bench.regression_share(there) == pytest.approx(told)
+    assert shown_share([direction, speed]) == pytest.approx(told)
     assert told > 0.8
-    assert bench._median_slope(np.zeros(3), np.ones(3)) == 0.0
-    assert bench._median_slope(np.array([1.0, 2.0, 3.0]), np.array([0.5, 1.0, 99.0])) == 0.5
+    assert shown_share([]) == 1.0 and shown_share([speed]) == 0.0
+    assert _median_slope(np.zeros(3), np.ones(3)) == 0.0
+    assert _median_slope(np.array([1.0, 2.0, 3.0]), np.array([0.5, 1.0, 99.0])) == 0.5
 
 
 def test_cells_miss_what_their_halves_explain_more():

@@ -21,10 +21,23 @@ MINUTE = 60.0  # s
 LONGEST = 1440.0
 
 
+def flight_starts(flight: NDArray[np.integer], time: Floats) -> tuple[Floats, NDArray[np.int64]]:
+    """Time of each flight's first report, (flights,), and the place of every report's in it, (n,).
+
+    Parameters
+    ----------
+    flight : (n,) int
+    time : (n,) float
+        s.
+    """
+    numbers, own = np.unique(flight, return_inverse=True)
+    start = np.full(numbers.size, np.inf)
+    np.minimum.at(start, own, time)
+    return start, own
+
+
 def flight_time(frame: Frame) -> Floats:
     """Time since the first report of the flight, (n,) minutes; NaN beyond a day."""
-    _, own = np.unique(frame.flight, return_inverse=True)
-    begin = np.full(own.max(initial=-1) + 1, np.inf)
-    np.minimum.at(begin, own, frame.time)
-    flown = (frame.time - begin[own]) / MINUTE
+    start, own = flight_starts(frame.flight, frame.time)
+    flown = (frame.time - start[own]) / MINUTE
     return np.asarray(np.where(flown <= LONGEST, flown, np.nan))

@@ -20,9 +20,8 @@ Units: rad, m/s.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -155,7 +154,7 @@ def _mended(frame: Frame, told: _Told, k: float, own: Sequence[int], error: floa
     size = float(np.sqrt(((sent - winds)[rows] ** 2).sum(axis=1).mean()))
     left = float(((winds - reference)[rows] ** 2).sum(axis=1).mean())
     edges, values = _by_longitude(frame, angle, rows)
-    return Mended(
+    made = Mended(
         told.component,
         ("longitude",),
         f"{told.what} {MADE[k]}",
@@ -169,23 +168,14 @@ def _mended(frame: Frame, told: _Told, k: float, own: Sequence[int], error: floa
         tuple(float(x) for x in values),
         "degree",
         tuple(float(x) for x in edges),
-        **_name_of(told, k, error, angle[rows]),
     )
-
-
-def _name_of(told: _Told, k: float, error: float, angle: Floats) -> dict[str, Any]:
-    """Of headings the effect that it is; winds against magnetic north have no name."""
-    if told.of_reference:
-        return {}
-    return {
-        "name": "declination_error",
-        "parameters": {
-            "epoch_year": None,
-            "factor": 1.0 + k,
-            "mean_deg": float(np.degrees(angle.mean())),
-        },
-        "standard_errors": {"factor": error},
-    }
+    if told.of_reference:  # winds against magnetic north have no name
+        return made
+    mean_deg = float(np.degrees(angle[rows].mean()))
+    parameters = {"epoch_year": None, "factor": 1.0 + k, "mean_deg": mean_deg}
+    return replace(
+        made, name="declination_error", parameters=parameters, standard_errors={"factor": error}
+    )
 
 
 def _turned_back(frame: Frame, told: _Told, angle: Floats) -> Floats:

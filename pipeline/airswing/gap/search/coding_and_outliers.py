@@ -70,11 +70,6 @@ class MomentVerdict:
     # of them costs
     evidence: float
 
-    @property
-    def probability(self) -> float:
-        """Probability that it is at work: prior odds of one in fifty against its evidence."""
-        return float(1 / (1 + 50 * np.exp(-np.clip(self.evidence, -50.0, 50.0))))
-
 
 def against_chance(count: int, share: float, chance: float) -> float:
     """Log likelihood ratio of a share of ``count`` draws against the share that chance gives, nats.
@@ -375,12 +370,16 @@ def _verdict(
     evidence: list[float],
 ) -> MomentVerdict:
     first = next(iter(per_tail.values()))
-    middle = {
-        k: float(np.median([v[k] for v in per_tail.values()])) if is_number else first[k]
-        for k, is_number in ((k, isinstance(value, float)) for k, value in first.items())
-    }
+    middle = {name: _middle([values[name] for values in per_tail.values()]) for name in first}
     clearest = float(max(evidence) - LOOKED_AT)
     return MomentVerdict(name, tuple(per_tail), middle, {}, per_tail, period, clearest)
+
+
+def _middle(values: list[Any]) -> object:
+    """Median of numbers; of what is none, the one that most aircraft have."""
+    if isinstance(values[0], float):
+        return float(np.median(values))
+    return max(values, key=values.count)
 
 
 def second_moments(frame: Frame, noise: NoiseFit) -> list[MomentVerdict]:

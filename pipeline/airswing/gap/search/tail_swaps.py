@@ -20,6 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.gap.archive.flight_time import flight_starts
 from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import Effect
 from airswing.gap.evidence.changepoint import own_day_grams, residual_scores
@@ -163,9 +164,7 @@ def exchange(frame: Frame, swap: Swap, first_time: float) -> Frame:
         In the same order of rows.
     """
     a, b = swap.pair
-    numbers, which = np.unique(frame.flight, return_inverse=True)
-    start = np.full(numbers.size, np.inf)
-    np.minimum.at(start, which, frame.time)
+    start, which = flight_starts(frame.flight, frame.time)
     late = start[which] >= first_time
     aircraft = frame.aircraft.copy()
     aircraft[(frame.aircraft == a) & late] = b

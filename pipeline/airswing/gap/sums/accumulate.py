@@ -24,6 +24,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.gap.archive.flight_time import flight_starts
 from airswing.gap.archive.frame import Frame
 from airswing.gap.design.basis import DictionaryPlan
 from airswing.gap.design.layout import Layout, build_columns
@@ -157,9 +158,7 @@ def day_of_report(frame: Timed, *, clock: Clock | None = None) -> tuple[Integers
         Days since 1970 of the flight's first report.
     clock : Clock
     """
-    numbers, inverse = np.unique(frame.flight, return_inverse=True)
-    start = np.full(numbers.size, np.inf)
-    np.minimum.at(start, inverse, frame.time)
+    start, inverse = flight_starts(frame.flight, frame.time)
     if clock is None:
         hours = np.bincount((np.mod(start, DAY) // 3600).astype(int), minlength=24)
         # three hours together: a single empty hour of the day's rush is no night

@@ -29,7 +29,7 @@ from airswing.gap.sums.problem import Problem
 from airswing.gap.sums.variance_components import Variances
 from airswing.gap.witness.cell_means import CellModel, CellSums, Weights
 from airswing.gap.witness.ground import Ground, Left, Sums, plain_sums, prepare
-from airswing.gap.witness.null import drawn_errors, small_scale_slope
+from airswing.gap.witness.null import drawn_errors, shown_share, small_scale_slope
 from airswing.gap.witness.scan import Weighed, evidence, weigh
 
 Floats = NDArray[np.float64]
@@ -47,8 +47,6 @@ REGION = ("longitude", "latitude")
 REPORTED_PERSISTENT = 0.25
 #: The same of the fleet by drift, which holds a part of the wind's error: 0.2 to 0.3 m/s on nulls.
 DRIFT_PERSISTENT = 0.25
-#: Least variance of such a dependence between simulated archives: of four it is small by chance.
-LEAST_SPREAD = 0.1**2
 #: Days between which scores of a table's means are taken for independent.
 BLOCK = 3
 #: Least factor by which their scatter between blocks counts where cells are of the reported wind:
@@ -401,29 +399,18 @@ def lasting_of_fleet(grid: Grid, share: float) -> float:
 
 
 def regression_share(bench: Bench) -> float:
-    """Share of the simulated dependence on the reported wind that the real archive shows.
+    """Share of the simulated dependence on the reported wind that the real archive shows, 0 to 1.
 
-    Of direction (across the wind) and speed (along it), each counting as sure as simulated archives
-    agree about it among themselves: where strong and weak winds come in a few spells, speed tells
-    next to nothing.
-
-    Returns
-    -------
-    float
-        Between 0 and 1; of either by least absolute deviations over cells: an effect in some cells
-        does not move it.
+    Of direction across the wind and of speed along it.
     """
-    told, sure = [], []
-    for name, component in (("wind_direction", "across_wind"), ("wind_speed", "along_wind")):
-        if name in bench.variables and bench.simulated:
-            sums = _sums_by_reported(bench, name, component)
-            simulated = sums[1:].mean(axis=0)
-            slopes = [_median_slope(simulated, one) for one in sums]
-            told.append(slopes[0])
-            sure.append(1.0 / max(float(np.var(slopes[1:])), LEAST_SPREAD))
-    if not told:
-        return 1.0
-    return float(np.clip(np.average(told, weights=sure), 0.0, 1.0))
+    told = (("wind_direction", "across_wind"), ("wind_speed", "along_wind"))
+    return shown_share(
+        [
+            _sums_by_reported(bench, name, component)
+            for name, component in told
+            if name in bench.variables and bench.simulated
+        ]
+    )
 
 
 def _sums_by_reported(bench: Bench, name: str, component: str) -> Floats:
@@ -442,14 +429,3 @@ def _sums_by_reported(bench: Bench, name: str, component: str) -> Floats:
         values[bench.setting.noise.gross] = 0.0
         sums.append(np.bincount(cells, values, minlength=grid.size))
     return np.asarray(np.stack(sums) / np.sqrt(count))
-
-
-def _median_slope(x: Floats, y: Floats) -> float:
-    """Slope of y on x through nothing, by least absolute deviations; 0 where x is nothing."""
-    use = np.abs(x) > 1e-9  # cells that no simulated wind moves have no slope
-    if not use.any():
-        return 0.0
-    slopes, weights = y[use] / x[use], np.abs(x[use])
-    order = np.argsort(slopes)
-    middle = np.searchsorted(np.cumsum(weights[order]), 0.5 * weights.sum())
-    return float(slopes[order][middle])

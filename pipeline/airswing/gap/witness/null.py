@@ -11,6 +11,8 @@ Units: m/s.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,6 +26,9 @@ from airswing.units import Picked
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+
+#: Least variance of a dependence between simulated archives: of four it is small by chance.
+LEAST_SPREAD = 0.1**2
 
 
 def small_scale_slope(
@@ -85,3 +90,39 @@ def drawn_errors(
         out[k] = draw_noise(frame, noise.model, rng=rng) + steady @ lasting
         out[k] += np.einsum("nck,nk->nc", fields, daily[day])
     return out
+
+
+def shown_share(sums: Sequence[Floats]) -> float:
+    """Share of what simulated archives depend on that the real one does.
+
+    Each dependence counts as sure as simulated archives agree about it among themselves: where
+    strong and weak winds come in a few spells, speed tells next to nothing.
+
+    Parameters
+    ----------
+    sums : sequence of (1 + B, cells) float
+        Of each dependence: sums over cells of the real archive and of each simulated one, in units
+        of their noise.
+
+    Returns
+    -------
+    float
+        Between 0 and 1; by least absolute deviations over cells, so that an effect in some cells
+        does not move it; 1 where nothing is told.
+    """
+    if not sums:
+        return 1.0
+    slopes = [[_median_slope(one[1:].mean(axis=0), own) for own in one] for one in sums]
+    sure = [1.0 / max(float(np.var(own[1:])), LEAST_SPREAD) for own in slopes]
+    return float(np.clip(np.average([own[0] for own in slopes], weights=sure), 0.0, 1.0))
+
+
+def _median_slope(x: Floats, y: Floats) -> float:
+    """Slope of y on x through nothing, by least absolute deviations; 0 where x is nothing."""
+    use = np.abs(x) > 1e-9  # cells that no simulated wind moves have no slope
+    if not use.any():
+        return 0.0
+    slopes, weights = y[use] / x[use], np.abs(x[use])
+    order = np.argsort(slopes)
+    middle = np.searchsorted(np.cumsum(weights[order]), 0.5 * weights.sum())
+    return float(slopes[order][middle])
