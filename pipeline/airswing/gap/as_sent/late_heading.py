@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from airswing.gap.archive.frame import Frame
 from airswing.gap.archive.recent_turns import turn
+from airswing.gap.as_sent.day_regression import regressed
 from airswing.gap.as_sent.mended import Mended, days_of, in_aircraft, shortened
 from airswing.gap.witness.taken_off import DRAWS, LASTS, without
 from airswing.physics.triangle import wrap_signed
@@ -111,12 +112,8 @@ def _followers(frame: Frame, off: Floats, behind: Floats) -> tuple[list[int], fl
 
 def _factor(frame: Frame, off: Floats, behind: Floats, rows: Mask) -> tuple[float, float]:
     """Regression of a heading's error on its lag, and its standard error over days."""
-    x, y = behind[rows], off[rows]
-    whole = float(x @ x)
-    value = float(x @ y) / whole
-    day = np.unique(frame.day[rows], return_inverse=True)[1]
-    score = np.bincount(day, x * (y - value * x))
-    return value, float(np.sqrt((score**2).sum())) / whole
+    value, error = regressed(behind[rows][:, None], off[rows][:, None], frame.day[rows])
+    return float(value[0, 0]), float(error[0, 0])
 
 
 def _mended(frame: Frame, late: Floats, memory: float, own: list[int]) -> Mended | None:

@@ -6,10 +6,13 @@ twice as much short. So the error is k d with k of -1, 1 or -2, no parameter fre
 the routes. Of right ones k is near nothing. It is the regression
 
 * of a heading's difference from the one that the reference implies, on d, beside a deviation of
-  four cycles: an offset of the compass is not taken for it where d changes along the routes;
+  two cycles: an offset of the compass is not taken for it where d changes along the routes;
 * of the winds' part across the reference's, on d times its speed, beside errors across and along
   the heading. There an angle that is everywhere the same, and by chance the declination's, is not
   told from it.
+
+What a whole fleet's offsets say of the kind of its headings, the main job asks of its fits
+(:mod:`airswing.compass.heading_kind`); here every aircraft is asked by itself.
 
 Validity: five days of an aircraft and more; k known to 0.12 (by its scatter between days). Of what
 all aircraft have, wind directions are the reference's as well, and are left to names.
@@ -27,6 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.archive.frame import Frame
+from airswing.gap.as_sent.day_regression import regressed
 from airswing.gap.as_sent.mended import Mended, days_of, in_aircraft, shortened
 from airswing.gap.witness.taken_off import DRAWS, LASTS, without
 from airswing.physics.triangle import wrap_signed
@@ -131,13 +135,8 @@ def _made_of(slope: float, error: float) -> float | None:
 
 def _slope(frame: Frame, told: _Told, rows: NDArray[np.bool_]) -> tuple[float, float]:
     """Regression of what errs on what the declination makes, and its standard error over days."""
-    x, y = told.columns[rows], told.values[rows]
-    inverse = np.linalg.pinv(x.T @ x)
-    value = inverse @ (x.T @ y)
-    day = np.unique(frame.day[rows], return_inverse=True)[1]
-    score = x * (y - x @ value)[:, None]
-    by_day = np.stack([np.bincount(day, column) for column in score.T], -1)
-    return float(value[0]), float(np.sqrt(((by_day @ inverse[0]) ** 2).sum()))
+    value, error = regressed(told.columns[rows], told.values[rows][:, None], frame.day[rows])
+    return float(value[0, 0]), float(error[0, 0])
 
 
 def _mended(frame: Frame, told: _Told, k: float, own: Sequence[int], error: float) -> Mended | None:

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.archive.frame import Frame
+from airswing.gap.as_sent.day_regression import regressed
 from airswing.gap.as_sent.mended import Mended, days_of, in_aircraft, shortened
 from airswing.gap.witness.taken_off import DRAWS, LASTS, without
 
@@ -69,16 +70,8 @@ def _slope(frame: Frame, rows: NDArray[np.bool_]) -> tuple[Floats, Floats]:
     """Slope of the winds sent on the reference's, (2, 2), and its standard errors."""
     x = np.stack([frame.u_ref[rows], frame.v_ref[rows], np.ones(rows.sum())], -1)
     y = np.stack([frame.u_rep[rows], frame.v_rep[rows]], -1)
-    inverse = np.linalg.pinv(x.T @ x)
-    value = inverse @ (x.T @ y)
-    day = np.unique(frame.day[rows], return_inverse=True)[1]
-    score = x[:, :, None] * (y - x @ value)[:, None]
-    by_day = np.stack(
-        [np.bincount(day, score[:, i, j]) for i in range(3) for j in range(2)], -1
-    ).reshape(-1, 3, 2)
-    spread = np.einsum("ij,djc,dkc,kl->cil", inverse, by_day, by_day, inverse)
-    error = np.sqrt(np.diagonal(spread, axis1=1, axis2=2))
-    return value[:2].T, error[:, :2]
+    value, error = regressed(x, y, frame.day[rows])
+    return value[:2].T, error[:2].T
 
 
 def _otherwise(frame: Frame, own: list[int]) -> bool:
