@@ -1,6 +1,7 @@
 """What the gap says of errors that neither the catalogue nor the blind check's draw was made of.
 
     python -m benchmarks.gap_kinds [--headings DIR] [--kinds NAME ...]
+    python -m benchmarks.gap_kinds --look DIR ...
 
 A null archive of the blind check is written and its headings made by ``airswing gap`` (or those of
 DIR are taken: headings.nc and gap_inputs.nc of an archive without an effect). Each kind of error is
@@ -9,6 +10,9 @@ missing. A row is printed for each: all that is told, on how many of its aircraf
 what is stated to close against the truth, the same reports without the error. Exit status 1 where
 a kind that has a name or a variable is told otherwise or on other aircraft; those that the
 diagnosis does not tell yet are printed as open.
+
+With ``--look`` nothing is put in: of archives as they are it prints how far the two looks at
+headings reach without such errors, the largest k on the declination and mean cosine of steps.
 """
 
 from __future__ import annotations
@@ -28,6 +32,8 @@ from numpy.typing import NDArray
 from airswing.blind_check.check_run import Plan
 from airswing.gap.archive.flight_time import flight_time
 from airswing.gap.archive.frame import Frame
+from airswing.gap.archive.heading_lattice import step_cosines
+from airswing.gap.as_sent.magnetic_north import KNOWN, declination_slopes
 from airswing.gap.diagnose import diagnose
 from airswing.gap.result.schema import GapReport
 from airswing.gap.witness.taken_off import without
@@ -144,11 +150,11 @@ def null_headings(folder: Path) -> Path:
 
 
 def frame_of(folder: Path) -> Frame:
-    """Reports against the first reference."""
+    """Reports against the pool of all references, as the command takes them of such archives."""
     headings = xr.open_dataset(folder / "headings.nc")
     inputs = xr.open_dataset(folder / "gap_inputs.nc")
     both = headings.assign(inputs.drop_vars("row_size").data_vars).load()
-    return Frame.from_headings(both, reference=str(both["reference"].values[0]))
+    return Frame.from_headings(both, reference=[str(one) for one in both["reference"].values])
 
 
 def told_of(report: GapReport, fleet: Sequence[str]) -> list[tuple[str, list[str]]]:
@@ -180,12 +186,43 @@ def row(name: str, kind: Kind, null: Frame) -> tuple[str, bool]:
     return f"{name:34} {state:7} {stated}  {words or 'nothing'}", right or not kind.told
 
 
+def looks(frame: Frame) -> tuple[float, float, float, float]:
+    """Largest |k| of headings and of directions known well, mean cosine to 5 degrees, and of 10."""
+    slopes = [
+        max((abs(k) for k, error in one.values() if error <= KNOWN), default=0.0)
+        for one in declination_slopes(frame)
+    ]
+    norths = [frame.magnetic_heading, frame.heading]
+    cosines = {
+        step: max(
+            float(step_cosines(heading[frame.aircraft == a], step).mean())
+            for heading in norths
+            for a in np.unique(frame.aircraft)
+        )
+        for step in (2.0, 5.0, 10.0)
+    }
+    return slopes[0], slopes[1], max(cosines[2.0], cosines[5.0]), cosines[10.0]
+
+
+def look(folders: Sequence[Path]) -> None:
+    """Print the looks at archives as they are, and the largest of all."""
+    print("k of headings, of directions; mean cosine of steps to 5 degrees, of 10")
+    told = np.array([looks(frame_of(folder)) for folder in folders])
+    names = [*(folder.name for folder in folders), f"largest of {len(folders)}"]
+    for name, values in zip(names, [*told, told.max(axis=0)], strict=True):
+        print(f"{name:20}" + "".join(f"{value:8.3f}" for value in values))
+
+
 def main() -> int:
     """Print a row a kind; 1 where one that should be told is not."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--headings", type=Path, help="folder of a null's headings")
     parser.add_argument("--kinds", nargs="*", choices=sorted(KINDS), default=list(KINDS))
+    parser.add_argument("--look", nargs="+", type=Path, help="folders of headings to look at")
     given = parser.parse_args()
+    if given.look:
+        look(given.look)
+        return 0
     with tempfile.TemporaryDirectory() as made:
         null = frame_of(given.headings or null_headings(Path(made)))
     missed = 0
