@@ -44,7 +44,7 @@ MADE = {
     -2.0: "with the declination's sign turned round",
 }
 #: How near k must be to one of these, how well it must be known, the same in standard errors; and
-#: in standard errors on aircraft that join those on which it is clear. On the 80 archives of a blind
+#: in standard errors on aircraft that join those on which it is clear. On 80 archives of a blind
 #: check |k| was 0.14 at most of headings, 0.35 of directions (``benchmarks.gap_kinds --look``).
 NEAR, KNOWN, SIGNIFICANT, JOINS = 0.2, 0.12, 8.0, 4.0
 LEAST_DAYS = 5
