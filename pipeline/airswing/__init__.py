@@ -10,7 +10,7 @@ commands.
 """
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 # pyproj must come first: some eccodes builds bundle a libproj that crashes the interpreter
 # when it is loaded before pyproj's. tests/test_import_order.py holds both orders.
@@ -75,10 +75,11 @@ _STAGES = {
 __all__ = sorted(_STAGES)
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> object:
     if name not in _STAGES:
         raise AttributeError(f"module 'airswing' has no attribute {name!r}")
-    return getattr(import_module(_STAGES[name]), name)
+    found: object = getattr(import_module(_STAGES[name]), name)
+    return found
 
 
 def __dir__() -> list[str]:

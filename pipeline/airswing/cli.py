@@ -64,7 +64,7 @@ _NOT_OURS = (
     errno.ENOTEMPTY,
     errno.ESTALE,
 )
-# Base of every error in how a command was called (typer does not export it by name).
+# Base of every error in how a command was called; typer exports it neither by name nor by type.
 _USAGE_ERROR: Any = typer.BadParameter.__base__
 
 
@@ -244,6 +244,7 @@ def monitor(
 class _WithFormats(TyperCommand):
     """Lists the export formats at the end of its help; they are looked up only then."""
 
+    # typer takes both from a private module, another one from release to release
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Write the help."""
         from airswing.handover.records.registry import formats

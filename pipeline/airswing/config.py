@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from datetime import UTC, date, datetime
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import (
     AfterValidator,
@@ -82,13 +82,13 @@ class Reports(_Section):
 
     files: Strings
     format: str = "auto"
-    columns: dict[str, str | list[str] | dict[str, Any]] = {}
+    columns: dict[str, str | list[str] | dict[str, object]] = {}
     only: dict[str, str | list[str]] = {}
     interval: Seconds = Field(0.0, ge=0, le=600.0)
     on_bad_file: Literal["skip", "fail"] = "skip"
 
     @property
-    def mapping(self) -> dict[str, Any]:
+    def mapping(self) -> dict[str, str | list[str] | dict[str, object]]:
         """Columns with what is wanted of them, as `airswing.read_reports` takes them."""
         return {**self.columns, **{name: {"only": values} for name, values in self.only.items()}}
 

@@ -81,6 +81,7 @@ class _Loader(yaml.SafeLoader):
         self._depth = 0
         self._root: yaml.Node | None = None
 
+    # the loader hands over places, keys and None, of which its stubs know the places alone
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
         self._depth += 1
         if self._depth > _DEEPEST:

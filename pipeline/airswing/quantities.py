@@ -11,18 +11,21 @@ import functools
 import math
 import re
 from datetime import datetime
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from pydantic import BeforeValidator
 
 from airswing.errors import shortened
 
-
-@functools.cache
-def _registry() -> Any:
+if TYPE_CHECKING:  # taken up at the first quantity
     import pint
 
-    registry: Any = pint.UnitRegistry()
+
+@functools.cache
+def _registry() -> pint.UnitRegistry[float]:
+    import pint
+
+    registry: pint.UnitRegistry[float] = pint.UnitRegistry()
     registry.define("arcmin = arcminute")
     return registry
 

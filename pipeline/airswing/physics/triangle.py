@@ -25,12 +25,14 @@ the TAMDAR wind computation.
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
+from typing import TypeVar, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
+Precision = TypeVar("Precision", bound=np.floating)
 TURN = 2.0 * np.pi
 
 
@@ -49,7 +51,11 @@ def wrap_positive(angle: ArrayLike) -> Array:
     return np.asarray(np.where(turned >= TURN, 0.0, turned))
 
 
-def wrap_degrees(angle: ArrayLike) -> NDArray[Any]:
+@overload
+def wrap_degrees(angle: float | Sequence[float]) -> Array: ...
+@overload
+def wrap_degrees(angle: NDArray[Precision]) -> NDArray[Precision]: ...
+def wrap_degrees(angle: ArrayLike) -> NDArray[np.floating]:
     """Degrees brought into [-180, 180): longitudes, and angles the short way round.
 
     Single precision stays single.
@@ -102,7 +108,9 @@ def wind_from_direction(eastward: ArrayLike, northward: ArrayLike) -> tuple[Arra
     return speed_of_vector(u, v), bearing(-u, -v)
 
 
-def direction_in_degrees(eastward: ArrayLike, northward: ArrayLike) -> NDArray[Any]:
+def direction_in_degrees(
+    eastward: NDArray[Precision], northward: NDArray[Precision]
+) -> NDArray[Precision]:
     """Where a wind blows from, degrees in [0, 360); of a calm, which has none, 0 or 180.
 
     Single precision stays single.

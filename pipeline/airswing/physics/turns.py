@@ -36,7 +36,7 @@ for ordinary turns (standard rate, bank of 15 to 25 degrees at these speeds).
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -278,7 +278,7 @@ class _Turns:
         return np.asarray(np.clip((at - self.begin) / self.length, 0.0, 1.0))
 
     @cached_property
-    def sums(self) -> list[tuple[Any, Any]]:
+    def sums(self) -> list[tuple[Single, Single]]:
         """Integral up to each fix of the part made, and of its square, each (m, h) s."""
         found = []
         for k in range(2 * REACH + 1):
@@ -287,8 +287,8 @@ class _Turns:
             beyond = np.maximum(at - self.end, np.float32(0.0))
             found.append(
                 (
-                    part * part * self.length * np.float32(0.5) + beyond,
-                    part**3 * self.length * np.float32(1 / 3) + beyond,
+                    np.asarray(part * part * self.length * np.float32(0.5) + beyond, np.float32),
+                    np.asarray(part**3 * self.length * np.float32(1 / 3) + beyond, np.float32),
                 )
             )
         return found
@@ -297,7 +297,8 @@ class _Turns:
         """Mean and mean square over a leg of the part made."""
         duration = self.window.duration[:, leg : leg + 1].astype(np.float32)
         low, high = self.sums[leg], self.sums[leg + 1]
-        return (high[0] - low[0]) / duration, (high[1] - low[1]) / duration
+        mean, square = (high[0] - low[0]) / duration, (high[1] - low[1]) / duration
+        return np.asarray(mean, np.float32), np.asarray(square, np.float32)
 
     def banked(self, k: int, steep: NDArray[np.bool_]) -> Single:
         """Log odds of the roll flag at fix `k`, where turns are `steep` enough to set it."""

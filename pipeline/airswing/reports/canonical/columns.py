@@ -21,9 +21,12 @@ import difflib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
+from typing import TYPE_CHECKING, SupportsFloat
 
 from airswing.errors import InputError
+
+if TYPE_CHECKING:  # taken up at the first unit
+    import pint
 
 ColumnMapping = Mapping[str, "str | Sequence[str] | Mapping[str, object]"]
 """The forms of a mapping that the module describes."""
@@ -197,12 +200,13 @@ def _special(name: str, target: object) -> tuple[str, Source] | None:
     return None
 
 
-def _constant(name: str, value: Any) -> str | float:
+def _constant(name: str, value: object) -> str | float:
     """Value of every report: text for columns without a unit, else a number."""
     if name in TEXT:
         return str(value)
     try:
-        return float(value)
+        # what is nothing of these is no number as text either
+        return float(value if isinstance(value, str | bytes | SupportsFloat) else str(value))
     except (TypeError, ValueError) as error:
         raise InputError("is no number", field=f"reports.columns.{name}", found=value) from error
 
@@ -262,10 +266,10 @@ def _unit_of_suffix(suffix: str) -> str | None:
 
 
 @lru_cache(maxsize=1)
-def _registry() -> Any:
+def _registry() -> pint.UnitRegistry[float]:
     import pint
 
-    registry: Any = pint.UnitRegistry()
+    registry: pint.UnitRegistry[float] = pint.UnitRegistry()
     registry.define("hectofoot = 100 * foot = hft")
     return registry
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from typing import Any
 
 from airswing.errors import InputError
 
@@ -29,7 +28,7 @@ def factor_of(text: str | None, kind: str) -> float | None:
 
     written = str(text).strip()
     try:
-        unit: Any = units(_ALIASES.get(written.lower(), written))
+        unit = units(_ALIASES.get(written.lower(), written))
         return float((1.0 * unit).to(_KINDS[kind]).magnitude)
     # What pint's parser raises on strings that are no units.
     except (pint.PintError, AssertionError, AttributeError, TypeError, ValueError, SyntaxError):
