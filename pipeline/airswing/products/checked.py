@@ -28,7 +28,7 @@ def note(content: object) -> str:
 
 
 def noted(text: str) -> Any:
-    """Undo :func:`note`.
+    """Undo :func:`note`: whatever JSON holds, of a shape that its writer knows.
 
     Raises
     ------

@@ -1,7 +1,7 @@
 """Chunks of NetCDF-4 variables compressed beside the HDF5 library, and copied as they are stored.
 
 Assumes variables whose last dimension is ``report``, one index of the others a chunk, stored with
-the byte shuffle and deflate (:func:`airswing.products.netcdf.encoding_of`): any reader of NetCDF-4
+the byte shuffle and deflate (:func:`airswing.products.netcdf.storage_of`): any reader of NetCDF-4
 reads them. The library compresses with zlib, one variable after the other; ISA-L makes deflate
 streams of 4 % more octets in a sixth of the time or less (``benchmarks/storage.py``), and most of
 the time of writing a product went there. What a product carries on unchanged from the one it is

@@ -6,13 +6,13 @@ Assumes plain values, lists and mappings of them.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, TypeVar, cast
+from typing import TypeVar, cast
 
 Content = TypeVar("Content", bound=Mapping[str, object])
 _MOST, _WIDTH = 6, 100  # of a list named in a line, and letters of the line
 
 
-class Findings(dict[str, Any]):
+class Findings(dict[str, object]):
     """A mapping that shows what is in it, a line a key, and not all of it."""
 
     def __repr__(self) -> str:

@@ -14,7 +14,6 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -104,15 +103,19 @@ def _attributes(months: Sequence[xr.Dataset]) -> dict[str, object]:
     return told
 
 
-def _together(parts: Sequence[Any]) -> object:
+def _together(parts: Sequence[object]) -> object:
     """Tallies of several months: counts summed, lists of what was left out joined."""
-    if all(isinstance(part, Mapping) for part in parts):
-        names = dict.fromkeys(name for part in parts for name in part)
-        return {name: _together([part[name] for part in parts if name in part]) for name in names}
-    if all(isinstance(part, int) for part in parts):
-        return sum(parts)
-    if all(isinstance(part, list) and part and isinstance(part[0], dict) for part in parts if part):
-        return [one for part in parts for one in part]
+    tallies = [part for part in parts if isinstance(part, Mapping)]
+    if len(tallies) == len(parts):
+        names = dict.fromkeys(name for part in tallies for name in part)
+        return {name: _together([part[name] for part in tallies if name in part]) for name in names}
+    counts = [part for part in parts if isinstance(part, int)]
+    if len(counts) == len(parts):
+        return sum(counts)
+    full = [part for part in parts if part]
+    lists = [part for part in full if isinstance(part, list) and isinstance(part[0], dict)]
+    if len(lists) == len(full):
+        return [one for part in lists for one in part]
     return parts[-1]
 
 

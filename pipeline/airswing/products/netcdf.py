@@ -10,10 +10,10 @@ from __future__ import annotations
 import json
 import math
 import uuid
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Literal, NamedTuple, TypedDict
 
 import netCDF4
 import numpy as np
@@ -310,30 +310,50 @@ def is_text(variable: xr.DataArray) -> bool:
     return lookup(str(variable.name), variable.dims).dtype == "str" or variable.dtype.kind in "OUT"
 
 
-def _encodings(ds: xr.Dataset) -> dict[object, dict[str, object]]:
-    return {name: encoding_of(ds[name]) for name in ds.variables}
+class Packing(TypedDict, total=False):
+    """How chunks are packed: keywords of ``netCDF4.Dataset.createVariable``."""
+
+    zlib: bool
+    complevel: Literal[1]
+    shuffle: bool
+    chunksizes: tuple[int, ...]
 
 
-def encoding_of(
-    variable: xr.DataArray, sizes: Mapping[object, int] | None = None
-) -> dict[str, Any]:
-    """How a variable is stored: keywords of ``to_netcdf`` and ``netCDF4.Dataset.createVariable``.
+class Storage(NamedTuple):
+    """How a variable stands in its file."""
+
+    dtype: str
+    packing: Packing
+    fill: np.generic | None  # where no value is; None where the type has none of its own
+
+
+def _encodings(ds: xr.Dataset) -> dict[Hashable, dict[str, object]]:
+    return {name: _encoding(storage_of(ds[name])) for name in ds.variables}
+
+
+def _encoding(stored: Storage) -> dict[str, object]:
+    """Keywords of ``to_netcdf``."""
+    encoding: dict[str, object] = {"dtype": stored.dtype, **stored.packing}
+    return encoding if stored.fill is None else encoding | {"_FillValue": stored.fill}
+
+
+def storage_of(variable: xr.DataArray, sizes: Mapping[Hashable, int] | None = None) -> Storage:
+    """How a variable is stored.
 
     ``sizes`` are those of its dimensions in the file, where it is written in parts.
     """
     sizes = variable.sizes if sizes is None else sizes
     entry = lookup(str(variable.name), variable.dims)
     if is_text(variable):
-        return {"dtype": "S1"}
+        return Storage("S1", {}, None)
     time = entry.dtype.startswith("datetime64")
-    encoding: dict[str, object] = {"dtype": "i8" if time else entry.dtype}
+    packing: Packing = {}
     if sizes and math.prod(sizes.values()) > 1:
-        encoding |= {"zlib": True, "complevel": 1, "shuffle": True}
+        packing = {"zlib": True, "complevel": 1, "shuffle": True}
         if "report" in sizes:
-            encoding["chunksizes"] = tuple(
+            packing["chunksizes"] = tuple(
                 min(size, REPORTS_A_CHUNK) if name == "report" else 1
                 for name, size in sizes.items()
             )
-    if entry.dtype.startswith("f"):
-        encoding["_FillValue"] = np.array(np.nan, dtype=entry.dtype)[()]
-    return encoding
+    fill = np.dtype(entry.dtype).type(np.nan) if entry.dtype.startswith("f") else None
+    return Storage("i8" if time else entry.dtype, packing, fill)

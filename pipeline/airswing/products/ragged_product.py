@@ -20,11 +20,12 @@ import xarray as xr
 
 from airswing.products.chunks import GrowingColumn, copy_column
 from airswing.products.netcdf import (
+    Packing,
     attribute_value,
-    encoding_of,
     is_text,
     limit_chunk_cache,
     read_product,
+    storage_of,
     with_plain_times,
 )
 from airswing.products.openable import written_here
@@ -106,7 +107,7 @@ class RaggedWriter:
     ) -> None:
         self._path, self._carried = path, carried
         self._sizes = {"report": reports, "aircraft": aircraft}
-        self._file: Any = None  # an h5py.File while columns are written
+        self._file: h5py.File | None = None  # while columns are written
         self._columns: dict[str, GrowingColumn] = {}
         self._small: dict[str, list[xr.DataArray]] = {}
 
@@ -125,6 +126,8 @@ class RaggedWriter:
     def finish(self, attributes: Mapping[str, object]) -> None:
         """Copy what is carried on; write all that is not a column of reports."""
         if self._carried is not None:
+            if self._file is None:
+                raise ValueError("a product of no block carries nothing on")
             with h5py.File(self._carried.encoding["source"], "r") as source:
                 for name in map(str, self._carried.data_vars):
                     copy_column(source[name], self._file[name])
@@ -171,12 +174,10 @@ class RaggedWriter:
         self, file: netCDF4.Dataset, variable: xr.DataArray
     ) -> netCDF4.Variable[np.generic]:
         sizes = {dim: self._sizes.get(str(dim), size) for dim, size in variable.sizes.items()}
-        options = encoding_of(variable, sizes)
-        kind = np.dtype(options.pop("dtype"))
-        fill = options.pop("_FillValue", variable.attrs.get("_FillValue"))
-        return _create_array(
-            file, variable, kind, {str(k): n for k, n in sizes.items()}, fill, options
-        )
+        stored = storage_of(variable, sizes)
+        fill = variable.attrs.get("_FillValue") if stored.fill is None else stored.fill
+        named = {str(k): n for k, n in sizes.items()}
+        return _create_array(file, variable, np.dtype(stored.dtype), named, fill, stored.packing)
 
     def _write_small(self, file: netCDF4.Dataset, parts: list[xr.DataArray]) -> None:
         first, made = parts[0], self._create(file, parts[0])
@@ -210,16 +211,16 @@ def _write_names(file: netCDF4.Dataset, parts: list[xr.DataArray]) -> None:
 def _create_array(
     file: netCDF4.Dataset,
     variable: xr.DataArray,
-    kind: np.dtype[Any],
+    kind: np.dtype[Any],  # netCDF4's stubs know no single characters
     sizes: Mapping[str, int],
-    fill: Any = None,
-    options: Mapping[str, Any] | None = None,
+    fill: np.generic | None = None,
+    packing: Packing | None = None,
 ) -> netCDF4.Variable[np.generic]:
     for dim, size in sizes.items():
         if dim not in file.dimensions:
             file.createDimension(dim, size)
     made = file.createVariable(
-        str(variable.name), kind, tuple(sizes), fill_value=fill, **(options or {})
+        str(variable.name), kind, tuple(sizes), fill_value=fill, **(packing or Packing())
     )
     made.set_auto_maskandscale(False)
     attributes = {k: v for k, v in variable.attrs.items() if k != "_FillValue"}
