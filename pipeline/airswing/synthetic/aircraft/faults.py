@@ -29,16 +29,16 @@ Units: degrees in the mappings, radians inside, SI otherwise.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Container, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.synthetic.aircraft.instrument import Unit
+from airswing.synthetic.aircraft.parameter_values import listed, number
 from airswing.synthetic.world.earthfield import declination_of_year
 from airswing.synthetic.world.gridded_fields import ReferenceChange
 
@@ -58,13 +58,18 @@ class Fault:
 
     name: str  # what
     tails: tuple[str, ...] | None  # who; None for all
-    parameters: Mapping[str, Any]  # how much
+    parameters: Mapping[str, object]  # how much
     period: tuple[float, float]  # hours since the archive's start; infinite where open
 
     def value(self, key: str, default: float = 0.0) -> float:
         """Return one parameter as a number."""
+        found = self.given(key)
+        return default if found is None else found
+
+    def given(self, key: str) -> float | None:
+        """Return one parameter as a number; None where it is left open."""
         found = self.parameters.get(key)
-        return default if found is None else float(found)
+        return None if found is None else number(found)
 
     def cycle(self) -> tuple[float, float]:
         """Return sine and cosine coefficient of the fault's cycle in radians."""
@@ -142,7 +147,7 @@ def _heater(setting: Setting, fault: Fault, where: Mask) -> None:
     if fault.parameters.get("between_degC") is None:
         on = setting.icing
     else:
-        low, high = (float(edge) + 273.15 for edge in fault.parameters["between_degC"])
+        low, high = (number(edge) + 273.15 for edge in listed(fault.parameters["between_degC"]))
         on = (setting.temperature >= low) & (setting.temperature < high)
     _both(setting, fault, where & on)
 
@@ -233,7 +238,7 @@ def _hours(text: object, start: datetime, otherwise: float) -> float:
 
 
 def parse_faults(
-    effects: Sequence[Mapping[str, Any]], *, start: datetime, tails: Sequence[str]
+    effects: Sequence[Mapping[str, object]], *, start: datetime, tails: Sequence[str]
 ) -> list[Fault]:
     """Return a list of mappings as faults.
 
@@ -262,19 +267,21 @@ def parse_faults(
             raise InputError(
                 "unknown effect", field="name", found=name, remedy=f"one of {sorted(known)}"
             )
-        chosen = effect.get("tails")
-        chosen = None if chosen == "all" else chosen
+        who = effect.get("tails")
+        chosen = None if who is None or who == "all" else listed(who)
         missing = [tail for tail in chosen or () if tail not in tails]
         if missing:
             raise InputError("unknown aircraft", field="tails", found=str(missing))
-        period = effect.get("period") or (None, None)
-        if isinstance(period, str):
-            period = (period, None)
+        when = effect.get("period") or (None, None)
+        period = [when, None] if isinstance(when, str) else listed(when)
+        how_much = effect.get("parameters") or {}
+        if not isinstance(how_much, Mapping):
+            raise TypeError(f"{how_much!r} are no parameters")
         out.append(
             Fault(
                 name=name,
                 tails=None if chosen is None else tuple(str(tail) for tail in chosen),
-                parameters=effect.get("parameters") or {},
+                parameters=how_much,
                 period=(_hours(period[0], start, -np.inf), _hours(period[1], start, np.inf)),
             )
         )
@@ -320,17 +327,21 @@ def reference_changes(faults: Sequence[Fault], names: Sequence[str]) -> dict[str
     """
     out = {}
     for name in names:
-        values: dict[str, Any] = {}
+        change = ReferenceChange()
         for fault in faults:
-            if name not in (fault.parameters.get("references") or names):
+            chosen = fault.parameters.get("references") or names
+            if isinstance(chosen, Container) and name not in chosen:
                 continue
             if fault.name == "reference_speed_bias":
-                values["speed_percent"] = fault.value("bias_percent")
-                values["above_hpa"] = fault.parameters.get("above_hPa")
-                values["below_hpa"] = fault.parameters.get("below_hPa")
+                change = replace(
+                    change,
+                    speed_percent=fault.value("bias_percent"),
+                    above_hpa=fault.given("above_hPa"),
+                    below_hpa=fault.given("below_hPa"),
+                )
             elif fault.name == "reference_time_offset":
-                values["offset_hours"] = fault.value("offset_h")
+                change = replace(change, offset_hours=fault.value("offset_h"))
             elif fault.name == "reference_grid_relative":
-                values["unrotated"] = fault.value("fraction", 1.0)
-        out[name] = ReferenceChange(**values)
+                change = replace(change, unrotated=fault.value("fraction", 1.0))
+        out[name] = change
     return out

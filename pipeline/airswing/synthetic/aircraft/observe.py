@@ -26,6 +26,7 @@ from airswing.synthetic.aircraft.outside_effects import (
     report_variables,
     scatter_change,
 )
+from airswing.synthetic.aircraft.parameter_values import listed
 from airswing.synthetic.world.earthfield import EarthField
 from airswing.synthetic.world.gridded_fields import plane
 from airswing.synthetic.world.true_atmosphere import stream
@@ -350,8 +351,8 @@ def _report(
             hit = where & (rng.uniform(size=count) < fault.value("fraction"))
             u, v = _gross(rng, u, v, hit)
         elif fault.name == "tail_swap":
-            pair = fault.tails or tuple(fault.parameters["pair"])
-            first, second = (list(tails).index(name) for name in pair)
+            pair = fault.tails or listed(fault.parameters["pair"])
+            first, second = (list(tails).index(str(name)) for name in pair)
             inside = (hours >= fault.period[0]) & (hours < fault.period[1])
             swap = {first: second, second: first}
             for old, new in swap.items():

@@ -17,10 +17,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+
+from airswing.synthetic.aircraft.parameter_values import listed, number
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -34,6 +36,7 @@ __all__ = [
     "VARIABLES",
     "outside_change",
     "part_values",
+    "parts_of",
     "report_variables",
     "scatter_change",
     "where_it_acts",
@@ -41,7 +44,7 @@ __all__ = [
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-Value = Mapping[str, Any]
+Value = Mapping[str, object]
 Winds = tuple[Array, Array]
 KNOT = 1852.0 / 3600.0
 LEAST_SHARE = 0.05  # An effect acts where its shape exceeds this share of its largest size
@@ -206,7 +209,7 @@ _FORMS: dict[str, Callable[[_Place, float], Array]] = {
 }
 
 
-def part_values(part: Mapping[str, Any], variables: Mapping[str, Array]) -> Array:
+def part_values(part: Value, variables: Mapping[str, Array]) -> Array:
     """Return one part of an effect at every report.
 
     Parameters
@@ -231,20 +234,32 @@ def part_values(part: Mapping[str, Any], variables: Mapping[str, Array]) -> Arra
         raise ValueError(f"no variable {name}")
     values = np.asarray(variables[name], np.float64)
     if name in FLAGS:
-        return np.asarray(values == float(part["equals"]), np.float64)
+        return np.asarray(values == number(part["equals"]), np.float64)
     if part["shape"] not in _FORMS:
         raise ValueError(f"no shape {part['shape']}")
-    place = _place(values, name, float(part["at"]))
-    return _FORMS[str(part["shape"])](place, float(part.get("width", 0.1)))
+    place = _place(values, name, number(part["at"]))
+    return _FORMS[str(part["shape"])](place, number(part.get("width", 0.1)))
 
 
-def _product(parts: Sequence[Mapping[str, object]], variables: Mapping[str, Array]) -> Array:
+def parts_of(parameters: Value) -> Sequence[Value]:
+    """Return the parts whose product an effect acts by.
+
+    Raises
+    ------
+    TypeError
+        If they are no list.
+    """
+    parts = parameters["parts"]
+    if isinstance(parts, Sequence):
+        return parts
+    raise TypeError(f"{parts!r} are no parts")
+
+
+def _product(parts: Sequence[Value], variables: Mapping[str, Array]) -> Array:
     return np.asarray(np.prod([part_values(part, variables) for part in parts], axis=0))
 
 
-def where_it_acts(
-    parameters: Mapping[str, Any], variables: Mapping[str, Array], chosen: Mask
-) -> Mask:
+def where_it_acts(parameters: Value, variables: Mapping[str, Array], chosen: Mask) -> Mask:
     """Return the reports (n,) on which an effect acts.
 
     Parameters
@@ -260,9 +275,9 @@ def where_it_acts(
     -------
     ndarray of bool (n,)
     """
-    size = np.abs(_product(parameters.get("parts", ()), variables)) * chosen
     if not parameters.get("parts"):
         return chosen.copy()
+    size = np.abs(_product(parts_of(parameters), variables)) * chosen
     return np.asarray(size > LEAST_SHARE * max(float(size.max(initial=0.0)), 1e-12))
 
 
@@ -295,7 +310,7 @@ def _moved(
 
 
 def outside_change(
-    parameters: Mapping[str, Any],
+    parameters: Value,
     u: Array,
     v: Array,
     variables: Mapping[str, Array],
@@ -323,13 +338,13 @@ def outside_change(
     component = str(parameters["component"])
     if component not in COMPONENTS:
         raise ValueError(f"no component {component}")
-    shape = _product(parameters["parts"], variables) * chosen
+    shape = _product(parts_of(parameters), variables) * chosen
     here = where_it_acts(parameters, variables, chosen)
     lever = np.hypot(u, v) if component in ("speed", "direction") else np.ones_like(u)
     size = float(np.sqrt(np.mean((shape * lever)[here] ** 2))) if here.any() else 0.0
     if size <= 0.0:
         return np.zeros((u.size, 2))
-    amount = float(parameters["sign"]) * float(parameters["size_m_s"]) / size * shape
+    amount = number(parameters["sign"]) * number(parameters["size_m_s"]) / size * shape
     new = _moved(component, amount, u, v, variables)
     return np.stack([new[0] - u, new[1] - v], axis=-1)
 
@@ -342,16 +357,16 @@ def _limited(u: Array, v: Array, limits: Callable[[Array], Array]) -> Winds:
 
 
 def _floor(u: Array, v: Array, here: Mask, value: Value, rng: np.random.Generator) -> Winds:
-    return _limited(u, v, lambda speed: np.maximum(speed, value["limit_kt"] * KNOT))
+    return _limited(u, v, lambda speed: np.maximum(speed, number(value["limit_kt"]) * KNOT))
 
 
 def _ceiling(u: Array, v: Array, here: Mask, value: Value, rng: np.random.Generator) -> Winds:
-    return _limited(u, v, lambda speed: np.minimum(speed, value["limit_kt"] * KNOT))
+    return _limited(u, v, lambda speed: np.minimum(speed, number(value["limit_kt"]) * KNOT))
 
 
 def _hole(u: Array, v: Array, here: Mask, value: Value, rng: np.random.Generator) -> Winds:
     """Send the nearer edge of an interval of speeds that is never sent."""
-    low, high = (float(edge) * KNOT for edge in value["between_kt"])
+    low, high = (number(edge) * KNOT for edge in listed(value["between_kt"]))
 
     def edges(speed: Array) -> Array:
         nearer = np.where(speed - low < high - speed, low, high)
@@ -363,21 +378,21 @@ def _hole(u: Array, v: Array, here: Mask, value: Value, rng: np.random.Generator
 def _lattice(u: Array, v: Array, here: Mask, value: Value, rng: np.random.Generator) -> Winds:
     """Send weak winds in a few directions only."""
     speed, direction = np.hypot(u, v), np.arctan2(u, v)
-    step = np.radians(float(value["direction_step_deg"]))
+    step = np.radians(number(value["direction_step_deg"]))
     rounded = np.where(
-        speed < value["limit_kt"] * KNOT, np.round(direction / step) * step, direction
+        speed < number(value["limit_kt"]) * KNOT, np.round(direction / step) * step, direction
     )
     return speed * np.sin(rounded), speed * np.cos(rounded)
 
 
 def _jitter(u: Array, v: Array, here: Mask, value: Value, rng: np.random.Generator) -> Winds:
-    noise = rng.normal(0.0, float(value["size_m_s"]) / np.sqrt(2.0), (2, u.size))
+    noise = rng.normal(0.0, number(value["size_m_s"]) / np.sqrt(2.0), (2, u.size))
     return u + noise[0], v + noise[1]
 
 
 def _gross(u: Array, v: Array, here: Mask, value: Value, rng: np.random.Generator) -> Winds:
     """Send a wind of any direction in place of one report in so many."""
-    hit = rng.uniform(size=u.size) < float(value["fraction"])
+    hit = rng.uniform(size=u.size) < number(value["fraction"])
     turn = rng.uniform(0.0, 2 * np.pi, u.size)
     speed = np.hypot(u, v) + 10.0
     return np.where(hit, speed * np.sin(turn), u), np.where(hit, speed * np.cos(turn), v)
@@ -395,7 +410,7 @@ SCATTER: dict[str, Callable[[Array, Array, Mask, Value, np.random.Generator], Wi
 
 
 def scatter_change(
-    parameters: Mapping[str, object],
+    parameters: Value,
     u: Array,
     v: Array,
     variables: Mapping[str, Array],

@@ -9,7 +9,7 @@ of a leg. Units: SI, degrees for places, hours since the start.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from airswing.synthetic.world.true_atmosphere import stream
 __all__ = ["tour"]
 
 Array = NDArray[np.float64]
+Kind = TypeVar("Kind", bound=np.generic)
 _GEOD = Geod(ellps="WGS84")
 # Steps of a leg before the first report.
 _SILENT = 12
@@ -82,7 +83,7 @@ def tour(
         kept["east"][leg], kept["north"][leg] = speed * np.sin(track), speed * np.cos(track)
         lon, lat = kept["longitude"][leg, steps], kept["latitude"][leg, steps]
 
-    def ordered(values: NDArray[np.generic]) -> NDArray[Any]:
+    def ordered(values: NDArray[Kind]) -> NDArray[Kind]:
         return np.ascontiguousarray(values.transpose(1, 2, 0).reshape(steps + 2, -1))
 
     return Flown(

@@ -10,7 +10,6 @@ import json
 from collections.abc import Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -217,7 +216,7 @@ def truth_record(
         ``offset, amplitude, phase`` of the seed's sinusoid, ``reports``, ``cruise_reports``,
         ``airspeed_scale, airspeed_offset``; ``effects``.
     """
-    out: dict[str, Any] = {"aircraft": {}, "effects": [dict(effect) for effect in effects]}
+    aircraft: dict[str, object] = {}
     if usual_field is None:
         usual_field = float(frame["horizontal"].median())
     for index, tail in enumerate(tails):
@@ -229,7 +228,7 @@ def truth_record(
         down = float((cruise["horizontal"] * np.tan(cruise["dip"])).mean())
         unit = unit_of(index, faults, tails, horizontal, down, usual_field=usual_field)
         curve = deviation_curve(horizontal, down, unit)
-        out["aircraft"][tail] = {
+        aircraft[tail] = {
             "deviation": {name: round(curve[name], 4) for name in "ABCDE"},
             "deviation_residual_rms": round(curve["residual_rms"], 4),
             "offset": round(curve["A"], 4),
@@ -241,8 +240,11 @@ def truth_record(
             "reports": len(own),
             "cruise_reports": int((own["phase"] == 2).sum()),
         }
-    out["known_faults"] = sorted({fault.name for fault in faults if fault.name in UNIT_FAULTS})
-    return out
+    return {
+        "aircraft": aircraft,
+        "effects": [dict(effect) for effect in effects],
+        "known_faults": sorted({fault.name for fault in faults if fault.name in UNIT_FAULTS}),
+    }
 
 
 def save_truth(

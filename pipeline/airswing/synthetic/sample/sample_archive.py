@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timedelta
 from pathlib import Path
-from typing import Any
+from typing import TypedDict, Unpack
 
 import numpy as np
 import pandas as pd
@@ -43,7 +43,7 @@ from airswing.synthetic.world.gridded_fields import (
 from airswing.synthetic.world.lambert import GRIB2_RADIUS, LambertGrid, centred_grid
 from airswing.synthetic.world.true_atmosphere import World, WorldParameters
 
-__all__ = ["Scenario", "simulate_arrays", "write_archive"]
+__all__ = ["Options", "Scenario", "simulate_arrays", "write_archive"]
 
 Array = NDArray[np.float64]
 Effects = Sequence[Mapping[str, object]]
@@ -108,6 +108,31 @@ class Scenario:
             spacing=float(round(1000 * self.spacing_km)),
             radius=radius,
         )
+
+
+class Options(TypedDict, total=False):
+    """Fields of `Scenario` but its effects."""
+
+    days: int
+    aircraft: int
+    seed: int
+    world: str
+    network: str
+    start: datetime
+    references: tuple[str, ...]
+    columns: int
+    rows: int
+    spacing_km: float
+    levels: tuple[int, ...]
+    interval_hours: int
+    lead_hours: int
+    legs_per_day: float
+    shuttles: int
+    climb_seconds: float
+    cruise_seconds: float
+    coding: Coding
+    field_test: tuple[int, tuple[str, ...]] | None
+    packing: Mapping[str, str]
 
 
 @dataclass(frozen=True)
@@ -193,7 +218,9 @@ def _simulate(scenario: Scenario) -> _Simulated:
     return _Simulated(reports, references, faults, earth, correction)
 
 
-def simulate_arrays(*, derivatives: bool = True, **options: Any) -> pd.DataFrame:
+def simulate_arrays(
+    *, effects: Effects = (), derivatives: bool = True, **options: Unpack[Options]
+) -> pd.DataFrame:
     """Return an archive as one table, reference winds included, without writing a file.
 
     The reference winds are what an exact reader of the files would find: the same packed grids,
@@ -201,10 +228,12 @@ def simulate_arrays(*, derivatives: bool = True, **options: Any) -> pd.DataFrame
 
     Parameters
     ----------
+    effects : sequence of mapping
+        See `airswing.synthetic.aircraft.faults`.
     derivatives : bool
         Also return the reference's gradients.
     **options
-        Fields of `Scenario`: ``days, aircraft, seed, effects, world, ...``.
+        Further fields of `Scenario`: ``days, aircraft, seed, world, ...``.
 
     Returns
     -------
@@ -218,7 +247,7 @@ def simulate_arrays(*, derivatives: bool = True, **options: Any) -> pd.DataFrame
         derivatives, ``dudt_NAME`` (m s-2), ``dudlnp_NAME``, ``dudx_NAME``, ``dudy_NAME`` (s-1) and
         likewise for v; ``convergence`` (radians), the angle from grid to earth.
     """
-    scenario = Scenario(**options)
+    scenario = Scenario(effects=effects, **options)
     made = _simulate(scenario)
     frame = finished(made.reports, scenario.start)
     for name, stored in made.references.items():
@@ -337,7 +366,7 @@ def write_archive(
     truth: str | Path | None = None,
     output: str | None = None,
     thinned: Mapping[str, float] | None = None,
-    **options: Any,
+    **options: Unpack[Options],
 ) -> Path:
     """Write an archive: reports, GRIB, a configuration, and the truth beside them.
 

@@ -18,11 +18,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timedelta
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.synthetic.aircraft.parameter_values import number
 from airswing.synthetic.sealed.labels import Injected
 
 if TYPE_CHECKING:
@@ -43,7 +44,7 @@ __all__ = [
     "sign",
 ]
 
-Parameters = Mapping[str, Any]
+Parameters = Mapping[str, object]
 Mask = NDArray[np.bool_]
 Unit = Callable[[np.random.Generator], dict[str, object]]
 Acts = Callable[["pd.DataFrame", Parameters], Mask]
@@ -260,7 +261,7 @@ def scaled(drawn: Drawn, factor: float) -> Drawn:
     for effect in drawn.effects:
         parameters: Parameters = effect["parameters"]
         changed = {
-            key: float(f"{np.clip(factor * value, -how.limit, how.limit):.5g}")
+            key: float(f"{np.clip(factor * number(value), -how.limit, how.limit):.5g}")
             if key in how.scaled
             else value
             for key, value in parameters.items()

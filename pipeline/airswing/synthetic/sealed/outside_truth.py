@@ -12,7 +12,6 @@ Units: m/s, kt for a closure.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -21,10 +20,11 @@ from numpy.typing import NDArray
 from airswing.synthetic.aircraft.outside_effects import (
     KNOT,
     outside_change,
+    parts_of,
     report_variables,
     scatter_change,
 )
-from airswing.synthetic.sealed.labels import OutsideTruth
+from airswing.synthetic.sealed.labels import Injected, OutsideTruth
 from airswing.synthetic.sealed.nearness import carried_by, named_share, signed_size
 
 __all__ = [
@@ -44,7 +44,7 @@ WORTH_KT = 0.1  # A closure that must not be missed, kt
 MOST_NAMED = 0.35  # Largest share of the energy that what has a name may take up
 
 
-def _chosen(frame: pd.DataFrame, effect: Mapping[str, Any]) -> NDArray[np.bool_]:
+def _chosen(frame: pd.DataFrame, effect: Injected) -> NDArray[np.bool_]:
     """Return the reports (n,) of an effect's aircraft and period."""
     here = np.ones(len(frame), bool)
     if effect["tails"] is not None:
@@ -55,7 +55,7 @@ def _chosen(frame: pd.DataFrame, effect: Mapping[str, Any]) -> NDArray[np.bool_]
 
 
 def outside_truth(
-    frame: pd.DataFrame, innovation: Array, effect: Mapping[str, Any], *, seed: int
+    frame: pd.DataFrame, innovation: Array, effect: Injected, *, seed: int
 ) -> OutsideTruth:
     """Measure an outside effect on an archive without it.
 
@@ -88,15 +88,16 @@ def outside_truth(
     acts = moved > 0.05 * moved.max(initial=0.0)
     size = float(np.sqrt((moved[acts] ** 2).mean())) if acts.any() else 0.0
     own = {name: values[chosen] for name, values in variables.items()}
-    signed = signed_size(change, u, v, variables["heading"], parameters["component"])
+    component = str(parameters["component"])
+    signed = signed_size(change, u, v, variables["heading"], component)
     named = 0.0
-    if parameters["component"] != "scatter":
+    if component != "scatter":
         named = named_share(change, variables, u, v, frame["aircraft"].to_numpy(int))
     longer = np.hypot(*(innovation + change).T) - np.hypot(*innovation.T)
     tails = effect["tails"]
     return {
-        "component": parameters["component"],
-        "shape": parameters.get("kind", parameters["shape"]),
+        "component": component,
+        "shape": str(parameters.get("kind", parameters["shape"])),
         "variables": _true_variables(parameters),
         "scope": "all" if tails is None else "one" if len(tails) == 1 else "some",
         "reports": int(acts.sum()),
@@ -107,9 +108,9 @@ def outside_truth(
     }
 
 
-def _true_variables(parameters: Mapping[str, Any]) -> list[str]:
+def _true_variables(parameters: Mapping[str, object]) -> list[str]:
     """Return the variables an effect acts by; for one of scatter those of the wind it changes."""
-    own = [str(part["variable"]) for part in parameters["parts"]]
+    own = [str(part["variable"]) for part in parts_of(parameters)]
     kind = parameters.get("kind")
     if kind == "lattice":
         own += ["wind_direction", "wind_speed"]

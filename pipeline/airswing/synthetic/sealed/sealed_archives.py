@@ -22,11 +22,10 @@ from __future__ import annotations
 import functools
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import astuple, dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -37,10 +36,15 @@ from airswing.synthetic.aircraft.faults import UNIT_FAULTS
 from airswing.synthetic.aircraft.observe import Coding
 from airswing.synthetic.aircraft.outside_effects import KNOT
 from airswing.synthetic.sample import sample_archive as archive
-from airswing.synthetic.sample.sample_archive import Scenario, simulate_arrays, write_reports
+from airswing.synthetic.sample.sample_archive import (
+    Options,
+    Scenario,
+    simulate_arrays,
+    write_reports,
+)
 from airswing.synthetic.sealed.cases import START, Case, World
 from airswing.synthetic.sealed.draws import Drawn, scaled
-from airswing.synthetic.sealed.labels import Label, OutsideTruth, TwinClosure
+from airswing.synthetic.sealed.labels import Injected, Label, OutsideTruth, TwinClosure
 from airswing.synthetic.sealed.outside_truth import WORTH_KT, is_fit, outside_truth
 from airswing.synthetic.world.gribwriter import write_reference
 from airswing.synthetic.world.gridded_fields import GriddedReference, sample_reference
@@ -48,7 +52,7 @@ from airswing.synthetic.world.gridded_fields import GriddedReference, sample_ref
 __all__ = ["Archivist", "strength_of", "twin_closure"]
 
 Array = NDArray[np.float64]
-Effects = Sequence[Mapping[str, Any]]
+Effects = Sequence[Injected]
 # Edition and suffix of the references' GRIB files.
 _EDITIONS = {"ruc": (1, "grb"), "rtfdaa": (2, "grb2")}
 REFERENCES = tuple(_EDITIONS)
@@ -58,14 +62,14 @@ _CALIBRATION_DAYS = 5
 _ACROSS = ("across_heading", "heading_angle", "cross", "scatter")
 # Rounding is no part of an effect's strength.
 _EXACT = Coding(direction_deg=0.001, speed_kt=0.001, position_arcmin=0.001)
-_COARSE_FIELDS: dict[str, object] = {
+_COARSE_FIELDS: Options = {
     "columns": 32,
     "rows": 25,
     "spacing_km": 57.0,
     "interval_hours": 2,
 }
 # Options that make the references next to nothing, where only the reports are wanted.
-_NO_FIELDS: dict[str, object] = {
+_NO_FIELDS: Options = {
     "columns": 3,
     "rows": 3,
     "spacing_km": 600.0,
@@ -73,7 +77,7 @@ _NO_FIELDS: dict[str, object] = {
     "interval_hours": 6,
 }
 # Options that make the references good enough to measure a strength against.
-_THIN_FIELDS: dict[str, object] = {
+_THIN_FIELDS: Options = {
     "columns": 16,
     "rows": 12,
     "spacing_km": 120.0,
@@ -82,14 +86,15 @@ _THIN_FIELDS: dict[str, object] = {
 }
 
 
-def generator_options(world: World) -> dict[str, Any]:
+def generator_options(world: World) -> Options:
     """Return what `simulate_arrays` and `write_archive` are told about a world."""
-    kind = "hard" if world.kind == "hard" else "default"
-    return (_COARSE_FIELDS if world.coarse else {}) | {
+    fields: Options = _COARSE_FIELDS if world.coarse else {}
+    return {
+        **fields,
         "days": world.days,
         "aircraft": world.aircraft,
         "seed": world.seed,
-        "world": kind,
+        "world": "hard" if world.kind == "hard" else "default",
         "start": START,
     }
 
@@ -151,9 +156,8 @@ def strength_of(drawn: Drawn, world: World) -> float:
         Its seed and fleet are used, for a few days.
     """
     short = replace(world, days=min(world.days, _CALIBRATION_DAYS))
-    options = _calibration_options(short)
     bare = _calibration(short)
-    changed = simulate_arrays(effects=[_always(e) for e in drawn.effects], **options)
+    changed = _calibrating(short, [_always(e) for e in drawn.effects])
     change = innovation(changed) - innovation(bare)
     here = acting(bare, drawn) & np.isfinite(change).all(axis=1)
     size = float(np.sqrt((change[here] ** 2).sum(axis=1).mean())) if here.any() else 0.0
@@ -174,19 +178,24 @@ def _in_force(drawn: Drawn, world: World) -> float:
 @functools.lru_cache(maxsize=1)
 def _calibration(short: World) -> pd.DataFrame:
     """Return the short archive without effect that strengths are measured against."""
-    return simulate_arrays(effects=[], **_calibration_options(short))
+    return _calibrating(short, [])
 
 
-def _calibration_options(short: World) -> dict[str, Any]:
-    return generator_options(short) | _THIN_FIELDS | {"coding": _EXACT, "derivatives": False}
+def _calibrating(short: World, effects: Effects) -> pd.DataFrame:
+    options: Options = {**generator_options(short), **_THIN_FIELDS, "coding": _EXACT}
+    return simulate_arrays(effects=effects, derivatives=False, **options)
 
 
-def _always(effect: Mapping[str, Any]) -> dict[str, object]:
+def _always(effect: Injected) -> Injected:
     """Return the effect without its period; a swap is measured by the deviations it exchanges."""
-    out = {**effect, "period": None}
     if "pair" in effect["parameters"]:
-        return {"name": "compass_offset", "tails": out["tails"], "parameters": {}}
-    return out
+        return {
+            "name": "compass_offset",
+            "tails": effect["tails"],
+            "parameters": {},
+            "period": None,
+        }
+    return {**effect, "period": None}
 
 
 @functools.lru_cache(maxsize=2)
@@ -215,8 +224,8 @@ def simulated(world: World, effects: Effects, *, coding: Coding | None = None) -
     coding : Coding, optional
         The generator's by default.
     """
-    options = generator_options(world) | _NO_FIELDS | {"derivatives": False}
-    frame = simulate_arrays(effects=effects, coding=coding or Coding(), **options)
+    options: Options = {**generator_options(world), **_NO_FIELDS, "coding": coding or Coding()}
+    frame = simulate_arrays(effects=effects, derivatives=False, **options)
     for name, stored in _fields(world, _on_references(effects)).items():
         wind = sample_reference(
             stored,
