@@ -9,7 +9,7 @@ are written where they belong (:class:`Words`), and axes hold the curves alone.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -187,11 +187,13 @@ _ROUND = ((0, 0), (1, 0), (1, 1), (0, 1))
 
 def _key(figure: Figure) -> None:
     """What the lines are, above the upper panel."""
-    left, bottom, width, height = PANELS[0]
-    level, right = bottom + height + 0.016, left + width
-    styles: tuple[dict[str, Any], ...] = ({"color": "C0", "lw": 1.5}, {"color": "C1", "lw": 1})
-    for x, marker, style in zip((right - 0.156, right - 0.062), ("", "o"), styles, strict=True):
-        line = Line2D([x, x + 0.012, x + 0.024], [level] * 3, marker=marker, ms=4, **style)
+    left, bottom, wide, high = PANELS[0]
+    level, right = bottom + high + 0.016, left + wide
+    styles = ((right - 0.156, "", "C0", 1.5), (right - 0.062, "o", "C1", 1))
+    for x, marker, color, width in styles:
+        line = Line2D(
+            [x, x + 0.012, x + 0.024], [level] * 3, marker=marker, ms=4, color=color, lw=width
+        )
         line.set_markevery([1])
         line.set_transform(figure.transSubfigure)
         figure.add_artist(line)
@@ -201,10 +203,19 @@ def _key(figure: Figure) -> None:
 
 
 def _title_and_foot(figure: Figure) -> tuple[Text, Text]:
-    plain: dict[str, Any] = {"ha": "center", "parse_math": False}  # a name may hold any letter
+    title = figure.text(
+        0.5,
+        0.985,
+        "",
+        ha="center",
+        va="top",
+        fontsize=12,
+        fontweight="bold",
+        parse_math=False,  # a name may hold any letter
+    )
     return (
-        figure.text(0.5, 0.985, "", fontsize=12, fontweight="bold", va="top", **plain),
-        figure.text(0.2525, 0.012, "", fontsize=7, **plain),
+        title,
+        figure.text(0.2525, 0.012, "", ha="center", parse_math=False, fontsize=7),
     )
 
 

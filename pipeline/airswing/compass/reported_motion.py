@@ -9,7 +9,7 @@ its fixes these are believed before the chords (`airswing.compass.ground_vector`
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -25,7 +25,7 @@ from airswing.reports.resolution import DIRECTION_STEPS, SPEED_STEPS, lattice_st
 Array = NDArray[np.float64]
 
 
-Account = dict[str, Any]
+Account = dict[str, int | dict[str, str]]
 """Which ground vectors were believed: counts, and reasons by aircraft, ready for JSON."""
 
 
@@ -158,8 +158,8 @@ def accounts_of(reports: xr.Dataset, motion: Motion) -> list[Account]:
     }
     tails = [str(name) for name in reports["aircraft"].to_numpy()]
     return [
-        {name: int(values[row]) for name, values in counts.items()}
-        | {
+        {
+            **{name: int(values[row]) for name, values in counts.items()},
             "aircraft_with_own_vector": int(why == "own"),
             "aircraft_whose_own_vector_was_not_believed": (
                 {} if why in ("own", "absent") else {tail: str(why)}
@@ -174,6 +174,9 @@ def sum_of_accounts(accounts: Sequence[Account]) -> Account:
     total: Account = {}
     for account in accounts:
         for name, value in account.items():
-            known = total.get(name, {} if isinstance(value, dict) else 0)
-            total[name] = known | value if isinstance(value, dict) else known + value
+            known = total.get(name)
+            if isinstance(value, dict):
+                total[name] = (known if isinstance(known, dict) else {}) | value
+            else:
+                total[name] = (known if isinstance(known, int) else 0) + value
     return total

@@ -29,7 +29,7 @@ from airswing.flags import PHASE
 from airswing.physics.great_circle import central_angle
 from airswing.units import EARTH_RADIUS
 
-Columns = dict[str, NDArray[Any]]
+Columns = dict[str, NDArray[Any]]  # times among numbers: a type of its own for each name
 """Columns of reports by name, all of one length."""
 
 LABELLED_GAP = 6 * 3600.0  # s that one flight number may fall silent

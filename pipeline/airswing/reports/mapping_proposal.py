@@ -11,7 +11,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 import pandas as pd
@@ -64,7 +64,19 @@ _SPEEDS = {
 }
 
 
-def propose_mapping(path: str | Path) -> dict[str, Any] | None:
+Entry = str | dict[str, str]  # a canonical name, or one with its unit, parts or value
+
+
+class ProposedMapping(TypedDict):
+    """How an unknown table would be read."""
+
+    columns: dict[str, Entry]
+    yaml: str  # the same as text with its guesses marked
+    unused: list[str]  # columns nothing was found for
+    missing: list[str]  # what is needed and was not found
+
+
+def propose_mapping(path: str | Path) -> ProposedMapping | None:
     """Propose how an unknown table would be read.
 
     Parameters
@@ -75,9 +87,7 @@ def propose_mapping(path: str | Path) -> dict[str, Any] | None:
     Returns
     -------
     dict or None
-        ``columns``: the mapping; ``yaml``: the same as text with its guesses marked; ``unused``:
-        columns nothing was found for; ``missing``: what is needed and was not found. None where
-        nothing at all was recognised.
+        None where nothing at all was recognised.
 
     Raises
     ------
@@ -92,7 +102,7 @@ def propose_mapping(path: str | Path) -> dict[str, Any] | None:
             found[name] = column
     if len(found) < 2:
         return None
-    mapping: dict[str, object] = {}
+    mapping: dict[str, Entry] = {}
     remarks: dict[str, str] = {}
     _time(table, found, mapping, remarks)
     if _reports_compass(set(found)):
@@ -141,7 +151,7 @@ def _stem(column: str) -> str | None:
 
 
 def _time(
-    table: pd.DataFrame, found: dict[str, str], mapping: dict[str, object], remarks: dict[str, str]
+    table: pd.DataFrame, found: dict[str, str], mapping: dict[str, Entry], remarks: dict[str, str]
 ) -> None:
     """The time's column, or the two that make it."""
     of_time = [c for c in map(str, table.columns) if _stem(c) == "time"]
@@ -167,7 +177,7 @@ def _has_date(column: Column) -> bool:
     return bool(numeric or text.str.contains(r"\d{4}-?\d\d-?\d\d|\d+/\d+/\d+").any())
 
 
-def _entry(name: str, column: str, values: Column, remarks: dict[str, str]) -> object:
+def _entry(name: str, column: str, values: Column, remarks: dict[str, str]) -> Entry:
     """Canonical name of a column, with the unit that its name or its values tell."""
     quantity = QUANTITIES.get(name)
     if quantity is None:

@@ -11,10 +11,10 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from airswing.products.checked import digest
 from airswing.products.ragged import BLOCK_REPORTS
@@ -121,7 +121,7 @@ class Archive:
         return self.folder / f"block{number:06d}.npz"
 
 
-def _columns(reports: xr.Dataset) -> dict[str, Any]:
+def _columns(reports: xr.Dataset) -> dict[str, NDArray[np.generic]]:
     """Plain arrays of a block; names as fixed-width text, which needs no pickling."""
     found = {str(name): reports[name].to_numpy() for name in reports.variables}
     return found | {"aircraft": found["aircraft"].astype(str)}

@@ -20,6 +20,7 @@ from airswing.compass.fleet.flight_segments import Cut, Places
 from airswing.compass.kept_sums.period_sums import Base, PeriodSums
 
 Arrays = dict[str, NDArray[np.generic]]
+Stored = Mapping[str, NDArray[Any]]  # as a file gives them, each of its own type
 _TOTALS = ("weight", "slope", "before2", "after2", "square")
 _WHERE = ("latitude", "longitude", "pressure", "time")
 _OF_FIT = ("theta", "free", "normal", "flight", "day", "day_number", "freedom", "flight_order")
@@ -158,7 +159,7 @@ def packed(periods: Mapping[str, PeriodSums]) -> Arrays:
     return found
 
 
-def unpacked(arrays: Mapping[str, NDArray[Any]]) -> dict[str, PeriodSums]:
+def unpacked(arrays: Stored) -> dict[str, PeriodSums]:
     """Undo :func:`packed`."""
     names = [str(name) for name in arrays["aircraft"]]
     if not names:
@@ -202,7 +203,7 @@ def _packed_blocks(parts: list[PassSums], cuts: list[Cut]) -> Arrays:
 
 
 def _unpacked_member(
-    arrays: Mapping[str, NDArray[Any]], k: int, flights: list[slice]
+    arrays: Stored, k: int, flights: list[slice]
 ) -> list[tuple[PassSums, Cut | None]]:
     own = {
         name.split("/", 1)[1]: values for name, values in arrays.items() if name.startswith(f"{k}/")
@@ -230,7 +231,7 @@ def _unpacked_member(
     return found
 
 
-def _cut(own: Mapping[str, NDArray[Any]], some: slice) -> Cut:
+def _cut(own: Stored, some: slice) -> Cut:
     middle = Places(*(own[name][some] for name in _WHERE))
     return Cut(own["count"][some], middle, own["segment"][some], own["opens"][some])
 

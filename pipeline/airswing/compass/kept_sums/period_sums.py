@@ -22,7 +22,6 @@ Radians and m/s.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -259,15 +258,25 @@ def _turned(period: PeriodSums, ratio: float) -> list[PassSums]:
 
 def _added(parts: list[PassSums]) -> PassSums:
     """Sums of one member over all periods."""
-    total: dict[str, Any] = {
-        name: sum(getattr(part, name) for part in parts)
-        for name in ("normal", "score", "weight", "slope", "before2", "after2", "square")
-    }
-    for name, axis in (("flight_score", 0), ("flight_normal", 0), ("block", 1)):
-        each = [getattr(part, name) for part in parts]
-        none = any(one is None for one in each)
-        total[name] = None if none else np.concatenate(each, axis=axis)
-    return PassSums(**total, scatter=parts[0].scatter)
+    return PassSums(
+        normal=np.asarray(sum(part.normal for part in parts)),
+        score=np.asarray(sum(part.score for part in parts)),
+        flight_score=np.concatenate([part.flight_score for part in parts]),
+        flight_normal=_end_to_end([part.flight_normal for part in parts], 0),
+        weight=sum(part.weight for part in parts),
+        slope=sum(part.slope for part in parts),
+        before2=sum(part.before2 for part in parts),
+        after2=sum(part.after2 for part in parts),
+        square=sum(part.square for part in parts),
+        block=_end_to_end([part.block for part in parts], 1),
+        scatter=parts[0].scatter,
+    )
+
+
+def _end_to_end(each: list[Array | None], axis: int) -> Array | None:
+    """Arrays of all periods in one; None where a period has none."""
+    known = [one for one in each if one is not None]
+    return np.concatenate(known, axis=axis) if len(known) == len(each) else None
 
 
 def _joined_cuts(cuts: list[Cut]) -> Cut:

@@ -30,7 +30,7 @@ import math
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import TypeAlias
 
 import netCDF4
 import numpy as np
@@ -107,6 +107,7 @@ _UNTESTED = (BLANK, "-", "Z")
 _DESCRIPTOR_FAILED = ("X", "Q", "B")
 
 Flags = dict[str, NDArray[np.str_]]
+Variable: TypeAlias = "netCDF4.Variable[np.generic]"
 
 
 def _madis_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
@@ -187,7 +188,7 @@ def _piece(file: netCDF4.Dataset, path: Path, audit: Audit) -> pd.DataFrame:
     return pd.DataFrame({**piece, **_decoded(flags, seconds.size, audit)})
 
 
-def _column(variable: Any, path: Path) -> NDArray[np.generic]:
+def _column(variable: Variable, path: Path) -> NDArray[np.generic]:
     """One value a report, a further dimension of one left out."""
     values = np.asarray(variable[:])
     reports = variable.group().dimensions[DIMENSION].size
@@ -201,7 +202,7 @@ def _column(variable: Any, path: Path) -> NDArray[np.generic]:
     return values.reshape(reports)
 
 
-def _number(variable: Any, path: Path) -> NDArray[np.float64]:
+def _number(variable: Variable, path: Path) -> NDArray[np.float64]:
     if not np.issubdtype(variable.dtype, np.number):
         raise InputError(
             "holds no numbers", file=path, field=variable.name, found=f"type {variable.dtype}"
@@ -215,13 +216,13 @@ def _number(variable: Any, path: Path) -> NDArray[np.float64]:
     return np.where(absent, np.nan, values)
 
 
-def characters(values: NDArray[Any]) -> NDArray[np.str_]:
+def characters(values: NDArray[np.generic]) -> NDArray[np.str_]:
     """Turn bytes of ASCII codes (int8, int, S1 or str) into one-character strings.
 
     Blank where the byte is no printable character; numbers over 127 in decimal.
     """
     if values.dtype.kind == "S":
-        return np.char.strip(np.char.decode(values, "ascii", "replace"))
+        return np.char.strip(np.char.decode(values.astype(np.bytes_), "ascii", "replace"))
     if values.dtype.kind in "OU":
         return np.char.strip(values.astype(np.str_))
     codes, index = np.unique(values, return_inverse=True)
@@ -235,7 +236,7 @@ def _label(code: int) -> str:
     return BLANK if code <= 0 or code == 127 else str(code)
 
 
-def _strings(variable: Any) -> list[str]:
+def _strings(variable: Variable) -> list[str]:
     """Text of each report: characters along the last dimensions, strings, or whole numbers."""
     values = np.asarray(variable[:])
     if values.dtype.kind == "S":

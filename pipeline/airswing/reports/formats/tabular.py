@@ -14,9 +14,9 @@ import gzip
 import re
 import warnings
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, TextIO
+from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol, TextIO
 from urllib.parse import unquote
 
 import numpy as np
@@ -30,6 +30,9 @@ from airswing.reports.canonical.columns import ONLY, TEXT, Source, parse_mapping
 from airswing.reports.canonical.dialects import dialect_of
 from airswing.reports.canonical.report_formats import Mapped, ReportFormat, is_text, register
 from airswing.reports.canonical.times import Column, parse_times
+
+if TYPE_CHECKING:
+    from pandas.io.parsers import TextFileReader
 
 # Rows in memory at a time: text of a table is many times what is kept of it.
 ROWS_PER_PIECE = 250_000
@@ -81,26 +84,31 @@ def _csv_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFr
         for column in source.columns
     }
     wanted = [column for source in found.values() for column in source.columns]
-    options: dict[str, object] = {
-        "sep": head.separator,
-        "header": None,
-        "skiprows": head.lines,
-        # One column more than the header names, to see the rows that are too long.
-        "names": [*names, _EXTRA],
-        "index_col": False,
-        "on_bad_lines": "warn",
-        "dtype": {**text, _EXTRA: str},
-        # pandas' own list would make a tail named NA a missing one: ours is of number columns alone
-        "keep_default_na": False,
-        # a type is inferred of a whole piece: in parts one column may come out as two types
-        "low_memory": False,
-        "na_values": {column: _BLANKS for column in wanted if column not in text},
-        "encoding": "utf-8",
-        "compression": head.compression,
-        "chunksize": ROWS_PER_PIECE,
-    }
+
+    def begun() -> TextFileReader:
+        return pd.read_csv(
+            path,
+            sep=head.separator,
+            header=None,
+            skiprows=head.lines,
+            # One column more than the header names, to see the rows that are too long.
+            names=[*names, _EXTRA],
+            index_col=False,
+            on_bad_lines="warn",
+            dtype={**text, _EXTRA: str},
+            # pandas' own list would make a tail named NA a missing one: ours is of number columns
+            # alone
+            keep_default_na=False,
+            # a type is inferred of a whole piece: in parts one column may come out as two types
+            low_memory=False,
+            na_values={column: _BLANKS for column in wanted if column not in text},
+            encoding="utf-8",
+            compression=head.compression,
+            chunksize=ROWS_PER_PIECE,
+        )
+
     rows = 0
-    for table in _tables(path, options, audit):
+    for table in _tables(path, begun, audit):
         rows += len(table)
         for variable in repeated:
             audit.repair(f"{variable}_column_repeated", len(table))
@@ -146,15 +154,17 @@ def _repeated(names: list[str], found: Mapping[str, Source]) -> list[str]:
     ]
 
 
-def _tables(path: Path, options: dict[str, Any], audit: Audit) -> Iterator[pd.DataFrame]:
+def _tables(
+    path: Path, begun: Callable[[], TextFileReader], audit: Audit
+) -> Iterator[pd.DataFrame]:
     """Tables of a CSV file; rows pandas skips for having far too many columns are counted."""
-    reader: Any = None
+    reader: TextFileReader | None = None
     try:
         while True:
             try:
                 with warnings.catch_warnings(record=True) as caught:
                     warnings.simplefilter("always")
-                    reader = pd.read_csv(path, **options) if reader is None else reader
+                    reader = begun() if reader is None else reader
                     table = next(reader, None)
             except UnicodeDecodeError as error:
                 raise _not_utf8(path) from error
@@ -185,7 +195,7 @@ class _Head(NamedTuple):
 
     names: list[str]
     separator: str
-    compression: str | None
+    compression: Literal["gzip"] | None
     lines: int
 
 
@@ -199,10 +209,9 @@ def _header(path: Path) -> _Head:
     with path.open("rb") as file:
         # by its first octets: downloads are named as they may
         packed = file.read(2) == b"\x1f\x8b"
-    opener: Any = gzip.open if packed else open
     try:
         # utf-8-sig: a byte order mark, as spreadsheets write it, is no part of the first name
-        with opener(path, "rt", encoding="utf-8-sig", newline="") as file:
+        with _opened(path, packed=packed) as file:
             line, lines = _naming_line(file)
     except UnicodeDecodeError as error:
         raise _not_utf8(path) from error
@@ -223,6 +232,12 @@ def _header(path: Path) -> _Head:
         # pandas refuses a name twice
         names.append(name if name not in names else f"{name} (column {len(names) + 1})")
     return _Head(names, separator, "gzip" if packed else None, lines)
+
+
+def _opened(path: Path, *, packed: bool) -> TextIO:
+    if packed:
+        return gzip.open(path, "rt", encoding="utf-8-sig", newline="")
+    return path.open(encoding="utf-8-sig", newline="")
 
 
 def _naming_line(file: TextIO) -> tuple[str, int]:
@@ -274,16 +289,23 @@ def _parquet_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.Da
             yield _raw_piece(table.assign(**folders), found, audit)
 
 
-def _next_table(batches: Iterator[Any], path: Path) -> pd.DataFrame | None:
+class _Batch(Protocol):
+    """A record batch of pyarrow."""
+
+    def validate(self, *, full: bool) -> None: ...
+
+    def to_pandas(self, *, ignore_metadata: bool) -> pd.DataFrame: ...
+
+
+def _next_table(batches: Iterator[_Batch], path: Path) -> pd.DataFrame | None:
     try:
         batch = next(batches, None)
         if batch is None:
             return None
         batch.validate(full=True)  # text that is not UTF-8 would be noticed where it is looked at
-        table: pd.DataFrame = batch.to_pandas(ignore_metadata=True)
+        return batch.to_pandas(ignore_metadata=True)
     except Exception as error:  # pyarrow's own errors share no base with the rest
         raise InputError(f"cannot be read as Parquet: {error}", file=path) from error
-    return table
 
 
 def _of_folders(path: Path) -> dict[str, str]:
@@ -294,12 +316,13 @@ def _of_folders(path: Path) -> dict[str, str]:
 
 def _raw_piece(table: pd.DataFrame, found: Mapping[str, Source], audit: Audit) -> pd.DataFrame:
     """Bring one table, with the file's own column names, to SI and decoded flags."""
-    piece: dict[str, Any] = {}
+    piece: dict[str, NDArray[np.generic]] = {}
     for variable, source in found.items():
         column = _origin(table, source)
         if variable == "time":
-            piece["time"], piece["time_blank"] = parse_times(column)
-            _first_bad(column, np.isnat(piece["time"]) & ~piece["time_blank"], "time", audit)
+            time, blank = parse_times(column)
+            piece |= {"time": time, "time_blank": blank}
+            _first_bad(column, np.isnat(time) & ~blank, "time", audit)
         elif variable in TABLES:
             codes, missing = TABLES[variable]
             piece[variable] = decode_flags(column, codes, missing, name=variable, audit=audit)
