@@ -25,13 +25,14 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import dask.array as da
 import numpy as np
 import pandas as pd
 import xarray as xr
 from dask.highlevelgraph import HighLevelGraph
+from dask.typing import Key
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
@@ -262,20 +263,22 @@ def collocate(
     points = points_of(reports)
     names = [*_WINDS, *(DERIVATIVES if derivatives else ())]
     options = _Options(max_time_gap, derivatives, sparse, None if store is None else str(store))
-    graph: dict[object, object] = {}
+    graph: dict[Key, object] = {}
     joins = [_add_reference(graph, points, one, options) for one in models.values()]
     token = hashlib.blake2b("".join(joins).encode(), digest_size=16).hexdigest()
     base = f"winds-{token}"
     # all variables share the samples: keys of one graph, so that nothing is decoded twice
     data: dict[str, object] = {}
     for row, name in enumerate(names):
-        keys = {(f"{name}-{token}", n, 0): (_row, join, row) for n, join in enumerate(joins)}
+        keys: dict[Key, object] = {
+            (f"{name}-{token}", n, 0): (_row, join, row) for n, join in enumerate(joins)
+        }
         chunks = ((1,) * len(joins), (points.size,))
         array = _lazy(base, graph, f"{name}-{token}", keys, chunks, np.dtype("f8"))
         data[name] = (("reference", "report"), array)
     for row, name in enumerate(ACCOUNT if account else ACCOUNT[:1]):
         dtype = np.dtype("f8" if name == "decoding_seconds" else "i8")
-        counts = {
+        counts: dict[Key, object] = {
             (f"{name}-{token}", n): (_count, join, row, dtype) for n, join in enumerate(joins)
         }
         lazy = _lazy(base, graph, f"{name}-{token}", counts, ((1,) * len(joins),), dtype)
@@ -286,7 +289,9 @@ def collocate(
     if notes:
         found.attrs["reference_notes"] = json.dumps(notes)
     if account:
-        kept = {(f"{PROBLEMS}-{token}", n): (_problems, join) for n, join in enumerate(joins)}
+        kept: dict[Key, object] = {
+            (f"{PROBLEMS}-{token}", n): (_problems, join) for n, join in enumerate(joins)
+        }
         shape = ((1,) * len(joins),)
         lazy = _lazy(base, graph, f"{PROBLEMS}-{token}", kept, shape, np.dtype(object))
         found[PROBLEMS] = ("reference", lazy)
@@ -304,9 +309,9 @@ class _Options(NamedTuple):
 
 def _lazy(
     base: str,
-    graph: dict[Any, object],
+    graph: dict[Key, object],
     name: str,
-    keys: dict[Any, Any],
+    keys: dict[Key, object],
     chunks: tuple[tuple[int, ...], ...],
     dtype: np.dtype[np.generic],
 ) -> da.Array:
@@ -331,7 +336,7 @@ def _problems(joined: _Joined) -> NDArray[np.object_]:
 
 
 def _add_reference(
-    graph: dict[object, object], points: Points, catalogue: Catalogue, options: _Options
+    graph: dict[Key, object], points: Points, catalogue: Catalogue, options: _Options
 ) -> str:
     """Add one reference to a graph, a task a model time and a join; the join's key."""
     times = schedule(

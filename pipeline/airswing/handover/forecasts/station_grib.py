@@ -12,9 +12,9 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -28,7 +28,7 @@ from airswing.reference.grib.fields import GarbageError, Window
 from airswing.reference.grib.gridsections import read_grid
 from airswing.reference.grib.messages import whole_messages
 from airswing.reference.grib.single_fields import single_fields
-from airswing.reference.packing.decoder import decode_beside, keys_beside
+from airswing.reference.packing.decoder import KeyValue, decode_beside, keys_beside
 from airswing.reference.packing.decoder_process import ABSENT
 from airswing.reference.packing.simple_packing import UnreadableMessageError
 
@@ -192,7 +192,7 @@ def _at_stations(
 ) -> _Field | None:
     """One field at the stations; None where it is another variable or no value at a time."""
     keys = keys_beside(message, _HEADER)
-    name = _WANTED.get((str(keys.get("shortName")), keys.get("level", -1)))
+    name = _WANTED.get((str(keys.get("shortName")), _whole(keys, "level")))
     if name is None or keys.get("stepType") != "instant":
         return None
     start, valid = (_stamp(keys, kind) for kind in ("data", "validity"))
@@ -207,9 +207,14 @@ def _at_stations(
     return _Field(name, int(start.astype(np.int64)), float(lead), grid, at)
 
 
-def _stamp(keys: dict[str, Any], kind: str) -> np.datetime64:
+def _whole(keys: Mapping[str, KeyValue], name: str) -> int:
+    found = keys.get(name)
+    return found if isinstance(found, int) else -1
+
+
+def _stamp(keys: Mapping[str, KeyValue], kind: str) -> np.datetime64:
     """A time of the header within the years that ns can count."""
-    date, clock = (int(keys.get(kind + part, -1)) for part in ("Date", "Time"))
+    date, clock = (_whole(keys, kind + part) for part in ("Date", "Time"))
     # ns since 1970 end in 2262
     if not 19000101 <= date < 22000101:
         raise UnreadableMessageError("damaged: impossible reference time")

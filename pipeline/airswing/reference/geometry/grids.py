@@ -25,7 +25,7 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -35,6 +35,7 @@ from airswing.units import MODEL_EARTH_RADIUS
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Angle = TypeVar("Angle", float, Floats)
 
 #: Points within this many grid lengths of the outermost row or column count as on it;
 #: GRIB1 writes coordinates to a thousandth of a degree.
@@ -165,14 +166,15 @@ def _unwrap(fi: Floats, turn: float, ni: int) -> Floats:
     return np.asarray(np.mod(fi + gap / 2.0, turn) - gap / 2.0)
 
 
-def _parallel(phi: Any, e: float) -> Any:
+def _parallel(phi: Angle, e: float) -> Angle:
     """Snyder 14-15: radius of a parallel over the semi-major axis."""
-    return np.cos(phi) / np.sqrt(1.0 - (e * np.sin(phi)) ** 2)
+    found: Angle = np.cos(phi) / np.sqrt(1.0 - (e * np.sin(phi)) ** 2)
+    return found
 
 
-def _colatitude(phi: Any, e: float) -> Any:
+def _colatitude(phi: Angle, e: float) -> Angle:
     """Snyder 15-9: isometric colatitude t."""
-    t = np.tan(np.pi / 4.0 - phi / 2.0)
+    t: Angle = np.tan(np.pi / 4.0 - phi / 2.0)
     if e:
         s = e * np.sin(phi)
         t = t / ((1.0 - s) / (1.0 + s)) ** (e / 2.0)

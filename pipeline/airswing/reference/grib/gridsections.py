@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 
@@ -120,7 +120,52 @@ def _eccentricity(major: float, minor: float) -> float:
     return math.sqrt(1.0 - (minor / major) ** 2)
 
 
-def _scanning(flags: int) -> dict[str, bool]:
+class _Scanning(TypedDict):
+    """Order of storage, as `Grid` has it."""
+
+    j_consecutive: bool
+    alternate_rows: bool
+
+
+class _Shape(TypedDict):
+    """Numbers of points, and the earth."""
+
+    ni: int
+    nj: int
+    radius: float
+    eccentricity: float
+
+
+class _Common(_Shape, _Scanning):
+    """What grids of every kind have."""
+
+    latitude_first: float
+    longitude_first: float
+    wind_along_grid: bool
+
+
+class _Steps(TypedDict):
+    """Steps in degrees."""
+
+    di: float
+    dj: float
+    periodic: bool
+
+
+class _Degrees(_Common, _Steps):
+    """A grid in degrees."""
+
+
+class _Plane(_Common):
+    """A grid in a plane; lengths in metres."""
+
+    di: float
+    dj: float
+    orientation: float
+    true_latitude: float
+
+
+def _scanning(flags: int) -> _Scanning:
     # Bits 5 to 8: rows or columns set off by half a step.
     if flags & 0x0F:
         raise UnplaceableGridError(f"grid with staggered rows (scanning mode {flags})")
@@ -148,7 +193,7 @@ def _steps(
     last: tuple[float, float],
     unit: float,
     stated: tuple[float, float],
-) -> dict[str, object]:
+) -> _Steps:
     """Steps in degrees from the corners; `unit` is the resolution they are written to.
 
     `stated` increments (NaN: not given) must agree with them.
@@ -197,7 +242,7 @@ def _grib1(section: bytes) -> Grid:
     scan, flags = section[27], section[16]
     # Bit 2 of the resolution flags: the IAU 1965 ellipsoid, else a sphere (GRIB1 table 7).
     major, minor = (6378160.0, 6356775.0) if flags & 0x40 else (6367470.0, 6367470.0)
-    shared: dict[str, Any] = {
+    shared: _Common = {
         "ni": ni,
         "nj": nj,
         "latitude_first": signed(section, 10, 3) / 1e3,
@@ -213,12 +258,12 @@ def _grib1(section: bytes) -> Grid:
         # octets 18-23: the other corner, in thousandths of a degree; 24-27: the increments
         last = (signed(section, 17, 3) / 1e3, signed(section, 20, 3) / 1e3)
         stated = _stated(section, (23, 25), 2, 1e-3, given=bool(flags & 0x80))
-        shared |= _steps((ni, nj), scan, first, last, 1e-3, stated)
+        degrees: _Degrees = {**shared, **_steps((ni, nj), scan, first, last, 1e-3, stated)}
         if kind == 0:
-            return Grid("regular_ll", **shared)
+            return Grid("regular_ll", **degrees)
         # octets 33-38: the southern pole of the rotation; 39-42: the angle about it
         pole = (signed(section, 32, 3) / 1e3, signed(section, 35, 3) / 1e3)
-        return _rotated(shared, pole, ibm_float(section, 38))
+        return _rotated(degrees, pole, ibm_float(section, 38))
     if kind == 1:
         # octets 29-34: metres at the latitude in 24-26
         di, dj = si * unsigned(section, 28, 3), sj * unsigned(section, 31, 3)
@@ -226,18 +271,18 @@ def _grib1(section: bytes) -> Grid:
     # octet 27: bit 1 the south pole is on the plane, bit 2 both are
     if section[26] & 0x40:
         raise UnplaceableGridError("bipolar projection")
-    # octets 18-20: the meridian along y; 21-26: lengths in metres
-    shared |= {
+    # octets 18-20: the meridian along y; 21-26: lengths in metres; edition 1 has no octets for the
+    # latitude of true lengths: it is 60 degrees
+    plane: _Plane = {
+        **shared,
         "di": si * unsigned(section, 20, 3),
         "dj": sj * unsigned(section, 23, 3),
         "orientation": signed(section, 17, 3) / 1e3,
+        "true_latitude": 60.0 if kind == 5 else 0.0,
     }
     if kind == 5:
-        # edition 1 has no octets for the latitude of true lengths: it is 60 degrees
-        return Grid(
-            "polar_stereographic", true_latitude=60.0, south=bool(section[26] & 0x80), **shared
-        )
-    return _lambert(shared, signed(section, 28, 3) / 1e3, signed(section, 31, 3) / 1e3)
+        return Grid("polar_stereographic", south=bool(section[26] & 0x80), **plane)
+    return _lambert(plane, signed(section, 28, 3) / 1e3, signed(section, 31, 3) / 1e3)
 
 
 def _earth(section: bytes) -> tuple[float, float]:
@@ -268,20 +313,21 @@ def _grib2(section: bytes) -> Grid:
         raise UnplaceableGridError("reduced grid (rows of different length)")
     ni, nj = _counts(section, 30, 4)
     major, minor = _earth(section)
-    shared: dict[str, Any] = {
+    shape: _Shape = {
         "ni": ni,
         "nj": nj,
         "radius": major,
         "eccentricity": _eccentricity(major, minor),
     }
     if kind in (0, 1):
-        return _grib2_degrees(section, kind, shared)
+        return _grib2_degrees(section, kind, shape)
     if kind == 32769:
-        return _grib2_centred(section, shared)
+        return _grib2_centred(section, shape)
     # octet 47; 60 of a Mercator grid, 65 of the others
     flags, scan = section[46], section[59 if kind == 10 else 64]
     si, sj = _signs(scan)
-    shared |= {
+    shared: _Common = {
+        **shape,
         "latitude_first": signed(section, 38, 4) / 1e6,
         "longitude_first": signed(section, 42, 4) / 1e6,
         "wind_along_grid": bool(flags & 0x08),
@@ -299,18 +345,19 @@ def _grib2(section: bytes) -> Grid:
     if section[63] & 0x40:
         raise UnplaceableGridError("bipolar projection")
     # octets 52-55: the meridian along y; 56-63: lengths in millimetres
-    shared |= {
+    plane: _Plane = {
+        **shared,
         "di": si * unsigned(section, 55, 4) / 1e3,
         "dj": sj * unsigned(section, 59, 4) / 1e3,
         "orientation": signed(section, 51, 4) / 1e6,
         "true_latitude": true_latitude,
     }
     if kind == 20:
-        return Grid("polar_stereographic", south=bool(section[63] & 0x80), **shared)
-    return _lambert(shared, signed(section, 65, 4) / 1e6, signed(section, 69, 4) / 1e6)
+        return Grid("polar_stereographic", south=bool(section[63] & 0x80), **plane)
+    return _lambert(plane, signed(section, 65, 4) / 1e6, signed(section, 69, 4) / 1e6)
 
 
-def _grib2_degrees(section: bytes, kind: int, shared: dict[str, Any]) -> Grid:
+def _grib2_degrees(section: bytes, kind: int, shape: _Shape) -> Grid:
     basic, parts = unsigned(section, 38, 4), unsigned(section, 42, 4)
     # Basic angle and its subdivisions: degrees are in millionths where they are not given.
     usual = basic in (0, 0xFFFFFFFF) or parts in (0, 0xFFFFFFFF)
@@ -321,53 +368,63 @@ def _grib2_degrees(section: bytes, kind: int, shared: dict[str, Any]) -> Grid:
     last = (signed(section, 55, 4) / scale, signed(section, 59, 4) / scale)
     scan = section[71]
     stated = _stated(section, (63, 67), 4, 1.0 / scale, given=section[54] & 0x30 == 0x30)
-    shared |= {
+    degrees: _Degrees = {
+        **shape,
         "latitude_first": first[0],
         "longitude_first": first[1],
         "wind_along_grid": bool(section[54] & 0x08),
         **_scanning(scan),
-        **_steps((shared["ni"], shared["nj"]), scan, first, last, unit, stated),
+        **_steps((shape["ni"], shape["nj"]), scan, first, last, unit, stated),
     }
     if kind == 0:
-        return Grid("regular_ll", **shared)
+        return Grid("regular_ll", **degrees)
     # octets 73-80: the southern pole of the rotation; 81-84: the angle about it
     pole = (signed(section, 72, 4) / scale, signed(section, 76, 4) / scale)
-    return _rotated(shared, pole, ieee_float(section, 80))
+    return _rotated(degrees, pole, ieee_float(section, 80))
 
 
-def _grib2_centred(section: bytes, shared: dict[str, Any]) -> Grid:
+def _grib2_centred(section: bytes, shape: _Shape) -> Grid:
     """A rotated grid whose equator and meridian cross at its centre (NCEP template 3.32769)."""
     first, centre, last = (
         (signed(section, at, 4) / 1e6, signed(section, at + 4, 4) / 1e6) for at in (46, 55, 72)
     )
-    pole: dict[str, Any] = {"pole_latitude": centre[0] - 90.0, "pole_longitude": centre[1]}
+    pole = (centre[0] - 90.0, centre[1])
     frame = Grid(
-        "rotated_ll", ni=1, nj=1, latitude_first=0.0, longitude_first=0.0, di=1.0, dj=1.0, **pole
+        "rotated_ll",
+        ni=1,
+        nj=1,
+        latitude_first=0.0,
+        longitude_first=0.0,
+        di=1.0,
+        dj=1.0,
+        pole_latitude=pole[0],
+        pole_longitude=pole[1],
     )
     x, y = frame.plane(np.array([first[0], last[0]]), np.array([first[1], last[1]]))
     scan = section[71]
     stated = _stated(section, (63, 67), 4, 1e-6, given=section[54] & 0x30 == 0x30)
     ends = [(float(y[n]), float(x[n])) for n in (0, 1)]
-    shared |= {
+    degrees: _Degrees = {
+        **shape,
         "latitude_first": ends[0][0],
         "longitude_first": ends[0][1],
         "wind_along_grid": bool(section[54] & 0x08),
         **_scanning(scan),
-        **_steps((shared["ni"], shared["nj"]), scan, ends[0], ends[1], 1e-6, stated),
+        **_steps((shape["ni"], shape["nj"]), scan, ends[0], ends[1], 1e-6, stated),
     }
-    return Grid("rotated_ll", **pole, **shared)
+    return _rotated(degrees, pole, 0.0)
 
 
-def _rotated(shared: dict[str, Any], pole: tuple[float, float], turned: float) -> Grid:
+def _rotated(degrees: _Degrees, pole: tuple[float, float], turned: float) -> Grid:
     if turned:
         raise UnplaceableGridError(
             f"rotated grid turned by {turned:g} degrees about its own pole "
             "(programs do not agree on what that means)"
         )
-    return Grid("rotated_ll", pole_latitude=pole[0], pole_longitude=pole[1], **shared)
+    return Grid("rotated_ll", pole_latitude=pole[0], pole_longitude=pole[1], **degrees)
 
 
-def _mercator(shared: dict[str, Any], di: float, dj: float, true_latitude: float) -> Grid:
+def _mercator(shared: _Common, di: float, dj: float, true_latitude: float) -> Grid:
     if not (di and dj):
         raise UnplaceableGridError("Mercator grid without grid lengths")
     e, phi = shared["eccentricity"], math.radians(true_latitude)
@@ -378,9 +435,9 @@ def _mercator(shared: dict[str, Any], di: float, dj: float, true_latitude: float
     return Grid("mercator", di=di, dj=dj, true_latitude=true_latitude, periodic=periodic, **shared)
 
 
-def _lambert(shared: dict[str, Any], latin1: float, latin2: float) -> Grid:
-    if not (shared["di"] and shared["dj"]):
+def _lambert(plane: _Plane, latin1: float, latin2: float) -> Grid:
+    if not (plane["di"] and plane["dj"]):
         raise UnplaceableGridError("Lambert grid without grid lengths")
     if abs(latin1) >= 90.0 or abs(latin2) >= 90.0 or abs(latin1 + latin2) < 1e-9:
         raise UnplaceableGridError(f"no Lambert cone with standard parallels {latin1} and {latin2}")
-    return Grid("lambert", latin1=latin1, latin2=latin2, **shared)
+    return Grid("lambert", latin1=latin1, latin2=latin2, **plane)

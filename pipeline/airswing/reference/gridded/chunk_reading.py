@@ -16,7 +16,7 @@ from __future__ import annotations
 import time
 from collections import defaultdict
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -205,9 +205,11 @@ def _box(stored: StoredField, pieces: list[_Piece]) -> dict[str, slice]:
     return box
 
 
-def _put(stored: StoredField, piece: _Piece, values: Floats, box: dict[str, slice]) -> None:
+def _put(
+    stored: StoredField, piece: _Piece, values: NDArray[np.generic], box: dict[str, slice]
+) -> None:
     """Add the wanted values to their places."""
-    index: list[Any] = []
+    index: list[Ints | slice | int] = []
     for dim in stored.dims:
         if dim == stored.y:
             index.append(piece.j - box[dim].start)
@@ -232,7 +234,7 @@ def _put(stored: StoredField, piece: _Piece, values: Floats, box: dict[str, slic
     piece.target[piece.places] += piece.weight * taken
 
 
-def _load(variable: xr.Variable) -> NDArray[Any]:
+def _load(variable: xr.Variable) -> NDArray[np.generic]:
     """Values of a part, in this thread."""
     if variable.chunks is not None:
         return np.asarray(variable.data.compute(scheduler="synchronous"))

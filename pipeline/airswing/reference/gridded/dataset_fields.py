@@ -260,7 +260,7 @@ def _grid(ds: xr.Dataset, name: str, axes: Axes, naming: Naming, file: str) -> P
         return known
     if axes.y.ndim == 2:
         lat, lon = (np.asarray(one.values, dtype=np.float64) for one in (axes.y, axes.x))
-        mapping = naming.projection or axes.crs or grib_projection(ds[name].attrs)
+        mapping = naming.projection or axes.crs or grib_projection(ds[name])
         laid = None
         if mapping is not None:
             laid = through_points(frame_of(mapping, file=file, field="projection"), lat, lon)

@@ -16,7 +16,6 @@ from __future__ import annotations
 import os
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +24,7 @@ from airswing.reference.grib.fields import GarbageError, Window
 from airswing.reference.grib.gridsections import MAX_POINTS
 from airswing.reference.grib.messages import whole_messages
 from airswing.reference.grib.single_fields import single_fields
-from airswing.reference.packing.decoder import array_beside, decode_beside, keys_beside
+from airswing.reference.packing.decoder import KeyValue, array_beside, decode_beside, keys_beside
 from airswing.reference.packing.decoder_process import ABSENT
 from airswing.reference.packing.simple_packing import UnreadableMessageError
 
@@ -47,12 +46,12 @@ class GribField(Mapping[str, object]):
     """
 
     def __init__(
-        self, path: str, place: tuple[int, int, int, int], keys: dict[str, object], grid: bytes
+        self, path: str, place: tuple[int, int, int, int], keys: dict[str, KeyValue], grid: bytes
     ) -> None:
         self.path, self.place, self.grid = path, place, grid
         self._keys = keys
 
-    def __getitem__(self, name: str) -> Any:
+    def __getitem__(self, name: str) -> KeyValue | NDArray[np.float64]:
         if name == "values":
             return self._values()
         if name in _PLACES:
@@ -85,13 +84,12 @@ class GribField(Mapping[str, object]):
             raise UnreadableMessageError("not the message the catalogue saw") from error
 
     def _asked(self, name: str) -> NDArray[np.float64]:
-        return array_beside(self._message(), name, int(self["numberOfPoints"]))
+        return array_beside(self._message(), name, _points(self._keys))
 
     def _values(self) -> NDArray[np.float64]:
         from cfgrib.messages import MISSING_VAUE_INDICATOR
 
-        size = int(self["numberOfPoints"])
-        values = decode_beside(self._message(), size)
+        values = decode_beside(self._message(), _points(self._keys))
         values[values == ABSENT] = MISSING_VAUE_INDICATOR
         return values
 
@@ -134,9 +132,14 @@ def fields_of(
     return found
 
 
-def _is_possible(keys: dict[str, Any]) -> bool:
+def _points(keys: Mapping[str, KeyValue]) -> int:
+    points = keys.get("numberOfPoints")
+    return points if isinstance(points, int) else 0
+
+
+def _is_possible(keys: Mapping[str, KeyValue]) -> bool:
     """Whether a grid can be; counted where not."""
-    points = keys.get("numberOfPoints", 0)
+    points = _points(keys)
     if not 0 < points <= MAX_POINTS:
         raise UnreadableMessageError(f"damaged: a grid of {points:,} points")
     return True

@@ -22,7 +22,6 @@ import warnings
 from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import xarray as xr
 
@@ -123,19 +122,22 @@ def _opened(file: SourceFile, engine: str) -> tuple[xr.Dataset, ...]:
 
 
 def _open(path: str, engine: str) -> xr.Dataset:
-    options: dict[str, Any] = {"decode_timedelta": False, "cache": False}
     if engine != "zarr":
         with _little_cached():
-            return _open_netcdf(path, engine, options)
-    return xr.open_dataset(path, engine="zarr", chunks=None, **options)
+            return _open_netcdf(path, engine)
+    return xr.open_dataset(path, engine="zarr", chunks=None, decode_timedelta=False, cache=False)
 
 
-def _open_netcdf(path: str, engine: str, options: dict[str, Any]) -> xr.Dataset:
+def _open_netcdf(path: str, engine: str) -> xr.Dataset:
     require_whole(Path(path))
     require_openable(Path(path))
-    if engine == "wrf":
-        return xr.open_dataset(path, engine="netcdf4", decode_times=False, **options)
-    return xr.open_dataset(path, engine="netcdf4", **options)
+    return xr.open_dataset(
+        path,
+        engine="netcdf4",
+        decode_times=False if engine == "wrf" else None,
+        decode_timedelta=False,
+        cache=False,
+    )
 
 
 @contextlib.contextmanager

@@ -22,7 +22,6 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -103,9 +102,12 @@ def raw_variable(ds: xr.Dataset, name: str, chunks: tuple[object, ...]) -> RawVa
 # File of a chunk, and which of its values are wanted, to their octets (n, width).
 _Expand = Callable[[io.FileIO, Ints], Octets]
 _Stored = tuple[tuple[int, ...], "np.dtype[np.generic]", Fetch]
+_Expanded = bytes | bytearray | memoryview
 
 
-def _taken(octets: Any, size: int, width: int, flat: Ints, *, shuffled: bool = False) -> Octets:
+def _taken(
+    octets: _Expanded, size: int, width: int, flat: Ints, *, shuffled: bool = False
+) -> Octets:
     """Octets of some values of an expanded chunk.
 
     `shuffled`: the first octets of all values stand before the second ones, and so on.
@@ -153,7 +155,7 @@ def _of_hdf5(path: Path, name: str) -> _Stored | None:
 def _of_zarr(path: Path, name: str) -> _Stored | None:
     folder = path / name
     if (folder / ".zarray").is_file():
-        return _of_zarr2(folder, json.loads((folder / ".zarray").read_text()))
+        return _of_zarr2(folder)
     told = json.loads((folder / "zarr.json").read_text())
     grid, keys = told["chunk_grid"], told["chunk_key_encoding"]
     codecs = [(one["name"], one.get("configuration", {})) for one in told["codecs"]]
@@ -171,7 +173,8 @@ def _of_zarr(path: Path, name: str) -> _Stored | None:
     return lengths, dtype, _files(folder, lengths, "c" + between, between, expand)
 
 
-def _of_zarr2(folder: Path, told: dict[str, Any]) -> _Stored | None:
+def _of_zarr2(folder: Path) -> _Stored | None:
+    told = json.loads((folder / ".zarray").read_text())
     if told["order"] != "C" or told["filters"]:
         return None
     lengths, dtype = tuple(int(n) for n in told["chunks"]), np.dtype(told["dtype"])
@@ -199,7 +202,7 @@ def _expander(name: str, lengths: tuple[int, ...], width: int) -> _Expand | None
             return octets_of_blocks(file, size, wanted.ravel()).reshape(wanted.shape)
 
         return of_blocks
-    expand: dict[str, Callable[[bytes], Any]] = {
+    expand: dict[str, Callable[[bytes], _Expanded]] = {
         "": bytes,
         "zlib": lambda octets: deflate.zlib_decompress(octets, size),
         "gzip": igzip.decompress,

@@ -14,8 +14,6 @@ Assumptions and validity
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
@@ -119,9 +117,9 @@ def grids_of_wrfout(ds: xr.Dataset, count: int) -> list[Placing]:
 def _grid(ds: xr.Dataset, lat: xr.DataArray, lon: xr.DataArray, number: int | None) -> Placing:
     """The grid of one time, by the projection where that meets the points."""
     turned = _angle(ds, number)
-    frame = _frame(ds.attrs)
+    frame = _frame(ds)
     if frame is not None:
-        grid = _laid(frame, ds.attrs, lat, lon)
+        grid = _laid(frame, ds, lat, lon)
         if grid is not None and _agrees(grid, turned, lat, lon):
             return grid
     return CurvilinearGrid(_floats(lat), _floats(lon), turned=turned, wind_along_grid=True)
@@ -153,12 +151,12 @@ def _floats(one: xr.DataArray) -> Floats:
     return np.asarray(one.values, dtype=np.float64)
 
 
-def _frame(attrs: dict[str, Any]) -> Frame | None:
+def _frame(ds: xr.Dataset) -> Frame | None:
     """The projection of a wrfout's attributes; None where it is not one of WRF's plain ones."""
-    kind = int(np.ravel(attrs["MAP_PROJ"])[0])
+    kind = int(np.ravel(ds.attrs["MAP_PROJ"])[0])
 
     def of(name: str, default: float = 0.0) -> float:
-        return float(np.ravel(attrs.get(name, default))[0])
+        return float(np.ravel(ds.attrs.get(name, default))[0])
 
     one, two, stand = of("TRUELAT1"), of("TRUELAT2"), of("STAND_LON")
     sphere = f"+lon_0={stand!r} +R={RADIUS!r} +units=m +no_defs"
@@ -178,9 +176,7 @@ def _frame(attrs: dict[str, Any]) -> Frame | None:
     return None
 
 
-def _laid(
-    frame: Frame, attrs: dict[str, Any], lat: xr.DataArray, lon: xr.DataArray
-) -> AxesGrid | None:
+def _laid(frame: Frame, ds: xr.Dataset, lat: xr.DataArray, lon: xr.DataArray) -> AxesGrid | None:
     """The projection's grid through the first point; None where it misses the last."""
     nj, ni = lat.shape
     ends = np.array([0, -1])
@@ -195,7 +191,7 @@ def _laid(
         lattice = np.meshgrid(row[ends], column[ends])
         met = np.allclose(lattice[0].ravel(), _floats(lon[ends, ends.tolist()]).ravel(), atol=1e-3)
         return grid if met else None
-    dx, dy = (float(np.ravel(attrs[name])[0]) for name in ("DX", "DY"))
+    dx, dy = (float(np.ravel(ds.attrs[name])[0]) for name in ("DX", "DY"))
     grid = AxesGrid(
         frame, x[0] + dx * np.arange(ni), y[0] + dy * np.arange(nj), wind_along_grid=True
     )

@@ -26,7 +26,7 @@ import sys
 import threading
 from collections.abc import Sequence
 from pathlib import Path
-from typing import IO, Any, cast
+from typing import IO, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -198,7 +198,10 @@ def decode_beside(message: bytes, size: int, points: Ints | None = None) -> Floa
     return values.reshape(points.shape).copy()
 
 
-def keys_beside(message: bytes, names: Sequence[str]) -> dict[str, Any]:
+KeyValue = int | float | str | list[float] | None  # as JSON brings it
+
+
+def keys_beside(message: bytes, names: Sequence[str]) -> dict[str, KeyValue]:
     """Values that ecCodes gives keys of a message of one field, without those it has not.
 
     Names as cfgrib writes them: with ``:int``, ``:float`` or ``:str`` for another type.
@@ -208,7 +211,7 @@ def keys_beside(message: bytes, names: Sequence[str]) -> dict[str, Any]:
     UnreadableMessageError
         Where there is none, or the decoder dies of it.
     """
-    found: dict[str, object] = json.loads(
+    found: dict[str, KeyValue] = json.loads(
         _POOL.ask(KEYS, message, 0, json.dumps(list(names)).encode())
     )
     return found

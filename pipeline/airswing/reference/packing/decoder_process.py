@@ -21,7 +21,7 @@ import struct
 import sys
 import time
 from collections.abc import Iterator
-from typing import Any
+from types import ModuleType
 
 REQUEST = struct.Struct("<qqqqq")
 ANSWER = struct.Struct("<qqd")
@@ -107,7 +107,7 @@ def _keys_of(message: bytes, asked: bytes, size: int) -> bytes:
     return json.dumps(found).encode()
 
 
-def _value(eccodes: Any, handle: int, name: str) -> Any:
+def _value(eccodes: ModuleType, handle: int, name: str) -> object:
     key, _, kind = name.partition(":")
     if eccodes.codes_get_size(handle, key) > 1:
         return [float(value) for value in eccodes.codes_get_array(handle, key, _TYPES[kind])]

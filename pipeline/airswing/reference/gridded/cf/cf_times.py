@@ -12,7 +12,6 @@ Assumptions and validity
 from __future__ import annotations
 
 import re
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -163,7 +162,7 @@ def _stamps(one: xr.DataArray, file: str) -> Ints:
     return values.astype("datetime64[ns]").astype(np.int64)
 
 
-def _from_dates(values: NDArray[Any], name: str, file: str) -> NDArray[np.generic]:
+def _from_dates(values: NDArray[np.object_], name: str, file: str) -> NDArray[np.generic]:
     """Dates of another calendar as dates of ours."""
     calendar = str(values.ravel()[0].calendar)
     if calendar == "360_day":

@@ -15,12 +15,15 @@ from __future__ import annotations
 
 import hashlib
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from airswing.reference.gridded.cf.axes_grid import bounded, box_of
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -114,7 +117,7 @@ class CurvilinearGrid:
         return np.asarray((found / np.abs(found)).reshape(self.nj, self.ni))
 
     @cached_property
-    def _tree(self) -> Any:
+    def _tree(self) -> cKDTree:
         from scipy.spatial import cKDTree
 
         return cKDTree(self._vectors.reshape(-1, 3))

@@ -14,10 +14,10 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from pyproj import CRS, Proj
 from pyproj.exceptions import CRSError
 
@@ -27,6 +27,8 @@ from airswing.units import MODEL_EARTH_RADIUS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+
+    import xarray as xr
 
 Floats = NDArray[np.float64]
 
@@ -111,7 +113,7 @@ class Frame:
 LONGITUDE_LATITUDE = Frame("longitude_latitude")
 
 
-def frame_of(mapping: Mapping[str, Any] | str, *, file: str, field: str) -> Frame:
+def frame_of(mapping: Mapping[str, object] | str, *, file: str, field: str) -> Frame:
     """Turn a CF grid mapping (appendix F), or a PROJ or WKT string, into a frame.
 
     Raises
@@ -156,12 +158,13 @@ def _frame(text: str) -> Frame:
     return Frame("projected", proj=_proj_string(crs))
 
 
-def grib_projection(attrs: Mapping[str, Any]) -> str | None:
-    """PROJ string of the grid a GRIB decoder noted in a variable's attributes.
+def grib_projection(variable: xr.DataArray) -> str | None:
+    """PROJ string of the grid a GRIB decoder noted with a variable.
 
     On a sphere of any size: what it is laid through settles the scale. None where the grid is
     not a projection, or its keys are not there.
     """
+    attrs = variable.attrs
     kind = attrs.get("GRIB_gridType")
     try:
         if kind == "lambert":
@@ -195,7 +198,7 @@ def unknown_projection(file: str, found: str) -> InputError:
     )
 
 
-def _plain(value: ArrayLike) -> object:
+def _plain(value: object) -> object:
     """Attribute values as PROJ takes them: no numpy scalars, a list of one as a number."""
     if isinstance(value, np.ndarray):
         return value.tolist() if value.size > 1 else value.ravel()[0].item()
