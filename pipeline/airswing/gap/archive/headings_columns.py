@@ -24,6 +24,7 @@ from airswing.physics.triangle import wrap_degrees
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+Columns = dict[str, NDArray[Any]]  # whole numbers among floats, as the fields of a frame are
 
 AIRCRAFT_FIELDS = (
     "position_resolution",
@@ -89,7 +90,7 @@ def middle_longitude(longitude: FloatArray) -> float:
 
 def headings_columns(
     ds: xr.Dataset, reference: str | Sequence[str], *, meridian: float | None = None
-) -> tuple[tuple[str, ...], dict[str, Any], xr.Dataset]:
+) -> tuple[tuple[str, ...], Columns, xr.Dataset]:
     """Read what a frame holds from a headings Dataset.
 
     Parameters
@@ -120,7 +121,7 @@ def headings_columns(
     size = ds.sizes["report"]
     tails = tuple(str(name) for name in ds["aircraft"].values)
     nanoseconds = ds["time"].values.astype("datetime64[ns]").astype(np.int64)
-    values: dict[str, Any] = {
+    values: Columns = {
         "report": np.arange(size, dtype=np.int64),
         "aircraft": np.repeat(np.arange(len(tails)), np.asarray(ds["row_size"].values)),
         "flight": _codes(ds, "flight", 0),

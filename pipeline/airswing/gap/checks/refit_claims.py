@@ -29,6 +29,7 @@ from airswing.units import NORMAL_95
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+Options = Mapping[str, Any]  # a section of the configuration, of which pydantic tells no types
 
 
 @dataclass(frozen=True)
@@ -139,8 +140,8 @@ def review_claims(
     *,
     pools: Mapping[str, Sequence[str]],
     reference: str,
-    fit: Mapping[str, Any],
-    field_test: Mapping[str, object] | None = None,
+    fit: Options,
+    field_test: Options | None = None,
 ) -> ClaimsEntry:
     """Fit the deviations and the field test before and after the other effects are taken off.
 
@@ -211,7 +212,7 @@ def _field_tests(
     adjusted: xr.Dataset,
     members: Sequence[str],
     reference: str,
-    options: Mapping[str, Any],
+    options: Options,
 ) -> FieldTestEntry:
     """Adjusted reduction of the field test before and after, kt."""
     from airswing.evaluation.field_test import field_test

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from airswing.gap.archive.direction_lattice import Lattice
 from airswing.gap.archive.frame import Frame
+from airswing.gap.effects.base import number
 from airswing.gap.held_out.reduction import Closure
 from airswing.gap.search.coding_and_outliers import MomentVerdict
 from airswing.gap.search.excess_scatter import Scattering
@@ -134,11 +135,11 @@ def _of_gross(
         own = residual[calm & (frame.aircraft == frame.tails.index(tail))]
         if own.size == 0:
             continue
-        error = float(values["size_m_s"]) * rng.standard_normal(own.shape)
+        error = number(values["size_m_s"]) * rng.standard_normal(own.shape)
         longer = float((np.hypot(*(own + error).T) - np.hypot(*own.T)).mean())
         count = float((frame.aircraft == frame.tails.index(tail)).sum())
-        total += count * float(values["fraction"]) * longer
-        doubt += (count * longer) ** 2 * float(values["fraction"]) / count
+        total += count * number(values["fraction"]) * longer
+        doubt += (count * longer) ** 2 * number(values["fraction"]) / count
     kt = total / frame.size / KNOT
     return Reduction(kt, float(np.hypot(np.sqrt(doubt) / frame.size / KNOT, SHAPE_DOUBT * kt)))
 
@@ -151,8 +152,8 @@ def _of_coding(
     for tail, values in verdict.per_tail.items():
         a = frame.tails.index(tail)
         # what finer coding leaves is no part of it
-        speed_step[a] = KNOT * np.sqrt(max(float(values["step"]) ** 2 - 1.0, 0.0))
-        turn = float(values.get("direction_step_deg", 1.0))
+        speed_step[a] = KNOT * np.sqrt(max(number(values["step"]) ** 2 - 1.0, 0.0))
+        turn = number(values.get("direction_step_deg", 1.0))
         turn_step[a] = np.radians(np.sqrt(max(turn**2 - 1.0, 0.0)))
     owner = frame.aircraft[struck]
     wind = np.stack([frame.u_rep, frame.v_rep], -1)[struck]
@@ -179,7 +180,7 @@ def _of_headings(frame: Frame, residual: Floats, verdict: MomentVerdict, gross: 
     for tail, values in verdict.per_tail.items():
         own = (frame.aircraft == frame.tails.index(tail)) & ~gross
         rounding = float((frame.airspeed[own] ** 2).mean()) * (
-            np.radians(float(values["step_deg"])) ** 2 / 12
+            np.radians(number(values["step_deg"])) ** 2 / 12
         )
         left = max(1 - rounding / float((across[own] ** 2).mean()), LEAST_LEFT)
         without = residual[own] - (across[own] * (1 - np.sqrt(left)))[:, None] * right[own]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from airswing.flags import PHASE
 from airswing.gap.archive.frame import Frame
-from airswing.gap.effects.base import Errors, FloatArray, Parameter, Parameters
+from airswing.gap.effects.base import Errors, FloatArray, Parameter, Told, number
 from airswing.gap.effects.forms import DEGREE, HeadingEffect, standard_error
 from airswing.physics.atmosphere import GRAVITY
 from airswing.synthetic.sealed.draws import Draw, Signed, sign
@@ -102,17 +102,20 @@ class AccelerationError(HeadingEffect):
 
     def to_parameters(
         self, coefficients: FloatArray, covariance: FloatArray, frame: Frame
-    ) -> tuple[Parameters, Errors]:
+    ) -> tuple[Told, Errors]:
         """See `Effect.to_parameters`; of the form with the larger coefficient."""
         k = int(np.argmax(np.abs(coefficients)))
-        values = {"amplitude_deg": float(coefficients[k]) / DEGREE, "by_phase": k == 1 or None}
+        values: Told = {
+            "amplitude_deg": float(coefficients[k]) / DEGREE,
+            "by_phase": k == 1 or None,
+        }
         return values, {"amplitude_deg": standard_error(covariance, k) / DEGREE}
 
     def from_parameters(self, values: Mapping[str, object], frame: Frame) -> FloatArray:
         """See `Effect.from_parameters`."""
         full = self.complete(values)
         out = np.zeros(2)
-        out[int(bool(full["by_phase"]))] = float(full["amplitude_deg"]) * DEGREE
+        out[int(bool(full["by_phase"]))] = number(full["amplitude_deg"]) * DEGREE
         return out
 
     def acts(self, frame: Frame) -> NDArray[np.bool_]:

@@ -23,13 +23,14 @@ import pkgutil
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal, SupportsFloat
 
 import numpy as np
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.gap.archive.frame import Frame
+from airswing.gap.result.schema.entries import Parameter as Value
 from airswing.synthetic.sealed.draws import Draw
 
 FloatArray = NDArray[np.float64]
@@ -37,7 +38,8 @@ IntArray = NDArray[np.int64]
 Scope = Literal["aircraft", "fleet", "reference", "pair"]
 Kind = Literal["mean", "step", "drift", "swap", "second_moment"]
 Stage = Literal["identity", "atmosphere", "sensor", "report"]
-Parameters = dict[str, Any]
+Parameters = dict[str, object]  # as a person or a file gives them
+Told = dict[str, Value]  # as the diagnosis tells them
 Errors = dict[str, float]
 
 LEAST_SPREAD = 2e-3
@@ -65,10 +67,24 @@ class ActiveEffect:
     """An effect at work: which, on whom, when, how much."""
 
     name: str  # name in the catalogue
-    parameters: Parameters = field(default_factory=dict)  # values in the catalogue's units
+    # values in the catalogue's units
+    parameters: Mapping[str, object] = field(default_factory=dict)
     tails: tuple[str, ...] | None = None  # aircraft it acts on; None for all
     # (start, end): s since 1970, either may be None; None for always
     period: tuple[float | None, float | None] | None = None
+
+
+def number(value: object) -> float:
+    """Return the value of a parameter that is a number.
+
+    Raises
+    ------
+    TypeError
+        If it is none.
+    """
+    if isinstance(value, str | SupportsFloat):
+        return float(value)
+    raise TypeError(f"{value!r} is no number")
 
 
 @dataclass(frozen=True)
@@ -186,7 +202,7 @@ class Effect(ABC):
     @abstractmethod
     def to_parameters(
         self, coefficients: FloatArray, covariance: FloatArray, frame: Frame
-    ) -> tuple[Parameters, Errors]:
+    ) -> tuple[Told, Errors]:
         """Return parameters in the catalogue's units, standard errors by the delta method.
 
         Parameters

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.effects.base import Errors, FloatArray, Parameter, Parameters
+from airswing.gap.effects.base import Errors, FloatArray, Parameter, Told, number
 from airswing.gap.effects.forms import DEGREE, HeadingEffect, standard_error
 from airswing.synthetic.sealed.draws import Draw, Signed
 from airswing.units import DAY
@@ -63,20 +63,20 @@ class CompassDrift(HeadingEffect):
 
     def to_parameters(
         self, coefficients: FloatArray, covariance: FloatArray, frame: Frame
-    ) -> tuple[Parameters, Errors]:
+    ) -> tuple[Told, Errors]:
         """See `Effect.to_parameters`."""
-        values = {
+        values: Told = {
             p.name: float(c) / p.si for p, c in zip(self.parameters, coefficients, strict=True)
         }
         errors = {
             p.name: standard_error(covariance, i) / p.si for i, p in enumerate(self.parameters)
         }
-        return dict(values), errors
+        return values, errors
 
     def from_parameters(self, values: Mapping[str, object], frame: Frame) -> FloatArray:
         """See `Effect.from_parameters`."""
         full = self.complete(values)
-        return np.array([float(full[p.name]) * p.si for p in self.parameters])
+        return np.array([number(full[p.name]) * p.si for p in self.parameters])
 
 
 EFFECT = CompassDrift()

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.effects.base import Errors, FloatArray, Parameter, Parameters, State
+from airswing.gap.effects.base import Errors, FloatArray, Parameter, Parameters, State, Told, number
 from airswing.gap.effects.forms import HeadingEffect, known, standard_error
 from airswing.gap.effects.secular import (
     declination_change,
@@ -80,19 +80,19 @@ class DeclinationError(HeadingEffect):
         """See `Effect.apply`: a table of an old epoch is evaluated as such."""
         if values["epoch_year"] is None:
             return super().apply(state, frame, values, rng)
-        error = known(declination_change(frame, epoch_year=float(values["epoch_year"])))
+        error = known(declination_change(frame, epoch_year=number(values["epoch_year"])))
         return replace(state, heading_error=state.heading_error + error)
 
     def to_parameters(
         self, coefficients: FloatArray, covariance: FloatArray, frame: Frame
-    ) -> tuple[Parameters, Errors]:
+    ) -> tuple[Told, Errors]:
         """See `Effect.to_parameters`; of the age or of the factor, whichever is larger."""
         aged, factor = np.array([coefficients[0], coefficients[2]]), float(coefficients[1])
         old = abs(aged[0] / self.column_scales[0]) >= abs(factor / self.column_scales[1])
         used = [0, 2] if old else [1]
         per_unit = known(self.basis(frame)[used]).mean(axis=1)
         mean_error = float(np.sqrt(per_unit @ covariance[np.ix_(used, used)] @ per_unit))
-        values: Parameters = {"epoch_year": None, "factor": None}
+        values: Told = {"epoch_year": None, "factor": None}
         values["mean_deg"] = float(np.degrees(coefficients[used] @ per_unit))
         errors = {"mean_deg": float(np.degrees(mean_error))}
         if old:
@@ -105,12 +105,12 @@ class DeclinationError(HeadingEffect):
         """See `Effect.from_parameters`."""
         full = self.complete(values)
         if full["epoch_year"] is not None:
-            years, bend = project(frame, float(full["epoch_year"]))
+            years, bend = project(frame, number(full["epoch_year"]))
             return np.array([years, 0.0, bend])
         if full["factor"] is not None:
-            return np.array([0.0, float(full["factor"]) - 1.0, 0.0])
+            return np.array([0.0, number(full["factor"]) - 1.0, 0.0])
         mean = float(np.mean(known(self.basis(frame)[0])))
-        wanted = np.radians(float(full["mean_deg"] or 0.0))
+        wanted = np.radians(number(full["mean_deg"] or 0.0))
         return np.array([wanted / mean if mean != 0.0 else 0.0, 0.0, 0.0])
 
 

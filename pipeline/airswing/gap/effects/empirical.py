@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -148,7 +147,7 @@ def _moved(component: str, value: NDArray[np.float64], frame: Frame, wind: Wind)
 def _resent(state: State, values: Parameters) -> State:
     """Winds of other speeds and the same directions."""
     speed = np.hypot(state.report_u, state.report_v)
-    knots, sent = (np.asarray(x, float) for x in (values["edges"][0], values["values"]))
+    knots, sent = grid_of(values).axes[0].edges, np.asarray(values["values"], float)
     scale = mapped_speed(speed, knots, sent) / np.maximum(speed, 1e-6)
     return replace(state, report_u=scale * state.report_u, report_v=scale * state.report_v)
 
@@ -172,7 +171,7 @@ def mapped_speed(
     return np.asarray(np.maximum(inside + np.maximum(speed - speeds[-1], 0.0), 0.0))
 
 
-def grid_of(values: Mapping[str, Any]) -> Grid:
+def grid_of(values: Mapping[str, object]) -> Grid:
     """Cells of an empirical table's parameters.
 
     Parameters
@@ -189,7 +188,7 @@ def grid_of(values: Mapping[str, Any]) -> Grid:
     if isinstance(names, str) or not isinstance(names, Sequence) or not 1 <= len(names) <= 2:
         raise InputError("a table has one or two variables", field="variables", found=names)
     axes = []
-    for name, cut in zip(names, edges, strict=False):
+    for name, cut in zip(names, edges if isinstance(edges, Iterable) else (), strict=False):
         if name not in KINDS:
             raise InputError(
                 "unknown variable of a table",

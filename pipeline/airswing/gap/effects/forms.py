@@ -23,6 +23,8 @@ from airswing.gap.effects.base import (
     Parameters,
     Stage,
     State,
+    Told,
+    number,
 )
 from airswing.physics.atmosphere import (
     GAS_CONSTANT,
@@ -47,7 +49,7 @@ class OneCoefficient(Effect):
 
     def to_parameters(
         self, coefficients: FloatArray, covariance: FloatArray, frame: Frame
-    ) -> tuple[Parameters, Errors]:
+    ) -> tuple[Told, Errors]:
         """See `Effect.to_parameters`: a change of unit."""
         name, unit = self.parameters[0].name, self.parameters[0].si
         value, error = float(coefficients[0]), standard_error(covariance)
@@ -56,7 +58,7 @@ class OneCoefficient(Effect):
     def from_parameters(self, values: Mapping[str, object], frame: Frame) -> FloatArray:
         """See `Effect.from_parameters`: a change of unit."""
         first = self.parameters[0]
-        return np.array([float(self.complete(values)[first.name]) * first.si])
+        return np.array([number(self.complete(values)[first.name]) * first.si])
 
 
 class MomentEffect(Effect):
@@ -76,7 +78,7 @@ class MomentEffect(Effect):
 
     def to_parameters(
         self, coefficients: FloatArray, covariance: FloatArray, frame: Frame
-    ) -> tuple[Parameters, Errors]:
+    ) -> tuple[Told, Errors]:
         """See `Effect.to_parameters`: nothing; the test that finds the effect states it."""
         return {}, {}
 
@@ -145,7 +147,7 @@ class OffsetAndCycle(HeadingEffect):
 
     def to_parameters(
         self, coefficients: FloatArray, covariance: FloatArray, frame: Frame
-    ) -> tuple[Parameters, Errors]:
+    ) -> tuple[Told, Errors]:
         """See `Effect.to_parameters`."""
         cycle = amplitude_phase(coefficients[1:], np.asarray(covariance)[1:, 1:])
         (amplitude, phase), (error, phase_error) = cycle
@@ -165,8 +167,8 @@ class OffsetAndCycle(HeadingEffect):
     def from_parameters(self, values: Mapping[str, object], frame: Frame) -> FloatArray:
         """See `Effect.from_parameters`."""
         full = self.complete(values)
-        cycle = sine_cosine(float(full["amplitude_deg"]), float(full["phase_deg"]))
-        return np.array([np.radians(float(full["offset_deg"])), *cycle])
+        cycle = sine_cosine(number(full["amplitude_deg"]), number(full["phase_deg"]))
+        return np.array([np.radians(number(full["offset_deg"])), *cycle])
 
 
 def known(values: FloatArray) -> FloatArray:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.effects.base import Errors, FloatArray, Parameter, Parameters
+from airswing.gap.effects.base import Errors, FloatArray, Parameter, Told, number
 from airswing.gap.effects.forms import HeadingEffect, amplitude_phase, cycles, sine_cosine
 from airswing.synthetic.sealed.draws import Cycle, Draw
 
@@ -69,7 +69,7 @@ class HardIron(HeadingEffect):
 
     def to_parameters(
         self, coefficients: FloatArray, covariance: FloatArray, frame: Frame
-    ) -> tuple[Parameters, Errors]:
+    ) -> tuple[Told, Errors]:
         """See `Effect.to_parameters`."""
         (amplitude, phase), (error, phase_error) = amplitude_phase(coefficients, covariance)
         return (
@@ -85,8 +85,8 @@ class HardIron(HeadingEffect):
         """See `Effect.from_parameters`; restated at the archive's H."""
         full = self.complete(values)
         stated = full["at_horizontal_field_nT"]
-        growth = 1.0 if stated is None else float(stated) / frame.reference_field
-        return growth * sine_cosine(float(full["amplitude_deg"]), float(full["phase_deg"]))
+        growth = 1.0 if stated is None else number(stated) / frame.reference_field
+        return growth * sine_cosine(number(full["amplitude_deg"]), number(full["phase_deg"]))
 
 
 EFFECT = HardIron()

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.effects.base import Parameter, Parameters, State
+from airswing.gap.effects.base import Parameter, Parameters, State, number
 from airswing.gap.effects.forms import MomentEffect
 from airswing.synthetic.sealed.draws import Draw
 
@@ -48,7 +48,7 @@ class HeadingCoding(MomentEffect):
     ) -> State:
         """See `Effect.apply`: the air vector that the wind implies is turned to the next step."""
         full = self.complete(values)
-        step = np.radians(float(full["step_deg"]))
+        step = np.radians(number(full["step_deg"]))
         if step <= 0.0:
             return state
         air_u, air_v = frame.ground_u - state.report_u, frame.ground_v - state.report_v

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from itertools import combinations
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,9 @@ from airswing.gap.effects.base import (
     Parameter,
     Parameters,
     State,
+    Told,
     absent_context,
+    number,
 )
 from airswing.gap.effects.forms import OffsetAndCycle, cycles, known
 from airswing.synthetic.sealed.draws import Both, Draw
@@ -51,11 +53,11 @@ def _band(rng: np.random.Generator) -> dict[str, object]:
     return {"between_degC": [low, low + float(rng.choice([10.0, 15.0]))]}
 
 
-def _heated(frame: pd.DataFrame, values: Mapping[str, Any]) -> NDArray[np.bool_]:
+def _heated(frame: pd.DataFrame, values: Mapping[str, object]) -> NDArray[np.bool_]:
     """Return the simulated reports with the heater on, by flag or by temperature."""
     if values.get("between_degC") is None:
         return np.asarray(frame["icing"] == 1)
-    low, high = values["between_degC"]
+    low, high = _edges(values)
     return np.asarray((frame["temperature"] - ZERO_CELSIUS).between(low, high, inclusive="left"))
 
 
@@ -171,7 +173,7 @@ class HeaterCurrent(OffsetAndCycle):
 
     def to_parameters(
         self, coefficients: FloatArray, covariance: FloatArray, frame: Frame
-    ) -> tuple[Parameters, Errors]:
+    ) -> tuple[Told, Errors]:
         """See `Effect.to_parameters`: of the flag's columns, or of the warmest edge in use."""
         used = np.flatnonzero(np.reshape(coefficients, (-1, 3)).any(axis=1))
         first = int(used[0]) if used.size else 0
@@ -208,11 +210,11 @@ def _nearest(edge: float) -> int:
     return int(np.argmin(np.abs(np.array(EDGES, float) - edge)))
 
 
-def _edges(values: Mapping[str, Any]) -> tuple[float, float]:
+def _edges(values: Mapping[str, object]) -> tuple[float, float]:
     """Return the two temperatures between which a heater is on, degC."""
     given = values["between_degC"]
     try:
-        low, high = (float(edge) for edge in given)
+        low, high = (number(edge) for edge in (given if isinstance(given, Iterable) else ()))
     except (TypeError, ValueError) as err:
         raise InputError(
             "a band of temperatures needs two numbers",

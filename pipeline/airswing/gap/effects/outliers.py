@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.effects.base import Parameter, Parameters, State
+from airswing.gap.effects.base import Parameter, Parameters, State, number
 from airswing.gap.effects.forms import MomentEffect
 from airswing.synthetic.sealed.draws import Draw
 
@@ -36,8 +36,8 @@ class Outliers(MomentEffect):
         self, state: State, frame: Frame, values: Parameters, rng: np.random.Generator
     ) -> State:
         """See `Effect.apply`: which reports and how much is drawn."""
-        hit = rng.random(frame.size) < float(values["fraction"])
-        error = float(values["size_m_s"]) * rng.standard_normal((2, frame.size)) * hit
+        hit = rng.random(frame.size) < number(values["fraction"])
+        error = number(values["size_m_s"]) * rng.standard_normal((2, frame.size)) * hit
         return replace(
             state, report_u=state.report_u + error[0], report_v=state.report_v + error[1]
         )

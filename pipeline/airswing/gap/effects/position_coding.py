@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.effects.base import Parameter, Parameters, State
+from airswing.gap.effects.base import Parameter, Parameters, State, number
 from airswing.gap.effects.forms import MomentEffect
 from airswing.synthetic.sealed.draws import Draw
 
@@ -36,7 +36,7 @@ class PositionCoding(MomentEffect):
         self, state: State, frame: Frame, values: Parameters, rng: np.random.Generator
     ) -> State:
         """See `Effect.apply`."""
-        step = float(values["step"]) / 60.0
+        step = number(values["step"]) / 60.0
         if step <= 0.0:
             return state
         return replace(

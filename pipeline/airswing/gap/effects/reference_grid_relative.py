@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.effects.base import FloatArray, Parameter, Parameters, State
+from airswing.gap.effects.base import FloatArray, Parameter, Parameters, State, number
 from airswing.gap.effects.forms import OneCoefficient, known
 from airswing.synthetic.sealed.draws import Draw, Signed
 
@@ -58,7 +58,7 @@ class ReferenceGridRelative(OneCoefficient):
         self, state: State, frame: Frame, values: Parameters, rng: np.random.Generator
     ) -> State:
         """See `Effect.apply`: the rotation in full."""
-        angle = float(values["fraction"]) * known(frame.grid_convergence)
+        angle = number(values["fraction"]) * known(frame.grid_convergence)
         cosine, sine = np.cos(angle), np.sin(angle)
         return replace(
             state,

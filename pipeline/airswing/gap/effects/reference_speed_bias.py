@@ -4,14 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.gap.archive.frame import Frame
-from airswing.gap.effects.base import Effect, Errors, FloatArray, Parameter, Parameters, State
+from airswing.gap.effects.base import (
+    Effect,
+    Errors,
+    FloatArray,
+    Parameter,
+    Parameters,
+    State,
+    Told,
+    number,
+)
 from airswing.gap.effects.forms import standard_error
 from airswing.synthetic.sealed.draws import Draw, sign
 
@@ -33,12 +42,12 @@ def _below(rng: np.random.Generator) -> dict[str, object]:
     return {"above_hPa": None, "below_hPa": float(rng.choice([600.0, 700.0, 800.0]))}
 
 
-def _at_levels(frame: pd.DataFrame, values: Mapping[str, Any]) -> NDArray[np.bool_]:
+def _at_levels(frame: pd.DataFrame, values: Mapping[str, object]) -> NDArray[np.bool_]:
     """Return the simulated reports at the levels of the bias."""
     above, below = values.get("above_hPa"), values.get("below_hPa")
     pressure = frame["pressure"].to_numpy() / 100.0
-    low = np.inf if above is None else above
-    high = -np.inf if below is None else below
+    low = np.inf if above is None else number(above)
+    high = -np.inf if below is None else number(below)
     return np.asarray((pressure <= low) & (pressure >= high))
 
 
@@ -100,7 +109,7 @@ class ReferenceSpeedBias(Effect):
         self, state: State, frame: Frame, values: Parameters, rng: np.random.Generator
     ) -> State:
         """See `Effect.apply`: the wind met is the reference over 1 + bias."""
-        bias = float(values["bias_percent"])
+        bias = number(values["bias_percent"])
         if bias <= -100.0:
             raise InputError(
                 "a model wind cannot be weaker than none",
@@ -110,15 +119,15 @@ class ReferenceSpeedBias(Effect):
             )
         where = np.ones(frame.size, bool)
         if values["above_hPa"] is not None:
-            where &= frame.pressure < 100.0 * float(values["above_hPa"])
+            where &= frame.pressure < 100.0 * number(values["above_hPa"])
         if values["below_hPa"] is not None:
-            where &= frame.pressure >= 100.0 * float(values["below_hPa"])
+            where &= frame.pressure >= 100.0 * number(values["below_hPa"])
         factor = np.where(where, 1.0 / (1.0 + bias / 100.0), 1.0)
         return replace(state, wind_u=state.wind_u * factor, wind_v=state.wind_v * factor)
 
     def to_parameters(
         self, coefficients: FloatArray, covariance: FloatArray, frame: Frame
-    ) -> tuple[Parameters, Errors]:
+    ) -> tuple[Told, Errors]:
         """See `Effect.to_parameters`; of the candidate with the largest coefficient.
 
         A coefficient c is the fraction by which reports fall short: bias = 1 / (1 - c) - 1.
@@ -126,7 +135,7 @@ class ReferenceSpeedBias(Effect):
         k = int(np.argmax(np.abs(coefficients)))
         left = 1.0 - float(coefficients[k])
         side, _, level = self.column_names[k].partition("_")
-        values: Parameters = {"bias_percent": 100.0 * (1.0 / left - 1.0)}
+        values: Told = {"bias_percent": 100.0 * (1.0 / left - 1.0)}
         values["above_hPa"] = float(level) if side == "above" else None
         values["below_hPa"] = float(level) if side == "below" else None
         return values, {"bias_percent": 100.0 * standard_error(covariance, k) / left**2}
@@ -134,11 +143,11 @@ class ReferenceSpeedBias(Effect):
     def from_parameters(self, values: Mapping[str, object], frame: Frame) -> FloatArray:
         """See `Effect.from_parameters`; a level is moved to the nearest candidate."""
         full = self.complete(values)
-        bias = float(full["bias_percent"]) / 100.0
+        bias = number(full["bias_percent"]) / 100.0
         k = 0
         for first, name in ((1, "above_hPa"), (1 + len(LEVELS), "below_hPa")):
             if full[name] is not None:
-                k = first + int(np.argmin(np.abs(np.log(np.array(LEVELS) / float(full[name])))))
+                k = first + int(np.argmin(np.abs(np.log(np.array(LEVELS) / number(full[name])))))
         out = np.zeros(len(self.column_names))
         out[k] = bias / (1.0 + bias)
         return out

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.effects.base import Errors, FloatArray, Parameter, Parameters
+from airswing.gap.effects.base import Errors, FloatArray, Parameter, Told, number
 from airswing.gap.effects.forms import (
     DEGREE,
     HeadingEffect,
@@ -58,7 +58,7 @@ class SoftIron(HeadingEffect):
 
     def to_parameters(
         self, coefficients: FloatArray, covariance: FloatArray, frame: Frame
-    ) -> tuple[Parameters, Errors]:
+    ) -> tuple[Told, Errors]:
         """See `Effect.to_parameters`."""
         (amplitude, phase), (error, phase_error) = amplitude_phase(coefficients, covariance)
         return (
@@ -69,7 +69,7 @@ class SoftIron(HeadingEffect):
     def from_parameters(self, values: Mapping[str, object], frame: Frame) -> FloatArray:
         """See `Effect.from_parameters`."""
         full = self.complete(values)
-        return sine_cosine(float(full["amplitude_deg"]), float(full["phase_deg"]))
+        return sine_cosine(number(full["amplitude_deg"]), number(full["phase_deg"]))
 
 
 EFFECT = SoftIron()

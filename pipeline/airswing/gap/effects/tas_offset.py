@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.effects.base import FloatArray, Parameter, Parameters, State
+from airswing.gap.effects.base import FloatArray, Parameter, Parameters, State, number
 from airswing.gap.effects.forms import OneCoefficient, airspeed_derivative
 from airswing.synthetic.sealed.draws import Draw, Signed
 
@@ -43,7 +43,7 @@ class TasOffset(OneCoefficient):
         self, state: State, frame: Frame, values: Parameters, rng: np.random.Generator
     ) -> State:
         """See `Effect.apply`."""
-        return replace(state, airspeed=state.airspeed + float(values["offset_m_s"]))
+        return replace(state, airspeed=state.airspeed + number(values["offset_m_s"]))
 
 
 EFFECT = TasOffset()

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.effects.base import Errors, FloatArray, Parameter, Parameters, State
+from airswing.gap.effects.base import Errors, FloatArray, Parameter, Parameters, State, Told, number
 from airswing.gap.effects.forms import OneCoefficient, airspeed_derivative, standard_error
 from airswing.synthetic.sealed.draws import Draw, Signed
 
@@ -49,12 +49,12 @@ class TasScale(OneCoefficient):
         self, state: State, frame: Frame, values: Parameters, rng: np.random.Generator
     ) -> State:
         """See `Effect.apply`."""
-        factor = 1.0 + float(values["scale_percent"]) / 100.0
+        factor = 1.0 + number(values["scale_percent"]) / 100.0
         return replace(state, airspeed=state.airspeed * factor)
 
     def to_parameters(
         self, coefficients: FloatArray, covariance: FloatArray, frame: Frame
-    ) -> tuple[Parameters, Errors]:
+    ) -> tuple[Told, Errors]:
         """See `Effect.to_parameters`; a coefficient is the error over the INDICATED airspeed."""
         left = 1.0 - float(coefficients[0])
         error = 100.0 * standard_error(covariance) / left**2
@@ -62,7 +62,7 @@ class TasScale(OneCoefficient):
 
     def from_parameters(self, values: Mapping[str, object], frame: Frame) -> FloatArray:
         """See `Effect.from_parameters`: scale / (1 + scale)."""
-        scale = float(self.complete(values)["scale_percent"]) / 100.0
+        scale = number(self.complete(values)["scale_percent"]) / 100.0
         return np.array([scale / (1.0 + scale)])
 
 

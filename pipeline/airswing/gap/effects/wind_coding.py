@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.effects.base import Parameter, Parameters, State
+from airswing.gap.effects.base import Parameter, Parameters, State, number
 from airswing.gap.effects.forms import MomentEffect
 from airswing.physics.triangle import wind_components, wind_from_direction
 from airswing.synthetic.sealed.draws import Draw
@@ -44,8 +44,8 @@ class WindCoding(MomentEffect):
     ) -> State:
         """See `Effect.apply`."""
         speed, direction = wind_from_direction(state.report_u, state.report_v)
-        step = float(values["step"]) * KNOT
-        angle = np.radians(float(values["direction_step_deg"]))
+        step = number(values["step"]) * KNOT
+        angle = np.radians(number(values["direction_step_deg"]))
         speed = np.round(speed / step) * step if step > 0.0 else speed
         direction = np.round(direction / angle) * angle if angle > 0.0 else direction
         report_u, report_v = wind_components(speed, direction)

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from airswing.gap.archive.frame import Frame
 from airswing.gap.design.basis import variables
 from airswing.gap.effects import separated_by
-from airswing.gap.effects.base import Effect, Parameters
+from airswing.gap.effects.base import Effect, Errors, Told
 from airswing.gap.evidence.gaussian import Score
 from airswing.gap.evidence.term_covariance import term_covariances
 from airswing.gap.evidence.terms import Term
@@ -119,7 +119,7 @@ def describe_term(
         probability=probability(term.score),
         tails=tails,
         parameters=summary([p for p, _ in each]),
-        standard_errors=summary([e for _, e in each], angles=False),
+        standard_errors=_typical([e for _, e in each]),
         period=period_of(term, stats),
         scope=term.candidate.scope,
         evidence_nats=round(term.score.tempered, 2),
@@ -129,24 +129,32 @@ def describe_term(
     )
 
 
-def summary(values: Sequence[Parameters], *, angles: bool = True) -> Parameters:
+def summary(values: Sequence[Told]) -> Told:
     """Median over aircraft of each parameter (the first where it is not a number).
 
-    A phase is averaged as the angle it is, its standard error (``angles`` false) is not.
+    A phase is averaged as the angle it is.
     """
     if len(values) == 1:
         return dict(values[0])
-    out: Parameters = {}
+    out: Told = {}
     for name in values[0]:
         column = [v[name] for v in values]
-        if any(not isinstance(x, int | float) for x in column):
+        numbers = [x for x in column if isinstance(x, int | float)]
+        if len(numbers) < len(column):
             out[name] = column[0]
-        elif angles and name.startswith("phase"):
-            turn = np.exp(1j * np.radians(column)).mean()
+        elif name.startswith("phase"):
+            turn = np.exp(1j * np.radians(numbers)).mean()
             out[name] = float(np.degrees(np.angle(turn)))
         else:
-            out[name] = float(np.median(column))
+            out[name] = float(np.median(numbers))
     return out
+
+
+def _typical(errors: Sequence[Errors]) -> Errors:
+    """Median over aircraft of each standard error, a phase's too."""
+    if len(errors) == 1:
+        return dict(errors[0])
+    return {name: float(np.median([one[name] for one in errors])) for name in errors[0]}
 
 
 def probability(score: Score) -> float:

@@ -16,17 +16,19 @@ Source: docs/gap.md section 6.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.archive.frame import Frame
 from airswing.gap.archive.heading_lattice import heading_lattice_of
+from airswing.gap.effects.base import Told, number
 from airswing.gap.noise.model import NoiseFit
 from airswing.gap.noise.residual_statistics import gross_errors
+from airswing.gap.result.schema.entries import Parameter as Value
 from airswing.gap.simulation.forward import Coding, draw_noise
 from airswing.physics.robust_spread import robust_sd
 from airswing.physics.triangle import direction_in_degrees
@@ -62,9 +64,9 @@ class MomentVerdict:
 
     name: str
     tails: tuple[str, ...]
-    parameters: dict[str, Any]
+    parameters: Told
     standard_errors: dict[str, float]
-    per_tail: dict[str, dict[str, Any]]  # tail -> parameters
+    per_tail: Mapping[str, Mapping[str, Value]]  # tail -> parameters
     period: list[str | None] | None
     # log likelihood ratio of the clearest aircraft against chance, nats, less what looking at all
     # of them costs
@@ -151,7 +153,7 @@ def wind_coding(frame: Frame) -> MomentVerdict | None:
     speed = np.hypot(frame.u_rep, frame.v_rep) / KNOT
     direction = direction_in_degrees(frame.u_rep, frame.v_rep)
     moving = speed > 3.0
-    per_tail: dict[str, dict[str, object]] = {}
+    per_tail: dict[str, Told] = {}
     evidence: list[float] = []
     start: list[float] = []
     for a, tail in enumerate(frame.tails):
@@ -186,7 +188,7 @@ def _usual(values: Floats, frequent: int) -> NDArray[np.bool_]:
 
 def position_coding(frame: Frame) -> MomentVerdict | None:
     """Find aircraft whose positions come in steps coarser than the fleet's."""
-    per_tail: dict[str, dict[str, Any]] = {}
+    per_tail: dict[str, Told] = {}
     evidence: dict[str, float] = {}
     steps = []
     for a, tail in enumerate(frame.tails):
@@ -205,14 +207,14 @@ def position_coding(frame: Frame) -> MomentVerdict | None:
     common = float(np.median(steps)) if steps else 0.1
     if common < 1.0:
         # what all send in is their format, and told of none
-        per_tail = {t: v for t, v in per_tail.items() if v["step"] > 1.2 * common}
+        per_tail = {t: v for t, v in per_tail.items() if number(v["step"]) > 1.2 * common}
     told = [evidence[tail] for tail in per_tail]
     return _verdict("position_coding", per_tail, None, told) if per_tail else None
 
 
 def heading_coding(frame: Frame) -> MomentVerdict | None:
     """Find aircraft whose headings come in coarse steps."""
-    per_tail: dict[str, dict[str, Any]] = {}
+    per_tail: dict[str, Told] = {}
     evidence = []
     for a, tail in enumerate(frame.tails):
         found = heading_lattice_of(frame, a)
@@ -365,7 +367,7 @@ def _date(seconds: float) -> str:
 
 def _verdict(
     name: str,
-    per_tail: dict[str, dict[str, Any]],
+    per_tail: Mapping[str, Mapping[str, Value]],
     period: list[str | None] | None,
     evidence: list[float],
 ) -> MomentVerdict:
@@ -375,10 +377,11 @@ def _verdict(
     return MomentVerdict(name, tuple(per_tail), middle, {}, per_tail, period, clearest)
 
 
-def _middle(values: list[Any]) -> object:
+def _middle(values: list[Value]) -> Value:
     """Median of numbers; of what is none, the one that most aircraft have."""
-    if isinstance(values[0], float):
-        return float(np.median(values))
+    numbers = [value for value in values if isinstance(value, float)]
+    if len(numbers) == len(values):
+        return float(np.median(numbers))
     return max(values, key=values.count)
 
 

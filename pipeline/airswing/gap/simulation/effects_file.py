@@ -19,12 +19,12 @@ import sys
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, date, datetime
 from pathlib import Path
-from typing import Any
 
 import yaml
 
 from airswing.errors import InputError
 from airswing.gap.effects import CATALOGUE, ActiveEffect, Effect, Parameter, effect_named
+from airswing.gap.effects.base import number
 from airswing.plain_yaml import load_yaml
 from airswing.products.whole_files import write_text
 from airswing.quantities import quantity
@@ -130,10 +130,10 @@ def _iso(seconds: float) -> str:
     return f"{stamp.isoformat(timespec=kind)}Z"
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: object) -> object:
     if isinstance(value, str):
         return value
-    return [_plain(part) for part in value] if isinstance(value, Sequence) else float(value)
+    return [_plain(part) for part in value] if isinstance(value, Sequence) else number(value)
 
 
 def _nearest(word: object, known: Iterable[str]) -> str:
@@ -178,7 +178,7 @@ def _entry(entry: object, file: object | None) -> ActiveEffect:
 
 
 def _parameters(
-    effect: Effect, given: Mapping[Any, object], file: object | None
+    effect: Effect, given: Mapping[object, object], file: object | None
 ) -> dict[str, object]:
     known = {parameter.name: parameter for parameter in effect.parameters}
     for name in given:
@@ -190,7 +190,7 @@ def _parameters(
                 remedy=_nearest(name, known),
             )
     values = {
-        name: _number(known[name], value, file)
+        str(name): _number(known[str(name)], value, file)
         for name, value in given.items()
         if value is not None
     }

@@ -18,10 +18,9 @@ Source of the deviation's terms: coefficients A-E of ``fits.nc``, see
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -119,7 +118,7 @@ def _deviation_effects(fit: xr.Dataset, tail: str) -> list[ActiveEffect]:
     """Return one aircraft's curve A + B sin + C cos + D sin 2 + E cos 2 as effects, degrees."""
     a, b, c, d, e = (float(value) for value in fit["deviation"].values)
     field = float(fit["mean_horizontal_field"])
-    found: list[tuple[str, dict[str, Any]]] = [("compass_offset", {"offset_deg": a})]
+    found: list[tuple[str, Mapping[str, object]]] = [("compass_offset", {"offset_deg": a})]
     if b != 0.0 or c != 0.0:
         found.append(("hard_iron", _cycle(b, c) | {"at_horizontal_field_nT": field}))
     if d != 0.0 or e != 0.0:

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -186,7 +185,7 @@ def _reported_air(headings: xr.Dataset, sent: Frame) -> dict[str, object]:
     return out
 
 
-def _iso(time: pd.Series[Any]) -> list[str]:
+def _iso(time: pd.Series[pd.Timestamp]) -> list[str]:
     stamps = np.asarray(time.values, dtype="datetime64[ms]")
     whole = not np.any(stamps.astype(np.int64) % 1000)
     text = np.datetime_as_string(stamps.astype("datetime64[s]") if whole else stamps)

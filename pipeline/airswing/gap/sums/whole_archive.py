@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 import xarray as xr
@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.gap.archive.frame import REPORT_FIELDS, Frame
-from airswing.gap.archive.headings_columns import middle_longitude
+from airswing.gap.archive.headings_columns import AIRCRAFT_FIELDS, middle_longitude
 from airswing.gap.design.exogenous import LargeScale, day_sums, exogenous
 from airswing.gap.design.heading_uncertainty import heading_doubt
 from airswing.gap.noise.model import NoiseFit, fitted_gains, flown
@@ -257,10 +257,14 @@ class _Source:
 
 def joined(frames: Sequence[Frame]) -> Frame:
     """One frame of several of the same archive, at least one."""
-    fields: dict[str, Any] = {
-        name: np.concatenate([getattr(one, name) for one in frames]) for name in REPORT_FIELDS
-    }
-    return replace(frames[0], **fields)
+    first = frames[0]
+    return Frame(
+        tails=first.tails,
+        epoch=first.epoch,
+        reference_field=first.reference_field,
+        **{name: getattr(first, name) for name in AIRCRAFT_FIELDS},
+        **{name: np.concatenate([getattr(one, name) for one in frames]) for name in REPORT_FIELDS},
+    )
 
 
 def _in_turn(work: Callable[[int], Result], number: int, workers: int) -> Iterator[Result]:

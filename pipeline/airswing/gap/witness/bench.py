@@ -14,7 +14,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,6 +54,15 @@ BLOCK = 3
 LEAST_FACTOR = 0.4
 
 
+@dataclass
+class _Made:
+    """What stands on the paths alone, once it was asked for."""
+
+    cell_models: dict[bool, CellModel] = field(default_factory=dict)  # by whether of half days
+    ground: Ground | None = None
+    record: dict[str, Variable] | None = None
+
+
 @dataclass(frozen=True)
 class Setting:
     """What stays the same while residuals change."""
@@ -70,8 +78,7 @@ class Setting:
     errors: Floats  # (B, n, 2): errors of the reference drawn for simulated archives, m/s
     followed: Floats  # (n, 2): what reports follow of the reference's small scales, m/s
     share: float  # part of the residual's mean square it makes
-    # what stands on the paths alone, once it was asked for
-    made: dict[str, Any] = field(default_factory=dict, repr=False)
+    made: _Made = field(default_factory=_Made, repr=False)
 
     @classmethod
     def of(cls, problem: Problem, *, draws: int = 4) -> Setting:
@@ -98,31 +105,29 @@ class Setting:
 
     def cell_model_of(self, halves: bool) -> CellModel:
         """Fields of days, or of each half's own, and climatology beside which tables are fitted."""
-        key = f"cell_model {halves}"
-        if key not in self.made:
-            self.made[key] = CellModel.of(
+        known = self.made.cell_models
+        if halves not in known:
+            known[halves] = CellModel.of(
                 self.quiet,
                 self.plan,
                 noise=self.noise,
                 variances=self.variances,
                 day=self.half_day if halves else self.day,
             )
-        model: CellModel = self.made[key]
-        return model
+        return known[halves]
 
     @property
     def ground(self) -> Ground:
         """Whitened columns of everything the reference does."""
-        if "ground" not in self.made:
-            self.made["ground"] = prepare(
+        if self.made.ground is None:
+            self.made.ground = prepare(
                 self.quiet,
                 noise=self.noise,
                 plan=self.plan,
                 variances=self.variances,
                 day=self.day,
             )
-        ground: Ground = self.made["ground"]
-        return ground
+        return self.made.ground
 
     @property
     def alike(self) -> Setting:
@@ -174,9 +179,9 @@ class Bench:
             told.append(sent.residual - explained)
             winds.append((u, v))
             values.append({name: values_of(sent, quiet, name) for name in OF_THE_REPORT})
-        if "record" not in setting.made:
-            setting.made["record"] = record(frame, quiet)
-        variables = setting.made["record"]
+        if setting.made.record is None:
+            setting.made.record = record(frame, quiet)
+        variables = setting.made.record
         bench = cls(setting, np.stack(told), tuple(winds), variables, tuple(values), 1.0)
         return replace(bench, regression=regression_share(bench))
 

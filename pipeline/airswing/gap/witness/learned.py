@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,9 @@ from airswing.gap.archive.value_tables import COMPONENTS
 from airswing.gap.noise.beside_neighbours import interpolation_errors
 from airswing.gap.noise.whitening import flight_order, take_gains
 from airswing.gap.witness.bench import Bench, Setting
+
+if TYPE_CHECKING:
+    from sklearn.ensemble import HistGradientBoostingRegressor
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -250,7 +253,7 @@ class _Learned:
         least = TELLING * ranked[0][1]
         return tuple((n, x) for n, x in ranked if x >= least and _group(n) in groups)
 
-    def _features(self, k: int) -> Any:
+    def _features(self, k: int) -> Floats:
         """Everything the reports of an archive record, aircraft last, (m, p)."""
         rows, own = self._sample.rows, self.bench.simulated[k - 1] if k else {}
         columns = [
@@ -298,7 +301,7 @@ def _views(setting: Setting, sample: Sample, cleared: Floats) -> dict[str, tuple
     return {"level": (cleared, known), "change": (change, precision)}
 
 
-def _fitted(features: Any, values: Floats, weight: Floats) -> Any:
+def _fitted(features: Floats, values: Floats, weight: Floats) -> HistGradientBoostingRegressor:
     from sklearn.ensemble import HistGradientBoostingRegressor
 
     trees = HistGradientBoostingRegressor(

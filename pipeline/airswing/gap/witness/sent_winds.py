@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,9 @@ from airswing.gap.simulation.forward import Coding
 from airswing.gap.witness.bench import Bench
 from airswing.gap.witness.learned import Sample
 from airswing.units import KNOT
+
+if TYPE_CHECKING:
+    from sklearn.ensemble import HistGradientBoostingClassifier
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -168,7 +171,7 @@ def _features(bench: Bench, rows: Integers, k: int) -> Floats:
 class _Half:
     """Trees that learned half of the days, and what they are judged on."""
 
-    trees: Any
+    trees: HistGradientBoostingClassifier
     left: Floats
     label: Integers
     score: Floats
