@@ -167,6 +167,7 @@ def read_events(path: Path) -> Monitoring:
 
 
 def _state(entry: dict[str, Any]) -> State:
+    """A state as JSON brings it, right or not."""
     tables = {
         name: UnitTable(**entry[name]) if entry[name] else None
         for name in ("table_in_use", "table_now")

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -123,7 +122,8 @@ class KeptWatch:
             )
         steps = zip(*(kept[f"step:{name}"] for name in _STEP), strict=True)
         for told, step in zip(kept["alarms"].tolist(), steps, strict=True):
-            watch.alarms.append(Alarm(Step(*(_plain(one) for one in step)), *told))
+            plain = (one.item() if np.ndim(one) == 0 else one for one in step)
+            watch.alarms.append(Alarm(Step(*plain), *told))
 
     def keep(self, watch: FleetWatch, rows: DayRows) -> None:
         """Keep a watch that has taken in the rows before its month."""
@@ -233,11 +233,6 @@ def _night(
     for step in steps:
         own.restart(step)
     return [*(replace(step, number=-1) for step in reference), *steps]
-
-
-def _plain(value: Any) -> Any:
-    """A number as Python's own; an array as it is."""
-    return value.item() if np.ndim(value) == 0 else value
 
 
 def _hash_before(month: int, rows: DayRows) -> str:

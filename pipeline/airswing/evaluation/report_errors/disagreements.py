@@ -27,6 +27,7 @@ from airswing.products.ragged import aircraft_of_report, blocks
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Columns = dict[str, NDArray[Any]]  # whole numbers among floats: a type of its own for each name
 
 # Looked at at most, so that years take no more room than months.
 MOST_REPORTS, MOST_PAIRS, MOST_CLASSES = 1_000_000, 800_000, 40
@@ -78,7 +79,7 @@ class Disagreements:
     speeds: Floats  # (cell, speed bin)
     # shape (report,): ``latitude, longitude, pressure, time, aircraft, cell, day`` and, of the
     # corrected winds, ``east, north``: disagreement, m/s
-    reports: dict[str, NDArray[Any]]
+    reports: Columns
 
 
 def disagreements(
@@ -139,7 +140,7 @@ def _columns(
     members: list[str],
     pool: list[str],
     days: NDArray[np.datetime64],
-) -> dict[str, NDArray[Any]]:
+) -> Columns:
     """Usable reports of a block."""
     cell, _ = profile_cells(block)
     model = reference_mean(block, pool)
@@ -199,7 +200,7 @@ class _Sums:
         self.aircraft_squares = np.zeros((len(STATES), aircraft, days))
         self.speeds = np.zeros((cells, _SPEED_BINS))
 
-    def add(self, columns: dict[str, NDArray[Any]]) -> None:
+    def add(self, columns: Columns) -> None:
         """Add the reports of one aircraft."""
         day, cell, aircraft = columns["day"], columns["cell"], columns["aircraft"]
         shape = self.number.shape
@@ -230,9 +231,7 @@ class _Sums:
         speed = np.minimum(columns["speed"], _SPEED_BINS - 1).astype(np.int64)
         self.speeds += _summed(cell, speed, np.ones(day.size), self.speeds.shape)
 
-    def of(
-        self, days: NDArray[np.datetime64], reports: dict[str, NDArray[np.generic]]
-    ) -> Disagreements:
+    def of(self, days: NDArray[np.datetime64], reports: Columns) -> Disagreements:
         """All of it."""
         return Disagreements(
             days,

@@ -14,7 +14,7 @@ less error than the forecast has as it is, the variable is left so: ratio 0.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import xarray as xr
@@ -113,6 +113,21 @@ def _ratios(
     return like * np.where(told, best, USUAL_RATIO), told
 
 
+def _along_time(
+    kernel: Callable[..., Floats], errors: xr.DataArray, setting: xr.DataArray | float
+) -> xr.DataArray:
+    found: xr.DataArray = xr.apply_ufunc(
+        kernel,
+        errors,
+        setting,
+        input_core_dims=[[TIME], []],
+        output_core_dims=[[TIME]],
+        dask="parallelized",
+        output_dtypes=[np.float64],
+    )
+    return found
+
+
 def _known_bias(
     errors: xr.DataArray, kernel: Callable[..., Floats], setting: xr.DataArray | float
 ) -> xr.DataArray:
@@ -121,8 +136,6 @@ def _known_bias(
     # A lead of 24 h is one day: a hair less, so that rounding makes it no second one.
     days_ahead = np.maximum(np.ceil(errors["lead"].to_numpy() / 24.0 - 1e-9), 1.0)
     ahead = xr.DataArray(days_ahead.astype(np.int64), dims="lead")
-    core: dict[str, Any] = {"output_core_dims": [[TIME]], "dask": "parallelized"}
-    core |= {"input_core_dims": [[TIME], []], "output_dtypes": [np.float64]}
     parts: list[xr.DataArray] = []
     for chosen, place in _daily(starts):
         # Errors on every day from the first to the last: none on those without a start.
@@ -130,8 +143,7 @@ def _known_bias(
         source[place] = chosen
         there = xr.DataArray(source >= 0, dims=TIME)
         whole = errors.isel({TIME: source}).drop_vars(TIME).where(there)
-        filtered: xr.DataArray = xr.apply_ufunc(kernel, whole, setting, **core)
-        known: xr.DataArray = xr.apply_ufunc(known_before, filtered, ahead, **core)
+        known = _along_time(known_before, _along_time(kernel, whole, setting), ahead)
         parts.append(known.isel({TIME: place}).assign_coords({TIME: starts[chosen]}))
     return parts[0] if len(parts) == 1 else xr.concat(parts, TIME).sortby(TIME)
 

@@ -20,7 +20,7 @@ import json
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import NotRequired, TypeAlias, TypedDict
 
 import numpy as np
 
@@ -35,7 +35,34 @@ _THINNING = {"coast": 0.04, "border": 0.03, "state": 0.02, "lake": 0.02}
 Nested: TypeAlias = "int | Sequence[Nested]"
 
 
-def _decoded_arcs(topology: dict[str, Any]) -> list[np.ndarray]:
+class Geometry(TypedDict):
+    """A country or a state."""
+
+    arcs: NotRequired[Nested]
+
+
+class Collection(TypedDict):
+    """All countries, or all states."""
+
+    geometries: list[Geometry]
+
+
+class Transform(TypedDict):
+    """What whole numbers of a topology are multiplied by, and what is added."""
+
+    scale: list[float]
+    translate: list[float]
+
+
+class Topology(TypedDict):
+    """As much of a TopoJSON file as is looked at."""
+
+    transform: Transform
+    arcs: list[list[list[int]]]
+    objects: dict[str, Collection]
+
+
+def _decoded_arcs(topology: Topology) -> list[np.ndarray]:
     """Return every arc of a quantised topology as an (n, 2) array of degrees east, north."""
     scale = np.array(topology["transform"]["scale"])
     shift = np.array(topology["transform"]["translate"])
@@ -50,7 +77,7 @@ def _flat(indices: Nested) -> Iterator[int]:
         yield from _flat(part)
 
 
-def _arc_uses(geometries: Iterable[dict[str, Any]]) -> Counter[int]:
+def _arc_uses(geometries: Iterable[Geometry]) -> Counter[int]:
     """Count, for each arc, how many geometries use it (1: shore, 2: border)."""
     uses: Counter[int] = Counter()
     for geometry in geometries:
@@ -95,7 +122,7 @@ def thinned(line: np.ndarray, tolerance: float) -> np.ndarray:
     return line[keep]
 
 
-def _selected_lines(world: dict[str, Any], states: dict[str, Any]) -> dict[str, list[np.ndarray]]:
+def _selected_lines(world: Topology, states: Topology) -> dict[str, list[np.ndarray]]:
     """Return the lines of each layer (coast, border, state, lake), degrees, not thinned."""
     layers: dict[str, list[np.ndarray]] = {name: [] for name in _THINNING}
     arcs = _decoded_arcs(world)

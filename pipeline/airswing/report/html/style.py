@@ -13,13 +13,17 @@ import functools
 import gc
 import io
 from collections.abc import Callable, Iterator
-from typing import Any, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, ParamSpec, TypeVar
 
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.transforms import Bbox
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from matplotlib.typing import RcKeyType
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -48,7 +52,7 @@ HEAVY = 200
 
 RASTER_DPI = 150  # Of what is drawn as an image inside a page
 
-RC: Any = {
+RC: dict[RcKeyType, str | float | bool] = {
     "font.family": "DejaVu Sans",
     "font.size": 9.5,
     "axes.titlesize": 10.5,
@@ -160,22 +164,26 @@ def _measured_once(axes: Axes) -> Iterator[None]:
     The second pass asks for the same words again round a frame that has moved: what stands out
     beyond the frame is carried along.
     """
-    measure = axes.get_tightbbox
-    beyond: list[Any] = []
+    vars(axes)["get_tightbbox"] = _once(axes, axes.get_tightbbox)
+    try:
+        yield
+    finally:
+        del vars(axes)["get_tightbbox"]
 
-    def known(*args: Any, **options: Any) -> Bbox | None:
+
+def _once(axes: Axes, measure: Callable[P, Bbox | None]) -> Callable[P, Bbox | None]:
+    beyond: list[NDArray[np.float64] | None] = []
+
+    def known(*args: P.args, **options: P.kwargs) -> Bbox | None:
         if not beyond:
             found = measure(*args, **options)
             edges = None if found is None else np.subtract(found.extents, axes.bbox.extents)
             beyond.append(edges)
         axes.apply_aspect()
-        return None if beyond[0] is None else Bbox.from_extents(axes.bbox.extents + beyond[0])
+        edges = beyond[0]
+        return None if edges is None else Bbox.from_extents(*(axes.bbox.extents + edges))
 
-    vars(axes)["get_tightbbox"] = known
-    try:
-        yield
-    finally:
-        del vars(axes)["get_tightbbox"]
+    return known
 
 
 def styled(function: Callable[P, R]) -> Callable[P, R]:

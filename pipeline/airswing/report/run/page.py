@@ -8,9 +8,8 @@ which can be searched and sorted.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -79,7 +78,7 @@ def write_page(
     headings: xr.Dataset,
     fits: xr.Dataset,
     corrected: xr.Dataset | None = None,
-    summary: Mapping[str, Any] | None = None,
+    summary: Mapping[str, object] | None = None,
     evaluation: Evaluation | None = None,
 ) -> Path:
     """Write the page of a run, ``index.html``, into its folder.
@@ -100,15 +99,15 @@ def write_page(
     InputError
         If the page cannot be written.
     """
-    summary, found = dict(summary or {}), evaluation or Evaluation()
+    summary, found = summary or {}, evaluation or Evaluation()
     reference = _lead_reference(fits, headings, summary)
-    summary["links"] = [*_product_links(Path(directory)), *summary.get("links", [])]
+    links = [*_product_links(Path(directory)), *_links(summary)]
     # Once for all that tells it: the sums go through the whole archive.
     apart = None if corrected is None else disagreement(headings, corrected, fits, reference)
     total = None if apart is None else apart.total
     sections = [
         monitoring_section(found.monitoring),
-        _corrections_section(fits, reference, summary),
+        _corrections_section(fits, reference, links),
         _curves_section(headings, fits, reference),
         _fleet_section(headings, fits, apart, reference),
         ranking_section(found.ranking, found.virtual),
@@ -126,7 +125,7 @@ def write_page(
         kicker=f"Compass deviation from wind reports  ·  {_period(headings)}",
         headline=headline(fits, total, reference),
         facts=_facts(headings, fits, total, reference),
-        warnings=[str(line) for line in summary.get("warnings", [])],
+        warnings=_warnings(summary),
         sections=[section for section in sections if section.parts],
         footer=[
             f"airswing {__version__}. Map outline: Natural Earth and US Census "
@@ -163,6 +162,17 @@ def _product_links(directory: Path) -> list[tuple[str, str]]:
     """Return (label, address) of the products that stand beside the page's folder."""
     beside = directory.parent
     return [(label, f"../{name}") for name, label in PRODUCTS.items() if (beside / name).exists()]
+
+
+def _links(summary: Mapping[str, object]) -> list[tuple[str, str]]:
+    told = summary.get("links")
+    pairs = told if isinstance(told, Iterable) else ()
+    return [(str(label), str(address)) for label, address in pairs]
+
+
+def _warnings(summary: Mapping[str, object]) -> list[str]:
+    told = summary.get("warnings")
+    return [str(line) for line in told] if isinstance(told, Iterable) else []
 
 
 def _lead_reference(fits: xr.Dataset, headings: xr.Dataset, summary: Mapping[str, object]) -> str:
@@ -204,7 +214,9 @@ def _facts(
     return facts
 
 
-def _corrections_section(fits: xr.Dataset, reference: str, summary: Mapping[str, Any]) -> Section:
+def _corrections_section(
+    fits: xr.Dataset, reference: str, addresses: Sequence[tuple[str, str]]
+) -> Section:
     nodes = [f"{node:.0f}°" for node in fits["table_heading"].to_numpy()]
     columns = [
         Column("aircraft", "words"),
@@ -231,7 +243,7 @@ def _corrections_section(fits: xr.Dataset, reference: str, summary: Mapping[str,
         f"(n = {plural(len(rows), 'aircraft', 'aircraft')})."
     )
     parts = [table(columns, rows, caption=caption, sortable=True)]
-    links = [link(str(address), str(label)) for label, address in summary.get("links", [])]
+    links = [link(address, label) for label, address in addresses]
     if links:
         parts.append(listing(links))
     return Section("corrections", "Corrections", "What to load into each unit.", parts)
