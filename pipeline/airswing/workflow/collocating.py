@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import xarray as xr
 
@@ -219,13 +219,17 @@ def _plans_of(
     return plans
 
 
+Problem = tuple[int, str, str]
+"""Met in reading a reference: valid time (ns since 1970), file and reason."""
+
+
 def collocate_places(
     job: Job,
     places: Places,
     models: dict[str, Catalogue],
     plans: dict[str, Plan],
     folder: Path,
-) -> dict[str, set[Any]]:
+) -> dict[str, set[Problem]]:
     """Find the model winds of every stretch of time.
 
     Parameters
@@ -244,7 +248,7 @@ def collocate_places(
     from airswing.reference.store import SampleStore
 
     asked = job.config.collocation
-    problems: dict[str, set[object]] = {name: set() for name in models}
+    problems: dict[str, set[Problem]] = {name: set() for name in models}
     with job.progress.stage("collocate") as stage:
         stage.tasks = sum(one.model_times for one in plans.values())
         store = SampleStore(folder)

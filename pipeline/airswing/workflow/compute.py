@@ -13,7 +13,7 @@ import os
 import threading
 import time
 from collections.abc import Iterator
-from typing import Any
+from typing import TYPE_CHECKING
 
 import dask
 
@@ -21,6 +21,9 @@ from airswing.config import Compute
 from airswing.errors import InputError
 from airswing.products.fingerprint import code_digest
 from airswing.workflow.progress import Progress
+
+if TYPE_CHECKING:
+    from distributed import Client
 
 # What workers run; its source must be the same everywhere.
 WORKERS_CODE = "airswing.reference.collocate"
@@ -105,7 +108,7 @@ def local_cluster(workers: int, threads: int, **options: object) -> Iterator[obj
 
 
 @contextlib.contextmanager
-def _client(compute: Compute, cores: int) -> Iterator[Any]:
+def _client(compute: Compute, cores: int) -> Iterator[Client]:
     from distributed import Client
 
     # A lost scheduler is told in one message by this module, not by the client's tracebacks.
@@ -147,7 +150,7 @@ def _tell_no_failures() -> None:
 
 
 @contextlib.contextmanager
-def _watched(client: Any) -> Iterator[threading.Event]:
+def _watched(client: Client) -> Iterator[threading.Event]:
     """Give work up, and set the event, where every worker has long been paused for want of memory.
 
     Dask pauses workers near their limit and waits for them to free some; what the libraries alone
@@ -179,7 +182,7 @@ def _watched(client: Any) -> Iterator[threading.Event]:
         thread.join(timeout=5.0)
 
 
-def _cancel_all(client: Any) -> None:
+def _cancel_all(client: Client) -> None:
     from distributed import Future
 
     client.cancel([Future(key, client) for key in list(client.futures)], force=True)
@@ -217,7 +220,7 @@ def _losses(compute: Compute, stuck: threading.Event) -> Iterator[None]:
         ) from err
 
 
-def _require_same_code(client: Any) -> None:
+def _require_same_code(client: Client) -> None:
     """Refuse workers whose airswing would give other values; workers to come are not asked."""
     own = code_digest(WORKERS_CODE)
     theirs = client.run(code_digest, WORKERS_CODE, on_error="return")

@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
@@ -146,14 +146,16 @@ def draw_cards(job: Job, fits: xr.Dataset, *, near: float = 0.0) -> None:
         write_tables_csv(fits, job.output / "tables.csv")
         before, now = _noted(kept_note, code), _drawn_from(fits.sel(reference=reference))
         stand = {
-            name: old["card"]
+            name: str(old["card"])
             for name, old in before.items()
-            if name in now and _stands(old, now[name], near) and (folder / old["card"]).is_file()
+            if name in now
+            and _stands(old, now[name], near)
+            and (folder / str(old["card"])).is_file()
         }
         written = write_swing_cards(fits, folder, reference=reference, stand=stand)
         names = [name for name, one in now.items() if published(np.array(one["status"]))]
         cards = dict(zip(names, written, strict=True))
-        for old in {old["card"] for old in before.values()} - {
+        for old in {str(old["card"]) for old in before.values()} - {
             card.name for card in cards.values()
         }:
             (folder / old).unlink(missing_ok=True)  # of aircraft that are gone
@@ -204,7 +206,7 @@ def _stands(old: dict[str, object], now: dict[str, object], near: float) -> bool
     return bool(np.all(apart <= near * np.array(now["error"])))
 
 
-def _noted(path: Path, code: str) -> dict[str, dict[str, Any]]:
+def _noted(path: Path, code: str) -> dict[str, dict[str, object]]:
     """The cards an earlier run drew; none where that is not whole, or of other code."""
     try:
         told = noted(path.read_text())
@@ -214,7 +216,7 @@ def _noted(path: Path, code: str) -> dict[str, dict[str, Any]]:
     except (OSError, ValueError, TypeError, KeyError, AttributeError):
         # no record, or a torn one: all cards are drawn anew
         return {}
-    return {name: one | {"card": Path(one["card"]).name} for name, one in cards.items()}
+    return {name: one | {"card": Path(str(one["card"])).name} for name, one in cards.items()}
 
 
 def make_corrected(

@@ -10,7 +10,7 @@ import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TypedDict
 
 import xarray as xr
 
@@ -268,7 +268,16 @@ def _kept(job: Job, path: Path, mark: str) -> xr.Dataset | None:
     return None
 
 
-def _told(job: Job, title: str, sources: tuple[xr.Dataset, ...]) -> dict[str, Any]:
+class _Told(TypedDict):
+    """Keywords of :func:`airswing.products.netcdf.provenance`."""
+
+    title: str
+    config_json: str
+    sources: list[str]
+    source_uuids: list[str]
+
+
+def _told(job: Job, title: str, sources: tuple[xr.Dataset, ...]) -> _Told:
     """Where a product comes from."""
     return {
         "title": title,

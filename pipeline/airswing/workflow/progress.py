@@ -13,13 +13,14 @@ import ctypes
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sized
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, TypedDict
+from typing import TYPE_CHECKING, TypedDict
 
 from dask.callbacks import Callback
 
 if TYPE_CHECKING:
+    from distributed import Client, Scheduler
     from rich.console import Console
     from rich.progress import Progress as Bar
     from rich.progress import TaskID
@@ -294,7 +295,7 @@ class _FollowTasks(Callback):
         self._tasks = tasks
         super().__init__(start_state=self._begin, posttask=self._finished)
 
-    def _begin(self, dsk: object, state: dict[str, Any]) -> None:
+    def _begin(self, dsk: object, state: Mapping[str, Sized]) -> None:
         self._tasks.total += len(state["ready"]) + len(state["waiting"])
 
     def _finished(
@@ -303,25 +304,26 @@ class _FollowTasks(Callback):
         self._tasks.done += 1
 
 
-def _client() -> object:
+def _client() -> Client | None:
     """Client of a distributed scheduler, where one is in use."""
     if "distributed" not in sys.modules:
         return None
     from distributed import default_client
 
     try:
-        return default_client()
+        found: Client = default_client()
     except ValueError:
         return None
+    return found
 
 
-def _ask(client: Any, tasks: Tasks) -> None:
+def _ask(client: Client, tasks: Tasks) -> None:
     done, total = client.run_on_scheduler(count_tasks)
     # The scheduler forgets tasks whose results nobody waits for any more: no count goes back.
     tasks.done, tasks.total = max(done, tasks.done), max(total, tasks.total)
 
 
-def count_tasks(dask_scheduler: Any) -> tuple[int, int]:
+def count_tasks(dask_scheduler: Scheduler) -> tuple[int, int]:
     """Tasks a scheduler finished and tasks it knows; runs on the scheduler."""
     states = [task.state for task in dask_scheduler.tasks.values()]
     return sum(state in ("memory", "erred") for state in states), len(states)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import glob
 import math
 from pathlib import Path
-from typing import Any
+from typing import TypedDict
 
 import xarray as xr
 from pydantic import BaseModel
@@ -23,7 +23,17 @@ from airswing.workflow.progress import Progress
 _POSTPROCESSED = "postprocessed.nc"
 
 
-def postprocess(config: Path, *, output: Path | None = None, quiet: bool = False) -> dict[str, Any]:
+class Postprocessed(TypedDict):
+    """What was made of the forecasts."""
+
+    headline: str
+    variables: dict[str, object]  # by name ``ratio``, and by method the scores on the days held out
+    product: str
+    page: str
+    left_out: dict[str, int]  # lines, by reason
+
+
+def postprocess(config: Path, *, output: Path | None = None, quiet: bool = False) -> Postprocessed:
     """Correct the forecasts of a configuration: ``postprocessed.nc`` and its page.
 
     Parameters
@@ -35,9 +45,7 @@ def postprocess(config: Path, *, output: Path | None = None, quiet: bool = False
 
     Returns
     -------
-    dict
-        ``variables``: by name ``ratio``, and by method the scores on the days held out;
-        ``product``, ``page``, ``left_out``.
+    Postprocessed
 
     Raises
     ------

@@ -14,7 +14,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import xarray as xr
 
@@ -199,9 +199,10 @@ class _Monthly:
         return found
 
 
-def _plain(found: object) -> Any:
+def _plain(found: object) -> object:
     """What JSON can hold, not-a-number included."""
-    return json.loads(json.dumps(found, default=lambda value: value.tolist()))
+    plain: object = json.loads(json.dumps(found, default=lambda value: value.tolist()))
+    return plain
 
 
 def _stability(job: Job, months: list[str], fits: xr.Dataset) -> StabilityContent:
@@ -238,5 +239,5 @@ def _window(job: Job) -> list[WindowFit]:
     # a flight over the end of the month is of the month it began in
     first = f"{job.month}-01"
     found = [entry for entry in found if entry["window"] == first]
-    keep_note(path, {"made": made, "found": _plain({"all": found})["all"]})
+    keep_note(path, {"made": made, "found": _plain(found)})
     return found

@@ -6,8 +6,9 @@ are catalogued once, by themselves; a note keeps the first and last valid time o
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -62,7 +63,7 @@ class Spans:
         return [path for path in paths if Path(path).exists()]
 
 
-def model_spans(job: Job, before: dict[str, Any]) -> tuple[Spans, dict[str, object]]:
+def model_spans(job: Job, before: Mapping[str, object]) -> tuple[Spans, dict[str, object]]:
     """Find out which times every model file holds; only what is new is looked at.
 
     Parameters
@@ -79,7 +80,8 @@ def model_spans(job: Job, before: dict[str, Any]) -> tuple[Spans, dict[str, obje
     key = fingerprint(
         job.config.model_dump(include={"references"}), code_digest("airswing.reference.catalogues")
     )
-    kept = before.get("spans", {}) if before.get("key") == key else {}
+    noted = before.get("spans") if before.get("key") == key else None
+    kept = noted if isinstance(noted, Mapping) else {}
     found: dict[str, dict[str, list[int]]] = {}
     for name, asked in job.config.references.items():
         if asked.engine == "fleet":

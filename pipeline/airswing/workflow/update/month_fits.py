@@ -14,10 +14,8 @@ aircraft would make the same one of it again, and an aircraft with a new base is
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -36,6 +34,7 @@ from airswing.compass.fit.offset_alone import MIN_FLIGHTS
 from airswing.compass.fit.report_columns import Columns
 from airswing.compass.heading_kind import declination_sums
 from airswing.compass.kept_sums.packed import (
+    Stored,
     packed_bases,
     packed_sums,
     unpacked_bases,
@@ -73,8 +72,6 @@ fit to reports may be long; what it costs: :data:`.period_sums.FARTHEST`."""
 MUCH_ALIKE = 1.25
 """Growth of an aircraft's reports, above some 16,000, until it is fitted to all of them again."""
 _CODE = (*FITTING, "airswing.compass.kept_sums.packed")
-
-Arrays = Mapping[str, NDArray[Any]]
 
 
 @dataclass(frozen=True)
@@ -140,7 +137,7 @@ class _Fleet:
 
     def __init__(self, job: Job, months: list[str], headings: xr.Dataset) -> None:
         self.job, self.months, self.headings = job, months, headings
-        self.options: dict[str, Any] = job.config.fit.model_dump()
+        self.options = job.config.fit.model_dump()
         # columns are made with it; the sums have no need of it
         self.options.pop("abscissa")
         self.abscissa = job.config.fit.abscissa
@@ -151,7 +148,7 @@ class _Fleet:
         # sums of other options or another version are not those asked for
         self.mark = fingerprint(config["fit"], config["pool"], code_digest(*_CODE))
         self._held: dict[str, MonthSums] = {}
-        self._counted: dict[str, Arrays] = {}
+        self._counted: dict[str, Stored] = {}
 
     def sums(self) -> FleetSums:
         """Sums of every aircraft, ready to be fitted."""
@@ -354,7 +351,7 @@ class _Fleet:
                         one = sum_period(columns, k, members, base, **asked)
                         month.set(group, name, self._marks[group][name], one)
 
-    def _counts(self, month: str) -> Arrays:
+    def _counts(self, month: str) -> Stored:
         """What a month counts for the tables."""
         if month in self._counted:
             return self._counted[month]
@@ -392,11 +389,12 @@ def _same_sample(reports: int, before: int) -> bool:
     return max(every, then) <= MUCH_ALIKE * min(every, then)
 
 
-def _packed_days(sums: list[DaySums | None]) -> dict[str, NDArray[Any]]:
+def _packed_days(sums: list[DaySums | None]) -> dict[str, NDArray[np.generic]]:
     known = [one for one in sums if one is not None]
     size = (0, FREE, FREE)
     empty = DaySums(np.empty(0, np.int64), np.empty(size), np.empty(size[:2]), np.empty(0))
-    found = {"days": np.array([0 if one is None else one.day.size for one in sums], dtype=np.int64)}
+    sizes = np.array([0 if one is None else one.day.size for one in sums], dtype=np.int64)
+    found: dict[str, NDArray[np.generic]] = {"days": sizes}
     for part in fields(DaySums):
         every = [getattr(one, part.name) for one in [empty, *known]]
         found[f"days/{part.name}"] = np.concatenate(every)

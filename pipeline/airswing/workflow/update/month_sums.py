@@ -13,7 +13,7 @@ import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 import xarray as xr
@@ -28,6 +28,7 @@ from airswing.products.ragged import aircraft_of_report, blocks, row_bounds, som
 from airswing.workflow.collocating import written_to
 
 Arrays = Mapping[str, NDArray[np.generic]]
+Held = TypeVar("Held")
 NEAR = 4
 """Aircraft not asked for that are read along rather than skipped: a cut in a lazy archive costs
 tens of milliseconds whatever its length."""
@@ -168,8 +169,8 @@ def keep_arrays(path: Path, mark: str, arrays: Arrays) -> None:
 
 
 def by_group(
-    arrays: Arrays, groups: Mapping[str, object], undo: Callable[[Arrays], object]
-) -> dict[str, Any]:
+    arrays: Arrays, groups: Mapping[str, object], undo: Callable[[Arrays], Held]
+) -> dict[str, Held]:
     """What the arrays of every group hold.
 
     Parameters

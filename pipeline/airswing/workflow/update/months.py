@@ -65,7 +65,11 @@ def span_of(month: str) -> tuple[np.datetime64, np.datetime64]:
     return begin.astype("M8[ns]"), (begin + 1).astype("M8[ns]")
 
 
-def kept_note(path: Path) -> dict[str, Any]:
+Note = dict[str, Any]
+"""What an update keeps as JSON: read back in the shape that its writer gave it."""
+
+
+def kept_note(path: Path) -> Note:
     """A note of an earlier update.
 
     Returns
@@ -101,7 +105,7 @@ class Month:
         return self.job.output / ".update" / f"{self.job.month}.json"
 
     @cached_property
-    def before(self) -> dict[str, Any]:
+    def before(self) -> Note:
         """The note of the last time; empty where the month is new."""
         return kept_note(self.note) if self.job.place(HEADINGS).exists() else {}
 
