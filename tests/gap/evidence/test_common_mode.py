@@ -7,7 +7,7 @@ import pytest
 
 import airswing  # noqa: F401
 from airswing.gap.evidence.aircraft_mixture import mixture
-from airswing.gap.evidence.common_mode import LEAST_SHARED, shared_part, shifts
+from airswing.gap.evidence.common_mode import LEAST_SHARED, common_part, shared_part, shifts
 
 
 def coupled(d, share):
@@ -89,3 +89,48 @@ def test_a_quiet_fleet_raises_nothing():
         score = rng.multivariate_normal(np.zeros(14), m)
         totals.append(mixture(*evidence(m, score, 0.03, 0.8), np.zeros(1)).total)
     assert np.mean(np.array(totals) > 3.0) <= 0.01
+
+
+def test_a_common_part_is_averaged_over_by_its_prior():
+    """Log ratio of evidences of two priors on every aircraft, beside a common part, densely."""
+    rng = np.random.default_rng(3)
+    d, spread, factor = rng.uniform(80, 140, 9), 0.15, 1.3
+    estimate = 0.2 + rng.normal(0, 0.1, 9)
+    found = common_part(d, d * estimate, spread, factor)
+
+    def dense(w):
+        covariance = np.diag(factor / d + w**2) + spread**2
+        solved = np.linalg.solve(covariance, estimate)
+        return -0.5 * estimate @ solved - 0.5 * np.linalg.slogdet(covariance)[1]
+
+    def averaged(w):
+        wide, left = factor / d + w**2, estimate + found.values[:, None]
+        log = -0.5 * (left**2 / wide + np.log(wide)).sum(axis=1) + found.log_weight
+        return np.logaddexp.reduce(log)
+
+    assert averaged(0.3) - averaged(0.02) == pytest.approx(dense(0.3) - dense(0.02), abs=0.05)
+    # a mean of nothing changes nothing
+    for score in (0 * d, d * 1e-3):
+        assert common_part(d, score, spread, factor).values.tolist() == [0.0]
+
+
+def test_one_struck_stands_out_from_what_all_share():
+    rng = np.random.default_rng(12)
+    right = without = 0
+    for _ in range(20):
+        d = np.full(14, 1 / 0.06**2)
+        estimate = -0.15 + rng.normal(0, 0.06, 14)
+        estimate[13] -= 0.45
+        for common in (True, False):
+            told = common_part(d, d * estimate, 0.1, 1.0)
+            values = told.values if common else np.zeros(1)
+            weight = told.log_weight if common else np.zeros(1)
+            left = estimate + values[:, None]
+            quiet, struck = (1 / d + 0.16**2 * (not common) + w**2 for w in (0.0, 0.5))
+            nothing = -0.5 * (left**2 / quiet + np.log(quiet))
+            tempered = -0.5 * (left**2 / struck + np.log(struck)) - nothing
+            mixed = mixture(tempered[:, None], nothing, weight, np.zeros(values.size))
+            struck_alone = set(np.flatnonzero(mixed.posterior > 0.5)) == {13}
+            told_so = mixed.total > 3.0 and struck_alone
+            right, without = right + (common and told_so), without + (told_so and not common)
+    assert right >= 19 and without <= 5

@@ -80,3 +80,21 @@ def test_the_model_meets_pairs_that_climbed_as_they_did():
     assert covariance[3] == pytest.approx((0.5 * 2.0 + 0.5 * 8.0) / 2)
     assert correlation[3] == pytest.approx((np.exp(-0.5) + np.exp(-0.8)) / 2)
     assert correlation[4] == pytest.approx(np.exp(-0.7 - 0.6))
+
+
+def test_a_compass_that_scatters_makes_errors_across_the_heading_larger():
+    data = flown_archive(2)
+    alike = fitted(data)
+    assert alike.model.along == alike.model.across == 1.0 and alike.gains.evened is None
+    beam = np.stack([np.cos(data["heading"]), -np.sin(data["heading"])], -1)
+    across = (data["residual"] * beam).sum(axis=1)
+    data["residual"] = data["residual"] + 0.8 * across[:, None] * beam
+    fit = fitted(data)
+    assert fit.model.across / fit.model.along == pytest.approx(1.8, rel=0.03)
+    assert fit.model.across**2 + fit.model.along**2 == pytest.approx(2.0)
+    spread = np.sqrt((1.8**2 + 1) / 2)
+    assert fit.model.correlated_sd == pytest.approx(2.3 * spread, rel=0.06)
+    white = whiten(data["residual"], fit.order, fit.gains)
+    nose = beam @ np.array([[0, 1], [-1, 0]])
+    for part in (beam, nose):
+        assert (white * part).sum(axis=1).std() == pytest.approx(1.0, abs=0.04)

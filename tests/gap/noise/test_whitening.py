@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from airswing.gap.noise.whitening import (
+    Evened,
     flight_order,
     flight_steps,
     kalman_gains,
@@ -93,3 +96,41 @@ def test_flight_steps_by_hand():
     assert np.isinf(distance[[0, 2]]).all()
     assert distance[1] == pytest.approx(np.radians(1) * 6.371e6, rel=1e-9)
     assert step[1] == pytest.approx(np.log(9 / 8))
+
+
+def test_errors_larger_across_the_heading_are_whitened_by_their_whole_covariance():
+    """Energies r' V^-1 x with V the covariance of east and north of all reports together."""
+    rng = np.random.default_rng(5)
+    position, heading = np.cumsum(rng.uniform(5, 60, 8)), rng.uniform(0, 2 * np.pi, 8)
+    order = flight_order(np.zeros(8, int), np.arange(8.0))
+    level = rng.uniform(0.8, 1.3, 8)
+    alike = kalman_gains(
+        order,
+        np.exp(-_steps(position) / 150),
+        level,
+        np.ones(8, bool),
+        correlated_sd=2.0,
+        white_sd=0.5,
+    )
+    uneven = Evened(np.stack([np.sin(heading), np.cos(heading)]), 0.6, 1.3)
+    gains = replace(alike, evened=uneven.inverse)
+    values = rng.normal(size=(8, 2, 3))
+    white = whiten(values, order, gains).reshape(16, 3)
+    root = np.zeros((8, 2, 8, 2))
+    for i, a in enumerate(heading):
+        nose, beam = np.array([np.sin(a), np.cos(a)]), np.array([np.cos(a), -np.sin(a)])
+        root[i, :, i] = level[i] * (0.6 * np.outer(nose, nose) + 1.3 * np.outer(beam, beam))
+    root = root.reshape(16, 16)
+    covariance = _covariance(position, signal=2.0, white=0.5, length=150)
+    covariance = root @ np.kron(covariance, np.eye(2)) @ root
+    flat = values.reshape(16, 3)
+    np.testing.assert_allclose(
+        white.T @ white, flat.T @ np.linalg.solve(covariance, flat), rtol=1e-10
+    )
+    back = gains.evened.by_report(uneven.by_report(values))
+    np.testing.assert_allclose(back, values, atol=1e-14)
+    some = np.array([1, 4])
+    np.testing.assert_allclose(
+        take_gains(gains, some).evened.by_report(values[some]),
+        gains.evened.by_report(values)[some],
+    )

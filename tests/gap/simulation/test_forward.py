@@ -140,6 +140,17 @@ def test_noise_is_stationary_with_the_stated_correlation():
     assert np.mean(draw[1:] * draw[:-1]) == pytest.approx(0.0, abs=0.1)  # other flights
 
 
+def test_noise_is_larger_across_the_heading_where_the_model_says_so():
+    frame = _line(2000, 12, 50e3)
+    draw = draw_noise(frame, replace(NOISE, along=0.6, across=1.28), rng=np.random.default_rng(2))
+    alike = draw_noise(frame, NOISE, rng=np.random.default_rng(2))
+    nose = np.stack([np.sin(frame.heading), np.cos(frame.heading)], -1)
+    beam = np.stack([nose[:, 1], -nose[:, 0]], -1)
+    for direction, factor in ((nose, 0.6), (beam, 1.28)):
+        told, before = ((one * direction).sum(axis=1) for one in (draw, alike))
+        np.testing.assert_allclose(told, factor * before, atol=1e-12)
+
+
 def test_noise_does_not_depend_on_the_order_of_the_rows():
     frame = _line(40, 12, 50e3)
     mixed = np.random.default_rng(0).permutation(frame.size)

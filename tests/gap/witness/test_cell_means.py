@@ -1,5 +1,7 @@
 """Sums of a table's cells against dense algebra; what is smooth within cells keeps its size."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tests.gap.toy import make_frame, noise_of
@@ -59,6 +61,31 @@ def test_values_are_those_of_one_mixed_model(some):
     values, left = np.array([0.7, -0.4]), r - x @ [0.7, -0.4]
     gained = r @ inverse @ r - left @ inverse @ left  # of the second fold, the last above
     assert sums.explained(values, 1) == pytest.approx(gained / sums.factor, rel=1e-5)
+
+
+def test_errors_larger_across_the_heading_count_less_there(some):
+    """With no day field and nothing lasting: generalised least squares of two cells."""
+    noise, plan = noise_of(some), plan_dictionary(some, {})
+    model = replace(noise.model, along=0.6, across=1.28)
+    uneven = model.uneven(some.heading)
+    noise = replace(noise, model=model, gains=replace(noise.gains, evened=uneven.inverse))
+    fields, lasting = day_field_columns(some, plan), lasting_columns(some, plan)
+    none = Variances(
+        np.full(fields.shape[-1], 1e-12), np.full(lasting.shape[-1] - len(SLOPE_SD), 1e-12)
+    )
+    day = np.unique(some.day, return_inverse=True)[1]
+    made = CellModel.of(some, plan, noise=noise, variances=none, day=day)
+    east = np.tile([1.0, 0.0], (some.size, 1))
+    cells = (some.longitude > np.median(some.longitude)).astype(int)
+    sums = made.sums(cells, 2, east, weights=made.weigh(some.residual), fold=np.zeros(3, int))
+    nose = np.stack([np.sin(some.heading), np.cos(some.heading)], -1)
+    whole = nose[:, :, None] * nose[:, None] * (0.6**-2 - 1.28**-2) + np.eye(2) * 1.28**-2
+    whole *= made.weight[:, None, None]
+    gram = np.bincount(cells, whole[:, 0, 0])
+    score = np.bincount(cells, (whole[:, 0] * some.residual).sum(axis=1))
+    own, told = sums.gram[0, -2:, -2:], sums.score[0, -2:]
+    np.testing.assert_allclose(own, np.diag(gram), rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose(told, score, rtol=1e-3)
 
 
 def test_scores_of_reports_are_those_of_the_same_model(some):

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from airswing.gap.design.candidates import Candidate
 from airswing.gap.evidence.aircraft_mixture import by_share, log_mean, mixture
 from airswing.gap.evidence.between_aircraft_variance import GRID, either, whole_prior
-from airswing.gap.evidence.common_mode import Shifts, no_shift, shifts
+from airswing.gap.evidence.common_mode import COMMON, Shifts, common_part, no_shift, shifts
 from airswing.gap.evidence.gaussian import (
     SCALE_GRID,
     SIZE_GRID,
@@ -293,7 +293,9 @@ def _aircraft_evidence(
     score = alike.score(given.score.sum(axis=1)[:, columns].swapaxes(0, 1))
     known = np.where(live[..., None, None], information, 0.0)
     fleet = alike.matrix(given.fleet_gram[rows, along])
-    shared = [_shared(*each) for each in zip(fleet, known, score, factor, strict=True)]
+    unit = np.sqrt(second.sum(axis=1)[:, 0, 0] / np.maximum(acting.sum(axis=1), 1.0))
+    common = COMMON / np.maximum(unit, 1e-12)
+    shared = [_shared(*each) for each in zip(fleet, known, score, factor, common, strict=True)]
     out = [
         _Aircraft.empty(live.shape[1], free, float(own), s.log_weight)
         for own, s in zip(factor, shared, strict=True)
@@ -360,11 +362,15 @@ def raw_of_one(given: Conditional, pool: Sequence[Candidate], one: int) -> Float
     return out
 
 
-def _shared(fleet: Floats, information: Floats, score: Floats, factor: float) -> Shifts:
+def _shared(
+    fleet: Floats, information: Floats, score: Floats, factor: float, common: float
+) -> Shifts:
     """Shifts of the fleet to average over; only none where the candidate has more coefficients."""
+    own = information[:, 0, 0]
     if len(fleet) > 1:
-        return no_shift(information[:, 0, 0])
-    return shifts(information[:, 0, 0], score[:, 0], float(fleet[0, 0]), factor)
+        return no_shift(own)
+    found = shifts(own, score[:, 0], float(fleet[0, 0]), factor)
+    return found if found.values.size > 1 else common_part(own, score[:, 0], common, factor)
 
 
 def background_likelihood(stats: Statistics, given: Conditional, candidate: Candidate) -> Floats:

@@ -13,10 +13,12 @@ error of a report left out).
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.gap.noise.whitening import FlightOrder, Gains, whiten
+from airswing.gap.noise.whitening import Evened, FlightOrder, Gains, whiten
 
 Floats = NDArray[np.float64]
 
@@ -26,19 +28,39 @@ def interpolation_errors(values: Floats, order: FlightOrder, gains: Gains) -> tu
 
     Parameters
     ----------
-    values : (n, c) float
-        m/s.
+    values : (n, 2 c) float
+        m/s; pairs of east and north.
     gains : Gains
         Of the same.
 
     Returns
     -------
-    errors : (n, c) float
+    errors : (n, 2 c) float
         m/s; 0 at masked reports.
     precision : (n,) float
-        1 over the variance of each under the noise model, s2 m-2; 0 at masked reports.
+        1 over the variance of each under the noise model, s2 m-2, in the mean over directions; 0
+        at masked reports.
     """
-    white = whiten(values, order, gains)
+    errors, precision = even_interpolation_errors(values, order, gains)
+    return uneven(errors, gains), precision
+
+
+def uneven(errors: Floats, gains: Gains) -> Floats:
+    """Errors (n, 2 c) that are alike in all directions as they are along and across headings."""
+    return errors if gains.evened is None else _turned(errors, gains.evened.inverse)
+
+
+def evened(values: Floats, gains: Gains) -> Floats:
+    """Vectors (n, 2 c) as the whitening makes them alike in all directions."""
+    return values if gains.evened is None else _turned(values, gains.evened)
+
+
+def even_interpolation_errors(
+    values: Floats, order: FlightOrder, gains: Gains
+) -> tuple[Floats, Floats]:
+    """As :func:`interpolation_errors`, with errors along and across the heading made alike."""
+    alike = replace(gains, evened=None)
+    white = whiten(evened(values, gains), order, alike)
     score, precision = np.zeros_like(white), np.zeros(values.shape[0])
     back: Floats = np.zeros((0, values.shape[1]))
     weight_back: Floats = np.zeros(0)
@@ -59,3 +81,9 @@ def interpolation_errors(values: Floats, order: FlightOrder, gains: Gains) -> tu
     known = (precision > 0) & (gains.weight > 0)
     errors = np.divide(score, precision[:, None], out=np.zeros_like(score), where=known[:, None])
     return errors, np.where(known, precision, 0.0)
+
+
+def _turned(values: Floats, evened: Evened) -> Floats:
+    """Vectors (n, 2 c) of each report times its factors."""
+    pairs = values.reshape(values.shape[0], -1, 2).swapaxes(1, 2)
+    return np.asarray(evened.by_report(pairs).swapaxes(1, 2).reshape(values.shape))

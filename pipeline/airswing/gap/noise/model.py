@@ -1,7 +1,8 @@
 """Noise of the wind residual along flights, estimated from the residuals themselves.
 
 Assumptions: the residual of each wind component is g(p) times the sum of an Ornstein-Uhlenbeck
-process in distance (and ln p) along the flight and white noise; u and v are independent and alike.
+process in distance (and ln p) along the flight and white noise; u and v are independent and alike,
+or parts along and across the heading are, each with a factor.
 g is piecewise linear in ln p and has mean square 1 over the reports. What flights of one day
 share is a separate part, estimated from the day sums (:mod:`airswing.gap.sums.accumulate`). Sensor
 effects that are smooth functions of heading are removed by a per-aircraft regression first, so a
@@ -25,11 +26,13 @@ from scipy.optimize import minimize
 
 from airswing.gap.noise.residual_statistics import (
     autocovariance,
+    direction_factors,
     gross_errors,
     level_factors,
     remove_smooth_effects,
 )
 from airswing.gap.noise.whitening import (
+    Evened,
     FlightOrder,
     Gains,
     flight_order,
@@ -57,6 +60,9 @@ class NoiseModel:
     # level_nodes, level_factors: (m,): g at nodes of ln p; constant outside
     level_nodes: Floats
     level_factors: Floats
+    # factors of errors along and across the heading, their mean square 1
+    along: float = 1.0
+    across: float = 1.0
 
     def factor(self, log_pressure: Floats) -> Floats:
         """Level factor g at the given ln p, dimensionless."""
@@ -65,6 +71,15 @@ class NoiseModel:
     def decay(self, distance: Floats, step: Floats) -> Floats:
         """Correlation of the correlated part over a distance (m) and a step of ln p."""
         return np.exp(-distance / self.length - step / self.height)
+
+    def uneven(self, heading: Floats) -> Evened | None:
+        """What makes errors that are alike in all directions those of headings (rad, (n,)).
+
+        None where they are alike.
+        """
+        if self.along == self.across:
+            return None
+        return Evened(np.stack([np.sin(heading), np.cos(heading)]), self.along, self.across)
 
 
 @dataclass(frozen=True)
@@ -158,10 +173,14 @@ def fit_noise(residual: Floats, reports: Flown, *, seed: int = 0) -> NoiseFit:
     gross = gross_errors(smooth, order)
     nodes, factors = level_factors(smooth[~gross], log_pressure[~gross])
     values = smooth / np.interp(log_pressure, nodes, factors)[:, None]
+    along, across = direction_factors(smooth[~gross], reports.heading[~gross])
+    if along != across:
+        nose = np.stack([np.sin(reports.heading), np.cos(reports.heading)])
+        values = np.ascontiguousarray(Evened(nose, 1 / along, 1 / across).of(values.T).T)
     chosen = _draw_flights(reports.flight, MOST_REPORTS, seed)
     model = _maximise(values, chosen, reports.flight, reports.time, distance, step, ~gross)
-    model = replace(model, level_nodes=nodes, level_factors=factors)
-    gains = _gains(model, order, distance, step, log_pressure, ~gross, reports.doubt)
+    model = replace(model, level_nodes=nodes, level_factors=factors, along=along, across=across)
+    gains = _gains(model, order, distance, step, reports, ~gross)
     centre, covariance, correlation, count = autocovariance(
         np.where(gross[chosen, None], 0.0, values[chosen]),
         distance[chosen],
@@ -201,7 +220,7 @@ def gains_beside(fit: NoiseFit, reports: Flown, keep: NDArray[np.bool_]) -> Gain
     """
     log_pressure = np.log(reports.pressure)
     distance, step = flight_steps(reports.latitude, reports.longitude, log_pressure, fit.order)
-    return _gains(fit.model, fit.order, distance, step, log_pressure, keep, reports.doubt)
+    return _gains(fit.model, fit.order, distance, step, reports, keep)
 
 
 def _gains(
@@ -209,20 +228,21 @@ def _gains(
     order: FlightOrder,
     distance: Floats,
     step: Floats,
-    log_pressure: Floats,
+    reports: Flown,
     keep: NDArray[np.bool_],
-    doubt: Floats | None,
 ) -> Gains:
     """Gains of a model on reports."""
-    return kalman_gains(
+    gains = kalman_gains(
         order,
         model.decay(distance, step),
-        model.factor(log_pressure),
+        model.factor(np.log(reports.pressure)),
         keep,
         correlated_sd=model.correlated_sd,
         white_sd=model.white_sd,
-        doubt=doubt,
+        doubt=reports.doubt,
     )
+    uneven = model.uneven(reports.heading)
+    return gains if uneven is None else replace(gains, evened=uneven.inverse)
 
 
 def _draw_flights(flight: NDArray[np.integer], most: int, seed: int) -> NDArray[np.int64]:

@@ -2,11 +2,12 @@
 
 Assumptions: within one flight the error of a wind component is a first-order autoregressive
 (Ornstein-Uhlenbeck) process in the distance flown and in ln p, plus independent errors; both are
-multiplied by a factor that depends on the level only. Flights are independent of each other here
-(what they share is handled by the day fields of :mod:`airswing.gap.sums.elimination`). For such
-errors the Kalman recursion of one state gives the exact Cholesky whitening in linear time: the
-innovation divided by its standard deviation is white. The gains depend on the geometry alone, so
-the same recursion whitens residuals and design columns.
+multiplied by a factor that depends on the level only, and where errors along and across the
+heading differ (a compass scatters across it alone) by one of the direction. Flights are
+independent of each other here (what they share is handled by the day fields of
+:mod:`airswing.gap.sums.elimination`). For such errors the Kalman recursion of one state gives the
+exact Cholesky whitening in linear time: the innovation divided by its standard deviation is white.
+The gains depend on the geometry alone, so the same recursion whitens residuals and design columns.
 
 Validity: any spacing of reports; gaps of any length (the state then forgets). Units: metres, ln p
 without unit, metres per second. All work is vectorised over flights: one loop over the position of
@@ -48,6 +49,39 @@ class FlightOrder:
 
 
 @dataclass(frozen=True)
+class Evened:
+    """Factors on vectors along and across the heading: E = a I + (b - a) h h', symmetric."""
+
+    nose: Floats  # (2, n): h, unit vector (east, north) of each report's heading
+    along: float  # b
+    across: float  # a
+
+    def of(self, values: NDArray[np.floating]) -> NDArray[np.floating]:
+        """Vectors (..., 2, n) evened."""
+        nose = self.nose.astype(values.dtype)
+        part = values[..., 0, :] * nose[0] + values[..., 1, :] * nose[1]
+        part *= self.along - self.across
+        out = self.across * values
+        out[..., 0, :] += part * nose[0]
+        out[..., 1, :] += part * nose[1]
+        return np.asarray(out, values.dtype)
+
+    def by_report(self, values: NDArray[np.floating]) -> NDArray[np.floating]:
+        """Vectors (n, 2, ...) evened."""
+        last = np.moveaxis(values, (0, 1), (-1, -2))
+        return np.moveaxis(self.of(last), (-1, -2), (0, 1))
+
+    @property
+    def inverse(self) -> Evened:
+        """What undoes it."""
+        return Evened(self.nose, 1.0 / self.along, 1.0 / self.across)
+
+    def take(self, index: Integers) -> Evened:
+        """Those of some reports."""
+        return Evened(self.nose[:, index], self.along, self.across)
+
+
+@dataclass(frozen=True)
 class Gains:
     """Coefficients of the whitening recursion, one per report, in the reports' own order."""
 
@@ -58,6 +92,7 @@ class Gains:
     # divided by nothing: the level factor is contained)
     weight: Floats
     scale: Floats  # (n,): 1 over the level factor, which multiplies values before the recursion
+    evened: Evened | None = None  # how errors along and across the heading are made alike
 
 
 def flight_order(flight: NDArray[np.integer], time: Floats) -> FlightOrder:
@@ -185,20 +220,20 @@ def whiten(values: NDArray[np.floating], order: FlightOrder, gains: Gains) -> ND
 
     Parameters
     ----------
-    values : (n, ...) float
-        Values by report: residuals, or design columns in the trailing dimensions.
+    values : (n, 2, ...) float
+        Vectors (east, north) by report: residuals, or design columns in the trailing dimensions.
     gains : Gains
         Coefficients of these n reports, from :func:`kalman_gains`.
 
     Returns
     -------
-    (n, ...) float
+    (n, 2, ...) float
         Whitened values, of unit variance where the noise model holds; 0 at masked reports.
     """
-    blocks = np.ascontiguousarray(np.moveaxis(values[order.index], 0, -1))
+    blocks = np.ascontiguousarray(np.moveaxis(values[order.index], (0, 1), (-1, -2)))
     whiten_blocks(blocks, order.starts, take_gains(gains, order.index))
     out = np.empty_like(values)
-    out[order.index] = np.moveaxis(blocks, -1, 0)
+    out[order.index] = np.moveaxis(blocks, (-1, -2), (0, 1))
     return out
 
 
@@ -207,13 +242,15 @@ def whiten_blocks(values: NDArray[np.floating], starts: Integers, gains: Gains) 
 
     Parameters
     ----------
-    values : (..., n) float
-        Overwritten. The last axis is that of the reports.
+    values : (..., 2, n) float
+        Overwritten. The last axis is that of the reports, the one before it of east and north.
     starts : (m + 1,) int
         Blocks of the order.
     gains : Gains
         Of the n reports, in the same order.
     """
+    if gains.evened is not None:
+        values[...] = gains.evened.of(values)
     many = values[..., :1].size > FEW
     whole = values
     if many:
@@ -246,4 +283,7 @@ def take_gains(gains: Gains, index: Integers) -> Gains:
     index : (m,) int
         The reports to keep.
     """
-    return Gains(gains.decay[index], gains.gain[index], gains.weight[index], gains.scale[index])
+    evened = None if gains.evened is None else gains.evened.take(index)
+    return Gains(
+        gains.decay[index], gains.gain[index], gains.weight[index], gains.scale[index], evened
+    )

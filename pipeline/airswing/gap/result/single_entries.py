@@ -240,6 +240,8 @@ def noise_entry(problem: Problem) -> NoiseEntry:
         distance_km=_floats(noise.distance_km),
         autocovariance=_floats(noise.autocovariance),
         autocovariance_model=_floats(noise.autocovariance_model),
+        along_heading=float(model.along),
+        across_heading=float(model.across),
     )
 
 

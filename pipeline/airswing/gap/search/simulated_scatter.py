@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from airswing.gap.archive.frame import Frame
 from airswing.gap.archive.reported_variables import OF_THE_REPORT, Variable, record, values_of
 from airswing.gap.archive.value_tables import Grid
-from airswing.gap.noise.beside_neighbours import interpolation_errors
+from airswing.gap.noise.beside_neighbours import even_interpolation_errors
 from airswing.gap.noise.model import NoiseFit
 from airswing.gap.simulation.forward import Coding, draw_noise
 
@@ -57,7 +57,7 @@ class Scene:
         """
         count, number, _ = residuals.shape
         flat = residuals.reshape(count, 2 * number)
-        errors, precision = interpolation_errors(flat, self.noise.order, self.noise.gains)
+        errors, precision = even_interpolation_errors(flat, self.noise.order, self.noise.gains)
         square = precision[:, None] * (errors.reshape(residuals.shape) ** 2).sum(axis=2) / 2
         out = np.log(square + LEAST_SQUARE)
         out[precision <= 0] = np.nan

@@ -9,6 +9,7 @@ counts alike here, and table, day fields and climatology are one mixed model,
     r = X theta + C c + Z_d z_d + e,   e ~ N(0, f g(p)^2 (sigma_c^2 + sigma_w^2)),
 
 f being the number of reports that tell as much as one alone would: along a flight they err alike.
+Where errors across the heading are larger than along it, r and all columns are evened before.
 Day fields are eliminated day by day, so that weeks are left out exactly.
 
 Validity: that of the noise model; columns that steady errors of an aircraft's heading and airspeed
@@ -31,6 +32,7 @@ from airswing.gap.archive.frame import Frame
 from airswing.gap.design.basis import DictionaryPlan
 from airswing.gap.design.weather import day_field_columns
 from airswing.gap.noise.model import NoiseFit
+from airswing.gap.noise.whitening import Evened
 from airswing.gap.sums.variance_components import SLOPE_SD, Variances
 from airswing.gap.witness.ground import lasting_columns
 
@@ -127,6 +129,7 @@ class CellModel:
     gram: Floats  # (D, q + s, q + s)
     prior: Floats  # (s,)
     of_days: Floats  # (q,): variances of the day fields, m2 s-2
+    evened: Evened | None = None  # how errors along and across the heading are made alike
 
     @classmethod
     def of(
@@ -141,6 +144,8 @@ class CellModel:
         """Sum the columns of an archive, whose frame is free of the residual's noise."""
         fields = day_field_columns(quiet, plan)
         columns = np.concatenate([fields, lasting_columns(quiet, plan)], -1)
+        evened = noise.gains.evened
+        columns = columns if evened is None else evened.by_report(columns)
         model = noise.model
         variance = reports_to_one(noise) * (model.correlated_sd**2 + model.white_sd**2)
         weight = np.where(noise.gains.weight > 0, noise.gains.scale**2 / variance, 0.0)
@@ -154,14 +159,19 @@ class CellModel:
         normal = gram[:, :q, :q] + np.diag(1 / variances.day)
         root = np.linalg.inv(np.linalg.cholesky(normal))
         prior = np.r_[1 / variances.climatology, 1 / np.square(SLOPE_SD)]
-        return cls(weight, columns.astype(np.float32), day, root, gram, prior, variances.day)
+        single = columns.astype(np.float32)
+        return cls(weight, single, day, root, gram, prior, variances.day, evened)
+
+    def _even(self, values: Floats) -> Floats:
+        """Vectors (n, 2) with errors alike in all directions."""
+        return values if self.evened is None else np.asarray(self.evened.by_report(values))
 
     def weigh(self, residual: Floats) -> Weights:
         """Weigh a residual, (n, 2) m/s."""
         # one bound for all of them, that of a usual report
         spread = np.where(self.weight > 0, CLIP / np.sqrt(np.maximum(self.weight, 1e-12)), 0.0)
         bound = np.median(spread[spread > 0], keepdims=True)[:, None]
-        values = self.weight[:, None] * np.clip(residual, -bound, bound)
+        values = self.weight[:, None] * np.clip(self._even(residual), -bound, bound)
         sums = np.einsum("nc,ncj->nj", values.astype(np.float32), self.columns)
         return Weights(values, self._by_day(sums, self.day, self.root.shape[0]))
 
@@ -181,9 +191,8 @@ class CellModel:
         ]
         out = weights.values - self.weight[:, None] * (self.columns[..., q:] @ lasting)
         daily = np.stack(fields)[self.day]
-        return np.asarray(
-            out - self.weight[:, None] * np.einsum("ncj,nj->nc", self.columns[..., :q], daily)
-        )
+        out -= self.weight[:, None] * np.einsum("ncj,nj->nc", self.columns[..., :q], daily)
+        return self._even(out)
 
     def sums(
         self,
@@ -216,6 +225,7 @@ class CellModel:
         s, k = self.prior.size, size
         weighed = weights.values
         known = np.flatnonzero((cells >= 0) & (self.weight > 0))
+        direction = self._even(direction)
         unit = direction[known] * self.weight[known, None]
         told = np.column_stack(
             [

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from airswing.gap.archive.reported_variables import OF_THE_REPORT
 from airswing.gap.archive.value_tables import COMPONENTS, Axis, Grid
-from airswing.gap.noise.beside_neighbours import interpolation_errors
+from airswing.gap.noise.beside_neighbours import even_interpolation_errors, evened
 from airswing.gap.witness.bench import Bench
 
 Floats = NDArray[np.float64]
@@ -131,9 +131,10 @@ def _pulled(bench: Bench) -> Floats:
         day=setting.day,
         rows=np.arange(setting.frame.size),
     )[0]
-    errors, precision = interpolation_errors(cleared, setting.noise.order, setting.noise.gains)
+    gains = setting.noise.gains
+    errors, precision = even_interpolation_errors(cleared, setting.noise.order, gains)
     root = np.sqrt(precision)[:, None]
-    return np.asarray(np.clip(errors * root, -BOUND, BOUND) * root)
+    return evened(np.clip(errors * root, -BOUND, BOUND) * root, gains)
 
 
 def _places(values: Floats) -> Floats:

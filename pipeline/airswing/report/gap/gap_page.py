@@ -282,5 +282,7 @@ def _noise_table(noise: NoiseEntry) -> Markup:
         Row(["correlated part (m/s)", f"{noise.correlated_sd_m_s:.2f}"]),
         Row(["white part (m/s)", f"{noise.white_sd_m_s:.2f}"]),
         Row(["correlation length (km)", f"{noise.length_km:.0f}"]),
+        Row(["across the heading, times", f"{noise.across_heading:.2f}"]),
+        Row(["along the heading, times", f"{noise.along_heading:.2f}"]),
     ]
     return table([Column("noise model", "words"), Column("fitted")], rows)

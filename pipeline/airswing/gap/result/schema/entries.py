@@ -260,6 +260,9 @@ class NoiseEntry:
     distance_km: Sequence[Number]
     autocovariance: Sequence[Number]
     autocovariance_model: Sequence[Number]
+    # factors of errors along and across the heading, their mean square 1
+    along_heading: float = 1.0
+    across_heading: float = 1.0
 
 
 @dataclass(frozen=True)
