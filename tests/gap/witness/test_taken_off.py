@@ -30,6 +30,9 @@ def test_a_table_that_is_the_names_over_again_must_explain_half_as_much_again(mo
         taken_off, "explained", lambda bench, error: ((2 * residual - error) * error).sum()
     )
 
+    whole = []
+    monkeypatch.setattr(taken_off, "from_nothing", lambda table: bool(whole))
+
     def leads(table, names):
         return taken_off._leads(None, table, (0.1 * names, names), None)
 
@@ -43,3 +46,23 @@ def test_a_table_that_is_the_names_over_again_must_explain_half_as_much_again(mo
     assert not leads(other, truth)
     # its like, but half as much again
     assert leads(truth, truth + 0.75 * other)
+    # its like, and it begins at nothing: the name was its mean
+    whole.append(True)
+    assert leads(truth, truth + 0.4 * other)
+
+
+def test_a_table_begins_at_nothing_where_its_first_cell_or_its_last_is_next_to_none():
+    def table(*values, kind="linear", axes=1):
+        axis = SimpleNamespace(kind=kind)
+        return SimpleNamespace(
+            values=np.array([values, np.zeros(len(values)), values], float),
+            tails=(0, 2),
+            grid=SimpleNamespace(axes=(axis,) * axes),
+        )
+
+    assert taken_off.from_nothing(table(0.1, 0.5, -1.0))
+    assert taken_off.from_nothing(table(1.0, 0.5, -0.1))
+    assert not taken_off.from_nothing(table(1.0, 0.0, 1.0))
+    assert not taken_off.from_nothing(table(2.0, 2.5, 3.0))
+    for other in (table(0.0, 1.0, kind="circular"), table(0.0, 1.0, axes=2)):
+        assert not taken_off.from_nothing(other)

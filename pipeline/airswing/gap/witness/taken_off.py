@@ -51,6 +51,8 @@ Integers = NDArray[np.int64]
 #: Names that only stand in for what has none are unlike it (0.31 to 0.37, and it explains 4 times
 #: as much). One that holds the names at a quarter more than their size says they are too small.
 LEADS, LIKENESS, SAME_SIZE, LEADS_ITS_LIKE = 1.05, 0.6, 1.25, 1.5
+#: Share of a table's largest value that is nothing, at an end of its variable.
+NOTHING = 0.15
 #: Evidence beside the strongest's from which a table of another component is tried as well.
 RIVAL = 0.3
 #: Size beside that of the names' on the same aircraft under which an unknown is their remainder.
@@ -318,8 +320,20 @@ def _leads(bench: Bench, unknown: Unknown, ways: Sequence[Floats], fold: Integer
     names = max(ways, key=lambda errors: explained(bench, errors))
     both, square = float((table * names).sum()), float((names**2).sum())
     like = both**2 >= LIKENESS * float((table**2).sum()) * square and both <= SAME_SIZE * square
-    least = LEADS_ITS_LIKE if like else LEADS
+    least = LEADS_ITS_LIKE if like and not from_nothing(unknown) else LEADS
     return explained(bench, table) > least * explained(bench, names)
+
+
+def from_nothing(unknown: Unknown) -> bool:
+    """Whether a table of one variable begins, or ends, at nothing and grows away from it.
+
+    Then it is the whole effect, and a steady name beside it only its mean: an offset with something
+    small beside it, told by one table, is nowhere near nothing.
+    """
+    if len(unknown.grid.axes) > 1 or unknown.grid.axes[0].kind != "linear":
+        return False
+    values = np.abs(unknown.values[list(unknown.tails)]).mean(axis=0)
+    return bool(min(values[0], values[-1]) < NOTHING * values.max())
 
 
 def small_beside(errors: Floats, size: float, *, share: float = REMAINDER) -> bool:
