@@ -1,5 +1,6 @@
 """On whom a table is: not on aircraft whose weeks left out show its opposite."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -55,3 +56,12 @@ def test_in_the_frame_of_the_wind_it_is_the_weather(refitted):
     whole = of("along_wind")
     assert confined(bench(), whole, np.arange(30) // 7) is whole
     assert not refitted
+
+
+def test_tables_of_their_own_are_of_aircraft_that_they_explain_something_of(refitted):
+    """Also in the frame of the wind: the others were drawn in."""
+    for component in ("along_wind", "heading_angle"):
+        refitted.clear()
+        own = replace(of(component), shared=False)
+        assert confined(bench(), own, np.arange(30) // 7).tails == (0, 1)
+        assert refitted == [[0], [1]]

@@ -205,9 +205,10 @@ def confined(bench: Bench, unknown: Unknown, fold: Integers) -> Unknown:
 
     Day fields take a share of what most aircraft have, and leave the opposite to the others: these
     would have the table as well, and names against it once it was taken off. In the frame of the
-    wind what errs by aircraft is their weather.
+    wind what errs by aircraft is their weather. Of tables of its own an aircraft has none that
+    explains nothing of its weeks left out: large ones of others must not draw it in.
     """
-    if "wind" in unknown.component:
+    if "wind" in unknown.component and unknown.shared:
         return unknown
     frame, day = bench.setting.frame, bench.setting.day
     energy = _energy(bench, field_of(bench, unknown, fold))
@@ -215,6 +216,8 @@ def confined(bench: Bench, unknown: Unknown, fold: Integers) -> Unknown:
     place = frame.aircraft * blocks + day // BLOCK
     each = np.bincount(place, energy, aircraft * blocks).reshape(aircraft, blocks)
     against = each.sum(axis=1) < -CONFIRMED * each.std(axis=1) * np.sqrt(blocks)
+    if not unknown.shared:
+        against = each.sum(axis=1) <= 0.0
     own = [a for a in unknown.tails if not against[a]]
     if not own or len(own) == len(unknown.tails):
         return unknown
