@@ -318,6 +318,7 @@ def test_a_table_does_not_lead_by_small_scales_that_a_name_cannot_help(monkeypat
     bench = SimpleNamespace(residuals=(0.08 * large - 0.4 * small + error)[None])
     name, columns = 0.08 * (large + small), 0.08 * large
     monkeypatch.setattr(taken_off, "field_of", lambda *_: 0.079 * large)
+    monkeypatch.setattr(taken_off, "from_nothing", lambda table: False)
     fold = np.zeros(1, int)
     assert taken_off._leads(bench, None, (name,), fold)
     assert not taken_off._leads(bench, None, (name, columns), fold)
