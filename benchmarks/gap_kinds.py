@@ -12,7 +12,8 @@ a kind that has a name or a variable is told otherwise or on other aircraft; tho
 diagnosis does not tell yet are printed as open.
 
 With ``--look`` nothing is put in: of archives as they are it prints how far the two looks at
-headings reach without such errors, the largest k on the declination and mean cosine of steps.
+headings reach without such errors, the largest k on the declination and mean cosine of steps, and
+how much larger errors are across the heading than along it.
 """
 
 from __future__ import annotations
@@ -35,6 +36,7 @@ from airswing.gap.archive.frame import Frame
 from airswing.gap.archive.heading_lattice import step_cosines
 from airswing.gap.as_sent.magnetic_north import KNOWN, declination_slopes
 from airswing.gap.diagnose import diagnose
+from airswing.gap.noise.residual_statistics import directional_sd, remove_smooth_effects
 from airswing.gap.result.schema import GapReport
 from airswing.gap.witness.taken_off import without
 from airswing.physics.atmosphere import STANDARD_PRESSURE, STANDARD_TEMPERATURE
@@ -186,11 +188,14 @@ def row(name: str, kind: Kind, null: Frame) -> tuple[str, bool]:
     return f"{name:34} {state:7} {stated}  {words or 'nothing'}", right or not kind.told
 
 
-def looks(frame: Frame) -> tuple[float, float, float, float]:
-    """Largest |k| of headings and of directions known well, mean cosine to 5 degrees, and of 10."""
+def looks(frame: Frame) -> tuple[float, ...]:
+    """Largest |k| of headings and of directions known well, mean cosine to 5 degrees, and of 10.
+
+    And errors across the heading over those along it, smooth effects of heading taken off.
+    """
     slopes = [
         max((abs(k) for k, error in one.values() if error <= KNOWN), default=0.0)
-        for one in declination_slopes(frame)
+        for _, one in declination_slopes(frame)
     ]
     norths = [frame.magnetic_heading, frame.heading]
     cosines = {
@@ -201,12 +206,14 @@ def looks(frame: Frame) -> tuple[float, float, float, float]:
         )
         for step in (2.0, 5.0, 10.0)
     }
-    return slopes[0], slopes[1], max(cosines[2.0], cosines[5.0]), cosines[10.0]
+    smooth = remove_smooth_effects(frame.residual, frame.aircraft, frame.heading, frame.airspeed)
+    along, across = directional_sd(smooth, frame.heading)
+    return *slopes, max(cosines[2.0], cosines[5.0]), cosines[10.0], across / along
 
 
 def look(folders: Sequence[Path]) -> None:
     """Print the looks at archives as they are, and the largest of all."""
-    print("k of headings, of directions; mean cosine of steps to 5 degrees, of 10")
+    print("k of headings, of directions; mean cosine of steps to 5 degrees, of 10; across / along")
     told = np.array([looks(frame_of(folder)) for folder in folders])
     names = [*(folder.name for folder in folders), f"largest of {len(folders)}"]
     for name, values in zip(names, [*told, told.max(axis=0)], strict=True):

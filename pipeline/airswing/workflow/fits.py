@@ -210,13 +210,17 @@ def _noted(path: Path, code: str) -> dict[str, dict[str, object]]:
     """The cards an earlier run drew; none where that is not whole, or of other code."""
     try:
         told = noted(path.read_text())
-        cards = {str(name): dict(one) for name, one in told["cards"].items()}
+        # a name alone: a note must not lead to a file of another folder
+        cards = {
+            str(name): dict(one) | {"card": Path(str(one["card"])).name}
+            for name, one in told["cards"].items()
+        }
         if told["code"] != code:
             return {name: one | {"mark": "", "status": -1} for name, one in cards.items()}
     except (OSError, ValueError, TypeError, KeyError, AttributeError):
         # no record, or a torn one: all cards are drawn anew
         return {}
-    return {name: one | {"card": Path(str(one["card"])).name} for name, one in cards.items()}
+    return cards
 
 
 def make_corrected(

@@ -36,6 +36,7 @@ from airswing.gap.witness.taken_off import DRAWS, LASTS, without
 from airswing.physics.triangle import wrap_signed
 
 Floats = NDArray[np.float64]
+Slopes = dict[int, tuple[float, float]]
 
 #: What may have been done with the declination, by what it makes of it.
 MADE = {
@@ -55,7 +56,7 @@ CELLS = 8
 
 
 @dataclass(frozen=True)
-class _Told:
+class OnDeclination:
     """What goes with the declination: its columns, and how it is told."""
 
     component: str
@@ -68,24 +69,24 @@ class _Told:
 
 def against_magnetic_north_of(frame: Frame) -> Mended | None:
     """Find aircraft whose headings or directions are against magnetic north, and turn them."""
-    found = [_struck(frame, told) for told in (_headings(frame), _directions(frame))]
+    found = [_struck(frame, told, slopes) for told, slopes in declination_slopes(frame)]
     made = [_mended(frame, *one) for one in found if one is not None]
     return max(
         (one for one in made if one is not None), key=lambda one: one.saved.mean(), default=None
     )
 
 
-def _headings(frame: Frame) -> _Told:
+def _headings(frame: Frame) -> OnDeclination:
     """Headings less those that the reference implies."""
     implied = np.arctan2(frame.ground_u - frame.u_ref, frame.ground_v - frame.v_ref)
     off = np.asarray(wrap_signed(frame.heading - implied))
     deviation = [f(k * frame.magnetic_heading) for k in (1, 2) for f in (np.sin, np.cos)]
     columns = np.stack([frame.declination, np.ones(frame.size), *deviation], -1)
     rows = (np.abs(off) < GROSS) & np.isfinite(frame.declination)
-    return _Told("heading_angle", "headings", off, columns, rows, False)
+    return OnDeclination("heading_angle", "headings", off, columns, rows, False)
 
 
-def _directions(frame: Frame) -> _Told:
+def _directions(frame: Frame) -> OnDeclination:
     """Winds across the reference's, to the right of it."""
     speed = np.hypot(frame.u_ref, frame.v_ref)
     right = np.stack([frame.v_ref, -frame.u_ref], -1) / np.maximum(speed, 1e-6)[:, None]
@@ -95,12 +96,13 @@ def _directions(frame: Frame) -> _Told:
     heading = [(one * right).sum(axis=1) for one in (nose, beam)]
     columns = np.stack([frame.declination * speed, *heading], -1)
     rows = (np.abs(across) < GROSS * frame.airspeed) & np.isfinite(frame.declination)
-    return _Told("wind_angle", "wind directions", across, columns, rows, True)
+    return OnDeclination("wind_angle", "wind directions", across, columns, rows, True)
 
 
-def _struck(frame: Frame, told: _Told) -> tuple[_Told, float, list[int], float] | None:
+def _struck(
+    frame: Frame, told: OnDeclination, slopes: Slopes
+) -> tuple[OnDeclination, float, list[int], float] | None:
     """Aircraft with one k, what it is and its standard error; None where there are none."""
-    slopes = _slopes(frame, told)
     clear = [k for k in (_made_of(*one) for one in slopes.values()) if k is not None]
     if not clear:
         return None
@@ -115,15 +117,15 @@ def _struck(frame: Frame, told: _Told) -> tuple[_Told, float, list[int], float] 
     return told, k, own, _slope(frame, told, told.rows & in_aircraft(frame, own))[1]
 
 
-def declination_slopes(frame: Frame) -> list[dict[int, tuple[float, float]]]:
+def declination_slopes(frame: Frame) -> list[tuple[OnDeclination, Slopes]]:
     """Return k and its standard error by aircraft: of headings, and of directions.
 
     Aircraft that flew on too few days are left out.
     """
-    return [_slopes(frame, told) for told in (_headings(frame), _directions(frame))]
+    return [(told, _slopes(frame, told)) for told in (_headings(frame), _directions(frame))]
 
 
-def _slopes(frame: Frame, told: _Told) -> dict[int, tuple[float, float]]:
+def _slopes(frame: Frame, told: OnDeclination) -> Slopes:
     """The same of one kind; of directions beside the fleet's."""
     looked = {a: told.rows & (frame.aircraft == a) for a in range(len(frame.tails))}
     slopes = {
@@ -146,13 +148,15 @@ def _made_of(slope: float, error: float) -> float | None:
     return near if abs(slope - near) < NEAR else None
 
 
-def _slope(frame: Frame, told: _Told, rows: NDArray[np.bool_]) -> tuple[float, float]:
+def _slope(frame: Frame, told: OnDeclination, rows: NDArray[np.bool_]) -> tuple[float, float]:
     """Regression of what errs on what the declination makes, and its standard error over days."""
     value, error = regressed(told.columns[rows], told.values[rows][:, None], frame.day[rows])
     return float(value[0, 0]), float(error[0, 0])
 
 
-def _mended(frame: Frame, told: _Told, k: float, own: Sequence[int], error: float) -> Mended | None:
+def _mended(
+    frame: Frame, told: OnDeclination, k: float, own: Sequence[int], error: float
+) -> Mended | None:
     rows = in_aircraft(frame, own) & np.isfinite(frame.declination)
     angle = np.where(rows, k * np.nan_to_num(frame.declination), 0.0)
     winds = _turned_back(frame, told, angle)
@@ -190,7 +194,7 @@ def _mended(frame: Frame, told: _Told, k: float, own: Sequence[int], error: floa
     )
 
 
-def _turned_back(frame: Frame, told: _Told, angle: Floats) -> Floats:
+def _turned_back(frame: Frame, told: OnDeclination, angle: Floats) -> Floats:
     """Winds as they would be with headings, or directions, turned back by an angle, (n, 2)."""
     if told.component == "heading_angle":
         heading = frame.heading - angle

@@ -34,8 +34,8 @@ Floats = NDArray[np.float64]
 LEAST_SHARED = 0.3
 #: Shifts between the largest estimates either way, beside those that bring an aircraft to zero.
 EVEN = 25
-#: Size of what all aircraft's estimates have in common, m/s: of fleets under the record of a real
-#: flux valve airspeeds are 0.15 m/s off by what its scatter makes of winds.
+#: Size of what all aircraft's estimates have in common, m/s: airspeeds of fleets under the record
+#: of a real flux valve are off by as much, by what its scatter makes of winds.
 COMMON = 0.1
 #: Standard errors of their mean from which it is asked about: less changes nothing.
 CLEAR = 2.0

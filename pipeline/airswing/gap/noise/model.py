@@ -79,7 +79,7 @@ class NoiseModel:
         """
         if self.along == self.across:
             return None
-        return Evened(np.stack([np.sin(heading), np.cos(heading)]), self.along, self.across)
+        return Evened.about(heading, self.along, self.across)
 
 
 @dataclass(frozen=True)
@@ -175,8 +175,8 @@ def fit_noise(residual: Floats, reports: Flown, *, seed: int = 0) -> NoiseFit:
     values = smooth / np.interp(log_pressure, nodes, factors)[:, None]
     along, across = direction_factors(smooth[~gross], reports.heading[~gross])
     if along != across:
-        nose = np.stack([np.sin(reports.heading), np.cos(reports.heading)])
-        values = np.ascontiguousarray(Evened(nose, 1 / along, 1 / across).of(values.T).T)
+        evened = Evened.about(reports.heading, 1 / along, 1 / across)
+        values = np.ascontiguousarray(evened.by_report(values))
     chosen = _draw_flights(reports.flight, MOST_REPORTS, seed)
     model = _maximise(values, chosen, reports.flight, reports.time, distance, step, ~gross)
     model = replace(model, level_nodes=nodes, level_factors=factors, along=along, across=across)

@@ -19,8 +19,8 @@ Floats = NDArray[np.float64]
 
 MOST_LAGS = 30  # largest difference of position on a flight
 LEVELS = 5  # at equal counts of reports
-#: Factor from which errors along and across the heading differ: weather's are alike (0.97 to 1.03
-#: on simulated archives), a scattering compass errs across it (1.5 under a real flux valve's).
+#: Factor from which errors along and across the heading differ: weather's are alike, a scattering
+#: compass errs across it (``benchmarks.gap_kinds --look`` prints across over along).
 UNLIKE = 1.1
 #: Distances (m) at which the autocovariance along the flight is tabulated.
 DISTANCE_EDGES = np.array([0, 10, 25, 50, 75, 100, 150, 200, 300, 400, 600, 900]) * 1e3
@@ -146,6 +146,14 @@ def level_factors(residual: Floats, log_pressure: Floats) -> tuple[Floats, Float
     return centre, sd / np.sqrt(np.average(sd**2, weights=counts))
 
 
+def directional_sd(residual: Floats, heading: Floats) -> tuple[float, float]:
+    """Robust standard deviations along and across the heading, m/s; as below."""
+    nose = np.stack([np.sin(heading), np.cos(heading)], -1)
+    parts = (residual * nose).sum(axis=1), residual[:, 0] * nose[:, 1] - residual[:, 1] * nose[:, 0]
+    along, across = (max(robust_sd(part), 1e-9) for part in parts)
+    return along, across
+
+
 def direction_factors(residual: Floats, heading: Floats) -> tuple[float, float]:
     """Robust standard deviations along and across the heading, their mean square 1.
 
@@ -161,9 +169,7 @@ def direction_factors(residual: Floats, heading: Floats) -> tuple[float, float]:
     along, across : float
         1 where they differ by less than :data:`UNLIKE`.
     """
-    nose = np.stack([np.sin(heading), np.cos(heading)], -1)
-    parts = (residual * nose).sum(axis=1), residual[:, 0] * nose[:, 1] - residual[:, 1] * nose[:, 0]
-    along, across = (max(robust_sd(part), 1e-9) for part in parts)
+    along, across = directional_sd(residual, heading)
     if max(along, across) < UNLIKE * min(along, across):
         return 1.0, 1.0
     both = float(np.hypot(along, across) / np.sqrt(2.0))

@@ -56,6 +56,11 @@ class Evened:
     along: float  # b
     across: float  # a
 
+    @classmethod
+    def about(cls, heading: Floats, along: float, across: float) -> Evened:
+        """Of headings, (n,) rad."""
+        return cls(np.stack([np.sin(heading), np.cos(heading)]), along, across)
+
     def of(self, values: NDArray[np.floating]) -> NDArray[np.floating]:
         """Vectors (..., 2, n) evened."""
         nose = self.nose.astype(values.dtype)

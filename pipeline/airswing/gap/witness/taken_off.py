@@ -51,7 +51,8 @@ Integers = NDArray[np.int64]
 #: Names that only stand in for what has none are unlike it (0.31 to 0.37, and it explains 4 times
 #: as much). One that holds the names at a quarter more than their size says they are too small.
 LEADS, LIKENESS, SAME_SIZE, LEADS_ITS_LIKE = 1.05, 0.6, 1.25, 1.5
-#: Share of a table's largest value that is nothing, at an end of its variable.
+#: Share of a table's largest value that is nothing, at an end of its variable: what an error that
+#: grows from nothing has in its first cell of eight.
 NOTHING = 0.15
 #: Evidence beside the strongest's from which a table of another component is tried as well.
 RIVAL = 0.3

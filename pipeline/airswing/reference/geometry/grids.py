@@ -156,6 +156,21 @@ class Grid:
         return j * self.ni + i
 
 
+def rotation(pole_latitude: float, pole_longitude: float) -> Grid:
+    """A rotated frame by its southern pole, degrees: its indices are its coordinates."""
+    return Grid(
+        "rotated_ll",
+        ni=1,
+        nj=1,
+        latitude_first=0.0,
+        longitude_first=0.0,
+        di=1.0,
+        dj=1.0,
+        pole_latitude=pole_latitude,
+        pole_longitude=pole_longitude,
+    )
+
+
 def _floats(values: ArrayLike) -> Floats:
     return np.ascontiguousarray(np.atleast_1d(values), dtype=np.float64)
 

@@ -15,7 +15,7 @@ from typing import TypedDict
 
 import numpy as np
 
-from airswing.reference.geometry.grids import Grid, UnplaceableGridError
+from airswing.reference.geometry.grids import Grid, UnplaceableGridError, rotation
 from airswing.reference.packing.octets import ibm_float, ieee_float, missing, signed, unsigned
 
 _GRIB1_NAMES = {
@@ -389,18 +389,7 @@ def _grib2_centred(section: bytes, shape: _Shape) -> Grid:
         (signed(section, at, 4) / 1e6, signed(section, at + 4, 4) / 1e6) for at in (46, 55, 72)
     )
     pole = (centre[0] - 90.0, centre[1])
-    frame = Grid(
-        "rotated_ll",
-        ni=1,
-        nj=1,
-        latitude_first=0.0,
-        longitude_first=0.0,
-        di=1.0,
-        dj=1.0,
-        pole_latitude=pole[0],
-        pole_longitude=pole[1],
-    )
-    x, y = frame.plane(np.array([first[0], last[0]]), np.array([first[1], last[1]]))
+    x, y = rotation(*pole).plane(np.array([first[0], last[0]]), np.array([first[1], last[1]]))
     scan = section[71]
     stated = _stated(section, (63, 67), 4, 1e-6, given=section[54] & 0x30 == 0x30)
     ends = [(float(y[n]), float(x[n])) for n in (0, 1)]

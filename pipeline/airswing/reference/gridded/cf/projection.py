@@ -22,7 +22,7 @@ from pyproj import CRS, Proj
 from pyproj.exceptions import CRSError
 
 from airswing.errors import InputError
-from airswing.reference.geometry.grids import Grid
+from airswing.reference.geometry.grids import Grid, rotation
 from airswing.units import MODEL_EARTH_RADIUS
 
 if TYPE_CHECKING:
@@ -59,17 +59,7 @@ class Frame:
 
     def _rotated(self) -> Grid:
         """The rotation, as GRIB has it: by its southern pole."""
-        return Grid(
-            "rotated_ll",
-            ni=1,
-            nj=1,
-            latitude_first=0.0,
-            longitude_first=0.0,
-            di=1.0,
-            dj=1.0,
-            pole_latitude=-self.pole_latitude,
-            pole_longitude=self.pole_longitude + 180.0,
-        )
+        return rotation(-self.pole_latitude, self.pole_longitude + 180.0)
 
     def xy(self, latitude: Floats, longitude: Floats) -> tuple[Floats, Floats]:
         """Coordinates of places: degrees, or metres of a projection; NaN where it has no image."""
