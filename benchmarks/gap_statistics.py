@@ -9,7 +9,7 @@ or so, and nothing else is amiss: that is what the diagnosis should say. Then th
 run, with two threads, and its own table of stages printed. The bars are those of ten million
 reports of sixty aircraft: 240 s of processor time in proportion to the reports, 600 s more for the
 witness of what has no name and its simulated archives (on the reports held in memory, so the same
-for any archive), 4 GiB. Exit status 1 where a bar is missed.
+for any archive), 4 GiB. Exit status 1 where a bar is missed, or anything else is told.
 
 With `--month` a month of the same fleet is run as well: memory should hardly grow from it to a
 year. Only of archives whose month is over 400,000 reports: all of fewer are held in memory.
@@ -37,6 +37,7 @@ from airswing.config import Config
 from airswing.config_file import load_config
 from airswing.gap.archive import headings_columns as columns
 from airswing.gap.archive.frame import Frame
+from airswing.gap.result.schema import GapReport
 from airswing.physics.triangle import wrap_signed
 from airswing.products.fingerprint import fingerprint
 from airswing.products.netcdf import as_stored, provenance
@@ -250,9 +251,11 @@ def diagnosed(reports: int, aircraft: int, days: int, *, folder: Path | None) ->
             _, status, used = os.wait4(done.pid, 0)  # of this command alone
             done.returncode = os.waitstatus_to_exitcode(status)
         wall = time.perf_counter() - began
-    print(said)
-    if done.returncode:
-        sys.exit(done.returncode)
+        print(said)
+        if done.returncode:
+            sys.exit(done.returncode)
+        told = GapReport.read(config.output / "gap.json")
+    right = [one.name for one in told.effects] == ["hard_iron"] and not told.unknown.present
     seconds, memory = used.ru_utime + used.ru_stime, used.ru_maxrss / 1024**2
     bar = min(SECONDS, FIXED + (SECONDS - FIXED) * reports / REPORTS)
     phases = dict(re.findall(r"([a-z][a-z ]*) ([0-9.]+) s", _phases(said)))
@@ -264,10 +267,11 @@ def diagnosed(reports: int, aircraft: int, days: int, *, folder: Path | None) ->
         f"{'processor, without witness':28} {names:8.1f} s    bar {bar:.0f} "
         f"({1e6 * names / reports:.1f} us a report)\n"
         f"{'processor, witness':28} {witness:8.1f} s    bar {WITNESS:.0f}\n"
-        f"{'peak memory':28} {memory:8.2f} GiB  bar {MEMORY:.0f}",
+        f"{'peak memory':28} {memory:8.2f} GiB  bar {MEMORY:.0f}\n"
+        f"{'told':28} {'what is there' if right else 'SOMETHING ELSE'}",
         flush=True,
     )
-    return names <= bar and witness <= WITNESS and memory <= MEMORY, memory
+    return right and names <= bar and witness <= WITNESS and memory <= MEMORY, memory
 
 
 def _phases(said: str) -> str:

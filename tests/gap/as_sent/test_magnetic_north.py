@@ -92,6 +92,21 @@ def test_wind_directions_are_found_but_of_all_aircraft_left_to_names(plain):
     assert against_magnetic_north_of(off_directions(plain, -1.0, range(6))) is None
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_compasses_that_deviate_are_no_directions_against_magnetic_north(seed):
+    """Every fleet's do, and what a deviation makes of winds goes with the routes."""
+    frame = make_frame(seed=seed, aircraft=8, days=30, noise=1.0)
+    rng = np.random.default_rng(seed)
+    sine, cosine = np.radians(rng.normal(0.0, 3.0, (2, 8)))[:, frame.aircraft]
+    angle = frame.magnetic_heading
+    error = sine * np.sin(angle) + cosine * np.cos(angle)
+    heading = frame.heading + error
+    air = frame.airspeed[:, None] * np.stack([np.sin(heading), np.cos(heading)], -1)
+    reference = np.stack([frame.u_ref, frame.v_ref], -1)
+    left = np.stack([frame.ground_u, frame.ground_v], -1) - air - reference
+    assert against_magnetic_north_of(without(frame, left)) is None
+
+
 def test_it_is_named_where_the_catalogue_has_the_name(small):
     frame = off_headings(small, -1.0, (1, 4))
     catalogue = {name: CATALOGUE[name] for name in ("declination_error", "compass_offset")}

@@ -7,9 +7,9 @@ the routes. Of right ones k is near nothing. It is the regression
 
 * of a heading's difference from the one that the reference implies, on d, beside a deviation of
   two cycles: an offset of the compass is not taken for it where d changes along the routes;
-* of the winds' part across the reference's, on d times its speed, beside errors across and along
-  the heading. There an angle that is everywhere the same, and by chance the declination's, is not
-  told from it.
+* of the winds less the reference's, on its winds turned by d, beside an error along the heading and
+  the same deviation. There an angle that is everywhere the same, and by chance the declination's,
+  is not told from it.
 
 What a whole fleet's offsets say of the kind of its headings, the main job asks of its fits
 (:mod:`airswing.compass.heading_kind`); here every aircraft is asked by itself.
@@ -46,7 +46,8 @@ MADE = {
 }
 #: How near k must be to one of these, how well it must be known, the same in standard errors; and
 #: in standard errors on aircraft that join those on which it is clear. On 80 archives of a blind
-#: check |k| was 0.14 at most of headings, 0.35 of directions (``benchmarks.gap_kinds --look``).
+#: check |k| of headings was 0.14 at most, of directions 0.25 on four nulls and a fleet of 60 with
+#: deviations (``benchmarks.gap_kinds --look``).
 NEAR, KNOWN, SIGNIFICANT, JOINS = 0.2, 0.12, 8.0, 4.0
 LEAST_DAYS = 5
 #: Largest error of a heading that is looked at, rad: beyond it is a gross error.
@@ -61,8 +62,8 @@ class OnDeclination:
 
     component: str
     what: str
-    values: Floats  # (n,): what errs
-    columns: Floats  # (n, k): the first is what a k of one would make of it
+    values: Floats  # (n, c): what errs, an angle or two components
+    columns: Floats  # (n, c, k): the first is what a k of one would make of it
     rows: NDArray[np.bool_]  # reports that are looked at
     of_reference: bool  # whether the reference's error goes with it on all aircraft
 
@@ -80,23 +81,29 @@ def _headings(frame: Frame) -> OnDeclination:
     """Headings less those that the reference implies."""
     implied = np.arctan2(frame.ground_u - frame.u_ref, frame.ground_v - frame.v_ref)
     off = np.asarray(wrap_signed(frame.heading - implied))
-    deviation = [f(k * frame.magnetic_heading) for k in (1, 2) for f in (np.sin, np.cos)]
-    columns = np.stack([frame.declination, np.ones(frame.size), *deviation], -1)
+    columns = np.stack([frame.declination, *_deviation(frame)], -1)[:, None]
     rows = (np.abs(off) < GROSS) & np.isfinite(frame.declination)
-    return OnDeclination("heading_angle", "headings", off, columns, rows, False)
+    return OnDeclination("heading_angle", "headings", off[:, None], columns, rows, False)
+
+
+def _deviation(frame: Frame) -> list[Floats]:
+    """Waves of a deviation of two cycles, (n,) each."""
+    waves = [f(k * frame.magnetic_heading) for k in (1, 2) for f in (np.sin, np.cos)]
+    return [np.ones(frame.size), *waves]
 
 
 def _directions(frame: Frame) -> OnDeclination:
-    """Winds across the reference's, to the right of it."""
-    speed = np.hypot(frame.u_ref, frame.v_ref)
-    right = np.stack([frame.v_ref, -frame.u_ref], -1) / np.maximum(speed, 1e-6)[:, None]
-    across = (frame.residual * right).sum(axis=1)
+    """Winds less the reference's, beside an error along the heading and a deviation.
+
+    Every compass deviates, and what that makes of winds goes with the routes as declination does.
+    """
     nose = np.stack([np.sin(frame.heading), np.cos(frame.heading)], -1)
-    beam = np.stack([nose[:, 1], -nose[:, 0]], -1)
-    heading = [(one * right).sum(axis=1) for one in (nose, beam)]
-    columns = np.stack([frame.declination * speed, *heading], -1)
-    rows = (np.abs(across) < GROSS * frame.airspeed) & np.isfinite(frame.declination)
-    return OnDeclination("wind_angle", "wind directions", across, columns, rows, True)
+    beam = np.stack([nose[:, 1], -nose[:, 0]], -1) * frame.airspeed[:, None]
+    right = np.stack([frame.v_ref, -frame.u_ref], -1)
+    heading = [beam * wave[:, None] for wave in _deviation(frame)]
+    columns = np.stack([right * frame.declination[:, None], nose, *heading], -1)
+    rows = (np.hypot(*frame.residual.T) < GROSS * frame.airspeed) & np.isfinite(frame.declination)
+    return OnDeclination("wind_angle", "wind directions", frame.residual, columns, rows, True)
 
 
 def _struck(
@@ -110,7 +117,7 @@ def _struck(
     own = [
         a
         for a, (slope, error) in slopes.items()
-        if abs(slope - k) < max(NEAR, 2 * error) and abs(slope) > JOINS * error
+        if abs(slope - k) < max(NEAR, 3 * error) and abs(slope) > JOINS * error
     ]
     if told.of_reference and len(own) > len(slopes) / 2:
         return None
@@ -150,7 +157,9 @@ def _made_of(slope: float, error: float) -> float | None:
 
 def _slope(frame: Frame, told: OnDeclination, rows: NDArray[np.bool_]) -> tuple[float, float]:
     """Regression of what errs on what the declination makes, and its standard error over days."""
-    value, error = regressed(told.columns[rows], told.values[rows][:, None], frame.day[rows])
+    x, y = told.columns[rows], told.values[rows].reshape(-1, 1)
+    day = np.repeat(frame.day[rows], x.shape[1])
+    value, error = regressed(x.reshape(-1, x.shape[-1]), y, day)
     return float(value[0, 0]), float(error[0, 0])
 
 
