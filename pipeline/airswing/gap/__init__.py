@@ -14,5 +14,7 @@ The rooms in the order in which data flow (:mod:`airswing.gap.diagnose` calls th
 * ``as_sent/``: winds so wrong that they are set right before all else;
 * ``checks/``: what the diagnosis rests on; ``result/``: what is said.
 
+``library_threads`` keeps the libraries beneath from starting workers within workers.
+
 Whether it is right on sealed archives: :mod:`airswing.blind_check`.
 """

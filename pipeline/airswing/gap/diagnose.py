@@ -42,6 +42,7 @@ from airswing.gap.held_out.linearised import FoundFirst
 from airswing.gap.held_out.name_or_table import explains
 from airswing.gap.held_out.reduction import close, whole_coefficients
 from airswing.gap.in_no_mean import in_no_mean
+from airswing.gap.library_threads import one_library_thread
 from airswing.gap.noise.residual_statistics import gross_errors
 from airswing.gap.passes import Pass, Progress, Search, of_view, search_twice
 from airswing.gap.result.assembled import Findings, assemble
@@ -171,12 +172,24 @@ def diagnose(
         reports = Frame.from_headings(reports, reference=_asked(reports, reference))
     archive = held_archive(reports) if isinstance(reports, Frame) else reports
     _check(archive)
-    effects, untestable = usable_effects(
-        archive.view, CATALOGUE if catalogue is None else catalogue
-    )
     tell = progress or (lambda stage, done: None)
+    with one_library_thread():
+        return _diagnosed(
+            archive, CATALOGUE if catalogue is None else catalogue, dictionary, seed, tell
+        )
+
+
+def _diagnosed(
+    archive: Archive,
+    catalogue: Mapping[str, Effect],
+    dictionary: bool,
+    seed: int,
+    tell: Progress,
+) -> Diagnosis:
+    """Search, name, take unknowns off and search again, until nothing is left; then say so."""
+    effects, untestable = usable_effects(archive.view, catalogue)
     search = Search(effects, Rules(), dictionary, seed, tell)
-    known_names = set(CATALOGUE if catalogue is None else catalogue)
+    known_names = set(catalogue)
     swaps = "tail_swap" in known_names and not archive.clock.short
     mended = all_mended(archive.view, known_names) if dictionary else []
     if mended:  # nothing is fitted to winds that are not the aircraft's own

@@ -1,0 +1,31 @@
+"""One thread of linear algebra and trees inside, and as many as before outside."""
+
+from __future__ import annotations
+
+from threadpoolctl import threadpool_info, threadpool_limits
+
+from airswing.gap.library_threads import one_library_thread
+
+
+def _threads() -> list[int]:
+    return [library["num_threads"] for library in threadpool_info()]
+
+
+def test_every_library_is_held_to_one_thread_and_let_go_again() -> None:
+    with threadpool_limits(limits=2):
+        with one_library_thread():
+            inside = _threads()
+        after = _threads()
+    assert len(inside) >= 2  # the linear algebra's and the trees'
+    assert set(inside) == {1}
+    assert set(after) == {2}
+
+
+def test_an_error_inside_lets_go_as_well() -> None:
+    with threadpool_limits(limits=2):
+        try:
+            with one_library_thread():
+                raise ValueError("within")
+        except ValueError:
+            pass
+        assert set(_threads()) == {2}
