@@ -41,6 +41,20 @@ def test_a_drift_is_named():
     assert named == [("compass_drift", [tail])]
 
 
+def test_a_drift_beside_what_all_aircraft_have_is_no_step():
+    """What lasts of all aircraft scatters in sums that grow in time, not in those of a step."""
+
+    def error(context):
+        rate = np.where(context["aircraft"] == 2, np.radians(0.06), 0.0)
+        return np.radians(0.8) + rate * (context["time"] - context["time"].min()) / 86400
+
+    catalogue = DRIFTING | {"compass_step": CATALOGUE["compass_step"]}
+    frame = make_frame(seed=4, aircraft=6, days=24, noise=0.4, heading_error=error)
+    made = diagnose(frame, catalogue=catalogue, dictionary=False).report.effects
+    named = {e.name: e.tails for e in made}
+    assert named == {"compass_offset": list(frame.tails), "compass_drift": [frame.tails[2]]}
+
+
 def test_a_little_that_the_whole_fleet_has_is_named():
     """0.1 degrees of all, 0.2 m/s: under what a single aircraft may have of its own."""
     frame = make_frame(

@@ -46,9 +46,44 @@ def test_a_table_that_is_the_names_over_again_must_explain_half_as_much_again(mo
     assert not leads(other, truth)
     # its like, but half as much again
     assert leads(truth, truth + 0.75 * other)
+    # nothing but the names, a third larger; and twice as large
+    assert not leads(truth, 0.75 * truth)
+    assert leads(truth, 0.5 * truth)
+    assert leads(truth, 0.65 * (truth + 0.4 * other))
     # its like, and it begins at nothing: the name was its mean
     whole.append(True)
     assert leads(truth, truth + 0.4 * other)
+
+
+def test_where_names_leave_nothing_a_table_must_explain_half_as_much_again(monkeypatch):
+    """Names that stand in for an unknown may leave nothing that changes along flights."""
+    rng = np.random.default_rng(2)
+    truth, other = rng.normal(size=(2, 4000, 2))
+    monkeypatch.setattr(taken_off, "field_of", lambda bench, table, fold: table)
+    monkeypatch.setattr(taken_off, "from_nothing", lambda table: False)
+    monkeypatch.setattr(
+        taken_off, "explained", lambda bench, error: ((2 * truth - error) * error).sum()
+    )
+    names = 0.6 * truth + 0.3 * other  # unlike it, and they explain three quarters of it
+    assert taken_off._leads(None, truth, (names,), None)
+    assert not taken_off._leads(None, truth, (names,), None, left=False)
+    assert taken_off._leads(None, truth, (0.2 * truth + 0.3 * other,), None, left=False)
+
+
+def test_names_are_borne_out_where_the_residual_holds_their_size():
+    rng = np.random.default_rng(3)
+    errors, noise = rng.normal(size=(2, 6000, 2))
+    day = np.arange(6000) // 200
+
+    def borne_out(share, scatter=1.0):
+        frame = SimpleNamespace(residual=share * errors + scatter * noise)
+        return taken_off.borne_out(SimpleNamespace(frame=frame, day=day), errors)
+
+    assert borne_out(1.0)
+    assert borne_out(0.9)
+    assert not borne_out(0.6)
+    assert not borne_out(1.5)
+    assert not borne_out(1.0, scatter=40.0)  # the residual does not tell
 
 
 def test_a_table_begins_at_nothing_where_its_first_cell_or_its_last_is_next_to_none():

@@ -9,7 +9,7 @@ from scipy.stats import multivariate_normal
 from tests.gap.toy import make_frame, noise_of
 from tests.gap.witness.test_learned import setting_of
 
-from airswing.gap.archive.reported_variables import KINDS, Variable
+from airswing.gap.archive.reported_variables import KINDS, Variable, values_of
 from airswing.gap.archive.value_tables import Grid, axis_of
 from airswing.gap.design.basis import unit_vectors
 from airswing.gap.design.weather import climatology_columns, day_field_columns, slope_columns
@@ -20,11 +20,18 @@ from airswing.gap.result.effect_entries import active_effects
 from airswing.gap.sums.variance_components import SLOPE_SD, Variances
 from airswing.gap.witness import taken_off
 from airswing.gap.witness.bench import Bench
-from airswing.gap.witness.fitted_tables import LEAST_EVIDENCE, fitted, left_out, stands
+from airswing.gap.witness.fitted_tables import (
+    LEAST_EVIDENCE,
+    explained,
+    field_of,
+    fitted,
+    left_out,
+    stands,
+)
 from airswing.gap.witness.ground import BACKGROUND, plain_sums, prepare, steady_columns
 from airswing.gap.witness.scan import SIZES, evidence
 from airswing.gap.witness.taken_off import small_beside, without
-from airswing.gap.witness.unknowns import weighed
+from airswing.gap.witness.unknowns import exchanged, weighed
 
 SMALL = {n: CATALOGUE[n] for n in ("compass_offset", "hard_iron", "tas_scale")}
 
@@ -362,3 +369,23 @@ def test_an_error_across_the_heading_by_the_reported_speed_shows_in_its_means():
     plain = told(frame)
     assert max(one.nats for one in plain.values()) < LEAST_EVIDENCE
     assert struck["along_heading"].nats < LEAST_EVIDENCE
+
+
+def test_a_pair_found_by_one_variable_is_told_by_the_other_that_explains_more():
+    """Where most winds blow from one side a track tells the drift, and is not what it goes by."""
+    frame = make_frame(seed=5, aircraft=6, days=20, noise=0.5)
+    drift = values_of(frame, frame, "drift")
+    late = frame.day > np.median(frame.day)
+    cross, _ = unit_vectors(frame.heading)
+    error = cross * (1.5 * (late & (drift > np.median(drift))))[:, None]
+    reported = without(frame, frame.residual + error)
+    bench = Bench.of(setting_of(reported), reported.residual)
+    fold = np.arange(int(bench.setting.day.max()) + 1) // 4
+    axes = [axis_of(bench.variables[name], count) for name, count in (("date", 6), ("track", 12))]
+    found = fitted(bench, weighed(bench, Grid((axes[0], axes[1])), "across_heading"), fold)
+    made = exchanged(bench, found, fold)
+    assert set(made.grid.variables) == {"date", "drift"}
+    more, less = (explained(bench, field_of(bench, one, fold)) for one in (made, found))
+    assert more > 1.2 * less
+    alone = fitted(bench, weighed(bench, Grid((axes[0],)), "across_heading"), fold)
+    assert exchanged(bench, alone, fold) is alone

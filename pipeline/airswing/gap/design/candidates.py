@@ -63,6 +63,11 @@ class Candidate:
         return self.name, self.scope, self.subset
 
     @property
+    def steady(self) -> Integers:
+        """Columns that hold the effect unchanged in time: its own, unless it drifts."""
+        return np.array([j for j, _ in self.lasting], np.int64) if self.lasting else self.columns
+
+    @property
     def free(self) -> int:
         """Number of free coefficients, the first of all."""
         return int(self.columns.size if self.tied is None else self.tied.shape[1])

@@ -17,7 +17,7 @@ Source: docs/gap.md section 6.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -182,7 +182,7 @@ def _evaluate_fleet(
     columns, scales = alike.columns, alike.scales
     information = alike.matrix(given.fleet_gram[columns[:, :, None], columns[:, None]])
     score = alike.score(given.fleet_score[:, columns].sum(axis=0))
-    factor = fleet_factors(stats, given, columns)
+    factor = _factors(stats, given, pool, fleet_factors)
     second, acting = alike.sizes(stats)
     size = np.array([fleet_allowance(given, own) for own in columns])
     allowance = allowance_covariance(second.sum(axis=1), acting.sum(axis=1), size, scales)
@@ -206,6 +206,25 @@ def _evaluate_fleet(
                 acting[n],
             )
         )
+    return out
+
+
+def _factors(
+    stats: Statistics,
+    given: Conditional,
+    pool: Sequence[Candidate],
+    of_columns: Callable[[Statistics, Conditional, Integers], Floats],
+) -> Floats:
+    """Cluster factors (N,) of candidates with as many columns; of a drift those of what lasts.
+
+    Sums by day are given what is included as if its share of a column were the same every day.
+    Of one that grows in time that is not so: its sums scatter by all that lasts beside it (factors
+    of 5 to 8 beside a declination), and a drift came out as a step, whose columns do not grow.
+    """
+    out = of_columns(stats, given, np.stack([c.columns for c in pool]))
+    for n, candidate in enumerate(pool):
+        if candidate.lasting:
+            out[n] = of_columns(stats, given, candidate.steady[None])[0]
     return out
 
 
@@ -286,7 +305,7 @@ def _aircraft_evidence(
     alike = _Alike.of(pool)
     columns, scales, free = alike.columns, alike.scales, alike.scales.shape[1]
     rows, along = columns[:, :, None], columns[:, None]
-    factor = aircraft_factors(stats, given, columns)
+    factor = _factors(stats, given, pool, aircraft_factors)
     second, acting = alike.sizes(stats)
     live = acting >= LEAST_ACTING
     information = alike.matrix(given.gram[:, rows, along].swapaxes(0, 1))

@@ -312,5 +312,8 @@ def _most(base: Base, given: Conditional, pool: Sequence[Candidate], one: int) -
 
 
 def ranked_by(score: Score) -> float:
-    """Raw evidence with the prior odds of effects that change in time, nats."""
-    return score.raw - CHANGE_PENALTY.get(score.candidate.kind, 0.0)
+    """Raw evidence with the prior odds of effects that change in time, nats.
+
+    Raw evidence is too large by the cluster factor, and odds weigh beside it as if they were.
+    """
+    return score.raw - CHANGE_PENALTY.get(score.candidate.kind, 0.0) * score.factor

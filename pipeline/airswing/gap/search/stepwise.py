@@ -28,6 +28,7 @@ from airswing.gap.evidence.of_candidate import background_likelihood
 from airswing.gap.evidence.terms import Term, given_terms
 from airswing.gap.search.belief import STATED
 from airswing.gap.search.candidate_ranking import (
+    CLEARLY,
     LEAST_NOVELTY,
     Ranking,
     better_for,
@@ -141,7 +142,7 @@ def choose(ranked: Sequence[Score], rules: Rules) -> Score | None:
     well is not unknown.
     """
     passing = [s for s in ranked if passes(s, rules)]
-    best = max((s for s in passing if s.candidate.known), key=ranked_by, default=None)
+    best = _best_name([s for s in passing if s.candidate.known])
     unknown = max((s for s in passing if not s.candidate.known), key=_evened, default=None)
     if unknown is None:
         return best
@@ -151,6 +152,23 @@ def choose(ranked: Sequence[Score], rules: Rules) -> Score | None:
     margin = rules.unknown_margin
     clear = _evened(unknown) > evened + margin and unknown.raw > raw + margin * unknown.factor
     return unknown if clear else best
+
+
+def _best_name(known: Sequence[Score]) -> Score | None:
+    """Best effect of the catalogue; of the fleet's that explain as much the surer one.
+
+    An offset of all compasses and a declination are told apart by how their days and weeks scatter,
+    of which raw evidence knows nothing.
+    """
+    forms: dict[tuple[str, str], Score] = {}
+    for score in sorted(known, key=ranked_by, reverse=True):
+        forms.setdefault((score.candidate.name, score.candidate.scope), score)
+    best = next(iter(forms.values()), None)
+    if best is None or best.candidate.scope != "fleet":
+        return best
+    least = ranked_by(best) - CLEARLY * best.factor
+    alike = [s for s in forms.values() if s.candidate.scope == "fleet" and ranked_by(s) > least]
+    return max(alike, key=lambda score: score.tempered)
 
 
 def _evened(score: Score) -> float:

@@ -26,8 +26,9 @@ from airswing.gap.design.layout import effect_columns
 from airswing.gap.effects.base import Effect
 from airswing.gap.evidence.terms import Term
 from airswing.gap.held_out.reduction import take_off
-from airswing.gap.witness.bench import Bench, Setting
+from airswing.gap.witness.bench import BLOCK, Bench, Setting
 from airswing.gap.witness.fitted_tables import (
+    BOUND,
     LEAST_EVIDENCE,
     Candidate,
     Unknown,
@@ -40,7 +41,15 @@ from airswing.gap.witness.fitted_tables import (
     stands,
 )
 from airswing.gap.witness.learned import LearnedWitness
-from airswing.gap.witness.unknowns import SECOND, curves, edged, of_runs, pairs_of, refined
+from airswing.gap.witness.unknowns import (
+    SECOND,
+    curves,
+    edged,
+    exchanged,
+    of_runs,
+    pairs_of,
+    refined,
+)
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -51,6 +60,12 @@ Integers = NDArray[np.int64]
 #: Names that only stand in for what has none are unlike it (0.31 to 0.37, and it explains 4 times
 #: as much). One that holds the names at a quarter more than their size says they are too small.
 LEADS, LIKENESS, SAME_SIZE, LEADS_ITS_LIKE = 1.05, 0.6, 1.25, 1.5
+#: The last two of a table that is nothing but the names: what changes along flights lets an effect
+#: come out too small behind another of the same aircraft (an airspeed's offset behind a time lag
+#: at 0.77 of its size), and its name is none the less its name.
+NOTHING_BUT, NEAR_SIZE = 0.95, 1.6
+#: What names may miss of their size in the residual as it is, error and all, to be left in peace.
+OF_ANOTHER_SIZE = 0.25
 #: Share of a table's largest value that is nothing, at an end of its variable: what an error that
 #: grows from nothing has in its first cell of eight.
 NOTHING = 0.15
@@ -153,19 +168,17 @@ def next_unknown(
     ranked = _ranked(bench, witness)
     errors = frame.residual - named_rest
     named = bool(errors.any())
-    unknown = None
-    if ranked and ranked[0].strength >= LEAST_EVIDENCE:
-        if named:
-            plain = Bench.of(setting, frame.residual)
-            alone = _ranked(plain, witness)
-            first = _best(plain, alone, fold)
-            ways = (errors,) if linear is None else (errors, linear)
-            if first is not None and _leads(plain, first, ways, fold):
-                return _taken(setting, plain, first, alone, effects, fold)
-        unknown = _best(bench, ranked, fold)
-    elif not named:  # beside a large name its remainder would be a run
+    left = _strong(ranked)
+    if named and (left or not borne_out(setting, errors)):
+        plain = Bench.of(setting, frame.residual)
+        alone = _ranked(plain, witness)
+        first = _found(plain, alone, fold) if _strong(alone) else None
+        ways = (errors,) if linear is None else (errors, linear)
+        if first is not None and _leads(plain, first, ways, fold, left=left):
+            return _taken(setting, plain, first, alone, effects, fold)
+    if not named and not left:  # beside a large name its remainder would be a run
         ranked = of_runs(bench)
-        unknown = _best(bench, ranked, fold) if ranked else None
+    unknown = _found(bench, ranked, fold) if left or (ranked and not named) else None
     if unknown is None:
         return None
     if named and small_beside(errors[np.isin(frame.aircraft, unknown.tails)], unknown.size):
@@ -180,6 +193,32 @@ def _ranked(bench: Bench, witness: LearnedWitness) -> list[Candidate]:
     # of a pair and a curve that tell the same the curve is simpler: `refined` tries its pairs
     least = single[0].strength + max(SECOND[0], SECOND[1] * single[0].strength)
     return [c for c in pairs if c.nats > least] + single
+
+
+def borne_out(setting: Setting, errors: Floats) -> bool:
+    """Whether the residual holds what names make of it, (n, 2), about as large as they say.
+
+    Names are fitted to what changes along flights. One that only stands in for an unknown may leave
+    nothing of it to be told there, but is then of another size in the residual as it is.
+    """
+    residual, day = setting.frame.residual, setting.day
+    near = np.abs(residual).max(axis=1) < BOUND
+    held = np.bincount(day // BLOCK, np.where(near, (residual * errors).sum(axis=1), 0.0))
+    whole = np.bincount(day // BLOCK, np.where(near, (errors**2).sum(axis=1), 0.0))
+    share = float(held.sum() / whole.sum())
+    error = float(np.sqrt(((held - share * whole) ** 2).sum()) / whole.sum())
+    return abs(share - 1.0) + error < OF_ANOTHER_SIZE
+
+
+def _strong(ranked: Sequence[Candidate]) -> bool:
+    """Whether any table has the evidence an unknown needs."""
+    return bool(ranked) and ranked[0].strength >= LEAST_EVIDENCE
+
+
+def _found(bench: Bench, ranked: Sequence[Candidate], fold: Integers) -> Unknown | None:
+    """The best table, by the variables that tell it best."""
+    best = _best(bench, ranked, fold)
+    return best if best is None else exchanged(bench, best, fold)
 
 
 def _best(bench: Bench, ranked: Sequence[Candidate], fold: Integers) -> Unknown | None:
@@ -311,8 +350,12 @@ def _of_reference(bench: Bench, unknown: Unknown) -> float:
     return float(np.hypot(*frame.residual.T).sum() - np.hypot(*left.T).sum())
 
 
-def _leads(bench: Bench, unknown: Unknown, ways: Sequence[Floats], fold: Integers) -> bool:
+def _leads(
+    bench: Bench, unknown: Unknown, ways: Sequence[Floats], fold: Integers, *, left: bool = True
+) -> bool:
     """Whether a table alone explains more than all names together, either way these are taken.
+
+    Half as much again where these leave nothing that is to be told.
 
     A factor of the wind is exact on the reference's own, whose small scales are in part wrong and
     cost it energy that a table, on the large-scale wind, does not pay.
@@ -320,8 +363,10 @@ def _leads(bench: Bench, unknown: Unknown, ways: Sequence[Floats], fold: Integer
     table = field_of(bench, unknown, fold)
     names = max(ways, key=lambda errors: explained(bench, errors))
     both, square = float((table * names).sum()), float((names**2).sum())
-    like = both**2 >= LIKENESS * float((table**2).sum()) * square and both <= SAME_SIZE * square
-    least = LEADS_ITS_LIKE if like and not from_nothing(unknown) else LEADS
+    likeness = both**2 / max(float((table**2).sum()) * square, 1e-12)
+    most = NEAR_SIZE if likeness >= NOTHING_BUT else SAME_SIZE
+    like = likeness >= LIKENESS and both <= most * square
+    least = LEADS_ITS_LIKE if not left or (like and not from_nothing(unknown)) else LEADS
     return explained(bench, table) > least * explained(bench, names)
 
 

@@ -164,12 +164,44 @@ def refined(bench: Bench, best: Candidate, fold: Integers) -> Unknown | None:
     found = _most_explaining(bench, options, fold)
     if found is None or len(found.grid.axes) == 1:
         return found
-    found = _of_likes(bench, found, fold)
+    return _finest(bench, _of_likes(bench, found, fold), fold)
+
+
+def exchanged(bench: Bench, table: Unknown, fold: Integers) -> Unknown:
+    """A pair with others in its variables' places that have more evidence and explain more.
+
+    A pair is found by one of its variables alone; where winds blow from one side a track tells the
+    drift as well.
+    """
+    if len(table.grid.axes) == 1:
+        return table
+    pair = table
+    for place in range(2):
+        for candidate in _in_place(bench, pair, place):
+            pair = _more_explaining(bench, pair, _fitted(bench, candidate, fold), fold) or pair
+    return table if pair is table else _finest(bench, pair, fold)
+
+
+def _in_place(bench: Bench, pair: Unknown, place: int) -> list[Candidate]:
+    """Tables with another variable in one's place that have more evidence, most first."""
+    kept = pair.grid.axes[1 - place]
+    made = []
+    for other in bench.variables:
+        if other in pair.grid.variables or _tells_itself((other, kept.variable)):
+            continue
+        axes = [_pair_axis(bench, other), kept] if place == 0 else [kept, _pair_axis(bench, other)]
+        made.append(weighed(bench, Grid((axes[0], axes[1])), pair.component))
+    more = [one for one in made if one.nats > pair.evidence]
+    return sorted(more, key=lambda one: -one.nats)[:MOST_PAIRS]
+
+
+def _finest(bench: Bench, pair: Unknown, fold: Integers) -> Unknown:
+    """A pair in finer cells where these explain more, its more telling variable first."""
     finest = tuple(
-        axis_of(bench.variables[axis.variable], FINE_CELLS[axis.kind]) for axis in found.grid.axes
+        axis_of(bench.variables[axis.variable], FINE_CELLS[axis.kind]) for axis in pair.grid.axes
     )
-    finer = _fitted(bench, weighed(bench, Grid(finest), found.component), fold)
-    return _most_telling_first(bench, _more_explaining(bench, found, finer, fold) or found, fold)
+    finer = _fitted(bench, weighed(bench, Grid(finest), pair.component), fold)
+    return _most_telling_first(bench, _more_explaining(bench, pair, finer, fold) or pair, fold)
 
 
 def _of_likes(bench: Bench, pair: Unknown, fold: Integers) -> Unknown:
