@@ -39,7 +39,7 @@ Resume = Annotated[bool, typer.Option("--resume", help="Keep finished work that 
 Scheduler = Annotated[
     str | None, typer.Option(help="Address of a dask scheduler.", metavar="ADDRESS")
 ]
-Quiet = Annotated[bool, typer.Option("--quiet", help="Say nothing but errors.")]
+Quiet = Annotated[bool, typer.Option("--quiet", help="Results and errors alone, no progress.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 
 T = TypeVar("T")

@@ -72,10 +72,10 @@ def forecast_headline(corrected: xr.Dataset) -> str:
         unit = str(own["variable_units"].sel(variable=name).item())
         if np.isfinite(before):
             words = str(name).replace("_", " ")
-            parts.append(f"{words} {before:.2f} to {after:.2f} {unit}".rstrip())
+            parts.append(f"of {words} from {before:.2f} to {after:.2f} {unit}".rstrip())
     if not parts:
         return "No day was left to judge the corrected forecasts by."
-    return f"The filter took the forecasts' rms error on days held out from {', '.join(parts)}."
+    return f"On days held out the filter took the forecasts' rms error {', '.join(parts)}."
 
 
 def _facts(corrected: xr.Dataset) -> list[tuple[str, str]]:
