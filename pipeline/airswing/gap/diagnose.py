@@ -35,7 +35,7 @@ from airswing.gap.effects import CATALOGUE
 from airswing.gap.effects.base import Effect
 from airswing.gap.evidence.gaussian import plain_probability
 from airswing.gap.evidence.localisation import slices
-from airswing.gap.evidence.terms import given_terms
+from airswing.gap.evidence.terms import Term, given_terms
 from airswing.gap.held_out.attenuation import readout_factors
 from airswing.gap.held_out.days_left_out import folds_of_days, term_coefficients
 from airswing.gap.held_out.linearised import FoundFirst
@@ -219,10 +219,9 @@ def _diagnosed(
             break
         final, again, more = search_twice(archive, search, swaps=swaps and swap is None)
         swap = swap or more
-    found = final.standing.found
-    small = remainder_names(found.terms, taken) | stand_ins(first, found.terms)
-    if small:
-        left = {name: effect for name, effect in effects.items() if name not in small}
+    left = effects
+    while small := _not_told(first, final.standing.found.terms, taken):
+        left = {name: effect for name, effect in left.items() if name not in small}
         final, again, _ = search_twice(archive, replace(search, effects=left), swaps=False)
     problem, found = final.problem, final.standing.found
     findings = _findings(final, search, again=again, names=known_names)
@@ -238,6 +237,11 @@ def _diagnosed(
     report = _with_rivals(checks.told(report), checks, problem, findings)
     dataset = diagnosis_dataset(problem, found).assign(checks.histograms())
     return Diagnosis(report, dataset, _adjustment(final, findings.factors))
+
+
+def _not_told(first: Sequence[Term], terms: Sequence[Term], taken: Sequence[Taken]) -> set[str]:
+    """Names that are what unknowns left, or stood in for them."""
+    return remainder_names(terms, taken) | stand_ins(first, terms)
 
 
 def _adjustment(final: Pass, factors: Mapping[str, float]) -> Adjustment:

@@ -101,3 +101,15 @@ def test_a_table_begins_at_nothing_where_its_first_cell_or_its_last_is_next_to_n
     assert not taken_off.from_nothing(table(2.0, 2.5, 3.0))
     for other in (table(0.0, 1.0, kind="circular"), table(0.0, 1.0, axes=2)):
         assert not taken_off.from_nothing(other)
+
+
+def test_what_is_no_likelier_than_not_beside_an_unknown_is_its_remainder():
+    def term(name, probability, size=0.5, tails=(0, 1, 2)):
+        candidate = SimpleNamespace(name=name, known=True)
+        score = SimpleNamespace(size=np.full(3, size), probability=probability)
+        return SimpleNamespace(candidate=candidate, tails=tails, score=score)
+
+    unknown = SimpleNamespace(unknown=SimpleNamespace(tails=(0, 1, 2), size=0.6))
+    terms = [term("doubted", 0.4987), term("likely", 0.9), term("small", 0.9, size=0.2)]
+    assert taken_off.remainder_names(terms, [unknown]) == {"doubted", "small"}
+    assert taken_off.remainder_names(terms, []) == set()

@@ -26,6 +26,7 @@ from airswing.gap.design.layout import effect_columns
 from airswing.gap.effects.base import Effect
 from airswing.gap.evidence.terms import Term
 from airswing.gap.held_out.reduction import take_off
+from airswing.gap.search.belief import LIKELIER_ANOTHER
 from airswing.gap.witness.bench import BLOCK, Bench, Setting
 from airswing.gap.witness.fitted_tables import (
     BOUND,
@@ -413,7 +414,8 @@ def is_remainder(new: Taken, earlier: Sequence[Taken], rounding: Floats) -> bool
 def remainder_names(terms: Sequence[Term], taken: Sequence[Taken]) -> set[str]:
     """Names whose every term is small beside an unknown taken off the same aircraft.
 
-    Cells are coarse: what a table leaves within them bends into the shape of names.
+    Cells are coarse: what a table leaves within them bends into the shape of names. So does one of
+    all aircraft that is no likelier than not what its name says.
     """
     small: dict[str, bool] = {}
     for term in terms:
@@ -421,8 +423,10 @@ def remainder_names(terms: Sequence[Term], taken: Sequence[Taken]) -> set[str]:
             continue
         own = set(term.tails)
         size = float(np.median(term.score.size[list(term.tails)]))
+        likely = term.score.probability
+        doubted = likely is not None and likely < LIKELIER_ANOTHER
         less = any(
-            own <= set(one.unknown.tails) and size < OWN_REMAINDER * one.unknown.size
+            own <= set(one.unknown.tails) and (doubted or size < OWN_REMAINDER * one.unknown.size)
             for one in taken
         )
         small[term.candidate.name] = small.get(term.candidate.name, True) and less
