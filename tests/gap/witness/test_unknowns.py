@@ -373,14 +373,14 @@ def test_an_error_across_the_heading_by_the_reported_speed_shows_in_its_means():
 
 def test_a_pair_found_by_one_variable_is_told_by_the_other_that_explains_more():
     """Where most winds blow from one side a track tells the drift, and is not what it goes by."""
-    frame = make_frame(seed=5, aircraft=6, days=20, noise=0.5)
+    frame = make_frame(seed=5, aircraft=4, days=12, noise=0.5)
     drift = values_of(frame, frame, "drift")
     late = frame.day > np.median(frame.day)
     cross, _ = unit_vectors(frame.heading)
     error = cross * (1.5 * (late & (drift > np.median(drift))))[:, None]
     reported = without(frame, frame.residual + error)
     bench = Bench.of(setting_of(reported), reported.residual)
-    fold = np.arange(int(bench.setting.day.max()) + 1) // 4
+    fold = np.arange(int(bench.setting.day.max()) + 1) // 3
     axes = [axis_of(bench.variables[name], count) for name, count in (("date", 6), ("track", 12))]
     found = fitted(bench, weighed(bench, Grid((axes[0], axes[1])), "across_heading"), fold)
     made = exchanged(bench, found, fold)
