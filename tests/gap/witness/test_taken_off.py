@@ -64,10 +64,14 @@ def test_where_names_leave_nothing_a_table_must_explain_half_as_much_again(monke
     monkeypatch.setattr(
         taken_off, "explained", lambda bench, error: ((2 * truth - error) * error).sum()
     )
-    names = 0.6 * truth + 0.3 * other  # unlike it, and they explain three quarters of it
-    assert taken_off._leads(None, truth, (names,), None)
-    assert not taken_off._leads(None, truth, (names,), None, left=False)
-    assert taken_off._leads(None, truth, (0.2 * truth + 0.3 * other,), None, left=False)
+    names = 0.4 * truth + 0.5 * other  # unlike it, and they explain a third of it
+    assert taken_off._leads(None, truth, (names,), None, left=False)
+    more = 0.6 * truth + 0.45 * other  # they explain two thirds of it, and are mostly it
+    assert taken_off._leads(None, truth, (more,), None)
+    assert not taken_off._leads(None, truth, (more,), None, left=False)
+    near = 0.5 * truth + 0.2 * other  # they explain seven tenths
+    assert taken_off._leads(None, truth, (near,), None)
+    assert not taken_off._leads(None, truth, (near,), None, left=False)
 
 
 def test_names_are_borne_out_where_the_residual_holds_their_size():

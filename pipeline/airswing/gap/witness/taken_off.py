@@ -65,6 +65,9 @@ LEADS, LIKENESS, SAME_SIZE, LEADS_ITS_LIKE = 1.05, 0.6, 1.25, 1.5
 #: come out too small behind another of the same aircraft (an airspeed's offset behind a time lag
 #: at 0.77 of its size), and its name is none the less its name.
 NOTHING_BUT, NEAR_SIZE = 0.95, 1.6
+#: The square of its correlation with names that leave nothing from which a table is these: 0.18 of
+#: a step that stood in for an error by date and drift, 0.64 of a right hard iron of the fleet.
+STANDS_IN = 0.5
 #: What names may miss of their size in the residual as it is, error and all, to be left in peace.
 OF_ANOTHER_SIZE = 0.25
 #: Share of a table's largest value that is nothing, at an end of its variable: what an error that
@@ -356,7 +359,8 @@ def _leads(
 ) -> bool:
     """Whether a table alone explains more than all names together, either way these are taken.
 
-    Half as much again where these leave nothing that is to be told.
+    Half as much again where these leave nothing that is to be told, and it must be another thing:
+    a table of the whole fleet holds a right name and what weather does by its variables.
 
     A factor of the wind is exact on the reference's own, whose small scales are in part wrong and
     cost it energy that a table, on the large-scale wind, does not pay.
@@ -367,6 +371,8 @@ def _leads(
     likeness = both**2 / max(float((table**2).sum()) * square, 1e-12)
     most = NEAR_SIZE if likeness >= NOTHING_BUT else SAME_SIZE
     like = likeness >= LIKENESS and both <= most * square
+    if not left and likeness >= STANDS_IN:
+        return False
     least = LEADS_ITS_LIKE if not left or (like and not from_nothing(unknown)) else LEADS
     return explained(bench, table) > least * explained(bench, names)
 
