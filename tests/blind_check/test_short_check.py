@@ -24,7 +24,7 @@ def diagnosed(config: Path, output: Path, without: Sequence[str]) -> GapReport:
 
 
 def test_a_short_check_by_the_public_command(tmp_path, monkeypatch, no_gap_page):
-    short = Size(days=15, aircraft=6, sizes=(1.6,), coarse=True)
+    short = Size(days=12, aircraft=5, sizes=(1.6,), coarse=True)
     monkeypatch.setattr(Size, "fast", classmethod(lambda cls: short))
     plan = Plan(4, 2, True, rungs=(1,), names=("compass_offset", "hard_iron", "tas_scale"))
     check = gap_check(tmp_path, plan, baselines=False, diagnoser=diagnosed)
