@@ -34,11 +34,11 @@ from airswing.blind_check.check_run import Plan
 from airswing.gap.archive.flight_time import flight_time
 from airswing.gap.archive.frame import Frame
 from airswing.gap.archive.heading_lattice import step_cosines
+from airswing.gap.archive.other_winds import without
 from airswing.gap.as_sent.magnetic_north import KNOWN, declination_slopes
 from airswing.gap.diagnose import diagnose
 from airswing.gap.noise.residual_statistics import directional_sd, remove_smooth_effects
 from airswing.gap.result.schema import GapReport
-from airswing.gap.witness.taken_off import without
 from airswing.physics.atmosphere import STANDARD_PRESSURE, STANDARD_TEMPERATURE
 from airswing.synthetic.sealed.sealed_archives import Archivist
 from airswing.units import KNOT, ZERO_CELSIUS

@@ -51,6 +51,7 @@ ORDER = (
     "gap/closure",
     "gap/checks",
     "gap/witness",
+    "gap/taken_off",
     "gap/as_sent",
     "gap/result",
     "gap",

@@ -57,14 +57,10 @@ from airswing.gap.search.stepwise import Rules
 from airswing.gap.search.testability import absorbed, too_short
 from airswing.gap.sums.problem import Problem
 from airswing.gap.sums.whole_archive import Archive, held_archive
+from airswing.gap.taken_off.remainders import is_remainder, remainder_names
+from airswing.gap.taken_off.unknown_taken import Taken, next_unknown
 from airswing.gap.witness.bench import Setting
 from airswing.gap.witness.learned import LearnedWitness
-from airswing.gap.witness.taken_off import (
-    Taken,
-    is_remainder,
-    next_unknown,
-    remainder_names,
-)
 from airswing.gap.witness.wind_by_days import name_by_days
 
 Floats = NDArray[np.float64]
@@ -241,7 +237,7 @@ def _diagnosed(
 
 def _not_told(first: Sequence[Term], terms: Sequence[Term], taken: Sequence[Taken]) -> set[str]:
     """Names that are what unknowns left, or stood in for them."""
-    return remainder_names(terms, taken) | stand_ins(first, terms)
+    return remainder_names(terms, [one.unknown for one in taken]) | stand_ins(first, terms)
 
 
 def _adjustment(final: Pass, factors: Mapping[str, float]) -> Adjustment:
@@ -306,7 +302,8 @@ def _next_unknown(
     )
     frame = problem.archive
     rounding = float(np.mean(frame.airspeed)) * rounding_of_headings(frame)
-    if unknown is not None and is_remainder(unknown[0], taken, rounding):
+    told = [one.unknown for one in taken]
+    if unknown is not None and is_remainder(unknown[0].unknown, told, rounding):
         return None
     return unknown
 

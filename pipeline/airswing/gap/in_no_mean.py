@@ -25,9 +25,9 @@ from airswing.gap.passes import Search
 from airswing.gap.search.coding_and_outliers import MomentVerdict
 from airswing.gap.search.excess_scatter import Scattering, scattering
 from airswing.gap.sums.problem import Problem
+from airswing.gap.taken_off.remainders import small_beside
 from airswing.gap.witness.bench import Bench, Setting
 from airswing.gap.witness.sent_winds import SentWinds, sent_winds
-from airswing.gap.witness.taken_off import small_beside
 
 Floats = NDArray[np.float64]
 

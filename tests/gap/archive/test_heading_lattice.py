@@ -8,11 +8,12 @@ import pytest
 from tests.gap.toy import make_frame
 
 from airswing.gap.archive.heading_lattice import heading_lattice_of
+from airswing.gap.archive.other_winds import without
 from airswing.gap.design.heading_uncertainty import heading_doubt, rounding_of_headings
 from airswing.gap.diagnose import diagnose
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.search.coding_and_outliers import heading_coding
-from airswing.gap.witness.taken_off import is_remainder, without
+from airswing.gap.taken_off.remainders import is_remainder
 
 
 @pytest.fixture(scope="module")
@@ -89,7 +90,7 @@ def test_aircraft_with_coarse_headings_have_less_say(plain):
 
 def test_what_coarse_headings_leave_is_no_unknown():
     def one(size, tails):
-        return SimpleNamespace(unknown=SimpleNamespace(run=0.0, tails=tails, size=size))
+        return SimpleNamespace(run=0.0, tails=tails, size=size)
 
     rounding = np.array([0.0, 6.0, 6.0])
     assert is_remainder(one(1.5, (1, 2)), [], rounding)

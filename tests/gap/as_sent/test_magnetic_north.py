@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from tests.gap.toy import make_frame
 
+from airswing.gap.archive.other_winds import without
 from airswing.gap.as_sent.magnetic_north import against_magnetic_north_of
 from airswing.gap.diagnose import diagnose
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.effects.empirical import grid_of
 from airswing.gap.result.effect_entries import active_effects
 from airswing.gap.simulation.forward import simulate
-from airswing.gap.witness.taken_off import without
 from airswing.report.gap.words import verdict
 
 

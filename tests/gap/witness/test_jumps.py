@@ -5,10 +5,10 @@ import pytest
 from tests.gap.toy import make_frame
 from tests.gap.witness.test_learned import setting_of
 
+from airswing.gap.archive.other_winds import without
 from airswing.gap.witness.bench import Bench
 from airswing.gap.witness.fitted_tables import LEAST_EVIDENCE
 from airswing.gap.witness.jumps import CROSSED, deviations, jumps
-from airswing.gap.witness.taken_off import without
 from airswing.gap.witness.unknowns import edged, refined
 
 

@@ -9,12 +9,12 @@ from scipy.stats import norm
 from tests.gap.toy import make_frame
 from tests.gap.witness.test_learned import setting_of
 
+from airswing.gap.archive.other_winds import without
 from airswing.gap.archive.value_tables import Axis, Grid
 from airswing.gap.witness.bench import PERSISTENT, Bench
 from airswing.gap.witness.fitted_tables import LEAST_EVIDENCE, field_of, fitted, stands
 from airswing.gap.witness.periods import SHORTEST, _likeliest, _starts, periods
 from airswing.gap.witness.scan import SIZES
-from airswing.gap.witness.taken_off import without
 from airswing.gap.witness.unknowns import edged, weighed
 
 

@@ -6,10 +6,10 @@ from scipy.stats import norm, ttest_1samp
 from tests.gap.toy import make_frame
 from tests.gap.witness.test_learned import setting_of
 
+from airswing.gap.archive.other_winds import without
 from airswing.gap.archive.reported_variables import Variable
 from airswing.gap.witness.bench import Bench
 from airswing.gap.witness.products import deviations, products, shapes_of
-from airswing.gap.witness.taken_off import without
 from airswing.gap.witness.unknowns import LIKES
 
 

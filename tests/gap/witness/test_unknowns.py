@@ -9,6 +9,7 @@ from scipy.stats import multivariate_normal
 from tests.gap.toy import make_frame, noise_of
 from tests.gap.witness.test_learned import setting_of
 
+from airswing.gap.archive.other_winds import without
 from airswing.gap.archive.reported_variables import KINDS, Variable, values_of
 from airswing.gap.archive.value_tables import Grid, axis_of
 from airswing.gap.design.basis import unit_vectors
@@ -18,7 +19,8 @@ from airswing.gap.effects import CATALOGUE
 from airswing.gap.noise.whitening import whiten
 from airswing.gap.result.effect_entries import active_effects
 from airswing.gap.sums.variance_components import SLOPE_SD, Variances
-from airswing.gap.witness import taken_off
+from airswing.gap.taken_off import closed_by_table, table_or_names
+from airswing.gap.taken_off.remainders import small_beside
 from airswing.gap.witness.bench import Bench
 from airswing.gap.witness.fitted_tables import (
     LEAST_EVIDENCE,
@@ -30,7 +32,6 @@ from airswing.gap.witness.fitted_tables import (
 )
 from airswing.gap.witness.ground import BACKGROUND, plain_sums, prepare, steady_columns
 from airswing.gap.witness.scan import SIZES, evidence
-from airswing.gap.witness.taken_off import small_beside, without
 from airswing.gap.witness.unknowns import exchanged, weighed
 
 SMALL = {n: CATALOGUE[n] for n in ("compass_offset", "hard_iron", "tas_scale")}
@@ -292,8 +293,8 @@ def test_a_slope_that_simulated_archives_do_not_agree_about_counts_little():
 
 def test_cells_miss_what_their_halves_explain_more():
     from airswing.gap.archive.value_tables import Axis
+    from airswing.gap.taken_off.closed_by_table import MISSED, missed
     from airswing.gap.witness.fitted_tables import Unknown, halved
-    from airswing.gap.witness.taken_off import MISSED, missed
 
     def step(context):
         return np.where(context["longitude"] > -88, np.radians(3.0), 0.0)
@@ -324,12 +325,12 @@ def test_a_table_does_not_lead_by_small_scales_that_a_name_cannot_help(monkeypat
     large, small, error = (sd * rng.standard_normal((500, 2)) for sd in (10.0, 4.0, 2.0))
     bench = SimpleNamespace(residuals=(0.08 * large - 0.4 * small + error)[None])
     name, columns = 0.08 * (large + small), 0.08 * large
-    monkeypatch.setattr(taken_off, "field_of", lambda *_: 0.079 * large)
-    monkeypatch.setattr(taken_off, "from_nothing", lambda table: False)
+    monkeypatch.setattr(table_or_names, "field_of", lambda *_: 0.079 * large)
+    monkeypatch.setattr(table_or_names, "from_nothing", lambda table: False)
     fold = np.zeros(1, int)
-    assert taken_off._leads(bench, None, (name,), fold)
-    assert not taken_off._leads(bench, None, (name, columns), fold)
-    assert taken_off._leads(bench, None, (0.5 * name, 0.5 * columns), fold)
+    assert table_or_names.leads(bench, None, (name,), fold)
+    assert not table_or_names.leads(bench, None, (name, columns), fold)
+    assert table_or_names.leads(bench, None, (0.5 * name, 0.5 * columns), fold)
 
 
 def test_a_table_of_the_wind_closes_less_where_the_reference_errs():
@@ -346,7 +347,7 @@ def test_a_table_of_the_wind_closes_less_where_the_reference_errs():
     )
     table = SimpleNamespace(grid=None, component="wind_factor", values=np.array([[8.0]]))
     closed = np.hypot(*residual.T).sum() - np.hypot(*(residual - 0.08 * wind).T).sum()
-    assert taken_off._of_reference(bench, table) == pytest.approx(closed)
+    assert closed_by_table._of_reference(bench, table) == pytest.approx(closed)
     on_large = np.hypot(*residual.T).sum() - np.hypot(*(residual - 0.08 * large).T).sum()
     assert closed < 0.8 * on_large
 

@@ -26,8 +26,9 @@ from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
 from airswing.gap.archive.frame import Frame
+from airswing.gap.archive.other_winds import without
 from airswing.gap.as_sent.mended import Mended, shortened
-from airswing.gap.witness.taken_off import DRAWS, without
+from airswing.gap.taken_off.closed_by_table import DRAWS
 from airswing.physics.robust_spread import robust_sd
 from airswing.units import KNOT
 

@@ -30,9 +30,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.archive.frame import Frame
+from airswing.gap.archive.other_winds import without
 from airswing.gap.as_sent.day_regression import regressed
 from airswing.gap.as_sent.mended import Mended, days_of, in_aircraft, shortened
-from airswing.gap.witness.taken_off import DRAWS, LASTS, without
+from airswing.gap.taken_off.closed_by_table import DRAWS, LASTS
 from airswing.physics.triangle import wrap_signed
 
 Floats = NDArray[np.float64]

@@ -24,9 +24,10 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from airswing.gap.archive.frame import Frame
+from airswing.gap.archive.other_winds import without
 from airswing.gap.as_sent.ceiling import CHAINS, scale_by_level
 from airswing.gap.as_sent.mended import Mended, days_of, in_aircraft, shortened
-from airswing.gap.witness.taken_off import DRAWS, LASTS, without
+from airswing.gap.taken_off.closed_by_table import DRAWS, LASTS
 from airswing.units import KNOT
 
 Floats = NDArray[np.float64]

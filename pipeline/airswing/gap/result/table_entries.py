@@ -1,7 +1,7 @@
 """An unknown that has a table, as gap.json tells it: place, curve, interval, what would settle it.
 
 Assumptions: the draws of what a table closes hold all that is open about it
-(:mod:`airswing.gap.witness.taken_off`).
+(:mod:`airswing.gap.taken_off`).
 
 Units: m/s inside, kt in entries.
 """
@@ -18,8 +18,8 @@ from airswing.gap.as_sent.mended import Mended
 from airswing.gap.evidence.gaussian import plain_probability
 from airswing.gap.result.schema import ClosesEntry, CurveEntry, PlaceEntry
 from airswing.gap.search.belief import outside_catalogue
+from airswing.gap.taken_off.unknown_taken import Taken
 from airswing.gap.witness.fitted_tables import Unknown
-from airswing.gap.witness.taken_off import Taken
 from airswing.units import KNOT
 
 #: Quantiles between which what unknowns close lies in 95 of 100 draws.

@@ -30,7 +30,8 @@ from airswing.gap.result.single_entries import mended_effect, mended_place
 from airswing.gap.result.table_entries import entry, interval
 from airswing.gap.search.stepwise import Found
 from airswing.gap.sums.problem import Problem
-from airswing.gap.witness.taken_off import OWN_REMAINDER, Taken
+from airswing.gap.taken_off.remainders import OWN_REMAINDER
+from airswing.gap.taken_off.unknown_taken import Taken
 from airswing.units import KNOT
 
 #: Components of the nonparametric basis.
