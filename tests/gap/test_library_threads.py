@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+import sklearn.ensemble  # noqa: F401 - its threads are there before any are held
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from airswing.gap.library_threads import one_library_thread
@@ -23,9 +25,6 @@ def test_every_library_is_held_to_one_thread_and_let_go_again() -> None:
 
 def test_an_error_inside_lets_go_as_well() -> None:
     with threadpool_limits(limits=2):
-        try:
-            with one_library_thread():
-                raise ValueError("within")
-        except ValueError:
-            pass
+        with pytest.raises(ValueError, match="within"), one_library_thread():
+            raise ValueError("within")
         assert set(_threads()) == {2}

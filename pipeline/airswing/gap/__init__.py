@@ -11,8 +11,8 @@ The rooms in the order in which data flow (:mod:`airswing.gap.diagnose` calls th
 * ``held_out/``: what terms explain of weeks that had no part in them;
 * ``search/``: which effects are at work; what shows in no mean;
 * ``closure/``: how sure the closure is, and what effects without a claim could still close;
-* ``witness/``: what has no name, in tables and by learned trees; ``taken_off/``: such unknowns taken
-  off one after the other, beside names or in their place;
+* ``witness/``: what has no name, in tables and by learned trees; ``taken_off/``: such unknowns
+  taken off one after the other, beside names or in their place;
 * ``as_sent/``: winds so wrong that they are set right before all else;
 * ``checks/``: what the diagnosis rests on; ``result/``: what is said.
 

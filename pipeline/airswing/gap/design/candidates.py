@@ -64,8 +64,8 @@ class Candidate:
 
     @property
     def steady(self) -> Integers:
-        """Columns that hold the effect unchanged in time: its own, unless it drifts."""
-        return np.array([j for j, _ in self.lasting], np.int64) if self.lasting else self.columns
+        """Columns that hold an effect that drifts unchanged in time."""
+        return np.array([j for j, _ in self.lasting], np.int64)
 
     @property
     def free(self) -> int:

@@ -24,19 +24,16 @@ from numpy.typing import NDArray
 from airswing.gap.evidence.terms import Term
 from airswing.gap.held_out.days_left_out import folds_of_days
 from airswing.gap.held_out.reduction import held_out_errors
+from airswing.gap.held_out.share_held import BLOCK, BOUND
 from airswing.gap.sums.problem import Problem
 
 Floats = NDArray[np.float64]
 
-#: Days of a block.
-BLOCK = 3
 #: Share of what a table explains that a name may leave in any case, and where it is within the
 #: error: another table must gain as much to be taken instead.
 SHORT, MOST_SHORT = 0.03, 0.1
 #: Aircraft in common over aircraft in either, from which name and table are of the same ones.
 ALIKE = 0.75
-#: Bound on single residuals, m/s: of a gross error nothing is explained.
-BOUND = 12.0
 
 
 def explains(

@@ -267,8 +267,8 @@ def evaluate_named(
 
 def _lasting(candidate: Candidate) -> Candidate:
     """Version of a candidate without its change in time."""
-    columns, scales = zip(*candidate.lasting, strict=True)
-    return replace(candidate, columns=np.array(columns, np.int64), scales=np.array(scales))
+    scales = np.array([scale for _, scale in candidate.lasting])
+    return replace(candidate, columns=candidate.steady, scales=scales)
 
 
 def better_for(

@@ -16,8 +16,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.gap.witness.bench import BLOCK, Bench, Setting
-from airswing.gap.witness.fitted_tables import BOUND, Unknown, explained, field_of
+from airswing.gap.held_out.share_held import share_held
+from airswing.gap.witness.bench import Bench, Setting
+from airswing.gap.witness.fitted_tables import Unknown, explained, field_of
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -71,13 +72,8 @@ def borne_out(setting: Setting, errors: Floats) -> bool:
     Names are fitted to what changes along flights. One that only stands in for an unknown may leave
     nothing of it to be told there, but is then of another size in the residual as it is.
     """
-    residual, day = setting.frame.residual, setting.day
-    near = np.abs(residual).max(axis=1) < BOUND
-    held = np.bincount(day // BLOCK, np.where(near, (residual * errors).sum(axis=1), 0.0))
-    whole = np.bincount(day // BLOCK, np.where(near, (errors**2).sum(axis=1), 0.0))
-    share = float(held.sum() / whole.sum())
-    error = float(np.sqrt(((held - share * whole) ** 2).sum()) / whole.sum())
-    return abs(share - 1.0) + error < OF_ANOTHER_SIZE
+    told = share_held(setting.frame.residual, errors, setting.day)
+    return abs(told.share - 1.0) + told.error < OF_ANOTHER_SIZE
 
 
 def from_nothing(unknown: Unknown) -> bool:

@@ -22,6 +22,7 @@ from airswing.gap.archive.frame import Frame
 from airswing.gap.archive.reported_variables import OF_THE_REPORT, Variable, record, values_of
 from airswing.gap.archive.value_tables import Grid, axis_of, change_of
 from airswing.gap.design.basis import DictionaryPlan
+from airswing.gap.held_out.share_held import BLOCK
 from airswing.gap.noise.model import NoiseFit
 from airswing.gap.simulation.forward import Coding
 from airswing.gap.sums.problem import Problem
@@ -46,8 +47,6 @@ REGION = ("longitude", "latitude")
 REPORTED_PERSISTENT = 0.25
 #: The same of the fleet by drift, which holds a part of the wind's error: 0.2 to 0.3 m/s on nulls.
 DRIFT_PERSISTENT = 0.25
-#: Days between which scores of a table's means are taken for independent.
-BLOCK = 3
 #: Least factor by which their scatter between blocks counts where cells are of the reported wind:
 #: aircraft turn about it, so that errors of a place cancel in it. By what goes with the place, as
 #: track does, they last, and blocks that are alike tell nothing (2 false tables of 20 short toys).

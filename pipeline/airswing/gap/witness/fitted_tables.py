@@ -18,8 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.archive.value_tables import Grid
+from airswing.gap.held_out.share_held import BLOCK, BOUND
 from airswing.gap.sums.elimination import inverse_root
-from airswing.gap.witness.bench import BLOCK, Bench, stands_on_report
+from airswing.gap.witness.bench import Bench, stands_on_report
 from airswing.gap.witness.cell_means import CellSums
 from airswing.gap.witness.ground import Sums
 from airswing.gap.witness.scan import SIZES, Weighed, evidence
@@ -41,8 +42,6 @@ MEAN = 4.0
 DATE_BLOCK, LEAST_FOLDS = 2, 5
 #: What another table must explain more than the one before it, as a share.
 GAIN = 0.03
-#: Bound on single residuals where explained energies are compared, m/s.
-BOUND = 12.0
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.archive.value_tables import SCALED, Axis, Grid
-from airswing.gap.witness.bench import BLOCK, PERSISTENT, Bench
+from airswing.gap.held_out.share_held import BLOCK
+from airswing.gap.witness.bench import PERSISTENT, Bench
 from airswing.gap.witness.scan import SIZES
 
 Floats = NDArray[np.float64]
