@@ -245,9 +245,9 @@ def _drawn(
     out = np.zeros((draws, units.size, columns.size))
     for unit in np.flatnonzero(units).tolist():
         if _of_fleet(score):
-            gram, own, struck = given.fleet_gram[pick], given.fleet_score.sum(axis=0), 1.0
+            gram, own, struck = given.fleet_gram[pick], given.fleet_score, 1.0
         else:
-            gram, own = given.gram[unit][pick], given.score[unit].sum(axis=0)
+            gram, own = given.gram[unit][pick], given.score[unit]
             struck = float(score.posterior[unit])
         spread = np.linalg.inv(gram / score.factor + np.diag(1 / score.candidate.scales**2))
         middle = spread @ own[columns] / score.factor

@@ -15,7 +15,7 @@ Source: docs/gap.md section 6; cumulative-sum change-point posterior (Smith 1975
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache, partial
 
 import numpy as np
@@ -36,6 +36,7 @@ from airswing.gap.evidence.gaussian import (
 from airswing.gap.evidence.of_candidate import LEAST_ACTING, evaluate
 from airswing.gap.sums.accumulate import Statistics
 from airswing.gap.sums.cluster_inflation import aircraft_factor
+from airswing.gap.sums.day_scores import core_residual_scores, day_scores
 from airswing.gap.sums.elimination import Base, Conditional
 
 Floats = NDArray[np.float64]
@@ -56,63 +57,6 @@ SPENT = 2
 NEAR = 3
 #: Prior probability that a change ends again before the archive does.
 ENDING = 0.2
-
-
-def residual_scores(base: Base, given: Conditional) -> Floats:
-    """Scores of core columns by aircraft and day with the included columns taken off.
-
-    Returns
-    -------
-    (A, D, c) float
-    """
-    every = range(len(base.stats.tails))
-    return np.stack([_remains_of(base, given, a) for a in every])
-
-
-def _remains_of(base: Base, given: Conditional, aircraft: int) -> Floats:
-    """Residual scores (D, c) of one aircraft, computed once."""
-    made, core = given.derived, slice(0, base.stats.layout.core)
-    if "shared" not in made:
-        made["fitted"] = fitted = np.zeros((*base.stats.day_count.shape, core.stop))
-        for x, value in zip(given.included, given.coefficients, strict=True):
-            if x.column < core.stop:
-                fitted[:, :, x.column] += x.weights * value
-        made["shared"] = np.einsum("dij,dj->di", base.root, _fields_taken_off(base, given))
-    if (name := f"remains {aircraft}") not in made:
-        cross = base.cross[aircraft][:, :, core]
-        left = _taken_off(base, given, aircraft, core)
-        made[name] = left - np.matmul(made["shared"][:, None], cross)[:, 0]
-    return made[name]
-
-
-def _fields_taken_off(base: Base, given: Conditional) -> Floats:
-    """Scores (D, q) of the day fields of all aircraft, as :func:`_taken_off` of one."""
-    stats, fitted = base.stats, given.derived["fitted"]
-    fields = stats.layout.blocks["day_fields"]
-    left = stats.day_score[:, :, fields].sum(axis=0)
-    for x, value in zip(given.included, given.coefficients, strict=True):
-        if x.column >= stats.layout.core:
-            rows = stats.week_gram[:, :, x.column, fields][:, stats.week_of_day]
-            left -= np.einsum("ad,adq->dq", x.weights * stats.day_share * value, rows)
-    live = np.flatnonzero(fitted.any(axis=(0, 1)))
-    # the same columns are given in nearly every state of a search
-    key = "fields beside", live.tobytes()
-    if key not in base.blocks:
-        base.blocks[key] = stats.day_gram[:, :, live, fields].astype(float)
-    return np.asarray(left - np.einsum("adl,adlq->dq", fitted[:, :, live], base.blocks[key]))
-
-
-def _taken_off(base: Base, given: Conditional, aircraft: int, columns: slice) -> Floats:
-    """Scores (D, k) of some core columns of an aircraft less what the included ones explain."""
-    stats, own = base.stats, given.derived["fitted"][aircraft]
-    left = stats.day_score[aircraft][:, columns].copy()
-    for x, value in zip(given.included, given.coefficients, strict=True):
-        if x.column >= stats.layout.core and x.weights[aircraft].any():
-            rows = stats.week_gram[aircraft, :, x.column, columns][stats.week_of_day]
-            left -= rows * (x.weights[aircraft] * stats.day_share[aircraft] * value)[:, None]
-    live = np.flatnonzero(own.any(axis=0))
-    gram = stats.day_gram[aircraft][:, live, columns].astype(float)
-    return np.asarray(left - np.matmul(own[:, None, live], gram)[:, 0])
 
 
 def own_day_grams(base: Base, aircraft: int, columns: NDArray[np.int64]) -> Floats:
@@ -318,16 +262,15 @@ def _steadily(
     found = {a: look(a, plain) for a in sums}
     if plain < WORTH_A_LOOK or not sums:
         return plain, found
-    score = given.score.copy()
+    score = day_scores(given, columns)
     for a, own in sums.items():
         values = found[a].tempered[:, :-1]
         _, w = np.unravel_index(int(np.argmax(values)), values.shape)
         start, end = tried[w]
         fit = _unshrunk(own, int(w))
         grams = own_day_grams(base, a, columns)[start:end]
-        score[a, start:end, columns] -= (grams @ fit).T
-    left = replace(given, score=score)
-    factor = min(plain, aircraft_factor(stats, left, columns, spent=SPENT))
+        score[a, start:end] -= grams @ fit
+    factor = min(plain, aircraft_factor(stats, given, columns, score=score, spent=SPENT))
     return factor, found if factor == plain else {a: look(a, factor) for a in sums}
 
 
@@ -370,7 +313,7 @@ def _window_sums(
     tried: NDArray[np.int64],
 ) -> tuple[Floats, Floats]:
     """Information (w, k, k) and score (w, k) of the columns in every window."""
-    remains = _remains_of(base, given, aircraft)
+    remains = core_residual_scores(given, aircraft)
     included = [
         x for x, own in zip(given.included, _owner(base, given), strict=True) if own == aircraft
     ]
@@ -422,4 +365,4 @@ def _window_evidence(
     return grid_evidence(fits[aircraft], factor=factor, allowance=background**2 * unit, unit=unit)
 
 
-__all__ = ["evaluate_step", "own_day_grams", "residual_scores", "windows"]
+__all__ = ["evaluate_step", "own_day_grams", "windows"]

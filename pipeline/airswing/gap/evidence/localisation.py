@@ -25,6 +25,7 @@ from scipy.stats import chi2
 from airswing.gap.archive.frame import Frame
 from airswing.gap.design.basis import DictionaryPlan, unit_vectors
 from airswing.gap.sums.cluster_inflation import aircraft_factor, fleet_factor
+from airswing.gap.sums.day_scores import day_scores, fleet_day_scores
 from airswing.gap.sums.elimination import Base, Conditional, beyond
 from airswing.units import DAY
 
@@ -142,13 +143,14 @@ def _aircraft_slices(base: Base, given: Conditional, half: NDArray[np.bool_]) ->
         return []
     columns = np.concatenate([layout.columns(n) for n in names])
     labels = tuple(f"{n}[{i}]" for n in names for i in range(layout.columns(n).size))
-    factor = aircraft_factor(base.stats, given, columns)
+    by_day = day_scores(given, columns)
+    factor = aircraft_factor(base.stats, given, columns, score=by_day)
     out = []
     for a, tail in enumerate(base.stats.tails):
         gram = given.gram[a][np.ix_(columns, columns)]
         if np.trace(gram) <= 0:
             continue
-        score = given.score[a][:, columns]
+        score = by_day[a]
         p, estimate, _ = score_test(gram, score.sum(axis=0), factor)
         energy = cross_fitted(gram, score, half)
         out.append(
@@ -183,7 +185,7 @@ def _group_slices(
         # nothing is left of it beside what is given
         if np.trace(gram) <= 1e-9:
             continue
-        score = novel.fleet_score[:, columns]
+        score = fleet_day_scores(novel, columns)
         factor = fleet_factor(base.stats, novel, columns)
         p, estimate, error = score_test(gram, score.sum(axis=0), factor)
         energy = cross_fitted(gram, score, half)

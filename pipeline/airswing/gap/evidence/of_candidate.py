@@ -17,7 +17,7 @@ Source: docs/gap.md section 6.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -181,8 +181,8 @@ def _evaluate_fleet(
     alike, aircraft = _Alike.of(pool), len(stats.tails)
     columns, scales = alike.columns, alike.scales
     information = alike.matrix(given.fleet_gram[columns[:, :, None], columns[:, None]])
-    score = alike.score(given.fleet_score[:, columns].sum(axis=0))
-    factor = _factors(stats, given, pool, fleet_factors)
+    score = alike.score(given.fleet_score[columns])
+    factor = fleet_factors(stats, given, columns)
     second, acting = alike.sizes(stats)
     size = np.array([fleet_allowance(given, own) for own in columns])
     allowance = allowance_covariance(second.sum(axis=1), acting.sum(axis=1), size, scales)
@@ -206,25 +206,6 @@ def _evaluate_fleet(
                 acting[n],
             )
         )
-    return out
-
-
-def _factors(
-    stats: Statistics,
-    given: Conditional,
-    pool: Sequence[Candidate],
-    of_columns: Callable[[Statistics, Conditional, Integers], Floats],
-) -> Floats:
-    """Cluster factors (N,) of candidates with as many columns; of a drift those of what lasts.
-
-    Sums by day are given what is included as if its share of a column were the same every day.
-    Of one that grows in time that is not so: its sums scatter by all that lasts beside it (factors
-    of 5 to 8 beside a declination), and a drift came out as a step, whose columns do not grow.
-    """
-    out = of_columns(stats, given, np.stack([c.columns for c in pool]))
-    for n, candidate in enumerate(pool):
-        if candidate.lasting:
-            out[n] = of_columns(stats, given, candidate.steady[None])[0]
     return out
 
 
@@ -305,11 +286,11 @@ def _aircraft_evidence(
     alike = _Alike.of(pool)
     columns, scales, free = alike.columns, alike.scales, alike.scales.shape[1]
     rows, along = columns[:, :, None], columns[:, None]
-    factor = _factors(stats, given, pool, aircraft_factors)
+    factor = aircraft_factors(stats, given, columns)
     second, acting = alike.sizes(stats)
     live = acting >= LEAST_ACTING
     information = alike.matrix(given.gram[:, rows, along].swapaxes(0, 1))
-    score = alike.score(given.score.sum(axis=1)[:, columns].swapaxes(0, 1))
+    score = alike.score(given.score[:, columns].swapaxes(0, 1))
     known = np.where(live[..., None, None], information, 0.0)
     fleet = alike.matrix(given.fleet_gram[rows, along])
     unit = np.sqrt(second.sum(axis=1)[:, 0, 0] / np.maximum(acting.sum(axis=1), 1.0))
@@ -366,7 +347,7 @@ def raw_of_one(given: Conditional, pool: Sequence[Candidate], one: int) -> Float
     (N,) float
     """
     out = np.zeros(len(pool))
-    score = given.score[one].sum(axis=0)
+    score = given.score[one]
     for kind in {(c.columns.size, c.free) for c in pool}:
         members = [n for n, c in enumerate(pool) if (c.columns.size, c.free) == kind]
         alike = _Alike.of([pool[n] for n in members])

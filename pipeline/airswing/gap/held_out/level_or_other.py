@@ -109,7 +109,7 @@ def _raw(problem: Problem, steps: _Steps, rest: Floats) -> Floats:
     part = eliminate_days(stats, problem.base.variances)
     given = condition(part, climatology(part))
     pick = layout.columns(steps.name)
-    score = given.fleet_score[:, pick].sum(axis=0)
+    score = given.fleet_score[pick]
     left = np.diagonal(given.fleet_gram)[pick]
     # a step with no information beside the others has no evidence either
     raw = np.divide(score**2, 2 * left, out=np.zeros_like(score), where=left > 1e-9)

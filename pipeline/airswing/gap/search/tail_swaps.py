@@ -23,10 +23,11 @@ from numpy.typing import NDArray
 from airswing.gap.archive.flight_time import flight_starts
 from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import Effect
-from airswing.gap.evidence.changepoint import own_day_grams, residual_scores
+from airswing.gap.evidence.changepoint import own_day_grams
 from airswing.gap.evidence.gaussian import gaussian_evidence
 from airswing.gap.evidence.terms import Term
 from airswing.gap.sums.cluster_inflation import aircraft_factor
+from airswing.gap.sums.day_scores import residual_scores
 from airswing.gap.sums.elimination import Base, Conditional
 
 Floats = NDArray[np.float64]
@@ -101,7 +102,7 @@ def find_swap(
     factor = aircraft_factor(base.stats, given, columns)
     prior = 0.5 * np.concatenate([np.asarray(effects[n].column_scales, float) for n in names])
     cuts = np.arange(SHORTEST, days - SHORTEST + 1)
-    scores = residual_scores(base, given)[:, :, columns]
+    scores = residual_scores(given, columns)
     # running sums of every aircraft, from none to all days
     gram = np.zeros((aircraft, days + 1, prior.size, prior.size))
     score = np.zeros((aircraft, days + 1, prior.size))

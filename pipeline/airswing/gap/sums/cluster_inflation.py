@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.sums.accumulate import Statistics
+from airswing.gap.sums.day_scores import day_scores, fleet_day_grams, fleet_day_scores
 from airswing.gap.sums.elimination import Conditional
 
 Floats = NDArray[np.float64]
@@ -100,21 +101,43 @@ def _truncated_inverse(matrix: Floats) -> tuple[Floats, Integers]:
 
 
 def aircraft_factor(
-    stats: Statistics, given: Conditional, columns: Integers, *, spent: int = 0
+    stats: Statistics,
+    given: Conditional,
+    columns: Integers,
+    *,
+    score: Floats | None = None,
+    spent: int = 0,
 ) -> float:
-    """Cluster factor of a per-aircraft candidate, pooled over aircraft (median), at least 1."""
-    return float(aircraft_factors(stats, given, columns[None], spent=spent)[0])
+    """Cluster factor of a per-aircraft candidate, pooled over aircraft (median), at least 1.
+
+    Parameters
+    ----------
+    columns : (k,) int
+    score : (A, D, k) float, optional
+        By day; what is given leaves by default.
+    spent : int
+        As for :func:`cluster_factor`.
+    """
+    score = day_scores(given, columns) if score is None else score
+    return float(_of_aircraft(stats, given, columns[None], score[:, :, None], spent)[0])
 
 
-def aircraft_factors(
-    stats: Statistics, given: Conditional, columns: Integers, *, spent: int = 0
-) -> Floats:
+def aircraft_factors(stats: Statistics, given: Conditional, columns: Integers) -> Floats:
     """Cluster factors (N,) of per-aircraft candidates of these columns (N, k)."""
+    each, where = np.unique(columns, return_inverse=True)
+    score = day_scores(given, each)[:, :, where.reshape(columns.shape)]
+    return _of_aircraft(stats, given, columns, score, 0)
+
+
+def _of_aircraft(
+    stats: Statistics, given: Conditional, columns: Integers, by_day: Floats, spent: int
+) -> Floats:
+    """Cluster factors (N,) from scores by day (A, D, N, k)."""
     own = _day_grams(stats, columns)
     information = given.gram[:, columns[:, :, None], columns[:, None]].swapaxes(0, 1)
     whole, left = np.einsum("nadii->na", own), np.einsum("naii->na", information)
     flown = (whole > 0) & (left > LEAST_LEFT * whole)
-    score = given.score[:, :, columns].transpose(2, 0, 1, 3)[flown]
+    score = by_day.transpose(2, 0, 1, 3)[flown]
     values = np.full((*flown.shape, len(BLOCKS)), np.nan)
     values[flown] = cluster_factor(own[flown], score, information[flown], spent=spent)
     middle = [_largest(each) for each in _median(values)]
@@ -144,11 +167,13 @@ def fleet_factor(stats: Statistics, given: Conditional, columns: Integers) -> fl
 def fleet_factors(stats: Statistics, given: Conditional, columns: Integers) -> Floats:
     """Cluster factors (N,) of fleet candidates of these columns (N, k)."""
     if columns.max() < stats.layout.core:
-        own = stats.fleet_day_gram[:, columns[:, :, None], columns[:, None]].swapaxes(0, 1)
+        own = fleet_day_grams(given, columns)
     else:
         own = _day_grams(stats, columns).sum(axis=1)
     information = given.fleet_gram[columns[:, :, None], columns[:, None]]
-    values = cluster_factor(own, given.fleet_score[:, columns].swapaxes(0, 1), information)
+    each, where = np.unique(columns, return_inverse=True)
+    score = fleet_day_scores(given, each)[:, where.reshape(columns.shape)]
+    values = cluster_factor(own, score.swapaxes(0, 1), information)
     days = stats.days.size
     return np.array([max(1.5, _largest(_steadied(each, days))) for each in values])
 

@@ -94,9 +94,9 @@ class Base:
         return np.asarray(whole - total.T @ total)
 
     @cached_property
-    def fleet_score(self) -> Floats:
-        """X'r of the fleet-wide columns by day, (D, p)."""
-        return np.asarray(self.score.sum(axis=0))
+    def whole_score(self) -> Floats:
+        """X'r of each aircraft's columns over all days, (A, p)."""
+        return np.asarray(self.score.sum(axis=1))
 
     @cached_property
     def lasting_share(self) -> Floats:
@@ -112,20 +112,56 @@ class Base:
 
 @dataclass(frozen=True)
 class Conditional:
-    """Sums given the included columns."""
+    """Sums given the included columns; by day: :mod:`airswing.gap.sums.day_scores`."""
 
+    base: Base
     included: tuple[Included, ...]
-    coefficients: Floats  # (m,): posterior means of the included columns' coefficients
-    covariance: Floats  # (m, m): posterior covariance at unit noise
+    fit: Fit
+    # rows, fleet_rows: X'Y between each included column and each aircraft's every column, m of
+    # (A, p), and of the fleet's columns, (m, p)
+    rows: list[Floats]
+    fleet_rows: Floats
     gram: Floats  # (A, p, p)
-    score: Floats  # (A, D, p)
+    score: Floats  # (A, p)
     fleet_gram: Floats  # (p, p)
-    fleet_score: Floats  # (D, p)
-    lasting_share: Floats  # (p,): see :attr:`Base.lasting_share`
-    background: Floats | None = None  # (2, T)
-    scattered: Floats | None = None  # (p,): see :class:`Base`
+    fleet_score: Floats  # (p,)
+    beside: Beside | None = None  # columns projected out of all others (:func:`beyond`)
     # what has been computed from these sums already
     derived: dict[str, Floats] = field(default_factory=dict, repr=False)
+
+    @property
+    def coefficients(self) -> Floats:
+        """Posterior means of the included columns' coefficients, (m,)."""
+        return self.fit.coefficients
+
+    @property
+    def covariance(self) -> Floats:
+        """Their posterior covariance at unit noise, (m, m)."""
+        return self.fit.covariance
+
+    @property
+    def lasting_share(self) -> Floats:
+        """See :attr:`Base.lasting_share`, (p,)."""
+        return self.base.lasting_share
+
+    @property
+    def background(self) -> Floats | None:
+        """See :class:`Base`, (2, T)."""
+        return self.base.background
+
+    @property
+    def scattered(self) -> Floats | None:
+        """See :class:`Base`, (p,)."""
+        return self.base.scattered
+
+
+@dataclass(frozen=True)
+class Beside:
+    """Columns of each unit's own that are projected out, and their share of all others."""
+
+    columns: Integers  # (k,)
+    own: Floats  # (A, k, p)
+    fleet: Floats  # (k, p)
 
 
 def eliminate_days(stats: Statistics, variances: Variances | None = None) -> Base:
@@ -179,47 +215,36 @@ def condition(
     if columns is None:
         gram, score = _own_sums(base, fit, rows, everything, everything)
     else:
-        gram, score = np.zeros(base.gram.shape), np.zeros(base.score.shape)
+        gram, score = np.zeros(base.gram.shape), np.zeros(base.whole_score.shape)
         square = everything, columns[:, None], columns
-        gram[square], score[..., columns] = _own_sums(base, fit, rows, everything, columns)
+        gram[square], score[:, columns] = _own_sums(base, fit, rows, everything, columns)
     if aircraft is not None:
         one = slice(aircraft, aircraft + 1)
         gram[one], score[one] = _own_sums(base, fit, rows, one, everything)
-    fleet_gram, fleet_score = _fleet_sums(base, fit, fleet, columns)
-    return Conditional(
-        tuple(included),
-        fit.coefficients,
-        fit.covariance,
-        gram,
-        score,
-        fleet_gram,
-        fleet_score,
-        base.lasting_share,
-        base.background,
-        base.scattered,
-    )
+    sums = _fleet_sums(base, fit, fleet, columns)
+    return Conditional(base, tuple(included), fit, rows, fleet, gram, score, *sums)
 
 
 def _own_sums(
     base: Base, fit: Fit, rows: list[Floats], own: slice, some: slice | Integers
 ) -> tuple[Floats, Floats]:
-    """X'X (n, k, k) and X'r (n, D, k) of some columns of some aircraft given what is fitted."""
+    """X'X (n, k, k) and X'r (n, k) of some columns of some aircraft given what is fitted."""
     cross = np.stack([row[own, some] for row in rows], axis=1)
     reduced = fit.half @ cross
     gram = base.gram[own][:, some][:, :, some] - reduced.transpose(0, 2, 1) @ reduced
-    return gram, base.score[own][:, :, some] - (fit.score @ fit.covariance) @ cross
+    return gram, base.whole_score[own][:, some] - fit.coefficients @ cross
 
 
 def _fleet_sums(
     base: Base, fit: Fit, fleet: Floats, columns: Integers | None
 ) -> tuple[Floats, Floats]:
-    """X'X (p, p) and X'r (D, p) of fleet-wide columns given what is fitted; of some alone."""
+    """X'X (p, p) and X'r (p,) of fleet-wide columns given what is fitted; of some alone."""
     some = np.arange(fleet.shape[1]) if columns is None else columns
     reduced = fit.half @ fleet[:, some]
     square = np.ix_(some, some)
-    gram, score = np.zeros(base.fleet_gram.shape), np.zeros(base.fleet_score.shape)
+    gram, score = np.zeros(base.fleet_gram.shape), np.zeros(fleet.shape[1])
     gram[square] = base.fleet_gram[square] - reduced.T @ reduced
-    score[:, some] = base.fleet_score[:, some] - fit.score @ fit.covariance @ fleet[:, some]
+    score[some] = base.whole_score[:, some].sum(axis=0) - fit.coefficients @ fleet[:, some]
     return gram, score
 
 
@@ -313,6 +338,11 @@ def included_sums(
     whole = np.zeros(base.stats.days.size, np.int64)
     gram, by_day = _daily_sums(base, columns, weights, whole, keys)
     return gram[0] + weekly_sums(base.stats, columns, weights, whole == 0), by_day
+
+
+def included_by_fold(base: Base, included: list[Included], fold: Integers) -> tuple[Floats, Floats]:
+    """X'X of included core columns by fold of days (F, m, m), and their X'r by day (D, m)."""
+    return _daily_sums(base, *_stacked(included), fold, [x.key for x in included])
 
 
 def _daily_sums(
@@ -412,17 +442,22 @@ def beyond(given: Conditional, columns: Integers) -> Conditional:
     Conditional
         Per-aircraft sums beyond the aircraft's own columns, fleet sums beyond the fleet's.
     """
-    gram, score = np.empty_like(given.gram), np.empty_like(given.score)
-    for a in range(gram.shape[0]):
-        gram[a], score[a] = _project(given.gram[a], given.score[a], columns)
-    fleet, fleet_score = _project(given.fleet_gram, given.fleet_score, columns)
-    return replace(given, gram=gram, score=score, fleet_gram=fleet, fleet_score=fleet_score)
+    own = np.stack([_share(each, columns) for each in given.gram])
+    beside = Beside(columns, own, _share(given.fleet_gram, columns))
+    return replace(
+        given,
+        gram=given.gram - given.gram[:, :, columns] @ own,
+        score=given.score - np.einsum("ak,akp->ap", given.score[:, columns], own),
+        fleet_gram=given.fleet_gram - given.fleet_gram[:, columns] @ beside.fleet,
+        fleet_score=given.fleet_score - given.fleet_score[columns] @ beside.fleet,
+        beside=beside,
+    )
 
 
-def _project(gram: Floats, score: Floats, columns: Integers) -> tuple[Floats, Floats]:
+def _share(gram: Floats, columns: Integers) -> Floats:
+    """Coefficients (k, p) of some columns in each of all."""
     own = gram[np.ix_(columns, columns)]
     scale = np.sqrt(np.maximum(np.diagonal(own), 1e-12))
     # daily sums are kept in single precision: what is left of a direction below this is rounding
     ridge = np.diag(1e-4 * scale**2 + 1e-9)
-    share = np.linalg.solve(own + ridge, gram[columns])
-    return gram - gram[:, columns] @ share, score - score[:, columns] @ share
+    return np.asarray(np.linalg.solve(own + ridge, gram[columns]))
