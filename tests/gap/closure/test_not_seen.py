@@ -39,7 +39,7 @@ def test_it_shrinks_with_the_archive_and_ends_at_the_disagreement():
     told = [could_hide(5.0, n) for n in (10, 10_000, 130_000, 10_000_000)]
     assert told == sorted(told, reverse=True)
     assert told[0] == 5.0
-    assert could_hide(5.2, 130_000) == pytest.approx(0.0314, abs=1e-4)
+    assert could_hide(5.2, 130_000) == pytest.approx(0.0514, abs=1e-4)
     assert could_hide(0.0, 10) == could_hide(5.0, 0) == 0.0
 
 

@@ -46,14 +46,19 @@ def test_fleet_sums_by_day_equal_dense_products_of_what_is_left(made, mixed):
     g = m.T @ out(m) + np.diag([j.precision for j in included])
     asked = np.r_[layout.columns("compass_offset"), layout.columns("tas_scale")]
     own = x[:, asked]
-    left = own - m @ np.linalg.solve(g, m.T @ out(own))
+    share = np.linalg.solve(g, m.T @ out(own))
+    left = own - m @ share
     each = left[:, :, None] * out(left)[:, None]
     expected = np.stack([each[day == d].sum(axis=0) for d in range(stats.days.size)])
+    pull = np.array([j.precision for j in included])
+    expected += (share.T * pull) @ share / stats.days.size
     given = condition(base, included)
     (found,) = fleet_day_grams(given, asked[None])
     size = np.sqrt(np.diagonal(expected.sum(axis=0)))
     scale = np.outer(size, size)
     np.testing.assert_allclose(found / scale, expected / scale, atol=2e-3)
+    whole = given.fleet_gram[np.ix_(asked, asked)]
+    np.testing.assert_allclose(found.sum(axis=0) / scale, whole / scale, atol=2e-3)
     both = fleet_day_grams(given, asked[:, None])
     np.testing.assert_allclose(both[1, :, 0, 0], found[:, 1, 1])
 

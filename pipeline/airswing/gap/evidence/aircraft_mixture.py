@@ -24,6 +24,14 @@ SHARE_GRID = np.array([0.03, 0.08, 0.2, 0.5, 0.8, 0.97])
 
 
 @dataclass(frozen=True)
+class Same:
+    """Evidence that those struck have one and the same coefficient, by its value (V of them)."""
+
+    evidence: Floats  # (T, V, A): log Bayes factors, as those of coefficients of their own
+    log_prior: Floats  # (V,): of the values
+
+
+@dataclass(frozen=True)
 class Mixed:
     """Spike-and-slab mixture over aircraft."""
 
@@ -40,6 +48,7 @@ def mixture(
     nothing: Floats | None = None,
     prior: Floats | None = None,
     levels: Floats = GRID,
+    same: Same | None = None,
 ) -> Mixed:
     """Spike-and-slab mixture over aircraft, averaged over background, prior scale and share struck.
 
@@ -56,6 +65,8 @@ def mixture(
         (:mod:`airswing.gap.evidence.between_aircraft_variance`).
     levels : (T,) float
         The sizes, m/s.
+    same : Same, optional
+        One coefficient for all that are struck is as likely beforehand as one for each.
     """
     each = by_share(evidence)
     if nothing is None:
@@ -63,18 +74,31 @@ def mixture(
     else:
         nobody = (whole_prior() if prior is None else prior) + nothing.sum(axis=1)
     joint = each.sum(axis=3) + nobody[None, :, None]
-    weight = np.exp(joint - joint.max())
-    weight /= weight.sum()
-    struck = np.exp(np.log(SHARE_GRID)[:, None, None, None] + evidence[None] - each)
-    posterior = np.einsum("pts,ptsa->a", weight, struck)
+    posterior = _posterior(evidence, each, joint)
     top = np.unravel_index(int(np.argmax(joint.max(axis=0))), joint.shape[1:])
     total = log_mean(joint.ravel()) - log_mean(nobody)
+    if same is not None:
+        each = by_share(same.evidence)
+        alike = each.sum(axis=3) + nobody[None, :, None] + same.log_prior
+        # of the values a sum, the prior is in it
+        other = log_mean(np.logaddexp.reduce(alike, axis=2).ravel()) - log_mean(nobody)
+        share = 1.0 / (1.0 + np.exp(np.clip(total - other, -50.0, 50.0)))
+        posterior += share * (_posterior(same.evidence, each, alike) - posterior)
+        total = float(np.logaddexp(total, other) - np.log(2.0))
     return Mixed(
         total,
         posterior,
         (int(top[0]), int(top[1])),
         0.0 if nothing is None else _size(joint, nobody, levels),
     )
+
+
+def _posterior(evidence: Floats, each: Floats, joint: Floats) -> Floats:
+    """Probability (A,) that each aircraft is struck, (P, T, S) averaged over by ``joint``."""
+    weight = np.exp(joint - joint.max())
+    weight /= weight.sum()
+    struck = np.exp(np.log(SHARE_GRID)[:, None, None, None] + evidence[None] - each)
+    return np.asarray(np.einsum("pts,ptsa->a", weight, struck))
 
 
 def by_share(evidence: Floats) -> Floats:

@@ -34,6 +34,8 @@ Integers = NDArray[np.int64]
 SCALE_GRID = np.array([0.08, 0.2, 0.5, 1.2, 3.0])
 #: Sizes of an effect of single aircraft, m/s rms in each direction, averaged over likewise.
 SIZE_GRID = np.array([0.2, 0.4, 0.8, 1.6, 3.2])
+#: Share by which coefficients differ that are the same: a type's units err alike, told unalike.
+ABOUT = 0.2
 #: Prior odds against whatever is told on its evidence alone, not held against days left out.
 PRIOR_ODDS = 50.0
 #: Probability of such a claim whose evidence leaves no doubt. Of names told so in four blind checks
@@ -106,6 +108,13 @@ def allowance_covariance(
     floor = 0.02 * np.trace(scaled, axis1=-2, axis2=-1) / k + 1e-12
     inverse, _ = inverse_and_logdet(scaled + floor[..., None, None] * np.eye(k))
     return np.asarray(np.square(size)[..., None, None] * inverse * both)
+
+
+def log_prior_of_sizes(values: Floats) -> Floats:
+    """Log probability (V,) of evenly spread values, m/s: normal, of the widths of `SIZE_GRID`."""
+    each = np.exp(-0.5 * np.square(values / SIZE_GRID[:, None])) / SIZE_GRID[:, None]
+    density = each.mean(axis=0) * np.abs(values)  # they are spread by their logarithm
+    return np.asarray(np.log(density / density.sum()))
 
 
 def _outer(scales: Floats) -> Floats:
@@ -277,6 +286,33 @@ def evidence_over_backgrounds(
     estimate = np.einsum("...ij,...j->...i", half @ vectors, slab / wide * turned)
     logdet = logdet + 2 * np.log(np.diagonal(half, axis1=-2, axis2=-1)).sum(axis=-1)
     return 0.5 * tempered, fit.scales * estimate, -0.5 * (whole + logdet)
+
+
+def evidence_of_same(
+    fit: OwnFit, *, factor: Floats | float, unit: Floats, levels: Floats, values: Floats
+) -> Floats:
+    """Tempered evidence that one coefficient is about a given value, by size of the background.
+
+    Parameters
+    ----------
+    fit : OwnFit
+        Of one coefficient, (C, ..., 1).
+    factor, unit, levels
+        As in :func:`evidence_over_backgrounds`.
+    values : (V, ...) float
+        Of the coefficient; each aircraft's own is within :data:`ABOUT` of it.
+
+    Returns
+    -------
+    (V, C, T, ...) float
+        Log ratio of N(t; v, E + (ABOUT v)^2) to N(t; 0, E), E of errors and background.
+    """
+    hat = (fit.hat * fit.scales)[..., 0][:, None]
+    error = np.asarray(factor) * (fit.spread * _outer(fit.scales))[..., 0, 0]
+    error = error + np.square(levels).reshape(-1, *[1] * error.ndim) * unit[..., 0, 0]
+    at = values[:, None, None]
+    wide = error + (ABOUT * at) ** 2
+    return 0.5 * np.asarray(hat**2 / error - (hat - at) ** 2 / wide + np.log(error / wide))
 
 
 def _over_scales(

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.design.candidates import Candidate
-from airswing.gap.evidence.aircraft_mixture import by_share, log_mean, mixture
+from airswing.gap.evidence.aircraft_mixture import Same, by_share, log_mean, mixture
 from airswing.gap.evidence.between_aircraft_variance import GRID, either, whole_prior
 from airswing.gap.evidence.common_mode import COMMON, Shifts, common_part, no_shift, shifts
 from airswing.gap.evidence.gaussian import (
@@ -32,8 +32,10 @@ from airswing.gap.evidence.gaussian import (
     SIZE_GRID,
     Score,
     allowance_covariance,
+    evidence_of_same,
     evidence_over_backgrounds,
     grid_evidence,
+    log_prior_of_sizes,
     own_fit,
     raw_evidence,
     rms,
@@ -52,6 +54,10 @@ LEAST_ACTING = 20
 #: up wholly. Chosen on simulated archives: those without an effect of the fleet scatter about none
 #: by more than their noise.
 FLEET_ALLOWANCE = 0.12
+#: Sizes of one effect that several aircraft have alike, m/s rms in each direction where it acts.
+SAME = np.outer([-1.0, 1.0], np.geomspace(0.1, 6.4, 13)).ravel()
+#: Their log probability: that of an effect of single aircraft.
+SAME_PRIOR = log_prior_of_sizes(SAME)
 #: Entries of the daily sums of candidates that are worked out together, for memory (8 bytes each).
 MOST_TOGETHER = 2_000_000
 
@@ -223,9 +229,11 @@ def _evaluate_aircraft(
         # the background is told by all aircraft; those not asked about may be struck or not
         found.nothing[:, ~asked] += either(found.tempered[..., ~asked])
         found.tempered[..., ~asked], found.raw[..., ~asked] = 0.0, 0.0
+        if found.same is not None:
+            found.same.evidence[..., ~asked] = 0.0
         prior = given.background
         told = whole_prior() if prior is None else prior[int(candidate.heading)]
-        mixed = mixture(found.tempered, found.nothing, found.states(told), found.levels)
+        mixed = mixture(found.tempered, found.nothing, found.states(told), found.levels, found.same)
         estimate = found.estimates[mixed.best]
         out.append(
             Score(
@@ -255,6 +263,7 @@ class _Aircraft:
     factor: float
     # (C,): log weight of each shift of the fleet; one of 0 where aircraft share nothing
     shift_weight: Floats
+    same: Same | None  # of one coefficient; None of more
 
     @classmethod
     def empty(cls, aircraft: int, k: int, factor: float, shift_weight: Floats) -> _Aircraft:
@@ -267,6 +276,7 @@ class _Aircraft:
             np.zeros((states, widths, aircraft, k)),
             factor,
             shift_weight,
+            Same(np.zeros((states, SAME.size, aircraft)), SAME_PRIOR) if k == 1 else None,
         )
 
     @property
@@ -294,7 +304,8 @@ def _aircraft_evidence(
     known = np.where(live[..., None, None], information, 0.0)
     fleet = alike.matrix(given.fleet_gram[rows, along])
     unit = np.sqrt(second.sum(axis=1)[:, 0, 0] / np.maximum(acting.sum(axis=1), 1.0))
-    common = COMMON / np.maximum(unit, 1e-12)
+    of_size = 1.0 / np.maximum(unit, 1e-12)  # coefficient of 1 m/s
+    common = COMMON * of_size
     shared = [_shared(*each) for each in zip(fleet, known, score, factor, common, strict=True)]
     out = [
         _Aircraft.empty(live.shape[1], free, float(own), s.log_weight)
@@ -314,21 +325,23 @@ def _aircraft_evidence(
             continue
         own = information[live][mine]
         shift = shared[several[0]].values[:, None, None]
-        tempered, estimate, nothing = evidence_over_backgrounds(
-            own_fit(own, score[live][mine] + shift * own[..., 0], wide[mine]),
-            factor=factor[which[mine]],
-            unit=unit[mine],
-            levels=GRID,
-        )
+        fit = own_fit(own, score[live][mine] + shift * own[..., 0], wide[mine])
+        beside = {"factor": factor[which[mine]], "unit": unit[mine], "levels": GRID}
+        tempered, estimate, nothing = evidence_over_backgrounds(fit, **beside)
         states, widths = out[several[0]].tempered.shape[:2]
         tempered = np.moveaxis(tempered, 0, 2).reshape(states, widths, -1)
         estimate = np.moveaxis(estimate, 0, 2).reshape(states, widths, -1, free)
         nothing = nothing.reshape(states, -1)
+        values = SAME[:, None] * of_size[which[mine]]
+        same = evidence_of_same(fit, **beside, values=values) if free == 1 else np.zeros(0)
         for n in several:
             here, to = which[mine] == n, who[which == n]
             out[n].tempered[:, :, to] = tempered[..., here]
             out[n].estimates[:, :, to] = estimate[:, :, here]
             out[n].nothing[:, to] = nothing[:, here]
+            if (own_same := out[n].same) is not None:
+                by_state = np.moveaxis(same[..., here], 0, 2)
+                own_same.evidence[:, :, to] = by_state.reshape(states, SAME.size, -1)
     for n, found in enumerate(out):
         found.raw[0][:, live[n]] = raw[:, which == n]
     return out

@@ -233,7 +233,8 @@ def fleet_day_grams(given: Conditional, columns: Integers) -> Floats:
     Returns
     -------
     (N, D, k, k) float
-        Of day d (X_d - Y_d g)'(X_d - Y_d g).
+        Of day d (X_d - Y_d g)'(X_d - Y_d g) and its part of g'P g, as the scores have; the sum over
+        days is ``given.fleet_gram`` where all that is included is of the core.
     """
     base = given.base
     each, where = np.unique(columns, return_inverse=True)
@@ -244,6 +245,8 @@ def fleet_day_grams(given: Conditional, columns: Integers) -> Floats:
     cross = base.fleet_cross[:, :, each]
     own = base.stats.fleet_day_gram[:, each[:, None], each] - cross.swapaxes(1, 2) @ cross
     own += share.T @ _included_by_day(given) @ share - taken - taken.swapaxes(1, 2)
+    precision = np.array([x.precision for x in given.included])[core]
+    own += (share.T * precision) @ share / len(own)
     return np.asarray(np.moveaxis(own[:, where[:, :, None], where[:, None]], 1, 0))
 
 
