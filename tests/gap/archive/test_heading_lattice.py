@@ -93,6 +93,6 @@ def test_what_coarse_headings_leave_is_no_unknown():
         return SimpleNamespace(run=0.0, tails=tails, size=size)
 
     rounding = np.array([0.0, 6.0, 6.0])
-    assert is_remainder(one(1.5, (1, 2)), [], rounding)
-    assert not is_remainder(one(3.0, (1, 2)), [], rounding)
+    assert is_remainder(one(4.0, (1, 2)), [], rounding)
+    assert not is_remainder(one(4.5, (1, 2)), [], rounding)
     assert not is_remainder(one(1.5, (0, 1)), [], rounding)

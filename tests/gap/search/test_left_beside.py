@@ -14,7 +14,7 @@ from airswing.gap.passes import Search, run_pass
 from airswing.gap.search import cross_validated
 from airswing.gap.search.belief import NAMED_EVEN, NAMED_SLOPE, as_named
 from airswing.gap.search.candidate_ranking import Ranking
-from airswing.gap.search.left_beside import SHARE, USUAL, left_beside
+from airswing.gap.search.left_beside import SHARE, USUAL, left_beside, share_left
 from airswing.gap.search.stepwise import Rules
 from airswing.gap.sums.whole_archive import held_archive
 
@@ -43,6 +43,14 @@ def test_a_name_leaves_what_another_explains(made):
         assert left * (USUAL + SHARE * one.score.raw) > 100.0
         # on an aircraft that has neither it is not, and stands for what is usual
         assert left_beside(base, pool, [replace(one, tails=(1,))])[0] == 0.0
+
+
+def test_an_effect_by_what_is_inferred_leaves_more(made):
+    """A quarter of an acceleration error's energy is not in its columns, and goes by phase."""
+    (offset,) = [t for t in made.standing.found.terms if t.candidate.name == "compass_offset"]
+    assert share_left(offset.candidate) == SHARE
+    inferred = replace(offset.candidate, told_share=CATALOGUE["acceleration_error"].told_share)
+    assert 2 * SHARE < share_left(inferred) < 0.1
 
 
 def test_a_name_that_is_likelier_another_effect_is_not_told(made, monkeypatch):

@@ -11,16 +11,20 @@ def test_a_table_that_is_the_names_over_again_must_explain_half_as_much_again(mo
     rng = np.random.default_rng(0)
     truth, other = rng.normal(size=(2, 4000, 2))
     residual = truth + rng.normal(size=truth.shape)
-    monkeypatch.setattr(table_or_names, "field_of", lambda bench, table, fold: table)
+    monkeypatch.setattr(table_or_names, "field_of", lambda bench, table, fold: table.field)
     monkeypatch.setattr(
         table_or_names, "explained", lambda bench, error: ((2 * residual - error) * error).sum()
     )
 
     whole = []
-    monkeypatch.setattr(table_or_names, "from_nothing", lambda table: bool(whole))
+    monkeypatch.setattr(table_or_names, "from_nothing", lambda table: 0 if whole else None)
+
+    cells = np.arange(4000) % 8
+    bench = SimpleNamespace(cells=lambda grid: cells)
 
     def leads(table, names):
-        return table_or_names.leads(None, table, (0.1 * names, names), None)
+        told = SimpleNamespace(field=table, grid=None)
+        return table_or_names.leads(bench, told, (0.1 * names, names), None)
 
     # the same with a little of everything: explains 1.2 of it
     assert not leads(truth, truth + 0.4 * other)
@@ -39,6 +43,9 @@ def test_a_table_that_is_the_names_over_again_must_explain_half_as_much_again(mo
     # its like, and it begins at nothing: the name was its mean
     whole.append(True)
     assert leads(truth, truth + 0.4 * other)
+    # so does the name: a bias of the model's winds below a level
+    above = (cells > 0)[:, None]
+    assert not leads(truth, above * (truth + 0.4 * other))
 
 
 def test_where_names_leave_nothing_a_table_must_explain_half_as_much_again(monkeypatch):
@@ -46,7 +53,7 @@ def test_where_names_leave_nothing_a_table_must_explain_half_as_much_again(monke
     rng = np.random.default_rng(2)
     truth, other = rng.normal(size=(2, 4000, 2))
     monkeypatch.setattr(table_or_names, "field_of", lambda bench, table, fold: table)
-    monkeypatch.setattr(table_or_names, "from_nothing", lambda table: False)
+    monkeypatch.setattr(table_or_names, "from_nothing", lambda table: None)
     monkeypatch.setattr(
         table_or_names, "explained", lambda bench, error: ((2 * truth - error) * error).sum()
     )
@@ -85,9 +92,9 @@ def test_a_table_begins_at_nothing_where_its_first_cell_or_its_last_is_next_to_n
             grid=SimpleNamespace(axes=(axis,) * axes),
         )
 
-    assert table_or_names.from_nothing(table(0.1, 0.5, -1.0))
-    assert table_or_names.from_nothing(table(1.0, 0.5, -0.1))
-    assert not table_or_names.from_nothing(table(1.0, 0.0, 1.0))
-    assert not table_or_names.from_nothing(table(2.0, 2.5, 3.0))
+    assert table_or_names.from_nothing(table(0.1, 0.5, -1.0)) == 0
+    assert table_or_names.from_nothing(table(1.0, 0.5, -0.1)) == 2
+    assert table_or_names.from_nothing(table(1.0, 0.0, 1.0)) is None
+    assert table_or_names.from_nothing(table(2.0, 2.5, 3.0)) is None
     for other in (table(0.0, 1.0, kind="circular"), table(0.0, 1.0, axes=2)):
-        assert not table_or_names.from_nothing(other)
+        assert table_or_names.from_nothing(other) is None

@@ -326,7 +326,7 @@ def test_a_table_does_not_lead_by_small_scales_that_a_name_cannot_help(monkeypat
     bench = SimpleNamespace(residuals=(0.08 * large - 0.4 * small + error)[None])
     name, columns = 0.08 * (large + small), 0.08 * large
     monkeypatch.setattr(table_or_names, "field_of", lambda *_: 0.079 * large)
-    monkeypatch.setattr(table_or_names, "from_nothing", lambda table: False)
+    monkeypatch.setattr(table_or_names, "from_nothing", lambda table: None)
     fold = np.zeros(1, int)
     assert table_or_names.leads(bench, None, (name,), fold)
     assert not table_or_names.leads(bench, None, (name, columns), fold)

@@ -31,6 +31,9 @@ Floats = NDArray[np.float64]
 USUAL = 2.0
 #: Share of a right name's raw evidence that is left on its aircraft.
 SHARE = 0.03
+#: The same of what its columns do not carry, over what they do (`Effect.told_share`). Of errors by
+#: an acceleration, which is inferred, right names left 3 and 4 % before they were linearised about.
+OF_UNTOLD = 0.25
 
 
 def left_beside(base: Base, pool: Sequence[Candidate], terms: Sequence[Term]) -> Floats:
@@ -67,8 +70,13 @@ def left_beside(base: Base, pool: Sequence[Candidate], terms: Sequence[Term]) ->
             own = np.isin(aircraft, term.tails)
             usual = max(float(most[~own].max(initial=0.0)), USUAL)
             left = float(np.maximum(most[own] - usual, 0.0).sum())
-        out[k] = max(left, 0.0) / (USUAL + SHARE * max(term.score.raw, 0.0))
+        out[k] = max(left, 0.0) / (USUAL + share_left(what) * max(term.score.raw, 0.0))
     return out
+
+
+def share_left(what: Candidate) -> float:
+    """Share of its raw evidence that a right name leaves on its aircraft."""
+    return max(SHARE, OF_UNTOLD * (1.0 / what.told_share - 1.0))
 
 
 def _rivals(one: Candidate, other: Candidate) -> bool:

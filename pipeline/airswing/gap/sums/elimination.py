@@ -387,12 +387,12 @@ def _daily_sums(
         own = others[acting[:, a]]
         beside = np.r_[always, own]
         # from one set of terms to the next most aircraft keep theirs
-        key = a, belongs.tobytes(), columns[always].tobytes(), *(keys[k] for k in own.tolist())
-        if key not in base.blocks:
+        block = a, fold.tobytes(), columns[always].tobytes(), *(keys[k] for k in own.tolist())
+        if block not in base.blocks:
             sums = stats.day_gram[a][:, columns[own][:, None], columns[beside]]
             factor = weights[own, a].T[:, :, None] * weights[beside, a].T[:, None, :]
-            base.blocks[key] = np.tensordot(belongs, factor * sums, 1)
-        gram[:, own[:, None], beside] += base.blocks[key]
+            base.blocks[block] = np.tensordot(belongs, factor * sums, 1)
+        gram[:, own[:, None], beside] += base.blocks[block]
     gram[:, always[:, None], others] = gram[:, others[:, None], always].swapaxes(1, 2)
     for f in range(belongs.shape[0]):
         flat = coupled[:, fold == f].reshape(columns.size, -1)

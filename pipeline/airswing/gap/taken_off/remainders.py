@@ -23,6 +23,8 @@ Floats = NDArray[np.float64]
 REMAINDER = 0.2
 #: The same beside an earlier unknown's: cells are coarse.
 OWN_REMAINDER = 0.35
+#: The same beside what coarse headings make: of steps of 10 and 15 degrees 0.43 to 0.46 were left.
+COARSE_REMAINDER = 0.7
 
 
 def small_beside(errors: Floats, size: float, *, share: float = REMAINDER) -> bool:
@@ -44,7 +46,7 @@ def is_remainder(new: Unknown, earlier: Sequence[Unknown], rounding: Floats) -> 
         return True
     own = set(new.tails)
     coarse = rounding[list(own)]
-    if np.mean(coarse > 0) > 0.5 and new.size < OWN_REMAINDER * float(coarse.max()):
+    if np.mean(coarse > 0) > 0.5 and new.size < COARSE_REMAINDER * float(coarse.max()):
         return True
     return any(
         len(own & set(old.tails)) > 0.5 * len(own) and new.size < OWN_REMAINDER * old.size

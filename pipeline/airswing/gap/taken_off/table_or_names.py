@@ -62,7 +62,9 @@ def leads(
     like = likeness >= LIKENESS and both <= most * square
     if not left and likeness >= STANDS_IN:
         return False
-    least = LEADS_ITS_LIKE if not left or (like and not from_nothing(unknown)) else LEADS
+    end = from_nothing(unknown)
+    whole = end is not None and not _nothing_in(bench.cells(unknown.grid), end, names)
+    least = LEADS_ITS_LIKE if not left or (like and not whole) else LEADS
     return explained(bench, table) > least * explained(bench, names)
 
 
@@ -76,13 +78,23 @@ def borne_out(setting: Setting, errors: Floats) -> bool:
     return abs(told.share - 1.0) + told.error < OF_ANOTHER_SIZE
 
 
-def from_nothing(unknown: Unknown) -> bool:
-    """Whether a table of one variable begins, or ends, at nothing and grows away from it.
+def from_nothing(unknown: Unknown) -> int | None:
+    """End cell at which a table of one variable is nothing and from which it grows; or None.
 
     Then it is the whole effect, and a steady name beside it only its mean: an offset with something
-    small beside it, told by one table, is nowhere near nothing.
+    small beside it, told by one table, is nowhere near nothing. A name that is nothing there as
+    well (winds too weak below a level) is no such mean.
     """
     if len(unknown.grid.axes) > 1 or unknown.grid.axes[0].kind != "linear":
-        return False
+        return None
     values = np.abs(unknown.values[list(unknown.tails)]).mean(axis=0)
-    return bool(min(values[0], values[-1]) < NOTHING * values.max())
+    end = 0 if values[0] < values[-1] else values.size - 1
+    return end if values[end] < NOTHING * values.max() else None
+
+
+def _nothing_in(cells: Integers, end: int, errors: Floats) -> bool:
+    """Whether errors (n, 2) are nothing in a cell beside those in others."""
+    square = np.bincount(cells[cells >= 0], (errors**2).sum(axis=1)[cells >= 0])
+    count = np.bincount(cells[cells >= 0])
+    size = np.sqrt(square / np.maximum(count, 1))
+    return end < size.size and bool(size[end] < NOTHING * size.max())
