@@ -21,15 +21,15 @@ BELOW_700 = 1 + len(LEVELS) + LEVELS.index(700.0)
 
 @pytest.fixture(scope="module")
 def frame():
-    return make_frame(seed=3, aircraft=5, days=14, noise=0.3, model_error=0.5)
+    return make_frame(seed=3, aircraft=5, days=30, noise=0.3, model_error=0.5)
 
 
-def searched(frame, where, rules=None):
+def searched(frame, where):
     """Model winds a fifth too strong there; what a search for a bias alone comes to."""
     factor = np.where(where, 1.2, 1.0)
     wrong = replace(frame, u_ref=factor * frame.u_ref, v_ref=factor * frame.v_ref)
     one = {"reference_speed_bias": CATALOGUE["reference_speed_bias"]}
-    return run_pass(held_archive(wrong), Search(one, rules or Rules(), False, 0, lambda *_: None))
+    return run_pass(held_archive(wrong), Search(one, Rules(), False, 0, lambda *_: None))
 
 
 def test_a_bias_below_a_level_is_one(frame):
@@ -50,7 +50,6 @@ def test_a_bias_where_it_is_warm_is_no_bias_below_a_level(frame):
 
 
 def test_a_bias_at_all_levels_is_not_refused(frame):
-    # two weeks confirm it with 0.88
-    made = searched(frame, frame.pressure > 0.0, Rules(probability=0.8))
+    made = searched(frame, frame.pressure > 0.0)
     assert made.standing.found.terms
     assert not made.standing.doubtful

@@ -24,9 +24,9 @@ from airswing.gap.sums.accumulate import (
     empty_statistics,
     together,
 )
+from airswing.gap.sums.beyond import beyond
 from airswing.gap.sums.elimination import (
     Included,
-    beyond,
     climatology,
     condition,
     eliminate_days,

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from airswing.gap.sums.beyond import beyond
 from airswing.gap.sums.day_scores import day_scores, fleet_day_grams, fleet_day_scores
-from airswing.gap.sums.elimination import beyond, condition
+from airswing.gap.sums.elimination import condition
 
 
 @pytest.mark.parametrize("fleet", [False, True])

@@ -24,9 +24,10 @@ from scipy.stats import chi2
 
 from airswing.gap.archive.frame import Frame
 from airswing.gap.design.basis import DictionaryPlan, unit_vectors
+from airswing.gap.sums.beyond import beyond
 from airswing.gap.sums.cluster_inflation import aircraft_factor, fleet_factor
 from airswing.gap.sums.day_scores import day_scores, fleet_day_scores
-from airswing.gap.sums.elimination import Base, Conditional, beyond
+from airswing.gap.sums.elimination import Base, Conditional
 from airswing.units import DAY
 
 Floats = NDArray[np.float64]

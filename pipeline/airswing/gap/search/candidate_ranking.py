@@ -25,7 +25,8 @@ from airswing.gap.evidence.changepoint import GAIN_SHARE, evaluate_step, raw_of_
 from airswing.gap.evidence.gaussian import Score
 from airswing.gap.evidence.of_candidate import evaluate, evaluate_each, raw_of_one
 from airswing.gap.evidence.terms import Term, given_terms
-from airswing.gap.sums.elimination import Base, Conditional, beyond
+from airswing.gap.sums.beyond import beyond
+from airswing.gap.sums.elimination import Base, Conditional
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]

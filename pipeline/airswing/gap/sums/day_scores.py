@@ -43,13 +43,10 @@ def day_scores(given: Conditional, columns: Integers) -> Floats:
         Summed over days ``given.score`` of these columns.
     """
     share = given.fit.covariance @ np.stack([row[:, columns] for row in given.rows], axis=1)
-    out = residual_scores(given, columns) - _included_scores(given) @ share
-    outside = columns >= given.base.stats.layout.core
-    if outside.any():
-        whole = given.base.score[..., columns[outside]] - given.fit.score @ share[..., outside]
-        out[..., outside] = _by_week(given, whole, out[..., outside])
+    left = residual_scores(given, columns)
+    out = _beyond_included(given, columns, left, given.base.score[..., columns], share)
     if given.beside is None:
-        return np.asarray(out)
+        return out
     beside = day_scores(replace(given, beside=None), given.beside.columns)
     return np.asarray(out - beside @ given.beside.own[..., columns])
 
@@ -67,16 +64,35 @@ def fleet_day_scores(given: Conditional, columns: Integers) -> Floats:
         Summed over days ``given.fleet_score`` of these columns.
     """
     share = given.fit.covariance @ given.fleet_rows[:, columns]
-    out = residual_scores(given, columns).sum(axis=0) - _included_scores(given) @ share
-    outside = columns >= given.base.stats.layout.core
-    if outside.any():
-        whole = given.base.score[..., columns[outside]].sum(axis=0)
-        whole -= given.fit.score @ share[:, outside]
-        out[:, outside] = _by_week(given, whole[None], out[None, :, outside])[0]
+    left, whole = (
+        each.sum(axis=0)[None]
+        for each in (residual_scores(given, columns), given.base.score[..., columns])
+    )
+    out = _beyond_included(given, columns, left, whole, share[None])[0]
     if given.beside is None:
         return np.asarray(out)
     beside = fleet_day_scores(replace(given, beside=None), given.beside.columns)
     return np.asarray(out - beside @ given.beside.fleet[:, columns])
+
+
+def _beyond_included(
+    given: Conditional, columns: Integers, left: Floats, whole: Floats, share: Floats
+) -> Floats:
+    """Scores (A, D, k), or (1, D, k) of the fleet, less the included columns' share of them.
+
+    Parameters
+    ----------
+    left, whole : as returned
+        Scores of the residual with the included columns taken off, and as it is.
+    share : (A, m, k) or (1, m, k) float
+        g, the included columns' coefficients in each.
+    """
+    out = np.asarray(left - _included_scores(given) @ share)
+    outside = columns >= given.base.stats.layout.core
+    if outside.any():
+        plain = whole[..., outside] - given.fit.score @ share[..., outside]
+        out[..., outside] = _by_week(given, plain, out[..., outside])
+    return out
 
 
 def _by_week(given: Conditional, plain: Floats, exact: Floats) -> Floats:

@@ -15,7 +15,7 @@ Source: Frisch-Waugh-Lovell elimination; mixed-model equations of Henderson (197
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from hashlib import blake2b
 
@@ -125,7 +125,9 @@ class Conditional:
     score: Floats  # (A, p)
     fleet_gram: Floats  # (p, p)
     fleet_score: Floats  # (p,)
-    beside: Beside | None = None  # columns projected out of all others (:func:`beyond`)
+    beside: Beside | None = (
+        None  # columns projected out of all others (:mod:`airswing.gap.sums.beyond`)
+    )
     # what has been computed from these sums already
     derived: dict[str, Floats] = field(default_factory=dict, repr=False)
 
@@ -428,36 +430,3 @@ def _cross_rows(base: Base, included: list[Included]) -> tuple[list[Floats], Flo
             base.rows[keys[k]] = own - coupled[:, i]
             base.fleet_rows[keys[k]] = base.rows[keys[k]].sum(axis=0)
     return [base.rows[key] for key in keys], np.stack([base.fleet_rows[key] for key in keys])
-
-
-def beyond(given: Conditional, columns: Integers) -> Conditional:
-    """Sums with some columns of each unit's own projected out: what they cannot explain.
-
-    Parameters
-    ----------
-    columns : (k,) int
-
-    Returns
-    -------
-    Conditional
-        Per-aircraft sums beyond the aircraft's own columns, fleet sums beyond the fleet's.
-    """
-    own = np.stack([_share(each, columns) for each in given.gram])
-    beside = Beside(columns, own, _share(given.fleet_gram, columns))
-    return replace(
-        given,
-        gram=given.gram - given.gram[:, :, columns] @ own,
-        score=given.score - np.einsum("ak,akp->ap", given.score[:, columns], own),
-        fleet_gram=given.fleet_gram - given.fleet_gram[:, columns] @ beside.fleet,
-        fleet_score=given.fleet_score - given.fleet_score[columns] @ beside.fleet,
-        beside=beside,
-    )
-
-
-def _share(gram: Floats, columns: Integers) -> Floats:
-    """Coefficients (k, p) of some columns in each of all."""
-    own = gram[np.ix_(columns, columns)]
-    scale = np.sqrt(np.maximum(np.diagonal(own), 1e-12))
-    # daily sums are kept in single precision: what is left of a direction below this is rounding
-    ridge = np.diag(1e-4 * scale**2 + 1e-9)
-    return np.asarray(np.linalg.solve(own + ridge, gram[columns]))
