@@ -241,6 +241,9 @@ def _included_scores(given: Conditional) -> Floats:
 def fleet_day_grams(given: Conditional, columns: Integers) -> Floats:
     """X'X of the fleet's core columns by day beyond the included ones of the core.
 
+    Columns that are projected out (:mod:`airswing.gap.sums.beyond`) are not taken off: they are
+    asked of dictionary columns alone.
+
     Parameters
     ----------
     columns : (N, k) int
