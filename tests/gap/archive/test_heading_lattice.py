@@ -7,12 +7,17 @@ import numpy as np
 import pytest
 from tests.gap.toy import make_frame
 
-from airswing.gap.archive.heading_lattice import heading_lattice_of
+from airswing.gap.archive.heading_lattice import (
+    heading_lattice_of,
+    in_coarse_steps,
+    step_cosines,
+)
 from airswing.gap.archive.other_winds import without
 from airswing.gap.design.heading_uncertainty import heading_doubt, rounding_of_headings
 from airswing.gap.diagnose import diagnose
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.search.coding_and_outliers import heading_coding
+from airswing.gap.simulation.forward import Coding
 from airswing.gap.taken_off.remainders import is_remainder
 
 
@@ -74,6 +79,29 @@ def test_it_is_named_with_its_step_and_what_it_closes(plain):
     low, high = report.closure.reduction_ci
     assert low < true < high
     assert report.closure.reduction == pytest.approx(true, rel=0.25)
+
+
+@pytest.mark.parametrize("true_north", [False, True])
+def test_what_was_met_is_sent_in_the_steps_found(plain, true_north):
+    frame = stepped(plain, 15.0, [1], true_north=true_north)
+    assert in_coarse_steps(frame).tolist() == [False, True, False, False]
+    u, v = Coding.as_found(frame).apply(plain.u_rep, plain.v_rep)
+    own = frame.aircraft == 1
+    flown = np.hypot(plain.ground_u - plain.u_rep, plain.ground_v - plain.v_rep)
+    sent = np.hypot(frame.ground_u - u, frame.ground_v - v)
+    np.testing.assert_allclose(sent, flown, atol=1e-9)
+    heading = np.arctan2(frame.ground_u - u, frame.ground_v - v)
+    north = 0.0 if true_north else frame.declination
+    assert np.allclose(step_cosines(heading - north, 15.0)[own], 1.0)
+    plainly = Coding.of_archive(frame).apply(plain.u_rep, plain.v_rep)
+    np.testing.assert_allclose(np.stack([u, v])[:, ~own], np.stack(plainly)[:, ~own], atol=1e-9)
+
+
+@pytest.mark.parametrize("step", [10.0, 15.0])
+def test_jumps_between_steps_are_no_gross_errors_and_no_scatter(plain, step):
+    made = diagnose(stepped(plain, step, [1])).report
+    assert [effect.name for effect in made.effects] == ["heading_coding"]
+    assert made.unknown.where == []
 
 
 def test_aircraft_with_coarse_headings_have_less_say(plain):

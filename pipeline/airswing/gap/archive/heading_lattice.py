@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.archive.frame import Frame
+from airswing.physics.triangle import wind_from_triangle
 
 Floats = NDArray[np.float64]
 
@@ -59,6 +60,42 @@ def heading_lattice_of(frame: Frame, aircraft: int) -> HeadingLattice | None:
     mean, step, north = max(found)
     # two degrees of freedom of a mean direction: Rayleigh's test
     return HeadingLattice(step, north, float(own.size * mean**2))
+
+
+@dataclass(frozen=True)
+class HeadingSteps:
+    """Steps in which the units of an archive take their headings, report by report."""
+
+    step: Floats  # (n,) rad; 0 for as it is
+    north: Floats  # (n,) rad: true heading from which they are counted
+    ground_u: Floats  # (n,) m/s
+    ground_v: Floats
+
+    @classmethod
+    def of_archive(cls, frame: Frame) -> HeadingSteps | None:
+        """Return the steps each aircraft's headings show; None where none shows any."""
+        found = [heading_lattice_of(frame, a) for a in range(len(frame.tails))]
+        if not any(found):
+            return None
+        step = np.radians([0.0 if one is None else one.step for one in found])[frame.aircraft]
+        of_true = np.array([one is not None and one.true_north for one in found])[frame.aircraft]
+        north = np.where(of_true, 0.0, np.nan_to_num(frame.declination))
+        return cls(step, north, frame.ground_u, frame.ground_v)
+
+    def apply(self, u: Floats, v: Floats) -> tuple[Floats, Floats]:
+        """Wind, m/s, that the unit computes with the heading that flying through (u, v) takes."""
+        air_u, air_v = self.ground_u - u, self.ground_v - v
+        airspeed, heading = np.hypot(air_u, air_v), np.arctan2(air_u, air_v)
+        safe = np.where(self.step > 0.0, self.step, 1.0)
+        rounded = np.round((heading - self.north) / safe) * safe + self.north
+        return wind_from_triangle(
+            self.ground_u, self.ground_v, airspeed, np.where(self.step > 0.0, rounded, heading)
+        )
+
+
+def in_coarse_steps(frame: Frame) -> NDArray[np.bool_]:
+    """Aircraft whose headings come in coarse steps, (aircraft,)."""
+    return np.array([heading_lattice_of(frame, a) is not None for a in range(len(frame.tails))])
 
 
 def step_cosines(heading: Floats, step: float) -> Floats:

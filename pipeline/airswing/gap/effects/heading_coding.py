@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
+from airswing.gap.archive.heading_lattice import HeadingSteps
 from airswing.gap.effects.base import Parameter, Parameters, State, number
 from airswing.gap.effects.forms import MomentEffect
 from airswing.synthetic.sealed.draws import Draw
@@ -51,15 +52,10 @@ class HeadingCoding(MomentEffect):
         step = np.radians(number(full["step_deg"]))
         if step <= 0.0:
             return state
-        air_u, air_v = frame.ground_u - state.report_u, frame.ground_v - state.report_v
-        airspeed = np.hypot(air_u, air_v)
-        north = 0.0 if full["true_north"] else frame.declination
-        heading = np.round((np.arctan2(air_u, air_v) - north) / step) * step + north
-        return replace(
-            state,
-            report_u=frame.ground_u - airspeed * np.sin(heading),
-            report_v=frame.ground_v - airspeed * np.cos(heading),
-        )
+        north = 0.0 * frame.declination if full["true_north"] else frame.declination
+        steps = HeadingSteps(np.full(frame.size, step), north, frame.ground_u, frame.ground_v)
+        u, v = steps.apply(state.report_u, state.report_v)
+        return replace(state, report_u=u, report_v=v)
 
 
 EFFECT = HeadingCoding()

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.archive.heading_lattice import heading_lattice_of
+from airswing.gap.archive.heading_lattice import heading_lattice_of, in_coarse_steps
 from airswing.gap.effects.base import Told, number
 from airswing.gap.noise.model import NoiseFit
 from airswing.gap.noise.residual_statistics import gross_errors
@@ -255,7 +255,8 @@ def outliers(frame: Frame, noise: NoiseFit) -> MomentVerdict | None:
     fleet = len(frame.tails)
     count = np.bincount(frame.aircraft, minlength=fleet).astype(float)
     hits = np.bincount(frame.aircraft, noise.gross, minlength=fleet).astype(float)
-    used = count >= 100
+    # headings in coarse steps jump at every turn: what else stands off its neighbours is not seen
+    used = (count >= 100) & ~in_coarse_steps(frame)
     # of a handful a rate, and whose it is, is anybody's
     if not used.any() or hits[used].sum() < 5:
         return None

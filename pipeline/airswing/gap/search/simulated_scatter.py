@@ -65,7 +65,7 @@ class Scene:
 
     def simulated(self, sizes: Floats, number: int = DRAWS) -> Floats:
         """The same of simulated archives whose reports jitter by so much, (n, number)."""
-        frame, coding, told = self.frame, Coding.of_archive(self.frame), []
+        frame, coding, told = self.frame, Coding.as_found(self.frame), []
         sent = []
         for k in range(number):
             error = self.errors[:, k] + sizes[:, None] * self.jitter[:, k]

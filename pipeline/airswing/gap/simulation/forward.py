@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.gap.archive.frame import Frame
+from airswing.gap.archive.heading_lattice import HeadingSteps
 from airswing.gap.effects import CATALOGUE, ActiveEffect, Effect, State, effect_named
 from airswing.gap.effects.base import Parameters, Stage, absent_context
 from airswing.gap.noise.whitening import Evened
@@ -66,10 +67,11 @@ class NoiseLike(Protocol):
 
 @dataclass(frozen=True)
 class Coding:
-    """Steps in which a unit codes its wind; 0 for as it is."""
+    """Steps in which a unit takes its heading and codes its wind; 0 for as it is."""
 
     speed: FloatArray | float  # (n,) or float; m s-1
     direction: FloatArray | float  # (n,) or float; degree
+    headings: HeadingSteps | None = None
 
     @classmethod
     def of_archive(cls, frame: Frame) -> Coding:
@@ -83,8 +85,15 @@ class Coding:
         speed = np.nan_to_num(frame.wind_speed_resolution)[frame.aircraft]
         return cls(speed, np.nan_to_num(frame.wind_direction_resolution)[frame.aircraft])
 
+    @classmethod
+    def as_found(cls, frame: Frame) -> Coding:
+        """Return the same with the steps that headings are found to come in, an effect by name."""
+        return replace(cls.of_archive(frame), headings=HeadingSteps.of_archive(frame))
+
     def apply(self, u: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Round a wind, m s-1, to the steps."""
+        """Wind, m s-1, as it is sent of what was met or measured."""
+        if self.headings is not None:
+            u, v = self.headings.apply(u, v)
         speed, direction = wind_from_direction(u, v)
         turned = _rounded(np.degrees(np.where(speed > 0.0, direction, 0.0)), self.direction)
         return wind_components(_rounded(speed, self.speed), np.radians(turned))
