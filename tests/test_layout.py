@@ -48,6 +48,7 @@ ORDER = (
     "gap/evidence",
     "gap/held_out",
     "gap/search",
+    "gap/scatter",
     "gap/closure",
     "gap/checks",
     "gap/witness",

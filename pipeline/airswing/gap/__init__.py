@@ -9,7 +9,7 @@ The rooms in the order in which data flow (:mod:`airswing.gap.diagnose` calls th
 * ``sums/``: one pass over the reports, and the algebra on its sums: days and climatology out;
 * ``evidence/``: how much the data speak for a candidate: whom, from which day on, where;
 * ``held_out/``: what terms explain of weeks that had no part in them;
-* ``search/``: which effects are at work; what shows in no mean;
+* ``search/``: which effects are at work; ``scatter/``: what shows in no mean;
 * ``closure/``: how sure the closure is, and what effects without a claim could still close;
 * ``witness/``: what has no name, in tables and by learned trees; ``taken_off/``: such unknowns
   taken off one after the other, beside names or in their place;

@@ -49,9 +49,9 @@ from airswing.gap.result.assembled import Findings, assemble
 from airswing.gap.result.diagnosis_dataset import diagnosis_dataset
 from airswing.gap.result.schema import EffectEntry, GapReport
 from airswing.gap.result.unknown_entries import with_unknowns
+from airswing.gap.scatter.coding_and_outliers import second_moments
 from airswing.gap.search.absorbed_by_unknown import folded, stand_ins
 from airswing.gap.search.belief import STATED, beside_table
-from airswing.gap.search.coding_and_outliers import second_moments
 from airswing.gap.search.cross_validated import ANOTHER, Doubtful
 from airswing.gap.search.stepwise import Rules
 from airswing.gap.search.testability import absorbed, too_short

@@ -4,7 +4,7 @@ Assumptions: either shows in the other. A floor of the speeds sent scatters the 
 it, and jitter sends other speeds. Both are looked for; on the same aircraft the one stands that
 closes more, and the other is looked for again without them.
 
-Validity: that of :mod:`airswing.gap.search.excess_scatter` and
+Validity: that of :mod:`airswing.gap.scatter.excess_scatter` and
 :mod:`airswing.gap.witness.sent_winds`.
 """
 
@@ -22,8 +22,8 @@ from airswing.gap.closure.of_scatter import (
 )
 from airswing.gap.held_out.days_left_out import folds_of_days
 from airswing.gap.passes import Search
-from airswing.gap.search.coding_and_outliers import MomentVerdict
-from airswing.gap.search.excess_scatter import Scattering, scattering
+from airswing.gap.scatter.coding_and_outliers import MomentVerdict
+from airswing.gap.scatter.excess_scatter import Scattering, scattering
 from airswing.gap.sums.problem import Problem
 from airswing.gap.taken_off.remainders import small_beside
 from airswing.gap.witness.bench import Bench, Setting

@@ -16,7 +16,7 @@ from airswing.gap.archive.other_winds import without
 from airswing.gap.design.heading_uncertainty import heading_doubt, rounding_of_headings
 from airswing.gap.diagnose import diagnose
 from airswing.gap.effects import CATALOGUE
-from airswing.gap.search.coding_and_outliers import heading_coding
+from airswing.gap.scatter.coding_and_outliers import heading_coding
 from airswing.gap.simulation.forward import Coding
 from airswing.gap.taken_off.remainders import is_remainder
 

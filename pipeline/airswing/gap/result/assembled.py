@@ -54,9 +54,9 @@ from airswing.gap.result.single_entries import (
     swap_entry,
 )
 from airswing.gap.result.term_tables import table_of_term
-from airswing.gap.search.coding_and_outliers import MomentVerdict
+from airswing.gap.scatter.coding_and_outliers import MomentVerdict
+from airswing.gap.scatter.excess_scatter import Scattering
 from airswing.gap.search.cross_validated import Doubtful
-from airswing.gap.search.excess_scatter import Scattering
 from airswing.gap.search.stepwise import Found
 from airswing.gap.search.tail_swaps import Swap
 from airswing.gap.sums.problem import Problem

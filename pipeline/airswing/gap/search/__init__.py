@@ -1,1 +1,1 @@
-"""Which effects are at work: the search over candidates, and what shows in no mean."""
+"""Which effects are at work: the search over candidates."""

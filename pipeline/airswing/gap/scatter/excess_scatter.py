@@ -31,7 +31,7 @@ from airswing.gap.archive.reported_variables import KINDS
 from airswing.gap.archive.value_tables import Axis, Grid, axis_of
 from airswing.gap.design.heading_uncertainty import heading_doubt
 from airswing.gap.noise.model import NoiseFit, flown, gains_beside
-from airswing.gap.search.simulated_scatter import Scene, jitter_showing
+from airswing.gap.scatter.simulated_scatter import Scene, jitter_showing
 from airswing.physics.robust_spread import robust_sd
 
 Floats = NDArray[np.float64]

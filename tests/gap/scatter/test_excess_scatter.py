@@ -12,7 +12,7 @@ from airswing.gap.closure.of_scatter import reduction_of_jitter
 from airswing.gap.design.exogenous import exogenous
 from airswing.gap.diagnose import diagnose
 from airswing.gap.effects import CATALOGUE, ActiveEffect
-from airswing.gap.search.excess_scatter import scattering
+from airswing.gap.scatter.excess_scatter import scattering
 from airswing.gap.simulation.forward import simulate
 from airswing.units import KNOT
 

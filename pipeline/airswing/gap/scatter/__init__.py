@@ -1,0 +1,1 @@
+"""What shows in no mean: lattices of coded values, gross errors, reports that scatter more."""
