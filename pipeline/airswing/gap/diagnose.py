@@ -52,7 +52,7 @@ from airswing.gap.result.unknown_entries import with_unknowns
 from airswing.gap.scatter.coding_and_outliers import second_moments
 from airswing.gap.search.absorbed_by_unknown import folded, stand_ins
 from airswing.gap.search.belief import STATED, beside_table
-from airswing.gap.search.cross_validated import ANOTHER, Doubtful
+from airswing.gap.search.cross_validated import ANOTHER, OTHERWISE, Doubtful
 from airswing.gap.search.stepwise import Rules
 from airswing.gap.search.testability import absorbed, too_short
 from airswing.gap.sums.problem import Problem
@@ -314,7 +314,7 @@ def _name_of(final: Pass, taken: Taken, left: Frame) -> Doubtful | None:
     stand = [term for term in standing.found.terms if term.candidate.known]
     table = problem.archive.residual - left.residual, taken.unknown.tails
     # that something is there makes a name that is likelier another effect no surer
-    asked = [one for one in standing.doubtful if one.reason != ANOTHER]
+    asked = [one for one in standing.doubtful if one.reason not in (ANOTHER, OTHERWISE)]
     for one in sorted(asked, key=lambda one: -one.probability):
         chance = beside_table(one.probability)
         if chance >= STATED and explains(problem, stand, one.term, table):

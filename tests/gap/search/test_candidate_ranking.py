@@ -234,6 +234,19 @@ def test_what_inferred_columns_cannot_carry_is_nothing_else():
     np.testing.assert_array_equal(struck(speed, rules), [0, 1])
 
 
+def test_what_a_gradient_leaves_of_the_models_error_sets_no_aircraft_apart():
+    """A model hours late is met by all alike: asked of what all have, not of single compasses."""
+    reports = np.array([100.0, 100.0])
+    late = replace(score("reference_time_offset", True, 40.0, 0.5), acting=reports)
+    what = replace(late.candidate, told_share=0.55, scope="fleet")
+    term = Term(what, (0, 1), None, late)
+    own = replace(score("compass_drift", True, 30.0, 0.4), acting=reports)
+    own = replace(own, candidate=replace(own.candidate, heading=True))
+    np.testing.assert_array_equal(remainder([term], own), [0.0, 0.0])
+    shared = replace(own, candidate=replace(own.candidate, scope="fleet"))
+    assert (remainder([term], shared) > 0.4).all()
+
+
 def test_an_error_of_no_name_is_one_curve_and_not_a_dozen():
     """One aircraft's drift has the wrong sign: what a curve of it leaves (15 m/s) is no effect."""
 

@@ -86,6 +86,7 @@ def evaluate_step(
     *,
     allowed: NDArray[np.bool_] | None = None,
     period: tuple[int, int] | None = None,
+    shown: bool = False,
 ) -> Score:
     """Evidence that columns act within a period only, all dates averaged.
 
@@ -95,7 +96,9 @@ def evaluate_step(
         Per-aircraft, core columns.
     allowed : (A,) bool, optional
     period : (int, int), optional
-        Days of a change that has been shown: only windows near it are tried, and it is not asked
+        Days of a change that has been shown: only windows near it are tried.
+    shown : bool
+        A change has been shown, of whichever course: as where its days are given it is not asked
         what the columns explain lasting.
 
     Returns
@@ -122,7 +125,7 @@ def evaluate_step(
     factor, found = _steadily(base, given, candidate, tried, sums, partial(look, fits))
     changing = {a: x.tempered[:, :-1] for a, x in found.items()}
     struck = list(sums)
-    if period is None:
+    if period is None and not shown:
         struck = _changing(changing, {a: x.tempered[:, -1:] for a, x in found.items()}, prior)
     if not struck:
         nothing = np.zeros((acting.size, candidate.columns.size))

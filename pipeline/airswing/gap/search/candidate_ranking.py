@@ -97,6 +97,9 @@ def remainder(terms: Sequence[Term], score: Score) -> Floats:
         of_weather = score.candidate.scope == "fleet" and not score.candidate.heading
         if of_weather or (what.heading and not score.candidate.heading):
             continue
+        # the reference's error is met by all aircraft alike: none parts from the others by it
+        if not what.heading and what.scope == "fleet" and score.candidate.scope != "fleet":
+            continue
         tails = list(term.tails)
         thinned = np.minimum(1.0, term.score.acting[tails] / np.maximum(score.acting[tails], 1.0))
         square[tails] += term.score.size[tails] ** 2 * (1 / what.told_share - 1) * thinned
@@ -236,10 +239,18 @@ def _where_it_changes(base: Base, given: Conditional, score: Score, allowed: Mas
     # together aircraft may tell what none of them tells alone
     gain, whole = (score.raw - lasting.raw) / score.factor, score.raw / score.factor
     if gain > max(DRIFT_GAIN, GAIN_SHARE * whole):
-        changes |= own > steady
+        changes |= (own > np.maximum(steady, 0.0)) | _like(score, changes)
     if candidate.scope == "fleet" and not changes.any():
         return replace(score, tempered=0.0, raw=0.0, aircraft_evidence=np.zeros_like(own))
     return evaluate(base.stats, given, candidate, allowed=allowed & changes)
+
+
+def _like(score: Score, changes: Mask) -> Mask:
+    """Aircraft (A,) that change as those do that show it alone: by half as much and more."""
+    growing = ~np.isin(score.candidate.columns, score.candidate.steady)
+    found = score.estimate[:, growing] / score.candidate.scales[growing]
+    usual = found[changes].mean(axis=0) if changes.any() else np.zeros(int(growing.sum()))
+    return np.asarray((found @ usual > 0.5 * (usual @ usual)) & (score.aircraft_evidence > 0.0))
 
 
 def evaluate_named(

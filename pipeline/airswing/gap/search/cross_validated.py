@@ -41,6 +41,7 @@ from airswing.gap.search.confirmation import (
 from airswing.gap.search.fewest import shared_by_all
 from airswing.gap.search.left_beside import left_beside
 from airswing.gap.search.nested_forms import widened
+from airswing.gap.search.step_or_drift import as_it_goes
 from airswing.gap.search.stepwise import Found, Rules, found_of, search
 from airswing.gap.sums.elimination import Base, Conditional
 
@@ -50,6 +51,9 @@ Floats = NDArray[np.float64]
 LEAST = 2.0
 #: Why a name is not told that is likelier another effect.
 ANOTHER = "its aircraft show more beside it than a right name leaves: it is likelier another effect"
+
+#: Why a change in time is not told that rather goes the other way.
+OTHERWISE = "it rather goes otherwise in time: steadily, or at a date"
 
 
 @dataclass(frozen=True)
@@ -161,11 +165,16 @@ def _believed(ranking: Ranking, found: Found, rules: Rules) -> Standing:
         )
         del terms[worst]
     if not base.stats.clock.short:  # what a day leaves beside a name was not learned
-        likely = _likely_as_named(base, pool, terms, doubtful)
+        goes = as_it_goes(base, pool, terms)
+        likely = _likely_as_named(base, pool, terms, doubtful) * goes
         others = sorted({*np.flatnonzero(likely < LIKELIER_ANOTHER)} - {*shapes})
         chance = chance * likely
         # all at once: one taken out leaves its evidence beside names that are right
-        doubtful += [Doubtful(terms[k], float(chance[k]), weighed[k], ANOTHER) for k in others]
+        reasons = [OTHERWISE if goes[k] < LIKELIER_ANOTHER else ANOTHER for k in others]
+        doubtful += [
+            Doubtful(terms[k], float(chance[k]), weighed[k], reason)
+            for k, reason in zip(others, reasons, strict=True)
+        ]
         if others:
             stay = [k for k in range(len(terms)) if k not in others]
             terms, chance = [terms[k] for k in stay], chance[stay]

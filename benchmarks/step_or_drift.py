@@ -1,0 +1,111 @@
+"""Whether the odds of a step against a drift come true: small changes of some compasses.
+
+    python -m benchmarks.step_or_drift [--archives N] [--seed S]
+
+Archives of 5 to 8 aircraft and 16 to 31 days, of which some have a step of 0.2 to 0.5 degrees at
+any date between a fifth and four fifths of the archive, or a drift of the same mean square. Printed
+are, by the probability that ``airswing gap`` gives the step against the drift, how many were steps
+and how many that probability says.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+from tests.gap.toy import make_frame
+
+from airswing.gap.design.candidates import candidates
+from airswing.gap.diagnose import usable_effects
+from airswing.gap.effects import CATALOGUE
+from airswing.gap.evidence.terms import Term, given_terms
+from airswing.gap.passes import Search, run_pass
+from airswing.gap.search.candidate_ranking import evaluate_named
+from airswing.gap.search.step_or_drift import as_it_goes
+from airswing.gap.search.stepwise import Rules
+from airswing.gap.sums.whole_archive import held_archive
+
+CHANGING = {n: CATALOGUE[n] for n in ("compass_offset", "compass_step", "compass_drift")}
+#: A drift from nothing has the mean square of a step half-way at this multiple of its size.
+AS_LARGE = np.sqrt(1.5)
+BINS = (0.0, 0.01, 0.1, 0.3, 0.5, 0.7, 0.9, 0.99, 1.0)
+
+
+@dataclass(frozen=True)
+class Change:
+    """What some compasses do."""
+
+    step: bool
+    days: int
+    aircraft: int
+    struck: int
+    size: float  # degrees
+    at: float  # part of the archive before the step
+    seed: int
+
+    @classmethod
+    def drawn(cls, rng: np.random.Generator) -> Change:
+        """Draw one."""
+        aircraft = int(rng.integers(5, 9))
+        return cls(
+            bool(rng.random() < 0.5),
+            int(rng.integers(16, 32)),
+            aircraft,
+            int(rng.integers(1, aircraft)),
+            float(rng.uniform(0.2, 0.5)),
+            float(rng.uniform(0.2, 0.8)),
+            int(rng.integers(1_000_000)),
+        )
+
+    def __call__(self, context: dict[str, np.ndarray]) -> np.ndarray:
+        """Heading error of reports, rad."""
+        part = (context["time"] - context["time"].min()) / 86400 / self.days
+        course = part > self.at if self.step else AS_LARGE * part
+        return np.where(context["aircraft"] < self.struck, np.radians(self.size) * course, 0.0)
+
+
+def chance_of_step(change: Change) -> float:
+    """Probability of the step against the drift, its aircraft known."""
+    frame = make_frame(
+        seed=change.seed,
+        aircraft=change.aircraft,
+        days=change.days,
+        noise=1.0,
+        heading_error=change,
+    )
+    archive = held_archive(frame)
+    effects, _ = usable_effects(archive.view, CHANGING)
+    made = run_pass(archive, Search(effects, Rules(), False, 0, lambda *a: None))
+    base = made.problem.base
+    pool = candidates(base.stats.layout, effects, dictionary=False)
+    (step,) = [c for c in pool if c.kind == "step" and c.subset == (0,)]
+    own = np.arange(change.aircraft) < change.struck
+    score = evaluate_named(base, given_terms(base, []), step, own, None)
+    term = Term(step, tuple(range(change.struck)), score.period, score)
+    return float(as_it_goes(base, pool, [term])[0])
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--archives", type=int, default=100)
+    parser.add_argument("--seed", type=int, default=1)
+    asked = parser.parse_args()
+    rng = np.random.default_rng(asked.seed)
+    drawn = [Change.drawn(rng) for _ in range(asked.archives)]
+    chance = np.array([chance_of_step(one) for one in drawn])
+    step = np.array([one.step for one in drawn])
+    print("probability of a step   archives   steps   as many as it says")
+    for low, high in itertools.pairwise(BINS):
+        own = (chance >= low) & ((chance < high) | (high == BINS[-1]))
+        if own.any():
+            print(
+                f"{low:8.2f} to {high:4.2f} {own.sum():14d} {step[own].sum():7d}"
+                f" {chance[own].sum():16.1f}"
+            )
+
+
+if __name__ == "__main__":
+    main()
