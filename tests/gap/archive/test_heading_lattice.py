@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from tests.gap.toy import make_frame
+from tests.gap.toy import make_frame, noise_of
 
 from airswing.gap.archive.heading_lattice import (
     heading_lattice_of,
@@ -13,10 +13,12 @@ from airswing.gap.archive.heading_lattice import (
     step_cosines,
 )
 from airswing.gap.archive.other_winds import without
+from airswing.gap.design.exogenous import exogenous
 from airswing.gap.design.heading_uncertainty import heading_doubt, rounding_of_headings
 from airswing.gap.diagnose import diagnose
 from airswing.gap.effects import CATALOGUE
-from airswing.gap.scatter.coding_and_outliers import heading_coding
+from airswing.gap.noise.residual_statistics import gross_errors
+from airswing.gap.scatter.coding_and_outliers import heading_coding, outliers
 from airswing.gap.simulation.forward import Coding
 from airswing.gap.taken_off.remainders import is_remainder
 
@@ -97,11 +99,35 @@ def test_what_was_met_is_sent_in_the_steps_found(plain, true_north):
     np.testing.assert_allclose(np.stack([u, v])[:, ~own], np.stack(plainly)[:, ~own], atol=1e-9)
 
 
-@pytest.mark.parametrize("step", [10.0, 15.0])
-def test_jumps_between_steps_are_no_gross_errors_and_no_scatter(plain, step):
-    made = diagnose(stepped(plain, step, [1])).report
+def test_jumps_between_steps_are_no_gross_errors_and_no_scatter(plain):
+    made = diagnose(stepped(plain, 15.0, [1])).report
     assert [effect.name for effect in made.effects] == ["heading_coding"]
     assert made.unknown.where == []
+
+
+@pytest.mark.parametrize(
+    ("step", "share", "told"),
+    [
+        (2.0, 0.02, True),
+        (5.0, 0.05, True),
+        (5.0, 0.0, False),
+        (10.0, 0.0, False),
+        (15.0, 0.0, False),
+    ],
+)
+def test_gross_errors_are_told_beyond_what_jumps(plain, step, share, told):
+    rng = np.random.default_rng(3)
+    frame = stepped(plain, step, [1])
+    hit = (rng.random(frame.size) < share) & (frame.aircraft == 1)
+    error = hit[:, None] * rng.normal(0, 15, (frame.size, 2))
+    frame = replace(frame, u_rep=frame.u_rep + error[:, 0], v_rep=frame.v_rep + error[:, 1])
+    noise = noise_of(plain, exogenous(plain))
+    found = outliers(frame, replace(noise, gross=gross_errors(frame.residual, noise.order)))
+    if not told:
+        assert found is None
+    else:
+        assert found.tails == (frame.tails[1],)
+        assert found.parameters["fraction"] == pytest.approx(share, rel=0.4)
 
 
 def test_aircraft_with_coarse_headings_have_less_say(plain):

@@ -67,7 +67,15 @@ def test_a_simulated_archive_stands_out_as_often_as_the_real_one(archive):
 def test_the_shared_rate_by_hand():
     count, chance = np.full(4, 1000.0), np.full(4, 0.001)
     rate, gain = shared_rate(np.array([20.0, 1.0, 20.0, 1.0]), count, chance)
-    assert rate == pytest.approx(0.02, rel=1e-3)
+    assert rate == pytest.approx(0.019, rel=1e-3)
     assert list(gain > 0) == [True, False, True, False]
     # 20 ln(20) - 1000 (0.02 - 0.001)
     assert gain[0] == pytest.approx(20 * np.log(20) - 19, rel=0.01)
+
+
+def test_the_shared_rate_is_beyond_what_chance_gives_each():
+    """Of 70 and 90 hits 70 are chance's where headings jump; 20 are of the common rate."""
+    count, chance = np.full(4, 1000.0), np.array([0.001, 0.001, 0.07, 0.07])
+    rate, gain = shared_rate(np.array([21.0, 1.0, 70.0, 90.0]), count, chance)
+    assert rate == pytest.approx(0.02, rel=0.1)
+    assert list(gain > 0) == [True, False, False, True]
