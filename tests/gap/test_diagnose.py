@@ -17,7 +17,7 @@ from airswing.gap.effects import CATALOGUE
 from airswing.gap.held_out.gradient_reliability import path_derivative
 from airswing.gap.held_out.reduction import take_off
 from airswing.gap.passes import Search, run_pass
-from airswing.gap.scatter.coding_and_outliers import coarsest, lattice_share
+from airswing.gap.scatter.coded_values import coarsest, lattice_share
 from airswing.gap.search.candidate_ranking import Ranking
 from airswing.gap.search.cross_validated import settle
 from airswing.gap.search.stepwise import Rules

@@ -49,7 +49,7 @@ from airswing.gap.result.assembled import Findings, assemble
 from airswing.gap.result.diagnosis_dataset import diagnosis_dataset
 from airswing.gap.result.schema import EffectEntry, GapReport
 from airswing.gap.result.unknown_entries import with_unknowns
-from airswing.gap.scatter.coding_and_outliers import second_moments
+from airswing.gap.scatter.second_moments import second_moments
 from airswing.gap.search.absorbed_by_unknown import folded, stand_ins
 from airswing.gap.search.belief import STATED, beside_table
 from airswing.gap.search.cross_validated import ANOTHER, OTHERWISE, Doubtful

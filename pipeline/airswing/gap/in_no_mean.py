@@ -22,8 +22,8 @@ from airswing.gap.closure.of_scatter import (
 )
 from airswing.gap.held_out.days_left_out import folds_of_days
 from airswing.gap.passes import Search
-from airswing.gap.scatter.coding_and_outliers import MomentVerdict
 from airswing.gap.scatter.excess_scatter import Scattering, scattering
+from airswing.gap.scatter.moment_verdict import MomentVerdict
 from airswing.gap.sums.problem import Problem
 from airswing.gap.taken_off.remainders import small_beside
 from airswing.gap.witness.bench import Bench, Setting

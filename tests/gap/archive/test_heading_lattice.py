@@ -18,7 +18,8 @@ from airswing.gap.design.heading_uncertainty import heading_doubt, rounding_of_h
 from airswing.gap.diagnose import diagnose
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.noise.residual_statistics import gross_errors
-from airswing.gap.scatter.coding_and_outliers import heading_coding, outliers
+from airswing.gap.scatter.coded_values import heading_coding
+from airswing.gap.scatter.gross_rates import outliers
 from airswing.gap.simulation.forward import Coding
 from airswing.gap.taken_off.remainders import is_remainder
 

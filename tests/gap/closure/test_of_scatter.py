@@ -15,8 +15,8 @@ from airswing.gap.closure.of_scatter import (
     with_scatter,
 )
 from airswing.gap.held_out.reduction import Closure
-from airswing.gap.scatter.coding_and_outliers import MomentVerdict
 from airswing.gap.scatter.excess_scatter import Scattering
+from airswing.gap.scatter.moment_verdict import MomentVerdict
 
 KNOT = 1852 / 3600
 

@@ -26,7 +26,7 @@ from airswing.gap.evidence.gaussian import (
     raw_evidence,
 )
 from airswing.gap.evidence.localisation import cross_fitted, false_discovery, score_test
-from airswing.gap.scatter.coding_and_outliers import against_chance
+from airswing.gap.scatter.moment_verdict import against_chance
 from airswing.gap.sums import cluster_inflation as clusters
 from airswing.gap.sums.cluster_inflation import cluster_factor
 

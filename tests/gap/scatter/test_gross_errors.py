@@ -12,7 +12,7 @@ from airswing.gap.closure.of_scatter import reduction_of
 from airswing.gap.design.exogenous import exogenous
 from airswing.gap.evidence.gaussian import plain_probability
 from airswing.gap.noise.residual_statistics import gross_errors
-from airswing.gap.scatter.coding_and_outliers import outliers, shared_rate, simulated_rate
+from airswing.gap.scatter.gross_rates import outliers, shared_rate, simulated_rate
 from airswing.units import KNOT
 
 

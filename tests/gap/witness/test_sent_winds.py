@@ -12,7 +12,7 @@ from airswing.gap.archive.direction_lattice import lattice_of
 from airswing.gap.closure.of_scatter import reduction_of_steps
 from airswing.gap.effects.base import ActiveEffect
 from airswing.gap.effects.empirical import mapped_speed
-from airswing.gap.scatter.coding_and_outliers import wind_coding
+from airswing.gap.scatter.coded_values import wind_coding
 from airswing.gap.simulation.forward import simulate
 from airswing.gap.witness.bench import Bench
 from airswing.gap.witness.sent_winds import sent_winds, struck_of

@@ -26,8 +26,8 @@ from airswing.gap.archive.direction_lattice import Lattice
 from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import number
 from airswing.gap.held_out.reduction import Closure
-from airswing.gap.scatter.coding_and_outliers import MomentVerdict
 from airswing.gap.scatter.excess_scatter import Scattering
+from airswing.gap.scatter.moment_verdict import MomentVerdict
 from airswing.units import KNOT, NORMAL_95
 
 Floats = NDArray[np.float64]

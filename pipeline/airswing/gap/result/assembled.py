@@ -54,8 +54,8 @@ from airswing.gap.result.single_entries import (
     swap_entry,
 )
 from airswing.gap.result.term_tables import table_of_term
-from airswing.gap.scatter.coding_and_outliers import MomentVerdict
 from airswing.gap.scatter.excess_scatter import Scattering
+from airswing.gap.scatter.moment_verdict import MomentVerdict
 from airswing.gap.search.cross_validated import Doubtful
 from airswing.gap.search.stepwise import Found
 from airswing.gap.search.tail_swaps import Swap

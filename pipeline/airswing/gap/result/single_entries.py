@@ -30,8 +30,8 @@ from airswing.gap.result.schema import (
     StepsEntry,
     TailEntry,
 )
-from airswing.gap.scatter.coding_and_outliers import MomentVerdict
 from airswing.gap.scatter.excess_scatter import Scattering
+from airswing.gap.scatter.moment_verdict import MomentVerdict
 from airswing.gap.search.tail_swaps import Swap
 from airswing.gap.sums.elimination import Base
 from airswing.gap.sums.problem import Problem
