@@ -73,7 +73,7 @@ def test_a_few_courses_are_no_lattice(plain):
 def test_it_is_named_with_its_step_and_what_it_closes(plain):
     frame = stepped(plain, 5.0, [0, 2], spread=0.3)
     catalogue = {"heading_coding": CATALOGUE["heading_coding"]}
-    report = diagnose(frame, catalogue=catalogue).report
+    report = diagnose(frame, catalogue=catalogue, dictionary=False).report
     (effect,) = report.effects
     assert effect.name == "heading_coding"
     assert effect.tails == [plain.tails[0], plain.tails[2]]

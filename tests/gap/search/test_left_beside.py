@@ -14,7 +14,13 @@ from airswing.gap.passes import Search, run_pass
 from airswing.gap.search import cross_validated
 from airswing.gap.search.belief import NAMED_EVEN, NAMED_SLOPE, as_named
 from airswing.gap.search.candidate_ranking import Ranking
-from airswing.gap.search.left_beside import SHARE, USUAL, left_beside, share_left
+from airswing.gap.search.left_beside import (
+    SHARE,
+    USUAL,
+    _left_of_others,
+    left_beside,
+    share_left,
+)
 from airswing.gap.search.stepwise import Rules
 from airswing.gap.sums.whole_archive import held_archive
 
@@ -51,6 +57,26 @@ def test_an_effect_by_what_is_inferred_leaves_more(made):
     assert share_left(offset.candidate) == SHARE
     inferred = replace(offset.candidate, told_share=CATALOGUE["acceleration_error"].told_share)
     assert 2 * SHARE < share_left(inferred) < 0.1
+
+
+@pytest.mark.parametrize(
+    ("told_share", "tails", "heading", "nats"),
+    [
+        (1.0, (3,), True, 0.0),
+        (0.76, (3, 4), True, 0.25 * (1 / 0.76 - 1) * 1000.0),
+        (0.76, (4,), True, 0.0),  # on another aircraft
+        (0.76, (3,), False, 0.0),  # along the heading
+    ],
+)
+def test_what_an_inferred_effect_leaves_speaks_against_no_other_name(
+    made, told_share, tails, heading, nats
+):
+    (offset,) = [t for t in made.standing.found.terms if t.candidate.name == "compass_offset"]
+    offset = replace(offset, candidate=replace(offset.candidate, told_share=1.0))
+    what = replace(offset.candidate, told_share=told_share, heading=heading)
+    other = replace(offset, candidate=what, tails=tails, score=replace(offset.score, raw=1000.0))
+    assert _left_of_others([offset, other], 0) == pytest.approx(nats)
+    assert _left_of_others([offset, other], 1) == 0.0
 
 
 def test_a_name_that_is_likelier_another_effect_is_not_told(made, monkeypatch):

@@ -70,8 +70,22 @@ def left_beside(base: Base, pool: Sequence[Candidate], terms: Sequence[Term]) ->
             own = np.isin(aircraft, term.tails)
             usual = max(float(most[~own].max(initial=0.0)), USUAL)
             left = float(np.maximum(most[own] - usual, 0.0).sum())
-        out[k] = max(left, 0.0) / (USUAL + share_left(what) * max(term.score.raw, 0.0))
+        allowed = share_left(what) * max(term.score.raw, 0.0) + _left_of_others(terms, k)
+        out[k] = max(left, 0.0) / (USUAL + allowed)
     return out
+
+
+def _left_of_others(terms: Sequence[Term], k: int) -> float:
+    """Raw evidence that the inferred columns of other names leave on a name's aircraft, nats."""
+    own, what = set(terms[k].tails), terms[k].candidate
+    return sum(
+        OF_UNTOLD * (1.0 / other.candidate.told_share - 1.0) * max(other.score.raw, 0.0)
+        for j, other in enumerate(terms)
+        if j != k
+        and other.candidate.scope == what.scope == "aircraft"
+        and other.candidate.heading == what.heading
+        and own & set(other.tails)
+    )
 
 
 def share_left(what: Candidate) -> float:
