@@ -5,13 +5,15 @@
 Archives of 5 to 8 aircraft and 16 to 31 days, of which some have a step of 0.2 to 0.5 degrees at
 any date between a fifth and four fifths of the archive, or a drift of the same mean square. Printed
 are, by the probability that ``airswing gap`` gives the step against the drift, how many were steps
-and how many that probability says.
+and how many that probability says. Exit status 1 where these differ by more than :data:`MOST`
+standard deviations of the count.
 """
 
 from __future__ import annotations
 
 import argparse
 import itertools
+import sys
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,6 +32,8 @@ from airswing.gap.sums.whole_archive import held_archive
 CHANGING = {n: CATALOGUE[n] for n in ("compass_offset", "compass_step", "compass_drift")}
 #: A drift from nothing has the mean square of a step half-way at this multiple of its size.
 AS_LARGE = np.sqrt(1.5)
+#: Standard deviations by which steps may differ from what is said.
+MOST = 3.0
 BINS = (0.0, 0.01, 0.1, 0.3, 0.5, 0.7, 0.9, 0.99, 1.0)
 
 
@@ -87,8 +91,8 @@ def chance_of_step(change: Change) -> float:
     return float(as_it_goes(base, pool, [term])[0])
 
 
-def main() -> None:
-    """Print the table."""
+def main() -> int:
+    """Print the table; 1 where what is said does not come true."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--archives", type=int, default=100)
     parser.add_argument("--seed", type=int, default=1)
@@ -97,6 +101,7 @@ def main() -> None:
     drawn = [Change.drawn(rng) for _ in range(asked.archives)]
     chance = np.array([chance_of_step(one) for one in drawn])
     step = np.array([one.step for one in drawn])
+    missed = False
     print("probability of a step   archives   steps   as many as it says")
     for low, high in itertools.pairwise(BINS):
         own = (chance >= low) & ((chance < high) | (high == BINS[-1]))
@@ -105,7 +110,11 @@ def main() -> None:
                 f"{low:8.2f} to {high:4.2f} {own.sum():14d} {step[own].sum():7d}"
                 f" {chance[own].sum():16.1f}"
             )
+            # a count of at least one: where all are said to be one kind none may yet be the other
+            spread = max(float(np.sqrt((chance[own] * (1 - chance[own])).sum())), 1.0 / MOST)
+            missed |= bool(abs(step[own].sum() - chance[own].sum()) > MOST * spread)
+    return int(missed)
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

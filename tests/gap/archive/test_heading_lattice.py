@@ -9,7 +9,7 @@ from tests.gap.toy import make_frame, noise_of
 
 from airswing.gap.archive.heading_lattice import (
     heading_lattice_of,
-    in_coarse_steps,
+    heading_lattices,
     step_cosines,
 )
 from airswing.gap.archive.other_winds import without
@@ -87,7 +87,7 @@ def test_it_is_named_with_its_step_and_what_it_closes(plain):
 @pytest.mark.parametrize("true_north", [False, True])
 def test_what_was_met_is_sent_in_the_steps_found(plain, true_north):
     frame = stepped(plain, 15.0, [1], true_north=true_north)
-    assert in_coarse_steps(frame).tolist() == [False, True, False, False]
+    assert [one is not None for one in heading_lattices(frame)] == [False, True, False, False]
     u, v = Coding.as_found(frame).apply(plain.u_rep, plain.v_rep)
     own = frame.aircraft == 1
     flown = np.hypot(plain.ground_u - plain.u_rep, plain.ground_v - plain.v_rep)

@@ -74,7 +74,7 @@ class HeadingSteps:
     @classmethod
     def of_archive(cls, frame: Frame) -> HeadingSteps | None:
         """Return the steps each aircraft's headings show; None where none shows any."""
-        found = [heading_lattice_of(frame, a) for a in range(len(frame.tails))]
+        found = heading_lattices(frame)
         if not any(found):
             return None
         step = np.radians([0.0 if one is None else one.step for one in found])[frame.aircraft]
@@ -93,9 +93,9 @@ class HeadingSteps:
         )
 
 
-def in_coarse_steps(frame: Frame) -> NDArray[np.bool_]:
-    """Aircraft whose headings come in coarse steps, (aircraft,)."""
-    return np.array([heading_lattice_of(frame, a) is not None for a in range(len(frame.tails))])
+def heading_lattices(frame: Frame) -> list[HeadingLattice | None]:
+    """Find the steps of every aircraft's headings."""
+    return [heading_lattice_of(frame, a) for a in range(len(frame.tails))]
 
 
 def step_cosines(heading: Floats, step: float) -> Floats:

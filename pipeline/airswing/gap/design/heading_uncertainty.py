@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.archive.heading_lattice import heading_lattice_of
+from airswing.gap.archive.heading_lattice import heading_lattices
 from airswing.physics.triangle import wrap_signed
 
 Floats = NDArray[np.float64]
@@ -52,6 +52,5 @@ def heading_doubt(frame: Frame, columns_frame: Frame) -> Floats:
 
 def rounding_of_headings(frame: Frame) -> Floats:
     """Standard deviation of each aircraft's headings from their coarse steps, (aircraft,) rad."""
-    found = [heading_lattice_of(frame, a) for a in range(len(frame.tails))]
-    steps = np.array([one.step if one is not None else 0.0 for one in found])
+    steps = np.array([one.step if one else 0.0 for one in heading_lattices(frame)])
     return np.asarray(np.radians(steps) / np.sqrt(12.0))

@@ -52,7 +52,7 @@ class HeadingCoding(MomentEffect):
         step = np.radians(number(full["step_deg"]))
         if step <= 0.0:
             return state
-        north = 0.0 * frame.declination if full["true_north"] else frame.declination
+        north = np.zeros(frame.size) if full["true_north"] else frame.declination
         steps = HeadingSteps(np.full(frame.size, step), north, frame.ground_u, frame.ground_v)
         u, v = steps.apply(state.report_u, state.report_v)
         return replace(state, report_u=u, report_v=v)

@@ -98,8 +98,7 @@ def evaluate_step(
     period : (int, int), optional
         Days of a change that has been shown: only windows near it are tried.
     shown : bool
-        A change has been shown, of whichever course: as where its days are given it is not asked
-        what the columns explain lasting.
+        That they change has been shown: it is not asked what the columns explain lasting.
 
     Returns
     -------
@@ -125,7 +124,7 @@ def evaluate_step(
     factor, found = _steadily(base, given, candidate, tried, sums, partial(look, fits))
     changing = {a: x.tempered[:, :-1] for a, x in found.items()}
     struck = list(sums)
-    if period is None and not shown:
+    if not shown:
         struck = _changing(changing, {a: x.tempered[:, -1:] for a, x in found.items()}, prior)
     if not struck:
         nothing = np.zeros((acting.size, candidate.columns.size))

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.archive.heading_lattice import heading_lattice_of
+from airswing.gap.archive.heading_lattice import heading_lattices
 from airswing.gap.effects.base import Told, number
 from airswing.gap.scatter.moment_verdict import MomentVerdict, against_chance, verdict_of
 from airswing.physics.triangle import direction_in_degrees
@@ -164,8 +164,7 @@ def heading_coding(frame: Frame) -> MomentVerdict | None:
     """Find aircraft whose headings come in coarse steps."""
     per_tail: dict[str, Told] = {}
     evidence = []
-    for a, tail in enumerate(frame.tails):
-        found = heading_lattice_of(frame, a)
+    for tail, found in zip(frame.tails, heading_lattices(frame), strict=True):
         if found is not None:
             per_tail[tail] = {"step_deg": found.step, "true_north": found.true_north or None}
             evidence.append(found.evidence)

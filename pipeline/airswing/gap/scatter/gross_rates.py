@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.archive.heading_lattice import in_coarse_steps
 from airswing.gap.noise.model import NoiseFit
 from airswing.gap.noise.residual_statistics import gross_errors
 from airswing.gap.scatter.moment_verdict import MomentVerdict, against_chance, verdict_of
@@ -31,8 +30,7 @@ DRAWS = 2
 """Simulated archives from which the share that stands out by chance is counted."""
 JUMPING = 2.0
 """The same share where headings come in coarse steps, over that of simulated ones: how often they
-jump hangs on how aircraft wander about a course (0.7 to twice as often, of sealed archives and
-toys)."""
+jump hangs on how aircraft wander about a course, which the noise model does not know."""
 LEAST_SIZE = 6.0
 """Standard deviation per component, m/s, under which what stands out is no gross error."""
 
@@ -91,7 +89,9 @@ def simulated_rate(frame: Frame, noise: NoiseFit, *, seed: int = 0) -> Floats:
         made = gross_errors(np.stack([u - frame.u_ref, v - frame.v_ref], -1), noise.order)
         hits += np.bincount(frame.aircraft, made, minlength=fleet) / DRAWS
     count = np.maximum(np.bincount(frame.aircraft, minlength=fleet), 1)
-    jumping = in_coarse_steps(frame)
+    jumping = np.zeros(fleet, bool)
+    if coding.headings is not None:
+        jumping[frame.aircraft[coding.headings.step > 0.0]] = True
     fine = ~jumping if not jumping.all() else jumping
     common = hits[fine].sum() / count[fine].sum()
     return np.asarray(np.maximum(np.where(jumping, JUMPING, 1.0) * hits / count, common))

@@ -270,10 +270,10 @@ def evaluate_named(
     base, given, candidate, allowed
         As for :func:`evaluate_all_known`.
     period : (int, int) or None
-        Days in which it was found to act; None: always.
+        Days in which it was found to act; None: always, of a step any.
     """
     if candidate.kind == "step":
-        return evaluate_step(base, given, candidate, allowed=allowed, period=period)
+        return evaluate_step(base, given, candidate, allowed=allowed, period=period, shown=True)
     return evaluate(base.stats, given, candidate, allowed=allowed)
 
 

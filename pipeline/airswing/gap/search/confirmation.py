@@ -33,7 +33,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri, stdtr
 
-from airswing.gap.evidence.changepoint import evaluate_step
 from airswing.gap.evidence.of_candidate import fleet_allowance
 from airswing.gap.evidence.terms import Term, fit_terms, given_terms, term_weights
 from airswing.gap.held_out.days_left_out import (
@@ -43,6 +42,7 @@ from airswing.gap.held_out.days_left_out import (
     select_days,
     term_coefficients,
 )
+from airswing.gap.search.candidate_ranking import evaluate_named
 from airswing.gap.sums.accumulate import Statistics
 from airswing.gap.sums.elimination import Base, eliminate_days
 
@@ -240,7 +240,7 @@ def _dated_again(train: Base, terms: Sequence[Term]) -> list[Term]:
             continue
         allowed = np.isin(np.arange(len(train.stats.tails)), term.tails)
         given = given_terms(train, out[:k] + out[k + 1 :])
-        score = evaluate_step(train, given, term.candidate, allowed=allowed, period=term.period)
+        score = evaluate_named(train, given, term.candidate, allowed, term.period)
         if score.period is not None and score.period[1] > score.period[0]:
             out[k] = replace(term, period=score.period)
     return out

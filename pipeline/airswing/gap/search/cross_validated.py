@@ -51,7 +51,6 @@ Floats = NDArray[np.float64]
 LEAST = 2.0
 #: Why a name is not told that is likelier another effect.
 ANOTHER = "its aircraft show more beside it than a right name leaves: it is likelier another effect"
-
 #: Why a change in time is not told that rather goes the other way.
 OTHERWISE = "it rather goes otherwise in time: steadily, or at a date"
 

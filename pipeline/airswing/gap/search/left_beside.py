@@ -79,7 +79,7 @@ def _left_of_others(terms: Sequence[Term], k: int) -> float:
     """Raw evidence that the inferred columns of other names leave on a name's aircraft, nats."""
     own, what = set(terms[k].tails), terms[k].candidate
     return sum(
-        OF_UNTOLD * (1.0 / other.candidate.told_share - 1.0) * max(other.score.raw, 0.0)
+        _share_untold(other.candidate) * max(other.score.raw, 0.0)
         for j, other in enumerate(terms)
         if j != k
         and other.candidate.scope == what.scope == "aircraft"
@@ -90,7 +90,12 @@ def _left_of_others(terms: Sequence[Term], k: int) -> float:
 
 def share_left(what: Candidate) -> float:
     """Share of its raw evidence that a right name leaves on its aircraft."""
-    return max(SHARE, OF_UNTOLD * (1.0 / what.told_share - 1.0))
+    return max(SHARE, _share_untold(what))
+
+
+def _share_untold(what: Candidate) -> float:
+    """The part of it that its columns do not carry, of inferred ones."""
+    return OF_UNTOLD * (1.0 / what.told_share - 1.0)
 
 
 def _rivals(one: Candidate, other: Candidate) -> bool:

@@ -20,14 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.design.candidates import Candidate
-from airswing.gap.evidence.changepoint import evaluate_step
-from airswing.gap.evidence.of_candidate import evaluate
 from airswing.gap.evidence.terms import Term, given_terms
-from airswing.gap.search.candidate_ranking import ranked_by
-from airswing.gap.sums.elimination import Base, Conditional
+from airswing.gap.search.candidate_ranking import evaluate_named, ranked_by
+from airswing.gap.sums.elimination import Base
 
 Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 def as_it_goes(base: Base, pool: Sequence[Candidate], terms: Sequence[Term]) -> Floats:
@@ -48,19 +45,11 @@ def as_it_goes(base: Base, pool: Sequence[Candidate], terms: Sequence[Term]) -> 
         rivals = _rivals(pool, what)
         given = given_terms(base, [*terms[:k], *terms[k + 1 :]])
         allowed = np.isin(np.arange(len(base.stats.tails)), term.tails)
-        own, *others = (_ranked(base, given, one, allowed) for one in (what, *rivals))
+        scores = (evaluate_named(base, given, one, allowed, None) for one in (what, *rivals))
+        own, *others = (ranked_by(score) / score.factor for score in scores)
         nats = own - max(others, default=-np.inf)
         out[k] = 1.0 / (1.0 + np.exp(-np.clip(nats, -50.0, 50.0)))
     return out
-
-
-def _ranked(base: Base, given: Conditional, one: Candidate, allowed: Mask) -> float:
-    """Evidence of a change of one course, with its prior odds, in nats of independent errors."""
-    if one.kind == "step":
-        score = evaluate_step(base, given, one, allowed=allowed, shown=True)
-    else:
-        score = evaluate(base.stats, given, one, allowed=allowed)
-    return ranked_by(score) / score.factor
 
 
 def _rivals(pool: Sequence[Candidate], what: Candidate) -> list[Candidate]:

@@ -125,9 +125,8 @@ class Conditional:
     score: Floats  # (A, p)
     fleet_gram: Floats  # (p, p)
     fleet_score: Floats  # (p,)
-    beside: Beside | None = (
-        None  # columns projected out of all others (:mod:`airswing.gap.sums.beyond`)
-    )
+    # columns projected out of all others (:mod:`airswing.gap.sums.beyond`)
+    beside: Beside | None = None
     # what has been computed from these sums already
     derived: dict[str, Floats] = field(default_factory=dict, repr=False)
 
