@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from tests.gap.toy import make_frame
 
 from airswing.errors import InputError
@@ -28,6 +30,35 @@ def test_cells_are_quantiles_sectors_or_categories():
     assert grid.cells(values).tolist() == [0, 5, 47, -1]
     assert grid.size == 48
     assert Axis("icing", "category", np.array([-0.5, 0.5, 1.5])).labels == ("off", "on")
+
+
+def test_values_that_nearly_all_share_leave_cells_to_the_others():
+    """Of turns and banks nine of ten are none: quantiles of all would make two cells."""
+    rng = np.random.default_rng(4)
+    level = rng.normal(0.0, 0.01, 9_000)
+    turning = rng.choice([-1.0, 1.0], 1_000) * rng.gamma(2.0, 8.0, 1_000)
+    bank = Variable("bank", "linear", np.r_[level, np.zeros(9_000), turning])
+    for count in (6, 12):
+        edges = bank.edges(count)
+        assert 0.75 * count <= edges.size - 1 <= 2 * count
+        held = np.bincount(bank.cells(edges), minlength=edges.size - 1)
+        # of those that turn no cell has more than half
+        assert np.sort(held)[:-1].max() < 500
+        assert held.min() > 0
+
+
+@given(
+    values=st.lists(st.sampled_from([0.0, 0.0, 0.0, 1.0, 2.5, -40.0, 7.0]) | st.floats(-50, 50)),
+    count=st.integers(2, 40),
+)
+def test_every_value_has_a_cell_and_edges_ascend(values, count):
+    values = np.array([*values, -60.0, 60.0])
+    variable = Variable("bank", "linear", values)
+    edges = variable.edges(count)
+    assert (np.diff(edges) > 0).all()
+    assert (edges[0], edges[-1]) == (-60.0, 60.0)
+    cells = variable.cells(edges)
+    assert cells.min() >= 0 and cells.max() <= edges.size - 2
 
 
 def test_a_circle_has_no_end():

@@ -80,6 +80,9 @@ UNITS = {
     "icing": "",
     "phase": "",
 }
+#: Part of the cells asked for that is worth having, and how many times fewer reports than a cell of
+#: equal shares holds do where most are alike.
+WORTH_CELLS, FEWER = 0.75, np.array([1.0, 0.7, 0.5, 0.35, 0.25, 0.18, 0.12, 0.08])
 CATEGORIES = {"icing": ("off", "on"), "phase": ("ascent", "cruise", "descent")}
 
 
@@ -111,11 +114,53 @@ class Variable:
         inner = inner[(inner > low + 0.005 * spread) & (inner < high)]
         if inner.size > 1:
             inner = inner[np.r_[True, np.diff(inner) > 0.005 * spread]]
+        # where nearly all are alike (turns, banks) that leaves next to none: the rest is told apart
+        if inner.size + 1 < WORTH_CELLS * count and spread > 0.0:
+            inner = _edges_of_few(np.sort(known), count, 0.005 * spread)
         return np.asarray(np.r_[low, inner, high], np.float64)
 
     def cells(self, edges: Floats) -> Integers:
         """Cell of every report, (n,); -1 where the value is unknown."""
         return cells_of(self.values, edges)
+
+
+def _edges_of_few(ordered: Floats, count: int, width: float) -> Floats:
+    """Inner edges of cells that hold fewer reports each, until there are about so many.
+
+    Parameters
+    ----------
+    ordered : (n,) float
+        Values in ascending order.
+    count : int
+        Cells wanted.
+    width : float
+        Least width of a cell.
+    """
+    inner = np.zeros(0)
+    for share in FEWER / count:
+        inner = _swept(ordered, share * ordered.size, width)
+        if inner.size + 1 >= WORTH_CELLS * count:
+            break
+    return inner
+
+
+def _swept(ordered: Floats, least: float, width: float) -> Floats:
+    """Inner edges of cells of this width and number of reports at least, from the lowest up."""
+    inner: list[float] = []
+    edge, first = float(ordered[0]), 0
+    while (place := first + int(np.ceil(least))) < ordered.size:
+        place = max(place, int(np.searchsorted(ordered, edge + width)))
+        if place >= ordered.size:
+            break
+        # a value goes whole into the cell that it begins
+        first = int(np.searchsorted(ordered, ordered[place]))
+        if ordered[first] <= edge:
+            first = int(np.searchsorted(ordered, edge, "right"))
+        if ordered.size - first < least or ordered[first] >= ordered[-1]:
+            break
+        edge = float(ordered[first])
+        inner.append(edge)
+    return np.array(inner)
 
 
 def cells_of(values: Floats, edges: Floats) -> Integers:
