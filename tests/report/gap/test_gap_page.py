@@ -92,6 +92,21 @@ def test_verdict_in_the_words_of_the_example(gap: GapReport) -> None:
     )
 
 
+@pytest.mark.parametrize(
+    ("before", "after", "told"),
+    [
+        (7.42, 6.49, "7.4 to 6.5"),
+        (5.014, 4.997, "5.01 to 5.00"),
+        (5.0141, 5.0122, "5.014 to 5.012"),
+    ],
+)
+def test_what_is_closed_is_told_in_digits_that_show_it(
+    gap: GapReport, before: float, after: float, told: str
+) -> None:
+    closure = replace(gap.closure, before=before, after=after)
+    assert f"takes the disagreement from {told} kt" in verdict(replace(gap, closure=closure))
+
+
 def test_verdict_when_nothing_is_missing_claims_nothing(gap: GapReport) -> None:
     numbers = replace(gap.gap, mean_vector_disagreement_kt=7.4, noise_floor_kt=6.3)
     none = replace(gap, effects=[], gap=numbers)

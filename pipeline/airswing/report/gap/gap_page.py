@@ -38,6 +38,7 @@ from airswing.report.gap.which_figures import (
     unknown_curve_figure,
 )
 from airswing.report.gap.words import (
+    digits_that_tell,
     effect_sentence,
     joined,
     nature_of,
@@ -110,13 +111,14 @@ def write_gap_page(directory: Path, *, gap: GapReport, maps: xr.Dataset) -> Path
 
 def _facts(gap: GapReport) -> list[tuple[str, str]]:
     numbers, closure = gap.gap, gap.closure
-    level = f"{numbers.mean_vector_disagreement_kt:.1f} kt"
+    digits = digits_that_tell(closure.before, closure.after) if gap.effects else 1
+    level = f"{numbers.mean_vector_disagreement_kt:.{digits}f} kt"
     facts = [(level, "disagreement of reports and simulation")]
     if gap.effects:
         bounds = closure.ci
-        interval = f" [{bounds[0]:.1f}, {bounds[1]:.1f}]" if bounds else ""
-        facts.append((f"{closure.after:.1f} kt{interval}", "with the effects found"))
-    facts.append((f"{numbers.noise_floor_kt:.1f} kt", "noise floor"))
+        interval = f" [{bounds[0]:.{digits}f}, {bounds[1]:.{digits}f}]" if bounds else ""
+        facts.append((f"{closure.after:.{digits}f} kt{interval}", "with the effects found"))
+    facts.append((f"{numbers.noise_floor_kt:.{digits}f} kt", "noise floor"))
     if closure.fraction_of_excess is not None and gap.effects:
         share = f"{100 * closure.fraction_of_excess:.0f} %"
         facts.append((share, "of what can be explained is explained"))

@@ -233,10 +233,16 @@ def _closure_sentence(gap: GapReport) -> str:
     """Return what adding the effects does to the disagreement, with the noise floor."""
     what = "it" if len(gap.effects) == 1 else "them"
     where = " on held-out flights" if gap.closure.held_out else ""
+    digits = digits_that_tell(gap.closure.before, gap.closure.after)
     return (
-        f"adding {what} takes the disagreement from {gap.closure.before:.1f} to "
-        f"{gap.closure.after:.1f} kt{where}, noise floor {gap.gap.noise_floor_kt:.1f}"
+        f"adding {what} takes the disagreement from {gap.closure.before:.{digits}f} to "
+        f"{gap.closure.after:.{digits}f} kt{where}, noise floor {gap.gap.noise_floor_kt:.{digits}f}"
     )
+
+
+def digits_that_tell(before: float, after: float) -> int:
+    """Return the decimals, 1 to 3, in which two disagreements differ."""
+    return int(np.clip(np.ceil(-np.log10(max(abs(before - after), 1e-9))), 1, 3))
 
 
 def start_words(
