@@ -238,3 +238,14 @@ def test_a_bias_of_minus_all_and_a_heading_that_never_settles_are_refused(archiv
     wild = ActiveEffect("hard_iron", {"amplitude_deg": 120.0, "phase_deg": 10.0})
     with pytest.raises(InputError, match="does not settle"):
         simulate(archive, effects=[wild])
+
+
+def test_a_drift_is_counted_from_where_its_period_begins(archive):
+    start = float(np.quantile(archive.time, 0.6))
+    effect = ActiveEffect("compass_drift", {"rate_deg_per_day": 2.0}, ("N402",), (start, None))
+    sent = simulate(archive, effects=[effect])
+    here = archive.aircraft == 1
+    turned = np.degrees(np.angle(np.exp(1j * (sent.heading - simulate(archive).heading))))[here]
+    days = np.maximum(archive.time[here] - start, 0.0) / 86400
+    np.testing.assert_allclose(turned, 2.0 * days, atol=1e-6)
+    assert days.max() > 0.1

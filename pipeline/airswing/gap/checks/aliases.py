@@ -59,7 +59,7 @@ def alias_shares(base: Base, term: Term, effects: Mapping[str, Effect]) -> dict[
     layout = base.stats.layout
     own = term.candidate.name
     names = [n for n in layout.effects if n != own and not _holds(effects[n], own)]
-    whole = term_weights(term, base.stats.day_count.shape)
+    whole = term_weights(term, base.stats.calendar)
     fleet = term.candidate.scope == "fleet"
     groups = [list(term.tails)] if fleet else [[a] for a in term.tails[:MOST_AIRCRAFT]]
     top, bottom = np.zeros(len(names)), 0.0
@@ -153,7 +153,7 @@ def _rival_weights(effect: Effect, term: Term, weights: Floats, aircraft: Sequen
         half[aircraft, weights.shape[1] // 2 :] = 1.0
         return half
     if effect.kind == "step":
-        return weights
+        return np.asarray(weights > 0, float)
     if effect.scope in ("fleet", "reference"):
         return np.ones_like(weights)
     out = np.zeros_like(weights)

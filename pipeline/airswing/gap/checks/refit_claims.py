@@ -69,7 +69,7 @@ def make_adjustment(
             aircraft=frame.aircraft,
             day=problem.day,
             fold=nothing,
-            shape=problem.shape,
+            calendar=problem.calendar,
         )
         if is_sensor(term, effects):
             sensor += error

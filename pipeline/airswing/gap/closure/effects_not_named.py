@@ -15,18 +15,16 @@ Source: docs/gap.md section 7; posterior of a spike-and-slab mixture.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.design.basis import DictionaryPlan
-from airswing.gap.effects.base import Effect
 from airswing.gap.evidence.gaussian import Score
 from airswing.gap.evidence.of_candidate import LEAST_ACTING
-from airswing.gap.evidence.terms import Term
+from airswing.gap.evidence.terms import Term, day_factors
 from airswing.gap.held_out.reduction import term_fields
 from airswing.gap.search.stepwise import Found
 from airswing.gap.sums.problem import Problem
@@ -75,7 +73,7 @@ def left_over(
         part, when = frame.take(own), problem.day[own]
         beside = _Beside(part, when, residual[own], *_named_fields(problem, terms, part, when))
         for one in silent:
-            _add_slopes(one, beside, effects=problem.effects, plan=problem.plan)
+            _add_slopes(one, beside, problem)
     for one in silent:
         slope, curve = one.net()
         steps = _drawn(found, one.score, one.units, rng, draws)
@@ -148,16 +146,10 @@ def _named_fields(
         of_fleet = term.candidate.scope == "fleet"
         if of_fleet or int(part.aircraft[0]) in term.tails:
             fields = term_fields(part, term, effects=problem.effects, plan=problem.plan)
-            kinds[of_fleet].append(_acting(fields, term.period, day))
+            acts = day_factors(term.candidate, term.period, problem.calendar.days)
+            kinds[of_fleet].append(fields * acts[day, None, None])
     own, shared = (np.concatenate(kind, axis=2) for kind in kinds)
     return own, _beside(shared, own)
-
-
-def _acting(fields: Floats, period: tuple[int, int] | None, day: Integers) -> Floats:
-    """Fields, zero outside the days they act on."""
-    if period is None:
-        return fields
-    return fields * ((day >= period[0]) & (day < period[1]))[:, None, None]
 
 
 def _beside(fields: Floats, named: Floats) -> Floats:
@@ -170,17 +162,16 @@ def _beside(fields: Floats, named: Floats) -> Floats:
     return np.asarray((flat - like @ back).reshape(fields.shape))
 
 
-def _add_slopes(
-    one: _Silent, beside: _Beside, *, effects: Mapping[str, Effect], plan: DictionaryPlan
-) -> None:
+def _add_slopes(one: _Silent, beside: _Beside, problem: Problem) -> None:
     """Add an aircraft's reports to the slopes of an effect."""
     score, part = one.score, beside.part
     unit = 0 if _of_fleet(score) else int(part.aircraft[0])
     if not one.units[unit]:
         return
     term = Term(score.candidate, (unit,), score.period, score)
-    fields = _acting(term_fields(part, term, effects=effects, plan=plan), score.period, beside.day)
-    fields = _beside(fields, beside.own)
+    fields = term_fields(part, term, effects=problem.effects, plan=problem.plan)
+    acts = day_factors(score.candidate, score.period, problem.calendar.days)
+    fields = _beside(fields * acts[beside.day, None, None], beside.own)
     # what one aircraft has the fleet's effects do not follow: they answer to all
     shared = beside.of_fleet if _of_fleet(score) else np.zeros((part.size, 2, 0))
     one.add(unit, beside.residual, np.concatenate([fields, shared], axis=2))

@@ -40,7 +40,7 @@ from airswing.gap.archive.frame import Frame
 from airswing.gap.closure.effects_not_named import left_over
 from airswing.gap.effects.base import Effect
 from airswing.gap.evidence.term_covariance import term_covariances, term_offsets
-from airswing.gap.evidence.terms import Term
+from airswing.gap.evidence.terms import Term, day_factors
 from airswing.gap.held_out.days_left_out import term_coefficients
 from airswing.gap.held_out.reduction import (
     Closure,
@@ -241,7 +241,7 @@ def _about_estimate(open_: _Open, known: Sequence[int]) -> tuple[Floats, list[Ch
             aircraft=frame.aircraft,
             day=day,
             fold=none,
-            shape=open_.problem.shape,
+            calendar=open_.problem.calendar,
         )
         total = sensor if is_sensor(term, effects) else other
         total += part
@@ -253,19 +253,19 @@ def _about_estimate(open_: _Open, known: Sequence[int]) -> tuple[Floats, list[Ch
             steps = _draw(formal, rng, draws) + shared @ _root(allowed).T
             steps /= factors.get(term.candidate.name, 1.0)
             steps += np.outer(scale, values[k][row])
-            index = _reports(frame, term, row, day)
-            changes.append((index, fields[index], steps))
+            index = _reports(frame, term, row)
+            acts = day_factors(term.candidate, term.period, base.stats.days)[day[index]]
+            index = index[acts > 0.0]
+            own = fields[index] * acts[acts > 0.0, None, None]
+            changes.append((index, own, steps))
     return take_off(frame, sensor, other), changes
 
 
-def _reports(frame: Frame, term: Term, row: int, day: Integers) -> Integers:
-    """Reports a term acts on, of its ``row``-th aircraft or of the fleet."""
-    here = np.ones(frame.size, bool)
-    if term.candidate.scope != "fleet":
-        here &= frame.aircraft == term.tails[row]
-    if term.period is not None:
-        here &= (day >= term.period[0]) & (day < term.period[1])
-    return np.flatnonzero(here)
+def _reports(frame: Frame, term: Term, row: int) -> Integers:
+    """Reports of a term's ``row``-th aircraft, or of the fleet."""
+    if term.candidate.scope == "fleet":
+        return np.arange(frame.size)
+    return np.flatnonzero(frame.aircraft == term.tails[row])
 
 
 def _root(spread: Floats) -> Floats:

@@ -3,7 +3,8 @@
 Assumptions: an effect of single aircraft has coefficients of its own for each, one of the fleet or
 the reference one set for all; a lasting effect of aircraft is tried both ways: what all have alike
 (one installation, one table) would pass for the little of it that every fleet has. A
-change at a date is tried as an offset, as one cycle and as both. Dictionary groups are tried for
+change at a date is tried as an offset, as one cycle and as both; a drift also as one that sets in
+on a date, from nothing. Dictionary groups are tried for
 single aircraft and for the fleet; those of the reference's wind for single aircraft only where what
 would make one aircraft follow them is not in the catalogue in use.
 
@@ -48,7 +49,7 @@ class Candidate:
     scales: Floats  # (k,): prior standard deviations
     known: bool  # true for an effect of the catalogue, False for a dictionary group
     subset: tuple[int, ...] = ()  # which of the effect's coefficients these columns are
-    kind: str = "mean"  # the effect's kind
+    kind: str = "mean"  # the effect's kind; ``onset`` of a drift that sets in on a date
     # of an effect that changes steadily in time: columns of the layout that hold it unchanged, with
     # their prior scales
     lasting: tuple[tuple[int, float], ...] = ()
@@ -61,6 +62,11 @@ class Candidate:
     def key(self) -> tuple[str, str, tuple[int, ...]]:
         """What identifies the candidate."""
         return self.name, self.scope, self.subset
+
+    @property
+    def dated(self) -> bool:
+        """Whether it acts from a date on, which is looked for."""
+        return self.kind in ("step", "onset")
 
     @property
     def steady(self) -> Integers:
@@ -122,6 +128,8 @@ def candidates(
             )
             if scope == "aircraft" and effect.kind in ("mean", "drift"):
                 out.append(replace(out[-1], scope="fleet"))
+        if scope == "aircraft" and effect.kind == "drift":
+            out.append(_onset(out[-1], effect))
     if not dictionary:
         return out
     own = {name for name, known in OF_SINGLE_AIRCRAFT.items() if known not in layout.effects}
@@ -135,6 +143,20 @@ def candidates(
             curve = Candidate(name, block, scope, scales, False, whole, heading=across)
             out.append(replace(curve, told_share=GROUP_SHARE))
     return out
+
+
+def _onset(drift: Candidate, effect: Effect) -> Candidate:
+    """Drift that sets in on a date: what is steady of it, times the days since."""
+    steady = tuple(k for k, name in enumerate(effect.column_names) if name != "rate")
+    return replace(
+        drift,
+        columns=drift.steady,
+        scope="aircraft",
+        scales=np.array([scale for _, scale in drift.lasting]),
+        subset=steady,
+        kind="onset",
+        lasting=(),
+    )
 
 
 def _lasting_columns(

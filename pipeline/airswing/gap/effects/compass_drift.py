@@ -14,7 +14,7 @@ from airswing.units import DAY
 
 
 class CompassDrift(HeadingEffect):
-    """Heading error growing by a rate from an offset at the first report of the archive."""
+    """Heading error growing by a rate from an offset at its first report in the archive."""
 
     name = "compass_drift"
     title = "compass deviation that drifts"
@@ -41,7 +41,13 @@ class CompassDrift(HeadingEffect):
             required=True,
             si=DEGREE / DAY,
         ),
-        Parameter("offset_deg", "degree", 1.0, "error at the archive's first report", si=DEGREE),
+        Parameter(
+            "offset_deg",
+            "degree",
+            1.0,
+            "error at the archive's first report, or at the start of its period",
+            si=DEGREE,
+        ),
     )
     kind = "drift"
     needs = ("heading", "time")

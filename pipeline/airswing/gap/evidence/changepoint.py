@@ -2,7 +2,8 @@
 
 Assumptions: the change happens between two days; before it (and after the end, where there is one)
 the columns do not act. Aircraft struck together change on one date, each by an amount of its own;
-those that change on another date are another change. The posterior over dates is exact: every
+those that change on another date are another change. What sets in on a date grows from nothing
+there, by so much a day, and to the archive's end. The posterior over dates is exact: every
 date's Gaussian evidence from cumulative sums of the daily sums. What is conditioned on stays
 conditioned on: its columns of the same aircraft are projected out of the window's columns.
 
@@ -17,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, partial
+from math import comb
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,12 +36,14 @@ from airswing.gap.evidence.gaussian import (
     rms,
 )
 from airswing.gap.evidence.of_candidate import LEAST_ACTING, evaluate
+from airswing.gap.evidence.terms import day_factors
 from airswing.gap.sums.accumulate import Statistics
 from airswing.gap.sums.cluster_inflation import aircraft_factor
 from airswing.gap.sums.day_scores import core_residual_scores, day_scores
 from airswing.gap.sums.elimination import Base, Conditional
 
 Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
 
 # Not the test of `evaluation.compass_changes`: a step competes here with every other effect, so it
 # is weighed by evidence, beside what is conditioned on, in periods that may end, and in several
@@ -59,7 +63,7 @@ NEAR = 3
 ENDING = 0.2
 
 
-def own_day_grams(base: Base, aircraft: int, columns: NDArray[np.int64]) -> Floats:
+def own_day_grams(base: Base, aircraft: int, columns: Integers) -> Floats:
     """X'X of some core columns by day, day fields eliminated, (D, k, k)."""
     cross = base.cross[aircraft][:, :, columns]
     own = base.stats.day_gram[aircraft][:, columns][:, :, columns]
@@ -67,7 +71,7 @@ def own_day_grams(base: Base, aircraft: int, columns: NDArray[np.int64]) -> Floa
 
 
 @cache
-def windows(days: int) -> NDArray[np.int64]:
+def windows(days: int) -> Integers:
     """Pairs (first day, one past the last day) tried, (w, 2)."""
     stride = max(1, int(np.ceil(days / MOST_EDGES)))
     edges = np.arange(0, days + 1, stride)
@@ -88,7 +92,7 @@ def evaluate_step(
     period: tuple[int, int] | None = None,
     shown: bool = False,
 ) -> Score:
-    """Evidence that columns act within a period only, all dates averaged.
+    """Evidence that columns act within a period only, or grow from a date on, all dates averaged.
 
     Parameters
     ----------
@@ -106,21 +110,19 @@ def evaluate_step(
         With the most probable period of the aircraft together.
     """
     stats = base.stats
-    tried, prior = _tried(stats.days.size, period)
+    tried, prior = _tried(stats, candidate, period)
     acting = stats.acting[:, candidate.columns].max(axis=1)
-    asked = np.zeros(acting.size, bool) if len(tried) == 0 else acting >= LEAST_ACTING
+    asked = np.zeros(acting.size, bool) if len(prior) == 0 else acting >= LEAST_ACTING
     if allowed is not None:
         asked &= allowed
     # of a change nothing tells the background but what the same columns show lasting
     background = evaluate(stats, given, candidate).background
-    look = partial(_window_evidence, stats, candidate, background)
-    # the last window is that of the columns at work all the time
-    whole = np.concatenate([tried, [[0, stats.days.size]]])
+    look = partial(_window_evidence, stats, candidate, tried, background)
     sums = {
-        int(a): _window_sums(base, given, int(a), candidate.columns, whole)
+        int(a): _window_sums(base, given, int(a), candidate.columns, tried)
         for a in np.flatnonzero(asked)
     }
-    fits = {a: own_fit(*own, candidate.scales) for a, own in sums.items()}
+    fits = {a: own_fit(*own, tried.scales(candidate)) for a, own in sums.items()}
     factor, found = _steadily(base, given, candidate, tried, sums, partial(look, fits))
     changing = {a: x.tempered[:, :-1] for a, x in found.items()}
     struck = list(sums)
@@ -147,7 +149,7 @@ def evaluate_step(
     estimate = np.zeros((acting.size, candidate.columns.size))
     posterior[struck], evidence[struck], estimate[struck] = best.posterior, best.each, best.estimate
     second = stats.raw_gram[:, candidate.columns][:, :, candidate.columns]
-    first, last = tried[best.window]
+    first, last = tried.windows[best.window]
     return Score(
         candidate,
         best.total,
@@ -156,7 +158,7 @@ def evaluate_step(
         posterior,
         evidence,
         estimate,
-        rms(second, acting, estimate),
+        rms(second, acting, estimate * tried.size[best.window]),
         acting,
         period=(int(first), int(last)),
         background=background,
@@ -176,11 +178,11 @@ def raw_of_one_step(base: Base, given: Conditional, candidate: Candidate, one: i
     float
         That of :func:`evaluate_step` where the aircraft is one that changes.
     """
-    tried, prior = _tried(base.stats.days.size, None)
-    if not len(tried):
+    tried, prior = _tried(base.stats, candidate, None)
+    if not len(prior):
         return 0.0
     sums = _window_sums(base, given, one, candidate.columns, tried)
-    return _pooled([raw_evidence(own_fit(*sums, candidate.scales))], prior)
+    return _pooled([raw_evidence(own_fit(*sums, tried.scales(candidate)))[:, :-1]], prior)
 
 
 @dataclass(frozen=True)
@@ -249,7 +251,7 @@ def _steadily(
     base: Base,
     given: Conditional,
     candidate: Candidate,
-    tried: NDArray[np.int64],
+    tried: _Tried,
     sums: dict[int, tuple[Floats, Floats]],
     look: Callable[[int, float], GridEvidence],
 ) -> tuple[float, dict[int, GridEvidence]]:
@@ -268,10 +270,9 @@ def _steadily(
     for a, own in sums.items():
         values = found[a].tempered[:, :-1]
         _, w = np.unravel_index(int(np.argmax(values)), values.shape)
-        start, end = tried[w]
-        fit = _unshrunk(own, int(w))
-        grams = own_day_grams(base, a, columns)[start:end]
-        score[a, start:end] -= grams @ fit
+        grams = own_day_grams(base, a, columns)
+        factors = day_factors(candidate, (tried.windows[w, 0], tried.windows[w, 1]), stats.days)
+        score[a] -= factors[:, None] * (grams @ _unshrunk(own, int(w)))
     factor = min(plain, aircraft_factor(stats, given, columns, score=score, spent=SPENT))
     return factor, found if factor == plain else {a: look(a, factor) for a in sums}
 
@@ -284,18 +285,64 @@ def _unshrunk(sums: tuple[Floats, Floats], window: int) -> Floats:
     return np.asarray(np.linalg.solve(information + ridge * np.eye(score.size), score))
 
 
-def _tried(days: int, period: tuple[int, int] | None) -> tuple[NDArray[np.int64], Floats]:
-    """Windows and their log prior; only those within some days of a period that is given."""
+@dataclass(frozen=True)
+class _Tried:
+    """Windows that are tried, the last one the columns at work unchanged all the time."""
+
+    windows: Integers  # (w, 2)
+    # (w,): day from which the days count that the columns are multiplied by; None: by one
+    since: Floats | None
+    days: Integers  # (D,)
+    size: Floats  # (w,): root mean square of what the columns are multiplied by
+
+    def scales(self, candidate: Candidate) -> Floats:
+        """Prior scales (w, k): of coefficients that make as much as those of what lasts."""
+        return np.asarray(candidate.scales / self.size[:, None])
+
+    def sums(self, by_day: Floats, power: int) -> Floats:
+        """Sums (w, ...) over windows of what is by day (D, ...) times a power of the factors."""
+        moments = []
+        for p in range(power + 1 if self.since is not None else 1):
+            weighted = by_day * (self.days**p).reshape(-1, *[1] * (by_day.ndim - 1))
+            running = np.concatenate([np.zeros((1, *by_day.shape[1:])), np.cumsum(weighted, 0)])
+            moments.append(running[self.windows[:, 1]] - running[self.windows[:, 0]])
+        if self.since is None:
+            return np.asarray(moments[0])
+        since = self.since.reshape(-1, *[1] * (by_day.ndim - 1))
+        terms = [comb(power, p) * (-since) ** (power - p) * m for p, m in enumerate(moments)]
+        ramps = np.sum(terms, axis=0)
+        ramps[-1] = moments[0][-1]
+        return np.asarray(ramps)
+
+
+def _tried(
+    stats: Statistics, candidate: Candidate, period: tuple[int, int] | None
+) -> tuple[_Tried, Floats]:
+    """Windows (near a period, where it is given), and the log prior of all but the last one."""
+    days = stats.days.size
     tried = windows(days)
+    if candidate.kind == "onset":
+        tried = tried[(tried[:, 1] == days) & (tried[:, 0] > 0)]
     prior = _window_prior(tried, days)
-    if period is None:
-        return tried, prior
-    near = (np.abs(tried - np.array(period)) <= NEAR).all(axis=1)
-    return tried[near], prior[near] - np.logaddexp.reduce(prior[near])
+    if period is not None:
+        near = (np.abs(tried - np.array(period)) <= NEAR).all(axis=1)
+        tried, prior = tried[near], prior[near]
+    if len(prior):
+        prior = prior - np.logaddexp.reduce(prior)
+    whole = np.concatenate([tried, [[0, days]]])
+    if candidate.kind != "onset":
+        return _Tried(whole, None, stats.days, np.ones(len(whole))), prior
+    # counted from the archive's first day: the squares of large numbers would cancel
+    count, numbers = stats.day_count.sum(axis=0), stats.days - stats.days[0]
+    factors = [day_factors(candidate, (a, b), stats.days) for a, b in tried]
+    since = [numbers[a] - f[a] for (a, _), f in zip(tried, factors, strict=True)]
+    square = [f**2 @ count / max((f > 0) @ count, 1e-9) for f in factors]
+    size = np.sqrt([*square, 1.0])
+    return _Tried(whole, np.array([*since, 0.0]), numbers, size), prior
 
 
-def _window_prior(tried: NDArray[np.int64], days: int) -> Floats:
-    """Log prior of windows: those that last to the end share 1 - ENDING, the others ENDING."""
+def _window_prior(tried: Integers, days: int) -> Floats:
+    """Log weight of windows: those that last to the end share 1 - ENDING, the others ENDING."""
     last = tried[:, 1] == days
     count = np.array([(~last).sum(), last.sum()])
     weight = np.where(last, (1 - ENDING) / max(count[1], 1), ENDING / max(count[0], 1))
@@ -311,8 +358,8 @@ def _window_sums(
     base: Base,
     given: Conditional,
     aircraft: int,
-    columns: NDArray[np.int64],
-    tried: NDArray[np.int64],
+    columns: Integers,
+    tried: _Tried,
 ) -> tuple[Floats, Floats]:
     """Information (w, k, k) and score (w, k) of the columns in every window."""
     remains = core_residual_scores(given, aircraft)
@@ -330,16 +377,13 @@ def _window_sums(
         cross_total += np.diag([x.precision for x in included])
         # terms already found may share a direction: then either of them may take it up
         inverse = np.linalg.inv(cross_total + 1e-9 * np.trace(cross_total) * np.eye(others.size))
-    running = np.concatenate([np.zeros((1, *grams.shape[1:])), np.cumsum(grams, axis=0)])
-    score = np.concatenate([np.zeros((1, k)), np.cumsum(remains[:, columns], axis=0)])
-    window = running[tried[:, 1]] - running[tried[:, 0]]
-    information = window[:, :k, :k]
+    information = tried.sums(grams[:, :k, :k], 2)
     if others.size:
-        side = window[:, :k, k:]
+        side = tried.sums(grams[:, :k, k:], 1)
         # of a window wholly within another's period nothing is left, in single precision less
         least = 1e-4 * information * np.eye(k)
         information = information - side @ inverse @ side.transpose(0, 2, 1) + least
-    return information, score[tried[:, 1]] - score[tried[:, 0]]
+    return information, tried.sums(remains[:, columns], 1)
 
 
 def _owner(base: Base, given: Conditional) -> Floats:
@@ -354,6 +398,7 @@ def _owner(base: Base, given: Conditional) -> Floats:
 def _window_evidence(
     stats: Statistics,
     candidate: Candidate,
+    tried: _Tried,
     background: float,
     fits: dict[int, OwnFit],
     aircraft: int,
@@ -364,6 +409,7 @@ def _window_evidence(
     second = stats.raw_gram[aircraft][np.ix_(columns, columns)]
     acting = stats.acting[aircraft, columns].max()
     unit = allowance_covariance(second, acting, 1.0, candidate.scales)
+    unit = unit / np.square(tried.size)[:, None, None]
     return grid_evidence(fits[aircraft], factor=factor, allowance=background**2 * unit, unit=unit)
 
 

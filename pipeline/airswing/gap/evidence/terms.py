@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from airswing.gap.design.candidates import Candidate
 from airswing.gap.evidence.gaussian import Score
+from airswing.gap.sums.accumulate import Calendar
 from airswing.gap.sums.elimination import (
     Base,
     Conditional,
@@ -31,6 +32,7 @@ from airswing.gap.sums.elimination import (
 )
 
 Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -48,18 +50,40 @@ class Term:
         return self.candidate.name, self.candidate.scope
 
 
-def term_weights(term: Term, shape: tuple[int, int]) -> Floats:
+def day_factors(candidate: Candidate, period: tuple[int, int] | None, days: Integers) -> Floats:
+    """Factor on a candidate's columns by day, (D,).
+
+    Parameters
+    ----------
+    period : (int, int) or None
+        First and one past the last index of the days in force; None: all.
+    days : (D,) int
+        Days since 1970.
+
+    Returns
+    -------
+    (D,) float
+        0 outside the period; in it 1, or of what sets in on a date the days since then.
+    """
+    factors = np.zeros(days.size)
+    inside = slice(None) if period is None else slice(*period)
+    factors[inside] = 1.0
+    if candidate.kind == "onset" and period is not None and period[0] < days.size:
+        middle = 0.5 * np.median(np.diff(days)) if days.size > 1 else 0.5
+        factors[inside] = days[inside] - days[period[0]] + middle
+    return factors
+
+
+def term_weights(term: Term, calendar: Calendar) -> Floats:
     """Factor on a term's columns by aircraft and day, (A, D)."""
-    weights = np.zeros(shape)
-    period = slice(None) if term.period is None else slice(*term.period)
-    for a in term.tails:
-        weights[a, period] = 1.0
+    weights = np.zeros(calendar.shape)
+    weights[list(term.tails)] = day_factors(term.candidate, term.period, calendar.days)
     return weights
 
 
-def term_columns(term: Term, shape: tuple[int, int]) -> list[Included]:
+def term_columns(term: Term, calendar: Calendar) -> list[Included]:
     """Columns a term conditions on: its own per aircraft, or shared in fleet scope."""
-    whole = term_weights(term, shape)
+    whole = term_weights(term, calendar)
     # four prior widths: beside what is tested a term found is all but free, and still bounded
     width = 4.0 * np.maximum(term.candidate.scales, 1e-12)
     out = []
@@ -70,9 +94,9 @@ def term_columns(term: Term, shape: tuple[int, int]) -> list[Included]:
             for j, w in zip(term.candidate.columns, width, strict=True)
         ]
     for a in term.tails:
-        weights = np.zeros(shape)
+        weights = np.zeros(calendar.shape)
         weights[a] = whole[a]
-        same = _digest_of_one(a, term.period, shape)
+        same = _digest_of_one(a, whole[a].tobytes(), calendar.shape)
         out += [
             Included(int(j), weights, 1 / w**2, same)
             for j, w in zip(term.candidate.columns, width, strict=True)
@@ -81,10 +105,10 @@ def term_columns(term: Term, shape: tuple[int, int]) -> list[Included]:
 
 
 @lru_cache(maxsize=4096)  # an aircraft's columns are given again and again in the search
-def _digest_of_one(aircraft: int, period: tuple[int, int] | None, shape: tuple[int, int]) -> bytes:
-    """Digest of the weights of a term's columns of one aircraft."""
+def _digest_of_one(aircraft: int, factors: bytes, shape: tuple[int, int]) -> bytes:
+    """Digest of the weights of a term's columns of one aircraft, from its factors by day."""
     weights = np.zeros(shape)
-    weights[aircraft, slice(None) if period is None else slice(*period)] = 1.0
+    weights[aircraft] = np.frombuffer(factors)
     return digest_of(weights)
 
 
@@ -106,8 +130,8 @@ def fit_terms(base: Base, terms: Sequence[Term]) -> Fit:
 
 def all_columns(base: Base, terms: Sequence[Term]) -> list[Included]:
     """Columns of the climatology, then of each term in turn."""
-    shape = base.stats.day_count.shape
+    calendar = base.stats.calendar
     columns = climatology(base)
     for term in terms:
-        columns += term_columns(term, shape)
+        columns += term_columns(term, calendar)
     return columns

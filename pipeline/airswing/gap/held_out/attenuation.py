@@ -90,7 +90,7 @@ def readout_factors(
         if name == LAGGED:
             out[name] = lag_reliability(frame, columns_frame, noise, effect)
             continue
-        acting = term_weights(term, problem.shape)[frame.aircraft, problem.day, None]
+        acting = term_weights(term, problem.calendar)[frame.aircraft, problem.day, None]
         x = effect_columns(frame, effect)[term.candidate.subset[0]] * acting
         rest = without_others(problem, terms, coefficients, k)
         if name in EXOGENOUS:
@@ -156,12 +156,17 @@ def without_others(
     """
     frame, day = problem.archive, problem.day
     rest, nothing = frame.residual, np.zeros_like(day)
-    shape = (len(frame.tails), int(day.max()) + 1)
     for k, (term, values) in enumerate(zip(terms, coefficients, strict=True)):
         if k != one:
             fields = term_fields(frame, term, effects=problem.effects, plan=problem.plan)
             rest = rest - term_error(
-                fields, term, [values], aircraft=frame.aircraft, day=day, fold=nothing, shape=shape
+                fields,
+                term,
+                [values],
+                aircraft=frame.aircraft,
+                day=day,
+                fold=nothing,
+                calendar=problem.calendar,
             )
     return np.asarray(rest)
 
@@ -178,7 +183,7 @@ def _regressed(
     stats = accumulate(columns_frame, target, columns, clip=np.inf, clock=clock)
     part = eliminate_days(stats, base.variances)
     column = int(layout.columns(effect.name)[term.candidate.subset[0]])
-    weights = term_weights(term, stats.day_count.shape)
+    weights = term_weights(term, stats.calendar)
     # next to no prior: least squares are wanted, and a shrunk slope would hide what is attenuated
     fit = fit_included(part, [*climatology(part), Included(column, weights, 1e-12)])
     return float(fit.coefficients[-1]), float(np.sqrt(fit.covariance[-1, -1]))

@@ -20,7 +20,7 @@ from airswing.gap.design.basis import DictionaryPlan
 from airswing.gap.effects.base import Effect
 from airswing.gap.evidence.terms import Term
 from airswing.gap.held_out.reduction import is_sensor, take_off, term_error, term_fields
-from airswing.gap.sums.accumulate import Clock, day_of_report
+from airswing.gap.sums.accumulate import Calendar, Clock, day_of_report
 from airswing.gap.sums.problem import Problem
 
 Floats = NDArray[np.float64]
@@ -47,9 +47,8 @@ class FoundFirst:
     values: Sequence[Floats]  # (t, k) each: their coefficients
     effects: Mapping[str, Effect]
     plan: DictionaryPlan
-    days: Integers  # (D,): of the sums, the first of each where several are taken together
+    calendar: Calendar
     clock: Clock
-    shape: tuple[int, int]  # aircraft and days
 
     @classmethod
     def of(cls, problem: Problem, terms: Sequence[Term], values: Sequence[Floats]) -> FoundFirst:
@@ -60,9 +59,8 @@ class FoundFirst:
             values,
             problem.effects,
             problem.plan,
-            stats.days,
+            stats.calendar,
             stats.clock,
-            problem.shape,
         )
 
     def __call__(self, frame: Frame, context: Frame) -> tuple[Floats, Floats]:
@@ -78,9 +76,8 @@ class FoundFirst:
         frame, context : Frame
             The same reports, as they are and as design columns take them.
         """
-        day = (
-            np.searchsorted(self.days, day_of_report(frame, clock=self.clock)[0], side="right") - 1
-        )
+        days, _ = day_of_report(frame, clock=self.clock)
+        day = np.searchsorted(self.calendar.days, days, side="right") - 1
         sensor, other, linear = (np.zeros((frame.size, 2)) for _ in range(3))
         peak = 0.0
         for term, value in zip(self.terms, self.values, strict=True):
@@ -103,5 +100,11 @@ class FoundFirst:
         fields = term_fields(frame, term, effects=self.effects, plan=self.plan)
         none = np.zeros(frame.size, np.int64)
         return term_error(
-            fields, term, [value], aircraft=frame.aircraft, day=day, fold=none, shape=self.shape
+            fields,
+            term,
+            [value],
+            aircraft=frame.aircraft,
+            day=day,
+            fold=none,
+            calendar=self.calendar,
         )

@@ -1,7 +1,8 @@
 """How far the gap shrinks: terms fitted on some weeks, the disagreement measured on the others.
 
 Assumptions: coefficients of the terms found on the whole archive are fitted again without each
-fold (whole weeks, so whole flights), and taken off the fold's reports. Errors of heading and
+fold (whole weeks, so whole flights), and taken off the fold's reports. What acts for a part of the
+archive that lies in one or two folds is fitted on five days of six instead. Errors of heading and
 airspeed are taken off exactly (the air vector is turned and stretched back), the others to first
 order. The *selection* of terms has seen all weeks.
 
@@ -25,11 +26,15 @@ from airswing.gap.design.layout import effect_columns
 from airswing.gap.effects.base import Effect
 from airswing.gap.evidence.terms import Term, term_weights
 from airswing.gap.held_out.days_left_out import day_interval, fold_coefficients, folds_of_days
+from airswing.gap.sums.accumulate import Calendar
 from airswing.gap.sums.problem import Problem
 from airswing.units import KNOT
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+
+#: Folds under which a period is left out by single days, and parts these are dealt to.
+FEW_FOLDS, PARTS = 3, 6
 
 
 @dataclass(frozen=True)
@@ -95,7 +100,7 @@ def term_error(
     aircraft: Integers,
     day: Integers,
     fold: Integers,
-    shape: tuple[int, int],
+    calendar: Calendar,
 ) -> Floats:
     """Wind error (n, 2) of a term with coefficients by fold.
 
@@ -106,20 +111,21 @@ def term_error(
     aircraft, day : (n,) int
         Indices.
     fold : (n,) int
-    shape : (A, D)
+    calendar : Calendar
+        Aircraft and days.
 
     Returns
     -------
     (n, 2) float
         m s-1.
     """
-    table = np.zeros((len(coefficients), shape[0], fields.shape[-1]))
+    table = np.zeros((len(coefficients), calendar.aircraft, fields.shape[-1]))
     for f, values in enumerate(coefficients):
         if term.candidate.scope == "fleet":
             table[f] = values[0]
         else:
             table[f, list(term.tails)] = values
-    active = term_weights(term, shape)[aircraft, day]
+    active = term_weights(term, calendar)[aircraft, day]
     return np.asarray(np.einsum("nck,nk->nc", fields, table[fold, aircraft]) * active[:, None])
 
 
@@ -206,24 +212,38 @@ def held_out_errors(
     frame, base = problem.archive, problem.base
     if not terms:
         return []
-    by_fold = [whole_coefficients(c, terms, factors) for c in fold_coefficients(base, terms, fold)]
-    errors, of_report = [], fold[problem.day]
+    brief = [_in_few(term, fold) for term in terms]
+    folds = {False: fold, True: np.arange(fold.size) % PARTS}
+    by_fold = {
+        kind: [
+            whole_coefficients(c, terms, factors)
+            for c in fold_coefficients(base, terms, folds[kind])
+        ]
+        for kind in set(brief)
+    }
+    errors = []
     for k, term in enumerate(terms):
+        of_report = folds[brief[k]][problem.day]
         fields = term_fields(frame, term, effects=problem.effects, plan=problem.plan)
         errors.append(
             term_error(
                 fields,
                 term,
-                [c[k] for c in by_fold],
+                [c[k] for c in by_fold[brief[k]]],
                 aircraft=frame.aircraft,
                 day=problem.day,
                 fold=of_report,
-                shape=problem.shape,
+                calendar=problem.calendar,
             )
         )
         if term.candidate.name == "reference_time_offset":
             errors[-1] = retimed(frame.residual, errors[-1], of_report)
     return errors
+
+
+def _in_few(term: Term, fold: Integers) -> bool:
+    """Whether a term acts in a part of the archive that is in too few folds to leave one out."""
+    return term.period is not None and np.unique(fold[slice(*term.period)]).size < FEW_FOLDS
 
 
 def close(

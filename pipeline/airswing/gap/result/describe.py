@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from airswing.gap.archive.frame import Frame
 from airswing.gap.design.basis import variables
+from airswing.gap.design.candidates import Candidate
 from airswing.gap.effects import separated_by
 from airswing.gap.effects.base import Effect, Errors, Told
 from airswing.gap.evidence.gaussian import Score
@@ -31,6 +32,7 @@ from airswing.gap.result.schema import CurveEntry, EffectEntry, PlaceEntry, Riva
 from airswing.gap.search.stepwise import Found
 from airswing.gap.sums.accumulate import Statistics
 from airswing.gap.sums.elimination import Base, Conditional
+from airswing.units import DAY
 
 Floats = NDArray[np.float64]
 
@@ -98,18 +100,15 @@ def describe_term(
     stats, given, name = base.stats, found.given, term.candidate.name
     effect, k = readout.effects[name], term.candidate.columns.size
     rows = 1 if term.candidate.scope == "fleet" else len(term.tails)
-    whole = len(np.asarray(effect.column_scales))
     factor = readout.factors.get(name, 1.0)
-    subset = list(term.candidate.subset)
+    into = into_parameters(term.candidate, effect)
     values = given.coefficients[start : start + rows * k].reshape(rows, k)
     spreads = [term_covariances(stats, given, term, start, row) for row in range(rows)]
     each = []
     for near, error in zip(
         *pooled(values, *map(np.stack, zip(*spreads, strict=True))), strict=True
     ):
-        value, spread = np.zeros(whole), np.zeros((whole, whole))
-        value[subset] = near / factor
-        spread[np.ix_(subset, subset)] = error / factor**2
+        value, spread = into @ near / factor, into @ error @ into.T / factor**2
         spread += readout.doubts.get(name, 0.0) ** 2 * np.outer(value, value)
         each.append(effect.to_parameters(value, spread, readout.frame))
     tails = [stats.tails[a] for a in term.tails]
@@ -127,6 +126,19 @@ def describe_term(
         size_m_s=float(np.median(term.score.size[list(term.tails)])),
         per_tail=per_tail if rows > 1 else None,
     )
+
+
+def into_parameters(candidate: Candidate, effect: Effect) -> Floats:
+    """Matrix (m, k) from the coefficients of a candidate to all m of its effect's columns.
+
+    The coefficient of a drift that sets in on a date is a rate of its steady column, by the day.
+    """
+    into = np.zeros((len(np.asarray(effect.column_scales)), candidate.columns.size))
+    if candidate.kind == "onset":
+        into[effect.column_names.index("rate"), 0] = 1.0 / DAY
+    else:
+        into[list(candidate.subset), range(candidate.columns.size)] = 1.0
+    return into
 
 
 def summary(values: Sequence[Told]) -> Told:

@@ -37,7 +37,7 @@ BASICS = ("compass_offset", "hard_iron", "soft_iron", "tas_scale", "tas_offset")
 LEAST_NOVELTY = 3.0
 #: Prior log odds against an effect that changes in time where a steady one does, nats; a unit that
 #: is exchanged or swung is commoner than one that drifts.
-CHANGE_PENALTY = {"step": 3.0, "drift": 4.0}
+CHANGE_PENALTY = {"step": 3.0, "drift": 4.0, "onset": 5.0}
 #: Raw evidence by which an effect explains an aircraft clearly better than another, in cluster
 #: factors.
 CLEARLY = 3.0
@@ -215,13 +215,13 @@ def evaluate_all_known(
         In the pool's order.
     """
     pairs = list(zip(pool, allowed, strict=True))
-    whole = [(c, may) for c, may in pairs if c.kind != "step"]
+    whole = [(c, may) for c, may in pairs if not c.dated]
     scores = iter(
         evaluate_each(base.stats, given, [c for c, _ in whole], allowed=[may for _, may in whole])
     )
     out = []
     for candidate, may in pairs:
-        if candidate.kind == "step":
+        if candidate.dated:
             out.append(evaluate_step(base, given, candidate, allowed=may))
         elif candidate.lasting:
             out.append(_where_it_changes(base, given, next(scores), may))
@@ -272,7 +272,7 @@ def evaluate_named(
     period : (int, int) or None
         Days in which it was found to act; None: always, of a step any.
     """
-    if candidate.kind == "step":
+    if candidate.dated:
         return evaluate_step(base, given, candidate, allowed=allowed, period=period, shown=True)
     return evaluate(base.stats, given, candidate, allowed=allowed)
 
@@ -317,7 +317,7 @@ def _most(base: Base, given: Conditional, pool: Sequence[Candidate], one: int) -
     """Raw evidence `evaluate_all_known` finds at most in one aircraft, less the odds, nats."""
     raw = raw_of_one(given, pool, one)
     for n, candidate in enumerate(pool):
-        if candidate.kind == "step":
+        if candidate.dated:
             raw[n] = raw_of_one_step(base, given, candidate, one)
     odds = np.array([CHANGE_PENALTY.get(candidate.kind, 0.0) for candidate in pool])
     return np.asarray(np.maximum(raw, 0.0) - odds)

@@ -209,7 +209,7 @@ def _without_curves(base: Base, terms: Sequence[Term]) -> tuple[Base, list[Term]
     for term, curve, values in zip(terms, curves, fitted, strict=True):
         if not curve:
             continue
-        weights = term_weights(term, share.shape) * share
+        weights = term_weights(term, stats.calendar) * share
         rows = range(len(stats.tails)) if term.candidate.scope == "fleet" else term.tails
         for place, a in enumerate(rows):
             value = values[0 if term.candidate.scope == "fleet" else place]
@@ -236,7 +236,7 @@ def _dated_again(train: Base, terms: Sequence[Term]) -> list[Term]:
     """Terms with their dates found again, each given the others."""
     out = list(terms)
     for k, term in enumerate(out):
-        if term.period is None or term.candidate.kind != "step":
+        if term.period is None or not term.candidate.dated:
             continue
         allowed = np.isin(np.arange(len(train.stats.tails)), term.tails)
         given = given_terms(train, out[:k] + out[k + 1 :])

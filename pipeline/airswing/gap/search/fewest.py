@@ -133,7 +133,7 @@ def _other_kind(pool: Sequence[Candidate], one: Term, other: Term) -> Iterator[l
     if set(kinds) != {"drift", "step"} or "fleet" in (one.candidate.scope, other.candidate.scope):
         return
     for term, giver in ((kinds["step"], kinds["drift"]), (kinds["drift"], kinds["step"])):
-        forms = [c for c in pool if (c.name, c.scope) == term.key]
+        forms = [c for c in pool if (c.name, c.scope, c.kind) == (*term.key, term.candidate.kind)]
         whole = tuple(sorted({*term.tails, *giver.tails}))
         for form in forms:
             yield [replace(term, candidate=form, tails=whole)]
@@ -151,7 +151,8 @@ def _joined(pool: Sequence[Candidate], one: Term, other: Term) -> list[Term]:
         if apart > NEAR:
             return []
     both = {*one.candidate.subset, *other.candidate.subset}
-    forms = [c for c in pool if (c.name, c.scope) == one.key and both <= set(c.subset)]
+    like = [c for c in pool if (c.name, c.scope, c.kind) == (*one.key, one.candidate.kind)]
+    forms = [c for c in like if both <= set(c.subset)]
     if not forms:
         return []
     own = {

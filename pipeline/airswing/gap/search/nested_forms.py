@@ -49,7 +49,7 @@ def _wider(term: Term, pool: Sequence[Candidate]) -> list[Candidate]:
         c
         for c in pool
         if c.known
-        and (c.name, c.scope) == term.key
+        and (c.name, c.scope, c.kind) == (one.name, one.scope, one.kind)
         and own < set(c.subset)
         and (c.tied is None) == (one.tied is None)
     ]

@@ -1,9 +1,10 @@
-"""Whether what changes in time went at a date or grew steadily: the odds of one against the other.
+"""Whether what changes in time went at a date or grew, always or from a date on: the odds.
 
 Assumptions: a change that is small beside the errors of days is told before it is told how it went:
 a ramp holds five sixths of the energy of a step in the middle of an archive. Both were ranked, and
 the likelier was taken; how much likelier it was is a part of the probability of its name. A drift
-is weighed beside a step of the same columns also where the catalogue has no step.
+is weighed beside a step of the same columns also where the catalogue has no step. A drift that set
+in late is a drift: neither of the two speaks against the other.
 
 Validity: effects of single aircraft.
 
@@ -26,6 +27,9 @@ from airswing.gap.sums.elimination import Base
 
 Floats = NDArray[np.float64]
 
+#: Kinds of what changes in time.
+IN_TIME = ("step", "drift", "onset")
+
 
 def as_it_goes(base: Base, pool: Sequence[Candidate], terms: Sequence[Term]) -> Floats:
     """Probability that each term changes as its name says, (t,); 1 of what lasts.
@@ -33,14 +37,14 @@ def as_it_goes(base: Base, pool: Sequence[Candidate], terms: Sequence[Term]) -> 
     Parameters
     ----------
     pool : sequence of Candidate
-        Those of the other kind are the rivals.
+        Those that change in time otherwise are the rivals.
     terms : sequence of Term
         Each is weighed beside all others.
     """
     out = np.ones(len(terms))
     for k, term in enumerate(terms):
         what = term.candidate
-        if not what.known or what.scope == "fleet" or what.kind not in ("step", "drift"):
+        if not what.known or what.scope == "fleet" or what.kind not in IN_TIME:
             continue
         rivals = _rivals(pool, what)
         given = given_terms(base, [*terms[:k], *terms[k + 1 :]])
@@ -53,10 +57,15 @@ def as_it_goes(base: Base, pool: Sequence[Candidate], terms: Sequence[Term]) -> 
 
 
 def _rivals(pool: Sequence[Candidate], what: Candidate) -> list[Candidate]:
-    """Candidates that change the other way; a step of its lasting columns beside a drift."""
-    other = "drift" if what.kind == "step" else "step"
-    found = [one for one in pool if one.kind == other and one.scope == what.scope]
-    if other == "step" and what.lasting:
+    """Candidates of another name; a step of its lasting columns beside a drift."""
+    found = [
+        one
+        for one in pool
+        if one.kind in IN_TIME and one.scope == what.scope and one.name != what.name
+    ]
+    if what.kind == "drift":
         scales = np.array([scale for _, scale in what.lasting])
         found.append(replace(what, kind="step", columns=what.steady, scales=scales, lasting=()))
+    if what.kind == "onset":
+        found.append(replace(what, kind="step"))
     return found

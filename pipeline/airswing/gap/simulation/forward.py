@@ -108,6 +108,13 @@ class Work:
     values: Parameters
     seed: np.random.SeedSequence
 
+    def counted_from(self, frame: Frame) -> Frame:
+        """Return the reports with their time counted from where an effect's period begins."""
+        start = self.active.period[0] if self.active.period else None
+        if start is None or start <= frame.epoch:
+            return frame
+        return replace(frame, epoch=start)
+
     def rng(self) -> np.random.Generator:
         """Return its random numbers, the same each time."""
         return np.random.default_rng(self.seed)
@@ -276,7 +283,7 @@ def apply_stage(state: State, frame: Frame, work: Sequence[Work], stage: Stage |
         if item.effect.stage != stage:
             continue
         struck = struck_by(item, state, frame)
-        after = item.effect.apply(state, frame, item.values, item.rng())
+        after = item.effect.apply(state, item.counted_from(frame), item.values, item.rng())
         state = State(
             **{
                 f.name: np.where(struck, getattr(after, f.name), getattr(state, f.name))

@@ -70,6 +70,18 @@ class Clock(NamedTuple):
         return np.asarray((days * self.hours + self.start) * 3600)
 
 
+class Calendar(NamedTuple):
+    """Aircraft and days that sums are kept of."""
+
+    aircraft: int  # how many
+    days: Integers  # (D,): as `Statistics.days`
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Numbers of aircraft and of days."""
+        return self.aircraft, self.days.size
+
+
 class Timed(Protocol):
     """Reports of which the flight and the time are known."""
 
@@ -108,6 +120,11 @@ class Statistics:
     clipped: Floats  # (A,): whitened residuals winsorised
     gross: Floats  # (A,): reports left out as gross errors
     clock: Clock  # how days are counted
+
+    @property
+    def calendar(self) -> Calendar:
+        """Aircraft and days of the sums."""
+        return Calendar(len(self.tails), self.days)
 
     @cached_property
     def whole_gram(self) -> Floats:

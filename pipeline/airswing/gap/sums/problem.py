@@ -17,7 +17,7 @@ from airswing.gap.archive.frame import Frame
 from airswing.gap.design.basis import DictionaryPlan
 from airswing.gap.effects.base import Effect
 from airswing.gap.noise.model import NoiseFit
-from airswing.gap.sums.accumulate import day_of_report
+from airswing.gap.sums.accumulate import Calendar, day_of_report
 from airswing.gap.sums.elimination import Base
 
 
@@ -46,7 +46,6 @@ class Problem:
         return self.base.stats.day_index(days)
 
     @property
-    def shape(self) -> tuple[int, int]:
-        """Numbers of aircraft and of days."""
-        aircraft, days = self.base.stats.day_count.shape
-        return aircraft, days
+    def calendar(self) -> Calendar:
+        """Aircraft and days of the sums."""
+        return self.base.stats.calendar
