@@ -15,7 +15,8 @@ from airswing.gap.effects.empirical import mapped_speed
 from airswing.gap.scatter.coded_values import wind_coding
 from airswing.gap.simulation.forward import simulate
 from airswing.gap.witness.bench import Bench
-from airswing.gap.witness.sent_winds import sent_winds, struck_of
+from airswing.gap.witness.learned import Sample
+from airswing.gap.witness.sent_winds import _area, _Half, _scatter_of_days, sent_winds, struck_of
 from airswing.units import KNOT
 
 
@@ -57,6 +58,25 @@ def test_a_floor_is_told_mapped_and_closed(plain, floored):
     np.testing.assert_allclose(mapped_speed(high, found.speeds, found.sent), high, rtol=0.08)
     true = (np.hypot(*floored.residual.T).mean() - np.hypot(*plain.residual.T).mean()) / KNOT
     assert abs(found.closes - true) < max(2 * found.closes_error, 0.3 * true)
+
+
+def test_what_shows_on_some_days_alone_is_less_sure_than_what_shows_every_day():
+    rng = np.random.default_rng(8)
+    day = np.repeat(np.arange(20), 200)
+    sample = Sample(np.arange(day.size), day, np.zeros(day.size, bool))
+    label = np.repeat([1, 0], day.size)
+
+    def halves(shift):
+        """Scores of real reports, raised by a shift of each day, and of simulated ones."""
+        score = rng.normal(size=2 * day.size) + label * np.tile(shift[day], 2)
+        return [_Half(None, score[:, None], label, score, np.zeros(day.size, bool))]
+
+    always, sometimes = halves(np.full(20, 0.2)), halves(np.where(np.arange(20) < 3, 1.3, 0.0))
+    assert _area(always) == pytest.approx(_area(sometimes), abs=0.03)
+    # of 200 reports and as many simulated ones an area scatters by 0.029, its mean of 20 days
+    # by 0.0065
+    assert _scatter_of_days(sample, always) == pytest.approx(0.0065, rel=0.4)
+    assert _scatter_of_days(sample, sometimes) > 3 * _scatter_of_days(sample, always)
 
 
 def test_directions_that_are_never_sent_are_told(plain):

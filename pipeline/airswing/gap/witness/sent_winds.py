@@ -4,8 +4,10 @@ Assumptions: a simulated archive of the same paths with the effects found, coded
 has the reported speeds and directions that the real one has. Trees that tell a real report from a
 simulated one by them, learned on half of the days, are judged on the others by the area under the
 receiver's curve: 0.5 where there is nothing to tell. What they tell a simulated archive from
-another by is the measure of chance. A floor, a ceiling or a hole sends another speed for every
-speed: the monotone map between the quantiles of simulated and reported speeds.
+another by, and how the area scatters between days, is the measure of chance: what is sent
+otherwise is so every day, while some days' weather may look like nothing simulated. A floor, a
+ceiling or a hole sends another speed for every speed: the monotone map between the quantiles of
+simulated and reported speeds.
 
 Validity: whole flights, a sample of reports; effects that move a few percent of the reports. The
 map holds for an effect of the speed alone; directions sent on a few values are told, not mapped.
@@ -43,8 +45,8 @@ Integers = NDArray[np.int64]
 TREES = {"max_iter": 24, "max_leaf_nodes": 31, "learning_rate": 0.25, "min_samples_leaf": 60}
 #: Area beyond that of simulated archives that counts: least, and in standard errors of it.
 LEAST_AREA, SIGNIFICANT = 0.025, 4.0
-#: Least standard error of an area.
-LEAST_ERROR = 0.004
+#: Least standard error of an area between simulated archives; reports of a day that tell one.
+LEAST_ERROR, LEAST_OF_DAY = 0.004, 100
 #: Share of the clearest variable's loss from which another counts.
 TELLING = 0.5
 #: Spread of the areas of aircraft that have the same effect, as a share of their mean: routes
@@ -128,7 +130,8 @@ def sent_winds(bench: Bench, fold: Integers, *, without: Sequence[int] = ()) -> 
     others = [_trees(bench, sample, k) for k in range(2, len(bench.winds))]
     alike = [_area(halves) for halves in others]
     simulated = float(np.mean(alike))
-    error = max(float(np.std(alike, ddof=1)) if len(alike) > 1 else 0.0, LEAST_ERROR)
+    between = float(np.std(alike, ddof=1)) if len(alike) > 1 else 0.0
+    error = float(np.hypot(max(between, LEAST_ERROR), _scatter_of_days(sample, trees)))
     if area - simulated < max(LEAST_AREA, SIGNIFICANT * error):
         return None
     real = _told(bench, sample, trees)
@@ -200,6 +203,20 @@ def _area(halves: Sequence[_Half]) -> float:
     from sklearn.metrics import roc_auc_score
 
     return float(np.mean([roc_auc_score(half.label, half.score) for half in halves]))
+
+
+def _scatter_of_days(sample: Sample, halves: Sequence[_Half]) -> float:
+    """Standard error of the area from its scatter between days."""
+    from sklearn.metrics import roc_auc_score
+
+    areas = []
+    for half in halves:
+        day = np.tile(sample.day[~half.learned], 2)
+        for one in np.unique(day):
+            own = day == one
+            if own.sum() > LEAST_OF_DAY:
+                areas.append(roc_auc_score(half.label[own], half.score[own]))
+    return float(np.std(areas, ddof=1) / np.sqrt(len(areas))) if len(areas) > 1 else 0.0
 
 
 def _told(bench: Bench, sample: Sample, halves: Sequence[_Half]) -> _Told:
