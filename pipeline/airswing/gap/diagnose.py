@@ -12,9 +12,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.gap.archive.frame import Frame
@@ -30,43 +28,31 @@ from airswing.gap.closure.of_scatter import (
     with_scatter,
 )
 from airswing.gap.design.candidates import candidates
-from airswing.gap.design.heading_uncertainty import rounding_of_headings
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.effects.base import Effect
 from airswing.gap.evidence.gaussian import plain_probability
 from airswing.gap.evidence.localisation import slices
-from airswing.gap.evidence.terms import Term, given_terms
+from airswing.gap.evidence.terms import given_terms
 from airswing.gap.held_out.attenuation import readout_factors
-from airswing.gap.held_out.days_left_out import folds_of_days, term_coefficients
-from airswing.gap.held_out.linearised import FoundFirst
-from airswing.gap.held_out.name_or_table import explains
+from airswing.gap.held_out.days_left_out import term_coefficients
 from airswing.gap.held_out.reduction import close, whole_coefficients
 from airswing.gap.in_no_mean import in_no_mean
 from airswing.gap.library_threads import one_library_thread
+from airswing.gap.names_and_unknowns import names_and_unknowns
 from airswing.gap.noise.residual_statistics import gross_errors
-from airswing.gap.passes import Pass, Progress, Search, of_view, search_twice
+from airswing.gap.passes import Pass, Progress, Search, of_view
 from airswing.gap.result.assembled import Findings, assemble
 from airswing.gap.result.diagnosis_dataset import diagnosis_dataset
 from airswing.gap.result.schema import EffectEntry, GapReport
 from airswing.gap.result.unknown_entries import with_unknowns
 from airswing.gap.scatter.second_moments import second_moments
-from airswing.gap.search.absorbed_by_unknown import folded, stand_ins
-from airswing.gap.search.belief import STATED, beside_table
-from airswing.gap.search.cross_validated import ANOTHER, OTHERWISE, Doubtful
+from airswing.gap.search.absorbed_by_unknown import folded
+from airswing.gap.search.cross_validated import Doubtful
 from airswing.gap.search.stepwise import Rules
 from airswing.gap.search.testability import absorbed, too_short
 from airswing.gap.sums.problem import Problem
 from airswing.gap.sums.whole_archive import Archive, held_archive
-from airswing.gap.taken_off.remainders import is_remainder, remainder_names
-from airswing.gap.taken_off.unknown_taken import Taken, next_unknown
-from airswing.gap.witness.bench import Setting
-from airswing.gap.witness.learned import LearnedWitness
-from airswing.gap.witness.wind_by_days import name_by_days
-
-Floats = NDArray[np.float64]
-
-#: Unknowns that are taken off at most.
-MOST_UNKNOWNS = 4
+from airswing.gap.taken_off.unknown_taken import Taken
 
 
 @dataclass(frozen=True)
@@ -190,54 +176,22 @@ def _diagnosed(
     mended = all_mended(archive.view, known_names) if dictionary else []
     if mended:  # nothing is fitted to winds that are not the aircraft's own
         archive = of_view(archive, mended[-1].lifted)
-    final, again, swap = search_twice(archive, search, swaps=swaps)
-    first = final.standing.found.terms
-    taken: list[Taken] = []
-    witness = LearnedWitness()
-    # what no other day can confirm is not raised, as no name is
-    seeks = dictionary and not archive.clock.short
-    doubtful: Doubtful | None = None  # of the last pass
-    while seeks and len(taken) < MOST_UNKNOWNS:
-        tell("witness", len(taken) / MOST_UNKNOWNS)
-        beside = _beside_names(final)
-        unknown = _next_unknown(final, beside, witness, taken)
-        others = [one.unknown.tails for one in taken] + [one.term.tails for one in search.named]
-        weak = unknown is None or unknown[0].unknown.run > 0.0
-        doubtful = _by_means(final, beside, others) if weak else None
-        name = doubtful if doubtful is not None and not doubtful.reason else None
-        name = _name_of(final, *unknown) if name is None and unknown is not None else name
-        if name is not None:
-            search = replace(search, named=(*search.named, name))
-        elif unknown is not None:
-            taken.append(unknown[0])
-            archive = of_view(archive, unknown[1])
-        else:
-            break
-        final, again, more = search_twice(archive, search, swaps=swaps and swap is None)
-        swap = swap or more
-    left = effects
-    while small := _not_told(first, final.standing.found.terms, taken):
-        left = {name: effect for name, effect in left.items() if name not in small}
-        final, again, _ = search_twice(archive, replace(search, effects=left), swaps=False)
+    told = names_and_unknowns(archive, search, swaps=swaps)
+    final, again, swap = told.final, told.again, told.swap
     problem, found = final.problem, final.standing.found
-    findings = _findings(final, search, again=again, names=known_names)
-    findings = _without_remnant(findings, taken, mended=mended)
-    findings = _with_doubtful(findings, doubtful)
+    findings = _findings(final, told.search, again=again, names=known_names)
+    findings = _without_remnant(findings, told.taken, mended=mended)
+    findings = _with_doubtful(findings, told.doubtful)
     findings = replace(findings, swap=swap, untestable=untestable | dict(findings.untestable))
     report = assemble(problem, findings)
     report = with_unknowns(
-        report, taken, problem=problem, found=found, whole=findings.whole, mended=mended
+        report, told.taken, problem=problem, found=found, whole=findings.whole, mended=mended
     )
     tell("checks", 0.0)
     checks = run_checks(problem, found, findings.closure)
     report = _with_rivals(checks.told(report), checks, problem, findings)
     dataset = diagnosis_dataset(problem, found).assign(checks.histograms())
     return Diagnosis(report, dataset, _adjustment(final, findings.factors))
-
-
-def _not_told(first: Sequence[Term], terms: Sequence[Term], taken: Sequence[Taken]) -> set[str]:
-    """Names that are what unknowns left, or stood in for them."""
-    return remainder_names(terms, [one.unknown for one in taken]) | stand_ins(first, terms)
 
 
 def _adjustment(final: Pass, factors: Mapping[str, float]) -> Adjustment:
@@ -257,69 +211,6 @@ def _with_rivals(
     hidden = hidden_shares(problem.base.stats, findings.found.terms, unseen)
     told = with_aliases(report.effects, checks.shares, hidden)
     return replace(report, effects=told, ambiguity={entry.name: entry.ambiguity for entry in told})
-
-
-@dataclass(frozen=True)
-class _BesideNames:
-    """What the names of a pass leave, and what it is weighed with."""
-
-    setting: Setting
-    rest: Floats  # (n, 2): m/s
-    linear: Floats | None  # (n, 2): of what was taken off, the part to first order; None: nothing
-
-
-def _beside_names(final: Pass) -> _BesideNames:
-    """Take the names of a pass off."""
-    problem, found = final.problem, final.standing.found
-    values = term_coefficients(found.given, found.terms)
-    named = [k for k, term in enumerate(found.terms) if term.candidate.known]
-    about = FoundFirst.of(problem, [found.terms[k] for k in named], [values[k] for k in named])
-    rest, linear = problem.archive.residual, None
-    if named:
-        rest, linear = about(problem.archive, problem.context)
-    return _BesideNames(Setting.of(problem), rest, linear)
-
-
-def _by_means(
-    final: Pass, beside: _BesideNames, others: Sequence[Sequence[int]]
-) -> Doubtful | None:
-    """Find a name of the wind by days; ``others``: aircraft of what was told."""
-    found = final.standing.found
-    return name_by_days(final.problem, found, beside.setting, beside.rest, others)
-
-
-def _next_unknown(
-    final: Pass, beside: _BesideNames, witness: LearnedWitness, taken: Sequence[Taken]
-) -> tuple[Taken, Frame] | None:
-    """Find what the names of a pass do not explain, and the archive without it.
-
-    Not what earlier ones, or the steps of coarse headings, leave.
-    """
-    problem = final.problem
-    fold = folds_of_days(problem.base.stats)
-    unknown = next_unknown(
-        beside.setting, problem.effects, beside.rest, fold, witness, linear=beside.linear
-    )
-    frame = problem.archive
-    rounding = float(np.mean(frame.airspeed)) * rounding_of_headings(frame)
-    told = [one.unknown for one in taken]
-    if unknown is not None and is_remainder(unknown[0].unknown, told, rounding):
-        return None
-    return unknown
-
-
-def _name_of(final: Pass, taken: Taken, left: Frame) -> Doubtful | None:
-    """Find the doubtful name that explains what a table does, with the probability it then has."""
-    problem, standing = final.problem, final.standing
-    stand = [term for term in standing.found.terms if term.candidate.known]
-    table = problem.archive.residual - left.residual, taken.unknown.tails
-    # that something is there makes a name that is likelier another effect no surer
-    asked = [one for one in standing.doubtful if one.reason not in (ANOTHER, OTHERWISE)]
-    for one in sorted(asked, key=lambda one: -one.probability):
-        chance = beside_table(one.probability)
-        if chance >= STATED and explains(problem, stand, one.term, table):
-            return replace(one, probability=chance)
-    return None
 
 
 def _without_remnant(

@@ -76,7 +76,7 @@ def search_twice(
     swap : Swap or None
     """
     first = run_pass(archive.held(), search)
-    swap = _swap(first, search) if swaps and archive.whole else None
+    swap = swap_in(first, search) if swaps and archive.whole else None
     if swap is not None:
         archive = _exchanged(archive, swap, first)
         first = run_pass(archive, search)
@@ -87,7 +87,7 @@ def search_twice(
     del first  # its sums
     final = run_pass(archive, search, about=about, start=terms)
     if swaps and not archive.whole:
-        swap = _swap(final, search)
+        swap = swap_in(final, search)
         if swap is not None:
             archive = _exchanged(archive, swap, final)
             del final
@@ -104,7 +104,8 @@ def of_view(archive: Archive, frame: Frame) -> Archive:
     return replace(held, reports=archive.reports, flights=archive.flights)
 
 
-def _swap(made: Pass, search: Search) -> Swap | None:
+def swap_in(made: Pass, search: Search) -> Swap | None:
+    """Look for two aircraft that exchanged identifiers, beside what a pass found."""
     base = made.problem.base
     others, needed = beside(made.standing.found.terms)
     return find_swap(base, given_terms(base, others), search.effects, threshold=needed)

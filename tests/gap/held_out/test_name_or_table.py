@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tests.gap.toy import make_frame
 
-from airswing.gap import diagnose as gap_diagnose
+from airswing.gap import names_and_unknowns
 from airswing.gap.design.candidates import candidates
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.evidence.of_candidate import evaluate
@@ -84,7 +84,7 @@ def test_a_name_that_a_table_confirmed_is_stated_with_its_odds(fleet):
 
 
 def test_a_table_does_not_bring_back_what_is_likelier_another_effect(monkeypatch):
-    monkeypatch.setattr(gap_diagnose, "explains", lambda *given: True)
+    monkeypatch.setattr(names_and_unknowns, "explains", lambda *given: True)
     doubted = [Doubtful(None, 0.45, np.zeros(5), ANOTHER), Doubtful(None, 0.4, np.zeros(5), "days")]
     frame = SimpleNamespace(residual=np.zeros((2, 2)))
     final = SimpleNamespace(
@@ -92,8 +92,8 @@ def test_a_table_does_not_bring_back_what_is_likelier_another_effect(monkeypatch
         standing=SimpleNamespace(found=SimpleNamespace(terms=()), doubtful=doubted),
     )
     taken = SimpleNamespace(unknown=SimpleNamespace(tails=(0,)))
-    named = gap_diagnose._name_of(final, taken, frame)
+    named = names_and_unknowns._name_of(final, taken, frame)
     assert named.reason == "days"
     assert named.probability > STATED
     final.standing.doubtful = doubted[:1]
-    assert gap_diagnose._name_of(final, taken, frame) is None
+    assert names_and_unknowns._name_of(final, taken, frame) is None

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from tests.gap.toy import make_frame
 
-from airswing.gap import diagnose as module
+from airswing.gap import names_and_unknowns
+from airswing.gap.diagnose import diagnose
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.result.effect_entries import active_effects
 from airswing.gap.simulation.forward import simulate
@@ -24,8 +25,8 @@ def told():
     """Without tables of the witness' own, unknowns are those of the dictionary."""
     frame = make_frame(**SETTING, heading_error=three_cycles)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "MOST_UNKNOWNS", 0)
-        made = module.diagnose(frame, catalogue={"compass_offset": CATALOGUE["compass_offset"]})
+        patch.setattr(names_and_unknowns, "MOST_UNKNOWNS", 0)
+        made = diagnose(frame, catalogue={"compass_offset": CATALOGUE["compass_offset"]})
     return frame, made.report
 
 

@@ -6,10 +6,11 @@ from tests.gap.toy import make_frame
 from tests.gap.witness.test_learned import setting_of
 
 from airswing.gap.archive.other_winds import without
+from airswing.gap.archive.value_tables import Axis
 from airswing.gap.witness.bench import Bench
-from airswing.gap.witness.fitted_tables import LEAST_EVIDENCE
+from airswing.gap.witness.fitted_tables import LEAST_EVIDENCE, explained, field_of, fitted
 from airswing.gap.witness.jumps import CROSSED, deviations, jumps
-from airswing.gap.witness.unknowns import edged, refined
+from airswing.gap.witness.unknowns import _cut_at, edged, refined
 
 
 def in_sector(frame):
@@ -62,3 +63,36 @@ def test_deviations_are_local_sums_over_their_scatter(sector):
     assert each.shape[0] >= CROSSED
     near, wide = each.sum(axis=0) / np.sqrt((each**2).sum(axis=0))
     assert told[0] == pytest.approx(near if abs(near) >= abs(wide) else wide)
+
+
+def teeth(frame):
+    """An error that grows from -1.4 to 1.4 m/s over four degrees of longitude, and again."""
+    return 1.4 * (2 * np.mod(frame.longitude / 4.0, 1.0) - 1.0)
+
+
+def test_what_falls_back_at_each_jump_and_grows_again_is_told_between_the_jumps():
+    """On average over a tooth it is nothing: a table that is cut at the jumps alone is empty."""
+    frame = make_frame(seed=6, aircraft=5, days=14, noise=0.4)
+    wind = np.stack([frame.u_ref, frame.v_ref], -1)
+    error = teeth(frame)[:, None] * wind / np.hypot(*wind.T)[:, None]
+    struck = without(frame, frame.residual + error)
+    bench = Bench.of(setting_of(struck), struck.residual)
+    best = edged(bench)[0]
+    assert best.grid.variables == ("longitude",)
+    fold = np.arange(int(bench.setting.day.max()) + 1) // 3
+    found = refined(bench, best, fold)
+    alone = fitted(bench, best, fold)
+    told, bare = (explained(bench, field_of(bench, one, fold)) for one in (found, alone))
+    assert found.grid.variables == ("longitude",)
+    assert found.grid.size > 2 * best.grid.size
+    assert set(best.grid.axes[0].edges) <= set(found.grid.axes[0].edges)
+    whole = float((error**2).sum(axis=1).mean())
+    assert told > 0.5 * whole > 2 * bare
+
+
+def test_jumps_take_the_place_of_the_edges_nearest_to_them():
+    fine = Axis("longitude", "linear", np.array([0.0, 1.0, 2.0, 3.0, 4.0]))
+    cut = _cut_at(fine, Axis("longitude", "linear", np.array([0.0, 1.2, 2.5, 4.0])))
+    assert cut.edges.tolist() == [0.0, 1.2, 2.0, 2.5, 3.0, 4.0]
+    none = _cut_at(fine, Axis("longitude", "linear", np.array([0.0, 4.0])))
+    assert none.edges.tolist() == fine.edges.tolist()

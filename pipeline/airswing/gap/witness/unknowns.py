@@ -239,18 +239,32 @@ def _most_telling_first(bench: Bench, pair: Unknown, fold: Integers) -> Unknown:
 
 
 def _of_one(bench: Bench, best: Candidate) -> list[Candidate]:
-    """Tables of one variable, coarse and fine; of a pair those of each of its variables."""
-    alone = len(best.grid.axes) == 1
+    """Tables of one variable, coarse and fine; of a pair those of each of its variables.
+
+    Between jumps as well: where an error falls back at each and grows again, between two of them it
+    is nothing on average.
+    """
+    alone, jumping = len(best.grid.axes) == 1, np.isfinite(best.jumps)
     made = [best] if alone else []
     for name in best.grid.variables:
         kind = bench.variables[name].kind
         # what lasts for 10 degrees, or for a fortieth of the range, is seen; finer cells hold too
         # few reports, and a category has no finer ones
         for count in {"circular": (24, 36), "linear": (12, 20, 40), "category": ()}[kind]:
-            grid = Grid((axis_of(bench.variables[name], count),))
-            finer = weighed(bench, grid, best.component)
-            made += [finer] if not alone or finer.nats > 0.5 * best.nats else []
+            axis = axis_of(bench.variables[name], count)
+            if jumping and alone:
+                axis = _cut_at(axis, best.grid.axes[0])
+            finer = weighed(bench, Grid((axis,)), best.component)
+            made += [finer] if not alone or jumping or finer.nats > 0.5 * best.nats else []
     return made
+
+
+def _cut_at(axis: Axis, jumps: Axis) -> Axis:
+    """An axis with the inner edges of another in the place of its own nearest to them."""
+    own, at = axis.edges[1:-1], jumps.edges[1:-1]
+    width = np.minimum(own - axis.edges[:-2], axis.edges[2:] - own)
+    far = np.abs(own[:, None] - at).min(axis=1, initial=np.inf) > 0.4 * width
+    return replace(axis, edges=np.r_[axis.edges[0], np.union1d(own[far], at), axis.edges[-1]])
 
 
 def _of_two(bench: Bench, best: Candidate) -> list[Candidate]:
@@ -261,7 +275,9 @@ def _of_two(bench: Bench, best: Candidate) -> list[Candidate]:
     pairs = []
     for other, variable in bench.variables.items():
         if other != name and not _tells_itself((name, other)):
-            own = best.grid.axes[0] if np.isfinite(best.jumps) else _pair_axis(bench, name)
+            own = _pair_axis(bench, name)
+            if np.isfinite(best.jumps):
+                own = _cut_at(own, best.grid.axes[0])
             axes = (own, axis_of(variable, PAIR_CELLS[variable.kind]))
             pairs.append(weighed(bench, Grid(axes), best.component))
     least = best.nats + max(SECOND[0], SECOND[1] * best.nats)
