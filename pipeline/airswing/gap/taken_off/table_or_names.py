@@ -2,7 +2,7 @@
 
 Assumptions: names that only stand in for an unknown explain less of weeks left out than its table
 does alone, every report alike, and are unlike it; of right names a table is mostly these over
-again, with a little of everything beside it.
+again, with a little of everything beside it, or has next to nothing in common with them.
 
 Validity: of all names together; tables fitted without each fold of weeks.
 
@@ -29,6 +29,9 @@ Integers = NDArray[np.int64]
 #: Names that only stand in for what has none are unlike it (0.31 to 0.37, and it explains 4 times
 #: as much). One that holds the names at a quarter more than their size says they are too small.
 LEADS, LIKENESS, SAME_SIZE, LEADS_ITS_LIKE = 1.05, 0.6, 1.25, 1.5
+#: The square of the correlation under which names and a table are two things: 0.04 of an offset of
+#: four compasses and an error of all in turns.
+TWO_THINGS = 0.1
 #: The last two of a table that is nothing but the names: what changes along flights lets an effect
 #: come out too small behind another of the same aircraft (an airspeed's offset behind a time lag
 #: at 0.77 of its size), and its name is none the less its name.
@@ -48,8 +51,9 @@ def leads(
 ) -> bool:
     """Whether a table alone explains more than all names together, either way these are taken.
 
-    Half as much again where these leave nothing that is to be told, and it must be another thing:
-    a table of the whole fleet holds a right name and what weather does by its variables.
+    Not one that has nothing in common with them: it is told beside them. Half as much again where
+    these leave nothing that is to be told, and it must be another thing: a table of the whole fleet
+    holds a right name and what weather does by its variables.
 
     A factor of the wind is exact on the reference's own, whose small scales are in part wrong and
     cost it energy that a table, on the large-scale wind, does not pay.
@@ -60,7 +64,7 @@ def leads(
     likeness = both**2 / max(float((table**2).sum()) * square, 1e-12)
     most = NEAR_SIZE if likeness >= NOTHING_BUT else SAME_SIZE
     like = likeness >= LIKENESS and both <= most * square
-    if not left and likeness >= STANDS_IN:
+    if likeness < TWO_THINGS or (not left and likeness >= STANDS_IN):
         return False
     end = from_nothing(unknown)
     whole = end is not None and not _nothing_in(bench.cells(unknown.grid), end, names)
