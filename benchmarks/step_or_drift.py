@@ -3,9 +3,10 @@
     python -m benchmarks.step_or_drift [--archives N] [--seed S]
 
 Archives of 5 to 8 aircraft and 16 to 31 days, of which some have a step of 0.2 to 0.5 degrees at
-any date between a fifth and four fifths of the archive, or a drift of the same mean square. Printed
-are, by the probability that ``airswing gap`` gives the step against the drift, how many were steps
-and how many that probability says. Exit status 1 where these differ by more than :data:`MOST`
+any date between a fifth and four fifths of the archive, or a drift of the same mean square: from
+the archive's first day on, or setting in at such a date. Printed are, by the probability that
+``airswing gap`` gives the step against either drift, how many were steps and how many that
+probability says. Exit status 1 where these differ by more than :data:`MOST`
 standard deviations of the count.
 """
 
@@ -30,8 +31,11 @@ from airswing.gap.search.stepwise import Rules
 from airswing.gap.sums.whole_archive import held_archive
 
 CHANGING = {n: CATALOGUE[n] for n in ("compass_offset", "compass_step", "compass_drift")}
-#: A drift from nothing has the mean square of a step half-way at this multiple of its size.
-AS_LARGE = np.sqrt(1.5)
+#: A drift has the mean square of a step at this multiple of its size: from the first day that of a
+#: step half-way, from a date that of a step there.
+AS_LARGE = {"drift": np.sqrt(1.5), "onset": np.sqrt(3.0)}
+#: Half go at a date; most drifts have no beginning in the archive.
+KINDS = {"step": 0.5, "drift": 0.35, "onset": 0.15}
 #: Standard deviations by which steps may differ from what is said.
 MOST = 3.0
 BINS = (0.0, 0.01, 0.1, 0.3, 0.5, 0.7, 0.9, 0.99, 1.0)
@@ -41,12 +45,12 @@ BINS = (0.0, 0.01, 0.1, 0.3, 0.5, 0.7, 0.9, 0.99, 1.0)
 class Change:
     """What some compasses do."""
 
-    step: bool
+    kind: str  # of `KINDS`
     days: int
     aircraft: int
     struck: int
     size: float  # degrees
-    at: float  # part of the archive before the step
+    at: float  # part of the archive before the step, or before the drift sets in
     seed: int
 
     @classmethod
@@ -54,7 +58,7 @@ class Change:
         """Draw one."""
         aircraft = int(rng.integers(5, 9))
         return cls(
-            bool(rng.random() < 0.5),
+            str(rng.choice(list(KINDS), p=list(KINDS.values()))),
             int(rng.integers(16, 32)),
             aircraft,
             int(rng.integers(1, aircraft)),
@@ -66,12 +70,17 @@ class Change:
     def __call__(self, context: dict[str, np.ndarray]) -> np.ndarray:
         """Heading error of reports, rad."""
         part = (context["time"] - context["time"].min()) / 86400 / self.days
-        course = part > self.at if self.step else AS_LARGE * part
+        if self.kind == "step":
+            course = part > self.at
+        elif self.kind == "drift":
+            course = AS_LARGE["drift"] * part
+        else:
+            course = AS_LARGE["onset"] * np.maximum(part - self.at, 0.0) / (1.0 - self.at)
         return np.where(context["aircraft"] < self.struck, np.radians(self.size) * course, 0.0)
 
 
 def chance_of_step(change: Change) -> float:
-    """Probability of the step against the drift, its aircraft known."""
+    """Probability of the step against either drift, its aircraft known."""
     frame = make_frame(
         seed=change.seed,
         aircraft=change.aircraft,
@@ -100,7 +109,7 @@ def main() -> int:
     rng = np.random.default_rng(asked.seed)
     drawn = [Change.drawn(rng) for _ in range(asked.archives)]
     chance = np.array([chance_of_step(one) for one in drawn])
-    step = np.array([one.step for one in drawn])
+    step = np.array([one.kind == "step" for one in drawn])
     missed = False
     print("probability of a step   archives   steps   as many as it says")
     for low, high in itertools.pairwise(BINS):
