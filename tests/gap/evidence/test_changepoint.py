@@ -12,7 +12,7 @@ from tests.gap.toy import make_frame
 from airswing.gap.design.candidates import candidates
 from airswing.gap.diagnose import diagnose, usable_effects
 from airswing.gap.effects import CATALOGUE
-from airswing.gap.evidence.changepoint import _tried
+from airswing.gap.evidence.change_windows import windows, windows_tried
 from airswing.gap.evidence.terms import day_factors, given_terms
 from airswing.gap.passes import Search, run_pass
 from airswing.gap.search.candidate_ranking import evaluate_named
@@ -49,7 +49,7 @@ def summed():
 def test_sums_by_window_are_those_of_the_days_since(summed, steps):
     base, onset = summed
     days = 14_000 + np.cumsum([0, *steps])[: base.stats.days.size]
-    tried, prior = _tried(replace(base.stats, days=days), onset, None)
+    tried, prior = windows_tried(replace(base.stats, days=days), onset, None)
     by_day = np.random.default_rng(sum(steps)).normal(size=(days.size, 2, 2))
     assert np.exp(prior).sum() == pytest.approx(1.0)
     for power in (1, 2):
@@ -59,6 +59,14 @@ def test_sums_by_window_are_those_of_the_days_since(summed, steps):
             factors = day_factors(onset, (first, last), days)
             np.testing.assert_allclose(own, np.tensordot(factors**power, by_day, 1), atol=1e-6)
         np.testing.assert_allclose(sums[-1], by_day.sum(axis=0), atol=1e-9)
+
+
+def test_windows_lie_inside_and_are_long_enough():
+    pairs = windows(20)
+    assert (pairs[:, 1] - pairs[:, 0] >= 3).all()
+    assert not ((pairs[:, 0] == 0) & (pairs[:, 1] == 20)).any()
+    assert {tuple(p) for p in pairs} >= {(0, 10), (10, 20), (5, 12)}
+    assert len(windows(400)) < 2500
 
 
 def test_what_sets_in_grows_from_nothing_across_days_without_reports():

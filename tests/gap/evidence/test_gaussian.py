@@ -12,7 +12,6 @@ from scipy.stats import multivariate_normal
 
 from airswing.gap.evidence.aircraft_mixture import SHARE_GRID, by_share, log_mean, mixture
 from airswing.gap.evidence.between_aircraft_variance import GRID
-from airswing.gap.evidence.changepoint import windows
 from airswing.gap.evidence.gaussian import (
     SCALE_GRID,
     SIZE_GRID,
@@ -293,14 +292,6 @@ def test_a_share_against_chance_by_hand():
 
 def test_log_mean():
     assert log_mean(np.log([1.0, 2.0, 3.0])) == pytest.approx(np.log(2.0))
-
-
-def test_windows_lie_inside_and_are_long_enough():
-    pairs = windows(20)
-    assert (pairs[:, 1] - pairs[:, 0] >= 3).all()
-    assert not ((pairs[:, 0] == 0) & (pairs[:, 1] == 20)).any()
-    assert {tuple(p) for p in pairs} >= {(0, 10), (10, 20), (5, 12)}
-    assert len(windows(400)) < 2500
 
 
 def test_false_discovery_by_hand():

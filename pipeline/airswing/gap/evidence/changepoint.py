@@ -17,14 +17,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache, partial
-from math import comb
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.design.candidates import Candidate
 from airswing.gap.evidence.aircraft_mixture import by_share, mixture
+from airswing.gap.evidence.change_windows import Windows, windows_tried
 from airswing.gap.evidence.gaussian import (
     GridEvidence,
     OwnFit,
@@ -48,19 +48,12 @@ Integers = NDArray[np.int64]
 # Not the test of `evaluation.compass_changes`: a step competes here with every other effect, so it
 # is weighed by evidence, beside what is conditioned on, in periods that may end, and in several
 # aircraft at once.
-#: Shortest period tried, days with reports.
-SHORTEST = 3
-MOST_EDGES = 60  # of periods, over the archive: their pairs are tried
 #: What a period must explain beyond the same effect lasting: log evidence, and part of its own.
 GAIN, GAIN_SHARE = 5.0, 0.04
 #: Cluster factor from which it is asked how much of it the change itself makes.
 WORTH_A_LOOK = 1.3
 #: Blocks that a period's start and its coefficients take of the freedom of the scatter.
 SPENT = 2
-#: Days by which the dates of one change may differ.
-NEAR = 3
-#: Prior probability that a change ends again before the archive does.
-ENDING = 0.2
 
 
 def own_day_grams(base: Base, aircraft: int, columns: Integers) -> Floats:
@@ -68,19 +61,6 @@ def own_day_grams(base: Base, aircraft: int, columns: Integers) -> Floats:
     cross = base.cross[aircraft][:, :, columns]
     own = base.stats.day_gram[aircraft][:, columns][:, :, columns]
     return np.asarray(own - np.einsum("dik,dil->dkl", cross, cross))
-
-
-@cache
-def windows(days: int) -> Integers:
-    """Pairs (first day, one past the last day) tried, (w, 2)."""
-    stride = max(1, int(np.ceil(days / MOST_EDGES)))
-    edges = np.arange(0, days + 1, stride)
-    if edges[-1] != days:
-        edges = np.r_[edges, days]
-    pairs = [(a, b) for a in edges for b in edges if b - a >= SHORTEST]
-    pairs = [(a, b) for a, b in pairs if (a > 0 or b < days) and (a < SHORTEST) <= (a == 0)]
-    kept = [(a, b) for a, b in pairs if days - b >= SHORTEST or b == days]
-    return np.array(kept, np.int64).reshape(-1, 2)  # a short archive has none
 
 
 def evaluate_step(
@@ -110,7 +90,7 @@ def evaluate_step(
         With the most probable period of the aircraft together.
     """
     stats = base.stats
-    tried, prior = _tried(stats, candidate, period)
+    tried, prior = windows_tried(stats, candidate, period)
     acting = stats.acting[:, candidate.columns].max(axis=1)
     asked = np.zeros(acting.size, bool) if len(prior) == 0 else acting >= LEAST_ACTING
     if allowed is not None:
@@ -178,7 +158,7 @@ def raw_of_one_step(base: Base, given: Conditional, candidate: Candidate, one: i
     float
         That of :func:`evaluate_step` where the aircraft is one that changes.
     """
-    tried, prior = _tried(base.stats, candidate, None)
+    tried, prior = windows_tried(base.stats, candidate, None)
     if not len(prior):
         return 0.0
     sums = _window_sums(base, given, one, candidate.columns, tried)
@@ -251,7 +231,7 @@ def _steadily(
     base: Base,
     given: Conditional,
     candidate: Candidate,
-    tried: _Tried,
+    tried: Windows,
     sums: dict[int, tuple[Floats, Floats]],
     look: Callable[[int, float], GridEvidence],
 ) -> tuple[float, dict[int, GridEvidence]]:
@@ -285,70 +265,6 @@ def _unshrunk(sums: tuple[Floats, Floats], window: int) -> Floats:
     return np.asarray(np.linalg.solve(information + ridge * np.eye(score.size), score))
 
 
-@dataclass(frozen=True)
-class _Tried:
-    """Windows that are tried, the last one the columns at work unchanged all the time."""
-
-    windows: Integers  # (w, 2)
-    # (w,): day from which the days count that the columns are multiplied by; None: by one
-    since: Floats | None
-    days: Integers  # (D,)
-    size: Floats  # (w,): root mean square of what the columns are multiplied by
-
-    def scales(self, candidate: Candidate) -> Floats:
-        """Prior scales (w, k): of coefficients that make as much as those of what lasts."""
-        return np.asarray(candidate.scales / self.size[:, None])
-
-    def sums(self, by_day: Floats, power: int) -> Floats:
-        """Sums (w, ...) over windows of what is by day (D, ...) times a power of the factors."""
-        moments = []
-        for p in range(power + 1 if self.since is not None else 1):
-            weighted = by_day * (self.days**p).reshape(-1, *[1] * (by_day.ndim - 1))
-            running = np.concatenate([np.zeros((1, *by_day.shape[1:])), np.cumsum(weighted, 0)])
-            moments.append(running[self.windows[:, 1]] - running[self.windows[:, 0]])
-        if self.since is None:
-            return np.asarray(moments[0])
-        since = self.since.reshape(-1, *[1] * (by_day.ndim - 1))
-        terms = [comb(power, p) * (-since) ** (power - p) * m for p, m in enumerate(moments)]
-        ramps = np.sum(terms, axis=0)
-        ramps[-1] = moments[0][-1]
-        return np.asarray(ramps)
-
-
-def _tried(
-    stats: Statistics, candidate: Candidate, period: tuple[int, int] | None
-) -> tuple[_Tried, Floats]:
-    """Windows (near a period, where it is given), and the log prior of all but the last one."""
-    days = stats.days.size
-    tried = windows(days)
-    if candidate.kind == "onset":
-        tried = tried[(tried[:, 1] == days) & (tried[:, 0] > 0)]
-    prior = _window_prior(tried, days)
-    if period is not None:
-        near = (np.abs(tried - np.array(period)) <= NEAR).all(axis=1)
-        tried, prior = tried[near], prior[near]
-    if len(prior):
-        prior = prior - np.logaddexp.reduce(prior)
-    whole = np.concatenate([tried, [[0, days]]])
-    if candidate.kind != "onset":
-        return _Tried(whole, None, stats.days, np.ones(len(whole))), prior
-    # counted from the archive's first day: the squares of large numbers would cancel
-    count, numbers = stats.day_count.sum(axis=0), stats.days - stats.days[0]
-    factors = [day_factors(candidate, (a, b), stats.days) for a, b in tried]
-    since = [numbers[a] - f[a] for (a, _), f in zip(tried, factors, strict=True)]
-    square = [f**2 @ count / max((f > 0) @ count, 1e-9) for f in factors]
-    size = np.sqrt([*square, 1.0])
-    return _Tried(whole, np.array([*since, 0.0]), numbers, size), prior
-
-
-def _window_prior(tried: Integers, days: int) -> Floats:
-    """Log weight of windows: those that last to the end share 1 - ENDING, the others ENDING."""
-    last = tried[:, 1] == days
-    count = np.array([(~last).sum(), last.sum()])
-    weight = np.where(last, (1 - ENDING) / max(count[1], 1), ENDING / max(count[0], 1))
-    return np.asarray(np.log(weight))
-
-
 def log_mean_with(values: Floats, log_prior: Floats) -> float:
     """Logarithm of the prior-weighted mean of exponentials."""
     return float(np.logaddexp.reduce(values + log_prior))
@@ -359,7 +275,7 @@ def _window_sums(
     given: Conditional,
     aircraft: int,
     columns: Integers,
-    tried: _Tried,
+    tried: Windows,
 ) -> tuple[Floats, Floats]:
     """Information (w, k, k) and score (w, k) of the columns in every window."""
     remains = core_residual_scores(given, aircraft)
@@ -398,7 +314,7 @@ def _owner(base: Base, given: Conditional) -> Floats:
 def _window_evidence(
     stats: Statistics,
     candidate: Candidate,
-    tried: _Tried,
+    tried: Windows,
     background: float,
     fits: dict[int, OwnFit],
     aircraft: int,
@@ -413,4 +329,4 @@ def _window_evidence(
     return grid_evidence(fits[aircraft], factor=factor, allowance=background**2 * unit, unit=unit)
 
 
-__all__ = ["evaluate_step", "own_day_grams", "windows"]
+__all__ = ["evaluate_step", "own_day_grams"]
