@@ -156,7 +156,7 @@ def gap_product(
 @pytest.fixture
 def names_only(monkeypatch: pytest.MonkeyPatch) -> None:
     """Diagnoses look for nothing without a name: most of their time, where a test is not of it."""
-    monkeypatch.setattr("airswing.gap.diagnose.MOST_UNKNOWNS", 0)
+    monkeypatch.setattr("airswing.gap.names_and_unknowns.MOST_UNKNOWNS", 0)
     monkeypatch.setattr("airswing.gap.in_no_mean._sent_otherwise", lambda *_: None)
 
 
