@@ -112,6 +112,8 @@ def test_verdict_when_nothing_is_missing_claims_nothing(gap: GapReport) -> None:
     none = replace(gap, effects=[], gap=numbers)
     assert verdict(none).startswith("Nothing is missing")
     assert "7.4 kt and the noise floor 6.3 kt" in verdict(none)
+    hides = replace(none, closure=replace(gap.closure, could_hide_kt=0.0512))
+    assert "could close up to 0.051 kt and not be seen; what the model's winds" in verdict(hides)
     near = [
         UnconfirmedEntry("reference_speed_bias", [], None, chance, 8.0, [], "")
         for chance in (0.895, 0.45)

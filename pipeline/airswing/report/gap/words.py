@@ -328,7 +328,11 @@ def _could_hide(gap: GapReport) -> str:
     most = gap.closure.could_hide_kt
     if most is None:
         return ""
-    return f" What nobody thought of could close up to {most:.2g} kt and not be seen."
+    return (
+        f" What nobody thought of could close up to {most:.2g} kt and not be seen; what the "
+        "model's winds err alike for all aircraft on all days is taken for its weather and may "
+        "be more."
+    )
 
 
 def _unknown_closure(gap: GapReport) -> str:
