@@ -21,7 +21,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.gap.evidence.terms import Term
-from airswing.gap.held_out.reduction import is_sensor, take_off, term_error, term_fields
+from airswing.gap.held_out.reduction import fitted_error, is_sensor, take_off, term_fields
 from airswing.gap.result.schema import ClaimsEntry, FieldTestEntry, FitEntry
 from airswing.gap.sums.problem import Problem
 from airswing.physics.triangle import wrap_degrees
@@ -55,20 +55,18 @@ def make_adjustment(
     """
     frame, effects = problem.archive, problem.effects
     sensor, report, reference = (np.zeros((frame.size, 2)) for _ in range(3))
-    nothing = np.zeros(frame.size, np.int64)
     names = []
     for term, values in zip(terms, coefficients, strict=True):
         name = term.candidate.name
         if not term.candidate.known or effects[name].deviates:
             continue
         fields = term_fields(frame, term, effects=effects, plan=problem.plan)
-        error = term_error(
+        error = fitted_error(
             fields,
             term,
-            [values],
+            values,
             aircraft=frame.aircraft,
             day=problem.day,
-            fold=nothing,
             calendar=problem.calendar,
         )
         if is_sensor(term, effects):

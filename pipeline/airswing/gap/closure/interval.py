@@ -44,9 +44,9 @@ from airswing.gap.evidence.terms import Term, day_factors
 from airswing.gap.held_out.days_left_out import term_coefficients
 from airswing.gap.held_out.reduction import (
     Closure,
+    fitted_error,
     is_sensor,
     take_off,
-    term_error,
     term_fields,
     whole_coefficients,
 )
@@ -229,18 +229,16 @@ def _about_estimate(open_: _Open, known: Sequence[int]) -> tuple[Floats, list[Ch
     values = whole_coefficients(term_coefficients(found.given, found.terms), found.terms, factors)
     offsets = term_offsets(found.given, found.terms)
     sensor, other = np.zeros((2, frame.size, 2))
-    none = np.zeros(frame.size, np.int64)
     changes: list[Change] = []
     for k in known:
         term = found.terms[k]
         fields = term_fields(frame, term, effects=effects, plan=open_.problem.plan)
-        part = term_error(
+        part = fitted_error(
             fields,
             term,
-            [values[k]],
+            values[k],
             aircraft=frame.aircraft,
             day=day,
-            fold=none,
             calendar=open_.problem.calendar,
         )
         total = sensor if is_sensor(term, effects) else other

@@ -32,7 +32,7 @@ from airswing.gap.effects.base import Effect
 from airswing.gap.evidence.terms import Term, term_weights
 from airswing.gap.held_out.by_days import BLOCK, LEAST_BLOCKS, ByDays, Column
 from airswing.gap.held_out.gradient_reliability import lag_reliability
-from airswing.gap.held_out.reduction import term_error, term_fields
+from airswing.gap.held_out.reduction import fitted_error, term_fields
 from airswing.gap.sums.accumulate import SumColumns, accumulate
 from airswing.gap.sums.elimination import Included, climatology, eliminate_days, fit_included
 from airswing.gap.sums.problem import Problem
@@ -155,18 +155,12 @@ def without_others(
         m s-1.
     """
     frame, day = problem.archive, problem.day
-    rest, nothing = frame.residual, np.zeros_like(day)
+    rest = frame.residual
     for k, (term, values) in enumerate(zip(terms, coefficients, strict=True)):
         if k != one:
             fields = term_fields(frame, term, effects=problem.effects, plan=problem.plan)
-            rest = rest - term_error(
-                fields,
-                term,
-                [values],
-                aircraft=frame.aircraft,
-                day=day,
-                fold=nothing,
-                calendar=problem.calendar,
+            rest = rest - fitted_error(
+                fields, term, values, aircraft=frame.aircraft, day=day, calendar=problem.calendar
             )
     return np.asarray(rest)
 

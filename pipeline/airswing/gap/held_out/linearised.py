@@ -19,7 +19,7 @@ from airswing.gap.archive.frame import Frame
 from airswing.gap.design.basis import DictionaryPlan
 from airswing.gap.effects.base import Effect
 from airswing.gap.evidence.terms import Term
-from airswing.gap.held_out.reduction import is_sensor, take_off, term_error, term_fields
+from airswing.gap.held_out.reduction import fitted_error, is_sensor, take_off, term_fields
 from airswing.gap.sums.accumulate import Calendar, Clock, day_of_report
 from airswing.gap.sums.problem import Problem
 
@@ -98,13 +98,6 @@ class FoundFirst:
 
     def _error(self, frame: Frame, term: Term, value: Floats, day: Integers) -> Floats:
         fields = term_fields(frame, term, effects=self.effects, plan=self.plan)
-        none = np.zeros(frame.size, np.int64)
-        return term_error(
-            fields,
-            term,
-            [value],
-            aircraft=frame.aircraft,
-            day=day,
-            fold=none,
-            calendar=self.calendar,
+        return fitted_error(
+            fields, term, value, aircraft=frame.aircraft, day=day, calendar=self.calendar
         )

@@ -129,6 +129,22 @@ def term_error(
     return np.asarray(np.einsum("nck,nk->nc", fields, table[fold, aircraft]) * active[:, None])
 
 
+def fitted_error(
+    fields: Floats,
+    term: Term,
+    values: Floats,
+    *,
+    aircraft: Integers,
+    day: Integers,
+    calendar: Calendar,
+) -> Floats:
+    """Wind error (n, 2) of a term with one set of coefficients (t, k); else as `term_error`."""
+    none = np.zeros(day.size, np.int64)
+    return term_error(
+        fields, term, [values], aircraft=aircraft, day=day, fold=none, calendar=calendar
+    )
+
+
 def retimed(residual: Floats, linear: Floats, fold: Integers) -> Floats:
     """Error (n, 2) that fields of the right time would take off, from its linear estimate.
 
