@@ -301,7 +301,7 @@ def simulate(
 @takes(GapOptions)
 def gap(options: GapOptions) -> None:
     """Diagnose the gap to the simulation: where, which effect, how far it closes."""
-    from airswing.report.gap.words import verdict
+    from airswing.report.gap.verdict import verdict
     from airswing.workflow import gap_stage as gap_workflow
 
     job = _job(

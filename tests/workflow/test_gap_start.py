@@ -18,7 +18,7 @@ from airswing.gap.archive.frame import Frame
 from airswing.gap.result.schema import GapReport
 from airswing.gap.simulation.effects_file import read_effects
 from airswing.gap.sums.whole_archive import held_archive
-from airswing.report.gap.words import start_words, verdict
+from airswing.report.gap.verdict import start_words, verdict
 from airswing.workflow import Job, gap_stage
 from airswing.workflow.gap_start import read_start, starting_point
 from airswing.workflow.progress import Progress

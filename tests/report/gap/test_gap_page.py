@@ -32,6 +32,7 @@ from airswing.gap.result.schema import (
 from airswing.products.netcdf import read_product
 from airswing.report import write_gap_page
 from airswing.report.gap import closing_figures, where_figures, which_figures
+from airswing.report.gap.verdict import verdict
 from airswing.report.gap.words import (
     digits_for,
     effect_sentence,
@@ -43,7 +44,6 @@ from airswing.report.gap.words import (
     slice_words,
     small_text,
     value_words,
-    verdict,
     who_text,
 )
 

@@ -18,7 +18,7 @@ from airswing.gap.result.schema import GapReport, UnknownClosureEntry, UnknownEn
 from airswing.products.netcdf import read_product
 from airswing.report import write_gap_page
 from airswing.report.gap.in_notebook import ShownDiagnosis
-from airswing.report.gap.words import verdict
+from airswing.report.gap.verdict import verdict
 
 
 @pytest.fixture(scope="module")

@@ -25,6 +25,7 @@ from airswing.report.gap.closing_figures import (
     waterfall_figure,
 )
 from airswing.report.gap.slices import slices_figure
+from airswing.report.gap.verdict import digits_that_tell, verdict
 from airswing.report.gap.where_figures import (
     aircraft_heading_figure,
     aircraft_time_figure,
@@ -38,7 +39,6 @@ from airswing.report.gap.which_figures import (
     unknown_curve_figure,
 )
 from airswing.report.gap.words import (
-    digits_that_tell,
     effect_sentence,
     joined,
     nature_of,
@@ -47,7 +47,6 @@ from airswing.report.gap.words import (
     plain_name,
     slice_words,
     small_text,
-    verdict,
     who_text,
 )
 from airswing.report.html.document import (

@@ -21,6 +21,7 @@ from airswing.report.gap.closing_figures import (
     waterfall_figure,
 )
 from airswing.report.gap.slices import slices_figure
+from airswing.report.gap.verdict import verdict
 from airswing.report.gap.where_figures import (
     aircraft_heading_figure,
     aircraft_time_figure,
@@ -33,7 +34,7 @@ from airswing.report.gap.which_figures import (
     posteriors,
     unknown_curve_figure,
 )
-from airswing.report.gap.words import plain_name, slice_words, verdict, who_text
+from airswing.report.gap.words import plain_name, slice_words, who_text
 from airswing.report.html.document import Column, Row, table
 
 P = ParamSpec("P")
