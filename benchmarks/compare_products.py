@@ -1,0 +1,191 @@
+"""Compare the products of two result folders, each within its stated tolerance.
+
+    python -m benchmarks.compare_products BEFORE AFTER [--reference NAME]
+
+BEFORE and AFTER are output folders of ``airswing run`` on the same input, made by two versions of
+the package. A product of every report may be one file (``headings.nc``) or a folder of months
+(``headings/2008-07.nc``): reports are matched by aircraft and time. The exit status is 1 where a
+tolerance is exceeded.
+
+The tolerances are those that a change of the code must not exceed where the method stays the same:
+
+=============================  ==========================================
+model winds at the reports     0.001 m/s
+heading errors                 0.01 degrees
+screening                      the same reports
+deviation coefficients         0.1 of their standard error
+standard errors of the fit     5 %
+status of the fit              the same
+correction tables              0.1 degrees
+corrected winds                0.02 m/s
+standard errors of the winds   5 %
+=============================  ==========================================
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+WIND, ANGLE, CORRECTED = 1e-3, 0.01, 0.02
+TABLE = 0.1 + 1e-6  # one step of the unit's resolution
+RATIO = 0.05  # of standard errors
+SHARE_OF_ERROR = 0.1  # of the standard error of a coefficient
+
+
+@dataclass(frozen=True)
+class Difference:
+    """The largest difference of one quantity, and what is allowed."""
+
+    name: str
+    largest: float
+    allowed: float
+    note: str = ""
+
+    @property
+    def ok(self) -> bool:
+        """Whether the difference is within its tolerance."""
+        return self.largest <= self.allowed
+
+
+def reports_of(folder: Path, product: str) -> xr.Dataset:
+    """Read a product of every report, ordered by aircraft and time."""
+    months = sorted((folder / product).glob("*.nc"))
+    parts = []
+    for path in months or [folder / f"{product}.nc"]:
+        with xr.open_dataset(path) as ds:
+            names = np.repeat(ds["aircraft"].values.astype(str), ds["row_size"].values)
+            parts.append(ds.drop_dims("aircraft").load().assign(aircraft=("report", names)))
+    names = set.intersection(*({str(name) for name in part.variables} for part in parts))
+    whole = xr.concat(
+        [part[sorted(names)] for part in parts], "report", coords="minimal", compat="override"
+    )
+    order = np.lexsort((whole["time"].values, whole["aircraft"].values))
+    return whole.isel(report=order)
+
+
+def largest(before: xr.DataArray, after: xr.DataArray) -> float:
+    """The largest absolute difference; infinite where one has a value and the other has none."""
+    a, b = np.asarray(before.values, float), np.asarray(after.values, float)
+    if a.shape != b.shape or np.any(np.isnan(a) != np.isnan(b)):
+        return float("inf")
+    return float(np.nanmax(np.abs(a - b), initial=0.0))
+
+
+def missing(before: xr.DataArray, after: xr.DataArray) -> str:
+    """How many values are in one of two arrays alone."""
+    a, b = np.isnan(np.asarray(before.values, float)), np.isnan(np.asarray(after.values, float))
+    if a.shape != b.shape:
+        return f"shapes {a.shape} and {b.shape}"
+    return f"{int((a != b).sum())} of {a.size} values are in one alone" if np.any(a != b) else ""
+
+
+def ratio(before: xr.DataArray, after: xr.DataArray) -> float:
+    """The largest relative difference of positive values."""
+    a, b = np.asarray(before.values, float), np.asarray(after.values, float)
+    if a.shape != b.shape or np.any((a > 0) != (b > 0)):
+        return float("inf")
+    return float(np.max(np.abs(b[a > 0] / a[a > 0] - 1.0), initial=0.0))
+
+
+def of_reports(before: Path, after: Path) -> Iterator[Difference]:
+    """Differences of headings and corrected winds."""
+    a, b = reports_of(before, "headings"), reports_of(after, "headings")
+    yield Difference("reports", abs(a.sizes["report"] - b.sizes["report"]), 0)
+    if a.sizes["report"] != b.sizes["report"]:
+        return
+    b = b.sel(reference=a["reference"])
+    yield Difference("report times (s)", largest(*(d["time"].astype(float) for d in (a, b))), 0.0)
+    for name in ("reference_eastward_wind", "reference_northward_wind"):
+        yield Difference(name, largest(a[name], b[name]), WIND, missing(a[name], b[name]))
+    wrapped = (b["heading_error"] - a["heading_error"] + 180.0) % 360.0 - 180.0
+    yield Difference("heading_error", float(np.abs(wrapped).max()), ANGLE)
+    changed = int((a["screening"].values != b["screening"].values).sum())
+    yield Difference("screening", changed, 0, "reports screened otherwise")
+    a, b = reports_of(before, "corrected"), reports_of(after, "corrected")
+    for name in ("corrected_eastward_wind", "corrected_northward_wind"):
+        yield Difference(name, largest(a[name], b[name]), CORRECTED, missing(a[name], b[name]))
+    name = "corrected_wind_standard_error"
+    yield Difference(name, ratio(a[name].fillna(0), b[name].fillna(0)), RATIO)
+
+
+def of_fits(before: Path, after: Path) -> Iterator[Difference]:
+    """Differences of deviation coefficients, their errors, status and tables."""
+    a, b = xr.open_dataset(before / "fits.nc"), xr.open_dataset(after / "fits.nc")
+    b = b.sel(reference=a["reference"], aircraft=a["aircraft"])
+    diagonal = [
+        np.sqrt(np.diagonal(d["deviation_covariance"].values, axis1=-2, axis2=-1)) for d in (a, b)
+    ]
+    errors = [a["deviation"].copy(data=values) for values in diagonal]
+    scaled = [(d["deviation"] / errors[0]).where(errors[0] > 0) for d in (a, b)]
+    yield Difference("deviation / standard error", largest(*scaled), SHARE_OF_ERROR)
+    yield Difference("deviation standard error", ratio(*(e.fillna(0) for e in errors)), RATIO)
+    yield Difference("status", int((a["status"].values != b["status"].values).sum()), 0)
+    name = "table_correction"
+    yield Difference(name, largest(a[name], b[name]), TABLE, missing(a[name], b[name]))
+
+
+def estimates(folder: Path) -> dict[str, tuple[float, float]]:
+    """Estimates with a standard error: of the fleet between references, and of reports."""
+    found: dict[str, tuple[float, float]] = {}
+    path = folder / "sensitivity.json"
+    for pair in json.loads(path.read_text())["pairs"] if path.exists() else []:
+        for name, value in pair["fleet"]["difference"].items():
+            where = f"{'/'.join(pair['references'])} {name}"
+            found[where] = (value, pair["fleet"]["standard_error"][name])
+    path = folder / "observation_errors.nc"
+    if path.exists():
+        with xr.open_dataset(path) as ds:
+            error, interval = ds["observation_error"], ds["observation_error_interval"]
+            width = np.ptp(interval.values, axis=-1) / 3.92
+            for index in np.ndindex(error.shape):
+                value = float(error.values[index])
+                if np.isfinite(value):
+                    found[f"observation error {index}"] = (value, float(width[index]))
+    return found
+
+
+def of_evaluation(before: Path, after: Path) -> Iterator[Difference]:
+    """Differences of estimates of the evaluation, in their standard errors."""
+    a, b = estimates(before), estimates(after)
+    for name in a:
+        if name not in b:
+            yield Difference(name, float("inf"), 0.2, "not in AFTER")
+            continue
+        scale = a[name][1] if a[name][1] > 0 else 1.0
+        yield Difference(name, abs(b[name][0] - a[name][0]) / scale, 0.2)
+
+
+def compared(before: Path, after: Path) -> pd.DataFrame:
+    """Every quantity with its largest difference and whether it is within its tolerance.
+
+    Returns
+    -------
+    DataFrame
+        Columns ``quantity``, ``largest``, ``allowed``, ``ok``, ``note``.
+    """
+    found = [*of_reports(before, after), *of_fits(before, after), *of_evaluation(before, after)]
+    rows = [(d.name, d.largest, d.allowed, d.ok, d.note) for d in found]
+    return pd.DataFrame(rows, columns=["quantity", "largest", "allowed", "ok", "note"])
+
+
+def main() -> int:
+    """Print the comparison; 1 where a tolerance is exceeded."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("before", type=Path)
+    parser.add_argument("after", type=Path)
+    asked = parser.parse_args()
+    table = compared(asked.before, asked.after)
+    print(table.to_string(index=False))
+    return int(not table["ok"].all())
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
