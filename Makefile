@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: run test quick lint style types checks benchmarks clean
+.PHONY: run test test-all quick lint style types checks benchmarks clean
 
 run: $(VENV)/run.done
 	$(BIN)/airswing run configs/quickstart.yaml
@@ -14,8 +14,13 @@ test: $(VENV)/test.done style
 	$(MAKE) -j2 types checks
 
 checks: $(VENV)/test.done
-	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder \
+	$(BIN)/python -m pytest -m "not slow" -n 2 --dist loadfile --no-loadscope-reorder \
 		--nbmake --nbmake-timeout=300 tests notebooks
+
+# Everything, with the statistics and fuzzing that take minutes.
+test-all: $(VENV)/test.done style
+	$(MAKE) types
+	$(BIN)/python -m pytest -n 2 --dist loadfile --nbmake --nbmake-timeout=300 tests notebooks
 
 # Under a minute: lint, the layout, and the tests that mirror what changed since main (or the kernels').
 quick: $(VENV)/test.done lint
