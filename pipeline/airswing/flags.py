@@ -1,7 +1,7 @@
-"""Values of the flags in Datasets and products, and the words they are told by.
+"""Codes of the flag variables in Datasets and products, with the name of each code.
 
-Assumes what FORMATS says of each flag; a value that is in no table does not occur. Valid for all
-stages: whoever sets a flag or asks for one does it by its word here.
+Every stage sets and tests flags by these names. A code keeps its meaning in all versions, because
+products of earlier versions are still read.
 """
 
 from __future__ import annotations
@@ -9,8 +9,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-# Codes stand in products: a number keeps its meaning for as long as files of earlier versions are
-# read.
 PHASE = {"unknown": 0, "ascent": 1, "cruise": 2, "descent": 3}
 ROLL = {"missing": 0, "good": 1, "bad": 2, "not_available": 3}
 TEMPERATURE_QC = {"missing": 0, "pass": 1, "fail": 2}
@@ -18,7 +16,11 @@ WIND_QC = {"missing": 0, "pass": 1, "fail": 2}
 WIND_SOURCE = {"reported": 0, "derived": 1, "derived_at_standard_temperature": 2}
 PLATFORM = {"unknown": 0, "TAMDAR": 1, "AMDAR": 2, "ACARS": 3, "AIREP": 4}
 ICING = {"missing": -1, "off": 0, "on": 1}
-# ``ok``: a curve; ``offset_only``: one constant, for the headings flown; the others: nothing.
+# ``ok``: a deviation curve. ``offset_only``: one constant, valid for the headings flown.
+# ``no_correction_needed``: a curve that is zero within its standard error, so the table is zero.
+# ``implausible_reports``: the reported quantities contradict the reference (a wrong unit).
+# ``no_improvement``: the curve does not bring the winds of held-out days nearer to the reference.
+# Only the first three come with coefficients.
 STATUS = {
     "ok": 0,
     "too_few_reports": 1,
@@ -26,8 +28,12 @@ STATUS = {
     "unstable_fit": 3,
     "offset_only": 4,
     "too_few_flights": 5,
+    "implausible_reports": 6,
+    "no_improvement": 7,
+    "no_correction_needed": 8,
 }
-# ``offset_only``: corrected by one constant, which leaves whatever turns with the heading.
+# ``offset_only``: corrected by one constant; errors that vary with the heading remain.
+# ``no_correction_needed``: the wind is as reported, because the deviation is zero within its error.
 CORRECTION = {
     "corrected": 0,
     "no_fit": 1,
@@ -35,8 +41,9 @@ CORRECTION = {
     "missing_wind": 3,
     "already_corrected": 4,
     "offset_only": 5,
+    "no_correction_needed": 6,
 }
-# Bits of ``screening``; their names are the rules of the audit table.
+# Bits of ``screening``, named by the screening rules.
 SCREENING = {
     "phase": 1,
     "roll": 2,
@@ -53,11 +60,21 @@ SCREENING = {
 
 
 def published(status: ArrayLike) -> NDArray[np.bool_]:
-    """Whether a fit is to be trusted: a curve, or an offset alone."""
-    codes: NDArray[np.generic] = np.asarray(status)
-    return np.asarray((codes == STATUS["ok"]) | (codes == STATUS["offset_only"]))
+    """Return True where a fit has coefficients: a curve (zero within its error or not), an offset.
+
+    Parameters
+    ----------
+    status : array_like
+        Codes of `STATUS`.
+
+    Returns
+    -------
+    ndarray of bool
+    """
+    with_coefficients = ("ok", "offset_only", "no_correction_needed")
+    return np.isin(status, [STATUS[name] for name in with_coefficients])
 
 
 def mended(applied: ArrayLike) -> NDArray[np.bool_]:
-    """Whether a wind was corrected here: by a curve, or by an offset alone."""
+    """Return True where a wind was corrected by this package, by a curve or by an offset."""
     return np.isin(applied, (CORRECTION["corrected"], CORRECTION["offset_only"]))
