@@ -14,7 +14,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from airswing.products.ragged import aircraft_of_report
-from airswing.reports import assemble, read_reports
+from airswing.reports import assembly as assemble
+from airswing.reports import read_reports
 from airswing.vocabulary import VARIABLES
 from tests.reports.tables import flight, row, write
 

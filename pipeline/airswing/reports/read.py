@@ -1,7 +1,11 @@
-"""Read aircraft reports of any known format into one Dataset.
+"""Read aircraft reports of any known format.
 
-Assumes files named by path or glob; what a file is comes from its content, never its name. Files
-are read one by one and piece by piece, and each file counts whole or not at all.
+Two steps, each usable by itself: :func:`read_file` brings one file to cleaned canonical columns,
+:func:`airswing.reports.assembly.assemble` makes one Dataset of the columns of several files.
+:func:`read_reports` does both.
+
+Assumes files named by path or glob. The format follows from a file's content, not from its name,
+and a file that cannot be read to its end counts as not read at all.
 """
 
 from __future__ import annotations
@@ -9,13 +13,61 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+import pandas as pd
 import xarray as xr
+from pandas.api.types import union_categoricals
 
-from airswing.reports.assemble import assembled, completed
-from airswing.reports.canonical.audit import similar
-from airswing.reports.canonical.columns import ColumnMapping
-from airswing.reports.files import Format, Policy
-from airswing.reports.staging_store import Spool
+from airswing.errors import InputError
+from airswing.reports.assembly import assemble
+from airswing.reports.canonical.audit import Audit, similar
+from airswing.reports.canonical.columns import ColumnMapping, parse_mapping
+from airswing.reports.files import (
+    Format,
+    Policy,
+    expand,
+    file_frames,
+    none_read,
+    none_usable,
+    require_format,
+)
+
+
+def read_file(
+    path: str | Path, *, format: Format = "auto", columns: ColumnMapping | None = None
+) -> tuple[pd.DataFrame, Audit]:
+    """Read one report file to cleaned canonical columns.
+
+    Parameters
+    ----------
+    path : str or path
+    format, columns
+        As for :func:`read_reports`.
+
+    Returns
+    -------
+    reports : DataFrame
+        One row a report in the order of the file, in SI units (angles in degrees): ``tail`` and
+        ``flight`` (categories; blank where there is no label), ``time`` (datetime64[ns], UTC),
+        ``latitude, longitude`` (float64), ``pressure, pressure_altitude, wind_speed,
+        wind_direction, eastward_wind, northward_wind, air_temperature, reported_airspeed,
+        reported_heading`` (float32) and the flags (int8). May be empty.
+    audit : Audit
+        Reports read, dropped and repaired, by reason.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read to its end, or a mapped or required column is absent.
+    """
+    require_format(format)
+    audit = Audit()
+    pieces = list(file_frames(Path(path), format, parse_mapping(columns), audit))
+    if len(pieces) == 1:
+        return pieces[0], audit
+    labels = {
+        name: union_categoricals([piece[name] for piece in pieces]) for name in ("tail", "flight")
+    }
+    return pd.concat(pieces, ignore_index=True).assign(**labels), audit
 
 
 def read_reports(
@@ -33,7 +85,7 @@ def read_reports(
     files : str, path, or sequence of them
         Paths or globs.
     format : str, default "auto"
-        A registered format; "auto" tells it from each file's content.
+        A registered format; "auto" finds it from each file's content.
     columns : mapping, optional
         For tables, in one of the forms of :mod:`airswing.reports.canonical.columns`: their name to
         a canonical name (``wind_speed_kt``), or to ``{"name": "wind_speed_kt", "unit": "m/s"}``
@@ -41,7 +93,7 @@ def read_reports(
     on_bad_file : {"skip", "fail"}, default "skip"
         Whether a file that cannot be read is left out and counted, or refused.
     interval : float, default 0
-        Reports are brought to one in so many seconds, means over straight flight; 0 leaves them.
+        Reports are averaged over intervals of so many seconds of straight flight; 0 keeps them all.
 
     Returns
     -------
@@ -58,10 +110,24 @@ def read_reports(
         No file matches, none can be read, none holds a usable report, or (policy "fail") one
         cannot be read.
     """
-    spool = Spool()
-    spool.fill(files, format=format, columns=columns, on_bad_file=on_bad_file)
-    tails = list(spool.counts())
-    block = assembled(*spool.columns(tails[0], tails[-1]), spool.audit, interval=interval)
-    spool.audit.similar_tails = similar(tails)
-    (reports,) = completed([block])
-    return reports.assign_attrs(reading_audit=spool.audit.as_json(), featureType="trajectory")
+    require_format(format)
+    parse_mapping(columns)  # refused before a file is opened
+    parts, audit, errors = [], Audit(), []
+    for path in expand(files):
+        try:
+            part, counts = read_file(path, format=format, columns=columns)
+        except InputError as error:
+            if on_bad_file == "fail":
+                raise
+            errors.append(error)
+            audit.files_skipped.append({"file": str(path), "reason": str(error)})
+        else:
+            parts.append(part)
+            audit.add(counts)
+    if not parts:
+        raise none_read(errors)
+    if not audit.kept:
+        raise none_usable(audit)
+    reports = assemble(parts, interval=interval, audit=audit)
+    audit.similar_tails = similar(reports["aircraft"].to_numpy().tolist())
+    return reports.assign_attrs(reading_audit=audit.as_json())

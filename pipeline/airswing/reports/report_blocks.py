@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from airswing.products.checked import digest
 from airswing.products.ragged import BLOCK_REPORTS
-from airswing.reports.assemble import Shared, assembled
+from airswing.reports.assembly import Shared, assembled
 from airswing.reports.canonical.audit import Audit, similar
 from airswing.reports.staging_store import Spool
 from airswing.vocabulary import describe

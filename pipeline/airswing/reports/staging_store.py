@@ -11,7 +11,7 @@ Assumptions
 -----------
 * Each file counts whole or not at all.
 * What becomes of the reports depends neither on their order nor on which files were read together
-  (:mod:`airswing.reports.assemble`); the tally is kept file by file and added up in order of name.
+  (:mod:`airswing.reports.assembly`); the tally is kept file by file and added up in order of name.
 * A file that keeps its size and its modification time keeps its content.
 """
 
@@ -33,7 +33,7 @@ from airswing.errors import InputError
 from airswing.products.atomic import replacing
 from airswing.products.checked import SEAL, digest, note, noted
 from airswing.products.ragged import aircraft_groups
-from airswing.reports.assemble import in_alphabetical_order
+from airswing.reports.assembly import in_alphabetical_order
 from airswing.reports.canonical.audit import Audit
 from airswing.reports.canonical.cleaning import FLAGS
 from airswing.reports.canonical.columns import ColumnMapping, parse_mapping

@@ -18,10 +18,11 @@ conflict and the more complete stays. Those kept follow the climb or descent aro
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
@@ -66,6 +67,76 @@ class Block(NamedTuple):
     reports: xr.Dataset  # flights numbered from 0 within the block; no resolutions yet
     counts: dict[str, NDArray[np.int64]]  # of `airswing.reports.resolution.count_on_steps`
     flights: int
+
+
+def assemble(
+    parts: Iterable[pd.DataFrame],
+    *,
+    interval: float = 0.0,
+    begins: tuple[np.datetime64, np.datetime64] | None = None,
+    audit: Audit | None = None,
+) -> xr.Dataset:
+    """Assemble the cleaned reports of several files into one ragged Dataset.
+
+    The result does not depend on the order of the parts nor on the order of rows in them.
+
+    Parameters
+    ----------
+    parts : iterable of DataFrame
+        Cleaned reports, each of :func:`airswing.reports.read.read_file` or rows of it; read only.
+    interval : float, default 0
+        Reports are averaged over intervals of so many seconds of straight flight; 0 keeps them all.
+    begins : (datetime64, datetime64), optional
+        Keep only the flights whose first report lies from the first time to before the second:
+        give the reports of a margin around that time too, and every flight is kept whole once.
+    audit : Audit, optional
+        Duplicates and derived values are added to it, and with ``begins`` the reports of other
+        flights are subtracted from ``read``; the caller adds the audits of the files before.
+
+    Returns
+    -------
+    Dataset
+        As of :func:`airswing.reports.read.read_reports`, without its audit; aircraft without a
+        report are left out, so that it may be empty.
+    """
+    columns, tails = gathered(parts)
+    block = assembled(
+        columns, tails, Audit() if audit is None else audit, interval=interval, begins=begins
+    )
+    (reports,) = completed([block])
+    return reports.assign_attrs(featureType="trajectory")
+
+
+def gathered(parts: Iterable[pd.DataFrame]) -> tuple[Columns, NDArray[np.object_]]:
+    """Columns of all parts, tails and flight labels numbered in alphabetical order, and the tails.
+
+    A report without a flight label has the number -1.
+    """
+    frames = list(parts)
+    columns: Columns = {
+        name: np.concatenate([frame[name].to_numpy() for frame in frames])
+        for name in frames[0].columns
+        if name not in ("tail", "flight")
+    }
+    tails, columns["tail"] = _numbered(frame["tail"] for frame in frames)
+    labels, flight = _numbered(frame["flight"] for frame in frames)
+    # The blank label comes first in alphabetical order.
+    columns["flight"] = flight - np.int32(labels.size > 0 and labels[0] == "")
+    return columns, tails
+
+
+def _numbered(
+    columns: Iterable[pd.Series[str]],
+) -> tuple[NDArray[np.object_], NDArray[np.int32]]:
+    """Labels that occur, in alphabetical order, and the number of each value's label."""
+    together = pd.api.types.union_categoricals(list(columns), ignore_order=True)
+    codes = np.asarray(together.codes)
+    used, index = np.unique(codes, return_inverse=True)
+    labels = np.array([str(label) for label in together.categories[used]], dtype=object)
+    order = np.argsort(labels)
+    number = np.empty(labels.size, dtype=np.int32)
+    number[order] = np.arange(labels.size, dtype=np.int32)
+    return labels[order], number[index]
 
 
 def assembled(
