@@ -28,6 +28,7 @@ if TYPE_CHECKING:  # for editors and mypy; at run time each is imported on first
     from airswing.config_file import load_config as load_config
     from airswing.evaluation.error_profiles import error_profiles as error_profiles
     from airswing.evaluation.field_test import field_test as field_test
+    from airswing.evaluation.innovations import innovation_statistics as innovation_statistics
     from airswing.evaluation.reference_comparison.sensitivity import compare as compare
     from airswing.evaluation.report_errors.observation_errors import (
         observation_errors as observation_errors,
@@ -59,6 +60,7 @@ _STAGES = {
     "correct": "airswing.compass.correction",
     "error_profiles": "airswing.evaluation.error_profiles",
     "field_test": "airswing.evaluation.field_test",
+    "innovation_statistics": "airswing.evaluation.innovations",
     "compare": "airswing.evaluation.reference_comparison.sensitivity",
     "simulate_reports": "airswing.gap.simulation.report_table",
     "Frame": "airswing.gap.archive.frame",

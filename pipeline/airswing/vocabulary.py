@@ -478,6 +478,54 @@ _OBSERVATION_ERRORS = [
     _V("nam_tamdar_error", "m s-1", "wind error NAM used for TAMDAR", ("layer",)),
     _V("nam_mdcrs_error", "m s-1", "wind error NAM used for MDCRS", ("layer",)),
 ]
+_CELL = ("reference", "state", "aircraft", "flight_phase", "layer")
+_CLASSES = ("reference", "state", "eastward_class", "northward_class")
+_INNOVATIONS = [
+    *[
+        _V(
+            f"innovation_{name}_{kind}",
+            units,
+            f"{text} of the {what}, observation minus reference",
+            _CELL,
+        )
+        for name, units, what in (
+            ("speed", "m s-1", "wind speed"),
+            ("direction", "degree", "wind direction where the reference wind is 5 m/s or more"),
+            ("eastward", "m s-1", "eastward wind"),
+            ("northward", "m s-1", "northward wind"),
+        )
+        for kind, text in (
+            ("bias", "mean innovation"),
+            ("standard_deviation", "standard deviation of the innovation"),
+            ("rms", "root mean square innovation"),
+        )
+    ],
+    *[
+        _V(f"innovation_{name}_count", "1", f"innovations of the {name} in the cell", _CELL, "i4")
+        for name in ("speed", "direction", "eastward", "northward")
+    ],
+    *[
+        _V(
+            f"daily_innovation_{name}",
+            "degree" if name == "direction" else "m s-1",
+            f"mean innovation of the {name} on the day",
+            (*_CELL[:3], "day"),
+        )
+        for name in ("speed", "direction", "eastward", "northward")
+    ],
+    _V("daily_innovation_count", "1", "innovations of the day", (*_CELL[:3], "day"), "i4"),
+    _V("innovation_histogram", "1", "reports by the innovation of both components", _CLASSES, "i8"),
+    *[
+        _V(
+            f"{name}_class",
+            "m s-1",
+            f"lower edge of the class of {name} innovations",
+            (f"{name}_class",),
+            "f8",
+        )
+        for name in ("eastward", "northward")
+    ],
+]
 _STATIONS = ("variable", "station", "forecast_reference_time", "lead")
 _SCORED = ("variable", "period", "correction")
 _POSTPROCESS = [
@@ -575,6 +623,7 @@ _EVERY = [
     _PHASE_ANGLE,
     *_CORRECTED,
     *_PROFILES,
+    *_INNOVATIONS,
     *_GAP,
     *_POSTPROCESS,
     *_OBSERVATION_ERRORS,

@@ -29,6 +29,8 @@ class Evaluation:
     # profiles, observation_errors: ``error_profiles.nc``, ``observation_errors.nc``
     profiles: xr.Dataset | None = None
     observation_errors: xr.Dataset | None = None
+    # of :func:`airswing.evaluation.innovations.innovation_statistics`: ``innovation_statistics.nc``
+    innovations: xr.Dataset | None = None
     # stability, virtual, field_test, sensitivity: contents of ``stability.json``,
     # ``virtual_field_test.json`` and so on
     stability: StabilityContent | None = None

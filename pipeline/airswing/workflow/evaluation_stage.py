@@ -27,6 +27,8 @@ from airswing.workflow.job import (
 )
 from airswing.workflow.ranking_stage import make_ranking, make_stability, make_virtual
 
+INNOVATIONS = "innovation_statistics.nc"
+
 if TYPE_CHECKING:
     from airswing.evaluation.contents import (
         Expected,
@@ -49,6 +51,7 @@ def make_evaluation(
     config = job.config
     return Evaluation(
         profiles=make_profiles(job, headings, corrected),
+        innovations=make_innovations(job, headings, corrected),
         observation_errors=make_observation_errors(job, headings, corrected),
         stability=make_stability(job, headings, fits),
         # named here: the virtual field test below takes it up
@@ -73,6 +76,22 @@ def make_profiles(job: Job, headings: xr.Dataset, corrected: xr.Dataset) -> xr.D
             source_uuids=[headings.attrs["uuid"], corrected.attrs["uuid"]],
         )
     return profiles
+
+
+def make_innovations(job: Job, headings: xr.Dataset, corrected: xr.Dataset) -> xr.Dataset:
+    """Statistics of observation minus reference: ``innovation_statistics.nc``."""
+    from airswing.evaluation.innovations import innovation_statistics
+
+    with job.progress.stage("innovations"):
+        found = innovation_statistics(headings, corrected, pools=job.config.pools())
+        write_product(
+            found,
+            job.output / INNOVATIONS,
+            title="Statistics of observation minus reference by aircraft, phase and level",
+            config_json=job.config.model_dump_json(),
+            source_uuids=[headings.attrs["uuid"], corrected.attrs["uuid"]],
+        )
+    return found
 
 
 def make_observation_errors(job: Job, headings: xr.Dataset, corrected: xr.Dataset) -> xr.Dataset:

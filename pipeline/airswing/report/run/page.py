@@ -150,6 +150,7 @@ PRODUCTS = {
     "field_test.json": "field test (JSON)",
     "sensitivity.json": "sensitivity to the reference (JSON)",
     "error_profiles.nc": "error profiles (NetCDF)",
+    "innovation_statistics.nc": "observation minus reference by aircraft, phase and level (NetCDF)",
     "observation_errors.nc": "the reports' own error by phase of flight and layer (NetCDF)",
     "events.json": "states of the aircraft and events (JSON)",
     "report/monitoring.html": "the watch over the fleet (page)",
