@@ -154,8 +154,8 @@ def innovation_statistics(
     )
     for name in QUANTITIES:
         moments = list(cells[name].reshape(3, *shape, len(PHASE), -1))
-        for kind, values in _statistics(*moments).items():
-            ds[f"innovation_{name}_{kind}"] = dims, values
+        for kind, table in _statistics(*moments).items():
+            ds[f"innovation_{name}_{kind}"] = dims, table
         ds[f"daily_innovation_{name}"] = (*dims[:3], "day"), _ratio(daily[name][1], daily[name][0])
     ds["daily_innovation_count"] = (*dims[:3], "day"), daily["eastward"][0].astype(np.int32)
     ds["innovation_histogram"] = (
@@ -215,4 +215,6 @@ def _statistics(count: Floats, total: Floats, squares: Floats) -> dict[str, NDAr
 
 
 def _ratio(total: Floats, number: Floats) -> Floats:
-    return np.divide(total, number, out=np.full(np.shape(total), np.nan), where=number > 0)
+    found = np.full(np.shape(total), np.nan)
+    np.divide(total, number, out=found, where=number > 0)
+    return found
