@@ -154,8 +154,8 @@ def innovation_statistics(
     )
     for name in QUANTITIES:
         moments = list(cells[name].reshape(3, *shape, len(PHASE), -1))
-        for kind, table in _statistics(*moments).items():
-            ds[f"innovation_{name}_{kind}"] = dims, table
+        for kind, statistic in _statistics(*moments).items():
+            ds[f"innovation_{name}_{kind}"] = dims, statistic
         ds[f"daily_innovation_{name}"] = (*dims[:3], "day"), _ratio(daily[name][1], daily[name][0])
     ds["daily_innovation_count"] = (*dims[:3], "day"), daily["eastward"][0].astype(np.int32)
     ds["innovation_histogram"] = (
