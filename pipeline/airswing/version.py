@@ -1,3 +1,3 @@
 """The version, below all that states it: products, pages and the package's face."""
 
-__version__ = "0.1.0"
+__version__ = "1.0.0"
