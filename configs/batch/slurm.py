@@ -1,7 +1,7 @@
 """The main job with its workers on Slurm: python configs/batch/slurm.py CONFIG [JOBS].
 
 Takes what a worker job gets from jobqueue.yaml beside it, holds the scheduler, asks for up to JOBS
-worker jobs (8 by default), and goes on with what an earlier run finished. See docs/cluster.md.
+worker jobs (8 by default), and goes on with what an earlier run finished. See docs/operation.md.
 """
 
 import subprocess
