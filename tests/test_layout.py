@@ -68,8 +68,6 @@ def test_imports_come_from_the_same_folder_or_an_earlier_one(path: Path):
         for other in imported(path)
         if ORDER.index(folder_of(other)) > place
     ]
-    if path.name == "bufr.py":  # until the process pool of ecCodes has moved to the top level
-        later.remove("reference/packing/decoder.py")
     assert not later
 
 

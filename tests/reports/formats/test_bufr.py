@@ -14,12 +14,11 @@ import xarray as xr
 from benchmarks.fuzz.seeds import bufr_file
 
 from airswing.errors import InputError
+from airswing.guarded import WorkerEndedError, guarded
 from airswing.products.ragged import aircraft_of_report
-from airswing.reference.packing import decoder
-from airswing.reference.packing.simple_packing import UnreadableMessageError
 from airswing.reports import read_reports
 from airswing.reports.canonical.audit import Audit
-from airswing.reports.formats.bufr import _bufr_pieces
+from airswing.reports.formats.bufr import _bufr_pieces, decode_messages
 
 eccodes = pytest.importorskip("eccodes")
 pytest.importorskip("pdbufr")
@@ -281,11 +280,8 @@ def test_a_message_that_ends_the_process_costs_one_report(tmp_path: Path):
     messages = [b"BUFR" + part for part in path.read_bytes().split(b"BUFR")[1:]]
     deadly = bytearray(messages[0])
     deadly[10], deadly[39] = 68, 127
-    tables = (33, 0, 6)
-    with pytest.raises(UnreadableMessageError, match="ends the decoder"):
-        decoder._POOL.ask(
-            decoder.REPORTS, bytes(deadly), 0, json.dumps([["year"], *tables]).encode()
-        )
+    with pytest.raises(WorkerEndedError):
+        guarded(decode_messages, [bytes(deadly)])
     path.write_bytes(b"".join([messages[1], bytes(deadly), b"noise", *messages[2:]]))
     found = read_reports(path)
     assert audit_of(found)["dropped"] == {"undecodable_message": 1}

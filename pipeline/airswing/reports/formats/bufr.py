@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.flags import ICING, PHASE, PLATFORM, ROLL
-from airswing.reference.packing.decoder import reports_beside
+from airswing.guarded import WorkerEndedError, guarded
 from airswing.reports.canonical.audit import Audit
 from airswing.reports.canonical.report_formats import Mapped, ReportFormat, is_text, register
 
@@ -97,8 +97,7 @@ def _tables(path: Path, audit: Audit) -> Iterator[pd.DataFrame]:
     rows: list[dict[str, object]] = []
     messages = _framed(path, audit)
     while taken := list(itertools.islice(messages, _MESSAGES_TOGETHER)):
-        # ecCodes may die of a damaged message, so that they are read in another process.
-        found, failed = reports_beside(taken, COLUMNS, (_CURRENT_TABLES, 0, _OLDEST_TABLES))
+        found, failed = _decoded(taken)
         rows += found
         for _ in range(failed):
             _drop(audit)
@@ -107,6 +106,66 @@ def _tables(path: Path, audit: Audit) -> Iterator[pd.DataFrame]:
             rows = []
     if rows:
         yield pd.DataFrame.from_records(rows)
+
+
+def _decoded(messages: list[bytes]) -> tuple[list[dict[str, object]], int]:
+    """Reports of messages, and the number of messages that cannot be decoded."""
+    try:
+        return guarded(decode_messages, messages)
+    except (WorkerEndedError, ValueError):
+        if len(messages) == 1:
+            return [], 1
+    parts = [_decoded([message]) for message in messages]
+    return [row for rows, _ in parts for row in rows], sum(failed for _, failed in parts)
+
+
+def decode_messages(messages: list[bytes]) -> tuple[list[dict[str, object]], int]:
+    """Decode BUFR messages by pdbufr, with their own tables or with current ones.
+
+    ecCodes may end the process at a damaged message: called by :func:`airswing.guarded.guarded`.
+
+    Returns
+    -------
+    rows : list of dict
+        Values by `COLUMNS`, one entry a report.
+    failed : int
+        Messages that no tables decode.
+    """
+    import pdbufr
+
+    failed: list[int] = []
+    try:
+        found = pdbufr.read_bufr(
+            _unpackable(messages, failed), columns=COLUMNS, required_columns=False
+        )
+    except Exception as error:  # of ecCodes and pdbufr, not all of which can be pickled
+        raise ValueError(str(error)) from None
+    return found.to_dict("records"), len(failed)
+
+
+def _unpackable(messages: list[bytes], failed: list[int]) -> Iterator[object]:
+    """Messages as pdbufr takes them; numbers of those that cannot be unpacked go to `failed`."""
+    import eccodes
+    from pdbufr.high_level_bufr.bufr import BufrMessage
+
+    for number, octets in enumerate(messages):
+        for current in (False, True):
+            message = object.__new__(BufrMessage)  # its constructor reads from a file
+            message.codes_file = None
+            message.codes_id = eccodes.codes_new_from_message(octets)
+            try:
+                if current or message["masterTablesVersionNumber"] < _OLDEST_TABLES:
+                    message["masterTablesVersionNumber"] = _CURRENT_TABLES
+                    message["localTablesVersionNumber"] = 0
+                message["skipExtraKeyAttributes"] = 1
+                message["unpack"] = 1
+            except Exception:  # ecCodes raises many kinds
+                eccodes.codes_release(message.codes_id)
+                continue
+            yield message
+            break
+        else:
+            failed.append(number)
 
 
 def _drop(audit: Audit) -> None:
