@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: run test test-all quick lint style types checks benchmarks clean
+.PHONY: run test test-all docs quick lint style types checks benchmarks clean
 
 run: $(VENV)/run.done
 	$(BIN)/airswing run configs/quickstart.yaml
@@ -49,6 +49,14 @@ $(VENV)/run.done: $(BIN)/python requirements.lock pyproject.toml
 
 $(VENV)/test.done: $(VENV)/run.done requirements-dev.lock
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-dev.lock
+	touch $@
+
+# The documentation site: docs/_build/html/index.html. Warnings are errors.
+docs: $(VENV)/docs.done
+	$(BIN)/python -m sphinx -W --keep-going -q -b html docs docs/_build/html
+
+$(VENV)/docs.done: $(VENV)/test.done requirements-docs.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-docs.lock
 	touch $@
 
 clean:
