@@ -41,7 +41,7 @@ LONGEST = (
     "workflow/test_compute.py",
     "test_workflow.py",
     "test_blocks.py",
-    "blind_check/test_check_run.py",
+    "blind_check/test_check.py",
     "gap/search/test_candidate_ranking.py",
     "gap/search/test_excess_scatter.py",
     "test_batch.py",

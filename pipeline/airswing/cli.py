@@ -327,10 +327,13 @@ def gap(options: GapOptions) -> None:
 @app.command(name="gap-check")
 @takes(CheckOptions)
 def gap_check(options: CheckOptions) -> None:
-    """Check the diagnosis blindly: archives with sealed effects, diagnosed, opened, scored."""
-    from airswing.blind_check.check_run import Plan
-    from airswing.blind_check.command import check_and_report
+    """Test the gap diagnosis on sealed archives with known effects."""
+    from airswing.blind_check import Plan, targets, write_report
+    from airswing.blind_check import gap_check as check_diagnosis
+    from airswing.products.whole_files import require_writable
+    from airswing.workflow.progress import Progress
 
+    require_writable(options.output)
     plan = Plan(
         options.cases,
         options.seed,
@@ -339,14 +342,21 @@ def gap_check(options: CheckOptions) -> None:
         tuple(options.rung) if options.rung else None,
         real=options.real,
     )
-    summary, text = check_and_report(
+    check = check_diagnosis(
         options.output,
         plan,
         workers=options.workers,
-        baselines=options.baselines,
         so_far=options.so_far,
-        quiet=options.quiet,
+        say=Progress(quiet=options.quiet).say,
     )
+    report = write_report(options.output, check, command=plan.command)
+    reached = targets(check.scores)
+    summary = {
+        "digest": check.digest,
+        "targets": reached.to_dict("records"),
+        "settings": check.settings,
+    }
+    text = f"{reached.to_string(index=False, float_format='%.3g')}\nreport: {report}"
     _print(summary, as_json=options.json, text=text)
 
 

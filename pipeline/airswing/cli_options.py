@@ -114,30 +114,29 @@ class GapOptions:
 
 @dataclass(frozen=True)
 class CheckOptions:
-    """Of ``airswing gap-check``."""
+    """Options of ``airswing gap-check``."""
 
     cases: Annotated[int, typer.Option(help="Number of cases.", min=1)] = 60
     seed: Annotated[int, typer.Option(help="Seed of everything random.")] = 1
     output: Annotated[
         Path,
-        typer.Option(help="Folder for archives, seals and scores.", metavar="DIR", parser=_path),
+        typer.Option(
+            help="Folder of archives, labels, diagnoses and scores.", metavar="DIR", parser=_path
+        ),
     ] = Path("results/gap_check")
     workers: Annotated[
         int, typer.Option(help="Archives written and diagnosed at a time.", min=1)
     ] = 1
     nulls: Annotated[
-        int | None, typer.Option(help="Cases that hold nothing; a quarter by default.", min=0)
+        int | None, typer.Option(help="Cases without an effect; a quarter by default.", min=0)
     ] = None
-    baselines: Annotated[bool, typer.Option(help="Also run simple methods beside ours.")] = True
     so_far: Annotated[
-        bool, typer.Option("--so-far", help="Score what is diagnosed already; diagnose no more.")
+        bool, typer.Option("--so-far", help="Score the diagnosed cases without diagnosing more.")
     ] = False
     fast: Annotated[bool, typer.Option("--fast", help="Small archives, clear effects.")] = False
     real: Annotated[
         Path | None,
-        typer.Option(
-            help="Folder of real data; without it the fifth rung is left out.", metavar="DIR"
-        ),
+        typer.Option(help="Folder with real data; rung 5 needs it.", metavar="DIR"),
     ] = None
     rung: Annotated[
         list[int] | None, typer.Option(help="Rung to play; all by default.", min=1, max=5)

@@ -14,11 +14,11 @@ from typing import ClassVar
 import numpy as np
 import pytest
 import yaml
-from tests.blind_check.made_up import claimed, diagnosis
+from tests.blind_check.made_up import claim, gap
 from tests.gap.toy import make_frame
 
 from airswing.blind_check import Plan, gap_check
-from airswing.blind_check.check_report import as_markdown
+from airswing.blind_check.summary import case_table
 from airswing.gap.diagnose import diagnose
 from airswing.gap.effects import CATALOGUE, Parameter, register, separated_by, unregister
 from airswing.gap.effects.forms import DEGREE, HeadingEffect, OneCoefficient
@@ -121,13 +121,12 @@ def test_the_blind_check_draws_writes_seals_and_scores_it(added, tmp_path, monke
             sealed = json.loads((tmp_path / "sealed" / "labels.json").read_text())
             labels.update({label["name"]: label for label in sealed})
         label = labels[config.parent.name]
-        effects = [claimed(**one, probability=1.0, share_of_gap=1.0) for one in label["effects"]]
-        return diagnosis(effects, closure=label["closure"])
+        return gap(*(claim(**one) for one in label["effects"]), closure=label["closure"])
 
     plan = Plan(2, 3, True, nulls=0, rungs=(1,), names=(NAME,))
-    check = gap_check(tmp_path, plan, diagnoser=oracle, baselines=False)
+    check = gap_check(tmp_path, plan, diagnoser=oracle)
     assert [label["focus"] for label in check.labels] == [[NAME], [NAME]]
     assert all(s["first_right"] and s["parameter_error"] == 0.0 for s in check.scores)
     for label in check.labels:
         assert label["closure"]["before"] > label["closure"]["after"]
-    assert f"| {NAME} |" in as_markdown(check, command="airswing gap-check")
+    assert f"| {NAME} |" in case_table(check)

@@ -1,19 +1,11 @@
-"""The blind check: sealed cases from a generator of its own, diagnosed by the public command."""
+"""Blind check of the gap diagnosis: sealed archives, diagnosed by the public command, then scored.
 
-from airswing.blind_check.check_run import Check, Plan, gap_check
-from airswing.blind_check.scoring import score_case
-from airswing.synthetic.sealed.cases import Case, Size, World, plan_cases
-from airswing.synthetic.sealed.sealing import open_seal, seal
+``check`` plans the cases, seals their labels, and runs the diagnosis; ``score`` compares each
+``gap.json`` with its label; ``summary`` computes the figures and writes the report.
+"""
 
-__all__ = [
-    "Case",
-    "Check",
-    "Plan",
-    "Size",
-    "World",
-    "gap_check",
-    "open_seal",
-    "plan_cases",
-    "score_case",
-    "seal",
-]
+from airswing.blind_check.check import Check, Plan, gap_check
+from airswing.blind_check.score import score_case
+from airswing.blind_check.summary import targets, write_report
+
+__all__ = ["Check", "Plan", "gap_check", "score_case", "targets", "write_report"]

@@ -8,7 +8,7 @@ from datetime import datetime
 import numpy as np
 import pytest
 
-from airswing.blind_check.scoring import draws
+from airswing.blind_check.score import draws
 from airswing.gap.effects import CATALOGUE
 from airswing.synthetic.aircraft.faults import parse_faults
 from airswing.synthetic.aircraft.truth import LITTLE, small_effects

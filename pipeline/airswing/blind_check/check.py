@@ -1,0 +1,334 @@
+"""The blind check: plan cases, write and seal them, diagnose them, open the seal, score.
+
+Assumptions: the diagnosis is ``airswing gap CONFIG --output DIR --quiet`` in a process of its own.
+It receives the configuration of an archive and nothing else, except ``--without NAME`` in cases
+whose effect is withheld from the catalogue. The SHA-256 of the labels is published before the first
+diagnosis. A check that was interrupted continues: diagnosed cases are kept.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import multiprocessing
+import os
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from airswing.blind_check.score import Score, draws, score_case
+from airswing.products.fingerprint import code_digest
+from airswing.products.whole_files import write_json
+from airswing.synthetic.sealed.cases import Case, Size, World, plan_cases
+from airswing.synthetic.sealed.labels import Label
+from airswing.synthetic.sealed.sealed_archives import Archivist
+from airswing.synthetic.sealed.sealing import open_seal, seal
+
+Say = Callable[[str], None]
+# From configuration, output folder and effects to withhold to the content of gap.json.
+Diagnoser = Callable[[Path, Path, Sequence[str]], Mapping[str, Any]]
+# Seconds; a diagnosis takes a minute or two, and one that hangs must not stop the check.
+_TIMEOUT = 1800.0
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is to be checked.
+
+    Parameters
+    ----------
+    cases, seed : int
+        Number of cases; seed of every draw.
+    fast : bool
+        Small archives and effects of 0.8 and 1.6 m/s.
+    nulls : int, optional
+        Number of cases without an effect; a quarter by default.
+    rungs : tuple of int, optional
+        Rungs (see :mod:`airswing.synthetic.sealed.cases`); all by default.
+    names : tuple of str
+        Effects to draw from; all of the catalogue by default.
+    real : Path, optional
+        Folder with records of real sensors and forecasts; rung 5 needs it.
+    """
+
+    cases: int = 60
+    seed: int = 1
+    fast: bool = False
+    nulls: int | None = None
+    rungs: tuple[int, ...] | None = None
+    names: tuple[str, ...] = ()
+    real: Path | None = None
+
+    @property
+    def size(self) -> Size:
+        """Size of the archives."""
+        return Size.fast() if self.fast else Size()
+
+    @property
+    def played(self) -> list[int]:
+        """Rungs for which the data are there."""
+        available = self.real is not None and (self.real / "heading").is_dir()
+        return [rung for rung in self.rungs or (1, 2, 3, 4, 5) if rung != 5 or available]
+
+    def drawn(self) -> list[Case]:
+        """Return the cases."""
+        known = {name: how for name, how in draws().items() if not self.names or name in self.names}
+        return plan_cases(
+            self.cases,
+            seed=self.seed,
+            size=self.size,
+            draws=known,
+            rungs=self.played,
+            nulls=self.nulls,
+        )
+
+    def settings(self) -> dict[str, object]:
+        """Return what identifies the check, with a digest of the drawn cases."""
+        cases = [
+            (
+                case.name,
+                case.kind,
+                (case.world.seed, case.world.kind),
+                case.variant,
+                case.sizes,
+                case.without,
+                [part.effects for part in (*case.drawn, *case.instead)],
+            )
+            for case in self.drawn()
+        ]
+        return {
+            "cases": self.cases,
+            "seed": self.seed,
+            "fast": self.fast,
+            "rungs": self.played,
+            "names": list(self.names),
+            "days": self.size.days,
+            "aircraft": self.size.aircraft,
+            "nulls": self.nulls,
+            "drawn": hashlib.sha256(json.dumps(cases).encode()).hexdigest(),
+        }
+
+    @property
+    def command(self) -> str:
+        """The command line that repeats the check."""
+        words = [f"airswing gap-check --cases {self.cases} --seed {self.seed}"]
+        words += ["--fast"] * self.fast
+        words += [] if self.nulls is None else [f"--nulls {self.nulls}"]
+        words += [f"--rung {rung}" for rung in self.rungs or ()]
+        words += [] if self.real is None else ["--real DIR"]
+        return " ".join(words)
+
+
+@dataclass(frozen=True)
+class Check:
+    """A finished check: labels and scores in the same order.
+
+    ``digest`` is the SHA-256 of the labels that was published before the first diagnosis;
+    ``settings`` repeats the check.
+    """
+
+    digest: str
+    labels: list[Label]
+    scores: list[Score]
+    settings: dict[str, object]
+
+
+def run_command(config: Path, output: Path, without: Sequence[str]) -> Mapping[str, Any]:
+    """Diagnose one archive by the public command.
+
+    Parameters
+    ----------
+    config, output : Path
+        Configuration of the archive; folder for the products.
+    without : sequence of str
+        Effects to withhold from the catalogue.
+
+    Returns
+    -------
+    mapping
+        Content of ``gap.json``.
+
+    Raises
+    ------
+    RuntimeError
+        If the command fails; the message is the last line of its error output.
+    """
+    command = [sys.executable, "-m", "airswing", "gap", str(config), "--output", str(output)]
+    command += ["--quiet", *(part for name in without for part in ("--without", name))]
+    # Several commands run at a time, each in one thread.
+    settings = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    done = subprocess.run(
+        command, capture_output=True, text=True, timeout=_TIMEOUT, env=settings, check=False
+    )
+    if done.returncode != 0:
+        last = done.stderr.strip().splitlines() or ["no message"]
+        raise RuntimeError(f"exit status {done.returncode}: {last[-1]}")
+    content: Mapping[str, Any] = json.loads((output / "gap.json").read_text())
+    return content
+
+
+def gap_check(
+    output: Path,
+    plan: Plan,
+    *,
+    workers: int = 1,
+    diagnoser: Diagnoser = run_command,
+    so_far: bool = False,
+    say: Say = lambda text: None,
+) -> Check:
+    """Run the blind check.
+
+    Parameters
+    ----------
+    output : Path
+        Folder for archives, sealed labels, diagnoses and ``scores.json``.
+    plan : Plan
+        What is to be checked.
+    workers : int
+        Archives written and diagnosed at a time.
+    diagnoser : callable
+        The diagnosis under test; the public command by default.
+    so_far : bool
+        Score the cases that an earlier call diagnosed, without diagnosing more.
+    say : callable
+        Receives messages about the progress.
+
+    Returns
+    -------
+    Check
+    """
+    if 5 not in plan.played:
+        say("no real data: rung 5 is left out")
+    cases, settings = plan.drawn(), plan.settings()
+    digest = _sealed(output, cases, settings, plan.real, workers, say)
+    say(f"labels sealed, sha256 {digest}")
+    failures: dict[str, str] = {}
+    if not so_far:
+        _discard_other_code(output)
+        failures = _diagnose_all(output, cases, diagnoser, workers, say)
+    labels = open_seal(output / "sealed", digest=digest)
+    if so_far:
+        labels = [label for label in labels if _gap_file(output, label["name"]).exists()]
+    say("seal opened, digest verified")
+    scores = []
+    for label in labels:
+        path = _gap_file(output, label["name"])
+        gap = json.loads(path.read_text()) if path.exists() else None
+        failure = failures.get(label["name"])
+        scores.append(score_case(label, gap, failure=failure, fleet=plan.size.tails))
+    check = Check(digest, labels, scores, settings | {"sealed": len(labels)})
+    content = {"settings": check.settings, "digest": digest, "labels": labels, "scores": scores}
+    write_json(output / "scores.json", content)
+    return check
+
+
+def _gap_file(output: Path, name: str) -> Path:
+    return output / "diagnosed" / name / "gap.json"
+
+
+def _sealed(
+    output: Path,
+    cases: Sequence[Case],
+    settings: dict[str, object],
+    real: Path | None,
+    workers: int,
+    say: Say,
+) -> str:
+    """Write archives and sealed labels unless those of the same check are there."""
+    output.mkdir(parents=True, exist_ok=True)
+    note, published = output / "settings.json", output / "sealed.sha256"
+    same = note.exists() and json.loads(note.read_text()) == settings
+    if same and published.exists():
+        say("archives of this check exist: continuing")
+        return published.read_text(encoding="utf-8").split()[0]
+    if not same:
+        for name in ("cases", "winds", "sealed", "diagnosed"):
+            shutil.rmtree(output / name, ignore_errors=True)
+        published.unlink(missing_ok=True)
+        write_json(note, settings)
+    # Cases of one world share its winds and the twin archive without effects.
+    worlds: dict[World, list[Case]] = {}
+    for case in cases:
+        worlds.setdefault(case.world, []).append(case)
+    labels = [
+        label
+        for group in _written(output, list(worlds.values()), real, workers, say)
+        for label in group
+    ]
+    labels.sort(key=lambda label: label["name"])
+    return seal(labels, output / "sealed")
+
+
+def _written(
+    output: Path, worlds: Sequence[Sequence[Case]], real: Path | None, workers: int, say: Say
+) -> Iterator[list[Label]]:
+    """Write the cases of every world, several worlds at a time with more than one worker."""
+    write = partial(_write_world, output, real)
+    if workers <= 1:
+        written: Iterator[list[Label]] = map(write, worlds)
+    else:
+        # Spawned, because threads of numerical libraries do not survive a fork.
+        pool = ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"))
+        written = pool.map(write, worlds)
+    for cases, labels in zip(worlds, written, strict=True):
+        say(f"{len(cases)} archives of one world written")
+        yield labels
+    if workers > 1:
+        pool.shutdown()
+
+
+def _write_world(output: Path, real: Path | None, cases: Sequence[Case]) -> list[Label]:
+    """Write the archives of one world; labels of an interrupted check are read."""
+    archivist, labels = Archivist(output, real), []
+    for case in cases:
+        path = output / "sealed" / "parts" / f"{case.name}.json"
+        if not path.exists():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_json(path, archivist.write(case))
+        labels.append(json.loads(path.read_text(encoding="utf-8")))
+    return labels
+
+
+def _discard_other_code(output: Path) -> None:
+    """Remove diagnoses that another version of the code has made in this folder."""
+    note, code = output / "diagnosed" / "code.txt", code_digest("airswing.workflow.gap_stage")
+    if not note.exists() or note.read_text(encoding="utf-8") != code:
+        shutil.rmtree(output / "diagnosed", ignore_errors=True)
+        note.parent.mkdir(parents=True)
+        note.write_text(code, encoding="utf-8")
+
+
+def _diagnose_all(
+    output: Path, cases: Sequence[Case], diagnoser: Diagnoser, workers: int, say: Say
+) -> dict[str, str]:
+    """Diagnose every case that has no diagnosis; return the messages of those that failed."""
+    failures: dict[str, str] = {}
+
+    def diagnose(case: Case) -> None:
+        path = _gap_file(output, case.name)
+        if path.exists():
+            return
+        began = time.perf_counter()
+        path.parent.mkdir(parents=True, exist_ok=True)
+        config = output / "cases" / case.name / "config.yaml"
+        try:
+            content = diagnoser(config, path.parent, case.without)
+        except (subprocess.TimeoutExpired, RuntimeError) as err:
+            failures[case.name] = str(err)
+            say(f"{case.name} failed: {err}")
+            return
+        if not path.exists():
+            write_json(path, content)
+        say(f"{case.name} diagnosed, {time.perf_counter() - began:.1f} s")
+
+    # Threads are sufficient, because each waits for a command of its own.
+    with ThreadPoolExecutor(max_workers=workers) as pool:
+        list(pool.map(diagnose, cases))
+    return failures

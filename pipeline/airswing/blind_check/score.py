@@ -1,0 +1,317 @@
+"""Score of one diagnosis against the label of its sealed case.
+
+Assumptions
+-----------
+* The diagnosis is the content of ``gap.json``, by its documented keys alone (docs/formats.md).
+* Hard worlds contain gross errors, and archives with the record of a real sensor contain irregular
+  heading errors of all aircraft. Such background effects are neither required nor counted as
+  false.
+* A false name precedes an unknown if it closes more than every entry of the unknown.
+* A variable of an unknown is right if the effect depends on it, under any of its names
+  (`SYNONYMS`).
+
+Units: kt for closures, days for dates, fractions of 1 for shares.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from datetime import datetime
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.gap.effects import CATALOGUE
+from airswing.synthetic.sealed.draws import Draw
+from airswing.synthetic.sealed.labels import Injected, Label
+from airswing.units import DAY
+
+Entry = Mapping[str, Any]
+Score = dict[str, Any]
+
+#: Names under which a report holds one and the same variable.
+SYNONYMS: tuple[frozenset[str], ...] = (
+    frozenset({"magnetic_heading", "heading", "true_heading", "indicated_heading"}),
+    frozenset({"track", "ground_track"}),
+    frozenset({"wind_direction", "reported_wind_direction"}),
+    frozenset({"wind_speed", "reported_wind_speed"}),
+    frozenset({"hour", "hour_of_day"}),
+    frozenset({"date", "time", "day"}),
+    frozenset({"altitude", "pressure", "level", "pressure_altitude"}),
+    frozenset({"airspeed", "true_airspeed", "indicated_airspeed"}),
+    frozenset({"temperature", "air_temperature"}),
+    frozenset({"phase", "flight_phase"}),
+    frozenset({"bank", "roll", "turn"}),
+    frozenset({"drift", "drift_angle"}),
+    frozenset({"acceleration", "longitudinal_acceleration"}),
+)
+
+
+def draws() -> dict[str, Draw]:
+    """Return how each effect of the catalogue that the check uses is drawn.
+
+    Returns
+    -------
+    dict
+        Name of the effect to its draw.
+    """
+    return {name: one.draw for name, one in CATALOGUE.items() if one.draw is not None}
+
+
+def score_case(
+    label: Label, gap: Entry | None, *, failure: str | None = None, fleet: Sequence[str] = ()
+) -> Score:
+    """Score one diagnosis.
+
+    Parameters
+    ----------
+    label : Label
+        Truth of the case.
+    gap : mapping or None
+        Content of ``gap.json``; None if the diagnosis failed.
+    failure : str, optional
+        Message of a failed diagnosis.
+    fleet : sequence of str
+        All aircraft of the archive.
+
+    Returns
+    -------
+    dict
+        What was asked (``name, rung, kind, variant, world, size, focus``), ``failure``, and for a
+        diagnosis that succeeded what was found. A key that does not apply is absent or None.
+    """
+    keys = ("name", "rung", "kind", "variant", "world", "size", "focus")
+    asked: Score = {key: label[key] for key in keys}  # type: ignore[literal-required]
+    asked["failure"] = failure if gap is None else None
+    if gap is None:
+        return asked
+    claims: Sequence[Entry] = gap["effects"]
+    places: Sequence[Entry] = gap["unknown"]["where"]
+    truth = [n for n in label["names"] if n in CATALOGUE and n not in label["without"]]
+    background = set(label["background"]) - set(truth)
+    names = list(dict.fromkeys(claim["name"] for claim in claims))
+    false = [name for name in names if name not in truth and name not in background]
+    judged = [claim for claim in claims if claim["name"] not in background]
+    unknown = [place for place in places if not _of_background(label, place)]
+    first = {judged[0]["name"], *judged[0]["ambiguous_with"]} if judged else set()
+    found: Score = {
+        "claimed": names,
+        "unknown": bool(unknown),
+        "detected": bool(judged or unknown),
+        "first_right": bool(judged) and judged[0]["name"] in truth,
+        "all_named": bool(truth) and set(label["focus"]) & set(truth) <= set(names),
+        "in_set": bool(first & set(truth)) if truth else None,
+        "false_names": false,
+        "claims": _claims(label, claims, unknown, truth),
+    }
+    if label["kind"] in ("single", "pair"):
+        found |= _of_names(label, claims)
+    if label["outside"] is not None:
+        found |= _of_unknown(label, claims, unknown, false, fleet)
+    return asked | found | _closure(label, gap, background)
+
+
+def _of_background(label: Label, place: Entry) -> bool:
+    return place["component"] in label.get("background_components", ())
+
+
+def _claims(
+    label: Label, claims: Sequence[Entry], unknown: Sequence[Entry], truth: Sequence[str]
+) -> list[tuple[str, float, bool]]:
+    """Every claim that can be judged: its kind, its stated probability, whether it is right."""
+    out = [
+        ("name", float(claim["probability"]), claim["name"] in truth)
+        for claim in claims
+        if claim["name"] in truth or claim["name"] not in label["background"]
+    ]
+    if label["world"] != "hard" and label["kind"] != "removed":
+        out += [
+            ("unknown", float(place["probability"]), label["kind"] == "outside")
+            for place in unknown
+            if place.get("probability") is not None
+        ]
+    return out
+
+
+def _of_names(label: Label, claims: Sequence[Entry]) -> Score:
+    """Scores of the aircraft, parameters and dates of the effects that were named."""
+    precision, recall, errors, deviations, dates = [], [], [], [], []
+    for name in label["focus"]:
+        effects = [effect for effect in label["effects"] if effect["name"] == name]
+        found = [claim for claim in claims if claim["name"] == name]
+        if not found:
+            continue
+        how = draws().get(name, Draw())
+        true_tails = effects[0]["tails"]
+        if how.whose != "fleet" and true_tails is not None:
+            stated = {tail for claim in found for tail in claim["tails"]}
+            both = len(stated & set(true_tails))
+            precision.append(both / len(stated) if stated else 0.0)
+            recall.append(both / len(true_tails))
+        errors += parameter_errors(how.compared, effects[0], found)
+        deviations += standardised_errors(how.compared, effects[0], found)
+        if effects[0]["period"]:
+            dates.append(date_error(effects[0]["period"], [claim["period"] for claim in found]))
+    known = [value for value in dates if value is not None]
+    return {
+        "precision": float(np.mean(precision)) if precision else None,
+        "recall": float(np.mean(recall)) if recall else None,
+        "parameter_error": float(np.median(errors)) if errors else None,
+        "standardised_errors": deviations,
+        "date_error": float(np.median(known)) if known else None,
+    }
+
+
+def _stated(effect: Injected, found: Sequence[Entry]) -> list[Entry]:
+    """Entries with parameters: of each aircraft that has the effect, otherwise of the claim."""
+    tails = effect["tails"]
+    out: list[Entry] = []
+    for claim in found:
+        each = claim.get("per_tail") or {}
+        out += [one for tail, one in each.items() if tails is None or tail in tails] or [claim]
+    return out
+
+
+def parameter_errors(
+    compared: Sequence[str], effect: Injected, found: Sequence[Entry]
+) -> list[float]:
+    """Return relative errors of the stated parameters.
+
+    Parameters
+    ----------
+    compared : sequence of str
+        Names of the parameters.
+    effect : Injected
+        The true effect.
+    found : sequence of mapping
+        Entries of ``effects`` with its name.
+
+    Returns
+    -------
+    list of float
+        One for each aircraft that has the effect and is stated: the length of the difference over
+        the length of the truth. Amplitude and phase of a cycle are two orthogonal components.
+    """
+    true = _components(compared, effect["parameters"])
+    size = float(np.linalg.norm(true))
+    if size == 0.0:
+        return []
+    stated = [_components(compared, one["parameters"]) for one in _stated(effect, found)]
+    return [float(np.linalg.norm(one - true)) / size for one in stated]
+
+
+def standardised_errors(
+    compared: Sequence[str], effect: Injected, found: Sequence[Entry]
+) -> list[float]:
+    """Return errors of parameters in their stated standard errors (angles of phase excluded)."""
+    out = []
+    for one in _stated(effect, found):
+        for key in compared:
+            error = _number(one.get("standard_errors", {}), key)
+            if key != "phase_deg" and error > 0.0:
+                true, stated = _number(effect["parameters"], key), _number(one["parameters"], key)
+                out.append((stated - true) / error)
+    return out
+
+
+def _components(compared: Sequence[str], parameters: Mapping[str, object]) -> NDArray[np.float64]:
+    out: list[float] = []
+    for key in compared:
+        value = _number(parameters, key)
+        if key == "amplitude_deg" and "phase_deg" in compared:
+            angle = np.radians(_number(parameters, "phase_deg"))
+            out += [value * np.cos(angle) / np.sqrt(2), value * np.sin(angle) / np.sqrt(2)]
+        elif key != "phase_deg":
+            out.append(value)
+    return np.array(out, float)
+
+
+def _number(parameters: Mapping[str, object], key: str) -> float:
+    value = parameters.get(key)
+    return float(value) if isinstance(value, int | float) else 0.0
+
+
+def date_error(
+    period: Sequence[str | None], stated: Sequence[Sequence[str | None] | None]
+) -> float | None:
+    """Return the distance in days from the true start to the nearest stated one.
+
+    Parameters
+    ----------
+    period : sequence of (str or None)
+        True start and end, ISO 8601.
+    stated : sequence
+        Periods of the claims; None for a claim without one.
+
+    Returns
+    -------
+    float or None
+        None without a stated start.
+    """
+    true = _date(period[0])
+    starts = [_date(one[0]) for one in stated if one]
+    return min(
+        (abs((s - true).total_seconds()) / DAY for s in starts if s is not None and true),
+        default=None,
+    )
+
+
+def _date(text: str | None) -> datetime | None:
+    return None if text is None else datetime.fromisoformat(text.rstrip("Z")).replace(tzinfo=None)
+
+
+def same_variable(stated: str, true: str) -> bool:
+    """Return whether two names denote the same variable of a report."""
+    return stated == true or any({stated, true} <= names for names in SYNONYMS)
+
+
+def _reduction(entry: Entry) -> float:
+    closure = entry.get("closure")
+    return 0.0 if closure is None else float(closure["reduction"])
+
+
+def _of_unknown(
+    label: Label,
+    claims: Sequence[Entry],
+    unknown: Sequence[Entry],
+    false: Sequence[str],
+    fleet: Sequence[str],
+) -> Score:
+    """Scores of an effect outside the catalogue: raised, its variable, its aircraft."""
+    if not unknown:
+        return {"unknown_first": False}
+    places = sorted(unknown, key=_reduction, reverse=True)
+    largest = max((_reduction(claim) for claim in claims if claim["name"] in false), default=0.0)
+    truth = label["outside"]
+    assert truth is not None
+    variable = (list(places[0]["variables"]) or [places[0]["variable"]])[0]
+    right = any(same_variable(variable, name) for name in truth["variables"])
+    stated = {tail for place in places for tail in place["tails"] or fleet}
+    true = {tail for effect in label["effects"] for tail in effect["tails"] or fleet}
+    both = len(stated & true)
+    return {
+        "unknown_first": not false or largest <= _reduction(places[0]),
+        "variable_first": right,
+        "precision": both / len(stated) if stated else 0.0,
+        "recall": both / len(true) if true else 0.0,
+    }
+
+
+def _closure(label: Label, gap: Entry, background: set[str]) -> Score:
+    """Stated and true closure, kt; effects of the background are subtracted from the stated one."""
+    closure = gap["closure"]
+    true = label["closure"]["before"] - label["closure"]["after"]
+    known = sum(_reduction(claim) for claim in gap["effects"] if claim["name"] in background)
+    stated = closure["before"] - closure["after"] - known
+    interval = closure.get("reduction_ci")
+    if interval is None and closure["ci"] is not None:
+        interval = [closure["before"] - end for end in reversed(closure["ci"])]
+    ends = None if interval is None else [end - known for end in interval]
+    return {
+        "closure_true": true,
+        "closure_stated": stated,
+        "closure_error": abs(stated - true),
+        "closure_interval": ends,
+        "closure_covered": None if ends is None else bool(ends[0] <= true <= ends[1]),
+    }

@@ -1,0 +1,477 @@
+"""Figures of a blind check against their targets, the report and its figure.
+
+Assumptions: scores of :func:`airswing.blind_check.score.score_case`. An effect counts as detectable
+from 0.4 m/s where it acts. Every figure is given with the number of cases it is based on. Intervals
+of shares are 95 % Wilson intervals (Wilson 1927). Reliability follows Murphy (1973).
+
+Units: kt for closures, days for dates, fractions of 1 for shares.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from airswing.blind_check.check import Check
+from airswing.blind_check.score import Score
+from airswing.products.whole_files import write_text
+from airswing.synthetic.sealed.outside_truth import WORTH_KT
+
+DETECTABLE_M_S = 0.4
+#: Edges of the bins of stated probabilities; finer where most claims are.
+EDGES = (0.0, 0.5, 0.8, 0.9, 0.95, 0.99, 1.0)
+#: A bin with fewer claims says nothing about reliability: its standard error exceeds 0.1.
+LEAST_CLAIMS = 20
+
+Reached = tuple[float | None, int]
+Target = float | tuple[float, float]
+
+
+def wilson(right: int, number: int) -> tuple[float, float]:
+    """Return the 95 % Wilson interval of a share.
+
+    Parameters
+    ----------
+    right, number : int
+        Successes and trials.
+    """
+    if number == 0:
+        return 0.0, 1.0
+    share, z2 = right / number, 1.96**2
+    centre = (share + z2 / (2 * number)) / (1 + z2 / number)
+    half = np.sqrt(z2 * (share * (1 - share) + z2 / (4 * number)) / number) / (1 + z2 / number)
+    return float(centre - half), float(centre + half)
+
+
+def reliability(claims: Sequence[tuple[str, float, bool]]) -> pd.DataFrame:
+    """Return stated probabilities against the share of right claims.
+
+    Parameters
+    ----------
+    claims : sequence of (kind, probability, right)
+        ``claims`` of all scores.
+
+    Returns
+    -------
+    DataFrame
+        One row for each bin of `EDGES` with claims: ``stated`` (mean), ``right`` (share),
+        ``number``.
+    """
+    frame = pd.DataFrame(claims, columns=["kind", "stated", "right"]).astype({"right": float})
+    index = np.clip(np.searchsorted(EDGES, frame["stated"], side="right") - 1, 0, len(EDGES) - 2)
+    grouped = frame.groupby(index)
+    means = grouped[["stated", "right"]].mean()
+    return means.assign(number=grouped.size())
+
+
+def _cases(scores: Sequence[Score], *kinds: str, least: float = 0.0) -> list[Score]:
+    return [
+        score
+        for score in scores
+        if score["failure"] is None and score["kind"] in kinds and score["size"] >= least
+    ]
+
+
+def _values(scores: Sequence[Score], key: str) -> list[float]:
+    return [float(score[key]) for score in scores if score.get(key) is not None]
+
+
+def _mean(values: Sequence[float]) -> Reached:
+    return (float(np.mean(values)) if len(values) else None), len(values)
+
+
+def _median(values: Sequence[float]) -> Reached:
+    return (float(np.median(values)) if len(values) else None), len(values)
+
+
+def _singles(scores: Sequence[Score]) -> list[Score]:
+    return _cases(scores, "single", least=DETECTABLE_M_S)
+
+
+def _pairs(scores: Sequence[Score]) -> list[Score]:
+    return _cases(scores, "pair", least=DETECTABLE_M_S)
+
+
+def _outside(scores: Sequence[Score]) -> list[Score]:
+    return _cases(scores, "outside", least=DETECTABLE_M_S)
+
+
+def _raised(scores: Sequence[Score]) -> list[Score]:
+    return [score for score in _outside(scores) if score["unknown"]]
+
+
+def _named(scores: Sequence[Score]) -> list[Score]:
+    return [score for score in _singles(scores) if score["all_named"]]
+
+
+def _stated(scores: Sequence[Score]) -> list[Score]:
+    """Cases in which something that is present was stated."""
+    right = [s for s in [*_singles(scores), *_pairs(scores)] if s["all_named"]]
+    return right + _raised(scores)
+
+
+def _identified(scores: Sequence[Score]) -> Reached:
+    return _mean([s["unknown_first"] and bool(s.get("variable_first")) for s in _outside(scores)])
+
+
+def _false_names(scores: Sequence[Score]) -> Reached:
+    judged = [s for s in scores if s["failure"] is None and s["kind"] != "removed"]
+    return _mean([bool(score["false_names"]) for score in judged])
+
+
+def _claims_on_nulls(scores: Sequence[Score]) -> Reached:
+    nulls = _cases(scores, "null")
+    return _mean([bool(s["false_names"]) or s["unknown"] for s in nulls])
+
+
+def _within_two_errors(scores: Sequence[Score]) -> Reached:
+    return _mean([abs(z) <= 2.0 for s in _named(scores) for z in s["standardised_errors"]])
+
+
+def _reliability(scores: Sequence[Score]) -> Reached:
+    """The largest distance of stated probability and share of right claims over the bins."""
+    claims = [claim for s in scores if s["failure"] is None for claim in s["claims"]]
+    table = reliability(claims)
+    table = table[table["number"] >= LEAST_CLAIMS]
+    if table.empty:
+        return None, 0
+    return float((table["stated"] - table["right"]).abs().max()), int(table["number"].sum())
+
+
+def _removed(scores: Sequence[Score]) -> list[Score]:
+    return [s for s in _cases(scores, "removed") if s["closure_true"] >= WORTH_KT]
+
+
+def _small_error(scores: Sequence[Score]) -> Reached:
+    """Share of closures within 5 % of the truth or 0.03 kt."""
+    return _mean(
+        [s["closure_error"] <= max(0.05 * s["closure_true"], 0.03) for s in _stated(scores)]
+    )
+
+
+#: Figure, direction, target, and how it is computed (value and number of cases).
+TARGETS: tuple[tuple[str, str, Target, Callable[[Sequence[Score]], Reached]], ...] = (
+    (
+        "first name right, single effects",
+        ">=",
+        0.95,
+        lambda s: _mean(_values(_singles(s), "first_right")),
+    ),
+    ("both effects of a pair named", ">=", 0.92, lambda s: _mean(_values(_pairs(s), "all_named"))),
+    (
+        "outside the catalogue: raised with the right variable, no false name first",
+        ">=",
+        0.85,
+        _identified,
+    ),
+    (
+        "outside: precision of the aircraft",
+        ">=",
+        0.90,
+        lambda s: _mean(_values(_raised(s), "precision")),
+    ),
+    ("outside: recall of the aircraft", ">=", 0.90, lambda s: _mean(_values(_raised(s), "recall"))),
+    ("archives with a false name", "<=", 0.03, _false_names),
+    ("nulls with any claim", "<=", 0.02, _claims_on_nulls),
+    (
+        "parameters: median relative error",
+        "<=",
+        0.03,
+        lambda s: _median(_values(_named(s), "parameter_error")),
+    ),
+    ("parameters within two standard errors", "in", (0.93, 0.97), _within_two_errors),
+    (
+        "closure of what is stated: median error, kt",
+        "<=",
+        0.03,
+        lambda s: _median(_values(_stated(s), "closure_error")),
+    ),
+    ("closure within 5 % or 0.03 kt", ">=", 0.50, _small_error),
+    (
+        "closure interval contains the truth",
+        "in",
+        (0.90, 0.98),
+        lambda s: _mean(_values(_stated(s), "closure_covered")),
+    ),
+    ("stated probability: largest error of a bin", "<=", 0.05, _reliability),
+    (
+        "withheld effects of 0.1 kt and more: something stated",
+        ">=",
+        0.95,
+        lambda s: _mean(_values(_removed(s), "detected")),
+    ),
+    (
+        "truth in the credible set, single effects",
+        ">=",
+        0.95,
+        lambda s: _mean(_values(_singles(s), "in_set")),
+    ),
+    ("dates: median error, days", "<=", 3.0, lambda s: _median(_values(_named(s), "date_error"))),
+)
+
+
+def targets(scores: Sequence[Score]) -> pd.DataFrame:
+    """Return every figure with its target.
+
+    Parameters
+    ----------
+    scores : sequence of mapping
+        Of the cases.
+
+    Returns
+    -------
+    DataFrame
+        Columns ``figure, target, reached, number, met``; ``met`` is None without cases.
+    """
+    rows: list[dict[str, Any]] = []
+    for what, direction, target, measure in TARGETS:
+        reached, number = measure(scores)
+        if isinstance(target, tuple):
+            text, met = f"{target[0]:g} to {target[1]:g}", None
+            if reached is not None:
+                # With few cases a share of 1 is what the upper target leads to expect.
+                few = number * (1.0 - target[1]) < 1.0
+                met = target[0] <= reached and (few or reached <= target[1])
+        else:
+            text, met = f"{direction} {target:g}", None
+            if reached is not None:
+                met = reached >= target if direction == ">=" else reached <= target
+        row = {"figure": what, "target": text, "reached": reached, "number": number, "met": met}
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def of_default(scores: Sequence[Score]) -> list[Score]:
+    """Return the scores of ordinary archives (not short, hard, or with real errors)."""
+    return [score for score in scores if score["world"] == "default"]
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None or np.isnan(value) else f"{value:.3g}"
+
+
+def _markdown_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    lines = ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
+    return "\n".join(lines + ["| " + " | ".join(row) + " |" for row in rows])
+
+
+def summary_table(check: Check) -> str:
+    """Return the figures of ordinary archives and of all cases as a Markdown table."""
+    both = targets(of_default(check.scores)), targets(check.scores)
+    rows = []
+    for (_, ordinary), (_, every) in zip(both[0].iterrows(), both[1].iterrows(), strict=True):
+        row = [str(every["figure"]), str(every["target"])]
+        for one in (ordinary, every):
+            missed = "**" if one["met"] is False else ""
+            row.append(f"{missed}{_number(one['reached'])}{missed} ({one['number']})")
+        rows.append(row)
+    columns = ["figure", "target", "ordinary archives (number)", "all cases (number)"]
+    return _markdown_table(columns, rows)
+
+
+def case_table(check: Check) -> str:
+    """Return one row for each case as a Markdown table."""
+    rows = []
+    for score in sorted(check.scores, key=lambda s: s["name"]):
+        stated = score["failure"] or ", ".join(score["claimed"] + ["unknown"] * score["unknown"])
+        rows.append(
+            [
+                score["name"],
+                str(score["rung"]),
+                f"{score['kind']}, {score['variant']}",
+                score["world"],
+                ", ".join(score["focus"]) or "-",
+                f"{score['size']:g}",
+                stated or "nothing",
+                _number(score.get("closure_stated")),
+                _number(score.get("closure_true")),
+            ]
+        )
+    columns = ["case", "rung", "kind", "world", "truth", "m/s", "stated", "closure, kt", "true, kt"]
+    return _markdown_table(columns, rows)
+
+
+def write_report(output: Path, check: Check, *, command: str) -> Path:
+    """Write ``gap_check.md`` and ``gap_check.png``.
+
+    Parameters
+    ----------
+    output : Path
+        Folder of the check.
+    check : Check
+        Finished.
+    command : str
+        The command line that repeats the check.
+
+    Returns
+    -------
+    Path
+        Of ``gap_check.md``.
+    """
+    check_figure(check.scores).savefig(output / "gap_check.png", dpi=120)
+    nulls = sum(score["kind"] == "null" for score in check.scores)
+    outside = sum(score["kind"] == "outside" for score in check.scores)
+    text = f"""# Blind check of the gap diagnosis
+
+{len(check.scores)} sealed archives, {nulls} of them without an effect and {outside} with an effect
+outside the catalogue, diagnosed by the public command. Figures that miss their target are bold.
+
+Command: `{command}`. SHA-256 of the labels, published before the first diagnosis:
+`{check.digest}`.
+
+{summary_table(check)}
+
+![Identification, closure and reliability](gap_check.png)
+
+## Cases
+
+{case_table(check)}
+"""
+    return write_text(output / "gap_check.md", text)
+
+
+def check_figure(scores: Sequence[Score]) -> Figure:
+    """Draw identification against size, closure, reliability, and what was named for what.
+
+    Parameters
+    ----------
+    scores : sequence of mapping
+        Of the cases.
+
+    Returns
+    -------
+    Figure
+    """
+    done = [score for score in scores if score["failure"] is None]
+    figure = Figure(figsize=(11, 10), layout="constrained")
+    axes = figure.subplot_mosaic(
+        [["size", "closure", "stated"], ["named"] * 3], height_ratios=[1, 2]
+    )
+    _draw_identification(axes["size"], _cases(done, "single"))
+    _draw_closure(axes["closure"], done)
+    _draw_reliability(axes["stated"], done)
+    _draw_confusion(axes["named"], done)
+    return figure
+
+
+def _draw_identification(axes: Axes, singles: Sequence[Score]) -> None:
+    sizes = sorted({score["size"] for score in singles})
+    for shift, (key, name) in enumerate(
+        (
+            ("detected", "detected"),
+            ("first_right", "first name right"),
+            ("in_set", "in credible set"),
+        )
+    ):
+        shares, reach = [], []
+        for size in sizes:
+            values = _values([s for s in singles if s["size"] == size], key)
+            share = float(np.mean(values)) if values else np.nan
+            low, high = wilson(round(sum(values)), len(values))
+            shares.append(share)
+            reach.append([max(share - low, 0.0), max(high - share, 0.0)])
+        places = np.arange(len(sizes)) + 0.08 * (shift - 1)
+        if sizes:
+            axes.errorbar(places, shares, np.transpose(reach), marker="o", capsize=2, label=name)
+    counts = [sum(score["size"] == size for score in singles) for size in sizes]
+    labels = [f"{size:g}\n({count})" for size, count in zip(sizes, counts, strict=True)]
+    axes.set_xticks(range(len(sizes)), labels)
+    axes.set(title="Single effects", xlabel="size, m/s (cases)", ylabel="share", ylim=(-0.03, 1.05))
+    if sizes:
+        axes.legend(frameon=False)
+
+
+def _draw_closure(axes: Axes, scores: Sequence[Score]) -> None:
+    for kinds, name in (
+        (("single", "pair"), "named"),
+        (("outside", "removed"), "unknown"),
+        (("null",), "null"),
+    ):
+        chosen = [s for s in scores if s["kind"] in kinds and s["closure_interval"] is not None]
+        if chosen:
+            stated = np.array(_values(chosen, "closure_stated"))
+            ends = np.array([score["closure_interval"] for score in chosen]).T
+            axes.errorbar(
+                _values(chosen, "closure_true"),
+                stated,
+                np.maximum(np.abs(ends - stated), 0.0),
+                fmt="o",
+                markersize=4,
+                elinewidth=0.6,
+                label=name,
+            )
+    axes.axline((0, 0), slope=1, color="0.6", linewidth=1)
+    axes.set(title="Closure", xlabel="true, kt", ylabel="stated, kt (95 % interval)")
+    if axes.containers:
+        axes.legend(frameon=False)
+
+
+def _draw_reliability(axes: Axes, scores: Sequence[Score]) -> None:
+    table = reliability([claim for score in scores for claim in score["claims"]])
+    for _, row in table.iterrows():
+        low, high = wilson(round(row["right"] * row["number"]), int(row["number"]))
+        reach = [[max(row["right"] - low, 0.0)], [max(high - row["right"], 0.0)]]
+        axes.errorbar(row["stated"], row["right"], reach, marker="o", color="C0", capsize=2)
+        axes.annotate(f"{row['number']:.0f}", (row["stated"], 0.0), rotation=90, fontsize=7.5)
+    axes.axline((0, 0), slope=1, color="0.6", linewidth=1)
+    axes.set(title="Reliability", xlabel="stated probability (claims)", ylabel="share right")
+    axes.set(xlim=(0.3, 1.03), ylim=(-0.03, 1.05))
+
+
+def confusion(scores: Sequence[Score]) -> tuple[list[str], list[str], NDArray[np.float64]]:
+    """Return which effect was stated first for which truth.
+
+    Parameters
+    ----------
+    scores : sequence of mapping
+        Of cases that did not fail; pairs are left out.
+
+    Returns
+    -------
+    truths, stated : list of str
+        Labels of rows and columns.
+    counts : ndarray
+        (rows, columns).
+    """
+    pairs = []
+    for score in scores:
+        if score["kind"] == "pair":
+            continue
+        truth = score["focus"][0] if score["focus"] else "nothing"
+        first = score["claimed"][0] if score["claimed"] else "nothing"
+        if score["unknown"] and (score.get("unknown_first") or not score["claimed"]):
+            first = "unknown"
+        withheld = " (withheld)" if score["kind"] == "removed" else ""
+        pairs.append((truth + withheld, truth if score["first_right"] else first))
+    last = ("nothing", "unknown")
+    truths = sorted({truth for truth, _ in pairs}, key=lambda name: (name in last, name))
+    stated = sorted({name for _, name in pairs}, key=lambda name: (name in last, name))
+    counts = np.zeros((len(truths), len(stated)))
+    for truth, name in pairs:
+        counts[truths.index(truth), stated.index(name)] += 1
+    return truths, stated, counts
+
+
+def _draw_confusion(axes: Axes, scores: Sequence[Score]) -> None:
+    truths, stated, counts = confusion(scores)
+    if not truths:
+        axes.set_axis_off()
+        return
+    share = counts / counts.sum(axis=1, keepdims=True)
+    axes.imshow(share, cmap="Blues", vmin=0, vmax=1.2, aspect="auto")
+    for (row, column), count in np.ndenumerate(counts):
+        if count:
+            colour = "white" if share[row, column] > 0.7 else "black"
+            axes.text(
+                column, row, f"{count:.0f}", ha="center", va="center", color=colour, fontsize=8
+            )
+    axes.set_xticks(range(len(stated)), stated, rotation=55, ha="right", fontsize=8)
+    axes.set_yticks(range(len(truths)), truths, fontsize=8)
+    axes.set(title="Truth and first statement", xlabel="stated first", ylabel="truth")

@@ -1,0 +1,223 @@
+"""Scores against hand-worked values: names, aircraft, parameters, dates, closures."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+
+import numpy as np
+import pytest
+from tests.blind_check.made_up import claim, gap, place
+
+from airswing.blind_check import score_case, targets
+from airswing.blind_check.score import date_error, parameter_errors, standardised_errors
+from airswing.blind_check.summary import check_figure, confusion, of_default, reliability, wilson
+from airswing.errors import InputError
+from airswing.synthetic.sealed.sealing import digest_of, open_seal, seal
+
+FLEET = ["N401", "N402", "N403", "N404"]
+HARD_IRON = {
+    "name": "hard_iron",
+    "tails": ["N401", "N402"],
+    "parameters": {"amplitude_deg": 2.0, "phase_deg": 30.0},
+    "period": None,
+}
+CYCLE = ("amplitude_deg", "phase_deg")
+
+
+def label(kind="single", effects=None, **changes):
+    effects = [HARD_IRON] if effects is None else effects
+    names = list(dict.fromkeys(effect["name"] for effect in effects))
+    return {
+        "name": "case_001",
+        "rung": 1,
+        "kind": kind,
+        "variant": "plain",
+        "outside": None,
+        "world": "default",
+        "size": 0.8,
+        "focus": names,
+        "names": names,
+        "effects": effects,
+        "without": [],
+        "background": [],
+        "closure": {"before": 7.0, "after": 6.5},
+    } | changes
+
+
+def outside(tails=("N401",), variables=("hour",)):
+    effect = {"name": "outside", "tails": tails, "parameters": {}, "period": None}
+    return label("outside", effects=[effect], outside={"variables": list(variables)})
+
+
+def scored(truth, found):
+    return score_case(truth, found, fleet=FLEET)
+
+
+def test_a_perfect_diagnosis():
+    score = score_case(label(), gap(claim()))
+    assert score["first_right"] and score["all_named"] and score["in_set"] and score["detected"]
+    assert (score["precision"], score["recall"]) == (1.0, 1.0)
+    assert score["parameter_error"] == pytest.approx(0.0, abs=1e-12)
+    assert score["closure_error"] == pytest.approx(0.0) and score["closure_covered"]
+    assert score["false_names"] == [] and not score["unknown"]
+
+
+def test_a_wrong_first_name_whose_credible_set_contains_the_truth():
+    score = score_case(label(), gap(claim("soft_iron", ambiguous_with=["hard_iron"])))
+    assert not score["first_right"] and not score["all_named"] and score["in_set"]
+    assert score["false_names"] == ["soft_iron"] and score["parameter_error"] is None
+
+
+def test_a_null_has_no_truth_and_every_name_is_false():
+    null = label("null", effects=[], closure={"before": 6.5, "after": 6.5})
+    assert score_case(null, gap())["in_set"] is None
+    assert score_case(null, gap(claim("tas_scale")))["false_names"] == ["tas_scale"]
+
+
+def test_effects_of_the_background_are_neither_right_nor_wrong():
+    hard = label("null", effects=[], background=["outliers"], world="hard")
+    found = score_case(hard, gap(claim("outliers")))
+    assert found["false_names"] == [] and not found["detected"] and found["claims"] == []
+    sensor = label("null", effects=[], background_components=["across_heading"])
+    heading = place(component="across_heading")
+    assert not score_case(sensor, gap(unknown=[heading]))["unknown"]
+    other = score_case(sensor, gap(unknown=[heading, place(component="along_wind")]))
+    assert other["unknown"] and other["claims"] == [("unknown", 0.97, False)]
+
+
+def test_the_closure_of_the_background_is_subtracted():
+    outliers = claim("outliers", closure={"reduction": 0.5, "reduction_ci": [0.4, 0.6]})
+    stated = {"before": 7.0, "after": 6.0, "reduction_ci": [0.8, 1.2]}
+    score = score_case(label(background=["outliers"]), gap(outliers, claim(), closure=stated))
+    assert score["closure_error"] == pytest.approx(0.0)
+    assert score["closure_interval"] == pytest.approx([0.3, 0.7]) and score["closure_covered"]
+
+
+def test_an_interval_of_the_remainder_becomes_one_of_the_reduction():
+    score = score_case(
+        label(), gap(claim(), closure={"before": 7.0, "after": 6.7, "ci": [6.55, 6.9]})
+    )
+    assert score["closure_error"] == pytest.approx(0.2)
+    assert score["closure_interval"] == pytest.approx([0.1, 0.45])
+    assert score["closure_covered"] is False  # the true reduction is 0.5
+
+
+def test_aircraft_precision_and_recall():
+    score = score_case(label(), gap(claim(tails=["N402", "N403", "N404"])))
+    assert (score["precision"], score["recall"]) == (pytest.approx(1 / 3), 0.5)
+
+
+def test_amplitude_and_phase_are_one_vector():
+    true = {"tails": None, "parameters": {"amplitude_deg": 1.0, "phase_deg": 0.0}}
+    turned = claim(parameters={"amplitude_deg": 1.0, "phase_deg": 90.0})
+    opposite = claim(parameters={"amplitude_deg": -1.0, "phase_deg": 180.0})
+    assert parameter_errors(CYCLE, true, [turned]) == [pytest.approx(np.sqrt(2))]
+    assert parameter_errors(CYCLE, true, [opposite]) == [pytest.approx(0.0, abs=1e-12)]
+
+
+def test_parameters_of_each_affected_aircraft_are_compared():
+    true = {"tails": ["a", "b"], "parameters": {"offset_deg": 2.0}}
+    each = {
+        tail: {"parameters": {"offset_deg": value}, "standard_errors": {"offset_deg": 0.1}}
+        for tail, value in {"a": 2.2, "b": 1.0, "x": 9.0}.items()
+    }
+    found = [claim(per_tail=each)]
+    assert parameter_errors(("offset_deg",), true, found) == pytest.approx([0.1, 0.5])
+    assert standardised_errors(("offset_deg",), true, found) == pytest.approx([2.0, -10.0])
+
+
+def test_date_error_takes_the_nearest_stated_start():
+    true = ["2009-03-11T00:00:00", None]
+    assert date_error(true, [["2009-03-13", None], None, [None, "2009-03-11"]]) == 2.0
+    assert date_error(true, [None]) is None
+
+
+def test_an_unknown_with_the_right_variable_and_aircraft():
+    found = scored(outside(tails=["N401", "N402"]), gap(unknown=[place(tails=["N401", "N403"])]))
+    assert found["unknown_first"] and found["variable_first"]
+    assert (found["precision"], found["recall"]) == (0.5, 0.5)
+    fleet = scored(outside(tails=None), gap(unknown=[place(tails=[])]))
+    assert (fleet["precision"], fleet["recall"]) == (1.0, 1.0)
+    assert scored(outside(), gap())["unknown_first"] is False
+
+
+def test_synonyms_denote_the_same_variable():
+    assert scored(outside(variables=["altitude"]), gap(unknown=[place("pressure")]))[
+        "variable_first"
+    ]
+    assert not scored(outside(), gap(unknown=[place("bank")]))["variable_first"]
+
+
+def test_the_entry_that_closes_most_states_the_variable():
+    places = [
+        place(variable, closure={"reduction": value})
+        for variable, value in (("bank", 0.1), ("hour", 0.4))
+    ]
+    assert scored(outside(), gap(unknown=places))["variable_first"]
+
+
+def test_a_false_name_precedes_an_unknown_that_closes_less():
+    unknown = [place(closure={"reduction": 0.3})]
+    small, large = (claim("time_lag", closure={"reduction": r}) for r in (0.2, 0.5))
+    assert scored(outside(), gap(small, unknown=unknown))["unknown_first"]
+    assert not scored(outside(), gap(large, unknown=unknown))["unknown_first"]
+
+
+def test_a_withheld_effect_has_no_right_name():
+    score = score_case(label("removed", without=["hard_iron"]), gap(claim("compass_step")))
+    assert not score["first_right"] and score["false_names"] == ["compass_step"]
+
+
+def test_a_failed_diagnosis_keeps_its_message():
+    score = score_case(label(), None, failure="exit status 1")
+    assert score["failure"] == "exit status 1" and "first_right" not in score
+
+
+def test_reliability_by_hand():
+    claims = [("name", 0.97, True)] * 18 + [("name", 0.97, False)] * 2 + [("unknown", 0.6, True)]
+    table = reliability(claims)
+    assert table["right"].tolist() == [1.0, 0.9] and table["number"].tolist() == [1, 20]
+    low, high = wilson(5, 10)
+    assert (low, high) == (pytest.approx(0.2366, abs=1e-4), pytest.approx(0.7634, abs=1e-4))
+
+
+def test_targets_by_hand():
+    right, silent = score_case(label(), gap(claim())), score_case(label(), gap())
+    failed = score_case(label(), None, failure="no")
+    table = targets([right, silent, failed]).set_index("figure")
+    first = table.loc["first name right, single effects"]
+    assert (first["reached"], first["number"], first["met"]) == (0.5, 2, False)
+    assert table.loc["nulls with any claim", "met"] is None
+    interval = "closure interval contains the truth"
+    assert table.loc[interval, "reached"] == 1.0 and table.loc[interval, "met"]
+    many = targets([right] * 60).set_index("figure")
+    assert not many.loc[interval, "met"]  # 60 of 60 exceed 98 %
+    assert of_default([right, silent | {"world": "hard"}]) == [right]
+
+
+def test_confusion_and_figure():
+    scores = [
+        score_case(label(), gap(claim())),
+        score_case(label(), gap(claim("soft_iron"))),
+        score_case(label("null", effects=[]), gap()),
+        scored(outside(), gap(unknown=[place()])),
+    ]
+    truths, stated, counts = confusion(scores)
+    assert truths == ["hard_iron", "outside", "nothing"]
+    assert stated == ["hard_iron", "soft_iron", "nothing", "unknown"]
+    assert counts.tolist() == [[1, 1, 0, 0], [0, 0, 0, 1], [0, 0, 1, 0]]
+    assert len(check_figure(scores).axes) == 4 and len(check_figure([]).axes) == 4
+
+
+def test_the_published_digest_is_that_of_the_sealed_bytes(tmp_path):
+    digest = seal([label()], tmp_path / "sealed")
+    path = tmp_path / "sealed" / "labels.json"
+    assert digest == hashlib.sha256(path.read_bytes()).hexdigest() == digest_of(path)
+    assert (tmp_path / "sealed.sha256").read_text().split() == [digest, "labels.json"]
+    assert open_seal(tmp_path / "sealed", digest=digest) == json.loads(json.dumps([label()]))
+    path.write_text(path.read_text().replace("hard_iron", "soft_iron"))
+    with pytest.raises(InputError, match="labels"):
+        open_seal(tmp_path / "sealed", digest=digest)
+    with pytest.raises(InputError, match="no sealed labels"):
+        open_seal(tmp_path, digest=digest)

@@ -1,0 +1,182 @@
+"""Sealed archives: strengths, true closures, and errors of real sensors."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from datetime import timedelta
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from airswing.errors import InputError
+from airswing.gap.effects import CATALOGUE
+from airswing.synthetic.sample.sample_archive import simulate_arrays
+from airswing.synthetic.sealed import sealed_archives as archives
+from airswing.synthetic.sealed.cases import Case, World
+from airswing.synthetic.sealed.draws import Drawn
+from airswing.synthetic.sealed.injection import real_sensor, sensor_record, with_real_sensor
+from airswing.synthetic.sealed.sealed_archives import Archivist, strength_of, twin_closure
+
+TINY = World(3, "default", 3, 3, coarse=True)
+KNOT = 1852.0 / 3600.0
+
+
+def drawn(name, tails, **parameters):
+    one = {"name": name, "tails": tails, "parameters": parameters, "period": None}
+    return Drawn(name, (one,), CATALOGUE[name].draw)
+
+
+def test_strength_of_an_airspeed_offset_is_itself():
+    part = drawn("tas_offset", ["N402"], offset_m_s=0.7)
+    assert strength_of(part, TINY) == pytest.approx(0.7, rel=0.01)
+
+
+def test_strength_grows_with_the_archive_for_a_drift_alone():
+    part = drawn("compass_drift", ["N402"], rate_deg_per_day=0.1)
+    longer = replace(TINY, days=20)
+    assert strength_of(part, longer) == pytest.approx(
+        4.0 * strength_of(part, replace(TINY, days=5)), rel=1e-6
+    )
+
+
+def test_a_drift_of_the_last_days_is_as_strong_as_it_becomes_in_them():
+    part = drawn("compass_drift", ["N402"], rate_deg_per_day=0.1)
+    longer, begins = replace(TINY, days=20), (archives.START + timedelta(days=15)).isoformat()
+    late = replace(part, effects=({**part.effects[0], "period": [begins, None]},))
+    assert strength_of(late, longer) == pytest.approx(strength_of(part, replace(TINY, days=5)))
+
+
+def test_the_true_closure_is_that_of_the_twin_without_the_effect(tmp_path):
+    archivist = Archivist(tmp_path)
+    effect = drawn("tas_offset", None, offset_m_s=1.0)
+    label = archivist.write(Case("case_1", 1, "single", TINY, (effect,), (3.0,)))
+    options = archives.generator_options(TINY) | {"derivatives": False}
+    with_it = simulate_arrays(effects=label["effects"], **options)
+    without = simulate_arrays(effects=[], **options)
+    for name, frame in (("before", with_it), ("after", without)):
+        u, v = (frame[c] - (frame[f"{c}_ruc"] + frame[f"{c}_rtfdaa"]) / 2 for c in "uv")
+        used = (frame["temperature_qc"] == "pass") & u.notna()
+        assert label["closure"][name] == pytest.approx(np.hypot(u, v)[used].mean() / KNOT, rel=1e-9)
+    assert label["closure"]["before"] > label["closure"]["after"] + 0.3
+
+
+def test_the_twin_is_compared_on_the_same_reports_whatever_their_order():
+    made = simulate_arrays(effects=[], **archives.generator_options(TINY), derivatives=False)
+    twin = made.sample(frac=1.0, random_state=1).reset_index(drop=True)
+    assert not (made["made"].to_numpy() == twin["made"].to_numpy()).all()
+    both = twin_closure(made, twin)
+    assert both["before"] == pytest.approx(both["after"], rel=1e-12)
+    twin.loc[twin["speed"] > 20, "temperature_qc"] = "fail"
+    fewer = twin_closure(made, twin)  # what one of them does not use counts in neither
+    assert fewer["before"] == pytest.approx(fewer["after"], rel=1e-12)
+    assert fewer["before"] != pytest.approx(both["before"], rel=1e-3)
+
+
+def test_a_case_on_real_data_needs_the_data(tmp_path):
+    with pytest.raises(ValueError, match="real data"):
+        Archivist(tmp_path).write(Case("case_1", 5, "null", replace(TINY, kind="sensor")))
+
+
+def record(seconds=3000, noise=0.5, seed=0):
+    """A made-up G1000 record: circles in a steady wind, a deviation curve, known noise."""
+    rng = np.random.default_rng(seed)
+    heading = np.radians(np.arange(seconds) * 0.7 % 360)
+    error = np.radians(2.0 + 3.0 * np.sin(heading) + noise * rng.normal(size=seconds))
+    true = heading - error
+    east = 60.0 * np.sin(true) + 5.0
+    north = 60.0 * np.cos(true) - 8.0
+    return pd.DataFrame(
+        {
+            "HDG": np.degrees(heading),
+            "TRK": np.degrees(np.arctan2(east, north)) % 360,
+            "TAS": np.full(seconds, 60.0 / KNOT),
+            "GndSpd": np.hypot(east, north) / KNOT,
+            "AltMSL": np.full(seconds, 3000.0) + np.arange(seconds) % 7,
+            "Roll": np.zeros(seconds),
+        }
+    )
+
+
+def test_what_a_record_leaves_is_its_noise_and_not_its_deviation():
+    left = np.degrees(sensor_record(record(noise=0.5)).heading_error)
+    assert left.std() == pytest.approx(0.5, rel=0.06)
+    silent = sensor_record(record(noise=0.0))
+    assert np.degrees(np.abs(silent.heading_error)).max() < 0.06
+
+
+def test_a_record_leaves_nothing_that_lasts_at_a_heading():
+    one = sensor_record(record(noise=0.5))
+    bins = (np.mod(one.magnetic, 2 * np.pi) / (2 * np.pi) * 36).astype(int)
+    for error in (one.heading_error, one.airspeed_error):
+        means = np.bincount(bins, error) / np.bincount(bins)
+        assert np.abs(means).max() < 1e-12
+
+
+def test_a_record_on_the_ground_is_refused():
+    with pytest.raises(InputError, match="too little level flight"):
+        sensor_record(record().assign(TAS=20.0))
+
+
+def test_real_records_hold_errors_of_a_flux_valve(real):
+    records = real_sensor(real("heading"))
+    spread = [np.degrees(one.heading_error.std()) for one in records]
+    assert len(records) == 3 and all(0.5 < value < 8.0 for value in spread)
+
+
+def test_real_noise_comes_from_the_same_heading_and_repeats():
+    options = archives.generator_options(TINY) | {"derivatives": False}
+    frame = simulate_arrays(effects=[], **options)
+    one = sensor_record(record(noise=0.5))
+    marked = replace(one, heading_error=one.magnetic % (2 * np.pi), airspeed_error=0 * one.magnetic)
+    out = with_real_sensor(frame, [marked], seed=1)
+    own = np.mod(frame["heading"] - frame["declination"], 2 * np.pi)
+    taken = np.mod(out["heading"] - frame["heading"], 2 * np.pi)
+    apart = np.abs(np.angle(np.exp(1j * (own - taken))))
+    assert np.degrees(apart.max()) <= 10.0 + 1e-6
+    pd.testing.assert_frame_equal(out, with_real_sensor(frame, [marked], seed=1))
+
+
+def test_gross_errors_close_what_they_add(tmp_path):
+    pair = (drawn("outliers", None, fraction=0.04), drawn("tas_offset", None, offset_m_s=1.0))
+    archivist = Archivist(tmp_path)
+    alone = archivist.write(Case("case_1", 1, "single", TINY, pair[:1], (0.8,)))
+    both = archivist.write(Case("case_2", 3, "pair", TINY, pair, (0.8, 3.0)))
+    assert alone["closure"]["before"] > alone["closure"]["after"] + 0.3
+    assert both["closure"]["after"] == pytest.approx(alone["closure"]["after"], rel=1e-9)
+
+
+def test_an_outside_case_takes_the_first_draw_that_no_name_explains(tmp_path):
+    def one(part, component="across_heading"):
+        parameters = {
+            "component": component,
+            "parts": [part],
+            "shape": part["shape"],
+            "size_m_s": 1.5,
+            "sign": 1.0,
+        }
+        effect = {"name": "outside", "tails": None, "parameters": parameters, "period": None}
+        return Drawn("outside", (effect,))
+
+    always = {"variable": "airspeed", "shape": "hinge", "at": 0.0, "width": 0.1}
+    cycle = {"variable": "magnetic_heading", "shape": "linear", "at": 0.3, "width": 0.1}
+    saw = {"variable": "hour", "shape": "saw", "at": 0.1, "width": 0.26}
+    case = Case(
+        "case_1",
+        4,
+        "outside",
+        TINY,
+        (one(cycle),),
+        (1.5,),
+        (),
+        "saw",
+        (one(always, "along_heading"), one(saw)),
+    )
+    label = Archivist(tmp_path).write(case)
+    truth = label["outside"]
+    assert truth["variables"] == ["hour"] and truth["named_share"] < 0.35
+    assert label["size"] == truth["size_m_s"] == pytest.approx(1.5, rel=0.02)
+    assert truth["carried"]["hour"] > 0.6  # bins smooth its edges
+    closed = label["closure"]["before"] - label["closure"]["after"]
+    assert truth["closes_kt"] == pytest.approx(closed, abs=0.02)
+    assert label["closure"]["before"] > label["closure"]["after"]
