@@ -4,12 +4,12 @@ VENV := .venv
 BIN := $(VENV)/bin
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: run test test-all docs quick lint style types checks benchmarks clean
+.PHONY: run test test-all test-pythons docs quick lint style types checks benchmarks clean
 
 run: $(VENV)/run.done
 	$(BIN)/airswing run configs/quickstart.yaml
 
-# Types beside the tests: one process, and the tests wait for each other at their end.
+# The type checker runs in one process while the tests run in two.
 test: $(VENV)/test.done style
 	$(MAKE) -j2 types checks
 
@@ -21,6 +21,14 @@ checks: $(VENV)/test.done
 test-all: $(VENV)/test.done style
 	$(MAKE) types
 	$(BIN)/python -m pytest -n 2 --dist loadfile --nbmake --nbmake-timeout=300 tests notebooks
+
+# The tests on every supported Python that is installed, each in an environment of its own.
+test-pythons:
+	for version in 3.11 3.12 3.13 3.14; do \
+		if python$$version --version >/dev/null 2>&1; then \
+			$(MAKE) test PYTHON=python$$version VENV=.venv-$$version || exit 1; \
+		else echo "python$$version is not installed"; fi; \
+	done
 
 # Under a minute: lint, the layout, and the tests that mirror what changed since main (or the kernels').
 quick: $(VENV)/test.done lint
