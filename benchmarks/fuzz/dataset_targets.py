@@ -102,10 +102,10 @@ def exported(
 
 def error_table(path: Path) -> None:
     """Put measured errors into a damaged table of errors."""
-    from airswing.handover.obs_errors import _changed_table
+    from airswing.handover.obs_errors import changed_table
 
     errors = {"UV": dict.fromkeys((1000, 700, 500, 300, 200, 100), 1.7)}
-    _changed_table(path.read_bytes().decode("latin-1"), errors, ["AIREPS"])
+    changed_table(path.read_bytes().decode("latin-1"), errors, ["AIREPS"])
 
 
 def possible(values: Any, most: float) -> bool:

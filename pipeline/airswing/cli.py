@@ -247,10 +247,10 @@ class _WithFormats(TyperCommand):
     # typer takes both from a private module, another one from release to release
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Write the help."""
-        from airswing.handover.records.registry import formats
+        from airswing.handover.export import FORMATS
 
         # a blank line between, else the lines are joined to a paragraph
-        known = (f"{name}: {found.summary}." for name, found in formats().items())
+        known = (f"{name}: {summary}." for name, summary in FORMATS.items())
         self.epilog = "\n\n".join(["FORMAT is one of", *known])
         super().format_help(ctx, formatter)
 

@@ -20,7 +20,6 @@ from airswing.config import Handover
 from airswing.errors import InputError
 from airswing.flags import CORRECTION, PHASE, PLATFORM, SCREENING
 from airswing.handover.export import as_text
-from airswing.handover.records import time_order
 from tests.handover import obsproc, wrf_nudging, wrfda
 from tests.handover.archives import corrected
 
@@ -194,8 +193,8 @@ def test_every_report_is_understood(tmp_path_factory, reports, tail, platform, t
         corrected_northward_wind=[report["wind"][1] for report in reports],
     )
     path = tmp_path_factory.mktemp("export") / "file"
-    told = airswing.export(ds, to=to, path=path, settings=Handover(platform=platform))
-    assert told["reports"] == told["levels"] == len(reports) and not told["left_out"]
+    result = airswing.export(ds, to=to, path=path, settings=Handover(platform=platform))
+    assert result["reports"] == result["levels"] == len(reports) and not result["left_out"]
     found = understood(to, path)
     if to == "ob_ascii":
         place = sorted(found, key=_order)
@@ -214,7 +213,7 @@ def test_memory_is_cut_into_bins_and_the_file_is_the_same(tmp_path, monkeypatch,
         corrected_eastward_wind=rng.normal(0, 20, count),
     )
     airswing.export(ds, to=to, path=tmp_path / "whole")
-    monkeypatch.setattr(time_order, "ROWS_AT_ONCE", 50)
+    monkeypatch.setattr("airswing.handover.records.REPORTS_AT_ONCE", 50)
     monkeypatch.setattr("airswing.products.ragged.BLOCK_REPORTS", 100)
     airswing.export(ds, to=to, path=tmp_path / "cut")
     assert (tmp_path / "cut").read_bytes() == (tmp_path / "whole").read_bytes()
@@ -256,11 +255,11 @@ def test_one_report_for_every_reason_to_stay_out(tmp_path, to):
     columns["screening"][-2] = SCREENING["field_test"]
     columns["correction_applied"][-2] = CORRECTION["already_corrected"]
     period = Handover(start=datetime(2008, 7, 15, 12), end=datetime(2008, 7, 15, 13))
-    told = airswing.export(
+    result = airswing.export(
         corrected({"N1": count}, **columns), to=to, path=tmp_path / "f", settings=period
     )
-    assert told["reports"] == 3
-    assert Counter(told["left_out"]) == Counter(BAD.keys())
+    assert result["reports"] == 3
+    assert Counter(result["left_out"]) == Counter(BAD.keys())
     assert len(understood(to, tmp_path / "f")) == 3
 
 
@@ -277,8 +276,8 @@ def test_reported_winds_need_no_correction(tmp_path):
 
 def test_winds_that_wrf_would_not_take_stay_out_of_obs_domain(tmp_path):
     ds = corrected({"N1": 3}, pressure=[8000.0, 8000.01, 7000.0])
-    told = airswing.export(ds, to="obs_domain", path=tmp_path / "f")
-    assert told["left_out"] == {"above_80_hPa": 2} and told["reports"] == 1
+    result = airswing.export(ds, to="obs_domain", path=tmp_path / "f")
+    assert result["left_out"] == {"above_80_hPa": 2} and result["reports"] == 1
     assert airswing.export(ds, to="ob_ascii", path=tmp_path / "g")["reports"] == 3
 
 
@@ -298,36 +297,37 @@ def test_an_impossible_temperature_is_missing(tmp_path, to):
     assert temperatures == pytest.approx([-888888.0, -888888.0, 258.15], abs=1e-3)
 
 
-def ascent(count=8, first=0):
-    """An ascent with a level-off, a descent after it, and cruise between, of one aircraft."""
-    phase = [PHASE["ascent"]] * count + [PHASE["cruise"]] * 3 + [PHASE["descent"]] * count
-    up = np.linspace(95000.0, 45000.0, count)
-    up[4] = up[3] - 0.4
-    pressure = [*up, *[45000.0] * 3, *np.linspace(45500.0, 93000.0, count)]
-    return phase, pressure
+def profile(pressure, *, phase="ascent", **columns):
+    """One aircraft in one ascent or descent, by pressures in hPa, a report a minute."""
+    pressure = 100.0 * np.asarray(pressure)
+    return corrected(
+        {"N1": pressure.size},
+        pressure=pressure,
+        phase=PHASE[phase],
+        corrected_eastward_wind=np.arange(pressure.size) + 1.0,
+        **columns,
+    )
 
 
 @pytest.mark.parametrize("to", FORMATS)
 def test_ascents_and_descents_are_joined(tmp_path, to):
-    phase, pressure = ascent()
+    """7 + 8 levels of each aircraft are joined; level flight and cruise remain single reports."""
+    up = np.linspace(95000.0, 45000.0, 8)
+    up[4] = up[3] - 0.4
+    pressure = [*up, *[45000.0] * 3, *np.linspace(45500.0, 93000.0, 8)]
     ds = corrected(
         {"N1": 19, "N2": 19},
-        phase=phase * 2,
+        phase=([PHASE["ascent"]] * 8 + [PHASE["cruise"]] * 3 + [PHASE["descent"]] * 8) * 2,
         pressure=pressure * 2,
         corrected_eastward_wind=np.arange(38) - 20.0,
     )
-    told = airswing.export(ds, to=to, path=tmp_path / "f", soundings=True)
-    # 7 + 8 levels joined; the level-off and the cruise stay single
-    assert told["levels"] == 38 and told["reports"] == 2 * (2 + 4)
-    found = understood(to, tmp_path / "f")
-    winds = sorted(round(one["wind"][0]) for one in found)
-    assert winds == list(range(-20, 18))
-    by_wind = {round(one["wind"][0]): one for one in found}
+    result = airswing.export(ds, to=to, path=tmp_path / "f", soundings=True)
+    assert result["levels"] == 38 and result["reports"] == 2 * (2 + 4)
+    by_wind = {round(one["wind"][0]): one for one in understood(to, tmp_path / "f")}
+    assert sorted(by_wind) == list(range(-20, 18))
     assert [by_wind[k - 20]["p"] for k in range(38)] == pytest.approx(pressure * 2, abs=1e-2)
-    own = [one for one in found if one["id"] == "N1" and round(one["wind"][0]) < -12]
-    middle = corrected({"N1": 19, "N2": 19})["time"].to_numpy()[3]
-    seconds = middle.astype("M8[s]").astype(int)
-    assert sum(one["seconds"] == seconds for one in own) == 7
+    middle = ds["time"].to_numpy()[3].astype("M8[s]").astype(int)
+    assert sum(by_wind[k]["seconds"] == middle for k in range(-20, -12)) == 7
 
 
 def test_a_gap_a_phase_or_a_flight_ends_a_sounding(tmp_path):
@@ -339,27 +339,85 @@ def test_a_gap_a_phase_or_a_flight_ends_a_sounding(tmp_path):
         pressure=np.linspace(90000.0, 60000.0, 8),
         flight=[0, 0, 0, 0, 0, 0, 1, 1],
     )
-    told = airswing.export(ds, to="obs_domain", path=tmp_path / "f", soundings=True)
+    result = airswing.export(ds, to="ob_ascii", path=tmp_path / "f", soundings=True)
+    reports, _ = wrfda.read((tmp_path / "f").read_text())
+    assert [len(report["levels"]) for report in reports] == [3, 2, 1, 2]
+    assert result["reports"] == 4 and result["levels"] == 8
+
+
+@pytest.mark.parametrize(
+    ("pressure", "phase", "sizes"),
+    [
+        ([950, 800, 650, 420, 300, 250], "ascent", [3, 3]),  # a step of 230 hPa
+        ([250, 300, 420, 650, 800, 950], "descent", [3, 3]),
+        ([950, 800, 600, 450], "ascent", [4]),  # 200 hPa is not over 200 hPa
+        ([800, 790], "ascent", [1, 1]),  # two single levels reach more
+        ([800, 700, 651], "ascent", [1, 1, 1]),
+        ([800, 700, 650], "ascent", [3]),
+        ([950, 930, 700, 600, 500], "ascent", [1, 1, 3]),  # split, then too shallow below
+    ],
+)
+def test_soundings_that_the_nudging_would_ignore(tmp_path, pressure, phase, sizes):
+    """nudob skips a sounding with a step over 200 hPa and does not reach beyond its ends."""
+    result = airswing.export(
+        profile(pressure, phase=phase), to="obs_domain", path=tmp_path / "f", soundings=True
+    )
     reports = wrf_nudging.raw((tmp_path / "f").read_text())
-    assert [report["meas_count"] for report in reports] == [3, 2, 1, 2]
-    assert told["reports"] == 4 and told["levels"] == 8
+    assert sorted(report["meas_count"] for report in reports) == sorted(sizes)
+    steps = [
+        -np.diff([level[0][0] for level in report["levels"]])
+        for report in reports
+        if report["meas_count"] > 1
+    ]
+    assert all((step <= 20000.0).all() and step.sum() >= 15000.0 for step in steps)
+    winds = sorted(round(level[3][0]) for report in reports for level in report["levels"])
+    assert winds == list(range(1, len(pressure) + 1))
+    split = any(abs(np.diff(pressure)) > 200)
+    assert any("split at 1 pressure step" in note for note in result["notes"]) == split
+    # Other readers have no such limits.
+    result = airswing.export(profile(pressure), to="little_r", path=tmp_path / "g", soundings=True)
+    assert result["reports"] == 1 or phase == "descent"
+
+
+def test_how_far_soundings_move_their_reports_is_said(tmp_path):
+    """By hand: 7 reports, 0.25 degrees of latitude and 3 minutes apart."""
+    ds = profile(
+        np.linspace(900, 400, 7),
+        latitude=40.0 + 0.25 * np.arange(7),
+        longitude=-90.0,
+        time=np.datetime64("2008-07-15T12", "ns") + np.arange(7) * np.timedelta64(3, "m"),
+    )
+    for to in FORMATS:
+        result = airswing.export(ds, to=to, path=tmp_path / to, soundings=True)
+        assert "moved a report by up to 83 km and 9 min" in result["notes"][0]
+        assert airswing.export(ds, to=to, path=tmp_path / f"{to}1")["notes"][0][0] != "1"
+
+
+def test_obsgrid_keeps_the_lowest_levels(tmp_path):
+    """OBSGRID takes a level whose height equals the elevation for the surface."""
+    airswing.export(
+        profile(np.linspace(950, 400, 9)), to="little_r", path=tmp_path / "f", soundings=True
+    )
+    (report,) = obsproc.raw((tmp_path / "f").read_text())
+    surface = [abs(level["z"][0] - report["elevation"]) < 0.1 for level in report["levels"]]
+    assert len(surface) == 9 and not any(surface)
 
 
 def test_windows_get_a_folder_each(tmp_path):
     time = np.datetime64("2008-12-31T22:30", "ns") + np.arange(6) * np.timedelta64(30, "m")
     ds = corrected({"N1": 6}, time=time)
-    told = airswing.export(
+    result = airswing.export(
         ds, to="obs_domain", path=tmp_path / "w", window="1 h", settings=Handover(domain=2)
     )
     files = sorted((tmp_path / "w").rglob("OBS_DOMAIN201"))
     hours = ["200812312200", "200812312300", "200901010000", "200901010100"]
     assert [file.parent.name for file in files] == hours
-    assert [file["reports"] for file in told["files"]] == [1, 2, 2, 1]
+    assert [file["reports"] for file in result["files"]] == [1, 2, 2, 1]
     assert [len(wrf_nudging.raw(file.read_text())) for file in files] == [1, 2, 2, 1]
     begun = Handover(start=datetime(2008, 12, 31, 22, 30))
-    told = airswing.export(ds, to="ob_ascii", path=tmp_path / "v", window="1 h", settings=begun)
-    assert [file["reports"] for file in told["files"]] == [2, 2, 2]
-    assert told["files"][0]["path"].endswith("200812312230/ob.ascii")
+    result = airswing.export(ds, to="ob_ascii", path=tmp_path / "v", window="1 h", settings=begun)
+    assert [file["reports"] for file in result["files"]] == [2, 2, 2]
+    assert result["files"][0]["path"].endswith("200812312230/ob.ascii")
 
 
 def test_the_errors_of_ob_ascii_are_those_of_the_table_and_the_correction(tmp_path):
@@ -389,11 +447,11 @@ def test_aireps_have_the_error_of_aireps(tmp_path):
 def test_the_header_of_ob_ascii_counts(tmp_path):
     ds = corrected({"EU1": 2, "N1": 3, "X": 1})
     settings = Handover(platform="TAMDAR", aircraft={"AMDAR": ["EU*"], "ACARS": ["X"]})
-    told = airswing.export(ds, to="ob_ascii", path=tmp_path / "f", settings=settings)
+    result = airswing.export(ds, to="ob_ascii", path=tmp_path / "f", settings=settings)
     head = (tmp_path / "f").read_text().splitlines()[:3]
     assert head[0] == "TOTAL =      6, MISS. =-888888.,"
     assert "AMDAR =      2, AIREP =      1, TAMDAR=      3," in head[2]
-    assert told["platforms"] == {"TAMDAR": 3, "AMDAR": 2, "ACARS": 1, "AIREP": 0}
+    assert result["platforms"] == {"TAMDAR": 3, "AMDAR": 2, "ACARS": 1, "AIREP": 0}
 
 
 @pytest.mark.parametrize(
@@ -425,20 +483,22 @@ def test_aircraft_by_number(tmp_path, to):
     """What is a number stays it; 0000751 and 751 are two aircraft, and the first has the number."""
     names = ["0000751", "00002", "123456", "751", "N751A", "X"]
     ds = corrected(dict.fromkeys(names, 1))
-    told = airswing.export(ds, to=to, path=tmp_path / "f", settings=Handover(identifiers="number"))
+    result = airswing.export(
+        ds, to=to, path=tmp_path / "f", settings=Handover(identifiers="number")
+    )
     numbers = ["00751", "00002", "00001", "00003", "00004", "00005"]
-    assert told["identifiers"] == dict(zip(names, numbers, strict=True))
+    assert result["identifiers"] == dict(zip(names, numbers, strict=True))
     assert [one["id"] for one in understood(to, tmp_path / "f")] == numbers
     assert "identifiers" not in airswing.export(ds, to=to, path=tmp_path / "g")
-    assert "N751A 00004, and 1 more" in as_text(told)
+    assert "N751A 00004, and 1 more" in as_text(result)
 
 
 @pytest.mark.parametrize("to", FORMATS)
 def test_what_one_constant_corrected_stays_out_unless_accepted(tmp_path, to):
     ds = corrected({"N1": 2, "N2": 3})
     ds["correction_applied"][2:] = CORRECTION["offset_only"]
-    told = airswing.export(ds, to=to, path=tmp_path / "f")
-    assert told["levels"] == len(understood(to, tmp_path / "f")) == 2
-    assert told["left_out"] == {"not_corrected_offset_only": 3}
+    result = airswing.export(ds, to=to, path=tmp_path / "f")
+    assert result["levels"] == len(understood(to, tmp_path / "f")) == 2
+    assert result["left_out"] == {"not_corrected_offset_only": 3}
     taken = Handover(accept=["phase", "field_test", "offset_only"])
     assert airswing.export(ds, to=to, path=tmp_path / "g", settings=taken)["levels"] == 5

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from airswing.handover.records.fixed_columns import (
+from airswing.handover.fixed_columns import (
     line_starts,
     lines_of,
     put_number,

@@ -13,9 +13,10 @@ from airswing.config import Handover
 from airswing.errors import InputError
 from airswing.evaluation.error_profiles import LEVEL_EDGES_HPA
 from airswing.handover.export import export
-from airswing.handover.obs_errors import LEVELS, _changed_table
-from airswing.handover.records.gsi_list import read_reject_list
+from airswing.handover.obs_errors import LEVELS, changed_table
+from airswing.handover.reject_list import read_reject_list
 from airswing.products.netcdf import write_product
+from tests.handover import wrfda
 from tests.handover.archives import corrected
 
 LIST = "lists/rap_current_bad_aircraft.txt"
@@ -29,7 +30,7 @@ def turned(degrees, speed=20.0, *, count=300):
     return np.full(count, -speed * np.sin(angle)), np.full(count, -speed * np.cos(angle))
 
 
-def run(folder, fleet, *, platform="TAMDAR"):
+def run(folder, fleet, *, pressure=50000.0):
     """A run of some aircraft: name to (degrees as reported, degrees as corrected)."""
     sizes = dict.fromkeys(fleet, 300)
     winds = {"eastward_wind": [], "northward_wind": []}
@@ -39,7 +40,11 @@ def run(folder, fleet, *, platform="TAMDAR"):
             u, v = turned(degrees)
             winds[f"{prefix}eastward_wind"].append(u)
             winds[f"{prefix}northward_wind"].append(v)
-    ds = corrected(sizes, **{name: np.concatenate(parts) for name, parts in winds.items()})
+    ds = corrected(
+        sizes,
+        pressure=pressure,
+        **{name: np.concatenate(parts) for name, parts in winds.items()},
+    )
     day = np.datetime64("2008-07-15", "ns")
     seconds = np.tile(np.arange(300) * 288, len(fleet)) * np.timedelta64(1, "s")
     ds["time"] = ("report", day + seconds)
@@ -130,9 +135,11 @@ def test_a_turboprop_comes_off_the_real_list(real, tmp_path):
 
 def test_lines_that_are_none_stay_as_they_are_and_blanks_match_nothing(tmp_path):
     rows = [
-        "00000751  - W -      MDC00001\n",
+        "00000751  - W -      MDC00001  300 SAAB ( bias_DIR )\n",
         "00000752  T W - 9999          772  -0.8   0.9   1.8   3.1  13 SAAB ( std_T bias_DIR )\r\n",
         "00000753  - W -\n",
+        "00000755  - W -      --------  100 SAAB ( std_T )\n",
+        "00000756  - W -      --------  100 SAAB ( bias_DIR rms_W bias_X )\n",
         "; a remark\n",
         "what is this line?\n",
         "\n",
@@ -141,7 +148,7 @@ def test_lines_that_are_none_stay_as_they_are_and_blanks_match_nothing(tmp_path)
     ]
     base = tmp_path / "list"
     base.write_bytes((HEADER + "".join(rows)).encode())
-    fleet = {"00000751": (9.0, 0.0), "752": (9.0, 0.0), "753": (0.0, 0.0)}
+    fleet = dict.fromkeys(("00000751", "752", "753", "755", "756"), (9.0, 0.0))
     done = export(
         run(tmp_path, fleet),
         to="reject_list",
@@ -156,7 +163,9 @@ def test_lines_that_are_none_stay_as_they_are_and_blanks_match_nothing(tmp_path)
         "00000751": "",
         "00000752": "T",
     }
-    assert "gives no reason" in done["stay"][0]["why"]
+    why = {one["aircraft"]: one["why"] for one in done["stay"]}
+    assert "gives no reason" in why["00000753"] and "another reason: std_T" in why["00000755"]
+    assert why["00000756"] == "listed for another reason: bias_X"
     assert done["blank_identifiers_filled"] == 2
 
 
@@ -171,7 +180,7 @@ def test_more_than_gsi_has_room_for_is_told(tmp_path, number):
         path=tmp_path / "out",
         settings=Handover(base=base),
     )
-    assert any("room for 500" in note for note in done["notes"]) == (number > 500)
+    assert any("GSI holds 500" in note for note in done["notes"]) == (number > 500)
 
 
 @pytest.mark.parametrize(
@@ -225,9 +234,10 @@ def test_error_table_holds_the_measured_errors(tmp_path, root):
     tables, before = read_wind_tables(text), read_wind_tables(original)
     assert before["UV", "TAMDARS"][6] == 3.6 and before["UV", "TAMDARS"][23] == 2.3
     # Layers run from 1100 to 200 hPa; 850 is the middle of the second, 1000 of the first.
-    own = dict(zip(LEVELS, tables["UV", "TAMDARS"], strict=False))
-    assert own[1000] == 1.0 and own[850] == 1.1 and own[250] == 1.7 and own[300] == 1.65
-    assert own[150] == 3.6 and tables["UV", "TAMDARS"][26:] == before["UV", "TAMDARS"][26:]
+    values = dict(zip(LEVELS, tables["UV", "TAMDARS"], strict=False))
+    assert values[1000] == values[1100] == 1.0 and values[850] == 1.1 and values[300] == 1.65
+    assert values[10] == values[150] == values[250] == 1.7  # of the nearest layer
+    assert tables["UV", "TAMDARS"][26:] == before["UV", "TAMDARS"][26:]
     assert tables["SPD", "TAMDARS"] == tables["UV", "TAMDARS"]
     angle = dict(zip(LEVELS, tables["DIR", "TAMDARS"], strict=False))
     assert angle[1000] == pytest.approx(np.degrees(np.arctan(0.1)), abs=0.005)
@@ -236,7 +246,7 @@ def test_error_table_holds_the_measured_errors(tmp_path, root):
     changed = [
         one != other for one, other in zip(text.splitlines(), original.splitlines(), strict=True)
     ]
-    assert sum(changed) == 9  # of four rows each in three tables, the highest is above 200 hPa
+    assert sum(changed) == 12  # four rows in three tables
     assert done["types"] == ["TAMDARS"] and "6.5 m/s" in done["notes"][0]
 
 
@@ -255,7 +265,8 @@ def test_a_folder_gets_a_table_for_each_phase_and_reported_winds_are_worse(tmp_p
     tables = read_wind_tables((tmp_path / "tables" / "obserr.txt").read_text())
     assert dict(zip(LEVELS, tables["UV", "AIREPS"], strict=False))[850] == 2.2
     cruise = read_wind_tables((tmp_path / "tables" / "obserr_cruise.txt").read_text())
-    assert dict(zip(LEVELS, cruise["UV", "AIREPS"], strict=False))[1000] == 3.6
+    # The lowest layer of the cruise is not measured: the filled value, as in ob.ascii.
+    assert dict(zip(LEVELS, cruise["UV", "AIREPS"], strict=False))[1000] == 1.0
 
 
 def test_what_is_no_error_table_is_refused(tmp_path):
@@ -266,7 +277,7 @@ def test_what_is_no_error_table_is_refused(tmp_path):
         export(product, to="obs_errors", path=tmp_path / "x", settings=Handover(base=base))
     assert not (tmp_path / "x").exists()
     with pytest.raises(InputError, match="no rows of UV AIREPS"):
-        _changed_table("1.0 \n", {"UV": {500: 1.0}}, ["AIREPS"])
+        changed_table("1.0 \n", {"UV": {500: 1.0}}, ["AIREPS"])
 
 
 def test_missing_products_are_told(tmp_path):
@@ -276,8 +287,7 @@ def test_missing_products_are_told(tmp_path):
         export(product, to="obs_errors", path=tmp_path / "x")
 
 
-def test_jedi_tables_have_the_layout_of_real_ones(tmp_path, real):
-    product = run(tmp_path, {"A1": (9.0, 0.0), "B2": (1.0, 0.0)})
+def write_fits(folder):
     fits = xr.Dataset(
         {
             "deviation": (
@@ -290,24 +300,60 @@ def test_jedi_tables_have_the_layout_of_real_ones(tmp_path, real):
         },
         coords={"reference": ["ruc"], "aircraft": ["A1", "B2"], "coefficient": list("ABCDE")},
     )
-    write_product(fits, tmp_path / "fits.nc", title="fits")
+    write_product(fits, folder / "fits.nc", title="fits")
+
+
+def jedi_table(path):
+    with open(path, newline="") as file:
+        rows = list(csv.reader(file))
+    return rows[:2], {(row[0], float(row[1])): float(row[2]) for row in rows[2:]}
+
+
+def test_jedi_tables_have_the_layout_of_real_ones(tmp_path, real):
+    product = run(tmp_path, {"A1": (9.0, 0.0), "B2": (1.0, 0.0)})
+    write_fits(tmp_path)
     done = export(product, to="jedi", path=tmp_path / "jedi")
     with open(real("lists/aircraft_abias_air_constant.2021121115.csv"), newline="") as file:
         theirs = [next(csv.reader(file)) for _ in range(4)]
-    with open(tmp_path / "jedi" / "wind_error_windEastward.csv", newline="") as file:
-        ours = list(csv.reader(file))
-    assert ours[0][0] == theirs[0][0] and ours[1][0] == theirs[1][0] == "string"
-    assert ours[2][0] == theirs[2][0] == "_"
-    assert {len(row) for row in ours} == {3} and ours[1][1:] == ["float", "float"]
-    assert sum("ErrorVariance/" in name for name in ours[0]) == 1
-    table = {(row[0], float(row[1])): float(row[2]) for row in ours[2:]}
-    assert len(table) == 3 * 8 == len(ours) - 2
+    (names, types), table = jedi_table(tmp_path / "jedi" / "wind_error_windEastward.csv")
+    assert names[0] == theirs[0][0] and types[0] == theirs[1][0] == "string"
+    assert names[1:] == ["MetaData/pressure", "ErrorVariance/windEastward"]
+    assert types[1:] == ["float", "float"]
+    # The identifiers of ioda-converters have eight characters.
+    assert {len(row) for row, _ in table if row.strip() != row} == {8} == {len("A1      ")}
+    assert {row for row, _ in table} == {"_", "A1", "A1      ", "B2", "B2      "}
     assert table["_", 100_000.0] == pytest.approx(1.0)
-    # The aircraft is as good as the fleet, 1.3 m/s: it has the layers' own errors.
-    assert table["A1", 85_000.0] == pytest.approx(1.1**2, abs=1e-4)
+    assert table["A1", 85_000.0] == table["A1      ", 85_000.0]
     coefficients = (tmp_path / "jedi" / "deviation_coefficients.csv").read_text().splitlines()
     assert coefficients[2:] == ["A1,0.5,2,-1.25,0,0,0.01,19000"]
-    assert [file["rows"] for file in done["files"]] == [24, 24, 1]
+    assert [file["rows"] for file in done["files"]] == [40, 40, 1]
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="there are several tables"):
         export(product, to="jedi", path=tmp_path / "file")
+
+
+@pytest.mark.parametrize("winds", ["corrected", "reported"])
+@pytest.mark.parametrize("aircraft_error", [0.0, 1.3, 2.0, np.nan])
+def test_every_export_gives_an_aircraft_the_same_error(tmp_path, aircraft_error, winds):
+    """In the middle of a layer (550 hPa), where corrections are as uncertain as each other."""
+    product = run(tmp_path, {"A1": (9.0, 0.0), "B2": (1.0, 0.0)}, pressure=55000.0)
+    write_fits(tmp_path)
+    known = errors(["A1", "B2"])
+    known["aircraft_observation_error"][0] = aircraft_error
+    known["aircraft_observation_error"][1] = np.nan
+    (tmp_path / "observation_errors.nc").unlink()
+    write_product(known, tmp_path / "observation_errors.nc", title="errors")
+    for to, name in (("ob_ascii", "ob"), ("jedi", "jedi/"), ("obs_errors", "obserr.txt")):
+        export(product, to=to, path=f"{tmp_path}/{name}", winds=winds)
+    layer = float(known["observation_error_filled"].sel(state=winds, flight_phase="all")[4])
+    expected = layer if np.isnan(aircraft_error) else max(aircraft_error, layer / 2.0)
+    reports, _ = wrfda.read((tmp_path / "ob").read_text())
+    single = {one["id"].strip(): one["levels"][0]["error"] for one in reports}
+    assert single == pytest.approx({"A1": expected, "B2": layer}, abs=0.006)
+    _, table = jedi_table(tmp_path / "jedi" / "wind_error_windEastward.csv")
+    assert np.sqrt(table["_", 55000.0]) == pytest.approx(layer, abs=1e-4)
+    assert ("B2", 55000.0) not in table
+    drawn = table.get(("A1", 55000.0), table["_", 55000.0])
+    assert np.sqrt(drawn) == pytest.approx(expected, abs=1e-4)
+    by_type = read_wind_tables((tmp_path / "obserr.txt").read_text())["UV", "TAMDARS"]
+    assert dict(zip(LEVELS, by_type, strict=False))[550] == pytest.approx(layer, abs=0.006)

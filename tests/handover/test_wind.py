@@ -7,7 +7,7 @@ import pytest
 from metpy.calc import wind_components
 from metpy.units import units
 
-from airswing.handover.records.wind import speed_and_direction
+from airswing.handover.fixed_columns import speed_and_direction
 
 POINTS = [
     (0.0, -10.0, 360.0),

@@ -12,7 +12,7 @@ import airswing
 from airswing.config import Handover
 from airswing.errors import InputError
 from airswing.flags import PHASE
-from airswing.handover.records.wind_error import table_error
+from airswing.handover.wind_errors import table_error
 from airswing.products.netcdf import write_product
 from tests.conftest import ROOT
 from tests.handover import wrfda
@@ -108,10 +108,11 @@ def test_an_aircraft_has_its_own_error(tmp_path):
     assert errors(tmp_path, ds, winds="reported") == pytest.approx(by_hand, abs=0.006)
 
 
-def test_an_error_that_came_out_as_none_is_not_believed(tmp_path):
+def test_an_error_of_zero_is_an_estimate(tmp_path):
+    """A variance clipped at zero counts; half of the base of 1.2 m/s is the least."""
     write_known(tmp_path)
     ds = corrected({"N3": 2}, corrected_wind_standard_error=0.4)
-    assert errors(tmp_path, ds) == pytest.approx([1.2, 1.2], abs=0.006)
+    assert errors(tmp_path, ds) == pytest.approx([0.6, 0.6], abs=0.006)
 
 
 def test_no_error_falls_below_half_its_cells_nor_half_a_metre_a_second(tmp_path):
@@ -156,6 +157,6 @@ def test_a_product_that_knows_no_error_is_not_said_to_be_its_source(tmp_path, wi
     )
     assert told["errors_from"] == "WRFDA's own table"
     assert "observation_errors.nc knows none of these" in told["notes"][0]
-    assert ("each correction's own" in told["notes"][0]) == (winds == "corrected")
+    assert ("uncertainty of each correction" in told["notes"][0]) == (winds == "corrected")
     (first, *_), _ = wrfda.read((tmp_path / "f").read_text())
     assert first["levels"][0]["error"] == pytest.approx(2.9)

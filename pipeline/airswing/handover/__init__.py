@@ -1,7 +1,6 @@
-"""Corrected winds handed over: to WRF's nudging, WRFDA, GSI and JEDI, and back to the unit.
+"""Export of corrected winds to WRF's nudging, WRFDA, GSI and JEDI, and correction of forecasts.
 
-Assumes ``corrected.nc`` of a run, or the Dataset of :func:`airswing.correct`. Every module of this
-folder that calls :func:`~airswing.handover.records.registry.register` is an export format: adding
-one means adding one file here. :mod:`~airswing.handover.records` holds what formats share that
-write reports.
+Assumes the corrected product of a run, or the Dataset of :func:`airswing.correct`. A format of
+:data:`~airswing.handover.export.FORMATS` is the module of its name.
+:mod:`~airswing.handover.forecasts` corrects forecasts by their past errors.
 """

@@ -1,16 +1,18 @@
-"""Hand over corrected winds in the format an assimilation system reads.
+"""Export of corrected winds in the format an assimilation system reads.
 
-Assumes ``corrected.nc`` or its Dataset; formats are those of
-:mod:`airswing.handover.records.registry`.
+Assumes the corrected product of a run or its Dataset. A format is a module of this folder with a
+function ``write(request)``, named in `FORMATS`.
 """
 
 from __future__ import annotations
 
+import importlib
+import json
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Literal
 
 from airswing.errors import InputError
-from airswing.handover.records.registry import WINDS, Account, Request, Winds, format_of
 from airswing.products.findings import findings
 
 if TYPE_CHECKING:
@@ -18,15 +20,34 @@ if TYPE_CHECKING:
 
     from airswing.config import Handover
 
+Winds = Literal["corrected", "reported"]
+FORMATS = {
+    "jedi": "errors by aircraft and pressure for JEDI (CSV)",
+    "little_r": "reports for OBSPROC, to WRFDA",
+    "ob_ascii": "reports for WRFDA, each with its error",
+    "obs_domain": "reports for WRF's observation nudging",
+    "obs_errors": "wind errors for OBSPROC and WRFDA (obserr.txt)",
+    "reject_list": "a GSI reject list without the aircraft whose corrected winds pass",
+}
+"""Formats by name, each written by the module of its name."""
+SHOWN = 5
+"""Files, and aircraft, named in the text for a person."""
+ERRORS = "observation_errors.nc"
 
-SHOWN = 5  # Files, and aircraft, named to a person
 
+@dataclass(frozen=True)
+class Request:
+    """What is exported, where to and how."""
 
-class Exported(Account):
-    """What was handed over, and as what."""
-
-    format: str
-    winds: Winds
+    corrected: xr.Dataset  # corrected reports, in memory or opened lazily
+    path: Path  # file or folder to write
+    folder: bool  # whether it is a folder
+    settings: Handover  # of the configuration, with the options of the command
+    winds: Winds = "corrected"
+    window: float | None = None  # s; each window of time gets a file
+    soundings: bool = False  # join every ascent and descent into one report
+    overwrite: bool = False
+    products: Path | None = None  # folder of the run's other products
 
 
 def export(
@@ -39,20 +60,20 @@ def export(
     soundings: bool = False,
     overwrite: bool = False,
     settings: Handover | None = None,
-) -> Exported:
+) -> dict[str, Any]:
     """Write corrected winds for an assimilation system.
 
     Parameters
     ----------
     corrected : Dataset or path
-        Of :func:`airswing.correct` on screened headings, or ``corrected.nc``; opened from the file
-        the archive may be larger than memory.
+        Of :func:`airswing.correct` on screened headings, or the product of a run; opened from the
+        product the archive may be larger than memory.
     to : str
-        Name of a format: ``obs_domain`` (WRF observation nudging), ``little_r`` (OBSPROC),
-        ``ob_ascii`` (WRFDA) and others; see `airswing export --help`.
+        Name of a format (`FORMATS`): ``obs_domain`` (WRF observation nudging), ``little_r``
+        (OBSPROC), ``ob_ascii`` (WRFDA), ``jedi``, ``obs_errors`` or ``reject_list``.
     path : path-like
-        File to write. A folder (one that is there, a string that ends in a slash, or any name
-        with ``window``) gets files named as their reader expects them.
+        File to write. A folder (one that exists, a string that ends in a slash, or any name with
+        ``window``) gets files named as their reader expects them.
     winds : {"corrected", "reported"}, default "corrected"
         Which winds to write.
     window : str, optional
@@ -60,39 +81,45 @@ def export(
     soundings : bool, default False
         Join every ascent and every descent into one report of many levels.
     overwrite : bool, default False
-        Replace files that are there instead of refusing to.
+        Replace existing files instead of refusing to.
     settings : Handover, optional
         Section ``handover`` of a configuration: platforms, domain, period.
 
     Returns
     -------
     dict
-        ``format``, ``files`` with their reports and levels, ``reports``, ``levels``, ``left_out``
-        (counts by reason), ``platforms``, ``notes``, and ``identifiers`` where aircraft are written
-        as numbers.
+        ``format``, ``winds``, ``files`` and ``notes``; formats that hold reports add ``reports``,
+        ``levels``, ``left_out`` (counts by reason), ``platforms``, and ``identifiers`` where
+        aircraft are written as numbers.
 
     Raises
     ------
     InputError
-        On an unknown format, missing variables, a file that is there already, or nothing to write.
+        On an unknown format, missing variables, an existing file, or nothing to write.
     """
+    import xarray as xr
+
     from airswing.config import Handover
     from airswing.products.netcdf import read_product
 
-    chosen = format_of(to)
-    if winds not in WINDS:
+    if to not in FORMATS:
         raise InputError(
-            "no such winds", field="--winds", found=winds, remedy=f"Known: {', '.join(WINDS)}"
+            "no such export format", field="--to", found=to, remedy=f"Known: {', '.join(FORMATS)}"
+        )
+    if winds not in ("corrected", "reported"):
+        raise InputError(
+            "no such winds", field="--winds", found=winds, remedy="Known: corrected, reported"
         )
     length = _seconds(window)
     product = Path(corrected) if isinstance(corrected, (str, Path)) else None
-    ds = read_product(product, lazy=True) if product is not None else _dataset(corrected)
-    folder = length is not None or str(path).endswith("/") or Path(path).is_dir()
+    ds = read_product(product, lazy=True) if product is not None else corrected
+    if not isinstance(ds, xr.Dataset):
+        raise TypeError("corrected is a Dataset or the path of one")
     try:
         request = Request(
             ds,
             Path(path),
-            folder,
+            length is not None or str(path).endswith("/") or Path(path).is_dir(),
             settings or Handover(),
             winds,
             length,
@@ -100,19 +127,12 @@ def export(
             overwrite,
             None if product is None else product.parent,
         )
-        told: Exported = {"format": to, "winds": winds, **chosen.write(request)}
-        return findings(told)
+        module = importlib.import_module(f"airswing.handover.{to}")
+        written: dict[str, Any] = module.write(request)
+        return findings({"format": to, "winds": winds, **written})
     finally:
         if product is not None:
             ds.close()
-
-
-def _dataset(corrected: object) -> xr.Dataset:
-    import xarray as xr
-
-    if not isinstance(corrected, xr.Dataset):
-        raise TypeError("corrected is a Dataset or the path of one")
-    return corrected
 
 
 def _seconds(window: str | None) -> float | None:
@@ -127,27 +147,80 @@ def _seconds(window: str | None) -> float | None:
             "not a length of time", field="--window", found=window, remedy="Such as '1 h'"
         ) from err
     if seconds < 1.0 or seconds != round(seconds):
-        raise InputError("a window is some whole seconds", field="--window", found=window)
+        raise InputError("a window is a whole number of seconds", field="--window", found=window)
     return seconds
 
 
-def as_text(result: Exported) -> str:
-    """Tell a person what :func:`export` wrote."""
+def as_text(result: dict[str, Any]) -> str:
+    """Return the result of :func:`export` as text for a person."""
     files = result["files"]
-    places = [str(file["path"]) for file in files[:SHOWN]]
-    more = [f"and {len(files) - SHOWN:,} more"] if len(files) > SHOWN else []
-    lines = [*places, *more]
+    lines = [str(file["path"]) for file in files[:SHOWN]]
+    if len(files) > SHOWN:
+        lines.append(f"and {len(files) - SHOWN:,} more")
     if "reports" in result:
         lines.append(
             f"{result['reports']:,} reports, {result['levels']:,} winds as {result['winds']}, "
             f"in {len(files):,} file{'s' * (len(files) != 1)}"
         )
-    left_out = {reason: count for reason, count in result.get("left_out", {}).items() if count}
+    left_out = {reason: number for reason, number in result.get("left_out", {}).items() if number}
     if left_out:
-        told = ", ".join(f"{reason.replace('_', ' ')} {n:,}" for reason, n in left_out.items())
-        lines.append(f"left out {sum(left_out.values()):,}: {told}")
+        reasons = ", ".join(f"{reason.replace('_', ' ')} {n:,}" for reason, n in left_out.items())
+        lines.append(f"left out {sum(left_out.values()):,}: {reasons}")
     numbers = [f"{name} {number}" for name, number in result.get("identifiers", {}).items()]
     if numbers:
         more = [f"and {len(numbers) - SHOWN:,} more (--json)"] if len(numbers) > SHOWN else []
         lines.append(f"aircraft by number: {', '.join([*numbers[:SHOWN], *more])}")
     return "\n".join([*lines, *result.get("notes", [])])
+
+
+def product_of_run(request: Request, name: str, *, why: str) -> xr.Dataset:
+    """Open another product of the same run lazily.
+
+    Parameters
+    ----------
+    name : str
+        File name of the product.
+    why : str
+        What it is needed for; part of the message.
+
+    Raises
+    ------
+    InputError
+        If it does not exist or cannot be read.
+    """
+    from airswing.products.netcdf import read_product
+
+    if request.products is None:
+        raise InputError(
+            f"{name} is needed: {why}",
+            field="corrected",
+            remedy="Give the path of a run's corrected.nc instead of a Dataset",
+        )
+    path = request.products / name
+    if not path.exists():
+        raise InputError(
+            f"no such product, and it is needed: {why}",
+            file=path,
+            remedy="Run `airswing run` with the same configuration first",
+        )
+    return read_product(path, lazy=True)
+
+
+def correction_members(corrected: xr.Dataset) -> list[str]:
+    """References the correction was fitted against; empty where the product does not name them."""
+    config = json.loads(str(corrected.attrs.get("airswing_config", "") or "{}"))
+    pools = {name: [name] for name in config.get("references", {})} | config.get("pool", {})
+    name = str(corrected.attrs.get("correction_reference", ""))
+    first = next(iter([*config.get("pool", {}), *config.get("references", {})]), "")
+    return list(pools.get(name, pools.get(first, [])))
+
+
+def refuse_existing(request: Request, *targets: Path) -> None:
+    """Raise InputError where a file would be replaced without ``overwrite``."""
+    for target in targets:
+        if target.is_dir() or (target.exists() and not request.overwrite):
+            raise InputError(
+                "is there already",
+                file=target,
+                remedy="Choose another name with -o, or give --overwrite",
+            )

@@ -1,58 +1,47 @@
-"""CSV tables for JEDI: errors by aircraft and pressure, and the coefficients of the corrections.
+"""CSV tables for JEDI: wind errors by aircraft and pressure, and the coefficients of corrections.
 
-Layout of the files UFO's DataExtractor reads (ufo, src/ufo/utils/dataextractor): a line of names
-``Group/variable``, a line of types, then rows of as many columns, ``_`` for a value that is
-missing; a row whose station is ``_`` is what stations without rows of their own get. The payload is
-one column, so there is a file for each wind component. ObsFunction DrawObsErrorFromFile reads
-variances (its default ``dispersion measure``) from the group ``ErrorVariance``; stations are
-matched ``exact``, pressure is ``nearest`` or ``linear``, and ``extrapolation mode`` has to be
-``nearest``: by default a pressure outside the table stops the run. JEDI of before 2022 wrote
-``variable@Group`` and other names of variables.
+Layout of files that UFO's DataExtractor reads (ufo, src/ufo/utils/dataextractor): a line of names
+``Group/variable``, a line of types, then rows, ``_`` for a missing value; the rows of station ``_``
+are for stations without rows. A file has one payload column, so each wind component has a file.
+ObsFunction DrawObsErrorFromFile reads variances from the group ``ErrorVariance``; stations are
+matched ``exact``, pressure is ``linear`` or ``nearest``, and ``extrapolation mode`` has to be
+``nearest``: by default a pressure outside the table stops the run. JEDI before 2022 wrote
+``variable@Group``.
 
-A correction of a compass cannot be drawn as an observation bias, since the error turns with the
-heading: for those who correct upstream there is a table of the coefficients (degrees, by indicated
-magnetic heading), in the same layout but with several columns.
+Files of ioda-converters pad aircraft identifiers to eight characters, others do not, and a station
+without an exact match gets the rows of ``_`` silently: a shorter identifier has its rows twice, as
+it is and padded.
+
+A deviation varies with the heading, so it is no observation bias that could be drawn from a table:
+a further table holds the coefficients for those who correct before the assimilation.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.flags import published
-from airswing.handover.records.platforms import identifiers
-from airswing.handover.records.registry import (
-    Account,
-    ExportFormat,
-    FileAccount,
-    Request,
-    register,
-)
-from airswing.handover.records.run_products import (
-    errors_beside,
-    none_known,
-    product_beside,
-    refuse_existing,
-)
+from airswing.handover.export import Request, product_of_run, refuse_existing
+from airswing.handover.platforms import identifiers, names_of
+from airswing.handover.selection import selected_rows
+from airswing.handover.wind_errors import WindErrors, base_variance, bounded, known_errors
 
 if TYPE_CHECKING:
     import xarray as xr
 
-Floats = NDArray[np.float64]
 STATION = "MetaData/stationIdentification"
 PRESSURE = "MetaData/pressure"
 COMPONENTS = ("windEastward", "windNorthward")
 COEFFICIENTS = "deviation_coefficients.csv"
 EVERY_STATION = "_"
-# Of a layer's variance: what is at least left to an aircraft better than the rest.
-LEAST_SHARE = 0.25
+PADDED = 8
+"""Characters of an aircraft identifier in files of ioda-converters."""
 
 
-def write(request: Request) -> Account:
+def write(request: Request) -> dict[str, Any]:
     """Write the tables into a folder."""
     from airswing.products.whole_files import write_text
 
@@ -62,94 +51,77 @@ def write(request: Request) -> Account:
             file=request.path,
             remedy="Name a folder with -o",
         )
-    tails = map(str, request.corrected["aircraft"].to_numpy())
-    called = dict(zip(tails, identifiers(request.corrected, request.settings), strict=True))
     targets = {name: request.path / f"wind_error_{name}.csv" for name in COMPONENTS}
     coefficients = request.path / COEFFICIENTS
     refuse_existing(request, *targets.values(), coefficients)
-    rows = _error_rows(errors_beside(request), request.winds, called)
-    with product_beside(request, "fits.nc", why="it holds the coefficients") as product:
-        fits = product.load()
-    files: list[FileAccount] = []
+    written = dict(
+        zip(
+            names_of(request.corrected),
+            identifiers(request.corrected, request.settings),
+            strict=True,
+        )
+    )
+    rows = _error_rows(request, written)
+    with product_of_run(request, "fits.nc", why="it holds the coefficients") as fits:
+        reference = str(request.corrected.attrs.get("correction_reference", ""))
+        table = _coefficient_rows(fits.load(), reference, written)
+    files: list[dict[str, Any]] = []
     for component, target in targets.items():
-        head = [f"{STATION},{PRESSURE},ErrorVariance/{component}", "string,float,float"]
-        write_text(target, "\n".join([*head, *rows]) + "\n")
+        top = [f"{STATION},{PRESSURE},ErrorVariance/{component}", "string,float,float"]
+        write_text(target, "\n".join([*top, *rows]) + "\n")
         files.append({"path": str(target), "rows": len(rows)})
-    reference = str(request.corrected.attrs.get("correction_reference", ""))
-    table = _coefficient_rows(fits, reference, called)
     write_text(coefficients, "\n".join(table) + "\n")
     files.append({"path": str(coefficients), "rows": len(table) - 2})
-    return {"files": files, "notes": _notes()}
+    notes = [
+        "errors are read by DrawObsErrorFromFile: interpolation of stationIdentification exact, of "
+        "pressure linear, extrapolation mode nearest",
+        f"{COEFFICIENTS} is for those who correct before the assimilation: heading error = A + "
+        "B sin m + C cos m + D sin 2m + E cos 2m (degrees, m the indicated magnetic heading), B "
+        "and C at horizontalField (nT); JEDI itself does not read it",
+    ]
+    return {"files": files, "notes": notes}
 
 
-def _error_rows(errors: xr.Dataset, winds: str, called: Mapping[str, str]) -> list[str]:
-    """Rows of station, pressure and error variance from ``observation_errors.nc``.
-
-    Those of all other stations first, then the archive's; pressures increasing.
-    """
-    own = errors.sel(state=winds)
-    layer = own["observation_error_filled"].sel(flight_phase="all").to_numpy() ** 2
-    fleet = float(own["fleet_observation_error"]) ** 2
-    if not np.isfinite(fleet):
-        raise none_known(errors)
-    pressure = 0.5 * (own["layer_bottom_pressure"] + own["layer_top_pressure"]).to_numpy()
-    order = np.argsort(pressure)
-    aircraft = own["aircraft_observation_error"].to_numpy() ** 2
-    rows = _station(EVERY_STATION, layer[order], pressure[order])
-    for place in np.argsort(names := [str(name) for name in own["aircraft"].to_numpy()]):
-        if np.isfinite(aircraft[place]):
-            # The profile of the fleet, moved by what this aircraft's variance differs:
-            # no aircraft has reports enough for a profile of its own.
-            variance = np.maximum(layer + aircraft[place] - fleet, LEAST_SHARE * layer)
-            rows += _station(
-                called.get(names[place], names[place]), variance[order], pressure[order]
-            )
+def _error_rows(request: Request, written: dict[str, str]) -> list[str]:
+    """Rows of station, pressure (Pa) and error variance, those of all other stations first."""
+    known = known_errors(request, required=True)
+    assert known is not None
+    base = base_variance(known, "all")[::-1]
+    pressure = 0.5 * (known["layer_bottom_pressure"] + known["layer_top_pressure"]).to_numpy()[::-1]
+    errors = WindErrors(request, selected_rows(request).rows, known)
+    rows = _station(EVERY_STATION, pressure, bounded(base, 0.0))
+    excess = dict(zip(written, errors.aircraft_excess, strict=True))
+    for name in sorted(written):
+        if np.isfinite(excess[name]):
+            variance = bounded(base, excess[name])
+            for station in dict.fromkeys([written[name], written[name].ljust(PADDED)]):
+                rows += _station(station, pressure, variance)
     return rows
 
 
-def _station(name: str, variance: Floats, pressure: Floats) -> list[str]:
+def _station(name: str, pressure: np.ndarray, variance: np.ndarray) -> list[str]:
     return [f"{name},{at:.0f},{one:.4f}" for at, one in zip(pressure, variance, strict=True)]
 
 
-def _coefficient_rows(fits: xr.Dataset, reference: str, called: Mapping[str, str]) -> list[str]:
-    """Lines of the table of coefficients: names, types, and a row for every trusted fit.
+def _coefficient_rows(fits: xr.Dataset, reference: str, written: dict[str, str]) -> list[str]:
+    """Lines of the table of coefficients: names, types, and a row for each published fit.
 
-    ``reference`` is the fit the correction was made with; the first where it is not told.
+    ``reference`` is the one the correction was fitted against; the first where it is not named.
     """
     names = [str(name) for name in fits["reference"].to_numpy()]
-    own = fits.sel(reference=reference if reference in names else names[0])
-    columns = [str(name) for name in own["coefficient"].to_numpy()]
-    head = ",".join(
-        [
-            STATION,
-            *(f"DeviationCoefficientValue/{name}" for name in columns),
-            "DeviationCoefficientValue/airspeedScale",
-            "DeviationCoefficientValue/horizontalField",
-        ]
-    )
-    rows = [head, ",".join(["string", *["float"] * (len(columns) + 2)])]
-    good = published(own["status"])
-    table = own["deviation"].transpose("aircraft", "coefficient").to_numpy()
-    more = [own[name].to_numpy() for name in ("airspeed_scale", "mean_horizontal_field")]
-    for place, name in enumerate(map(str, own["aircraft"].to_numpy())):
-        if good[place]:
-            values = [*table[place], more[0][place], more[1][place]]
-            rows.append(",".join([called.get(name, name), *(_number(value) for value in values)]))
-    return rows
-
-
-def _number(value: float) -> str:
-    return f"{value:.6g}" if np.isfinite(value) else EVERY_STATION
-
-
-def _notes() -> list[str]:
-    return [
-        "errors are read by DrawObsErrorFromFile: interpolation of stationIdentification exact, of "
-        "pressure linear, extrapolation mode nearest",
-        f"{COEFFICIENTS} is for those who correct upstream: heading error = A + B sin m + C cos m "
-        "+ D sin 2m + E cos 2m (degrees, m the indicated magnetic heading), B and C at "
-        "horizontalField (nT); JEDI itself does not read it",
+    fit = fits.sel(reference=reference if reference in names else names[0])
+    columns = [str(name) for name in fit["coefficient"].to_numpy()]
+    header = [STATION]
+    header += [
+        f"DeviationCoefficientValue/{name}"
+        for name in [*columns, "airspeedScale", "horizontalField"]
     ]
-
-
-register(ExportFormat("jedi", "errors by aircraft and pressure for JEDI (CSV)", write))
+    rows = [",".join(header), ",".join(["string", *["float"] * (len(columns) + 2)])]
+    deviation = fit["deviation"].transpose("aircraft", "coefficient").to_numpy()
+    more = [fit[name].to_numpy() for name in ("airspeed_scale", "mean_horizontal_field")]
+    for place in np.flatnonzero(published(fit["status"])):
+        name = str(fit["aircraft"].to_numpy()[place])
+        values = [*deviation[place], *(column[place] for column in more)]
+        texts = [f"{value:.6g}" if np.isfinite(value) else EVERY_STATION for value in values]
+        rows.append(",".join([written.get(name, name), *texts]))
+    return rows

@@ -1,45 +1,37 @@
-"""ob.ascii: reports as WRFDA reads them, each with an error of its own.
+"""ob.ascii: reports as WRFDA reads them, each with its error.
 
-Layout of var/da/da_obs_io (da_read_obs_ascii.inc, ob_format = 2) of WRF 4.7: a header up to the
-formats and one line more, then a line of information, one of surface values and a line a level.
+Layout of var/da/da_obs_io/da_read_obs_ascii.inc of WRF 4.7 (``ob_format = 2``): a header that ends
+one line after the formats, then a line of information, one of surface values and a line a level.
 What the reader makes of a value decides how it is written:
 
-* the speed's error is what WRFDA weighs both components with; the direction's counts only where
-  ``wind_sd_tamdar`` or ``wind_sd_airep`` is set. Every error is positive, missing values' too, and
-  has its point;
-* the elevation is missing: a TAMDAR report whose height is its elevation would be a surface one;
-* the level is the pressure alone. A value that is missing has quality -88;
-* exactly one line stands between the formats and the first report, and no line is blank;
-* seconds of the date are written, but WRFDA reads minutes.
+* the error of the speed weighs both components; that of the direction counts only with
+  ``wind_sd_tamdar`` or ``wind_sd_airep``. Every error is positive and has its decimal point, also
+  that of a missing value;
+* the elevation is missing: a TAMDAR report whose height equals its elevation is a surface report;
+* pressure alone gives the level. A missing value has quality -88;
+* exactly one line is between the formats and the first report, and no line is blank;
+* seconds are written, but WRFDA reads minutes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import partial
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from airswing.handover.records.fixed_columns import (
-    Lines,
+from airswing.handover.export import ERRORS, Request
+from airswing.handover.fixed_columns import (
     lines_of,
     put_number,
     put_text,
     put_time,
-    text_table,
+    speed_and_direction,
 )
-from airswing.handover.records.platforms import CODES, PLATFORMS
-from airswing.handover.records.record_files import (
-    Layout,
-    Records,
-    interleaved,
-    names,
-    write_records,
-)
-from airswing.handover.records.registry import Account, ExportFormat, Request, register
-from airswing.handover.records.wind import speed_and_direction
-from airswing.handover.records.wind_error import PRODUCT, WindErrors, known_errors
+from airswing.handover.platforms import CODES, PLATFORMS
+from airswing.handover.records import Records, write_records
+from airswing.handover.selection import selected_rows
+from airswing.handover.wind_errors import WindErrors, known_errors
 
 _KINDS = (
     "SYNOP METAR SHIP BUOY BOGUS TEMP",
@@ -62,23 +54,41 @@ _HEAD = (
     " -888888.000 -88 200.00 -888888.000 -88  0.200\n"
 )
 _GAP = f"{'':11}"
-# Errors of what is not the wind are those of var/obsproc/obserr.txt: 200 Pa, 1 K, 10 %.
+# Errors other than that of the wind are those of var/obsproc/obserr.txt: 200 Pa, 1 K, 10 %.
 _LEVEL = (
     f"{'':12}{0:4} 200.00{'':12}{0:4}{'':7}{'':12}{0:4}{'':7}{_GAP}"
     f" -888888.000 -88  10.00 -888888.000 -88   1.00 -888888.000 -88   1.00{_GAP}"
     " -888888.000 -88  10.00\n"
 )
-# First columns in a level's line, by EACH_FMT below the header: a value takes 12, its quality 4,
-# its error 7, with 11 blanks after every third.
+# First columns in the line of a level, by EACH_FMT: a value takes 12, its quality 4, its error 7,
+# with 11 blanks after every third.
 _PRESSURE, _SPEED, _DIRECTION, _TEMPERATURE = 1, 24, 47, 104
-_QUALITY, _ERROR = 12, 16  # From a value's first column to those of its quality and its error
+_QUALITY, _ERROR = 12, 16  # from the first column of a value to those of its quality and its error
 # What F7.2 holds with a blank before it; an error of zero would be infinite weight.
 LEAST_ERROR, LARGEST_ERROR = 0.01, 999.99
 
 
-def _header(counts: Mapping[str, int]) -> bytes:
-    kinds = {name: counts.get(name, 0) for name in PLATFORMS}
-    # WRFDA counts by what it takes a report for, and FM-97 is its airep.
+def write(request: Request) -> dict[str, Any]:
+    """Write reports for WRFDA."""
+    selected, known = selected_rows(request), known_errors(request)
+    errors = WindErrors(request, selected.rows, known)
+    encode = partial(_encode, errors=errors)
+    result = write_records(request, selected, "ob.ascii", encode, header=_header)
+    result["errors_from"] = errors.source
+    unknown = known is not None and errors.source != ERRORS
+    result["notes"] += [
+        f"errors of the winds from {errors.source}"
+        + ", with the uncertainty of each correction" * (request.winds == "corrected")
+        + f" ({ERRORS} knows none of these)" * unknown,
+        "WRFDA namelist: ob_format = 2; its gross check rejects a component that departs from the "
+        "first guess by more than max_error_uv (5.0) times the report's error",
+    ]
+    return result
+
+
+def _header(numbers: dict[str, int]) -> bytes:
+    kinds = dict(numbers)
+    # WRFDA counts FM-97 as AIREP.
     kinds["AIREP"] += kinds.pop("ACARS")
     lines = [
         "".join(f"{kind:<6}={kinds.get(kind, 0):7}, " for kind in line.split()) for line in _KINDS
@@ -88,63 +98,31 @@ def _header(counts: Mapping[str, int]) -> bytes:
 
 
 def _encode(records: Records, *, errors: WindErrors) -> bytes | memoryview:
-    head, own = lines_of(_HEAD, records.size.size), records.heads["aircraft"]
-    codes = [CODES[name][:12] for name in PLATFORMS]
-    put_text(head, 1, text_table(codes, 12)[records.platform[own]])
-    put_time(head, 14, records.heads["time"], pattern="yyyy-mm-dd_hh:mm:ss")
-    put_text(head, 34, names(records))
+    heads = records.heads
+    head = lines_of(_HEAD, heads.size)
+    put_text(head, 1, records.texts([CODES[name][:12] for name in PLATFORMS], 12))
+    put_time(head, 14, heads["time"], pattern="yyyy-mm-dd_hh:mm:ss")
+    put_text(head, 34, records.names())
     put_number(head, 75, 6, records.size)
-    put_number(head, 81, 12, records.heads["latitude"], decimals=3)
-    put_number(head, 104, 12, records.heads["longitude"], decimals=3)
-    put_text(head, 156, records.identifiers[own])
-    error = errors.of(records.levels, records.platform[records.levels["aircraft"]])
-    empty = lines_of("", records.size.size)
-    return interleaved(records, head, _levels(records.levels, error), empty)
+    put_number(head, 81, 12, heads["latitude"], decimals=3)
+    put_number(head, 104, 12, heads["longitude"], decimals=3)
+    put_text(head, 156, records.identifiers[heads["aircraft"]])
 
-
-def _levels(rows: NDArray[np.void], error: NDArray[np.float64]) -> Lines:
-    lines = lines_of(_LEVEL, rows.size)
-    # Less would be written as 0.000.
+    rows = records.levels
+    level = lines_of(_LEVEL, rows.size)
+    # A smaller direction would be written as 0.000.
     speed, direction = speed_and_direction(rows["u"], rows["v"], least=0.0005)
-    put_number(lines, _PRESSURE, 12, rows["pressure"], decimals=3)
-    put_number(lines, _SPEED, 12, speed, decimals=3)
-    _put_error(lines, _SPEED, error)
-    put_number(lines, _DIRECTION, 12, direction, decimals=3)
-    _put_error(lines, _DIRECTION, _direction_error(speed, error))
+    error = errors.of(rows)
+    put_number(level, _PRESSURE, 12, rows["pressure"], decimals=3)
+    for column, values, own_error in (
+        (_SPEED, speed, error),
+        # The angle of the component error across the wind.
+        (_DIRECTION, direction, np.degrees(np.arctan2(error, speed))),
+    ):
+        put_number(level, column, 12, values, decimals=3)
+        written = np.clip(own_error, LEAST_ERROR, LARGEST_ERROR)
+        put_number(level, column + _ERROR, 7, written, decimals=2)
     known = np.isfinite(rows["temperature"])
-    some = lines[known]
-    put_number(some, _TEMPERATURE, 12, rows["temperature"][known], decimals=3)
-    put_number(some, _TEMPERATURE + _QUALITY, 4, 0)
-    lines[known] = some
-    return lines
-
-
-def _put_error(lines: Lines, column: int, error: NDArray[np.float64]) -> None:
-    put_number(lines, column + _ERROR, 7, np.clip(error, LEAST_ERROR, LARGEST_ERROR), decimals=2)
-
-
-def _direction_error(speed: NDArray[np.float64], error: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Degrees: the component error across the wind, at most that of a wind as small as itself."""
-    return np.degrees(np.arctan2(error, speed))
-
-
-def _write(request: Request) -> Account:
-    """Write reports for WRFDA."""
-    known = known_errors(request.products)
-    aircraft = request.corrected["aircraft"].to_numpy().astype(str)
-    errors = WindErrors(known, request.winds, aircraft.tolist())
-    layout = Layout("ob.ascii", partial(_encode, errors=errors), _header, look=errors.look)
-    told = write_records(request, layout)
-    told["errors_from"] = errors.source
-    unknown = known is not None and errors.source != PRODUCT
-    told["notes"] = [
-        f"errors of the winds from {errors.source}"
-        + ", with each correction's own" * (request.winds == "corrected")
-        + f" ({PRODUCT} knows none of these)" * unknown,
-        "WRFDA namelist: ob_format = 2; its gross check rejects a component that departs from the "
-        "first guess by more than max_error_uv (5.0) times the report's error",
-    ]
-    return told
-
-
-register(ExportFormat("ob_ascii", "reports for WRFDA, each with its error", _write))
+    put_number(level, _TEMPERATURE, 12, rows["temperature"], decimals=3, where=known)
+    put_number(level, _TEMPERATURE + _QUALITY, 4, 0, where=known)
+    return records.joined(head, level)

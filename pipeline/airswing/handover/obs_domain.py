@@ -1,52 +1,47 @@
 """OBS_DOMAIN: reports as WRF's observation nudging reads them.
 
-Layout of share/wrf_fddaobs_in.F (subroutine in4dob) of WRF 4.7: formats 101 to 104, a report of
-four lines and a line a level, no header. What the reader makes of a value decides how it is
-written:
+Layout of subroutine in4dob, share/wrf_fddaobs_in.F of WRF 4.7 (formats 101 to 104): four lines a
+report, a line a level, no header. What the reader makes of a value decides how it is written:
 
-* a quality of 129 on both components says that the wind is earth-relative, and WRF turns it; any
-  other number takes it as grid-relative. Quality is a gate, not a weight: there is no error;
-* u = v = 0 counts as missing: a wind that rounds to calm gets an eastward component of 0.001 m/s;
-* ``is_sound`` is true also for a single level: false would make it a surface report;
-* at 80 hPa and above no wind is taken; such reports are left out and counted;
-* a platform or name that says ACARS makes a later report of the same place, time and pressure
-  overwrite the earlier one: ACARS reports are written as ``FM-97 AIREP``, their source says ACARS;
-* reports must stand in order of time and the levels of one in descending pressure, which also is
-  how they come.
+* quality 129 on both components marks the wind as earth-relative, and WRF rotates it to its grid;
+  any other number marks it as grid-relative. Quality admits a report or not; there is no error;
+* u = v = 0 means missing: a wind that rounds to calm gets an eastward component of 0.001 m/s;
+* ``is_sound`` is true for a single level too: false makes a surface report;
+* at 80 hPa and above no wind is used; such reports are left out and counted;
+* where platform or name contains ACARS, a later report of equal place, time and pressure
+  overwrites the earlier one: ACARS reports are written as ``FM-97 AIREP`` with ACARS as source;
+* reports are in order of time, the levels of a report in order of descending pressure;
+* a report of many levels is used between its lowest and its highest level only, and not at all
+  where two levels are more than 200 hPa apart (``obs_max_sndng_gap``): a joined sounding is split
+  there. A single level reaches 75 hPa up and down with declining weight: a sounding of less than
+  150 hPa would reach fewer points than its reports, and is written as single levels.
 """
 
 from __future__ import annotations
 
 import re
-from pathlib import Path
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from airswing.errors import InputError
-from airswing.handover.records.fixed_columns import (
+from airswing.handover.export import Request
+from airswing.handover.fixed_columns import (
     MISSING,
-    Lines,
     line_starts,
     lines_of,
     put_number,
     put_text,
     put_time,
-    text_table,
 )
-from airswing.handover.records.platforms import CODES, PLATFORMS
-from airswing.handover.records.record_files import (
-    Layout,
-    Records,
-    interleaved,
-    names,
-    write_records,
-)
-from airswing.handover.records.registry import Account, ExportFormat, Request, register
+from airswing.handover.platforms import CODES, PLATFORMS
+from airswing.handover.records import Records, write_records
+from airswing.handover.selection import SoundingLimits, selected_rows
 
-HIGHEST = 8000.0  # Pa: at this pressure and above WRF takes no wind
-CALM = 0.001  # m/s; the smallest component the format can tell from none
-# Quality by which WRF knows components to true east and north, and turns them to its own grid.
+HIGHEST = 8000.0  # Pa; WRF takes no wind at this pressure and above
+CALM = 0.001  # m/s; smallest component the format holds
+NUDGED = SoundingLimits(largest_step=20_000.0, least_depth=15_000.0)
+"""Pa: default of ``obs_max_sndng_gap`` (20 cbar), and twice the reach of a single level."""
 _EARTH_RELATIVE = 129.0
 _HEAD = (
     f" {'':14}\n"
@@ -58,81 +53,60 @@ _TIME, _PLACE, _NAMES, _KIND = line_starts(_HEAD)
 _LEVEL = " " + 6 * "-888888.000 -888888.000 " + "\n"
 # Format 104: a blank, then pairs of value and quality (F11.3) with a blank after each.
 _PRESSURE, _HEIGHT, _TEMPERATURE, _EAST, _NORTH, _HUMIDITY = range(2, 146, 24)
-_QUALITY = 12  # From a value's first column to its quality's
+_QUALITY = 12  # from the first column of a value to that of its quality
 
 
-def _too_high(rows: NDArray[np.void]) -> dict[str, NDArray[np.bool_]]:
-    # Rounded as it will be written: WRF compares what it reads.
-    return {"above_80_hPa": np.round(rows["pressure"], 3) <= HIGHEST}
-
-
-def _encode(records: Records) -> bytes | memoryview:
-    return interleaved(
-        records, _heads(records), _levels(records.levels), lines_of("", records.size.size)
-    )
-
-
-def _heads(records: Records) -> Lines:
-    heads = records.heads
-    lines, own = lines_of(_HEAD, heads.size), heads["aircraft"]
-    put_time(lines, _TIME + 2, heads["time"], pattern="yyyymmddhhmmss")
-    put_number(lines, _PLACE + 3, 9, heads["latitude"], decimals=4)
-    put_number(lines, _PLACE + 13, 9, heads["longitude"], decimals=4)
-    put_text(lines, _NAMES + 3, records.identifiers[own])
-    put_text(lines, _NAMES + 46, names(records))
-    codes = [CODES["AIREP" if name == "ACARS" else name] for name in PLATFORMS]
-    put_text(lines, _KIND + 3, text_table(codes, 16)[records.platform[own]])
-    put_text(lines, _KIND + 21, text_table(PLATFORMS, 16)[records.platform[own]])
-    put_number(lines, _KIND + 61, 5, records.size)
-    return lines
-
-
-def _levels(rows: NDArray[np.void]) -> Lines:
-    lines = lines_of(_LEVEL, rows.size)
-    # Rounded to the three decimals of the format: what it cannot hold is calm to the reader.
-    calm = np.hypot(np.round(rows["u"], 3), np.round(rows["v"], 3)) == 0.0
-    _put_pair(lines, _PRESSURE, rows["pressure"], 0.0)
-    known = np.isfinite(rows["temperature"])
-    _put_pair(
-        lines,
-        _TEMPERATURE,
-        np.where(known, rows["temperature"], MISSING),
-        np.where(known, 0.0, MISSING),
-    )
-    _put_pair(lines, _EAST, np.where(calm, CALM, rows["u"]), _EARTH_RELATIVE)
-    _put_pair(lines, _NORTH, np.where(calm, 0.0, rows["v"]), _EARTH_RELATIVE)
-    return lines
-
-
-def _put_pair(lines: Lines, column: int, values: ArrayLike, quality: ArrayLike) -> None:
-    put_number(lines, column, 11, values, decimals=3)
-    put_number(lines, column + _QUALITY, 11, quality, decimals=3)
-
-
-def _write(request: Request) -> Account:
+def write(request: Request) -> dict[str, Any]:
     """Write reports for WRF's observation nudging.
 
-    ``max_obs`` is what the namelist needs at most, since WRF stops where it holds more levels.
+    ``max_obs`` of the result is what the namelist needs, since WRF stops where it holds more.
     """
     domain = request.settings.domain
-    _check_name(request.path, domain, folder=request.folder)
-    told = write_records(request, Layout(f"OBS_DOMAIN{domain}01", _encode, barred=_too_high))
-    told["max_obs"] = max(file["levels"] for file in told["files"]) + 2
-    told["notes"] = [f"WRF namelist, &fdda: max_obs = {told['max_obs']} holds every file whole"]
-    return told
-
-
-def _check_name(path: Path, domain: int, *, folder: bool) -> None:
-    """Refuse a name that another nest would read."""
-    # WRF opens OBS_DOMAINd01 by the number of each nest.
-    match = re.fullmatch(r"OBS_DOMAIN(\d)01", path.name)
-    if match and not folder and int(match[1]) != domain:
+    match = re.fullmatch(r"OBS_DOMAIN(\d)01", request.path.name)
+    if match and not request.folder and int(match[1]) != domain:
         raise InputError(
             "WRF reads a file of this name for another domain",
-            file=path,
+            file=request.path,
             found=f"domain {domain}",
             remedy=f"Name it OBS_DOMAIN{domain}01 or give --domain {match[1]}",
         )
+    selected = selected_rows(request, above=HIGHEST, limits=NUDGED)
+    result = write_records(request, selected, f"OBS_DOMAIN{domain}01", _encode)
+    result["max_obs"] = max(file["levels"] for file in result["files"]) + 2
+    result["notes"] += [
+        f"WRF namelist, &fdda: max_obs = {result['max_obs']} holds every file whole"
+    ]
+    return result
 
 
-register(ExportFormat("obs_domain", "reports for WRF's observation nudging", _write))
+def _encode(records: Records) -> bytes | memoryview:
+    heads = records.heads
+    head = lines_of(_HEAD, heads.size)
+    put_time(head, _TIME + 2, heads["time"], pattern="yyyymmddhhmmss")
+    put_number(head, _PLACE + 3, 9, heads["latitude"], decimals=4)
+    put_number(head, _PLACE + 13, 9, heads["longitude"], decimals=4)
+    put_text(head, _NAMES + 3, records.identifiers[heads["aircraft"]])
+    put_text(head, _NAMES + 46, records.names())
+    codes = [CODES["AIREP" if name == "ACARS" else name] for name in PLATFORMS]
+    put_text(head, _KIND + 3, records.texts(codes, 16))
+    put_text(head, _KIND + 21, records.texts(list(PLATFORMS), 16))
+    put_number(head, _KIND + 61, 5, records.size)
+
+    rows = records.levels
+    level = lines_of(_LEVEL, rows.size)
+    # Rounded to the three decimals of the format.
+    calm = np.hypot(np.round(rows["u"], 3), np.round(rows["v"], 3)) == 0.0
+    missing = np.isnan(rows["temperature"])
+    for column, values, quality in (
+        (_PRESSURE, rows["pressure"], np.zeros(rows.size)),
+        (
+            _TEMPERATURE,
+            np.where(missing, MISSING, rows["temperature"]),
+            np.where(missing, MISSING, 0.0),
+        ),
+        (_EAST, np.where(calm, CALM, rows["u"]), np.full(rows.size, _EARTH_RELATIVE)),
+        (_NORTH, np.where(calm, 0.0, rows["v"]), np.full(rows.size, _EARTH_RELATIVE)),
+    ):
+        put_number(level, column, 11, values, decimals=3)
+        put_number(level, column + _QUALITY, 11, quality, decimals=3)
+    return records.joined(head, level)

@@ -1,67 +1,122 @@
-"""A reject list as it could be, were its aircraft's winds corrected: rescue instead of reject.
+"""A GSI reject list without the aircraft whose corrected winds meet its criteria.
 
-Assumes a list as GSI reads it (:mod:`airswing.handover.records.gsi_list`), and applies the criteria
-of its own header to the reported and to the corrected winds of the archive's aircraft. Of an
-aircraft whose wind is rejected for criteria of wind alone, and whose corrected winds meet all of
-them on `FEWEST` reports or more, the ``W`` is taken off; with no ``T`` or ``R`` left its line goes.
-An aircraft listed for another reason as well (a type of aircraft, research), not in the archive, or
-without a correction stays, and so does every line that is none. Nobody is added: aircraft that fail
-and are not listed are told.
+Layout as GSI reads it (src/gsi/aircraftobsqc.f90): 16 lines are skipped; of every further line
+columns 1-8 are an identifier, columns 11, 13 and 15 hold ``T``, ``W`` and ``R`` where temperature,
+wind and humidity are rejected, columns 22-29 are a second (MDCRS) identifier. Blank columns 22-29
+match every report with a blank station identifier; ``--------`` matches none. The rest of a line
+(number of reports, biases and standard deviations, type, reasons in brackets) is for people, and
+so are the criteria in the header, such as ``bias_DIR > 7`` (m/s, degrees).
 
-Identifiers are compared without leading zeros, with the second (MDCRS) identifier too.
+The criteria are applied to the reported and to the corrected winds of the archive. An aircraft
+loses its ``W`` when every reason of its entry is a criterion of wind with a limit in the header and
+its corrected winds meet all criteria of wind on `FEWEST` reports or more; with no ``T`` or ``R``
+left its line goes. An entry that gives no reason, or one that the corrected winds cannot answer (a
+type of aircraft, research), remains. Nothing is added: aircraft that fail and are not listed are
+named. All other lines are unchanged byte for byte.
+
+Statistics are of report minus reference: speed (``S``, m/s), direction (``DIR``, degrees, wrapped,
+where the reference blows at 5 m/s or more) and length of the vector difference (``W``, m/s).
+Identifiers are compared without leading zeros.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from airswing.errors import InputError
-from airswing.handover.records.gsi_list import WIND_CRITERIA, Entry, RejectList, read_reject_list
-from airswing.handover.records.registry import (
-    Account,
-    ArchiveWinds,
-    ExportFormat,
-    Listed,
+from airswing.handover.export import (
     Request,
-    TakenOff,
-    register,
-)
-from airswing.handover.records.run_products import (
     correction_members,
-    product_beside,
+    product_of_run,
     refuse_existing,
 )
+from airswing.handover.platforms import names_of
+from airswing.handover.selection import APPLIED
 
 if TYPE_CHECKING:
-    from pathlib import Path
+    import xarray as xr
+
+Floats = NDArray[np.float64]
 
 FILE_NAME = "current_bad_aircraft"
+HEADER_LINES = 16
+"""Lines GSI skips, whatever they hold."""
 FEWEST = 200
 """Reports below which an aircraft is not judged; the least that real lists name."""
-ROOM = 500
-"""Identifiers GSI's lists hold (src/gsi/aircraftobsqc.f90)."""
-# Aircraft named in notes; the list and the result have all.
-_SHOWN = 12
+LARGEST_LIST = 500
+"""Identifiers that GSI's lists hold; the number is not tested for winds."""
+WIND_CRITERIA = ("bias_S", "std_S", "bias_DIR", "std_DIR", "std_W", "rms_W")
+_SHOWN = 12  # aircraft named in the notes
+_CRITERION = re.compile(r"\b((?:bias|std|rms)_\w+)\s*>\s*(\d+(?:\.\d*)?|\.\d+)")
+_FLAGS = ((10, b"T"), (12, b"W"), (14, b"R"))
+_SECOND = slice(21, 29)
+_NONE = b"--------"
+_WINDS = ("eastward_wind", "northward_wind")
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A line of the list; one without identifier is no entry."""
+
+    line: bytes  # with its end of line
+    identifier: str = ""
+    second: str = ""  # MDCRS identifier
+    flags: str = ""  # those of T, W, R that are set
+    reasons: tuple[str, ...] = ()  # in brackets at the end of the line
+
+
+@dataclass(frozen=True)
+class RejectList:
+    """A list as it was read."""
+
+    header: bytes
+    entries: list[Entry]  # every line after the header, entry or not
+    criteria: dict[str, float]  # limits by name
+    filled: int  # blank second identifiers that were replaced by dashes
 
 
 @dataclass(frozen=True)
 class Judged:
-    """One aircraft of the archive against a list's criteria."""
+    """One aircraft of the archive, judged by the criteria of a list."""
 
     name: str
-    reports: int  # those that could be corrected
-    winds_a_day: float  # winds that could be used, were they right
+    reports: int  # that could be corrected
+    winds_a_day: float  # winds that could be used if they were accepted
     reported: dict[str, float]  # statistics by criterion
     corrected: dict[str, float]
-    reported_fails: tuple[str, ...]  # criteria exceeded
-    corrected_fails: tuple[str, ...]
+    reported_fails: list[str]  # criteria that are exceeded
+    corrected_fails: list[str]
+
+    def content(self) -> dict[str, Any]:
+        """Values for JSON."""
+        return {
+            "name": self.name,
+            "reports": self.reports,
+            "winds_a_day": round(self.winds_a_day, 1),
+            "reported": {name: round(value, 2) for name, value in self.reported.items()},
+            "corrected": {name: round(value, 2) for name, value in self.corrected.items()},
+            "reported_fails": self.reported_fails,
+            "corrected_fails": self.corrected_fails,
+        }
 
 
-def write(request: Request) -> Account:
-    """Write the list as it could be."""
+def write(request: Request) -> dict[str, Any]:
+    """Write the changed list.
+
+    Returns
+    -------
+    dict
+        ``files``, ``criteria``, ``taken_off`` and ``stay`` (entries with a rejected wind, with
+        ``why`` and statistics), ``not_listed``, ``winds_a_day_gained``,
+        ``blank_identifiers_filled`` and ``notes``.
+    """
     from airswing.products.whole_files import atomic
 
     if request.settings.base is None:
@@ -73,82 +128,107 @@ def write(request: Request) -> Account:
     current = read_reject_list(request.settings.base)
     target = request.path / FILE_NAME if request.folder else request.path
     refuse_existing(request, target)
-    fleet = {judged.name: judged for judged in judge(request, current.criteria)}
-    lines, taken_off, stay = _rescued(current, fleet)
-    with atomic(target) as temporary:
-        temporary.write_bytes(current.header + b"".join(lines))
-    return _account(target, current, fleet, taken_off, stay)
-
-
-def judge(request: Request, criteria: dict[str, float]) -> list[Judged]:
-    """Hold every aircraft of the archive against a list's criteria of wind."""
-    from airswing.handover.records.list_statistics import list_statistics
-    from airswing.products.ragged import time_span
-
-    names = [str(name) for name in request.corrected["aircraft"].to_numpy()]
-    with product_beside(
-        request, "headings.nc", why="it holds the model winds the criteria are applied to"
-    ) as headings:
-        members = correction_members(request.corrected)
-        known = [str(name) for name in headings["reference"].to_numpy()]
-        members = [name for name in members if name in known] or known[:1]
-        found = list_statistics(headings, request.corrected, members)
-        first, last = time_span(headings)
-    days = max((last - first) / np.timedelta64(1, "D"), 1.0)
-    wanted = [name for name in WIND_CRITERIA if name in criteria]
-    judged = []
-    for place, name in enumerate(names):
-        values = [{one: float(found[one][state, place]) for one in wanted} for state in (0, 1)]
-        fails = [tuple(one for one in wanted if abs(own[one]) > criteria[one]) for own in values]
-        number, usable = int(found["number"][place]), float(found["usable"][place] / days)
-        judged.append(Judged(name, number, usable, values[0], values[1], fails[0], fails[1]))
-    return judged
-
-
-def _rescued(
-    current: RejectList, fleet: dict[str, Judged]
-) -> tuple[list[bytes], list[TakenOff], list[Listed]]:
-    """The lines of the list as it could be, who comes off and who stays.
-
-    Told is every aircraft whose wind is rejected.
-    """
-    known = {_plain(name): judged for name, judged in fleet.items()}
-    lines: list[bytes] = []
-    taken_off: list[TakenOff] = []
-    stay: list[Listed] = []
+    fleet = judge(request, current.criteria)
+    by_name = {_plain(judged.name): judged for judged in fleet}
+    lines: list[bytes] = [current.header]
+    removed: list[dict[str, Any]] = []
+    kept: list[dict[str, Any]] = []
     for entry in current.entries:
-        if "W" not in entry.flags:
-            lines.append(entry.line)
-            continue
-        judged = known.get(_plain(entry.identifier)) or known.get(_plain(entry.second))
-        comes_off, why = verdict(entry, judged)
-        told: Listed = {"aircraft": entry.identifier, "why": why, **_told(judged)}
-        if not comes_off:
-            stay.append(told)
-            lines.append(entry.line)
-            continue
-        left = entry.without_wind()
-        taken_off.append({**told, "still_rejected": left.flags if left else ""})
-        lines += [left.line] if left else []
-    return lines, taken_off, stay
+        line = entry.line
+        if "W" in entry.flags:
+            judged = by_name.get(_plain(entry.identifier)) or by_name.get(_plain(entry.second))
+            passes, why = verdict(entry, judged, current.criteria)
+            content = {} if judged is None else judged.content()
+            found = {"aircraft": entry.identifier, "why": why, **content}
+            if passes:
+                flags = entry.flags.replace("W", "")
+                removed.append({**found, "still_rejected": flags})
+                line = line[:12] + b"-" + line[13:] if flags else b""
+            else:
+                kept.append(found)
+        lines.append(line)
+    with atomic(target) as temporary:
+        temporary.write_bytes(b"".join(lines))
+    listed = {one.get("name") for one in [*removed, *kept]}
+    failing = [
+        judged.content()
+        for judged in fleet
+        if judged.reported_fails and judged.reports >= FEWEST and judged.name not in listed
+    ]
+    entries = sum(bool(entry.flags) for entry in current.entries)
+    return {
+        "files": [{"path": str(target), "entries": entries}],
+        "criteria": current.criteria,
+        "taken_off": removed,
+        "stay": kept,
+        "not_listed": failing,
+        "winds_a_day_gained": round(sum(one["winds_a_day"] for one in removed), 1),
+        "blank_identifiers_filled": current.filled,
+        "notes": _notes(current, removed, kept, failing),
+    }
 
 
-def verdict(entry: Entry, judged: Judged | None) -> tuple[bool, str]:
-    """Whether an aircraft's wind comes off the list, and why or why not.
+def _notes(
+    current: RejectList,
+    removed: list[dict[str, Any]],
+    kept: list[dict[str, Any]],
+    failing: list[dict[str, Any]],
+) -> list[str]:
+    known = [one for one in kept if "name" in one]
+    gained = sum(one["winds_a_day"] for one in removed)
+    notes = [f"off the list: {one['aircraft']} ({one['why']})" for one in removed[:_SHOWN]]
+    notes += [f"remains: {one['aircraft']} ({one['why']})" for one in known[:_SHOWN]]
+    notes.append(
+        f"{len(removed)} aircraft come off, {len(kept)} remain ({len(kept) - len(known)} of them "
+        f"not in the archive): {gained:,.0f} winds a day gained"
+    )
+    if failing:
+        names = ", ".join(one["name"] for one in failing[:_SHOWN])
+        notes.append(f"not listed, but failing as reported: {names}")
+    if len(kept) > LARGEST_LIST:
+        notes.append(
+            f"{len(kept)} aircraft are listed for wind; GSI holds {LARGEST_LIST} and does not test"
+        )
+    if current.filled:
+        notes.append(
+            f"{current.filled} blank second identifiers, which match every report without one, "
+            "filled with dashes"
+        )
+    return notes
 
-    ``judged`` is None where the archive does not have it.
+
+def verdict(entry: Entry, judged: Judged | None, criteria: dict[str, float]) -> tuple[bool, str]:
+    """Decide whether the wind of an entry is accepted again.
+
+    Parameters
+    ----------
+    judged : Judged or None
+        None where the aircraft is not in the archive.
+    criteria : dict
+        Limits in the header of the list.
+
+    Returns
+    -------
+    passes : bool
+    why : str
     """
-    others = [name for name in entry.reasons if _of_wind(name) and name not in WIND_CRITERIA]
+    # Reasons of temperature or humidity are answered by the flags T and R that remain.
+    others = "T" in entry.flags or "R" in entry.flags
+    unanswered = [
+        name
+        for name in entry.reasons
+        if not (name in WIND_CRITERIA and name in criteria) and not (others and not _of_wind(name))
+    ]
     if judged is None:
         return False, "not in the archive"
     if judged.reports == 0:
         return False, "its winds could not be corrected"
-    if others:
-        return False, f"listed for another reason: {' '.join(others)}"
+    if unanswered:
+        return False, f"listed for another reason: {' '.join(unanswered)}"
+    if not any(_of_wind(name) for name in entry.reasons):
+        return False, "the list gives no reason for rejecting its wind"
     if judged.reports < FEWEST:
         return False, f"{judged.reports} corrected reports, {FEWEST} are needed"
-    if not entry.reasons and not judged.reported_fails:
-        return False, "the list gives no reason, and its winds as reported meet every criterion"
     if judged.corrected_fails:
         fails = ", ".join(f"{name} {judged.corrected[name]:.1f}" for name in judged.corrected_fails)
         return False, f"corrected winds fail too: {fails}"
@@ -157,74 +237,164 @@ def verdict(entry: Entry, judged: Judged | None) -> tuple[bool, str]:
 
 
 def _of_wind(reason: str) -> bool:
-    """Whether a reason may be one for the wind: those of temperature and humidity alone are not."""
-    return not reason.endswith(("_T", "_RH")) or reason.endswith("_W") or "_W_" in reason
+    """Whether a reason concerns the wind: not those of temperature or humidity alone."""
+    return not reason.endswith(("_T", "_RH")) or "_W_" in reason
 
 
 def _plain(identifier: str) -> str:
     return identifier.strip().lstrip("0") or identifier.strip()
 
 
-def _told(judged: Judged | None) -> ArchiveWinds:
-    if judged is None:
-        return {}
-    return {
-        "name": judged.name,
-        "reports": judged.reports,
-        "winds_a_day": round(judged.winds_a_day, 1),
-        "reported": {name: round(value, 2) for name, value in judged.reported.items()},
-        "corrected": {name: round(value, 2) for name, value in judged.corrected.items()},
-        "reported_fails": list(judged.reported_fails),
-        "corrected_fails": list(judged.corrected_fails),
-    }
+def read_reject_list(path: Path) -> RejectList:
+    """Read a list; blank second identifiers are replaced by dashes.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, has no entry, or names no criterion of wind.
+    """
+    try:
+        content = Path(path).read_bytes()
+    except OSError as err:
+        raise InputError("cannot be read", file=path, found=err.strerror) from err
+    lines = content.splitlines(keepends=True)
+    header = b"".join(lines[:HEADER_LINES])
+    entries = [_entry(line) for line in lines[HEADER_LINES:]]
+    if not any(entry.identifier for entry in entries):
+        raise InputError(
+            "not a reject list as GSI reads it: no line after the 16 of its header has an "
+            "identifier and T, W or R in columns 11, 13 and 15",
+            file=path,
+            found=f"{len(lines)} lines",
+        )
+    criteria = {name: float(limit) for name, limit in _CRITERION.findall(header.decode("latin-1"))}
+    if not set(WIND_CRITERIA) & set(criteria):
+        raise InputError(
+            "the header of the list names no criterion of wind to judge aircraft by",
+            file=path,
+            found=", ".join(criteria) or "none",
+            remedy=f"Write them into its first 16 lines, such as `bias_DIR > 7`; known are "
+            f"{', '.join(WIND_CRITERIA)}",
+        )
+    filled = 0
+    for place, entry in enumerate(entries):
+        body = entry.line.rstrip(b"\r\n")
+        if entry.identifier and not body[_SECOND].strip():
+            line = body[:21].ljust(21) + _NONE + body[29:] + entry.line[len(body) :]
+            entries[place] = replace(entry, line=line)
+            filled += 1
+    return RejectList(header, entries, criteria, filled)
 
 
-def _account(
-    target: Path,
-    current: RejectList,
-    fleet: dict[str, Judged],
-    taken_off: list[TakenOff],
-    stay: list[Listed],
-) -> Account:
-    """What there is to tell."""
-    listed = {one.get("name") for one in [*taken_off, *stay]}
-    failing = [
-        _told(judged)
-        for judged in fleet.values()
-        if judged.reported_fails and judged.reports >= FEWEST and judged.name not in listed
-    ]
-    gained = sum(one["winds_a_day"] for one in taken_off)
-    notes = [f"off the list: {one['aircraft']} ({one['why']})" for one in taken_off[:_SHOWN]]
-    inside = [one for one in stay if "name" in one]
-    notes += [f"stays: {one['aircraft']} ({one['why']})" for one in inside[:_SHOWN]]
-    absent = len(stay) - len(inside)
-    notes.append(
-        f"{len(taken_off)} aircraft come off, {len(stay)} stay ({absent} of them not in the "
-        f"archive): {gained:,.0f} winds a day gained"
+def _entry(line: bytes) -> Entry:
+    body = line.rstrip(b"\r\n")
+    identifier = re.match(rb"(\S{1,8}) *$", body[:8].ljust(8))
+    flags = [letter for place, letter in _FLAGS if body[place : place + 1] == letter]
+    valid = all(body[place : place + 1] in (letter, b"-", b" ", b"") for place, letter in _FLAGS)
+    if identifier is None or not flags or not valid or body.startswith(b";"):
+        return Entry(line)
+    second = body[_SECOND].strip()
+    reasons = re.search(rb"\(([^()]*)\)?\s*$", body[29:])
+    return Entry(
+        line,
+        identifier[1].decode("latin-1"),
+        "" if set(second) <= set(b"-") else second.decode("latin-1"),
+        b"".join(flags).decode("ascii"),
+        tuple(reasons[1].decode("latin-1").split()) if reasons else (),
     )
-    if failing:
-        names = ", ".join(one["name"] for one in failing[:_SHOWN])
-        notes.append(f"not listed, but failing as reported: {names}")
-    listed_winds = sum("W" in one.flags for one in current.entries) - len(taken_off)
-    if listed_winds > ROOM:
-        notes.append(
-            f"{listed_winds} aircraft are listed for wind; GSI has room for {ROOM}, untested"
-        )
-    if current.filled:
-        notes.append(
-            f"{current.filled} blank second identifiers, which match every report without one, "
-            "filled with dashes"
-        )
-    return {
-        "files": [{"path": str(target), "entries": sum(bool(e.flags) for e in current.entries)}],
-        "criteria": current.criteria,
-        "taken_off": taken_off,
-        "stay": stay,
-        "not_listed": failing,
-        "winds_a_day_gained": round(gained, 1),
-        "blank_identifiers_filled": current.filled,
-        "notes": notes,
-    }
 
 
-register(ExportFormat("reject_list", "a GSI reject list without the aircraft _rescued", write))
+def judge(request: Request, criteria: dict[str, float]) -> list[Judged]:
+    """Apply the criteria of wind to every aircraft of the archive, as reported and corrected."""
+    from airswing.products.ragged import time_span
+
+    wanted = [name for name in WIND_CRITERIA if name in criteria]
+    with product_of_run(
+        request, "headings.nc", why="it holds the model winds the criteria are applied to"
+    ) as headings:
+        known = [str(name) for name in headings["reference"].to_numpy()]
+        members = [name for name in correction_members(request.corrected) if name in known]
+        found = list_statistics(headings, request.corrected, members or known[:1])
+        first, last = time_span(headings)
+    days = max((last - first) / np.timedelta64(1, "D"), 1.0)
+    judged = []
+    for place, name in enumerate(names_of(request.corrected)):
+        values = [{one: float(found[one][state, place]) for one in wanted} for state in (0, 1)]
+        fails = [[one for one in wanted if abs(part[one]) > criteria[one]] for part in values]
+        number, usable = int(found["number"][place]), float(found["usable"][place] / days)
+        judged.append(Judged(name, number, usable, values[0], values[1], fails[0], fails[1]))
+    return judged
+
+
+def list_statistics(
+    headings: xr.Dataset, corrected: xr.Dataset, members: Sequence[str]
+) -> dict[str, Floats]:
+    """Statistics of every aircraft, of the same reports as reported and as corrected.
+
+    Parameters
+    ----------
+    headings, corrected : Dataset
+        Of one run, in the same order.
+    members : sequence of str
+        References whose mean the reports are compared with.
+
+    Returns
+    -------
+    dict of str to array
+        ``number`` (aircraft,): corrected reports; ``usable`` (aircraft,): reports that passed the
+        screening; by name of the criterion (state, aircraft), reported first.
+    """
+    from airswing.evaluation.disagreement import reference_mean
+    from airswing.evaluation.error_profiles import profile_cells
+    from airswing.products.ragged import aircraft_of_report, blocks
+
+    needed = [*_WINDS, *(f"reference_{name}" for name in _WINDS), "pressure", "phase", "screening"]
+    pairs = zip(
+        blocks(headings, needed),
+        blocks(corrected, [*(f"corrected_{name}" for name in _WINDS), "correction_applied"]),
+        strict=True,
+    )
+    parts: list[dict[str, Floats]] = []
+    for block, other in pairs:
+        cell, _ = profile_cells(block)
+        model = reference_mean(block, list(members))
+        u_ref, v_ref = (model[f"reference_{name}"].to_numpy() for name in _WINDS)
+        reported = [block[name].to_numpy() for name in _WINDS]
+        better = [other[f"corrected_{name}"].to_numpy() for name in _WINDS]
+        usable = (cell >= 0) & np.isfinite(u_ref) & np.isfinite(reported[0])
+        good = usable & np.isin(other["correction_applied"].to_numpy(), APPLIED)
+        good &= np.isfinite(better[0])
+        row, aircraft = aircraft_of_report(block), block.sizes["aircraft"]
+        states = [
+            _statistics(u[good], v[good], u_ref[good], v_ref[good], row[good], aircraft)
+            for u, v in (reported, better)
+        ]
+        part = {name: np.stack([state[name] for state in states]) for name in states[0]}
+        for name, chosen in (("number", good), ("usable", usable)):
+            part[name] = np.bincount(row[chosen], minlength=aircraft).astype(np.float64)
+        parts.append(part)
+    return {name: np.concatenate([part[name] for part in parts], axis=-1) for name in parts[0]}
+
+
+def _statistics(
+    u: Floats, v: Floats, u_ref: Floats, v_ref: Floats, row: NDArray[np.int64], aircraft: int
+) -> dict[str, Floats]:
+    """Statistics of one state of the wind by aircraft; NaN without reports."""
+    from airswing.evaluation.error_profiles import MIN_DIRECTION_WIND
+
+    speed = np.hypot(u, v) - np.hypot(u_ref, v_ref)
+    # Clockwise from the direction of the reference to that of the report.
+    turned = np.degrees(np.arctan2(u * v_ref - v * u_ref, u * u_ref + v * v_ref))
+    turned = np.where(np.hypot(u_ref, v_ref) >= MIN_DIRECTION_WIND, turned, np.nan)
+    found: dict[str, Floats] = {}
+    for name, values in (("S", speed), ("DIR", turned), ("W", np.hypot(u - u_ref, v - v_ref))):
+        known = np.isfinite(values)
+        number = np.bincount(row[known], minlength=aircraft)
+        kept = np.where(known, values, 0.0).astype(np.float64)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            mean = np.bincount(row, weights=kept, minlength=aircraft) / number
+            square = np.bincount(row, weights=kept**2, minlength=aircraft) / number
+        found[f"bias_{name}"] = mean
+        found[f"std_{name}"] = np.sqrt(np.maximum(square - mean**2, 0.0))
+        found[f"rms_{name}"] = np.sqrt(square)
+    return found

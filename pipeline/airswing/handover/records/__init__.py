@@ -1,1 +1,0 @@
-"""What formats that write reports share: which reports, in which order, in which columns."""

@@ -1,0 +1,316 @@
+"""Reports that are exported, the reasons for leaving out the others, and joined soundings.
+
+Assumes screened reports with their correction. A report is exported when every screening rule let
+it pass, except the rules the configuration accepts (``handover: {accept: [...]}``; by default
+``phase``, which only selects the reports of the fit, and ``field_test``, which marks units that
+apply their own correction). A report without a model wind near it (``no_reference``) could not be
+checked for gross errors and is left out. Of corrected winds, those without a correction are left
+out, and those of aircraft corrected by a constant alone (``offset_only``: a deviation that varies
+with the heading remains in them).
+
+WRF and WRFDA accept whatever number they read, including NaN; limits of possible values are those
+of reading reports (:mod:`airswing.reports.canonical.cleaning`).
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.errors import InputError
+from airswing.flags import CORRECTION, PHASE, SCREENING
+from airswing.handover.export import Request
+from airswing.physics.atmosphere import pressure_from_altitude
+from airswing.physics.great_circle import central_angle
+from airswing.physics.triangle import wrap_degrees
+from airswing.units import EARTH_RADIUS
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Rows = NDArray[np.void]
+Mask = NDArray[np.bool_]
+
+ROW = np.dtype(
+    [("time", "i8"), ("report", "i8")]
+    + [
+        (name, "f8")
+        for name in ("pressure", "latitude", "longitude", "temperature", "u", "v", "error")
+    ]
+    + [("aircraft", "i4"), ("phase", "i1")]
+)
+"""One wind: s since 1970, number of its report (equal for the levels of a sounding), Pa, degrees,
+K, m/s, standard error of the correction (vector, m/s), index of the aircraft, flight phase."""
+NEEDED = (
+    "time",
+    "latitude",
+    "longitude",
+    "pressure",
+    "pressure_altitude",
+    "air_temperature",
+    "eastward_wind",
+    "northward_wind",
+    "corrected_eastward_wind",
+    "corrected_northward_wind",
+    "corrected_wind_standard_error",
+    "correction_applied",
+    "screening",
+    "phase",
+    "flight",
+)
+"""Variables that are read where they exist."""
+APPLIED = (CORRECTION["corrected"], CORRECTION["already_corrected"])
+"""Codes of ``correction_applied`` of winds that count as corrected."""
+_REQUIRED = ("time", "latitude", "longitude", "screening", "phase", "flight")
+_POLE = 89.999  # degrees; nearer to a pole a reader cannot rotate a wind direction
+# s since 1970; OBSPROC knows years that begin with 19 or 20.
+_FIRST_TIME, _END_TIME = (
+    int(np.datetime64(year, "s").astype(np.int64)) for year in ("1900", "2100")
+)
+_PLACE = ("latitude", "longitude")
+_NO_TIME = np.iinfo(np.int64).min
+
+
+def wind_names(request: Request) -> tuple[str, str]:
+    """Names of the wind components to export.
+
+    Raises
+    ------
+    InputError
+        If the Dataset lacks a variable that is needed.
+    """
+    prefix = "corrected_" if request.winds == "corrected" else ""
+    names = f"{prefix}eastward_wind", f"{prefix}northward_wind"
+    applied = ("correction_applied",) if prefix else ()
+    for name in (*names, *applied, *_REQUIRED):
+        if name not in request.corrected.variables:
+            raise InputError(
+                "the reports lack a variable that the export needs",
+                field=name,
+                remedy="Export the corrected product of a run, or the result of airswing.correct "
+                "for screened headings",
+            )
+    if not {"pressure", "pressure_altitude"} & set(request.corrected.variables):
+        raise InputError("the reports have no level", field="pressure")
+    return names
+
+
+@dataclass(frozen=True)
+class SoundingLimits:
+    """What a target system makes of a report of many levels."""
+
+    largest_step: float = np.inf  # Pa between levels; a sounding is split at a larger one
+    least_depth: float = 0.0  # Pa; a shallower sounding is written as single levels
+
+
+@dataclass
+class Selected:
+    """Reports to export, and what was left out or moved."""
+
+    rows: Rows  # of `ROW`
+    order: NDArray[np.int64]  # of the rows by time, report and descending pressure
+    left_out: Counter[str]  # reports by reason
+    soundings: Counter[str]  # joined, split, shallow
+    farthest: float = 0.0  # m that joining moved a report
+    longest: float = 0.0  # s that joining moved a report
+
+
+def selected_rows(
+    request: Request,
+    *,
+    above: float = 0.0,
+    limits: SoundingLimits | None = None,
+) -> Selected:
+    """Select the reports of an archive and put them in order of time.
+
+    Parameters
+    ----------
+    above : float, default 0
+        Pa; reports at this pressure and lower ones are left out as ``above_80_hPa``.
+    limits : SoundingLimits, optional
+        Of the target system, for joined soundings.
+
+    Raises
+    ------
+    InputError
+        If a variable is missing or no report remains.
+    """
+    from airswing.products.ragged import aircraft_of_report, blocks
+
+    wind_names(request)
+    found = Selected(
+        np.empty(request.corrected.sizes["report"], ROW), np.zeros(0, int), Counter(), Counter()
+    )
+    filled = first_aircraft = 0
+    for block in blocks(request.corrected, NEEDED):
+        rows = _all_rows(block, request)
+        rows["aircraft"] = aircraft_of_report(block) + first_aircraft
+        first_aircraft += block.sizes["aircraft"]
+        reasons = _reasons(rows, block, request)
+        # Rounded as it is written: WRF compares what it reads.
+        reasons.append(("above_80_hPa", np.round(rows["pressure"], 3) <= above))
+        # A report is counted under the first reason that holds.
+        code = np.select([bad for _, bad in reasons], list(range(1, len(reasons) + 1)), 0)
+        for number, name in enumerate([name for name, _ in reasons], start=1):
+            if count := int(np.count_nonzero(code == number)):
+                found.left_out[name] += count
+        chosen = np.flatnonzero(code == 0)
+        rows = rows[chosen]
+        rows["report"] = np.arange(filled, filled + rows.size)
+        if request.soundings and rows.size:
+            flight = block["flight"].to_numpy()[chosen]
+            _join_soundings(rows, flight, limits or SoundingLimits(), found)
+        found.rows[filled : filled + rows.size] = rows
+        filled += rows.size
+    if not filled:
+        reasons_text = ", ".join(f"{reason} {n:,}" for reason, n in found.left_out.items())
+        raise InputError(
+            "no report is left to export",
+            found=reasons_text or "no reports",
+            remedy="See the reasons: fit more aircraft, choose another period, or --winds reported",
+        )
+    rows = found.rows = found.rows[:filled]
+    found.order = np.lexsort((-rows["pressure"], rows["report"], rows["time"]))
+    return found
+
+
+def _all_rows(block: xr.Dataset, request: Request) -> Rows:
+    from airswing.reports.canonical.cleaning import LIMITS
+
+    east, north = wind_names(request)
+    rows = np.zeros(block.sizes["report"], dtype=ROW)
+    time = block["time"].to_numpy().astype("datetime64[ms]").astype(np.int64)
+    # To the nearest second: no format holds parts of one.
+    rows["time"] = np.where(time == _NO_TIME, time, (time + 500) // 1000)
+    columns = {
+        "latitude": "latitude",
+        "longitude": "longitude",
+        "temperature": "air_temperature",
+        "u": east,
+        "v": north,
+        "pressure": "pressure",
+        "error": "corrected_wind_standard_error",
+        "phase": "phase",
+    }
+    for name, variable in columns.items():
+        rows[name] = block[variable].to_numpy() if variable in block else np.nan
+    if "pressure_altitude" in block:
+        unknown = np.isnan(rows["pressure"])
+        altitude = block["pressure_altitude"].to_numpy()[unknown]
+        rows["pressure"][unknown] = pressure_from_altitude(altitude)
+    with np.errstate(invalid="ignore"):  # an infinite longitude becomes NaN
+        rows["longitude"] = wrap_degrees(rows["longitude"])
+    low, high = LIMITS["air_temperature"]
+    possible = (rows["temperature"] >= low) & (rows["temperature"] <= high)
+    rows["temperature"][~possible] = np.nan
+    return rows
+
+
+def _reasons(rows: Rows, block: xr.Dataset, request: Request) -> list[tuple[str, Mask]]:
+    """Reasons for leaving a report out, in the order they are asked for."""
+    from airswing.reports.canonical.cleaning import LIMITS
+
+    speed = np.hypot(rows["u"], rows["v"])
+    low, high = LIMITS["pressure"]
+    start, end = request.settings.start, request.settings.end
+    accepted = request.settings.accept
+    time = rows["time"]
+    found = [
+        ("no_time", time == _NO_TIME),
+        ("impossible_time", (time < _FIRST_TIME) | (time >= _END_TIME)),
+    ]
+    if start is not None:
+        found.append(("before_the_period", time < start.timestamp()))
+    if end is not None:
+        found.append(("after_the_period", time >= end.timestamp()))
+    with np.errstate(invalid="ignore"):
+        found += [
+            ("no_position", ~(np.abs(rows["latitude"]) <= 90.0) | np.isnan(rows["longitude"])),
+            ("at_a_pole", np.abs(rows["latitude"]) > _POLE),
+            ("no_wind", np.isnan(speed)),
+            ("impossible_wind", speed > LIMITS["wind_speed"][1]),
+            ("no_level", np.isnan(rows["pressure"])),
+            ("impossible_level", (rows["pressure"] < low) | (rows["pressure"] > high)),
+        ]
+    if request.winds == "corrected":
+        applied = block["correction_applied"].to_numpy()
+        found += [
+            (f"not_corrected_{name}", applied == code)
+            for name, code in CORRECTION.items()
+            if code not in APPLIED and name not in accepted
+        ]
+    screening = block["screening"].to_numpy()
+    return found + [
+        (f"screened_out_{name}", (screening & bit) > 0)
+        for name, bit in SCREENING.items()
+        if name not in accepted
+    ]
+
+
+LARGEST_GAP = 600
+"""s between reports of one sounding; in a climb reports are seconds to a few minutes apart."""
+LEAST_STEP = 2.0
+"""Pa between levels; OBSPROC merges levels less than 1 Pa apart."""
+MOST_LEVELS = 1000
+"""WRFDA cuts reports of more than 1001 levels."""
+
+
+def _join_soundings(
+    rows: Rows, flight: NDArray[np.int64], limits: SoundingLimits, found: Selected
+) -> None:
+    """Give the levels of each sounding one report number, place and time, in place.
+
+    A sounding is a run of reports of one flight in ascent or in descent without a gap over
+    `LARGEST_GAP`. It has the place and time of its middle report, since the readers know one for
+    all levels. A second report at the same pressure (level flight), a run of one report, and what
+    ``limits`` exclude stay single reports. Rows are whole aircraft in order of aircraft and time.
+    """
+    run = _runs(rows, flight)
+    order = np.lexsort((np.arange(rows.size), -rows["pressure"], run))
+    members, run = order, run[order]
+    step = -np.diff(rows["pressure"][members])
+    # Of levels too near to each other the earlier report keeps the level.
+    repeated = np.r_[False, (np.diff(run) == 0) & (step < LEAST_STEP)]
+    members, run = members[~repeated], run[~repeated]
+    pressure = rows["pressure"][members]
+    parted = np.r_[False, (np.diff(run) == 0) & (-np.diff(pressure) > limits.largest_step)]
+    found.soundings["split"] += int(np.count_nonzero(parted))
+    run = run + np.cumsum(parted)
+    begins = np.flatnonzero(np.diff(run, prepend=-1))
+    levels = np.diff(begins, append=members.size)
+    depth = pressure[begins] - pressure[begins + levels - 1]
+    shallow = (levels > 1) & (depth < limits.least_depth)
+    found.soundings["shallow"] += int(np.count_nonzero(shallow))
+    found.soundings["joined"] += int(np.count_nonzero((levels > 1) & ~shallow))
+    members = members[np.lexsort((members, run))]  # in order of time within a sounding
+    middle = np.repeat(members[begins + (levels - 1) // 2], levels)
+    moved = np.repeat(~shallow, levels)
+    members, middle = members[moved], middle[moved]
+    if members.size:
+        places = (np.radians(rows[name][part]) for part in (members, middle) for name in _PLACE)
+        found.farthest = max(found.farthest, EARTH_RADIUS * float(central_angle(*places).max()))
+        waiting = np.abs(rows["time"][members] - rows["time"][middle])
+        found.longest = max(found.longest, float(waiting.max()))
+    for name in ("report", "time", "latitude", "longitude"):
+        rows[name][members] = rows[name][middle]
+
+
+def _runs(rows: Rows, flight: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Number of the run each report belongs to, from 0 in order."""
+    phase, time = rows["phase"], rows["time"]
+    climbing = (phase == PHASE["ascent"]) | (phase == PHASE["descent"])
+    new = np.ones(rows.size, dtype=bool)
+    new[1:] = (
+        ~climbing[1:]
+        | (phase[1:] != phase[:-1])
+        | (flight[1:] != flight[:-1])
+        | (rows["aircraft"][1:] != rows["aircraft"][:-1])
+        | (time[1:] - time[:-1] > LARGEST_GAP)
+    )
+    start = np.flatnonzero(new)[np.cumsum(new) - 1]
+    too_many = (np.arange(rows.size) - start) // MOST_LEVELS
+    return np.asarray(np.cumsum(new | (np.diff(too_many, prepend=0) > 0)) - 1, dtype=np.int64)

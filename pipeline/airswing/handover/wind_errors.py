@@ -1,0 +1,183 @@
+"""Standard error of a wind component, report by report: one rule for every export.
+
+Where the run has ``observation_errors.nc``, the error variance of a report is
+
+    base(phase, layer) + [variance of its aircraft - mean base of the reports of that aircraft]
+    + [q - mean q],   q = half the square of ``corrected_wind_standard_error``
+
+where q, for corrected winds, is the share of a component in the uncertainty of the correction, and
+its mean is over the reports of the aircraft; over the phase and layer where the variance of the
+aircraft is unknown (NaN). A variance of exactly 0 is an estimate that was clipped at zero, and
+counts. So an aircraft with a poorly known compass weighs less. No variance falls below a quarter
+of its base, nor an error below `LEAST`. Layers beyond the measured ones have the nearest one's
+base, and a phase without a profile has that of all phases.
+
+Without the product the error is that of WRFDA's table for the type of report (var/obsproc/
+obserr.txt of WRF 4.7, interpolated in pressure), with q added for corrected winds. That table is
+meant for winds as reported, and is generous for corrected ones.
+
+Assumes equal errors of both components, independent of the error of the correction.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.errors import InputError
+from airswing.flags import PHASE
+from airswing.handover.export import ERRORS, Request, product_of_run
+from airswing.handover.platforms import PLATFORMS, names_of, platforms
+from airswing.handover.selection import Rows
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Array = NDArray[np.float64]
+
+BASE, BY_AIRCRAFT = "observation_error_filled", "aircraft_observation_error"
+LEAST = 0.5
+"""m/s: coding in whole knots and degrees alone costs 0.4 m/s at a wind of 30 m/s."""
+LEAST_SHARE = 0.25
+"""Of the base variance, that the variance of a report is at least."""
+TAMDARS = (
+    (150, 200, 350, 400, 450, 500, 600, 650, 750, 800, 850, 900),
+    (3.6, 3.2, 3.2, 3.0, 3.0, 2.9, 2.9, 2.7, 2.7, 2.5, 2.5, 2.3),
+)
+"""hPa, m/s: ends of the steps of WRFDA's table for TAMDAR; constant beyond."""
+AIREPS = 3.6  # m/s at all levels; WRFDA uses it for AMDAR and ACARS too
+_ROWS_AT_ONCE = 1_000_000
+
+
+def known_errors(request: Request, *, required: bool = False) -> xr.Dataset | None:
+    """``observation_errors.nc`` of the run, for the winds to export; None where it is absent.
+
+    Raises
+    ------
+    InputError
+        If the product is another one, or ``required`` and absent or without any known error.
+    """
+    if not required and (request.products is None or not (request.products / ERRORS).exists()):
+        return None
+    with product_of_run(request, ERRORS, why="it holds the errors to write") as product:
+        known = product.load()
+    for name in (BASE, BY_AIRCRAFT, "layer_bottom_pressure", "layer_top_pressure"):
+        if name not in known.variables:
+            raise InputError(
+                "does not hold the errors of reports by phase and layer",
+                file=(request.products or request.path) / ERRORS,
+                field=name,
+                remedy="Make it again, or move it away to use WRFDA's own table",
+            )
+    chosen = known.sel(state=request.winds).sortby("layer_bottom_pressure", ascending=False)
+    if required and not np.isfinite(chosen[BASE]).any():
+        raise InputError(
+            "no error of the reports is known",
+            field="observation_error",
+            found=known.attrs.get("believed_because"),
+            remedy="It takes two references, or aircraft that meet, on some days",
+        )
+    return chosen
+
+
+def base_variance(known: xr.Dataset, phase: str) -> Array:
+    """Base variance (layer,) of a phase, (m/s)2, layers from the ground upwards."""
+    names = [str(name) for name in known["flight_phase"].to_numpy()]
+    errors = known[BASE].sel(flight_phase=phase if phase in names else "all").to_numpy()
+    return np.square(errors.astype(np.float64))
+
+
+def table_error(pressure: Array, platform: NDArray[np.int8]) -> Array:
+    """Error of a component in WRFDA's table (m/s), at pressures (Pa), by index of `PLATFORMS`."""
+    tamdar = np.interp(pressure / 100.0, *TAMDARS)
+    return np.where(platform == PLATFORMS.index("TAMDAR"), tamdar, AIREPS)
+
+
+class WindErrors:
+    """Error of every report of an archive.
+
+    Parameters
+    ----------
+    request : Request
+    rows : array of `~airswing.handover.selection.ROW`
+        All reports that are exported.
+    known : Dataset or None
+        Of :func:`known_errors`.
+    """
+
+    def __init__(self, request: Request, rows: Rows, known: xr.Dataset | None) -> None:
+        aircraft = names_of(request.corrected)
+        self._corrected = request.winds == "corrected"
+        self._platform = platforms(request.corrected, request.settings)
+        self._base: Array = np.full((len(PHASE), 1), np.nan)
+        self._tops: Array = np.array([-np.inf])
+        self._aircraft: Array = np.full(len(aircraft), np.nan)
+        if known is not None:
+            self._base = np.stack([base_variance(known, phase) for phase in PHASE])
+            self._tops = known["layer_top_pressure"].to_numpy().astype(np.float64)
+            by_name = known[BY_AIRCRAFT].to_series().reindex(aircraft)
+            self._aircraft = np.square(by_name.to_numpy(dtype=np.float64))
+        cell, q = self._cell(rows), _correction_variance(rows)
+        by_aircraft = rows["aircraft"], len(aircraft)
+        self._q_of_cell = _means(q, cell, self._base.size)
+        self._q_of_aircraft = _means(q, *by_aircraft)
+        self._base_of_aircraft = _means(self._base.ravel()[cell], *by_aircraft)
+
+    @property
+    def source(self) -> str:
+        """Where the errors come from."""
+        return "WRFDA's own table" if np.isnan(self._base).all() else ERRORS
+
+    @property
+    def aircraft_excess(self) -> Array:
+        """Variance of each aircraft beyond the base of its reports, (m/s)2; NaN where unknown."""
+        return self._aircraft - self._base_of_aircraft
+
+    def of(self, rows: Rows) -> Array:
+        """Error of a wind component of every report, m/s."""
+        return np.concatenate(
+            [
+                self._of(rows[first : first + _ROWS_AT_ONCE])
+                for first in range(0, rows.size, _ROWS_AT_ONCE)
+            ]
+        )
+
+    def _of(self, rows: Rows) -> Array:
+        cell, aircraft = self._cell(rows), rows["aircraft"]
+        base, q = self._base.ravel()[cell], _correction_variance(rows)
+        excess = self.aircraft_excess[aircraft]
+        added = 0.0 if not self._corrected else np.nan_to_num(q)
+        table = table_error(rows["pressure"], self._platform[aircraft]) ** 2 + added
+        if self._corrected:
+            unknown = np.isnan(self._aircraft[aircraft])
+            mean = np.where(unknown, self._q_of_cell[cell], self._q_of_aircraft[aircraft])
+            excess = np.nan_to_num(excess) + np.nan_to_num(q - mean)
+        return np.asarray(np.sqrt(np.where(np.isnan(base), table, bounded(base, excess))))
+
+    def _cell(self, rows: Rows) -> NDArray[np.int64]:
+        """Index of every report's phase and layer."""
+        # A report is in the layer above as many tops as its pressure does not exceed.
+        layer = np.sum(rows["pressure"][:, np.newaxis] <= self._tops, axis=1)
+        layer = np.minimum(layer, self._tops.size - 1)
+        return np.asarray(rows["phase"] * np.int64(self._tops.size) + layer, dtype=np.int64)
+
+
+def bounded(base: Array, excess: Array | float) -> Array:
+    """Variance from its base and an excess (0 where NaN), not below the least, (m/s)2."""
+    least = np.maximum(LEAST_SHARE * base, LEAST**2)
+    return np.maximum(base + np.nan_to_num(excess), least)
+
+
+def _correction_variance(rows: Rows) -> Array:
+    """Share of a component in the variance of the correction; NaN where that is unknown."""
+    return np.asarray(rows["error"] ** 2 / 2.0)
+
+
+def _means(values: Array, group: NDArray[np.integer], groups: int) -> Array:
+    """Mean of each group over its finite values; NaN where there is none."""
+    known = np.isfinite(values)
+    total = np.bincount(group[known], weights=values[known], minlength=groups)
+    with np.errstate(invalid="ignore"):
+        return np.asarray(total / np.bincount(group[known], minlength=groups))
