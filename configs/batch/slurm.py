@@ -1,7 +1,7 @@
-"""The main job with its workers on Slurm: python configs/batch/slurm.py CONFIG [JOBS].
+"""Run the main job with workers on Slurm: python configs/batch/slurm.py CONFIG [JOBS].
 
-Takes what a worker job gets from jobqueue.yaml beside it, holds the scheduler, asks for up to JOBS
-worker jobs (8 by default), and goes on with what an earlier run finished. See docs/operation.md.
+Starts a scheduler in this process and up to JOBS worker jobs (8 by default) with the resources of
+jobqueue.yaml in the same folder. Finished months of an earlier run are kept. See docs/operation.md.
 """
 
 import subprocess
@@ -17,7 +17,7 @@ from dask_jobqueue import SLURMCluster  # noqa: E402  (reads the configuration w
 config, jobs = sys.argv[1], int(sys.argv[2]) if len(sys.argv) > 2 else 8
 with SLURMCluster() as cluster:
     cluster.adapt(minimum_jobs=1, maximum_jobs=jobs)
-    command = [sys.executable, "-m", "airswing", "run", config, "--resume"]
+    command = [sys.executable, "-m", "airswing", "run", config]
     raise SystemExit(
         subprocess.run([*command, "--scheduler", cluster.scheduler_address]).returncode
     )
