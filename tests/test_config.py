@@ -99,7 +99,7 @@ def test_absent_or_broken_files_are_refused(tmp_path):
     with pytest.raises(ConfigError, match="mapping"):
         load_config(broken)
     broken.write_text("reports: {files: a}\noutput: b\noutput: c\n")
-    with pytest.raises(ConfigError, match=r"'output' stands twice.*line 3"):
+    with pytest.raises(ConfigError, match=r"line 3: the key 'output' is given twice"):
         load_config(broken)
 
 

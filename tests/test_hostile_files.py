@@ -125,16 +125,16 @@ def test_a_count_of_records_that_the_file_cannot_hold(hostile):
 @pytest.mark.parametrize(
     ("name", "says"),
     [
-        ("bomb.yaml", "more than 20,000 values"),
-        ("date.yaml", "field_test.start: is no timestamp"),
-        ("deep.yaml", "nested more than 40 levels deep"),
+        ("bomb.yaml", "line 2: aliases such as .a0 are not supported"),
+        ("date.yaml", "line 3: '2009-06-31' is not a valid timestamp"),
+        ("deep.yaml", "nested too deeply"),
     ],
 )
 def test_yaml_that_is_none(hostile, name: str, says: str):
     with pytest.raises(ConfigError, match=says) as caught:
         load_config(hostile(name))
     assert len(str(caught.value)) <= LONGEST
-    with pytest.raises(InputError, match=says.removeprefix("field_test.start: ")):
+    with pytest.raises(InputError, match=says):
         read_effects(hostile(name))
 
 
@@ -168,7 +168,7 @@ def test_values_of_yaml_that_are_none(value: str, tmp_path: Path):
 def test_a_key_that_stands_twice_is_named(tmp_path: Path):
     path = tmp_path / "c.yaml"
     path.write_text("reports: {files: a}\nfit:\n  joint: true\n  joint: false\n")
-    with pytest.raises(ConfigError, match=r"fit: the key 'joint' stands twice \(line 4\)"):
+    with pytest.raises(ConfigError, match=r"line 4: the key 'joint' is given twice"):
         load_config(path)
 
 

@@ -20,11 +20,11 @@ from pydantic import (
     model_validator,
 )
 
-from airswing.config_faults import nearest
 from airswing.errors import InputError
 from airswing.model_formats import model_formats
 from airswing.quantities import MetresPerSecond, Radians, Seconds, spelt_out
 from airswing.units import DAY, KNOT
+from airswing.yaml_file import nearest
 
 
 def _checked_lead(text: str) -> str:

@@ -1,10 +1,11 @@
-"""One YAML file, checked in full before anything is read.
+"""Configuration files: read, checked completely, and refused with one message.
 
-Assumes relative paths start at the current directory.
+Assumes that relative paths start at the current directory.
 """
 
 from __future__ import annotations
 
+import typing
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TypeVar
@@ -12,9 +13,10 @@ from typing import TypeVar
 from pydantic import BaseModel, ValidationError
 
 from airswing.config import Config, Handover, Postprocess, PostprocessConfig
-from airswing.config_faults import explained, said_of
-from airswing.errors import ConfigError
-from airswing.plain_yaml import load_yaml
+from airswing.errors import ConfigError, shortened
+from airswing.yaml_file import load_yaml, nearest
+
+Model = TypeVar("Model", bound=BaseModel)
 
 
 def load_config(path: Path | str, *, output: Path | None = None) -> Config:
@@ -23,21 +25,32 @@ def load_config(path: Path | str, *, output: Path | None = None) -> Config:
     Parameters
     ----------
     path : path-like
+        The YAML file.
     output : Path, optional
-        Replaces ``output`` of the file.
+        Output folder in place of the file's ``output``.
+
+    Returns
+    -------
+    Config
 
     Raises
     ------
     ConfigError
-        If the file is absent, not YAML, or does not fit.
+        If the file is absent, is not YAML, or contains an invalid value or an unknown key.
+
+    Examples
+    --------
+    >>> config = airswing.load_config("configs/quickstart.yaml")  # doctest: +SKIP
+    >>> config.fit.min_reports  # doctest: +SKIP
+    200
     """
-    return _checked(Config, _content(Path(path), output), Path(path))
+    return _validated(Config, _content(Path(path), output), Path(path))
 
 
 def load_postprocess(
     path: Path | str, *, output: Path | None = None
 ) -> tuple[Postprocess, Path, BaseModel]:
-    """Read what ``airswing postprocess`` needs, from a configuration with or without the main job.
+    """Read the section ``postprocess`` of a configuration with or without the main job.
 
     Parameters
     ----------
@@ -52,7 +65,7 @@ def load_postprocess(
     Raises
     ------
     ConfigError
-        As :func:`load_config`, and where there is no such section.
+        As for :func:`load_config`, and if the section is absent.
     """
     content = _content(Path(path), output)
     if content.get("postprocess") is None:
@@ -64,13 +77,38 @@ def load_postprocess(
         )
     whole = "reports" in content or "references" in content
     model: type[Config | PostprocessConfig] = Config if whole else PostprocessConfig
-    found = _checked(model, content, Path(path))
+    found = _validated(model, content, Path(path))
     assert found.postprocess is not None
     return found.postprocess, found.output, found
 
 
+def with_handover(config: Config, given: Mapping[str, object]) -> Handover:
+    """Return the section ``handover`` with the options of a command.
+
+    Parameters
+    ----------
+    config : Config
+        The configuration.
+    given : mapping
+        Keys of the section; a value of None is ignored.
+
+    Raises
+    ------
+    ConfigError
+        If an option is invalid or contradicts the section.
+    """
+    options = {key: value for key, value in given.items() if value is not None}
+    try:
+        return Handover.model_validate(config.handover.model_dump() | options)
+    except ValidationError as err:
+        fault = err.errors()[0]
+        key = str(fault["loc"][0]) if fault["loc"] else ""
+        place = f"--{key}" if key else "handover"
+        message = fault["msg"].removeprefix("Value error, ")
+        raise ConfigError(message, field=place, found=options.get(key)) from err
+
+
 def _content(path: Path, output: Path | None) -> dict[str, object]:
-    """What the file says, with the output folder replaced."""
     if not path.exists():
         raise ConfigError("no such configuration", file=path)
     content = load_yaml(path, ConfigError)
@@ -81,36 +119,48 @@ def _content(path: Path, output: Path | None) -> dict[str, object]:
     return content
 
 
-Model = TypeVar("Model", bound=BaseModel)
-
-
-def _checked(model: type[Model], content: dict[str, object], path: Path) -> Model:
-    """The content as a model has it."""
+def _validated(model: type[Model], content: dict[str, object], path: Path) -> Model:
     try:
         return model.model_validate(content)
     except ValidationError as err:
-        raise explained(err, path, model) from err
+        raise _explained(err, path, model) from err
 
 
-def with_handover(config: Config, given: Mapping[str, object]) -> Handover:
-    """Section ``handover`` with what a command says over it.
+def _explained(err: ValidationError, path: Path, model: type[BaseModel]) -> ConfigError:
+    """The first fault that pydantic found, as one message.
 
-    Parameters
-    ----------
-    config : Config
-    given : mapping
-        Keys of the section; None is not said.
-
-    Raises
-    ------
-    ConfigError
-        If the two do not go together.
+    An unknown key is reported before a required key that is missing because of it.
     """
-    said = {key: value for key, value in given.items() if value is not None}
-    try:
-        return Handover.model_validate(config.handover.model_dump() | said)
-    except ValidationError as err:
-        fault = err.errors()[0]
-        key = str(fault["loc"][0]) if fault["loc"] else ""
-        place = f"--{key}" if key else "handover"
-        raise ConfigError(said_of(fault["msg"]), field=place, found=said.get(key)) from err
+    fault = min(err.errors(), key=lambda one: one["type"] != "extra_forbidden")
+    # Pydantic adds the name of an alternative (``int | "auto"``) to the location.
+    keys = [str(part) for part in fault["loc"] if part != "constrained-int"]
+    place = ".".join(key for key in keys if not key.startswith("literal["))
+    others = f"; and {err.error_count() - 1} more" if err.error_count() > 1 else ""
+    if fault["type"] == "extra_forbidden":
+        near = nearest(str(fault["loc"][-1]), _known_keys(model, fault["loc"][:-1]))
+        return ConfigError(f"unknown key{near}{others}", file=path, field=place)
+    if fault["type"] == "missing":
+        return ConfigError(f"required key is missing{others}", file=path, field=place)
+    value = fault["input"]
+    found = shortened(repr(value) if isinstance(value, str) else value)
+    message = fault["msg"].removeprefix("Value error, ") + others
+    section = isinstance(value, dict | BaseModel)
+    return ConfigError(message, file=path, field=place or None, found=None if section else found)
+
+
+def _known_keys(model: type[BaseModel], location: tuple[int | str, ...]) -> list[str]:
+    section: type[BaseModel] | None = model
+    for key in location:
+        field = section.model_fields.get(str(key)) if section is not None else None
+        # The name of an entry of a mapping (of a reference) is not a field: the section remains.
+        if field is not None:
+            section = _section_of(field.annotation)
+    return list(section.model_fields) if section is not None else []
+
+
+def _section_of(annotation: object) -> type[BaseModel] | None:
+    """The section in a field's type: itself, or optional, or the values of a mapping."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    inner = (_section_of(one) for one in typing.get_args(annotation))
+    return next((one for one in inner if one is not None), None)

@@ -1,40 +1,40 @@
-"""Errors that a user can mend, each one message without a traceback.
+"""Errors for invalid user input, each shown as one message without a traceback.
 
-Anything raised here is the user's input or configuration (exit status 2 at the command line);
-every other exception is a defect of ours (exit status 1).
+They are caused by the user's input or configuration (exit status 2 of the command); every other
+exception is a defect of airswing (exit status 1).
 
-A message is one line of at most `LONGEST` characters, whatever a file holds: each part of it is cut
-here, and nowhere else.
+A message is one line of at most `LONGEST` characters, whatever a file contains: its parts are
+shortened in this module only.
 """
 
 from __future__ import annotations
 
 import reprlib
 
-LONGEST = 2_000  # Characters of a message
-# File 400, field 250, what 550, found 450 and remedy 250 stay together under LONGEST.
+LONGEST = 2_000  # characters of a message
+# File 400, field 250, what 550, found 450 and remedy 250 together are shorter than LONGEST.
 _LONGEST_PART, _MOST_BITS = 450, 512
 
 _REPR = reprlib.Repr()
-# Of a large value its beginning tells which it is: a message stays one that can be read.
+# The beginning of a large value identifies it, and the message remains readable.
 _REPR.maxlevel, _REPR.maxdict, _REPR.maxlist, _REPR.maxtuple, _REPR.maxset = 3, 6, 8, 8, 8
 _REPR.maxstring = _REPR.maxother = _REPR.maxlong = 120
 
 
 def shortened(value: object, most: int = _LONGEST_PART) -> str:
-    """A value as one line of text.
+    """Return a value as one line of text.
 
     Parameters
     ----------
     value : object
-        Text as it is; numbers, lists and mappings as Python writes them, of few items.
+        Text is kept; numbers, lists and mappings are written as in Python, with few items.
     most : int, optional
-        Characters.
+        Maximum number of characters.
 
     Returns
     -------
     str
-        Line breaks and other control characters are blanks; what is cut out is said.
+        Control characters are replaced by blanks, omitted parts by an ellipsis.
     """
     if isinstance(value, str):
         text = value
@@ -58,20 +58,20 @@ def shortened(value: object, most: int = _LONGEST_PART) -> str:
 
 
 class AirswingError(Exception):
-    """Base of every error airswing raises on purpose."""
+    """Base class of the errors that airswing raises for invalid input."""
 
 
 class InputError(AirswingError):
-    """Bad input, told in one message: what is wrong, where, what was found, what to do.
+    """Error raised for invalid user input.
 
     Parameters
     ----------
     what : str
-        What is wrong, in a short sentence.
+        What is wrong, in a short phrase.
     file : str or path-like, optional
-        The file at fault.
+        The file concerned.
     field : str, optional
-        The column, variable or configuration key at fault.
+        The column, variable or configuration key concerned.
     found : object, optional
         What was found there.
     remedy : str, optional
@@ -99,12 +99,12 @@ class InputError(AirswingError):
         super().__init__(message)
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Rebuild from the keywords, so that the error survives a trip between processes."""
+        """Rebuild from the keywords, so that the error can be sent between processes."""
         return _rebuild, (type(self), self.what, self.file, self.field, self.found, self.remedy)
 
 
 class ConfigError(InputError):
-    """A configuration that cannot be used."""
+    """Error raised for an invalid configuration."""
 
 
 def _rebuild(

@@ -1,7 +1,7 @@
-"""Which lead times and which ensemble member of a model count as one reference.
+"""Selection of lead times and of an ensemble member.
 
-Assumes leads in seconds and members by the number the message gives; GRIB edition 1 gives none, and
-a message without one is member 0.
+Assumes lead times in seconds, and members by the number in the message. A message without a number
+(all of GRIB edition 1) is member 0.
 """
 
 from __future__ import annotations
@@ -28,17 +28,17 @@ _TIME_UNITS = {"h": 3600.0, "hour": 3600.0, "hours": 3600.0, "min": 60.0, "s": 1
 
 
 def lead_condition(text: str) -> Callable[[NDArray[np.float64]], NDArray[np.bool_]]:
-    """Turn ``any``, ``analysis`` or a comparison such as ``>= 1 h`` into a test of leads in s.
+    """Turn ``any``, ``analysis`` or a comparison such as ``>= 1 h`` into a function.
 
     Returns
     -------
     callable
-        From an array of leads (s) to booleans.
+        From an array of lead times (s) to booleans.
 
     Raises
     ------
     InputError
-        Where the text is none of these.
+        If the text is none of these.
     """
     words = text.strip().lower()
     if words == "any":
@@ -58,13 +58,13 @@ def lead_condition(text: str) -> Callable[[NDArray[np.float64]], NDArray[np.bool
 
 
 class Wanted(NamedTuple):
-    """Which profiles of a model's files are a reference's."""
+    """Which profiles in the model files belong to a reference."""
 
-    lead: str = "any"  # as for :func:`lead_condition`
-    member: int | None = None  # number of the ensemble member; any where not given
+    lead: str = "any"  # see :func:`lead_condition`
+    member: int | None = None  # number of the ensemble member; None: any
 
     def of(self, heads: NDArray[np.void]) -> NDArray[np.bool_]:
-        """Tell them apart; shape (n,).
+        """Return which profiles are selected, shape (n,).
 
         Parameters
         ----------
@@ -75,12 +75,12 @@ class Wanted(NamedTuple):
         return meets if self.member is None else meets & (heads["member"] == self.member)
 
     def none_met(self, heads: NDArray[np.void], where: str) -> InputError:
-        """Say that no profile is one of them.
+        """Return the error for files without a selected profile.
 
         Parameters
         ----------
         heads : structured array, shape (n,)
-            Those there are.
+            Profiles that exist.
         where : str
             Key of the configuration.
         """

@@ -1,8 +1,8 @@
-"""Kinds of model file beside GRIB, NetCDF, wrfout and Zarr: every module of one folder is found.
+"""Registry of further kinds of model files, in addition to GRIB, NetCDF, wrfout and Zarr.
 
-Assumes a kind shows in a file's first octets or its path, and that its winds make a Dataset which
-says what it is by CF attributes (or the configuration says it). A new kind is one new file in
-``reference/gridded/formats`` that calls `register`; engine, `auto`, messages and `inspect` have it.
+Assumes that a kind is recognised by the first bytes or the path of a file, and that its winds form a
+Dataset with CF attributes. A new kind is one new file in ``reference/gridded/formats`` that calls
+`register`; the engine names, `auto`, the messages and `inspect` then include it.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ _PACKAGE = "airswing.reference.gridded.formats"
 class ModelFormat:
     """One kind of model file."""
 
-    name: str  # of the engine, as the configuration says it
-    tells: Callable[[str, bytes], bool]  # whether a file is one, from its path and its first octets
-    # path to Datasets, best lazy; variables of different levels may be apart
+    name: str  # of the engine in the configuration
+    tells: Callable[[str, bytes], bool]  # decides by path and first bytes
+    # from a path to Datasets, preferably lazy; variables of different levels may be separate
     open: Callable[[str], Sequence[xr.Dataset]]
 
 
@@ -35,18 +35,18 @@ _FORMATS: dict[str, ModelFormat] = {}
 
 
 def register(model_format: ModelFormat) -> ModelFormat:
-    """Add a kind."""
+    """Register a kind of model file and return it."""
     _FORMATS[model_format.name] = model_format
     return model_format
 
 
 def unregister(name: str) -> None:
-    """Take a kind out again."""
+    """Remove a kind from the registry."""
     del _FORMATS[name]
 
 
 def model_formats() -> dict[str, ModelFormat]:
-    """Every kind by name."""
+    """Return every registered kind by name."""
     for found in pkgutil.iter_modules(importlib.import_module(_PACKAGE).__path__):
         importlib.import_module(f"{_PACKAGE}.{found.name}")
     return dict(_FORMATS)
