@@ -1,7 +1,7 @@
 """Registry of further kinds of model files, in addition to GRIB, NetCDF, wrfout and Zarr.
 
-Assumes that a kind is recognised by the first bytes or the path of a file, and that its winds form a
-Dataset with CF attributes. A new kind is one new file in ``reference/gridded/formats`` that calls
+Assumes that a kind is recognised by the first bytes or the path of a file, and that its winds form
+a Dataset with CF attributes. A new kind is one new file in ``reference/gridded/formats`` that calls
 `register`; the engine names, `auto`, the messages and `inspect` then include it.
 """
 
