@@ -1,240 +1,329 @@
-"""A fleet watched night by night: what all have alike is told from what one aircraft has.
+"""Test of a whole fleet, night by night: separates fleet-wide from single-aircraft changes.
 
-Assumes the rows of :mod:`airswing.evaluation.monitoring.daily_evidence` and the test of
-:mod:`airswing.evaluation.monitoring.sequential_test`. The common part is watched like an aircraft
-of its own: a step of it is the reference's. In a small fleet a night on which one aircraft steps
-and half of them or more seem to is taken for the reference's too.
+Assumes the daily sums of :mod:`airswing.evaluation.monitoring.daily_sums`. The innovations that all
+aircraft have in common on a day are an error of the reference; each aircraft is tested
+(:mod:`airswing.evaluation.monitoring.step_test`) after the common part, as the *other* aircraft
+show it, has been removed. The common part is a robust mean, drawn towards the level of the days
+before, and is tested like one more aircraft: a step of it belongs to the reference. In a small
+fleet a night on which half of the aircraft or more seem to step is attributed to the reference too.
 
-A day is weighed by the errors that the months before its own show: no later night weighs it
-otherwise, and the watch goes on from what the end of a month left.
-
-Radians; logarithms of the wind vector difference.
+The errors of a day are estimated from the months before its own, so that no later night weighs a
+day otherwise. Radians; logarithms of the wind vector difference.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import nnls
 
-from airswing.evaluation.monitoring.common_part import FEWEST, common_part, estimated_noise
-from airswing.evaluation.monitoring.sequential_test import Floats, Index, Law, Noise, Step, Watch
-from airswing.products.checked import digest
+from airswing.evaluation.monitoring.step_test import Floats, Index, Law, Noise, Step, StepTest
 
-DayRows = tuple[Index, Index, NDArray[np.generic], NDArray[np.generic]]
-"""Aircraft, day, normal matrix (rows, p, p) and right side (rows, p)."""
-
-ENOUGH, FEWEST_TOLD = 20_000, 20
-"""Rows that tell the errors of a day, and the fewest aircraft of them."""
-_STEP = tuple(one.name for one in fields(Step))
-TOLD_BY = 28
-"""Days before a month that tell its errors; with fewer of them its own days do."""
+FEWEST = 5
+"""Aircraft of a day that have a common part."""
+FAR = 9.0
+"""Squared distance from the common part at which an aircraft counts half."""
+_ROUNDS = 3  # of the common part and the weights of aircraft far from it, in turn
+FEWEST_IN_BLOCK, FEWEST_BLOCKS = 7, 3
+"""Days of an aircraft in a block, and such blocks, below which the usual errors are taken."""
+BLOCK_DAYS = 21
+"""Days over which a level is taken as constant when the errors are estimated."""
+ENOUGH_ROWS, FEWEST_AIRCRAFT = 20_000, 20
+"""Rows that suffice to estimate the errors of a day, and the fewest aircraft among them."""
+MONTH_BEFORE = 28
+"""Days before a month from which its errors are estimated; where fewer, from its own days."""
 LIKELY = 3.0
-"""Logarithm of the likelihood ratio beyond which an aircraft seems to have stepped too."""
-DEGREE = np.pi / 180.0
-UNKNOWNS = 12
-"""A to E, third and fourth harmonic (radians), airspeed scale, reference's b_u, b_v (m/s)."""
-# Which of the unknowns are angles, which the scale and which winds: their sizes are given apart.
+"""Log likelihood ratio beyond which an aircraft of a small fleet seems to have stepped too."""
+_DEGREE = np.pi / 180.0
+# Which of the twelve unknowns are angles, the airspeed scale and winds.
 _ANGLES = np.repeat([1.0, 0.0], [9, 3])
 _SCALE = np.repeat([0.0, 1.0, 0.0], [9, 1, 2])
 _WINDS = np.repeat([0.0, 1.0], [10, 2])
-# Degrees: how large the third and the fourth harmonic of a level are expected.
-_HIGHER = np.array([1.0, 1.0, 0.5, 0.5])
-COMPASS = Law(
-    shapes=1.4
-    * DEGREE
-    * np.array(
-        [
-            [1.0, 0, 0, 0, 0, *[0.0] * 7],
-            [1.0, 1.0, 1.0, 0, 0, *[0.0] * 7],
-            [1.0, 1.0, 1.0, 0.5, 0.5, *[0.0] * 7],
-        ]
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What is tested, and the errors expected of it."""
+
+    law: Law
+    noise: Noise  # of a day, where there are too few days to estimate it
+    common: Floats  # (p,): standard deviation of a day's common part
+
+
+COMPASS = Quantity(
+    Law(
+        # an offset; A to C; A to E. A bias of the reference or the airspeed is no compass change.
+        shapes=1.4
+        * _DEGREE
+        * np.array(
+            [
+                [1.0, 0, 0, 0, 0, *[0.0] * 7],
+                [1.0, 1.0, 1.0, 0, 0, *[0.0] * 7],
+                [1.0, 1.0, 1.0, 0.5, 0.5, *[0.0] * 7],
+            ]
+        ),
+        level=_DEGREE * np.array([10.0, 10, 10, 5, 5, 1, 1, 0.5, 0.5, 0, 0, 0])
+        + 0.05 * _SCALE
+        + 0.7 * _WINDS,
+        drift=0.13 * _DEGREE * _ANGLES + 0.005 * _SCALE + 0.15 * _WINDS,
+        farthest=30.0,
+        threshold=7.0,
+        student_from=4.0,
     ),
-    level=DEGREE * np.array([10.0, 10, 10, 5, 5, *_HIGHER, 0, 0, 0]) + 0.05 * _SCALE + 0.7 * _WINDS,
-    drift=0.13 * DEGREE * _ANGLES + 0.005 * _SCALE + 0.15 * _WINDS,
-    farthest=30.0,
-    threshold=7.0,
-    weighed_from=4.0,
+    Noise(4.0, (0.2 * _DEGREE) ** 2 * _ANGLES + 0.5**2 * _WINDS),
+    0.3 * _DEGREE * _ANGLES + 0.005 * _SCALE + 0.8 * _WINDS,
 )
-"""Only the compass steps: a bias of the reference or of the airspeed is no change of it."""
-COMPASS_NOISE = Noise(4.0, (0.2 * DEGREE) ** 2 * _ANGLES + 0.5**2 * _WINDS)
-COMPASS_COMMON = 0.3 * DEGREE * _ANGLES + 0.005 * _SCALE + 0.8 * _WINDS
-"""Standard deviation of a day's common part."""
-WIND = Law(
-    shapes=np.array([[0.4]]),
-    level=np.array([1.0]),
-    drift=np.array([0.07]),
-    farthest=12.0,
-    threshold=12.0,
+"""Calibrated by ``python -m benchmarks.monitoring``."""
+WIND = Quantity(
+    # a step of 0.4 of the logarithm is a factor of 1.5
+    Law(
+        shapes=np.array([[0.4]]),
+        level=np.array([1.0]),
+        drift=np.array([0.07]),
+        farthest=12.0,
+        threshold=12.0,
+    ),
+    Noise(1.5, np.array([0.15**2])),
+    np.array([0.15]),
 )
-"""Logarithm of the wind vector difference: a step of 0.4 is a factor of 1.5."""
-WIND_NOISE = Noise(1.5, np.array([0.15**2]))
-WIND_COMMON = np.array([0.15])
 
 
 @dataclass(frozen=True)
 class Alarm:
-    """A step that a night told."""
+    """A step and the night that detected it."""
 
-    step: Step  # its number is an aircraft's, or -1: of all at once
+    step: Step  # its number is that of an aircraft, or -1: the fleet
     night: int
-    aircraft: int  # that flew that night
-
-
-@dataclass
-class FleetWatch:
-    """A fleet's watch as it stands where a month begins."""
-
-    own: Watch
-    shared: Watch  # of what all have alike
-    alarms: list[Alarm] = field(default_factory=list)
-    # since 1970: the first whose days it has not taken in; before any day of any archive
-    month: int = -(2**31)
-
-    def begin(self, month: int, noise: Noise) -> None:
-        """Weigh the days of a month, and of those after it, by their errors."""
-        self.month, self.own.noise = month, noise
-        self.shared.noise = replace(self.shared.noise, persistence=noise.persistence)
+    aircraft: int  # with reports on that day
 
 
 @dataclass(frozen=True)
-class KeptWatch:
-    """Where the watch of one quantity is kept as the last month began with it.
+class Tested:
+    """Result of a fleet's test."""
 
-    Whoever keeps it tells aircraft and code by a mark of its own; that the rows taken in are the
-    same is told here, by a hash of those before the month.
-    """
-
-    read: Callable[[], Mapping[str, NDArray[np.generic]] | None]
-    write: Callable[[Mapping[str, NDArray[np.generic]]], None]
-
-    def take_up(self, watch: FleetWatch, rows: DayRows) -> None:
-        """Bring a new watch to where one stands that took in the same rows; else leave it."""
-        kept = self.read()
-        if kept is None or str(kept["rows"]) != _hash_before(int(kept["month"]), rows):
-            return
-        watch.month = int(kept["month"])
-        for name in ("own", "shared"):
-            getattr(watch, name).take_up(
-                {key.removeprefix(f"{name}:"): one for key, one in kept.items()}
-            )
-        steps = zip(*(kept[f"step:{name}"] for name in _STEP), strict=True)
-        for told, step in zip(kept["alarms"].tolist(), steps, strict=True):
-            plain = (one.item() if np.ndim(one) == 0 else one for one in step)
-            watch.alarms.append(Alarm(Step(*plain), *told))
-
-    def keep(self, watch: FleetWatch, rows: DayRows) -> None:
-        """Keep a watch that has taken in the rows before its month."""
-        found = {
-            "month": np.array(watch.month),
-            "rows": np.array(_hash_before(watch.month, rows)),
-            "alarms": np.array([(one.night, one.aircraft) for one in watch.alarms], np.int64),
-        }
-        for name in _STEP:
-            found[f"step:{name}"] = np.array([getattr(one.step, name) for one in watch.alarms])
-        for name in ("own", "shared"):
-            arrays = getattr(watch, name).as_arrays()
-            found |= {f"{name}:{key}": one for key, one in arrays.items()}
-        self.write(found)
+    alarms: list[Alarm]  # in order of the night
+    common: NDArray[np.float32]  # (row, p): common part removed from every row
+    noise: dict[int, Noise]  # by month since 1970
+    scale: Floats  # (aircraft,): error variance over that of the fleet, after the last day
 
 
 def watch_fleet(
-    rows: DayRows,
-    law: Law,
-    *,
-    usual: Noise,
-    common: Floats,
+    aircraft: Index,
+    day: Index,
+    normal: NDArray[np.floating],
+    right: NDArray[np.floating],
+    quantity: Quantity,
     number: int,
-    kept: KeptWatch | None = None,
-) -> list[Alarm]:
-    """Watch one quantity of a fleet, night by night.
+) -> Tested:
+    """Test one quantity of a fleet, night by night.
 
     Parameters
     ----------
-    usual : Noise
-        Of the days, where there are too few to tell.
-    common : array, shape (p,)
-        Standard deviation of a day's common part.
-    kept : KeptWatch, optional
-        Where to go on from, and where to keep what the last month begins with.
-
-    Returns
-    -------
-    list of Alarm
-        In order of the night.
+    aircraft, day : array of int, shape (row,)
+    normal, right : array, shape (row, p, p) and (row, p)
+        Sums of an aircraft and day each.
+    quantity : Quantity
+    number : int
+        Aircraft.
     """
-    months = months_of(rows[1])
-    shared = Watch(replace(law, level=3.0 * common), Noise(1.0, common**2), 1)
-    watch = FleetWatch(Watch(law, usual, number), shared)
-    if kept is not None:
-        kept.take_up(watch, rows)
-    for month in np.unique(months[months >= watch.month]):
-        if month > watch.month:
-            begin, end = (_first_day(one) for one in (month, month + 1))
-            known = begin - rows[1].min() >= TOLD_BY
-            telling = rows[1] < (begin if known else end)
-            watch.begin(int(month), _noise(rows, telling, usual, number))
-            if kept is not None and known and month == months.max():
-                kept.keep(watch, rows)
+    law, sigma = quantity.law, quantity.common
+    single = StepTest(law, quantity.noise, number)
+    shared = StepTest(replace(law, level=3.0 * sigma), Noise(1.0, sigma**2), 1)
+    found = Tested([], np.zeros(right.shape, np.float32), {}, np.ones(number))
+    months = month_of(day)
+    first = int(day.min(initial=0))
+    for month in np.unique(months).tolist():
+        begin, end = (
+            int(np.datetime64(one, "M").astype("M8[D]").astype(np.int64))
+            for one in (month, month + 1)
+        )
+        known = day < (begin if begin - first >= MONTH_BEFORE else end)
+        # of large fleets every so many aircraft
+        every = max(min(int(known.sum()) // ENOUGH_ROWS, number // FEWEST_AIRCRAFT), 1)
+        known &= aircraft % every == 0
+        sums = normal[known].astype(np.float64), right[known].astype(np.float64)
+        single.noise = estimated_noise(*sums, aircraft[known], day[known], usual=quantity.noise)
+        shared.noise = replace(shared.noise, persistence=single.noise.persistence)
+        found.noise[month] = single.noise
         chosen = np.flatnonzero(months == month)
-        # stable: rows of one group keep their order, so that their sums are the same bit for bit
-        order = chosen[np.argsort(rows[1][chosen], kind="stable")]
-        nights, start = np.unique(rows[1][order], return_index=True)
-        for night, of in zip(nights, np.split(order, start[1:]), strict=True):
-            squares, sums = (part[of].astype(np.float64) for part in rows[2:])
-            found = _night(watch, common, int(night), rows[0][of], squares, sums)
-            watch.alarms += [Alarm(step, int(night), of.size) for step in found]
-    return watch.alarms
+        order = chosen[np.argsort(day[chosen], kind="stable")]
+        nights, start = np.unique(day[order], return_index=True)
+        for night, rows in zip(nights.tolist(), np.split(order, start[1:]), strict=True):
+            sums = normal[rows].astype(np.float64), right[rows].astype(np.float64)
+            steps, found.common[rows] = _night(single, shared, sigma, night, aircraft[rows], *sums)
+            found.alarms.extend(Alarm(step, night, rows.size) for step in steps)
+    return replace(found, scale=single.scale(np.arange(number)))
 
 
-def months_of(day: Index) -> Index:
+def month_of(day: Index) -> Index:
     """Months since 1970 of days since then."""
     return day.astype("M8[D]").astype("M8[M]").astype(np.int64)
 
 
-def _first_day(month: int) -> int:
-    return int(np.datetime64(int(month), "M").astype("M8[D]").astype(np.int64))
-
-
-def _noise(rows: DayRows, telling: NDArray[np.bool_], usual: Noise, number: int) -> Noise:
-    """Errors of the days of a fleet from some rows, of large fleets from every so many aircraft."""
-    aircraft, day, normal, right = rows
-    every = max(min(int(telling.sum()) // ENOUGH, number // FEWEST_TOLD), 1)
-    chosen = telling & (aircraft % every == 0)
-    squares, sums = (part[chosen].astype(np.float64) for part in (normal, right))
-    return estimated_noise(squares, sums, aircraft[chosen], day[chosen], usual=usual)
-
-
 def _night(
-    watch: FleetWatch, common: Floats, night: int, of: Index, normal: Floats, right: Floats
-) -> list[Step]:
-    """Take a night in: the steps it tells; -1 is the number of all at once."""
-    own, shared = watch.own, watch.shared
-    weight, right = own.noise.weights(normal, right)
+    single: StepTest,
+    shared: StepTest,
+    sigma: Floats,
+    night: int,
+    of: Index,
+    normal: Floats,
+    right: Floats,
+) -> tuple[list[Step], Floats]:
+    """Take in a day: its steps (number -1: the fleet), and the common part of each aircraft."""
+    weight, right = single.noise.weights(normal, right)
     level = shared.level(np.array([0]))[0][0]
-    alike = common_part(*own.surprise(of, weight, right), level, common)
-    own.add(night, of, weight, right - np.einsum("nij,nj->ni", weight, alike.without))
-    all_of_them = np.arange(int(alike.weight.any()))
-    shared.add(night, all_of_them, *shared.noise.weights(alike.weight[None], alike.right[None]))
-    reference = shared.steps(all_of_them)
+    without, total, told = common_part(*single.innovation(of, weight, right), level, sigma)
+    single.add(night, of, weight, right - np.einsum("nij,nj->ni", weight, without))
+    fleet = np.arange(int(total.any()))
+    shared.add(night, fleet, *shared.noise.weights(total[None], told[None]))
+    reference, steps = shared.steps(fleet), single.steps(of)
     for step in reference:
         shared.restart(step)
-    steps = own.steps(of)
     if steps and of.size < 2 * FEWEST:
-        likely = own.likely(of, LIKELY)
+        likely = single.likely(of, LIKELY)
         if len(likely) >= max(2.0, of.size / 2.0):
+            for step in likely:
+                single.restart(step)
             strongest = max(likely, key=lambda step: step.statistic)
-            reference, steps = [*reference, strongest], likely
-            for step in steps:
-                own.restart(step)
-            return [replace(one, number=-1) for one in reference]
+            return [replace(one, number=-1) for one in [*reference, strongest]], without
     for step in steps:
-        own.restart(step)
-    return [*(replace(step, number=-1) for step in reference), *steps]
+        single.restart(step)
+    return [*(replace(step, number=-1) for step in reference), *steps], without
 
 
-def _hash_before(month: int, rows: DayRows) -> str:
-    chosen = months_of(rows[1]) < month
-    return digest(*(np.ascontiguousarray(part[chosen]).data for part in rows)).hex()
+def common_part(
+    weight: Floats, score: Floats, level: Floats, sigma: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Innovation that the aircraft of a day have in common, as the others of each show it.
+
+    Parameters
+    ----------
+    weight, score : array, shape (n, p, p) and (n, p)
+        Innovation of each aircraft.
+    level : array, shape (p,)
+        Common level of the days before.
+    sigma : array, shape (p,)
+        Standard deviation of the common part about it.
+
+    Returns
+    -------
+    without : array, shape (n, p)
+        Common part as all aircraft but one show it; the level where there are fewer than
+        :data:`FEWEST`.
+    total, right : array, shape (p, p) and (p,)
+        Weight and right side of the common part from all aircraft.
+    """
+    n, p = score.shape
+    if n < FEWEST:
+        return np.tile(level, (n, 1)), np.zeros((p, p)), np.zeros(p)
+    precision = np.diag(sigma**-2.0)
+    # a prior five times as wide: an aircraft's day must not be drawn to the level
+    each = np.linalg.solve(precision / 25.0 + weight, score[..., np.newaxis])[..., 0]
+    middle = np.median(each, axis=0)
+    for _ in range(_ROUNDS):
+        rest = score - weight @ middle
+        inside = np.linalg.solve(precision / 25.0 + weight, rest[..., np.newaxis])[..., 0]
+        distance = np.einsum("ni,ni->n", rest, inside)
+        # an aircraft that stepped itself must not move the common part
+        share = FAR / (FAR + distance**2 / FAR)
+        total = (share[:, np.newaxis, np.newaxis] * weight).sum(0)
+        right = (share[:, np.newaxis] * score).sum(0)
+        middle = np.linalg.solve(precision + total, right + precision @ level)
+    others = precision + total - share[:, np.newaxis, np.newaxis] * weight
+    remaining = right + precision @ level - share[:, np.newaxis] * score
+    return np.linalg.solve(others, remaining[..., np.newaxis])[..., 0], total, right
+
+
+def estimated_noise(
+    normal: Floats, right: Floats, aircraft: Index, day: Index, *, usual: Noise
+) -> Noise:
+    """Errors of the days of a fleet, from their scatter about levels of three weeks.
+
+    Parameters
+    ----------
+    normal, right : array, shape (row, p, p) and (row, p)
+    aircraft, day : array of int, shape (row,)
+    usual : Noise
+        Taken where there are too few days; its components of one size stay of one size.
+    """
+    # one number for both: days since 1970 have five digits
+    block = aircraft * 100_000 + day // BLOCK_DAYS
+    order = np.lexsort((day, block))
+    first = np.unique(block[order], return_index=True)[1]
+    groups = [rows for rows in np.split(order, first[1:]) if rows.size >= FEWEST_IN_BLOCK]
+    if len(groups) < FEWEST_BLOCKS:
+        return usual
+    rest, inflation = np.zeros(right.shape), np.zeros(day.size)
+    for rows in groups:
+        # pseudo-inverse: a component that no report sees stays zero
+        level = np.linalg.pinv(normal[rows].sum(0), hermitian=True) @ right[rows].sum(0)
+        rest[rows] = right[rows] - normal[rows] @ level
+        inflation[rows] = rows.size / (rows.size - 1.0)
+    rows = np.concatenate(groups)
+    rest = _without_common(normal, rest, day, rows)
+    sizes, moving = np.unique(usual.between[usual.between > 0]), usual.between > 0
+    terms = [np.diagonal(normal[rows], axis1=1, axis2=2)[:, moving]]
+    terms += [(normal[rows] ** 2 @ (usual.between == value))[:, moving] for value in sizes]
+    squares = inflation[rows, np.newaxis] * rest[rows][:, moving] ** 2
+    variances = _variances(np.stack(terms, axis=-1).reshape(-1, len(terms)), squares.ravel())
+    between = np.zeros(usual.between.size)
+    for value, variance in zip(sizes, variances[1:], strict=True):
+        between[usual.between == value] = variance
+    noise = Noise(float(variances[0]), between)
+    return replace(noise, persistence=_persistence(noise, normal, rest, day, groups))
+
+
+def _without_common(normal: Floats, rest: Floats, day: Index, rows: Index) -> Floats:
+    """Residuals less what the rows of a day have in common, corrected for its degrees of freedom."""
+    _, place = np.unique(day[rows], return_inverse=True)
+    number = np.bincount(place)
+    total = np.zeros((number.size, *normal.shape[1:]))
+    right = np.zeros((number.size, rest.shape[1]))
+    np.add.at(total, place, normal[rows])
+    np.add.at(right, place, rest[rows])
+    common = np.einsum("dij,dj->di", np.linalg.pinv(total, hermitian=True), right)
+    few = number < 2 * FEWEST
+    common[few] = 0.0
+    found = rest.copy()
+    found[rows] -= np.einsum("dij,dj->di", normal[rows], common[place])
+    share = np.where(few, 1.0, number / np.maximum(number - 1.0, 1.0))
+    found[rows] *= np.sqrt(share[place])[:, np.newaxis]
+    return found
+
+
+def _variances(terms: Floats, squares: Floats) -> Floats:
+    """Non-negative variances s with E(squares) = terms s, large squares limited."""
+    # Moments, not a likelihood: the days hold the very steps and gross days that are looked for,
+    # and the limit on each square keeps them out.
+    terms, squares = terms[terms[:, 0] > 0], squares[terms[:, 0] > 0]
+    # the median of a chi-square of one degree of freedom is 0.455
+    middle = float(np.median(squares / terms[:, 0]) / 0.455)
+    found = np.eye(terms.shape[1])[0] * middle
+    for _ in range(8):
+        expected = np.maximum(terms @ found, 1e-30)
+        # three standard deviations: a step or a gross day counts as that much
+        limited = np.minimum(squares, 9.0 * expected)
+        found = nnls(terms / expected[:, np.newaxis], limited / expected)[0]
+        # the scatter within days is never zero, which would make weights infinite
+        found[0] = max(found[0], 0.05 * middle)
+    return np.asarray(found, np.float64)
+
+
+def _persistence(
+    noise: Noise, normal: Floats, rest: Floats, day: Index, groups: list[Index]
+) -> float:
+    """Correlation of the residuals of an aircraft's days with the next day's."""
+    product = square = 0.0
+    for rows in groups:
+        weight, score = noise.weights(normal[rows], rest[rows])
+        # a day may not see a component
+        root = np.sqrt(np.maximum(np.diagonal(weight, axis1=1, axis2=2), 1e-30))
+        z = np.clip(score / root, -3.0, 3.0)[:, noise.between > 0]
+        next_day = np.diff(day[rows]) == 1
+        # a level fitted to n days makes them look correlated by -1/n
+        product += float((z[1:] * z[:-1])[next_day].sum() + (z**2).sum() / rows.size)
+        square += float((z[1:] ** 2)[next_day].sum())
+    # a level that drifts looks like persistence
+    return float(np.clip(product / max(square, 1e-30), 0.0, 0.8))

@@ -1,1 +1,0 @@
-"""Whether and when a compass changed."""

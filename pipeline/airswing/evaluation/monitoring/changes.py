@@ -1,0 +1,372 @@
+"""Changes of compasses within an archive, and fits by calendar window next to them.
+
+Assumes that a change is a step of A to E from one day to the next (a flux valve recalibrated or
+exchanged). The test is that of every night (:mod:`airswing.evaluation.monitoring.fleet_watch`): the
+same prior of a step, the same errors of days, and the same part that all aircraft have in common
+removed, but with all days before and after a date
+(:func:`airswing.evaluation.monitoring.step_test.step_of_series`). As successive days are correlated
+and the days are clusters, lasting errors of the reference widen the errors of a change as they do
+those of the fits by month. An archive is cut at the most likely date, and each part again.
+
+A likelihood ratio exceeds exp(c) with probability exp(-c) at most where there is no step; the
+expected number of false changes in a fleet follows, and a change is stated where it is at most
+:data:`FALSE_CHANGES`.
+
+Dates are days, UTC; angles in degrees in what is returned.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import Any, Literal, Unpack
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from airswing.compass.fit.acceptance import FitOptions
+from airswing.compass.fit.deviation import FITTED_FROM, FleetSums, fit_sums, sum_aircraft
+from airswing.errors import InputError
+from airswing.evaluation.monitoring.daily_sums import CompassDays, compass_days, rows_by_aircraft
+from airswing.evaluation.monitoring.fleet_watch import (
+    COMPASS,
+    Tested,
+    month_of,
+    watch_fleet,
+)
+from airswing.evaluation.monitoring.step_test import Step, step_of_series
+from airswing.flags import STATUS, published
+from airswing.products.ragged import blocks, some_reports
+from airswing.vocabulary import describe
+
+FALSE_CHANGES = 0.02
+"""Expected number of false changes in a fleet without any, up to which a change is stated."""
+RATE = 1.0
+"""Bound of the false steps of an aircraft-year whose log likelihood ratio exceeds c, over exp(-c).
+
+``python -m benchmarks.monitoring --part changes`` measures less than this in every world.
+"""
+MOST_CHANGES = 4
+"""Depth of the search: each part of an archive is cut in two at its date."""
+Content = dict[str, Any]
+_Series = tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]
+
+
+@dataclass(frozen=True)
+class CompassWatch:
+    """The test of all compasses of an archive.
+
+    Attributes
+    ----------
+    aircraft : array of str
+    days : CompassDays
+        Daily sums; their ``aircraft`` number the names.
+    tested : Tested
+        Alarms of the nightly test.
+    """
+
+    aircraft: NDArray[np.str_]
+    days: CompassDays
+    tested: Tested
+
+    @cached_property
+    def changes(self) -> list[Content]:
+        """Changes stated of every aircraft, as ``stability.json`` holds them.
+
+        Returns
+        -------
+        list of dict
+            One an aircraft: ``aircraft``, ``days`` with reports, ``p_value`` and ``statistic`` of
+            the largest step (None with too few days to tell), and ``changes``, each with
+            ``date`` (first day of the new compass), ``date_ci``, ``change_deg`` and
+            ``standard_error_deg`` of A to E, ``curve_rms_deg`` (rms over the compass) and
+            ``p_value``: the expected number of changes as clear as this in a fleet without any.
+        """
+        found = []
+        rows = rows_by_aircraft(self.days.aircraft, self.aircraft.size)
+        for number, (name, part) in enumerate(zip(self.aircraft.tolist(), rows, strict=True)):
+            entry: Content = {
+                "aircraft": name,
+                "days": part.stop - part.start,
+                "p_value": None,
+                "statistic": None,
+                "changes": [],
+            }
+            series = self._series(part)
+            scale = float(self.tested.scale[number])
+            first = self._step(series, slice(None), scale)
+            if first is not None:
+                entry["statistic"] = first.statistic
+                entry["p_value"] = self.false_changes(first.statistic)
+                entry["changes"] = [self._change(one) for one in self._steps(series, scale)]
+            found.append(entry)
+        return found
+
+    def false_changes(self, statistic: float) -> float:
+        """Expected number of steps beyond a statistic in a fleet without any, at most 1."""
+        years = self.days.day.size / 365.25
+        return float(min(RATE * years * np.exp(-statistic), 1.0))
+
+    def _steps(self, series: _Series, scale: float) -> list[Step]:
+        """All steps of an aircraft that can be stated, in order."""
+        day = series[0]
+        dates: list[int] = []
+        for _ in range(MOST_CHANGES):
+            edges = np.searchsorted(day, [day[0], *dates, day[-1] + 1])
+            parts = [self._step(series, slice(*ends), scale) for ends in pairwise(edges)]
+            new = [one.day for one in parts if self._stated(one)]
+            if not new:
+                break
+            dates = sorted({*dates, *new})
+        # each once more between its neighbours, so that its error is that of both parts
+        edges = np.searchsorted(day, [day[0], *dates, day[-1] + 1])
+        again = [
+            self._step(series, slice(low, high), scale)
+            for low, high in zip(edges[:-2], edges[2:], strict=True)
+        ]
+        return [one for one in again if one is not None and self._stated(one)]
+
+    def _stated(self, step: Step | None) -> bool:
+        return step is not None and self.false_changes(step.statistic) <= FALSE_CHANGES
+
+    def _step(self, series: _Series, part: slice, scale: float) -> Step | None:
+        day, weight, right = (values[part] for values in series)
+        if not day.size:
+            return None
+        noise = self.tested.noise[int(month_of(day[-1:])[0])]
+        return step_of_series(COMPASS.law, noise, scale, day, weight, right)
+
+    def _series(self, rows: slice) -> _Series:
+        """Days of an aircraft: day, weight, right side, the fleet's common part removed."""
+        day = self.days.day[rows]
+        normal, right = (
+            values[rows].astype(np.float64) for values in (self.days.normal, self.days.right)
+        )
+        weight = np.empty(normal.shape)
+        months = month_of(day)
+        for month in np.unique(months):
+            here = months == month
+            noise = self.tested.noise[int(month)]
+            weight[here], right[here] = noise.weights(normal[here], right[here])
+        common = self.tested.common[rows].astype(np.float64)
+        return day, weight, right - np.einsum("nij,nj->ni", weight, common)
+
+    def _change(self, step: Step) -> Content:
+        return {
+            "date": date_of(step.day),
+            **step_numbers(step),
+            "p_value": self.false_changes(step.statistic),
+        }
+
+
+def step_numbers(step: Step) -> Content:
+    """Date interval, size and error of a compass's step, as JSON holds them; degrees."""
+    degrees, error = np.degrees(step.change[:5]), np.degrees(step.error[:5])
+    return {
+        "date_ci": [date_of(step.earliest), date_of(step.latest)],
+        "change_deg": dict(zip("ABCDE", degrees.tolist(), strict=True)),
+        "standard_error_deg": dict(zip("ABCDE", error.tolist(), strict=True)),
+        # rms of A + B sin m + C cos m + D sin 2m + E cos 2m over all m
+        "curve_rms_deg": float(np.sqrt(degrees[0] ** 2 + (degrees[1:] ** 2).sum() / 2.0)),
+    }
+
+
+def date_of(day: int) -> str:
+    """ISO date of a day since 1970."""
+    return str(np.datetime64(int(day), "D"))
+
+
+def watch_compasses(
+    headings: xr.Dataset,
+    *,
+    members: list[str],
+    abscissa: Literal["magnetic", "true"] = "magnetic",
+) -> CompassWatch:
+    """Test the compasses of a fleet for changes.
+
+    Parameters
+    ----------
+    headings : Dataset
+        Screened headings of the whole archive, in memory or lazy.
+    members : list of str
+        References whose mean is used.
+    abscissa : {"magnetic", "true"}
+        Argument of the deviation.
+
+    Returns
+    -------
+    CompassWatch
+        For :func:`add_changes` (its ``changes``) and
+        :func:`airswing.evaluation.monitoring.events.find_events`.
+    """
+    days = compass_days(headings, members, abscissa=abscissa)
+    return compass_watch(headings["aircraft"].to_numpy().astype(str), days)
+
+
+def compass_watch(aircraft: NDArray[np.str_], days: CompassDays) -> CompassWatch:
+    """As :func:`watch_compasses`, from daily sums."""
+    tested = watch_fleet(days.aircraft, days.day, days.normal, days.right, COMPASS, aircraft.size)
+    return CompassWatch(aircraft, days, tested)
+
+
+def add_changes(fits: xr.Dataset, changes: list[Content]) -> xr.Dataset:
+    """Add to the fits whether their period contains a change of the compass.
+
+    Parameters
+    ----------
+    fits : Dataset
+        With ``aircraft``.
+    changes : list of dict
+        :attr:`CompassWatch.changes`.
+
+    Returns
+    -------
+    Dataset
+        With ``change_count``, ``change_p_value`` (NaN with too few days to tell), and of the
+        largest change ``change_rms``, ``change_date``, ``change_date_low``,
+        ``change_date_high`` (NaT where there is none); all changes in the attribute
+        ``compass_changes``, which :func:`noted_changes` reads.
+    """
+    known = {entry["aircraft"]: entry for entry in changes}
+    none: Content = {"p_value": None, "changes": []}
+    rows = [known.get(str(name), none) for name in fits["aircraft"].to_numpy()]
+    largest = [max(row["changes"], key=lambda c: c["curve_rms_deg"], default=None) for row in rows]
+
+    def dates(of: list[Any]) -> NDArray[np.datetime64]:
+        return np.array([np.datetime64(day or "NaT", "ns") for day in of], "datetime64[ns]")
+
+    columns: dict[str, NDArray[np.generic]] = {
+        "change_count": np.array([len(row["changes"]) for row in rows], np.int8),
+        "change_p_value": np.array(
+            [np.nan if row["p_value"] is None else row["p_value"] for row in rows]
+        ),
+        "change_rms": np.array([one["curve_rms_deg"] if one else 0.0 for one in largest]),
+        "change_date": dates([one and one["date"] for one in largest]),
+        "change_date_low": dates([one and one["date_ci"][0] for one in largest]),
+        "change_date_high": dates([one and one["date_ci"][1] for one in largest]),
+    }
+    found = fits.assign({name: ("aircraft", values) for name, values in columns.items()})
+    return describe(found.assign_attrs(compass_changes=json.dumps(changes)))
+
+
+def noted_changes(fits: xr.Dataset) -> list[Content]:
+    """All changes that :func:`add_changes` added to the fits.
+
+    Raises
+    ------
+    InputError
+        If the fits hold none of this.
+    """
+    if "compass_changes" not in fits.attrs:
+        raise InputError(
+            "the fits do not say which compasses changed",
+            field="compass_changes",
+            remedy="Make them again: `airswing fit`",
+        )
+    found: list[Content] = json.loads(fits.attrs["compass_changes"])
+    return found
+
+
+def change_warnings(fits: xr.Dataset) -> list[str]:
+    """One sentence for every fit whose period contains a change of the compass."""
+    if "compass_changes" not in fits.attrs:
+        return []
+    lines = []
+    for entry in noted_changes(fits):
+        changes = entry["changes"]
+        if changes:
+            one = max(changes, key=lambda change: change["curve_rms_deg"])
+            others = f" (the largest of {len(changes)} changes)" if len(changes) > 1 else ""
+            low, high = one["date_ci"]
+            lines.append(
+                f"{entry['aircraft']}: the compass changed by {one['curve_rms_deg']:.1f} degrees "
+                f"rms on {one['date']} ({low} to {high}){others}; its fit covers both states"
+            )
+    return lines
+
+
+def fit_by_window(
+    headings: xr.Dataset,
+    *,
+    pools: Mapping[str, list[str]],
+    reference: str,
+    window: Literal["month", "quarter"] = "month",
+    **fit_options: Unpack[FitOptions],
+) -> list[Content]:
+    """Fit every aircraft in each calendar window from the reports of that window alone.
+
+    Parameters
+    ----------
+    headings : Dataset
+        Screened headings.
+    pools : mapping of str to list of str
+        Members of each reference and pool.
+    reference : str
+        Key of ``pools``.
+    window : {"month", "quarter"}
+    **fit_options
+        As for :func:`airswing.compass.fit.deviation.fit_deviation`.
+
+    Returns
+    -------
+    list of dict
+        One for each aircraft and window with reports, sorted: ``aircraft``, ``window`` (its first
+        day), ``reports``, ``status`` and, where the fit is published, ``offset``, ``amplitude``,
+        ``phase`` and ``A`` to ``E``, each with ``*_standard_error``; degrees.
+
+    Raises
+    ------
+    InputError
+        If the window or the reference is unknown.
+    """
+    if window not in ("month", "quarter") or reference not in pools:
+        raise InputError(
+            "cannot fit by window",
+            field="window" if reference in pools else "reference",
+            found=window if reference in pools else reference,
+            remedy=f"month or quarter; known references: {', '.join(pools)}",
+        )
+    members = list(pools[reference])
+    mean = {reference: members} if len(members) > 1 else {}
+    step = 1 if window == "month" else 3
+
+    def number(reports: xr.Dataset) -> NDArray[np.int64]:
+        month = reports["time"].to_numpy().astype("datetime64[M]").astype(np.int64)
+        return np.asarray(month // step)
+
+    windows: set[int] = set()
+    for block in blocks(headings, ["time", "screening"]):
+        windows.update(number(block)[block["screening"].to_numpy() == 0].tolist())
+    sums: dict[int, list[FleetSums]] = {one: [] for one in sorted(windows)}
+    for block in blocks(headings.sel(reference=members), FITTED_FROM):
+        place = number(block)
+        for one, parts in sums.items():
+            parts.append(sum_aircraft(some_reports(block, place == one), pools=mean, **fit_options))
+    found = []
+    for one in list(sums):
+        fits = fit_sums(sums.pop(one)).sel(reference=reference)
+        first = str(np.datetime64(one * step, "M").astype("datetime64[D]"))
+        found += [_window_entry(fits.isel(aircraft=k), first) for k in range(fits.aircraft.size)]
+    return sorted(found, key=lambda entry: (entry["aircraft"], entry["window"]))
+
+
+def _window_entry(fit: xr.Dataset, first: str) -> Content:
+    status = int(fit["status"])
+    entry: Content = {
+        "aircraft": str(fit["aircraft"].item()),
+        "window": first,
+        "reports": int(fit["report_count"]),
+        "status": next(name for name, code in STATUS.items() if code == status),
+    }
+    if published(fit["status"]):
+        for name in ("offset", "amplitude", "phase"):
+            entry[name] = float(fit[name])
+            entry[f"{name}_standard_error"] = float(fit[f"{name}_standard_error"])
+        errors = np.sqrt(np.diag(fit["deviation_covariance"].to_numpy()))
+        for name, value, error in zip("ABCDE", fit["deviation"].to_numpy(), errors, strict=True):
+            entry[name], entry[f"{name}_standard_error"] = float(value), float(error)
+    return entry

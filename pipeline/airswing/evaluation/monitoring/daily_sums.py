@@ -1,0 +1,276 @@
+"""Sums of every aircraft and day that the detection of changes works on.
+
+Assumes screened headings in the contiguous ragged form, in memory or lazy; some whole aircraft are
+read at a time, so that memory holds one row an aircraft and day whatever the number of reports.
+
+*Compass.* Each report gives two equations, across and along the indicated heading, in the unknowns
+:data:`UNKNOWNS`: the coefficients A to E, a third and a fourth harmonic of the deviation (radians),
+the airspeed scale and the bias b_u, b_v of the reference's wind (m/s). The higher harmonics absorb
+what A to E leave of a curve; without them it looks like a change wherever an aircraft turns to
+other headings. A row holds the normal matrix and the right side of a day. The errors of a flight's
+reports are correlated (the reference's error is common to them): each flight has a bias of its own,
+a random effect that is eliminated.
+
+*Wind.* A row holds the number of reports and the sums of the wind vector difference from the
+reference and of its logarithm; a rise of the logarithm is a factor.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from airswing.evaluation.disagreement import member_mean, reference_mean, vector_difference
+from airswing.evaluation.reference_comparison.pairs import paired_design
+from airswing.flags import mended
+from airswing.products.ragged import aircraft_of_report, blocks, row_bounds
+
+Floats = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+ANGLES = 5  # A, B, C, D, E
+UNKNOWNS = 12
+"""A to E, sin 3m, cos 3m, sin 4m, cos 4m (radians), airspeed scale, b_u, b_v (m/s)."""
+FLIGHT_BIAS_PRECISION = 1.0
+"""Error variance of a report over that of a flight's bias: correlation of 0.5 within a flight."""
+GROSS = 8.0
+"""Robust standard deviations from a first fit beyond which a report is left out."""
+LEAST = 0.3
+"""m/s: smaller differences are taken as this, so that rounding does not enter the logarithm."""
+_WINDS = ("eastward_wind", "northward_wind", "reference_eastward_wind", "reference_northward_wind")
+_CORRECTED = ("corrected_eastward_wind", "corrected_northward_wind", "correction_applied")
+
+
+@dataclass(frozen=True)
+class CompassDays:
+    """Normal equations of one row an aircraft and day, sorted by aircraft and day."""
+
+    aircraft: Index  # (row,)
+    day: Index  # (row,): days since 1970
+    normal: NDArray[np.float32]  # (row, 12, 12)
+    right: NDArray[np.float32]  # (row, 12)
+
+
+@dataclass(frozen=True)
+class WindDays:
+    """Disagreement with the reference of one row an aircraft and day, sorted likewise.
+
+    Every day with a report has a row; its ``count`` is 0 where screening left none.
+    """
+
+    aircraft: Index  # (row,)
+    day: Index  # (row,)
+    count: Floats  # (row,): reports used
+    difference: Floats  # (row,): summed wind vector difference, m/s
+    log_difference: Floats  # (row,): summed natural logarithm of it
+
+    def until(self, last: int) -> WindDays:
+        """Rows up to a day, inclusive."""
+        chosen = self.day <= last
+        return WindDays(*(getattr(self, name)[chosen] for name in self.__dataclass_fields__))
+
+
+def compass_days(headings: xr.Dataset, members: list[str], *, abscissa: str) -> CompassDays:
+    """Sum the reports of a fleet for the detection of compass changes.
+
+    Parameters
+    ----------
+    headings : Dataset
+        Screened headings.
+    members : list of str
+        References whose mean is used.
+    abscissa : {"magnetic", "true"}
+        Argument of the deviation.
+    """
+    argument = "magnetic_heading" if abscissa == "magnetic" else "heading"
+    names = ["heading_error", "airspeed_error", "airspeed", "heading", argument]
+    parts: list[tuple[NDArray[np.generic], ...]] = []
+    first = 0
+    for block in blocks(headings, [*names, "time", "flight", "screening"]):
+        part = block.sel(reference=members)
+        error, along = (member_mean(part[name]).to_numpy().astype(float) for name in names[:2])
+        airspeed, heading, magnetic = (block[name].to_numpy().astype(float) for name in names[2:])
+        day = block["time"].to_numpy().astype("datetime64[D]").astype(np.int64)
+        flight = block["flight"].to_numpy().astype(np.int64)
+        good = (block["screening"].to_numpy() == 0) & np.isfinite(
+            error + along + airspeed + heading + magnetic
+        )
+        for number, (start, stop) in enumerate(
+            zip(*row_bounds(block["row_size"].to_numpy()), strict=True), first
+        ):
+            rows = np.flatnonzero(good[start:stop]) + start
+            if rows.size:
+                days, normal, right = normal_equations_by_day(
+                    np.radians(magnetic[rows]),
+                    np.radians(heading[rows]),
+                    airspeed[rows],
+                    airspeed[rows] * np.radians(error[rows]),
+                    along[rows],
+                    day[rows],
+                    flight[rows],
+                )
+                parts.append((np.full(days.size, number), days, normal, right))
+        first += block.sizes["aircraft"]
+    if not parts:
+        none = np.zeros(0, np.int64)
+        return CompassDays(none, none, *_no_sums(0))
+    aircraft, days, normal, right = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return CompassDays(aircraft, days, normal.astype(np.float32), right.astype(np.float32))
+
+
+def _no_sums(rows: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    return np.zeros((rows, UNKNOWNS, UNKNOWNS), np.float32), np.zeros((rows, UNKNOWNS), np.float32)
+
+
+def normal_equations_by_day(
+    magnetic: Floats,
+    heading: Floats,
+    airspeed: Floats,
+    cross: Floats,
+    along: Floats,
+    day: Index,
+    flight: Index,
+) -> tuple[Index, Floats, Floats]:
+    """Normal equations of one aircraft by day, each flight's bias eliminated.
+
+    Parameters
+    ----------
+    magnetic, heading : array, shape (n,), radians
+        Argument of the deviation and indicated true heading.
+    airspeed : array, shape (n,), m/s
+    cross, along : array, shape (n,), m/s
+        Airspeed times heading error, and airspeed error.
+    day, flight : array of int, shape (n,)
+
+    Returns
+    -------
+    day : array of int, shape (d,)
+    normal : array, shape (d, 12, 12)
+    right : array, shape (d, 12)
+    """
+    across, ahead = compass_design(magnetic, heading, airspeed)
+    kept = np.flatnonzero(_not_gross(across, ahead, cross, along))
+    order = kept[np.lexsort((flight[kept], day[kept]))]
+    # a flight past midnight is one flight of each day
+    new = (np.diff(day[order]) != 0) | (np.diff(flight[order]) != 0)
+    start = np.flatnonzero(np.append(True, new))
+    one, two, y_one, y_two = across[order], ahead[order], cross[order], along[order]
+    normal, right = np.empty((start.size, UNKNOWNS, UNKNOWNS)), np.empty((start.size, UNKNOWNS))
+    # by pairs of columns: no loop over flights, and no matrix for each report
+    for i in range(UNKNOWNS):
+        right[:, i] = np.add.reduceat(one[:, i] * y_one + two[:, i] * y_two, start)
+        for j in range(i, UNKNOWNS):
+            products = one[:, i] * one[:, j] + two[:, i] * two[:, j]
+            normal[:, i, j] = normal[:, j, i] = np.add.reduceat(products, start)
+    normal, right = without_flight_bias(normal, right)
+    days, first = np.unique(day[order], return_index=True)
+    place = np.searchsorted(start, first)
+    return days, np.add.reduceat(normal, place), np.add.reduceat(right, place)
+
+
+def compass_design(magnetic: Floats, heading: Floats, airspeed: Floats) -> tuple[Floats, Floats]:
+    """Rows of a report's two equations, in the unknowns :data:`UNKNOWNS`.
+
+    Parameters
+    ----------
+    magnetic, heading : array, shape (n,), radians
+    airspeed : array, shape (n,), m/s
+
+    Returns
+    -------
+    cross, along : array, shape (n, 12)
+    """
+    cross, along = paired_design(magnetic, heading, airspeed)
+    waves = [wave(k * magnetic) for k in (3, 4) for wave in (np.sin, np.cos)]
+    place = [ANGLES] * len(waves)
+    higher = airspeed[:, np.newaxis] * np.column_stack(waves)
+    return np.insert(cross, place, higher, axis=1), np.insert(along, place, 0.0, axis=1)
+
+
+def without_flight_bias(normal: Floats, right: Floats) -> tuple[Floats, Floats]:
+    """Eliminate a bias of the reference's wind of each flight, a random effect.
+
+    Parameters
+    ----------
+    normal, right : array, shape (..., p, p) and (..., p)
+        Of one flight each; the columns of b_u, b_v come last.
+
+    Returns
+    -------
+    normal, right : array, shape (..., p, p) and (..., p)
+    """
+    side = normal[..., -2:]
+    inside = side[..., -2:, :] + FLIGHT_BIAS_PRECISION * np.eye(2)
+    gain = np.swapaxes(np.linalg.solve(inside, np.swapaxes(side, -1, -2)), -1, -2)
+    return (
+        normal - gain @ np.swapaxes(side, -1, -2),
+        right - np.einsum("...ij,...j->...i", gain, right[..., -2:]),
+    )
+
+
+def _not_gross(across: Floats, ahead: Floats, cross: Floats, along: Floats) -> NDArray[np.bool_]:
+    """Reports within :data:`GROSS` robust standard deviations of a first fit."""
+    keep = np.isfinite(cross + along)
+    for _ in range(2):
+        one, two = (rows if keep.all() else rows[keep] for rows in (across, ahead))
+        theta = np.linalg.pinv(one.T @ one + two.T @ two, hermitian=True) @ (
+            one.T @ cross[keep] + two.T @ along[keep]
+        )
+        distance = np.hypot(cross - across @ theta, along - ahead @ theta)
+        # the median of a Rayleigh variable is 1.177 times its parameter
+        keep = distance < GROSS * np.nanmedian(distance[keep]) / 1.177
+    return np.asarray(keep)
+
+
+def wind_days(
+    headings: xr.Dataset, members: list[str], *, corrected: xr.Dataset | None = None
+) -> WindDays:
+    """Sum the wind vector differences of a fleet by day.
+
+    Parameters
+    ----------
+    headings : Dataset
+        Screened headings.
+    members : list of str
+        References whose mean is used.
+    corrected : Dataset, optional
+        Corrected winds of the same reports, used where a correction was applied.
+    """
+    parts = []
+    better = None if corrected is None else blocks(corrected, _CORRECTED)
+    first = 0
+    for block in blocks(headings, [*_WINDS, "time", "screening"]):
+        model = reference_mean(block, members)
+        u, v = (block[name].to_numpy() for name in _WINDS[:2])
+        if better is not None:
+            winds = next(better)
+            applied = mended(winds["correction_applied"].to_numpy())
+            u = np.where(applied, winds["corrected_eastward_wind"].to_numpy(), u)
+            v = np.where(applied, winds["corrected_northward_wind"].to_numpy(), v)
+        difference = vector_difference(u, v, *(model[name].to_numpy() for name in _WINDS[2:]))
+        used = (block["screening"].to_numpy() == 0) & np.isfinite(difference)
+        day = block["time"].to_numpy().astype("datetime64[D]").astype(np.int64)
+        aircraft = aircraft_of_report(block)
+        order = np.lexsort((day, aircraft))
+        new = (np.diff(aircraft[order]) != 0) | (np.diff(day[order]) != 0)
+        start = np.flatnonzero(np.append(True, new))[: order.size]
+        columns = [used * 1.0, difference, np.log(np.maximum(difference, LEAST))]
+        sums = [
+            np.add.reduceat(np.where(used, column, 0.0)[order].astype(float), start)
+            if order.size
+            else np.zeros(0)
+            for column in columns
+        ]
+        parts.append((aircraft[order][start] + first, day[order][start], *sums))
+        first += block.sizes["aircraft"]
+    return WindDays(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+
+def rows_by_aircraft(aircraft: Index, number: int) -> list[slice]:
+    """Rows of each aircraft, in sorted sums."""
+    edges = np.searchsorted(aircraft, np.arange(number + 1))
+    return [slice(int(low), int(high)) for low, high in pairwise(edges)]

@@ -1,0 +1,612 @@
+"""States of the aircraft and events since the last run: the content of ``events.json``.
+
+Assumes an archive that grows from run to run. A run tests the whole archive and reports the events
+that no earlier run reported: a compass that changed, a wind disagreement that rose without such a
+change, a step that all aircraft have in common (a change of the reference), an aircraft that is new
+or silent. A state gives, of every aircraft, the table in use and the one that would be sent now.
+
+An aircraft is silent when it has not reported for much longer than its past explains: longer than
+twice its longest gap, and than a gap that has the probability :data:`RARE` at its share of days
+with reports. Days on which hardly any aircraft reports are gaps of the archive and do not count.
+
+Two tables differ where the difference at a node is beyond the 95 % limit of the largest of eight
+(Sidak 1967, J. Am. Stat. Assoc. 62, 626-633) and beyond the resolution of a unit. The errors are
+taken as independent; two fits of overlapping reports differ by less.
+
+Days are UTC dates, angles degrees, winds knots.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from airswing.compass.correction import curve_standard_error
+from airswing.compass.table import NODES, SIGNS, error_from_table
+from airswing.errors import InputError
+from airswing.evaluation.monitoring.changes import (
+    CompassWatch,
+    date_of,
+    step_numbers,
+    watch_compasses,
+)
+from airswing.evaluation.monitoring.daily_sums import Index, WindDays, rows_by_aircraft, wind_days
+from airswing.evaluation.monitoring.fleet_watch import COMPASS, WIND, Alarm, watch_fleet
+from airswing.evaluation.monitoring.step_test import LONGEST
+from airswing.flags import published
+from airswing.products.whole_files import write_json
+from airswing.units import KNOT
+
+VERSION = 1
+NAMED = 20
+"""Aircraft of a list that the text names; the file names all."""
+LAST_DAYS = 7
+"""Days with reports whose disagreement is compared with that of the days before."""
+LEARNING = 14
+"""Days of an archive in which an aircraft's first report is not reported as new."""
+SAME = 3
+"""Days by which the date of one silence may differ between two runs."""
+RARE = 1e-6
+"""Probability of a silence by chance, at the aircraft's share of days with reports."""
+SHORTEST = 5
+"""Days without a report that are never reported."""
+REPORTING = 0.2
+"""Share of the fleet's median number below which a day is a gap of the archive."""
+LARGEST_OF_EIGHT = 2.727
+"""95 % point of the largest absolute value of eight standard normal numbers."""
+RESOLUTION = 0.1
+"""Degrees by which two tables may differ from rounding."""
+Kind = Literal[
+    "compass_changed",
+    "disagreement_rose",
+    "aircraft_new",
+    "aircraft_silent",
+    "reference_changed",
+]
+WORDS: dict[str, str] = {
+    "compass_changed": "compass changed",
+    "disagreement_rose": "disagreement rose",
+    "aircraft_new": "new aircraft",
+    "aircraft_silent": "silent",
+    "reference_changed": "reference changed for all aircraft",
+}
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that happened.
+
+    Attributes
+    ----------
+    evidence : dict
+        Of a step ``date_ci``, ``statistic``, its ``threshold`` and ``aircraft_that_night``; of a
+        compass ``change_deg``, ``standard_error_deg`` (of A to E) and ``curve_rms_deg``; of a
+        disagreement ``factor`` and ``standard_error``; of a silence ``days`` and ``usual_days``.
+    """
+
+    kind: Kind
+    date: str  # first day of it
+    noticed: str  # day whose reports showed it
+    aircraft: str | None  # None: all aircraft
+    evidence: dict[str, Any]
+
+    @property
+    def line(self) -> str:
+        """The event in one line."""
+        return f"{self.date}  {self.aircraft or 'fleet'}: {WORDS[self.kind]}{self._details()}"
+
+    def _details(self) -> str:
+        found = self.evidence
+        if self.kind == "aircraft_new":
+            return ""
+        if self.kind == "aircraft_silent":
+            return f" (no report for {found['days']} days; up to {found['usual_days']} is usual)"
+        if "factor" in found:
+            change = f"wind disagreement {found['factor']:.2f} times that of the past"
+        else:
+            offset = found["change_deg"]["A"]
+            change = f"by {found['curve_rms_deg']:.1f} degrees rms, offset {offset:+.1f}"
+        low, high = found["date_ci"]
+        between = f", between {low} and {high}" if low != high else ""
+        return f" ({change}{between}; noticed {self.noticed})"
+
+
+@dataclass(frozen=True)
+class UnitTable:
+    """A correction table at the eight nodes, to add to the indicated heading; degrees."""
+
+    correction_deg: list[float]
+    standard_error_deg: list[float]
+
+
+@dataclass(frozen=True)
+class State:
+    """State of an aircraft on the last day."""
+
+    aircraft: str
+    first_day: str  # with reports
+    last_day: str
+    silent: bool = False
+    table_in_use: UnitTable | None = None  # on board, or applied
+    table_now: UnitTable | None = None  # would be sent now
+    tables_differ: bool | None = None  # None: there are not two tables
+    table_difference_deg: float | None = None  # rms over the nodes
+    disagreement_kt: float | None = None  # mean wind vector difference of the last days
+    past_disagreement_kt: float | None = None  # and of the days before
+
+
+@dataclass(frozen=True)
+class Monitoring:
+    """States and events of a fleet."""
+
+    until: str  # last day
+    reference: str
+    states: list[State]
+    events: list[Event]  # of all runs, in the order they were noticed
+    told_before: int = 0  # number of events that earlier runs reported; the others are new
+    # number of the last events that no command is known to have shown (it was killed before): they
+    # are new to the next run too
+    unsaid: int = 0
+
+    @property
+    def new_events(self) -> list[Event]:
+        """Events that no earlier run reported."""
+        return self.events[self.told_before :]
+
+    @property
+    def differing(self) -> list[str]:
+        """Aircraft to which another table should be sent."""
+        return [state.aircraft for state in self.states if state.tables_differ]
+
+    @property
+    def text(self) -> str:
+        """Summary: a line for every new event, and the aircraft that need a table or are silent."""
+        news, silent = self.new_events, [one.aircraft for one in self.states if one.silent]
+        lines = [
+            f"{len(self.states):,} aircraft to {self.until} against {self.reference}: "
+            + (f"{len(news):,} new event{'s' * (len(news) != 1)}" if news else "nothing new"),
+            *(event.line for event in news),
+        ]
+        for words, names in (("another table for", self.differing), ("silent", silent)):
+            if names:
+                more = f" and {len(names) - NAMED:,} more" if len(names) > NAMED else ""
+                lines.append(f"{words}: {', '.join(names[:NAMED])}{more}")
+        return "\n".join(lines)
+
+
+def write_events(found: Monitoring, path: Path) -> Path:
+    """Write ``events.json``."""
+    return write_json(path, {"version": VERSION, **asdict(found)})
+
+
+def read_events(path: Path) -> Monitoring:
+    """Read ``events.json``.
+
+    Raises
+    ------
+    InputError
+        If it is not such a file.
+    """
+    try:
+        content = json.loads(Path(path).read_text(encoding="utf-8"))
+        if content.pop("version") != VERSION:
+            raise ValueError("version")
+        for entry in content["states"]:
+            for name in ("table_in_use", "table_now"):
+                entry[name] = UnitTable(**entry[name]) if entry[name] else None
+        content["states"] = [State(**entry) for entry in content["states"]]
+        content["events"] = [Event(**entry) for entry in content["events"]]
+        return Monitoring(**content)
+    except (ValueError, TypeError, KeyError, AttributeError) as err:
+        raise InputError(
+            "not an events.json that this version can read",
+            file=path,
+            found=err,
+            remedy="Remove it: monitoring starts anew, and may report events again",
+        ) from err
+
+
+def find_events(
+    headings: xr.Dataset,
+    fits: xr.Dataset,
+    *,
+    corrected: xr.Dataset | None = None,
+    previous: Monitoring | None = None,
+    until: np.datetime64 | str | None = None,
+    reference: str | None = None,
+    members: list[str] | None = None,
+    tables_in_use: Mapping[str, UnitTable] | None = None,
+    compass: CompassWatch | None = None,
+) -> Monitoring:
+    """Find the states of all aircraft and the events since the last run.
+
+    Parameters
+    ----------
+    headings : Dataset
+        Screened headings of the whole archive, in memory or lazy (all months joined).
+    fits : Dataset
+        With tables.
+    corrected : Dataset, optional
+        Corrected winds of the same reports; the disagreement is that of the corrected winds.
+    previous : Monitoring, optional
+        State of the last run: its events are not reported again, and its tables in use remain.
+    until : datetime64 or str, optional
+        Last day; that of the last report by default.
+    reference : str, optional
+        Reference or pool of the fits; the first pool, else the first reference, by default.
+    members : list of str, optional
+        References whose mean the reports are compared with; by default ``reference`` itself where
+        the headings have it, else all.
+    tables_in_use : mapping of str to UnitTable, optional
+        Tables on board, by aircraft. By default those of ``previous``, else those of the fits.
+    compass : CompassWatch, optional
+        Of :func:`airswing.evaluation.monitoring.changes.watch_compasses` for the same headings,
+        where it was made already.
+
+    Raises
+    ------
+    InputError
+        If there is no report up to the day.
+    """
+    name = reference or main_reference(fits)
+    known = headings["reference"].to_numpy().astype(str).tolist()
+    members = members or ([name] if name in known else known)
+    aircraft = headings["aircraft"].to_numpy().astype(str)
+    winds = wind_days(headings, members, corrected=corrected)
+    last = int(winds.day.max(initial=0)) if until is None else _day(until)
+    winds = winds.until(last)
+    if not winds.day.size:
+        raise InputError("no report to monitor", field="until", found=date_of(last))
+    if compass is None:
+        abscissa: Any = fits.attrs.get("abscissa", "magnetic")
+        compass = watch_compasses(headings, members=members, abscissa=abscissa)
+    # a run for an earlier day reports what was noticed until then
+    turned = [alarm for alarm in compass.tested.alarms if alarm.night <= last]
+    used = winds.count > 0
+    risen = watch_fleet(
+        winds.aircraft[used],
+        winds.day[used],
+        winds.count[used][:, np.newaxis, np.newaxis],
+        winds.log_difference[used][:, np.newaxis],
+        WIND,
+        aircraft.size,
+    ).alarms
+    steps = [
+        *(_compass_event(alarm, aircraft) for alarm in turned),
+        # a fall needs no action, and a step of the compass or the reference explains a rise
+        *(
+            _wind_event(alarm, aircraft)
+            for alarm in risen
+            if alarm.step.change[0] > 0 and not _explained(alarm, turned)
+        ),
+    ]
+    if previous is not None and previous.reference != name:
+        # the tables are of another reference
+        states = [replace(state, table_in_use=None) for state in previous.states]
+        previous = replace(previous, states=states)
+    silent, presence = _presence(winds, aircraft, last, previous)
+    found = [*steps, *presence]
+    if previous is not None:
+        found = _not_reported(found, previous)
+    earlier = [] if previous is None else previous.events
+    news = sorted(found, key=lambda event: (event.noticed, event.date, event.aircraft or ""))
+    before = {} if previous is None else {state.aircraft: state for state in previous.states}
+    now = tables_of(fits.sel(reference=name))
+    in_use = now | {who: one.table_in_use for who, one in before.items() if one.table_in_use}
+    in_use |= dict(tables_in_use or {})
+    present = _states(winds, aircraft, silent, now, in_use)
+    # an aircraft whose reports were removed is still known, and not new when it returns
+    gone = set(before) - {state.aircraft for state in present}
+    return Monitoring(
+        date_of(last),
+        name,
+        [*present, *(before[who] for who in before if who in gone)],
+        [*earlier, *news],
+        len(earlier) - (0 if previous is None else previous.unsaid),
+    )
+
+
+def changed_since(found: Monitoring) -> dict[str, str]:
+    """Aircraft whose compass changed, and the last day that the last change may have been."""
+    since: dict[str, str] = {}
+    for event in found.events:
+        if event.kind == "compass_changed" and event.aircraft is not None:
+            # a table from earlier reports could partly describe the old compass
+            latest = str(event.evidence["date_ci"][1])
+            since[event.aircraft] = max(latest, since.get(event.aircraft, latest))
+    return since
+
+
+def with_tables(found: Monitoring, now: Mapping[str, UnitTable | None]) -> Monitoring:
+    """The same with other tables that would be sent now, by aircraft; None: none yet."""
+    states = [
+        _compared(replace(state, table_now=now[state.aircraft])) if state.aircraft in now else state
+        for state in found.states
+    ]
+    return replace(found, states=states)
+
+
+def main_reference(fits: xr.Dataset) -> str:
+    """First pool, else first reference, of fits as a run makes them."""
+    names = fits["reference"].to_numpy().astype(str)
+    single = int(fits.attrs.get("reference_count", names.size))
+    return str(names[single if single < names.size else 0])
+
+
+def _explained(rise: Alarm, turned: list[Alarm]) -> bool:
+    return any(
+        other.step.number == rise.step.number
+        and abs(other.step.day - rise.step.day) <= LONGEST // 2
+        for other in turned
+    )
+
+
+def _compass_event(alarm: Alarm, aircraft: NDArray[np.str_]) -> Event:
+    evidence = step_numbers(alarm.step) | {"threshold": COMPASS.law.threshold}
+    return _step_event(alarm, aircraft, "compass_changed", evidence)
+
+
+def _wind_event(alarm: Alarm, aircraft: NDArray[np.str_]) -> Event:
+    step = alarm.step
+    factor = float(np.exp(step.change[0]))
+    evidence = {
+        "factor": factor,
+        "standard_error": factor * float(step.error[0]),
+        "threshold": WIND.law.threshold,
+        "date_ci": [date_of(step.earliest), date_of(step.latest)],
+    }
+    return _step_event(alarm, aircraft, "disagreement_rose", evidence)
+
+
+def _step_event(
+    alarm: Alarm, aircraft: NDArray[np.str_], kind: Kind, evidence: dict[str, Any]
+) -> Event:
+    step, fleet = alarm.step, alarm.step.number < 0
+    return Event(
+        "reference_changed" if fleet else kind,
+        date_of(step.day),
+        date_of(alarm.night),
+        None if fleet else str(aircraft[step.number]),
+        evidence | {"statistic": step.statistic, "aircraft_that_night": alarm.aircraft},
+    )
+
+
+def _presence(
+    winds: WindDays, aircraft: NDArray[np.str_], last: int, previous: Monitoring | None
+) -> tuple[NDArray[np.bool_], list[Event]]:
+    """Which aircraft are silent now, and events of silent and of new aircraft."""
+    begin, silences = first_days_and_silences(winds.aircraft, winds.day, aircraft.size, last)
+    silent = np.zeros(aircraft.size, dtype=np.bool_)
+    found = []
+    for one in silences:
+        silent[one.number] |= one.lasts
+        found.append(
+            Event(
+                "aircraft_silent",
+                date_of(one.first),
+                date_of(one.noticed),
+                str(aircraft[one.number]),
+                {"days": one.days, "usual_days": one.usual_days},
+            )
+        )
+    if previous is None:
+        # an aircraft that begins with the archive is not new
+        new = (begin >= winds.day.min() + LEARNING) & (begin <= last)
+    else:
+        new = (begin <= last) & ~np.isin(aircraft, [state.aircraft for state in previous.states])
+    for number in np.flatnonzero(new):
+        first = date_of(begin[number])
+        found.append(Event("aircraft_new", first, first, str(aircraft[number]), {}))
+    return silent, found
+
+
+@dataclass(frozen=True)
+class Silence:
+    """A silence of an aircraft; days since 1970."""
+
+    number: int  # of the aircraft
+    first: int
+    noticed: int
+    days: int  # when it was noticed
+    usual_days: int
+    lasts: bool  # until the last day
+
+
+def first_days_and_silences(
+    aircraft: Index, day: Index, number: int, last: int
+) -> tuple[Index, list[Silence]]:
+    """First day of every aircraft, and its silences.
+
+    Parameters
+    ----------
+    aircraft, day : array of int, shape (row,)
+        Days with reports, by aircraft and day.
+    number : int
+        Aircraft.
+    last : int
+        Last day.
+
+    Returns
+    -------
+    first : array of int, shape (number,)
+        Beyond ``last`` for those that never reported.
+    silences : list of Silence
+    """
+    base = int(day.min())
+    counts = np.bincount(day - base, minlength=last + 1 - base)
+    open_days = np.cumsum(counts >= REPORTING * np.median(counts[counts > 0]))
+    begin, silences = np.full(number, last + 1), []
+    for k, rows in enumerate(rows_by_aircraft(aircraft, number)):
+        if rows.start == rows.stop:
+            continue
+        begin[k] = day[rows.start]
+        edge = np.append(open_days[day[rows] - base], open_days[-1])
+        gaps = np.diff(edge) - 1  # open days between two days with reports
+        gaps[-1] += 1
+        usual = _usual_gaps(gaps)
+        for j in np.flatnonzero(gaps > usual):
+            noticed = int(np.searchsorted(open_days, edge[j] + usual[j] + 1))
+            first = int(np.searchsorted(open_days, edge[j] + 1))
+            lasts = bool(j == gaps.size - 1)
+            silences.append(
+                Silence(k, base + first, base + noticed, int(usual[j]) + 1, int(usual[j]), lasts)
+            )
+    return begin, silences
+
+
+def _usual_gaps(gaps: Index) -> Index:
+    """Longest gap that the days before each gap make usual."""
+    flown = np.arange(1, gaps.size + 1)
+    before = np.concatenate([[0], np.cumsum(gaps)[:-1]])
+    idle = (before + 1.0) / (flown + before + 2.0)
+    longest = np.concatenate([[0], np.maximum.accumulate(gaps)[:-1]])
+    chance = np.ceil(np.log(RARE) / np.log(idle))
+    return np.asarray(np.maximum(np.maximum(SHORTEST, 2 * longest), chance), np.int64)
+
+
+def _not_reported(found: list[Event], before: Monitoring) -> list[Event]:
+    """Events that none of the earlier ones is: dates move a little when reports arrive late.
+
+    What earlier runs could have noticed of the same aircraft a month ago and more, and did not, is
+    not reported either: the errors of the days were estimated otherwise then.
+    """
+    remaining: dict[tuple[str, str | None], list[Event]] = {}
+    for event in before.events:
+        remaining.setdefault((event.kind, event.aircraft), []).append(event)
+    news = []
+    seen = {None, *(state.aircraft for state in before.states)}
+    for event in sorted(found, key=lambda event: event.date):
+        span = SAME if event.kind == "aircraft_silent" else LONGEST
+        alike = remaining.get((event.kind, event.aircraft), [])
+        gaps = [(abs(_day(one.date) - _day(event.date)), k) for k, one in enumerate(alike)]
+        gap, k = min(gaps, default=(span + 1, -1))
+        # an aircraft is new once, whatever its first day is now
+        if gap <= span or (gaps and event.kind == "aircraft_new"):
+            # an old event explains one new one: a second at the same date is new
+            del alike[k]
+        elif event.aircraft not in seen or _day(event.noticed) > _day(before.until) - LONGEST:
+            news.append(event)
+    return news
+
+
+def _states(
+    winds: WindDays,
+    aircraft: NDArray[np.str_],
+    silent: NDArray[np.bool_],
+    now: Mapping[str, UnitTable],
+    in_use: Mapping[str, UnitTable],
+) -> list[State]:
+    """State of every aircraft that ever reported."""
+    found = []
+    for k, rows in enumerate(rows_by_aircraft(winds.aircraft, aircraft.size)):
+        if rows.start == rows.stop:
+            continue
+        name, used = str(aircraft[k]), winds.count[rows] > 0
+        count, total = winds.count[rows][used], winds.difference[rows][used]
+        means = [
+            float(total[part].sum() / count[part].sum() / KNOT) if count[part].size else None
+            for part in (slice(-LAST_DAYS, None), slice(0, -LAST_DAYS))
+        ]
+        first, last = (date_of(winds.day[one]) for one in (rows.start, rows.stop - 1))
+        state = State(name, first, last, bool(silent[k]), in_use.get(name), now.get(name))
+        found.append(
+            _compared(replace(state, disagreement_kt=means[0], past_disagreement_kt=means[1]))
+        )
+    return found
+
+
+def _compared(state: State) -> State:
+    if state.table_in_use is None or state.table_now is None:
+        return replace(state, tables_differ=None, table_difference_deg=None)
+    unlike, rms = tables_differ(state.table_in_use, state.table_now)
+    return replace(state, tables_differ=unlike, table_difference_deg=rms)
+
+
+def tables_differ(one: UnitTable, other: UnitTable) -> tuple[bool, float]:
+    """Whether two tables differ beyond the error of both, and their rms difference, degrees."""
+    gap = np.subtract(one.correction_deg, other.correction_deg)
+    error = np.hypot(one.standard_error_deg, other.standard_error_deg)
+    beyond = (np.abs(gap) > LARGEST_OF_EIGHT * error) & (np.abs(gap) > RESOLUTION)
+    return bool(beyond.any()), float(np.sqrt((gap**2).mean()))
+
+
+def tables_of(fits: xr.Dataset) -> dict[str, UnitTable]:
+    """Tables that would be sent, by aircraft, of the published fits of one reference.
+
+    Raises
+    ------
+    InputError
+        If the fits hold no tables.
+    """
+    if "table_correction" not in fits:
+        raise InputError(
+            "the fits hold no tables", field="table_correction", remedy="Call add_tables first"
+        )
+    correction = -error_from_table(fits).transpose("aircraft", "node").to_numpy()
+    covariance = fits["deviation_covariance"].to_numpy()
+    good = published(fits["status"].to_numpy()) & np.isfinite(correction).all(axis=1)
+    return {
+        str(fits["aircraft"].to_numpy()[k]): UnitTable(
+            [round(float(value), 4) + 0.0 for value in correction[k]],
+            [round(float(value), 4) for value in curve_standard_error(covariance[k], NODES)],
+        )
+        for k in np.flatnonzero(good)
+    }
+
+
+def read_tables(path: Path | str, *, reference: str) -> dict[str, UnitTable]:
+    """Tables in use, from a file as a run writes it (``tables.csv``).
+
+    Parameters
+    ----------
+    reference : str
+        Whose rows, where the file holds those of several references.
+
+    Returns
+    -------
+    dict of str to UnitTable
+        Of the aircraft that have all eight nodes; rows without a number are no table.
+
+    Raises
+    ------
+    InputError
+        If it is not such a file.
+    """
+    nodes: dict[str, dict[float, tuple[float, float]]] = {}
+    try:
+        with Path(path).open(newline="", encoding="utf-8") as stream:
+            lines = list(csv.DictReader(stream))
+        known = {line["reference"] for line in lines}
+        wanted = reference if reference in known else next(iter(known), reference)
+        for line in lines:
+            if line["reference"] != wanted or not line["table_correction_deg"]:
+                continue
+            to_add = -SIGNS[line["sign"]] * float(line["table_correction_deg"])
+            error = float(line["standard_error_deg"] or 0.0)
+            if not (abs(to_add) <= 180.0 and 0.0 <= error <= 180.0):
+                raise ValueError(f"{to_add} with error {error} at {line['aircraft']}")
+            nodes.setdefault(line["aircraft"], {})[float(line["heading_deg"])] = (to_add, error)
+    except (OSError, ValueError, KeyError, TypeError, UnicodeError) as err:
+        raise InputError(
+            "not a file of tables",
+            file=path,
+            found=err,
+            remedy="It has the columns and rows of tables.csv, as a run writes it",
+        ) from err
+    return {
+        name: UnitTable([found[node][0] for node in NODES], [found[node][1] for node in NODES])
+        for name, found in nodes.items()
+        if set(NODES) == set(found)
+    }
+
+
+def _day(day: np.datetime64 | str) -> int:
+    return int(np.datetime64(day).astype("datetime64[D]").astype(np.int64))
