@@ -193,11 +193,9 @@ def after_the_fit(aircraft: int, folder: Path) -> dict[str, Callable[[], Any]]:
     from airswing.compass.tables_csv import write_swing_cards, write_tables_csv
     from airswing.evaluation.backtest.ranking import rank_aircraft
     from airswing.evaluation.backtest.virtual_field_test import virtual_field_test
-    from airswing.evaluation.compass_changes.change_dates import find_changes
-    from airswing.evaluation.compass_changes.window_fits import fit_by_window
     from airswing.evaluation.error_profiles import error_profiles
     from airswing.evaluation.field_test import field_test
-    from airswing.evaluation.monitoring import find_events
+    from airswing.evaluation.monitoring import find_events, fit_by_window, watch_compasses
     from airswing.evaluation.reference_comparison.sensitivity import compare
     from airswing.evaluation.report_errors.observation_errors import observation_errors
     from airswing.evaluation.results import Evaluation
@@ -251,7 +249,7 @@ def after_the_fit(aircraft: int, folder: Path) -> dict[str, Callable[[], Any]]:
     works: dict[str, Callable[[], Any]] = {
         "ranking": lambda: rank_aircraft(headings, fits, **against),
         "comparison": lambda: compare(headings, pools=pools),
-        "changes": lambda: find_changes(headings, members=["ruc"]),
+        "changes": lambda: watch_compasses(headings, members=["ruc"]).changes,
         "months": lambda: fit_by_window(headings, **against),
         "field test": lambda: field_test(
             headings, start=start, before_start=date(2008, 7, 1), **groups, **against

@@ -1,44 +1,45 @@
-"""How often does the watch alarm for nothing, and how soon does it notice a compass that changed?
+"""False alarms and false changes of compasses that did not change, and the power to detect changes.
 
-    python -m benchmarks.monitoring [--years 300] [--fleets 6]
+    python -m benchmarks.monitoring [--part alarms|noticed|changes] [--years 300] [--fleets 100]
 
-Made fleets as sums of days (tests/evaluation/daily_fleets.py), with the default seed none of them
-one that the test was chosen on (33000 to 54002 and 70000 to 75002; changes of 20000, 31000, 50000
-and 80000 to 97201).
-Printed: false alarms of every kind in 100 aircraft-years, with the 95 % Poisson interval of all
-together; the share of changes noticed by the 1st, 2nd, 3rd and 5th day with reports after it, by
-rms size over all headings and reports a day.
-Exit status 1 where a quiet world has more than one alarm in 100 aircraft-years beyond chance, or
-fewer than 90 % of the changes of 2 degrees of a shape are noticed within 3 days of 40 reports.
+Simulated fleets as sums of days (tests/evaluation/daily_fleets.py). Parts:
+
+alarms
+    Alarms of the nightly test in 100 aircraft-years without a change, by kind, with the 95 %
+    Poisson interval of all together.
+noticed
+    Share of changes noticed by the 1st, 2nd, 3rd and 5th day with reports after it, by rms over all
+    headings and reports a day.
+changes
+    Changes stated of whole archives (``stability.json``): fleets without a change that get one,
+    of ``--fleets`` fleets of each world; share of changes of 1 and 2 degrees that are stated
+    within 5 days, and of 95 % intervals of date and size that contain the truth.
+
+Exit status 1 where a quiet world has more than one alarm in 100 aircraft-years, or more than one
+fleet in 50 a false change, beyond chance; where fewer than 90 % of the changes of 2 degrees are
+noticed within 3 days of 40 reports; or where an interval contains the truth in less than 90 %.
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.stats import binom, chi2
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from tests.evaluation.daily_fleets import World, daily_sums
+from tests.evaluation.daily_fleets import World, daily_sums, watched
 
-from airswing.evaluation.monitoring.fleet_watch import (
-    COMPASS,
-    COMPASS_COMMON,
-    COMPASS_NOISE,
-    WIND,
-    WIND_COMMON,
-    WIND_NOISE,
-    watch_fleet,
-)
-from airswing.evaluation.monitoring.presence import first_and_silent_days
+from airswing.evaluation.monitoring.events import first_days_and_silences
+from airswing.evaluation.monitoring.fleet_watch import WIND, watch_fleet
 
 USUAL = World()
-QUIET = {
+WORLDS = {
     "usual": USUAL,
     "heavy tails, errors that last": replace(
         USUAL, tails=3, persistence=0.7, region_error=1.0, flight_error=1.8
@@ -46,56 +47,45 @@ QUIET = {
     "normal errors": replace(USUAL, tails=0, fleet_error=1.0),
     "jets, 10 reports a day": replace(USUAL, reports=10, flights=2, airspeed=230.0, tails=4),
     "half of the days": replace(USUAL, days_off=0.5, reports=20, wrong_curve=0.6, season=0.3),
+    "routes turn with the weather": replace(
+        USUAL, weather_routes=0.8, region_error=1.0, persistence=0.8, wrong_curve=0.6
+    ),
 }
-AIRCRAFT, DAYS = 100, 365
 SHAPES = ("offset", "one cycle", "A to E")
 NOTICED = (1, 2, 3, 5)
 
 
-def wind_rows(rows):
-    """Rows of the disagreement."""
-    return rows[0], rows[1], rows[4][:, np.newaxis, np.newaxis], rows[5][:, np.newaxis]
-
-
-def turned(rows, number):
-    """Alarms of the compasses."""
-    return watch_fleet(rows[:4], COMPASS, usual=COMPASS_NOISE, common=COMPASS_COMMON, number=number)
-
-
-def false_alarms(world: World, years: int, seed: int) -> np.ndarray:
-    """Alarms of compasses, of all at once, of disagreements and of silences."""
-    found = np.zeros(4)
-    for fleet in range(max(round(years * 365 / (AIRCRAFT * DAYS)), 1)):
-        rows = daily_sums(world, aircraft=AIRCRAFT, days=DAYS, seed=seed + fleet)
-        wind = watch_fleet(
-            wind_rows(rows), WIND, usual=WIND_NOISE, common=WIND_COMMON, number=AIRCRAFT
+def alarms(given: argparse.Namespace) -> bool:
+    aircraft, days = 100, 365
+    fleets = max(round(given.years * 365 / (aircraft * days)), 1)
+    years, good = fleets * aircraft * days / 365.0, True
+    print(f"false alarms in 100 aircraft-years ({years:.0f} aircraft-years of each world)")
+    print(f"{'world':32}  compass  fleet  wind  silent   all (95 % interval)")
+    for k, (name, world) in enumerate(WORLDS.items()):
+        counts = np.zeros(4)
+        for fleet in range(fleets):
+            options = {"aircraft": aircraft, "days": days, "seed": given.seed + 1000 * k + fleet}
+            own = watched(world, **options).tested.alarms
+            of, day, *_, number, logarithm = daily_sums(world, **options)
+            wind = watch_fleet(of, day, number[:, None, None], logarithm[:, None], WIND, aircraft)
+            order = np.lexsort((day, of))
+            silent = first_days_and_silences(of[order], day[order], aircraft, days - 1)[1]
+            counts += [
+                sum(one.step.number >= 0 for one in own),
+                sum(one.step.number < 0 for one in [*own, *wind.alarms]),
+                sum(one.step.number >= 0 and one.step.change[0] > 0 for one in wind.alarms),
+                len(silent),
+            ]
+        total, rate = counts.sum(), 100.0 * counts / years
+        low, high = chi2.ppf([0.025, 0.975], [2 * total, 2 * total + 2]) / 2 * 100.0 / years
+        low = np.nan_to_num(low)
+        print(
+            f"{name:32}  {rate[0]:7.2f}  {rate[1]:5.2f}  {rate[2]:4.2f}  {rate[3]:6.2f}   "
+            f"{rate.sum():.2f} ({low:.2f} to {high:.2f})",
+            flush=True,
         )
-        alarms = turned(rows, AIRCRAFT)
-        order = np.lexsort((rows[1], rows[0]))
-        silent = first_and_silent_days(rows[0][order], rows[1][order], AIRCRAFT, DAYS - 1)[1]
-        all_at_once = [one for one in [*alarms, *wind] if one.step.number < 0]
-        rose = [one for one in wind if one.step.number >= 0 and one.step.size[0] > 0]
-        own = [one for one in alarms if one.step.number >= 0]
-        found += [len(own), len(all_at_once), len(rose), len(silent)]
-    return found
-
-
-def noticed(world: World, size: float, shape: str, *, fleets: int, seed: int) -> np.ndarray:
-    """Days with reports until each change was noticed, 99 for never; every fifth aircraft's."""
-    number, days, found = 50, 75, []
-    for fleet in range(fleets):
-        rng = np.random.default_rng([seed, fleet])
-        change, when = np.zeros((number, days, 5)), {}
-        for k in range(0, number, 5):
-            when[k] = int(rng.integers(35, 60))
-            change[k, when[k] :] = size * unit_change(shape, rng)
-        rows = daily_sums(world, aircraft=number, days=days, seed=seed + fleet, change=change)
-        first: dict[int, int] = {}
-        for one in turned(rows, number):
-            if one.night >= when.get(one.step.number, days):
-                first.setdefault(one.step.number, one.night)
-        found += [first.get(k, day + 98) - day + 1 for k, day in when.items()]
-    return np.array(found)
+        good &= bool(low <= 1.0)
+    return good
 
 
 def unit_change(shape: str, rng: np.random.Generator) -> np.ndarray:
@@ -108,40 +98,114 @@ def unit_change(shape: str, rng: np.random.Generator) -> np.ndarray:
     return found / np.sqrt(found[0] ** 2 + (found[1:] ** 2).sum() / 2.0)
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--years", type=int, default=300, help="aircraft-years of every world")
-    parser.add_argument("--fleets", type=int, default=6, help="of ten changes each, a cell")
-    parser.add_argument("--seed", type=int, default=60000)
-    given = parser.parse_args()
-    missed = False
-    print(f"false alarms in 100 aircraft-years ({given.years} aircraft-years of each world)")
-    print(f"{'world':32}  compass  all at once  wind  silent   all (95 % interval)")
-    for k, (name, world) in enumerate(QUIET.items()):
-        counts = false_alarms(world, given.years, given.seed + 1000 * k)
-        years = max(round(given.years * 365 / (AIRCRAFT * DAYS)), 1) * AIRCRAFT * DAYS / 365.0
-        total, each = counts.sum(), 100.0 * counts / years
-        low, high = chi2.ppf([0.025, 0.975], [2 * total, 2 * total + 2]) / 2 * 100.0 / years
-        low = np.nan_to_num(low)
-        print(
-            f"{name:32}  {each[0]:7.2f}  {each[1]:11.2f}  {each[2]:4.2f}  {each[3]:6.2f}   "
-            f"{each.sum():.2f} ({low:.2f} to {high:.2f})",
-            flush=True,
-        )
-        missed |= bool(low > 1.0)
-    print(f"\nshare noticed within so many days with reports ({10 * given.fleets} changes a cell)")
+def changed(
+    aircraft: int, days: int, size: float, shape: str, rng: np.random.Generator, margin: int
+) -> tuple[np.ndarray, dict[int, int]]:
+    """Changes (aircraft, day, 5) of every fifth aircraft, degrees, and their days."""
+    change, when = np.zeros((aircraft, days, 5)), {}
+    for k in range(0, aircraft, 5):
+        when[k] = int(rng.integers(35, days - margin))
+        change[k, when[k] :] = size * unit_change(shape, rng)
+    return change, when
+
+
+def noticed(given: argparse.Namespace) -> bool:
+    number, days, fleets, good = 50, 75, max(given.fleets // 16, 1), True
+    print(f"share noticed within so many days with reports ({10 * fleets} changes a line)")
     print("degrees rms  reports a day  shape       " + "".join(f"{k:>6}" for k in NOTICED))
     for reports in (10, 40):
         world = replace(USUAL, days_off=0.0, reports=reports, flights=2 if reports < 20 else 4)
         for size in (1.0, 2.0, 4.0):
-            shares = []
             for k, shape in enumerate(SHAPES):
-                late = noticed(world, size, shape, fleets=given.fleets, seed=given.seed + 77 * k)
-                shares.append([(late <= limit).mean() for limit in NOTICED])
-                told = "".join(f"{100 * share:5.0f}%" for share in shares[-1])
-                print(f"{size:11.0f}  {reports:13}  {shape:10}  {told}", flush=True)
-            missed |= bool(size == 2.0 and reports == 40 and np.min(shares, axis=0)[2] < 0.9)
-    return int(missed)
+                late = []
+                for fleet in range(given.seed + 77 * k, given.seed + 77 * k + fleets):
+                    rng = np.random.default_rng([fleet])
+                    change, when = changed(number, days, size, shape, rng, margin=15)
+                    first: dict[int, int] = {}
+                    watch = watched(world, aircraft=number, days=days, seed=fleet, change=change)
+                    for one in watch.tested.alarms:
+                        if one.night >= when.get(one.step.number, days):
+                            first.setdefault(one.step.number, one.night)
+                    late += [first.get(k, day + 98) - day + 1 for k, day in when.items()]
+                shares = [(np.array(late) <= limit).mean() for limit in NOTICED]
+                line = "".join(f"{100 * share:5.0f}%" for share in shares)
+                print(f"{size:11.0f}  {reports:13}  {shape:10}  {line}", flush=True)
+                good &= size != 2.0 or reports != 40 or shares[2] >= 0.9
+    return good
+
+
+def changes(given: argparse.Namespace) -> bool:
+    good = True
+    print(f"fleets of 20 aircraft without a change that get one, of {given.fleets}")
+    for days in (45, 180):
+        for k, (name, world) in enumerate(WORLDS.items()):
+            false = 0
+            for fleet in range(given.fleets):
+                seed = given.seed + 5000 + 1000 * k + fleet
+                watch = watched(world, aircraft=20, days=days, seed=seed)
+                false += any(entry["changes"] for entry in watch.changes)
+            print(f"  {days:3} days, {name:32} {false}", flush=True)
+            good &= bool(false <= binom.ppf(0.99, given.fleets, 0.02))
+    fleets = max(given.fleets // 10, 1)
+    print(f"changes stated within 5 days, and intervals that contain the truth ({4 * fleets} each)")
+    for name in ("usual", "routes turn with the weather"):
+        for size in (1.0, 2.0):
+            for shape in SHAPES:
+                stated, dated, sized, tried, false = 0, 0, [], 0, 0
+                for fleet in range(fleets):
+                    rng = np.random.default_rng([given.seed, fleet])
+                    change, when = changed(20, 180, size, shape, rng, margin=35)
+                    watch = watched(
+                        WORLDS[name], aircraft=20, days=180, seed=given.seed + fleet, change=change
+                    )
+                    for k, entry in enumerate(watch.changes):
+                        tried += k in when
+                        for one in entry["changes"]:
+                            low, day, high = (
+                                int(np.datetime64(date).astype("M8[D]").astype(int))
+                                for date in (one["date_ci"][0], one["date"], one["date_ci"][1])
+                            )
+                            if abs(day - when.get(k, -99)) > 5:
+                                false += 1
+                                continue
+                            stated += 1
+                            dated += low <= when[k] <= high
+                            sized += [
+                                abs(one["change_deg"][c] - value) < 1.96 * error
+                                for c, value, error in zip(
+                                    "ABCDE",
+                                    change[k, -1],
+                                    one["standard_error_deg"].values(),
+                                    strict=True,
+                                )
+                            ]
+                inside = [dated / max(stated, 1), np.mean(sized or [1.0])]
+                print(
+                    f"  {size:.0f} degree {shape:10} {name:32} {100 * stated / tried:4.0f} %, "
+                    f"dates "
+                    f"{100 * inside[0]:3.0f} %, sizes {100 * inside[1]:3.0f} %; elsewhere {false}",
+                    flush=True,
+                )
+                good &= stated < 20 or min(inside) >= 0.9
+                good &= size < 2.0 or stated >= 0.9 * tried
+    return good
+
+
+PARTS: dict[str, Callable[[argparse.Namespace], bool]] = {
+    "alarms": alarms,
+    "noticed": noticed,
+    "changes": changes,
+}
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--part", action="append", choices=list(PARTS))
+    parser.add_argument("--years", type=int, default=300, help="aircraft-years of every world")
+    parser.add_argument("--fleets", type=int, default=100)
+    parser.add_argument("--seed", type=int, default=60000)
+    given = parser.parse_args()
+    return 0 if all([PARTS[part](given) for part in given.part or PARTS]) else 1
 
 
 if __name__ == "__main__":

@@ -280,7 +280,7 @@ _FITS = [
     _V(
         "change_p_value",
         "1",
-        "probability that a fleet without any change shows one as clear as this aircraft's",
+        "expected number of changes as clear as this aircraft's in a fleet without any, at most 1",
         _A,
         "f8",
     ),

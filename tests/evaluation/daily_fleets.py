@@ -11,9 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 
-from airswing.evaluation.compass_changes.change_kernels import (
-    design_of_days,
-    without_day_bias,
+from airswing.evaluation.monitoring.changes import CompassWatch, compass_watch
+from airswing.evaluation.monitoring.daily_sums import (
+    CompassDays,
+    compass_design,
     without_flight_bias,
 )
 
@@ -39,14 +40,21 @@ class World:
     regions: int = 4
     season: float = 0.15
     """How much larger all errors are in winter."""
+    weather_routes: float = 0.0
+    """Share of flights whose direction depends on the sign of the regional error."""
 
 
-def daily_sums(
-    world: World, *, aircraft: int, days: int, seed: int, change=None, by_flight: bool = True
-):
+def watched(world: World, *, aircraft: int, days: int, seed: int, change=None) -> CompassWatch:
+    """The test of a fleet's compasses; ``change`` as for :func:`daily_sums`."""
+    rows = daily_sums(world, aircraft=aircraft, days=days, seed=seed, change=change)
+    order = np.lexsort((rows[1], rows[0]))
+    sums = CompassDays(*(column[order] for column in rows[:4]))
+    return compass_watch(np.array([f"N{k}" for k in range(aircraft)]), sums)
+
+
+def daily_sums(world: World, *, aircraft: int, days: int, seed: int, change=None):
     """Rows of a fleet: aircraft, day, normal, right; reports and summed ln |dV| last.
 
-    Of the watch, or (not ``by_flight``) of the search for changes, each day's bias eliminated.
     ``change``: degrees that compasses read more, (aircraft, day, 5) or what broadcasts to it.
     """
     rng = np.random.default_rng(seed)
@@ -67,6 +75,11 @@ def daily_sums(
         shape = (of.size, w.flights)
         first = lobes[of, day // 60][:, np.newaxis] + 180.0 * rng.integers(2, size=shape)
         first = np.where(rng.random(shape) < 0.5, first, rng.uniform(0, 360, shape))
+        if w.weather_routes:
+            side = np.where(regional[day, region[of], 0] > 0, 0.0, 180.0)
+            turned = lobes[of, day // 60] + side
+            follow = rng.random(shape) < w.weather_routes
+            first = np.where(follow, turned[:, np.newaxis], first)
         true = first[..., np.newaxis] + rng.normal(0, 25, (*shape, w.legs))
         magnetic = np.radians(true.reshape(of.size, -1))
         heading = magnetic + np.radians(-3.0)
@@ -82,7 +95,7 @@ def daily_sums(
         off = np.einsum("nlk,nk->nl", basis, odd[of])
         off += _curve(curve[of] + change[of, day], magnetic)
         speed = w.airspeed * np.ones(magnetic.size)
-        cross, along = design_of_days(magnetic.ravel(), heading.ravel(), speed)
+        cross, along = compass_design(magnetic.ravel(), heading.ravel(), speed)
         sine, cosine = np.sin(heading), np.cos(heading)
         y_cross = w.airspeed * np.radians(off) + error[..., 0] * cosine - error[..., 1] * sine
         y_along = error[..., 0] * sine + error[..., 1] * cosine
@@ -92,10 +105,7 @@ def daily_sums(
         x, error = rows.reshape(*flown, -1), y.reshape(flown)
         normal = count * np.einsum("knfli,knflj->nfij", x, x, optimize=True)
         right = count * np.einsum("knfli,knfl->nfi", x, error, optimize=True)
-        if by_flight:
-            normal, right = (part.sum(1) for part in without_flight_bias(normal, right))
-        else:
-            normal, right = without_day_bias(normal.sum(1), right.sum(1))
+        normal, right = (part.sum(1) for part in without_flight_bias(normal, right))
         logarithm = count * np.log(np.hypot(*y)).sum(-1)
         total = np.full(of.size, float(w.reports))
         found.append((of, np.full(of.size, day), normal, right, total, logarithm))

@@ -15,8 +15,7 @@ from airswing.compass.fit.deviation import fit_deviation
 from airswing.compass.table import add_tables
 from airswing.config import Config
 from airswing.config_file import load_config
-from airswing.evaluation.compass_changes.change_dates import find_changes
-from airswing.evaluation.compass_changes.change_notes import add_changes
+from airswing.evaluation.monitoring import add_changes, watch_compasses
 from airswing.workflow import ranking_stage as stages
 from airswing.workflow.progress import Progress
 from tests.compass.flown import Setting
@@ -33,7 +32,7 @@ def headings():
 @pytest.fixture(scope="module")
 def fits(headings):
     found = add_tables(fit_deviation(headings), headings)
-    return add_changes(found, find_changes(headings, members=["ruc"], draws=99))
+    return add_changes(found, watch_compasses(headings, members=["ruc"]).changes)
 
 
 @pytest.fixture
@@ -131,21 +130,17 @@ output: {tmp_path}/out
     assert found.differing == ["N001"] and "another table for: N001" in found.text
     assert (job.output / "report" / "monitoring.html").exists()
     assert make_monitoring(job).new_events == []
-    # by months: the same, from what was kept of a month that stands
+    # by months: the same
     month = job.output / "headings" / "2008-07.nc"
     month.parent.mkdir()
     (job.output / "headings.nc").rename(month)
     by_month = make_monitoring(job)
     assert by_month.states == found.states
-    kept = job.output / ".update" / "2008-07.watch.npz"
-    stamp = kept.stat().st_mtime_ns
-    assert make_monitoring(job).states == found.states and kept.stat().st_mtime_ns == stamp
-    kept.write_bytes(kept.read_bytes()[:200])
-    assert make_monitoring(job).states == found.states and kept.stat().st_size > 200
 
 
 def test_after_a_change_the_table_is_of_the_reports_since_and_no_line_is_lost(tmp_path):
-    from airswing.evaluation.monitoring.table_difference import differ, tables_of
+    from airswing.evaluation.monitoring import tables_of
+    from airswing.evaluation.monitoring.events import tables_differ
     from airswing.products.netcdf import write_product
     from airswing.products.ragged import some_reports
     from airswing.workflow.job import Job
@@ -171,7 +166,7 @@ def test_after_a_change_the_table_is_of_the_reports_since_and_no_line_is_lost(tm
     late = headings["time"].to_numpy() >= np.datetime64(event.evidence["date_ci"][1])
     since = some_reports(headings, late)
     now = tables_of(add_tables(fit_deviation(since), since).isel(reference=0))
-    assert differ(found.states[2].table_now, now["N002"])[1] < 0.3
+    assert tables_differ(found.states[2].table_now, now["N002"])[1] < 0.3
     assert found.states[3].table_now == before["N003"]
     # killed before the line was said: it is told again, until it has been
     assert make_monitoring(job).new_events == [event]

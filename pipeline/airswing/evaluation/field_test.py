@@ -23,7 +23,6 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
-from airswing.evaluation.contents import FieldTestFound, Group, Headline
 from airswing.evaluation.day_sums import (
     GROUPS,
     WINDOWS,
@@ -39,6 +38,7 @@ from airswing.evaluation.disagreement import (
     reference_mean,
     vector_difference,
 )
+from airswing.evaluation.results import Content
 from airswing.evaluation.robustness import scrutinise
 from airswing.flags import ROLL, SCREENING, TEMPERATURE_QC
 from airswing.products.findings import findings
@@ -115,7 +115,7 @@ def field_test(
     draws: int = 2000,
     seed: int = 0,
     **test: Unpack[FieldTest],
-) -> FieldTestFound:
+) -> Content:
     """Compute the field test of two groups of aircraft.
 
     Parameters
@@ -169,7 +169,7 @@ def field_test(
     treated = np.isin(names[member], corrected)
     sums = {key: DaySums.of(days[key], member, treated) for key in pools}
     by_reference = {key: _headline(own, draws=draws, seed=seed) for key, own in sums.items()}
-    result: FieldTestFound = {
+    result: Content = {
         "reference": reference,
         "start": str(test["start"]),
         "before_start": str(test["before_start"]),
@@ -183,7 +183,7 @@ def field_test(
     return findings(result)
 
 
-def _headline(sums: DaySums, *, draws: int, seed: int) -> Headline:
+def _headline(sums: DaySums, *, draws: int, seed: int) -> Content:
     """Groups, reductions and their intervals."""
     means = sums.means()
     empty = [key for key, value in means.items() if not np.isfinite(value)]
@@ -196,7 +196,7 @@ def _headline(sums: DaySums, *, draws: int, seed: int) -> Headline:
         )
     linear, quadrature = adjusted_reductions(*_four(means))
     drawn = bootstrap(sums, draws=draws, seed=seed)
-    groups: dict[str, Group] = {}
+    groups: dict[str, Content] = {}
     for index, group in enumerate(GROUPS):
         chosen = sums.corrected if group == "corrected" else ~sums.corrected
         groups[group] = {

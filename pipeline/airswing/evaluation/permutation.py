@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.evaluation.contents import Matched
+from airswing.evaluation.results import Content
 
 # Values of a batch of permutations: half a megabyte stays in a core's own cache, where all draws of
 # a large fleet at once would go to memory and back at every step.
@@ -113,7 +113,7 @@ def _shuffled(
 
 def matched_controls(
     before: NDArray[np.float64], during: NDArray[np.float64], corrected: NDArray[np.bool_]
-) -> Matched:
+) -> Content:
     """Each corrected aircraft against the control nearest to it before the test.
 
     Parameters

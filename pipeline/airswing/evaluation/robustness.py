@@ -10,16 +10,16 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.evaluation.contents import Scrutiny, Spurious
 from airswing.evaluation.day_sums import DaySums
 from airswing.evaluation.permutation import (
     matched_controls,
     permutation_test,
     unconditional_p_value,
 )
+from airswing.evaluation.results import Content
 
 
-def scrutinise(sums: DaySums, names: NDArray[np.generic], *, draws: int, seed: int) -> Scrutiny:
+def scrutinise(sums: DaySums, names: NDArray[np.generic], *, draws: int, seed: int) -> Content:
     """Permutation test, check for regression to the mean, and matched controls.
 
     Parameters
@@ -64,7 +64,7 @@ def scrutinise(sums: DaySums, names: NDArray[np.generic], *, draws: int, seed: i
     }
 
 
-def _regression_to_the_mean(sums: DaySums) -> Spurious:
+def _regression_to_the_mean(sums: DaySums) -> Content:
     """Choose the worst aircraft in the first half of the window before, watch the second half."""
     days = np.flatnonzero(~sums.during)
     first, second = days[: days.size // 2], days[days.size // 2 :]

@@ -15,7 +15,7 @@ import xarray as xr
 
 from airswing.compass.heading_kind import heading_kind_warnings
 from airswing.config import Config
-from airswing.evaluation.compass_changes.change_notes import change_warnings
+from airswing.evaluation.monitoring import change_warnings
 from airswing.flags import STATUS
 from airswing.report.run.page_numbers import disagreement, kept_reports
 from airswing.report.run.reading_warnings import reading_warnings, reference_warnings, tally

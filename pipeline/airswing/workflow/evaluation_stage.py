@@ -30,12 +30,7 @@ from airswing.workflow.ranking_stage import make_ranking, make_stability, make_v
 INNOVATIONS = "innovation_statistics.nc"
 
 if TYPE_CHECKING:
-    from airswing.evaluation.contents import (
-        Expected,
-        FieldTestContent,
-        IntervalCost,
-        SensitivityContent,
-    )
+    from airswing.evaluation.results import Content
 
 
 def make_evaluation(
@@ -118,15 +113,15 @@ def make_observation_errors(job: Job, headings: xr.Dataset, corrected: xr.Datase
 
 
 def make_field_test(
-    job: Job, headings: xr.Dataset | None = None, *, expected: Expected | None = None
-) -> FieldTestContent:
+    job: Job, headings: xr.Dataset | None = None, *, expected: Content | None = None
+) -> Content:
     """The field test of the configuration: ``field_test.json``.
 
     Parameters
     ----------
     headings : Dataset, optional
         Read from the output folder when not given.
-    expected : Expected, optional
+    expected : Content, optional
         Of :func:`expected_reduction`, where ``headings`` is of the test's own dates alone.
 
     Raises
@@ -148,7 +143,7 @@ def make_field_test(
         # an update hands it in: its headings begin with the test, and the fits are of what was
         # before
         told = expected_reduction(job, screened) if expected is None else expected
-        content: FieldTestContent = {**found, **told}
+        content: Content = {**found, **told}
         result = findings(content)
         write_json(job.output / FIELD_TEST, result)
         low, high = result["adjusted_reduction_ci_kt"]
@@ -175,7 +170,7 @@ def asked_field_test(job: Job) -> FieldTest:
     return job.config.field_test
 
 
-def expected_reduction(job: Job, headings: xr.Dataset) -> Expected:
+def expected_reduction(job: Job, headings: xr.Dataset) -> Content:
     """What the fits before the field test expected of it.
 
     Parameters
@@ -205,7 +200,7 @@ def expected_reduction(job: Job, headings: xr.Dataset) -> Expected:
 
 def make_sensitivity(
     job: Job, headings: xr.Dataset | None = None, *, intervals: bool = False
-) -> SensitivityContent:
+) -> Content:
     """Every reference and pool fitted on the same reports: ``sensitivity.json``.
 
     Parameters
@@ -223,7 +218,7 @@ def make_sensitivity(
     costs = _interval_costs(job, found) if intervals else {}
     if costs and len(config.references) == 1:
         # one reference has nothing to be compared with
-        alone: SensitivityContent = {"time_interval": costs}
+        alone: Content = {"time_interval": costs}
         write_json(job.output / SENSITIVITY, alone)
         return alone
     with job.progress.stage("compare") as stage:
@@ -245,7 +240,7 @@ def make_sensitivity(
     return result
 
 
-def _interval_costs(job: Job, headings: xr.Dataset) -> dict[str, list[IntervalCost]]:
+def _interval_costs(job: Job, headings: xr.Dataset) -> dict[str, list[Content]]:
     """What hourly references would lose every three and six hours, and say so."""
     from airswing.evaluation.reference_comparison.time_interval import interval_cost
     from airswing.workflow.collocating import catalogues

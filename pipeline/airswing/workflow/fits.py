@@ -38,7 +38,7 @@ from airswing.workflow.job import (
 )
 
 if TYPE_CHECKING:
-    from airswing.evaluation.contents import AircraftChanges
+    from airswing.evaluation.results import Content
     from airswing.workflow.progress import StageRecord
 
 
@@ -51,7 +51,7 @@ class Seen:
     histogram: NDArray[np.int64]
     # (aircraft,): of :func:`airswing.compass.heading_kind.mean_declination`
     declination: NDArray[np.float64]
-    changes: list[AircraftChanges]
+    changes: list[Content]
 
 
 def _look_at_all(job: Job, headings: xr.Dataset) -> Seen:
@@ -59,7 +59,7 @@ def _look_at_all(job: Job, headings: xr.Dataset) -> Seen:
     from airswing.compass.fit.deviation import fit_deviation
     from airswing.compass.heading_kind import mean_declination
     from airswing.compass.table import heading_histogram
-    from airswing.evaluation.compass_changes.change_dates import find_changes
+    from airswing.evaluation.monitoring import watch_compasses
 
     config = job.config
     abscissa = config.fit.abscissa
@@ -67,7 +67,9 @@ def _look_at_all(job: Job, headings: xr.Dataset) -> Seen:
         fit_deviation(headings, pools=config.pools(), **config.fit.model_dump()),
         heading_histogram(headings, abscissa=abscissa),
         mean_declination(headings),
-        find_changes(headings, members=config.pools()[main_reference(config)], abscissa=abscissa),
+        watch_compasses(
+            headings, members=config.pools()[main_reference(config)], abscissa=abscissa
+        ).changes,
     )
 
 
@@ -90,7 +92,7 @@ def make_fits(
         As for :func:`draw_cards`.
     """
     from airswing.compass.table import add_tables
-    from airswing.evaluation.compass_changes.change_notes import add_changes
+    from airswing.evaluation.monitoring import add_changes
 
     config, screened = job.config, ready(job, headings, HEADINGS)
     require_kept(screened)

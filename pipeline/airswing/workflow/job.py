@@ -39,8 +39,7 @@ COLLOCATING = (
 FITTING = (
     "airswing.compass.fit.deviation",
     "airswing.compass.table",
-    "airswing.evaluation.compass_changes.change_dates",
-    "airswing.evaluation.compass_changes.change_notes",
+    "airswing.evaluation.monitoring.changes",
 )
 
 

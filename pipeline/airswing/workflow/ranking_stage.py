@@ -21,13 +21,7 @@ from airswing.products.whole_files import write_json, write_text
 from airswing.workflow.job import Job, main_reference
 
 if TYPE_CHECKING:
-    from airswing.evaluation.contents import (
-        NotTried,
-        Ranked,
-        StabilityContent,
-        VirtualContent,
-        WindowFit,
-    )
+    from airswing.evaluation.results import Content
 
 Found = TypeVar("Found")
 STABILITY, RANKING, VIRTUAL = "stability.json", "ranking.csv", "virtual_field_test.json"
@@ -37,17 +31,17 @@ FOLDS = 5
 _LEARNED_SHARE = 2.0 / 3.0
 
 
-def make_stability(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> StabilityContent:
+def make_stability(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> Content:
     """Fits by month, or by quarter in archives over a year, and changes: ``stability.json``.
 
     Returns
     -------
     StabilityContent
         ``reference``, ``changes`` of
-        :func:`airswing.evaluation.compass_changes.change_dates.find_changes` and ``windows`` of
-        :func:`~airswing.evaluation.compass_changes.window_fits.fit_by_window`.
+        :attr:`airswing.evaluation.monitoring.CompassWatch.changes` and ``windows`` of
+        :func:`~airswing.evaluation.monitoring.fit_by_window`.
     """
-    from airswing.evaluation.compass_changes.window_fits import fit_by_window
+    from airswing.evaluation.monitoring import fit_by_window
 
     config, reference = job.config, main_reference(job.config)
     pools = config.pools()
@@ -64,18 +58,18 @@ def make_stability(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> Stabilit
 
 
 def written_stability(
-    job: Job, fits: xr.Dataset, window: str, windows: list[WindowFit]
-) -> tuple[StabilityContent, str]:
+    job: Job, fits: xr.Dataset, window: str, windows: list[Content]
+) -> tuple[Content, str]:
     """Write ``stability.json``; what is in it, and in a few words.
 
     Parameters
     ----------
-    windows : list of WindowFit
-        Of :func:`airswing.evaluation.compass_changes.window_fits.fit_by_window`.
+    windows : list of Content
+        Of :func:`airswing.evaluation.monitoring.fit_by_window`.
     """
-    from airswing.evaluation.compass_changes.change_notes import noted_changes
+    from airswing.evaluation.monitoring import noted_changes
 
-    result: StabilityContent = {
+    result: Content = {
         "reference": main_reference(job.config),
         "window": window,
         "changes": (changes := noted_changes(fits)),
@@ -86,7 +80,7 @@ def written_stability(
     return result, f"compass changed: {', '.join(changed) or 'none'}"
 
 
-def make_ranking(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> list[Ranked]:
+def make_ranking(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> list[Content]:
     """Whom to correct first: ``ranking.csv``.
 
     Returns
@@ -107,7 +101,7 @@ def make_ranking(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> list[Ranke
     return ranking
 
 
-def _ranking_table(ranking: Sequence[Ranked]) -> str:
+def _ranking_table(ranking: Sequence[Content]) -> str:
     """The ranking as CSV."""
     titles = (
         "rank",
@@ -145,8 +139,8 @@ def _ranking_table(ranking: Sequence[Ranked]) -> str:
 
 
 def make_virtual(
-    job: Job, headings: xr.Dataset, fits: xr.Dataset, ranking: list[Ranked]
-) -> VirtualContent:
+    job: Job, headings: xr.Dataset, fits: xr.Dataset, ranking: list[Content]
+) -> Content:
     """Corrections learned from one part and judged on another: ``virtual_field_test.json``.
 
     Learned up to the start of the field test, where there is one, and applied to the aircraft
@@ -154,7 +148,7 @@ def make_virtual(
 
     Parameters
     ----------
-    ranking : list of Ranked
+    ranking : list of Content
         Of :func:`make_ranking`.
 
     Returns
@@ -173,7 +167,7 @@ def make_virtual(
     test, corrected = config.field_test, uncorrected(job, headings)
     until = test.start if test is not None else later_date(headings)
     with job.progress.stage("virtual field test") as stage:
-        result: VirtualContent = {
+        result: Content = {
             "later": tried(
                 lambda: virtual_field_test(
                     headings,
@@ -201,12 +195,12 @@ def make_virtual(
     return result
 
 
-def written_virtual(job: Job, result: VirtualContent) -> str:
+def written_virtual(job: Job, result: Content) -> str:
     """Write ``virtual_field_test.json``; what is in it in a few words.
 
     Parameters
     ----------
-    result : VirtualContent
+    result : Content
         As of :func:`make_virtual`.
     """
     write_json(job.output / VIRTUAL, result)
@@ -235,7 +229,7 @@ def later_date(headings: xr.Dataset) -> date:
     return found
 
 
-def tried(make: Callable[[], Found]) -> Found | NotTried:
+def tried(make: Callable[[], Found]) -> Found | Content:
     """Do a part; where the archive cannot carry it, say why instead."""
     try:
         return make()

@@ -1,6 +1,6 @@
 """Cross-validation: every flight corrected by a fit that never saw it.
 
-Assumes compasses stay as they are (see :mod:`airswing.evaluation.compass_changes.change_dates`) and
+Assumes compasses stay as they are (see :mod:`airswing.evaluation.monitoring.changes`) and
 flights are independent but for the day they share: whole flights are dealt into folds, day by day
 and aircraft by aircraft. What was predicted from the fit alone stands beside what came out.
 """
@@ -24,7 +24,7 @@ from airswing.evaluation.backtest.learning import (
     require_reference,
 )
 from airswing.evaluation.backtest.ranking import rank_aircraft
-from airswing.evaluation.contents import CrossValidation, Ranked
+from airswing.evaluation.results import Content
 
 
 def cross_validate(
@@ -33,11 +33,11 @@ def cross_validate(
     pools: Mapping[str, list[str]],
     reference: str,
     folds: int = 5,
-    whole: tuple[xr.Dataset, list[Ranked]] | None = None,
+    whole: tuple[xr.Dataset, list[Content]] | None = None,
     draws: int = 1000,
     seed: int = 0,
     **fit_options: Unpack[TableOptions],
-) -> CrossValidation:
+) -> Content:
     """Correct every flight with a fit that never saw it, and compare with the prediction.
 
     Parameters
@@ -46,7 +46,7 @@ def cross_validate(
         Key of ``pools``.
     folds : int, default 5
         Parts the flights are dealt into, day by day and aircraft by aircraft.
-    whole : (Dataset, list of Ranked), optional
+    whole : (Dataset, list of Content), optional
         Fits of all reports with the same options, with their tables, and the ranking of
         :func:`airswing.evaluation.backtest.ranking.rank_aircraft` by them; made when not given.
     **fit_options

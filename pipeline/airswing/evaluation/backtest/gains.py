@@ -14,9 +14,9 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.compass.correction import correct
-from airswing.evaluation.contents import AircraftGain, Compared, Ranked, SideBySide
 from airswing.evaluation.day_sums import day_weights, interval_95
 from airswing.evaluation.disagreement import reference_mean, vector_difference
+from airswing.evaluation.results import Content
 from airswing.flags import mended as was_mended
 from airswing.products.ragged import row_bounds
 from airswing.units import KNOT, NORMAL_95
@@ -90,11 +90,11 @@ def gains_of(block: xr.Dataset, gain: Floats, judged: NDArray[np.bool_]) -> list
 def compared(
     headings: xr.Dataset,
     gains: list[Gain],
-    ranking: Sequence[Ranked],
+    ranking: Sequence[Content],
     *,
     draws: int,
     seed: int,
-) -> Compared:
+) -> Content:
     """Hold the predicted against the realised gain, each aircraft and together.
 
     Parameters
@@ -103,7 +103,7 @@ def compared(
         Names the aircraft.
     gains : list of Gain
         One an aircraft.
-    ranking : sequence of Ranked
+    ranking : sequence of Content
         Of :func:`airswing.evaluation.backtest.ranking.rank_aircraft`.
 
     Returns
@@ -114,7 +114,7 @@ def compared(
         ``by_aircraft``; None where nothing could be judged.
     """
     predicted = {entry["aircraft"]: entry for entry in ranking}
-    entries: list[AircraftGain] = []
+    entries: list[Content] = []
     judged = []
     for name, gain in zip(headings["aircraft"].to_numpy().astype(str), gains, strict=True):
         known = predicted[name]
@@ -148,7 +148,7 @@ def compared(
     }
 
 
-def _side_by_side(predicted: float, error: float, realised: float, drawn: Floats) -> SideBySide:
+def _side_by_side(predicted: float, error: float, realised: float, drawn: Floats) -> Content:
     """Both gains with their intervals; no verdict where an interval cannot be told."""
     own = float(drawn.std())
     difference, wide = realised - predicted, float(np.hypot(error, own))

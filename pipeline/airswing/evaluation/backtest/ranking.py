@@ -1,6 +1,6 @@
 """Whom to correct: what each aircraft's correction is expected to gain, from the fit alone.
 
-Assumes the deviation does not change (:mod:`airswing.evaluation.compass_changes.change_dates`) and
+Assumes the deviation does not change (:mod:`airswing.evaluation.monitoring.changes`) and
 that the headings, airspeeds and remaining errors to come are like those fitted. The gain is the
 fall of the mean wind vector disagreement (Jacobs et al. 2010, Table 1). On the reports of the fit
 it looks too large, because the curve was bent to their errors: a curve with error variance s^2 in
@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 from airswing.compass.correction import corrected_wind, curve_standard_error
 from airswing.evaluation.backtest.learning import require_reference
 from airswing.evaluation.clustered_mean import cluster_sums, clustered_mean
-from airswing.evaluation.contents import Ranked
 from airswing.evaluation.disagreement import reference_mean
+from airswing.evaluation.results import Content
 from airswing.flags import STATUS, published
 from airswing.products.ragged import blocks, row_bounds
 from airswing.units import KNOT, Picked
@@ -222,7 +222,7 @@ def rank_aircraft(
     pools: Mapping[str, list[str]],
     reference: str,
     seed: int = 0,
-) -> list[Ranked]:
+) -> list[Content]:
     """Rank the aircraft by what correcting them is expected to gain.
 
     Parameters
@@ -255,7 +255,7 @@ def rank_aircraft(
         headings, pools[reference], abscissa=str(fits.attrs.get("abscissa", "magnetic"))
     )
     words = {code: name for name, code in STATUS.items()}
-    entries: list[Ranked] = []
+    entries: list[Content] = []
     drawn = []
     for k, (name, own) in enumerate(zip(chosen["aircraft"].to_numpy(), flown, strict=True)):
         status = words[int(chosen["status"][k])]
@@ -306,7 +306,7 @@ def _spread(values: Floats) -> float:
     return float(values.std() / KNOT) if np.isfinite(values).all() else float("nan")
 
 
-def _ordered(entries: list[Ranked], drawn: list[Floats]) -> list[Ranked]:
+def _ordered(entries: list[Content], drawn: list[Floats]) -> list[Content]:
     """Sort by expected gain and give every rank its interval."""
     ranked = [entry for entry in entries if entry["expected_gain_kt"] is not None]
     if ranked:

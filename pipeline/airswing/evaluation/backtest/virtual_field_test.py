@@ -1,7 +1,7 @@
 """The virtual field test: corrections learned up to a date, judged on the reports after it.
 
 Assumes nothing of the aircraft but that their compasses stay as they are (see
-:mod:`airswing.evaluation.compass_changes.change_dates`). What was predicted from the fit alone
+:mod:`airswing.evaluation.monitoring.changes`). What was predicted from the fit alone
 stands beside what came out. Reports are the screened ones. The same without a date is
 :mod:`airswing.evaluation.backtest.crossvalidation`.
 """
@@ -26,7 +26,7 @@ from airswing.evaluation.backtest.learning import (
     require_reference,
 )
 from airswing.evaluation.backtest.ranking import rank_aircraft
-from airswing.evaluation.contents import Expected, VirtualGroup, VirtualTest
+from airswing.evaluation.results import Content
 from airswing.products.ragged import aircraft_of_report, blocks, time_span
 from airswing.units import NORMAL_95
 
@@ -42,7 +42,7 @@ def virtual_field_test(
     draws: int = 1000,
     seed: int = 0,
     **fit_options: Unpack[TableOptions],
-) -> VirtualTest:
+) -> Content:
     """Learn the corrections up to a date, apply them after it, and compare with the prediction.
 
     Parameters
@@ -120,7 +120,7 @@ def predicted_reduction(
     reference: str,
     seed: int = 0,
     **fit_options: Unpack[TableOptions],
-) -> Expected:
+) -> Content:
     """What the fits before a field test expected of it, aircraft weighted alike.
 
     Parameters
@@ -150,7 +150,7 @@ def predicted_reduction(
         for entry in ranking
         if entry["aircraft"] in corrected and (gain := entry["expected_gain_kt"]) is not None
     ]
-    result: Expected = {
+    result: Content = {
         "ranking": ranking,
         "predicted_reduction_kt": None,
         "predicted_reduction_ci_kt": None,
@@ -226,9 +226,9 @@ def _windows(
     )
 
 
-def _groups(windows: Floats, treated: NDArray[np.bool_]) -> dict[str, VirtualGroup]:
+def _groups(windows: Floats, treated: NDArray[np.bool_]) -> dict[str, Content]:
     """The seed's table: the corrected as corrected after the date, the controls as reported."""
-    found: dict[str, VirtualGroup] = {}
+    found: dict[str, Content] = {}
     for group, member in (("controls", ~treated), ("corrected", treated)):
         learned, before, judged, after, uncorrected = windows[:, member].sum(axis=1)
         # a group on one side of the date only has no difference

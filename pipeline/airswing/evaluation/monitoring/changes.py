@@ -39,6 +39,7 @@ from airswing.evaluation.monitoring.fleet_watch import (
     watch_fleet,
 )
 from airswing.evaluation.monitoring.step_test import Step, step_of_series
+from airswing.evaluation.results import Content
 from airswing.flags import STATUS, published
 from airswing.products.ragged import blocks, some_reports
 from airswing.vocabulary import describe
@@ -52,7 +53,8 @@ RATE = 1.0
 """
 MOST_CHANGES = 4
 """Depth of the search: each part of an archive is cut in two at its date."""
-Content = dict[str, Any]
+
+
 _Series = tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]
 
 
@@ -118,7 +120,7 @@ class CompassWatch:
         for _ in range(MOST_CHANGES):
             edges = np.searchsorted(day, [day[0], *dates, day[-1] + 1])
             parts = [self._step(series, slice(*ends), scale) for ends in pairwise(edges)]
-            new = [one.day for one in parts if self._stated(one)]
+            new = [one.day for one in parts if one is not None and self._stated(one)]
             if not new:
                 break
             dates = sorted({*dates, *new})
@@ -130,11 +132,11 @@ class CompassWatch:
         ]
         return [one for one in again if one is not None and self._stated(one)]
 
-    def _stated(self, step: Step | None) -> bool:
-        return step is not None and self.false_changes(step.statistic) <= FALSE_CHANGES
+    def _stated(self, step: Step) -> bool:
+        return self.false_changes(step.statistic) <= FALSE_CHANGES
 
     def _step(self, series: _Series, part: slice, scale: float) -> Step | None:
-        day, weight, right = (values[part] for values in series)
+        day, weight, right = series[0][part], series[1][part], series[2][part]
         if not day.size:
             return None
         noise = self.tested.noise[int(month_of(day[-1:])[0])]

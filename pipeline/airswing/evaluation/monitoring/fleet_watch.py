@@ -276,7 +276,7 @@ def estimated_noise(
 
 
 def _without_common(normal: Floats, rest: Floats, day: Index, rows: Index) -> Floats:
-    """Residuals less what the rows of a day have in common, corrected for its degrees of freedom."""
+    """Residuals less what the rows of a day have in common, scaled for its degrees of freedom."""
     _, place = np.unique(day[rows], return_inverse=True)
     number = np.bincount(place)
     total = np.zeros((number.size, *normal.shape[1:]))

@@ -289,7 +289,7 @@ class StepTest:
         after = self._after(
             of, [best + 1], weight[of][None], limited[of][None], (self.right - right)[of][None]
         )
-        change, error = _step_estimate(*(part[0, 0] for part in after), self.law)
+        change, error = _step_estimate(after[0][0, 0], after[1][0, 0], self.law)
         return Step(
             number, day[best], day[likely[-1]], day[likely[0]], float(ratio[best]), change, error
         )

@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special  # not scipy.stats, whose import takes longer than a small fit
 
-from airswing.evaluation.contents import Component, Region
+from airswing.evaluation.results import Content
 
 Floats = NDArray[np.float64]
 # A to E; airspeed scale and bias are each fit's own affair.
 COEFFICIENTS = 5
-COMPONENTS: tuple[Component, Component] = ("eastward", "northward")
+COMPONENTS = ("eastward", "northward")
 # Days a weather situation, and with it a model's error, lasts.
 _LAG = 3
 # Regions seen on fewer days say nothing.
@@ -230,7 +230,7 @@ def region_sums(
     return np.array(found, dtype=np.float64).reshape(3, regions, days)
 
 
-def regional_bias(sums: Floats) -> list[Region]:
+def regional_bias(sums: Floats) -> list[Content]:
     """Mean wind difference of two references by region, and against the other regions.
 
     The two models' errors are shared by regions and last for days. So each region is also held
@@ -254,7 +254,7 @@ def regional_bias(sums: Floats) -> list[Region]:
     block = np.zeros(number.shape[1], dtype=np.int64)
     if seen.size:
         block[seen] = day_blocks(seen)
-    found: list[Region] = []
+    found: list[Content] = []
     for region in np.flatnonzero(number.any(axis=1)):
         own = number[region]
         days = int(np.count_nonzero(own))
@@ -263,7 +263,7 @@ def regional_bias(sums: Floats) -> list[Region]:
         others = number.sum(axis=0) - own
         for component, values in zip(COMPONENTS, sums[1:], strict=True):
             mean, error, p_value = _block_mean(values[region], own, block)
-            entry: Region = {
+            entry: Content = {
                 "region": int(region),
                 "component": component,
                 "days": days,

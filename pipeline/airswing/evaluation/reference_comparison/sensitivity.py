@@ -24,17 +24,6 @@ from airswing.compass.fit.acceptance import FitOptions
 from airswing.compass.fit.deviation import fit_deviation
 from airswing.errors import InputError
 from airswing.evaluation.backtest.folds import only
-from airswing.evaluation.contents import (
-    AircraftDifference,
-    Component,
-    Difference,
-    FleetDifference,
-    Pair,
-    Region,
-    SensitivityContent,
-    Strata,
-    Verdict,
-)
 from airswing.evaluation.disagreement import member_mean, reference_mean
 from airswing.evaluation.reference_comparison.pairs import (
     common_difference,
@@ -45,6 +34,7 @@ from airswing.evaluation.reference_comparison.pairs import (
 )
 from airswing.evaluation.reference_comparison.pairsums import AircraftPair, PairSums, Regions, Rows
 from airswing.evaluation.reference_comparison.threeway import hat_sums, hats_of
+from airswing.evaluation.results import Content
 from airswing.flags import PHASE, SCREENING
 from airswing.physics.triangle import wrap_degrees
 from airswing.products.findings import findings
@@ -84,7 +74,7 @@ def compare(
     pools: Mapping[str, list[str]],
     never_pool: list[str] | None = None,
     **fit_options: Unpack[FitOptions],
-) -> SensitivityContent:
+) -> Content:
     """Fit every reference and pool on the same reports and judge each pair of references.
 
     Parameters
@@ -147,7 +137,7 @@ def compare(
         )
     barred = {name.lower() for name in never_pool or []}
     strata = _strata(slices, singles, barred)
-    content: SensitivityContent = {
+    content: Content = {
         "reports": reports,
         "references": list(pools),
         "pairs": [
@@ -215,7 +205,7 @@ def _aircraft_rows(
 
 def _judge(
     sums: PairSums, fits: xr.Dataset | None, barred: set[str], *, own_test: bool = True
-) -> Pair:
+) -> Content:
     """Differences, tests and the verdict of one pair over some reports.
 
     Without a test of its own: a pool against one of its members, whose difference is made of those
@@ -244,11 +234,11 @@ class _Biased(NamedTuple):
     of: str  # the difference, or the contrast to the other regions
     value: float
     error: float
-    component: Component
+    component: str
     region: int
 
 
-def _biased(regions: list[Region]) -> list[_Biased]:
+def _biased(regions: list[Content]) -> list[_Biased]:
     """Regions whose mean wind differs beyond error and by a size that matters.
 
     Every region is tested by its own difference and by its contrast to the other regions; Holm's
@@ -270,7 +260,7 @@ def _biased(regions: list[Region]) -> list[_Biased]:
     return biased
 
 
-def _verdict(fleet: FleetDifference, biased: list[_Biased], barred: set[str]) -> Verdict:
+def _verdict(fleet: Content, biased: list[_Biased], barred: set[str]) -> Content:
     """Say whether the pair may be pooled, and why not."""
     why = []
     if not np.isfinite(fleet["p_value"]):
@@ -292,7 +282,7 @@ def _verdict(fleet: FleetDifference, biased: list[_Biased], barred: set[str]) ->
     return {"poolable": not why, "why": "; ".join(why) or _agreement(fleet)}
 
 
-def _agreement(fleet: FleetDifference) -> str:
+def _agreement(fleet: Content) -> str:
     """What was found of a pair that may be pooled: no test shows that two things are equal."""
     beyond = (
         f"beyond error but less than {_CURVE_RMS_DEG:g}"
@@ -306,12 +296,12 @@ def _agreement(fleet: FleetDifference) -> str:
     )
 
 
-def _entry(own: AircraftPair, fits: xr.Dataset | None, one: str, two: str) -> AircraftDifference:
+def _entry(own: AircraftPair, fits: xr.Dataset | None, one: str, two: str) -> Content:
     """Differences of one aircraft in degrees, with 95 % intervals."""
     values, clusters, index = own.values, own.days.size, own.number
     covariance = own.influence.T @ own.influence
     degrees, error = np.degrees(values), np.degrees(np.sqrt(np.diag(covariance)))
-    entry: AircraftDifference = {
+    entry: Content = {
         "p_value": wald(values, covariance, clusters),
         "difference": dict(zip(NAMES, degrees, strict=True)),
         "standard_error": dict(zip(NAMES, error, strict=True)),
@@ -330,7 +320,7 @@ def _entry(own: AircraftPair, fits: xr.Dataset | None, one: str, two: str) -> Ai
 
 def _sinusoid_difference(
     fits: xr.Dataset, one: str, two: str, index: int, covariance: NDArray[np.float64]
-) -> tuple[Difference, Difference, Difference]:
+) -> tuple[Content, Content, Content]:
     """Differences of the published offset, amplitude and phase, by the delta method."""
     pair = fits.isel(aircraft=index).sel(reference=[one, two])
     change = {name: float(-np.diff(pair[name])[0]) for name in ("offset", "amplitude", "phase")}
@@ -347,7 +337,7 @@ def _sinusoid_difference(
         "phase": np.sqrt(around @ block @ around),
     }
 
-    def part(name: str) -> Difference:
+    def part(name: str) -> Content:
         half = NORMAL_95 * errors[name]
         return {
             "difference": change[name],
@@ -358,7 +348,7 @@ def _sinusoid_difference(
     return part("offset"), part("amplitude"), part("phase")
 
 
-def _fleet(sums: PairSums) -> FleetDifference:
+def _fleet(sums: PairSums) -> Content:
     """Difference the fleet has in common, honouring that aircraft share the days' errors."""
     days = np.flatnonzero(sums.common.any(axis=(1, 2)))
     if not days.size:
@@ -400,9 +390,9 @@ def _strata(
     slices: Mapping[tuple[_Kind, str, tuple[str, str]], PairSums],
     singles: list[str],
     barred: set[str],
-) -> Strata:
+) -> Content:
     """The same judgement within slices of the reports."""
-    found: Strata = {"by_lead_time": [], "by_phase": [], "by_level": [], "by_season": []}
+    found: Content = {"by_lead_time": [], "by_phase": [], "by_level": [], "by_season": []}
     for pair in combinations(singles, 2):
         for (title, name, own), sums in slices.items():
             if own != pair or sums.reports < _MIN_STRATUM:

@@ -12,7 +12,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.evaluation.contents import Hat
+from airswing.evaluation.results import Content
 
 # Corners of the hat that each difference lies between.
 _PAIRS = ((0, 1), (0, 2), (1, 2))
@@ -47,7 +47,7 @@ def hat_sums(
     return np.array(found).reshape(-1, 4, days)
 
 
-def hats_of(sums: NDArray[np.float64], names: list[str]) -> list[Hat]:
+def hats_of(sums: NDArray[np.float64], names: list[str]) -> list[Content]:
     """Estimate the error of each of three references for every triple, from their sums.
 
     Parameters
@@ -62,7 +62,7 @@ def hats_of(sums: NDArray[np.float64], names: list[str]) -> list[Hat]:
         out negative), ``variance``, ``variance_standard_error`` (of a jackknife over days), and
         ``reports``.
     """
-    found: list[Hat] = []
+    found: list[Content] = []
     for triple, own in zip(combinations(range(len(names)), 3), sums, strict=True):
         count, squares = own[0], own[1:]
         if count.sum() < 100:

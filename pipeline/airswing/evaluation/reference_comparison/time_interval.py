@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from airswing.evaluation.contents import IntervalCost
+from airswing.evaluation.results import Content
 from airswing.reference.collocate import collocate
 from airswing.reference.geometry.wind_profiles import Catalogue
 
@@ -25,7 +25,7 @@ _HOUR = 3_600_000_000_000  # ns
 _MIDDLE = _HOUR // 2
 
 
-def interval_cost(reports: xr.Dataset, catalogue: Catalogue) -> list[IntervalCost]:
+def interval_cost(reports: xr.Dataset, catalogue: Catalogue) -> list[Content]:
     """Compare winds interpolated over three and six hours with hourly ones.
 
     Parameters
@@ -53,7 +53,7 @@ def interval_cost(reports: xr.Dataset, catalogue: Catalogue) -> list[IntervalCos
     winds = collocate(chosen, {"whole": catalogue, **kept}, max_time_gap=gap).compute()
     u, v = (winds[f"reference_{way}ward_wind"].values for way in ("east", "north"))
     time = chosen["time"].values.astype("M8[ns]").astype(np.int64)
-    rows: list[IntervalCost] = []
+    rows: list[Content] = []
     for number, name in enumerate(kept, start=1):
         length = np.hypot(u[number] - u[0], v[number] - v[0])
         step = int(name) * _HOUR

@@ -45,7 +45,7 @@ from airswing.gap.sums.elimination import Base, Conditional
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-# Not the test of `evaluation.compass_changes`: a step competes here with every other effect, so it
+# Not the test of `evaluation.monitoring`: a step competes here with every other effect, so it
 # is weighed by evidence, beside what is conditioned on, in periods that may end, and in several
 # aircraft at once.
 #: What a period must explain beyond the same effect lasting: log evidence, and part of its own.

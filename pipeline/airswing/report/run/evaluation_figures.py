@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from airswing.evaluation.contents import FieldTestFound, Group, Levels, Permutation
+from airswing.evaluation.results import Content
 from airswing.report.html.document import drawing, paragraph
 from airswing.report.html.style import (
     BLUE,
@@ -52,7 +52,7 @@ def _interval(axes: Axes, bounds: Sequence[float] | None, y: float, colour: str)
 
 
 @styled
-def field_test_figure(field_test: FieldTestFound) -> Figure:
+def field_test_figure(field_test: Content) -> Figure:
     """Draw disagreement before and during the test by group, and the reductions.
 
     Parameters
@@ -118,11 +118,11 @@ def field_test_figure(field_test: FieldTestFound) -> Figure:
     )
 
 
-def _reports(entry: Group) -> int:
+def _reports(entry: Content) -> int:
     return int(entry.get("reports_before", 0)) + int(entry.get("reports_during", 0))
 
 
-def _reductions(axes: Axes, field_test: FieldTestFound) -> None:
+def _reductions(axes: Axes, field_test: Content) -> None:
     entries = [
         *(
             (f"{name}: reduction", entry.get("reduction_kt"), entry.get("reduction_ci_kt"), SOFT)
@@ -164,7 +164,7 @@ def _reductions(axes: Axes, field_test: FieldTestFound) -> None:
 
 
 @styled
-def scrutiny_figure(field_test: FieldTestFound) -> Figure:
+def scrutiny_figure(field_test: Content) -> Figure:
     """Draw each aircraft before against during, and the effect among permuted groups.
 
     Parameters
@@ -182,7 +182,7 @@ def scrutiny_figure(field_test: FieldTestFound) -> Figure:
     )
 
 
-def _each_aircraft(axes: Axes, rows: Sequence[Levels]) -> int:
+def _each_aircraft(axes: Axes, rows: Sequence[Content]) -> int:
     axes.set_title("Each aircraft")
     look = {"controls": (SOFT, "s"), "corrected": (BLUE, "o")}
     for group, (colour, marker) in look.items():
@@ -226,7 +226,7 @@ def _each_aircraft(axes: Axes, rows: Sequence[Levels]) -> int:
     return len(rows)
 
 
-def _permutation(axes: Axes, permutation: Permutation | None) -> str:
+def _permutation(axes: Axes, permutation: Content | None) -> str:
     draws = np.asarray(permutation["null_effects_kt"] if permutation else [], float)
     axes.set_title("Permutation test over aircraft")
     if permutation is None or draws.size == 0:

@@ -12,13 +12,7 @@ from typing import Literal
 import xarray as xr
 from markupsafe import Markup
 
-from airswing.evaluation.contents import (
-    FieldTestContent,
-    FieldTestFound,
-    Hat,
-    Pair,
-    SensitivityContent,
-)
+from airswing.evaluation.results import Content
 from airswing.report.html.document import (
     Column,
     Row,
@@ -51,7 +45,7 @@ SLICES: dict[Literal["by_lead_time", "by_phase", "by_level", "by_season"], str] 
 }
 
 
-def field_test_section(field_test: FieldTestContent | None) -> Section:
+def field_test_section(field_test: Content | None) -> Section:
     """Return the field test: the sentence, the figures, the table, the scrutiny."""
     if not field_test or not field_test.get("groups"):
         return Section("field-test", "Field test")
@@ -66,7 +60,7 @@ def _bounds(bounds: Sequence[float] | None) -> str:
     return f" ({number_text(bounds[0])} to {number_text(bounds[1])})" if bounds else ""
 
 
-def _field_test_sentence(field_test: FieldTestFound) -> str:
+def _field_test_sentence(field_test: Content) -> str:
     linear = float(field_test["adjusted_reduction_kt"])
     text = (
         f"The corrected aircraft gained {linear:.2f} kt"
@@ -84,7 +78,7 @@ def _field_test_sentence(field_test: FieldTestFound) -> str:
     return text + (f", against {reference}." if reference else ".")
 
 
-def _groups_table(field_test: FieldTestFound) -> Markup:
+def _groups_table(field_test: Content) -> Markup:
     rows = [
         Row(
             [
@@ -111,7 +105,7 @@ def _groups_table(field_test: FieldTestFound) -> Markup:
     return table(columns, rows, caption="Mean vector disagreement; in brackets 95 % intervals.")
 
 
-def _scrutiny_words(field_test: FieldTestContent) -> list[Markup]:
+def _scrutiny_words(field_test: Content) -> list[Markup]:
     lines = []
     chosen = field_test.get("regression_to_the_mean")
     if chosen and (luck := chosen["spurious_reduction_kt"]) is not None:
@@ -135,7 +129,7 @@ def _scrutiny_words(field_test: FieldTestContent) -> list[Markup]:
     return [listing(lines)] if lines else []
 
 
-def sensitivity_section(sensitivity: SensitivityContent | None) -> Section:
+def sensitivity_section(sensitivity: Content | None) -> Section:
     """Return the dependence on the reference: verdicts, figures, slices, error estimates."""
     title = "Does the reference matter?"
     pairs = sensitivity.get("pairs") if sensitivity else None
@@ -161,13 +155,13 @@ def sensitivity_section(sensitivity: SensitivityContent | None) -> Section:
     return Section("sensitivity", title, lead.replace(" +- ", " ± "), parts)
 
 
-def _apart_sentence(apart: Sequence[Pair]) -> str:
+def _apart_sentence(apart: Sequence[Content]) -> str:
     named = [f"{pair_name(pair)} ({pair.get('why', '')})" for pair in apart[:2]]
     more = f", and {len(apart) - 2} more pairs" if len(apart) > 2 else ""
     return f"Not poolable: {'; '.join(named)}{more}." if named else ""
 
 
-def _verdict_table(pairs: Sequence[Pair], caption: str) -> Markup:
+def _verdict_table(pairs: Sequence[Content], caption: str) -> Markup:
     sliced = any(pair.get("slice") for pair in pairs)
     columns = [Column("slice", "words")] if sliced else []
     columns += [
@@ -200,11 +194,11 @@ def _verdict_table(pairs: Sequence[Pair], caption: str) -> Markup:
     return table(columns, rows, caption=caption)
 
 
-def _own_test(pair: Pair) -> bool:
+def _own_test(pair: Content) -> bool:
     return bool(pair.get("own_test", True))
 
 
-def _why(pair: Pair) -> str:
+def _why(pair: Content) -> str:
     """Why a pair may be pooled or not; a pool and its member say nothing new of that."""
     if not _own_test(pair) and pair.get("poolable"):
         return "the pool is made of its members: their difference is part of the members' own"
@@ -215,7 +209,7 @@ def _p_value(value: float | None) -> str:
     return f"{float(value):.2g}" if value is not None and float(value) == float(value) else "-"
 
 
-def _three_way(found: Sequence[Hat]) -> list[Markup]:
+def _three_way(found: Sequence[Content]) -> list[Markup]:
     rows = [
         Row(
             [

@@ -29,7 +29,7 @@ from airswing.report.html.style import (
 )
 
 if TYPE_CHECKING:  # the watch itself is not needed to show it
-    from airswing.evaluation.events_file import Event, Monitoring
+    from airswing.evaluation.monitoring import Event, Monitoring
 
 # Aircraft that stand below each other on a screen and can still be read.
 MOST_ROWS = 24

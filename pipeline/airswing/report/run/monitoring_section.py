@@ -20,7 +20,7 @@ from airswing.units import NORMAL_95
 from airswing.version import __version__
 
 if TYPE_CHECKING:  # the watch itself is not needed to show it
-    from airswing.evaluation.events_file import Event, Monitoring, State
+    from airswing.evaluation.monitoring import Event, Monitoring, State
 
 MOST_EVENTS, MOST_STATES = 60, 200  # Rows of the tables; the file has all
 

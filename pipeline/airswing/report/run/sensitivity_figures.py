@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from airswing.evaluation.contents import Difference, Pair
+from airswing.evaluation.results import Content
 from airswing.report.html.style import (
     BLUE,
     INK,
@@ -31,26 +31,26 @@ COEFFICIENTS = ("A", "B", "C", "D", "E")
 MOST_AIRCRAFT = 40
 
 
-def pair_name(pair: Pair) -> str:
+def pair_name(pair: Content) -> str:
     """Return ``ruc - rtfdaa`` for a pair, the order in which differences are taken."""
     return " - ".join(str(name) for name in pair["references"])
 
 
-def verdict_word(pair: Pair) -> str:
+def verdict_word(pair: Content) -> str:
     """Return whether a pair may be pooled, in a word or two."""
     if pair.get("poolable") is None:
         return "cannot tell"
     return "poolable" if pair["poolable"] else "not poolable"
 
 
-def _verdict_colour(pair: Pair) -> str:
+def _verdict_colour(pair: Content) -> str:
     if pair.get("poolable") is None:
         return SOFT
     return BLUE if pair["poolable"] else VERMILION
 
 
 @styled
-def pair_differences_figure(pairs: Sequence[Pair]) -> Figure:
+def pair_differences_figure(pairs: Sequence[Content]) -> Figure:
     """Draw the fleet's common difference of each coefficient for every pair of references.
 
     Parameters
@@ -89,12 +89,12 @@ def pair_differences_figure(pairs: Sequence[Pair]) -> Figure:
     )
 
 
-def _slice(pair: Pair) -> str:
+def _slice(pair: Content) -> str:
     return f"{pair['slice']}: " if pair.get("slice") else ""
 
 
 @styled
-def aircraft_differences_figure(pair: Pair) -> Figure:
+def aircraft_differences_figure(pair: Content) -> Figure:
     """Draw the difference of offset and amplitude of each aircraft for one pair of references.
 
     Parameters
@@ -127,7 +127,7 @@ def _number(value: float | None) -> float:
     return float("nan") if value is None else float(value)
 
 
-def _differences(axes: Axes, title: str, rows: Sequence[Difference]) -> None:
+def _differences(axes: Axes, title: str, rows: Sequence[Content]) -> None:
     value = np.array([_number(entry["difference"]) for entry in rows])
     low, high = np.array([[_number(end) for end in entry["ci"]] for entry in rows]).T
     colours = [

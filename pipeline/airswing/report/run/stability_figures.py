@@ -15,14 +15,7 @@ from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
-from airswing.evaluation.contents import (
-    AircraftGain,
-    Change,
-    Ranked,
-    StabilityContent,
-    VirtualContent,
-    WindowFit,
-)
+from airswing.evaluation.results import Content
 from airswing.report.html.style import (
     BLUE,
     FAINT,
@@ -45,12 +38,12 @@ _MOST_BARS = 40
 
 
 @styled
-def stability_figure(stability: StabilityContent, aircraft: Sequence[str] | None = None) -> Figure:
+def stability_figure(stability: Content, aircraft: Sequence[str] | None = None) -> Figure:
     """Draw each aircraft's offset and amplitude window by window, with the dates of changes.
 
     Parameters
     ----------
-    stability : StabilityContent
+    stability : Content
         Content of ``stability.json``.
     aircraft : sequence of str, optional
         Which to draw; by default those that changed first, ten at most.
@@ -101,7 +94,7 @@ def _date_ticks(axes: Axes) -> None:
 
 def _windows(
     axes: Axes,
-    own: Sequence[WindowFit],
+    own: Sequence[Content],
     values: Sequence[tuple[float, float]],
     colour: str,
     step: np.timedelta64,
@@ -115,7 +108,7 @@ def _windows(
     axes.errorbar((begin + end) // 2, value, yerr=half, fmt="o", color=colour, markersize=4)
 
 
-def _dates(axes: Axes, changes: Sequence[Change]) -> None:
+def _dates(axes: Axes, changes: Sequence[Content]) -> None:
     for change in changes:
         low, high = (np.datetime64(day, "D") for day in change["date_ci"])
         end = high + np.timedelta64(1, "D")
@@ -130,7 +123,7 @@ def _place(days: ArrayLike) -> NDArray[np.float64]:
 
 
 @styled
-def ranking_figure(ranking: Sequence[Ranked]) -> Figure:
+def ranking_figure(ranking: Sequence[Content]) -> Figure:
     """Draw what correcting each aircraft is expected to gain.
 
     Parameters
@@ -163,7 +156,7 @@ def ranking_figure(ranking: Sequence[Ranked]) -> Figure:
 
 
 @styled
-def prediction_figure(virtual: VirtualContent) -> Figure:
+def prediction_figure(virtual: Content) -> Figure:
     """Draw predicted against realised gain of each aircraft: later reports, held-out flights.
 
     Parameters
@@ -192,7 +185,7 @@ def prediction_figure(virtual: VirtualContent) -> Figure:
     )
 
 
-def _against(axes: Axes, rows: Sequence[AircraftGain]) -> None:
+def _against(axes: Axes, rows: Sequence[Content]) -> None:
     x, y = (
         np.array([row["predicted_gain_kt"] for row in rows], float),
         np.array([row["realised_gain_kt"] for row in rows], float),

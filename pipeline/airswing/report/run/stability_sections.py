@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from airswing.evaluation.contents import Compared, Ranked, StabilityContent, VirtualContent
+from airswing.evaluation.results import Content
 from airswing.report.html.document import Column, Row, Section, paragraph, table
 from airswing.report.html.embed import embedded
 from airswing.report.run.page_numbers import number_text
@@ -20,7 +20,7 @@ from airswing.report.run.stability_figures import (
 from airswing.units import NORMAL_95
 
 
-def stability_section(stability: StabilityContent | None) -> Section:
+def stability_section(stability: Content | None) -> Section:
     """Return whether the compasses stayed as they were: the sentence, the figure, the dates."""
     title = "Stability"
     if not stability:
@@ -66,7 +66,7 @@ def stability_section(stability: StabilityContent | None) -> Section:
     return Section("stability", title, lead, parts)
 
 
-def ranking_section(ranking: Sequence[Ranked] | None, virtual: VirtualContent | None) -> Section:
+def ranking_section(ranking: Sequence[Content] | None, virtual: Content | None) -> Section:
     """Return whom to correct first, and how far such predictions held."""
     title = "Whom to correct"
     known = [
@@ -88,7 +88,7 @@ def ranking_section(ranking: Sequence[Ranked] | None, virtual: VirtualContent | 
     return Section("ranking", title, lead, parts)
 
 
-def _prediction_words(virtual: VirtualContent) -> list[str]:
+def _prediction_words(virtual: Content) -> list[str]:
     lines = []
     later, held_out = virtual.get("later"), virtual.get("held_out")
     if later and "why" not in later:
@@ -100,7 +100,7 @@ def _prediction_words(virtual: VirtualContent) -> list[str]:
     return lines
 
 
-def _prediction_line(text: str, part: Compared) -> list[str]:
+def _prediction_line(text: str, part: Content) -> list[str]:
     realised, predicted = part["realised_gain_kt"], part["predicted_gain_kt"]
     if realised is None or predicted is None:
         return []

@@ -52,14 +52,7 @@ from airswing.workflow.update.month_fits import fits_before
 from airswing.workflow.update.months import keep_note, kept_note, span_of
 
 if TYPE_CHECKING:
-    from airswing.evaluation.contents import (
-        FieldTestContent,
-        NotTried,
-        StabilityContent,
-        VirtualContent,
-        VirtualTest,
-        WindowFit,
-    )
+    from airswing.evaluation.results import Content
 
 Found = TypeVar("Found")
 # four weeks: with 31 days the month before would stay whole to the last night of every month
@@ -119,15 +112,13 @@ def judged(
     )
 
 
-def _virtual(
-    job: Job, complete: list[str], headings: xr.Dataset, fits: xr.Dataset
-) -> VirtualContent:
+def _virtual(job: Job, complete: list[str], headings: xr.Dataset, fits: xr.Dataset) -> Content:
     """The last complete month judged by the tables of those before it."""
     from airswing.evaluation.backtest.virtual_field_test import virtual_field_test
 
     config = job.config
     with job.progress.stage("virtual field test") as stage:
-        later: VirtualTest | NotTried = {"why": "fewer than two months are complete"}
+        later: Content = {"why": "fewer than two months are complete"}
         if len(complete) > 1:
             later = tried(
                 lambda: virtual_field_test(
@@ -139,7 +130,7 @@ def _virtual(
                     reference=main_reference(config),
                 )
             )
-        result: VirtualContent = {
+        result: Content = {
             "later": later,
             "held_out": {"why": "left to `airswing run`"},
         }
@@ -147,9 +138,7 @@ def _virtual(
     return result
 
 
-def _field_test(
-    job: Job, months: list[str], headings: xr.Dataset, fits: xr.Dataset
-) -> FieldTestContent:
+def _field_test(job: Job, months: list[str], headings: xr.Dataset, fits: xr.Dataset) -> Content:
     """The field test of the months of its dates; what was expected of it is kept."""
     test = asked_field_test(job)
     last = test.end or span_of(months[-1])[1].astype("M8[D]").astype(object)
@@ -205,9 +194,9 @@ def _plain(found: object) -> object:
     return plain
 
 
-def _stability(job: Job, months: list[str], fits: xr.Dataset) -> StabilityContent:
+def _stability(job: Job, months: list[str], fits: xr.Dataset) -> Content:
     """Fits by calendar month, each made with its month alone, and the changes found."""
-    windows: list[WindowFit] = []
+    windows: list[Content] = []
     with job.progress.stage("stability") as stage:
         for month in months:
             windows += _window(replace(job, month=month))
@@ -216,9 +205,9 @@ def _stability(job: Job, months: list[str], fits: xr.Dataset) -> StabilityConten
     return result
 
 
-def _window(job: Job) -> list[WindowFit]:
+def _window(job: Job) -> list[Content]:
     """Fits of one month, kept while its headings and the fit stay as they are."""
-    from airswing.evaluation.compass_changes.window_fits import fit_by_window
+    from airswing.evaluation.monitoring import fit_by_window
 
     config, path = job.config, job.output / ".update" / f"{job.month}.window.json"
     with read_product(job.place(HEADINGS), lazy=True) as headings:

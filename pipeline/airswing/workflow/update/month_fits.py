@@ -14,7 +14,7 @@ aircraft would make the same one of it again, and an aircraft with a new base is
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -49,8 +49,7 @@ from airswing.compass.kept_sums.period_sums import (
     sum_period,
 )
 from airswing.compass.table import add_tables, heading_histogram
-from airswing.evaluation.compass_changes.change_dates import FEWEST_DAYS, changes_of, fleet_day_sums
-from airswing.evaluation.compass_changes.change_kernels import FREE, DaySums
+from airswing.evaluation.monitoring import watch_compasses
 from airswing.flags import STATUS
 from airswing.products.fingerprint import code_digest, fingerprint
 from airswing.products.netcdf import read_product
@@ -95,7 +94,11 @@ class MonthlyFits:
             fit_sums([sums]),
             histogram,
             np.divide(total, count, out=np.full(total.size, np.nan), where=count > 0),
-            changes_of(fleet.names.tolist(), fleet.days()),
+            watch_compasses(
+                headings,
+                members=job.config.pools()[main_reference(job.config)],
+                abscissa=job.config.fit.abscissa,
+            ).changes,
         )
 
 
@@ -185,18 +188,6 @@ class _Fleet:
             total[place] += kept["total"]
             count[place] += kept["count"]
         return histogram, total, count
-
-    def days(self) -> list[DaySums | None]:
-        """Daily sums of every aircraft, by which its compass is seen to change."""
-        own: dict[str, list[DaySums]] = {}
-        for month in self.months:
-            kept = self._counts(month)
-            ends = np.cumsum(kept["days"])
-            for name, size, end in zip(kept["aircraft"], kept["days"], ends, strict=True):
-                rows = slice(int(end - size), int(end))
-                one = DaySums(*(kept[f"days/{part.name}"][rows] for part in fields(DaySums)))
-                own.setdefault(str(name), []).append(one)
-        return [_one_after_another(own.get(name, [])) for name in self.names.tolist()]
 
     @cached_property
     def bases(self) -> dict[str, dict[str, Base]]:
@@ -357,10 +348,8 @@ class _Fleet:
             return self._counted[month]
         # apart from the sums: counts need no base, and stay when bases move
         path = self.folder / f"{month}.counts.npz"
-        config = self.job.config
-        members = config.pools()[main_reference(config)]
         with read_product(replace(self.job, month=month).place(HEADINGS), lazy=True) as headings:
-            mark = fingerprint(headings.attrs["uuid"], self.abscissa, members, code_digest(*_CODE))
+            mark = fingerprint(headings.attrs["uuid"], self.abscissa, code_digest(*_CODE))
             kept = kept_arrays(path, mark)
             if kept is None:
                 total, count = declination_sums(headings)
@@ -369,8 +358,6 @@ class _Fleet:
                     "histogram": heading_histogram(headings, abscissa=self.abscissa),
                     "total": total,
                     "count": count,
-                    # every day, however few reports: a month's last day goes on in the next month
-                    **_packed_days(fleet_day_sums(headings, members, self.abscissa, fewest=1)),
                 }
                 keep_arrays(path, mark, kept)
         self._counted[month] = kept
@@ -387,24 +374,3 @@ def _same_sample(reports: int, before: int) -> bool:
     """
     every, then = (max(number // MIDDLE, 1) for number in (reports, before))
     return max(every, then) <= MUCH_ALIKE * min(every, then)
-
-
-def _packed_days(sums: list[DaySums | None]) -> dict[str, NDArray[np.generic]]:
-    known = [one for one in sums if one is not None]
-    size = (0, FREE, FREE)
-    empty = DaySums(np.empty(0, np.int64), np.empty(size), np.empty(size[:2]), np.empty(0))
-    sizes = np.array([0 if one is None else one.day.size for one in sums], dtype=np.int64)
-    found: dict[str, NDArray[np.generic]] = {"days": sizes}
-    for part in fields(DaySums):
-        every = [getattr(one, part.name) for one in [empty, *known]]
-        found[f"days/{part.name}"] = np.concatenate(every)
-    return found
-
-
-def _one_after_another(parts: list[DaySums]) -> DaySums | None:
-    """Days of one aircraft; a day in which a month ends may stand twice, each part a day's."""
-    # a change needs days enough on either side of it
-    if sum(one.day.size for one in parts) < 2 * FEWEST_DAYS:
-        return None
-    names = [part.name for part in fields(DaySums)]
-    return DaySums(*(np.concatenate([getattr(one, name) for one in parts]) for name in names))

@@ -1,4 +1,4 @@
-"""States and events of fleets that were flown, told once; their file; tables in use."""
+"""States and events of simulated fleets, reported once; their file; tables in use."""
 
 from __future__ import annotations
 
@@ -15,19 +15,13 @@ from airswing.compass.table import add_tables
 from airswing.compass.tables_csv import write_tables_csv
 from airswing.errors import InputError
 from airswing.evaluation.monitoring import (
-    Event,
-    Monitoring,
-    State,
     UnitTable,
     find_events,
     read_events,
     read_tables,
     write_events,
 )
-from airswing.evaluation.monitoring.daily_evidence import daily_rows, joined_rows
-from airswing.evaluation.monitoring.presence import first_and_silent_days
-from airswing.evaluation.monitoring.table_difference import differ
-from airswing.evaluation.monitoring.watch import _not_told
+from airswing.evaluation.monitoring.events import first_days_and_silences, tables_differ
 from airswing.products.ragged import aircraft_of_report, some_reports
 from airswing.units import KNOT
 
@@ -47,13 +41,13 @@ def changed():
 
 
 @pytest.fixture(scope="module")
-def told(changed):
+def monitored(changed):
     return find_events(*changed)
 
 
-def test_a_change_of_two_degrees_is_one_event_noticed_within_three_days(told):
-    event = told.events[0]
-    assert len(told.events) == 1
+def test_a_change_of_two_degrees_is_one_event_noticed_within_three_days(monitored):
+    event = monitored.events[0]
+    assert len(monitored.events) == 1
     assert (event.kind, event.aircraft) == ("compass_changed", "N002")
     # day 38 is 2008-08-08, its reports are in that night
     assert "2008-08-08" <= event.noticed <= "2008-08-10"
@@ -63,7 +57,7 @@ def test_a_change_of_two_degrees_is_one_event_noticed_within_three_days(told):
     assert "N002: compass changed (by" in event.line
 
 
-def test_an_event_is_told_once_also_when_later_days_come_in(changed, tmp_path):
+def test_an_event_is_reported_once_also_when_later_days_come_in(changed, tmp_path):
     ds, fits = changed
     before = find_events(ds, fits, until="2008-08-07")
     assert before.events == [] and before.until == "2008-08-07"
@@ -75,7 +69,7 @@ def test_an_event_is_told_once_also_when_later_days_come_in(changed, tmp_path):
     assert second.new_events == [] and second.events == first.events
 
 
-def test_states_hold_the_disagreement_of_the_winds_and_the_tables(changed, told):
+def test_states_hold_the_disagreement_of_the_winds_and_the_tables(changed, monitored):
     ds, fits = changed
     du, dv = (
         ds[f"{name}_wind"].to_numpy() - ds[f"reference_{name}_wind"].to_numpy()[0]
@@ -83,7 +77,7 @@ def test_states_hold_the_disagreement_of_the_winds_and_the_tables(changed, told)
     )
     own = aircraft_of_report(ds) == 4
     late = ds["time"].to_numpy() >= np.datetime64("2008-07-01") + np.timedelta64(38, "D")
-    state = told.states[4]
+    state = monitored.states[4]
     assert state.disagreement_kt == pytest.approx(np.hypot(du, dv)[own & late].mean() / KNOT)
     assert state.past_disagreement_kt == pytest.approx(np.hypot(du, dv)[own & ~late].mean() / KNOT)
     assert (state.first_day, state.last_day, state.silent) == ("2008-07-01", "2008-08-14", False)
@@ -93,11 +87,11 @@ def test_states_hold_the_disagreement_of_the_winds_and_the_tables(changed, told)
     )
 
 
-def test_a_table_on_board_that_is_off_is_told(changed, told, tmp_path):
+def test_a_table_on_board_that_is_off_is_reported(changed, monitored, tmp_path):
     ds, fits = changed
     path = write_tables_csv(fits, tmp_path / "tables.csv")
     read = read_tables(path, reference="ruc")
-    now = told.states[4].table_now
+    now = monitored.states[4].table_now
     np.testing.assert_allclose(read["N004"].correction_deg, now.correction_deg, atol=5e-4)
     off = replace(read["N004"], correction_deg=[c + 1.5 for c in read["N004"].correction_deg])
     found = find_events(ds, fits, tables_in_use=read | {"N004": off})
@@ -121,12 +115,12 @@ def test_tables_differ_beyond_both_errors_and_the_units_resolution():
     # 2.727 x hypot(0.3, 0.4) = 1.36
     for gap, unlike in ((1.3, False), (1.4, True)):
         other = UnitTable([0.0] * 7 + [gap], [0.4] * 8)
-        assert differ(one, other) == (unlike, pytest.approx(gap / np.sqrt(8)))
+        assert tables_differ(one, other) == (unlike, pytest.approx(gap / np.sqrt(8)))
     exact = replace(one, standard_error_deg=[0.0] * 8)
-    assert not differ(exact, replace(exact, correction_deg=[0.05] * 8))[0]
+    assert not tables_differ(exact, replace(exact, correction_deg=[0.05] * 8))[0]
 
 
-def test_winds_that_grow_worse_are_told_and_corrected_winds_are_what_counts():
+def test_winds_that_grow_worse_are_reported_and_corrected_winds_are_what_counts():
     ds, _ = fleet(5, SETTING, amplitude=2.0)
     fits = fitted(ds)
     worse = (aircraft_of_report(ds) == 1) & (ds["time"].to_numpy() >= np.datetime64("2008-08-03"))
@@ -162,39 +156,19 @@ def test_aircraft_that_come_and_go():
     assert [e.aircraft for e in find_events(ds, fits, previous=known).new_events] == ["N002"]
 
 
-def test_days_of_two_months_are_those_of_the_whole(changed):
-    """Flights of one day may stand in two months: their sums are one row."""
-    ds, _ = changed
-    day = (ds["time"].to_numpy() - np.datetime64("2008-07-01")) / np.timedelta64(1, "D")
-    late = (day >= 30.5) & (aircraft_of_report(ds) != 3)
-    names = ds["aircraft"].to_numpy().astype(str)
-    whole = daily_rows(ds, ["ruc"], abscissa="magnetic")
-    parts = [
-        (names, daily_rows(some_reports(ds, chosen), ["ruc"], abscissa="magnetic"))
-        for chosen in (~late, late)
-    ]
-    joined, rows = joined_rows(parts)
-    assert (joined == names).all()
-    for name in ("aircraft", "day", "count"):
-        np.testing.assert_array_equal(getattr(rows, name), getattr(whole, name))
-    for name in ("normal", "right", "difference"):
-        np.testing.assert_allclose(getattr(rows, name), getattr(whole, name), rtol=1e-4, atol=0.5)
-
-
-def test_a_second_change_soon_after_the_first_is_told():
-    change = [
-        Event("compass_changed", date, noticed, "N1", {})
-        for date, noticed in (("2008-08-01", "2008-08-03"), ("2008-08-15", "2008-08-17"))
-    ]
-    moved = replace(change[0], date="2008-08-02")
-    before = Monitoring("2008-08-20", "ruc", [State("N1", "2008-06-01", "2008-08-20")], change[:1])
-    assert _not_told([moved, change[1]], before) == change[1:]
-    assert _not_told([moved], before) == []
-    # what nobody noticed a month ago is no news; of an aircraft nobody knew it is
-    late = replace(before, until="2008-09-20")
-    assert _not_told([moved, change[1]], late) == []
-    other = replace(change[1], aircraft="N2")
-    assert _not_told([other], late) == [other]
+def test_a_second_change_soon_after_the_first_is_reported(changed, monitored):
+    """The file of the last run holds the first change; of the same archive another is found."""
+    ds, fits = changed
+    (event,) = monitored.events
+    early = replace(event, date="2008-07-25", noticed="2008-07-27")
+    before = replace(monitored, until="2008-08-07", events=[early], told_before=0)
+    # one old event explains one new one, within a month of it
+    assert find_events(ds, fits, previous=before).new_events == []
+    other = replace(before, events=[replace(early, aircraft="N001")])
+    assert find_events(ds, fits, previous=other).new_events == [event]
+    # what an earlier run could have noticed a month ago and did not is not reported
+    late = replace(before, until="2008-09-20", events=[])
+    assert find_events(ds, fits, previous=late).new_events == []
 
 
 def test_reports_that_were_all_left_out_are_days_without_a_wind():
@@ -204,19 +178,19 @@ def test_reports_that_were_all_left_out_are_days_without_a_wind():
     found = find_events(none, fits)
     assert found.events == [] and found.states[0].disagreement_kt is None
     assert found.states[0].last_day == "2008-07-12"
-    with pytest.raises(InputError, match="no report to watch"):
+    with pytest.raises(InputError, match="no report to monitor"):
         find_events(none, fits, until="2008-06-01")
 
 
-def test_a_silence_is_measured_by_the_aircrafts_own_habit_and_days_of_the_fleet():
+def test_a_silence_is_measured_by_the_aircrafts_past_and_days_of_the_fleet():
     daily = np.delete(np.arange(60), range(40, 48))  # nobody reports for eight days
     weekly = np.arange(0, 39, 7)  # last seen on day 35
     aircraft = np.repeat([0, 1, 2], [daily.size, daily.size, weekly.size])
     days = np.concatenate([daily, daily, weekly])
-    assert first_and_silent_days(aircraft, days, 3, 59)[1] == []
+    assert first_days_and_silences(aircraft, days, 3, 59)[1] == []
     stopped = np.concatenate([daily, daily[:35], weekly])
     aircraft = np.repeat([0, 1, 2], [daily.size, 35, weekly.size])
-    first, spells = first_and_silent_days(aircraft, stopped, 4, 59)
+    first, spells = first_days_and_silences(aircraft, stopped, 4, 59)
     assert [(s.number, s.first, s.lasts) for s in spells] == [(1, 35, True)]
     assert first.tolist() == [0, 0, 0, 60]
 

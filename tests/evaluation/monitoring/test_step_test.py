@@ -1,0 +1,182 @@
+"""The sequential test: likelihoods against scipy's, estimated noise, detected steps."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.stats import multivariate_normal, norm
+from scipy.stats import t as student
+from tests.evaluation.daily_fleets import World, daily_sums, watched
+
+from airswing.evaluation.monitoring import step_test
+from airswing.evaluation.monitoring.fleet_watch import (
+    COMPASS,
+    common_part,
+    estimated_noise,
+    watch_fleet,
+)
+from airswing.evaluation.monitoring.step_test import (
+    FREEDOM,
+    SINGLE_DAY,
+    Noise,
+    _marginal,
+    _mixture,
+    _student_ratio,
+    corroborated_ratio,
+)
+
+WORLD = World(days_off=0.0)
+
+
+def test_the_ratio_is_that_of_the_two_normal_laws():
+    """A score of a level known with error, with and without a step drawn from its prior."""
+    rng = np.random.default_rng(4)
+    root = rng.normal(size=(2, 2))
+    weight, level = root @ root.T + np.eye(2), np.diag([0.3, 0.1])
+    score, shape = rng.normal(size=2) * 3, np.array([2.0, 0.5])
+    quiet = weight + weight @ level @ weight
+    stepped = quiet + weight @ np.diag(shape**2) @ weight
+    expected = multivariate_normal(cov=stepped).logpdf(score) - multivariate_normal(
+        cov=quiet
+    ).logpdf(score)
+    inside, outside = _marginal(weight[None], score[None], level[None])
+    assert _mixture(inside, outside, shape[None])[0] == pytest.approx(expected, rel=1e-9)
+
+
+def test_the_ratio_of_one_unknown_by_hand():
+    """Three days of weight 1 at 2 each, variance 1 of the level: W~ = 3 / 4, s~ = 6 / 4.
+
+    A step of variance 4: 0.5 x 1.5^2 / (1 / 4 + 3 / 4) - 0.5 ln(1 + 4 x 3 / 4).
+    """
+    weight, score = _marginal(np.array([[[3.0]]]), np.array([[6.0]]), np.eye(1)[None])
+    assert (weight.item(), score.item()) == (0.75, 1.5)
+    ratio = _mixture(weight, score, np.array([[2.0]]))[0]
+    assert ratio == pytest.approx(1.125 - 0.5 * np.log(4.0))
+
+
+def test_a_days_weight_is_the_inverse_of_its_two_errors():
+    noise = Noise(2.0, np.array([0.1, 0.0]), persistence=0.5)
+    normal, x = np.array([[4.0, 1.0], [1.0, 3.0]]), np.array([1.0, -2.0])
+    weight, right = noise.weights(normal, normal @ x)
+    expected = np.linalg.inv(2.0 * np.linalg.inv(normal) + np.diag([0.1, 0.0]))
+    np.testing.assert_allclose(weight, expected)
+    np.testing.assert_allclose(right, expected @ x)
+    # three days: 1 + 2 (2/3 x 0.5 + 1/3 x 0.25)
+    assert noise.inflation(3) == pytest.approx(1.0 + 2.0 * (2 / 3 * 0.5 + 1 / 3 * 0.25))
+    # a day of one heading sees one direction only
+    single, _ = noise.weights(np.array([[4.0, 0.0], [0.0, 0.0]]), np.zeros(2))
+    np.testing.assert_allclose(single, [[1 / 0.6, 0.0], [0.0, 0.0]])
+
+
+def test_the_errors_of_days_are_estimated():
+    rng = np.random.default_rng(1)
+    n, usual = 2000, Noise(1.0, np.array([0.01]))
+    aircraft, day = np.repeat(np.arange(20), n // 20), np.tile(np.arange(n // 20), 20)
+    count = rng.integers(5, 80, n) * 1.0
+    x = rng.normal(size=20)[aircraft] + rng.normal(size=100)[day]  # of each, of all
+    x = x + rng.normal(0, 0.3, n) + rng.normal(size=n) * np.sqrt(4.0 / count)
+    found = estimated_noise(count[:, None, None], (count * x)[:, None], aircraft, day, usual=usual)
+    assert found.within == pytest.approx(4.0, rel=0.15)
+    assert found.between[0] == pytest.approx(0.09, rel=0.25)
+    assert found.persistence < 0.05
+
+
+def test_one_aircraft_far_off_does_not_move_the_common_part():
+    weight = np.tile(25.0 * np.eye(1), (9, 1, 1))
+    x = np.full(9, 0.5)
+    x[3] = 8.0
+    found = common_part(weight, 25.0 * x[:, None], np.zeros(1), np.array([1.0]))
+    np.testing.assert_allclose(np.delete(found[0], 3), 0.5, atol=0.03)
+    few = common_part(weight[:4], 25.0 * x[:4, None], np.array([0.2]), np.array([1.0]))
+    assert (few[0] == 0.2).all() and not few[1].any()
+
+
+@pytest.mark.parametrize("size", [[2, 0, 0, 0, 0], [0, 2.4, 1.5, 0, 0]])
+def test_a_compass_that_steps_is_detected_dated_and_sized_and_no_other(size):
+    change = np.zeros((12, 60, 5))
+    change[3, 40:] = size
+    alarms = watched(WORLD, aircraft=12, days=60, seed=6, change=change).tested.alarms
+    assert [alarm.step.number for alarm in alarms] == [3]
+    step = alarms[0].step
+    assert 41 <= alarms[0].night <= 44
+    assert step.earliest <= 40 <= step.latest
+    error = np.degrees(step.change[:5]) - size
+    assert (np.abs(error) < 4.0 * np.degrees(step.error[:5])).all()
+
+
+@pytest.mark.parametrize("number", [12, 2])
+def test_a_step_of_all_aircraft_is_that_of_the_reference(number):
+    change = np.zeros((1, 70, 5))
+    change[:, 45:, 0] = 2.5
+    watch = watched(WORLD, aircraft=number, days=70, seed=3, change=change)
+    (alarm,) = watch.tested.alarms
+    assert alarm.step.number == -1
+    assert abs(alarm.step.day - 45) <= 1
+    assert np.degrees(alarm.step.change[0]) == pytest.approx(2.5, abs=0.8)
+    if number > 2:  # two aircraft have no common part
+        assert not any(entry["changes"] for entry in watch.changes)
+
+
+def test_higher_harmonics_are_no_change_where_routes_turn():
+    """Routes turn on the 60th day; without the unknowns of these harmonics that is an alarm."""
+    world = replace(WORLD, wrong_curve=0.9)
+    assert watched(world, aircraft=20, days=64, seed=10).tested.alarms == []
+    law = COMPASS.law
+    known = np.where(np.isin(np.arange(12), [5, 6, 7, 8]), 1e-9, 1.0)
+    blind = replace(COMPASS, law=replace(law, level=law.level * known, drift=law.drift * known))
+    rows = daily_sums(world, aircraft=20, days=64, seed=10)[:4]
+    alarms = watch_fleet(*rows, blind, 20).alarms
+    assert any(alarm.step.day >= 59 for alarm in alarms)
+
+
+def test_a_fleet_without_a_change_has_no_alarm():
+    """15 aircraft-years of heavy tails and lasting errors of the reference."""
+    world = replace(WORLD, persistence=0.7, days_off=0.3)
+    watch = watched(world, aircraft=30, days=180, seed=21)
+    assert watch.tested.alarms == []
+    assert not any(entry["changes"] for entry in watch.changes)
+
+
+def test_with_many_degrees_of_freedom_the_ratio_is_that_of_normal_errors(monkeypatch):
+    monkeypatch.setattr(step_test, "FREEDOM", 1e9)
+    rng = np.random.default_rng(2)
+    root = rng.normal(size=(4, 2, 3))
+    weight = np.einsum("nki,nkj->nij", root, root)  # two headings a day: singular
+    score = np.einsum("nij,j->ni", weight, [1.0, -0.5, 0.4])
+    level, shapes = np.diag([0.2, 0.1, 0.3]), np.array([[1.5, 0.0, 0.0], [1.5, 1.0, 0.5]])
+    one = _marginal(weight.sum(0)[None], score.sum(0)[None], level[None])
+    found = _student_ratio(weight, score, level, shapes)[0]
+    assert found == pytest.approx(_mixture(*one, shapes)[0], abs=1e-6)
+
+
+def test_the_ratio_of_student_errors_is_that_of_the_integrals():
+    """One unknown: days of Student's t integrated over a normal level by quadrature."""
+    days, weight = np.array([2.1, 2.6, 1.7, 9.0]), np.array([4.0, 6.0, 3.0, 5.0])
+    level, step = 0.04, 2.0
+
+    def law(variance):
+        def density(x):
+            z = np.sqrt(weight) * (days - x)
+            return norm.pdf(x, scale=np.sqrt(variance)) * np.prod(student.pdf(z, FREEDOM))
+
+        return np.log(quad(density, -15, 15, points=[0.0, 2.1], limit=500)[0])
+
+    expected = law(level + step**2) - law(level)
+    found, farthest = _student_ratio(
+        weight[:, None, None], (weight * days)[:, None], np.array([[level]]), np.array([[step]])
+    )
+    assert found == pytest.approx(expected, abs=0.3) and expected > 8.0
+    assert farthest == 3
+
+
+def test_no_single_day_decides_and_two_do():
+    weight = np.tile(9.0 * np.eye(2), (3, 1, 1))
+    day = np.array([[20.0, 0.0], [0.1, 0.0], [0.0, 0.1]])
+    level, shapes = 0.05 * np.eye(2), np.array([[5.0, 5.0]])
+    assert corroborated_ratio(weight[:1], 9.0 * day[:1], level, shapes) == SINGLE_DAY
+    assert corroborated_ratio(weight, 9.0 * day, level, shapes) <= SINGLE_DAY
+    both = corroborated_ratio(weight[:2], 9.0 * day[[0, 0]], level, shapes)
+    assert both > SINGLE_DAY + 5.0
