@@ -365,10 +365,11 @@ def postprocess(
     config: ConfigPath, output: Output = None, quiet: Quiet = False, json: Json = False
 ) -> None:
     """Correct forecasts at stations by a Kalman filter: postprocessed.nc and its page."""
-    from airswing.workflow.forecasts.postprocessing import postprocess as correct_after
+    from airswing.workflow.postprocessing import postprocess as correct_after
 
     result = correct_after(config, output=output, quiet=quiet)
-    lines = [result["headline"], f"product: {result['product']}", f"page: {result['page']}"]
+    lines = [result["headline"], *result["summary"]]
+    lines += [f"product: {result['product']}", f"page: {result['page']}"]
     _print(result, as_json=json, text="\n".join(lines))
 
 

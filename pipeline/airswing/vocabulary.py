@@ -568,6 +568,12 @@ _POSTPROCESS = [
         _STATIONS,
     ),
     _V(
+        "mean_of_pairs_forecast",
+        "",
+        "forecast less the mean error of the last pairs known at its start, in variable_units",
+        _STATIONS,
+    ),
+    _V(
         "held_out",
         "1",
         "1 where the day took no part in choosing the ratio",
@@ -610,7 +616,6 @@ _POSTPROCESS = [
             ),
         )
         for kind, before, more in (("", "", ()), ("_interval", "95 % interval: ", ("bound",)))
-        if not (kind and suffix == "_by_station")
     ],
 ]
 

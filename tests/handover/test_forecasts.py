@@ -12,9 +12,15 @@ from typer.testing import CliRunner
 
 from airswing.cli import app
 from airswing.errors import ConfigError, InputError
-from airswing.handover.forecasts.correcting import DIMS, TIME, correct_forecasts
+from airswing.handover.forecasts.correcting import (
+    DIMS,
+    METHODS,
+    TIME,
+    correct_forecasts,
+    score_forecasts,
+    station_distribution,
+)
 from airswing.handover.forecasts.forecast_pairs import pairs_from_tables
-from airswing.handover.forecasts.forecast_scores import score_forecasts
 from airswing.handover.forecasts.station_grib import UNITS, forecasts_at_stations
 from airswing.handover.forecasts.station_observations import pairs_at_stations
 from airswing.products.netcdf import read_product
@@ -75,7 +81,7 @@ def test_command_writes_product_and_page(real, tmp_path):
         assert product[name].dims == DIMS
         assert bool(product[name].notnull().all())
     page = (tmp_path / "out" / "postprocess" / "index.html").read_text()
-    assert page.count("<figure>") == 2 and "Kalman filter" in page
+    assert page.count("<figure>") == 2 and "mean of the last pairs" in page
 
 
 def test_nothing_observed_after_the_start_is_used():
@@ -107,7 +113,7 @@ def test_missing_days_are_bridged_and_hours_kept_apart():
     both = pairs(errors, step="12h")
     kept = both.isel({TIME: [i for i in range(60) if not 20 <= i < 28]})
     found = correct_forecasts(kept, ratio=0.06)
-    left = (found["corrected_forecast"] - found["observation"]).isel({TIME: slice(2, None)})
+    left = (found["corrected_forecast"] - found["observation"]).isel({TIME: slice(4, None)})
     np.testing.assert_allclose(left, 0.0, atol=1e-12)
 
 
@@ -150,14 +156,68 @@ def test_scores_by_hand():
     ds = pairs(np.array([[[1.0], [3.0]]])).assign(
         corrected_forecast=(DIMS, 280.0 + np.array([[[[1.0], [-1.0]]]])),
         running_mean_forecast=(DIMS, 280.0 + np.array([[[[0.0], [2.0]]]])),
+        mean_of_pairs_forecast=(DIMS, 280.0 + np.array([[[[0.0], [1.0]]]])),
         held_out=(TIME, np.array([1, 1], dtype=np.int8)),
     )
     scored = score_forecasts(ds).isel(variable=0).sel(period="held_out")
-    np.testing.assert_allclose(scored["forecast_error_mean"], [2.0, 0.0, 1.0])
-    np.testing.assert_allclose(scored["forecast_error_centred_rms"], [1.0, 1.0, 1.0])
-    np.testing.assert_allclose(scored["forecast_error_rms"], np.sqrt([5.0, 1.0, 2.0]))
-    np.testing.assert_allclose(scored["skill"], [0.0, 1 - 1 / 5, 1 - 2 / 5])
+    np.testing.assert_allclose(scored["forecast_error_mean"], [2.0, 0.0, 1.0, 0.5])
+    np.testing.assert_allclose(scored["forecast_error_centred_rms"], [1.0, 1.0, 1.0, 0.5])
+    np.testing.assert_allclose(scored["forecast_error_rms"], np.sqrt([5.0, 1.0, 2.0, 0.5]))
+    np.testing.assert_allclose(scored["skill"], [0.0, 1 - 1 / 5, 1 - 2 / 5, 1 - 1 / 10])
     assert int(scored["pair_count"]) == 2
+
+
+def test_scores_of_stations_have_intervals_by_days():
+    """One station helped, one harmed, one with nothing to correct and one without pairs."""
+    rng = np.random.default_rng(3)
+    errors = 0.3 * rng.normal(size=(4, 60, 2))
+    errors[0] += 2.0
+    errors[1] += np.where(np.arange(60) % 2 < 1, 1.0, -1.0)[:, None] * 3.0
+    errors[3] = np.nan
+    made = correct_forecasts(pairs(errors, leads=(12.0, 36.0)), ratio=0.4)
+    scored = score_forecasts(made)
+    assert scored["skill_by_station_interval"].dims == (
+        "variable",
+        "correction",
+        "station",
+        "bound",
+    )
+    one = scored.isel(variable=0).sel(correction="kalman")
+    low, high = one["skill_by_station_interval"].to_numpy().T
+    skill = one["skill_by_station"].to_numpy()
+    assert ((low <= skill) & (skill <= high))[:3].all() and np.isnan(low[3])
+    assert low[0] > 0.9 and high[1] < 0.0
+    found = station_distribution(scored, "air_temperature", "kalman")
+    assert found["stations"] == 3 and found["worst_station"] == f"S{skill[:3].argmin()}"
+    assert found["surely_better"] == pytest.approx(1 / 3) and found["surely_worse"] >= 1 / 3
+    assert found["rms_ratio_quantiles"][-1] == pytest.approx(np.sqrt(1.0 - skill[:3].min()))
+    # The interval of a single station is that of all pairs where there is one station.
+    alone = score_forecasts(made.isel(station=[0]))
+    whole = alone["skill_interval"].sel(period="held_out", correction="kalman")[0]
+    np.testing.assert_allclose(whole, one["skill_by_station_interval"][0], rtol=1e-12)
+
+
+def test_the_last_pairs_are_a_better_rival_on_series_with_gaps():
+    """Three days of every ten have a pair: the mean of seven days often knows nothing."""
+    rng = np.random.default_rng(6)
+    errors = 2.0 + rng.normal(size=(40, 120, 1))
+    errors[:, np.arange(120) % 10 >= 3] = np.nan
+    scored = score_forecasts(correct_forecasts(pairs(errors)))
+    assert tuple(scored["correction"].to_numpy()) == METHODS
+    rms = scored["forecast_error_rms"].isel(variable=0).sel(period="held_out")
+    assert float(rms.sel(correction="mean_of_pairs")) < float(rms.sel(correction="running_mean"))
+
+
+def test_a_gross_error_of_one_station_does_not_set_the_axes():
+    from airswing.report.forecast_page import stations_figure
+
+    rng = np.random.default_rng(8)
+    errors = 1.0 + rng.normal(size=(50, 40, 1))
+    errors[7] += 46.0 * (rng.uniform(size=(40, 1)) < 0.5)
+    made = correct_forecasts(pairs(errors))
+    figure = stations_figure(xr.merge([made, score_forecasts(made)]), "air_temperature")
+    left, right = figure.axes
+    assert left.get_xlim()[1] < 6.0 and right.get_ylim() == (-1.05, 1.05)
 
 
 def test_wind_speed_is_never_below_none():

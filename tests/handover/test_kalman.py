@@ -5,26 +5,32 @@ import math
 import numpy as np
 import pytest
 
-from airswing.handover.forecasts.kalman import kalman_bias, known_before, running_mean
+from airswing.handover.forecasts.kalman import (
+    kalman_bias,
+    known_before,
+    mean_of_pairs,
+    running_mean,
+)
 
 
 def by_hand(errors, ratio):
     """The equations of Delle Monache et al. (2006) for one series, with scalars and a list."""
-    x = noise = p = last = None
+    first = (4 + ratio) / (5 + ratio)
+    x, noise, p, last = 0.0, None, None, None
     p_s, bias, wait = 1.0, [], 0
     for error in errors:
         wait += 1
         if math.isnan(error):
             if p is not None:
                 p += ratio * noise
-            bias.append(math.nan if x is None else x)
+            bias.append(x)
             continue
         if last is None:
-            x = error
+            x = first * error
         else:
             z = (error - last) ** 2 / (2 + wait * ratio)
             if noise is None:
-                noise, p = z, z * (1 + ratio * (wait - 1))
+                noise, p = z, z * (first + ratio * (wait - 1))
             else:
                 b_s = (p_s + 0.0005) / (p_s + 0.0005 + 1.0)
                 p_s = (p_s + 0.0005) * (1 - b_s)
@@ -38,9 +44,11 @@ def by_hand(errors, ratio):
 
 
 def test_first_days_by_hand():
-    # Day 1: all of it. Day 2: z = (3 - 1)^2 / 2.06, p = z, so the gain is 1.06 / 2.06.
+    # Day 1: the gain is 4.06 / 5.06 = g. Day 2: z = (3 - 1)^2 / 2.06 and p = g z, so that the
+    # gain is (g + 0.06) / (g + 1.06).
+    g = 4.06 / 5.06
     found = kalman_bias(np.array([1.0, 3.0]), 0.06)
-    assert found == pytest.approx([1.0, 1.0 + 2.0 * 1.06 / 2.06])
+    assert found == pytest.approx([g, g + (3.0 - g) * (g + 0.06) / (g + 1.06)])
 
 
 def test_series_one_by_one():
@@ -70,13 +78,30 @@ def test_unit_does_not_matter():
 
 
 def test_equal_errors_are_no_division_by_zero():
-    assert kalman_bias(np.full(10, 2.5), 0.06) == pytest.approx(np.full(10, 2.5))
+    assert kalman_bias(np.full(10, 2.5), 0.06)[1:] == pytest.approx(np.full(9, 2.5))
 
 
 def test_running_mean_by_hand():
     errors = np.array([1.0, np.nan, 3.0, 5.0, np.nan, np.nan, np.nan])
     found = running_mean(errors, 3)
     np.testing.assert_allclose(found, [1.0, 1.0, 2.0, 4.0, 4.0, 5.0, np.nan])
+
+
+def test_mean_of_the_last_pairs_by_hand():
+    errors = np.array([[np.nan, 1.0, np.nan, 3.0, 5.0, np.nan, np.nan, 10.0], [np.nan] * 8])
+    found = mean_of_pairs(errors, 2)
+    np.testing.assert_allclose(found[0], [np.nan, 1.0, 1.0, 2.0, 4.0, 4.0, 4.0, 7.5])
+    assert np.isnan(found[1]).all()
+
+
+def test_a_start_of_zero_helps_on_short_series_with_a_small_bias():
+    """Against the first error taken whole, as after a start without prior knowledge."""
+    rng = np.random.default_rng(2)
+    errors = rng.normal(0.0, 0.5, (4000, 1)) + rng.normal(size=(4000, 10))
+    bias = kalman_bias(errors, 0.06)
+    assert np.square(bias[:, 0]).mean() < 0.7 * np.square(errors[:, 0]).mean()
+    later = errors[:, 1:] - bias[:, :-1]
+    assert np.sqrt(np.square(later).mean()) < 1.2
 
 
 def test_known_before_counts_the_days_to_the_valid_time():

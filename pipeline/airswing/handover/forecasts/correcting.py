@@ -1,14 +1,17 @@
-"""Forecasts at stations corrected by what they got wrong on the days before.
+"""Forecasts corrected by their errors on earlier days, and scores of the correction.
 
-Assumes pairs of forecast and observation by variable, station, start and lead, and that a forecast
-may be corrected by nothing that was observed after it started: one with a lead of 30 h by errors of
-starts two days before and earlier. Each hour of start, lead, station and variable has a filter of
-its own (:mod:`airswing.handover.forecasts.kalman`), run over whole days; days without a pair are
-bridged.
+Assumes pairs of forecast and observation by variable, station, start and lead time, and that a
+forecast is corrected by nothing observed after its start: one of 30 h by errors of starts two days
+earlier and before. Each hour of start, lead time, station and variable has a filter
+(:mod:`airswing.handover.forecasts.kalman`) over whole days; days without a pair are bridged.
 
-The filter's ratio is one number a variable: the one with the least mean square error over the first
-part of the days, the training part; the rest of the days, held out, judge it. Where no ratio gives
-less error than the forecast has as it is, the variable is left so: ratio 0.
+The ratio of the filter is one number a variable: the one of least mean square error over the first
+part of the days. The other days are held out and judge it. Where no ratio has a smaller error than
+the raw forecast, the variable is left unchanged (ratio 0).
+
+Scores compare all methods on the same pairs; skill is one minus the mean square error over that of
+the raw forecast (Murphy 1988, Mon. Wea. Rev. 116, 2417-2424). Intervals (95 %) are a bootstrap over
+blocks of start days, with all stations and lead times of a day drawn together.
 """
 
 from __future__ import annotations
@@ -20,19 +23,38 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from airswing.handover.forecasts.kalman import kalman_bias, known_before, running_mean
+from airswing.evaluation.day_blocks import block_weights, interval
+from airswing.handover.forecasts.kalman import (
+    kalman_bias,
+    known_before,
+    mean_of_pairs,
+    running_mean,
+)
 
-METHODS = ("raw", "kalman", "running_mean")
-# Of the variances of model and observation; the best on past days is taken, or none at all.
+FORECASTS = {
+    "raw": "forecast",
+    "kalman": "corrected_forecast",
+    "running_mean": "running_mean_forecast",
+    "mean_of_pairs": "mean_of_pairs_forecast",
+}
+"""Variable of each method."""
+METHODS = tuple(FORECASTS)
 RATIOS = (0.005, 0.01, 0.02, 0.04, 0.06, 0.1, 0.2, 0.4)
-# Optimum of Delle Monache et al. 2008 (J. Geophys. Res. 113, D16310), where none can be chosen.
+"""Ratios to choose from."""
 USUAL_RATIO = 0.06
-FEWEST_DAYS = 14
-"""Training days below which a ratio cannot be chosen."""
+"""Optimum of Delle Monache et al. (2008), J. Geophys. Res. 113, D16310; used without a choice."""
+FEWEST_TRAINING_DAYS = 14
+"""Days below which a ratio cannot be chosen."""
 LEAST = {"wind_speed": 0.0}
 """Bound of variables that have one."""
+SCORES = ("forecast_error_mean", "forecast_error_centred_rms", "forecast_error_rms", "skill")
+PERIODS = ("held_out", "all")
+FEWEST_DAYS = 5
+"""Days below which there is no interval."""
 TIME = "forecast_reference_time"
 DIMS = ("variable", "station", TIME, "lead")
+_DRAWS = 1000  # of days; 25 of them lie beyond either end of an interval
+_STATIONS_AT_ONCE = 500
 Floats = NDArray[np.float64]
 
 
@@ -43,7 +65,7 @@ def correct_forecasts(
     training: float = 0.5,
     window: int = 7,
 ) -> xr.Dataset:
-    """Correct every forecast by the errors known when it started.
+    """Correct every forecast by the errors known at its start.
 
     Parameters
     ----------
@@ -56,36 +78,42 @@ def correct_forecasts(
     training : float, default 0.5
         Share of the days that choose.
     window : int, default 7
-        Days of the running mean.
+        Days of the running mean, and pairs of the mean of the last pairs.
 
     Returns
     -------
     Dataset
-        The pairs with ``corrected_forecast``, ``running_mean_forecast``, ``valid_time``,
-        ``held_out`` (forecast_reference_time), ``ratio`` and ``ratio_chosen`` (variable).
+        The pairs with ``corrected_forecast``, ``running_mean_forecast``,
+        ``mean_of_pairs_forecast``, ``valid_time``, ``held_out`` (forecast_reference_time),
+        ``ratio`` and ``ratio_chosen`` (variable).
     """
     pairs = pairs.sortby(TIME).transpose(*DIMS)
     errors = pairs["forecast"] - pairs["observation"]
     errors = errors.where(np.isfinite(errors)).transpose(..., TIME)
     held_out = _held_out(pairs[TIME].to_numpy(), training)
     chosen, by_data = _ratios(errors, held_out, ratio)
-    bias = _known_bias(errors, kalman_bias, chosen).where(chosen > 0.0, 0.0).transpose(*DIMS)
-    mean = _known_bias(errors, running_mean, window).transpose(*DIMS)
-    starts = pairs[TIME]
-    # ns in an hour; rounded, for 1/3 h to be a time that others have as well
+    biases = {
+        "kalman": _known_bias(errors, kalman_bias, chosen).where(chosen > 0.0, 0.0),
+        "running_mean": _known_bias(errors, running_mean, window),
+        "mean_of_pairs": _known_bias(errors, mean_of_pairs, window),
+    }
+    bound = xr.DataArray(
+        [LEAST.get(str(name), -np.inf) for name in pairs["variable"].to_numpy()], dims="variable"
+    )
+    for method, bias in biases.items():
+        forecast = pairs["forecast"] - bias.transpose(*DIMS)
+        pairs[FORECASTS[method]] = forecast.where((forecast >= bound) | forecast.isnull(), bound)
+    # In ns, rounded, for 1/3 h to be a time that others have as well.
     hours = (pairs["lead"] * 3.6e12).round().astype("timedelta64[ns]")
-    found = pairs.assign(
-        corrected_forecast=_bounded(pairs["forecast"] - bias),
-        running_mean_forecast=_bounded(pairs["forecast"] - mean),
+    return pairs.assign(
         held_out=(TIME, held_out.astype(np.int8)),
         ratio=chosen,
         ratio_chosen=("variable", by_data.astype(np.int8)),
-    )
-    return found.assign_coords(valid_time=(starts + hours).astype("datetime64[ns]"))
+    ).assign_coords(valid_time=(pairs[TIME] + hours).astype("datetime64[ns]"))
 
 
 def _held_out(starts: NDArray[np.datetime64], training: float) -> NDArray[np.bool_]:
-    """Whether a start is of the days that judge, which come after those that choose."""
+    """Whether a start is on one of the days that judge, which follow those that choose."""
     day = starts.astype("datetime64[D]")
     days = np.unique(day)
     return np.asarray(day >= days[min(round(training * days.size), days.size - 1)])
@@ -95,22 +123,40 @@ def _ratios(
     errors: xr.DataArray, held_out: NDArray[np.bool_], ratio: float | Literal["auto"]
 ) -> tuple[xr.DataArray, NDArray[np.bool_]]:
     """Ratio of each variable, and whether the training days chose it."""
-    like = xr.DataArray(np.ones(errors.sizes["variable"]), dims="variable")
+    ones = xr.DataArray(np.ones(errors.sizes["variable"]), dims="variable")
     if ratio != "auto":
-        return like * float(ratio), np.zeros(like.size, dtype=bool)
+        return ones * float(ratio), np.zeros(ones.size, dtype=bool)
     part = errors.isel({TIME: ~held_out})
     days = np.unique(part[TIME].to_numpy().astype("datetime64[D]"))
-    if days.size < FEWEST_DAYS:
-        return like * USUAL_RATIO, np.zeros(like.size, dtype=bool)
+    if days.size < FEWEST_TRAINING_DAYS:
+        return ones * USUAL_RATIO, np.zeros(ones.size, dtype=bool)
     rest = [name for name in part.dims if name != "variable"]
-    table = np.array(
-        [((part - _known_bias(part, kalman_bias, one)) ** 2).mean(rest) for one in RATIOS]
-    )
-    # First the forecast as it is: of equal errors argmin takes it.
-    table = np.vstack([(part**2).mean(rest).to_numpy()[None], table])
-    told = np.isfinite(table).all(axis=0)
-    best = np.array((0.0, *RATIOS))[np.where(told[None], table, 0.0).argmin(axis=0)]
-    return like * np.where(told, best, USUAL_RATIO), told
+    # The raw forecast first: of equal errors argmin takes the first.
+    squares = [part**2] + [(part - _known_bias(part, kalman_bias, one)) ** 2 for one in RATIOS]
+    table = np.array([square.mean(rest).to_numpy() for square in squares])
+    known = np.isfinite(table).all(axis=0)
+    best = np.array((0.0, *RATIOS))[np.where(known[None], table, 0.0).argmin(axis=0)]
+    return ones * np.where(known, best, USUAL_RATIO), known
+
+
+def _known_bias(
+    errors: xr.DataArray, kernel: Callable[..., Floats], setting: xr.DataArray | float
+) -> xr.DataArray:
+    """Bias of each forecast as known at its start, 0 where nothing was known."""
+    starts = errors[TIME].to_numpy()
+    # A lead time of 24 h is one day: less a margin, so that rounding makes it no second one.
+    days_ahead = np.maximum(np.ceil(errors["lead"].to_numpy() / 24.0 - 1e-9), 1.0)
+    ahead = xr.DataArray(days_ahead.astype(np.int64), dims="lead")
+    parts: list[xr.DataArray] = []
+    for chosen, place in _daily(starts):
+        # Errors on every day from the first to the last, NaN on those without a start.
+        source = np.full(int(place[-1]) + 1, -1)
+        source[place] = chosen
+        there = xr.DataArray(source >= 0, dims=TIME)
+        whole = errors.isel({TIME: source}).drop_vars(TIME).where(there)
+        known = _along_time(known_before, _along_time(kernel, whole, setting), ahead)
+        parts.append(known.isel({TIME: place}).assign_coords({TIME: starts[chosen]}))
+    return parts[0] if len(parts) == 1 else xr.concat(parts, TIME).sortby(TIME)
 
 
 def _along_time(
@@ -128,30 +174,10 @@ def _along_time(
     return found
 
 
-def _known_bias(
-    errors: xr.DataArray, kernel: Callable[..., Floats], setting: xr.DataArray | float
-) -> xr.DataArray:
-    """Bias of each forecast as it was known when it started, 0 where nothing was."""
-    starts = errors[TIME].to_numpy()
-    # A lead of 24 h is one day: a hair less, so that rounding makes it no second one.
-    days_ahead = np.maximum(np.ceil(errors["lead"].to_numpy() / 24.0 - 1e-9), 1.0)
-    ahead = xr.DataArray(days_ahead.astype(np.int64), dims="lead")
-    parts: list[xr.DataArray] = []
-    for chosen, place in _daily(starts):
-        # Errors on every day from the first to the last: none on those without a start.
-        source = np.full(int(place[-1]) + 1, -1)
-        source[place] = chosen
-        there = xr.DataArray(source >= 0, dims=TIME)
-        whole = errors.isel({TIME: source}).drop_vars(TIME).where(there)
-        known = _along_time(known_before, _along_time(kernel, whole, setting), ahead)
-        parts.append(known.isel({TIME: place}).assign_coords({TIME: starts[chosen]}))
-    return parts[0] if len(parts) == 1 else xr.concat(parts, TIME).sortby(TIME)
-
-
 def _daily(
     starts: NDArray[np.datetime64],
 ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
-    """Starts of one hour of the day, and the day of each from the first."""
+    """Starts of one hour of the day, and the day of each counted from the first."""
     day = starts.astype("datetime64[D]")
     hour = (starts - day).astype(np.int64)
     for one in np.unique(hour):
@@ -159,8 +185,132 @@ def _daily(
         yield chosen, (day[chosen] - day[chosen[0]]).astype(np.int64)
 
 
-def _bounded(forecast: xr.DataArray) -> xr.DataArray:
-    """No speed below none."""
-    least = [LEAST.get(str(name), -np.inf) for name in forecast["variable"].to_numpy()]
-    bound = xr.DataArray(least, dims="variable")
-    return forecast.where((forecast >= bound) | forecast.isnull(), bound)
+def score_forecasts(corrected: xr.Dataset) -> xr.Dataset:
+    """Score each method by variable: over all pairs, by lead time and by station.
+
+    Parameters
+    ----------
+    corrected : Dataset
+        Of :func:`correct_forecasts`.
+
+    Returns
+    -------
+    Dataset
+        Each of `SCORES` (variable, period, correction); with ``_by_lead``, (variable, period,
+        correction, lead); with ``_by_station`` on the days held out, (variable, correction,
+        station); each with ``*_interval`` (..., bound); ``pair_count`` (variable, period).
+    """
+    judged = corrected["held_out"].to_numpy().astype(bool)
+    by_lead = _moments(corrected, "station").load()
+    periods = [by_lead.isel({TIME: judged}), by_lead]
+    scores: dict[str, xr.DataArray] = {}
+    for suffix, tables in (("", [part.sum("lead") for part in periods]), ("_by_lead", periods)):
+        parts = [_with_intervals(table) for table in tables]
+        for name in parts[0]:
+            joined = xr.concat([part[name] for part in parts], "period")
+            stem = name.removesuffix("_interval")
+            scores[f"{stem}{suffix}{name[len(stem) :]}"] = joined
+    number = [
+        part.isel(correction=0).sel(moment="number").sum((TIME, "lead")).astype(np.int64)
+        for part in periods
+    ]
+    scores["pair_count"] = xr.concat(number, "period")
+    held_out = corrected.isel({TIME: judged})
+    stations = []
+    for first in range(0, held_out.sizes["station"], _STATIONS_AT_ONCE):
+        part = held_out.isel(station=slice(first, first + _STATIONS_AT_ONCE))
+        stations.append(_with_intervals(_moments(part, "lead").load()))
+    for name in stations[0]:
+        stem = name.removesuffix("_interval")
+        joined = xr.concat([part[name] for part in stations], "station")
+        scores[f"{stem}_by_station{name[len(stem) :]}"] = joined
+    found = xr.Dataset(scores).drop_vars("moment", errors="ignore")
+    found = found.assign_coords(period=list(PERIODS), bound=["low", "high"])
+    order = ("variable", "period", "correction", "lead", "station", "bound")
+    return found.transpose(*(name for name in order if name in found.dims))
+
+
+def _moments(corrected: xr.Dataset, over: str) -> xr.DataArray:
+    """Number of pairs, sums of errors and of squares, summed over one dimension."""
+    parts = []
+    for name in FORECASTS.values():
+        error = corrected[name] - corrected["observation"]
+        known = error.notnull()
+        error = error.where(known, 0.0)
+        moments = [part.sum(over) for part in (known.astype(float), error, error**2)]
+        parts.append(xr.concat(moments, "moment", coords="minimal", compat="override"))
+    joined: xr.DataArray = xr.concat(parts, "correction", coords="minimal", compat="override")
+    return joined.drop_vars("valid_time", errors="ignore").assign_coords(
+        correction=list(METHODS), moment=["number", "sum", "squares"]
+    )
+
+
+def _with_intervals(moments: xr.DataArray) -> dict[str, xr.DataArray]:
+    """Scores of moments by start, and their intervals over blocks of start days."""
+    # Several starts of a day are drawn together.
+    day = moments[TIME].astype("datetime64[D]").astype(np.int64).rename("day")
+    by_day = moments.groupby(day).sum().transpose("day", ...)
+    scores = _scores(by_day.sum("day"))
+    days = by_day.sizes["day"]
+    if days < FEWEST_DAYS:
+        nothing = xr.DataArray([np.nan, np.nan], dims="bound")
+        return scores | {f"{name}_interval": one + nothing for name, one in scores.items()}
+    weights = xr.DataArray(block_weights(days, draws=_DRAWS, seed=0), dims=("draw", "day"))
+    drawn: dict[str, list[xr.DataArray]] = {name: [] for name in SCORES}
+    # A variable at a time, for the draws to fit into memory.
+    for variable in by_day["variable"].to_numpy():
+        for name, values in _scores(xr.dot(weights, by_day.sel(variable=[variable]))).items():
+            dims = [dim for dim in values.dims if dim != "draw"]
+            bounds = interval(values.transpose("draw", *dims).to_numpy())
+            coords = {dim: values[dim] for dim in dims if dim in values.coords}
+            drawn[name].append(xr.DataArray(bounds, dims=("bound", *dims), coords=coords))
+    return scores | {
+        f"{name}_interval": xr.concat(parts, "variable").transpose(..., "bound")
+        for name, parts in drawn.items()
+    }
+
+
+def _scores(moments: xr.DataArray) -> dict[str, xr.DataArray]:
+    number, total, squares = (
+        moments.sel(moment=name, drop=True) for name in ("number", "sum", "squares")
+    )
+    number = number.where(number != 0.0)
+    mean, square = total / number, squares / number
+    skill = 1.0 - square / square.sel(correction="raw", drop=True)
+    # Drawn weights of few days are widened and may sum to less than zero.
+    variances = (square - mean**2).clip(min=0.0), square.clip(min=0.0)
+    centred, rms = (variance**0.5 for variance in variances)
+    return dict(zip(SCORES, (mean, centred, rms, skill), strict=True))
+
+
+def station_distribution(scored: xr.Dataset, variable: str, method: str) -> dict[str, object]:
+    """Distribution over stations of the rms error of a method relative to the raw forecast.
+
+    Parameters
+    ----------
+    scored : Dataset
+        Of :func:`score_forecasts`.
+
+    Returns
+    -------
+    dict
+        ``stations`` judged; ``rms_ratio_quantiles`` (0, 10, 50, 90 and 100 %); shares of stations
+        ``better``, ``surely_better`` and ``surely_worse`` (95 % interval of the skill on one side
+        of zero); ``worst_station``. Empty without a station.
+    """
+    chosen = scored.sel(variable=variable, correction=method)
+    skill = chosen["skill_by_station"].to_numpy()
+    known = np.isfinite(skill)
+    if not known.any():
+        return {}
+    ratio = np.sqrt(np.maximum(1.0 - skill[known], 0.0))
+    low, high = chosen["skill_by_station_interval"].to_numpy()[known].T
+    names = chosen["station"].to_numpy()[known]
+    return {
+        "stations": int(known.sum()),
+        "rms_ratio_quantiles": np.quantile(ratio, [0.0, 0.1, 0.5, 0.9, 1.0]).tolist(),
+        "better": float((ratio < 1.0).mean()),
+        "surely_better": float((low > 0.0).mean()),
+        "surely_worse": float((high < 0.0).mean()),
+        "worst_station": str(names[ratio.argmax()]),
+    }

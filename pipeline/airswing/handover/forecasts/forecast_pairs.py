@@ -1,15 +1,21 @@
-"""Pairs of forecast and observation from tables, on the axes the filter runs along.
+"""Pairs of forecast and observation: from tables, and from a run's winds at flight levels.
 
-Assumes one line a station, start and lead (or valid time), with the forecast and what was observed
-at its valid time. Lines that cannot be used are counted by reason, not a cause to stop. Units are
-the table's; the variable's name and unit come from the configuration, a column, or the table's
-comments.
+Assumes text tables with one line of names, divided by commas, semicolons, tabs or blanks. Lines
+that begin with ``#`` are comments; ``# variable: T`` and ``# units: K`` are used (text format of
+the program Verif, Nipen et al. 2023, Bull. Amer. Meteor. Soc. 104). ``-999``, ``NA``, ``nan`` and
+empty values are missing. Lines that cannot be used are counted by reason. Times are UTC; units are
+those of the table.
+
+At flight levels a place is a box of latitude and longitude in a layer of pressure. Its pair of a
+day is the mean model wind and the mean corrected wind of the reports in it, so a mean of the
+reports, not of the box. The bias of a day is known on the next, whatever the model's lead time.
 """
 
 from __future__ import annotations
 
+import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -18,14 +24,143 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
+from airswing.evaluation.disagreement import reference_mean
+from airswing.evaluation.error_profiles import LEVEL_EDGES_HPA, profile_cells
 from airswing.handover.forecasts.correcting import DIMS, TIME
-from airswing.handover.forecasts.station_table import (
-    column,
-    numbers,
-    optional_column,
-    read_table,
-    times,
-)
+from airswing.handover.selection import APPLIED
+from airswing.physics.triangle import wrap_degrees
+from airswing.products.ragged import blocks
+
+_MISSING = ["-999", "-999.0", "-999.00", "NA", "nan", "NaN", "null", ""]
+_COMMENT = re.compile(r"#\s*(variable|units)\s*:\s*(.*?)\s*$", re.IGNORECASE)
+# A time outside this range is a number misread as a date.
+_FIRST, _LAST = pd.Timestamp("1900-01-01"), pd.Timestamp("2200-01-01")
+
+
+def read_table(path: Path, columns: Mapping[str, str]) -> tuple[pd.DataFrame, dict[str, str]]:
+    """Read one table as text.
+
+    Parameters
+    ----------
+    columns : mapping of str to str
+        Names in the table to names used here; other columns keep theirs, in lower case.
+
+    Returns
+    -------
+    table : DataFrame
+        Every value as text; ``attrs["lines_skipped"]`` counts broken lines.
+    comments : dict
+        ``variable`` and ``units`` where comments give them.
+
+    Raises
+    ------
+    InputError
+        If the file is absent, not text, or not a table.
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as err:
+        found = getattr(err, "strerror", None) or "bytes that are not text"
+        raise InputError("cannot be read as a table of text", file=path, found=found) from err
+    lines = text.splitlines()
+    comments = {m[1].lower(): m[2] for line in lines if (m := _COMMENT.match(line.strip()))}
+    body = [line.strip() for line in lines if line.strip() and not line.lstrip().startswith("#")]
+    if len(body) < 2:
+        raise InputError("a table without lines", file=path, found=f"{len(body)} lines of text")
+    split = _splitter(body[0])
+    names = [_plain(name) for name in split(body[0])]
+    rows = [split(line) for line in body[1:]]
+    whole = [row for row in rows if len(row) == len(names)]
+    # A few broken lines are left out; where most are broken, the file is not a table.
+    if 2 * len(whole) < len(rows) or len(names) < 2:
+        raise InputError(
+            "not a table: most lines have another number of columns than the first",
+            file=path,
+            found=f"{len(names)} names, a line of {len(rows[0])} values",
+        )
+    table = pd.DataFrame(whole, columns=names, dtype=object)
+    table = table.rename(columns={_plain(theirs): ours for theirs, ours in columns.items()})
+    unknown = [theirs for theirs in columns if _plain(theirs) not in names]
+    if unknown:
+        raise InputError(
+            "no such column", file=path, field=unknown[0], found="columns " + ", ".join(names)
+        )
+    again = table.columns[table.columns.duplicated()]
+    if len(again):
+        raise InputError(
+            "two columns of one name",
+            file=path,
+            field=str(again[0]),
+            remedy="Leave one of them out, or name them under columns",
+        )
+    table.attrs["lines_skipped"] = len(rows) - len(whole)
+    return table, comments
+
+
+def _plain(name: str) -> str:
+    return name.strip().strip('"').lower()
+
+
+def _splitter(line: str) -> Callable[[str], list[str]]:
+    """Function that divides lines as the line of names is divided."""
+    for mark in (",", ";", "\t"):
+        if mark in line:
+            return lambda text: [part.strip().strip('"') for part in text.split(mark)]
+    return str.split
+
+
+def optional_column(table: pd.DataFrame, names: Sequence[str]) -> pd.Series | None:
+    """First existing column of several names, or None."""
+    return next((table[name] for name in names if name in table), None)
+
+
+def column(table: pd.DataFrame, names: Sequence[str], *, file: Path) -> pd.Series:
+    """First existing column of several names; InputError, naming ``file``, if there is none."""
+    found = optional_column(table, names)
+    if found is None:
+        raise InputError(
+            f"no column {' or '.join(names)}",
+            file=file,
+            found="columns " + ", ".join(map(str, table.columns)),
+            remedy="Name it under columns, as `their name: our name`",
+        )
+    return found
+
+
+def numbers(values: Iterable[object]) -> NDArray[np.float64]:
+    """Read numbers; NaN where missing, over 1e30 or not a number."""
+    series = pd.Series(list(values), dtype=object).map(lambda text: str(text).strip())
+    read = pd.to_numeric(series.where(~series.isin(_MISSING)), errors="coerce")
+    found = read.to_numpy(dtype=np.float64)
+    return np.where(np.abs(found) < 1e30, found, np.nan)  # larger ones are fill values
+
+
+def times(values: Iterable[object]) -> NDArray[np.datetime64]:
+    """Read times in UTC: ISO 8601, yyyymmdd[HH[MM[SS]]] or seconds since 1970; else NaT."""
+    codes, labels = pd.factorize(pd.Series(list(values), dtype=object))
+    read = [_time(str(label).strip()) for label in labels]
+    known = np.array([*read, np.datetime64("NaT")], dtype="datetime64[ns]")
+    return known[codes]
+
+
+def _time(text: str) -> np.datetime64:
+    digits = text.removesuffix(".0")
+    layout = {8: "%Y%m%d", 10: "%Y%m%d%H", 12: "%Y%m%d%H%M", 14: "%Y%m%d%H%M%S"}
+    try:
+        # Ten digits may be a date or seconds since 1970; those that begin with 19 or 20 would
+        # be seconds of 2030 and later.
+        if digits.isdigit() and len(digits) in layout and digits[:2] in ("19", "20"):
+            stamp = pd.to_datetime(digits, format=layout[len(digits)])
+        elif digits.isdigit():
+            stamp = pd.Timestamp(int(digits), unit="s")
+        else:
+            stamp = pd.Timestamp(text)
+    except (ValueError, OverflowError):
+        return np.datetime64("NaT", "ns")
+    plain = stamp.tz_convert("UTC").tz_localize(None) if stamp.tz is not None else stamp
+    inside = _FIRST <= plain <= _LAST
+    return np.datetime64(plain, "ns") if inside else np.datetime64("NaT", "ns")
+
 
 STATION = ("station", "location", "id", "site")
 START = ("start", "forecast_reference_time", "reference_time", "init", "date")
@@ -36,7 +171,7 @@ PLACES = {
     "longitude": ("longitude", "lon"),
     "altitude": ("altitude", "elev", "elevation"),
 }
-# Short names of variables; any other name is kept.
+# Short names of variables; other names are kept.
 KNOWN = {
     "t": "air_temperature",
     "t2m": "air_temperature",
@@ -66,10 +201,10 @@ def pairs_from_tables(
     Parameters
     ----------
     columns : mapping of str to str, optional
-        Their names to ours: ``station, start, lead (h), time (valid), variable, forecast,
+        Names in the tables to ``station, start, lead (h), time (valid), variable, forecast,
         observation, latitude, longitude``; usual names are known.
     variable, units : str, optional
-        Of tables that do not say.
+        Of tables that do not give them.
 
     Returns
     -------
@@ -80,7 +215,7 @@ def pairs_from_tables(
     Raises
     ------
     InputError
-        If a file is no such table, or nothing in them can be used.
+        If a file is not such a table, or nothing in them can be used.
     """
     left_out: Counter[str] = Counter()
     parts = [_part(Path(file), columns or {}, variable, units, left_out) for file in files]
@@ -107,12 +242,12 @@ def _part(
     units: str | None,
     left_out: Counter[str],
 ) -> pd.DataFrame:
-    raw, told = read_table(file, columns)
+    raw, comments = read_table(file, columns)
     left_out["another number of columns"] += int(raw.attrs["lines_skipped"])
     start, lead = _starts_and_leads(raw, file)
-    own = optional_column(raw, ("variable", "parameter"))
-    named = variable or told.get("variable") or "forecast"
-    names = pd.Series(named, index=raw.index) if own is None else own
+    given = optional_column(raw, ("variable", "parameter"))
+    named = variable or comments.get("variable") or "forecast"
+    names = pd.Series(named, index=raw.index) if given is None else given
     unit = optional_column(raw, ("units", "unit"))
     table = pd.DataFrame(
         {
@@ -122,7 +257,7 @@ def _part(
             "variable": names.map(
                 lambda name: KNOWN.get(str(name).strip().lower(), str(name).strip())
             ),
-            "units": unit if unit is not None else units or _plain_units(told.get("units", "")),
+            "units": unit if unit is not None else units or _plain_units(comments.get("units", "")),
             "forecast": numbers(column(raw, ("forecast", "fcst", "fc"), file=file)),
             "observation": numbers(column(raw, ("observation", "obs", "observed"), file=file)),
         }
@@ -141,7 +276,7 @@ def _part(
 def _starts_and_leads(
     raw: pd.DataFrame, file: Path
 ) -> tuple[NDArray[np.datetime64], NDArray[np.float64]]:
-    """Start and lead (h), of which one may be told by the valid time."""
+    """Start and lead time (h), of which one may be given by the valid time."""
     start = optional_column(raw, START)
     lead = optional_column(raw, LEAD)
     if start is not None and lead is not None:
@@ -157,13 +292,13 @@ def _starts_and_leads(
 
 
 def _plain_units(text: str) -> str:
-    """Units as CF has them, from what Verif writes for plots (``$^oC$``)."""
+    """CF units from the plot labels of Verif (``$^oC$``)."""
     plain = text.replace("$", "").replace("^o", "deg").replace("{", "").replace("}", "").strip()
     return {"degC": "degC", "C": "degC", "celsius": "degC", "m/s": "m s-1"}.get(plain, plain)
 
 
 def on_axes(table: pd.DataFrame) -> xr.Dataset:
-    """Lay lines of forecasts on the axes of `DIMS`.
+    """Put lines of forecasts on the axes of `DIMS`.
 
     The table has ``variable, station, forecast_reference_time, lead, units, forecast,
     observation`` and the places of stations where known.
@@ -188,3 +323,125 @@ def on_axes(table: pd.DataFrame) -> xr.Dataset:
         if places[name].notna().any():
             found[name] = ("station", places[name].to_numpy(dtype=np.float64))
     return found
+
+
+VARIABLES = ("eastward_wind", "northward_wind")
+LEAD_HOURS = 24.0  # the bias of a day is known on the next
+_NEEDED = (
+    "latitude",
+    "longitude",
+    "pressure",
+    "time",
+    "phase",
+    "screening",
+    "reference_eastward_wind",
+    "reference_northward_wind",
+)
+_LAYERS = len(LEVEL_EDGES_HPA) - 1
+
+
+def flight_level_pairs(
+    headings: xr.Dataset,
+    corrected: xr.Dataset,
+    members: list[str],
+    *,
+    region: float,
+    fewest: int,
+) -> xr.Dataset:
+    """Pair the model's winds with corrected aircraft winds, by box, layer and day.
+
+    Parameters
+    ----------
+    headings, corrected : Dataset
+        In memory or opened lazily.
+    members : list of str
+        References whose mean is the forecast.
+    region : float
+        Side of a box, degrees.
+    fewest : int
+        Reports of a box, layer and day that make a pair.
+
+    Returns
+    -------
+    Dataset
+        As :func:`airswing.handover.forecasts.correcting.correct_forecasts` takes it; a station is
+        a box in a layer, with ``latitude``, ``longitude`` and ``pressure`` of its middle.
+
+    Raises
+    ------
+    InputError
+        If no box has reports enough on any day.
+    """
+    parts = []
+    names = [*(f"corrected_{name}" for name in VARIABLES), "correction_applied"]
+    better = blocks(corrected, names)
+    for block, other in zip(blocks(headings, list(_NEEDED)), better, strict=True):
+        table = _reports(block, other, members, region).assign(reports=1)
+        parts.append(table.groupby(["south", "west", "layer", "day"]).sum())
+    columns = ["reports", *(f"{kind}_{name}" for kind in ("model", "air") for name in VARIABLES)]
+    summed = pd.concat(parts).groupby(level=[0, 1, 2, 3]).sum()
+    kept = summed[summed["reports"] >= fewest]
+    if kept.empty:
+        raise InputError(
+            f"no box of {region:g} degrees has {fewest} corrected winds in a layer on any day",
+            field="postprocess.winds",
+            found=f"at most {int(summed['reports'].max()) if len(summed) else 0}",
+            remedy="Make region larger or fewest smaller",
+        )
+    means = kept[columns[1:]].div(kept["reports"], axis=0)
+    found = on_axes(_lines(means, region))
+    few = int((summed["reports"] < fewest).sum())
+    found.attrs["lines_left_out"] = {f"box, layer and day with under {fewest} winds": few}
+    return found.rename(altitude="pressure")  # `on_axes` calls the level of a place altitude
+
+
+def _reports(
+    block: xr.Dataset, corrected: xr.Dataset, members: list[str], region: float
+) -> pd.DataFrame:
+    """Box, layer, day and winds of the reports that count."""
+    cell, _ = profile_cells(block)
+    model = reference_mean(block, members)
+    table = pd.DataFrame(
+        {
+            "south": np.floor(block["latitude"].to_numpy() / region),
+            "west": np.floor(wrap_degrees(block["longitude"].to_numpy()) / region),
+            "layer": cell % _LAYERS,
+            "day": block["time"].to_numpy().astype("datetime64[D]").astype("datetime64[ns]"),
+        }
+    )
+    for name in VARIABLES:
+        table[f"model_{name}"] = model[f"reference_{name}"].to_numpy().astype(np.float64)
+        table[f"air_{name}"] = corrected[f"corrected_{name}"].to_numpy().astype(np.float64)
+    good = (cell >= 0) & table.notna().all(axis=1).to_numpy()
+    kept: pd.DataFrame = table[good & np.isin(corrected["correction_applied"].to_numpy(), APPLIED)]
+    return kept
+
+
+def _lines(means: pd.DataFrame, region: float) -> pd.DataFrame:
+    """One line for each box, layer, day and component."""
+    south, west, layer, day = (means.index.get_level_values(k) for k in range(4))
+    edges = np.array(LEVEL_EDGES_HPA)
+    middle = 0.5 * (edges[:-1] + edges[1:])[layer.astype(int)]
+    latitude, longitude = (south + 0.5) * region, (west + 0.5) * region
+    names = [
+        f"{p:04.0f}_hPa_{abs(y):.4g}{'S' if y < 0 else 'N'}_{abs(x):.4g}{'W' if x < 0 else 'E'}"
+        for p, y, x in zip(middle, latitude, longitude, strict=True)
+    ]
+    parts = [
+        pd.DataFrame(
+            {
+                "variable": name,
+                "station": names,
+                TIME: day,
+                "lead": LEAD_HOURS,
+                "units": "m s-1",
+                "forecast": means[f"model_{name}"].to_numpy(),
+                "observation": means[f"air_{name}"].to_numpy(),
+                "latitude": latitude,
+                "longitude": longitude,
+                "altitude": middle * 100.0,
+            }
+        )
+        for name in VARIABLES
+    ]
+    return pd.concat(parts, ignore_index=True)

@@ -3,9 +3,9 @@
 Assumes instantaneous fields at a height above ground, on the grids that
 :mod:`airswing.reference.geometry.grids` places. Interpolation is that of the collocation: bilinear
 in the grid's index space along the grid, winds turned to true east and north at the station;
-nothing is extrapolated, and a missing corner that has weight gives no value. Heights of the model's
-ground and of the station are not reconciled: the difference is a systematic error like any other,
-and the filter's to find. SI units.
+nothing is extrapolated, and a missing corner that has weight gives no value. The difference between
+the heights of the model's ground and the station is not corrected: the filter finds its effect as a
+systematic error. SI units.
 """
 
 from __future__ import annotations

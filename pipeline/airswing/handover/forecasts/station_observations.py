@@ -1,9 +1,9 @@
-"""What was observed at stations, and its pairing with forecasts by time.
+"""Observations at stations, paired with forecasts by time.
 
 Assumes tables with one line a station and time, latitude and longitude in degrees, and any of
 temperature and wind with the unit in the column's name. A forecast's observation is the one nearest
-to its valid time within a given gap. Calm wind has no direction: its components are zero whatever
-direction stands beside it. SI units inside.
+to its valid time within a given gap. A calm has no direction: its components are zero whatever
+direction the table gives. SI units.
 """
 
 from __future__ import annotations
@@ -18,18 +18,21 @@ import xarray as xr
 
 from airswing.errors import InputError
 from airswing.handover.forecasts.correcting import TIME
-from airswing.handover.forecasts.forecast_pairs import PLACES, STATION, VALID, on_axes
-from airswing.handover.forecasts.station_grib import UNITS, forecasts_at_stations
-from airswing.handover.forecasts.station_table import (
+from airswing.handover.forecasts.forecast_pairs import (
+    PLACES,
+    STATION,
+    VALID,
     column,
     numbers,
+    on_axes,
     optional_column,
     read_table,
     times,
 )
+from airswing.handover.forecasts.station_grib import UNITS, forecasts_at_stations
 from airswing.units import KNOT, ZERO_CELSIUS
 
-# Our column, in lower case: variable, factor and offset to SI units.
+# Column in lower case: variable, factor and offset to SI units.
 _COLUMNS = {
     "air_temperature_k": ("air_temperature", 1.0, 0.0),
     "temperature_k": ("air_temperature", 1.0, 0.0),
@@ -56,7 +59,7 @@ def pairs_at_stations(
     columns: Mapping[str, str] | None = None,
     max_time_gap: float = 1800.0,
 ) -> xr.Dataset:
-    """Forecasts from GRIB beside what was observed at stations.
+    """Pair forecasts from GRIB with observations at stations.
 
     Parameters
     ----------
@@ -65,7 +68,7 @@ def pairs_at_stations(
     observations : sequence of Path
         Tables; their columns are named as in `_COLUMNS` after ``columns``.
     columns : mapping of str to str, optional
-        Their names to ours.
+        Names in the tables to those of `_COLUMNS`.
     max_time_gap : float, default 1800
         Seconds between an observation and the valid time.
 
@@ -77,7 +80,7 @@ def pairs_at_stations(
     Raises
     ------
     InputError
-        If a table cannot be used, or nothing in them meets.
+        If a table cannot be used, or no observation meets a forecast.
     """
     left_out: Counter[str] = Counter()
     parts = [_observations(Path(file), columns or {}, left_out) for file in observations]
@@ -164,7 +167,7 @@ def _derive(table: pd.DataFrame) -> None:
     """Components from speed and direction, and the speed from components."""
     if {"wind_speed", "wind_direction"} <= set(table):
         speed = table["wind_speed"].to_numpy()
-        # A calm has any direction beside it, or none.
+        # The direction of a calm may be anything, or missing.
         angle = np.radians(np.where(speed == 0.0, 0.0, table["wind_direction"].to_numpy()))
         table["eastward_wind"] = -speed * np.sin(angle)
         table["northward_wind"] = -speed * np.cos(angle)

@@ -1,11 +1,11 @@
-"""Forecasts corrected after the fact: ``postprocessed.nc`` and its page."""
+"""`airswing postprocess`: forecasts corrected by their past errors, and the page of scores."""
 
 from __future__ import annotations
 
 import glob
 import math
 from pathlib import Path
-from typing import TypedDict
+from typing import Any, TypedDict
 
 import xarray as xr
 from pydantic import BaseModel
@@ -24,17 +24,20 @@ _POSTPROCESSED = "postprocessed.nc"
 
 
 class Postprocessed(TypedDict):
-    """What was made of the forecasts."""
+    """Result of correcting forecasts."""
 
     headline: str
-    variables: dict[str, object]  # by name ``ratio``, and by method the scores on the days held out
+    variables: dict[str, dict[str, Any]]
+    """By variable ``ratio``, ``pairs``, and by method the scores on the days held out and, as
+    ``stations``, their distribution over stations."""
+    summary: list[str]  # lines for a person
     product: str
     page: str
     left_out: dict[str, int]  # lines, by reason
 
 
 def postprocess(config: Path, *, output: Path | None = None, quiet: bool = False) -> Postprocessed:
-    """Correct the forecasts of a configuration: ``postprocessed.nc`` and its page.
+    """Correct the forecasts of a configuration; write ``postprocessed.nc`` and its page.
 
     Parameters
     ----------
@@ -52,7 +55,8 @@ def postprocess(config: Path, *, output: Path | None = None, quiet: bool = False
     InputError
         If there is nothing to correct, or it cannot be read.
     """
-    from airswing.report.forecasts.forecast_page import forecast_headline, write_forecast_page
+    from airswing.handover.forecasts.correcting import correct_forecasts, score_forecasts
+    from airswing.report.forecast_page import forecast_headline, write_forecast_page
 
     section, folder, whole = load_postprocess(config, output=output)
     progress = Progress(quiet=quiet)
@@ -62,7 +66,10 @@ def postprocess(config: Path, *, output: Path | None = None, quiet: bool = False
             pairs = _read_pairs(section, whole)
             stage.note = " x ".join(f"{size} {name}" for name, size in pairs.sizes.items())
         with progress.stage("filter"):
-            made = _corrected(pairs, section)
+            corrected = correct_forecasts(
+                pairs, ratio=section.ratio, training=section.training, window=section.running_mean
+            )
+            made = xr.merge([corrected, score_forecasts(corrected)], combine_attrs="override")
             path = write_product(
                 made,
                 folder / _POSTPROCESSED,
@@ -72,9 +79,11 @@ def postprocess(config: Path, *, output: Path | None = None, quiet: bool = False
             )
         with progress.stage("page"):
             page = write_forecast_page(folder / "postprocess", read_product(path))
+    variables = _scores(made)
     return {
         "headline": forecast_headline(made),
-        "variables": _summary(made),
+        "variables": variables,
+        "summary": [line for name, found in variables.items() for line in _lines(name, found)],
         "product": str(path),
         "page": str(page),
         "left_out": pairs.attrs["lines_left_out"],
@@ -82,7 +91,7 @@ def postprocess(config: Path, *, output: Path | None = None, quiet: bool = False
 
 
 def _read_pairs(section: Postprocess, whole: BaseModel) -> xr.Dataset:
-    """Pairs of forecast and observation: tables, GRIB and stations, or a run's winds."""
+    """Pairs of forecast and observation: tables, GRIB and stations, or the winds of a run."""
     from airswing.handover.forecasts.forecast_pairs import pairs_from_tables
     from airswing.handover.forecasts.station_observations import pairs_at_stations
 
@@ -106,7 +115,7 @@ def _read_pairs(section: Postprocess, whole: BaseModel) -> xr.Dataset:
 
 def _flight_levels(section: FlightLevelWinds, whole: BaseModel) -> xr.Dataset:
     """Pairs of a run's model winds and its corrected aircraft winds."""
-    from airswing.handover.forecasts.flight_level_winds import flight_level_pairs
+    from airswing.handover.forecasts.forecast_pairs import flight_level_pairs
 
     if not isinstance(whole, Config):
         raise ConfigError(
@@ -123,9 +132,10 @@ def _flight_levels(section: FlightLevelWinds, whole: BaseModel) -> xr.Dataset:
             found=reference,
             remedy=f"Known: {', '.join(pools)}",
         )
-    products = (read_product(whole.output / name, lazy=True) for name in (HEADINGS, CORRECTED))
-    headings, corrected = products
-    with headings, corrected:
+    with (
+        read_product(whole.output / HEADINGS, lazy=True) as headings,
+        read_product(whole.output / CORRECTED, lazy=True) as corrected,
+    ):
         return flight_level_pairs(
             headings,
             corrected,
@@ -147,38 +157,49 @@ def _found(patterns: list[str], field: str) -> list[Path]:
     return list(files)
 
 
-def _corrected(pairs: xr.Dataset, section: Postprocess) -> xr.Dataset:
-    """Forecasts and their scores in one Dataset."""
-    from airswing.handover.forecasts.correcting import correct_forecasts
-    from airswing.handover.forecasts.forecast_scores import score_forecasts
+def _scores(made: xr.Dataset) -> dict[str, dict[str, Any]]:
+    """Scores on the days held out, by variable and method."""
+    from airswing.handover.forecasts.correcting import SCORES, station_distribution
 
-    corrected = correct_forecasts(
-        pairs, ratio=section.ratio, training=section.training, window=section.running_mean
-    )
-    return xr.merge([corrected, score_forecasts(corrected)], combine_attrs="override")
-
-
-def _summary(made: xr.Dataset) -> dict[str, object]:
-    """Scores on the days held out, for printing."""
-    own = made.sel(period="held_out")
-    names = ("forecast_error_mean", "forecast_error_centred_rms", "forecast_error_rms", "skill")
-    found: dict[str, object] = {}
-    for variable in map(str, own["variable"].to_numpy()):
-        one = own.sel(variable=variable)
+    found: dict[str, dict[str, Any]] = {}
+    for variable in map(str, made["variable"].to_numpy()):
+        chosen = made.sel(variable=variable, period="held_out")
         found[variable] = {
-            "ratio": float(one["ratio"]),
-            "ratio_chosen": bool(one["ratio_chosen"]),
-            "pairs": int(one["pair_count"]),
-            **{
-                str(method): {
-                    short: {
-                        "value": float(one[name].sel(correction=method)),
-                        "ci": one[f"{name}_interval"].sel(correction=method).to_numpy(),
-                    }
-                    for name in names
-                    for short in [name.removeprefix("forecast_error_")]
-                }
-                for method in one["correction"].to_numpy()
-            },
+            "ratio": float(chosen["ratio"]),
+            "ratio_chosen": bool(chosen["ratio_chosen"]),
+            "pairs": int(chosen["pair_count"]),
         }
+        for method in map(str, chosen["correction"].to_numpy()):
+            one = chosen.sel(correction=method)
+            scores: dict[str, Any] = {
+                name.removeprefix("forecast_error_"): {
+                    "value": float(one[name]),
+                    "ci": one[f"{name}_interval"].to_numpy(),
+                }
+                for name in SCORES
+            }
+            if method != "raw":
+                scores["stations"] = station_distribution(made, variable, method)
+            found[variable][method] = scores
     return found
+
+
+def _lines(variable: str, scores: dict[str, Any]) -> list[str]:
+    """Lines on the filter and its rivals over the stations of a variable."""
+    from airswing.report.forecast_page import NAMES
+
+    lines = []
+    for method, label in NAMES.items():
+        stations = scores[method].get("stations")
+        if not stations or stations["stations"] == 1:
+            continue
+        least, tenth, median, ninetieth, most = stations["rms_ratio_quantiles"]
+        lines += [
+            f"{variable.replace('_', ' ')}, {label}: rms error over the raw forecast's at "
+            f"{stations['stations']:,} stations: median {median:.2f}, 10 to 90 % {tenth:.2f} to "
+            f"{ninetieth:.2f}, range {least:.2f} to {most:.2f} (worst: "
+            f"{stations['worst_station']}); better at {stations['better']:.0%}, beyond the 95 % "
+            f"interval better at {stations['surely_better']:.0%} and worse at "
+            f"{stations['surely_worse']:.0%}"
+        ]
+    return lines

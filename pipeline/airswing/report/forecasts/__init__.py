@@ -1,1 +1,0 @@
-"""The page of forecasts corrected after the fact."""

@@ -1,1 +1,0 @@
-"""The job of correcting forecasts after the fact."""
