@@ -19,13 +19,10 @@ SHORT = {
     "collocation": ["--hours", "24", "--repeats", "3"],
     "gridded_collocation": ["--hours", "2"],
     "fit": ["--days", "120", "--repeats", "3"],
-    "storage": ["--reports", "1000000"],
     "export": ["--reports", "1000000"],
     "page_share": ["--days", "20"],
-    "fault_drill": ["--kills", "6", "--days", "8", "--aircraft", "3"],
+    "fault_drill": ["--kills", "6", "--days", "40", "--aircraft", "3"],
     "year": ["--share", "0.05"],
-    "adding": ["--share", "0.02", "--main"],
-    "update": ["--share", "0.02", "--hours", "2200", "--nights", "1"],
     "coverage": ["--fleets", "40"],
     "fleet": ["--aircraft", "150", "300", "600"],
     "monitoring": ["--years", "100", "--fleets", "2"],
@@ -36,8 +33,6 @@ SHORT = {
 }
 LONG = {
     "fleet": ["--aircraft", "600", "1200", "2400", "6000"],
-    "year": ["--month", "--growth"],
-    "update": ["--share", "1.0"],
     "gap_statistics": ["--reports", "10000000", "--aircraft", "60", "--month"],
 }
 """Arguments by benchmark; none are given where it has no entry."""

@@ -46,7 +46,7 @@ def main() -> int:
         made = write_archive(Path(name) / "made", days=given.days, aircraft=given.aircraft, seed=1)
         for config in (Path("configs/quickstart.yaml"), made):
             loaded = load_config(config, output=Path(name) / config.stem)
-            found = workflow.run(workflow.Job(loaded, Timed(quiet=True)))
+            found = workflow.run_job(workflow.Job(loaded, Timed(quiet=True))).summary
             stages = {s["name"]: s["phases"]["stage"] for s in found["accounts"]["stages"]}
             whole = sum(stages.values())
             over |= stages["page"] > BAR * whole

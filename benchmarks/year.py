@@ -1,31 +1,22 @@
-"""A fleet's year end to end: time and peak memory by stage, growth, and the full grid's cost.
+"""A fleet's year end to end: processor time and peak memory by stage, and one further night.
 
-    python -m benchmarks.year [--share 1.0] [--workers 1] [--month] [--growth] [--main]
+    python -m benchmarks.year [--share 1.0] [--workers 1] [--json FILE]
 
 Makes a year that is scaled down in grid alone: 8,760 hourly GRIB1 files (24 x 18 points, six
-levels, u and v), 10 million reports of 60 aircraft in twelve Parquet files. ``--share 0.05`` takes
-that share of the hours and of the reports; ``--main`` leaves out the evaluation and the page. The
-job runs in a process of its own, every stage with its wall time, processor time and peak memory.
-``--month`` repeats it with a twelfth of the archive and gives the ratio of the peaks and the
-exponents of the growth. ``--growth`` repeats it with a tenth of the reports, with a tenth of the
-hours, with a quarter of the aircraft (each reporting four times as much) and with four times the
-grid points, and gives the exponents. With ``--workers 2`` the peak of the busiest worker process is
-told beside that of the process that was started. The full grid is extrapolated from a RUC-size day
-(451 x 337 points, 37 levels) measured in the same run: its cost an hour in place of the small
-grid's, the rest as measured.
+levels, u and v) and 10 million reports of 60 aircraft, a Parquet file a day. ``--share 0.05`` takes
+that share of the hours and of the reports. The whole job runs in a process of its own, every stage
+with its wall time, processor time and peak memory: first without the last day, then again with it,
+which makes the last month anew and all that follows.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import math
-import os
 import subprocess
 import sys
 import tempfile
 import time
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -97,7 +88,7 @@ def write_fields(folder: Path, hours: int, finer: int = 1) -> None:
 
 
 def write_reports(folder: Path, reports: int, hours: int, aircraft: int) -> None:
-    """Straight legs of one speed, winds with each aircraft's deviation, a file a twelfth."""
+    """Straight legs of one speed, winds with each aircraft's deviation, a file a day."""
     folder.mkdir()
     rng = np.random.default_rng(1)
     legs = max(reports // (aircraft * LEG), 1)
@@ -142,23 +133,11 @@ def write_reports(folder: Path, reports: int, hours: int, aircraft: int) -> None
             )
         )
     table = pd.concat(pieces, ignore_index=True)
-    part = ((table["time"] - pd.Timestamp(START)) // pd.Timedelta(hours=hours / 12)).clip(0, 11)
-    for number, piece in table.groupby(part):
-        piece.to_parquet(folder / f"part{number:02d}.parquet", index=False)
+    for day, piece in table.groupby(table["time"].dt.date):
+        piece.to_parquet(folder / f"{day}.parquet", index=False)
 
 
-def main_stages(job: Any) -> dict[str, Any]:
-    """Headings, fits and corrected winds alone."""
-    from airswing import workflow
-    from airswing.workflow.closing_summary import summarise
-
-    headings = workflow.make_headings(job)
-    fits = workflow.make_fits(job, headings)
-    corrected = workflow.make_corrected(job, headings, fits)
-    return summarise(job.config, headings, fits, corrected) | {"accounts": job.progress.accounts()}
-
-
-def measured(config: str, *, what: str, resume: bool) -> None:
+def measured(config: str) -> None:
     """Run the job in this process; its accounts, with memory by stage, as JSON."""
     import contextlib
 
@@ -166,9 +145,6 @@ def measured(config: str, *, what: str, resume: bool) -> None:
     from airswing.config_file import load_config
     from airswing.workflow.compute import scheduler
     from airswing.workflow.progress import Progress
-    from airswing.workflow.update import update
-
-    peaks: list[dict[str, Any]] = []
 
     class Watched(Progress):
         @contextlib.contextmanager
@@ -178,25 +154,14 @@ def measured(config: str, *, what: str, resume: bool) -> None:
             with super().stage(name) as record:
                 yield record
             used = time.process_time() - began
-            peaks.append({"name": name, "processor": used, "peak": memory("VmHWM")})
+            stages.append({"name": name, "processor": used, "peak": memory("VmHWM")})
 
-    job = workflow.Job(load_config(config), Watched(), resume)
+    stages: list[dict[str, Any]] = []
+    job = workflow.Job(load_config(config), Watched())
     with scheduler(job.config.compute, job.progress):
-        result = {"main": main_stages, "run": workflow.run, "update": update}[what](job)
-        accounts = result["accounts"]
-        for stage, peak in zip(accounts["stages"], peaks, strict=True):
-            stage |= peak
-        accounts["workers"] = worker_peaks() if job.config.compute.workers != 1 else []
-    kept = ("reports", "status", "accounts", "months")
-    print(json.dumps({key: result[key] for key in kept if key in result}))
-
-
-def worker_peaks() -> list[int]:
-    """Peak memory of every worker process, bytes."""
-    from benchmarks.collocation import peak_memory
-    from distributed import default_client
-
-    return list(default_client().run(peak_memory).values())
+        summary = workflow.run_job(job).summary
+    told = {name: summary[name] for name in ("reports", "months")}  # type: ignore[literal-required]
+    print(json.dumps(told | {"stages": stages, "processor": time.process_time()}))
 
 
 def memory(key: str) -> int:
@@ -207,211 +172,68 @@ def memory(key: str) -> int:
     return 0
 
 
-def run(
-    folder: Path,
-    *,
-    reports: int,
-    hours: int,
-    aircraft: int,
-    finer: int = 1,
-    workers: int,
-    main: bool,
-) -> dict[str, Any]:
-    """Make an archive, run the job on it, and return its accounts."""
-    folder.mkdir()
-    write_fields(folder / "model", hours, finer)
-    write_reports(folder / "reports", reports, hours, aircraft)
-    found = run_on(folder, workers=workers, main=main)
-    found["bytes_per_report"] = (folder / "results/headings.nc").stat().st_size / reports
-    found["decoding"] = plain_decoding(folder / "model")
-    return found
-
-
-def run_on(
-    folder: Path,
-    *,
-    output: str = "results",
-    workers: int = 1,
-    main: bool = False,
-    resume: bool = False,
-    update: bool = False,
-) -> dict[str, Any]:
-    """Run the job on an archive in a process of its own, and return its accounts."""
-    config = folder / f"{output}.json"
+def run_on(folder: Path, *, workers: int = 1) -> dict[str, Any]:
+    """Run the job on an archive in a process of its own; its accounts."""
     content = {
         "reports": {"files": str(folder / "reports/*.parquet")},
         "references": {"small": {"files": str(folder / "model/*.grb")}},
-        "output": str(folder / output),
+        "output": str(folder / "results"),
         "compute": {"workers": workers},
     }
+    config = folder / "config.json"
     config.write_text(json.dumps(content))
-    command = [sys.executable, "-m", "benchmarks.year", "--measured", str(config)]
-    command += ["--main"] if main else ["--update"] if update else []
-    command += ["--resume"] if resume else []
-    environment = os.environ | {"AIRSWING_CACHE": str(folder / "cache")}
     began = time.perf_counter()
-    done = subprocess.run(command, env=environment, stdout=subprocess.PIPE, text=True, check=True)
-    found: dict[str, Any] = json.loads(done.stdout.strip().splitlines()[-1])
-    found["wall"] = time.perf_counter() - began
-    return found
-
-
-def plain_decoding(folder: Path) -> float:
-    """Plain eccodes decoding of every message in one thread, s of processor time."""
-    from benchmarks.collocation import decode_all
-
-    began = time.process_time()
-    for path in sorted(folder.iterdir()):
-        decode_all(str(path))
-    return time.process_time() - began
-
-
-def ruc_hour(folder: Path, hours: int = 24) -> dict[str, float]:
-    """Processor time of a RUC-size hour: plain decoding, and collocation from a cold scan."""
-    from benchmarks import collocation as one
-
-    rng = np.random.default_rng(1)
-    simple = "GRIB1 simple"
-    one.write_hour(folder, simple, [one.smooth_field(rng) for _ in range(2 * one.LEVELS.size)])
-    paths = one.copy_hours(one.file_of(folder, simple), hours)
-    reports, caches = one.some_reports(hours, exact=False), one.new_folders(folder / "caches")
-    work = {
-        "plain": lambda: [one.decode_all(path) for path in paths],
-        "sparse": partial(one.collocate_hour, paths, reports, caches, sparse=True),
-    }
-    times = one.interleaved(work, 2)
-    return {name: seconds / hours for name, seconds in zip(work, times, strict=True)}
+    done = subprocess.run(
+        [sys.executable, "-m", "benchmarks.year", "--measured", str(config)],
+        stdout=subprocess.PIPE,
+        check=True,
+    )
+    return json.loads(done.stdout) | {"wall": time.perf_counter() - began}
 
 
 def shown(found: dict[str, Any], what: str) -> None:
     """Print one run's table."""
-    accounts = found["accounts"]
-    print(f"\n{what}: {found['reports']['usable']:,} reports, {found['wall']:.0f} s in all")
-    print(f"{'stage':<20}{'wall s':>9}{'cpu s':>9}{'peak MB':>9}")
-    for stage in accounts["stages"]:
-        print(
-            f"{stage['name']:<20}{stage['seconds']:9.1f}{stage['processor']:9.1f}"
-            f"{stage['peak'] / 1e6:9.0f}"
-        )
-    peak = max(stage["peak"] for stage in accounts["stages"])
+    reports, months = found["reports"]["usable"], found["months"]
+    print(f"\n{what}: {reports:,} reports; {len(months['made'])} months made")
+    print(f"{'stage':<22}{'processor s':>12}{'peak MB':>9}")
+    total: dict[str, list[float]] = {}
+    for stage in found["stages"]:
+        name = stage["name"].rstrip("-0123456789 ")  # months of a stage together
+        before = total.get(name, [0.0, 0.0])
+        total[name] = [before[0] + stage["processor"], max(before[1], stage["peak"])]
+    for name, (seconds, peak) in total.items():
+        print(f"{name:<22}{seconds:12.1f}{peak / 1e6:9.0f}")
+    most = max(peak for _, peak in total.values())
     print(
-        f"peak {peak / 1e9:.2f} GB, {peak / found['reports']['usable']:.0f} bytes a report; "
-        f"headings.nc {found['bytes_per_report']:.1f} bytes a report; plain decoding "
-        f"{found['decoding']:.1f} s"
+        f"{'together':<22}{found['processor']:12.1f}{most / 1e6:9.0f}   wall {found['wall']:.0f} s"
     )
-    if accounts["workers"]:
-        print(f"peak of a worker process {max(accounts['workers']) / 1e9:.2f} GB")
-
-
-def exponents(whole: dict[str, Any], less: dict[str, Any], ratio: float) -> dict[str, float]:
-    """How the processor time of each stage of some size grows between two runs."""
-    small = {stage["name"]: stage["processor"] for stage in less["accounts"]["stages"]}
-    return {
-        stage["name"]: math.log(stage["processor"] / small[stage["name"]]) / math.log(ratio)
-        for stage in whole["accounts"]["stages"]
-        if stage["processor"] > 1.0 and small.get(stage["name"], 0.0) > 0.05
-    }
-
-
-def flatness(whole: dict[str, Any], less: dict[str, Any]) -> dict[str, float]:
-    """Peak memory of each stage over that of a smaller archive's; ``together`` of the whole job."""
-    small = {stage["name"]: stage["peak"] for stage in less["accounts"]["stages"]}
-    found = {
-        stage["name"]: stage["peak"] / small[stage["name"]] for stage in whole["accounts"]["stages"]
-    }
-    top = max(stage["peak"] for stage in whole["accounts"]["stages"])
-    found["together"] = top / max(small.values())
-    workers = [run["accounts"]["workers"] for run in (whole, less)]
-    return found | ({"worker": max(workers[0]) / max(workers[1])} if all(workers) else {})
-
-
-def draw(found: dict[str, Any], path: Path) -> None:
-    """Processor time and peak memory of every stage, side by side."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    stages = found["accounts"]["stages"]
-    names = [stage["name"] for stage in stages]
-    figure, (left, right) = plt.subplots(1, 2, figsize=(9, 0.32 * len(names) + 1.2), sharey=True)
-    left.barh(names, [stage["processor"] for stage in stages], color="#33638d")
-    left.set_xlabel("processor time (s)")
-    right.barh(names, [stage["peak"] / 1e9 for stage in stages], color="#33638d")
-    right.set_xlabel("peak memory of the process (GB)")
-    left.invert_yaxis()
-    figure.suptitle(f"{found['reports']['usable']:,} reports, by stage")
-    figure.tight_layout()
-    figure.savefig(path, dpi=110)
 
 
 def main() -> None:
-    """Run the year and print its tables."""
+    """Run the year, and the night after it."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--share", type=float, default=1.0, help="share of hours and of reports")
     parser.add_argument("--workers", type=int, default=1)
-    parser.add_argument("--month", action="store_true", help="also a twelfth of the archive")
-    parser.add_argument("--growth", action="store_true", help="also a tenth of each")
-    parser.add_argument("--main", action="store_true", help="no evaluation, no page")
     parser.add_argument("--json", type=Path, help="write the numbers here")
-    parser.add_argument("--figure", type=Path, help="draw time and memory by stage here (PNG)")
     parser.add_argument("--measured", help=argparse.SUPPRESS)
-    parser.add_argument("--resume", action="store_true", help=argparse.SUPPRESS)
-    parser.add_argument("--update", action="store_true", help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.measured:
-        what = "main" if given.main else "update" if given.update else "run"
-        measured(given.measured, what=what, resume=given.resume)
+        measured(given.measured)
         return
     hours, reports = round(HOURS * given.share), round(REPORTS * given.share)
-    sizes = {"aircraft": AIRCRAFT, "workers": given.workers, "main": given.main}
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        runs = {"whole": run(folder / "whole", reports=reports, hours=hours, **sizes)}
-        shown(runs["whole"], f"{hours:,} hours")
-        if given.month:
-            less = {"reports": reports // 12, "hours": hours // 12}
-            runs["month"] = run(folder / "month", **less, **sizes)
-            shown(runs["month"], "a twelfth of the archive")
-            for words, figures in (
-                ("peak memory over the twelfth's", flatness(runs["whole"], runs["month"])),
-                ("exponent of processor time", exponents(runs["whole"], runs["month"], 12.0)),
-            ):
-                print(f"{words}: " + ", ".join(f"{k} {value:.2f}" for k, value in figures.items()))
-        if given.growth:
-            runs["reports"] = run(folder / "few", reports=reports // 10, hours=hours, **sizes)
-            runs["hours"] = run(folder / "short", reports=reports, hours=hours // 10, **sizes)
-            sizes["aircraft"] = AIRCRAFT // 4
-            runs["aircraft"] = run(folder / "fewer", reports=reports, hours=hours, **sizes)
-            sizes |= {"aircraft": AIRCRAFT, "finer": 2}
-            runs["grid"] = run(folder / "finer", reports=reports, hours=hours, **sizes)
-            for what, words, ratio in (
-                ("reports", "a tenth of the reports", 10.0),
-                ("hours", "a tenth of the hours", 10.0),
-                ("aircraft", "a quarter of the aircraft, as many reports", 4.0),
-                ("grid", "four times the grid points", 0.25),
-            ):
-                shown(runs[what], words)
-                grown = exponents(runs["whole"], runs[what], ratio)
-                told = ", ".join(f"{stage} {value:.2f}" for stage, value in grown.items())
-                print(f"exponent of processor time: {told}")
-        ruc = ruc_hour(folder)
-    stages = {stage["name"]: stage for stage in runs["whole"]["accounts"]["stages"]}
-    small = sum(stages[stage]["processor"] for stage in ("catalogue", "collocate"))
-    rest = sum(stage["processor"] for stage in stages.values()) - small
-    full = ruc["sparse"] * HOURS
-    print(
-        f"\nRUC-size hour: {ruc['sparse'] * 1e3:.1f} ms of processor time from a cold scan, "
-        f"{ruc['sparse'] / ruc['plain']:.2f} of plain decoding ({ruc['plain'] * 1e3:.1f} ms)"
-    )
-    print(
-        f"a year on the full grid, one reference: {full:.0f} s for the model and "
-        f"{rest / given.share:.0f} s for the rest, processor time of one thread"
-    )
-    if given.figure:
-        draw(runs["whole"], given.figure)
+        write_fields(folder / "model", hours)
+        write_reports(folder / "reports", reports, hours, AIRCRAFT)
+        last = max((folder / "reports").iterdir())
+        aside = last.rename(folder / last.name)
+        runs = {"year": run_on(folder, workers=given.workers)}
+        shown(runs["year"], f"{hours:,} hours, all made")
+        aside.rename(last)
+        runs["night"] = run_on(folder, workers=given.workers)
+        shown(runs["night"], "one further night")
     if given.json:
-        given.json.write_text(json.dumps({"runs": runs, "ruc_hour": ruc}, indent=1))
+        given.json.write_text(json.dumps(runs, indent=1))
 
 
 if __name__ == "__main__":

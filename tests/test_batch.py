@@ -75,6 +75,6 @@ def test_the_recipe_runs_the_main_job_on_workers_of_the_batch_system(slurm, tmp_
     assert log.count("Start worker at") == 2 and "Traceback" not in log
 
     other = make_headings(Job(load_config(config, output=tmp_path / "here"), Progress(quiet=True)))
-    one = read_product(tmp_path / "batch/headings.nc")
+    one = read_product(tmp_path / "batch/headings")
     for name in one.variables:
         np.testing.assert_array_equal(one[name].to_numpy(), other[name].to_numpy(), str(name))

@@ -54,7 +54,7 @@ TEXTS = ("csv", "csv.gz", "yaml", "effects")
 TABLES = ("parquet", "netcdf3", "netcdf4", "bufr")
 PRODUCTS = ("headings.nc", "fits.nc")
 HANDED_OVER = ("corrected.nc",)
-KEPT = ("kept samples", "kept reports", "kept notes", "header cache")
+KEPT = ("kept notes", "header cache")
 
 
 def make_seeds(folder: Path) -> dict[str, Path]:
@@ -258,11 +258,14 @@ def _of_a_run(folder: Path) -> dict[str, Path]:
         "controls": ["N402"],
     }
     (folder / "whole.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
-    job = Job(load_config(config), Progress(quiet=True), resume=True)
+    job = Job(load_config(config), Progress(quiet=True))
     headings = make_headings(job)
     corrected = make_corrected(job, headings, make_fits(job, headings))
     make_observation_errors(job, headings, corrected)
     xr.Dataset.close(headings)
     shutil.rmtree(folder / "truth", ignore_errors=True)
-    made = {name: folder / "results" / name for name in (*PRODUCTS, *HANDED_OVER)}
+    made = {}
+    for name in (*PRODUCTS, *HANDED_OVER):
+        months = folder / "results" / name.removesuffix(".nc")
+        made[name] = next(months.glob("*.nc")) if months.is_dir() else months.with_suffix(".nc")
     return made | {kind: folder for kind in KEPT}

@@ -247,11 +247,8 @@ def _reports(path: Path) -> None:
 
 def _config(path: Path) -> None:
     from airswing.config_file import load_config
-    from airswing.workflow import plan_run
-    from airswing.workflow.job import Job
-    from airswing.workflow.progress import Progress
 
-    plan_run(Job(load_config(path), Progress(quiet=True)))
+    load_config(path)
 
 
 def _effects(path: Path) -> None:
@@ -290,10 +287,14 @@ def _product(
 ) -> str:
     output = folder / "out"
     output.mkdir()
+    (output / "headings").mkdir()
     for name in PRODUCTS:
-        shutil.copy(path if name == kind else seeds[name], output / name)
+        target = "headings/2009-01.nc" if name == "headings.nc" else name
+        shutil.copy(path if name == kind else seeds[name], output / target)
+        if name == kind:
+            damaged_file = output / target
     config = str(seeds["kept notes"] / "config.yaml")
-    ends = [command("inspect", str(output / kind))]
+    ends = [command("inspect", str(damaged_file))]
     stage = "fit" if kind == "headings.nc" and pick.random() < 0.3 else "correct"
     ends.append(command(stage, config, "--output", str(output), "--quiet"))
     _refusable(lambda: _known(output / "fits.nc"))
@@ -309,7 +310,9 @@ def _known(path: Path) -> None:
 @functools.cache
 def _truth(folder: Path) -> dict[str, Any]:
     """What undamaged kept work gives."""
-    with xr.open_dataset(folder / "results" / "headings.nc", engine="netcdf4") as ds:
+    from airswing.products.netcdf import open_product
+
+    with open_product(folder / "results" / "headings") as ds:
         return {str(name): ds[name].to_numpy() for name in ds.variables if name != "screening"}
 
 
@@ -319,16 +322,11 @@ def _kept(kind: str, pick: random.Random, seeds: dict[str, Path], folder: Path) 
         return _header_cache(run, pick, folder)
     output = folder / "results"
     shutil.copytree(run / "results", output)
-    patterns = {"kept samples": "*.npy", "kept reports": "reports/*", "kept notes": "headings.json"}
-    victim = pick.choice(sorted((output / ".collocated").glob(patterns[kind])))
+    victim = pick.choice(sorted((output / ".airswing").glob("*.json")))
     status = victim.stat()
     victim.write_bytes(mutated("kept", victim.read_bytes(), b"0123456789" * 9, pick))
     os.utime(victim, ns=(status.st_atime_ns, status.st_mtime_ns))
     content = yaml.safe_load((run / "config.yaml").read_text()) | {"output": str(output)}
-    if kind == "kept notes":
-        content["collocation"] = {"max_time_gap": pick.choice(("4 h", "5 h"))}
-    else:
-        (output / "headings.nc").unlink()
     (folder / "config.yaml").write_text(yaml.safe_dump(content))
     return _refusable(lambda: _resumed(folder / "config.yaml", _truth(run)))
 
@@ -339,7 +337,7 @@ def _resumed(config: Path, truth: dict[str, Any]) -> None:
     from airswing.workflow.job import Job
     from airswing.workflow.progress import Progress
 
-    headings = make_headings(Job(load_config(config), Progress(quiet=True), resume=True))
+    headings = make_headings(Job(load_config(config), Progress(quiet=True)))
     with headings:
         for name, values in truth.items():
             found = headings[name].to_numpy()
@@ -391,7 +389,7 @@ def _command(pick: random.Random, seeds: dict[str, Path], folder: Path) -> str:
     }
     config.write_text(yaml.safe_dump(content))
     words = ["inspect", str(path)] if pick.random() < 0.3 else ["collocate", str(config)]
-    words = ["run", str(path), "--plan", "--quiet"] if kind == "yaml" else words
+    words = ["evaluate", str(path), "--quiet"] if kind == "yaml" else words
     done = subprocess.run(
         [sys.executable, "-m", "airswing", *words],
         capture_output=True,
@@ -406,8 +404,7 @@ def _command(pick: random.Random, seeds: dict[str, Path], folder: Path) -> str:
     if done.returncode not in (0, 2) or "Traceback" in done.stderr:
         raise FoundError("traceback", done.stderr[-300:])
     _require_short(done.stderr)
-    product = folder / "out" / "headings.nc"
-    if product.exists():
+    for product in (folder / "out" / "headings").glob("*.nc"):
         with xr.open_dataset(product, engine="netcdf4") as ds:
             _require_possible(ds["reference_eastward_wind"], ds["reference_northward_wind"])
     return "refused" if done.returncode else "result"

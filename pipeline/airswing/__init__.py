@@ -37,7 +37,8 @@ if TYPE_CHECKING:  # for editors and mypy; at run time each is imported on first
     from airswing.gap.simulation.report_table import simulate_reports as simulate_reports
     from airswing.handover.export import export as export
     from airswing.handover.forecasts.correcting import correct_forecasts as correct_forecasts
-    from airswing.products.monthly import by_report as by_report
+    from airswing.products.netcdf import open_product as open_product
+    from airswing.products.netcdf import open_results as open_results
     from airswing.products.netcdf import read_product as read_product
     from airswing.products.netcdf import write_product as write_product
     from airswing.reference.catalogues import build_catalogue as build_catalogue
@@ -45,6 +46,7 @@ if TYPE_CHECKING:  # for editors and mypy; at run time each is imported on first
     from airswing.reference.fleet_wind import fleet_wind as fleet_wind
     from airswing.report.gap.in_notebook import diagnose as diagnose
     from airswing.reports.read import read_reports as read_reports
+    from airswing.workflow.main import run as run
 
 # The stages a notebook calls, and where each stands; imported on first use.
 _STAGES = {
@@ -68,7 +70,9 @@ _STAGES = {
     "export": "airswing.handover.export",
     "observation_errors": "airswing.evaluation.report_errors.observation_errors",
     "correct_forecasts": "airswing.handover.forecasts.correcting",
-    "by_report": "airswing.products.monthly",
+    "run": "airswing.workflow.main",
+    "open_product": "airswing.products.netcdf",
+    "open_results": "airswing.products.netcdf",
     "read_product": "airswing.products.netcdf",
     "write_product": "airswing.products.netcdf",
     "load_config": "airswing.config_file",

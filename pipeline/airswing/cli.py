@@ -19,6 +19,7 @@ from airswing.cli_options import (
     CheckOptions,
     ConfigPath,
     ExportOptions,
+    Fresh,
     GapOptions,
     Json,
     Output,
@@ -72,7 +73,7 @@ def _job(
     config: Path,
     *,
     output: Path | None = None,
-    resume: bool = False,
+    fresh: bool = False,
     quiet: bool = False,
     scheduler: str | None = None,
 ) -> Job:
@@ -84,7 +85,7 @@ def _job(
     if scheduler is not None:
         compute = loaded.compute.model_copy(update={"scheduler": scheduler})
         loaded = loaded.model_copy(update={"compute": compute})
-    return Job(loaded, Progress(quiet=quiet), resume)
+    return Job(loaded, Progress(quiet=quiet), fresh)
 
 
 def _inside(job: Job, stage: Callable[[Job], T]) -> T:
@@ -115,60 +116,29 @@ def _print(content: object, *, as_json: bool, text: str) -> None:
 def run(
     config: ConfigPath,
     output: Output = None,
-    resume: Resume = False,
+    fresh: Fresh = False,
+    resume: Resume = True,
     scheduler: Scheduler = None,
-    plan: Annotated[bool, typer.Option("--plan", help="Only say what it would cost.")] = False,
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
-    """Do the main job: every stage, every product, the page."""
+    """Do the main job: every stage, every product, the page.
+
+    Months whose reports, model files and settings are unchanged are kept: the same command goes on
+    with a run that was interrupted, and takes up files that are new.
+    """
     from airswing import workflow
-    from airswing.workflow import closing_summary as summary
-    from airswing.workflow import cost
+    from airswing.workflow.closing_summary import as_text
 
-    job = _job(config, output=output, resume=resume, quiet=quiet, scheduler=scheduler)
-    if plan:
-        planned = workflow.plan_run(job)
-        _print(planned, as_json=json, text=cost.as_text(planned))
-        return
-    result = _inside(job, workflow.run)
-    _print(result, as_json=json, text=summary.as_text(result, job.output))
-
-
-@app.command()
-def update(
-    config: ConfigPath,
-    output: Output = None,
-    scheduler: Scheduler = None,
-    quiet: Quiet = False,
-    json: Json = False,
-) -> None:
-    """Take up reports and model files that are new; products by month, all as of now."""
-    from airswing.workflow import closing_summary as summary
-    from airswing.workflow.update import update as take_up
-    from airswing.workflow.update.monitoring_stage import events_said
-
-    job = _job(config, output=output, quiet=quiet, scheduler=scheduler)
-    result = _inside(job, take_up)
-    text = f"{summary.as_text(result, job.output)}\n\n{result['watched']}"
-    _print(result, as_json=json, text=text)
-    events_said(job, result["events"])
-
-
-@app.command()
-def join(
-    months: Annotated[Path, typer.Argument(metavar="FOLDER", help="Such as results/headings.")],
-    output: Written,
-) -> None:
-    """Write the months of an update as one file, by aircraft, as `airswing run` does."""
-    from airswing.products.ragged_product import write_joined
-
-    print(write_joined(months, output))
+    job = _job(config, output=output, fresh=fresh, quiet=quiet, scheduler=scheduler)
+    summary = _inside(job, workflow.run_job).summary
+    _print(summary, as_json=json, text=as_text(summary, job.output))
+    workflow.events_said(job, summary.get("events", 0))
 
 
 @app.command()
 def collocate(config: ConfigPath, output: Output = None, quiet: Quiet = False) -> None:
-    """Bring model winds to the reports and derive heading errors: headings.nc.
+    """Bring model winds to the reports and derive heading errors: headings/YYYY-MM.nc.
 
     Where nothing can be screened or fitted the winds are there all the same.
     """
@@ -187,7 +157,7 @@ def collocate(config: ConfigPath, output: Output = None, quiet: Quiet = False) -
 
 @app.command()
 def fit(config: ConfigPath, output: Output = None, quiet: Quiet = False) -> None:
-    """Fit the deviation of every aircraft, from headings.nc: fits.nc, tables.csv."""
+    """Fit the deviation of every aircraft, from the headings: fits.nc, tables.csv."""
     from airswing import workflow
 
     job = _job(config, output=output, quiet=quiet)
@@ -197,7 +167,7 @@ def fit(config: ConfigPath, output: Output = None, quiet: Quiet = False) -> None
 
 @app.command()
 def correct(config: ConfigPath, output: Output = None, quiet: Quiet = False) -> None:
-    """Correct the archive, from headings.nc and fits.nc: corrected.nc."""
+    """Correct the archive, from the headings and fits.nc: corrected/YYYY-MM.nc."""
     from airswing import workflow
 
     job = _job(config, output=output, quiet=quiet)
@@ -207,7 +177,7 @@ def correct(config: ConfigPath, output: Output = None, quiet: Quiet = False) -> 
 
 @app.command()
 def evaluate(config: ConfigPath, output: Output = None, quiet: Quiet = False) -> None:
-    """Compute the field test, from headings.nc: field_test.json on standard output."""
+    """Compute the field test, from the headings: field_test.json on standard output."""
     from airswing import workflow
 
     job = _job(config, output=output, quiet=quiet)
@@ -216,7 +186,7 @@ def evaluate(config: ConfigPath, output: Output = None, quiet: Quiet = False) ->
 
 @app.command()
 def compare(config: ConfigPath, output: Output = None, quiet: Quiet = False) -> None:
-    """Show how the fits depend on the reference, from headings.nc: sensitivity.json."""
+    """Show how the fits depend on the reference, from the headings: sensitivity.json."""
     from airswing import workflow
 
     job = _job(config, output=output, quiet=quiet)
@@ -227,18 +197,18 @@ def compare(config: ConfigPath, output: Output = None, quiet: Quiet = False) -> 
 def monitor(
     config: ConfigPath, output: Output = None, quiet: Quiet = False, json: Json = False
 ) -> None:
-    """Watch the fleet, from headings.nc and fits.nc: what is new since the last time: events.json.
+    """Compare the fleet with what the last run knew, from the headings and fits.nc: events.json.
 
-    After `airswing run` or `airswing update`; each event is told once.
+    Each event is printed once; `airswing run` does the same.
     """
     from dataclasses import asdict
 
-    from airswing.workflow.update.monitoring_stage import events_said, make_monitoring
+    from airswing import workflow
 
     job = _job(config, output=output, quiet=quiet)
-    found = _alone(job, make_monitoring)
+    found = _alone(job, workflow.make_monitoring)
     _print(asdict(found), as_json=json, text=found.text)
-    events_said(job, len(found.events))
+    workflow.events_said(job, len(found.events))
 
 
 class _WithFormats(TyperCommand):
@@ -258,18 +228,19 @@ class _WithFormats(TyperCommand):
 @app.command(cls=_WithFormats)
 @takes(ExportOptions)
 def export(options: ExportOptions) -> None:
-    """Hand over corrected winds, from corrected.nc: to WRF, WRFDA, GSI or JEDI."""
+    """Hand over the corrected winds: to WRF, WRFDA, GSI or JEDI."""
     from airswing import workflow
     from airswing.config_file import with_handover
     from airswing.handover.export import as_text
     from airswing.handover.export import export as hand_over
+    from airswing.products.netcdf import product_path
 
     job = _job(options.config, quiet=options.quiet)
     asked = ("domain", "platform", "identifiers", "base", "start", "end")
     given = {name: getattr(options, name) for name in asked}
     with job.progress.stage("export") as stage:
         result = hand_over(
-            workflow.where_it_stands(job, workflow.CORRECTED),
+            product_path(job.output, workflow.CORRECTED),
             to=options.to,
             path=options.output,
             winds=options.winds,  # type: ignore[arg-type]
@@ -307,7 +278,6 @@ def gap(options: GapOptions) -> None:
     job = _job(
         options.config,
         output=options.output,
-        resume=options.resume,
         quiet=options.quiet,
         scheduler=options.scheduler,
     )

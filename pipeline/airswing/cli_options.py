@@ -35,7 +35,9 @@ Written = Annotated[
     Path,
     typer.Option("-o", "--output", help="File to write.", metavar="FILE", parser=_path),
 ]
-Resume = Annotated[bool, typer.Option("--resume", help="Keep finished work that still holds.")]
+Fresh = Annotated[bool, typer.Option("--fresh", help="Make every month anew.")]
+# What a run does anyway; accepted since scripts of earlier versions give it.
+Resume = Annotated[bool, typer.Option("--resume", hidden=True)]
 Scheduler = Annotated[
     str | None, typer.Option(help="Address of a dask scheduler.", metavar="ADDRESS")
 ]
@@ -88,7 +90,7 @@ class GapOptions:
 
     config: ConfigPath
     output: Output = None
-    resume: Resume = False
+    resume: Resume = True
     scheduler: Scheduler = None
     without: Annotated[
         list[str] | None,

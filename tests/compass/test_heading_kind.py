@@ -10,6 +10,7 @@ import yaml
 from airswing import workflow
 from airswing.compass.heading_kind import _taken_for
 from airswing.config_file import load_config
+from airswing.evaluation.results import Evaluation
 from airswing.products.netcdf import read_product
 from airswing.synthetic.sample.mode_s_sample import START, write_mode_s
 from airswing.synthetic.world.earthfield import EarthField
@@ -46,8 +47,8 @@ def archive(tmp_path_factory):
 @pytest.fixture
 def numbers_only(blank_cards, monkeypatch):
     """No cards, no evaluation and no page: what a run says comes before them."""
-    for name in ("make_evaluation", "make_page"):
-        monkeypatch.setattr(f"airswing.workflow.main.{name}", lambda *_: None)
+    monkeypatch.setattr("airswing.workflow.main.make_evaluation", lambda *_: Evaluation())
+    monkeypatch.setattr("airswing.workflow.main.make_page", lambda *_: None)
 
 
 def summary_of(folder: Path, table: Path, columns: dict) -> tuple[dict, Path]:
@@ -61,7 +62,7 @@ def summary_of(folder: Path, table: Path, columns: dict) -> tuple[dict, Path]:
     }
     path = folder / "config.yaml"
     path.write_text(yaml.safe_dump(config))
-    return workflow.run(workflow.Job(load_config(path), Progress(quiet=True))), output
+    return workflow.run_job(workflow.Job(load_config(path), Progress(quiet=True))).summary, output
 
 
 def test_headings_as_they_are_give_the_truth_and_no_warning(archive, numbers_only):
@@ -77,7 +78,7 @@ def test_headings_as_they_are_give_the_truth_and_no_warning(archive, numbers_onl
 
 
 def test_a_run_says_that_magnetic_headings_were_taken_for_true(archive, blank_cards, monkeypatch):
-    monkeypatch.setattr("airswing.workflow.main.make_evaluation", lambda *_: None)
+    monkeypatch.setattr("airswing.workflow.main.make_evaluation", lambda *_: Evaluation())
     wrong, output = summary_of(archive, archive / "mode_s.csv", {"heading": "heading_deg"})
     (line,) = [line for line in wrong["warnings"] if "declination" in line]
     assert "headings taken for true are magnetic" in line

@@ -16,7 +16,7 @@ from airswing.compass.table import add_tables
 from airswing.config import Config
 from airswing.config_file import load_config
 from airswing.evaluation.monitoring import add_changes, watch_compasses
-from airswing.workflow import ranking_stage as stages
+from airswing.workflow import evaluation_stage as stages
 from airswing.workflow.progress import Progress
 from tests.compass.flown import Setting
 from tests.evaluation.archives import fleet, with_change
@@ -86,7 +86,7 @@ def test_the_ranking_is_a_table_a_spreadsheet_reads(job, headings):
 def test_the_virtual_field_test_is_a_product_and_says_why_where_it_cannot_be(job, headings, fits):
     ranking = stages.make_ranking(job, headings, fits)
     found = stages.make_virtual(job, headings, fits, ranking)
-    assert found["later"]["learned_until"] == str(stages.later_date(headings))
+    assert found["later"]["learned_until"] == str(stages._later_date(headings))
     assert found["held_out"]["folds"] == stages.FOLDS
     assert abs(found["later"]["difference_kt"]) < 1.5
     assert json.loads((job.output / stages.VIRTUAL).read_text())["held_out"]["agree"]
@@ -95,7 +95,7 @@ def test_the_virtual_field_test_is_a_product_and_says_why_where_it_cannot_be(job
 
 
 def test_two_thirds_of_the_days_are_learned_from(headings):
-    assert stages.later_date(headings) == date(2008, 7, 27)
+    assert stages._later_date(headings) == date(2008, 7, 27)
 
 
 def test_the_watch_reads_what_stands_and_tells_once(tmp_path, headings, fits):
@@ -103,8 +103,8 @@ def test_the_watch_reads_what_stands_and_tells_once(tmp_path, headings, fits):
     from airswing.errors import InputError
     from airswing.evaluation.monitoring import read_events
     from airswing.products.netcdf import write_product
+    from airswing.workflow import make_monitoring
     from airswing.workflow.job import Job
-    from airswing.workflow.update.monitoring_stage import make_monitoring
 
     table = "aircraft,reference,heading_deg,table_correction_deg,standard_error_deg,sign\n"
     table += "".join(f"N001,ruc,{45 * k},12.5,0.2,subtract_error\n" for k in range(8))
@@ -119,23 +119,17 @@ output: {tmp_path}/out
     job = Job(load_config(config), Progress(quiet=True))
     told = {"config_json": "{}", "source_uuids": []}
     write_product(fits, job.output / "fits.nc", title="fits", **told)
-    for missing in ("board.csv", "headings.nc: no such product"):
+    for missing in ("board.csv", "headings.*: no such product"):
         with pytest.raises(InputError, match=missing):
             make_monitoring(job)
         (tmp_path / "board.csv").write_text(table)
-    write_product(headings, job.output / "headings.nc", title="headings", **told)
+    write_product(headings, job.output / "headings/2008-07.nc", title="headings", **told)
     assert not (job.output / "events.json").exists()
     found = make_monitoring(job)
     assert found == read_events(job.output / "events.json")
     assert found.differing == ["N001"] and "another table for: N001" in found.text
     assert (job.output / "report" / "monitoring.html").exists()
     assert make_monitoring(job).new_events == []
-    # by months: the same
-    month = job.output / "headings" / "2008-07.nc"
-    month.parent.mkdir()
-    (job.output / "headings.nc").rename(month)
-    by_month = make_monitoring(job)
-    assert by_month.states == found.states
 
 
 def test_after_a_change_the_table_is_of_the_reports_since_and_no_line_is_lost(tmp_path):
@@ -143,8 +137,8 @@ def test_after_a_change_the_table_is_of_the_reports_since_and_no_line_is_lost(tm
     from airswing.evaluation.monitoring.events import tables_differ
     from airswing.products.netcdf import write_product
     from airswing.products.ragged import some_reports
+    from airswing.workflow import events_said, make_monitoring
     from airswing.workflow.job import Job
-    from airswing.workflow.update.monitoring_stage import events_said, make_monitoring
 
     change = np.zeros((6, 5))
     change[2, 0] = 3.0
@@ -157,7 +151,7 @@ def test_after_a_change_the_table_is_of_the_reports_since_and_no_line_is_lost(tm
     job = Job(config, Progress(quiet=True))
     told = {"config_json": "{}", "source_uuids": []}
     write_product(straddling, job.output / "fits.nc", title="fits", **told)
-    write_product(headings, job.output / "headings.nc", title="headings", **told)
+    write_product(headings, job.output / "headings/2008-07.nc", title="headings", **told)
     found = make_monitoring(job)
     (event,) = found.new_events
     assert (event.kind, event.aircraft) == ("compass_changed", "N002")

@@ -37,14 +37,6 @@ def test_only_what_a_module_uses_counts(tmp_path, changed, counts):
     assert (first != second) is counts
 
 
-def test_the_collocation_does_not_depend_on_the_fit():
-    from airswing import workflow
-    from airswing.products.fingerprint import PACKAGE, _imported
-
-    assert "airswing.compass.triangle" not in _imported(PACKAGE / "compass/headings.py", "airswing")
-    assert code_digest(*workflow.COLLOCATING) != code_digest(*workflow.FITTING)
-
-
 def test_every_import_of_the_package_is_seen_as_python_sees_it():
     from airswing.products.fingerprint import PACKAGE, _imported, _source
 

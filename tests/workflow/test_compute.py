@@ -233,6 +233,7 @@ def test_the_remaining_time_is_that_of_this_stage_and_the_later_ones():
 def test_the_libraries_start_is_not_taken_for_the_pace_of_the_work():
     """Seven thousand reports read in a second, most of it imports: a run of 15 s in all."""
     from airswing.workflow.cost import stage_seconds
+
     from airswing.workflow.progress import StageRecord
 
     progress = Progress(quiet=True, expected=stage_seconds(7000, 4, {}))

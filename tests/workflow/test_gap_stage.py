@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 
 import numpy as np
 import pytest
@@ -14,9 +13,7 @@ from airswing.products.netcdf import read_product
 from airswing.reference.collocate import DERIVATIVES
 from airswing.synthetic.sample.sample_archive import write_archive
 from airswing.workflow import HEADINGS, Job, make_headings
-from airswing.workflow.gap_inputs import MARK
-from airswing.workflow.gap_stage import GAP_JSON, diagnosis, gap_headings
-from airswing.workflow.job import GAP_INPUTS
+from airswing.workflow.gap_stage import GAP_JSON, diagnosis
 from airswing.workflow.progress import Progress
 
 
@@ -48,7 +45,7 @@ def test_gap_json_and_headings_tell_of_the_same_headings(run, names_only, no_gap
     assert content.headings_uuid == headings.attrs["uuid"]
     written = json.loads((job.output / GAP_JSON).read_text())
     assert written["headings_uuid"] == headings.attrs["uuid"]
-    frame = Frame.from_headings(gap_headings(job), reference="ruc")
+    frame = Frame.from_headings(make_headings(job), reference="ruc")
     for field, name in (
         ("heading", "heading"),
         ("magnetic_heading", "magnetic_heading"),
@@ -66,34 +63,9 @@ def test_gap_json_and_headings_tell_of_the_same_headings(run, names_only, no_gap
         )
 
 
-def test_what_only_the_gap_needs_stands_beside_the_headings(run):
+def test_the_headings_hold_the_derivatives_the_gap_needs(run):
     _, job = run
-    headings, inputs = (read_product(job.output / name) for name in (HEADINGS, GAP_INPUTS))
-    assert not set(DERIVATIVES) & set(headings.variables)
-    assert set(DERIVATIVES) <= set(inputs.variables)
-    assert inputs.attrs[MARK] == headings.attrs[MARK] != ""
-    np.testing.assert_array_equal(inputs["row_size"], headings["row_size"])
+    headings = read_product(job.output / HEADINGS)
     known = np.isfinite(headings["reference_eastward_wind"].to_numpy())
     for name in DERIVATIVES:
-        assert np.isfinite(inputs[name].to_numpy()[known]).mean() > 0.9, name
-
-
-def test_another_screening_decodes_nothing_and_keeps_the_inputs(run):
-    path, _ = run
-    job = again(path)
-    before = read_product(job.output / GAP_INPUTS).attrs["uuid"]
-    strict = job.config.screening.model_copy(update={"max_turn": 0.05})
-    made = gap_headings(again(path, screening=strict))
-    assert (made["screening"] & 8 > 0).sum() > 0
-    assert read_product(job.output / GAP_INPUTS).attrs["uuid"] == before
-    gap_headings(job)
-
-
-def test_alone_it_makes_what_is_missing(run):
-    path, _ = run
-    job = again(path)
-    (job.output / GAP_INPUTS).unlink()
-    shutil.rmtree(job.store)
-    made = gap_headings(job)
-    assert decoded(job) > 0
-    assert set(DERIVATIVES) <= set(made.variables)
+        assert np.isfinite(headings[name].to_numpy()[known]).mean() > 0.9, name

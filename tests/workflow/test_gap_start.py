@@ -48,7 +48,7 @@ def job_of(config, output):
 def frame(gap_archive, collocated, tmp_path_factory):
     job = job_of(gap_archive, collocated(tmp_path_factory.mktemp("frame")))
     members = job.config.pools()[job.config.gap_reference()]
-    return job, Frame.from_headings(gap_stage.gap_headings(job), reference=members)
+    return job, Frame.from_headings(gap_stage.make_headings(job), reference=members)
 
 
 def never(job):
@@ -170,7 +170,7 @@ def test_bad_input_is_one_message_and_nothing_written(
     archive, tmp_path, option, content, message, monkeypatch, frame, capsys
 ):
     _, own = frame
-    monkeypatch.setattr(gap_stage, "gap_headings", lambda job: None)
+    monkeypatch.setattr(gap_stage, "make_headings", lambda job: None)
     monkeypatch.setattr(gap_stage, "_archive", lambda *a, **k: held_archive(own))
     file = tmp_path / ("bad.yaml" if option == "--known" else "bad.csv")
     if content is not None:

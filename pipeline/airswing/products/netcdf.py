@@ -49,8 +49,20 @@ DAMAGE = (
 """What the libraries raise on a file whose octets contradict each other."""
 # Octets a variable; the library's own 16 MiB are hundreds of megabytes a product.
 _CHUNK_CACHE = 2**20
-REPORTS_A_CHUNK = 65_536
-"""Few enough that one aircraft of ten million reports is read in well under a second."""
+REPORTS_A_CHUNK = 32_768
+"""Few enough that one aircraft's part of a month is read without much of the others'."""
+PRODUCTS = (
+    "headings",
+    "fits",
+    "corrected",
+    "error_profiles",
+    "observation_errors",
+    "innovation_statistics",
+    "gap",
+    "postprocessed",
+)
+"""NetCDF products of a run, as :func:`open_results` names them."""
+_MAKE = "Run the stage that makes it, or `airswing run`"
 STORED_STEP = {
     "reference_eastward_wind": 2.0**-10,
     "reference_northward_wind": 2.0**-10,
@@ -144,27 +156,22 @@ def as_stored(ds: xr.Dataset) -> xr.Dataset:
     Parameters
     ----------
     ds : Dataset
-        Every variable must be in the vocabulary.
+        Every variable must be in the vocabulary; dask-backed variables stay lazy.
     """
-    changed: dict[object, object] = {}
+    changed: dict[object, xr.Variable] = {}
     for name, variable in ds.variables.items():
         if name in ds.coords:
             continue
-        dtype, values = lookup(str(name), variable.dims).dtype, variable.to_numpy()
-        step, attrs = STORED_STEP.get(str(name), 0.0), variable.attrs
+        dtype, step = lookup(str(name), variable.dims).dtype, STORED_STEP.get(str(name), 0.0)
         if step:
-            stored = values * (1.0 / step)  # a power of two: nothing is lost
-            np.rint(stored, out=stored)
-            stored *= step
+            # a power of two: scaling loses nothing
+            values = np.rint(variable.data * (1.0 / step)) * step
             if name in DIRECTIONS:
-                stored %= 360.0  # what rounds up to a whole turn is north
-            changed[name] = (
-                variable.dims,
-                stored.astype(dtype, copy=False),
-                {**attrs, "stored_step": step},
-            )
+                values = values % 360.0  # what rounds up to a whole turn is north
+            attrs = {**variable.attrs, "stored_step": step}
+            changed[name] = xr.Variable(variable.dims, values.astype(dtype), attrs)
         elif dtype.startswith("f") and variable.dtype != dtype:
-            changed[name] = variable.dims, values.astype(dtype), attrs
+            changed[name] = variable.astype(dtype)
     return ds.assign(changed)
 
 
@@ -191,40 +198,126 @@ def provenance(
     }
 
 
-def read_product(path: Path, *, lazy: bool = False) -> xr.Dataset:
-    """Read a product that :func:`write_product` wrote, or a folder of its months as one.
+def open_product(path: str | Path) -> xr.Dataset:
+    """Open a product, or a folder of its months as one Dataset, lazily.
 
     Parameters
     ----------
-    lazy : bool, default False
-        Read a variable, or the part of it asked for, each time it is looked at, and keep nothing
-        (see :mod:`airswing.products.ragged`); else read everything and close the file.
+    path : str or path
+        A file such as ``results/fits.nc``, or a folder of months such as ``results/headings``.
+
+    Returns
+    -------
+    Dataset
+        A product of every report is dask-backed in chunks of whole aircraft, ordered by aircraft
+        and time, with ``row_size`` reports of each. Nothing is kept in memory of what is read.
 
     Raises
     ------
     InputError
-        If the product is absent or not a NetCDF file.
+        If the product is absent, damaged or not one of airswing.
     """
+    path = Path(path).expanduser()
+    files = sorted(path.glob("*.nc")) if path.is_dir() else [path]
+    if not files:
+        raise InputError("no month of a product in the folder", file=path, remedy=_MAKE)
+    opened = [_opened(file) for file in files]
+    ragged = ["report" in ds.dims and "row_size" in ds for ds in opened]
+    if not path.is_dir() and not ragged[0]:
+        return opened[0]
+    if not all(ragged):
+        raise InputError("not a folder of products by month", file=path, remedy=_MAKE)
+    try:
+        return joined_months(opened)
+    except ValueError as err:
+        raise InputError(str(err), file=path, remedy=_MAKE) from err
+
+
+def read_product(path: str | Path, *, lazy: bool = False) -> xr.Dataset:
+    """Read a product that :func:`write_product` wrote, or a folder of its months as one.
+
+    Parameters
+    ----------
+    path : str or path
+        As for :func:`open_product`.
+    lazy : bool, default False
+        As :func:`open_product`; else everything is read and the files are closed.
+
+    Raises
+    ------
+    InputError
+        If the product is absent, damaged or not one of airswing.
+    """
+    ds = open_product(path)
+    if lazy:
+        return ds
     path = Path(path)
-    if path.is_dir():
-        return _read_months(path, lazy=lazy)
-    if not path.exists():
+    try:
+        with ds:
+            return ds.load()
+    except DAMAGE as err:
         raise InputError(
-            "no such product", file=path, remedy="Run the stage that makes it, or `airswing run`"
-        )
+            "not a product airswing can read", file=path, found=err, remedy="Make it again"
+        ) from err
+
+
+def open_results(folder: str | Path) -> xr.DataTree:
+    """Open all NetCDF products of a run lazily.
+
+    Parameters
+    ----------
+    folder : str or path
+        Output folder of ``airswing run``.
+
+    Returns
+    -------
+    DataTree
+        One node a product that is there: ``headings``, ``fits``, ``corrected``,
+        ``error_profiles``, ``observation_errors``, ``innovation_statistics``, ``gap``,
+        ``postprocessed``.
+
+    Raises
+    ------
+    InputError
+        If the folder has none, or one of them is damaged.
+    """
+    folder = Path(folder).expanduser()
+    paths = {name: product_path(folder, name) for name in PRODUCTS}
+    found = {name: open_product(path) for name, path in paths.items() if path.exists()}
+    if not found:
+        raise InputError("no product in the folder", file=folder, remedy=_MAKE)
+    return xr.DataTree.from_dict(found)
+
+
+def product_path(folder: Path, name: str) -> Path:
+    """Path of a product of a run: the folder of its months, else the file.
+
+    Parameters
+    ----------
+    folder : Path
+        Output folder of the run.
+    name : str
+        Of the product without a suffix, as ``headings``.
+    """
+    months = Path(folder) / name
+    return months if months.is_dir() else months.with_suffix(".nc")
+
+
+def _opened(path: Path) -> xr.Dataset:
+    """One file, opened lazily and checked."""
+    if not path.exists():
+        raise InputError("no such product", file=path, remedy=_MAKE)
     limit_chunk_cache()
     try:
         require_whole(path)
         require_openable(path)
         ds = xr.open_dataset(path, engine="netcdf4", decode_timedelta=False, cache=False)
-        if not lazy:
-            with ds:
-                ds.load()
+        # Every product has one; a file of the same name may be another program's.
+        wrong = "" if "uuid" not in ds.attrs else _damage(ds)
     except DAMAGE as err:
         raise InputError(
             "not a product airswing can read", file=path, found=err, remedy="Make it again"
         ) from err
-    # Every product has one; a file of the same name may be another program's.
     if "uuid" not in ds.attrs:
         ds.close()
         raise InputError(
@@ -233,27 +326,10 @@ def read_product(path: Path, *, lazy: bool = False) -> xr.Dataset:
             found=ds.attrs.get("title"),
             remedy="Move it away and run the stage that makes it",
         )
-    wrong = _damage(ds)
     if wrong:
         ds.close()
         raise InputError("a damaged product", file=path, field=wrong, remedy="Make it again")
     return ds
-
-
-def _read_months(folder: Path, *, lazy: bool) -> xr.Dataset:
-    """A folder of months as one Dataset by aircraft, see :mod:`airswing.products.monthly`."""
-    months = [read_product(path, lazy=True) for path in sorted(folder.glob("*.nc"))]
-    if not months or any("report" not in month.dims for month in months):
-        raise InputError(
-            "not a folder of products by month", file=folder, remedy="Run `airswing update`"
-        )
-    try:
-        joined = joined_months(months)
-    except ValueError as err:
-        raise InputError(
-            str(err), file=folder, remedy="Run `airswing update`, which makes them alike"
-        ) from err
-    return joined if lazy else joined.load()
 
 
 def _damage(ds: xr.Dataset) -> str:

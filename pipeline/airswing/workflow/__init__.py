@@ -1,56 +1,58 @@
-"""The stages in order, each a function of the job and what the stage before made.
+"""What each command runs: the stages in order, each a function of the job.
 
-``main`` tells the whole job; ``collocating``, ``headings_stage``, ``fits``, ``evaluation_stage``
-and ``ranking_stage`` hold its stages, ``gap_stage`` those of the gap; ``job`` what they share.
+``months`` makes the headings month by month, ``fitting`` fits and corrects, ``evaluation_stage``
+and ``monitoring_stage`` judge, ``main`` does all of it; ``gap_stage`` holds the stages of the gap.
 """
 
 from airswing.workflow.evaluation_stage import (
     make_evaluation,
     make_field_test,
+    make_observation_errors,
     make_profiles,
+    make_ranking,
     make_sensitivity,
+    make_stability,
+    make_virtual,
 )
-from airswing.workflow.fits import make_corrected, make_fits
-from airswing.workflow.headings_stage import make_headings, plan_run
+from airswing.workflow.fitting import make_corrected, make_fits
 from airswing.workflow.job import (
-    COLLOCATING,
     CORRECTED,
     FIELD_TEST,
     FITS,
-    FITTING,
     HEADINGS,
     PROFILES,
     SENSITIVITY,
     Job,
     main_reference,
-    where_it_stands,
 )
-from airswing.workflow.main import make_page, run
-from airswing.workflow.ranking_stage import make_ranking, make_stability, make_virtual
+from airswing.workflow.main import Results, make_page, run, run_job
+from airswing.workflow.monitoring_stage import events_said, make_monitoring
+from airswing.workflow.months import make_headings
 
 __all__ = [
-    "COLLOCATING",
     "CORRECTED",
     "FIELD_TEST",
     "FITS",
-    "FITTING",
     "HEADINGS",
     "PROFILES",
     "SENSITIVITY",
     "Job",
+    "Results",
+    "events_said",
     "main_reference",
     "make_corrected",
     "make_evaluation",
     "make_field_test",
     "make_fits",
     "make_headings",
+    "make_monitoring",
+    "make_observation_errors",
     "make_page",
     "make_profiles",
     "make_ranking",
     "make_sensitivity",
     "make_stability",
     "make_virtual",
-    "plan_run",
     "run",
-    "where_it_stands",
+    "run_job",
 ]

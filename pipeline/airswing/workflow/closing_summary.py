@@ -7,6 +7,7 @@ after; it is measured on the data the fit was made from (the field test holds da
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import NotRequired, TypedDict
 
@@ -48,12 +49,10 @@ class Summary(TypedDict):
     disagreement_kt: dict[str, float]
     warnings: list[str]
     fits: list[FitLine]
-    # of a run or an update that is over
     accounts: NotRequired[Accounts]
-    # months, watched, events: of an update alone (:func:`airswing.workflow.update.update`)
-    months: NotRequired[dict[str, list[str]]]
-    watched: NotRequired[str]
-    events: NotRequired[int]
+    months: dict[str, list[str]]  # those made by this run, and those kept
+    watched: NotRequired[str]  # lines on the events that are new
+    events: NotRequired[int]  # all there are
 
 
 def summarise(
@@ -85,6 +84,7 @@ def summarise(
             "kept": kept_reports(headings),
         },
         "aircraft": headings.sizes["aircraft"],
+        "months": json.loads(headings.attrs.get("months", "{}")),
         "status": {name: status.count(name) for name in STATUS},
         "disagreement_kt": {"before": apart.total.before, "after": apart.total.after},
         "warnings": [
@@ -133,6 +133,7 @@ def as_text(summary: Summary, output: Path) -> str:
         "* degrees, with 95 % intervals",
     ]
     lines += ["", *summary.get("warnings", [])] if summary.get("warnings") else []
+    lines += ["", summary["watched"]] if summary.get("watched") else []
     lines += [
         "",
         f"mean wind vector disagreement of the corrected reports: {change['before']:.2f} kt "

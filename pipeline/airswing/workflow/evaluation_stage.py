@@ -1,36 +1,52 @@
-"""What judges the corrections: profiles, the field test, the dependence on the reference.
+"""What judges the corrections, one function a product.
 
-Takes the products and writes ``error_profiles.nc``, ``field_test.json`` and ``sensitivity.json``.
+Each takes the products of the run, calls one function of :mod:`airswing.evaluation` and writes what
+it gives: ``error_profiles.nc``, ``observation_errors.nc``, ``stability.json``, ``ranking.csv``,
+``virtual_field_test.json``, ``field_test.json`` and ``sensitivity.json``.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import csv
+import io
+import math
+from collections.abc import Callable, Sequence
+from datetime import date
+from typing import TYPE_CHECKING, Literal, TypeVar
 
 import xarray as xr
 
-from airswing.config import FieldTest
-from airswing.errors import ConfigError
+from airswing.errors import ConfigError, InputError
 from airswing.evaluation.results import Evaluation
 from airswing.products.findings import findings
-from airswing.products.netcdf import write_product
-from airswing.products.whole_files import write_json
+from airswing.products.ragged import time_span
+from airswing.products.whole_files import write_json, write_text
 from airswing.workflow.job import (
     FIELD_TEST,
     HEADINGS,
+    INNOVATIONS,
     OBSERVATION_ERRORS,
     PROFILES,
+    RANKING,
     SENSITIVITY,
+    STABILITY,
+    VIRTUAL,
     Job,
     main_reference,
     ready,
 )
-from airswing.workflow.ranking_stage import make_ranking, make_stability, make_virtual
-
-INNOVATIONS = "innovation_statistics.nc"
+from airswing.workflow.monitoring_stage import make_monitoring
 
 if TYPE_CHECKING:
     from airswing.evaluation.results import Content
+
+Found = TypeVar("Found")
+FOLDS = 5
+"""Parts of the flights of which each is held out once: each fit still has four fifths of them."""
+_LEARNED_SHARE = 2.0 / 3.0
+"""Share of the days a correction is learned from where no field test gives a date."""
+_MOST_DAYS_BY_MONTH = 400
+"""Days of the longest archive whose stability is shown by month; longer ones go by quarter."""
 
 
 def make_evaluation(
@@ -38,37 +54,43 @@ def make_evaluation(
 ) -> Evaluation:
     """Everything that judges the corrections, as far as the configuration allows it.
 
+    Parameters
+    ----------
+    job : Job
+    headings, fits, corrected : Dataset
+        Products of the run.
+
     Returns
     -------
     Evaluation
-        ``field_test`` and ``sensitivity`` where there are groups and more than one reference.
+        With a field test where the configuration has one, and with a comparison of references
+        where there are two or more.
     """
-    config = job.config
+    ranking = make_ranking(job, headings, fits)
     return Evaluation(
         profiles=make_profiles(job, headings, corrected),
         innovations=make_innovations(job, headings, corrected),
         observation_errors=make_observation_errors(job, headings, corrected),
         stability=make_stability(job, headings, fits),
-        # named here: the virtual field test below takes it up
-        ranking=(ranking := make_ranking(job, headings, fits)),
+        ranking=ranking,
         virtual=make_virtual(job, headings, fits, ranking),
-        field_test=None if config.field_test is None else make_field_test(job, headings),
-        sensitivity=make_sensitivity(job, headings) if len(config.references) > 1 else None,
+        field_test=None if job.config.field_test is None else make_field_test(job, headings),
+        sensitivity=make_sensitivity(job, headings) if len(job.config.references) > 1 else None,
+        monitoring=make_monitoring(job, headings, fits, corrected),
     )
 
 
 def make_profiles(job: Job, headings: xr.Dataset, corrected: xr.Dataset) -> xr.Dataset:
-    """Error profiles by phase of flight and level: ``error_profiles.nc``."""
+    """Wind errors by phase of flight and level: ``error_profiles.nc``."""
     from airswing.evaluation.error_profiles import error_profiles
 
     with job.progress.stage("profiles"):
         profiles = error_profiles(headings, corrected, pools=job.config.pools())
-        write_product(
+        job.write(
             profiles,
-            job.output / PROFILES,
+            PROFILES,
             title="Wind error by phase of flight and level, as reported and as corrected",
-            config_json=job.config.model_dump_json(),
-            source_uuids=[headings.attrs["uuid"], corrected.attrs["uuid"]],
+            sources=(headings, corrected),
         )
     return profiles
 
@@ -79,18 +101,17 @@ def make_innovations(job: Job, headings: xr.Dataset, corrected: xr.Dataset) -> x
 
     with job.progress.stage("innovations"):
         found = innovation_statistics(headings, corrected, pools=job.config.pools())
-        write_product(
+        job.write(
             found,
-            job.output / INNOVATIONS,
+            INNOVATIONS,
             title="Statistics of observation minus reference by aircraft, phase and level",
-            config_json=job.config.model_dump_json(),
-            source_uuids=[headings.attrs["uuid"], corrected.attrs["uuid"]],
+            sources=(headings, corrected),
         )
     return found
 
 
 def make_observation_errors(job: Job, headings: xr.Dataset, corrected: xr.Dataset) -> xr.Dataset:
-    """Error of the reports alone, by phase of flight and layer: ``observation_errors.nc``."""
+    """Errors of the reports alone by phase of flight and layer: ``observation_errors.nc``."""
     from airswing.evaluation.report_errors.observation_errors import observation_errors
 
     with job.progress.stage("observation errors") as stage:
@@ -101,49 +122,206 @@ def make_observation_errors(job: Job, headings: xr.Dataset, corrected: xr.Datase
             reference=main_reference(job.config),
             covariance=job.config.observation_errors.reference_covariance,
         )
-        write_product(
+        job.write(
             found,
-            job.output / OBSERVATION_ERRORS,
+            OBSERVATION_ERRORS,
             title="Standard error of a wind component of the reports alone",
-            config_json=job.config.model_dump_json(),
-            source_uuids=[headings.attrs["uuid"], corrected.attrs["uuid"]],
+            sources=(headings, corrected),
         )
         stage.note = found.attrs["believed"] or found.attrs["believed_because"]
     return found
 
 
-def make_field_test(
-    job: Job, headings: xr.Dataset | None = None, *, expected: Content | None = None
+def make_stability(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> Content:
+    """Fits by month (by quarter in long archives) and changes of compasses: ``stability.json``."""
+    from airswing.evaluation.monitoring import fit_by_window, noted_changes
+
+    config, reference = job.config, main_reference(job.config)
+    with job.progress.stage("stability") as stage:
+        first, last = (day.astype("datetime64[D]") for day in time_span(headings))
+        days = (last - first).astype(int)
+        window: Literal["month", "quarter"] = "month" if days <= _MOST_DAYS_BY_MONTH else "quarter"
+        windows = fit_by_window(
+            headings,
+            pools=config.pools(),
+            reference=reference,
+            window=window,
+            **config.fit.model_dump(),
+        )
+        changes = noted_changes(fits)
+        result: Content = {
+            "reference": reference,
+            "window": window,
+            "changes": changes,
+            "windows": windows,
+        }
+        write_json(job.output / STABILITY, result)
+        changed = [entry["aircraft"] for entry in changes if entry["changes"]]
+        stage.note = f"compass changed: {', '.join(changed) or 'none'}"
+    return result
+
+
+def make_ranking(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> list[Content]:
+    """Aircraft in the order of the gain expected of a correction: ``ranking.csv``."""
+    from airswing.evaluation.backtest.ranking import rank_aircraft
+
+    with job.progress.stage("ranking") as stage:
+        ranking = rank_aircraft(
+            headings, fits, pools=job.config.pools(), reference=main_reference(job.config)
+        )
+        write_text(job.output / RANKING, _ranking_table(ranking))
+        first = ranking[0]
+        if first["expected_gain_kt"] is not None:
+            stage.note = f"{first['aircraft']} would gain {first['expected_gain_kt']:.2f} kt"
+    return ranking
+
+
+def _ranking_table(ranking: Sequence[Content]) -> str:
+    titles = (
+        "rank",
+        "aircraft",
+        "status",
+        "reports",
+        "disagreement_kt",
+        "expected_gain_kt",
+        "expected_gain_low_kt",
+        "expected_gain_high_kt",
+        "rank_low",
+        "rank_high",
+        "amplitude_deg",
+    )
+    text = io.StringIO()
+    writer = csv.DictWriter(text, titles, extrasaction="ignore", lineterminator="\n")
+    writer.writeheader()
+    for entry in ranking:
+        gain = entry.get("expected_gain_ci_kt") or (None, None)
+        place = entry.get("rank_ci") or (None, None)
+        row: dict[str, object] = {
+            **entry,
+            "expected_gain_low_kt": gain[0],
+            "expected_gain_high_kt": gain[1],
+            "rank_low": place[0],
+            "rank_high": place[1],
+        }
+        writer.writerow(
+            {
+                key: f"{value:.3f}" if isinstance(value, float) else value
+                for key, value in row.items()
+            }
+        )
+    return text.getvalue()
+
+
+def make_virtual(
+    job: Job, headings: xr.Dataset, fits: xr.Dataset, ranking: list[Content]
 ) -> Content:
+    """Corrections learned from one part and judged on another: ``virtual_field_test.json``.
+
+    ``later``: learned up to the start of the field test and applied to the aircraft that were not
+    corrected in it; without a field test learned from the first two thirds of the days.
+    ``held_out``: cross-validation over flights. Where one of them cannot be computed it says why.
+    """
+    from airswing.evaluation.backtest.crossvalidation import cross_validate
+    from airswing.evaluation.backtest.virtual_field_test import virtual_field_test
+
+    config, test = job.config, job.config.field_test
+    pools, reference = config.pools(), main_reference(config)
+    resolution, fit = math.degrees(config.table.resolution), config.fit.model_dump()
+    names = headings["aircraft"].to_numpy().astype(str)
+    uncorrected = (
+        None if test is None else [str(name) for name in names if name not in test.corrected]
+    )
+    with job.progress.stage("virtual field test") as stage:
+        result: Content = {
+            "later": _tried(
+                lambda: virtual_field_test(
+                    headings,
+                    learned_until=_later_date(headings) if test is None else test.start,
+                    pools=pools,
+                    reference=reference,
+                    corrected=uncorrected,
+                    resolution=resolution,
+                    **fit,
+                )
+            ),
+            "held_out": _tried(
+                lambda: cross_validate(
+                    headings,
+                    pools=pools,
+                    reference=reference,
+                    folds=FOLDS,
+                    whole=(fits, ranking),
+                    resolution=resolution,
+                    **fit,
+                )
+            ),
+        }
+        write_json(job.output / VIRTUAL, result)
+        gains = [
+            f"{words} {part['predicted_gain_kt']:.2f} kt predicted, "
+            f"{part['realised_gain_kt']:.2f} realised"
+            for words, part in (("later", result["later"]), ("held out", result["held_out"]))
+            if "why" not in part and part["realised_gain_kt"] is not None
+        ]
+        stage.note = "; ".join(gains) or "too few reports"
+    return result
+
+
+def _later_date(headings: xr.Dataset) -> date:
+    first, last = (day.astype("datetime64[D]").astype(object) for day in time_span(headings))
+    found: date = first + (last - first) * _LEARNED_SHARE
+    return found
+
+
+def _tried(make: Callable[[], Found]) -> Found | Content:
+    try:
+        return make()
+    except InputError as err:
+        return {"why": str(err)}
+
+
+def make_field_test(job: Job, headings: xr.Dataset | None = None) -> Content:
     """The field test of the configuration: ``field_test.json``.
 
     Parameters
     ----------
+    job : Job
     headings : Dataset, optional
         Read from the output folder when not given.
-    expected : Content, optional
-        Of :func:`expected_reduction`, where ``headings`` is of the test's own dates alone.
+
+    Returns
+    -------
+    Content
+        With the reduction that the fits to the reports before the test predict.
 
     Raises
     ------
     ConfigError
         If the configuration has no ``field_test``.
     """
+    from airswing.evaluation.backtest.virtual_field_test import predicted_reduction
     from airswing.evaluation.field_test import field_test
 
-    config, test = job.config, asked_field_test(job)
+    config, test = job.config, job.config.field_test
+    if test is None:
+        raise ConfigError(
+            "there is no field test to evaluate",
+            field="field_test",
+            remedy="Add field_test with start, before_start, corrected and controls",
+        )
+    pools, reference = config.pools(), main_reference(config)
     with job.progress.stage("field test") as stage:
         screened = ready(job, headings, HEADINGS)
-        found = field_test(
+        found = field_test(screened, pools=pools, reference=reference, **test.model_dump())
+        expected = predicted_reduction(
             screened,
-            pools=config.pools(),
-            reference=main_reference(config),
-            **test.model_dump(),
+            start=test.start,
+            corrected=test.corrected,
+            pools=pools,
+            reference=reference,
+            **config.fit.model_dump(),
         )
-        # an update hands it in: its headings begin with the test, and the fits are of what was
-        # before
-        told = expected_reduction(job, screened) if expected is None else expected
-        content: Content = {**found, **told}
+        content: Content = {**found, **expected}
         result = findings(content)
         write_json(job.output / FIELD_TEST, result)
         low, high = result["adjusted_reduction_ci_kt"]
@@ -153,51 +331,6 @@ def make_field_test(
     return result
 
 
-def asked_field_test(job: Job) -> FieldTest:
-    """The field test of the configuration.
-
-    Raises
-    ------
-    ConfigError
-        If it has none.
-    """
-    if job.config.field_test is None:
-        raise ConfigError(
-            "there is no field test to evaluate",
-            field="field_test",
-            remedy="Add field_test with start, before_start, corrected and controls",
-        )
-    return job.config.field_test
-
-
-def expected_reduction(job: Job, headings: xr.Dataset) -> Content:
-    """What the fits before the field test expected of it.
-
-    Parameters
-    ----------
-    job : Job
-        With a field test.
-    headings : Dataset
-        With all reports before its start.
-
-    Returns
-    -------
-    Expected
-        Of :func:`airswing.evaluation.backtest.virtual_field_test.predicted_reduction`.
-    """
-    from airswing.evaluation.backtest.virtual_field_test import predicted_reduction
-
-    config, test = job.config, asked_field_test(job)
-    return predicted_reduction(
-        headings,
-        start=test.start,
-        corrected=test.corrected,
-        pools=config.pools(),
-        reference=main_reference(config),
-        **config.fit.model_dump(),
-    )
-
-
 def make_sensitivity(
     job: Job, headings: xr.Dataset | None = None, *, intervals: bool = False
 ) -> Content:
@@ -205,25 +338,25 @@ def make_sensitivity(
 
     Parameters
     ----------
+    job : Job
     headings : Dataset, optional
         Read from the output folder when not given.
     intervals : bool, default False
-        Also say what hourly references would lose every three and six hours, which reads some of
-        their files again. With one reference this is all there is to say.
+        Also compute what hourly references lose where only every third or sixth hour is used, which
+        reads some of their files again. With one reference this is the whole result.
     """
     from airswing.evaluation.reference_comparison.sensitivity import compare
 
     config = job.config
-    found = ready(job, headings, HEADINGS)
-    costs = _interval_costs(job, found) if intervals else {}
+    screened = ready(job, headings, HEADINGS)
+    costs = _interval_costs(job, screened) if intervals else {}
     if costs and len(config.references) == 1:
-        # one reference has nothing to be compared with
         alone: Content = {"time_interval": costs}
         write_json(job.output / SENSITIVITY, alone)
         return alone
     with job.progress.stage("compare") as stage:
         result = compare(
-            found,
+            screened,
             pools=config.pools(),
             never_pool=config.never_pool,
             **config.fit.model_dump(),
@@ -241,13 +374,10 @@ def make_sensitivity(
 
 
 def _interval_costs(job: Job, headings: xr.Dataset) -> dict[str, list[Content]]:
-    """What hourly references would lose every three and six hours, and say so."""
     from airswing.evaluation.reference_comparison.time_interval import interval_cost
-    from airswing.workflow.collocating import catalogues
+    from airswing.workflow.months import catalogues
 
-    # a wind of the fleet itself has no files that could be read more seldom
-    own = [name for name, one in job.config.references.items() if one.engine != "fleet"]
-    models = catalogues(job, own)
+    models = catalogues(job)
     with job.progress.stage("time interval") as stage:
         costs = {name: interval_cost(headings, model) for name, model in models.items()}
         found = {name: rows for name, rows in costs.items() if rows}

@@ -1,8 +1,7 @@
 """The stages of the gap, in order: simulate the reports, diagnose where and why the real ones part.
 
-Assumes the configuration of the main job, and works on its products: ``headings.nc`` and, beside
-it, the derivatives of the reference wind (:mod:`airswing.workflow.gap_inputs`). Where they still
-hold they are read as they stand; where not they are made, as the main job makes them.
+Assumes the configuration of the main job, and works on its headings; months of them that are not
+there, or whose inputs changed, are made as the main job makes them.
 """
 
 from __future__ import annotations
@@ -19,9 +18,8 @@ from airswing.errors import InputError
 from airswing.products.netcdf import write_product
 from airswing.products.ragged import blocks, joined, some_reports
 from airswing.products.whole_files import write_json
-from airswing.workflow.gap_inputs import MARK
-from airswing.workflow.headings_stage import make_headings
-from airswing.workflow.job import GAP_INPUTS, HEADINGS, Job, ready, where_it_stands
+from airswing.workflow.job import Job
+from airswing.workflow.months import make_headings
 
 if TYPE_CHECKING:
     from airswing.gap.checks.refit_claims import Adjustment
@@ -30,28 +28,6 @@ if TYPE_CHECKING:
     from airswing.gap.sums.whole_archive import Archive
 
 GAP_JSON, GAP_PRODUCT, GAP_EFFECTS = "gap.json", "gap.nc", "effects.yaml"
-
-
-def gap_headings(job: Job) -> xr.Dataset:
-    """Screened headings with the derivatives of the reference wind.
-
-    Returns
-    -------
-    Dataset
-        ``headings.nc`` with ``gap_inputs.nc``, read lazily; made where they do not hold. Those of
-        all months where an update made them.
-    """
-    by_month = where_it_stands(job, HEADINGS).is_dir()
-    headings = ready(job, None, HEADINGS) if by_month else make_headings(replace(job, resume=True))
-    inputs = ready(job, None, GAP_INPUTS)
-    # both products are by report and have no key but their order
-    if inputs.attrs.get(MARK) != headings.attrs.get(MARK):
-        raise InputError(
-            "the derivatives of the model winds are not of these headings",
-            file=GAP_INPUTS,
-            remedy="Remove both products, then run again",
-        )
-    return headings.assign(inputs.drop_vars("row_size").data_vars)
 
 
 def simulation(job: Job, effects: Path | None, output: Path, *, seed: int = 0) -> Path:
@@ -69,7 +45,7 @@ def simulation(job: Job, effects: Path | None, output: Path, *, seed: int = 0) -
 
     output = report_path(output)  # before an archive is read for nothing
     active = read_effects(effects) if effects is not None else []
-    headings = gap_headings(job)
+    headings = make_headings(job)
     members = job.config.pools()[job.config.gap_reference()]
     with job.progress.stage("simulate") as stage:
         table = simulate_reports(headings, reference=members, effects=active, seed=seed)
@@ -116,7 +92,7 @@ def diagnosis(
     config = job.config
     # before anything is read: a mistyped file must not cost the hour that headings may take
     asked = read_start(job, known=known, simulated=simulated)
-    headings = gap_headings(job)
+    headings = make_headings(job)
     with job.progress.stage("read") as stage:
         archive = _archive(job, headings, held=bool(asked.known or asked.simulated))
         stage.note = f"{archive.reports:,} reports, {archive.view.size:,} held in memory"
@@ -161,7 +137,7 @@ def _effects_of_archive(job: Job) -> list[ActiveEffect]:
     from airswing.gap.diagnose import diagnose
     from airswing.gap.result.effect_entries import active_effects
 
-    archive = _archive(job, gap_headings(job), held=False)
+    archive = _archive(job, make_headings(job), held=False)
     with job.progress.stage("diagnose the simulation") as stage:
         found = active_effects(diagnose(archive, progress=stage.tell).report)
         stage.note = f"{len(found)} effects"

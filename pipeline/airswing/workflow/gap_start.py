@@ -232,4 +232,4 @@ def job_of_simulation(job: Job, simulated: str, reports: Reports) -> Job:
     config = job.config.model_copy(update={"reports": reports, "output": output})
     if Path(simulated).suffix in {".yaml", ".yml"}:
         config = load_config(Path(simulated), output=output)
-    return replace(job, config=config, resume=False)
+    return replace(job, config=config, fresh=True)

@@ -1,36 +1,131 @@
-"""The main job as a person would tell it: every stage in order, every product, the page.
+"""The main job: every stage in order, every product, the page.
 
-reports -> collocate -> headings -> screen -> fit -> table -> correct -> evaluate -> page.
+By month reports -> collocate -> headings -> screen; then fit -> table -> correct -> evaluate ->
+page.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import xarray as xr
 
+from airswing.config import Config
 from airswing.evaluation.results import Evaluation
 from airswing.products.workspace import workspace
 from airswing.workflow.evaluation_stage import make_evaluation
-from airswing.workflow.fits import make_corrected, make_fits
-from airswing.workflow.headings_stage import make_headings
+from airswing.workflow.fitting import make_corrected, make_fits
 from airswing.workflow.job import Job
+from airswing.workflow.months import make_headings
+from airswing.workflow.progress import Progress
 
 if TYPE_CHECKING:
     from airswing.workflow.closing_summary import Summary
 
 
-def run(job: Job) -> Summary:
+@dataclass(frozen=True, repr=False)
+class Results:
+    """Products of a run.
+
+    Attributes
+    ----------
+    output : Path
+        Folder of the products.
+    headings, corrected : Dataset
+        Of every report, all months, lazy.
+    fits : Dataset
+        Deviations and tables of every aircraft.
+    evaluation : Evaluation
+        What judges the corrections.
+    summary : dict
+        What ``airswing run --json`` prints.
+    months : dict of str to list of str
+        Months ``made`` by this run and those ``kept`` of an earlier one.
+    """
+
+    output: Path
+    headings: xr.Dataset
+    fits: xr.Dataset
+    corrected: xr.Dataset
+    evaluation: Evaluation
+    summary: Summary
+
+    @property
+    def months(self) -> dict[str, list[str]]:
+        """Months made and kept."""
+        return self.summary["months"]
+
+    @property
+    def page(self) -> Path:
+        """The page that shows the results."""
+        return self.output / "report" / "index.html"
+
+    def __repr__(self) -> str:
+        reports, status = self.summary["reports"], self.summary["status"]
+        months = ", ".join(f"{len(names)} {what}" for what, names in self.months.items())
+        return "\n".join(
+            [
+                f"<Results in {self.output}>",
+                f"  reports: {reports['usable']:,} of {self.summary['aircraft']} aircraft, "
+                f"{reports['kept']:,} kept for the fit",
+                f"  months: {months}",
+                f"  fits against {self.summary['reference']}: {status['ok']} ok",
+                f"  page: {self.page}",
+            ]
+        )
+
+
+def run(
+    config: Config | str | Path,
+    *,
+    output: str | Path | None = None,
+    fresh: bool = False,
+    quiet: bool = True,
+    scheduler: str | None = None,
+) -> Results:
     """Do the main job: every stage, every product, the page.
+
+    Parameters
+    ----------
+    config : Config, str or path
+        A configuration, or the path of its file.
+    output : str or path, optional
+        Folder of the products, in place of the configuration's.
+    fresh : bool, default False
+        Make every month anew; else months whose inputs are unchanged are kept.
+    quiet : bool, default True
+        Show no progress on standard error.
+    scheduler : str, optional
+        Address of a dask scheduler.
 
     Returns
     -------
-    Summary
-        The closing summary (see :func:`airswing.workflow.closing_summary.summarise`), and as
-        ``accounts`` what each stage cost (see
-        :meth:`airswing.workflow.progress.Progress.accounts`).
+    Results
+
+    Raises
+    ------
+    InputError
+        The configuration or the data cannot be used; the message says what to change.
     """
+    from airswing.config_file import load_config
+    from airswing.workflow.compute import scheduler as on_scheduler
+
+    if not isinstance(config, Config):
+        config = load_config(config)
+    if output is not None:
+        config = config.model_copy(update={"output": Path(output)})
+    if scheduler is not None:
+        compute = config.compute.model_copy(update={"scheduler": scheduler})
+        config = config.model_copy(update={"compute": compute})
+    job = Job(config, Progress(quiet=quiet), fresh)
+    with on_scheduler(config.compute, job.progress):
+        return run_job(job)
+
+
+def run_job(job: Job) -> Results:
+    """The main job on the scheduler that is in use; see :func:`run`."""
     from airswing.workflow.closing_summary import summarise
 
     with workspace(job.output):
@@ -39,10 +134,13 @@ def run(job: Job) -> Summary:
         corrected = make_corrected(job, headings, fits)
         summary = summarise(job.config, headings, fits, corrected)
         evaluation = make_evaluation(job, headings, fits, corrected)
+        if evaluation.monitoring is not None:
+            summary["events"] = len(evaluation.monitoring.events)
+            summary["watched"] = evaluation.monitoring.text
         make_page(job, headings, fits, corrected, summary, evaluation)
     job.progress.say(job.progress.accounts_text())
     summary["accounts"] = job.progress.accounts()
-    return summary
+    return Results(job.output, headings, fits, corrected, evaluation, summary)
 
 
 def make_page(
@@ -53,14 +151,17 @@ def make_page(
     summary: Summary,
     evaluation: Evaluation,
 ) -> Path:
-    """The page a person opens first: ``report/index.html``.
+    """The page of the results: ``report/index.html``.
 
     Parameters
     ----------
+    job : Job
+    headings, fits, corrected : Dataset
+        Products of the run.
     summary : Summary
         Of :func:`airswing.workflow.closing_summary.summarise`.
     evaluation : Evaluation
-        Of :func:`make_evaluation`.
+        Of :func:`~airswing.workflow.evaluation_stage.make_evaluation`.
     """
     from airswing.report.run.page import write_page
 

@@ -14,7 +14,7 @@ from airswing.config import Config, FlightLevelWinds, Postprocess
 from airswing.config_file import load_postprocess
 from airswing.errors import ConfigError
 from airswing.products.named_files import none_found
-from airswing.products.netcdf import read_product, write_product
+from airswing.products.netcdf import open_product, product_path, read_product, write_product
 from airswing.products.whole_files import require_writable
 from airswing.products.workspace import workspace
 from airswing.workflow.job import CORRECTED, HEADINGS, main_reference
@@ -132,10 +132,10 @@ def _flight_levels(section: FlightLevelWinds, whole: BaseModel) -> xr.Dataset:
             found=reference,
             remedy=f"Known: {', '.join(pools)}",
         )
-    with (
-        read_product(whole.output / HEADINGS, lazy=True) as headings,
-        read_product(whole.output / CORRECTED, lazy=True) as corrected,
-    ):
+    headings, corrected = (
+        open_product(product_path(whole.output, name)) for name in (HEADINGS, CORRECTED)
+    )
+    with headings, corrected:
         return flight_level_pairs(
             headings,
             corrected,

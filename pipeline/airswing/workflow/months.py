@@ -1,0 +1,590 @@
+"""Headings by month: the month is the unit of work of a run.
+
+A month (UTC) has the flights whose first report lies in it, whole: it is made from the reports of
+the month and `MARGIN` around it, read, collocated, screened and written as
+``headings/2008-07.nc``. What it was made from is noted: the reports (a hash of their rows, day by
+day, so that it does not matter in which files they came), the model files (path, size and time of
+change), the settings and the code. A month whose note still holds is kept: that is how a run that
+was killed goes on, and how new files are taken up.
+
+Assumptions
+-----------
+* A file that keeps its path, size and time of change keeps its content.
+* No flight lasts longer than `MARGIN`: a longer one is cut there.
+* Whether an aircraft's reported headings and airspeeds are used, and how finely its reports are
+  coded, is judged month by month.
+* A model file that is no longer there takes no wind away: a month is made anew for model files
+  that are new, not for those that are gone.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from airswing.errors import InputError
+from airswing.products.fingerprint import code_digest, fingerprint
+from airswing.products.monthly import FLIGHTS, month_bounds
+from airswing.products.netcdf import as_stored, open_product, read_product
+from airswing.products.ragged import blocks, joined
+from airswing.products.whole_files import write_json
+from airswing.report.run.reading_warnings import model_warnings, reading_warnings, tally, unread
+from airswing.workflow.job import CORRECTED, HEADINGS, Job
+
+if TYPE_CHECKING:
+    from airswing.reference.geometry.wind_profiles import Catalogue
+    from airswing.reports import Audit
+
+MARGIN = np.timedelta64(48, "h")
+"""Reports around a month that its flights may have."""
+_CHECKED_FIRST = 100_000
+"""Reports whose times and places are compared with the models before anything is decoded."""
+
+Identity = tuple[str, int, int]
+"""Path, size and time of change of a file."""
+Days = dict[int, tuple[int, int]]
+"""Reports and hash of their rows, by day since 1970."""
+
+
+def make_headings(job: Job) -> xr.Dataset:
+    """Reports, model winds, headings and screening of every month: ``headings/2008-07.nc``.
+
+    Months whose inputs are unchanged are kept, unless the job is fresh.
+
+    Returns
+    -------
+    Dataset
+        Of all months, lazy. Its attribute ``months`` (JSON) has those ``made`` and ``kept``. Where
+        screening left no report the months are there all the same: with the model's winds.
+
+    Raises
+    ------
+    InputError
+        No usable report, no usable model wind, or no overlap of the two.
+    """
+    with job.progress.stage("reports") as stage:
+        archive = ReportArchive(job)
+        stage.note = f"{archive.count:,} reports in {len(archive.files):,} files"
+        stage.octets = archive.bytes_read
+    for warning in reading_warnings(archive.audit.as_dict()):
+        job.progress.say(f"  {warning}")
+    models, settings, names = catalogues(job), _settings(job), archive.months()
+    months = [_Month(job, name, archive, models, settings) for name in names]
+    wanted = [month for month in months if not month.holds()]
+    if not any(month.has_winds() for month in months):
+        _require_overlap(job, archive, models)
+    made, lost = [], 0
+    for month in wanted:
+        if month.make():
+            made.append(month.name)
+        lost += month.lost
+        archive.release(month.name)
+    there = {month.name for month in months if not month.empty}
+    for path in (job.output / HEADINGS).glob("*.nc"):
+        if path.stem not in there:  # all its reports were withdrawn
+            for name in (HEADINGS, CORRECTED):
+                (job.output / name / path.name).unlink(missing_ok=True)
+    archive.keep_notes()
+    if lost:
+        job.progress.say(
+            f"  model files that vanished or changed before they were read: {lost:,}; their "
+            "reports have no wind, the next run reads them again"
+        )
+    kept = [month.name for month in months if month not in wanted]
+    job.progress.say(f"months made: {_listed(made)}; kept: {_listed(kept)}")
+    headings = open_product(job.output / HEADINGS)
+    audit = archive.audit_of(headings)
+    headings.attrs["reading_audit"] = audit.as_json()
+    headings.attrs["months"] = json.dumps({"made": made, "kept": kept})
+    return headings
+
+
+def _listed(months: Sequence[str]) -> str:
+    if not months:
+        return "none"
+    return ", ".join(months) if len(months) < 5 else f"{len(months)}, {months[0]} to {months[-1]}"
+
+
+def _settings(job: Job) -> dict[str, str]:
+    """Hashes of the settings and the code a month depends on, by what they concern."""
+    config = job.config
+    references = {
+        name: asked.model_dump(exclude={"files"}) for name, asked in config.references.items()
+    }
+    reports = config.reports.model_dump(exclude={"files"})
+    return {
+        "collocation": fingerprint(
+            reports, references, config.collocation.model_dump(), code_digest(__name__)
+        ),
+        "screening": fingerprint(config.model_dump(include={"screening", "field_test"})),
+    }
+
+
+class ReportArchive:
+    """The report files of a configuration, cleaned, and the days that each has reports of.
+
+    Files that an earlier run has noted are read only where one of their reports is needed.
+
+    Attributes
+    ----------
+    files : dict of Identity to Days
+        Of every file that can be read.
+    audit : Audit
+        Of the reading of all files.
+    bytes_read : int
+        Size of the files read so far.
+    """
+
+    def __init__(self, job: Job) -> None:
+        from airswing.reports import Audit, expand
+        from airswing.reports.files import none_read, none_usable
+
+        self._asked = job.config.reports
+        self._note = job.notes / "reports.json"
+        self._key = fingerprint(
+            self._asked.model_dump(exclude={"files"}), code_digest("airswing.reports.read")
+        )
+        self._frames: dict[Identity, pd.DataFrame] = {}
+        self.files: dict[Identity, Days] = {}
+        self.audit, self.bytes_read = Audit(), 0
+        self._audits: dict[Identity, Audit] = {}
+        noted = self._noted()
+        errors = []
+        paths = expand(self._asked.files)
+        for path in paths:
+            status = path.stat() if path.exists() else path.lstat()
+            identity = (str(path), status.st_size, status.st_mtime_ns)
+            try:
+                if identity in noted:
+                    self.files[identity], self._audits[identity] = noted[identity]
+                else:
+                    self._read(identity)
+            except InputError as error:
+                if self._asked.on_bad_file == "fail":
+                    raise
+                errors.append(error)
+                self.audit.files_skipped.append({"file": str(path), "reason": str(error)})
+        if len(errors) == len(paths):
+            raise none_read(errors)
+        for part in self._audits.values():
+            self.audit.add(part)
+        if not self.audit.kept:
+            raise none_usable(self.audit)
+        self.keep_notes()
+
+    def _noted(self) -> dict[Identity, tuple[Days, Audit]]:
+        """What earlier runs noted of files; empty where nothing of it holds."""
+        from airswing.reports import Audit
+
+        content = read_note(self._note)
+        if content.get("key") != self._key:
+            return {}
+        return {
+            (entry["path"], entry["size"], entry["changed"]): (
+                {int(day): (count, mark) for day, (count, mark) in entry["days"].items()},
+                Audit.from_dict(entry["audit"]),
+            )
+            for entry in content["files"]
+        }
+
+    def keep_notes(self) -> None:
+        """Note the days of every file for the next run."""
+        files = [
+            {
+                "path": identity[0],
+                "size": identity[1],
+                "changed": identity[2],
+                "days": days,
+                "audit": self._audits[identity].as_dict(),
+            }
+            for identity, days in self.files.items()
+        ]
+        write_json(self._note, {"key": self._key, "files": files})
+
+    def _read(self, identity: Identity) -> pd.DataFrame:
+        from airswing.reports import read_file
+
+        frame, audit = read_file(
+            identity[0], format=self._asked.format, columns=self._asked.mapping
+        )
+        self.bytes_read += identity[1]
+        self.files[identity], self._audits[identity] = _days_of(frame), audit
+        self._frames[identity] = frame
+        return frame
+
+    @property
+    def count(self) -> int:
+        """Cleaned reports of all files, duplicates included."""
+        return sum(count for days in self.files.values() for count, _ in days.values())
+
+    def months(self) -> list[str]:
+        """Months with reports, as ``2008-07``, in order of time."""
+        days = sorted({day for days in self.files.values() for day in days})
+        known = np.unique(np.array(days, dtype="M8[D]").astype("M8[M]"))
+        return [str(month) for month in known]
+
+    def _days_around(self, month: str) -> tuple[int, int]:
+        start, stop = month_bounds(month)
+        window = np.array([start - MARGIN, stop + MARGIN]).astype("M8[D]").astype(np.int64)
+        return int(window[0]), int(window[1])
+
+    def mark(self, month: str) -> list[tuple[int, int, int]]:
+        """Day, reports and hash of their rows for the days around a month."""
+        first, stop = self._days_around(month)
+        found: dict[int, tuple[int, int]] = defaultdict(lambda: (0, 0))
+        for days in self.files.values():
+            for day, (count, mark) in days.items():
+                if first <= day < stop:
+                    before = found[day]
+                    found[day] = before[0] + count, (before[1] + mark) % 2**64
+        return [(day, *found[day]) for day in sorted(found)]
+
+    def around(self, month: str) -> list[pd.DataFrame]:
+        """Cleaned reports of the days around a month, one table a file."""
+        first, stop = self._days_around(month)
+        bounds = [np.datetime64(day, "D").astype("M8[ns]") for day in (first, stop)]
+        found = []
+        for identity, days in list(self.files.items()):
+            if not any(first <= day < stop for day in days):
+                continue
+            frame = self._frames.get(identity)
+            if frame is None:
+                frame = self._read(identity)
+            time = frame["time"].to_numpy()
+            inside = (time >= bounds[0]) & (time < bounds[1])
+            found.append(frame if inside.all() else frame.loc[inside])
+        return found
+
+    def release(self, month: str) -> None:
+        """Forget the reports of files that no month after this one needs."""
+        first, _ = self._days_around(str(np.datetime64(month, "M") + 1))
+        for identity in list(self._frames):
+            if max(self.files[identity], default=first) < first:
+                del self._frames[identity]
+
+    def places(self, most: int) -> xr.Dataset:
+        """Times and places of at most so many reports, evenly taken from all files."""
+        for identity in list(self.files):
+            if identity not in self._frames:
+                self._read(identity)
+        frames, step = list(self._frames.values()), max(1, self.count // most)
+        every = {
+            name: np.concatenate([frame[name].to_numpy() for frame in frames])[::step]
+            for name in ("time", "latitude", "longitude", "pressure")
+        }
+        return xr.Dataset({name: ("report", values) for name, values in every.items()})
+
+    def audit_of(self, headings: xr.Dataset) -> Audit:
+        """Counts of the reading of all files, and of what the assembly of the months left out."""
+        from airswing.reports import Audit
+        from airswing.reports.canonical.audit import similar
+
+        found, assembled = Audit(), Audit.from_dict(tally(headings, "reading_audit"))
+        found.add(self.audit)
+        assembled.read = 0  # they were read once, and are counted with their files
+        found.add(assembled)
+        found.similar_tails = similar(map(str, headings["aircraft"].to_numpy()))
+        return found
+
+
+def _days_of(frame: pd.DataFrame) -> Days:
+    """Reports and hash of their rows by day; neither order nor file of the rows matters."""
+    day = frame["time"].to_numpy().astype("M8[D]").astype(np.int64)
+    marks = pd.util.hash_pandas_object(frame, index=False).to_numpy()
+    known, number = np.unique(day, return_inverse=True)
+    total = np.zeros(known.size, dtype=np.uint64)
+    np.add.at(total, number, marks)  # modulo 2^64
+    count = np.bincount(number, minlength=known.size)
+    return {
+        int(one): (int(size), int(mark))
+        for one, size, mark in zip(known, count, total, strict=True)
+    }
+
+
+def read_note(path: Path) -> dict[str, Any]:
+    """A JSON note of an earlier run; empty where there is none that is whole."""
+    try:
+        found = json.loads(path.read_text())
+    except (OSError, ValueError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def catalogues(job: Job) -> dict[str, Catalogue]:
+    """Catalogue the files of every reference that is read from files.
+
+    Returns
+    -------
+    dict of str to Catalogue
+    """
+    from airswing.reference.catalogues import build_catalogue
+
+    found = {}
+    with job.progress.stage("catalogue") as stage:
+        for name, asked in job.config.references.items():
+            if asked.engine == "fleet":
+                continue
+            found[name] = build_catalogue(
+                asked.files,
+                name=name,
+                lead=asked.lead,
+                member=asked.member,
+                on_bad_file=asked.on_bad_file,
+                engine=str(asked.engine),
+                naming=asked.naming(),
+            )
+        stage.note = ", ".join(
+            f"{name} {len(model):,} model times" for name, model in found.items()
+        )
+    for name, model in found.items():
+        for note in [*model_warnings(model.skipped), *model.notes]:
+            job.progress.say(f"  {name}: {note}")
+    return found
+
+
+def _files_between(model: Catalogue, start: np.datetime64, stop: np.datetime64) -> list[str]:
+    """Path, size and time of change of the files with valid times from one time to another."""
+    first, last = (int(when.astype("M8[ns]").astype(np.int64)) for when in (start, stop))
+    time = np.repeat(model.valid, np.diff(model.bounds))
+    inside = (time >= first) & (time <= last)
+    numbers = np.unique(np.concatenate([model.u["file"][inside], model.v["file"][inside]]))
+    files = (model.files[int(number)] for number in numbers)
+    return sorted(f"{one.path}|{one.size}|{one.mtime_ns}" for one in files)
+
+
+def _require_overlap(job: Job, archive: ReportArchive, models: Mapping[str, Catalogue]) -> None:
+    """Refuse reports and models that never meet, before hours of reading."""
+    from airswing.reference.overlap import require_overlap
+    from airswing.reference.planning import plan
+
+    if not models:
+        return
+    gap = job.config.collocation.max_time_gap
+    for most in (_CHECKED_FIRST, archive.count):
+        plans = plan(archive.places(most), models, max_time_gap=gap)
+        if all(one.matched for one in plans.values()):
+            return
+    require_overlap(plans)
+
+
+@dataclass(eq=False)
+class _Month:
+    """One month of a run."""
+
+    job: Job
+    name: str
+    archive: ReportArchive
+    models: Mapping[str, Catalogue]
+    settings: dict[str, str]
+    lost: int = 0  # model files that vanished while they were to be read
+    empty: bool = False  # no flight begins in the month
+    note: dict[str, Any] = field(init=False)
+
+    def __post_init__(self) -> None:
+        gap = np.timedelta64(round(self.job.config.collocation.max_time_gap), "s")
+        start, stop = month_bounds(self.name)
+        self.note = {
+            "reports": [list(entry) for entry in self.archive.mark(self.name)],
+            "models": {
+                name: _files_between(model, start - gap, stop + MARGIN + gap)
+                for name, model in self.models.items()
+            },
+            "settings": self.settings,
+        }
+
+    @property
+    def path(self) -> Path:
+        """The month's headings."""
+        return self.job.output / HEADINGS / f"{self.name}.nc"
+
+    @property
+    def _note_path(self) -> Path:
+        return self.job.notes / f"{self.name}.json"
+
+    def _before(self, *, screening: bool) -> dict[str, Any]:
+        """The note the month was made with, where it holds but for the screening; else empty."""
+        before = read_note(self._note_path)
+        same = before and all(
+            [
+                before["reports"] == self.note["reports"],
+                before["settings"]["collocation"] == self.settings["collocation"],
+                not screening or before["settings"] == self.settings,
+                all(
+                    set(self.note["models"][n]) <= set(before["models"].get(n, ()))
+                    for n in self.models
+                ),
+            ]
+        )
+        return before if same else {}
+
+    def _readable(self, uuid: str) -> bool:
+        """Whether the month's headings are there, whole, and those that were noted."""
+        if not self.path.exists():
+            return False
+        try:
+            with open_product(self.path) as found:
+                return bool(found.attrs["uuid"] == uuid)
+        except InputError:
+            self.job.progress.say(f"{self.path.name}: not a product that can be read, made again")
+            return False
+
+    def holds(self) -> bool:
+        """Whether what an earlier run made of the month is still what this one would make."""
+        before = {} if self.job.fresh else self._before(screening=True)
+        if not before:
+            return False
+        self.empty = not before["product"]
+        return self.empty or self._readable(before["product"])
+
+    def has_winds(self) -> bool:
+        """Whether an earlier run brought the model winds to the month's reports."""
+        before = {} if self.job.fresh else self._before(screening=False)
+        return bool(before) and self._readable(before["product"])
+
+    def make(self) -> bool:
+        """Make the month's headings; False where no flight begins in it."""
+        if self.has_winds():
+            self.job.progress.say(f"{self.name}: model winds kept, screened anew")
+            self.note["models"] = self._before(screening=False)["models"]
+            self._write(read_product(self.path).drop_vars("screening"))
+            return True
+        headings = self._collocated()
+        if headings is None:
+            self.empty = True
+            self._keep_note("")
+            return False
+        self._write(headings)
+        return True
+
+    def _keep_note(self, product: str) -> None:
+        # a run whose model files were lost on the way is not to be kept by the next
+        if not self.lost:
+            write_json(self._note_path, {**self.note, "product": product})
+
+    def _write(self, headings: xr.Dataset) -> None:
+        """Screen, write and note the month."""
+        with self.job.progress.stage(f"headings {self.name}") as stage:
+            headings = _screened(self.job, headings)
+            stage.reports = headings.sizes["report"]
+            stage.note = f"{headings.attrs['kept_reports']:,} of {stage.reports:,} reports kept"
+            self._note_path.unlink(missing_ok=True)
+            self.job.write(
+                headings,
+                f"{HEADINGS}/{self.name}.nc",
+                title="Heading errors of aircraft reports against model winds",
+            )
+            with open_product(self.path) as written:
+                self._keep_note(str(written.attrs["uuid"]))
+
+    def _collocated(self) -> xr.Dataset | None:
+        """Reports of the month with model winds and headings; None without any."""
+        from airswing.compass.headings import derive_headings
+        from airswing.compass.reported_motion import sum_of_accounts
+        from airswing.reports import Audit, assemble
+
+        parts = self.archive.around(self.name)
+        audit = Audit(read=sum(map(len, parts)))
+        reports = assemble(
+            parts,
+            interval=self.job.config.reports.interval,
+            begins=month_bounds(self.name),
+            audit=audit,
+        )
+        if not reports.sizes["report"]:
+            return None
+        winds, audits = self._winds(reports)
+        found, evidence, start = [], [], 0
+        for block in blocks(reports):
+            rows = slice(start, start + block.sizes["report"])
+            start = rows.stop
+            own = derive_headings(block, winds.isel(report=rows))
+            found.append(as_stored(own))
+            evidence.append(json.loads(own.attrs["ground_vector_evidence"]))
+        headings = joined(found)
+        headings.attrs = {
+            "featureType": "trajectory",
+            "reading_audit": audit.as_json(),
+            "reference_audit": json.dumps(audits),
+            "ground_vector_evidence": json.dumps(sum_of_accounts(evidence)),
+            FLIGHTS: int(reports["flight"].max()) + 1,
+        }
+        return headings
+
+    def _winds(self, reports: xr.Dataset) -> tuple[xr.Dataset, dict[str, Any]]:
+        """Model winds at the reports, in memory, and counts of each reference."""
+        from airswing.reference.catalogues import build_catalogue
+        from airswing.reference.collocate import ACCOUNT, PROBLEMS, collocate
+        from airswing.reference.fleet_wind import fleet_wind
+        from airswing.reference.geometry.model_time import of_a_lost_file
+        from airswing.reference.planning import plan
+
+        asked = self.job.config.collocation
+        models = {
+            name: self.models[name]
+            if name in self.models
+            else build_catalogue(fleet_wind(reports), name=name)
+            for name in self.job.config.references
+        }
+        with self.job.progress.stage(f"collocate {self.name}") as stage:
+            plans = plan(
+                reports,
+                models,
+                max_time_gap=asked.max_time_gap,
+                derivatives=True,
+                sparse=asked.sparse,
+            )
+            stage.tasks = sum(one.model_times for one in plans.values())
+            winds = collocate(
+                reports,
+                models,
+                account=True,
+                max_time_gap=asked.max_time_gap,
+                sparse=asked.sparse,
+                derivatives=True,
+            ).compute()
+            stage.messages = int(winds["decoded_messages"].sum())
+            stage.octets = int(winds["decoded_bytes"].sum())
+            stage.decoding = float(winds["decoding_seconds"].sum())
+            stage.reports = max(one.matched for one in plans.values())
+            matched = ", ".join(f"{name} {one.matched:,}" for name, one in plans.items())
+            stage.note = f"reports within the model: {matched}"
+        problems = dict(zip(models, winds[PROBLEMS].to_numpy(), strict=True))
+        self.lost = len(
+            {file for met in problems.values() for _, file, why in met if of_a_lost_file(why)}
+        )
+        audits = {
+            name: plans[name].as_dict()
+            | {"notes": model.notes, "skipped": model.skipped}
+            | {"unread_messages": len(problems[name]), "unread": unread(problems[name])}
+            for name, model in models.items()
+        }
+        return winds.drop_vars([*ACCOUNT, PROBLEMS]), audits
+
+
+def _screened(job: Job, headings: xr.Dataset) -> xr.Dataset:
+    """Mark what the fit should not use."""
+    from airswing.compass.screening import audit, mark_corrected_units, screen
+
+    config, attrs = job.config, headings.attrs
+    headings = screen(headings, **config.screening.model_dump())
+    if config.field_test is not None:
+        test = config.field_test
+        headings = mark_corrected_units(
+            headings,
+            aircraft=test.corrected,
+            start=np.datetime64(test.start),
+            end=None if test.end is None else np.datetime64(test.end),
+        )
+    return headings.assign_attrs(
+        attrs,
+        kept_reports=int((headings["screening"] == 0).sum()),
+        screened_out=json.dumps(audit(headings)["together_total"].to_series().to_dict()),
+    )

@@ -1,0 +1,324 @@
+"""Months: what is new, late or corrected makes its months anew; the others are kept."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+from benchmarks import fault_drill, year
+from tests.forked import forked
+
+import airswing
+from airswing import workflow
+from airswing.config_file import load_config
+from airswing.errors import InputError
+from airswing.products import atomic
+from airswing.products.workspace import workspace
+from airswing.workflow.progress import Progress
+
+HOURS, REPORTS, AIRCRAFT = 24 * 66, 6_000, 4
+NEW = "N103"
+"""Reports in the last month alone."""
+JANUARY, FEBRUARY, MARCH = "2009-01", "2009-02", "2009-03"
+ALL = [JANUARY, FEBRUARY, MARCH]
+pytestmark = pytest.mark.usefixtures("blank_cards")
+
+
+@pytest.fixture(scope="module")
+def archive(tmp_path_factory) -> Path:
+    """January to early March, a file of reports a day and of the model every three hours."""
+    folder = tmp_path_factory.mktemp("archive")
+    year.write_fields(folder / "model", HOURS)
+    for number, path in enumerate(sorted((folder / "model").iterdir())):
+        if number % 3:
+            path.unlink()
+    year.write_reports(folder / "made", REPORTS, HOURS, AIRCRAFT)
+    table = pd.concat([pd.read_parquet(path) for path in (folder / "made").iterdir()])
+    table = table[(table["tail"] != NEW) | (table["time"] >= "2009-03-01")]
+    across = (table["tail"] == "N100") & (table["time"] >= "2009-01-31T20:00")
+    first = table[across]["time"].min()
+    # One flight begins in January and ends in February.
+    table.loc[across & (table["time"] < first + pd.Timedelta("1 h")), "time"] += (
+        pd.Timestamp("2009-01-31T23:45") - first
+    )
+    (folder / "days").mkdir()
+    for day, part in table.groupby(table["time"].dt.date):
+        part.to_parquet(folder / f"days/{day}.parquet", index=False)
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def emptied(archive) -> Iterator[None]:
+    """Every test begins without results and with all reports; the model is whole again after it."""
+    for name in ("reports", "results", "aside"):
+        shutil.rmtree(archive / name, ignore_errors=True)
+    (archive / "aside").mkdir()
+    shutil.copytree(archive / "days", archive / "reports")
+    yield
+    for path in (archive / "aside").iterdir():
+        path.rename(archive / "model" / path.name)
+
+
+@pytest.fixture(scope="module")
+def whole(archive) -> Path:
+    """Products of a run of all of it, never changed by a test."""
+    shutil.copytree(archive / "days", archive / "reports", dirs_exist_ok=True)
+    made(archive)
+    return (archive / "results").rename(archive / "whole")
+
+
+def job_of(folder: Path, *, fresh: bool = False, **changes) -> workflow.Job:
+    content = {
+        "reports": {"files": str(folder / "reports/*.parquet")},
+        "references": {"small": {"files": str(folder / "model/*.grb")}},
+        "output": str(folder / "results"),
+        "fit": {"harmonics": 1, "min_reports": 50},
+    }
+    path = folder / "config.json"
+    path.write_text(json.dumps(content | changes))
+    return workflow.Job(load_config(path), Progress(quiet=True), fresh)
+
+
+def made(folder: Path, **changes) -> list[str]:
+    """Headings, fits and corrected winds; the months of headings that were made."""
+    job = job_of(folder, **changes)
+    with workspace(job.output):
+        headings = workflow.make_headings(job)
+        workflow.make_corrected(job, headings, workflow.make_fits(job, headings))
+    months: dict[str, list[str]] = json.loads(headings.attrs["months"])
+    assert sorted(months["made"] + months["kept"]) == sorted(
+        path.stem for path in (folder / "results/corrected").glob("*.nc")
+    )
+    return months["made"]
+
+
+def kept_from(archive: Path, whole: Path) -> None:
+    """Begin with the products of the run of all."""
+    shutil.copytree(whole, archive / "results")
+
+
+def days(folder: Path, *patterns: str) -> list[Path]:
+    return [path for pattern in patterns for path in (folder / "reports").glob(pattern)]
+
+
+def test_months_made_night_by_night_are_what_one_run_gives(archive, whole):
+    later = {path.name: path.rename(archive / "aside" / path.name) for path in days(archive, "*")}
+
+    def add(first: str, last: str) -> None:
+        for name in sorted(later):
+            if first <= name[:10] < last:
+                later.pop(name).rename(archive / "reports" / name)
+
+    add("2009-01-01", "2009-02-10")
+    assert made(archive) == [JANUARY, FEBRUARY]
+    january = (archive / "results/headings/2009-01.nc").stat().st_mtime_ns
+    add("2009-02-10", "2009-02-26")
+    assert made(archive) == [FEBRUARY]
+    add("2009-02-26", "2009-03-05")
+    assert made(archive) == [FEBRUARY, MARCH]
+    add("2009-03-05", "2009-04-01")
+    assert made(archive) == [MARCH]
+    assert (archive / "results/headings/2009-01.nc").stat().st_mtime_ns == january
+    assert made(archive) == []
+    assert fault_drill.differences(whole, archive / "results") == []
+
+
+def test_a_flight_over_the_end_of_a_month_is_whole_in_the_month_it_began_in(whole):
+    january, february = (
+        airswing.open_product(whole / f"headings/{month}.nc") for month in (JANUARY, FEBRUARY)
+    )
+    assert january["time"].max() > np.datetime64("2009-02-01")
+    assert february["time"].min() > january["time"].max() - np.timedelta64(1, "D")
+    joined = airswing.open_product(whole / "headings")
+    assert joined.sizes["report"] == sum(
+        airswing.open_product(whole / f"headings/{month}.nc").sizes["report"] for month in ALL
+    )
+    for start, size in zip(
+        np.cumsum(joined["row_size"]) - joined["row_size"], joined["row_size"], strict=True
+    ):
+        own = slice(int(start), int(start + size))
+        assert (np.diff(joined["time"][own]) >= np.timedelta64(0)).all()
+        assert (np.diff(joined["flight"][own]) >= 0).all()
+
+
+@pytest.mark.parametrize("change", ["late", "corrected", "withdrawn"])
+def test_late_corrected_and_withdrawn_reports_make_their_month_anew(archive, whole, change):
+    kept_from(archive, whole)
+    (day,) = days(archive, "2009-02-12*")
+    table = pd.read_parquet(day)
+    if change == "late":
+        moved = table.iloc[:30].assign(time=table["time"].iloc[:30] + pd.Timedelta("20 min"))
+        moved.to_parquet(archive / "reports/late.parquet", index=False)
+    elif change == "corrected":
+        table.assign(wind_speed_kt=table["wind_speed_kt"] + 1).to_parquet(day, index=False)
+    else:
+        day.unlink()
+    assert made(archive) == [FEBRUARY]
+    assert made(archive) == []
+
+
+def test_the_same_reports_in_other_files_make_nothing_anew(archive, whole):
+    kept_from(archive, whole)
+    files = days(archive, "2009-02*")
+    pd.concat(map(pd.read_parquet, files)).to_parquet(archive / "reports/all.parquet", index=False)
+    for path in files:
+        path.unlink()
+    assert made(archive) == []
+
+
+def test_a_month_whose_reports_are_all_withdrawn_goes(archive, whole):
+    kept_from(archive, whole)
+    for path in days(archive, "2009-03*"):
+        path.unlink()
+    made(archive)
+    found = sorted(path.name for path in (archive / "results").rglob("*2009-*.nc"))
+    assert found == [f"{month}.nc" for month in (JANUARY, JANUARY, FEBRUARY, FEBRUARY)]
+
+
+def test_new_model_files_make_their_month_anew_and_those_that_went_away_do_not(archive, whole):
+    kept_from(archive, whole)
+    some = sorted((archive / "model").glob("200902*"))[40:60]
+    for path in some:
+        path.rename(archive / "aside" / path.name)
+    assert made(archive) == []
+    for path in some:
+        shutil.copy2(archive / "aside" / path.name, path)
+        os.utime(path)  # written anew: another time of change
+    assert made(archive) == [FEBRUARY]
+    for path in some:
+        path.unlink()
+
+
+def test_model_files_lost_while_they_are_read_are_read_by_the_next_run(
+    archive, whole, monkeypatch, capsys
+):
+    from airswing.reference import collocate
+
+    lost = sorted((archive / "model").glob("200902*"))[40:60]
+    find = collocate.collocate
+
+    def meanwhile(reports, *args, **options):
+        if reports["time"].min() > np.datetime64("2009-02-01"):
+            for path in lost:
+                if path.exists():
+                    path.rename(archive / "aside" / path.name)
+        return find(reports, *args, **options)
+
+    monkeypatch.setattr(collocate, "collocate", meanwhile)
+    job = job_of(archive)
+    with workspace(job.output):
+        holed = workflow.make_headings(workflow.Job(job.config, Progress()))
+    assert "model files that vanished or changed before they were read" in capsys.readouterr().err
+    whole_headings = airswing.open_product(whole / "headings")
+    missing = holed["reference_eastward_wind"].isnull().sum()
+    assert missing > whole_headings["reference_eastward_wind"].isnull().sum()
+    monkeypatch.undo()
+    for path in lost:
+        (archive / "aside" / path.name).rename(path)
+    assert FEBRUARY in made(archive)
+    assert fault_drill.differences(whole, archive / "results") == []
+
+
+@pytest.mark.parametrize(
+    ("changes", "again"),
+    [
+        ({"fit": {"harmonics": 2}}, []),
+        ({"screening": {"max_turn": "3 deg"}}, ALL),
+        ({"collocation": {"max_time_gap": "4 h"}}, ALL),
+        ({"fresh": True}, ALL),
+    ],
+)
+def test_settings_make_anew_what_depends_on_them(archive, whole, changes, again):
+    kept_from(archive, whole)
+    assert made(archive, **changes) == again
+
+
+def test_another_screening_reads_no_model_file(archive, whole):
+    kept_from(archive, whole)
+    strict = {"screening": {"max_turn": "3 deg"}}
+    job = job_of(archive, **strict)
+    workflow.make_headings(job)
+    assert not sum(record.messages for record in job.progress.records)
+    shutil.copytree(archive / "results", archive / "aside/screened")
+    workflow.make_headings(job_of(archive, fresh=True, **strict))
+    for name in ("headings",):
+        assert not fault_drill.differences(
+            archive / "aside/screened" / name, archive / "results" / name
+        )
+    shutil.rmtree(archive / "aside/screened")
+
+
+@pytest.mark.parametrize("share", [0.0, 0.999])
+@pytest.mark.parametrize(
+    "name", ["headings/2009-02.nc", ".airswing/reports.json", ".airswing/2009-02.json"]
+)
+def test_files_torn_by_a_loss_of_power_are_made_again(archive, whole, name, share):
+    kept_from(archive, whole)
+    path = archive / "results" / name
+    path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
+    assert made(archive) == ([] if "reports" in name else [FEBRUARY])
+    assert fault_drill.differences(whole, archive / "results") == []
+
+
+def end_before(folder: Path, name: str) -> None:
+    """Make the products, and end the process where a file is about to get its name."""
+    replace = os.replace
+
+    def replace_or_end(source: Path, target: Path) -> None:
+        if str(target).endswith(name):
+            os._exit(9)
+        replace(source, target)
+
+    atomic.os.replace = replace_or_end
+    made(folder)
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["reports.json", "headings/2009-02.nc", "2009-02.json", "fits.nc", "corrected/2009-01.nc"],
+)
+def test_a_run_ended_between_write_and_rename_goes_on(archive, whole, name):
+    process = forked(end_before, archive, name)
+    process.join(120)
+    assert process.exitcode == 9
+    assert [*(archive / "results").rglob("*.part")]
+    assert made(archive) == ALL[{"2": 1, "h": 1, "r": 0}.get(name[0], 3) :]
+    assert fault_drill.differences(whole, archive / "results") == []
+
+
+def test_a_folder_of_months_of_different_references_is_refused(archive, whole, tmp_path):
+    shutil.copytree(whole / "headings", tmp_path / "headings")
+    path = tmp_path / "headings/2009-02.nc"
+    other = airswing.read_product(path).assign_coords(reference=["other"])
+    airswing.write_product(other, path, title="other")
+    with pytest.raises(InputError, match="different variables or references"):
+        airswing.open_product(tmp_path / "headings")
+
+
+def test_all_products_open_as_one_tree(whole):
+    tree = airswing.open_results(whole)
+    assert set(tree.children) == {"headings", "fits", "corrected"}
+    assert tree["headings"]["heading"].chunks is not None
+    for name in ("headings", "corrected"):
+        opened, read = airswing.open_product(whole / name), airswing.read_product(whole / name)
+        xr.testing.assert_identical(opened.load(), read)
+
+
+def test_one_run_at_a_time_holds_a_folder(tmp_path):
+    with (
+        workspace(tmp_path / "out"),
+        pytest.raises(InputError, match="another run"),
+        workspace(tmp_path / "out"),
+    ):
+        pass
+    assert not (tmp_path / "out").exists()
+    (tmp_path / "out").write_text("a file")
+    with pytest.raises(InputError, match=r"out.*--output"), workspace(tmp_path / "out"):
+        pass
