@@ -41,11 +41,14 @@ if TYPE_CHECKING:  # for editors and mypy; at run time each is imported on first
     from airswing.products.netcdf import open_results as open_results
     from airswing.products.netcdf import read_product as read_product
     from airswing.products.netcdf import write_product as write_product
+    from airswing.products.ragged import aircraft_reports as aircraft_reports
     from airswing.reference.catalogues import build_catalogue as build_catalogue
     from airswing.reference.collocate import collocate as collocate
     from airswing.reference.fleet_wind import fleet_wind as fleet_wind
     from airswing.report.gap.in_notebook import diagnose as diagnose
     from airswing.reports.read import read_reports as read_reports
+    from airswing.synthetic.sample.mode_s_sample import write_mode_s as write_mode_s
+    from airswing.synthetic.sample.sample_archive import write_archive as write_archive
     from airswing.workflow.main import run as run
 
 # The stages a notebook calls, and where each stands; imported on first use.
@@ -76,6 +79,9 @@ _STAGES = {
     "read_product": "airswing.products.netcdf",
     "write_product": "airswing.products.netcdf",
     "load_config": "airswing.config_file",
+    "aircraft_reports": "airswing.products.ragged",
+    "write_archive": "airswing.synthetic.sample.sample_archive",
+    "write_mode_s": "airswing.synthetic.sample.mode_s_sample",
 }
 
 __all__ = sorted(_STAGES)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 import xarray as xr
 
+import airswing
 from airswing.products.ragged import aircraft_of_report, row_bounds
 
 
@@ -14,3 +16,14 @@ def test_hand_worked():
     assert start.tolist() == [0, 2, 2] and stop.tolist() == [2, 2, 3]
     ds = xr.Dataset({"row_size": ("aircraft", row_size)})
     assert aircraft_of_report(ds).tolist() == [0, 0, 2]
+
+
+def test_the_reports_of_one_aircraft():
+    ds = xr.Dataset(
+        {"time": ("report", np.arange(5)), "row_size": ("aircraft", np.array([2, 0, 3]))},
+        coords={"aircraft": ["N1", "N2", "N3"]},
+    )
+    assert airswing.aircraft_reports(ds, "N3")["time"].values.tolist() == [2, 3, 4]
+    assert airswing.aircraft_reports(ds, "N2").sizes["report"] == 0
+    with pytest.raises(KeyError, match="known: N1, N2, N3"):
+        airswing.aircraft_reports(ds, "N9")

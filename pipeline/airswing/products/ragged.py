@@ -101,3 +101,35 @@ def aircraft_of_report(ds: xr.Dataset) -> NDArray[np.int64]:
     """Index of the aircraft each report belongs to, (report,) int64, from ``row_size``."""
     row_size = ds["row_size"].to_numpy()
     return np.repeat(np.arange(row_size.size, dtype=np.int64), row_size)
+
+
+def aircraft_reports(ds: xr.Dataset, aircraft: str) -> xr.Dataset:
+    """Select the reports of one aircraft.
+
+    Parameters
+    ----------
+    ds : Dataset
+        Ragged, with ``row_size``.
+    aircraft : str
+        Its identifier.
+
+    Returns
+    -------
+    Dataset
+        Its reports in the order of time; ``aircraft`` is a scalar coordinate.
+
+    Raises
+    ------
+    KeyError
+        If the aircraft is not in the Dataset.
+
+    Examples
+    --------
+    >>> own = airswing.aircraft_reports(headings, "N403")  # doctest: +SKIP
+    """
+    names = ds["aircraft"].to_numpy().astype(str).tolist()
+    if aircraft not in names:
+        raise KeyError(f"no aircraft {aircraft!r}; known: {', '.join(names)}")
+    number = names.index(aircraft)
+    start, stop = row_bounds(ds["row_size"].to_numpy())
+    return ds.isel(aircraft=number, report=slice(int(start[number]), int(stop[number])))
