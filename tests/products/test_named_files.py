@@ -13,7 +13,7 @@ import pytest
 from airswing.errors import InputError
 from airswing.products.named_files import none_found
 from airswing.reference.grib.catalogue import find_files
-from airswing.reports.files import expand
+from airswing.reports import expand
 
 NOBODY = 65534
 

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from airswing import cli
 from airswing.config_file import load_config
 from airswing.errors import InputError
-from airswing.reports.canonical.report_formats import unregister
+from airswing.reports.formats import unregister
 from airswing.reports.read import read_reports
 
 MODULE = '''
@@ -22,7 +22,7 @@ MODULE = '''
 
 import pandas as pd
 
-from airswing.reports.canonical.report_formats import ReportFormat, register
+from airswing.reports.formats import ReportFormat, register
 
 MARK = b"%station printout"
 

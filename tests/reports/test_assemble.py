@@ -14,7 +14,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from airswing.products.ragged import aircraft_of_report
-from airswing.reports import assembly as assemble
 from airswing.reports import read_reports
 from airswing.vocabulary import VARIABLES
 from tests.reports.tables import flight, row, write
@@ -143,17 +142,6 @@ def test_given_phases_and_flights_are_kept_and_the_rest_derived(tmp_path: Path):
     assert ds["phase"].to_numpy().tolist() == [3] + [2] * 19
     assert ds["flight"].to_numpy().tolist() == [0] * 10 + [1] * 10
     assert audit["repaired"] == {"phase_derived": 19}
-
-
-def test_aircraft_derived_in_parts_are_as_derived_at_once(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    days = [flight(tail=t, start=f"2009-01-{d:02d}T12:00") for t in "ABCD" for d in (5, 6, 7)]
-    whole, _ = read(tmp_path, pd.concat(days))
-    assert np.unique(whole["flight"]).tolist() == list(range(12))
-    for limit in (1, 40, 61):
-        monkeypatch.setattr(assemble, "REPORTS_AT_ONCE", limit)
-        xr.testing.assert_identical(read(tmp_path, pd.concat(days))[0], whole)
 
 
 def test_an_aircraft_whose_reports_all_went_is_not_listed(tmp_path: Path):

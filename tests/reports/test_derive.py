@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from airswing.flags import PHASE
-from airswing.reports.derive import climb_rate, derive_flight, derive_phase, step_distance
+from airswing.reports.flights import climb_rate, derive_flight, derive_phase, step_distance
 
 FOOT = 0.3048
 DEGREE = 2 * np.pi * 6371008.8 / 360.0  # m along a great circle

@@ -16,8 +16,8 @@ from airswing.config_file import load_config
 from airswing.errors import InputError
 from airswing.flags import WIND_SOURCE
 from airswing.physics.geomagnetism import FieldLattice
-from airswing.reports.averaging import averaged
-from airswing.reports.canonical.audit import Audit
+from airswing.reports.assembly import _average as averaged
+from airswing.reports.audit import Audit
 from airswing.reports.read import read_reports
 from airswing.units import KNOT
 from airswing.workflow.inspection import inspect_file

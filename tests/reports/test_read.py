@@ -11,7 +11,8 @@ import pytest
 
 from airswing.errors import InputError
 from airswing.reports import read_reports
-from airswing.reports.files import _detect_format, expand
+from airswing.reports.read import _format_of as _detect_format
+from airswing.reports.read import expand
 from tests.reports.tables import flight, row, write
 
 
@@ -55,7 +56,7 @@ def test_a_link_that_leads_nowhere_or_to_itself_is_named(tmp_path: Path, target:
 
 
 def test_an_unknown_format_is_refused(tmp_path: Path):
-    with pytest.raises(InputError, match="auto, bufr, g1000, madis, parquet, readsb, csv"):
+    with pytest.raises(InputError, match="auto, bufr, g1000, parquet, readsb, madis, csv"):
         read_reports(write(tmp_path / "a.csv", flight()), format="excel")
 
 

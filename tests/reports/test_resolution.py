@@ -10,7 +10,6 @@ from airswing.reports.resolution import (
     POSITION_STEPS,
     SPEED_STEPS,
     TIME_STEPS,
-    count_on_steps,
     lattice_step,
     resolutions,
 )
@@ -98,7 +97,7 @@ def reports(number: int, *, every: float, clock: float, tail: int = 0) -> dict[s
 
 
 def test_all_four_of_one_aircraft():
-    found = resolutions(count_on_steps(reports(80, every=180.0, clock=1.0), np.array([80])))
+    found = resolutions(reports(80, every=180.0, clock=1.0), np.array([80]))
     assert found["position_resolution"][0] == pytest.approx(0.1 / 60)
     assert found["time_resolution"][0] == 1.0
     assert found["wind_speed_resolution"][0] == pytest.approx(KNOT)
@@ -106,7 +105,7 @@ def test_all_four_of_one_aircraft():
 
 
 def test_a_clock_cut_to_the_minute():
-    found = resolutions(count_on_steps(reports(80, every=180.0, clock=60.0), np.array([80])))
+    found = resolutions(reports(80, every=180.0, clock=60.0), np.array([80]))
     assert found["time_resolution"][0] == 60.0
 
 
@@ -117,13 +116,13 @@ def test_a_schedule_of_whole_minutes_is_no_cut_clock():
         "timedelta64[ns]"
     )
     made["longitude"] = np.round((-87.0 + 120.0 * seconds / 111_195.0) * 600.0) / 600.0
-    assert resolutions(count_on_steps(made, np.array([80])))["time_resolution"][0] == 1.0
+    assert resolutions(made, np.array([80]))["time_resolution"][0] == 1.0
 
 
 def test_an_aircraft_with_few_reports_takes_the_usual_step_of_the_others():
     many, few = reports(60, every=180.0, clock=1.0), reports(2, every=180.0, clock=1.0, tail=1)
     joined = {name: np.concatenate([many[name], few[name]]) for name in many}
-    found = resolutions(count_on_steps(joined, np.array([60, 2])))
+    found = resolutions(joined, np.array([60, 2]))
     for values in found.values():
         assert values[1] == values[0]
 
@@ -132,7 +131,7 @@ def test_an_archive_of_one_report_claims_nothing_coarse():
     made = {name: values[:1] for name, values in reports(5, every=180.0, clock=60.0).items()}
     made["latitude"][:], made["longitude"][:] = 40.0, -80.0
     made["wind_speed"][:], made["wind_direction"][:] = 10.0 * KNOT, 90.0
-    found = resolutions(count_on_steps(made, np.array([1])))
+    found = resolutions(made, np.array([1]))
     assert found["position_resolution"][0] <= 0.01
     assert found["wind_direction_resolution"][0] <= 1.0
     assert found["wind_speed_resolution"][0] <= KNOT

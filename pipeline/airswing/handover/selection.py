@@ -9,7 +9,7 @@ out, and those of aircraft corrected by a constant alone (``offset_only``: a dev
 with the heading remains in them).
 
 WRF and WRFDA accept whatever number they read, including NaN; limits of possible values are those
-of reading reports (:mod:`airswing.reports.canonical.cleaning`).
+of reading reports (:mod:`airswing.reports.cleaning`).
 """
 
 from __future__ import annotations
@@ -179,7 +179,7 @@ def selected_rows(
 
 
 def _all_rows(block: xr.Dataset, request: Request) -> Rows:
-    from airswing.reports.canonical.cleaning import LIMITS
+    from airswing.reports.cleaning import LIMITS
 
     east, north = wind_names(request)
     rows = np.zeros(block.sizes["report"], dtype=ROW)
@@ -212,7 +212,7 @@ def _all_rows(block: xr.Dataset, request: Request) -> Rows:
 
 def _reasons(rows: Rows, block: xr.Dataset, request: Request) -> list[tuple[str, Mask]]:
     """Reasons for leaving a report out, in the order they are asked for."""
-    from airswing.reports.canonical.cleaning import LIMITS
+    from airswing.reports.cleaning import LIMITS
 
     speed = np.hypot(rows["u"], rows["v"])
     low, high = LIMITS["pressure"]

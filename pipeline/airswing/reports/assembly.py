@@ -1,46 +1,46 @@
-"""From canonical columns to the reports Dataset: order, duplicates, ragged layout.
+"""From cleaned reports to the reports Dataset: order, duplicates, flights, ragged layout.
 
-Assumes columns of :func:`airswing.reports.canonical.cleaning.clean`, tails and flight labels as
-integers in alphabetical order. What becomes of an aircraft's reports depends on that aircraft's
-reports alone, but for two things a fleet shares: the numbers its flights begin at, and the
-resolutions that stand in for aircraft with too few reports. So a fleet may be assembled in blocks
-of whole aircraft (:func:`assembled`) and completed afterwards (:func:`completed`), with the same
-result bit for bit however it is divided.
+The result does not depend on the order of rows or files.
 
 Duplicates
 ----------
-Two reports of one tail at one time and place (within 1e-4 degree and 15 m) are one: the more
-complete stays, then the one with the smaller values, never the one that happened to come
-first: the result does not depend on the order of rows or files. Same tail and time at another
-place is kept where the time (a whole minute) is coarse enough for both to be true, else it is a
-conflict and the more complete stays. Those kept follow the climb or descent around them.
+Two reports of one aircraft at one time and place (within 1e-4 degree and 15 m) are one: the more
+complete stays, then the one with the smaller values. Two reports of one aircraft and time at
+different places are both kept if the time is coarse enough for both (a whole minute, or the time of
+a profile whose levels take time to climb through) or if their flight labels differ; otherwise they
+are a conflict and the more complete stays. Reports of one time that are kept follow the climb or
+descent around them.
+
+Order
+-----
+Aircraft in alphabetical order, within an aircraft flights in order of their first reports, within a
+flight time. Flights of one aircraft overlap only where two aircraft report under one identifier, so
+that reports nearly always are in order of time within each aircraft.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from typing import NamedTuple
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from airswing.flags import PLATFORM
-from airswing.physics.triangle import wrap_degrees
-from airswing.reports.averaging import averaged
-from airswing.reports.canonical.audit import Audit
-from airswing.reports.derive import Columns, derive_flight, derive_phase, seconds_since_1970
-from airswing.reports.resolution import count_on_steps, resolutions
+from airswing.flags import PHASE, PLATFORM
+from airswing.physics.triangle import direction_in_degrees, wrap_degrees
+from airswing.reports.audit import Audit
+from airswing.reports.flights import Columns, derive_flight, derive_phase, seconds_since_1970
+from airswing.reports.resolution import resolutions
 from airswing.units import METRES_PER_DEGREE
 from airswing.vocabulary import describe
 
-# m/s over ground; two places farther apart than this allows are not one moment of a flight.
-FASTEST = 350.0
-# Reports whose flights and phases are derived together (more where one aircraft has more).
-REPORTS_AT_ONCE = 500_000
-_SAME_PLACE = 1e-4  # degrees
-_TREND_GAP = 1200.0  # s: farther reports do not tell a climb from a descent
+# m/s over ground, and m/s of climb: what is farther apart is not one moment of a flight.
+FASTEST, CLIMB = 350.0, 10.0
+STRAIGHT = 10.0  # degrees of heading within which an interval of averaging counts as straight
+_SAME_PLACE, _SAME_ALTITUDE = 1e-4, 15.0  # degrees, m
+_TREND_GAP = 1200.0  # s: reports farther away show no climb or descent
+_FEWEST_OVERLAPPING = 5  # reports of a flight that overlaps another; fewer are wrong positions
 _OUTPUT = (
     "latitude",
     "longitude",
@@ -59,14 +59,15 @@ _OUTPUT = (
     "reported_heading",
 )
 _MAY_BE_MISSING = ("pressure", "eastward_wind", "air_temperature")
-
-
-class Block(NamedTuple):
-    """Reports of some aircraft, but for what the whole fleet decides."""
-
-    reports: xr.Dataset  # flights numbered from 0 within the block; no resolutions yet
-    counts: dict[str, NDArray[np.int64]]  # of `airswing.reports.resolution.count_on_steps`
-    flights: int
+_MEANS = (
+    "latitude",
+    "pressure",
+    "pressure_altitude",
+    "eastward_wind",
+    "northward_wind",
+    "air_temperature",
+    "reported_airspeed",
+)
 
 
 def assemble(
@@ -77,8 +78,6 @@ def assemble(
     audit: Audit | None = None,
 ) -> xr.Dataset:
     """Assemble the cleaned reports of several files into one ragged Dataset.
-
-    The result does not depend on the order of the parts nor on the order of rows in them.
 
     Parameters
     ----------
@@ -99,16 +98,74 @@ def assemble(
         As of :func:`airswing.reports.read.read_reports`, without its audit; aircraft without a
         report are left out, so that it may be empty.
     """
-    columns, tails = gathered(parts)
-    block = assembled(
-        columns, tails, Audit() if audit is None else audit, interval=interval, begins=begins
+    columns, tails = _gathered(parts)
+    return assemble_columns(columns, tails, interval, begins, Audit() if audit is None else audit)
+
+
+def assemble_columns(
+    columns: Columns,
+    tails: NDArray[np.object_],
+    interval: float,
+    begins: tuple[np.datetime64, np.datetime64] | None,
+    audit: Audit,
+) -> xr.Dataset:
+    """As :func:`assemble`, of columns with ``tail`` and ``flight`` as numbers."""
+    _take(columns, _order(columns))
+    _drop_same_place(columns, audit)
+    _drop_conflicts(columns, audit)
+    _take(columns, _along_climb(columns))
+    _average(columns, interval, audit)
+    flight = derive_flight(columns)
+    if begins is not None:
+        _, first, number = np.unique(flight, return_index=True, return_inverse=True)
+        start = columns["time"][first]
+        kept = ((start >= begins[0]) & (start < begins[1]))[number]
+        audit.read -= int(np.count_nonzero(~kept))
+        _take(columns, kept)
+        flight = flight[kept]
+    audit.repair("same_identifier_at_two_places", _overlapping(columns, flight))
+    audit.repair("flight_derived", int(np.count_nonzero(columns["flight"] < 0)))
+    columns["flight"] = np.unique(flight, return_inverse=True)[1].astype(np.int32)
+    _take(columns, np.lexsort((columns["flight"], columns["tail"])))
+    present, columns["tail"] = np.unique(columns["tail"], return_inverse=True)
+    derived = derive_phase(columns, columns["flight"])
+    unknown = columns["phase"] == PHASE["unknown"]
+    columns["phase"] = np.where(unknown, derived, columns["phase"]).astype(np.int8)
+    audit.repair("phase_derived", int(np.count_nonzero(unknown & (derived != 0))))
+    for name in _MAY_BE_MISSING:
+        if absent := int(np.count_nonzero(np.isnan(columns[name]))):
+            audit.missing[name] += absent
+    row_size = np.bincount(columns["tail"], minlength=present.size)
+    reports = xr.Dataset(
+        {
+            "row_size": ("aircraft", row_size.astype(np.int32)),
+            "platform": ("aircraft", _platform(columns, present.size)),
+            "time": ("report", columns["time"]),
+            **{name: ("report", columns[name]) for name in (*_OUTPUT, "flight")},
+            **{
+                name: ("aircraft", values)
+                for name, values in resolutions(columns, row_size).items()
+            },
+        },
+        coords={"aircraft": ("aircraft", tails[present])},
+        attrs={"featureType": "trajectory"},
     )
-    (reports,) = completed([block])
-    return reports.assign_attrs(featureType="trajectory")
+    return describe(reports)
 
 
-def gathered(parts: Iterable[pd.DataFrame]) -> tuple[Columns, NDArray[np.object_]]:
-    """Columns of all parts, tails and flight labels numbered in alphabetical order, and the tails.
+def in_alphabetical_order(
+    labels: Sequence[str], codes: NDArray[np.integer]
+) -> tuple[NDArray[np.object_], NDArray[np.int32]]:
+    """Labels in alphabetical order, and codes (int32) that number them anew."""
+    names = np.array(list(labels), dtype=object)
+    order = np.argsort(names)
+    number = np.empty(names.size, dtype=np.int32)
+    number[order] = np.arange(names.size, dtype=np.int32)
+    return names[order], number[codes]
+
+
+def _gathered(parts: Iterable[pd.DataFrame]) -> tuple[Columns, NDArray[np.object_]]:
+    """Columns of all parts with tails and labels as numbers in alphabetical order, and the tails.
 
     A report without a flight label has the number -1.
     """
@@ -130,110 +187,18 @@ def _numbered(
 ) -> tuple[NDArray[np.object_], NDArray[np.int32]]:
     """Labels that occur, in alphabetical order, and the number of each value's label."""
     together = pd.api.types.union_categoricals(list(columns), ignore_order=True)
-    codes = np.asarray(together.codes)
-    used, index = np.unique(codes, return_inverse=True)
-    labels = np.array([str(label) for label in together.categories[used]], dtype=object)
-    order = np.argsort(labels)
-    number = np.empty(labels.size, dtype=np.int32)
-    number[order] = np.arange(labels.size, dtype=np.int32)
-    return labels[order], number[index]
+    used, index = np.unique(np.asarray(together.codes), return_inverse=True)
+    return in_alphabetical_order([str(label) for label in together.categories[used]], index)
 
 
-def assembled(
-    columns: Columns,
-    tails: NDArray[np.object_],
-    audit: Audit,
-    *,
-    interval: float = 0.0,
-    begins: tuple[np.datetime64, np.datetime64] | None = None,
-) -> Block:
-    """Order, thin and lay out the reports of some aircraft; those left without any are not in it.
-
-    Parameters
-    ----------
-    columns : dict of arrays, shape (report,)
-        Canonical columns; ``tail`` numbers ``tails``, ``flight`` is -1 without a label. Emptied.
-    tails : array of str, shape (aircraft,)
-        In alphabetical order.
-    audit : Audit
-        Duplicates and derived values are added to it.
-    interval : float, default 0
-        Reports are brought to one in so many seconds (:mod:`airswing.reports.averaging`); 0 leaves
-        them as they are.
-    begins : (datetime64, datetime64), optional
-        Only flights whose first report lies from the first to before the second stay.
-    """
-    _take(columns, _order(columns))
-    _drop_same_place(columns, audit)
-    _drop_conflicts(columns, audit)
-    _take(columns, _along_climb(columns))
-    averaged(columns, interval, audit)
-    return _layout(columns, tails, audit, begins)
-
-
-def completed(blocks: Sequence[Block]) -> Iterator[xr.Dataset]:
-    """Complete all blocks of a fleet, in order, with what the fleet shares."""
-    shared = Shared.of(blocks)
-    for number, block in enumerate(blocks):
-        yield shared.complete(number, block.reports)
-
-
-class Shared:
-    """What the blocks of one fleet share.
-
-    Parameters
-    ----------
-    counts : sequence of dict
-        Of :func:`airswing.reports.resolution.count_on_steps`, block by block.
-    flights : sequence of int
-        Of each block.
-    """
-
-    def __init__(
-        self, counts: Sequence[dict[str, NDArray[np.int64]]], flights: Sequence[int]
-    ) -> None:
-        sizes = [one["steady"].size for one in counts]
-        self._stop = np.cumsum(sizes)
-        self._first = self._stop - sizes
-        self._flight = np.cumsum(flights) - np.asarray(flights)
-        self._found = resolutions(
-            {name: np.concatenate([one[name] for one in counts]) for name in counts[0]}
-        )
-
-    @classmethod
-    def of(cls, blocks: Sequence[Block]) -> Shared:
-        """Gather from blocks in memory."""
-        return cls([block.counts for block in blocks], [block.flights for block in blocks])
-
-    def complete(self, number: int, reports: xr.Dataset) -> xr.Dataset:
-        """Number the flights of a block over the fleet and give its aircraft their resolutions."""
-        own = slice(int(self._first[number]), int(self._stop[number]))
-        flight = reports["flight"].to_numpy() + np.int32(self._flight[number])
-        found: dict[str, object] = {
-            name: ("aircraft", values[own]) for name, values in self._found.items()
-        }
-        return describe(reports.assign(found | {"flight": ("report", flight)}))
-
-
-def in_alphabetical_order(
-    labels: Sequence[str], codes: NDArray[np.integer]
-) -> tuple[NDArray[np.object_], NDArray[np.int32]]:
-    """Labels in alphabetical order, and codes (int32) that number them anew."""
-    names = np.array(list(labels), dtype=object)
-    order = np.argsort(names)
-    renumbered = np.empty(names.size, dtype=np.int32)
-    renumbered[order] = np.arange(names.size, dtype=np.int32)
-    return names[order], renumbered[codes]
-
-
-def _take(columns: Columns, index: NDArray[np.integer]) -> None:
+def _take(columns: Columns, index: NDArray[np.integer | np.bool_]) -> None:
     for name in columns:
         columns[name] = columns[name][index]
 
 
 def _order(columns: Columns) -> NDArray[np.int64]:
     """Order by tail and time; ties by place, completeness and value, never by row or file."""
-    # All keys are costly, few reports are tied: those alone are sorted by the rest.
+    # A sort by all keys is slow and few reports are tied: only those are sorted by the rest.
     order = np.lexsort((columns["time"], columns["tail"]))
     same = _same_moment(columns["tail"][order], columns["time"][order])
     tied = np.flatnonzero(same | np.r_[same[1:], False])
@@ -242,21 +207,20 @@ def _order(columns: Columns) -> NDArray[np.int64]:
         first = ("tail", "time", "latitude", "longitude", "pressure")
         rest = [name for name in sorted(columns) if name not in first]
         keys = [columns[name][members] for name in rest]
-        keys.append(_gaps(columns, members))
+        keys.append(_number_missing(columns, members))
         keys += [columns[name][members] for name in reversed(first)]
         order[tied] = members[np.lexsort(keys)]
     return np.asarray(order, dtype=np.int64)
 
 
 def _same_moment(tail: NDArray[np.integer], time: NDArray[np.datetime64]) -> NDArray[np.bool_]:
-    """Tell which reports share tail and time with the one before."""
+    """Return True where a report shares tail and time with the one before."""
     same = np.zeros(tail.size, dtype=bool)
     same[1:] = (tail[1:] == tail[:-1]) & (time[1:] == time[:-1])
     return same
 
 
-def _gaps(columns: Columns, members: NDArray[np.integer]) -> NDArray[np.int64]:
-    """Count what each report lacks."""
+def _number_missing(columns: Columns, members: NDArray[np.integer]) -> NDArray[np.int64]:
     names = ("eastward_wind", "air_temperature", "pressure")
     return np.asarray(sum(np.isnan(columns[name][members]).astype(np.int64) for name in names))
 
@@ -264,8 +228,9 @@ def _gaps(columns: Columns, members: NDArray[np.integer]) -> NDArray[np.int64]:
 def _drop_same_place(columns: Columns, audit: Audit) -> None:
     later = np.flatnonzero(_same_moment(columns["tail"], columns["time"]))
     north, east, up = _apart(columns, later, later - 1)
-    # An unknown altitude (NaN) passes: `~(up >= 15)` where `up < 15` would not.
-    later = later[(np.abs(north) < _SAME_PLACE) & (np.abs(east) < _SAME_PLACE) & ~(up >= 15.0)]
+    # An unknown altitude (NaN) passes.
+    near = (np.abs(north) < _SAME_PLACE) & (np.abs(east) < _SAME_PLACE) & ~(up >= _SAME_ALTITUDE)
+    later = later[near]
     exact = np.ones(later.size, dtype=bool)
     for values in columns.values():
         one, other = values[later], values[later - 1]
@@ -278,24 +243,27 @@ def _drop_same_place(columns: Columns, audit: Audit) -> None:
 
 
 def _drop_conflicts(columns: Columns, audit: Audit) -> None:
-    """Of two places no aircraft could both be at, drop the less complete report's."""
+    """Of two places where one aircraft cannot both have been, drop the less complete report."""
     while True:
         later = np.flatnonzero(_same_moment(columns["tail"], columns["time"]))
-        north, east, _ = _apart(columns, later, later - 1)
+        north, east, up = _apart(columns, later, later - 1)
         east = east * np.cos(np.radians(columns["latitude"][later]))
-        metres = np.hypot(north, east) * METRES_PER_DEGREE
-        later = later[metres > FASTEST * _clock(columns["time"][later])]
+        # A whole minute may be truncated; others are exact to a second.
+        whole = columns["time"][later].astype("datetime64[ms]").astype(np.int64) % 60_000 == 0
+        uncertain = np.where(whole, 60.0, 1.0) + np.nan_to_num(up) / CLIMB
+        label, before = columns["flight"][later], columns["flight"][later - 1]
+        conflict = np.hypot(north, east) * METRES_PER_DEGREE > FASTEST * uncertain
+        later = later[conflict & ~((label >= 0) & (before >= 0) & (label != before))]
         later = later[np.r_[True, np.diff(later) > 1][: later.size]]  # one of a chain at a time
         if not later.size:
             return
-        # A bool taken off the number: the report before goes where it lacks more.
-        worse_before = _gaps(columns, later - 1) > _gaps(columns, later)
+        worse_before = _number_missing(columns, later - 1) > _number_missing(columns, later)
         audit.drop("conflicting_position", later.size)
         _take(columns, np.delete(np.arange(columns["tail"].size), later - worse_before))
 
 
 def _along_climb(columns: Columns) -> NDArray[np.int64]:
-    """Order that lets reports of one minute climb or descend with those around them."""
+    """Order in which reports of one time climb or descend with those around them."""
     order = np.arange(columns["tail"].size)
     same = _same_moment(columns["tail"], columns["time"])
     tied = np.flatnonzero(same | np.r_[same[1:], False])
@@ -311,9 +279,11 @@ def _along_climb(columns: Columns) -> NDArray[np.int64]:
     close = (tail[1:] == tail[:-1]) & (gap < _TREND_GAP)
     before = np.where(np.r_[False, close], here - 1, here)
     after = np.where(np.r_[close, False], here + 1, here)
-    trend = np.nan_to_num(np.sign(mean[after] - mean[before]))[moment[tied]]
-    # Ascending in a climb, descending in a descent; without a trend all keys are zero and the
-    # sort, which is stable, leaves the order.
+    trend = np.nan_to_num(np.sign(mean[after] - mean[before]))
+    phase = columns["phase"][starts]
+    trend = np.where(phase == PHASE["ascent"], 1.0, trend)
+    trend = np.where(phase == PHASE["descent"], -1.0, trend)[moment[tied]]
+    # Stable: without a trend all keys are zero and the order stays.
     order[tied] = tied[np.lexsort((trend * altitude[tied], moment[tied]))]
     return order
 
@@ -329,87 +299,79 @@ def _apart(
     return north, wrap_degrees(east), np.abs(up)
 
 
-def _clock(time: NDArray[np.datetime64]) -> NDArray[np.float64]:
-    """Precision a time claims: a whole minute may be cut to the minute, others to a second (s)."""
-    whole = time.astype("datetime64[ms]").astype(np.int64) % 60_000 == 0
-    return np.where(whole, 60.0, 1.0)
+def _overlapping(columns: Columns, flight: NDArray[np.int32]) -> int:
+    """Reports of flights that fly for half of their time while another of the aircraft flies."""
+    order = np.argsort(flight, kind="stable")
+    starts = np.flatnonzero(np.r_[True, np.diff(flight[order]) != 0][: flight.size])
+    number = np.diff(np.r_[starts, flight.size])
+    long = number >= _FEWEST_OVERLAPPING
+    starts, number = starts[long], number[long]
+    seconds, tail = seconds_since_1970(columns["time"])[order], columns["tail"][order][starts]
+    begin, end = seconds[starts], seconds[starts + number - 1]
+    common = np.minimum(end[1:], end[:-1]) - begin[1:]
+    shorter = np.minimum((end - begin)[1:], (end - begin)[:-1])
+    overlaps = (tail[1:] == tail[:-1]) & (common > 0.5 * shorter)
+    return int(np.minimum(number[1:], number[:-1])[overlaps].sum())
 
 
-def _derived(
-    columns: Columns, row_size: NDArray[np.integer]
-) -> tuple[NDArray[np.int32], NDArray[np.int8]]:
-    """Flights and phases, a few aircraft at a time: the working arrays stay small."""
-    flight = np.empty(columns["tail"].size, dtype=np.int32)
-    phase = np.empty(columns["tail"].size, dtype=np.int8)
-    stops = np.cumsum(row_size)
-    start, number = 0, 0
-    for stop, ahead in zip(stops, [*stops[1:], np.inf], strict=True):
-        # The next aircraft still fits in: wait for it.
-        if ahead - start <= REPORTS_AT_ONCE:
-            continue
-        part = {name: values[start:stop] for name, values in columns.items()}
-        own = derive_flight(part)
-        phase[start:stop] = derive_phase(part, own)
-        flight[start:stop] = own + number
-        number += int(own.max(initial=-1)) + 1
-        start = int(stop)
-    return flight, phase
+def _average(columns: Columns, interval: float, audit: Audit) -> None:
+    """Average reports in order of tail and time over intervals (s; 0: none), in place.
 
+    Reports of neighbouring seconds differ by coding noise; the errors of model and compass are the
+    same in all of them, so that a mean is one report with less noise. Where the heading changes by
+    more than :data:`STRAIGHT` the middle report is kept as it is, because a mean over a turn is
+    not on the path. Positions are averaged in degrees, the short way round at the antimeridian.
+    """
+    number = columns["tail"].size
+    if interval <= 0.0 or number < 2:
+        return
+    seconds = columns["time"].astype("datetime64[ms]").astype(np.int64) / 1e3
+    cell = np.floor(seconds / interval).astype(np.int64)
+    new = np.ones(number, dtype=bool)
+    new[1:] = (np.diff(columns["tail"]) != 0) | (np.diff(cell) != 0)
+    new[1:] |= np.diff(columns["flight"]) != 0
+    starts = np.flatnonzero(new)
+    sizes = np.diff(np.r_[starts, number])
+    middle = starts + sizes // 2
 
-def _begun(
-    time: NDArray[np.datetime64],
-    flight: NDArray[np.int32],
-    begins: tuple[np.datetime64, np.datetime64],
-) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-    """Reports of the flights that begin in some time, and these flights numbered from 0."""
-    _, first, number = np.unique(flight, return_index=True, return_inverse=True)
-    begun = (time[first] >= begins[0]) & (time[first] < begins[1])
-    kept = np.flatnonzero(begun[number])
-    return kept, (np.cumsum(begun) - 1)[number[kept]].astype(np.int32)
+    def mean(values: NDArray[np.floating]) -> NDArray[np.float64]:
+        known = np.isfinite(values)
+        total = np.add.reduceat(np.where(known, values, 0.0).astype(np.float64), starts)
+        with np.errstate(invalid="ignore"):
+            return np.asarray(total / np.add.reduceat(known.astype(np.int64), starts))
 
+    def from_first(values: NDArray[np.floating]) -> NDArray[np.float64]:
+        first = values[starts].repeat(sizes)
+        return wrap_degrees(values.astype(np.float64) - first)
 
-def _layout(
-    columns: Columns,
-    tails: NDArray[np.object_],
-    audit: Audit,
-    begins: tuple[np.datetime64, np.datetime64] | None = None,
-) -> Block:
-    row_size = np.bincount(columns["tail"], minlength=tails.size)
-    flight, derived = _derived(columns, row_size)
-    if begins is not None:
-        kept, flight = _begun(columns["time"], flight, begins)
-        audit.read -= derived.size - kept.size
-        derived = derived[kept]
-        _take(columns, kept)
-        row_size = np.bincount(columns["tail"], minlength=tails.size)
-    present = row_size > 0
-    columns["tail"] = (np.cumsum(present) - 1)[columns["tail"]].astype(np.int32)
-    counts = count_on_steps(columns, row_size[present])
-    unknown = columns["phase"] == 0
-    columns["phase"] = np.where(unknown, derived, columns["phase"]).astype(np.int8)
-    audit.repair("phase_derived", int(np.count_nonzero(unknown & (derived != 0))))
-    audit.repair("flight_derived", int(np.count_nonzero(columns["flight"] < 0)))
-    for name in _MAY_BE_MISSING:
-        absent = int(np.count_nonzero(np.isnan(columns[name])))
-        if absent:
-            audit.missing[name] += absent
-    ds = xr.Dataset(
-        {
-            "row_size": ("aircraft", row_size[present].astype(np.int32)),
-            "platform": ("aircraft", _platform(columns, int(present.sum()))),
-            "time": ("report", columns["time"]),
-            **{name: ("report", columns[name]) for name in _OUTPUT},
-            "flight": ("report", flight),
-        },
-        coords={"aircraft": ("aircraft", tails[present])},
-    )
-    return Block(ds, counts, int(flight.max(initial=-1)) + 1)
+    turn = from_first(columns["reported_heading"])
+    highest = np.maximum.reduceat(np.where(np.isnan(turn), -np.inf, turn), starts)
+    lowest = np.minimum.reduceat(np.where(np.isnan(turn), np.inf, turn), starts)
+    straight = (sizes > 1) & ~(highest - lowest > STRAIGHT)
+    means = {name: mean(columns[name]) for name in _MEANS}
+    heading, longitude = columns["reported_heading"], columns["longitude"]
+    means["reported_heading"] = (heading[starts] + mean(turn)) % 360.0
+    means["longitude"] = wrap_degrees(longitude[starts] + mean(from_first(longitude)))
+    if "wind_speed" in columns:
+        east, north = means["eastward_wind"], means["northward_wind"]
+        means["wind_speed"] = np.hypot(east, north)
+        means["wind_direction"] = direction_in_degrees(east, north)
+    # Less the first: sums of seconds since 1970 lose the milliseconds.
+    mean_time = seconds[starts] + mean(seconds - seconds[starts].repeat(sizes))
+    audit.drop("averaged", number - starts.size)
+    for name, values in columns.items():
+        chosen = values[middle]
+        if name == "time":
+            chosen = np.where(straight, np.round(mean_time * 1e9).astype("datetime64[ns]"), chosen)
+        elif name in means:
+            chosen = np.where(straight, means[name], chosen).astype(values.dtype)
+        columns[name] = chosen
 
 
 def _platform(columns: Columns, aircraft: int) -> NDArray[np.int8]:
-    """Platform most of an aircraft's reports tell; unknown where none does."""
-    size = max(PLATFORM.values()) + 1
-    place = columns["tail"].astype(np.int64) * size + columns["platform"]
-    told = np.bincount(place, minlength=aircraft * size).reshape(aircraft, size)
-    told[:, PLATFORM["unknown"]] = 0
-    return np.asarray(told.argmax(axis=1), dtype=np.int8)
+    """Platform in most of an aircraft's reports that name one; unknown where none does."""
+    kinds = max(PLATFORM.values()) + 1
+    place = columns["tail"].astype(np.int64) * kinds + columns["platform"]
+    counts = np.bincount(place, minlength=aircraft * kinds).reshape(aircraft, kinds)
+    counts[:, PLATFORM["unknown"]] = 0
+    return np.asarray(counts.argmax(axis=1), dtype=np.int8)

@@ -17,9 +17,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from airswing.reports.canonical.columns import QUANTITIES, REQUIRED, compatible, split_name
-from airswing.reports.canonical.times import Column
+from airswing.reports.columns import QUANTITIES, REQUIRED, compatible, split_name
 from airswing.reports.formats.tabular import first_rows
+from airswing.reports.values import Column
 
 _NAMES = (
     (

@@ -10,25 +10,42 @@ and a file that cannot be read to its end counts as not read at all.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import glob
+import os
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import Literal
 
+import numpy as np
 import pandas as pd
 import xarray as xr
 from pandas.api.types import union_categoricals
 
 from airswing.errors import InputError
+from airswing.products.named_files import none_found
 from airswing.reports.assembly import assemble
-from airswing.reports.canonical.audit import Audit, similar
-from airswing.reports.canonical.columns import ColumnMapping, parse_mapping
-from airswing.reports.files import (
-    Format,
-    Policy,
-    expand,
-    file_frames,
-    none_read,
-    none_usable,
-    require_format,
+from airswing.reports.audit import Audit, similar
+from airswing.reports.cleaning import FLAGS, clean
+from airswing.reports.columns import ONLY, ColumnMapping, Mapped, parse_mapping
+from airswing.reports.foreign import refusal_of
+from airswing.reports.formats import first_bytes, formats
+
+Format = str
+"""``auto``, or the name of a registered format."""
+Policy = Literal["skip", "fail"]
+
+# What libraries raise at content that contradicts itself.
+_DAMAGE = (
+    ArithmeticError,
+    AttributeError,
+    EOFError,
+    LookupError,
+    MemoryError,
+    OSError,
+    RuntimeError,
+    TypeError,
+    ValueError,
 )
 
 
@@ -59,9 +76,19 @@ def read_file(
     InputError
         The file cannot be read to its end, or a mapped or required column is absent.
     """
-    require_format(format)
-    audit = Audit()
-    pieces = list(file_frames(Path(path), format, parse_mapping(columns), audit))
+    _require_format(format)
+    path, mapping, audit = Path(path), parse_mapping(columns), Audit()
+    name = _format_of(path) if format == "auto" else format
+    audit.formats[name] += 1
+    try:
+        pieces = [
+            clean(_wanted(raw, mapping, path, audit), audit)
+            for raw in _pieces(name, path, mapping, audit)
+        ]
+    except InputError as error:
+        if format != "auto" and (refusal := refusal_of(first_bytes(path), path)) is not None:
+            raise refusal from error
+        raise
     if len(pieces) == 1:
         return pieces[0], audit
     labels = {
@@ -87,7 +114,7 @@ def read_reports(
     format : str, default "auto"
         A registered format; "auto" finds it from each file's content.
     columns : mapping, optional
-        For tables, in one of the forms of :mod:`airswing.reports.canonical.columns`: their name to
+        For tables, in one of the forms of :mod:`airswing.reports.columns`: their name to
         a canonical name (``wind_speed_kt``), or to ``{"name": "wind_speed_kt", "unit": "m/s"}``
         where the unit is another; several names, constants, times made of two columns.
     on_bad_file : {"skip", "fail"}, default "skip"
@@ -98,7 +125,7 @@ def read_reports(
     Returns
     -------
     Dataset
-        Dimension ``report`` in order of ``aircraft`` and time with ``row_size``: time,
+        Dimension ``report`` in order of ``aircraft``, flight and time with ``row_size``: time,
         latitude, longitude (degrees), pressure (Pa), pressure_altitude (m), eastward_wind and
         northward_wind (m s-1, as reported), air_temperature (K), the flags, phase, flight,
         reported_airspeed (m s-1), reported_heading (degrees), and per aircraft the resolutions
@@ -110,7 +137,7 @@ def read_reports(
         No file matches, none can be read, none holds a usable report, or (policy "fail") one
         cannot be read.
     """
-    require_format(format)
+    _require_format(format)
     parse_mapping(columns)  # refused before a file is opened
     parts, audit, errors = [], Audit(), []
     for path in expand(files):
@@ -131,3 +158,167 @@ def read_reports(
     reports = assemble(parts, interval=interval, audit=audit)
     audit.similar_tails = similar(reports["aircraft"].to_numpy().tolist())
     return reports.assign_attrs(reading_audit=audit.as_json())
+
+
+def reports_summary(path: str | Path, *, columns: ColumnMapping | None = None) -> dict[str, object]:
+    """Summarise what a report file holds; duplicates count as reports.
+
+    Parameters
+    ----------
+    path : str or path
+    columns : mapping, optional
+        As for :func:`read_reports`.
+
+    Returns
+    -------
+    dict
+        ``file, format, reports, aircraft, first, last`` (ISO 8601 UTC), ``bounding_box``
+        (``{"south", "north", "west", "east"}`` in degrees), ``columns`` (reports that have a
+        value, per quantity), ``flags`` (reports per code, per field) and ``audit`` (the rest of
+        it), in types that JSON has.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read.
+    """
+    audit, parts = Audit(), []
+    for file in expand(str(path)):
+        part, counts = read_file(file, columns=columns)
+        audit.add(counts)
+        parts.append(part)
+    frame = pd.concat(parts, ignore_index=True)
+    present: Counter[str] = Counter()
+    for name in (
+        "pressure",
+        "eastward_wind",
+        "air_temperature",
+        "reported_airspeed",
+        "reported_heading",
+    ):
+        present[name] = int(frame[name].notna().sum())
+    for name, missing in FLAGS.items():
+        present[name] = int((frame[name] != missing).sum())
+    present["flight"] = int((frame["flight"].astype(str) != "").sum())
+    audit.missing["eastward_wind"] = audit.kept - present["eastward_wind"]
+    summary = audit.as_dict()
+    limits = frame[["time", "latitude", "longitude"]].agg(["min", "max"])
+    first, last = (None if pd.isna(one) else f"{one.isoformat()}Z" for one in limits["time"])
+    return {
+        "file": str(path),
+        "format": next(iter(summary["formats"]), None),
+        "reports": audit.kept,
+        "aircraft": int(frame["tail"].nunique()),
+        "first": first,
+        "last": last,
+        "bounding_box": {
+            "south": float(limits["latitude"]["min"]),
+            "north": float(limits["latitude"]["max"]),
+            "west": float(limits["longitude"]["min"]),
+            "east": float(limits["longitude"]["max"]),
+        }
+        if len(frame)
+        else None,
+        "columns": {name: number for name, number in present.items() if number},
+        "flags": summary["flags"],
+        "audit": {name: part for name, part in summary.items() if name not in ("flags", "missing")},
+    }
+
+
+def expand(files: str | Path | Iterable[str | Path]) -> list[Path]:
+    """Return the paths that names and globs stand for, each once.
+
+    Raises
+    ------
+    InputError
+        If one of them matches nothing.
+    """
+    patterns = [files] if isinstance(files, str | Path) else list(files)
+    found: dict[str, None] = {}
+    for pattern in patterns:
+        text = str(Path(pattern).expanduser())
+        # A name with brackets is first a file of that name, then a pattern.
+        names = [text] if os.path.isfile(text) else glob.glob(text, recursive=True)
+        # A broken link is a missing file: reading it fails and names it.
+        names = sorted(name for name in names if os.path.isfile(name) or not os.path.exists(name))
+        if not names:
+            raise none_found(text, "reports.files")
+        found.update(dict.fromkeys(names))
+    if not found:
+        raise InputError("names no file", field="reports.files")
+    return [Path(name) for name in found]
+
+
+def none_usable(audit: Audit) -> InputError:
+    """Return the error that says why no report is usable."""
+    reasons = ", ".join(f"{reason} {n}" for reason, n in audit.dropped.most_common())
+    unread = ", ".join(f"{name} such as {value}" for name, value in audit.examples.items())
+    return InputError(
+        "no usable report",
+        field="reports.files",
+        found=f"{audit.read} reports read, dropped for: {reasons}"
+        + (f"; cannot be read: {unread}" if unread else ""),
+        remedy="Times are ISO 8601 UTC, yyyymmddHH[MM[SS]], seconds since 1970 or Julian dates, "
+        "from 1973 to now; numbers have a decimal point and no unit",
+    )
+
+
+def none_read(errors: list[InputError]) -> InputError:
+    """Return the error that says why no file can be read, from one error a file."""
+    if len(errors) == 1:
+        return errors[0]
+    return InputError(
+        f"none of the {len(errors)} report files can be read; the first: {errors[0]}",
+        field="reports.files",
+    )
+
+
+def _require_format(format: str) -> None:
+    known = ("auto", *formats())
+    if format not in known:
+        raise InputError(
+            "unknown report format",
+            field="reports.format",
+            found=format,
+            remedy=f"One of: {', '.join(known)}",
+        )
+
+
+def _format_of(path: Path) -> str:
+    start = first_bytes(path)
+    if not start:
+        raise InputError("is empty", file=path)
+    if (refusal := refusal_of(start, path)) is not None:
+        raise refusal
+    for name, one in formats().items():
+        if one.recognises(start):
+            return name
+    raise InputError("is no report file of a known format", file=path, found=start[:16])
+
+
+def _pieces(name: str, path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
+    """Raw pieces of a file; whatever a library raises at its content is a fault of the file."""
+    try:
+        yield from formats()[name].read(path, mapping, audit)
+    except _DAMAGE as error:
+        kind = "" if isinstance(error, OSError) else f"{type(error).__name__}: "
+        raise InputError(f"cannot be read: {kind}{error}", file=path) from error
+
+
+def _wanted(raw: pd.DataFrame, mapping: Mapped, path: Path, audit: Audit) -> pd.DataFrame:
+    """Rows whose values are among those the configuration selects."""
+    keep = np.ones(len(raw), dtype=bool)
+    for name, (theirs, source) in mapping.items():
+        if not name.startswith(ONLY):
+            continue
+        if name not in raw:
+            raise InputError(
+                "has no column by which reports could be selected",
+                file=path,
+                field=f"reports.only.{theirs}",
+                found=", ".join(raw.columns),
+                remedy="Leave it out for these files",
+            )
+        keep &= raw[name].isin(source.wanted).to_numpy(dtype=bool)
+    audit.drop("not_wanted", int(np.count_nonzero(~keep)), unread=True)
+    return raw if keep.all() else raw.loc[keep]

@@ -46,7 +46,7 @@ def inspect_file(path: Path) -> dict[str, object]:
         from airswing.reference.grib.grib_inspection import inspect_grib
 
         return {"file": str(path), "kind": "grib", **inspect_grib(path)}
-    from airswing.reports.file_summary import reports_summary
+    from airswing.reports.read import reports_summary
 
     try:
         return {"file": str(path), "kind": "reports", **reports_summary(path)}
@@ -59,8 +59,8 @@ def inspect_file(path: Path) -> dict[str, object]:
 
 def _proposal(path: Path, error: InputError) -> dict[str, object] | None:
     """The mapping an unknown table would be read with, and what it then holds; None for others."""
-    from airswing.reports.file_summary import reports_summary
     from airswing.reports.mapping_proposal import propose_mapping
+    from airswing.reports.read import reports_summary
 
     if "column" not in error.what and "is there" not in error.what:
         return None

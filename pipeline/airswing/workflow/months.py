@@ -145,7 +145,7 @@ class ReportArchive:
 
     def __init__(self, job: Job) -> None:
         from airswing.reports import Audit, expand
-        from airswing.reports.files import none_read, none_usable
+        from airswing.reports.read import none_read, none_usable
 
         self._asked = job.config.reports
         self._note = job.notes / "reports.json"
@@ -285,7 +285,7 @@ class ReportArchive:
     def audit_of(self, headings: xr.Dataset) -> Audit:
         """Counts of the reading of all files, and of what the assembly of the months left out."""
         from airswing.reports import Audit
-        from airswing.reports.canonical.audit import similar
+        from airswing.reports.audit import similar
 
         found, assembled = Audit(), Audit.from_dict(tally(headings, "reading_audit"))
         found.add(self.audit)

@@ -13,7 +13,7 @@ from airswing.report.run.reading_warnings import (
     reading_warnings,
     tally,
 )
-from airswing.reports.canonical.audit import Audit, similar
+from airswing.reports.audit import Audit, similar
 
 SKIPPED = [
     {"file": "/a/one.grb", "what": "message", "reason": "truncated message", "count": 1},

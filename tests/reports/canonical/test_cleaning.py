@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from airswing.reports.canonical.audit import Audit
-from airswing.reports.canonical.cleaning import clean
+from airswing.reports.audit import Audit
+from airswing.reports.cleaning import clean
 
 TIME = np.datetime64("2009-01-05T12:00:00", "ns")
 

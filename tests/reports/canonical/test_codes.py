@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from airswing.flags import ICING, PHASE, ROLL, TEMPERATURE_QC
-from airswing.reports.canonical.audit import Audit
-from airswing.reports.canonical.codes import TABLES, decode_flags
+from airswing.reports.audit import Audit
+from airswing.reports.values import FLAG_CODES, decode_flags
 
 
 def decoded(name: str, values: list[object]) -> tuple[list[int], Audit]:
     audit = Audit()
-    codes, missing = TABLES[name]
+    codes, missing = FLAG_CODES[name]
     return decode_flags(values, codes, missing, name=name, audit=audit).tolist(), audit
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from airswing.errors import InputError
-from airswing.reports.canonical.columns import canonical_names, parse_mapping, sources, split_name
+from airswing.reports.columns import canonical_names, parse_mapping, sources, split_name
 
 PLAIN = ["tail", "time", "latitude", "longitude"]
 WIND = ["wind_direction_deg", "wind_speed_kt"]

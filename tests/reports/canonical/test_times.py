@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from airswing.reports.canonical.times import parse_times
+from airswing.reports.values import parse_times
 
 NOON = np.datetime64("2009-01-05T12:00:00", "ns")
 

@@ -3,25 +3,23 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
 from benchmarks.fuzz.seeds import bufr_file
 
-from airswing.errors import InputError
 from airswing.guarded import WorkerEndedError, guarded
 from airswing.products.ragged import aircraft_of_report
 from airswing.reports import read_reports
-from airswing.reports.canonical.audit import Audit
-from airswing.reports.formats.bufr import _bufr_pieces, decode_messages
+from airswing.reports.audit import Audit
+from airswing.reports.formats.bufr import _read_bufr, decode_messages
 
 eccodes = pytest.importorskip("eccodes")
-pytest.importorskip("pdbufr")
 
 AMDAR = "reports/amdar_20090123_europe.bufr"
 
@@ -139,7 +137,7 @@ def test_the_real_file_agrees_with_eccodes_report_by_report(
 
 def test_phases_of_the_real_file(real: Callable[[str], Path], messages: list[dict[str, Any]]):
     audit = Audit()
-    (piece,) = _bufr_pieces(real(AMDAR), {}, audit)
+    piece = pd.concat(_read_bufr(real(AMDAR), {}, audit))
     told = [message["phaseOfAircraftFlight"] for message in messages]
     for phase, codes in {1: (5,), 2: (3, 4), 3: (6,)}.items():
         assert int((piece["phase"] == phase).sum()) == sum(code in codes for code in told)
@@ -302,10 +300,3 @@ def test_a_length_that_lies_costs_one_report(tmp_path: Path):
     found = read_reports(path)
     assert audit_of(found)["dropped"] == {"undecodable_message": 1}
     assert found.sizes["report"] == 11
-
-
-def test_without_pdbufr_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    (tmp_path / "a.bufr").write_bytes(b"BUFR" + b"\x00" * 20)
-    monkeypatch.setitem(sys.modules, "pdbufr", None)
-    with pytest.raises(InputError, match=r"airswing\[bufr\]"):
-        read_reports(tmp_path / "a.bufr")

@@ -18,8 +18,8 @@ from airswing.errors import InputError
 from airswing.flags import PLATFORM
 from airswing.products.ragged import aircraft_of_report
 from airswing.reports import read_reports
-from airswing.reports.canonical.audit import Audit
-from airswing.reports.formats.madis import FLAG_FIELDS, _madis_pieces, characters
+from airswing.reports.audit import Audit
+from airswing.reports.formats.madis import FLAG_FIELDS, _read_madis, characters
 
 REAL = "reports/acars_19990209_14z.nc"
 CODES_OF_THE_REAL_FILE = {  # counted by another program; see the notes beside the file
@@ -108,7 +108,7 @@ def test_the_ground_track_is_not_taken_for_a_heading(real: Callable[[str], Path]
 
 def test_quality_of_the_real_file(real: Callable[[str], Path]):
     audit = Audit()
-    (piece,) = _madis_pieces(real(REAL), {}, audit)
+    (piece,) = _read_madis(real(REAL), {}, audit)
     # 15 T + 11 B fail the temperature; 32 W + 11 B the wind (counted by cross-tabulation)
     assert int((piece["temperature_qc"] == 2).sum()) == 26
     assert int((piece["wind_qc"] == 2).sum()) == 43

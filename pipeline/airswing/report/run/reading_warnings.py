@@ -1,7 +1,7 @@
 """What did not come in, in words: files and messages left out, identifiers easily mixed up.
 
 Assumes the tallies the readers leave behind: ``reading_audit`` of the reports
-(:class:`airswing.reports.canonical.audit.Audit`) and ``skipped`` of each reference
+(:class:`airswing.reports.audit.Audit`) and ``skipped`` of each reference
 (:class:`airswing.reference.grib.catalogue.Catalogue`), as they stand in ``headings.nc``.
 """
 
@@ -18,7 +18,7 @@ import xarray as xr
 
 if TYPE_CHECKING:
     from airswing.reference.geometry.wind_profiles import LeftOut
-    from airswing.reports.canonical.audit import AuditContent
+    from airswing.reports.audit import AuditContent
 
 _GROUPS_SHOWN = 5
 # An attribute stays small, however much is broken.
@@ -71,7 +71,7 @@ def reading_warnings(audit: AuditContent) -> list[str]:
     Parameters
     ----------
     audit : AuditContent
-        Of :meth:`airswing.reports.canonical.audit.Audit.as_dict`.
+        Of :meth:`airswing.reports.audit.Audit.as_dict`.
 
     Returns
     -------
@@ -101,6 +101,7 @@ def reading_warnings(audit: AuditContent) -> list[str]:
                 f"a report file names the column of {name.removesuffix(_REPEATED)} twice: the "
                 "first is used"
             )
+    lines += audit.get("notes", [])
     if groups:
         shown = "; ".join(", ".join(map(repr, group)) for group in groups[:_GROUPS_SHOWN])
         more = len(groups) - _GROUPS_SHOWN

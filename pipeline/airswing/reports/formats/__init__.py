@@ -1,1 +1,123 @@
-"""One file a report format: CSV and Parquet tables, MADIS NetCDF, AMDAR BUFR."""
+"""Report formats, one file each: every module of this package that registers one is found.
+
+The format of a file follows from its first bytes (of a compressed file the decompressed ones): each
+format says whether it recognises them, the specific before the general (``priority``). A new format
+is a new module that calls :func:`register`; nothing else is changed.
+"""
+
+from __future__ import annotations
+
+import bz2
+import gzip
+import importlib
+import io
+import pkgutil
+import zlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO, Literal, cast
+
+import pandas as pd
+
+from airswing.errors import InputError
+from airswing.reports.audit import Audit
+from airswing.reports.columns import Mapped
+
+START = 4096  # bytes by which a format is recognised
+LARGEST_FILE = 1 << 30  # bytes after decompression, of formats that are read as a whole
+
+Reader = Callable[[Path, Mapped, Audit], Iterator[pd.DataFrame]]
+"""Yields raw columns in SI for :func:`airswing.reports.cleaning.clean`, piece by piece.
+
+Takes the file, the user's mapping of :func:`airswing.reports.columns.parse_mapping` (a format with
+fixed names ignores it) and the audit, to which everything dropped, repaired or coded is added.
+"""
+
+
+@dataclass(frozen=True)
+class ReportFormat:
+    """One format of report files; those of lower priority number are asked first."""
+
+    name: str  # in the configuration
+    recognises: Callable[[bytes], bool]  # whether a file that begins with these bytes is one
+    read: Reader
+    priority: int = 0
+
+
+_FORMATS: dict[str, ReportFormat] = {}
+
+
+def register(report_format: ReportFormat) -> ReportFormat:
+    """Add a format; a second one of the same name is a ValueError."""
+    known = _FORMATS.setdefault(report_format.name, report_format)
+    if known.read is not report_format.read:
+        raise ValueError(f"two report formats are named {report_format.name!r}")
+    return report_format
+
+
+def unregister(name: str) -> None:
+    """Remove a format."""
+    del _FORMATS[name]
+
+
+def formats() -> dict[str, ReportFormat]:
+    """Every format by name, in the order in which they are asked."""
+    for found in pkgutil.iter_modules(__path__):
+        importlib.import_module(f"{__name__}.{found.name}")
+    return dict(sorted(_FORMATS.items(), key=lambda item: (item[1].priority, item[0])))
+
+
+def is_text(start: bytes) -> bool:
+    """Return True where bytes look like those of a text file."""
+    # A NUL or two is a damaged row; in UTF-16 every second byte is one.
+    control = sum(byte < 32 and byte not in (9, 10, 13) for byte in start)
+    return control <= 0.05 * len(start)
+
+
+def compression_of(path: Path) -> Literal["gzip", "bz2"] | None:
+    """Return the compression of a file by its first bytes."""
+    with path.open("rb") as file:
+        start = file.read(3)
+    return "gzip" if start[:2] == b"\x1f\x8b" else "bz2" if start == b"BZh" else None
+
+
+def opened(path: Path) -> BinaryIO:
+    """Open a file for reading, decompressed where it is compressed with gzip or bzip2."""
+    compression = compression_of(path)
+    if compression is None:
+        return path.open("rb")
+    return cast(BinaryIO, gzip.open(path) if compression == "gzip" else bz2.open(path))
+
+
+def first_bytes(path: Path) -> bytes:
+    """Return the first bytes of a file after decompression."""
+    try:
+        with opened(path) as file:
+            return file.read(START)
+    except (OSError, EOFError, zlib.error) as error:
+        raise InputError(f"cannot be opened: {error}", file=path) from error
+
+
+def content_of(path: Path) -> bytes:
+    """Return a file's decompressed content, which is at most :data:`LARGEST_FILE`."""
+    try:
+        with opened(path) as file:
+            content = file.read(LARGEST_FILE + 1)
+    except (OSError, EOFError, zlib.error) as error:
+        raise InputError(f"cannot be read: {error}", file=path) from error
+    if len(content) > LARGEST_FILE:
+        raise InputError(f"decompresses to more than {LARGEST_FILE:,} bytes", file=path)
+    return content
+
+
+def lines_of(path: Path, number: int, longest: int = 20_000) -> list[str]:
+    """Return the first lines of a text file, without line ends."""
+    with io.TextIOWrapper(opened(path), encoding="utf-8-sig", errors="replace") as file:
+        return [file.readline(longest).rstrip("\r\n") for _ in range(number)]
+
+
+def constant_tail(mapping: Mapped) -> str | None:
+    """Return the aircraft that the configuration gives for a whole file, or None."""
+    value = mapping["tail"][1].value if "tail" in mapping else None
+    return None if value is None else str(value)

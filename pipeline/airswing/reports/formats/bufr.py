@@ -1,28 +1,32 @@
-"""AMDAR, ACARS and AIREP BUFR (WMO FM 94) to raw pieces, through pdbufr.
+"""AMDAR, ACARS and AIREP BUFR (WMO FM 94), through ecCodes.
 
 Assumptions
 -----------
 ``flightLevel``, ``indicatedAircraftAltitude`` and ``height`` (007010, 010070, 007002) are
 pressure altitudes in m, as AMDAR reports them; where only ``pressure`` is given it is used. The
 aircraft is the tail number (001110) if given, else the registration (001008), else the flight
-number (001006), which is where European AMDAR puts its aircraft identifier. Times are as coarse as
-coded: older templates have whole minutes.
+number (001006), in which European AMDAR has its aircraft identifier. Times are as coarse as coded:
+older templates have whole minutes.
 
-A message of edition 2 or later whose table version is not at hand is decoded with a current one;
-one that still cannot be decoded, or that ends the process it is read in, is counted as
-dropped (``undecodable_message``), and the rest of the file is read.
+Levels of a profile (3-11-008, 3-11-009)
+    What precedes the first level holds for all levels. A level begins where the vertical
+    coordinate occurs again and holds all that follows up to the next, its latitude and longitude
+    too. A key that occurs again within a level is used where the first had no value, and what
+    follows a second vertical coordinate without level, wind and temperature belongs to the first.
+
+A message of edition 2 or later whose table version is not available is decoded with a current one;
+one that still cannot be decoded, or that ends the process which decodes it, is counted as dropped
+(``undecodable_message``), and the rest of the file is read.
 
 References
 ----------
-WMO Manual on Codes, Volume I.2: code tables 0 08 004, 0 08 009, 0 02 064.
+WMO Manual on Codes, Volume I.2: code tables 0 08 004, 0 08 009, 0 02 064; templates 3 11 001 to
+3 11 010.
 """
 
 from __future__ import annotations
 
-import itertools
-import os
-from collections.abc import Iterator
-from importlib.util import find_spec
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -32,8 +36,10 @@ from numpy.typing import NDArray
 from airswing.errors import InputError
 from airswing.flags import ICING, PHASE, PLATFORM, ROLL
 from airswing.guarded import WorkerEndedError, guarded
-from airswing.reports.canonical.audit import Audit
-from airswing.reports.canonical.report_formats import Mapped, ReportFormat, is_text, register
+from airswing.reports.audit import Audit
+from airswing.reports.columns import Mapped
+from airswing.reports.formats import ReportFormat, content_of, is_text, register
+from airswing.reports.values import LARGEST_ROLL
 
 _TIME = ("year", "month", "day", "hour", "minute", "second")
 _TAILS = (
@@ -42,6 +48,8 @@ _TAILS = (
     "aircraftFlightNumber",
 )
 _ALTITUDES = ("flightLevel", "indicatedAircraftAltitude", "height")
+_VERTICAL = (*_ALTITUDES, "pressure")
+_MEASURED = (*_VERTICAL, "windDirection", "windSpeed", "airTemperature")
 _NUMBERS = {
     "latitude": "latitude",
     "longitude": "longitude",
@@ -55,9 +63,8 @@ _NUMBERS = {
 _PHASES = ("phaseOfAircraftFlight", "detailedPhaseOfFlight")
 _ROLLS = ("aircraftRollAngleQuality", "aircraftRollAngle")
 _ICINGS = ("airframeIcingPresent", "airframeIcing")
-_MEASURED = (*_ALTITUDES, "pressure", "windDirection", "windSpeed", "airTemperature")
-COLUMNS = (*_TIME, *_TAILS, *_ALTITUDES, *_NUMBERS, *_PHASES, *_ROLLS, *_ICINGS)
-"""eccodes keys asked for."""
+KEYS = (*_TIME, *_TAILS, *_ALTITUDES, *_NUMBERS, *_PHASES, *_ROLLS, *_ICINGS)
+"""Keys of ecCodes that are read."""
 
 # Phase of aircraft flight: 2 unsteady, 3 and 4 level, 5 ascending, 6 descending, 7 missing.
 PHASE_008004 = {3: PHASE["cruise"], 4: PHASE["cruise"], 5: PHASE["ascent"], 6: PHASE["descent"]}
@@ -69,176 +76,168 @@ PHASE_008009 = {
 }
 # Codes that mean a roll angle of 5 degrees or more.
 UNSTEADY = {"phaseOfAircraftFlight": (2,), "detailedPhaseOfFlight": (0, 1, 2)}
-_LARGEST_ROLL = 5.0  # degrees: AMDAR's limit of a good roll angle
-_OLDEST_TABLES = 6  # master table versions below are not shipped with eccodes
-_CURRENT_TABLES = 33  # master table version, of 2019, that holds every older descriptor
-_MESSAGES_TOGETHER, _ROWS_PER_PIECE = 100, 20_000
+_OLDEST_TABLES = 6  # older versions of the master table do not come with ecCodes
+_CURRENT_TABLES = 33  # version of 2019, which holds every older descriptor
+_MESSAGES_TOGETHER = 500
 _START, _END = b"BUFR", b"7777"
 
+Value = float | int | str | None
+Record = dict[str, Value]
 
-def _bufr_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
-    """Read one BUFR file."""
-    if find_spec("pdbufr") is None:
-        raise InputError(
-            "reading BUFR needs pdbufr",
-            file=path,
-            remedy="Install it with: pip install 'airswing[bufr]'",
-        )
+
+def _read_bufr(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
+    messages = list(_messages(content_of(path), audit))
     rows = 0
-    for table in _tables(path, audit):
-        rows += len(table)
-        yield _piece(_merged(table), audit)
+    for first in range(0, len(messages), _MESSAGES_TOGETHER):
+        records, failed = _decoded(messages[first : first + _MESSAGES_TOGETHER])
+        audit.drop("undecodable_message", failed, unread=True)
+        rows += len(records)
+        if records:
+            yield _raw(pd.DataFrame.from_records(records, columns=list(KEYS)), audit)
     if not rows:
         raise InputError("holds no aircraft report that can be decoded", file=path)
 
 
-def _tables(path: Path, audit: Audit) -> Iterator[pd.DataFrame]:
-    """Reports of some thousand messages at a time."""
-    rows: list[dict[str, object]] = []
-    messages = _framed(path, audit)
-    while taken := list(itertools.islice(messages, _MESSAGES_TOGETHER)):
-        found, failed = _decoded(taken)
-        rows += found
-        for _ in range(failed):
-            _drop(audit)
-        if len(rows) >= _ROWS_PER_PIECE:
-            yield pd.DataFrame.from_records(rows)
-            rows = []
-    if rows:
-        yield pd.DataFrame.from_records(rows)
+def _messages(content: bytes, audit: Audit) -> Iterator[bytes]:
+    """Whole messages of a file; what begins like one and has no end is counted as dropped."""
+    at = content.find(_START)
+    while at >= 0:
+        # From edition 2 on bytes 5 to 7 hold the length of the message.
+        length = int.from_bytes(content[at + 4 : at + 7], "big")
+        message = content[at : at + length]
+        edition = content[at + 7 : at + 8]
+        if edition >= b"\x02" and len(message) == length >= 12 and message.endswith(_END):
+            yield message
+            at += length
+        else:
+            audit.drop("undecodable_message", 1, unread=True)
+            at += len(_START)
+        at = content.find(_START, at)
 
 
-def _decoded(messages: list[bytes]) -> tuple[list[dict[str, object]], int]:
-    """Reports of messages, and the number of messages that cannot be decoded."""
+def _decoded(messages: list[bytes]) -> tuple[list[Record], int]:
+    """Records of messages, and the number of messages that cannot be decoded."""
     try:
         return guarded(decode_messages, messages)
     except (WorkerEndedError, ValueError):
         if len(messages) == 1:
             return [], 1
-    parts = [_decoded([message]) for message in messages]
+    half = len(messages) // 2
+    parts = [_decoded(messages[:half]), _decoded(messages[half:])]
     return [row for rows, _ in parts for row in rows], sum(failed for _, failed in parts)
 
 
-def decode_messages(messages: list[bytes]) -> tuple[list[dict[str, object]], int]:
-    """Decode BUFR messages by pdbufr, with their own tables or with current ones.
+def decode_messages(messages: list[bytes]) -> tuple[list[Record], int]:
+    """Decode BUFR messages with their own tables or with current ones.
 
     ecCodes may end the process at a damaged message: called by :func:`airswing.guarded.guarded`.
 
     Returns
     -------
-    rows : list of dict
-        Values by `COLUMNS`, one entry a report.
+    records : list of dict
+        Values by `KEYS`, one entry a report or a level of a profile.
     failed : int
         Messages that no tables decode.
     """
-    import pdbufr
-
-    failed: list[int] = []
-    try:
-        found = pdbufr.read_bufr(
-            _unpackable(messages, failed), columns=COLUMNS, required_columns=False
-        )
-    except Exception as error:  # of ecCodes and pdbufr, not all of which can be pickled
-        raise ValueError(str(error)) from None
-    return found.to_dict("records"), len(failed)
-
-
-def _unpackable(messages: list[bytes], failed: list[int]) -> Iterator[object]:
-    """Messages as pdbufr takes them; numbers of those that cannot be unpacked go to `failed`."""
     import eccodes
-    from pdbufr.high_level_bufr.bufr import BufrMessage
 
-    for number, octets in enumerate(messages):
+    records: list[Record] = []
+    failed = 0
+    for content in messages:
         for current in (False, True):
-            message = object.__new__(BufrMessage)  # its constructor reads from a file
-            message.codes_file = None
-            message.codes_id = eccodes.codes_new_from_message(octets)
+            message = eccodes.codes_new_from_message(content)
             try:
-                if current or message["masterTablesVersionNumber"] < _OLDEST_TABLES:
-                    message["masterTablesVersionNumber"] = _CURRENT_TABLES
-                    message["localTablesVersionNumber"] = 0
-                message["skipExtraKeyAttributes"] = 1
-                message["unpack"] = 1
+                version = eccodes.codes_get(message, "masterTablesVersionNumber")
+                if current or version < _OLDEST_TABLES:
+                    eccodes.codes_set(message, "masterTablesVersionNumber", _CURRENT_TABLES)
+                    eccodes.codes_set(message, "localTablesVersionNumber", 0)
+                eccodes.codes_set(message, "skipExtraKeyAttributes", 1)
+                eccodes.codes_set(message, "unpack", 1)
+                found = [record for subset in _subsets(message) for record in _levels(subset)]
             except Exception:  # ecCodes raises many kinds
-                eccodes.codes_release(message.codes_id)
                 continue
-            yield message
+            finally:
+                eccodes.codes_release(message)
+            records += found
             break
         else:
-            failed.append(number)
+            failed += 1
+    return records, failed
 
 
-def _drop(audit: Audit) -> None:
-    audit.read += 1
-    audit.drop("undecodable_message", 1)
+def _subsets(message: int) -> Iterator[list[tuple[str, Value]]]:
+    """Keys and values of each subset of a message, in order."""
+    import eccodes
+
+    number = int(eccodes.codes_get(message, "numberOfSubsets"))
+    compressed = bool(eccodes.codes_get(message, "compressedData"))
+    iterator = eccodes.codes_bufr_keys_iterator_new(message)
+    entries: list[tuple[str, list[Value]]] = []
+    try:
+        while eccodes.codes_bufr_keys_iterator_next(iterator):
+            name = eccodes.codes_bufr_keys_iterator_get_name(iterator)
+            key = name.rsplit("#", 1)[-1]
+            if not compressed and key == "subsetNumber" and entries:
+                yield [(key, values[0]) for key, values in entries]
+                entries = []
+            if key in KEYS:
+                values = eccodes.codes_get_array(message, name) if compressed else None
+                values = [eccodes.codes_get(message, name)] if values is None else list(values)
+                entries.append((key, [_known(value) for value in values]))
+    finally:
+        eccodes.codes_bufr_keys_iterator_delete(iterator)
+    for subset in range(number if compressed else 1):
+        yield [(key, values[subset if len(values) > 1 else 0]) for key, values in entries]
 
 
-def _framed(path: Path, audit: Audit) -> Iterator[bytes]:
-    """Whole messages of a file, over anything between; what has no end is counted as dropped."""
-    with path.open("rb") as file:
-        size, at = file.seek(0, os.SEEK_END), 0
-        while (at := _mark(file.fileno(), at, size)) < size:
-            head = os.pread(file.fileno(), 8, at)
-            length = int.from_bytes(head[4:7], "big")
-            octets = os.pread(file.fileno(), length, at) if len(head) == 8 else b""
-            # Edition 2 on has the length of the whole message in octets 5 to 7.
-            if head[7:] >= b"\x02" and length >= 12 and octets[length - 4 :] == _END:
-                yield octets
-                at += length
-            else:
-                _drop(audit)
-                at += len(_START)
+def _known(value: object) -> Value:
+    """A value of ecCodes, None where it is missing."""
+    if isinstance(value, str | bytes):
+        text = value if isinstance(value, str) else value.decode("ascii", "replace")
+        return text if text.isprintable() else None
+    number = float(value)  # type: ignore[arg-type]
+    return None if number in (-1e100, 2147483647.0) else number
 
 
-def _mark(descriptor: int, at: int, size: int) -> int:
-    """Where the next message begins; the file's size where there is none."""
-    while at < size:
-        block = os.pread(descriptor, 1 << 16, at)
-        found = block.find(_START)
-        if found >= 0:
-            return at + found
-        # Blocks overlap by three octets: a mark may lie across their border.
-        at += max(len(block) - len(_START) + 1, 1) if len(block) == 1 << 16 else size - at
-    return size
+def _levels(subset: Iterable[tuple[str, Value]]) -> list[Record]:
+    """One record a level: what precedes the levels, and what the level holds."""
+    common: Record = {}
+    levels: list[Record] = [{}]
+    vertical = ""
+    for key, value in subset:
+        if key == vertical:
+            levels.append({})
+        elif not vertical and key in _VERTICAL:
+            vertical = key
+        if value is not None:
+            (levels[-1] if vertical else common).setdefault(key, value)
+    records: list[Record] = []
+    for level in levels:
+        if records and level.keys().isdisjoint(_MEASURED):
+            records[-1] = common | level | records[-1]
+        else:
+            records.append(common | level)
+    return records
 
 
-def _merged(table: pd.DataFrame) -> pd.DataFrame:
-    """Put a report together again that pdbufr split at a descriptor which appears twice.
-
-    The second part repeats time and place and has no level, wind nor temperature of its own.
-    """
-    table = table.reindex(columns=list(COLUMNS))
-    place = [*_TIME, "latitude", "longitude", "aircraftFlightNumber"]
-    hollow = table[list(_MEASURED)].isna().all(axis=1)
-    if not hollow.any():
-        return table
-    here = table[place].astype(object)
-    before = here.shift()
-    repeats = ((here == before) | (here.isna() & before.isna())).all(axis=1)
-    second = np.flatnonzero((repeats & hollow).to_numpy(dtype=bool))
-    if not second.size:
-        return table
-    whole = table.iloc[second - 1].set_axis(second).combine_first(table.iloc[second])
-    table = table.astype(object)
-    table.iloc[second - 1] = whole[list(COLUMNS)].to_numpy(dtype=object)
-    return table.drop(index=table.index[second]).reset_index(drop=True)
-
-
-def _piece(table: pd.DataFrame, audit: Audit) -> pd.DataFrame:
+def _raw(table: pd.DataFrame, audit: Audit) -> pd.DataFrame:
     for name in (*_PHASES, *_ROLLS[:1], *_ICINGS):
-        counts = table[name].value_counts(dropna=False)
-        audit.codes(
-            name, {"missing" if c != c or c is None else f"{c:g}": n for c, n in counts.items()}
-        )
-    time, blank = _times(table)
+        counts = _column(table, name).value_counts(dropna=False)
+        audit.codes(name, {"missing" if c != c else f"{c:g}": int(n) for c, n in counts.items()})
+    parts = pd.DataFrame({name: _column(table, name) for name in _TIME})
+    parts["second"] = parts["second"].fillna(0.0)
     altitude = _column(table, _ALTITUDES[0])
     for name in _ALTITUDES[1:]:
-        altitude = np.where(np.isnan(altitude), _column(table, name), altitude)
+        altitude = altitude.fillna(_column(table, name))
+    tail = pd.Series("", index=table.index, dtype=object)
+    for name in reversed(_TAILS):  # the best last, so that it overwrites
+        text = table[name].astype(object).fillna("").astype(str).str.strip()
+        tail = text.where(text != "", tail)
     return pd.DataFrame(
         {
-            "tail": _tails(table),
-            "time": time,
-            "time_blank": blank,
+            "tail": tail,
+            "time": pd.to_datetime(parts, errors="coerce").astype("datetime64[ns]"),
+            "time_blank": parts.isna().any(axis=1),
             "pressure_altitude": altitude,
             **{ours: _column(table, name) for name, ours in _NUMBERS.items()},
             "phase": _phases(table),
@@ -249,43 +248,26 @@ def _piece(table: pd.DataFrame, audit: Audit) -> pd.DataFrame:
     )
 
 
-def _column(table: pd.DataFrame, name: str) -> NDArray[np.float64]:
-    return pd.to_numeric(table[name], errors="coerce").to_numpy(dtype=np.float64, na_value=np.nan)
-
-
-def _times(table: pd.DataFrame) -> tuple[NDArray[np.datetime64], NDArray[np.bool_]]:
-    parts = pd.DataFrame({name: _column(table, name) for name in _TIME})
-    parts["second"] = parts["second"].fillna(0.0)
-    blank = parts.isna().any(axis=1).to_numpy(dtype=bool)
-    time = pd.to_datetime(parts, errors="coerce").to_numpy(dtype="datetime64[ns]")
-    return time, blank
-
-
-def _tails(table: pd.DataFrame) -> pd.Series[str]:
-    tail = pd.Series("", index=table.index, dtype=object)
-    # The best last, so that it overwrites.
-    for name in reversed(_TAILS):
-        own = table[name].astype(object).fillna("").astype(str).str.strip()
-        tail = own.where(own != "", tail)
-    return tail
+def _column(table: pd.DataFrame, name: str) -> pd.Series[float]:
+    return pd.to_numeric(table[name], errors="coerce").astype(np.float64)
 
 
 def _phases(table: pd.DataFrame) -> NDArray[np.int8]:
     phase = np.zeros(len(table), dtype=np.int8)
     for name, codes in zip(_PHASES, (PHASE_008004, PHASE_008009), strict=True):
-        own = table[name].map(codes).fillna(0).to_numpy(dtype=np.int8)
-        # The detailed table comes last and goes before where it knows.
-        phase = np.where(own != 0, own, phase)
+        known = _column(table, name).map(codes).fillna(0).to_numpy(dtype=np.int8)
+        # The detailed table comes last and overrides where it knows.
+        phase = np.where(known != 0, known, phase)
     return phase
 
 
 def _rolls(table: pd.DataFrame) -> NDArray[np.int8]:
     roll = np.full(len(table), ROLL["missing"], dtype=np.int8)
     for name, codes in UNSTEADY.items():
-        roll[table[name].isin(codes).to_numpy(dtype=bool)] = ROLL["bad"]
-    angle = np.abs(_column(table, "aircraftRollAngle"))
-    roll[angle < _LARGEST_ROLL] = ROLL["good"]
-    roll[angle >= _LARGEST_ROLL] = ROLL["bad"]
+        roll[_column(table, name).isin(codes)] = ROLL["bad"]
+    angle = _column(table, "aircraftRollAngle").abs()
+    roll[angle < LARGEST_ROLL] = ROLL["good"]
+    roll[angle >= LARGEST_ROLL] = ROLL["bad"]
     quality = _column(table, "aircraftRollAngleQuality")
     roll[quality == 0.0] = ROLL["good"]
     roll[quality == 1.0] = ROLL["bad"]
@@ -303,4 +285,4 @@ def _icing(table: pd.DataFrame) -> NDArray[np.int8]:
     return icing
 
 
-register(ReportFormat("bufr", lambda start: b"BUFR" in start and not is_text(start), _bufr_pieces))
+register(ReportFormat("bufr", lambda start: b"BUFR" in start and not is_text(start), _read_bufr))

@@ -1,22 +1,22 @@
 """Report tables: CSV text and Parquet, read in pieces.
 
 Assumes one report a row and a header row of column names; commas, semicolons or tabs between
-columns; UTF-8 text, plain or gzip-compressed. Text columns are never read as numbers, so a tail
-``NA`` or ``007`` stays what it is. A row with too many columns is dropped and counted; a row
-with too few has the rest missing. Folders named ``tail=N401``, as programs that divide a Parquet
-table by a column write them, hold that column for the Parquet files below them.
+columns; UTF-8 text, plain or compressed with gzip or bzip2. Text columns are never read as numbers,
+so a tail ``NA`` or ``007`` stays what it is. A row with too many columns is dropped and counted; a
+row with too few has the rest missing. Folders named ``tail=N401``, as programs that partition a
+Parquet table write them, hold that column for the Parquet files in them.
 """
 
 from __future__ import annotations
 
 import csv
-import gzip
+import io
 import re
 import warnings
 import zlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol, TextIO
+from typing import Any, NamedTuple
 from urllib.parse import unquote
 
 import numpy as np
@@ -24,155 +24,125 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
-from airswing.reports.canonical.audit import Audit
-from airswing.reports.canonical.codes import TABLES, decode_flags
-from airswing.reports.canonical.columns import ONLY, TEXT, Source, parse_mapping, sources
-from airswing.reports.canonical.dialects import dialect_of
-from airswing.reports.canonical.report_formats import Mapped, ReportFormat, is_text, register
-from airswing.reports.canonical.times import Column, parse_times
+from airswing.reports.audit import Audit
+from airswing.reports.columns import (
+    ONLY,
+    TEXT,
+    Mapped,
+    Source,
+    layout_of,
+    parse_mapping,
+    sources,
+)
+from airswing.reports.formats import (
+    ReportFormat,
+    compression_of,
+    is_text,
+    opened,
+    register,
+)
+from airswing.reports.values import FLAG_CODES, Column, decode_flags, parse_times, possible
 
-if TYPE_CHECKING:
-    from pandas.io.parsers import TextFileReader
-
-# Rows in memory at a time: text of a table is many times what is kept of it.
-ROWS_PER_PIECE = 250_000
+ROWS_PER_PIECE = 250_000  # the text of a table is many times larger than what is kept of it
 _BUFFER = 2**20
-# Octets and lines: what goes on longer before a head is no table.
-_LONGEST_HEADER = 100_000
-# A file of nothing but remarks is not read to its end.
-_MOST_REMARKS = 200
-# What is added to a name that stands in a header a second time.
+_LONGEST_HEADER = 100_000  # characters; a longer line is no header
+_MOST_COMMENTS = 200  # lines that begin with #
+# Appended to a name that occurs in a header again.
 _AGAIN = re.compile(r" \(column \d+\)")
 _BLANKS = [
-    "",
-    " ",
-    "NA",
-    "N/A",
-    "n/a",
-    "NaN",
-    "nan",
-    "NULL",
-    "null",
-    "None",
-    "-",
-    "--",
-    "M",
-    "MISSING",
-    "missing",
-    "9999",
-    "99999",
-    "-9999",
-    "99999.0",
-    "-9999.0",
+    *("", " ", "NA", "N/A", "n/a", "NaN", "nan", "NULL", "null", "None", "-", "--"),
+    *("M", "MISSING", "missing", "9999", "99999", "-9999", "99999.0", "-9999.0"),
 ]
 _EXTRA = "columns past the header"
 _NO_VALUE = "__HIVE_DEFAULT_PARTITION__"
 _SKIPPED = re.compile(r"Skipping line \d+")
+_DAMAGE = (ValueError, EOFError, OSError, zlib.error)
 
 
-def _csv_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
-    """Read a CSV file."""
-    head = _header(path)
-    names = head.names
-    found = sources(names, _with_dialect(names, mapping), path)
-    repeated = _repeated(names, found)
+class _Header(NamedTuple):
+    names: list[str]
+    separator: str
+    lines: int  # lines up to and including the header
+
+
+def _read_csv(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
+    header = _header(path)
+    names = header.names
+    found = sources(names, _with_layout(names, mapping), path)
     text = {
         column: str
         for name, source in found.items()
-        # time joined of parts: 0930 read as a number has lost its nought
+        # A time made of parts too: 0930 read as a number loses its zero.
         if (name in TEXT or name.startswith(ONLY)) and (name != "time" or source.parts)
         for column in source.columns
     }
-    wanted = [column for source in found.values() for column in source.columns]
-
-    def begun() -> TextFileReader:
-        return pd.read_csv(
-            path,
-            sep=head.separator,
-            header=None,
-            skiprows=head.lines,
-            # One column more than the header names, to see the rows that are too long.
-            names=[*names, _EXTRA],
-            index_col=False,
-            on_bad_lines="warn",
-            dtype={**text, _EXTRA: str},
-            # pandas' own list would make a tail named NA a missing one: ours is of number columns
-            # alone
-            keep_default_na=False,
-            # a type is inferred of a whole piece: in parts one column may come out as two types
-            low_memory=False,
-            na_values={column: _BLANKS for column in wanted if column not in text},
-            encoding="utf-8",
-            compression=head.compression,
-            chunksize=ROWS_PER_PIECE,
-        )
-
-    rows = 0
-    for table in _tables(path, begun, audit):
-        rows += len(table)
-        for variable in repeated:
-            audit.repair(f"{variable}_column_repeated", len(table))
-        yield _raw_piece(_whole_rows(table, audit), found, audit)
-    if not rows:
-        raise InputError("has a header but no reports", file=path)
-
-
-def first_rows(path: Path) -> pd.DataFrame:
-    """The beginning of a CSV or Parquet table as it stands: nothing renamed, nothing converted."""
-    with path.open("rb") as file:
-        packed = file.read(4) == b"PAR1"
-    if packed:
-        import pyarrow.parquet as pq
-
-        with pq.ParquetFile(path) as opened:
-            first: pd.DataFrame = next(opened.iter_batches(batch_size=2000)).to_pandas()
-        return first
-    head = _header(path)
-    try:
-        return pd.read_csv(
-            path,
-            sep=head.separator,
-            header=None,
-            skiprows=head.lines,
-            names=head.names,
-            index_col=False,
-            nrows=2000,
-            on_bad_lines="skip",
-            na_values=_BLANKS,
-            compression="gzip" if head.compression else None,
-        )
-    except (ValueError, OSError, EOFError, zlib.error) as error:
-        raise InputError(f"cannot be read as CSV: {error}", file=path) from error
-
-
-def _repeated(names: list[str], found: Mapping[str, Source]) -> list[str]:
-    """Columns wanted that the header names again: the first of them counts, which is said."""
-    return [
+    numbers = {c for source in found.values() for c in source.columns if c not in text}
+    repeated = [
         variable
         for variable, source in found.items()
         if any(_AGAIN.fullmatch(name.removeprefix(source.column)) for name in names)
     ]
+    options = dict(
+        # One column more than the header names, to find the rows that are too long.
+        names=[*names, _EXTRA],
+        dtype={**text, _EXTRA: str},
+        on_bad_lines="warn",
+        # pandas' own list makes a tail named NA a missing one: ours is of number columns only.
+        keep_default_na=False,
+        na_values={column: _BLANKS for column in numbers},
+        # A type is inferred of a whole piece: in parts one column may become two types.
+        low_memory=False,
+        chunksize=ROWS_PER_PIECE,
+    )
+    rows, unreadable = 0, dict.fromkeys(found, 0)
+    for table in _tables(path, header, options, audit):
+        rows += len(table)
+        for variable in repeated:
+            audit.repair(f"{variable}_column_repeated", len(table))
+        # pandas skips rows of two columns too many by itself; those are counted by its warnings.
+        ragged = (table.pop(_EXTRA).fillna("").str.strip() != "").to_numpy(dtype=bool)
+        audit.drop("ragged_row", int(ragged.sum()), unread=True)
+        yield to_raw(table.loc[~ragged] if ragged.any() else table, found, audit, unreadable)
+    if not rows:
+        raise InputError("has a header but no reports", file=path)
+    for variable, number in unreadable.items():
+        if number and number == rows:
+            raise InputError(
+                "holds no numbers",
+                file=path,
+                field=found[variable].column,
+                found=audit.examples.get(variable),
+                remedy="Write numbers alone: the unit is in the column's name or its mapping",
+            )
 
 
 def _tables(
-    path: Path, begun: Callable[[], TextFileReader], audit: Audit
+    path: Path, header: _Header, options: Mapping[str, Any], audit: Audit
 ) -> Iterator[pd.DataFrame]:
-    """Tables of a CSV file; rows pandas skips for having far too many columns are counted."""
-    reader: TextFileReader | None = None
+    """Pieces of a CSV file; rows that pandas skips are counted."""
+    reader = None
     try:
         while True:
             try:
                 with warnings.catch_warnings(record=True) as caught:
                     warnings.simplefilter("always")
-                    reader = begun() if reader is None else reader
+                    reader = reader or pd.read_csv(
+                        path,
+                        sep=header.separator,
+                        header=None,
+                        skiprows=header.lines,
+                        index_col=False,
+                        encoding="utf-8",
+                        compression=compression_of(path),
+                        **options,
+                    )
                     table = next(reader, None)
             except UnicodeDecodeError as error:
                 raise _not_utf8(path) from error
-            except (ValueError, EOFError, OSError, zlib.error) as error:
+            except _DAMAGE as error:
                 raise InputError(f"cannot be read as CSV: {error}", file=path) from error
             ragged = sum(len(_SKIPPED.findall(str(entry.message))) for entry in caught)
-            audit.read += ragged
-            audit.drop("ragged_row", ragged)
+            audit.drop("ragged_row", ragged, unread=True)
             if table is None:
                 return
             yield table
@@ -181,41 +151,35 @@ def _tables(
             reader.close()
 
 
-def _whole_rows(table: pd.DataFrame, audit: Audit) -> pd.DataFrame:
-    """Drop rows with more columns than the header names; a lone trailing separator is no harm."""
-    # pandas skips rows of two columns too many by itself: those are counted by its warnings
-    ragged = (table.pop(_EXTRA).fillna("").str.strip() != "").to_numpy(dtype=bool)
-    audit.read += int(ragged.sum())
-    audit.drop("ragged_row", int(ragged.sum()))
-    return table.loc[~ragged] if ragged.any() else table
-
-
-class _Head(NamedTuple):
-    """What stands before the rows of a CSV file."""
-
-    names: list[str]
-    separator: str
-    compression: Literal["gzip"] | None
-    lines: int
-
-
-def _with_dialect(names: Sequence[str], mapping: Mapped) -> Mapped:
-    """The user's mapping before that of the program which wrote the table, where it is known."""
-    known = dialect_of(names)
-    return mapping if known is None else {**parse_mapping(known.columns_in(names)), **mapping}
-
-
-def _header(path: Path) -> _Head:
+def first_rows(path: Path) -> pd.DataFrame:
+    """Return the first rows of a CSV or Parquet table, nothing renamed and nothing converted."""
     with path.open("rb") as file:
-        # by its first octets: downloads are named as they may
-        packed = file.read(2) == b"\x1f\x8b"
+        parquet = file.read(4) == b"PAR1"
+    if parquet:
+        import pyarrow.parquet as pq
+
+        with pq.ParquetFile(path) as table:
+            first: pd.DataFrame = next(table.iter_batches(batch_size=2000)).to_pandas()
+        return first
+    header = _header(path)
+    options = dict(names=header.names, chunksize=2000, on_bad_lines="skip", na_values=_BLANKS)
+    return next(_tables(path, header, options, Audit()))
+
+
+def _with_layout(names: Sequence[str], mapping: Mapped) -> Mapped:
+    """The mapping of the program that wrote the table, if known, overridden by the user's."""
+    layout = layout_of(names)
+    return mapping if layout is None else {**parse_mapping(layout.mapping(names)), **mapping}
+
+
+def _header(path: Path) -> _Header:
     try:
-        # utf-8-sig: a byte order mark, as spreadsheets write it, is no part of the first name
-        with _opened(path, packed=packed) as file:
+        # utf-8-sig: a byte order mark is no part of the first name.
+        with io.TextIOWrapper(opened(path), encoding="utf-8-sig", newline="") as file:
             line, lines = _naming_line(file)
     except UnicodeDecodeError as error:
         raise _not_utf8(path) from error
-    except (EOFError, OSError, zlib.error) as error:
+    except _DAMAGE as error:
         raise InputError(f"cannot be read as CSV: {error}", file=path) from error
     if len(line) >= _LONGEST_HEADER:
         raise InputError(
@@ -225,33 +189,26 @@ def _header(path: Path) -> _Head:
         )
     if not line.strip():
         raise InputError("has no header row", file=path, remedy="The first row names the columns")
-    # The one most met; a comma where none is, for a table of one column.
-    separator = max(",;\t", key=line.count)
+    separator = max(",;\t", key=line.count)  # a comma for a table of one column
     names: list[str] = []
     for name in next(csv.reader([line.rstrip("\r\n")], delimiter=separator)):
-        # pandas refuses a name twice
+        # pandas refuses a name twice.
         names.append(name if name not in names else f"{name} (column {len(names) + 1})")
-    return _Head(names, separator, "gzip" if packed else None, lines)
+    return _Header(names, separator, lines)
 
 
-def _opened(path: Path, *, packed: bool) -> TextIO:
-    if packed:
-        return gzip.open(path, "rt", encoding="utf-8-sig", newline="")
-    return path.open(encoding="utf-8-sig", newline="")
+def _naming_line(file: io.TextIOWrapper) -> tuple[str, int]:
+    """The line that names the columns, and its number.
 
-
-def _naming_line(file: TextIO) -> tuple[str, int]:
-    """The line that names the columns, and how many lines end with it.
-
-    Lines that begin with ``#`` are remarks; but where what follows them is no header (its first
+    Lines that begin with ``#`` are comments; but where what follows them is no header (its first
     entry is a number), the last of them names the columns.
     """
-    line, lines, remark = file.readline(_LONGEST_HEADER), 1, ""
-    while line.startswith("#") and lines <= _MOST_REMARKS:
-        remark, line = line, file.readline(_LONGEST_HEADER)
+    line, lines, comment = file.readline(_LONGEST_HEADER), 1, ""
+    while line.startswith("#") and lines <= _MOST_COMMENTS:
+        comment, line = line, file.readline(_LONGEST_HEADER)
         lines += 1
-    if remark and not re.match(r"\s*[\"']?[A-Za-z_]", line):
-        return remark.lstrip("# "), lines - 1
+    if comment and not re.match(r"\s*[\"']?[A-Za-z_]", line):
+        return comment.lstrip("# "), lines - 1
     return line, lines
 
 
@@ -259,8 +216,7 @@ def _not_utf8(path: Path) -> InputError:
     return InputError("is not UTF-8 text", file=path, remedy="Save it as UTF-8, or remove it")
 
 
-def _parquet_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
-    """Read a Parquet file."""
+def _read_parquet(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
     try:
         import pyarrow.parquet as pq
     except ImportError as error:
@@ -270,76 +226,87 @@ def _parquet_pieces(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.Da
             remedy="Install it with: pip install 'airswing[parquet]'",
         ) from error
     try:
-        # Read a little at a time: whole column chunks of a large row group are hundreds of MB.
+        # A little at a time: whole column chunks of a large row group are hundreds of MB.
         file = pq.ParquetFile(path, buffer_size=_BUFFER, pre_buffer=False)
-    except Exception as error:  # pyarrow's own errors share no base with the rest
+    except Exception as error:  # pyarrow's errors have no common base
         raise InputError(f"cannot be read as Parquet: {error}", file=path) from error
     with file:
         inside = file.schema_arrow.names
-        # what stands in the file counts before what its folder is called
-        folders = {name: value for name, value in _of_folders(path).items() if name not in inside}
+        # A column of the file comes before one of its folder.
+        pairs = (part.split("=", 1) for part in path.absolute().parent.parts if "=" in part)
+        folders = {
+            name: "" if value == _NO_VALUE else unquote(value)
+            for name, value in pairs
+            if name and name not in inside
+        }
         names = [*inside, *folders]
-        found = sources(names, _with_dialect(names, mapping), path)
+        found = sources(names, _with_layout(names, mapping), path)
         every = {column: None for source in found.values() for column in source.columns}
-        wanted = [column for column in every if column in inside]
         if not file.metadata.num_rows:
             raise InputError("holds no reports", file=path)
-        batches = file.iter_batches(batch_size=ROWS_PER_PIECE, columns=wanted)
-        while (table := _next_table(batches, path)) is not None:
-            yield _raw_piece(table.assign(**folders), found, audit)
+        batches = file.iter_batches(
+            batch_size=ROWS_PER_PIECE, columns=[column for column in every if column in inside]
+        )
+        while True:
+            try:
+                if (batch := next(batches, None)) is None:
+                    return
+                batch.validate(full=True)  # text that is not UTF-8
+                table = batch.to_pandas(ignore_metadata=True)
+            except Exception as error:  # pyarrow's errors have no common base
+                raise InputError(f"cannot be read as Parquet: {error}", file=path) from error
+            yield to_raw(table.assign(**folders), found, audit)
 
 
-class _Batch(Protocol):
-    """A record batch of pyarrow."""
+def to_raw(
+    table: pd.DataFrame,
+    found: Mapping[str, Source],
+    audit: Audit,
+    unreadable: dict[str, int] | None = None,
+) -> pd.DataFrame:
+    """Bring a table with the file's own column names to raw columns in SI.
 
-    def validate(self, *, full: bool) -> None: ...
-
-    def to_pandas(self, *, ignore_metadata: bool) -> pd.DataFrame: ...
-
-
-def _next_table(batches: Iterator[_Batch], path: Path) -> pd.DataFrame | None:
-    try:
-        batch = next(batches, None)
-        if batch is None:
-            return None
-        batch.validate(full=True)  # text that is not UTF-8 would be noticed where it is looked at
-        return batch.to_pandas(ignore_metadata=True)
-    except Exception as error:  # pyarrow's own errors share no base with the rest
-        raise InputError(f"cannot be read as Parquet: {error}", file=path) from error
-
-
-def _of_folders(path: Path) -> dict[str, str]:
-    """Columns that stand in the names of the folders of a file."""
-    pairs = (part.split("=", 1) for part in path.absolute().parent.parts if "=" in part)
-    return {name: "" if value == _NO_VALUE else unquote(value) for name, value in pairs if name}
-
-
-def _raw_piece(table: pd.DataFrame, found: Mapping[str, Source], audit: Audit) -> pd.DataFrame:
-    """Bring one table, with the file's own column names, to SI and decoded flags."""
-    piece: dict[str, NDArray[np.generic]] = {}
+    Parameters
+    ----------
+    table : DataFrame
+    found : mapping of str to Source
+        Of :func:`airswing.reports.columns.sources`.
+    audit : Audit
+        Values that cannot be read are added to it.
+    unreadable : dict, optional
+        To which the number of values that are no numbers is added, by variable.
+    """
+    raw: dict[str, NDArray[np.generic]] = {}
     for variable, source in found.items():
-        column = _origin(table, source)
+        column = _column(table, source)
         if variable == "time":
             time, blank = parse_times(column)
-            piece |= {"time": time, "time_blank": blank}
-            _first_bad(column, np.isnat(time) & ~blank, "time", audit)
-        elif variable in TABLES:
-            codes, missing = TABLES[variable]
-            piece[variable] = decode_flags(column, codes, missing, name=variable, audit=audit)
+            raw |= {"time": time, "time_blank": blank}
+            _example(column, ~possible(time) & ~blank, variable, audit)
+        elif variable in FLAG_CODES:
+            codes, missing = FLAG_CODES[variable]
+            raw[variable] = decode_flags(column, codes, missing, name=variable, audit=audit)
         elif variable in TEXT or variable.startswith(ONLY):
-            piece[variable] = _as_text(column)
+            raw[variable] = _as_text(column)
         else:
-            piece[variable] = _as_number(column, variable, audit) * source.factor + source.offset
-    return pd.DataFrame(piece)
+            numbers = pd.to_numeric(column, errors="coerce")
+            bad = (numbers.isna() & column.notna()).to_numpy(dtype=bool)
+            audit.repair(f"{variable}_unparsable", int(bad.sum()))
+            _example(column, bad, variable, audit)
+            if unreadable is not None:
+                unreadable[variable] += int(bad.sum())
+            values = numbers.to_numpy(dtype=np.float64, na_value=np.nan)
+            raw[variable] = values * source.factor + source.offset
+    return pd.DataFrame(raw)
 
 
-def _origin(table: pd.DataFrame, source: Source) -> Column:
-    """The column a source names: constant, joined of parts, or filled row by row by others."""
+def _column(table: pd.DataFrame, source: Source) -> Column:
+    """The column of a source: constant, made of parts, or filled row by row by others."""
     if source.value is not None:
         return pd.Series(source.value, index=table.index)
     column = table[source.column]
     for other in source.others:
-        # text columns hold blanks where number columns hold nothing
+        # Text columns hold blanks where number columns hold NaN.
         column = column.where(column.notna() & (column.astype(str).str.strip() != ""), table[other])
     if source.parts:
         column = column.astype(str).str.strip()
@@ -348,27 +315,17 @@ def _origin(table: pd.DataFrame, source: Source) -> Column:
     return column
 
 
-def _first_bad(column: Column, bad: NDArray[np.bool_], variable: str, audit: Audit) -> None:
+def _example(column: Column, bad: NDArray[np.bool_], variable: str, audit: Audit) -> None:
     if bad.any():
         audit.example(variable, column.iloc[int(np.argmax(bad))])
 
 
 def _as_text(column: Column) -> NDArray[np.object_]:
-    """Text of a column; a whole number written as 12.0 by another program is 12."""
+    """Text of a column; a whole number that another program wrote as 12.0 is 12."""
     if pd.api.types.is_float_dtype(column.dtype) and (column.dropna() % 1 == 0).all():
         column = column.astype("Int64")
     return column.astype("string").fillna("").astype(str).to_numpy(dtype=object)
 
 
-def _as_number(column: Column, variable: str, audit: Audit) -> NDArray[np.float64]:
-    if pd.api.types.is_numeric_dtype(column.dtype):
-        return column.to_numpy(dtype=np.float64, na_value=np.nan)
-    numbers = pd.to_numeric(column, errors="coerce")
-    bad = (numbers.isna() & column.notna()).to_numpy(dtype=bool)
-    audit.repair(f"{variable}_unparsable", int(bad.sum()))
-    _first_bad(column, bad, variable, audit)
-    return numbers.to_numpy(dtype=np.float64, na_value=np.nan)
-
-
-register(ReportFormat("csv", is_text, _csv_pieces, rank=9))
-register(ReportFormat("parquet", lambda start: start.startswith(b"PAR1"), _parquet_pieces))
+register(ReportFormat("csv", is_text, _read_csv, priority=9))
+register(ReportFormat("parquet", lambda start: start.startswith(b"PAR1"), _read_parquet))

@@ -1,18 +1,19 @@
-"""Columns of a report table: canonical names, their units, and a user's own names and units.
+"""Columns of a report table: canonical names and units, and mappings of other names and units.
 
-A canonical name is a quantity with its unit at the end (``wind_speed_kt``). The same quantity
-with another unit at the end (``wind_speed_m_s``) is understood as it stands; any other name is
-mapped by the configuration, in one of these forms:
+A canonical name is a quantity with its unit at the end (``wind_speed_kt``). The same quantity with
+another unit at the end (``wind_speed_m_s``) is understood without a mapping. Tables of programs in
+use are recognised by the names of their columns (:data:`LAYOUTS`). Any other name is mapped by the
+configuration, in one of these forms:
 
 * ``theirs: canonical`` or ``theirs: {name: canonical, unit: their unit}``;
-* ``canonical: [theirs, other]``: several columns of one quantity; row by row the first that holds
-  a value counts;
+* ``canonical: [theirs, other]``: several columns of one quantity; in each row the first that holds
+  a value is used;
 * ``canonical: {value: N510}``: the same for every report;
 * ``time: {date: theirs, time: theirs, offset: theirs}``: a time made of two columns, or of three
   where the third is the offset from UTC;
 * ``name: {only: [value, ...]}``: reports with another value in that column are left out.
 
-Units are converted by pint; every _conversion used here is affine (factor and offset).
+Units are converted by pint; every conversion used here has a factor and an offset.
 """
 
 from __future__ import annotations
@@ -25,18 +26,18 @@ from typing import TYPE_CHECKING, SupportsFloat
 
 from airswing.errors import InputError
 
-if TYPE_CHECKING:  # taken up at the first unit
+if TYPE_CHECKING:  # imported at the first unit
     import pint
 
 ColumnMapping = Mapping[str, "str | Sequence[str] | Mapping[str, object]"]
-"""The forms of a mapping that the module describes."""
+"""A mapping in the forms that the module describes."""
 ONLY = "only:"
-"""Before the name of a column whose values decide which reports are wanted."""
+"""Prefix of a column whose values select the reports."""
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """A numeric column: the piece's column it fills, the unit there, its canonical name."""
+    """A numeric column: the variable it becomes, the unit of that, its canonical name."""
 
     variable: str
     si_unit: str
@@ -46,7 +47,7 @@ class Quantity:
 TEXT = ("tail", "time", "roll_flag", "temperature_qc", "wind_qc", "phase", "flight", "icing")
 """Columns without a unit."""
 
-_PLAIN = {"latitude": "degree", "longitude": "degree", "mach": "dimensionless"}
+_WITHOUT_SUFFIX = {"latitude": "degree", "longitude": "degree", "mach": "dimensionless"}
 
 QUANTITIES = {
     "latitude": Quantity("latitude", "degree", "latitude"),
@@ -66,52 +67,27 @@ QUANTITIES = {
     "indicated_airspeed": Quantity("indicated_airspeed", "m/s", "indicated_airspeed_kt"),
     "mach": Quantity("mach", "dimensionless", "mach"),
 }
-"""Numeric columns by the stem of their name."""
+"""Numeric columns by the name without its unit."""
 
 _SUFFIXES = {
-    "deg": "degree",
-    "degree": "degree",
-    "degrees": "degree",
+    **dict.fromkeys(("deg", "degree", "degrees"), "degree"),
+    **dict.fromkeys(("kt", "kts", "kn", "knots"), "kt"),
+    **dict.fromkeys(("m_s", "mps", "ms", "m_s-1"), "m/s"),
+    **dict.fromkeys(("km_h", "kmh"), "km/h"),
+    **dict.fromkeys(("hPa", "mb", "mbar"), "hPa"),
+    **dict.fromkeys(("degC", "C"), "degC"),
+    **dict.fromkeys(("degF", "F"), "degF"),
+    **{unit: unit for unit in ("ft", "m", "km", "hft", "Pa", "kPa", "mph", "K")},
     "rad": "radian",
-    "ft": "ft",
-    "m": "m",
-    "km": "km",
-    "hft": "hft",
-    "hPa": "hPa",
-    "Pa": "Pa",
-    "mb": "hPa",
-    "mbar": "hPa",
-    "kPa": "kPa",
-    "kt": "kt",
-    "kts": "kt",
-    "kn": "kt",
-    "knots": "kt",
-    "m_s": "m/s",
-    "mps": "m/s",
-    "ms": "m/s",
-    "m_s-1": "m/s",
-    "km_h": "km/h",
-    "kmh": "km/h",
-    "mph": "mph",
-    "degC": "degC",
-    "C": "degC",
-    "K": "K",
-    "degF": "degF",
-    "F": "degF",
 }
-_ALIASES = {
+_SPELLINGS = {
     **_SUFFIXES,
-    "hft": "hectofoot",
-    "hundreds of feet": "hectofoot",
-    "flight level": "hectofoot",
-    "m s-1": "m/s",
-    "m s**-1": "m/s",
+    **dict.fromkeys(("hft", "hundreds of feet", "flight level"), "hectofoot"),
+    **dict.fromkeys(("m s-1", "m s**-1"), "m/s"),
+    **dict.fromkeys(("meters", "metres"), "m"),
+    **dict.fromkeys(("celsius", "°C", "deg C"), "degC"),
     "°": "degree",
-    "celsius": "degC",
     "kelvin": "K",
-    "°C": "degC",
-    "meters": "m",
-    "metres": "m",
     "feet": "ft",
     "arcmin": "arcminute",
 }
@@ -121,29 +97,94 @@ NO_WIND = (
     "the constant .nan)"
 )
 REQUIRED = ("tail", "time", "latitude", "longitude")
+# A wind can be derived from one of the first two each and from both of the last.
 HEADINGS = ("reported_heading", "magnetic_heading")
 AIRSPEEDS = ("reported_airspeed", "mach", "indicated_airspeed")
-# What a wind can be derived from: one of the first two each, and both of these.
 GROUND = ("ground_speed", "track")
 
 
 @dataclass(frozen=True)
 class Source:
-    """Where a column of the piece comes from."""
+    """The column or columns of a file that one variable is read from."""
 
     column: str  # in the file
     factor: float = 1.0  # value * factor + offset is in SI (or degrees); 1 and 0 for text
     offset: float = 0.0
-    others: tuple[str, ...] = ()  # stand in, row by row, where the first holds nothing
-    parts: tuple[str, ...] = ()  # follow the first in a time made of several
+    others: tuple[str, ...] = ()  # used in rows where the first holds nothing
+    parts: tuple[str, ...] = ()  # appended to the first in a time made of several columns
     value: str | float | None = None  # the same for every report, before factor and offset
-    wanted: tuple[str, ...] = ()  # values of which reports are wanted
+    wanted: tuple[str, ...] = ()  # values that select reports
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Every column of the file that is read for it."""
-        own = () if self.value is not None else (self.column,)
-        return (*own, *self.others, *self.parts)
+        """Every column of the file that is read."""
+        first = () if self.value is not None else (self.column,)
+        return (*first, *self.others, *self.parts)
+
+
+Mapped = Mapping[str, tuple[str, Source]]
+"""The user's name and the source of each variable; of :func:`parse_mapping`."""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """A program whose tables are recognised by column names that are always there."""
+
+    program: str
+    signature: frozenset[str]
+    columns: Mapping[str, str | tuple[str, ...]]
+
+    def mapping(self, names: Iterable[str]) -> ColumnMapping:
+        """Mapping of the columns that are in a table."""
+        there = {name.strip() for name in names}
+        mapping: dict[str, str | list[str]] = {}
+        for key, target in self.columns.items():
+            if isinstance(target, tuple):
+                if some := [name for name in target if name in there]:
+                    mapping[key] = some
+            elif key in there:
+                mapping[key] = target
+        return mapping
+
+
+LAYOUTS = (
+    Layout(
+        "meteo-particle-model, decoded Mode-S",
+        frozenset({"ts", "icao", "lat", "lon", "alt", "hdg"}),
+        {
+            "icao": "tail",
+            "ts": "time",
+            "lat": "latitude",
+            "lon": "longitude",
+            "alt": "pressure_altitude_ft",
+            "hdg": "magnetic_heading_deg",
+            "ias": "indicated_airspeed_kt",
+            "ground_speed_kt": ("gs_adsb", "gs"),
+            "track_deg": ("trk_adsb", "trk"),
+            "tas": "true_airspeed_kt",
+        },
+    ),
+    Layout(
+        "OpenSky state vectors",
+        frozenset({"time", "icao24", "lat", "lon", "velocity", "heading", "baroaltitude"}),
+        {
+            "icao24": "tail",
+            "lat": "latitude",
+            "lon": "longitude",
+            "baroaltitude": "pressure_altitude_m",
+            "velocity": "ground_speed_m_s",
+            "heading": "track_deg",  # the direction of movement over ground
+            "callsign": "flight",
+        },
+    ),
+)
+"""Headings of Mode-S register 6,0 are magnetic; tracks are true (ADS-B, register 5,0)."""
+
+
+def layout_of(names: Iterable[str]) -> Layout | None:
+    """Return the layout of a table with these columns, or None."""
+    there = {name.strip() for name in names}
+    return next((layout for layout in LAYOUTS if layout.signature <= there), None)
 
 
 def canonical_names() -> list[str]:
@@ -152,36 +193,42 @@ def canonical_names() -> list[str]:
 
 
 def parse_mapping(columns: ColumnMapping | None) -> dict[str, tuple[str, Source]]:
-    """Check a user's column mapping before any file is opened: the piece's column to theirs.
+    """Check a user's column mapping before any file is opened.
+
+    Returns
+    -------
+    dict
+        The user's name and the source of each mapped variable.
 
     Raises
     ------
     InputError
         Unknown canonical name, unknown unit, or a unit of another kind than the column's.
     """
-    found: dict[str, tuple[str, Source]] = {}
-    for theirs, target in (columns or {}).items():
-        special = _special(str(theirs), target)
+    mapping: dict[str, tuple[str, Source]] = {}
+    for key, target in (columns or {}).items():
+        theirs = str(key)
+        special = _canonical_first(theirs, target)
         if special is None:
-            name, unit = _target(str(theirs), target)
-            variable, source = _resolve(str(theirs), name, unit)
+            name, unit = _name_and_unit(theirs, target)
+            variable, source = _resolve(theirs, name, unit)
         else:
-            (variable, source), name = special, str(theirs)
-        if variable in found:
+            (variable, source), name = special, theirs
+        if variable in mapping:
             raise InputError(
                 f"two columns are mapped to {name}",
                 field="reports.columns",
-                found=f"{found[variable][1].column}, {theirs}",
+                found=f"{mapping[variable][1].column}, {theirs}",
                 remedy="Keep one of them",
             )
-        found[variable] = (str(theirs), source)
-    return found
+        mapping[variable] = (theirs, source)
+    return mapping
 
 
-def _special(name: str, target: object) -> tuple[str, Source] | None:
-    """Forms in which the canonical name stands first; None for the others."""
+def _canonical_first(name: str, target: object) -> tuple[str, Source] | None:
+    """Forms in which the canonical name is the key; None for the others."""
     if isinstance(target, list | tuple) and target:
-        names = [str(one) for one in target]
+        names = [str(value) for value in target]
         variable, source = _resolve(names[0], name, None)
         return variable, replace(source, others=tuple(names[1:]))
     if not isinstance(target, Mapping):
@@ -201,17 +248,15 @@ def _special(name: str, target: object) -> tuple[str, Source] | None:
 
 
 def _constant(name: str, value: object) -> str | float:
-    """Value of every report: text for columns without a unit, else a number."""
     if name in TEXT:
         return str(value)
     try:
-        # what is nothing of these is no number as text either
         return float(value if isinstance(value, str | bytes | SupportsFloat) else str(value))
     except (TypeError, ValueError) as error:
         raise InputError("is no number", field=f"reports.columns.{name}", found=value) from error
 
 
-def _target(theirs: str, target: object) -> tuple[str, str | None]:
+def _name_and_unit(theirs: str, target: object) -> tuple[str, str | None]:
     if isinstance(target, str):
         return target, None
     if isinstance(target, Mapping) and "name" in target and set(target) <= {"name", "unit"}:
@@ -239,30 +284,30 @@ def _resolve(theirs: str, name: str, unit: str | None) -> tuple[str, Source]:
             field=f"reports.columns.{theirs}",
             remedy=f"Nearest: {', '.join(near)}" if near else "See the list of columns",
         )
-    quantity, own_unit = known
-    factor, offset = _conversion(unit or own_unit, quantity.si_unit, theirs, quantity.canonical)
-    return quantity.variable, Source(theirs, factor, offset)
+    quantity, unit = known[0], unit or known[1]
+    if not compatible(unit, quantity.si_unit):
+        raise InputError(
+            f"unit {unit!r} is no unit of {quantity.canonical}",
+            field=f"reports.columns.{theirs}",
+            found=unit,
+            remedy=f"Give a unit that converts to {quantity.si_unit!r}",
+        )
+    return quantity.variable, Source(theirs, *conversion(unit, quantity.si_unit))
 
 
 def split_name(name: str) -> tuple[Quantity, str] | None:
-    """Quantity and unit at the end of a name such as ``wind_speed_m_s``; None for any other."""
-    # Longest first: ``pressure_altitude_ft`` is no pressure.
+    """Quantity and unit of a name such as ``wind_speed_m_s``; None for any other name."""
+    # The longest first: ``pressure_altitude_ft`` is no pressure.
     for stem in sorted(QUANTITIES, key=len, reverse=True):
         if not name.lower().startswith(stem):
             continue
         quantity, suffix = QUANTITIES[stem], name[len(stem) :]
         if not suffix:
-            return (quantity, _PLAIN[stem]) if stem in _PLAIN else None
-        unit = _unit_of_suffix(suffix[1:]) if suffix[0] == "_" else None
+            return (quantity, _WITHOUT_SUFFIX[stem]) if stem in _WITHOUT_SUFFIX else None
+        folded = {key.lower(): unit for key, unit in _SUFFIXES.items()}
+        unit = folded.get(suffix[1:].lower()) if suffix[0] == "_" else None
         return None if unit is None or not compatible(unit, quantity.si_unit) else (quantity, unit)
     return None
-
-
-def _unit_of_suffix(suffix: str) -> str | None:
-    if suffix in _SUFFIXES:
-        return _SUFFIXES[suffix]
-    folded = {key.lower(): value for key, value in _SUFFIXES.items()}
-    return folded.get(suffix.lower())
 
 
 @lru_cache(maxsize=1)
@@ -275,67 +320,61 @@ def _registry() -> pint.UnitRegistry[float]:
 
 
 @lru_cache(maxsize=256)
-def _affine(unit: str, si_unit: str) -> tuple[float, float]:
+def conversion(unit: str, si_unit: str) -> tuple[float, float]:
+    """Factor and offset from a unit to another; pint's errors where there is none."""
     quantity = _registry().Quantity
-    unit = _ALIASES.get(unit.strip(), unit.strip())
-    # Two points tell factor and offset of any affine unit, degrees Celsius too.
+    unit = _SPELLINGS.get(unit.strip(), unit.strip())
     zero = quantity(0.0, unit).to(si_unit).magnitude
     one = quantity(1.0, unit).to(si_unit).magnitude
     return float(one - zero), float(zero)
 
 
 def compatible(unit: str, si_unit: str) -> bool:
-    """Tell whether one unit converts to another."""
+    """Return True where one unit converts to another."""
     try:
-        _affine(unit, si_unit)
+        conversion(unit, si_unit)
     except Exception:  # pint raises many kinds, some of them from its parser
         return False
     return True
 
 
-def _conversion(unit: str, si_unit: str, column: str, canonical: str) -> tuple[float, float]:
-    """Factor and offset from a user's unit to ours; a message that names their column."""
-    if not compatible(unit, si_unit):
-        raise InputError(
-            f"unit {unit!r} cannot stand for {canonical}",
-            field=f"reports.columns.{column}",
-            found=unit,
-            remedy=f"Give a unit that converts to {si_unit!r}",
-        )
-    return _affine(unit, si_unit)
-
-
-def sources(
-    names: Iterable[str], mapping: Mapping[str, tuple[str, Source]], file: object
-) -> dict[str, Source]:
-    """Find the file's column for every column of the piece.
+def sources(names: Iterable[str], mapping: Mapped, file: object) -> dict[str, Source]:
+    """Find the columns of a file that its variables are read from.
 
     Parameters
     ----------
     names : iterable of str
         Columns of the file.
     mapping : mapping
-        From :func:`parse_mapping`; comes before names understood as they stand.
+        Of :func:`parse_mapping`; overrides names that are understood without it.
     file : path
-        Named in the message.
+        Named in messages.
+
+    Returns
+    -------
+    dict of Source
+        By variable.
 
     Raises
     ------
     InputError
-        If a mapped column or a required one is absent; names the nearest that are there.
+        A mapped column or a required one is absent; names the nearest that are there.
     """
     names = list(names)
     by_stripped = {name.strip(): name for name in names}
-    found: dict[str, Source] = {}
-    for variable, (_, source) in mapping.items():
-        found[variable] = _present(source, by_stripped, names, file)
+    found = {
+        variable: _present(source, by_stripped, names, file)
+        for variable, (_, source) in mapping.items()
+    }
     taken = {column for source in found.values() for column in source.columns}
     for stripped, name in by_stripped.items():
         if name in taken:
             continue
-        known = _understood(stripped, name)
-        if known is not None:
-            found.setdefault(*known)
+        if stripped.lower() in TEXT:
+            found.setdefault(stripped.lower(), Source(name))
+        elif (known := split_name(stripped)) is not None:
+            quantity, unit = known
+            found.setdefault(quantity.variable, Source(name, *conversion(unit, quantity.si_unit)))
     _check_required(found, names, file)
     return found
 
@@ -343,13 +382,12 @@ def sources(
 def _present(
     source: Source, by_stripped: Mapping[str, str], names: list[str], file: object
 ) -> Source:
-    """A mapped source with the columns as the file writes them."""
+    """A mapped source with its columns as the file writes them."""
     if source.value is not None:
         return source
     if source.others:
         wanted = (source.column, *source.others)
-        there = [by_stripped[name] for name in wanted if name in by_stripped]
-        if there:
+        if there := [by_stripped[name] for name in wanted if name in by_stripped]:
             return replace(source, column=there[0], others=tuple(there[1:]))
     for name in (source.column, *source.parts):
         if name not in by_stripped:
@@ -358,47 +396,32 @@ def _present(
     return replace(source, column=by_stripped[source.column], parts=parts)
 
 
-def _understood(stripped: str, name: str) -> tuple[str, Source] | None:
-    if stripped.lower() in TEXT:
-        return stripped.lower(), Source(name)
-    known = split_name(stripped)
-    if known is None:
-        return None
-    quantity, unit = known
-    return quantity.variable, Source(name, *_affine(unit, quantity.si_unit))
-
-
 def _check_required(found: Mapping[str, Source], names: list[str], file: object) -> None:
-    def refuse(wanted: str, what: str = "a required column is missing") -> InputError:
-        return _absent(wanted, names, file, what, found)
-
+    taken = {column for source in found.values() for column in source.columns}
+    free = [name for name in names if name not in taken]
     for variable in REQUIRED:
         if variable not in found:
-            raise refuse(variable)
+            raise _absent(variable, names, file, "a required column is missing", free)
     if "pressure_altitude" not in found and "pressure" not in found:
-        raise refuse(
-            "pressure_altitude_ft", "neither pressure_altitude_ft nor pressure_hPa is there"
-        )
-    if {"eastward_wind", "northward_wind"} <= set(found) or _tells_wind(found):
+        what = "neither pressure_altitude_ft nor pressure_hPa is there"
+        raise _absent("pressure_altitude_ft", names, file, what, free)
+    derivable = (
+        not found.keys().isdisjoint(HEADINGS)
+        and not found.keys().isdisjoint(AIRSPEEDS)
+        and found.keys() >= set(GROUND)
+    )
+    if derivable or found.keys() >= {"eastward_wind", "northward_wind"}:
         return
     for variable in ("wind_direction", "wind_speed"):
         if variable not in found:
-            raise refuse(QUANTITIES[variable].canonical, NO_WIND)
-
-
-def _tells_wind(columns: Iterable[str]) -> bool:
-    """Tell whether heading, airspeed and ground vector are among the columns of a piece."""
-    present = set(columns)
-    some = present.intersection(HEADINGS) and present.intersection(AIRSPEEDS)
-    return bool(some) and present.issuperset(GROUND)
+            raise _absent(QUANTITIES[variable].canonical, names, file, NO_WIND, free)
 
 
 def _absent(
-    wanted: str, names: list[str], file: object, what: str, used: Mapping[str, Source] | None = None
+    wanted: str, names: list[str], file: object, what: str, free: list[str] | None = None
 ) -> InputError:
-    taken = {column for source in (used or {}).values() for column in source.columns}
-    folded = {name.strip().lower(): name for name in names if name not in taken}
-    # looser than the library's 0.6: names of one column share little but a stem
+    folded = {name.strip().lower(): name for name in (names if free is None else free)}
+    # Looser than the library's 0.6: two names of one column share little but a stem.
     near = difflib.get_close_matches(wanted.lower(), list(folded), n=3, cutoff=0.4)
     stem = wanted.split("_")[0].lower()
     near += [key for key in folded if key not in near and (stem in key or key[:3] == stem[:3])]

@@ -1,0 +1,179 @@
+"""Counts of what happened to reports while they were read.
+
+Every report that was read is kept or dropped for exactly one reason, so that
+``reports_read = reports_kept + sum(dropped)`` at any time. A kept report may have been repaired for
+several reasons.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import TypedDict
+
+import numpy as np
+
+_MOST_WITHOUT_WIND = 0.5  # share of the reports above which a note says so
+
+
+class AuditContent(TypedDict, total=False):
+    """Plain form of an :class:`Audit`, as stored in ``reading_audit``."""
+
+    reports_read: int
+    reports_kept: int
+    dropped: dict[str, int]
+    repaired: dict[str, int]
+    missing: dict[str, int]
+    flags: dict[str, dict[str, int]]
+    formats: dict[str, int]
+    files: int
+    files_skipped: list[dict[str, str]]
+    examples: dict[str, str]
+    similar_tails: list[list[str]]
+    remarks: list[str]
+    notes: list[str]
+
+
+@dataclass
+class Audit:
+    """Counts of one reading.
+
+    Attributes
+    ----------
+    read : int
+        Reports in the files, damaged ones included.
+    dropped, repaired : Counter
+        Reports left out, and values corrected or set missing in kept reports, by reason.
+    missing : Counter
+        Kept reports without a value, by variable.
+    flags : dict of Counter
+        Codes that occurred, by flag field of the source.
+    formats : Counter
+        Files read, by format.
+    files_skipped : list of dict
+        ``file`` and ``reason`` of each file that could not be read.
+    examples : dict
+        The first value that could not be read, by column.
+    similar_tails : list of list of str
+        Aircraft identifiers that differ only in case or blanks; they are kept apart.
+    remarks : list of str
+        Sentences of the readers that a user should see.
+    """
+
+    read: int = 0
+    dropped: Counter[str] = field(default_factory=Counter)
+    repaired: Counter[str] = field(default_factory=Counter)
+    missing: Counter[str] = field(default_factory=Counter)
+    flags: dict[str, Counter[str]] = field(default_factory=dict)
+    formats: Counter[str] = field(default_factory=Counter)
+    files_skipped: list[dict[str, str]] = field(default_factory=list)
+    examples: dict[str, str] = field(default_factory=dict)
+    similar_tails: list[list[str]] = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)
+
+    @property
+    def kept(self) -> int:
+        """Reports read less reports dropped."""
+        return self.read - sum(self.dropped.values())
+
+    def drop(self, reason: str, number: int, *, unread: bool = False) -> None:
+        """Count reports left out; ``unread`` ones are not yet counted in ``read``."""
+        self.read += int(number) if unread else 0
+        if number:
+            self.dropped[reason] += int(number)
+
+    def repair(self, reason: str, number: int) -> None:
+        """Count values corrected or set missing."""
+        if number:
+            self.repaired[reason] += int(number)
+
+    def example(self, column: str, value: object) -> None:
+        """Keep the first value of a column that could not be read."""
+        plain = value.item() if isinstance(value, np.generic) else value
+        self.examples.setdefault(column, repr(plain)[:60])
+
+    def remark(self, sentence: str) -> None:
+        """Add a sentence that a user should see, once."""
+        if sentence not in self.remarks:
+            self.remarks.append(sentence)
+
+    def codes(self, name: str, counts: Mapping[str, int]) -> None:
+        """Add the number of reports of each code of one flag field."""
+        self.flags.setdefault(name, Counter()).update(counts)
+
+    def notes(self) -> list[str]:
+        """Sentences that a user should see beyond the counts of dropped reports."""
+        notes = list(self.remarks)
+        absent = self.missing["eastward_wind"]
+        if absent > _MOST_WITHOUT_WIND * max(self.kept, 1):
+            number = "none" if absent >= self.kept else f"only {self.kept - absent:,}"
+            notes.append(f"{number} of the {self.kept:,} reports has a wind")
+        if flights := self.repaired["same_identifier_at_two_places"]:
+            notes.append(
+                f"two aircraft seem to share one identifier in {flights:,} reports: their flights "
+                "are separated by callsign and position, but their compasses are fitted as one"
+            )
+        return notes
+
+    def as_dict(self) -> AuditContent:
+        """Plain form of the counts."""
+        return {
+            "reports_read": self.read,
+            "reports_kept": self.kept,
+            "dropped": dict(sorted(self.dropped.items())),
+            "repaired": dict(sorted(self.repaired.items())),
+            "missing": dict(sorted(self.missing.items())),
+            "flags": {name: dict(sorted(counts.items())) for name, counts in self.flags.items()},
+            "formats": dict(sorted(self.formats.items())),
+            "files": sum(self.formats.values()),
+            "files_skipped": self.files_skipped,
+            "examples": self.examples,
+            "similar_tails": self.similar_tails,
+            "remarks": self.remarks,
+            "notes": self.notes(),
+        }
+
+    def as_json(self) -> str:
+        """Return :meth:`as_dict` as JSON, because NetCDF attributes cannot hold a dict."""
+        return json.dumps(self.as_dict())
+
+    @classmethod
+    def from_dict(cls, content: AuditContent) -> Audit:
+        """Make an audit of its plain form."""
+        return cls(
+            read=content["reports_read"],
+            dropped=Counter(content["dropped"]),
+            repaired=Counter(content["repaired"]),
+            missing=Counter(content["missing"]),
+            flags={name: Counter(counts) for name, counts in content["flags"].items()},
+            formats=Counter(content["formats"]),
+            files_skipped=list(content["files_skipped"]),
+            examples=dict(content["examples"]),
+            similar_tails=[list(group) for group in content.get("similar_tails", [])],
+            remarks=list(content.get("remarks", [])),
+        )
+
+    def add(self, other: Audit) -> None:
+        """Add the counts of another audit, such as that of one file."""
+        self.read += other.read
+        self.dropped += other.dropped
+        self.repaired += other.repaired
+        self.missing += other.missing
+        self.formats += other.formats
+        for name, counts in other.flags.items():
+            self.codes(name, counts)
+        self.files_skipped += other.files_skipped
+        self.examples = other.examples | self.examples
+        self.similar_tails += other.similar_tails
+        for sentence in other.remarks:
+            self.remark(sentence)
+
+
+def similar(tails: Iterable[str]) -> list[list[str]]:
+    """Groups of identifiers that differ only in case or blanks, in alphabetical order."""
+    groups: dict[str, list[str]] = {}
+    for tail in sorted(tails):
+        groups.setdefault("".join(tail.split()).casefold(), []).append(tail)
+    return [group for group in groups.values() if len(group) > 1]

@@ -1,1 +1,0 @@
-"""Canonical columns: their names, units, times and codes, cleaned and every repair counted."""

@@ -1,0 +1,305 @@
+"""Cleaning shared by every report format: raw columns in SI to canonical columns.
+
+Assumes numbers in SI (angles in degrees), NaN for absent numbers, NaT for absent times and decoded
+flags (:mod:`airswing.reports.values`).
+
+Rules
+-----
+A report is dropped only without aircraft, time or position. Every other impossible value becomes
+NaN and is counted: the position of a report without wind still serves the ground vector.
+Longitudes of 180..360 become -180..0. Headings and wind directions of -180..0 become 180..360,
+because some recorders write them so and dropping them would drop every westerly. Wind direction 360
+becomes 0, a calm (speed 0) has no direction, and a speed without a direction is no wind. The wind
+of a position exactly at 0 N 0 E fails its check. Pressure follows from pressure altitude by the
+two-layer standard atmosphere, or the reverse.
+
+Derived winds
+-------------
+Mode-S (registers 5,0 and 6,0), flight recorders and some data links report the magnetic heading, an
+airspeed and the ground vector of their satellite navigation. Where they report no wind it is ground
+velocity minus air velocity, and the heading error of such a report is that of its heading. A
+magnetic heading is turned to true north by the IGRF declination at the report's place and date: an
+aircraft with an older table of declinations carries the difference in its deviation, as it does in
+flight.
+
+Airspeed is the true airspeed if reported, else from the Mach number, else from the indicated
+airspeed, at the reported temperature. Without a temperature that of the standard atmosphere is
+used, which is in error by up to 4 %; ``wind_source`` says so of every such wind, and the airspeed
+scale of the aircraft contains the mean of that error.
+
+Validity
+--------
+Wind up to 150 m/s, temperature 150-340 K, pressure altitude -700 to 20,000 m.
+"""
+
+from __future__ import annotations
+
+import string
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from airswing.flags import (
+    ICING,
+    PHASE,
+    PLATFORM,
+    ROLL,
+    TEMPERATURE_QC,
+    WIND_QC,
+    WIND_SOURCE,
+)
+from airswing.physics.airspeed import airspeed_from_calibrated, airspeed_from_mach
+from airswing.physics.atmosphere import (
+    altitude_from_pressure,
+    pressure_from_altitude,
+    standard_temperature,
+)
+from airswing.physics.geomagnetism import FieldLattice
+from airswing.physics.triangle import (
+    direction_in_degrees,
+    vector_from_bearing,
+    wind_from_direction,
+    wind_from_triangle,
+)
+from airswing.reports.audit import Audit
+from airswing.reports.values import Column, possible
+
+Array = NDArray[np.float64]
+
+FLAGS = {
+    "roll_flag": ROLL["missing"],
+    "temperature_qc": TEMPERATURE_QC["missing"],
+    "wind_qc": WIND_QC["missing"],
+    "phase": PHASE["unknown"],
+    "icing": ICING["missing"],
+    "wind_source": WIND_SOURCE["reported"],
+    "platform": PLATFORM["unknown"],
+}
+"""Flag columns and their value for missing."""
+
+LIMITS = {
+    "wind_speed": (0.0, 150.0),
+    "wind_direction": (0.0, 360.0),
+    "air_temperature": (150.0, 340.0),
+    # of the standard atmosphere at the two limits of altitude
+    "pressure": (5000.0, 110000.0),
+    "pressure_altitude": (-700.0, 20000.0),
+    "reported_airspeed": (0.0, 400.0),
+    "reported_heading": (0.0, 360.0),
+    "magnetic_heading": (0.0, 360.0),
+    "ground_speed": (0.0, 500.0),
+    "track": (0.0, 360.0),
+    "indicated_airspeed": (0.0, 400.0),
+    "mach": (0.0, 1.2),
+    "eastward_wind": (-150.0, 150.0),
+    "northward_wind": (-150.0, 150.0),
+}
+"""Lowest and highest possible value by column, in SI (degrees for angles)."""
+
+_ANGLES = ("wind_direction", "reported_heading", "magnetic_heading", "track")
+_KEPT = ("air_temperature", "reported_airspeed", "reported_heading")
+_FOR_DERIVED_WIND = ("magnetic_heading", "ground_speed", "track", "indicated_airspeed", "mach")
+# Names are padded with NULs (fixed-width fields) and no-break spaces (spreadsheets).
+_PADDING = string.whitespace + "\xa0\x00"
+_ORIGIN = 1e-6  # degrees: a position nearer to 0 N 0 E than this is an unset one
+
+
+def clean(raw: pd.DataFrame, audit: Audit) -> pd.DataFrame:
+    """Bring raw columns to canonical columns.
+
+    Parameters
+    ----------
+    raw : DataFrame
+        ``tail`` (str), ``time`` (datetime64[ns]), ``latitude``, ``longitude`` and any of the
+        columns of :data:`LIMITS` and :data:`FLAGS`, ``flight`` (str) and ``time_blank`` (bool).
+    audit : Audit
+        Every drop and repair is added to it; its ``read`` grows by the rows.
+
+    Returns
+    -------
+    DataFrame
+        As described in :func:`airswing.reports.read.read_file`.
+    """
+    audit.read += len(raw)
+    tail = _stripped(raw["tail"])
+    time = raw["time"].to_numpy(dtype="datetime64[ns]")
+    latitude = raw["latitude"].to_numpy(dtype=np.float64)
+    longitude = raw["longitude"].to_numpy(dtype=np.float64)
+    blank = raw["time_blank"].to_numpy() if "time_blank" in raw else np.isnat(time)
+    keep = np.ones(len(raw), dtype=bool)
+    for reason, bad in (
+        ("missing_tail", (tail == "").to_numpy(dtype=bool)),
+        ("missing_time", np.isnat(time) & blank),
+        ("unparsable_time", np.isnat(time) & ~blank),
+        ("time_out_of_range", ~possible(time)),
+        ("missing_position", ~np.isfinite(latitude) | ~np.isfinite(longitude)),
+        ("latitude_out_of_range", np.abs(latitude) > 90.0),
+        ("longitude_out_of_range", (longitude < -180.0) | (longitude > 360.0)),
+    ):
+        audit.drop(reason, int(np.count_nonzero(keep & bad)))
+        keep &= ~bad
+    raw = raw.loc[keep]
+    longitude = longitude[keep]
+    audit.repair("longitude_wrapped", int(np.count_nonzero(longitude >= 180.0)))
+    flight = _stripped(raw["flight"]) if "flight" in raw else pd.Series("", raw.index, dtype=str)
+    frame = pd.DataFrame(
+        {
+            "tail": tail[keep].astype("category").array,
+            "flight": flight.astype("category").array,
+            "time": time[keep],
+            "latitude": latitude[keep],
+            "longitude": np.where(longitude >= 180.0, longitude - 360.0, longitude),
+        }
+    )
+    for columns in (_levels(raw, audit), _wind(raw, audit)):
+        for name, values in columns.items():
+            frame[name] = values.astype(np.float32)
+    for name in _KEPT:
+        frame[name] = _number(raw, name, audit).astype(np.float32)
+    for name, missing in FLAGS.items():
+        frame[name] = raw[name].to_numpy(dtype=np.int8) if name in raw else np.int8(missing)
+    if set(raw).intersection(_FOR_DERIVED_WIND):
+        _derive_wind(frame, raw, audit)
+    unset = (frame["latitude"].abs() < _ORIGIN) & (frame["longitude"].abs() < _ORIGIN)
+    audit.repair("wind_failed_at_origin", int(unset.sum()))
+    frame.loc[unset, "wind_qc"] = np.int8(WIND_QC["fail"])
+    return frame
+
+
+def _stripped(values: Column) -> Column:
+    return values.fillna("").astype(str).str.strip(_PADDING)
+
+
+def _number(raw: pd.DataFrame, name: str, audit: Audit) -> Array:
+    if name not in raw:
+        return np.full(len(raw), np.nan)
+    values = raw[name].to_numpy(dtype=np.float64, copy=True)
+    low, high = LIMITS[name]
+    if name in _ANGLES:
+        west = (values >= -180.0) & (values < 0.0)
+        audit.repair(f"{name}_wrapped", int(np.count_nonzero(west)))
+        values[west] += 360.0
+    with np.errstate(invalid="ignore"):
+        bad = (values < low) | (values > high) | np.isinf(values)
+    audit.repair(f"{name}_out_of_range", int(np.count_nonzero(bad)))
+    values[bad] = np.nan
+    return values
+
+
+def _levels(raw: pd.DataFrame, audit: Audit) -> dict[str, Array]:
+    altitude = _number(raw, "pressure_altitude", audit)
+    pressure = _number(raw, "pressure", audit)
+    pressure = np.where(np.isnan(pressure), pressure_from_altitude(altitude), pressure)
+    altitude = np.where(np.isnan(altitude), altitude_from_pressure(pressure), altitude)
+    return {"pressure": pressure, "pressure_altitude": altitude}
+
+
+def _wind(raw: pd.DataFrame, audit: Audit) -> dict[str, Array]:
+    """Speed, direction and components of the reported wind; a calm has no direction."""
+    if {"wind_speed", "wind_direction"} <= set(raw):
+        speed = _number(raw, "wind_speed", audit)
+        direction = _number(raw, "wind_direction", audit)
+        # 360 means north, and 0 calm in some codes: the speed decides.
+        audit.repair("wind_direction_360", int(np.count_nonzero(direction == 360.0)))
+        direction[direction == 360.0] = 0.0
+        calm = speed == 0.0
+        audit.repair("calm_without_direction", int(np.count_nonzero(calm & np.isnan(direction))))
+        direction[calm] = np.nan
+        half = ~calm & (np.isnan(direction) != np.isnan(speed))
+        audit.repair("wind_incomplete", int(np.count_nonzero(half)))
+        speed[half] = direction[half] = np.nan
+        eastward = np.where(calm, 0.0, -speed * np.sin(np.radians(direction)))
+        northward = np.where(calm, 0.0, -speed * np.cos(np.radians(direction)))
+    else:
+        eastward = _number(raw, "eastward_wind", audit)
+        northward = _number(raw, "northward_wind", audit)
+        eastward = np.where(np.isnan(northward), np.nan, eastward)
+        northward = np.where(np.isnan(eastward), np.nan, northward)
+        speed = np.hypot(eastward, northward)
+        direction = direction_in_degrees(eastward, northward)
+        direction[speed == 0.0] = np.nan
+    return {
+        "wind_speed": speed,
+        "wind_direction": direction,
+        "eastward_wind": eastward,
+        "northward_wind": northward,
+    }
+
+
+def _derive_wind(frame: pd.DataFrame, raw: pd.DataFrame, audit: Audit) -> None:
+    """Fill in airspeed, true heading and, where none is reported, the wind."""
+    values = {name: _number(raw, name, audit) for name in _FOR_DERIVED_WIND}
+    known = (*_KEPT, "latitude", "longitude", "pressure", "pressure_altitude")
+    values |= {name: frame[name].to_numpy(dtype=np.float64) for name in known}
+    seconds = frame["time"].to_numpy().astype("datetime64[ns]").astype(np.int64) / 1e9
+    heading = _true_heading(values, seconds)
+    airspeed, at_standard_temperature = _true_airspeed(values)
+    ground = vector_from_bearing(values["ground_speed"], np.radians(values["track"]))
+    eastward, northward = wind_from_triangle(*ground, airspeed, np.radians(heading))
+    # False for NaN too: a wind that cannot be derived is not usable.
+    usable = np.hypot(eastward, northward) <= LIMITS["wind_speed"][1]
+    audit.repair(
+        "derived_wind_out_of_range", int(np.count_nonzero(np.isfinite(eastward) & ~usable))
+    )
+    derived = frame["eastward_wind"].isna().to_numpy() & usable
+    audit.repair("wind_derived", int(np.count_nonzero(derived)))
+    speed, direction = wind_from_direction(eastward, northward)
+    for name, wind in {
+        "eastward_wind": eastward,
+        "northward_wind": northward,
+        "wind_speed": speed,
+        "wind_direction": np.degrees(direction),
+    }.items():
+        frame[name] = np.where(derived, wind, frame[name]).astype(np.float32)
+    frame["reported_heading"] = heading.astype(np.float32)
+    frame["reported_airspeed"] = airspeed.astype(np.float32)
+    frame["wind_source"] = np.select(
+        [derived & at_standard_temperature, derived],
+        [WIND_SOURCE["derived_at_standard_temperature"], WIND_SOURCE["derived"]],
+        WIND_SOURCE["reported"],
+    ).astype(np.int8)
+
+
+def declination(latitude: Array, longitude: Array, altitude: Array, seconds: Array) -> Array:
+    """IGRF declination (degrees east of true north) at places and times.
+
+    Parameters
+    ----------
+    latitude, longitude : array, shape (n,)
+        degrees
+    altitude : array, shape (n,)
+        m; an unknown one is taken as zero.
+    seconds : array, shape (n,)
+        Since 1970.
+    """
+    place = (latitude, longitude, np.nan_to_num(altitude), seconds)
+    return np.asarray(np.degrees(FieldLattice.covering(*place).at(*place).declination))
+
+
+def _true_heading(values: dict[str, Array], seconds: Array) -> Array:
+    """True heading as reported, else magnetic heading plus declination, degrees from 0 to 360."""
+    heading, magnetic = values["reported_heading"].copy(), values["magnetic_heading"]
+    wanted = np.flatnonzero(np.isnan(heading) & np.isfinite(magnetic))
+    if wanted.size:
+        east = declination(
+            values["latitude"][wanted],
+            values["longitude"][wanted],
+            values["pressure_altitude"][wanted],
+            seconds[wanted],
+        )
+        heading[wanted] = (magnetic[wanted] + east) % 360.0
+    return heading
+
+
+def _true_airspeed(values: dict[str, Array]) -> tuple[Array, NDArray[np.bool_]]:
+    """True airspeed (m s-1), and whether it rests on the standard atmosphere's temperature."""
+    measured = values["air_temperature"]
+    standard = standard_temperature(values["pressure_altitude"])
+    kelvin = np.where(np.isnan(measured), standard, measured)
+    from_mach = airspeed_from_mach(values["mach"], kelvin)
+    indicated = airspeed_from_calibrated(values["indicated_airspeed"], values["pressure"], kelvin)
+    computed = np.where(np.isnan(from_mach), indicated, from_mach)
+    reported = values["reported_airspeed"]
+    airspeed = np.where(np.isnan(reported), computed, reported)
+    return airspeed, np.isnan(reported) & np.isnan(measured) & np.isfinite(airspeed)

@@ -1,0 +1,267 @@
+"""Flights and phases of flight where the source does not report them.
+
+Assumes reports in order of aircraft and time.
+
+Flights
+-------
+1. Paths. Two aircraft may report under one identifier, and a position may be wrong. Where an
+   aircraft's reports jump (over 50 km at more than 400 m/s) or its flight labels alternate, each
+   report is added to the nearest path flown in the last 6 hours that has no other label and that
+   it can have come from without a jump; otherwise it begins a new path.
+2. Labels. A report without a flight label gets that of the reports around it on its path: the
+   common label of the labelled reports before and after it, if these are less than 6 hours apart;
+   else that of the nearer one to which no gap, stop or jump lies between.
+3. Flights. Reports with one label are one flight until a gap of more than 6 hours, so the same
+   flight number on two days is two flights. Reports without a label are one flight until a gap over
+   45 minutes, a ground stop (10 minutes or more at a mean speed under 40 m/s, which no airliner
+   flies) or a jump. Midnight and the antimeridian end nothing.
+
+Phases
+------
+The climb rate is the slope of pressure altitude between neighbours at least 30 s away on each side
+in the same flight (up to 20 minutes away), so that altitudes rounded to 100 ft and times truncated
+to the minute do not look like climbs. More than 300 ft/min is ascent or descent, until the rate
+falls below 150 ft/min. The rest is cruise at or above 2,000 ft pressure altitude and unknown below
+(taxi, pattern), as is a report without a neighbour.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.flags import PHASE
+from airswing.physics.great_circle import central_angle
+from airswing.units import EARTH_RADIUS
+
+Columns = dict[str, NDArray[Any]]
+"""Columns of reports by name, all of one length."""
+
+LABELLED_GAP = 6 * 3600.0  # s without reports that end a flight with a label
+UNLABELLED_GAP = 45 * 60.0  # s without reports that end a flight without a label
+STOP_TIME, STOP_SPEED = 600.0, 40.0  # s and m/s: slower than this for longer is a ground stop
+# m and m/s: farther and faster than this is another aircraft or a wrong position.
+JUMP_DISTANCE, JUMP_SPEED = 50_000.0, 400.0
+# m/s: 300 ft/min begins an ascent or descent, 150 ft/min ends it.
+ENTER_RATE, LEAVE_RATE = 1.524, 0.762
+NEAREST, FARTHEST = 30.0, 1200.0  # s: how far the neighbours of a climb rate may be
+LOWEST_CRUISE = 609.6  # m pressure altitude, 2,000 ft
+
+
+def seconds_since_1970(time: NDArray[np.datetime64]) -> NDArray[np.float64]:
+    """Times as float64 seconds since 1970-01-01 UTC."""
+    return time.astype("datetime64[ns]").astype(np.int64) / 1e9
+
+
+def step_distance(
+    latitude: NDArray[np.float64], longitude: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Great-circle distance (m) from each position (degrees) to the next, shape (n - 1,)."""
+    phi, lam = np.radians(latitude), np.radians(longitude)
+    return EARTH_RADIUS * central_angle(phi[:-1], lam[:-1], phi[1:], lam[1:])
+
+
+def derive_flight(columns: Columns) -> NDArray[np.int32]:
+    """Number the flights of an archive.
+
+    Parameters
+    ----------
+    columns : dict of arrays, shape (report,)
+        ``tail`` (int), ``time``, ``latitude``, ``longitude`` and ``flight`` (label as int, -1
+        where there is none), in order of tail and time.
+
+    Returns
+    -------
+    array of int32, shape (report,)
+        Unique over the archive, from 0 in the order in which flights begin within each aircraft.
+    """
+    tail = columns["tail"]
+    if not tail.size:
+        return np.zeros(0, dtype=np.int32)
+    path = _paths(columns)
+    label = _filled_labels(columns, path)
+    order = np.lexsort((label, path, tail))  # stable: in order of time within each of these
+    gap, _, breaks = _steps(columns, order)
+    begins = np.where(label[order][1:] >= 0, gap > LABELLED_GAP, breaks)
+    for values in (tail, path, label):
+        begins |= np.diff(values[order]) != 0
+    number = np.empty(tail.size, dtype=np.int64)
+    number[order] = np.r_[0, np.cumsum(begins)]
+    _, first, inverse = np.unique(number, return_index=True, return_inverse=True)
+    by_first_report = np.empty(first.size, dtype=np.int32)
+    by_first_report[np.argsort(first)] = np.arange(first.size, dtype=np.int32)
+    return np.asarray(by_first_report[inverse], dtype=np.int32)
+
+
+def _steps(
+    columns: Columns, order: NDArray[np.integer]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+    """Time (s) and distance (m) between successive reports, and what ends an unlabelled flight."""
+    gap = np.diff(seconds_since_1970(columns["time"])[order])
+    distance = step_distance(columns["latitude"][order], columns["longitude"][order])
+    stop = (gap >= STOP_TIME) & (distance < STOP_SPEED * gap)
+    return gap, distance, (gap > UNLABELLED_GAP) | stop | _jumps(gap, distance)
+
+
+def _paths(columns: Columns) -> NDArray[np.int64]:
+    """Number the paths flown under one identifier; 0 for all where nothing jumps or alternates."""
+    tail = columns["tail"]
+    path = np.zeros(tail.size, dtype=np.int64)
+    gap, distance, _ = _steps(columns, np.arange(tail.size))
+    jump = _jumps(gap, distance) & (np.diff(tail) == 0)
+    for aircraft in np.union1d(tail[1:][jump], tail[_alternating(columns)]):
+        start, stop = np.searchsorted(tail, (aircraft, aircraft + 1))
+        path[start:stop] = _paths_of_one({name: columns[name][start:stop] for name in columns})
+    return path
+
+
+def _alternating(columns: Columns) -> NDArray[np.int64]:
+    """Reports whose label was last reported within the gap of a flight, but another one since."""
+    known = np.flatnonzero(columns["flight"] >= 0)
+    tail, label = columns["tail"][known], columns["flight"][known]
+    order = np.lexsort((label, tail))
+    same = (np.diff(tail[order]) == 0) & (np.diff(label[order]) == 0) & (np.diff(order) > 1)
+    gap = np.diff(seconds_since_1970(columns["time"])[known][order])
+    return np.asarray(known[order[1:][same & (gap <= LABELLED_GAP)]])
+
+
+def _paths_of_one(columns: Columns) -> NDArray[np.int64]:
+    seconds = seconds_since_1970(columns["time"])
+    phi, lam = np.radians(columns["latitude"]), np.radians(columns["longitude"])
+    path = np.zeros(seconds.size, dtype=np.int64)
+    recent: dict[int, tuple[int, int]] = {}  # of each path the last report and the label
+    number = 0
+    for here, label in enumerate(columns["flight"].tolist()):
+        recent = {
+            key: value
+            for key, value in recent.items()
+            if seconds[here] - seconds[value[0]] <= LABELLED_GAP
+        }
+        nearest, chosen = np.inf, -1
+        for key, (last, known) in recent.items():
+            if known >= 0 and label >= 0 and known != label:
+                continue
+            away = central_angle(phi[last], lam[last], phi[here], lam[here])
+            distance = EARTH_RADIUS * float(away)
+            jumps = distance > max(JUMP_DISTANCE, JUMP_SPEED * (seconds[here] - seconds[last]))
+            if distance < nearest and not jumps:
+                nearest, chosen = distance, key
+        if chosen < 0:
+            chosen, number = number, number + 1
+        path[here] = chosen
+        recent[chosen] = here, label if label >= 0 else recent.get(chosen, (here, -1))[1]
+    return path
+
+
+def _jumps(gap: NDArray[np.float64], distance: NDArray[np.float64]) -> NDArray[np.bool_]:
+    return np.asarray(distance > np.maximum(JUMP_DISTANCE, JUMP_SPEED * gap))
+
+
+def _filled_labels(columns: Columns, path: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Labels, with those of reports without one filled in from the reports around them."""
+    label = columns["flight"].astype(np.int64)
+    absent = label < 0
+    if not absent.any() or absent.all():
+        return label
+    order = np.lexsort((path, columns["tail"]))
+    ordered = label[order]
+    place = np.arange(ordered.size)
+    _, _, breaks = _steps(columns, order)
+    other = (np.diff(columns["tail"][order]) != 0) | (np.diff(path[order]) != 0)
+    leg = np.r_[0, np.cumsum(breaks | other)]
+    group = np.r_[0, np.cumsum(other)]
+    before = np.maximum.accumulate(np.where(ordered >= 0, place, -1))
+    after = np.minimum.accumulate(np.where(ordered >= 0, place, ordered.size)[::-1])[::-1]
+    has_before = (before >= 0) & (group[before] == group)
+    has_after = (after < ordered.size) & (group[np.minimum(after, ordered.size - 1)] == group)
+    after = np.minimum(after, ordered.size - 1)
+    seconds = seconds_since_1970(columns["time"])[order]
+    same = has_before & has_after & (ordered[before] == ordered[after])
+    same &= seconds[after] - seconds[before] <= LABELLED_GAP
+    from_before = np.where(has_before & (leg[before] == leg), seconds - seconds[before], np.inf)
+    from_after = np.where(has_after & (leg[after] == leg), seconds[after] - seconds, np.inf)
+    source = np.where(same | (from_before <= from_after), before, after)
+    fill = (ordered < 0) & (same | np.isfinite(np.minimum(from_before, from_after)))
+    filled = label.copy()
+    filled[order[fill]] = ordered[source[fill]]
+    return filled
+
+
+def climb_rate(
+    seconds: NDArray[np.float64], altitude: NDArray[np.float64], flight: NDArray[np.integer]
+) -> NDArray[np.float64]:
+    """Slope of altitude over the neighbours of each report.
+
+    Parameters
+    ----------
+    seconds : array, shape (n,)
+        s, in order within each flight; flights are contiguous.
+    altitude : array, shape (n,)
+        m, not NaN.
+    flight : array of int, shape (n,)
+
+    Returns
+    -------
+    array, shape (n,)
+        m s-1; NaN where a report has no neighbour.
+    """
+    begins = np.r_[True, np.diff(flight) != 0] if flight.size else np.zeros(0, dtype=bool)
+    block = np.cumsum(begins) - 1
+    starts = np.flatnonzero(begins)
+    first = starts[block]
+    last = np.r_[starts[1:], flight.size].astype(np.int64)[block] - 1
+    # Whole microseconds, flights one after the other with wide gaps: the result does not depend on
+    # which other flights are computed together with these.
+    offset = np.round((seconds - seconds[first]) * 1e6).astype(np.int64)
+    span = offset[last[starts]] + round(10.0 * FARTHEST * 1e6)
+    key = offset + (np.cumsum(span) - span)[block]
+    near = round(NEAREST * 1e6)
+    here = np.arange(flight.size)
+    left = np.maximum(np.searchsorted(key, key - near, side="right") - 1, first)
+    right = np.minimum(np.searchsorted(key, key + near, side="left"), last)
+    left = np.where(seconds - seconds[left] > FARTHEST, here, left)
+    right = np.where(seconds[right] - seconds > FARTHEST, here, right)
+    span = seconds[right] - seconds[left]
+    rise = altitude[right] - altitude[left]
+    rate = np.full(flight.size, np.nan)
+    np.divide(rise, span, out=rate, where=span > 0.0)
+    return rate
+
+
+def derive_phase(columns: Columns, flight: NDArray[np.integer]) -> NDArray[np.int8]:
+    """Derive ascent, cruise and descent from pressure altitude.
+
+    Parameters
+    ----------
+    columns : dict of arrays, shape (report,)
+        ``time`` and ``pressure_altitude`` (m).
+    flight : array of int, shape (report,)
+
+    Returns
+    -------
+    array of int8, shape (report,)
+        Codes of `airswing.flags.PHASE`.
+    """
+    phase = np.full(flight.size, PHASE["unknown"], dtype=np.int8)
+    altitude = columns["pressure_altitude"].astype(np.float64)
+    known = np.flatnonzero(np.isfinite(altitude))
+    if not known.size:
+        return phase
+    known = known[np.argsort(flight[known], kind="stable")]
+    rate = climb_rate(seconds_since_1970(columns["time"][known]), altitude[known], flight[known])
+    found = np.where(np.isfinite(rate) & (altitude[known] >= LOWEST_CRUISE), PHASE["cruise"], 0)
+    found[_lasting(rate, flight[known])] = PHASE["ascent"]
+    found[_lasting(-rate, flight[known])] = PHASE["descent"]
+    phase[known] = found
+    return phase
+
+
+def _lasting(rate: NDArray[np.float64], flight: NDArray[np.integer]) -> NDArray[np.bool_]:
+    """Runs of a flight above the leaving rate that reach the entering rate somewhere."""
+    moving = rate > LEAVE_RATE
+    begins = np.r_[True, (np.diff(moving.astype(np.int8)) != 0) | (np.diff(flight) != 0)]
+    run = np.cumsum(begins) - 1
+    highest = np.maximum.reduceat(np.where(moving, rate, -np.inf), np.flatnonzero(begins))
+    return np.asarray(moving & (highest[run] > ENTER_RATE), dtype=bool)
