@@ -20,6 +20,7 @@ from airswing.config import Handover
 from airswing.errors import InputError
 from airswing.flags import CORRECTION, PHASE, PLATFORM, SCREENING
 from airswing.handover.export import as_text
+from airswing.products.netcdf import write_product
 from tests.handover import obsproc, wrf_nudging, wrfda
 from tests.handover.archives import corrected
 
@@ -401,6 +402,29 @@ def test_obsgrid_keeps_the_lowest_levels(tmp_path):
     (report,) = obsproc.raw((tmp_path / "f").read_text())
     surface = [abs(level["z"][0] - report["elevation"]) < 0.1 for level in report["levels"]]
     assert len(surface) == 9 and not any(surface)
+
+
+@pytest.mark.parametrize("to", FORMATS)
+def test_products_by_month_are_exported_as_one(tmp_path, to):
+    """Reports of two aircraft over New Year: the same file as from one product."""
+    count = 400
+    time = np.datetime64("2008-12-31T20:00", "ns") + np.arange(count) * np.timedelta64(72, "s")
+    ds = corrected(
+        {"N1": 200, "N2": 200},
+        time=np.concatenate([time[::2], time[::2]]),
+        phase=np.tile([PHASE["ascent"]] * 20 + [PHASE["cruise"]] * 30, 8),
+        pressure=np.tile(np.linspace(90000.0, 40000.0, 50), 8),
+        flight=np.repeat(np.arange(8), 50),
+    )
+    later = ds["flight"].to_numpy() % 4 >= 2  # a flight belongs to the month of its first report
+    for month, chosen in (("2008-12", ~later), ("2009-01", later)):
+        part = ds.isel(report=np.flatnonzero(chosen))
+        part["row_size"] = ("aircraft", np.array([100, 100], dtype=np.int32))
+        write_product(part, tmp_path / "corrected" / f"{month}.nc", title="test")
+    write_product(ds, tmp_path / "whole.nc", title="test")
+    airswing.export(tmp_path / "whole.nc", to=to, path=tmp_path / "whole", soundings=True)
+    airswing.export(tmp_path / "corrected", to=to, path=tmp_path / "months", soundings=True)
+    assert (tmp_path / "months").read_bytes() == (tmp_path / "whole").read_bytes()
 
 
 def test_windows_get_a_folder_each(tmp_path):

@@ -32,6 +32,7 @@ def turned(degrees, speed=20.0, *, count=300):
 
 def run(folder, fleet, *, pressure=50000.0):
     """A run of some aircraft: name to (degrees as reported, degrees as corrected)."""
+    fleet = dict(sorted(fleet.items()))
     sizes = dict.fromkeys(fleet, 300)
     winds = {"eastward_wind": [], "northward_wind": []}
     winds |= {f"corrected_{name}": [] for name in list(winds)}

@@ -179,7 +179,7 @@ def product_of_run(request: Request, name: str, *, why: str) -> xr.Dataset:
     Parameters
     ----------
     name : str
-        File name of the product.
+        Name of the product: a file ``NAME.nc`` or a folder of months.
     why : str
         What it is needed for; part of the message.
 
@@ -188,15 +188,15 @@ def product_of_run(request: Request, name: str, *, why: str) -> xr.Dataset:
     InputError
         If it does not exist or cannot be read.
     """
-    from airswing.products.netcdf import read_product
+    from airswing.products.netcdf import product_path, read_product
 
     if request.products is None:
         raise InputError(
-            f"{name} is needed: {why}",
+            f"the product {name} is needed: {why}",
             field="corrected",
-            remedy="Give the path of a run's corrected.nc instead of a Dataset",
+            remedy="Give the path of a run's corrected winds instead of a Dataset",
         )
-    path = request.products / name
+    path = product_path(request.products, name)
     if not path.exists():
         raise InputError(
             f"no such product, and it is needed: {why}",

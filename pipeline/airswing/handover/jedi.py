@@ -62,7 +62,7 @@ def write(request: Request) -> dict[str, Any]:
         )
     )
     rows = _error_rows(request, written)
-    with product_of_run(request, "fits.nc", why="it holds the coefficients") as fits:
+    with product_of_run(request, "fits", why="it holds the coefficients") as fits:
         reference = str(request.corrected.attrs.get("correction_reference", ""))
         table = _coefficient_rows(fits.load(), reference, written)
     files: list[dict[str, Any]] = []

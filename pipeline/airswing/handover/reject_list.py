@@ -310,7 +310,7 @@ def judge(request: Request, criteria: dict[str, float]) -> list[Judged]:
 
     wanted = [name for name in WIND_CRITERIA if name in criteria]
     with product_of_run(
-        request, "headings.nc", why="it holds the model winds the criteria are applied to"
+        request, "headings", why="it holds the model winds the criteria are applied to"
     ) as headings:
         known = [str(name) for name in headings["reference"].to_numpy()]
         members = [name for name in correction_members(request.corrected) if name in known]

@@ -61,7 +61,7 @@ def known_errors(request: Request, *, required: bool = False) -> xr.Dataset | No
     """
     if not required and (request.products is None or not (request.products / ERRORS).exists()):
         return None
-    with product_of_run(request, ERRORS, why="it holds the errors to write") as product:
+    with product_of_run(request, "observation_errors", why="it holds the errors to write") as product:
         known = product.load()
     for name in (BASE, BY_AIRCRAFT, "layer_bottom_pressure", "layer_top_pressure"):
         if name not in known.variables:

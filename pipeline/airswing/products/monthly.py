@@ -45,7 +45,7 @@ def joined_months(months: Sequence[xr.Dataset]) -> xr.Dataset:
     Raises
     ------
     ValueError
-        If the months hold different variables or references.
+        If the months hold different variables or references, or aircraft out of order.
     """
     first = months[0]
     for other in months[1:]:
@@ -57,6 +57,8 @@ def joined_months(months: Sequence[xr.Dataset]) -> xr.Dataset:
         if not same:
             raise ValueError("the months hold different variables or references")
     names = [month["aircraft"].to_numpy().astype(str) for month in months]
+    if any((part[1:] <= part[:-1]).any() for part in names):
+        raise ValueError("the aircraft are not in alphabetical order")
     aircraft = np.unique(np.concatenate(names))
     places = [np.searchsorted(aircraft, part) for part in names]
     counts = np.zeros((len(months), aircraft.size), dtype=np.int64)
