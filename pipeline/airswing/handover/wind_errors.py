@@ -61,7 +61,8 @@ def known_errors(request: Request, *, required: bool = False) -> xr.Dataset | No
     """
     if not required and (request.products is None or not (request.products / ERRORS).exists()):
         return None
-    with product_of_run(request, "observation_errors", why="it holds the errors to write") as product:
+    why = "it holds the errors to write"
+    with product_of_run(request, "observation_errors", why=why) as product:
         known = product.load()
     for name in (BASE, BY_AIRCRAFT, "layer_bottom_pressure", "layer_top_pressure"):
         if name not in known.variables:
