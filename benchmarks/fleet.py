@@ -190,7 +190,7 @@ def after_the_fit(aircraft: int, folder: Path) -> dict[str, Callable[[], Any]]:
     from airswing.compass.correction import correct
     from airswing.compass.fit.deviation import fit_deviation
     from airswing.compass.table import add_tables
-    from airswing.compass.tables_csv import write_swing_cards, write_tables_csv
+    from airswing.compass.tables_csv import write_tables_csv
     from airswing.evaluation.backtest.ranking import rank_aircraft
     from airswing.evaluation.backtest.virtual_field_test import virtual_field_test
     from airswing.evaluation.error_profiles import error_profiles
@@ -200,6 +200,7 @@ def after_the_fit(aircraft: int, folder: Path) -> dict[str, Callable[[], Any]]:
     from airswing.evaluation.report_errors.observation_errors import observation_errors
     from airswing.evaluation.results import Evaluation
     from airswing.report import write_page
+    from airswing.report.run.swing_cards import write_swing_cards
 
     headings, _ = archives.fleet(1, replace(FEW, aircraft=aircraft), amplitude=4.0)
     missing = ("report", np.zeros(headings.sizes["report"], np.int8))
@@ -213,9 +214,9 @@ def after_the_fit(aircraft: int, folder: Path) -> dict[str, Callable[[], Any]]:
     groups: dict[str, Any] = {"corrected": names[:half], "controls": names[half:]}
 
     def cards() -> None:
-        stand = {name: f"{name}.pdf" for k, name in enumerate(names) if k % 10}
         write_tables_csv(fits, folder / "tables.csv")
-        write_swing_cards(fits, folder, reference="ruc", stand=stand)
+        tenth = fits.isel(aircraft=slice(None, aircraft // 10))
+        write_swing_cards(tenth, headings, folder / "swing_cards.pdf", reference="ruc")
 
     def page() -> Path:
         changes, windows = found["changes"], found["months"]

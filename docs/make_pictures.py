@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from airswing.products.netcdf import read_product
-from airswing.report.run.compass_figures import heading_error_figure
+from airswing.report.run.heading_error import heading_error_figure
 
 RESULTS = Path("results/quickstart")
 IMAGES = Path("docs/images")

@@ -326,6 +326,7 @@ class Config(_Section):
     monitoring: Monitoring = Monitoring()
     handover: Handover = Handover()
     postprocess: Postprocess | None = None
+    units: Literal["kt", "m/s"] = "kt"  # of speeds on pages, figures and cards
     output: Folder
     compute: Compute = Compute()
 

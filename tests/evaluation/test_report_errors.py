@@ -15,7 +15,8 @@ from airswing.evaluation.report_errors.observation_errors import observation_err
 from airswing.evaluation.report_errors.reported_winds import added_variance
 from airswing.evaluation.report_errors.used_errors import used_error
 from airswing.products.netcdf import read_product, write_product
-from airswing.report.run.report_errors import (
+from airswing.report.html.embed import Figures
+from airswing.report.run.evaluation import (
     report_errors_figure,
     report_errors_section,
     worth_sentence,
@@ -194,7 +195,7 @@ def test_one_day_of_one_reference_says_nothing_and_says_so(tmp_path):
     found = observation_errors(headings, corrected, pools={"a": ["a"]}, reference="a")
     assert found.attrs["believed"] == ""
     assert bool(found["observation_error"].isnull().all())
-    assert "Not known" in report_errors_section(found).lead
+    assert "could not be determined" in report_errors_section(found, Figures()).lead
 
 
 def test_what_could_not_be_corrected_does_not_count():
@@ -320,14 +321,14 @@ def test_a_simulated_archive_against_its_truth(simulated, tmp_path):
     assert product["observation_error"].dims == ("flight_phase", "layer", "state")
     assert product["observation_error"].attrs["units"] == "m s-1"
     assert product["state"].to_numpy().tolist() == ["reported", "corrected"]
-    section = report_errors_section(product)
-    assert "weighs as" in worth_sentence(product) and len(section.parts) == 3
-    figure = report_errors_figure(product)
+    section = report_errors_section(product, Figures())
+    assert "has the weight of" in worth_sentence(product) and len(section.parts) == 2
+    figure = report_errors_figure(product, units="m/s")
     few = product.copy(deep=True)
     few["observation_error"].loc[{"flight_phase": ["ascent", "descent"]}] = np.nan
     cruise = report_errors_figure(few)
     assert [axes.get_title("left") for axes in cruise.axes] == ["cruise"]
-    assert "Too few reports meet in ascent and descent." in cruise.caption
+    assert "Too few reports near each other in ascent and descent." in cruise.caption
     shown = figure.axes[1].containers[-1].lines[0].get_ydata()
     bottom, top = (product[f"layer_{end}_pressure"].to_numpy() for end in ("bottom", "top"))
     # Each state lies 4 hPa beside the middle of its layer.

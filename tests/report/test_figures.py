@@ -13,15 +13,16 @@ import pytest
 from matplotlib.figure import Figure
 
 import airswing.report as report
+from airswing.evaluation.innovations import innovation_statistics
 from airswing.gap.result.schema import CurveEntry
 from airswing.report.html import embed, style
-from airswing.report.run import compass_figures as compass
-from airswing.report.run import overview
+from airswing.report.run.fleet import reading_reasons
 from tests.report import factories, gap_factories
 
 HEADINGS = factories.headings()
 FITS = factories.fits()
 CORRECTED = factories.corrected(HEADINGS)
+STATISTICS = innovation_statistics(HEADINGS, CORRECTED, pools={"ruc": ["ruc"]})
 SLICES = [
     gap_factories.slice_entry("aircraft", ["N404", "N410"], 0.71, 0.0002),
     gap_factories.slice_entry("level", ["above 400 hPa"], 0.03, 0.3),
@@ -32,6 +33,12 @@ FIGURES: dict[str, Callable[[], Figure]] = {
     "dense": lambda: report.reports_figure(factories.headings(aircraft=11, reports=2000)),
     "phases": lambda: report.phase_maps_figure(HEADINGS),
     "levels": lambda: report.level_maps_figure(factories.headings(shift=-92)),
+    "heading errors": lambda: report.heading_errors_figure(HEADINGS, FITS),
+    "innovations": lambda: report.innovation_profiles_figure(STATISTICS),
+    "innovation histogram": lambda: report.innovation_histogram_figure(STATISTICS),
+    "innovation series": lambda: report.innovation_series_figure(STATISTICS),
+    "sounding": lambda: report.sounding_figure(HEADINGS, CORRECTED, FITS),
+    "skew T": lambda: report.sounding_figure(HEADINGS, CORRECTED, FITS, skew_t=True),
     "heading error": lambda: report.heading_error_figure(HEADINGS, FITS, "N402"),
     "coverage": lambda: report.coverage_figure(HEADINGS),
     "fleet": lambda: report.fleet_figure(FITS),
@@ -57,7 +64,7 @@ FIGURES: dict[str, Callable[[], Figure]] = {
 }
 UNIT = re.compile(
     r"\((degree|kt|m/s|m²/s²|km|hPa|K|%|date|number)\)|degree|reports|probability|correlation|"
-    r"log evidence|draws|expected"
+    r"log evidence|draws|expected|barbs|°C"
 )
 
 
@@ -73,7 +80,7 @@ def check_figure(figure: Figure) -> None:
     assert "nan" not in caption
     for axes in figure.axes:
         for label in (axes.get_xlabel(), axes.get_ylabel()):
-            assert not label or UNIT.search(label), label
+            assert not label or label.startswith("N4") or UNIT.search(label), label
     picture = style.png_bytes(figure, dpi=40)
     assert picture.startswith(b"\x89PNG")
     assert "matplotlib.pyplot" not in sys.modules or not matplotlib.pyplot.get_fignums()
@@ -86,8 +93,39 @@ def test_the_style_does_not_leak() -> None:
 
 
 def test_the_same_figure_gives_the_same_bytes() -> None:
-    first, second = (style.svg_bytes(report.fleet_figure(FITS)) for _ in range(2))
+    first, second = (style.png_bytes(report.fleet_figure(FITS), colours=256) for _ in range(2))
     assert first == second
+
+
+def test_speeds_are_shown_in_the_unit_that_is_asked_for() -> None:
+    knots, metric = (
+        report.disagreement_figure(HEADINGS, CORRECTED, FITS, units=units).axes[0]
+        for units in ("kt", "m/s")
+    )
+    assert knots.get_xlabel().endswith("(kt)") and metric.get_xlabel().endswith("(m/s)")
+    one, other = (np.asarray(axes.lines[0].get_xdata()) for axes in (knots, metric))
+    assert np.allclose(other, one * 1852 / 3600)
+
+
+def test_innovation_figures_show_the_statistics_of_the_product() -> None:
+    axes = report.innovation_profiles_figure(STATISTICS, units="m/s").axes
+    cells = STATISTICS.sel(reference="ruc", state="reported", flight_phase="cruise")
+    count = cells["innovation_speed_count"]
+    bias = (cells["innovation_speed_bias"] * count).sum("aircraft") / count.sum("aircraft")
+    line = next(one for one in axes[0].lines if one.get_label() == "cruise, reported")
+    assert np.allclose(line.get_xdata(), bias, equal_nan=True)
+    histogram = report.innovation_histogram_figure(STATISTICS).axes[0].collections[0].get_array()
+    assert histogram.sum() == STATISTICS["innovation_histogram"].sel(state="reported").sum()
+
+
+def test_a_sounding_shows_one_ascent_or_descent_by_pressure() -> None:
+    figure = report.sounding_figure(HEADINGS, CORRECTED, FITS, reference="ruc", units="m/s")
+    lines = figure.axes[0].lines
+    assert [line.get_label() for line in lines] == ["reported", "corrected", "ruc"]
+    pressure = np.asarray(lines[0].get_ydata())
+    assert np.all(np.diff(pressure) <= 0) and pressure.size >= 4
+    short = HEADINGS.assign(phase=HEADINGS["phase"] * 0 + 2)
+    assert "n = 0" in report.sounding_figure(short, CORRECTED, FITS).caption
 
 
 def test_captions_are_escaped_in_the_page() -> None:
@@ -111,30 +149,9 @@ def test_heading_error_figure_draws_the_fit_and_the_table() -> None:
 def test_an_untrusted_fit_is_dashed_and_has_no_table() -> None:
     figure = report.heading_error_figure(HEADINGS, FITS, "N406", "ruc")
     labels = {line.get_label() for line in figure.axes[0].get_lines()}
-    assert "fit, not to be trusted" in labels
+    assert "fit, not usable" in labels
     assert "8-point table" not in labels
     assert "poor heading coverage" in figure.caption  # type: ignore[attr-defined]
-
-
-def test_binned_medians_by_hand() -> None:
-    heading = np.array([1.0, 2, 3, 4, 5, 359, 100, 101])
-    value = np.array([1.0, 2, 3, 4, 100, 7, 8, 9])
-    found = compass.binned_medians(heading, value, width=15.0)
-    assert found.centre.tolist() == [7.5]
-    assert found.median.tolist() == [3.0]
-    assert found.half_width[0] == pytest.approx(1.959964 * 1.2533 * 1.4826 * 1.0 / np.sqrt(5))
-
-
-def test_sectors_are_centred_on_north() -> None:
-    counts = compass.sector_counts(np.array([0.0, 22.0, 338.0, 23.0, 180.0]), sectors=8)
-    assert counts.tolist() == [3, 1, 0, 0, 1, 0, 0, 0]
-
-
-def test_fleet_order_puts_untrusted_fits_last() -> None:
-    order = overview.by_amplitude(FITS, "ruc")
-    assert order[-1] == "N406"
-    amplitude = FITS["amplitude"].sel(reference="ruc", aircraft=order[:-1]).to_numpy()
-    assert np.all(np.diff(amplitude) <= 0)
 
 
 def test_empty_screening_and_reading_are_told() -> None:
@@ -142,7 +159,7 @@ def test_empty_screening_and_reading_are_told() -> None:
     headings["screening"][:] = 0
     headings.attrs["reading_audit"] = "not json"
     assert "40 (100.0 %) entered" in report.audit_figure(headings).caption
-    assert overview.reading_reasons(HEADINGS) == (
+    assert reading_reasons(HEADINGS) == (
         {"duplicate": 12, "impossible_position": 3},
         {"longitude_wrapped": 40},
     )

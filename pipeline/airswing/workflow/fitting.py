@@ -43,8 +43,9 @@ def make_fits(job: Job, headings: xr.Dataset | None = None) -> xr.Dataset:
     from airswing.compass.fit.deviation import fit_deviation
     from airswing.compass.heading_kind import mean_declination
     from airswing.compass.table import add_tables, heading_histogram
-    from airswing.compass.tables_csv import write_swing_cards, write_tables_csv
+    from airswing.compass.tables_csv import write_tables_csv
     from airswing.evaluation.monitoring import add_changes, watch_compasses
+    from airswing.report.run.swing_cards import write_swing_cards
 
     config, screened = job.config, ready(job, headings, HEADINGS)
     require_kept(screened)
@@ -71,11 +72,9 @@ def make_fits(job: Job, headings: xr.Dataset | None = None) -> xr.Dataset:
     fits = open_product(job.output / FITS).load()
     with job.progress.stage("swing cards") as stage:
         write_tables_csv(fits, job.output / "tables.csv")
-        cards = write_swing_cards(fits, job.output / "swing_cards", reference=reference)
-        for path in (job.output / "swing_cards").glob("*.pdf"):
-            if path not in cards:
-                path.unlink()  # of an aircraft that is gone
-        stage.note = f"{len(cards)} of {fits.sizes['aircraft']} aircraft"
+        path = job.output / "swing_cards.pdf"
+        number = write_swing_cards(fits, screened, path, reference=reference, units=config.units)
+        stage.note = f"{number} of {fits.sizes['aircraft']} aircraft"
     return fits
 
 

@@ -173,6 +173,7 @@ def make_page(
             corrected=corrected,
             summary=summary,
             evaluation=evaluation,
+            units=job.config.units,
         )
         stage.note = str(page)
     return page

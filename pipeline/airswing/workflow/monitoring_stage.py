@@ -43,7 +43,7 @@ def make_monitoring(
         with_tables,
         write_events,
     )
-    from airswing.report.run.monitoring_section import write_monitoring_page
+    from airswing.report.run.changes import write_monitoring_page
 
     path, reference = job.output / EVENTS, main_reference(job.config)
     in_use = job.config.monitoring.tables_in_use
@@ -64,7 +64,7 @@ def make_monitoring(
         found = with_tables(found, _tables_since(job, screened, changed_since(found)))
         found = replace(found, unsaid=len(found.new_events))
         write_events(found, path)
-        write_monitoring_page(job.output / "report" / PAGE, found)
+        write_monitoring_page(job.output / "report" / PAGE, found, units=job.config.units)
         number = len(found.new_events)
         stage.note = f"{number:,} new event{'s' * (number != 1)}"
     return found

@@ -9,7 +9,7 @@ from tests.compass.flown import Setting, fly
 from airswing.compass.correction import correct, curve_standard_error
 from airswing.compass.fit.deviation import fit_deviation
 from airswing.compass.table import add_tables
-from airswing.compass.tables_csv import write_swing_cards, write_tables_csv
+from airswing.compass.tables_csv import write_tables_csv
 from airswing.flags import CORRECTION, STATUS, published
 from airswing.gap.simulation.known_effects import effects_of_fits
 
@@ -135,9 +135,6 @@ def test_everyone_who_takes_a_fit_takes_the_offset(fleet, tmp_path):
     assert len(own) == 8 and {row[2] for row in own} == {"offset_only"}
     stated = [float(row[5]) for row in own]
     assert min(stated) >= float(fits["offset_standard_error"][0, 9]) - 0.001
-    write_swing_cards(fits.isel(aircraft=[9]), tmp_path / "cards", suffix="svg")
-    card = next((tmp_path / "cards").glob("*.svg")).read_text()
-    assert "offset alone" in card
     effects = effects_of_fits(fits, reference=str(fits["reference"].item()))
     assert [one.name for one in effects if one.tails == (name,)] == ["compass_offset"]
 

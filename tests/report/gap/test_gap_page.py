@@ -12,8 +12,8 @@ from markupsafe import escape
 from matplotlib.figure import Figure
 from tests.report import gap_factories
 from tests.report.gap_factories import effect
-from tests.report.run.test_page import Balance, parsed
 from tests.report.test_figures import check_figure
+from tests.report.test_page import Balance, parsed
 
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.result.schema import (

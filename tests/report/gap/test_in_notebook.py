@@ -9,7 +9,7 @@ import pytest
 from matplotlib.figure import Figure
 from tests.gap.toy import make_frame
 from tests.report import gap_factories
-from tests.report.run.test_page import Balance
+from tests.report.test_page import Balance
 
 import airswing
 from airswing.gap.checks.refit_claims import Adjustment

@@ -62,11 +62,9 @@ from airswing.report.html.document import (
     table,
 )
 from airswing.report.html.embed import embedded
-from airswing.report.html.style import drawing_a_page
 from airswing.version import __version__
 
 
-@drawing_a_page()
 def write_gap_page(directory: Path, *, gap: GapReport, maps: xr.Dataset) -> Path:
     """Write the page of a gap diagnosis, ``index.html``, into its folder.
 

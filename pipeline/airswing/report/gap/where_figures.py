@@ -18,13 +18,12 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from airswing.gap.result.schema import GapReport
-from airswing.report.html.outline import draw_map, view_of
+from airswing.report.html.maps import draw_map, view_of
 from airswing.report.html.style import (
     DIVERGING,
     INK,
     VERMILION,
     CaptionedFigure,
-    compass_axis,
     empty_figure,
     new_figure,
     plural,
@@ -82,7 +81,8 @@ def aircraft_heading_figure(maps: xr.Dataset, gap: GapReport) -> Figure:
         texts = [(centres[column], row, shown[row, column]) for row, column in strong]
         _cell_texts(axes, texts, _even_limit(shown), decimals=1, size=7.5)
     first = min(float(_edges(centres)[0]), 0.0)
-    compass_axis(axes)
+    axes.set_xticks(range(0, 361, 45))
+    axes.set_xlabel("indicated magnetic heading (degree)")
     axes.set_xlim(first, 360.0 + first)
     bold = " Bold: aircraft that a verdict names." if named else ""
     return figure.say(

@@ -1,8 +1,8 @@
-"""The parts a page is made of: sections, tables, folded details, and the whole document.
+"""Parts of a page: sections, tables, folded details, and the whole HTML document.
 
-Assumes figures and tables made elsewhere.  The result is one HTML text with its styles and
-images inside: nothing is fetched, and all of it reads without scripts (the script unfolds details
-for printing, and sorts and searches tables).  Every text is escaped by the templates.
+The result is one HTML text with its styles and images inside. Nothing is fetched, and all of it can
+be read without scripts (the script opens folded parts for printing, and sorts and searches
+tables). Jinja2 and markupsafe escape every text.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from markupsafe import Markup
 
 @dataclass(frozen=True)
 class Section:
-    """A titled stretch of a page: a lead sentence and parts (figures, tables, paragraphs)."""
+    """A section of a page: title, first sentence and parts (figures, tables, paragraphs)."""
 
     anchor: str
     title: str
@@ -27,7 +27,7 @@ class Section:
 
 @dataclass(frozen=True)
 class Column:
-    """A table's column; kind is "" for numbers, "words" or "long" for text."""
+    """A column of a table; kind is "" for numbers, "words" or "long" for text."""
 
     title: str
     kind: str = ""
@@ -35,7 +35,7 @@ class Column:
 
 @dataclass(frozen=True)
 class Row:
-    """A table's row; a row in doubt is set in grey italics."""
+    """A row of a table; a row in doubt is printed in grey italics."""
 
     cells: Sequence[object]
     doubt: bool = False
@@ -61,11 +61,17 @@ def table(
 
     Parameters
     ----------
+    columns : sequence of Column
+    rows : iterable of Row
     caption : str, optional
-        What the table holds, in words.
+        Text below the table.
     sortable : bool, optional
-        With scripts, a click on a head sorts the rows, and a long table can be searched by
-        its columns of words.
+        A click on a column's title sorts the rows; a long table has a search field for its text
+        columns.
+
+    Returns
+    -------
+    Markup
     """
     text = (
         _environment()
@@ -76,7 +82,7 @@ def table(
 
 
 def paragraph(text: str, *, note: bool = False) -> Markup:
-    """Return a paragraph; a note stands out."""
+    """Return a paragraph; a note is highlighted."""
     return Markup('<p class="note">{}</p>' if note else "<p>{}</p>").format(text)
 
 
@@ -85,35 +91,27 @@ def heading(text: str) -> Markup:
     return Markup("<h3>{}</h3>").format(text)
 
 
-def drawing(panels: Iterable[Markup], caption: str, *, columns: int = 0) -> Markup:
-    """Return panels side by side, as many as there is room for where not said, with words below."""
-    inside = Markup("").join(panels)
-    words = Markup("<figcaption>{}</figcaption>").format(caption) if caption else ""
-    shape = f' style="grid-template-columns:repeat({columns}, 1fr)"' if columns else ""
-    return Markup('<figure class="panels"{}>{}{}</figure>').format(Markup(shape), inside, words)
-
-
 def listing(items: Iterable[object]) -> Markup:
     """Return a bulleted list."""
     inside = Markup("").join(Markup("<li>{}</li>").format(item) for item in items)
     return Markup('<ul class="plain">{}</ul>').format(inside)
 
 
-def described(title: str, text: str, beside: Iterable[str]) -> Markup:
-    """Return what stands under a title in bold, and smaller lines below it; empty ones left out."""
-    lines = (Markup('<span class="beside">{}</span>').format(line) for line in beside if line)
+def described(title: str, text: str, smaller: Iterable[str]) -> Markup:
+    """Return a bold title, a text, and smaller lines below it (empty ones are omitted)."""
+    lines = (Markup('<span class="small">{}</span>').format(line) for line in smaller if line)
     return Markup("<b>{}</b> {}{}").format(title, text, Markup("").join(lines))
 
 
 def link(address: str, text: str) -> Markup:
-    """Return a link to a file beside the page; anything but a plain address is shown as text."""
+    """Return a link to a relative address; any other address is shown as text without a link."""
     if ":" in address.split("/")[0] or address.startswith("//"):
         return Markup("{}").format(text)
     return Markup('<a href="{}">{}</a>').format(address, text)
 
 
 def folded(summary: str, parts: Iterable[Markup], *, unfolded: bool = False) -> Markup:
-    """Return parts behind a line that opens on a click (and when the page is printed)."""
+    """Return parts below a title that opens on a click (and when the page is printed)."""
     inside = Markup("").join(parts)
     state = Markup(" open") if unfolded else Markup("")
     return Markup("<details{}><summary>{}</summary>{}</details>").format(state, summary, inside)
@@ -133,16 +131,24 @@ def document(
 
     Parameters
     ----------
+    title : str
+        Title of the window.
     kicker : str
-        The line above the headline: what this is a page about.
+        The line above the headline: the subject of the page.
     headline : str
-        The result, in a sentence.
+        The result in a sentence.
+    sections : sequence of Section
+        Those without parts are omitted.
     facts : sequence of (number, words), optional
         The few numbers that matter most.
     warnings : sequence of str, optional
-        What a reader must know before trusting the headline.
+        What a reader must know before using the result.
     footer : sequence of str, optional
-        Version, time, inputs.
+        Version and conventions.
+
+    Returns
+    -------
+    str
     """
     return (
         _environment()
@@ -151,7 +157,7 @@ def document(
             title=title,
             kicker=kicker,
             headline=headline,
-            sections=sections,
+            sections=[section for section in sections if section.parts],
             facts=facts,
             warnings=warnings,
             footer=footer,

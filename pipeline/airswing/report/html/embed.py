@@ -1,49 +1,79 @@
-"""Figures inside a page: images as data addresses, with their captions."""
+"""Figures inside a page: PNG images as data addresses, with captions, and the same as files."""
 
 from __future__ import annotations
 
 import base64
+import re
+from dataclasses import dataclass
+from pathlib import Path
 
-from markupsafe import Markup, escape
+from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from airswing.report.html.palette import png_in_palette, svg_in_palette
-from airswing.report.html.style import RASTER_DPI, png_bytes, svg_bytes
+from airswing.products.whole_files import atomic
+from airswing.report.html.style import PAGE_DPI, Units, png_bytes
+
+#: Colours of the palette: a drawing has few, and their mixtures along edges.
+_COLOURS = 256
 
 
-def embedded(figure: Figure, *, raster: bool = False, dpi: float = RASTER_DPI) -> Markup:
+def embedded(figure: Figure, file: Path | None = None, *, dpi: float = PAGE_DPI) -> Markup:
     """Return an HTML figure with its image inside the page and its caption below.
-
-    The image stands in an ``img`` element, so that several SVGs cannot mix their identifiers.
 
     Parameters
     ----------
     figure : Figure
-        Best a :class:`~airswing.report.html.style.CaptionedFigure`: its ``caption`` and
-        ``alternative`` are used.
-    raster : bool, optional
-        PNG instead of SVG, for many small panels.
+        Its ``caption``, where it has one, is shown and is the alternative text.
+    file : Path, optional
+        Where the same image is written as a file, in a folder next to the page; the image on the
+        page links to it.
     dpi : float, optional
-        Resolution of images.
+        Pixels an inch.
+
+    Returns
+    -------
+    Markup
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
     """
-    # A label without words looks at every tick for a place beside them; the figure is not used
-    # again, so none is given words later.
-    for axes in figure.axes:
-        for axis in (axes.xaxis, axes.yaxis):
-            if not axis.label.get_text():
-                axis.set_label_coords(0.5, 0.5)
-    if raster:
-        content = png_in_palette(png_bytes(figure, dpi=dpi))
-    else:
-        content = svg_in_palette(svg_bytes(figure, dpi=dpi))
-    kind = "image/png" if raster else "image/svg+xml"
-    address = f"data:{kind};base64,{base64.b64encode(content).decode('ascii')}"
+    content = png_bytes(figure, dpi=dpi, colours=_COLOURS)
+    address = f"data:image/png;base64,{base64.b64encode(content).decode('ascii')}"
     width = round(float(figure.get_figwidth()) * 96)
-    caption = getattr(figure, "caption", "")
-    alternative = getattr(figure, "alternative", "") or caption
-    return Markup('<figure><img src="{}" alt="{}" style="width:{}px">{}</figure>').format(
-        address,
-        alternative,
-        width,
-        Markup("<figcaption>{}</figcaption>").format(escape(caption)) if caption else "",
-    )
+    caption = str(getattr(figure, "caption", ""))
+    alternative = caption.split(". ")[0].rstrip(".")
+    image = Markup('<img src="{}" alt="{}" style="width:{}px">').format(address, alternative, width)
+    if file is not None:
+        with atomic(file) as temporary:
+            temporary.write_bytes(content)
+        image = Markup('<a href="{}">{}</a>').format(f"{file.parent.name}/{file.name}", image)
+    words = Markup("<figcaption>{}</figcaption>").format(caption) if caption else ""
+    return Markup("<figure>{}{}</figure>").format(image, words)
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Places the figures of a page and writes each as a PNG file into a folder next to it.
+
+    Attributes
+    ----------
+    folder : Path or None
+        Folder of the files; without it no file is written.
+    units : {"kt", "m/s"}
+        Unit of the speeds on the page.
+    """
+
+    folder: Path | None = None
+    units: Units = "kt"
+
+    def __call__(self, name: str, figure: Figure, *, dpi: float = PAGE_DPI) -> Markup:
+        """Return the embedded figure; `name` becomes the file's name, made of plain letters."""
+        plain = re.sub(r"[^A-Za-z0-9.-]+", "_", name).strip("_.")
+        return embedded(figure, self.folder / f"{plain}.png" if self.folder else None, dpi=dpi)
+
+    def clear(self) -> None:
+        """Remove the files of an earlier page."""
+        for file in self.folder.glob("*.png") if self.folder else ():
+            file.unlink()

@@ -1,32 +1,41 @@
-"""Where the reports are: maps of all reports, by phase of flight and by level.
+"""Maps: where the reports are, over coasts, borders and states.
 
-Assumes latitude and longitude in degrees and pressure in Pa.  Few reports are drawn as
-points, many (over 20,000) as a density of hexagons on a logarithmic scale; of very many (over
-`MOST_DRAWN`) every so manieth is drawn, as the figures then say.  Counts are of all reports.
+Longitudes are degrees east of any range, latitudes degrees north, pressure Pa. A map is a plain
+equirectangular view: x is the longitude unwrapped around the middle of the data, and a degree of
+longitude is drawn cos(latitude of the middle) as wide as one of latitude. That serves up to the
+size of a continent. The outline is part of the package (``data/SOURCE.md``); nothing is fetched.
+
+Few reports are drawn as points, many (over 20,000) as a density of hexagons on a logarithmic scale;
+of more than `MOST_DRAWN` reports every n-th is drawn, and the caption says so. Counts are always of
+all reports.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib.resources import files
 from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
-from matplotlib.collections import PolyCollection
+from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogFormatter
+from matplotlib.ticker import FuncFormatter, LogFormatter, MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
 from airswing.flags import PHASE
+from airswing.physics.triangle import wrap_degrees
 from airswing.products.ragged import blocks
-from airswing.report.html.outline import View, draw_map, view_of
 from airswing.report.html.style import (
     BLUE,
     DENSITY,
     FULL_WIDTH,
     MANY,
+    SOFT,
     CaptionedFigure,
     blank,
     new_figure,
@@ -35,6 +44,178 @@ from airswing.report.html.style import (
     thousands,
 )
 
+Floats = NDArray[np.float64]
+
+LAYERS: dict[str, dict[str, object]] = {
+    "state": {"color": "#c3cad2", "linewidth": 0.5},
+    "border": {"color": "#98a2ae", "linewidth": 0.7},
+    "lake": {"color": SOFT, "linewidth": 0.6},
+    "coast": {"color": SOFT, "linewidth": 0.7},
+}
+
+
+TALLEST, FLATTEST = 0.66, 0.42  # Limits of the drawn height of a map over its width
+
+
+@dataclass(frozen=True)
+class View:
+    """Limits of a map in degrees.
+
+    ``west`` and ``east`` are unwrapped: they may pass -180 or 180, and ``west < east`` always.
+    """
+
+    west: float
+    east: float
+    south: float
+    north: float
+
+    @property
+    def middle(self) -> float:
+        """Longitude of the middle."""
+        return (self.west + self.east) / 2
+
+    @property
+    def aspect(self) -> float:
+        """Length of a degree of latitude over one of longitude, as drawn."""
+        # Poleward of 78 degrees a map is not stretched any further.
+        return 1 / max(float(np.cos(np.radians((self.south + self.north) / 2))), 0.2)
+
+    @property
+    def height_over_width(self) -> float:
+        """Drawn height over drawn width."""
+        return self.aspect * (self.north - self.south) / (self.east - self.west)
+
+    def unwrapped(self, longitude: ArrayLike) -> Floats:
+        """Shift longitudes by whole turns to within 180 degrees of the middle."""
+        return _unwrap_around(np.asarray(longitude, float), self.middle)
+
+
+def _unwrap_around(longitude: Floats, middle: float) -> Floats:
+    """Shift longitudes by whole turns to lie in [middle - 180, middle + 180)."""
+    return wrap_degrees(longitude - middle) + middle
+
+
+def middle_longitude(longitude: ArrayLike) -> float:
+    """Return the middle of the shortest arc that contains all longitudes.
+
+    Parameters
+    ----------
+    longitude : array (n,)
+        Degrees east; NaN is ignored.
+
+    Returns
+    -------
+    float
+        Degrees in [-180, 180).
+    """
+    values = np.asarray(longitude, float)
+    values = np.unique(np.round(values[np.isfinite(values)] % 360.0, 1))
+    if values.size == 0:
+        return 0.0
+    gaps = np.diff(np.append(values, values[0] + 360.0))
+    widest = int(np.argmax(gaps))
+    first = values[(widest + 1) % values.size]
+    length = 360.0 - gaps[widest]
+    return float(wrap_degrees(first + length / 2))
+
+
+def view_of(longitude: ArrayLike, latitude: ArrayLike, *, margin: float = 0.06) -> View:
+    """Return the map limits that contain all points, at least two degrees wide and high.
+
+    Parameters
+    ----------
+    longitude, latitude : array (n,)
+        Degrees; NaN is ignored.
+    margin : float, optional
+        Fraction of the extent added on each side.
+
+    Returns
+    -------
+    View
+    """
+    lat = np.asarray(latitude, float)
+    lat = lat[np.isfinite(lat)]
+    middle = middle_longitude(longitude)
+    lon = _unwrap_around(np.asarray(longitude, float), middle)
+    lon = lon[np.isfinite(lon)]
+    if lon.size == 0 or lat.size == 0:
+        return View(-180.0, 180.0, -90.0, 90.0)
+    narrowing = max(float(np.cos(np.radians(y := (lat.min() + lat.max()) / 2))), 0.2)
+    width = max(float(np.ptp(lon)) * (1 + 2 * margin), 2.0)
+    height = max(float(np.ptp(lat)) * (1 + 2 * margin), 2.0)
+    width = min(max(width, height / narrowing / TALLEST), 360.0)
+    height = max(height, width * narrowing * FLATTEST)
+    x = (lon.min() + lon.max()) / 2
+    south, north = max(y - height / 2, -90.0), min(y + height / 2, 90.0)
+    return View(float(x - width / 2), float(x + width / 2), float(south), float(north))
+
+
+@lru_cache(maxsize=1)
+def lines() -> dict[str, list[Floats]]:
+    """Return the lines of each layer (coast, border, state, lake) as (n, 2) arrays, degrees."""
+    source = files("airswing.report.html").joinpath("data/outline.npz")
+    with source.open("rb") as stream, np.load(stream) as stored:
+        return {
+            name: np.split(
+                stored[f"{name}_points"] / 100.0, np.cumsum(stored[f"{name}_lengths"])[:-1]
+            )
+            for name in LAYERS
+        }
+
+
+@lru_cache(maxsize=32)
+def lines_in(view: View, layer: str) -> list[Floats]:
+    """Return the lines of a layer within a view, unwrapped and split at its seam."""
+    parts = lines()[layer]
+    points = np.concatenate(parts)
+    shifted = np.column_stack([view.unwrapped(points[:, 0]), points[:, 1]])
+    seams = np.flatnonzero(np.abs(np.diff(shifted[:, 0])) > 180.0) + 1
+    starts = np.union1d(np.cumsum([0, *map(len, parts[:-1])]), seams)
+    low, high = np.minimum.reduceat(shifted, starts), np.maximum.reduceat(shifted, starts)
+    crosses = (high[:, 0] >= view.west) & (low[:, 0] <= view.east)
+    crosses &= (high[:, 1] >= view.south) & (low[:, 1] <= view.north)
+    crosses &= np.diff(starts, append=len(shifted)) > 1
+    return [part for part, seen in zip(np.split(shifted, starts[1:]), crosses, strict=True) if seen]
+
+
+def _degree_label(positive: str, negative: str, *, wraps: bool) -> FuncFormatter:
+    def text(value: float, _position: object = None) -> str:
+        shown = float(wrap_degrees(value)) if wraps else value
+        if round(shown, 6) == 0:
+            return "0°"
+        if wraps and round(abs(shown), 6) == 180:
+            return "180°"
+        return f"{abs(shown):g}°{positive if shown > 0 else negative}"
+
+    return FuncFormatter(text)
+
+
+def draw_map(axes: Axes, view: View, *, ticks: int = 6) -> None:
+    """Draw the outline in a panel and set its limits, aspect and degree labels.
+
+    Parameters
+    ----------
+    axes : matplotlib Axes
+        The panel.
+    ticks : int, optional
+        About how many degree labels along x.
+    """
+    for name, look in LAYERS.items():
+        drawn = LineCollection(lines_in(view, name), zorder=1.5, **look)
+        axes.add_collection(drawn, autolim=False)
+    axes.set_xlim(view.west, view.east)
+    axes.set_ylim(view.south, view.north)
+    axes.set_aspect(view.aspect)
+    axes.grid(True, linewidth=0.4)
+    axes.xaxis.set_major_locator(MaxNLocator(ticks, steps=[1, 2, 3, 5, 10]))
+    axes.yaxis.set_major_locator(MaxNLocator(max(ticks - 1, 3), steps=[1, 2, 3, 5, 10]))
+    axes.xaxis.set_major_formatter(_degree_label("E", "W", wraps=True))
+    axes.yaxis.set_major_formatter(_degree_label("N", "S", wraps=False))
+    axes.tick_params(labelsize=8)
+    for spine in axes.spines.values():
+        spine.set_visible(True)
+
+
 # Top and bottom of each layer.
 _LEVELS_HPA = ((0, 400), (400, 600), (600, 800), (800, 1100))
 
@@ -42,7 +223,7 @@ MOST_DRAWN = 500_000  # Reports a map draws at most
 
 
 class _Places(NamedTuple):
-    """Reports to be drawn, and what there is of them in all."""
+    """Positions that are drawn, and counts of all reports by group."""
 
     longitude: NDArray[np.float64]
     latitude: NDArray[np.float64]
@@ -51,8 +232,8 @@ class _Places(NamedTuple):
     counts: NDArray[np.int64]
 
     def words(self) -> str:
-        """Say what is drawn, where that is not all."""
-        return f" Of them, one in {self.every} is drawn." if self.every > 1 else ""
+        """Return a sentence on the thinning, empty without any."""
+        return f" One report in {self.every} is drawn." if self.every > 1 else ""
 
 
 def _places(
@@ -61,14 +242,14 @@ def _places(
     group_of: Callable[[xr.Dataset], NDArray[np.int64]],
     groups: int,
 ) -> _Places:
-    """Reports to be drawn: every so manieth of the archive, so that few enough are left."""
+    """Return the positions of at most `MOST_DRAWN` reports, taken evenly from the archive."""
     every = max(1, -(-headings.sizes["report"] // MOST_DRAWN))
     counts, parts, start = np.zeros(groups, dtype=np.int64), [], 0
     for block in blocks(headings, ["longitude", "latitude", *names]):
         group = group_of(block)
         counts += np.bincount(group[group >= 0], minlength=groups)
         drawn = slice(-start % every, None, every)
-        # Copies: a view of every so manieth report would keep them all.
+        # Copies: a view of every n-th report would keep all of them in memory.
         parts.append(
             [
                 np.array(block["longitude"].to_numpy()[drawn], float),
@@ -96,7 +277,7 @@ def _draw_places(
     size: float = 4.0,
     dense: bool | None = None,
 ) -> PolyCollection | None:
-    """Draw reports in a map panel, as points or (many) as a density."""
+    """Draw reports in a map panel, as points or, if many, as a density."""
     x, y = view.unwrapped(longitude), np.asarray(latitude, float)
     mappable = None
     if x.size > MANY if dense is None else dense:
@@ -110,24 +291,27 @@ def _draw_places(
             norm=LogNorm(),
             linewidths=0.1,
             extent=(view.west, view.east, view.south, view.north),
-            rasterized=True,
         )
     else:
-        # The more points, the fainter: it still shows where most lie over each other.
+        # Fainter with more points, so that the densest places remain visible.
         alpha = float(np.clip(1500.0 / max(x.size, 1), 0.15, 0.8))
-        axes.scatter(x, y, s=size, color=BLUE, alpha=alpha, linewidths=0, rasterized=True)
+        axes.scatter(x, y, s=size, color=BLUE, alpha=alpha, linewidths=0)
     draw_map(axes, view, ticks=6 if cells > 60 else 3)
     return mappable
 
 
 @styled
 def reports_figure(headings: xr.Dataset) -> Figure:
-    """Map every report (the seed's Fig. 1).
+    """Draw a map of every report.
 
     Parameters
     ----------
     headings : Dataset
         With ``latitude``, ``longitude`` (report) and ``aircraft``.
+
+    Returns
+    -------
+    Figure
     """
 
     def known(block: xr.Dataset) -> NDArray[np.int64]:
@@ -146,7 +330,7 @@ def reports_figure(headings: xr.Dataset) -> Figure:
         bar.formatter = bar.minorformatter = LogFormatter()
     how = "as a density of hexagons, darker where reports are many" if drawn else "one dot each"
     return figure.say(
-        f"Where the reports are (n = {plural(number, 'report')} of "
+        f"Positions of the reports (n = {plural(number, 'report')} of "
         f"{plural(headings.sizes.get('aircraft', 0), 'aircraft', 'aircraft')}), {how}."
         f"{places.words()}"
     )
@@ -174,12 +358,16 @@ def _panels(places: _Places, labels: Sequence[str], columns: int) -> CaptionedFi
 
 @styled
 def phase_maps_figure(headings: xr.Dataset) -> Figure:
-    """Map the reports of each phase of flight (ascent, cruise, descent, and unknown if any).
+    """Draw a map of the reports of each phase of flight.
 
     Parameters
     ----------
     headings : Dataset
         With ``latitude``, ``longitude``, ``phase`` (report).
+
+    Returns
+    -------
+    Figure
     """
     order = ("ascent", "cruise", "descent", "unknown")
     place = np.full(max(PHASE.values()) + 1, -1)
@@ -187,8 +375,8 @@ def phase_maps_figure(headings: xr.Dataset) -> Figure:
     places = _places(headings, ["phase"], lambda block: place[block["phase"].to_numpy()], 4)
     names = [name for name in order if name != "unknown" or places.counts[3]]
     figure = _panels(places, names, len(names))
-    told = zip(names, places.counts, strict=False)
-    shares = ", ".join(f"{name} {thousands(int(count))}" for name, count in told)
+    counts = zip(names, places.counts, strict=False)
+    shares = ", ".join(f"{name} {thousands(int(count))}" for name, count in counts)
     return figure.say(
         f"The reports by phase of flight: {shares} "
         f"(n = {thousands(headings.sizes['report'])}).{places.words()}"
@@ -197,12 +385,16 @@ def phase_maps_figure(headings: xr.Dataset) -> Figure:
 
 @styled
 def level_maps_figure(headings: xr.Dataset) -> Figure:
-    """Map the reports of each layer of pressure.
+    """Draw a map of the reports of each pressure layer.
 
     Parameters
     ----------
     headings : Dataset
         With ``latitude``, ``longitude``, ``pressure`` (Pa) (report).
+
+    Returns
+    -------
+    Figure
     """
 
     def layer(block: xr.Dataset) -> NDArray[np.int64]:
@@ -218,8 +410,8 @@ def level_maps_figure(headings: xr.Dataset) -> Figure:
         for top, bottom in _LEVELS_HPA
     ]
     figure = _panels(places, names, 2)
-    told = zip(names, places.counts, strict=True)
-    shares = "; ".join(f"{name} {thousands(count)}" for name, count in told)
+    counts = zip(names, places.counts, strict=True)
+    shares = "; ".join(f"{name} {thousands(count)}" for name, count in counts)
     return figure.say(
         f"The reports by layer: {shares} (n = {thousands(headings.sizes['report'])})."
         f"{places.words()}"

@@ -1,9 +1,9 @@
-"""One look for every figure: sizes, type, colours told apart by colour-blind readers.
+"""One look for every figure: sizes, type, colours and units of speed.
 
-Assumes figures are seen about 920 CSS pixels wide (9.6 inches) on a light page or in a
-notebook, or printed on A4.  Everything uses matplotlib's object-oriented interface on the
-Agg-safe :class:`~matplotlib.figure.Figure`; nothing here touches pyplot or keeps a figure
-alive.  Colours are those of Okabe and Ito (2008), "Color Universal Design".
+Figures are about 920 CSS pixels wide (9.6 inches) on a page or in a notebook. Everything uses
+matplotlib's object-oriented interface; pyplot is not touched and no figure is kept alive. Colours
+are those of Okabe and Ito (2008), "Color Universal Design", which colour-blind readers can
+distinguish.
 """
 
 from __future__ import annotations
@@ -13,20 +13,27 @@ import functools
 import gc
 import io
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Literal, ParamSpec, TypeVar
 
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import LayoutEngine
 from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
+from PIL import Image
+
+from airswing.units import KNOT
 
 if TYPE_CHECKING:
     from matplotlib.typing import RcKeyType
 
 P = ParamSpec("P")
 R = TypeVar("R")
+#: Unit of every speed that is shown; the configuration's ``units``.
+Units = Literal["kt", "m/s"]
 
 INK = "#1f2933"
 SOFT = "#5f6b7a"
@@ -42,15 +49,9 @@ _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 DENSITY = "viridis_r"
 DIVERGING = "PuOr_r"
 
-FULL_WIDTH = 9.6  # Width of a page-wide figure, inches
-
-MANY = 20_000  # Points beyond which a scatter becomes a density
-
-# Marks of a panel beyond which they are an image in it: of 6,000 aircraft with both intervals the
-# marks alone would be twice as large as a page may be.
-HEAVY = 200
-
-RASTER_DPI = 150  # Of what is drawn as an image inside a page
+FULL_WIDTH = 9.6  # inches
+MANY = 20_000  # Points beyond which a scatter plot becomes a density
+PAGE_DPI = 144  # 1.5 image pixels a CSS pixel
 
 RC: dict[RcKeyType, str | float | bool] = {
     "font.family": "DejaVu Sans",
@@ -58,7 +59,7 @@ RC: dict[RcKeyType, str | float | bool] = {
     "axes.titlesize": 10.5,
     "axes.titleweight": "bold",
     "axes.titlelocation": "left",
-    # Set, not found above ticks at the top (no panel has them) by measuring every label.
+    # A fixed place: matplotlib otherwise measures every tick label to find one.
     "axes.titley": 1.0,
     "axes.labelsize": 9.5,
     "axes.labelcolor": INK,
@@ -71,7 +72,7 @@ RC: dict[RcKeyType, str | float | bool] = {
     "grid.color": "#e3e7ec",
     "grid.linewidth": 0.7,
     "text.color": INK,
-    # Names of aircraft and references may hold any letter; a dollar sign begins no formula.
+    # Names of aircraft and references may hold a dollar sign.
     "text.parse_math": False,
     "xtick.color": SOFT,
     "ytick.color": SOFT,
@@ -85,109 +86,111 @@ RC: dict[RcKeyType, str | float | bool] = {
     "figure.facecolor": "white",
     "axes.facecolor": "white",
     "savefig.facecolor": "white",
-    # The same figure gives the same octets, names inside it included: pages can be compared.
-    "svg.hashsalt": "airswing",
-    # As outlines: a reader need not have the font for words to end where they were measured.
-    "svg.fonttype": "path",
 }
 
 
 class CaptionedFigure(Figure):
-    """A matplotlib Figure that carries its caption and shows itself in a notebook."""
+    """A matplotlib figure with a caption that is displayed as an image in a notebook.
 
-    # what the figure shows in words, with the number of reports or aircraft behind it
+    Attributes
+    ----------
+    caption : str
+        What the figure shows, with the number of reports or aircraft behind it.
+    """
+
     caption: str = ""
-    alternative: str = ""  # one line for those who cannot see the figure
 
-    def say(self, caption: str, *, alternative: str | None = None) -> CaptionedFigure:
-        """Set the caption (and the alternative text, by default its first sentence)."""
+    def say(self, caption: str) -> CaptionedFigure:
+        """Set the caption and return the figure."""
         self.caption = caption
-        self.alternative = alternative or caption.split(". ")[0].rstrip(".")
         return self
 
     def _repr_png_(self) -> bytes:
         return png_bytes(self)
 
 
-def png_bytes(figure: Figure, *, dpi: float = 110) -> bytes:
-    """Return a figure as the bytes of a PNG file."""
-    return _saved(figure, "png", dpi=dpi)
+def png_bytes(figure: Figure, *, dpi: float = 110, colours: int | None = None) -> bytes:
+    """Return a figure as the bytes of a PNG file.
 
+    Parameters
+    ----------
+    figure : Figure
+    dpi : float, optional
+        Pixels an inch.
+    colours : int, optional
+        Reduce the image to a palette, which takes a quarter of the bytes.
 
-def svg_bytes(figure: Figure, *, dpi: float = RASTER_DPI) -> bytes:
-    """Return a figure as the bytes of an SVG file; heavy artists in it are images at `dpi`."""
-    return _saved(figure, "svg", dpi=dpi)
-
-
-def _saved(figure: Figure, kind: str, *, dpi: float) -> bytes:
+    Returns
+    -------
+    bytes
+    """
     stream = io.BytesIO()
-    # No date, for the same reason as the salt.
-    metadata = {"Date": None} if kind == "svg" else None
-    engine = figure.get_layout_engine()
     with matplotlib.rc_context(RC):
+        figure.set_dpi(dpi)
+        canvas = FigureCanvasAgg(figure)
+        engine = figure.get_layout_engine()
         if engine is not None:
-            # Laid out here, once: savefig would draw the whole figure a first time for it.
-            # A frame ends where its panel does, and asks for every tick to say so.
-            for axes in figure.axes:
-                for spine in axes.spines.values():
-                    spine.set_in_layout(False)
-            with contextlib.ExitStack() as measured:
-                for axes in figure.axes:
-                    measured.enter_context(_measured_once(axes))
-                engine.execute(figure)
-            figure.set_layout_engine(None)
-        figure.savefig(stream, format=kind, dpi=dpi, metadata=metadata)
-    figure.set_layout_engine(engine)
+            _arrange(figure, engine)
+        canvas.draw()  # type: ignore[no-untyped-call]
+        figure.set_layout_engine(engine)
+        pixels = np.asarray(canvas.buffer_rgba())  # type: ignore[no-untyped-call]
+        image = Image.fromarray(pixels).convert("RGB")
+    if colours is not None:
+        image = image.quantize(colours, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
+    image.save(stream, "png", dpi=(dpi, dpi))
     return stream.getvalue()
 
 
-@contextlib.contextmanager
-def drawing_a_page() -> Iterator[None]:
-    """Leave Python's cyclic garbage alone while a page's figures are drawn.
+def _arrange(figure: Figure, engine: LayoutEngine) -> None:
+    """Run the layout once; what measuring text costs is a third of a page's time otherwise.
 
-    They leave some 20 MB of it; looking for it time and again through all that the stages before
-    hold took a sixth of the page's time.
+    matplotlib's constrained layout measures every panel in both of its passes and asks each spine,
+    which measures every tick again. Here the decorations of a panel are measured in the first pass
+    and moved with the panel in the second.
     """
-    wanted = gc.isenabled()
-    gc.disable()
+    for axes in figure.axes:
+        for spine in axes.spines.values():
+            spine.set_in_layout(False)
+        vars(axes)["get_tightbbox"] = _measured_once(axes)
     try:
-        yield
+        engine.execute(figure)
     finally:
-        if wanted:
-            gc.enable()
+        for axes in figure.axes:
+            del vars(axes)["get_tightbbox"]
+    figure.set_layout_engine(None)
 
 
-@contextlib.contextmanager
-def _measured_once(axes: Axes) -> Iterator[None]:
-    """Let a panel be measured in the layout's first pass alone.
+def _measured_once(axes: Axes) -> Callable[..., Bbox | None]:
+    measure = axes.get_tightbbox
+    margins: list[NDArray[np.float64] | None] = []
 
-    The second pass asks for the same words again round a frame that has moved: what stands out
-    beyond the frame is carried along.
-    """
-    vars(axes)["get_tightbbox"] = _once(axes, axes.get_tightbbox)
-    try:
-        yield
-    finally:
-        del vars(axes)["get_tightbbox"]
-
-
-def _once(axes: Axes, measure: Callable[P, Bbox | None]) -> Callable[P, Bbox | None]:
-    beyond: list[NDArray[np.float64] | None] = []
-
-    def known(*args: P.args, **options: P.kwargs) -> Bbox | None:
-        if not beyond:
-            found = measure(*args, **options)
-            edges = None if found is None else np.subtract(found.extents, axes.bbox.extents)
-            beyond.append(edges)
+    def known(*args: object, **options: object) -> Bbox | None:
+        if not margins:
+            box = measure(*args, **options)  # type: ignore[arg-type]
+            margins.append(None if box is None else np.subtract(box.extents, axes.bbox.extents))
         axes.apply_aspect()
-        edges = beyond[0]
-        return None if edges is None else Bbox.from_extents(*(axes.bbox.extents + edges))
+        return None if margins[0] is None else Bbox.from_extents(*(margins[0] + axes.bbox.extents))
 
     return known
 
 
+@contextlib.contextmanager
+def garbage_collection_paused() -> Iterator[None]:
+    """Pause Python's cyclic garbage collection while the figures of a page are drawn.
+
+    Each figure creates many objects, and each collection visits all of them: a fifth of the time.
+    """
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
+
+
 def styled(function: Callable[P, R]) -> Callable[P, R]:
-    """Run a figure function under the style, leaving matplotlib's settings as they were."""
+    """Run a figure function with this style; matplotlib's settings are restored afterwards."""
 
     @functools.wraps(function)
     def inner(*args: P.args, **kwargs: P.kwargs) -> R:
@@ -197,15 +200,25 @@ def styled(function: Callable[P, R]) -> Callable[P, R]:
     return inner
 
 
-def new_figure(height: float, *, width: float = FULL_WIDTH) -> CaptionedFigure:
+def new_figure(
+    height: float, *, width: float = FULL_WIDTH, constrained: bool = True
+) -> CaptionedFigure:
     """Return an empty captioned figure.
 
     Parameters
     ----------
     height, width : float
         Inches.
+    constrained : bool, optional
+        Let matplotlib arrange the panels; otherwise the caller places them.
+
+    Returns
+    -------
+    CaptionedFigure
     """
-    return CaptionedFigure(figsize=(width, height), dpi=120, layout="constrained")
+    return CaptionedFigure(
+        figsize=(width, height), dpi=120, layout="constrained" if constrained else None
+    )
 
 
 def empty_figure(message: str) -> CaptionedFigure:
@@ -215,20 +228,21 @@ def empty_figure(message: str) -> CaptionedFigure:
     return figure.say(f"{message} (n = 0).")
 
 
+def blank(axes: Axes, message: str) -> None:
+    """Say in an empty panel why it is empty."""
+    axes.axis("off")
+    axes.text(
+        0.5, 0.5, message, ha="center", va="center", color=SOFT, transform=axes.transAxes, wrap=True
+    )
+
+
 def series_style(index: int) -> tuple[str, str]:
-    """Return the colour and the marker of a series, so that neither is needed alone."""
+    """Return the colour and the marker of a series; either is enough to identify it."""
     return _SERIES[index % len(_SERIES)], _MARKERS[index % len(_MARKERS)]
 
 
-def compass_axis(axes: Axes) -> None:
-    """Make the x axis of a panel an indicated magnetic heading from 0 to 360 degrees."""
-    axes.set_xlim(0, 360)
-    axes.set_xticks(range(0, 361, 45))
-    axes.set_xlabel("indicated magnetic heading (degree)")
-
-
 def thousands(number: float) -> str:
-    """Format a count with thin grouping: ``12,345``."""
+    """Format a count with separators: ``12,345``."""
     return f"{int(number):,}"
 
 
@@ -238,9 +252,11 @@ def plural(number: int, noun: str, plural_noun: str | None = None) -> str:
     return f"{thousands(number)} {word}"
 
 
-def blank(axes: Axes, message: str) -> None:
-    """Say in an empty panel why it is empty."""
-    axes.axis("off")
-    axes.text(
-        0.5, 0.5, message, ha="center", va="center", color=SOFT, transform=axes.transAxes, wrap=True
-    )
+def shown_per_m_s(units: Units) -> float:
+    """Return the factor from m/s to the unit that is shown."""
+    return 1.0 / KNOT if units == "kt" else 1.0
+
+
+def shown_per_kt(units: Units) -> float:
+    """Return the factor from knots to the unit that is shown."""
+    return 1.0 if units == "kt" else KNOT

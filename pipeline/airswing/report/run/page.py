@@ -1,14 +1,14 @@
-"""The page of a run: the result first, then what shows it.
+"""The page of a run: result first, then the evidence; one self-contained HTML file.
 
-Assumes the products of docs/formats.md with reports in the same order in HEADINGS and
-CORRECTED.  Writes one self-contained HTML file; large fleets keep it usable: small multiples
-and larger figures are made for the aircraft with the largest deviation, everyone is in the table,
-which can be searched and sorted.
+Reports are in the same order in ``headings`` and ``corrected``; both may be lazy, and each figure
+reads the variables it needs, aircraft by aircraft. In a large fleet panels are drawn for the
+aircraft with the largest deviation; the table, which can be searched and sorted, has all. Every
+figure is also written as PNG into ``figures/`` next to the page.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +16,7 @@ import xarray as xr
 from markupsafe import Markup
 
 from airswing.evaluation.results import Evaluation
+from airswing.flags import published
 from airswing.products.ragged import time_span
 from airswing.products.whole_files import write_text
 from airswing.report.html import maps
@@ -24,7 +25,6 @@ from airswing.report.html.document import (
     Row,
     Section,
     document,
-    drawing,
     folded,
     heading,
     link,
@@ -32,46 +32,76 @@ from airswing.report.html.document import (
     paragraph,
     table,
 )
-from airswing.report.html.embed import embedded
-from airswing.report.html.style import drawing_a_page, plural
-from airswing.report.run import compass_figures as compass
-from airswing.report.run import overview
-from airswing.report.run.compass_panels import (
-    large_panel,
-    shown_of,
-    small_caption,
-    small_panels,
-)
-from airswing.report.run.evaluation_sections import (
+from airswing.report.html.embed import Figures
+from airswing.report.html.style import Units, garbage_collection_paused, plural, shown_per_kt
+from airswing.report.run import fleet
+from airswing.report.run import heading_error as compass
+from airswing.report.run.changes import monitoring_section, stability_section
+from airswing.report.run.evaluation import (
     field_test_section,
-    profiles_section,
+    ranking_section,
+    report_errors_section,
     sensitivity_section,
 )
-from airswing.report.run.monitoring_section import monitoring_section
+from airswing.report.run.innovations import innovations_section, sounding_figure
 from airswing.report.run.page_numbers import (
     BeforeAfter,
     Total,
-    correction_rows,
+    amplitudes,
     disagreement,
-    harmonic_amplitude,
     headline,
     kept_reports,
-    offsets_alone,
+    offsets_only,
     screening_audit,
 )
 from airswing.report.run.reading_warnings import model_reasons, reading_warnings, tally
-from airswing.report.run.report_errors import report_errors_section
-from airswing.report.run.selection import adds_error, headline_reference, tails
-from airswing.report.run.stability_sections import ranking_section, stability_section
+from airswing.report.run.selection import (
+    FORMULA,
+    PHASE_WORDS,
+    adds_error,
+    by_amplitude,
+    coefficient_texts,
+    fit_words,
+    headline_reference,
+    interval_text,
+    needs_no_correction,
+    number_text,
+    one_fit,
+    status_words,
+    tails,
+)
+from airswing.units import NORMAL_95
 from airswing.version import __version__
 
-# Aircraft that have a small panel, panels side by side, and aircraft that have a large one.
-SMALL_PANELS, SMALL_TOGETHER, LARGE_PANELS = 96, 12, 40
-# Report files left out that are named one by one; the product names all.
+# Aircraft in small panels, in one figure of small panels, in large panels, and in an overview.
+SMALL_PANELS, SMALL_TOGETHER, LARGE_PANELS, OVERVIEW = 96, 12, 40, 40
+# Report files left out that are named; the product names all.
 _FILES_NAMED = 20
 
+PRODUCTS = {
+    "tables.csv": "8-point tables of the fleet (CSV)",
+    "swing_cards.pdf": "swing cards, a page for each aircraft with a fit (PDF)",
+    "fits.nc": "fits with covariances (NetCDF)",
+    "corrected.nc": "corrected reports (NetCDF)",
+    "headings.nc": "headings and heading errors of every report (NetCDF)",
+    "corrected": "corrected reports, a file a month (NetCDF)",
+    "headings": "headings and heading errors of every report, a file a month (NetCDF)",
+    "ranking.csv": "which aircraft to correct first (CSV)",
+    "stability.json": "fits by calendar window and changes of the compasses (JSON)",
+    "virtual_field_test.json": "predicted and realised reduction on reports not fitted (JSON)",
+    "field_test.json": "field test (JSON)",
+    "sensitivity.json": "comparison of references (JSON)",
+    "error_profiles.nc": "error profiles (NetCDF)",
+    "innovation_statistics.nc": "innovation statistics (NetCDF)",
+    "observation_errors.nc": "observation errors by phase of flight and layer (NetCDF)",
+    "events.json": "state of every aircraft and events (JSON)",
+    "report/monitoring.html": "monitoring of the fleet (page)",
+    "gap/index.html": "the sim-to-real gap (page)",
+    "postprocess/index.html": "post-processed forecasts (page)",
+}
 
-@drawing_a_page()
+
+@garbage_collection_paused()
 def write_page(
     directory: Path | str,
     *,
@@ -80,143 +110,117 @@ def write_page(
     corrected: xr.Dataset | None = None,
     summary: Mapping[str, object] | None = None,
     evaluation: Evaluation | None = None,
+    units: Units = "kt",
 ) -> Path:
-    """Write the page of a run, ``index.html``, into its folder.
+    """Write the page of a run, ``index.html``, and its figures, ``figures/*.png``.
 
     Parameters
     ----------
-    directory : Path
-        Folder of the page, ``report`` in the run's output folder; products found beside it are
-        linked.
+    directory : Path or str
+        Folder of the page, ``report`` in the output folder of the run. Products found in the
+        output folder are linked.
     headings, fits, corrected : Dataset
-        Products of docs/formats.md.
+        Products of docs/formats.md, in memory or lazy.
     summary : mapping, optional
-        ``reference``: the fit the page leads with; ``links``: more (label, address relative to
-        the page); ``warnings``: list of str; other plain values are listed under "This run".
+        ``reference``: the fit of the headline; ``links``: more (label, relative address);
+        ``warnings``: list of str; other plain values are listed under "This run".
+    evaluation : Evaluation, optional
+        What is missing leaves its section out.
+    units : {"kt", "m/s"}, optional
+        Unit of all speeds on the page.
+
+    Returns
+    -------
+    Path
+        The page.
 
     Raises
     ------
     InputError
         If the page cannot be written.
     """
-    summary, found = summary or {}, evaluation or Evaluation()
-    reference = _lead_reference(fits, headings, summary)
-    links = [*_product_links(Path(directory)), *_links(summary)]
-    # Once for all that tells it: the sums go through the whole archive.
+    folder, summary, found = Path(directory), summary or {}, evaluation or Evaluation()
+    asked, known = str(summary.get("reference", "")), fits["reference"].to_numpy().astype(str)
+    reference = asked if asked in known else headline_reference(fits, headings)
+    show = Figures(folder / "figures", units)
+    show.clear()
     apart = None if corrected is None else disagreement(headings, corrected, fits, reference)
     total = None if apart is None else apart.total
+    order = by_amplitude(fits, reference)
+    sounding = None
+    if corrected is not None:
+        sounding = sounding_figure(headings, corrected, fits, reference=reference, units=units)
     sections = [
-        monitoring_section(found.monitoring),
-        _corrections_section(fits, reference, links),
-        _curves_section(headings, fits, reference),
-        _fleet_section(headings, fits, apart, reference),
-        ranking_section(found.ranking, found.virtual),
-        stability_section(found.stability),
-        field_test_section(found.field_test),
-        sensitivity_section(found.sensitivity),
-        profiles_section(found.profiles, reference),
-        report_errors_section(found.observation_errors),
-        _places_section(headings),
-        _audit_section(headings),
+        monitoring_section(found.monitoring, show),
+        _corrections_section(fits, reference, order, _links(folder, summary)),
+        _curves_section(headings, fits, reference, order, show),
+        _fleet_section(headings, fits, apart, reference, order, show),
+        innovations_section(found.innovations, sounding, reference, order, show),
+        ranking_section(found.ranking, found.virtual, show),
+        stability_section(found.stability, show),
+        field_test_section(found.field_test, show),
+        sensitivity_section(found.sensitivity, show),
+        report_errors_section(found.observation_errors, show),
+        _places_section(headings, show),
+        _audit_section(headings, show),
         _run_section(summary, headings),
     ]
+    warnings = summary.get("warnings")
     text = document(
         title="airswing: compass deviation of the fleet",
         kicker=f"Compass deviation from wind reports  ·  {_period(headings)}",
-        headline=headline(fits, total, reference),
-        facts=_facts(headings, fits, total, reference),
-        warnings=_warnings(summary),
-        sections=[section for section in sections if section.parts],
+        headline=headline(fits, total, reference, per_kt=shown_per_kt(units), units=units),
+        facts=_facts(headings, fits, total, reference, units),
+        warnings=[str(line) for line in warnings] if isinstance(warnings, Iterable) else [],
+        sections=sections,
         footer=[
-            f"airswing {__version__}. Map outline: Natural Earth and US Census "
-            "Bureau, public domain. Intervals are 95 %, with flights as the independent "
-            "units, unless said otherwise."
+            f"airswing {__version__}. ± and ranges in brackets are 95 % intervals, with flights as "
+            "the independent units, unless stated otherwise. Map outline: Natural Earth and US "
+            "Census Bureau, public domain."
         ],
     )
-    return write_text(Path(directory) / "index.html", text)
+    return write_text(folder / "index.html", text)
 
 
-PRODUCTS = {
-    "tables.csv": "8-point tables of the fleet (CSV)",
-    "swing_cards": "swing cards, a page for each aircraft with a table",
-    "fits.nc": "fits with covariances (NetCDF)",
-    "corrected.nc": "corrected reports (NetCDF)",
-    "headings.nc": "headings and heading errors of every report (NetCDF)",
-    "corrected": "corrected reports, a file a month (NetCDF)",
-    "headings": "headings and heading errors of every report, a file a month (NetCDF)",
-    "ranking.csv": "whom to correct first (CSV)",
-    "stability.json": "fits by calendar window and changes of the compass (JSON)",
-    "virtual_field_test.json": "virtual field test (JSON)",
-    "field_test.json": "field test (JSON)",
-    "sensitivity.json": "sensitivity to the reference (JSON)",
-    "error_profiles.nc": "error profiles (NetCDF)",
-    "innovation_statistics.nc": "observation minus reference by aircraft, phase and level (NetCDF)",
-    "observation_errors.nc": "the reports' own error by phase of flight and layer (NetCDF)",
-    "events.json": "states of the aircraft and events (JSON)",
-    "report/monitoring.html": "the watch over the fleet (page)",
-    "gap/index.html": "the sim-to-real gap (page)",
-    "postprocess/index.html": "forecasts corrected after the fact (page)",
-}
-
-
-def _product_links(directory: Path) -> list[tuple[str, str]]:
-    """Return (label, address) of the products that stand beside the page's folder."""
-    beside = directory.parent
-    return [(label, f"../{name}") for name, label in PRODUCTS.items() if (beside / name).exists()]
-
-
-def _links(summary: Mapping[str, object]) -> list[tuple[str, str]]:
-    told = summary.get("links")
-    pairs = told if isinstance(told, Iterable) else ()
-    return [(str(label), str(address)) for label, address in pairs]
-
-
-def _warnings(summary: Mapping[str, object]) -> list[str]:
-    told = summary.get("warnings")
-    return [str(line) for line in told] if isinstance(told, Iterable) else []
-
-
-def _lead_reference(fits: xr.Dataset, headings: xr.Dataset, summary: Mapping[str, object]) -> str:
-    asked = str(summary.get("reference", ""))
-    known = [str(name) for name in fits["reference"].to_numpy()]
-    return asked if asked in known else headline_reference(fits, headings)
+def _links(folder: Path, summary: Mapping[str, object]) -> list[Markup]:
+    """Return links to the products in the output folder and to further files."""
+    found = [
+        link(f"../{name}", label)
+        for name, label in PRODUCTS.items()
+        if (folder.parent / name).exists()
+    ]
+    more = summary.get("links")
+    pairs = more if isinstance(more, Iterable) else ()
+    return [*found, *(link(str(address), str(label)) for label, address in pairs)]
 
 
 def _period(headings: xr.Dataset) -> str:
     if not headings.sizes["report"]:
         return "no reports"
-    first, last = time_span(headings)
-    return f"{np.datetime_as_string(first, 'D')} to {np.datetime_as_string(last, 'D')}"
+    return " to ".join(str(np.datetime_as_string(day, "D")) for day in time_span(headings))
 
 
 def _facts(
-    headings: xr.Dataset, fits: xr.Dataset, total: Total | None, reference: str
+    headings: xr.Dataset, fits: xr.Dataset, total: Total | None, reference: str, units: Units
 ) -> list[tuple[str, str]]:
-    amplitude, alone = harmonic_amplitude(fits, reference), offsets_alone(fits, reference)
-    kept = kept_reports(headings)
-    fleet = fits.sizes["aircraft"]
-    facts = [(f"{amplitude.size + alone.size} of {fleet}", "aircraft with a fit to be trusted")]
-    if amplitude.size or not alone.size:
-        facts.append(
-            (f"{np.median(amplitude):.1f}°" if amplitude.size else "-", "median amplitude")
-        )
-    if alone.size:
-        facts.append(
-            (f"{np.median(alone):+.1f}°", f"median offset of {alone.size} without a curve")
-        )
+    sizes, constants = amplitudes(fits, reference), offsets_only(fits, reference)
+    facts = [(f"{sizes.size + constants.size} of {fits.sizes['aircraft']}", "aircraft fitted")]
+    if sizes.size:
+        facts.append((f"{np.median(sizes):.1f}°", "median amplitude of the deviation"))
+    if constants.size:
+        words = f"median offset of {constants.size} with a constant only"
+        facts.append((f"{np.median(constants):+.1f}°", words))
     if total is not None and total.number:
-        facts.append(
-            (
-                f"{total.before:.1f} → {total.after:.1f} kt",
-                f"wind disagreement with {reference}, before and after",
-            )
-        )
-    facts.append((f"{kept:,}", f"reports used of {headings.sizes['report']:,}"))
-    return facts
+        factor = shown_per_kt(units)
+        levels = f"{factor * total.before:.1f} → {factor * total.after:.1f} {units}"
+        gain = interval_text(factor * total.reduction, factor * total.half_width)
+        facts.append((levels, f"disagreement with {reference}; reduction {gain} {units}"))
+    kept, reports = kept_reports(headings), headings.sizes["report"]
+    return [*facts, (f"{kept:,}", f"reports used of {reports:,}")]
 
 
 def _corrections_section(
-    fits: xr.Dataset, reference: str, addresses: Sequence[tuple[str, str]]
+    fits: xr.Dataset, reference: str, order: list[str], links: list[Markup]
 ) -> Section:
     nodes = [f"{node:.0f}°" for node in fits["table_heading"].to_numpy()]
     columns = [
@@ -229,86 +233,126 @@ def _corrections_section(
         Column("reports"),
         Column("status", "words"),
     ]
-    order = overview.by_amplitude(fits, reference)
-    rows = [Row(cells, doubt=not good) for cells, good in correction_rows(fits, reference, order)]
+    rows = _correction_rows(fits, reference, order)
     meaning = (
-        "the heading error itself, degrees to subtract from the indicated heading"
+        "the heading error itself, in degrees to subtract from the indicated heading"
         if adds_error(fits)
-        else "degrees to add to the indicated heading"
+        else "in degrees to add to the indicated heading"
     )
     caption = (
         f"Eight-point corrections by indicated magnetic heading ({meaning}), fitted against "
-        f"{reference}; residual: rms degrees that eight points and rounding cost; offset, "
-        "amplitude and phase in degrees with 95 % intervals. Largest amplitude first; a click on "
-        "a head sorts by its column. Grey italics: not to be trusted "
+        f"{reference}. Residual: rms error from eight points and rounding, degrees. Offset, "
+        "amplitude and phase in degrees with 95 % intervals. Largest amplitude first; click a "
+        "column title to sort. Grey italics: not usable "
         f"(n = {plural(len(rows), 'aircraft', 'aircraft')})."
     )
-    parts = [table(columns, rows, caption=caption, sortable=True)]
-    links = [link(address, label) for label, address in addresses]
+    formula = [paragraph(f"{FORMULA[0].upper()}{FORMULA[1:]}."), *map(paragraph, PHASE_WORDS)]
+    parts = [
+        table(columns, rows, caption=caption, sortable=True),
+        folded("The deviation's formula, and offset, amplitude and phase", formula),
+    ]
     if links:
         parts.append(listing(links))
-    return Section("corrections", "Corrections", "What to load into each unit.", parts)
+    return Section("corrections", "Corrections", "The table to load into each unit.", parts)
 
 
-def _curves_section(headings: xr.Dataset, fits: xr.Dataset, reference: str) -> Section:
-    order = overview.by_amplitude(fits, reference)
-    small, large = order[:SMALL_PANELS], order[:LARGE_PANELS]
-    found = {name: shown_of(headings, fits, name, reference) for name in small}
-    panels = small_panels(list(found.values()), reference)
+def _correction_rows(fits: xr.Dataset, reference: str, order: list[str]) -> list[Row]:
+    fit = fits.sel(reference=reference, aircraft=order)
+    shape = []
+    for name, digits in (("offset", 2), ("amplitude", 2), ("phase", 0)):
+        value, error = fit[name].to_numpy(), fit[f"{name}_standard_error"].to_numpy()
+        pairs = zip(value.tolist(), (NORMAL_95 * error).tolist(), strict=True)
+        shape.append([interval_text(one, half, digits=digits) for one, half in pairs])
+    correction, residual, reports, status = (
+        fit[name].to_numpy()
+        for name in ("table_correction", "table_residual_rms", "report_count", "status")
+    )
+    zero = needs_no_correction(fit)
+    return [
+        Row(
+            [
+                name,
+                *(f"{round(x, 1) + 0.0:+.1f}" if np.isfinite(x) else "-" for x in correction[k]),
+                number_text(residual[k]),
+                *(texts[k] for texts in shape),
+                f"{int(reports[k]):,}",
+                "no correction needed" if zero[k] else status_words(status[k]),
+            ],
+            doubt=not published(status[k]),
+        )
+        for k, name in enumerate(order)
+    ]
+
+
+def _curves_section(
+    headings: xr.Dataset, fits: xr.Dataset, reference: str, order: list[str], show: Figures
+) -> Section:
     parts: list[Markup] = []
-    for start in range(0, len(small), SMALL_TOGETHER):
-        names = small[start : start + SMALL_TOGETHER]
-        own = panels[start : start + SMALL_TOGETHER]
-        caption = "" if start else small_caption(fits, len(small), reference)
-        shown = drawing(own, caption)
+    for start in range(0, len(order[:SMALL_PANELS]), SMALL_TOGETHER):
+        names = order[start : min(start + SMALL_TOGETHER, SMALL_PANELS)]
+        figure = compass.heading_errors_figure(headings, fits, names, reference, units=show.units)
+        shown = show(f"heading_errors_{start // SMALL_TOGETHER + 1}", figure, dpi=120)
         title = f"{names[0]} to {names[-1]}, by amplitude ({len(names)} aircraft)"
         parts.append(shown if start == 0 else folded(title, [shown]))
-    parts.append(heading("Each aircraft, larger"))
-    if len(large) < len(order):
+    parts.append(heading("Each aircraft"))
+    if len(order) > LARGE_PANELS:
         parts.append(
             paragraph(
-                f"The {len(large)} aircraft with the largest amplitude; the other "
-                f"{len(order) - len(large)} are in the table."
+                f"The {LARGE_PANELS} aircraft with the largest amplitude; the other "
+                f"{len(order) - LARGE_PANELS} are in the table."
             )
         )
-    for index, name in enumerate(large):
-        words = compass.fit_words(found[name].fit)
-        shown = large_panel(found[name], fits, reference)
-        parts.append(folded(f"{name}: {words}", [shown], unfolded=index == 0))
+    for index, name in enumerate(order[:LARGE_PANELS]):
+        fit = one_fit(fits, name, reference)
+        figure = compass.heading_error_figure(headings, fits, name, reference, units=show.units)
+        shown = show(f"heading_error_{index + 1:02d}_{name}", figure, dpi=120)
+        inner = [shown]
+        if np.isfinite(fit["deviation"].to_numpy()).any():
+            text = ", ".join(
+                f"{letter} = {value}" for letter, value in coefficient_texts(fit).items()
+            )
+            inner.append(paragraph(f"Coefficients with 95 % intervals: {text}."))
+        parts.append(folded(f"{name}: {fit_words(fit)}", inner, unfolded=index == 0))
     lead = (
-        "Heading error is the indicated heading minus the heading that the reference wind "
-        "implies; a compass without deviation would lie along zero."
+        "Heading error is the indicated heading minus the heading implied by the reference wind; "
+        "for a compass without deviation it scatters about zero."
     )
     return Section("curves", "Heading error against heading", lead, parts)
 
 
 def _fleet_section(
-    headings: xr.Dataset, fits: xr.Dataset, apart: BeforeAfter | None, reference: str
+    headings: xr.Dataset,
+    fits: xr.Dataset,
+    apart: BeforeAfter | None,
+    reference: str,
+    order: list[str],
+    show: Figures,
 ) -> Section:
-    order = overview.by_amplitude(fits, reference)
-    names = order[: overview.PAGE_OF_AIRCRAFT]
-    parts = [embedded(overview.fleet_figure(fits, names))]
+    names = order[:OVERVIEW]
+    parts = [show("fleet", fleet.fleet_figure(fits, names))]
     if apart is not None:
-        figure = overview.before_after_figure(apart, tails(headings), names, reference)
-        parts.append(embedded(figure))
+        figure = fleet.before_after_figure(
+            apart, tails(headings), names, reference, units=show.units
+        )
+        parts.append(show("disagreement", figure))
     if len(names) < len(order):
         parts.insert(0, paragraph(f"The {len(names)} aircraft with the largest amplitude."))
-    parts.append(heading("Headings flown"))
-    parts.append(embedded(compass.coverage_figure(headings, names), raster=True, dpi=140))
+    roses = show("headings_flown", compass.coverage_figure(headings, names))
+    parts.append(folded("Headings flown", [roses]))
     return Section("fleet", "The fleet", "", parts)
 
 
-def _places_section(headings: xr.Dataset) -> Section:
+def _places_section(headings: xr.Dataset, show: Figures) -> Section:
+    by_phase = show("map_by_phase", maps.phase_maps_figure(headings), dpi=120)
+    by_level = show("map_by_level", maps.level_maps_figure(headings), dpi=120)
     parts = [
-        embedded(maps.reports_figure(headings)),
-        embedded(maps.phase_maps_figure(headings), raster=True, dpi=130),
-        embedded(maps.level_maps_figure(headings), raster=True, dpi=130),
+        show("map", maps.reports_figure(headings), dpi=120),
+        folded("By phase of flight and by level", [by_phase, by_level]),
     ]
-    return Section("places", "Where the reports are", "", parts)
+    return Section("places", "Positions of the reports", "", parts)
 
 
-def _audit_section(headings: xr.Dataset) -> Section:
-    rules = screening_audit(headings)
+def _audit_section(headings: xr.Dataset, show: Figures) -> Section:
     total = max(headings.sizes["report"], 1)
     rows = [
         Row(
@@ -319,56 +363,40 @@ def _audit_section(headings: xr.Dataset) -> Section:
                 f"{100 * rule.together / total:.1f} %",
             ]
         )
-        for rule in rules
+        for rule in screening_audit(headings)
     ]
-    columns = [
-        Column("rule", "words"),
-        Column("reports marked"),
-        Column("by this rule alone"),
-        Column("share of all"),
-    ]
+    columns = [Column("rule", "words"), Column("reports marked")]
+    columns += [Column("by this rule alone"), Column("share of all")]
     counts = table(columns, rows, caption=f"Screening by rule (n = {total:,} reports).")
-    parts = [embedded(overview.audit_figure(headings)), folded("The counts", [counts])]
-    if lines := _on_the_way_in(headings):
+    parts = [show("screening", fleet.audit_figure(headings)), folded("Counts", [counts])]
+    reading = tally(headings, "reading_audit")
+    others = [entry["reason"] for entry in reading.get("files_skipped", [])][1:_FILES_NAMED]
+    lines = [*reading_warnings(reading), *(f"also left out: {reason}" for reason in others)]
+    for name, entry in tally(headings, "reference_audit").items():
+        reasons = model_reasons([*entry.get("skipped", []), *entry.get("unread", [])])
+        lines += [f"{name}: {line}" for line in [*reasons, *entry.get("notes", [])]]
+    if lines:
         parts.append(folded("Files and messages", [listing(lines)], unfolded=True))
     return Section("audit", "What was left out", "", parts)
 
 
-def _on_the_way_in(headings: xr.Dataset) -> list[str]:
-    """What did not come in of reports and models, a line each."""
-    reading = tally(headings, "reading_audit")
-    others = [entry["reason"] for entry in reading.get("files_skipped", [])][1:_FILES_NAMED]
-    return [
-        *reading_warnings(reading),
-        *(f"also left out: {reason}" for reason in others),
-        *(
-            f"{name}: {line}"
-            for name, entry in tally(headings, "reference_audit").items()
-            for line in [
-                *model_reasons([*entry.get("skipped", []), *entry.get("unread", [])]),
-                *entry.get("notes", []),
-            ]
-        ),
-    ]
-
-
 def _run_section(summary: Mapping[str, object], headings: xr.Dataset) -> Section:
-    named = {
-        "airswing_version": "version",
-        "source": "read from",
-        "history": "history",
-        "uuid": "identifier of headings.nc",
-    }
     entries = {
         str(name).replace("_", " "): value
         for name, value in summary.items()
         if isinstance(value, str | int | float) and not isinstance(value, bool)
     }
+    attributes = {
+        "airswing_version": "version",
+        "source": "source",
+        "history": "history",
+        "uuid": "identifier of the headings",
+    }
     entries |= {
         label: str(headings.attrs[name])
-        for name, label in named.items()
+        for name, label in attributes.items()
         if headings.attrs.get(name)
     }
+    columns = [Column("item", "words"), Column("value", "long")]
     rows = [Row([name, value]) for name, value in entries.items()]
-    columns = [Column("what", "words"), Column("value", "long")]
     return Section("run", "This run", "", [table(columns, rows)] if rows else [])

@@ -1,8 +1,7 @@
-"""What did not come in, in words: files and messages left out, identifiers easily mixed up.
+"""Warnings on input: files and messages that were left out, identifiers that are easily confused.
 
-Assumes the tallies the readers leave behind: ``reading_audit`` of the reports
-(:class:`airswing.reports.audit.Audit`) and ``skipped`` of each reference
-(:class:`airswing.reference.grib.catalogue.Catalogue`), as they stand in ``headings.nc``.
+Takes the audits that reading leaves as attributes of the headings: ``reading_audit`` of the reports
+and ``reference_audit`` with ``skipped`` and ``unread`` of each reference.
 """
 
 from __future__ import annotations
@@ -21,18 +20,18 @@ if TYPE_CHECKING:
     from airswing.reports.audit import AuditContent
 
 _GROUPS_SHOWN = 5
-# An attribute stays small, however much is broken.
+# Keeps the attribute small where many messages are broken.
 _ENTRIES_KEPT = 200
 _REPEATED = "_column_repeated"
-# What the configuration leaves out or joins is nothing to look at.
+# Reports left out or averaged because the configuration asks for it.
 _AS_ASKED = ("not_wanted", "averaged")
 _PLACE = re.compile(r"^message at \d+: ")
-# Kind of message that is no wind on levels: most files hold such, and nobody need be told.
+# Messages that are no wind on levels: most files contain such, so they cause no warning.
 _EXPECTED = "wind"
 
 
 class ReferenceAudit(TypedDict, total=False):
-    """What was counted of one reference, beside its plan."""
+    """Counts of one reference."""
 
     notes: list[str]
     skipped: list[LeftOut]
@@ -46,7 +45,7 @@ def tally(ds: xr.Dataset, name: Literal["reference_audit"]) -> dict[str, Referen
 @overload
 def tally(ds: xr.Dataset, name: Literal["screened_out"]) -> dict[str, int]: ...
 def tally(ds: xr.Dataset, name: str) -> Mapping[str, object]:
-    """Read a tally from an attribute.
+    """Return an audit from an attribute.
 
     Parameters
     ----------
@@ -56,7 +55,7 @@ def tally(ds: xr.Dataset, name: str) -> Mapping[str, object]:
     Returns
     -------
     dict
-        Empty where the attribute is absent or broken.
+        Empty if the attribute is absent or not JSON.
     """
     stored = ds.attrs.get(name, {})
     try:
@@ -66,17 +65,17 @@ def tally(ds: xr.Dataset, name: str) -> Mapping[str, object]:
 
 
 def reading_warnings(audit: AuditContent) -> list[str]:
-    """Say what a person should look at among the reports.
+    """Return warnings on the reports that were read.
 
     Parameters
     ----------
     audit : AuditContent
-        Of :meth:`airswing.reports.audit.Audit.as_dict`.
+        Content of ``reading_audit``.
 
     Returns
     -------
     list of str
-        One sentence each; empty where nothing is the matter.
+        One line each; empty without a finding.
     """
     lines = []
     skipped, groups = audit.get("files_skipped", []), audit.get("similar_tails", [])
@@ -98,22 +97,22 @@ def reading_warnings(audit: AuditContent) -> list[str]:
     for name in sorted(audit.get("repaired", {})):
         if name.endswith(_REPEATED):
             lines.append(
-                f"a report file names the column of {name.removesuffix(_REPEATED)} twice: the "
-                "first is used"
+                f"a report file has two columns named {name.removesuffix(_REPEATED)}: the first is "
+                "used"
             )
     lines += audit.get("notes", [])
     if groups:
         shown = "; ".join(", ".join(map(repr, group)) for group in groups[:_GROUPS_SHOWN])
         more = len(groups) - _GROUPS_SHOWN
         lines.append(
-            "tails that differ only in case or blanks are taken as different aircraft: "
+            "identifiers that differ only in case or blanks count as different aircraft: "
             f"{shown}{f'; and {more} more groups' if more > 0 else ''}"
         )
     return lines
 
 
 def model_warnings(skipped: Sequence[LeftOut]) -> list[str]:
-    """Say which damaged or unusable model files and messages were left out.
+    """Return warnings on model files and messages that were left out.
 
     Parameters
     ----------
@@ -123,23 +122,23 @@ def model_warnings(skipped: Sequence[LeftOut]) -> list[str]:
     Returns
     -------
     list of str
-        One line a reason; what is no wind on levels is not told.
+        One line a reason, without messages that are no wind on levels.
     """
     return model_reasons([entry for entry in skipped if entry["what"] != _EXPECTED])
 
 
 def unread(problems: Iterable[tuple[object, str, str]]) -> list[LeftOut]:
-    """Count the messages that gave no wind when they were read, by file and reason.
+    """Count the messages that could not be decoded, by file and reason.
 
     Parameters
     ----------
     problems : iterable of (valid time, file, reason)
-        Of the collocation; a reason begins with the place of its message.
+        From the collocation; a reason begins with the position of its message.
 
     Returns
     -------
     list of {"file", "what", "reason", "count"}
-        As ``skipped`` of a catalogue; at most `_ENTRIES_KEPT`, the most frequent first.
+        As ``skipped`` of a catalogue; the most frequent first, at most 200.
     """
     counts = Counter((file, _PLACE.sub("", reason)) for _, file, reason in problems)
     often = sorted(counts.items(), key=lambda one: (-one[1], one[0]))[:_ENTRIES_KEPT]
@@ -150,7 +149,7 @@ def unread(problems: Iterable[tuple[object, str, str]]) -> list[LeftOut]:
 
 
 def reference_warnings(audits: Mapping[str, ReferenceAudit]) -> list[str]:
-    """Say which model files and messages were left out or gave no wind, reference by reference.
+    """Return warnings on the model files and messages of every reference.
 
     Parameters
     ----------
@@ -171,7 +170,7 @@ def reference_warnings(audits: Mapping[str, ReferenceAudit]) -> list[str]:
 
 
 def model_reasons(skipped: Sequence[LeftOut]) -> list[str]:
-    """Count what was left out of model files by reason.
+    """Return what was left out of model files, a line a reason.
 
     Parameters
     ----------

@@ -1,22 +1,26 @@
-"""Which reports and which fit a figure shows.
+"""Which reports and which fit a figure shows, and the numbers of a fit in words.
 
-Assumes the Datasets of the stages: reports sorted by aircraft with ``row_size``, one
-``screening`` word a report (0: used in the fit), and fits by reference and by pool, where a
-pool's heading error is the mean over its members.  Angles are degrees.
+Products as in docs/formats.md: reports sorted by aircraft with ``row_size``, ``screening`` equal to
+0 for the reports of the fit, fits by reference and by pool. The heading error of a pool is the mean
+over its members. Angles are degrees.
 """
 
 from __future__ import annotations
 
 import json
-from typing import SupportsInt
+from collections.abc import Sequence
+from typing import SupportsFloat, SupportsInt
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from airswing.compass.correction import curve_standard_error
+from airswing.compass.table import deviation_curve
 from airswing.errors import InputError
 from airswing.evaluation.disagreement import member_mean
-from airswing.flags import STATUS
+from airswing.flags import STATUS, published
+from airswing.units import NORMAL_95
 
 Floats = NDArray[np.float64]
 
@@ -27,7 +31,6 @@ def tails(ds: xr.Dataset) -> list[str]:
 
 
 def _aircraft_index(ds: xr.Dataset, aircraft: str | int) -> int:
-    """Return the position of an aircraft given by name or position."""
     known = tails(ds)
     if isinstance(aircraft, int | np.integer):
         return range(len(known))[int(aircraft)]
@@ -42,40 +45,37 @@ def _aircraft_index(ds: xr.Dataset, aircraft: str | int) -> int:
 
 
 def rows_of(ds: xr.Dataset, aircraft: str | int) -> slice:
-    """Return the slice of reports of one aircraft."""
-    stop = np.cumsum(ds["row_size"].to_numpy())
+    """Return the slice of the reports of one aircraft."""
+    row_size = ds["row_size"].to_numpy()
+    stop = np.cumsum(row_size)
     index = _aircraft_index(ds, aircraft)
-    return slice(int(stop[index] - ds["row_size"].to_numpy()[index]), int(stop[index]))
+    return slice(int(stop[index] - row_size[index]), int(stop[index]))
 
 
 def members(headings: xr.Dataset, fits: xr.Dataset, reference: str) -> list[str]:
-    """Return the references behind a fit: itself, or the members of a pool.
+    """Return the references behind a fit: the reference itself, or the members of a pool.
 
-    A pool's members are taken from the JSON attribute ``pools`` of the fits where it stands,
-    else from its name (``ruc+rtfdaa``), else all references of the headings.
+    A pool's members come from the JSON attribute ``pools`` of the fits if present, else from its
+    name (``ruc+rtfdaa``); otherwise they are all references of the headings.
     """
     known = [str(name) for name in headings["reference"].to_numpy()]
     if reference in known:
         return [reference]
     stored: dict[str, list[str]] = json.loads(str(fits.attrs.get("pools", "{}")) or "{}")
-    named = stored.get(reference, reference.split("+"))
-    found = [name for name in named if name in known]
+    found = [name for name in stored.get(reference, reference.split("+")) if name in known]
     return found or known
 
 
 def headline_reference(fits: xr.Dataset, headings: xr.Dataset) -> str:
-    """Return the fit the page leads with: the first pool, else the first reference."""
+    """Return the reference of the headline: the first pool, else the first reference."""
     known = {str(name) for name in headings["reference"].to_numpy()}
     names = [str(name) for name in fits["reference"].to_numpy()]
     return next((name for name in names if name not in known), names[0])
 
 
-def pooled(
-    headings: xr.Dataset, fits: xr.Dataset, reference: str, name: str, rows: slice = slice(None)
-) -> Floats:
-    """Mean over a fit's members of a (reference, report) variable, (report,)."""
-    chosen = headings[name].sel(reference=members(headings, fits, reference))
-    return np.asarray(member_mean(chosen.isel(report=rows).astype(float)).to_numpy())
+def pooled(headings: xr.Dataset, chosen: Sequence[str], name: str) -> Floats:
+    """Return the mean over some references of a (reference, report) variable, shape (report,)."""
+    return np.asarray(member_mean(headings[name].sel(reference=chosen).astype(float)).to_numpy())
 
 
 def used(headings: xr.Dataset, rows: slice = slice(None)) -> NDArray[np.bool_]:
@@ -84,7 +84,7 @@ def used(headings: xr.Dataset, rows: slice = slice(None)) -> NDArray[np.bool_]:
 
 
 def fitted_bias(fits: xr.Dataset, reference: str) -> tuple[float, float]:
-    """Return the eastward and northward bias of a reference (m/s) of the joint fit, else zero."""
+    """Return the fitted eastward and northward bias of a reference (m/s), zero without one."""
     if "reference_bias" not in fits:
         return 0.0, 0.0
     bias = np.nan_to_num(fits["reference_bias"].sel(reference=reference).to_numpy().astype(float))
@@ -94,22 +94,25 @@ def fitted_bias(fits: xr.Dataset, reference: str) -> tuple[float, float]:
 def compass_points(
     headings: xr.Dataset, fits: xr.Dataset, aircraft: str | int, reference: str
 ) -> tuple[Floats, Floats]:
-    """Magnetic heading and heading error (degrees) of the reports behind one fit.
+    """Return the magnetic heading and the heading error (degrees) of the reports behind a fit.
 
-    The reference's fitted bias b is taken out, as the joint fit does, so that the reports lie
+    The fitted bias b of the reference is subtracted as in the joint fit, so that the reports lie
     about the fitted curve: psi_err - (b_u cos psi - b_v sin psi) / V (docs/method.md).
     """
-    rows = rows_of(headings, aircraft)
     abscissa = "heading" if fits.attrs.get("abscissa") == "true" else "magnetic_heading"
-    heading = np.asarray(headings[abscissa].isel(report=rows).to_numpy(), float) % 360.0
-    error = pooled(headings, fits, reference, "heading_error", rows)
+    names = {abscissa, "heading", "airspeed", "heading_error", "screening"} & set(
+        headings.variables
+    )
+    own = headings[sorted(map(str, names))].isel(report=rows_of(headings, aircraft)).load()
+    heading = own[abscissa].to_numpy().astype(float) % 360.0
+    error = pooled(own, members(headings, fits, reference), "heading_error")
     eastward, northward = fitted_bias(fits, reference)
     if eastward or northward:
-        true = np.radians(np.asarray(headings["heading"].isel(report=rows).to_numpy(), float))
-        airspeed = np.asarray(headings["airspeed"].isel(report=rows).to_numpy(), float)
+        true = np.radians(own["heading"].to_numpy().astype(float))
+        airspeed = own["airspeed"].to_numpy().astype(float)
         across = eastward * np.cos(true) - northward * np.sin(true)
         error = error - np.degrees(across / np.where(airspeed > 0, airspeed, np.nan))
-    keep = used(headings, rows) & np.isfinite(heading) & np.isfinite(error)
+    keep = used(own) & np.isfinite(heading) & np.isfinite(error)
     return heading[keep], error[keep]
 
 
@@ -119,7 +122,7 @@ def one_fit(fits: xr.Dataset, aircraft: str | int, reference: str) -> xr.Dataset
     Raises
     ------
     InputError
-        If the reference was not fitted.
+        If the aircraft or the reference was not fitted.
     """
     names = [str(name) for name in fits["reference"].to_numpy()]
     if reference not in names:
@@ -132,39 +135,134 @@ def one_fit(fits: xr.Dataset, aircraft: str | int, reference: str) -> xr.Dataset
     return fits.isel(reference=names.index(reference), aircraft=_aircraft_index(fits, aircraft))
 
 
+def by_amplitude(fits: xr.Dataset, reference: str) -> list[str]:
+    """Return the aircraft with the largest amplitude first and refused fits last."""
+    fit = fits.sel(reference=reference)
+    amplitude = np.nan_to_num(fit["amplitude"].to_numpy().astype(float), nan=-1.0)
+    order = np.lexsort((-amplitude, ~published(fit["status"])))
+    names = tails(fits)
+    return [names[i] for i in order]
+
+
+def adds_error(fits: xr.Dataset) -> bool:
+    """Return whether the stored table is the heading error itself, which the unit subtracts."""
+    return "add_error" in str(fits.attrs.get("table_sign", ""))
+
+
+def table_error(fit: xr.Dataset) -> tuple[Floats, Floats]:
+    """Return the nodes of the 8-point table and the heading error it represents, degrees."""
+    correction = fit["table_correction"].to_numpy().astype(float)
+    nodes = fit["table_heading"].to_numpy().astype(float)
+    return nodes, correction if adds_error(fit) else -correction
+
+
+def needs_no_correction(fits: xr.Dataset) -> NDArray[np.bool_]:
+    """Return for which fits the 8-point table is zero within its error.
+
+    Either the status says so (``no_correction_needed``), or every node of the table is smaller than
+    half the width of the 95 % interval of the curve there, or rounds to zero.
+
+    Parameters
+    ----------
+    fits : Dataset
+        One fit, or several against one reference.
+
+    Returns
+    -------
+    array of bool
+        Without dimension, or (aircraft,).
+    """
+    status = fits["status"].to_numpy()
+    nodes, error = table_error(fits)
+    half = np.stack(
+        [
+            NORMAL_95
+            * curve_standard_error(fits["deviation_covariance"], np.full_like(status, node, float))
+            for node in nodes
+        ],
+        -1,
+    )
+    small = ((np.abs(error) <= half) | (np.abs(error) < 0.05)).all(axis=-1)
+    return np.asarray(
+        (status == STATUS["no_correction_needed"]) | ((status == STATUS["ok"]) & small)
+    )
+
+
+def curve_half_width(fit: xr.Dataset, heading: Floats) -> Floats:
+    """Return half the width of the 95 % interval of the fitted curve, degrees."""
+    covariance = np.nan_to_num(fit["deviation_covariance"].to_numpy().astype(float))
+    return np.asarray(NORMAL_95 * curve_standard_error(covariance, heading))
+
+
+def curve_of(fit: xr.Dataset, heading: Floats) -> Floats:
+    """Return the fitted heading error at magnetic headings, degrees."""
+    return np.asarray(deviation_curve(np.nan_to_num(fit["deviation"].to_numpy()), heading))
+
+
 def status_words(code: SupportsInt) -> str:
-    """Return a fit's status in words."""
+    """Return the status of a fit in words."""
     names = {value: name.replace("_", " ") for name, value in STATUS.items()}
     return names.get(int(code), f"status {int(code)}")
 
 
-def basis(heading: Floats) -> Floats:
-    """Return columns 1, sin m, cos m, sin 2m, cos 2m at headings m (degrees); (..., 5)."""
-    m = np.radians(heading)
-    return np.stack([np.ones_like(m), np.sin(m), np.cos(m), np.sin(2 * m), np.cos(2 * m)], -1)
+def number_text(value: SupportsFloat | None, *, digits: int = 2) -> str:
+    """Return a number with fixed digits, or a dash where there is none."""
+    number = float("nan") if value is None else float(value)
+    return f"{number:.{digits}f}" if np.isfinite(number) else "-"
 
 
-def curve_with_error(fit: xr.Dataset, heading: Floats) -> tuple[Floats, Floats]:
-    """Fitted heading error and its standard error (degrees) at headings (degrees)."""
-    columns = basis(heading)
-    value = columns @ np.nan_to_num(fit["deviation"].to_numpy().astype(float))
-    covariance = np.nan_to_num(fit["deviation_covariance"].to_numpy().astype(float))
-    variance = np.einsum("ni,ij,nj->n", columns, covariance, columns)
-    return value, np.sqrt(np.clip(variance, 0.0, None))
+def interval_text(value: float, half: float, *, digits: int = 2, sign: bool = False) -> str:
+    """Return ``value ± half width``, the number alone without an interval, or a dash."""
+    if not np.isfinite(value):
+        return "-"
+    number = f"{value:+.{digits}f}" if sign else f"{value:.{digits}f}"
+    return number + (f" ± {half:.{digits}f}" if np.isfinite(half) else "")
 
 
-def table_error(fit: xr.Dataset) -> tuple[Floats, Floats]:
-    """Node headings and the heading error the 8-point table stands for (degrees).
-
-    The stored correction is what a unit adds to the indicated heading (minus the error), or
-    the error itself where the table's ``sign`` attribute says ``add_error``.
-    """
-    nodes = fit["table_heading"].to_numpy().astype(float)
-    correction = fit["table_correction"].to_numpy().astype(float)
-    return nodes, correction if adds_error(fit) else -correction
+def range_text(interval: Sequence[float | None] | None, *, digits: int = 2) -> str:
+    """Return `` (low to high)`` with a leading blank; empty where the interval is not known."""
+    low, high = (float("nan") if end is None else float(end) for end in interval or (None, None))
+    known = np.isfinite(low) and np.isfinite(high)
+    return f" ({low:.{digits}f} to {high:.{digits}f})" if known else ""
 
 
-def adds_error(fits: xr.Dataset) -> bool:
-    """Return whether the stored table is the heading error itself, not what a unit adds."""
-    sign = fits["table_correction"].attrs.get("sign", fits.attrs.get("table_sign", ""))
-    return "add_error" in str(sign)
+def fit_words(fit: xr.Dataset) -> str:
+    """Return a fit in one line: offset, amplitude and phase with 95 % intervals."""
+    if not published(fit["status"]):
+        return f"no fit ({status_words(fit['status'])})"
+    text = {
+        name: interval_text(
+            float(fit[name]),
+            NORMAL_95 * float(fit[f"{name}_standard_error"]),
+            digits=0 if name == "phase" else 2,
+            sign=name == "offset",
+        )
+        for name in ("offset", "amplitude", "phase")
+    }
+    if text["amplitude"] == "-":
+        return f"offset only, {text['offset']}°"
+    return ", ".join(f"{name} {value}°" for name, value in text.items())
+
+
+#: The deviation's formula, for page and card.
+FORMULA = (
+    "deviation = A + B sin m + C cos m + D sin 2m + E cos 2m, with m the indicated magnetic heading"
+)
+PHASE_WORDS = (
+    "Offset = A, amplitude = √(B² + C²).",
+    "The one-cycle part B sin m + C cos m equals amplitude × sin(m + phase): it is largest at "
+    "m = 90° - phase.",
+)
+
+
+def coefficient_texts(fit: xr.Dataset) -> dict[str, str]:
+    """Return the coefficients A to E with 95 % intervals and unit; zero where not fitted."""
+    value = fit["deviation"].to_numpy().astype(float)
+    variance = np.diagonal(fit["deviation_covariance"].to_numpy().astype(float))
+    half = NORMAL_95 * np.sqrt(np.maximum(variance, 0.0))
+    found = {
+        name: f"{interval_text(value[k], half[k], sign=True)}°" for k, name in enumerate("ABCDE")
+    }
+    if "harmonics" in fit and int(fit["harmonics"]) == 1:
+        found |= {"D": "0", "E": "0"}
+    return found

@@ -1,0 +1,421 @@
+"""Heading error of an aircraft against its magnetic heading: the one drawing used everywhere.
+
+:func:`draw_heading_error` draws the reports, binned medians, the fitted curve with its 95 %
+interval and the 8-point table in a panel. The page, the swing cards, the notebooks and the pictures
+of the documentation use it.
+
+Medians in bins of heading carry a 95 % interval that takes reports as independent; reports of one
+flight are not, so it is too narrow and serves the eye alone. The interval of the curve is 1.96
+standard errors of the covariance clustered by flight.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.collections import PatchCollection
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle, Wedge
+from numpy.typing import NDArray
+
+from airswing.flags import published
+from airswing.physics.robust_spread import robust_sd
+from airswing.report.html.style import (
+    BLUE,
+    FAINT,
+    INK,
+    MANY,
+    SKY,
+    SOFT,
+    VERMILION,
+    Units,
+    new_figure,
+    plural,
+    shown_per_m_s,
+    styled,
+    thousands,
+)
+from airswing.report.run.selection import (
+    compass_points,
+    curve_half_width,
+    curve_of,
+    fit_words,
+    fitted_bias,
+    headline_reference,
+    one_fit,
+    rows_of,
+    status_words,
+    table_error,
+    tails,
+    used,
+)
+from airswing.units import NORMAL_95
+
+Floats = NDArray[np.float64]
+# Degrees that divide 360: two cycles keep their shape, and each bin has reports of several flights.
+BIN_WIDTH, SMALL_BIN_WIDTH = 15.0, 30.0
+# Reports drawn in a small panel, where more would cover each other.
+_SMALL_DRAWN = 400
+# Widest common scale of small panels, degrees, so that one aircraft does not flatten the others.
+_WIDEST = 25.0
+_COLUMNS = 4
+_SECTORS = 24
+_GRID = np.linspace(0.0, 360.0, 121)
+
+
+class Binned(NamedTuple):
+    """Medians in bins of heading, with half the width of a 95 % interval and the count."""
+
+    centre: Floats
+    median: Floats
+    half_width: Floats
+    number: NDArray[np.int64]
+
+
+def binned_medians(heading: Floats, value: Floats, *, width: float = BIN_WIDTH) -> Binned:
+    """Return the median of a value in each bin of heading with at least five reports.
+
+    Parameters
+    ----------
+    heading : array, shape (n,)
+        Degrees.
+    value : array, shape (n,)
+        Any unit.
+    width : float, optional
+        Bin width in degrees, a divisor of 360.
+
+    Returns
+    -------
+    Binned
+        One entry a bin. The half width is 1.96 x 1.2533 x 1.4826 MAD / sqrt(number): the standard
+        error of a median is sqrt(pi / 2) = 1.2533 times that of a mean.
+    """
+    bins = np.floor((heading % 360.0) / width).astype(int)
+    order = np.argsort(bins, kind="stable")
+    number = np.bincount(bins, minlength=1)
+    rows = []
+    for index, inside in enumerate(np.split(value[order], np.cumsum(number)[:-1])):
+        if inside.size >= 5:
+            middle = float(np.median(inside))
+            half = NORMAL_95 * 1.2533 * robust_sd(inside, middle) / np.sqrt(inside.size)
+            rows.append(((index + 0.5) * width, middle, half, inside.size))
+    table = np.array(rows, float).reshape(-1, 4)
+    return Binned(table[:, 0], table[:, 1], table[:, 2], table[:, 3].astype(np.int64))
+
+
+def error_limit(error: Floats, fitted: Floats) -> float:
+    """Return half the height of a panel (degrees) that contains the curve and most reports."""
+    # One report in forty may lie outside; beyond 60 degrees the curve would look flat.
+    spread = float(np.percentile(np.abs(error), 97.5)) if error.size else 0.0
+    least = float(np.max(np.abs(fitted))) * 1.15 if fitted.size else 0.0
+    return float(np.clip(max(spread, least), 3.0, 60.0))
+
+
+def draw_heading_error(
+    axes: Axes,
+    heading: Floats,
+    error: Floats,
+    fit: xr.Dataset,
+    *,
+    limit: float | None = None,
+    small: bool = False,
+) -> None:
+    """Draw the heading error of one aircraft in a panel.
+
+    Parameters
+    ----------
+    axes : matplotlib Axes
+    heading, error : array, shape (n,)
+        Magnetic heading and heading error of the reports, degrees; may be empty.
+    fit : Dataset
+        The fit of this aircraft against one reference, as in ``fits.nc``.
+    limit : float, optional
+        Half the height of the panel in degrees; chosen from the data by default.
+    small : bool, optional
+        Fewer points, thinner lines and no axis titles, for one of many panels.
+    """
+    coefficients = np.isfinite(fit["deviation"].to_numpy()).any()
+    trusted = bool(published(fit["status"]))
+    curve = curve_of(fit, _GRID)
+    limit = error_limit(error, curve) if limit is None else limit
+    scale = 0.6 if small else 1.0
+    _draw_reports(axes, heading, error, limit, small=small)
+    axes.axhline(0.0, color=INK, linewidth=0.8, zorder=1.7)
+    if coefficients:
+        half = curve_half_width(fit, _GRID)
+        look: dict[str, Any] = {"color": SKY, "alpha": 0.45, "linewidth": 0.0, "zorder": 2.0}
+        axes.fill_between(
+            _GRID, curve - half, curve + half, label="95 % interval of the fit", **look
+        )
+        axes.plot(
+            _GRID,
+            curve,
+            color=BLUE,
+            linestyle="-" if trusted else (0, (4, 2)),
+            linewidth=2.2 * scale,
+            zorder=3,
+            label="fitted curve" if trusted else "fit, not usable",
+        )
+    bins = binned_medians(heading, error, width=SMALL_BIN_WIDTH if small else BIN_WIDTH)
+    low, high = bins.median - bins.half_width, bins.median + bins.half_width
+    axes.vlines(bins.centre, low, high, color=INK, linewidth=1.0, zorder=4)
+    axes.plot(
+        bins.centre,
+        bins.median,
+        "o",
+        color=INK,
+        markersize=4.5 * scale,
+        zorder=4,
+        label="median of the reports, 95 % interval",
+    )
+    nodes, table = table_error(fit)
+    if trusted and np.isfinite(table).all():
+        turn, closed = np.append(nodes, 360.0), np.append(table, table[0])
+        axes.plot(turn, closed, color=VERMILION, linewidth=1.1, linestyle=":", zorder=3.4)
+        axes.plot(
+            nodes,
+            table,
+            "D",
+            color=VERMILION,
+            markersize=6.0 * scale,
+            markeredgecolor="white",
+            markeredgewidth=0.9 * scale,
+            zorder=5,
+            clip_on=False,
+            label="8-point table",
+        )
+    axes.set_xlim(0, 360)
+    axes.set_xticks(range(0, 361, 90 if small else 45))
+    axes.set_ylim(-limit, limit)
+    if not small:
+        axes.set_xlabel("indicated magnetic heading (degree)")
+        axes.set_ylabel("heading error (degree)")
+
+
+def _draw_reports(axes: Axes, heading: Floats, error: Floats, limit: float, *, small: bool) -> None:
+    if heading.size > MANY and not small:
+        axes.hexbin(
+            heading,
+            error,
+            gridsize=(72, 36),
+            extent=(0, 360, -limit, limit),
+            mincnt=1,
+            cmap="Greys",
+            bins="log",
+            linewidths=0.0,
+            alpha=0.75,
+            rasterized=True,
+        )
+        return
+    every = max(-(-heading.size // _SMALL_DRAWN), 1) if small else 1
+    alpha = float(np.clip(900.0 / max(heading.size / every, 1), 0.08, 0.6))
+    axes.plot(
+        heading[::every],
+        error[::every],
+        "o",
+        color=SOFT,
+        alpha=alpha,
+        markersize=1.6 if small else 2.4,
+        markeredgewidth=0,
+        zorder=1.6,
+        rasterized=True,  # in the PDF of the swing cards
+    )
+
+
+@styled
+def heading_error_figure(
+    headings: xr.Dataset,
+    fits: xr.Dataset,
+    aircraft: str | int,
+    reference: str | None = None,
+    *,
+    units: Units = "kt",
+) -> Figure:
+    """Draw heading error against magnetic heading for one aircraft.
+
+    Parameters
+    ----------
+    headings : Dataset
+        ``heading_error`` (reference, report), ``magnetic_heading``, ``screening``, ``row_size``.
+    fits : Dataset
+        ``fits.nc`` of docs/formats.md.
+    aircraft : str or int
+        Identifier or position.
+    reference : str, optional
+        Reference or pool; by default the first pool, else the first reference.
+    units : {"kt", "m/s"}, optional
+        Unit of the speeds in the caption.
+
+    Returns
+    -------
+    Figure
+
+    Raises
+    ------
+    InputError
+        If the aircraft or the reference is not in the fits.
+    """
+    reference = reference or headline_reference(fits, headings)
+    fit = one_fit(fits, aircraft, reference)
+    name = str(fit["aircraft"].to_numpy())
+    heading, error = compass_points(headings, fits, aircraft, reference)
+    figure = new_figure(4.1, constrained=False)
+    axes = figure.add_axes((0.07, 0.205, 0.915, 0.72))
+    draw_heading_error(axes, heading, error, fit)
+    axes.set_title(f"{name} against {reference}:  {fit_words(fit)}")
+    figure.legend(loc="lower center", ncols=5)
+    trusted = bool(published(fit["status"]))
+    refused = "" if trusted else f" The fit is not usable: {status_words(fit['status'])}."
+    return figure.say(
+        f"{name}: heading error (indicated minus the heading that {reference} implies) against "
+        f"indicated magnetic heading, n = {plural(heading.size, 'report')} of "
+        f"{plural(int(fit['flight_count']), 'flight')}; medians in bins of {BIN_WIDTH:.0f} "
+        f"degrees.{bias_words(fits, reference, units)}{refused}"
+    )
+
+
+@styled
+def heading_errors_figure(
+    headings: xr.Dataset,
+    fits: xr.Dataset,
+    aircraft: Sequence[str] | None = None,
+    reference: str | None = None,
+    *,
+    units: Units = "kt",
+) -> Figure:
+    """Draw small panels of the heading error of several aircraft on one scale.
+
+    Parameters
+    ----------
+    headings, fits : Dataset
+        As for :func:`heading_error_figure`.
+    aircraft : sequence of str, optional
+        Identifiers; all by default.
+    reference : str, optional
+        Reference or pool; by default the first pool, else the first reference.
+    units : {"kt", "m/s"}, optional
+        Unit of the speeds in the caption.
+
+    Returns
+    -------
+    Figure
+    """
+    reference = reference or headline_reference(fits, headings)
+    names = list(aircraft or tails(fits))
+    points = [compass_points(headings, fits, name, reference) for name in names]
+    found = [one_fit(fits, name, reference) for name in names]
+    limits = [error_limit(p[1], curve_of(fit, _GRID)) for p, fit in zip(points, found, strict=True)]
+    limit = min(max(limits), _WIDEST)
+    rows = -(-len(names) // _COLUMNS)
+    figure = new_figure(0.45 + 1.85 * rows, constrained=False)
+    grid = figure.subplots(rows, _COLUMNS, sharex=True, sharey=True, squeeze=False)
+    height = float(figure.get_figheight())
+    figure.subplots_adjust(
+        left=0.045,
+        right=0.99,
+        wspace=0.08,
+        hspace=0.34,
+        bottom=0.25 / height,
+        top=1 - 0.28 / height,
+    )
+    for axes, name, (heading, error), fit in zip(grid.flat, names, points, found, strict=False):
+        draw_heading_error(axes, heading, error, fit, limit=limit, small=True)
+        axes.set_title(name, fontsize=9)
+        axes.set_title(f"n = {thousands(heading.size)}", fontsize=8, loc="right", weight="normal")
+        axes.tick_params(labelsize=8, labelbottom=True)
+    for axes in grid.flat[len(names) :]:
+        axes.axis("off")
+    return figure.say(
+        f"Heading error (degree) against indicated magnetic heading (degree) of "
+        f"{plural(len(names), 'aircraft', 'aircraft')} against {reference}, on one scale (n = "
+        f"{plural(sum(p[0].size for p in points), 'report')}). Grey: reports, at most "
+        f"{_SMALL_DRAWN} of each aircraft; black: medians in bins of {SMALL_BIN_WIDTH:.0f} degrees "
+        "with 95 % intervals; blue: fitted curve and its 95 % interval (dashed: not usable); "
+        f"orange diamonds: 8-point table.{bias_words(fits, reference, units)}"
+    )
+
+
+def bias_words(fits: xr.Dataset, reference: str, units: Units) -> str:
+    """Return a sentence on the bias subtracted from the points; empty where there is none."""
+    eastward, northward = (shown_per_m_s(units) * part for part in fitted_bias(fits, reference))
+    if not (eastward or northward):
+        return ""
+    return (
+        f" The fitted bias of the reference ({eastward:+.2f} {units} eastward, {northward:+.2f} "
+        f"{units} northward) is subtracted from the points."
+    )
+
+
+def sector_counts(heading: Floats, *, sectors: int = _SECTORS) -> NDArray[np.int64]:
+    """Count reports in equal sectors of heading, the first centred on north."""
+    width = 360.0 / sectors
+    index = np.floor(((heading + width / 2) % 360.0) / width).astype(int)
+    return np.bincount(index % sectors, minlength=sectors)
+
+
+def _rose(axes: Axes, middle: tuple[float, float], counts: NDArray[np.int64]) -> None:
+    radius = np.sqrt(counts / max(int(counts.max()), 1))
+    width = 360.0 / counts.size
+    wedges = [
+        Wedge(middle, float(r), 90 - (i + 0.5) * width, 90 - (i - 0.5) * width)
+        for i, r in enumerate(radius)
+        if r > 0
+    ]
+    circle = PatchCollection([Circle(middle, 1.0)], facecolor="none", edgecolor=FAINT)
+    axes.add_collection(circle)
+    axes.add_collection(
+        PatchCollection(wedges, facecolor=BLUE, edgecolor="white", linewidth=0.4, alpha=0.9)
+    )
+
+
+@styled
+def coverage_figure(headings: xr.Dataset, aircraft: Sequence[str] | None = None) -> Figure:
+    """Draw a rose of the magnetic headings of each aircraft's screened reports.
+
+    Parameters
+    ----------
+    headings : Dataset
+        With ``magnetic_heading``, ``screening`` (report) and ``row_size``.
+    aircraft : sequence of str, optional
+        Identifiers; all by default.
+
+    Returns
+    -------
+    Figure
+    """
+    names = list(aircraft or tails(headings))
+    columns = min(8, max(len(names), 3))
+    rows = -(-len(names) // columns)
+    pitch_x, pitch_y = 2.45, 3.0
+    height = min(9.6 / columns * pitch_y / pitch_x, 2.4) * rows + 0.1
+    figure = new_figure(height, constrained=False)
+    axes = figure.add_axes((0, 0, 1, 1))
+    total = 0
+    for index, name in enumerate(names):
+        own = headings[["magnetic_heading", "screening"]].isel(report=rows_of(headings, name))
+        heading = own["magnetic_heading"].to_numpy()[used(own)].astype(float)
+        heading = heading[np.isfinite(heading)]
+        x, y = pitch_x * (index % columns), -pitch_y * (index // columns)
+        _rose(axes, (x, y), sector_counts(heading))
+        total += heading.size
+        points = int(np.count_nonzero(sector_counts(heading, sectors=8)))
+        below = f"{thousands(heading.size)}, {points} of 8"
+        look: dict[str, Any] = {"ha": "center", "va": "center"}
+        axes.text(x, y + 1.14, "N", fontsize=7, color=SOFT, **look)
+        axes.text(x, y - 1.2, name, fontsize=9, weight="bold", **look)
+        axes.text(x, y - 1.48, below, fontsize=7.5, color=INK if points == 8 else VERMILION, **look)
+    axes.set_xlim(-1.25, pitch_x * (columns - 1) + 1.25)
+    axes.set_ylim(-pitch_y * (rows - 1) - 1.7, 1.3)
+    axes.set_aspect("equal")
+    axes.axis("off")
+    return figure.say(
+        f"Headings flown: each rose shows the magnetic headings of one aircraft's screened "
+        f"reports in {_SECTORS} sectors, north up; the area is proportional to the number "
+        f"(n = {plural(total, 'report')}, {plural(len(names), 'aircraft', 'aircraft')}). Below "
+        "each: the number of reports and of the eight compass points flown (orange: fewer than "
+        "eight)."
+    )

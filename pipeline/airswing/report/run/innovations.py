@@ -1,0 +1,541 @@
+"""Innovation statistics (observation minus reference): figures and a section of the page.
+
+Takes ``innovation_statistics.nc`` (:mod:`airswing.evaluation.innovations`): bias, standard
+deviation and rms of speed, direction and wind components by aircraft, phase of flight and layer,
+daily means, and a histogram of the wind vector innovation. A sounding shows one ascent or descent
+as reported, as corrected and in the reference.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from markupsafe import Markup
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogFormatter
+from numpy.typing import NDArray
+
+from airswing.evaluation.innovations import combined
+from airswing.flags import PHASE
+from airswing.report.html.document import Column, Row, Section, folded, table
+from airswing.report.html.embed import Figures
+from airswing.report.html.style import (
+    BLUE,
+    DENSITY,
+    INK,
+    ORANGE,
+    SOFT,
+    CaptionedFigure,
+    Units,
+    empty_figure,
+    new_figure,
+    plural,
+    series_style,
+    shown_per_m_s,
+    styled,
+)
+from airswing.report.run.changes import date_axis, days_since_1970
+from airswing.report.run.selection import (
+    by_amplitude,
+    headline_reference,
+    members,
+    number_text,
+    pooled,
+    rows_of,
+    tails,
+)
+from airswing.units import ZERO_CELSIUS
+
+Floats = NDArray[np.float64]
+_QUANTITIES = ("speed", "direction", "eastward", "northward")
+_PHASES = ("ascent", "cruise", "descent")
+_STATES = (("reported", ORANGE, "o"), ("corrected", BLUE, "D"))
+# Aircraft with a time series of their own on the page.
+_MOST_SERIES = 6
+# Reports that a sounding needs at least.
+_SOUNDING_REPORTS = 4
+
+
+def _unit(quantity: str, units: Units) -> tuple[str, float]:
+    """Return the unit of a quantity as shown, and the factor to it."""
+    return ("degree", 1.0) if quantity == "direction" else (units, shown_per_m_s(units))
+
+
+@styled
+def innovation_profiles_figure(
+    statistics: xr.Dataset, reference: str | None = None, *, units: Units = "kt"
+) -> Figure:
+    """Draw bias and standard deviation of the innovations by layer and phase of flight.
+
+    Parameters
+    ----------
+    statistics : Dataset
+        ``innovation_statistics.nc``.
+    reference : str, optional
+        Reference or pool; the first by default.
+    units : {"kt", "m/s"}, optional
+
+    Returns
+    -------
+    Figure
+    """
+    reference = reference or str(statistics["reference"].to_numpy()[0])
+    found = combined(statistics.sel(reference=reference), ["aircraft"])
+    phases = [p for p in _PHASES if int(found["innovation_speed_count"].sel(flight_phase=p).sum())]
+    if not phases:
+        return empty_figure("No report has a layer and a phase of flight")
+    level = (
+        statistics["layer_bottom_pressure"] + statistics["layer_top_pressure"]
+    ).to_numpy() / 200.0
+    figure = new_figure(5.2)
+    kinds = ("bias", "standard deviation")
+    grid = figure.subplots(2, len(_QUANTITIES), sharey=True)
+    for panels, kind in zip(grid, kinds, strict=True):
+        for axes, quantity in zip(panels, _QUANTITIES, strict=True):
+            unit, factor = _unit(quantity, units)
+            values = factor * found[f"innovation_{quantity}_{kind.replace(' ', '_')}"]
+            for phase, line in zip(_PHASES, ("--", "-", ":"), strict=True):
+                for state, colour, _ in _STATES if phase in phases else ():
+                    value = values.sel(flight_phase=phase, state=state).to_numpy()
+                    label = f"{phase}, {state}"
+                    look: dict[str, Any] = {
+                        "color": colour,
+                        "markersize": 3,
+                        "linewidth": 1.3,
+                        "label": label,
+                    }
+                    axes.plot(value, level, "o", linestyle=line, **look)
+            axes.axvline(0.0, color=INK, linewidth=0.8)
+            axes.set_xlabel(f"{kind}, {quantity} ({unit})", fontsize=8.5)
+        panels[0].set_ylabel("pressure (hPa)")
+    grid[0][0].set_ylim(1050, 200)
+    handles, labels = grid[0][0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=3)
+    number = int(found["innovation_speed_count"].sel(state="reported").sum())
+    return figure.say(
+        f"Innovations (observation minus {reference}) of wind speed, direction and components by "
+        "layer: bias and standard deviation in ascent (dashed), cruise (solid) and descent "
+        f"(dotted), as reported (orange) and corrected (blue) (n = {plural(number, 'report')}). "
+        "Direction is positive where veered."
+    )
+
+
+@styled
+def innovation_histogram_figure(
+    statistics: xr.Dataset, reference: str | None = None, *, units: Units = "kt"
+) -> Figure:
+    """Draw the histogram of the wind vector innovation, as reported and corrected.
+
+    Parameters
+    ----------
+    statistics : Dataset
+        ``innovation_statistics.nc``.
+    reference : str, optional
+        Reference or pool; the first by default.
+    units : {"kt", "m/s"}, optional
+
+    Returns
+    -------
+    Figure
+    """
+    reference = reference or str(statistics["reference"].to_numpy()[0])
+    counts = statistics["innovation_histogram"].sel(reference=reference)
+    number = int(counts.sel(state="reported").sum())
+    if not number:
+        return empty_figure("No report with a phase, a layer and a reference wind")
+    factor = shown_per_m_s(units)
+    lower = statistics["eastward_class"].to_numpy().astype(float)
+    edges = factor * np.append(lower, lower[-1] + (lower[1] - lower[0]))
+    figure = new_figure(4.3)
+    panels = figure.subplots(1, 2, sharex=True, sharey=True)
+    most = int(counts.max())
+    for axes, (state, *_) in zip(panels, _STATES, strict=True):
+        grid = counts.sel(state=state).transpose("northward_class", "eastward_class").to_numpy()
+        norm = LogNorm(1, max(most, 2))
+        shown = np.ma.masked_less(grid.astype(float), 1.0)
+        drawn = axes.pcolormesh(edges, edges, shown, cmap=DENSITY, norm=norm)
+        axes.axhline(0.0, color=INK, linewidth=0.8)
+        axes.axvline(0.0, color=INK, linewidth=0.8)
+        axes.set_title(state)
+        axes.set_aspect("equal")
+        axes.set_xlabel(f"eastward innovation ({units})")
+    panels[0].set_ylabel(f"northward innovation ({units})")
+    bar = figure.colorbar(drawn, ax=list(panels), label="reports in a class", pad=0.01, shrink=0.9)
+    bar.formatter = bar.minorformatter = LogFormatter()
+    return figure.say(
+        f"Histogram of the wind vector innovation (observation minus {reference}) in classes of "
+        f"1 m/s; the outermost classes include all beyond (n = {plural(number, 'report')})."
+    )
+
+
+@styled
+def innovation_series_figure(
+    statistics: xr.Dataset,
+    reference: str | None = None,
+    aircraft: Sequence[str] | None = None,
+    *,
+    units: Units = "kt",
+) -> Figure:
+    """Draw the daily mean innovation of wind speed and direction of each aircraft.
+
+    Parameters
+    ----------
+    statistics : Dataset
+        ``innovation_statistics.nc``.
+    reference : str, optional
+        Reference or pool; the first by default.
+    aircraft : sequence of str, optional
+        All by default.
+    units : {"kt", "m/s"}, optional
+
+    Returns
+    -------
+    Figure
+    """
+    reference = reference or str(statistics["reference"].to_numpy()[0])
+    names = list(aircraft or tails(statistics))
+    chosen = statistics.sel(reference=reference, aircraft=names)
+    day = days_since_1970(statistics["day"].to_numpy())
+    number = int(chosen["daily_innovation_count"].sel(state="reported").sum())
+    if not number:
+        return empty_figure("No report with a phase, a layer and a reference wind")
+    figure = new_figure(0.9 + 0.85 * len(names))
+    grid = figure.subplots(len(names), 2, squeeze=False, sharex=True, sharey="col")
+    for panels, name in zip(grid, names, strict=True):
+        for axes, quantity in zip(panels, ("speed", "direction"), strict=True):
+            factor = _unit(quantity, units)[1]
+            values = factor * chosen[f"daily_innovation_{quantity}"].sel(aircraft=name)
+            for state, colour, marker in _STATES:
+                value = values.sel(state=state).to_numpy()
+                look: dict[str, Any] = {
+                    "color": colour,
+                    "markersize": 2.8,
+                    "linewidth": 1.0,
+                    "label": state,
+                }
+                axes.plot(day, value, marker + "-", **look)
+            axes.axhline(0.0, color=INK, linewidth=0.8)
+        panels[0].set_ylabel(name)
+    for axes, quantity in zip(grid[0], ("speed", "direction"), strict=True):
+        axes.set_title(f"{quantity} innovation ({_unit(quantity, units)[0]})")
+    date_axis(grid[-1, 0])
+    handles, labels = grid[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper right", ncols=2)
+    return figure.say(
+        f"Daily mean innovation (observation minus {reference}) of wind speed and direction, as "
+        f"reported and corrected, of {plural(len(names), 'aircraft', 'aircraft')} (n = "
+        f"{plural(number, 'report')})."
+    )
+
+
+def innovation_table(
+    statistics: xr.Dataset, reference: str, by: str, *, units: Units = "kt"
+) -> Markup:
+    """Return a table of bias, standard deviation and rms, as reported and corrected.
+
+    Parameters
+    ----------
+    statistics : Dataset
+        ``innovation_statistics.nc``.
+    reference : str
+        Reference or pool.
+    by : {"aircraft", "flight_phase", "layer"}
+        What a row stands for.
+    units : {"kt", "m/s"}, optional
+
+    Returns
+    -------
+    Markup
+    """
+    over = [dim for dim in ("aircraft", "flight_phase", "layer") if dim != by]
+    found = combined(statistics.sel(reference=reference), over)
+    if by == "layer":
+        edges = [statistics[f"layer_{end}_pressure"].to_numpy() / 100 for end in ("bottom", "top")]
+        names = [f"{low:.0f}-{high:.0f} hPa" for low, high in zip(*edges, strict=True)]
+    else:
+        names = [str(name) for name in statistics[by].to_numpy()]
+    columns = [Column(by.replace("_", " "), "words"), Column("", "words")]
+    for quantity in _QUANTITIES:
+        unit = _unit(quantity, units)[0].replace("degree", "°")
+        columns += [Column(f"{quantity} {kind} ({unit})") for kind in ("bias", "SD", "rms")]
+    columns.append(Column("reports"))
+    rows = []
+    for place, name in enumerate(names):
+        for state, *_ in _STATES:
+            cells = found.isel({by: place}).sel(state=state)
+            number = int(cells["innovation_speed_count"])
+            if not number:
+                continue
+            row = [name, state]
+            for quantity in _QUANTITIES:
+                digits, factor = (1 if quantity == "direction" else 2), _unit(quantity, units)[1]
+                row += [
+                    number_text(
+                        factor * float(cells[f"innovation_{quantity}_{kind}"]), digits=digits
+                    )
+                    for kind in ("bias", "standard_deviation", "rms")
+                ]
+            rows.append(Row([*row, f"{number:,}"]))
+    return table(columns, rows, caption=f"Observation minus {reference}, screened reports.")
+
+
+@styled
+def sounding_figure(
+    headings: xr.Dataset,
+    corrected: xr.Dataset,
+    fits: xr.Dataset,
+    *,
+    flight: int | None = None,
+    reference: str | None = None,
+    units: Units = "kt",
+    skew_t: bool = False,
+) -> Figure:
+    """Draw the winds of an ascent or descent: reported, corrected and of the reference.
+
+    Parameters
+    ----------
+    headings, corrected, fits : Dataset
+        Products of docs/formats.md, the same reports in the same order.
+    flight : int, optional
+        Number of the flight (variable ``flight``). By default the ascent or descent with the most
+        reports of the aircraft with the largest deviation.
+    reference : str, optional
+        Reference or pool; by default the first pool, else the first reference.
+    units : {"kt", "m/s"}, optional
+    skew_t : bool, optional
+        A skew T-log p diagram (MetPy) of the reported temperature with wind barbs, in place of
+        profiles of speed and direction.
+
+    Returns
+    -------
+    Figure
+    """
+    reference = reference or headline_reference(fits, headings)
+    own, better, name = _sounding_reports(headings, corrected, fits, flight, reference)
+    if own is None or better is None:
+        return empty_figure("No ascent or descent has enough reports for a sounding")
+    chosen = members(headings, fits, reference)
+    pressure = own["pressure"].to_numpy() / 100.0
+    winds = {
+        "reported": [own[f"{way}_wind"].to_numpy() for way in ("eastward", "northward")],
+        "corrected": [
+            better[f"corrected_{way}_wind"].to_numpy() for way in ("eastward", "northward")
+        ],
+        reference: [
+            pooled(own, chosen, f"reference_{way}_wind") for way in ("eastward", "northward")
+        ],
+    }
+    colours = dict(zip(winds, (ORANGE, BLUE, INK), strict=True))
+    temperature = own["air_temperature"].to_numpy() if "air_temperature" in own else None
+    if skew_t and temperature is not None and np.isfinite(temperature).any():
+        figure = _skew_t(pressure, temperature - ZERO_CELSIUS, winds, colours)
+    else:
+        figure = _wind_profiles(pressure, winds, colours, units)
+    first = np.datetime_as_string(own["time"].to_numpy().min(), "m").replace("T", " ")
+    return figure.say(
+        f"Sounding of {name} on {first} UTC: wind as reported, corrected, and of {reference} "
+        f"(n = {plural(pressure.size, 'report')})."
+    )
+
+
+def _sounding_reports(
+    headings: xr.Dataset,
+    corrected: xr.Dataset,
+    fits: xr.Dataset,
+    flight: int | None,
+    reference: str,
+) -> tuple[xr.Dataset | None, xr.Dataset | None, str]:
+    """Return the reports of one ascent or descent, by pressure, with their corrected winds."""
+    climbing = [PHASE["ascent"], PHASE["descent"]]
+    for name in by_amplitude(fits, reference):
+        rows = rows_of(headings, name)
+        keys = headings[["flight", "phase"]].isel(report=rows).load()
+        number, phase = keys["flight"].to_numpy(), keys["phase"].to_numpy()
+        wind = corrected["corrected_eastward_wind"].isel(report=rows).to_numpy()
+        usable = np.isin(phase, climbing) & np.isfinite(wind)
+        if flight is not None:
+            usable &= number == flight
+        labels, counts = np.unique(
+            np.stack([number[usable], phase[usable]]), axis=1, return_counts=True
+        )
+        if counts.size and (flight is not None or counts.max() >= _SOUNDING_REPORTS):
+            best = labels[:, int(np.argmax(counts))]
+            picked = np.flatnonzero(usable & (number == best[0]) & (phase == best[1]))
+            names = [
+                one
+                for one in (
+                    "time",
+                    "pressure",
+                    "air_temperature",
+                    "eastward_wind",
+                    "northward_wind",
+                )
+                if one in headings
+            ]
+            names += ["reference_eastward_wind", "reference_northward_wind"]
+            own = headings[names].isel(report=rows.start + picked).load()
+            better = corrected[["corrected_eastward_wind", "corrected_northward_wind"]]
+            better = better.isel(report=rows.start + picked).load()
+            order = np.argsort(-own["pressure"].to_numpy())
+            return own.isel(report=order), better.isel(report=order), name
+    return None, None, ""
+
+
+def _wind_profiles(
+    pressure: Floats, winds: dict[str, list[Floats]], colours: dict[str, str], units: Units
+) -> CaptionedFigure:
+    figure = new_figure(4.6)
+    panels = figure.subplots(1, 3, sharey=True, width_ratios=(1, 1, 0.45))
+    factor = shown_per_m_s(units)
+    # At most 20 barbs in a column, or they cover each other.
+    every = max(1, -(-pressure.size // 20))
+    for place, (label, (u, v)) in enumerate(winds.items()):
+        _, marker = series_style(place)
+        look: dict[str, Any] = {
+            "color": colours[label],
+            "markersize": 3.5,
+            "linewidth": 1.3,
+            "label": label,
+        }
+        panels[0].plot(factor * np.hypot(u, v), pressure, marker + "-", **look)
+        direction = np.degrees(np.arctan2(-u, -v)) % 360.0
+        look["linewidth"] = 0.0  # a line would cross the panel where directions pass north
+        panels[1].plot(direction, pressure, marker, **look)
+        panels[2].barbs(
+            np.full(pressure[::every].size, float(place)),
+            pressure[::every],
+            factor * u[::every],
+            factor * v[::every],
+            color=colours[label],
+            length=5.5,
+            linewidth=0.7,
+        )
+    panels[0].set_xlabel(f"wind speed ({units})")
+    panels[0].set_xlim(left=0.0)
+    panels[1].set_xlabel("wind direction (degree)")
+    panels[1].set_xlim(0, 360)
+    panels[1].set_xticks(range(0, 361, 90))
+    panels[2].set_xlim(-0.7, 2.7)
+    panels[2].set_xticks([])
+    panels[2].set_xlabel(f"barbs (10 {units})")
+    panels[0].set_ylim(float(pressure.max()) + 40.0, float(pressure.min()) - 25.0)
+    panels[0].set_ylabel("pressure (hPa)")
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper left", ncols=3)
+    return figure
+
+
+def _skew_t(
+    pressure: Floats,
+    celsius: Floats,
+    winds: dict[str, list[Floats]],
+    colours: dict[str, str],
+) -> CaptionedFigure:
+    # Imported here: MetPy takes seconds to import.
+    from metpy.plots import SkewT
+    from metpy.units import units as unit
+
+    figure = new_figure(6.4, constrained=False)
+    diagram = SkewT(figure, rotation=45, rect=(0.08, 0.09, 0.70, 0.86), aspect="auto")
+    diagram.plot(pressure * unit.hPa, celsius * unit.degC, color=SOFT, linewidth=1.8)
+    every = max(1, -(-pressure.size // 20))
+    for place, (label, (u, v)) in enumerate(winds.items()):
+        diagram.plot_barbs(
+            pressure[::every] * unit.hPa,
+            (u[::every] * unit("m/s")).to("kt"),
+            (v[::every] * unit("m/s")).to("kt"),
+            xloc=1.06 + 0.11 * place,
+            color=colours[label],
+            length=5.5,
+            linewidth=0.7,
+        )
+        diagram.ax.text(
+            1.06 + 0.11 * place,
+            1.01,
+            label,
+            color=colours[label],
+            fontsize=8,
+            ha="center",
+            transform=diagram.ax.transAxes,
+        )
+    diagram.ax.set_ylim(1000, min(float(pressure.min()) - 20.0, 500.0))
+    diagram.ax.set_xlim(-40, 40)
+    diagram.ax.set_xlabel("temperature (°C)")
+    diagram.ax.set_ylabel("pressure (hPa)")
+    diagram.plot_dry_adiabats(linewidth=0.5, alpha=0.4)
+    diagram.plot_moist_adiabats(linewidth=0.5, alpha=0.4)
+    return figure
+
+
+def innovations_section(
+    statistics: xr.Dataset | None,
+    sounding: Figure | None,
+    reference: str,
+    aircraft: Sequence[str],
+    show: Figures,
+) -> Section:
+    """Return the section on the innovations.
+
+    Parameters
+    ----------
+    statistics : Dataset or None
+        ``innovation_statistics.nc``.
+    sounding : Figure or None
+        Of :func:`sounding_figure`.
+    reference : str
+        Reference or pool of the headline.
+    aircraft : sequence of str
+        In the order of the page; the first have a time series.
+    show : Figures
+
+    Returns
+    -------
+    Section
+    """
+    title, parts, units = "Innovations (observation minus reference)", [], show.units
+    lead = ""
+    if statistics is not None:
+        known = [str(name) for name in statistics["reference"].to_numpy()]
+        chosen = reference if reference in known else known[0]
+        whole = combined(statistics.sel(reference=chosen), ["aircraft", "flight_phase", "layer"])
+        lead = _lead(whole, chosen, units)
+        names = [name for name in aircraft if name in tails(statistics)][:_MOST_SERIES]
+        parts.append(
+            show(
+                "innovations", innovation_profiles_figure(statistics, chosen, units=units), dpi=120
+            )
+        )
+        tables = [
+            innovation_table(statistics, chosen, by, units=units)
+            for by in ("aircraft", "flight_phase", "layer")
+        ]
+        parts.append(folded("Tables by aircraft, phase of flight and layer", tables))
+        histogram = innovation_histogram_figure(statistics, chosen, units=units)
+        parts.append(folded("Histogram", [show("innovation_histogram", histogram)]))
+        series = innovation_series_figure(statistics, chosen, names, units=units)
+        parts.append(
+            folded("Daily means of each aircraft", [show("innovation_series", series, dpi=120)])
+        )
+    if sounding is not None:
+        parts.append(folded("A sounding", [show("sounding", sounding)]))
+    return Section("innovations", title, lead, parts)
+
+
+def _lead(whole: xr.Dataset, reference: str, units: Units) -> str:
+    factor, parts = shown_per_m_s(units), []
+    for quantity, scale, unit in (("speed", factor, f" {units}"), ("direction", 1.0, "°")):
+        before, after = (
+            scale * float(whole[f"innovation_{quantity}_rms"].sel(state=state))
+            for state, *_ in _STATES
+        )
+        if np.isfinite(before) and np.isfinite(after):
+            parts.append(f"{quantity} from {before:.1f} to {after:.1f}{unit}")
+    if not parts:
+        return ""
+    return (
+        f"Rms innovation against {reference}, before and after the correction: {', '.join(parts)}."
+    )

@@ -1,0 +1,278 @@
+"""Swing cards: a PDF with a page for each aircraft that has a deviation fit.
+
+A swing card is the deviation card of a compass swing: the 8-point table for the unit, for each
+magnetic heading to be flown the compass heading to steer, the deviation's formula with its
+coefficients, and the data behind them. Headings are magnetic and indicated, in degrees. The file
+depends on its input alone: the date on the card is that of the fits.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_pdf import PdfPages
+from matplotlib.figure import Figure
+from numpy.typing import ArrayLike, NDArray
+
+from airswing.errors import InputError
+from airswing.flags import STATUS, published
+from airswing.products.whole_files import atomic
+from airswing.report.html.style import INK, RC, SOFT, Units, plural, styled
+from airswing.report.run.heading_error import bias_words, draw_heading_error
+from airswing.report.run.selection import (
+    FORMULA,
+    PHASE_WORDS,
+    adds_error,
+    coefficient_texts,
+    compass_points,
+    curve_half_width,
+    fit_words,
+    headline_reference,
+    needs_no_correction,
+    one_fit,
+    rows_of,
+    table_error,
+    tails,
+    used,
+)
+from airswing.version import __version__
+
+Floats = NDArray[np.float64]
+#: A deviation card in a cockpit has twelve rows: every 30 degrees.
+CARD_HEADINGS = np.arange(0.0, 360.0, 30.0)
+_POINTS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
+_A4 = (8.27, 11.69)
+
+
+def steer(error: ArrayLike, wanted: ArrayLike) -> Floats:
+    """Return the compass heading to steer for magnetic headings wanted.
+
+    Parameters
+    ----------
+    error : array_like, shape (8,)
+        Heading error (indicated minus true) at indicated headings 0, 45, ... 315 degrees, linear
+        between them, degrees. Neighbours differ by less than 45 degrees, or there is no single
+        answer.
+    wanted : array_like, shape (n,)
+        Magnetic headings, degrees.
+
+    Returns
+    -------
+    array, shape (n,)
+        The indicated heading m with m - error(m) = wanted, in [0, 360).
+    """
+    values = np.asarray(error, dtype=np.float64)
+    nodes = np.arange(0.0, 360.0, 360.0 / values.size)
+    # m - error(m) is piecewise linear and increases: invert it between the nodes of three turns.
+    compass = np.concatenate([nodes + turn for turn in (-360.0, 0.0, 360.0)])
+    magnetic = compass - np.tile(values, 3)
+    aim = np.mod(np.asarray(wanted, dtype=np.float64), 360.0)
+    return np.asarray(np.mod(np.interp(aim, magnetic, compass), 360.0))
+
+
+def write_swing_cards(
+    fits: xr.Dataset,
+    headings: xr.Dataset,
+    path: str | Path,
+    *,
+    reference: str | None = None,
+    units: Units = "kt",
+) -> int:
+    """Write the swing cards of all aircraft with a fit into one PDF.
+
+    Parameters
+    ----------
+    fits : Dataset
+        ``fits.nc`` with its 8-point tables.
+    headings : Dataset
+        ``headings`` of the same aircraft, in memory or lazy; read aircraft by aircraft.
+    path : str or Path
+        The PDF file.
+    reference : str, optional
+        Reference or pool; by default the first pool, else the first reference.
+    units : {"kt", "m/s"}, optional
+        Unit of speeds.
+
+    Returns
+    -------
+    int
+        Number of cards. Aircraft whose fit was refused have none; ``tables.csv`` says why.
+
+    Raises
+    ------
+    InputError
+        If the fits have no tables, or the file cannot be written.
+    """
+    if "table_correction" not in fits:
+        raise InputError(
+            "the fits contain no tables", field="table_correction", remedy="Call add_tables first"
+        )
+    reference = reference or headline_reference(fits, headings)
+    status = fits["status"].sel(reference=reference).to_numpy()
+    chosen = [name for name, code in zip(tails(fits), status, strict=True) if published(code)]
+    # Without dates, or the same cards would differ from run to run.
+    metadata = {"Title": "airswing swing cards", "CreationDate": None}
+    with (
+        atomic(Path(path)) as temporary,
+        matplotlib.rc_context(RC),
+        PdfPages(temporary, metadata=metadata) as pages,
+    ):
+        for name in chosen:
+            card = swing_card_figure(headings, fits, name, reference, units=units)
+            pages.savefig(card, dpi=150)
+        if not chosen:
+            empty = Figure(figsize=_A4)
+            empty.text(0.1, 0.9, f"No aircraft has a fit against {reference}.")
+            pages.savefig(empty)
+    return len(chosen)
+
+
+@styled
+def swing_card_figure(
+    headings: xr.Dataset,
+    fits: xr.Dataset,
+    aircraft: str | int,
+    reference: str | None = None,
+    *,
+    units: Units = "kt",
+) -> Figure:
+    """Draw the swing card of one aircraft, an A4 page.
+
+    Parameters
+    ----------
+    headings, fits : Dataset
+        As for :func:`write_swing_cards`.
+    aircraft : str or int
+        Identifier or position.
+    reference : str, optional
+        Reference or pool; by default the first pool, else the first reference.
+    units : {"kt", "m/s"}, optional
+        Unit of speeds.
+
+    Returns
+    -------
+    Figure
+    """
+    reference = reference or headline_reference(fits, headings)
+    fit = one_fit(fits, aircraft, reference)
+    name = str(fit["aircraft"].to_numpy())
+    figure = Figure(figsize=_A4)
+    figure.text(0.08, 0.955, f"Compass deviation card  {name}", fontsize=16, weight="bold")
+    figure.text(
+        0.08, 0.935, "Magnetic compass, swung in flight. All angles in degrees.", color=SOFT
+    )
+    _lines(figure, 0.08, 0.915, [label for label, _ in _facts(fit, headings, reference)], SOFT)
+    _lines(figure, 0.22, 0.915, [value for _, value in _facts(fit, headings, reference)], INK)
+    figure.text(0.08, 0.795, _advice(fit), fontsize=12, weight="bold", va="top")
+    heading, error = compass_points(headings, fits, aircraft, reference)
+    axes = figure.add_axes((0.11, 0.53, 0.82, 0.235))
+    draw_heading_error(axes, heading, error, fit)
+    axes.legend(loc="upper center", bbox_to_anchor=(0.47, -0.16), ncols=4, fontsize=8)
+    _unit_table(figure.add_axes((0.08, 0.225, 0.40, 0.215)), fit)
+    _steering(figure.add_axes((0.53, 0.225, 0.40, 0.215)), table_error(fit)[1])
+    coefficients = ",  ".join(f"{k} = {v}" for k, v in coefficient_texts(fit).items())
+    words = [
+        f"{FORMULA[0].upper()}{FORMULA[1:]}.",
+        f"{coefficients}   (± 95 %)",
+        f"{fit_words(fit)}. {PHASE_WORDS[0]}",
+        PHASE_WORDS[1],
+        bias_words(fits, reference, units).strip(),
+    ]
+    _lines(figure, 0.08, 0.2, words, INK, fontsize=8)
+    for x, label in ((0.08, "Checked by"), (0.39, "Date"), (0.62, "Signature")):
+        figure.text(x, 0.06, label, fontsize=8, color=SOFT)
+        right = {0.08: 0.35, 0.39: 0.58, 0.62: 0.93}[x]
+        rule = matplotlib.lines.Line2D([x, right], [0.075, 0.075], color=INK, linewidth=0.8)
+        figure.add_artist(rule)
+    return figure
+
+
+def _facts(fit: xr.Dataset, headings: xr.Dataset, reference: str) -> list[tuple[str, str]]:
+    name = str(fit["aircraft"].to_numpy())
+    own = headings[["time", "screening"]].isel(report=rows_of(headings, name)).load()
+    times = own["time"].to_numpy()[used(own)]
+    period = "-"
+    if times.size:
+        period = " to ".join(str(np.datetime_as_string(t, "D")) for t in (times.min(), times.max()))
+    made = str(fit.attrs.get("history", "")).split("T")[0] or "-"
+    return [
+        ("Reference", f"{reference} (model winds)"),
+        ("Period", f"{period} (UTC)"),
+        (
+            "Reports",
+            f"{plural(int(fit['report_count']), 'report')} of "
+            f"{plural(int(fit['flight_count']), 'flight')}, "
+            f"{int(fit['compass_points'])} of 8 compass points",
+        ),
+        ("Units", "degrees; headings magnetic, as indicated"),
+        ("Made", f"{made} with airswing {fit.attrs.get('airswing_version', __version__)}"),
+    ]
+
+
+def _advice(fit: xr.Dataset) -> str:
+    if needs_no_correction(fit):
+        return "No correction needed: the deviation is zero within its 95 % interval."
+    if int(fit["status"]) == STATUS["offset_only"]:
+        return "Constant correction only: too few headings or flights for a curve."
+    return "Load the table below."
+
+
+def _lines(
+    figure: Figure, x: float, top: float, lines: list[str], color: str, *, fontsize: float = 9
+) -> None:
+    text = "\n".join(lines)
+    figure.text(x, top, text, color=color, fontsize=fontsize, va="top", linespacing=1.5)
+
+
+def _columns(axes: Axes, title: str, columns: list[tuple[float, str, list[str]]]) -> None:
+    """Write columns of text (place, title, cells) with a rule below their titles."""
+    axes.axis("off")
+    axes.set_xlim(0, 1)
+    axes.set_ylim(0, 1)
+    axes.text(0, 1.0, title, weight="bold", fontsize=10, va="bottom")
+    axes.axhline(0.885, color=SOFT, linewidth=0.8)
+    for x, head, cells in columns:
+        look: dict[str, Any] = {"ha": "right", "va": "center", "fontsize": 9}
+        axes.text(x, 0.93, head, color=SOFT, **look)
+        for row, cell in enumerate(cells):
+            axes.text(x, 0.84 - 0.84 * row / len(cells), cell, **look)
+
+
+def _unit_table(axes: Axes, fit: xr.Dataset) -> None:
+    nodes, error = table_error(fit)
+    half = curve_half_width(fit, nodes)
+    sign = 1.0 if adds_error(fit) else -1.0
+    what = "heading error, to subtract" if adds_error(fit) else "to add"
+    _columns(
+        axes,
+        "8-point table for the unit",
+        [
+            (0.10, "", list(_POINTS)),
+            (0.32, "indicated", [f"{node:03.0f}" for node in nodes]),
+            (0.66, what, [f"{value:+.1f}" for value in sign * error + 0.0]),
+            (0.94, "± 95 %", [f"{value:.1f}" for value in half]),
+        ],
+    )
+
+
+def _steering(axes: Axes, error: Floats) -> None:
+    held = steer(error, CARD_HEADINGS)
+    names = {0: "N", 90: "E", 180: "S", 270: "W"}
+    aims = [names.get(int(aim), f"{aim:03.0f}") for aim in CARD_HEADINGS]
+    steered = [f"{np.rint(one) % 360:03.0f}" for one in held]
+    half = len(aims) // 2
+    _columns(
+        axes,
+        "Deviation card (magnetic headings)",
+        [
+            (0.15, "FOR", aims[:half]),
+            (0.38, "STEER", steered[:half]),
+            (0.67, "FOR", aims[half:]),
+            (0.90, "STEER", steered[half:]),
+        ],
+    )

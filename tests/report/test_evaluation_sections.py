@@ -1,0 +1,207 @@
+"""Sections on changes, ranking, references and events: their sentences, and empty ones."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from airswing.evaluation.monitoring import Event, Monitoring, State, UnitTable
+from airswing.report.html.embed import Figures
+from airswing.report.run.changes import (
+    MOST_EVENT_ROWS,
+    monitoring_section,
+    stability_figure,
+    stability_section,
+    timeline_figure,
+    write_monitoring_page,
+)
+from airswing.report.run.evaluation import (
+    prediction_figure,
+    ranking_figure,
+    ranking_section,
+    sensitivity_section,
+)
+from tests.report import factories
+
+SHOW = Figures()
+
+
+def window(aircraft: str, first: str, **values) -> dict:
+    known = {f"{name}_standard_error": 0.1 for name in ("offset", "amplitude")}
+    fit = {"offset": 1.0, "amplitude": 3.0} | known
+    return {"aircraft": aircraft, "window": first, "reports": 900, "status": "ok"} | fit | values
+
+
+@pytest.fixture
+def stability() -> dict:
+    change = {
+        "date": "2009-10-20",
+        "date_ci": ["2009-10-19", "2009-10-22"],
+        "change_deg": {"A": 2.0, "B": 0.0, "C": -0.5},
+        "standard_error_deg": {"A": 0.1, "B": 0.2, "C": 0.2},
+        "curve_rms_deg": 2.03,
+        "p_value": 0.001,
+    }
+    return {
+        "reference": "ruc",
+        "window": "month",
+        "changes": [
+            {"aircraft": "N1", "days": 60, "p_value": 0.001, "changes": [change]},
+            {"aircraft": "N2", "days": 60, "p_value": 0.8, "changes": []},
+        ],
+        "windows": [
+            window("N1", "2009-09-01"),
+            window("N2", "2009-09-01"),
+            window("N1", "2009-10-01", offset=2.2),
+            {"aircraft": "N2", "window": "2009-10-01", "reports": 9, "status": "too_few_reports"},
+        ],
+    }
+
+
+@pytest.fixture
+def ranking() -> list[dict]:
+    known = {
+        "aircraft": "N1",
+        "rank": 1,
+        "status": "ok",
+        "expected_gain_kt": 3.2,
+        "expected_gain_ci_kt": [2.8, 3.6],
+        "disagreement_kt": 9.1,
+    }
+    return [known, {"aircraft": "N2", "rank": None, "expected_gain_kt": None}]
+
+
+def virtual(agree: bool | None = True) -> dict:
+    sides = {
+        "predicted_gain_kt": 3.2,
+        "predicted_gain_ci_kt": [2.8, 3.6],
+        "realised_gain_kt": 3.0,
+        "realised_gain_ci_kt": [2.5, 3.5],
+        "agree": agree,
+    }
+    part = {"learned_until": "2009-10-10", "by_aircraft": [{"aircraft": "N1"} | sides]} | sides
+    return {"later": part, "held_out": {"why": "too few flights"}}
+
+
+def test_the_aircraft_that_changed_comes_first_with_its_date(stability):
+    figure = stability_figure(stability)
+    assert [axes.get_ylabel() for axes in figure.axes[::2]] == ["N1", "N2"]
+    assert "1 found" in figure.caption
+    assert len(figure.axes[0].lines) > len(figure.axes[2].lines)
+
+
+@pytest.mark.parametrize("months", [1, 12, 30])
+def test_date_labels_do_not_overlap(stability, months):
+    first = np.datetime64("2008-07")
+    stability["windows"] = [window("N1", f"{first + month}-01") for month in range(months)]
+    figure = stability_figure(stability)
+    figure.canvas.draw()
+    for axes in figure.axes[-2:]:
+        boxes = [label.get_window_extent() for label in axes.get_xticklabels() if label.get_text()]
+        assert len(boxes) >= 3
+        assert all(one.x1 < other.x0 for one, other in pairwise(boxes))
+
+
+def test_the_section_on_changes_gives_date_size_and_consequence(stability):
+    section = stability_section(stability, SHOW)
+    assert "1 of 2 compasses changed" in section.lead and "neither part" in section.lead
+    text = "".join(str(part) for part in section.parts)
+    assert "2009-10-19 to 2009-10-22" in text
+    assert "+2.00 ± 0.20" in text
+    stability["changes"][0]["changes"] = []
+    assert "None of 2" in stability_section(stability, SHOW).lead
+
+
+def test_the_ranking_names_the_largest_reduction_and_how_predictions_held(ranking):
+    section = ranking_section(ranking, virtual(), SHOW)
+    assert section.lead == "Largest expected reduction: N1, by 3.20 kt (2.80 to 3.60) of 9.10 kt."
+    text = "".join(str(part) for part in section.parts)
+    assert "realised reduction 3.00 kt (2.50 to 3.50), predicted 3.20 kt" in text
+    assert "1 without a usable fit" in ranking_figure(ranking).caption
+    metric = ranking_section(ranking, virtual(), Figures(units="m/s"))
+    assert "1.65 m/s (1.44 to 1.85) of 4.68 m/s" in metric.lead
+
+
+def test_an_unknown_interval_is_omitted(ranking):
+    ranking[0]["expected_gain_ci_kt"] = [float("nan")] * 2
+    one_day = virtual(None)
+    for part in (one_day["later"], one_day["later"]["by_aircraft"][0]):
+        part["realised_gain_ci_kt"] = [None, None]
+    section = ranking_section(ranking, one_day, SHOW)
+    assert "by 3.20 kt of 9.10" in section.lead
+    assert "reduction 3.00 kt, predicted 3.20 kt (2.80" in "".join(map(str, section.parts))
+
+
+def test_a_pool_against_its_member_is_no_test() -> None:
+    found = factories.sensitivity()
+    first = found["pairs"][0]
+    second = first | {"references": ["ruc+rtfdaa", "ruc"], "own_test": False}
+    section = sensitivity_section(found | {"pairs": [first, second], "by_phase": []}, SHOW)
+    assert section.lead.startswith("All references agree within error or within a size that")
+    text = "".join(str(part) for part in section.parts)
+    assert text.count("a pool and one of its members") == 1
+    assert text.count(first["why"]) == 1
+
+
+def test_what_is_missing_leaves_no_section_and_no_false_figure(ranking):
+    empty = {"window": "month", "changes": [], "windows": []}
+    sections = [
+        stability_section(None, SHOW),
+        ranking_section(None, None, SHOW),
+        ranking_section(ranking[1:], None, SHOW),
+        sensitivity_section(None, SHOW),
+        monitoring_section(None, SHOW),
+    ]
+    assert [section.parts for section in sections] == [[]] * 5
+    assert "n = 0" in ranking_figure(ranking[1:]).caption
+    assert "n = 0" in stability_figure(empty).caption
+    assert "n = 1 point" in prediction_figure(virtual(False)).caption
+
+
+SIZES = dict(zip("ABCDE", (2.04, 0.1, 0.0, 0.0, 0.0), strict=True))
+CHANGED = {
+    "date_ci": ["2009-03-09", "2009-03-11"],
+    "curve_rms_deg": 2.04,
+    "change_deg": SIZES,
+    "standard_error_deg": SIZES,
+}
+ROSE = {"date_ci": ["2009-03-19", "2009-03-19"], "factor": 1.62, "standard_error": 0.1}
+EVENTS = [
+    Event("compass_changed", "2009-03-10", "2009-03-12", "N1", CHANGED),
+    Event("aircraft_silent", "2009-03-13", "2009-03-19", "N<2>", {"days": 6, "usual_days": 5}),
+    Event("disagreement_rose", "2009-03-19", "2009-03-20", None, ROSE),
+]
+
+
+def monitored(events, told_before=0):
+    table = UnitTable([0.0] * 8, [0.1] * 8)
+    states = [
+        State("N1", "2009-03-01", "2009-03-20", False, table, table, True, 1.23, 6.1, 4.0),
+        State("N<2>", "2009-03-01", "2009-03-12", True),
+    ]
+    return Monitoring("2009-03-20", "ruc", states, events, told_before)
+
+
+def test_new_events_come_first_and_names_are_escaped(tmp_path):
+    content = monitored(EVENTS, told_before=1)
+    lead = monitoring_section(content, SHOW).lead
+    assert lead.startswith("New up to 2009-03-20: 1 wind disagreement rose, 1 no reports.")
+    assert lead.endswith("Another table is needed for N1.")
+    text = write_monitoring_page(tmp_path / "monitoring.html", content).read_text()
+    assert "2.0° rms, offset +2.0 ± 4.0°" in text and "× 1.62 ± 0.20" in text
+    assert "N&lt;2&gt;" in text and "N<2>" not in text
+    assert monitoring_section(monitored([]), SHOW).lead.startswith("No new event.")
+
+
+def test_the_time_axis_has_the_latest_event_first_and_a_limit():
+    figure = timeline_figure(monitored(EVENTS))
+    labels = [label.get_text() for label in figure.axes[0].get_yticklabels()]
+    assert labels == ["all aircraft at once", "N<2>", "N1"]
+    assert "n = 3 events in 3 rows" in figure.caption
+    many = [Event("aircraft_new", "2009-03-02", "2009-03-02", f"N{k:03d}", {}) for k in range(90)]
+    figure = timeline_figure(monitored(many))
+    assert len(figure.axes[0].get_yticklabels()) == MOST_EVENT_ROWS
+    assert f"{90 - MOST_EVENT_ROWS} more are in events.json" in figure.caption
+    assert "No event" in timeline_figure(monitored([])).caption

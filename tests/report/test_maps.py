@@ -1,0 +1,87 @@
+"""Maps: the outline passes where the earth has coasts, every point lies in its view, thinning."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+
+import numpy as np
+import pytest
+import xarray as xr
+from hypothesis import given
+from hypothesis import strategies as st
+
+from airswing.products import ragged
+from airswing.report.html import maps
+
+
+@pytest.mark.parametrize(
+    ("layer", "longitude", "latitude"),
+    [
+        ("coast", -0.1, 5.6),  # Accra, on the Gulf of Guinea
+        ("coast", 18.4, -34.3),  # Cape of Good Hope
+        ("lake", -87.6, 41.9),  # Chicago, on Lake Michigan
+        ("state", -90.6, 41.5),  # the Mississippi between Iowa and Illinois
+        ("border", -122.8, 49.0),  # the 49th parallel on the Pacific
+    ],
+)
+def test_lines_pass_where_the_earth_has_them(layer: str, longitude: float, latitude: float) -> None:
+    points = np.concatenate(maps.lines()[layer])
+    assert np.hypot(*(points - [longitude, latitude]).T).min() < 0.4
+
+
+def test_the_outline_is_small_and_has_no_coast_inside_a_continent() -> None:
+    points = np.concatenate(maps.lines()["coast"])
+    assert np.hypot(*(points - [-98.0, 40.0]).T).min() > 5.0
+    stored = files("airswing.report.html").joinpath("data/outline.npz")
+    assert len(stored.read_bytes()) < 400_000
+
+
+def test_views_across_the_antimeridian_are_narrow_and_lines_split_at_the_seam() -> None:
+    view = maps.view_of([175.0, 179.0, -178.0, -175.0], [50.0, 52.0, 53.0, 51.0])
+    assert view.east - view.west < 20
+    assert np.diff(view.unwrapped([179.0, -179.0])) == pytest.approx(2.0)
+    for part in maps.lines_in(maps.View(100.0, 260.0, -60.0, 60.0), "coast"):
+        assert np.abs(np.diff(part[:, 0])).max() < 180
+    world = maps.view_of([np.nan], [np.nan])
+    assert (world.west, world.east, world.south, world.north) == (-180, 180, -90, 90)
+
+
+@given(
+    st.lists(st.floats(-180, 179.9), min_size=1, max_size=8),
+    st.floats(-80, 80),
+    st.floats(0, 8),
+)
+def test_every_point_lies_in_its_view(longitude: list[float], south: float, height: float) -> None:
+    latitude = np.linspace(south, min(south + height, 90), len(longitude))
+    view = maps.view_of(longitude, latitude)
+    x = view.unwrapped(longitude)
+    assert np.all((x >= view.west - 0.1) & (x <= view.east + 0.1))
+    assert np.all((latitude >= view.south - 1e-9) & (latitude <= view.north + 1e-9))
+    assert view.east - view.west <= 360.0
+
+
+@pytest.mark.parametrize(
+    ("longitude", "middle"), [([10.0, 20.0], 15.0), ([170.0, -170.0], -180.0), ([], 0.0)]
+)
+def test_middle_longitude(longitude: list[float], middle: float) -> None:
+    assert maps.middle_longitude(longitude) == pytest.approx(middle)
+
+
+def test_large_archives_are_thinned_evenly_and_counted_in_full(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(ragged, "BLOCK_REPORTS", 70)
+    monkeypatch.setattr(maps, "MOST_DRAWN", 100)
+    number = np.arange(600)
+    archive = xr.Dataset(
+        {
+            "row_size": ("aircraft", np.full(12, 50)),
+            "longitude": ("report", number % 30 - 90.0),
+            "latitude": ("report", number % 10 + 40.0),
+        }
+    )
+    figure = maps.reports_figure(archive)
+    assert "n = 600 reports of 12 aircraft" in figure.caption  # type: ignore[attr-defined]
+    assert "One report in 6 is drawn." in figure.caption  # type: ignore[attr-defined]
+    drawn = figure.axes[0].collections[0].get_offsets()
+    assert np.allclose(np.asarray(drawn)[:, 0], number[::6] % 30 - 90.0)

@@ -1,0 +1,175 @@
+"""The numbers of the page, by hand and against plain loops."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from airswing.errors import InputError
+from airswing.flags import SCREENING, STATUS
+from airswing.report.run import page_numbers, selection
+from airswing.report.run.heading_error import binned_medians, sector_counts
+from tests.report import factories
+
+KNOT = 1852 / 3600
+
+
+def tiny() -> tuple[xr.Dataset, xr.Dataset, xr.Dataset]:
+    """Two aircraft, two flights each, two reports a flight; the reference is calm."""
+    headings = factories.headings(aircraft=2, reports=4)
+    off = np.array([3.0, 5.0, 4.0, 4.0, 1.0, 1.0, 2.0, 2.0]) * KNOT
+    headings["eastward_wind"][:] = off
+    for name in ("northward_wind", "reference_eastward_wind", "reference_northward_wind"):
+        headings[name][:] = 0.0
+    headings["flight"][:] = [0, 0, 1, 1, 2, 2, 3, 3]
+    headings["screening"][:] = 0
+    corrected = headings[["time", "row_size"]].assign(
+        corrected_eastward_wind=("report", off / 2),
+        corrected_northward_wind=("report", np.zeros(8)),
+        correction_applied=("report", np.zeros(8, np.int8)),
+    )
+    return headings, factories.fits(aircraft=2), corrected
+
+
+def test_disagreement_by_hand() -> None:
+    headings, fits, corrected = tiny()
+    found = page_numbers.disagreement(headings, corrected, fits, "ruc")
+    assert found.before.tolist() == pytest.approx([4.0, 1.5])
+    assert found.after.tolist() == pytest.approx([2.0, 0.75])
+    assert found.number.tolist() == [4, 4]
+    # N401's flights both gain 2.0 on average; N402's gain 0.5 and 1.0: residual sums -0.5, 0.5,
+    # se^2 = 2/1 (0.25 + 0.25) / 16.
+    assert found.half_width[0] == pytest.approx(0.0, abs=1e-12)
+    assert found.half_width[1] == pytest.approx(1.959964 * 0.25)
+    assert found.total.before == pytest.approx(2.75) and found.total.number == 8
+
+
+def test_uncorrected_and_screened_reports_do_not_count() -> None:
+    headings, fits, corrected = tiny()
+    corrected["correction_applied"][:4] = 1
+    headings["screening"][4:6] = SCREENING["turn"]
+    found = page_numbers.disagreement(headings, corrected, fits, "ruc")
+    assert np.isnan(found.before[0])
+    assert found.before[1] == pytest.approx(2.0)
+    assert found.total.number == 2
+
+
+def test_a_pool_is_the_mean_of_its_members() -> None:
+    headings, fits, _ = tiny()
+    headings["heading_error"][0], headings["heading_error"][1] = 1.0, 4.0
+    headings["heading_error"][1, 3] = np.nan
+    members = selection.members(headings, fits, factories.POOL)
+    value = selection.pooled(headings, members, "heading_error")
+    assert value[[0, 1, 2]].tolist() == [2.5] * 3
+    assert value[3] == headings["heading_error"][0, 3], "the member that has a value, as in the fit"
+    fits.attrs["pools"] = '{"both": ["rtfdaa"]}'
+    assert selection.members(headings, fits, "both") == ["rtfdaa"]
+    assert selection.members(headings, fits, "a name without members") == ["ruc", "rtfdaa"]
+
+
+def test_the_fitted_bias_of_the_reference_is_subtracted() -> None:
+    """W_ref = W + b alone: V psi_err = b_u cos psi - b_v sin psi, so nothing is left."""
+    headings, fits = factories.headings(aircraft=1), factories.fits(aircraft=1)
+    fits["reference_bias"][:] = [0.8, -0.5]
+    psi = np.radians(headings["heading"].to_numpy())
+    error = (0.8 * np.cos(psi) + 0.5 * np.sin(psi)) / headings["airspeed"].to_numpy()
+    headings["heading_error"][:] = np.degrees(error)
+    _, left = selection.compass_points(headings, fits, 0, "ruc")
+    assert np.abs(left).max() < 1e-9
+    assert np.abs(np.degrees(error)).max() > 0.3
+
+
+def test_the_table_is_minus_its_correction_unless_the_sign_says_otherwise() -> None:
+    fits = factories.fits()
+    fit = selection.one_fit(fits, "N401", "ruc")
+    nodes, error = selection.table_error(fit)
+    assert np.abs(error - selection.curve_of(fit, nodes)).max() < 0.06
+    fits.attrs["table_sign"] = "add_error"
+    _, flipped = selection.table_error(selection.one_fit(fits, "N401", "ruc"))
+    assert flipped.tolist() == (-error).tolist()
+
+
+def test_interval_of_a_constant() -> None:
+    fit = selection.one_fit(factories.fits(), 0, "ruc")
+    fit["deviation_covariance"][:] = np.diag([0.04, 0, 0, 0, 0])
+    half = selection.curve_half_width(fit, np.array([0.0, 77.0]))
+    assert half.tolist() == pytest.approx([1.959964 * 0.2] * 2)
+
+
+def test_a_table_within_its_error_needs_no_correction() -> None:
+    fits = factories.fits()
+    assert not selection.needs_no_correction(selection.one_fit(fits, 0, "ruc"))
+    small = fits.assign(table_correction=0.4 * np.sign(fits["table_correction"]))
+    wide = small.assign(deviation_covariance=small["deviation_covariance"] * 25.0)
+    assert selection.needs_no_correction(selection.one_fit(wide, 0, "ruc"))
+    assert not selection.needs_no_correction(selection.one_fit(small, 0, "ruc"))
+    assert not selection.needs_no_correction(selection.one_fit(wide, "N406", "ruc"))  # refused
+    fits["status"][:] = STATUS["no_correction_needed"]
+    assert selection.needs_no_correction(selection.one_fit(fits, 0, "ruc"))
+
+
+def test_coefficients_carry_their_intervals() -> None:
+    fit = selection.one_fit(factories.fits(), 0, "ruc")
+    fit["deviation"][:] = [1.0, -2.0, 0.5, 0.0, 0.0]
+    assert selection.coefficient_texts(fit)["B"] == "-2.00 ± 0.12°"
+    fit["harmonics"] = 1
+    assert selection.coefficient_texts(fit)["D"] == "0"
+
+
+def test_screening_counts_together_and_alone() -> None:
+    headings = factories.headings(aircraft=1, reports=10)
+    turn, roll = SCREENING["turn"], SCREENING["roll"]
+    headings["screening"][:] = [turn, turn, turn | roll, roll, 0, 0, 0, 0, 0, 0]
+    assert page_numbers.screening_audit(headings) == [("turn", 3, 2), ("roll", 2, 1)]
+    assert page_numbers.kept_reports(headings) == 6
+
+
+def test_unknown_names_are_refused_with_the_known_ones() -> None:
+    fits = factories.fits()
+    with pytest.raises(InputError, match=r"N999.*Choose from N401"):
+        selection.one_fit(fits, "N999", "ruc")
+    with pytest.raises(InputError, match="Choose from ruc, rtfdaa"):
+        selection.one_fit(fits, "N401", "gfs")
+
+
+def test_fleet_order_puts_refused_fits_last() -> None:
+    fits = factories.fits()
+    order = selection.by_amplitude(fits, "ruc")
+    assert order[-1] == "N406"
+    amplitude = fits["amplitude"].sel(reference="ruc", aircraft=order[:-1]).to_numpy()
+    assert np.all(np.diff(amplitude) <= 0)
+
+
+def test_headlines_have_at_most_25_words_and_say_which_way_the_winds_went() -> None:
+    headings, fits, corrected = tiny()
+    total = page_numbers.disagreement(headings, corrected, fits, "ruc").total
+    text = page_numbers.headline(fits, total, "ruc")
+    assert text.startswith("Compass deviation fitted for 1 of 2 aircraft (median amplitude ")
+    assert text.endswith("disagreement falls from 2.8 to 1.4 kt.")
+    in_m_s = page_numbers.headline(fits, total, "ruc", per_kt=KNOT, units="m/s")
+    assert in_m_s.endswith("falls from 1.4 to 0.7 m/s.")
+    corrected["corrected_eastward_wind"][:] = headings["eastward_wind"].to_numpy() * 2
+    worse = page_numbers.disagreement(headings, corrected, fits, "ruc").total
+    assert "rises from" in page_numbers.headline(fits, worse, "ruc")
+    nothing = fits.assign(status=fits["status"] * 0 + STATUS["too_few_reports"])
+    wrong = fits.assign(status=fits["status"] * 0 + STATUS["implausible_reports"])
+    none = page_numbers.Total(np.nan, np.nan, np.nan, np.nan, 0)
+    assert "contradict the reference" in page_numbers.headline(wrong, None, "ruc")
+    for ds in (fits, nothing, wrong):
+        for one in (total, worse, none, None):
+            assert len(page_numbers.headline(ds, one, "ruc+rtfdaa").split()) <= 25
+
+
+def test_binned_medians_by_hand() -> None:
+    heading = np.array([1.0, 2, 3, 4, 5, 359, 100, 101])
+    value = np.array([1.0, 2, 3, 4, 100, 7, 8, 9])
+    found = binned_medians(heading, value, width=15.0)
+    assert found.centre.tolist() == [7.5]
+    assert found.median.tolist() == [3.0]
+    assert found.half_width[0] == pytest.approx(1.959964 * 1.2533 * 1.4826 * 1.0 / np.sqrt(5))
+
+
+def test_sectors_are_centred_on_north() -> None:
+    counts = sector_counts(np.array([0.0, 22.0, 338.0, 23.0, 180.0]), sectors=8)
+    assert counts.tolist() == [3, 1, 0, 0, 1, 0, 0, 0]
