@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from airswing.products.netcdf import read_product
+from airswing.products.netcdf import open_product
 from airswing.report.run.heading_error import heading_error_figure
 
 RESULTS = Path("results/quickstart")
@@ -13,8 +13,8 @@ IMAGES = Path("docs/images")
 
 def main() -> None:
     """Write ``docs/images/heading_error.png``."""
-    headings = read_product(RESULTS / "headings.nc")
-    fits = read_product(RESULTS / "fits.nc")
+    headings = open_product(RESULTS / "headings")
+    fits = open_product(RESULTS / "fits.nc")
     figure = heading_error_figure(headings, fits, "N401", "ruc+rtfdaa")
     figure.savefig(IMAGES / "heading_error.png", dpi=110)
 
