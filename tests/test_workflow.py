@@ -21,7 +21,14 @@ from airswing.vocabulary import lookup
 from airswing.workflow.evaluation_stage import make_observation_errors
 from airswing.workflow.progress import Progress
 
-PRODUCTS = (workflow.HEADINGS, workflow.FITS, workflow.CORRECTED, workflow.PROFILES)
+PRODUCTS = (
+    workflow.HEADINGS,
+    workflow.FITS,
+    workflow.CORRECTED,
+    workflow.PROFILES,
+    "observation_errors.nc",
+    "innovation_statistics.nc",
+)
 GLOBAL = [
     "Conventions",
     "title",
@@ -29,6 +36,11 @@ GLOBAL = [
     "source",
     "history",
     "references",
+    "summary",
+    "creator_name",
+    "license",
+    "time_coverage_start",
+    "geospatial_lat_max",
     "airswing_config",
     "airswing_version",
     "uuid",
@@ -103,7 +115,7 @@ def test_every_product_keeps_the_contract(finished, name):
         assert not [key for key, variable in file.variables.items() if variable.dtype is str]
     with xr.open_dataset(path, decode_timedelta=False) as ds:
         assert all(key in ds.attrs for key in GLOBAL)
-        assert ds.attrs["Conventions"] == "CF-1.11"
+        assert ds.attrs["Conventions"] == "CF-1.11, ACDD-1.3"
         assert ds.attrs["airswing_config"].startswith("{")
         if name != workflow.HEADINGS:
             parents = {
@@ -120,6 +132,43 @@ def test_every_product_keeps_the_contract(finished, name):
 
 
 _MAY_BE_EMPTY = {"reported_airspeed", "reported_heading"}
+
+
+@pytest.mark.parametrize("name", PRODUCTS)
+def test_the_compliance_checker_finds_nothing(finished, name, tmp_path):
+    runner = pytest.importorskip("compliance_checker.runner")
+    runner.CheckSuite.load_all_available_checkers()
+    path = finished[0].output / name
+    path = next(path.glob("*.nc")) if path.is_dir() else path
+    report = tmp_path / "report.json"
+    passed, _ = runner.ComplianceChecker.run_checker(
+        str(path), ["cf:1.11"], 1, "strict", output_filename=str(report), output_format="json"
+    )
+    found = json.loads(report.read_text())["cf:1.11"]
+    failed = [entry for entry in found["all_priorities"] if entry["value"][0] < entry["value"][1]]
+    assert [entry["msgs"] for entry in failed] == []
+    assert passed
+
+
+@pytest.mark.parametrize("name", [workflow.HEADINGS, workflow.CORRECTED])
+def test_cf_xarray_and_trajan_open_the_trajectories(finished, name):
+    pytest.importorskip("cf_xarray")
+    pytest.importorskip("trajan")
+    from trajan.traj.ragged import Ragged
+
+    with xr.open_dataset(next((finished[0].output / name).glob("*.nc"))) as ds:
+        assert ds.cf.cf_roles == {"trajectory_id": ["aircraft"]}
+        assert ds.cf.coordinates["time"] == ["time"]
+        assert ds["eastward_wind"].cf["longitude"].name == "longitude"
+        assert ds.traj is not None
+        # TrajAn looks for ragged arrays by these names of their dimensions
+        ragged = ds[["row_size", "eastward_wind"]].rename(aircraft="trajectory", report="index")
+        opened = ragged.drop_vars("pressure_altitude").traj
+        assert isinstance(opened, Ragged)
+        assert opened.ds.sizes == {
+            "trajectory": ds.sizes["aircraft"],
+            "index": int(ds["row_size"].max()),
+        }
 
 
 def test_the_binding_names_are_there(finished):

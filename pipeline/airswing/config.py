@@ -299,13 +299,23 @@ class Postprocess(_Section):
         return self
 
 
+class Metadata(_Section):
+    """Global attributes of every product (ACDD 1.3) that only the user can state."""
+
+    creator_name: str | None = None
+    creator_email: str | None = None
+    creator_url: str | None = None
+    institution: str | None = None
+    project: str | None = None
+    license: str | None = None
+
+
 class Compute(_Section):
     """Where the work runs."""
 
     workers: Annotated[int, Field(ge=1, le=4096)] | Literal["auto"] = "auto"
     threads: Annotated[int, Field(ge=1, le=4096)] | Literal["auto"] = "auto"
     scheduler: str | None = None
-    keep_samples: bool = True
 
 
 class Config(_Section):
@@ -327,6 +337,7 @@ class Config(_Section):
     handover: Handover = Handover()
     postprocess: Postprocess | None = None
     units: Literal["kt", "m/s"] = "kt"  # of speeds on pages, figures and cards
+    metadata: Metadata = Metadata()
     output: Folder
     compute: Compute = Compute()
 

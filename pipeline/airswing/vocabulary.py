@@ -49,6 +49,8 @@ class Variable:
             found["units"] = self.units
         if self.standard_name:
             found["standard_name"] = self.standard_name
+        if self.standard_name == "air_temperature":
+            found["units_metadata"] = "temperature: on_scale"
         if self.flags is not None:
             codes = np.array(list(self.flags.values()), dtype=self.dtype)
             found["flag_masks" if self.bits else "flag_values"] = codes

@@ -12,8 +12,8 @@ import airswing
 from airswing import cli
 from airswing.errors import InputError
 from airswing.flags import SCREENING
-from airswing.products.atomic import replacing
 from airswing.products.netcdf import write_product
+from airswing.products.whole_files import replacing
 from tests.handover.archives import corrected
 
 FORMATS = ("obs_domain", "little_r", "ob_ascii")

@@ -1,9 +1,7 @@
-"""Files whose header lies, or that their library does not survive; notes with a checksum."""
+"""Damaged NetCDF files are refused before their library reads them."""
 
 from __future__ import annotations
 
-import os
-import signal
 import struct
 from pathlib import Path
 
@@ -12,10 +10,7 @@ import numpy as np
 import pytest
 
 from airswing.errors import InputError
-from airswing.products import openable
-from airswing.products.checked import note, noted
-from airswing.products.classic_netcdf import require_whole
-from airswing.products.openable import require_openable, written_here
+from airswing.products.damaged_netcdf import require_sound, written_here
 
 
 def classic(path: Path, kind: str, records: int = 7) -> Path:
@@ -34,8 +29,8 @@ KINDS = ["NETCDF3_CLASSIC", "NETCDF3_64BIT_OFFSET", "NETCDF3_64BIT_DATA"]
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_sound_classic_file_passes(kind: str, tmp_path: Path):
-    require_whole(classic(tmp_path / "a.nc", kind))
-    require_whole(classic(tmp_path / "b.nc", kind, records=0))
+    require_sound(classic(tmp_path / "a.nc", kind))
+    require_sound(classic(tmp_path / "b.nc", kind, records=0))
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -46,7 +41,7 @@ def test_a_count_of_records_that_is_not_there_is_refused(kind: str, tmp_path: Pa
     data[4 : 12 if wide else 8] = struct.pack(">Q" if wide else ">I", 9)
     path.write_bytes(data)
     with pytest.raises(InputError, match="9 records"):
-        require_whole(path)
+        require_sound(path)
 
 
 def test_one_variable_of_records_stands_without_padding(tmp_path: Path):
@@ -54,7 +49,7 @@ def test_one_variable_of_records_stands_without_padding(tmp_path: Path):
     with netCDF4.Dataset(path, "w", format="NETCDF3_CLASSIC") as file:
         file.createDimension("time", None)
         file.createVariable("flag", "i1", ("time",))[:] = np.ones(101, dtype="i1")
-    require_whole(path)
+    require_sound(path)
 
 
 def test_every_cut_of_a_header_is_refused(tmp_path: Path):
@@ -63,7 +58,7 @@ def test_every_cut_of_a_header_is_refused(tmp_path: Path):
     for length in range(4, 200, 7):
         path.write_bytes(data[:length])
         with pytest.raises(InputError, match="damaged"):
-            require_whole(path)
+            require_sound(path)
 
 
 def netcdf4(path: Path) -> Path:
@@ -73,44 +68,17 @@ def netcdf4(path: Path) -> Path:
     return path
 
 
-def test_a_sound_file_is_opened_once_beside(tmp_path: Path):
+def test_bytes_that_are_no_file_are_refused(tmp_path: Path):
     path = netcdf4(tmp_path / "a.nc")
-    require_openable(path)
-    (helper,) = openable._HELPER
-    require_openable(path)  # known
-    require_openable(netcdf4(tmp_path / "b.nc"))
-    assert [helper] == openable._HELPER
-
-
-def test_a_helper_that_was_ended_is_started_anew(tmp_path: Path):
-    require_openable(netcdf4(tmp_path / "a.nc"))
-    os.kill(openable._HELPER[0].pid, signal.SIGKILL)
-    openable._HELPER[0].wait()
-    require_openable(netcdf4(tmp_path / "b.nc"))
-
-
-def test_octets_that_are_no_file_are_refused(tmp_path: Path):
-    path = netcdf4(tmp_path / "a.nc")
+    require_sound(path)
     data = path.read_bytes()
     path.write_bytes(data[: len(data) // 3])
     with pytest.raises(InputError, match="a damaged NetCDF file"):
-        require_openable(path)
+        require_sound(path)
 
 
-def test_what_this_process_wrote_is_not_asked_about(tmp_path: Path):
+def test_a_file_this_process_wrote_is_not_opened_elsewhere(tmp_path: Path):
     path = tmp_path / "a.nc"
-    path.write_bytes(b"\x89HDF\r\n\x1a\n not in truth")
+    path.write_bytes(b"\x89HDF\r\n\x1a\n not a file")
     written_here(path)
-    require_openable(path)
-
-
-def test_notes_come_back_as_they_were_or_not_at_all():
-    content = {"key": "x", "files": [["a", 1, 2.5]], "none": None}
-    text = note(content)
-    assert noted(text) == content
-    for place in range(0, len(text), 5):
-        changed = text[:place] + chr(ord(text[place]) ^ 1) + text[place + 1 :]
-        try:
-            assert noted(changed) == content
-        except ValueError:
-            continue
+    require_sound(path)

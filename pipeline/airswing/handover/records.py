@@ -28,7 +28,7 @@ from airswing.handover.platforms import (
     platforms,
 )
 from airswing.handover.selection import Rows, Selected
-from airswing.products.atomic import made_folder
+from airswing.products.whole_files import made_folder
 
 # So few that their lines stay in the processor's cache.
 REPORTS_AT_ONCE = 10_000

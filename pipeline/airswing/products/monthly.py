@@ -13,8 +13,9 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from typing import Any
 
 import dask.array as da
 import numpy as np
@@ -26,6 +27,16 @@ from airswing.products.ragged import aircraft_groups
 FLIGHTS = "flight_total"
 """Attribute of a month: how many flights it has."""
 _TALLIES = ("screened_out", "reading_audit", "reference_audit", "ground_vector_evidence")
+_EXTREMES: dict[str, Callable[[list[Any]], Any]] = {
+    "time_coverage_start": min,
+    "time_coverage_end": max,
+    "geospatial_lat_min": min,
+    "geospatial_lat_max": max,
+    "geospatial_lon_min": min,
+    "geospatial_lon_max": max,
+}
+COVERAGE = tuple(_EXTREMES)
+"""Attributes of the time and space that a product covers (ACDD 1.3)."""
 
 
 def joined_months(months: Sequence[xr.Dataset]) -> xr.Dataset:
@@ -165,6 +176,10 @@ def _attributes(months: Sequence[xr.Dataset]) -> dict[str, object]:
     for name in (FLIGHTS, "kept_reports"):
         if name in found:
             found[name] = sum(int(month.attrs.get(name, 0)) for month in months)
+    for name, choose in _EXTREMES.items():
+        values = [month.attrs[name] for month in months if name in month.attrs]
+        if values:
+            found[name] = choose(values)
     for name in _TALLIES:
         if name in found:
             found[name] = json.dumps(_summed([json.loads(month.attrs[name]) for month in months]))

@@ -1,8 +1,11 @@
-"""NetCDF products: written whole or not at all, read as they were described.
+"""NetCDF products: described by the vocabulary, CF-1.11 and ACDD, written whole or not at all.
 
-A product is written under a temporary name beside its target and renamed when complete
+A product is written under a temporary name next to its target and renamed when complete
 (:mod:`airswing.products.whole_files`), so that a reader never sees half a file and an interruption
 leaves the earlier product intact.
+
+Products of every report are contiguous ragged arrays of trajectories (CF-1.11, sections 9.3.3 and
+H.4.3): the reports of one aircraft follow each other, and ``row_size`` counts them.
 """
 
 from __future__ import annotations
@@ -10,44 +13,35 @@ from __future__ import annotations
 import json
 import math
 import uuid
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Literal, NamedTuple, TypedDict
 
 import netCDF4
 import numpy as np
 import xarray as xr
 
 from airswing.errors import InputError
-from airswing.products.classic_netcdf import require_whole
+from airswing.products.damaged_netcdf import DAMAGE, require_sound, written_here
 from airswing.products.monthly import joined_months
-from airswing.products.openable import require_openable, written_here
 from airswing.products.whole_files import atomic, plain
 from airswing.version import __version__
 from airswing.vocabulary import describe, lookup
 
-INSTITUTION = "airswing"
 REFERENCES = (
     "Jacobs et al. (2010), TAMDAR update: magnetic deviation correction, AMS; "
     "Jacobs, Mulally & Anderson (2014), J. Atmos. Oceanic Technol. 31(8), 1733-1747"
 )
+# What the section `metadata` of the configuration replaces (ACDD 1.3).
+_ACDD = {"institution": "not stated", "creator_name": "not stated", "license": "not stated"}
 _TIME_ATTRIBUTES = {
     "units": "milliseconds since 1970-01-01",
     "calendar": "standard",
-    "_FillValue": np.iinfo(np.int64).min,
+    "units_metadata": "leap_seconds: none",
 }
-DAMAGE = (
-    ArithmeticError,
-    AttributeError,
-    LookupError,
-    OSError,
-    RuntimeError,
-    TypeError,
-    ValueError,
-)
-"""What the libraries raise on a file whose octets contradict each other."""
-# Octets a variable; the library's own 16 MiB are hundreds of megabytes a product.
+COORDINATES = ("time", "latitude", "longitude", "pressure_altitude")
+"""Coordinates of a report, as its data variables name them."""
+# Bytes a variable; the library's own 16 MiB are hundreds of megabytes a product.
 _CHUNK_CACHE = 2**20
 REPORTS_A_CHUNK = 32_768
 """Few enough that one aircraft's part of a month is read without much of the others'."""
@@ -105,21 +99,24 @@ DIRECTIONS = ("heading", "magnetic_heading", "track")
 
 def write_product(
     ds: xr.Dataset,
-    path: Path,
+    path: str | Path,
     *,
     title: str,
     config_json: str = "",
     sources: Sequence[str] = (),
     source_uuids: Sequence[str] = (),
 ) -> Path:
-    """Write a Dataset as a described, compressed NetCDF-4 product, atomically.
+    """Write a Dataset as a described, compressed NetCDF-4 product, whole or not at all.
 
     Parameters
     ----------
     ds : Dataset
-        Every variable must be in the vocabulary.
+        Every variable must be in the vocabulary; dask-backed variables are computed.
+    path : str or path
+    title : str
     config_json : str, optional
-        The configuration the product was made with, as JSON.
+        The configuration the product was made with, as JSON; its section ``metadata`` is written
+        as global attributes.
     sources : sequence of str, optional
         What went in, one phrase each.
     source_uuids : sequence of str, optional
@@ -134,18 +131,44 @@ def write_product(
     ------
     InputError
         If the file cannot be written.
+    KeyError
+        If a variable is not in the vocabulary.
     """
     path = Path(path)
-    ds = describe(ds)
+    ds = describe(ds).drop_encoding()
     ds.attrs = {
-        **{key: attribute_value(value) for key, value in ds.attrs.items()},
-        **provenance(title, config_json=config_json, sources=sources, source_uuids=source_uuids),
+        **{key: _attribute(value) for key, value in ds.attrs.items()},
+        **_provenance(title, config_json, sources, source_uuids),
     }
+    if "report" in ds.dims and "row_size" in ds:
+        ds = _as_trajectories(ds)
+    _use_small_chunk_cache()
     with atomic(path) as temporary:
-        ready = with_plain_times(ds.drop_encoding())
-        ready.to_netcdf(temporary, engine="netcdf4", encoding=_encodings(ready))
+        ds = _with_plain_times(ds)
+        encoding = {name: _encoding(ds[name]) for name in ds.variables}
+        ds.to_netcdf(temporary, engine="netcdf4", encoding=encoding)
     written_here(path)
     return path
+
+
+def _as_trajectories(ds: xr.Dataset) -> xr.Dataset:
+    """Attributes of the contiguous ragged form, and the time and space that the reports cover."""
+    ds = ds.assign_attrs(featureType="trajectory")
+    ds["row_size"].attrs["sample_dimension"] = "report"
+    ds["aircraft"].attrs["cf_role"] = "trajectory_id"
+    there = [name for name in COORDINATES if name in ds]
+    for name, variable in ds.variables.items():
+        if "report" in variable.dims and name not in there:
+            variable.attrs["coordinates"] = " ".join(there)
+    if ds.sizes["report"] and set(COORDINATES[:3]) <= set(there):
+        time = ds["time"].to_numpy()
+        ds.attrs["time_coverage_start"] = f"{np.nanmin(time).astype('M8[s]')}Z"
+        ds.attrs["time_coverage_end"] = f"{np.nanmax(time).astype('M8[s]')}Z"
+        for name, short in (("latitude", "lat"), ("longitude", "lon")):
+            values = ds[name].to_numpy()
+            ds.attrs[f"geospatial_{short}_min"] = float(np.nanmin(values))
+            ds.attrs[f"geospatial_{short}_max"] = float(np.nanmax(values))
+    return ds
 
 
 def as_stored(ds: xr.Dataset) -> xr.Dataset:
@@ -175,21 +198,22 @@ def as_stored(ds: xr.Dataset) -> xr.Dataset:
     return ds.assign(changed)
 
 
-def provenance(
-    title: str,
-    *,
-    config_json: str = "",
-    sources: Sequence[str] = (),
-    source_uuids: Sequence[str] = (),
-) -> dict[str, str]:
+def _provenance(
+    title: str, config_json: str, sources: Sequence[str], source_uuids: Sequence[str]
+) -> dict[str, object]:
     """Global attributes that say what a product is and where it came from."""
     now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+    stated = json.loads(config_json or "{}").get("metadata") or {}
+    source = "; ".join(sources) or "aircraft reports and model winds"
     return {
-        "Conventions": "CF-1.11",
+        "Conventions": "CF-1.11, ACDD-1.3",
         "title": title,
-        "institution": INSTITUTION,
-        "source": "; ".join(sources) or "aircraft reports and model winds",
+        "summary": f"{title}. Made by airswing {__version__} from {source}",
+        **_ACDD,
+        **{name: value for name, value in stated.items() if value},
+        "source": source,
         "history": f"{now} airswing {__version__}",
+        "date_created": now,
         "references": REFERENCES,
         "airswing_config": config_json,
         "airswing_version": __version__,
@@ -304,16 +328,17 @@ def product_path(folder: Path, name: str) -> Path:
 
 
 def _opened(path: Path) -> xr.Dataset:
-    """One file, opened lazily and checked."""
+    """One file, opened lazily and checked; CF coordinates of reports stay data variables."""
     if not path.exists():
         raise InputError("no such product", file=path, remedy=_MAKE)
-    limit_chunk_cache()
+    _use_small_chunk_cache()
     try:
-        require_whole(path)
-        require_openable(path)
-        ds = xr.open_dataset(path, engine="netcdf4", decode_timedelta=False, cache=False)
+        require_sound(path)
+        ds = xr.open_dataset(
+            path, engine="netcdf4", decode_timedelta=False, decode_coords=False, cache=False
+        )
         # Every product has one; a file of the same name may be another program's.
-        wrong = "" if "uuid" not in ds.attrs else _damage(ds)
+        damaged = _damage(ds) if "uuid" in ds.attrs else ""
     except DAMAGE as err:
         raise InputError(
             "not a product airswing can read", file=path, found=err, remedy="Make it again"
@@ -326,9 +351,11 @@ def _opened(path: Path) -> xr.Dataset:
             found=ds.attrs.get("title"),
             remedy="Move it away and run the stage that makes it",
         )
-    if wrong:
+    if damaged:
         ds.close()
-        raise InputError("a damaged product", file=path, field=wrong, remedy="Make it again")
+        raise InputError("a damaged product", file=path, field=damaged, remedy="Make it again")
+    for variable in ds.variables.values():
+        variable.attrs.pop("coordinates", None)
     return ds
 
 
@@ -352,84 +379,50 @@ def _damage(ds: xr.Dataset) -> str:
     return ""
 
 
-def limit_chunk_cache() -> None:
-    """Let the NetCDF library keep a few chunks of each variable of the files opened from now on.
-
-    By default it keeps 16 MiB of every variable it reads or writes, hundreds of MB a product.
-    """
+def _use_small_chunk_cache() -> None:
+    """Let the NetCDF library keep few chunks of each variable of files opened from now on."""
     netCDF4.set_chunk_cache(size=_CHUNK_CACHE)
 
 
-def attribute_value(value: object) -> object:
+def _attribute(value: object) -> object:
     """NetCDF attributes hold no mappings: those become JSON."""
     return json.dumps(plain(value)) if isinstance(value, (Mapping, list, bool)) else value
 
 
-def with_plain_times(ds: xr.Dataset) -> xr.Dataset:
+def _with_plain_times(ds: xr.Dataset) -> xr.Dataset:
     """Turn times into milliseconds: xarray cannot encode a variable whose times are all missing."""
-    times = [name for name in ds.variables if np.issubdtype(ds[name].dtype, np.datetime64)]
     missing = np.iinfo(np.int64).min
-    for name in times:
+    for name in [name for name in ds.variables if np.issubdtype(ds[name].dtype, np.datetime64)]:
         values = ds[name].to_numpy().astype("datetime64[ms]")
         counts = np.where(np.isnat(values), missing, values.astype(np.int64))
-        ds[name] = (ds[name].dims, counts, ds[name].attrs | _TIME_ATTRIBUTES)
+        fill = {} if name in ds.dims else {"_FillValue": missing}
+        ds[name] = (ds[name].dims, counts, ds[name].attrs | _TIME_ATTRIBUTES | fill)
     return ds
 
 
-def is_text(variable: xr.DataArray) -> bool:
-    """Whether a variable holds names: stored as rows of characters, as CF has them.
-
-    Strings of no fixed length would be read the same, but the HDF5 library crashes, or reports a
-    broken file, when a file with such a variable is opened twice in one process (netcdf-c issue
-    2510, HDF5 issue 5359, still so in HDF5 2.2.0).
-    """
-    return lookup(str(variable.name), variable.dims).dtype == "str" or variable.dtype.kind in "OUT"
-
-
-class Packing(TypedDict, total=False):
-    """How chunks are packed: keywords of ``netCDF4.Dataset.createVariable``."""
-
-    zlib: bool
-    complevel: Literal[1]
-    shuffle: bool
-    chunksizes: tuple[int, ...]
-
-
-class Storage(NamedTuple):
-    """How a variable stands in its file."""
-
-    dtype: str
-    packing: Packing
-    fill: np.generic | None  # where no value is; None where the type has none of its own
-
-
-def _encodings(ds: xr.Dataset) -> dict[Hashable, dict[str, object]]:
-    return {name: _encoding(storage_of(ds[name])) for name in ds.variables}
-
-
-def _encoding(stored: Storage) -> dict[str, object]:
-    """Keywords of ``to_netcdf``."""
-    encoding: dict[str, object] = {"dtype": stored.dtype, **stored.packing}
-    return encoding if stored.fill is None else encoding | {"_FillValue": stored.fill}
-
-
-def storage_of(variable: xr.DataArray, sizes: Mapping[Hashable, int] | None = None) -> Storage:
+def _encoding(variable: xr.DataArray) -> dict[str, object]:
     """How a variable is stored.
 
-    ``sizes`` are those of its dimensions in the file, where it is written in parts.
+    Names are rows of characters. Strings of no fixed length would be read the same, but the HDF5
+    library crashes, or reports a broken file, when a file with such a variable is opened twice in
+    one process (netcdf-c issue 2510, HDF5 issue 5359, still so in HDF5 2.2.0).
     """
-    sizes = variable.sizes if sizes is None else sizes
     entry = lookup(str(variable.name), variable.dims)
-    if is_text(variable):
-        return Storage("S1", {}, None)
-    time = entry.dtype.startswith("datetime64")
-    packing: Packing = {}
+    if entry.dtype == "str" or variable.dtype.kind in "OUT":
+        return {"dtype": "S1"}
+    encoding: dict[str, object] = {"dtype": entry.dtype}
+    if entry.dtype.startswith("datetime64"):
+        encoding["dtype"] = "i8"
+    elif entry.dtype.startswith("f"):
+        fill = np.dtype(entry.dtype).type(np.nan)
+        # coordinate variables have a value everywhere (CF-1.11, section 2.5.1)
+        encoding["_FillValue"] = None if variable.dims == (variable.name,) else fill
+    sizes = variable.sizes
     if sizes and math.prod(sizes.values()) > 1:
-        packing = {"zlib": True, "complevel": 1, "shuffle": True}
+        encoding |= {"zlib": True, "complevel": 1, "shuffle": True}
         if "report" in sizes:
-            packing["chunksizes"] = tuple(
+            encoding["chunksizes"] = tuple(
                 min(size, REPORTS_A_CHUNK) if name == "report" else 1
                 for name, size in sizes.items()
             )
-    fill = np.dtype(entry.dtype).type(np.nan) if entry.dtype.startswith("f") else None
-    return Storage("i8" if time else entry.dtype, packing, fill)
+    return encoding

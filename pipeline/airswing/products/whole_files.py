@@ -1,26 +1,80 @@
-"""Files of any kind written whole or not at all, text and JSON among them.
+"""Files written whole or not at all, through a kill at any moment and through a loss of power.
 
-Assumes a disk that may be full or closed: that is told in words, and what stood there before stays
-(:mod:`airswing.products.atomic`).
+Assumes that the file system renames atomically within a folder, and that what it reports as flushed
+is on the disk. A file is written under another name, flushed and renamed; then its folder is
+flushed. Where the disk is full or not writable the earlier file stays.
 """
 
 from __future__ import annotations
 
 import contextlib
 import json
+import os
 import re
+import uuid
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
 
 from airswing.errors import InputError
-from airswing.products.atomic import replacing
+
+
+@contextlib.contextmanager
+def made_folder(folder: Path) -> Iterator[None]:
+    """Make a folder and those above it; take away what was made if the block fails."""
+    missing = [one for one in (folder, *folder.parents) if not one.exists()]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        yield
+    except BaseException:
+        for one in missing:
+            with contextlib.suppress(OSError):  # not empty: somebody else's by now
+                one.rmdir()
+        raise
+
+
+@contextlib.contextmanager
+def replacing(path: Path, *, lasting: bool = True) -> Iterator[Path]:
+    """Give a temporary name to write to, and rename it to ``path`` when the block ends well.
+
+    Parameters
+    ----------
+    path : Path
+        Of the finished file; its folder is made when absent.
+    lasting : bool, default True
+        Flush the folder too; else the file may be missing after a loss of power.
+    """
+    path = Path(path)
+    # In the same folder, since a rename is atomic within one file system only; hidden, so that no
+    # pattern of products matches it.
+    temporary = path.with_name(f".{path.name}.{os.getpid()}-{uuid.uuid4().hex[:8]}.part")
+    with made_folder(path.parent):
+        try:
+            yield temporary
+            # Before the rename: a name that outlives the power must not stand for
+            # unwritten bytes.
+            _flush(temporary)
+            os.replace(temporary, path)
+            if lasting:
+                with contextlib.suppress(OSError):  # some systems cannot flush a folder
+                    _flush(path.parent)
+        finally:
+            with contextlib.suppress(OSError):
+                temporary.unlink(missing_ok=True)
+
+
+def _flush(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
 @contextlib.contextmanager
 def atomic(path: Path) -> Iterator[Path]:
-    """As `airswing.products.atomic.replacing`, with what cannot be written told in words.
+    """As :func:`replacing`; a file that cannot be written is an `InputError`.
 
     Raises
     ------
@@ -31,14 +85,14 @@ def atomic(path: Path) -> Iterator[Path]:
         with replacing(path) as temporary:
             yield temporary
     except (OSError, RuntimeError) as err:
-        # The NetCDF and HDF5 libraries tell a full disk as a RuntimeError of their own.
-        told = re.search(r"error message = '([^']*)'", str(err))
-        if isinstance(err, RuntimeError) and "NetCDF" not in str(err) and told is None:
+        # The NetCDF and HDF5 libraries report a full disk as a RuntimeError of their own.
+        message = re.search(r"error message = '([^']*)'", str(err))
+        if isinstance(err, RuntimeError) and "NetCDF" not in str(err) and message is None:
             raise
         raise InputError(
             "cannot write the product; nothing was changed",
             file=path,
-            found=told[1] if told else getattr(err, "strerror", None) or err,
+            found=message[1] if message else getattr(err, "strerror", None) or err,
             remedy="Free space or choose another folder with --output",
         ) from err
 

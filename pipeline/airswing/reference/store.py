@@ -3,7 +3,7 @@
 One file a model time, named by a hash of everything its values depend on: the
 identity of the files read, the messages, the reports and the code. Files are
 written whole under another name, flushed to the disk and renamed
-(`airswing.products.atomic`); one that is cut short all the same is said and made again.
+(`airswing.products.whole_files`); one that is cut short all the same is said and made again.
 Each ends with its checksum: one damaged in keeping is said and made again, too. Samples with
 unreadable messages are not kept. A sample that is used again is
 marked as of now, so that those no run uses any more can be told.
@@ -25,8 +25,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
-from airswing.products.atomic import replacing
 from airswing.products.checked import SEAL, digest
+from airswing.products.whole_files import replacing
 from airswing.reference import sampling
 from airswing.reference.geometry import grids, interpolation, winds
 from airswing.reference.geometry.model_time import ModelTime, Sample

@@ -108,13 +108,10 @@ def _product(path: Path) -> dict[str, object] | None:
     """Summary of a product of ours, or None for another NetCDF file."""
     import xarray as xr
 
-    from airswing.products.classic_netcdf import require_whole
-    from airswing.products.netcdf import DAMAGE
-    from airswing.products.openable import require_openable
+    from airswing.products.damaged_netcdf import DAMAGE, require_sound
 
     try:
-        require_whole(path)
-        require_openable(path)
+        require_sound(path)
         opened = xr.open_dataset(path, engine="netcdf4", decode_timedelta=False)
     except DAMAGE as err:
         raise InputError("not a whole NetCDF file", file=path, found=err) from err

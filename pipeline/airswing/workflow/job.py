@@ -9,6 +9,7 @@ import xarray as xr
 
 from airswing.config import Config
 from airswing.errors import InputError
+from airswing.products.monthly import COVERAGE
 from airswing.products.netcdf import open_product, product_path, write_product
 from airswing.products.whole_files import require_writable
 from airswing.report.run.reading_warnings import tally
@@ -55,8 +56,10 @@ class Job:
             Products it is made from.
         """
         require_writable(self.output)
+        covered = sources[0].attrs if sources else {}
+        coverage = {key: covered[key] for key in COVERAGE if key in covered}
         write_product(
-            ds,
+            ds.assign_attrs(coverage),
             self.output / name,
             title=title,
             config_json=self.config.model_dump_json(),

@@ -20,6 +20,7 @@ Assumptions
 from __future__ import annotations
 
 import json
+import os
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -31,7 +32,7 @@ import pandas as pd
 import xarray as xr
 
 from airswing.errors import InputError
-from airswing.products.fingerprint import code_digest, fingerprint
+from airswing.products.fingerprint import code_digest, file_identities, fingerprint
 from airswing.products.monthly import FLIGHTS, month_bounds
 from airswing.products.netcdf import as_stored, open_product, read_product
 from airswing.products.ragged import blocks, joined
@@ -356,8 +357,12 @@ def _files_between(model: Catalogue, start: np.datetime64, stop: np.datetime64) 
     time = np.repeat(model.valid, np.diff(model.bounds))
     inside = (time >= first) & (time <= last)
     numbers = np.unique(np.concatenate([model.u["file"][inside], model.v["file"][inside]]))
-    files = (model.files[int(number)] for number in numbers)
-    return sorted(f"{one.path}|{one.size}|{one.mtime_ns}" for one in files)
+    return sorted(
+        "|".join(map(str, file_identities([file.path])[0]))  # a Zarr store: of all its files
+        if os.path.isdir(file.path)
+        else f"{file.path}|{file.size}|{file.mtime_ns}"
+        for file in (model.files[int(number)] for number in numbers)
+    )
 
 
 def _require_overlap(job: Job, archive: ReportArchive, models: Mapping[str, Catalogue]) -> None:

@@ -27,9 +27,8 @@ import xarray as xr
 
 from airswing.errors import InputError
 from airswing.model_formats import model_formats
-from airswing.products.classic_netcdf import require_whole
+from airswing.products.damaged_netcdf import require_sound
 from airswing.products.fingerprint import ZARR_MARKS
-from airswing.products.openable import require_openable
 from airswing.reference.geometry.model_time import SourceFile
 from airswing.reference.gridded.cfgrib_parts import cfgrib_parts
 
@@ -129,8 +128,7 @@ def _open(path: str, engine: str) -> xr.Dataset:
 
 
 def _open_netcdf(path: str, engine: str) -> xr.Dataset:
-    require_whole(Path(path))
-    require_openable(Path(path))
+    require_sound(Path(path))
     return xr.open_dataset(
         path,
         engine="netcdf4",

@@ -39,8 +39,7 @@ from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.flags import PLATFORM, TEMPERATURE_QC
-from airswing.products.classic_netcdf import require_whole
-from airswing.products.openable import require_openable
+from airswing.products.damaged_netcdf import require_sound
 from airswing.reports.audit import Audit
 from airswing.reports.columns import ONLY, Mapped
 from airswing.reports.formats import (
@@ -105,8 +104,7 @@ def open_netcdf(path: Path) -> Iterator[netCDF4.Dataset]:
     Values are not masked. Errors of the library become an InputError.
     """
     try:
-        require_whole(path)
-        require_openable(path)
+        require_sound(path)
         if compression_of(path) is None:
             file = netCDF4.Dataset(path)
         else:

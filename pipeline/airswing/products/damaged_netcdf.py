@@ -1,13 +1,18 @@
-"""The header of a classic NetCDF file held against the file's size, before anything is read.
+"""Refuses damaged NetCDF files before their library reads them.
 
-The library believes a header: one wrong octet in the count of records, and it gives millions of
-records that are not there, as zeros.
+The NetCDF library believes the header of a classic file: a wrong count of records gives records
+that are not there, as zeros. The HDF5 library follows whatever the bytes of a damaged NetCDF-4 file
+say: it may never end, or end the process; such files are opened in a worker process first
+(:mod:`airswing.guarded`).
 
 Assumptions and validity
 ------------------------
-* NetCDF classic, 64-bit offset and 64-bit data (CDF-1, 2 and 5), laid out as the NetCDF Classic
-  Format Specification has it (Unidata, file format specifications, 2024).
-* A last record may lack its padding of up to three octets, as some programs write it.
+* NetCDF classic, 64-bit offset and 64-bit data (CDF-1, 2 and 5), laid out as in the NetCDF Classic
+  Format Specification (Unidata, file format specifications, 2024).
+* A last record may lack its padding of up to three bytes, as some programs write it.
+* A NetCDF-4 file that the worker process has described without fault can be opened here. A file
+  this process wrote, and has not been changed since, is sound.
+* Data are not read: each packed chunk carries a checksum that the HDF5 library checks.
 """
 
 from __future__ import annotations
@@ -19,15 +24,28 @@ from pathlib import Path
 from typing import BinaryIO
 
 from airswing.errors import InputError
+from airswing.guarded import WorkerEndedError, guarded
 
-# Octets of a value by type.
+DAMAGE = (
+    ArithmeticError,
+    AttributeError,
+    LookupError,
+    OSError,
+    RuntimeError,
+    TypeError,
+    ValueError,
+)
+"""What the libraries raise on a file whose bytes contradict each other."""
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+_SOUND: set[tuple[str, int, int]] = set()
+# Bytes of a value by type.
 _SIZES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 4, 6: 8, 7: 1, 8: 2, 9: 4, 10: 8, 11: 8}
 # Tags of the header's three lists (NetCDF classic format specification).
 _DIMENSION, _VARIABLE, _ATTRIBUTE = 10, 11, 12
 _MOST = 100_000  # Entries of a list; no file has as many
-# Octets: the last variable may stand without its padding to a multiple of four.
+# Bytes: the last variable may lack its padding to a multiple of four.
 _PADDING = 3
-# Number of records of a file whose writer did not come to say it.
+# Number of records where the writer did not state it.
 _STREAMING = (0xFFFFFFFF, 0xFFFFFFFFFFFFFFFF)
 
 
@@ -35,18 +53,67 @@ class _ShortError(Exception):
     """The header does not hold what it says."""
 
 
-def require_whole(path: Path) -> None:
-    """Refuse a classic NetCDF file whose header says more than the file holds; pass other kinds.
+def require_sound(path: Path) -> None:
+    """Refuse a damaged NetCDF file; files of other kinds pass.
+
+    Parameters
+    ----------
+    path : Path
 
     Raises
     ------
     InputError
-        Naming octets by the header and octets there.
+        Saying what is damaged.
     """
+    with path.open("rb") as file:
+        start = file.read(len(_HDF5))
+    if start.startswith(b"CDF"):
+        _require_whole(path)
+    elif start == _HDF5 and _identity(path) not in _SOUND:
+        try:
+            wrong = guarded(_described, str(path.absolute()))
+        except WorkerEndedError:
+            wrong = "opening it ends the process, or does not end"
+        if wrong:
+            raise InputError("cannot be opened: a damaged NetCDF file", file=path, found=wrong)
+        _SOUND.add(_identity(path))
+
+
+def written_here(path: Path) -> None:
+    """Note that this process has written a file, whole."""
+    _SOUND.add(_identity(path))
+
+
+def _identity(path: Path) -> tuple[str, int, int]:
+    status = path.stat()
+    return str(path.absolute()), status.st_size, status.st_mtime_ns
+
+
+def _described(path: str) -> str:
+    """Open a NetCDF-4 file and look at every description in it; what is wrong, or nothing."""
+    import netCDF4
+
+    try:
+        with netCDF4.Dataset(path) as file:
+            groups = [file]
+            for group in groups:
+                groups += group.groups.values()
+                for name in group.ncattrs():
+                    group.getncattr(name)
+                for variable in group.variables.values():
+                    _ = (variable.shape, variable.dtype, variable.chunking(), variable.filters())
+                    for name in variable.ncattrs():
+                        variable.getncattr(name)
+    except DAMAGE as error:
+        return f"{type(error).__name__}: {error}"[:300]
+    return ""
+
+
+def _require_whole(path: Path) -> None:
+    """Refuse a classic file whose header describes more than the file holds."""
     size = os.stat(path).st_size
     with path.open("rb") as file:
-        if file.read(3) != b"CDF":
-            return
+        file.seek(3)
         try:
             needed, records = _extent(_Header(file))
         except (_ShortError, struct.error) as error:
@@ -57,8 +124,8 @@ def require_whole(path: Path) -> None:
             ) from error
     if needed > size + _PADDING:
         raise InputError(
-            "cannot be opened: damaged, "
-            f"{needed:,} octets by its header, of which {size:,} are there",
+            f"cannot be opened: damaged, {needed:,} bytes by its header, of which {size:,} are "
+            "there",
             file=path,
             found=f"{records:,} records",
         )
@@ -69,36 +136,36 @@ class _Header:
 
     def __init__(self, file: BinaryIO) -> None:
         self._file = file
-        self.version = self._octets(1)[0]
+        self.version = self._read(1)[0]
         # classic, 64-bit offset, and CDF-5
         if self.version not in (1, 2, 5):
             raise _ShortError(f"format {self.version}")
 
-    def _octets(self, count: int) -> bytes:
+    def _read(self, count: int) -> bytes:
         found = self._file.read(count)
         if len(found) < count:
             raise _ShortError("it ends in its header")
         return found
 
     def word(self) -> int:
-        return int(struct.unpack(">I", self._octets(4))[0])
+        return int(struct.unpack(">I", self._read(4))[0])
 
     def count(self) -> int:
-        """A count or a length: of eight octets from CDF-5 on."""
+        """A count or a length: of eight bytes from CDF-5 on."""
         return self._double() if self.version == 5 else self.word()
 
     def offset(self) -> int:
-        """Place in the file: of eight octets from CDF-2 on."""
+        """Place in the file: of eight bytes from CDF-2 on."""
         return self._double() if self.version != 1 else self.word()
 
     def _double(self) -> int:
-        return int(struct.unpack(">Q", self._octets(8))[0])
+        return int(struct.unpack(">Q", self._read(8))[0])
 
-    def skip(self, octets: int) -> None:
-        """Pass over a name or values, with their padding to four octets."""
-        if octets > _MOST * 100:
-            raise _ShortError(f"a text of {octets:,} octets")
-        self._octets(octets + -octets % 4)
+    def skip(self, length: int) -> None:
+        """Pass over a name or values, with their padding to four bytes."""
+        if length > _MOST * 100:
+            raise _ShortError(f"a text of {length:,} bytes")
+        self._read(length + -length % 4)
 
     def entries(self, tag: int) -> int:
         """How many entries a list has."""
