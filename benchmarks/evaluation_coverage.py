@@ -31,10 +31,10 @@ from tests.evaluation.archives import (
 )
 from tests.evaluation.fleets import START, simulate_fleet
 
-from airswing.evaluation.backtest.virtual_field_test import virtual_field_test
+from airswing.evaluation.comparison import compare
 from airswing.evaluation.field_test import field_test
-from airswing.evaluation.permutation import permutation_test
-from airswing.evaluation.reference_comparison.sensitivity import compare
+from airswing.evaluation.held_out import virtual_field_test
+from airswing.evaluation.resampling import permutation_test
 
 
 def told(name: str, hits: int, tries: int, low: float, high: float) -> bool:

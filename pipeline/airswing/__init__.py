@@ -26,10 +26,10 @@ if TYPE_CHECKING:  # for editors and mypy; at run time each is imported on first
     from airswing.compass.screening import screen as screen
     from airswing.compass.table import add_tables as add_tables
     from airswing.config_file import load_config as load_config
+    from airswing.evaluation.comparison import compare as compare
     from airswing.evaluation.error_profiles import error_profiles as error_profiles
     from airswing.evaluation.field_test import field_test as field_test
     from airswing.evaluation.innovations import innovation_statistics as innovation_statistics
-    from airswing.evaluation.reference_comparison.sensitivity import compare as compare
     from airswing.evaluation.report_errors.observation_errors import (
         observation_errors as observation_errors,
     )
@@ -66,7 +66,7 @@ _STAGES = {
     "error_profiles": "airswing.evaluation.error_profiles",
     "field_test": "airswing.evaluation.field_test",
     "innovation_statistics": "airswing.evaluation.innovations",
-    "compare": "airswing.evaluation.reference_comparison.sensitivity",
+    "compare": "airswing.evaluation.comparison",
     "simulate_reports": "airswing.gap.simulation.report_table",
     "Frame": "airswing.gap.archive.frame",
     "diagnose": "airswing.report.gap.in_notebook",

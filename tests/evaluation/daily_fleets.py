@@ -70,6 +70,8 @@ def daily_sums(world: World, *, aircraft: int, days: int, seed: int, change=None
     found = []
     for day in range(days):
         of = np.flatnonzero(rng.random(aircraft) >= w.days_off)
+        if not of.size:
+            continue
         season = 1.0 + w.season * np.cos(2 * np.pi * day / 365.0)
         scale = (size[of] * season)[:, np.newaxis]
         shape = (of.size, w.flights)

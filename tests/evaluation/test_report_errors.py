@@ -7,13 +7,12 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from airswing.evaluation.day_blocks import block_weights, interval, widened
-from airswing.evaluation.day_sums import day_weights
 from airswing.evaluation.report_errors.disagreements import disagreements
 from airswing.evaluation.report_errors.neighbours import REACH, half_squares, neighbouring_pairs
 from airswing.evaluation.report_errors.observation_errors import observation_errors
 from airswing.evaluation.report_errors.reported_winds import added_variance
 from airswing.evaluation.report_errors.used_errors import used_error
+from airswing.evaluation.resampling import day_weights, interval, widened
 from airswing.products.netcdf import read_product, write_product
 from airswing.report.html.embed import Figures
 from airswing.report.run.evaluation import (
@@ -49,12 +48,12 @@ def test_neighbours_by_hand():
 def test_blocks_keep_what_lasts():
     rng = np.random.default_rng(1)
     lasting = np.repeat(rng.normal(size=200), 6)
-    weights = block_weights(1200, draws=2000, seed=0)
+    weights = day_weights(1200, draws=2000, seed=0)
     assert weights.mean() == pytest.approx(1.0, abs=0.01)
     # Blocks of 11 days see most of what six successive days share; single days see none.
     true = lasting.reshape(-1, 6).mean(axis=1).std() / np.sqrt(200)
     drawn = (weights @ lasting / 1200).std()
-    alone = (day_weights(np.random.default_rng(0), 2000, 1200) @ lasting / 1200).std()
+    alone = (day_weights(1200, draws=2000, seed=0, length=1) @ lasting / 1200).std()
     assert 0.8 * true < drawn < 1.05 * true
     assert alone < 0.5 * true
 
@@ -289,7 +288,7 @@ def test_a_model_error_that_lasts_is_in_the_interval_of_reported_winds():
             aircraft_number=number.sum(axis=1)[:, None],
             crossed_alone=np.stack([[part.sum()] * 2 for part in (crossed**2, crossed, number)]),
         )
-        weights = np.vstack([np.ones(40), block_weights(40, draws=400, seed=0)])
+        weights = np.vstack([np.ones(40), day_weights(40, draws=400, seed=0)])
         draws = added_variance(found, weights, seed=0)[:, 0]
         true = 0.5 * (change**2).mean()
         low, high = interval(widened(draws, 40)[1:])

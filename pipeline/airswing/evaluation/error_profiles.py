@@ -13,8 +13,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from airswing.evaluation.clustered_mean import SUMS, cluster_sums, clustered_mean
 from airswing.evaluation.disagreement import reference_mean
+from airswing.evaluation.resampling import SUMS, cluster_sums, clustered_mean
 from airswing.flags import PHASE, SCREENING
 from airswing.products.ragged import aircraft_of_report, blocks
 

@@ -1,14 +1,17 @@
-"""The field test: what the corrected aircraft gained beyond what the model did to everyone.
+"""The field test: reduction of the corrected group's disagreement beyond that of the controls.
 
-Assumes the corrected aircraft reported corrected winds from ``start`` on and the controls never
-did, so that the controls' change is the model's. The measure is the mean magnitude of the wind
-vector disagreement (Jacobs et al. 2010, Table 1). Its change is taken linearly, as the seed
-does, and in quadrature, because independent errors add in quadrature. Days are the units of the
-bootstrap: every flight of a day shares the model's error. Aircraft are usually chosen for bad
-winds, so the permutation test regresses the level during the test on the level before it:
-conditional on what the choice was made from, group labels are exchangeable without an effect.
-Where the groups hardly overlap before the test that conditioning costs most of the power; the
-plain permutation of labels, right only for a choice that ignored the level, stands beside it.
+Assumes that the corrected aircraft reported corrected winds from ``start`` on and the controls
+never did, so that the controls' change is the model's. The measure is the mean magnitude of the
+wind vector disagreement (Jacobs et al. 2010, Table 1). Its change is taken linearly, as there, and
+in quadrature, because independent errors add in quadrature. Days are the units of the bootstrap:
+all flights of a day share the model's error.
+
+Aircraft are usually chosen for bad winds, so that some of the reduction is regression to the mean.
+The permutation test therefore regresses the level during the test on the level before it: given
+that level, from which the choice was made, group labels are exchangeable without an effect. Where
+the groups hardly overlap before the test this costs most of the power; the permutation without that
+condition is right only for a choice that ignored the level. The same choice is also made within the
+window before the test, where nothing was corrected. Knots, unless a name says otherwise.
 """
 
 from __future__ import annotations
@@ -16,49 +19,25 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import date
-from typing import NotRequired, TypedDict, TypeVar, Unpack
+from typing import TypeVar
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
-from airswing.evaluation.day_sums import (
-    GROUPS,
-    WINDOWS,
-    DayPart,
-    DaySums,
-    Floats,
-    bootstrap,
-    interval_95,
-)
-from airswing.evaluation.disagreement import (
-    disagreement_sums,
-    measures_of,
-    reference_mean,
-    vector_difference,
-)
+from airswing.evaluation.disagreement import disagreement_sums, measures_of, reference_mean
+from airswing.evaluation.resampling import Floats, day_weights, interval, permutation_test
 from airswing.evaluation.results import Content
-from airswing.evaluation.robustness import scrutinise
 from airswing.flags import ROLL, SCREENING, TEMPERATURE_QC
 from airswing.products.findings import findings
 from airswing.products.ragged import aircraft_of_report, blocks, time_span
 from airswing.units import KNOT
 
-_COLUMNS = (
-    "time",
-    "screening",
-    "roll_flag",
-    "temperature_qc",
-    "heading",
-    "eastward_wind",
-    "northward_wind",
-    "reference_eastward_wind",
-    "reference_northward_wind",
-)
+GROUPS, WINDOWS = ("controls", "corrected"), ("before", "during")
+_WINDS = ("eastward_wind", "northward_wind", "reference_eastward_wind", "reference_northward_wind")
 _NEVER = ("no_ground_vector", "no_reference", "missing_wind", "wind_qc", "gross_error")
-
-
+_MOST_NULL_EFFECTS = 500  # enough for the histogram of the page
 _Numbers = TypeVar("_Numbers", float, Floats)
 
 
@@ -68,7 +47,7 @@ def adjusted_reductions(
     controls_before: _Numbers,
     controls_during: _Numbers,
 ) -> tuple[_Numbers, _Numbers]:
-    """Reduction of the corrected group beyond the controls', linearly and in quadrature.
+    """Reduction of the corrected group beyond that of the controls, linearly and in quadrature.
 
     Parameters
     ----------
@@ -78,9 +57,9 @@ def adjusted_reductions(
     Returns
     -------
     linear, quadrature : float or array
-        The seed's difference of differences, and the distance below
+        The difference of differences, and the distance below
         ``sqrt(corrected_before**2 + controls_during**2 - controls_before**2)``, the level the
-        corrected group would have reached untreated when errors add in quadrature.
+        corrected group would have had untreated when errors add in quadrature.
     """
     linear = (corrected_before - corrected_during) - (controls_before - controls_during)
     untreated = np.sqrt(
@@ -89,22 +68,56 @@ def adjusted_reductions(
     return linear, untreated - corrected_during
 
 
-class FieldTest(TypedDict):
-    """What a field test is."""
+@dataclass(frozen=True)
+class DaySums:
+    """Reports and summed disagreement by aircraft and day."""
 
-    # start, before_start, end: the test runs from ``start`` to ``end`` (default: the archive's
-    # end), the window before it from ``before_start`` to ``start``
-    start: date
-    before_start: date
-    # corrected, controls: aircraft of each group
-    corrected: list[str]
-    controls: list[str]
-    end: NotRequired[date | None]
-    # roll, temperature_qc: ``require_good`` / ``require_pass`` (the seed's rule, the default; a
-    # flag that no report of the archive carries cannot be required and is named in ``notes``), or
-    # ``ignore``
-    roll: NotRequired[str]
-    temperature_qc: NotRequired[str]
+    count: Floats  # (aircraft, day)
+    total: Floats  # (aircraft, day): kt
+    corrected: NDArray[np.bool_]  # (aircraft,)
+    during: NDArray[np.bool_]  # (day,): whether the day is of the test
+
+    def means(self, weights: Floats) -> Floats:
+        """Mean disagreement of groups and windows with days weighted.
+
+        Parameters
+        ----------
+        weights : array, shape (draw, day)
+
+        Returns
+        -------
+        array, shape (draw, group, window)
+            In the order of `GROUPS` and `WINDOWS`; NaN without a report.
+        """
+        found = np.empty((len(weights), 2, 2))
+        for i, members in enumerate((~self.corrected, self.corrected)):
+            for j, days in enumerate((~self.during, self.during)):
+                count, total = (
+                    weights[:, days] @ part[members][:, days].sum(0)
+                    for part in (self.count, self.total)
+                )
+                with np.errstate(invalid="ignore"):
+                    found[:, i, j] = np.where(count > 0, total / np.maximum(count, 1e-9), np.nan)
+        return found
+
+    def levels(self) -> tuple[Floats, Floats]:
+        """Mean disagreement of each aircraft before and during the test; NaN without a report."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            before, during = (
+                self.total[:, days].sum(1) / self.count[:, days].sum(1)
+                for days in (~self.during, self.during)
+            )
+        return before, during
+
+    def bootstrap(self, *, draws: int, seed: int) -> Floats:
+        """Draw the means again, whole days within each window: (draw, group, window)."""
+        weights = np.ones((draws, self.during.size))
+        for k, days in enumerate((~self.during, self.during)):
+            # days are independent units
+            weights[:, days] = day_weights(
+                int(days.sum()), draws=draws, seed=seed + 7919 * k, length=1
+            )
+        return self.means(weights)
 
 
 def field_test(
@@ -112,9 +125,15 @@ def field_test(
     *,
     pools: Mapping[str, list[str]],
     reference: str,
+    start: date,
+    before_start: date,
+    corrected: list[str],
+    controls: list[str],
+    end: date | None = None,
+    roll: str = "require_good",
+    temperature_qc: str = "require_pass",
     draws: int = 2000,
     seed: int = 0,
-    **test: Unpack[FieldTest],
 ) -> Content:
     """Compute the field test of two groups of aircraft.
 
@@ -125,160 +144,233 @@ def field_test(
     pools : mapping of str to list of str
         Members of each reference and pool.
     reference : str
-        Key of ``pools`` the headline is measured against.
+        Key of ``pools`` of the main result.
+    start, before_start : date
+        First day of the test, and of the window before it.
+    corrected, controls : list of str
+        Aircraft of each group.
+    end : date, optional
+        Day after the test; the end of the archive by default.
+    roll, temperature_qc : str
+        ``require_good`` / ``require_pass`` (the rule of Jacobs et al. 2010; a flag that no report
+        of the archive has cannot be required and is named in ``notes``), ``reject_...`` or
+        ``ignore``.
     draws : int, default 2000
         Bootstrap and permutation draws.
     seed : int, default 0
-    **test
-        Dates, groups and rules, as in :class:`FieldTest`.
 
     Returns
     -------
-    FieldTestFound
-        A dict with the content of ``field_test.json``, but for what was expected of the test;
-        disagreements in knots.
+    dict
+        Content of ``field_test.json`` but for the expected reduction: ``groups`` (each with
+        ``aircraft``, ``before_kt``, ``during_kt``, ``reduction_kt``, their ``*_ci_kt`` and
+        ``reports_before``, ``reports_during``), ``adjusted_reduction_kt`` and
+        ``adjusted_reduction_quadrature_kt`` with ``*_ci_kt``, ``days_before``, ``days_during``;
+        the same ``by_reference``; ``permutation``, ``regression_to_the_mean``,
+        ``matched_controls``, ``by_aircraft``; ``components`` (m/s) by group and window; the dates,
+        and ``notes``.
 
     Raises
     ------
     InputError
-        If a group names an unknown aircraft or a window holds no report of a group.
+        If a group names an unknown aircraft or a window has no report of a group.
     """
-    corrected, controls, end = test["corrected"], test["controls"], test.get("end")
-    _require_known(headings, corrected, controls)
-    required, notes = _rules(
-        headings,
-        roll=test.get("roll", "require_good"),
-        temperature_qc=test.get("temperature_qc", "require_pass"),
-    )
-    window = _Window.of(headings, start=test["start"], before_start=test["before_start"], end=end)
     names = headings["aircraft"].to_numpy().astype(str)
-    member = np.isin(names, [*corrected, *controls])
-    days: dict[str, list[DayPart]] = {key: [] for key in pools}
-    measured: dict[tuple[str, str], list[Floats]] = {}
-    for block in blocks(headings, _COLUMNS):
-        number = window.number(block)
-        chosen = _eligible(block, required) & (number >= 0)
+    _require_groups(names, corrected, controls)
+    required, notes = _required_flags(headings, roll=roll, temperature_qc=temperature_qc)
+    low, high = (time.astype("datetime64[D]").astype(np.int64) for time in time_span(headings))
+    begin, switch = (int(np.datetime64(day).astype(np.int64)) for day in (before_start, start))
+    stop = int(high) + 1 if end is None else int(np.datetime64(end).astype(np.int64))
+    days = np.arange(max(int(low), begin), min(int(high), stop) + 1)
+    member = np.where(np.isin(names, corrected), 1, np.where(np.isin(names, controls), 0, -1))
+    sums = {key: np.zeros((2, names.size, days.size)) for key in pools}
+    components = np.zeros((11, 4))
+    first = 0
+    for block in blocks(headings, [*_WINDS, "time", "screening", "heading", *dict(required)]):
+        aircraft = aircraft_of_report(block) + first
+        first += block.sizes["aircraft"]
+        day = block["time"].to_numpy().astype("datetime64[D]").astype(np.int64)
+        chosen = (member[aircraft] >= 0) & (day >= begin) & (day < stop)
+        chosen &= (block["screening"].to_numpy() & sum(SCREENING[name] for name in _NEVER)) == 0
+        for name, (code, wanted) in required:
+            chosen &= (block[name].to_numpy() == code) == wanted
+        u, v = (block[name].to_numpy()[chosen] for name in _WINDS[:2])
+        place = aircraft[chosen] * days.size + day[chosen] - max(int(low), begin)
         for key, members in pools.items():
-            difference = _difference(block, members)
-            days[key].append(
-                DayPart.of(block, difference, chosen & np.isfinite(difference), number)
-            )
-        groups = {"controls": controls, "corrected": corrected}
-        for cell, part in _measures(block, pools[reference], chosen, number, groups).items():
-            measured.setdefault(cell, []).append(part)
-    treated = np.isin(names[member], corrected)
-    sums = {key: DaySums.of(days[key], member, treated) for key in pools}
-    by_reference = {key: _headline(own, draws=draws, seed=seed) for key, own in sums.items()}
-    result: Content = {
-        "reference": reference,
-        "start": str(test["start"]),
-        "before_start": str(test["before_start"]),
-        "end": str(end) if end else None,
-        "notes": notes,
-        **by_reference[reference],
-        **scrutinise(sums[reference], names[member], draws=draws, seed=seed),
-        "components": _components(measured),
-        "by_reference": by_reference,
-    }
-    return findings(result)
+            model = reference_mean(block, members)
+            model_u, model_v = (model[name].to_numpy()[chosen] for name in _WINDS[2:])
+            difference = np.hypot(u - model_u, v - model_v) / KNOT
+            good = np.isfinite(difference)
+            for table, values in zip(sums[key], (good * 1.0, difference), strict=True):
+                table.ravel()[:] += np.bincount(place[good], values[good].astype(float), table.size)
+            if key == reference:
+                group = 2 * member[aircraft[chosen]] + (day[chosen] >= switch)
+                heading = np.radians(block["heading"].to_numpy()[chosen])
+                components += disagreement_sums(u, v, model_u, model_v, heading, group, 4)
+    by_reference = {}
+    for key, (count, total) in sums.items():
+        rows, seen = member >= 0, count[member >= 0].any(axis=0)
+        day_sums = DaySums(
+            count[rows][:, seen], total[rows][:, seen], member[rows] == 1, days[seen] >= switch
+        )
+        by_reference[key] = _reductions(day_sums, draws=draws, seed=seed)
+        if key == reference:
+            judged = _judged(day_sums, names[rows], draws=draws, seed=seed)
+    return findings(
+        {
+            "reference": reference,
+            "start": str(start),
+            "before_start": str(before_start),
+            "end": str(end) if end else None,
+            "notes": notes,
+            **by_reference[reference],
+            **judged,
+            "components": {
+                group: {
+                    window: measures_of(components[:, 2 * i + j])
+                    for j, window in enumerate(WINDOWS)
+                }
+                for i, group in enumerate(GROUPS)
+            },
+            "by_reference": by_reference,
+        }
+    )
 
 
-def _headline(sums: DaySums, *, draws: int, seed: int) -> Content:
+def _reductions(sums: DaySums, *, draws: int, seed: int) -> Content:
     """Groups, reductions and their intervals."""
-    means = sums.means()
-    empty = [key for key, value in means.items() if not np.isfinite(value)]
-    if empty:
+    means = sums.means(np.ones((1, sums.during.size)))[0]
+    if not np.isfinite(means).all():
+        group, window = np.argwhere(~np.isfinite(means))[0]
         raise InputError(
             "the field test has no usable report",
             field="field_test",
-            found=f"group {empty[0][0]}, window {empty[0][1]}",
+            found=f"group {GROUPS[group]}, window {WINDOWS[window]}",
             remedy="Check the dates and the groups, or relax field_test.roll and temperature_qc",
         )
-    linear, quadrature = adjusted_reductions(*_four(means))
-    drawn = bootstrap(sums, draws=draws, seed=seed)
-    groups: dict[str, Content] = {}
-    for index, group in enumerate(GROUPS):
-        chosen = sums.corrected if group == "corrected" else ~sums.corrected
-        groups[group] = {
-            "aircraft": int(chosen.sum()),
-            "before_kt": means[group, "before"],
-            "during_kt": means[group, "during"],
-            "reduction_kt": means[group, "before"] - means[group, "during"],
-            "reduction_ci_kt": interval_95(drawn[:, index, 0] - drawn[:, index, 1]),
-            "before_ci_kt": interval_95(drawn[:, index, 0]),
-            "during_ci_kt": interval_95(drawn[:, index, 1]),
-            "reports_before": int(sums.count[chosen][:, ~sums.during].sum()),
-            "reports_during": int(sums.count[chosen][:, sums.during].sum()),
-        }
+    drawn = sums.bootstrap(draws=draws, seed=seed)
+    groups = {}
+    for i, (group, members) in enumerate(
+        zip(GROUPS, (~sums.corrected, sums.corrected), strict=True)
+    ):
+        entry: Content = {"aircraft": int(members.sum())}
+        for j, window in enumerate(WINDOWS):
+            here = sums.during == bool(j)
+            entry[f"{window}_kt"] = float(means[i, j])
+            entry[f"{window}_ci_kt"] = interval(drawn[:, i, j]).tolist()
+            entry[f"reports_{window}"] = int(sums.count[members][:, here].sum())
+        entry["reduction_kt"] = float(means[i, 0] - means[i, 1])
+        entry["reduction_ci_kt"] = interval(drawn[:, i, 0] - drawn[:, i, 1]).tolist()
+        groups[group] = entry
+    four = (means[1, 0], means[1, 1], means[0, 0], means[0, 1])
+    linear, quadrature = adjusted_reductions(*map(float, four))
     spread = adjusted_reductions(drawn[:, 1, 0], drawn[:, 1, 1], drawn[:, 0, 0], drawn[:, 0, 1])
     return {
         "groups": groups,
-        "adjusted_reduction_kt": linear,
-        "adjusted_reduction_ci_kt": interval_95(spread[0]),
-        "adjusted_reduction_quadrature_kt": quadrature,
-        "adjusted_reduction_quadrature_ci_kt": interval_95(spread[1]),
+        "adjusted_reduction_kt": float(linear),
+        "adjusted_reduction_ci_kt": interval(spread[0]).tolist(),
+        "adjusted_reduction_quadrature_kt": float(quadrature),
+        "adjusted_reduction_quadrature_ci_kt": interval(spread[1]).tolist(),
         "days_before": int((~sums.during).sum()),
         "days_during": int(sums.during.sum()),
     }
 
 
-def _four(means: Mapping[tuple[str, str], float]) -> tuple[float, float, float, float]:
-    return (
-        means["corrected", "before"],
-        means["corrected", "during"],
-        means["controls", "before"],
-        means["controls", "during"],
+def _judged(sums: DaySums, names: NDArray[np.str_], *, draws: int, seed: int) -> Content:
+    """Permutation test, regression to the mean, matched controls, and the aircraft."""
+    before, during = sums.levels()
+    good = np.isfinite(before) & np.isfinite(during)
+    first, second, group = before[good], during[good], sums.corrected[good]
+    effect, p_value, null = permutation_test(
+        -second, group, covariate=first, draws=draws, seed=seed
     )
-
-
-def _measures(
-    headings: xr.Dataset,
-    members: list[str],
-    chosen: NDArray[np.bool_],
-    window: NDArray[np.int64],
-    groups: Mapping[str, list[str]],
-) -> dict[tuple[str, str], Floats]:
-    """Sums behind every measure, of each aircraft of a block, by group and window."""
-    winds = reference_mean(headings, members)
-    names = headings["aircraft"].to_numpy().astype(str)
-    row = aircraft_of_report(headings)
-    found = {}
-    for group, aircraft in groups.items():
-        own = np.isin(names, aircraft)
-        for index, name in enumerate(WINDOWS):
-            take = chosen & (window == index) & own[row]
-            found[group, name] = disagreement_sums(
-                headings["eastward_wind"].to_numpy()[take],
-                headings["northward_wind"].to_numpy()[take],
-                winds["reference_eastward_wind"].to_numpy()[take],
-                winds["reference_northward_wind"].to_numpy()[take],
-                np.radians(headings["heading"].to_numpy()[take]),
-                row[take],
-                names.size,
+    unconditional = permutation_test(first - second, group, draws=draws, seed=seed)
+    return {
+        "permutation": {
+            "effect_kt": effect,
+            "p_value": p_value,
+            "p_value_unconditional": unconditional[1],
+            "draws": draws,
+            "null_effects_kt": null[:_MOST_NULL_EFFECTS].tolist(),
+        },
+        "regression_to_the_mean": regression_to_the_mean(sums),
+        "matched_controls": matched_controls(first, second, group),
+        "by_aircraft": [
+            {
+                "aircraft": str(name),
+                "group": GROUPS[int(treated)],
+                "before_kt": float(level),
+                "during_kt": float(later),
+            }
+            for name, treated, level, later in zip(
+                names, sums.corrected, before, during, strict=True
             )
-    return found
+        ],
+    }
 
 
-def _components(
-    measured: Mapping[tuple[str, str], list[Floats]],
-) -> dict[str, dict[str, dict[str, float]]]:
-    """Every measure of disagreement by group and window, m/s."""
-    found: dict[str, dict[str, dict[str, float]]] = {}
-    for (group, name), sums in measured.items():
-        total = np.concatenate(sums, axis=1).sum(axis=1)
-        found.setdefault(group, {})[name] = measures_of(total)
-    return found
+def matched_controls(before: Floats, during: Floats, corrected: NDArray[np.bool_]) -> Content:
+    """Reduction of each corrected aircraft less that of the control nearest to it before the test.
+
+    Parameters
+    ----------
+    before, during : arrays of float, shape (aircraft,)
+        Mean disagreement, kt.
+    corrected : array of bool, shape (aircraft,)
+
+    Returns
+    -------
+    dict
+        ``adjusted_reduction_kt`` (None without a group) and ``mean_distance_kt`` between the
+        matched.
+    """
+    if corrected.all() or not corrected.any():
+        return {"adjusted_reduction_kt": None}
+    apart = np.abs(before[corrected][:, np.newaxis] - before[~corrected])
+    nearest = apart.argmin(axis=1)
+    change = before - during
+    return {
+        "adjusted_reduction_kt": float((change[corrected] - change[~corrected][nearest]).mean()),
+        "mean_distance_kt": float(apart.min(axis=1).mean()),
+    }
 
 
-def _require_known(headings: xr.Dataset, corrected: list[str], controls: list[str]) -> None:
-    known = set(headings["aircraft"].to_numpy().astype(str))
-    unknown = [name for name in [*corrected, *controls] if name not in known]
+def regression_to_the_mean(sums: DaySums) -> Content:
+    """Choose the worst aircraft in the first half of the window before, follow the second half.
+
+    Returns
+    -------
+    dict
+        ``spurious_reduction_kt``, of as many aircraft as were corrected, and the ``rule``; None
+        and ``why`` where there are too few.
+    """
+    days = np.flatnonzero(~sums.during)
+    half = np.zeros((2, sums.during.size), dtype=bool)
+    half[0, days[: days.size // 2]] = half[1, days[days.size // 2 :]] = True
+    with np.errstate(invalid="ignore", divide="ignore"):
+        early, late = (sums.total[:, one].sum(1) / sums.count[:, one].sum(1) for one in half)
+    good = np.isfinite(early) & np.isfinite(late)
+    number = int(sums.corrected.sum())
+    if good.sum() <= number:
+        return {"spurious_reduction_kt": None, "why": "too few days or aircraft before the test"}
+    worst = np.zeros(good.size, dtype=bool)
+    worst[np.flatnonzero(good)[np.argsort(-early[good])[:number]]] = True
+    change = early - late
+    return {
+        "spurious_reduction_kt": float(change[worst].mean() - change[good & ~worst].mean()),
+        "rule": f"the {number} aircraft with the largest disagreement in the first half of the "
+        "window before, followed through its second half, minus the others' change",
+    }
+
+
+def _require_groups(names: NDArray[np.str_], corrected: list[str], controls: list[str]) -> None:
+    unknown = [name for name in [*corrected, *controls] if name not in set(names)]
     if unknown:
         raise InputError(
             "a group names an aircraft the archive does not hold",
             field="field_test",
             found=", ".join(unknown[:5]),
-            remedy=f"Known aircraft: {', '.join(sorted(known)[:20])}",
+            remedy=f"Known aircraft: {', '.join(sorted(names)[:20])}",
         )
     both = sorted(set(corrected) & set(controls))
     if both or not corrected or not controls:
@@ -290,68 +382,21 @@ def _require_known(headings: xr.Dataset, corrected: list[str], controls: list[st
         )
 
 
-def _rules(
+def _required_flags(
     headings: xr.Dataset, *, roll: str, temperature_qc: str
-) -> tuple[list[tuple[str, int, bool]], list[str]]:
-    """Flags to ask for (name, code, whether it must or must not be), and what cannot be asked."""
+) -> tuple[list[tuple[str, tuple[int, bool]]], list[str]]:
+    """Flags with the code asked for and whether it must be or must not be; and notes."""
     rules, notes = [], []
-    for name, policy, codes, good in (
-        ("roll_flag", roll, ROLL, "good"),
-        ("temperature_qc", temperature_qc, TEMPERATURE_QC, "pass"),
+    for name, policy, codes, good, bad in (
+        ("roll_flag", roll, ROLL, "good", "bad"),
+        ("temperature_qc", temperature_qc, TEMPERATURE_QC, "pass", "fail"),
     ):
         if policy.startswith("require"):
-            some = any((part[name] != codes["missing"]).any() for part in blocks(headings, [name]))
-            if not some:
+            parts = (part[name].to_numpy() for part in blocks(headings, [name]))
+            if any((flags != codes["missing"]).any() for flags in parts):
+                rules.append((name, (codes[good], True)))
+            else:
                 notes.append(f"no report carries {name}: it could not be required")
-                continue
-            rules.append((name, codes[good], True))
         elif policy.startswith("reject"):
-            rules.append((name, codes["bad" if name == "roll_flag" else "fail"], False))
+            rules.append((name, (codes[bad], False)))
     return rules, notes
-
-
-def _eligible(headings: xr.Dataset, rules: list[tuple[str, int, bool]]) -> NDArray[np.bool_]:
-    """Reports that count."""
-    bits = sum(SCREENING[name] for name in _NEVER)
-    chosen = (headings["screening"].to_numpy() & bits) == 0
-    for name, code, must in rules:
-        chosen &= (headings[name].to_numpy() == code) == must
-    return np.asarray(chosen)
-
-
-@dataclass(frozen=True)
-class _Window:
-    """The window before, from ``before`` to ``start``, and that of the test, to ``last``."""
-
-    before: np.datetime64
-    start: np.datetime64
-    last: np.datetime64
-
-    @classmethod
-    def of(
-        cls, headings: xr.Dataset, *, start: date, before_start: date, end: date | None
-    ) -> _Window:
-        if end is None:
-            last = time_span(headings)[1] + np.timedelta64(1, "s")
-        else:
-            last = np.datetime64(end)
-        return cls(np.datetime64(before_start), np.datetime64(start), last)
-
-    def number(self, headings: xr.Dataset) -> NDArray[np.int64]:
-        """0 before, 1 during, -1 outside, for every report."""
-        time = headings["time"].to_numpy()
-        window = np.full(time.size, -1, dtype=np.int64)
-        window[(time >= self.before) & (time < self.start)] = 0
-        window[(time >= self.start) & (time < self.last)] = 1
-        return window
-
-
-def _difference(headings: xr.Dataset, members: list[str]) -> NDArray[np.float64]:
-    winds = reference_mean(headings, members)
-    found = vector_difference(
-        headings["eastward_wind"].to_numpy(),
-        headings["northward_wind"].to_numpy(),
-        winds["reference_eastward_wind"].to_numpy(),
-        winds["reference_northward_wind"].to_numpy(),
-    )
-    return np.asarray(found / KNOT, dtype=np.float64)

@@ -163,7 +163,7 @@ def make_stability(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> Content:
 
 def make_ranking(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> list[Content]:
     """Aircraft in the order of the gain expected of a correction: ``ranking.csv``."""
-    from airswing.evaluation.backtest.ranking import rank_aircraft
+    from airswing.evaluation.ranking import rank_aircraft
 
     with job.progress.stage("ranking") as stage:
         ranking = rank_aircraft(
@@ -221,8 +221,7 @@ def make_virtual(
     corrected in it; without a field test learned from the first two thirds of the days.
     ``held_out``: cross-validation over flights. Where one of them cannot be computed it says why.
     """
-    from airswing.evaluation.backtest.crossvalidation import cross_validate
-    from airswing.evaluation.backtest.virtual_field_test import virtual_field_test
+    from airswing.evaluation.held_out import cross_validate, virtual_field_test
 
     config, test = job.config, job.config.field_test
     pools, reference = config.pools(), main_reference(config)
@@ -299,8 +298,8 @@ def make_field_test(job: Job, headings: xr.Dataset | None = None) -> Content:
     ConfigError
         If the configuration has no ``field_test``.
     """
-    from airswing.evaluation.backtest.virtual_field_test import predicted_reduction
     from airswing.evaluation.field_test import field_test
+    from airswing.evaluation.held_out import predicted_reduction
 
     config, test = job.config, job.config.field_test
     if test is None:
@@ -345,7 +344,7 @@ def make_sensitivity(
         Also compute what hourly references lose where only every third or sixth hour is used, which
         reads some of their files again. With one reference this is the whole result.
     """
-    from airswing.evaluation.reference_comparison.sensitivity import compare
+    from airswing.evaluation.comparison import compare
 
     config = job.config
     screened = ready(job, headings, HEADINGS)
@@ -374,7 +373,7 @@ def make_sensitivity(
 
 
 def _interval_costs(job: Job, headings: xr.Dataset) -> dict[str, list[Content]]:
-    from airswing.evaluation.reference_comparison.time_interval import interval_cost
+    from airswing.evaluation.time_interval import interval_cost
     from airswing.workflow.months import catalogues
 
     models = catalogues(job)

@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 import airswing
-from airswing.evaluation.reference_comparison.time_interval import interval_cost
+from airswing.evaluation.time_interval import interval_cost
 from tests.reference.gridded.datasets import START, latlon, points
 
 LAT, LON = np.arange(30.0, 50.1, 5.0), np.arange(-110.0, -79.9, 5.0)

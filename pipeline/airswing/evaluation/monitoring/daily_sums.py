@@ -24,8 +24,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from airswing.evaluation.design import paired_design
 from airswing.evaluation.disagreement import member_mean, reference_mean, vector_difference
-from airswing.evaluation.reference_comparison.pairs import paired_design
 from airswing.flags import mended
 from airswing.products.ragged import aircraft_of_report, blocks, row_bounds
 

@@ -343,11 +343,20 @@ def step_of_series(
         best = int(np.argmax(ratio))
         split = int(places[best])
     likely = places[2.0 * (ratio[best] - ratio) <= LIKELIHOOD_RATIO_95]
+    # the decision is that of the nightly test: Student's t errors, and no single day can decide
+    level, covariance = _level(law, noise, before[0][best], before[1][best], scale)
+    inflated = scale * inflation[best]
+    statistic = corroborated_ratio(
+        weight[split:] / inflated,
+        (right[split:] - weight[split:] @ level) / inflated,
+        covariance,
+        law.shapes,
+    )
     change, error = _step_estimate(relative[0][best], relative[1][best], law)
     # the step lies after the last day of the old level
     earliest = int(day[likely[0] - 1]) + 1
-    last = int(day[likely[-1]])
-    return Step(-1, int(day[split]), earliest, last, float(ratio[best]), change, error)
+    last, statistic = int(day[likely[-1]]), min(float(ratio[best]), statistic)
+    return Step(-1, int(day[split]), earliest, last, statistic, change, error)
 
 
 def _level(

@@ -34,7 +34,6 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from airswing.evaluation.day_blocks import block_weights, interval, widened
 from airswing.evaluation.error_profiles import LEVEL_EDGES_HPA, STATES
 from airswing.evaluation.report_errors.disagreements import (
     Disagreements,
@@ -45,6 +44,7 @@ from airswing.evaluation.report_errors.disagreements import (
 from airswing.evaluation.report_errors.reported_winds import added_variance
 from airswing.evaluation.report_errors.separation import FEWEST_DAYS, separate
 from airswing.evaluation.report_errors.used_errors import USED, used_error
+from airswing.evaluation.resampling import day_weights, interval, widened
 from airswing.flags import PHASE
 
 Floats = NDArray[np.float64]
@@ -117,7 +117,7 @@ def observation_errors(
     days = found.days.size
     weights = np.ones((1, days))
     if days >= FEWEST_DAYS:
-        weights = np.vstack([weights, block_weights(days, draws=DRAWS, seed=seed)])
+        weights = np.vstack([weights, day_weights(days, draws=DRAWS, seed=seed)])
     number = np.maximum(weights @ found.number.T, 0.0)
     classes = aircraft_classes(found)
     added = added_variance(found, weights, seed=seed)

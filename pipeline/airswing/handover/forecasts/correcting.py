@@ -23,7 +23,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from airswing.evaluation.day_blocks import block_weights, interval
+from airswing.evaluation.resampling import day_weights, interval
 from airswing.handover.forecasts.kalman import (
     kalman_bias,
     known_before,
@@ -255,7 +255,7 @@ def _with_intervals(moments: xr.DataArray) -> dict[str, xr.DataArray]:
     if days < FEWEST_DAYS:
         nothing = xr.DataArray([np.nan, np.nan], dims="bound")
         return scores | {f"{name}_interval": one + nothing for name, one in scores.items()}
-    weights = xr.DataArray(block_weights(days, draws=_DRAWS, seed=0), dims=("draw", "day"))
+    weights = xr.DataArray(day_weights(days, draws=_DRAWS, seed=0), dims=("draw", "day"))
     drawn: dict[str, list[xr.DataArray]] = {name: [] for name in SCORES}
     # A variable at a time, for the draws to fit into memory.
     for variable in by_day["variable"].to_numpy():

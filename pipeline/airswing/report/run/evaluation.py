@@ -291,7 +291,7 @@ def ranking_figure(ranking: Sequence[Content], *, units: Units = "kt") -> Figure
     Parameters
     ----------
     ranking : sequence of mapping
-        From :func:`airswing.evaluation.backtest.ranking.rank_aircraft`.
+        From :func:`airswing.evaluation.ranking.rank_aircraft`.
     units : {"kt", "m/s"}, optional
 
     Returns

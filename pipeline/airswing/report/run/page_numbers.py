@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from airswing.evaluation.clustered_mean import cluster_sums, clustered_mean
+from airswing.evaluation.resampling import cluster_sums, clustered_mean
 from airswing.flags import SCREENING, STATUS, mended
 from airswing.products.ragged import aircraft_of_report, blocks
 from airswing.report.run.selection import members, pooled, used

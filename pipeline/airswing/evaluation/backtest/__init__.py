@@ -1,1 +1,0 @@
-"""Corrections learned on some reports and judged on others."""

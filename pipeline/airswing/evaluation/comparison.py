@@ -1,0 +1,794 @@
+"""Dependence of the fits on the reference: every reference fitted on the same reports.
+
+Assumes that all references were sampled at the same reports. The errors of the reports are then the
+same whichever reference they are compared with, so that the difference of two references' heading
+errors does not contain them: it is regressed directly on the design of the deviation. Errors of one
+day are correlated over the whole fleet, and over a few days; days further apart are independent.
+
+Two references may be pooled when neither their deviation curves nor their winds, region by region,
+differ beyond error by more than a size that matters: 0.2 degrees rms over the compass, or 0.4 m/s
+in the mean wind of a region, by itself or relative to the other regions on the same days. Jacobs et
+al. (2010) pooled RUC and RR because separate fits agreed. Where there are three references the
+three-cornered hat estimates the error variance of each (Gray & Allan 1974, Proc. 28th Freq. Control
+Symp., 243-246), assuming that their errors are uncorrelated: references that assimilate the same
+aircraft have estimates too small, and a variance may come out negative.
+
+Kernels in radians and m/s; results in degrees and m/s.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from itertools import combinations, pairwise
+from math import comb
+from typing import Any, NamedTuple, Unpack
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from scipy import special  # not scipy.stats, whose import takes longer than a small fit
+
+from airswing.compass.fit.acceptance import FitOptions
+from airswing.compass.fit.deviation import fit_deviation
+from airswing.errors import InputError
+from airswing.evaluation.design import paired_design
+from airswing.evaluation.disagreement import member_mean, reference_mean
+from airswing.evaluation.held_out import only
+from airswing.evaluation.results import Content
+from airswing.flags import PHASE, SCREENING
+from airswing.physics.triangle import wrap_degrees
+from airswing.products.findings import findings
+from airswing.products.ragged import blocks, row_bounds
+from airswing.units import NORMAL_95
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+SIGNIFICANCE = 0.02
+"""Of each of the two tests, curves and winds: equal references pass both in 95 % of cases."""
+CURVE_RMS_DEG, REGION_BIAS = 0.2, 0.4
+"""Degrees and m/s: a smaller difference does not matter, however significant it is."""
+NAMES = ("A", "B", "C", "D", "E")
+COMPONENTS = ("eastward", "northward")
+REGIONS = 9
+"""Thirds of the reports by latitude, and of each by longitude."""
+FEWEST_REPORTS, FEWEST_DAYS = 50, 10
+"""Below these an aircraft has no difference: eight coefficients leave no scatter to so few days."""
+FEWEST_OF_SLICE, FEWEST_OF_HAT = 500, 100
+"""Reports of a slice that is judged by itself, and of three references."""
+_LAG = 3  # days that a weather situation, and with it a model's error, lasts
+_MIN_REGION_DAYS = 10
+_HAT_PAIRS = ((0, 1), (0, 2), (1, 2))
+_SEASONS = ("DJF", "MAM", "JJA", "SON")
+KINDS = ("by_lead_time", "by_phase", "by_level", "by_season")
+_COLUMNS = (
+    "time",
+    "latitude",
+    "longitude",
+    "pressure",
+    "phase",
+    "heading",
+    "magnetic_heading",
+    "airspeed",
+    "screening",
+    "lead_time",
+    "reference_eastward_wind",
+    "reference_northward_wind",
+)
+
+
+def compare(
+    headings: xr.Dataset,
+    *,
+    pools: Mapping[str, list[str]],
+    never_pool: list[str] | None = None,
+    **fit_options: Unpack[FitOptions],
+) -> Content:
+    """Fit every reference and pool on the same reports and compare each pair of references.
+
+    Parameters
+    ----------
+    headings : Dataset
+        Screened headings with two references or more.
+    pools : mapping of str to list of str
+        Members of each reference and pool.
+    never_pool : list of str, optional
+        References that may be compared but never called poolable.
+    **fit_options
+        As for :func:`airswing.compass.fit.deviation.fit_deviation`.
+
+    Returns
+    -------
+    dict
+        Content of ``sensitivity.json``: number of ``reports`` with every reference, ``references``;
+        ``pairs``, each with ``references``, ``reports``, ``mean_vector_difference_m_s``, ``fleet``
+        (difference of the coefficients common to the fleet), ``aircraft``, ``regions``,
+        ``poolable`` (None where it cannot be determined), ``why``, and ``own_test`` (False for a
+        pool and its member, whose difference is made of the members'); the same
+        ``by_lead_time``, ``by_phase``, ``by_level`` and ``by_season`` without single aircraft;
+        ``three_way``.
+
+    Raises
+    ------
+    InputError
+        If there is one reference only, or no report has all of them.
+    """
+    singles = [name for name, members in pools.items() if len(members) == 1]
+    if len(singles) < 2:
+        raise InputError(
+            "a comparison needs two references",
+            field="references",
+            found=", ".join(singles) or "none",
+            remedy="Add another reference to the configuration",
+        )
+    wind = headings["reference_eastward_wind"]
+    shared = only(headings, wind.notnull().all("reference").to_numpy())
+    fits = fit_deviation(shared, pools=pools, **fit_options)
+    region = regions_of(headings["latitude"].to_numpy(), headings["longitude"].to_numpy())
+    day = headings["time"].to_numpy().astype("datetime64[D]").astype(np.int64)
+    first, days = int(day.min()), int(np.ptp(day)) + 1
+    members = [(name, one) for name, own in pools.items() if len(own) > 1 for one in own]
+    whole = {pair: PairSums(*pair, days) for pair in [*combinations(singles, 2), *members]}
+    slices: dict[tuple[str, str, tuple[str, str]], PairSums] = {}
+    hats = np.zeros((comb(len(singles), 3), 4, days))
+    number = begin = 0
+    for block in blocks(shared, _COLUMNS):
+        reports = slice(begin, begin + block.sizes["report"])
+        begin = reports.stop
+        columns = _columns(block, pools, region[reports], first)
+        for low, high in zip(*row_bounds(block["row_size"].to_numpy()), strict=True):
+            rows = columns.of(slice(int(low), int(high)))
+            for sums in whole.values():
+                sums.add(rows, rows.kept, aircraft=number)
+            for pair in combinations(singles, 2):
+                for kind, name, chosen in _slices(rows, *pair):
+                    part = slices.setdefault((kind, name, pair), PairSums(*pair, days))
+                    part.add(rows, chosen)
+            if hats.size:
+                u, v = (
+                    np.array([part[name][rows.kept] for name in singles])
+                    for part in (rows.u, rows.v)
+                )
+                hats += hat_sums(u, v, rows.day[rows.kept], days)
+            number += 1
+    reports_used = next(iter(whole.values())).reports
+    if not reports_used:
+        raise InputError(
+            "no screened report has a wind of every reference",
+            field="references",
+            found=", ".join(singles),
+            remedy="Check that the references cover the same times and places",
+        )
+    barred = {name.lower() for name in never_pool or []}
+    content: Content = {
+        "reports": reports_used,
+        "references": list(pools),
+        "pairs": [
+            {
+                **_judged(sums, barred),
+                "aircraft": [_aircraft_entry(one, fits, *pair) for one in sums.aircraft],
+                "own_test": set(pair) <= set(singles),
+            }
+            for pair, sums in whole.items()
+        ],
+    }
+    for kind in KINDS:
+        content[kind] = [
+            {"slice": name, **_judged(sums, barred), "own_test": True}
+            for pair in combinations(singles, 2)
+            for (of, name, own), sums in slices.items()
+            if (of, own) == (kind, pair) and sums.reports >= FEWEST_OF_SLICE
+        ]
+    content["three_way"] = hats_of(hats, singles)
+    return findings(content)
+
+
+def regions_of(latitude: Floats, longitude: Floats) -> Ints:
+    """Region of every report: thirds by latitude and, in each, by longitude; 0 to 8."""
+    known = np.isfinite(latitude + longitude)
+    thirds = (1.0 / 3.0, 2.0 / 3.0)
+    band = np.searchsorted(np.quantile(latitude[known], thirds), latitude)
+    column = np.zeros(latitude.size, dtype=np.int64)
+    for row in range(3):
+        here = band == row
+        if (here & known).any():
+            west = np.quantile(longitude[here & known], thirds)
+            column[here] = np.searchsorted(west, longitude[here])
+    return np.asarray(3 * band + column, dtype=np.int64)
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Plain columns of reports, radians and SI units; winds and lead times by reference."""
+
+    day: Ints  # from the first of the archive
+    season: Ints
+    region: Ints
+    phase: Ints
+    pressure: Floats
+    heading: Floats
+    magnetic: Floats
+    airspeed: Floats
+    kept: Mask
+    kept_any_phase: Mask
+    u: dict[str, Floats]
+    v: dict[str, Floats]
+    lead: dict[str, Floats]
+
+    def of(self, rows: slice) -> Columns:
+        """Some of the reports."""
+        found: dict[str, Any] = {}
+        for name in self.__dataclass_fields__:
+            one = getattr(self, name)
+            many = isinstance(one, dict)
+            found[name] = {key: v[rows] for key, v in one.items()} if many else one[rows]
+        return Columns(**found)
+
+
+def _columns(
+    block: xr.Dataset, pools: Mapping[str, list[str]], region: Ints, first: int
+) -> Columns:
+    time, screening = block["time"].to_numpy(), block["screening"].to_numpy()
+    winds = {name: reference_mean(block, members) for name, members in pools.items()}
+    heading, magnetic = (
+        np.radians(block[name].to_numpy().astype(float)) for name in ("heading", "magnetic_heading")
+    )
+    airspeed = block["airspeed"].to_numpy().astype(float)
+    known = np.isfinite(heading + magnetic + airspeed)
+    # months count from January 1970: December, January and February are season 0
+    month = time.astype("datetime64[M]").astype(np.int64)
+    u, v = (
+        {name: one[f"reference_{way}_wind"].to_numpy().astype(float) for name, one in winds.items()}
+        for way in COMPONENTS
+    )
+    return Columns(
+        day=time.astype("datetime64[D]").astype(np.int64) - first,
+        season=(month + 1) % 12 // 3,
+        region=region,
+        phase=block["phase"].to_numpy().astype(np.int64),
+        pressure=block["pressure"].to_numpy().astype(float),
+        heading=heading,
+        magnetic=magnetic,
+        airspeed=airspeed,
+        kept=(screening == 0) & known,
+        kept_any_phase=((screening & ~SCREENING["phase"]) == 0) & known,
+        u=u,
+        v=v,
+        lead={
+            name: member_mean(block["lead_time"].sel(reference=members)).to_numpy()
+            for name, members in pools.items()
+        },
+    )
+
+
+def _slices(rows: Columns, one: str, two: str) -> Iterator[tuple[str, str, Mask]]:
+    """Slices of one aircraft's reports: kind, name and the reports in it."""
+    lead = np.fmax(rows.lead[one], rows.lead[two])
+    for name, chosen in (
+        ("analysis to 1 h", lead <= 1.0),
+        ("1 to 6 h", (lead > 1.0) & (lead <= 6.0)),
+        ("over 6 h", lead > 6.0),
+    ):
+        yield "by_lead_time", name, chosen & rows.kept
+    for name, code in PHASE.items():
+        yield "by_phase", name, (rows.phase == code) & rows.kept_any_phase
+    low, high = rows.pressure > 70000.0, rows.pressure <= 50000.0
+    for name, chosen in (
+        ("below 700 hPa", low),
+        ("700 to 500 hPa", ~low & ~high),
+        ("above 500 hPa", high),
+    ):
+        yield "by_level", name, chosen & rows.kept
+    for number, name in enumerate(_SEASONS):
+        yield "by_season", name, (rows.season == number) & rows.kept
+
+
+class AircraftDifference(NamedTuple):
+    """Difference of one aircraft's coefficients between two references."""
+
+    number: int  # of the aircraft
+    values: Floats  # (5,): radians
+    influence: Floats  # (day, 5): change of the values by each day
+
+
+@dataclass
+class PairSums:
+    """Sums of the difference of two references over some reports."""
+
+    one: str
+    two: str
+    days: int  # of the archive
+    reports: int = 0
+    distance: float = 0.0  # summed wind vector difference, m/s
+    counted: int = 0  # aircraft in ``common``
+    aircraft: list[AircraftDifference] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.regions = np.zeros((3, REGIONS, self.days))
+        # (day, 5, 6): equations of the difference that the fleet has in common
+        self.common = np.zeros((self.days, 5, 6))
+
+    def add(self, rows: Columns, chosen: Mask, aircraft: int | None = None) -> None:
+        """Add some reports of one aircraft.
+
+        Parameters
+        ----------
+        rows : Columns
+            Of one aircraft.
+        chosen : array of bool, shape (report,)
+        aircraft : int, optional
+            Its number, where its own difference is wanted.
+        """
+        if not chosen.any():
+            return
+        du = rows.u[self.one][chosen] - rows.u[self.two][chosen]
+        dv = rows.v[self.one][chosen] - rows.v[self.two][chosen]
+        day = rows.day[chosen]
+        self.reports += du.size
+        self.distance += float(np.hypot(du, dv).sum())
+        self.regions += region_sums(du, dv, rows.region[chosen], day, self.days)
+        if du.size < FEWEST_REPORTS:
+            return
+        heading = rows.heading[chosen]
+        cross, along = paired_design(rows.magnetic[chosen], heading, rows.airspeed[chosen])
+        # psi_err is n . (W_ref - W_rep) / V, and |V_A| - |V'_A| is h . (W_ref - W_rep)
+        y_cross = du * np.cos(heading) - dv * np.sin(heading)
+        y_along = du * np.sin(heading) + dv * np.cos(heading)
+        days, equations = equations_by_day(cross, along, y_cross, y_along, day)
+        self.common[days] += common_equations(equations)
+        self.counted += 1
+        if aircraft is not None and days.size >= FEWEST_DAYS:
+            values, influence = solved(equations)
+            self.aircraft.append(AircraftDifference(aircraft, values[:5], influence[:, :5]))
+
+
+def equations_by_day(
+    cross: Floats, along: Floats, y_cross: Floats, y_along: Floats, day: Ints
+) -> tuple[Ints, Floats]:
+    """Normal equations of a paired difference by day.
+
+    Parameters
+    ----------
+    cross, along : arrays of float, shape (report, p)
+    y_cross, y_along : arrays of float, shape (report,), m/s
+    day : array of int, shape (report,)
+
+    Returns
+    -------
+    days : array of int, shape (day,)
+    equations : array of float, shape (day, p, p + 1)
+        Normal matrix and, last, right side.
+    """
+    order = np.argsort(day, kind="stable")
+    days, start = np.unique(day[order], return_index=True)
+    parts = [np.column_stack(part)[order] for part in ((cross, y_cross), (along, y_along))]
+    edges = [*start.tolist(), order.size]
+    sums = [sum(part[i:j, :-1].T @ part[i:j] for part in parts) for i, j in pairwise(edges)]
+    return days, np.array(sums)
+
+
+def common_equations(equations: Floats) -> Floats:
+    """Equations of A to E alone, the aircraft's airspeed scale and bias eliminated.
+
+    Those of all aircraft add up, day by day: what an aircraft cannot determine (few reports, few
+    headings) has no weight in the sum.
+
+    Parameters
+    ----------
+    equations : array of float, shape (day, 8, 9)
+
+    Returns
+    -------
+    array of float, shape (day, 5, 6)
+    """
+    total = equations.sum(axis=0)
+    rest = np.linalg.pinv(total[5:, 5:-1], hermitian=True) @ total[5:]
+    keep = np.vstack([np.eye(5), -rest[:, :5]])
+    right = equations[:, :, -1] - equations[:, :, 5:-1] @ rest[:, -1]
+    square = keep.T @ equations[:, :, :-1] @ keep
+    return np.concatenate([square, (right @ keep)[:, :, np.newaxis]], axis=2)
+
+
+def solved(equations: Floats) -> tuple[Floats, Floats]:
+    """Least-squares solution of equations by day, and the influence of each day.
+
+    Parameters
+    ----------
+    equations : array of float, shape (day, p, p + 1)
+
+    Returns
+    -------
+    values : array of float, shape (p,)
+    influence : array of float, shape (day, p)
+        Change of the values by each day; their outer products sum to the covariance clustered by
+        day.
+    """
+    days = len(equations)
+    # pseudo-inverse: coefficients that few headings cannot determine stay zero
+    inverse = np.linalg.pinv(equations[:, :, :-1].sum(axis=0), hermitian=True)
+    values = inverse @ equations[:, :, -1].sum(axis=0)
+    score = equations[:, :, -1] - equations[:, :, :-1] @ values
+    return values, score @ inverse * np.sqrt(days / max(days - 1.0, 1.0))
+
+
+def wald(values: Floats, covariance: Floats, clusters: int) -> float:
+    """P value that some values differ from zero, for a covariance from few clusters.
+
+    Parameters
+    ----------
+    values : array of float, shape (q,)
+    covariance : array of float, shape (q, q)
+    clusters : int
+
+    Returns
+    -------
+    float
+        From Hotelling's T2 with ``clusters - 1`` degrees of freedom; NaN when there are not
+        more clusters than values.
+    """
+    size = values.size
+    if clusters <= size + 1 or not np.all(np.isfinite(covariance)):
+        return float("nan")
+    statistic = float(values @ np.linalg.pinv(covariance, hermitian=True) @ values)
+    scaled = statistic * (clusters - size) / (size * (clusters - 1.0))
+    return float(special.fdtrc(size, clusters - size, scaled))
+
+
+def holm(p_values: list[float]) -> list[float]:
+    """Holm's step-down adjustment (Holm 1979, Scand. J. Stat. 6, 65-70); NaN stay NaN."""
+    values = np.array(p_values, dtype=float)
+    adjusted = np.full(values.size, np.nan)
+    good = np.flatnonzero(np.isfinite(values))
+    order = good[np.argsort(values[good])]
+    factors = np.arange(order.size, 0, -1)
+    adjusted[order] = np.minimum(np.maximum.accumulate(values[order] * factors), 1.0)
+    return [float(value) for value in adjusted]
+
+
+def persistent_covariance(influence: Floats, day: Ints) -> Floats:
+    """Covariance of a sum over days whose errors last longer than a day.
+
+    The correlation over `_LAG` days has weights that decrease to zero (Newey & West 1987,
+    Econometrica 55, 703-708).
+
+    Parameters
+    ----------
+    influence : array of float, shape (day, p)
+    day : array of int, shape (day,)
+        Calendar days, increasing; gaps count.
+
+    Returns
+    -------
+    array of float, shape (p, p)
+        Variances are not smaller than without the lags.
+    """
+    filled = np.zeros((int(day[-1] - day[0]) + 1, influence.shape[1]))
+    filled[day - day[0]] = influence
+    plain = filled.T @ filled
+    total = plain.copy()
+    for shift in range(1, min(_LAG, filled.shape[0] - 1) + 1):
+        product = filled[shift:].T @ filled[:-shift]
+        total += (1.0 - shift / (_LAG + 1.0)) * (product + product.T)
+    # correlations of few days come out negative by chance
+    wider = np.sqrt(np.maximum(np.diag(total) / np.maximum(np.diag(plain), 1e-300), 1.0))
+    return np.asarray(plain * np.outer(wider, wider))
+
+
+def region_sums(du: Floats, dv: Floats, region: Ints, day: Ints, days: int) -> Floats:
+    """Sums behind :func:`regional_bias`; those of parts of an archive add up.
+
+    Parameters
+    ----------
+    du, dv : arrays of float, shape (report,), m/s
+    region, day : arrays of int, shape (report,)
+        From 0.
+    days : int
+
+    Returns
+    -------
+    array, shape (3, region, day)
+        Reports, and their summed differences eastward and northward.
+    """
+    cell = region * days + day
+    found = [np.bincount(cell, weights=part, minlength=REGIONS * days) for part in (None, du, dv)]
+    return np.array(found, dtype=np.float64).reshape(3, REGIONS, days)
+
+
+def regional_bias(sums: Floats) -> list[Content]:
+    """Mean wind difference of two references by region, and relative to the other regions.
+
+    The errors of two models are shared by regions and last for days. Each region is therefore also
+    compared with the others on the same days (``contrast``: what is common to all cancels), and
+    the errors are clustered by blocks of five days or more, with Student's t for their number
+    (Ibragimov & Mueller 2010, J. Bus. Econ. Stat. 28, 453-468). Holm's adjustment covers all
+    regions, components and both tests.
+
+    Parameters
+    ----------
+    sums : array, shape (3, region, day)
+        Of :func:`region_sums`.
+
+    Returns
+    -------
+    list of dict
+        ``region``, ``component``, ``days``; ``difference`` and ``contrast``, each with
+        ``*_standard_error`` (m/s), ``*_p_value`` and ``*_adjusted_p_value`` (the contrast None
+        with one region).
+    """
+    number = sums[0]
+    seen = np.flatnonzero(number.any(axis=0))
+    block = np.zeros(number.shape[1], dtype=np.int64)
+    if seen.size:
+        block[seen] = day_blocks(seen)
+    found: list[Content] = []
+    for region in np.flatnonzero(number.any(axis=1)):
+        here = number[region]
+        days = int(np.count_nonzero(here))
+        if days < _MIN_REGION_DAYS:
+            continue
+        others = number.sum(axis=0) - here
+        both = (here > 0) & (others > 0)
+        for component, values in zip(COMPONENTS, sums[1:], strict=True):
+            mean, error, p_value = _block_mean(values[region], here, block)
+            entry: Content = {
+                "region": int(region),
+                "component": component,
+                "days": days,
+                "difference": mean,
+                "difference_standard_error": error,
+                "difference_p_value": p_value,
+                "contrast": None,
+                "contrast_p_value": None,
+            }
+            if np.unique(block[both]).size >= 4:
+                rest = values.sum(axis=0) - values[region]
+                less = values[region][both] - here[both] * rest[both] / others[both]
+                mean, error, p_value = _block_mean(less, here[both], block[both])
+                entry["contrast"], entry["contrast_p_value"] = mean, p_value
+                entry["contrast_standard_error"] = error
+            found.append(entry)
+    tests = ("difference", "contrast")
+    p_values = [one[f"{name}_p_value"] for one in found for name in tests]
+    adjusted = iter(holm([np.nan if p is None else p for p in p_values]))
+    for entry in found:
+        for name in tests:
+            entry[f"{name}_adjusted_p_value"] = next(adjusted)
+    return found
+
+
+def day_blocks(day: Ints) -> Ints:
+    """Number the periods of days that are taken as independent of each other.
+
+    Parameters
+    ----------
+    day : array of int, shape (n,)
+
+    Returns
+    -------
+    array of int, shape (n,)
+        6 to 12 periods of equal length, of five days where that many fit.
+    """
+    first, length = int(day.min()), int(np.ptp(day)) + 1
+    # five days outlast the weather's memory; under six blocks Student's quantile is wide, and
+    # beyond twelve it is hardly narrower
+    number = int(np.clip(length // 5, 6, 12))
+    return np.asarray((day - first) * number // length)
+
+
+def _block_mean(total: Floats, number: Floats, block: Ints) -> tuple[float, float, float]:
+    """Mean, standard error clustered by block and two-sided p value, from sums by day."""
+    some = number > 0
+    total, number = total[some], number[some]
+    _, index = np.unique(block[some], return_inverse=True)
+    blocks_seen = int(index.max()) + 1
+    mean = float(total.sum() / number.sum())
+    if blocks_seen < 2:
+        return mean, float("nan"), float("nan")
+    summed = np.bincount(index, weights=total - mean * number, minlength=blocks_seen)
+    error = float(np.sqrt((summed**2).sum() * blocks_seen / (blocks_seen - 1.0)) / number.sum())
+    # two references with the same wind have a difference of exactly zero
+    return mean, error, float(2 * special.stdtr(blocks_seen - 1, -abs(mean) / max(error, 1e-12)))
+
+
+def _judged(sums: PairSums, barred: set[str]) -> Content:
+    """Differences, tests and the verdict of one pair over some reports."""
+    fleet = _fleet(sums)
+    regions = regional_bias(sums.regions)
+    return {
+        "references": [sums.one, sums.two],
+        "reports": sums.reports,
+        "mean_vector_difference_m_s": sums.distance / sums.reports if sums.reports else np.nan,
+        "fleet": fleet,
+        "regions": regions,
+        **verdict(fleet, regions, {sums.one.lower(), sums.two.lower()} & barred),
+    }
+
+
+def _fleet(sums: PairSums) -> Content:
+    """Difference that the fleet has in common, with the errors that aircraft share by day."""
+    days = np.flatnonzero(sums.common.any(axis=(1, 2)))
+    if not days.size:
+        return {"aircraft": 0, "p_value": float("nan"), "curve_rms_deg": float("nan")}
+    mean, influence = solved(sums.common[days])
+    covariance = persistent_covariance(influence, days)
+    # rms over the compass of A + B sin + C cos + D sin 2 + E cos 2
+    rms = np.degrees(np.sqrt(mean[0] ** 2 + (mean[1:] ** 2).sum() / 2.0))
+    return {
+        "aircraft": sums.counted,
+        "difference": _by_name(np.degrees(mean)),
+        "standard_error": _by_name(np.degrees(np.sqrt(np.diag(covariance)))),
+        "curve_rms_deg": float(rms),
+        "p_value": wald(mean, covariance, days.size),
+    }
+
+
+def _by_name(values: Floats) -> dict[str, float]:
+    return dict(zip(NAMES, values.tolist(), strict=True))
+
+
+def verdict(fleet: Content, regions: list[Content], barred: set[str]) -> Content:
+    """Whether a pair may be pooled, and why.
+
+    Parameters
+    ----------
+    fleet : dict
+        With ``p_value`` and ``curve_rms_deg``.
+    regions : list of dict
+        Of :func:`regional_bias`.
+    barred : set of str
+        References of the pair in ``never_pool``.
+
+    Returns
+    -------
+    dict
+        ``poolable`` (None with too few days or reports) and ``why``.
+    """
+    p_value, rms = fleet["p_value"], fleet["curve_rms_deg"]
+    if not np.isfinite(p_value):
+        return {"poolable": None, "why": "too few days or reports to tell"}
+    why = []
+    significant = p_value < SIGNIFICANCE
+    curves = f"the deviation curves differ by {rms:.2f} degrees rms"
+    if significant and rms > CURVE_RMS_DEG:
+        why.append(f"{curves} (p = {p_value:.2g})")
+    biased = [
+        (abs(entry[name]), name, entry)
+        for entry in regions
+        for name in ("difference", "contrast")
+        if entry[name] is not None
+        and entry[f"{name}_adjusted_p_value"] < SIGNIFICANCE
+        and abs(entry[name]) > REGION_BIAS
+    ]
+    if biased:
+        _, name, entry = max(biased, key=lambda one: one[0])
+        relative = " more than elsewhere" if name == "contrast" else ""
+        why.append(
+            f"the {entry['component']} wind differs by {entry[name]:.2f} +- "
+            f"{entry[f'{name}_standard_error']:.2f} m/s in region {entry['region']}{relative}"
+        )
+    if barred:
+        why.append(f"{', '.join(sorted(barred))} is in never_pool")
+    if why:
+        return {"poolable": False, "why": "; ".join(why)}
+    # no test shows that two references are equal
+    beyond = f"beyond error but less than {CURVE_RMS_DEG:g}" if significant else "not beyond error"
+    return {
+        "poolable": True,
+        "why": f"{curves}, {beyond} (p = {p_value:.2g}, tested at {SIGNIFICANCE:g}); no region's "
+        f"wind differs by more than {REGION_BIAS:g} m/s beyond error",
+    }
+
+
+def _aircraft_entry(own: AircraftDifference, fits: xr.Dataset, one: str, two: str) -> Content:
+    """Differences of one aircraft in degrees, with 95 % intervals."""
+    covariance = own.influence.T @ own.influence
+    degrees, error = np.degrees(own.values), np.degrees(np.sqrt(np.diag(covariance)))
+    half = NORMAL_95 * error
+    pair = fits.isel(aircraft=own.number).sel(reference=[one, two])
+    change = {name: float(-np.diff(pair[name])[0]) for name in ("offset", "amplitude", "phase")}
+    change["phase"] = float(wrap_degrees(change["phase"]))
+    # B = amplitude cos(phase), C = amplitude sin(phase): the delta method
+    phase, amplitude = np.radians(float(pair["phase"].mean())), float(pair["amplitude"].mean())
+    along = np.array([np.cos(phase), np.sin(phase)])
+    around = np.degrees(np.array([-np.sin(phase), np.cos(phase)]) / amplitude)
+    block = np.degrees(np.degrees(covariance))[:3, :3]
+    errors = {
+        "offset": np.sqrt(block[0, 0]),
+        "amplitude": np.sqrt(along @ block[1:, 1:] @ along),
+        "phase": np.sqrt(around @ block[1:, 1:] @ around),
+    }
+    return {
+        "aircraft": str(pair["aircraft"].item()),
+        "p_value": wald(own.values, covariance, len(own.influence)),
+        "difference": _by_name(degrees),
+        "standard_error": _by_name(error),
+        "ci": {
+            name: [float(value - wide), float(value + wide)]
+            for name, value, wide in zip(NAMES, degrees, half, strict=True)
+        },
+        **{
+            name: {
+                "difference": value,
+                "standard_error": float(errors[name]),
+                "ci": [
+                    value - NORMAL_95 * float(errors[name]),
+                    value + NORMAL_95 * float(errors[name]),
+                ],
+            }
+            for name, value in change.items()
+        },
+    }
+
+
+def hat_sums(u: Floats, v: Floats, day: Ints, days: int) -> Floats:
+    """Sums behind :func:`hats_of`; those of parts of an archive add up.
+
+    Parameters
+    ----------
+    u, v : arrays of float, shape (reference, report), m/s
+    day : array of int, shape (report,)
+        From 0.
+    days : int
+
+    Returns
+    -------
+    array, shape (triple, 4, day)
+        Reports, and the summed halved squares of the differences of the three pairs.
+    """
+    found = []
+    for triple in combinations(range(len(u)), 3):
+        good = np.all(np.isfinite(u[list(triple)]), axis=0)
+        weights = [np.ones(int(good.sum()))]
+        for i, j in _HAT_PAIRS:
+            one, two = triple[i], triple[j]
+            weights.append(((u[one] - u[two]) ** 2 + (v[one] - v[two]) ** 2)[good] / 2.0)
+        found.append([np.bincount(day[good], one, minlength=days) for one in weights])
+    return np.array(found, dtype=np.float64).reshape(-1, 4, days)
+
+
+def hats_of(sums: Floats, names: list[str]) -> list[Content]:
+    """Error of each of three references, for every triple.
+
+    Parameters
+    ----------
+    sums : array, shape (triple, 4, day)
+        Of :func:`hat_sums`.
+    names : list of str
+
+    Returns
+    -------
+    list of dict
+        ``references``, ``reports``, and ``errors``: per reference ``component_rms`` (m/s; None
+        where the variance came out negative), ``variance`` and ``variance_standard_error`` (of a
+        jackknife over days).
+    """
+    found: list[Content] = []
+    corner = 0.5 * np.array([[1.0, 1.0, -1.0], [1.0, -1.0, 1.0], [-1.0, 1.0, 1.0]])
+    for triple, (count, *squares) in zip(combinations(names, 3), sums, strict=True):
+        if count.sum() < FEWEST_OF_HAT:
+            continue
+        seen = count > 0
+        total, count = np.array(squares)[:, seen], count[seen]
+        variances, errors = corner @ (total.sum(1) / count.sum()), np.full(3, np.nan)
+        if count.size > 1:
+            without = (total.sum(1, keepdims=True) - total) / (count.sum() - count)
+            spread = np.var(corner @ without, axis=1)
+            errors = np.sqrt(spread * (count.size - 1.0))
+        found.append(
+            {
+                "references": list(triple),
+                "reports": int(count.sum()),
+                "errors": [
+                    {
+                        "reference": name,
+                        "variance": float(variance),
+                        "variance_standard_error": float(error),
+                        "component_rms": float(np.sqrt(variance)) if variance > 0 else None,
+                    }
+                    for name, variance, error in zip(triple, variances, errors, strict=True)
+                ],
+            }
+        )
+    return found

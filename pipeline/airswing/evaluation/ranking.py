@@ -1,0 +1,243 @@
+"""Expected gain of correcting each aircraft, from its fit alone.
+
+Assumes that the deviation does not change (:mod:`airswing.evaluation.monitoring.changes`) and that
+the headings, airspeeds and remaining errors to come are like those fitted. The gain is the
+reduction of the mean wind vector disagreement (Jacobs et al. 2010, Table 1). On the reports of the
+fit it is too large, because the curve was fitted to their errors: a curve with error variance s^2
+in the wind reduces the residual variance it was fitted to by s^2 and adds s^2 to any other. That
+optimism (Efron 2004, J. Amer. Stat. Assoc. 99, 619-632) is subtracted, to first order. The interval
+contains the covariance of the coefficients and, days being the independent units, the scatter of
+the headings flown and the errors met.
+
+Radians and m/s in the kernel; knots and degrees in what is returned.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from airswing.compass.correction import corrected_wind, curve_standard_error
+from airswing.errors import InputError
+from airswing.evaluation.design import deviation_basis
+from airswing.evaluation.disagreement import reference_mean
+from airswing.evaluation.resampling import Floats, cluster_sums, clustered_mean
+from airswing.evaluation.results import Content
+from airswing.flags import STATUS, published
+from airswing.products.ragged import blocks, row_bounds
+from airswing.units import KNOT
+
+MOST_REPORTS = 4000
+"""Reports of an aircraft that the interval is drawn over; the gain itself uses all."""
+DRAWS = 300
+_WINDS = ("eastward_wind", "northward_wind", "reference_eastward_wind", "reference_northward_wind")
+
+
+def expected_gain(
+    wind: Floats,
+    reference: Floats,
+    heading: Floats,
+    argument: Floats,
+    airspeed: Floats,
+    day: NDArray[np.int64],
+    deviation: Floats,
+    covariance: Floats,
+    *,
+    draws: int = DRAWS,
+    seed: int = 0,
+) -> tuple[float, float, Floats]:
+    """Expected reduction of the mean wind vector disagreement of one aircraft.
+
+    Parameters
+    ----------
+    wind, reference : array, shape (2, n), m/s
+        Eastward and northward components of the reports that the deviation was fitted to.
+    heading, argument : array, shape (n,), radians
+        Indicated true heading, and argument of the deviation.
+    airspeed : array, shape (n,), m/s
+    day : array of int, shape (n,)
+    deviation : array, shape (5,), degrees
+    covariance : array, shape (5, 5), degrees squared
+    draws : int
+        Draws of the coefficients behind the interval.
+    seed : int
+
+    Returns
+    -------
+    before : float
+        Mean disagreement as reported, m/s.
+    gain : float
+        Expected reduction, m/s, the optimism subtracted.
+    drawn : array, shape (draws,)
+        The gain under draws of the coefficients and days, m/s; infinite spread with one day.
+    """
+    basis = np.radians(deviation_basis(argument).T)
+    fitted = basis @ deviation
+    u, v = corrected_wind(wind[0], wind[1], airspeed, heading, fitted)
+    after = np.stack([u, v]) - reference
+    lengths = np.hypot(*(wind - reference)), np.hypot(*after)
+    gains = lengths[0] - lengths[1]
+    spread = airspeed * np.radians(curve_standard_error(covariance, np.degrees(argument)))
+    # E|e| of a normal vector changes by |e| / (4 s^2) per unit of one component's variance
+    optimism = 2.0 * float((spread**2).mean()) * np.pi / (8.0 * max(float(lengths[1].mean()), 1e-6))
+    gain = float(gains.mean()) - optimism
+    some = slice(None, None, max(1, gains.size // MOST_REPORTS))
+    drawn = _drawn_gains(
+        after[:, some],
+        heading[some],
+        airspeed[some],
+        fitted[some],
+        basis[some],
+        covariance,
+        np.random.default_rng(seed).standard_normal((draws, deviation.size)),
+    )
+    # about their mean, so that the squares of the sums do not cancel
+    sums = cluster_sums(gains - gains.mean(), np.zeros(gains.size, np.int64), day, 1)
+    by_day = float(clustered_mean(sums)[1][0])
+    sampled = np.random.default_rng([seed, 1]).standard_normal(draws)
+    # the optimism is an expectation: how far this curve is off is known to half of it only
+    wide = np.hypot(by_day, optimism / 2.0) if np.isfinite(by_day) else np.inf
+    return float(lengths[0].mean()), gain, gain + drawn - drawn.mean() + wide * sampled
+
+
+def _drawn_gains(
+    after: Floats,
+    heading: Floats,
+    airspeed: Floats,
+    fitted: Floats,
+    basis: Floats,
+    covariance: Floats,
+    normal: Floats,
+) -> Floats:
+    """Gain of the fitted correction if the coefficients were others, as the covariance allows."""
+    values, vectors = np.linalg.eigh(covariance)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    # If the deviation were larger by x, both winds would differ by -x V across the heading: only
+    # the component across it changes.
+    east, north = np.cos(heading), -np.sin(heading)
+    across = (after[0] * east + after[1] * north)[:, np.newaxis]
+    along = ((after[0] * north - after[1] * east) ** 2)[:, np.newaxis]
+    turned = (airspeed * np.sin(fitted))[:, np.newaxis] - across
+    off = (basis * airspeed[:, np.newaxis]) @ (root @ normal.T)
+    before = np.sqrt((off + turned) ** 2 + along).mean(axis=0)
+    return np.asarray(before - np.sqrt((off - across) ** 2 + along).mean(axis=0))
+
+
+def rank_aircraft(
+    headings: xr.Dataset,
+    fits: xr.Dataset,
+    *,
+    pools: Mapping[str, list[str]],
+    reference: str,
+    seed: int = 0,
+) -> list[Content]:
+    """Rank the aircraft by the expected gain of correcting them.
+
+    Parameters
+    ----------
+    headings : Dataset
+        Screened headings the fits were made from.
+    fits : Dataset
+        Of :func:`airswing.compass.fit.deviation.fit_deviation`.
+    pools : mapping of str to list of str
+        Members of each reference and pool.
+    reference : str
+        Whose fit is used.
+    seed : int, default 0
+
+    Returns
+    -------
+    list of dict
+        Rows of ``ranking.csv``, largest expected gain first, aircraft without a fit last:
+        ``rank``, ``aircraft``, ``status``, ``reports``, ``disagreement_kt``, ``expected_gain_kt``,
+        ``expected_gain_ci_kt`` and ``expected_gain_standard_error_kt`` (NaN for reports of one
+        day), ``rank_ci``, ``amplitude_deg``; without a fit ``why`` and no gain.
+
+    Raises
+    ------
+    InputError
+        If there is no such reference.
+    """
+    require_reference(pools, reference)
+    fit = fits.sel(reference=reference)
+    argument = "heading" if fits.attrs.get("abscissa") == "true" else "magnetic_heading"
+    words = {code: name for name, code in STATUS.items()}
+    entries: list[Content] = []
+    ranked: list[Content] = []
+    drawn: list[Floats] = []
+    names = [*_WINDS, "heading", argument, "airspeed", "time", "screening"]
+    for block in blocks(headings, names):
+        model = reference_mean(block, pools[reference])
+        columns = np.array(
+            [
+                *(block[name].to_numpy() for name in _WINDS[:2]),
+                *(model[name].to_numpy() for name in _WINDS[2:]),
+                np.radians(block["heading"].to_numpy()),
+                np.radians(block[argument].to_numpy()),
+                block["airspeed"].to_numpy(),
+            ],
+            dtype=np.float64,
+        )
+        day = block["time"].to_numpy().astype("datetime64[D]").astype(np.int64)
+        good = (block["screening"].to_numpy() == 0) & np.isfinite(columns.sum(axis=0))
+        for start, stop in zip(*row_bounds(block["row_size"].to_numpy()), strict=True):
+            rows = np.flatnonzero(good[start:stop]) + start
+            number = len(entries)
+            status = int(fit["status"][number])
+            entry: Content = {
+                "rank": None,
+                "aircraft": str(fit["aircraft"].to_numpy()[number]),
+                "status": words[status],
+                "reports": rows.size,
+                "expected_gain_kt": None,
+            }
+            entries.append(entry)
+            if not published(fit["status"][number]) or not rows.size:
+                entry["why"] = f"no published fit: {words[status]}"
+                continue
+            own = columns[:, rows]
+            before, gain, spread = expected_gain(
+                own[:2],
+                own[2:4],
+                own[4],
+                own[5],
+                own[6],
+                day[rows],
+                fit["deviation"].to_numpy()[number],
+                fit["deviation_covariance"].to_numpy()[number],
+                seed=seed + number,
+            )
+            known = bool(np.isfinite(spread).all())
+            low, high = np.percentile(spread / KNOT, [2.5, 97.5]) if known else (np.nan, np.nan)
+            entry |= {
+                "disagreement_kt": before / KNOT,
+                "expected_gain_kt": gain / KNOT,
+                "expected_gain_ci_kt": [float(low), float(high)],
+                "expected_gain_standard_error_kt": float(spread.std() / KNOT) if known else np.nan,
+                "amplitude_deg": float(fit["amplitude"][number]),
+            }
+            ranked.append(entry)
+            drawn.append(spread)
+    if ranked:
+        place = np.argsort(np.argsort(-np.array(drawn), axis=0), axis=0) + 1
+        ends = np.percentile(place, [2.5, 97.5], axis=1, method="nearest")
+        for entry, interval in zip(ranked, ends.T.tolist(), strict=True):
+            entry["rank_ci"] = [int(end) for end in interval]
+        ranked.sort(key=lambda entry: -float(entry["expected_gain_kt"]))
+        for rank, entry in enumerate(ranked, start=1):
+            entry["rank"] = rank
+    return [*ranked, *(entry for entry in entries if entry["rank"] is None)]
+
+
+def require_reference(pools: Mapping[str, list[str]], reference: str) -> None:
+    """Raise InputError for a reference or pool that is not known."""
+    if reference not in pools:
+        raise InputError(
+            "no such reference or pool",
+            field="reference",
+            found=reference,
+            remedy=f"Known: {', '.join(pools)}",
+        )

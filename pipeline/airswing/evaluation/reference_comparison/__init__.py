@@ -1,1 +1,0 @@
-"""How the fits depend on the reference."""

@@ -1,0 +1,110 @@
+"""Bootstrap over days, clustered means and the permutation test against plain computations."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from airswing.evaluation.resampling import (
+    cluster_sums,
+    clustered_mean,
+    day_weights,
+    interval,
+    permutation_test,
+    widened,
+)
+
+
+@pytest.mark.parametrize("days", [3, 10])
+def test_independent_days_drawn_again_vary_as_their_mean_does(days):
+    values = np.random.default_rng(1).normal(size=days)
+    weights = day_weights(days, draws=40_000, seed=2, length=1)
+    assert np.allclose(weights.sum(axis=1), days)
+    drawn = weights @ values / days
+    assert drawn.var() == pytest.approx(values.var(ddof=1) / days, rel=0.03)
+
+
+def test_blocks_of_days_contain_the_correlation_of_neighbours():
+    """Pairs of equal days: the variance of the mean is twice that of independent days."""
+    values = np.repeat(np.random.default_rng(3).normal(size=60), 2)
+    spread = [
+        (day_weights(120, draws=4000, seed=1, length=length) @ values / 120).var()
+        for length in (1, None)
+    ]
+    assert 1.5 < spread[1] / spread[0] < 2.1
+
+
+def test_an_interval_of_few_blocks_is_widened_to_students():
+    drawn = np.r_[0.0, np.random.default_rng(2).normal(size=20_000)]
+    low, high = interval(widened(drawn, 8)[1:])
+    # 8 days: 4 blocks of 2, Student's t with 3 degrees of freedom has 3.18
+    assert (low, high) == (pytest.approx(-3.18, abs=0.1), pytest.approx(3.18, abs=0.1))
+
+
+def test_clustered_mean_agrees_with_a_loop_and_parts_add_up():
+    rng = np.random.default_rng(0)
+    flight = np.sort(rng.integers(0, 30, 400))
+    group, value = flight % 3, rng.normal(size=400) + flight / 10
+    sums = cluster_sums(value, group, flight, 4)
+    mean, error = clustered_mean(sums)
+    for g in range(3):
+        inside = value[group == g]
+        rests = [np.sum(value[flight == f] - inside.mean()) for f in np.unique(flight[group == g])]
+        variance = len(rests) / (len(rests) - 1) * np.sum(np.square(rests)) / inside.size**2
+        assert mean[g] == pytest.approx(inside.mean())
+        assert error[g] == pytest.approx(np.sqrt(variance))
+    assert np.isnan(mean[3]) and np.isnan(error[3])
+    cut = int(np.searchsorted(flight, 9))
+    parts = [
+        cluster_sums(value[part], group[part], flight[part], 4)
+        for part in (slice(cut), slice(cut, None))
+    ]
+    np.testing.assert_allclose(parts[0] + parts[1], sums, rtol=1e-12)
+
+
+def test_a_clustered_error_by_hand():
+    """Two clusters with sums of deviations +2 and -2: sqrt(2 (4 + 4)) / 4 = 1."""
+    values, one = np.array([1.0, 1.0, -1.0, -1.0]), np.zeros(4, dtype=np.int64)
+    for cluster, error in (([0, 0, 1, 1], 1.0), ([0, 1, 0, 1], 0.0), ([0, 0, 0, 0], np.nan)):
+        sums = cluster_sums(values, one, np.array(cluster), 1)
+        np.testing.assert_equal(clustered_mean(sums)[1], [error])
+
+
+@pytest.mark.parametrize("chosen", ["at random", "as the worst"])
+def test_the_permutation_test_has_its_size_however_the_aircraft_were_chosen(chosen):
+    rng, rejected, repeats = np.random.default_rng(5), 0, 400
+    for seed in range(repeats):
+        level = 7 + rng.normal(0, 0.8, 36)
+        before, during = level + rng.normal(0, 0.6, 36), level + 1.2 + rng.normal(0, 0.6, 36)
+        corrected = np.zeros(36, dtype=bool)
+        order = rng.permutation(36) if chosen == "at random" else np.argsort(-before)
+        corrected[order[:19]] = True
+        found = permutation_test(-during, corrected, covariate=before, draws=199, seed=seed)
+        rejected += found[1] <= 0.05
+    assert 0.025 <= rejected / repeats <= 0.08
+
+
+def test_without_a_covariate_the_p_value_is_that_of_all_choices():
+    """Seven aircraft, three corrected: 35 choices, each as likely under permutation."""
+    change = np.array([0.3, 1.9, 0.2, 1.2, -0.4, 0.1, 0.6])
+    corrected = np.array([False, True, False, True, False, False, True])
+    found = abs(change[corrected].mean() - change[~corrected].mean())
+    apart = []
+    for chosen in combinations(range(7), 3):
+        inside = np.isin(np.arange(7), chosen)
+        apart.append(abs(change[inside].mean() - change[~inside].mean()))
+    expected = np.mean(np.array(apart) >= found - 1e-12)
+    draws = 20_000
+    effect, p_value, null = permutation_test(change, corrected, draws=draws, seed=1)
+    assert effect == pytest.approx(change[corrected].mean() - change[~corrected].mean())
+    assert p_value == pytest.approx(expected, abs=4 * np.sqrt(expected / draws))
+    assert null.shape == (draws,) and abs(null.mean()) < 0.02
+
+
+def test_where_nothing_can_be_permuted_there_is_no_p_value():
+    few, all_of_them = np.arange(4.0), np.ones(9, bool)
+    for outcome, corrected in ((few, few > 1), (np.arange(9.0), all_of_them)):
+        effect, p_value, null = permutation_test(outcome, corrected)
+        assert np.isnan([effect, p_value]).all() and null.size == 0
