@@ -50,6 +50,7 @@ if TYPE_CHECKING:  # for editors and mypy; at run time each is imported on first
     from airswing.synthetic.sample.mode_s_sample import write_mode_s as write_mode_s
     from airswing.synthetic.sample.sample_archive import write_archive as write_archive
     from airswing.workflow.main import run as run
+    from airswing.workflow.track import append_winds as append_winds
 
 # The stages a notebook calls, and where each stands; imported on first use.
 _STAGES = {
@@ -74,6 +75,7 @@ _STAGES = {
     "observation_errors": "airswing.evaluation.report_errors.observation_errors",
     "correct_forecasts": "airswing.handover.forecasts.correcting",
     "run": "airswing.workflow.main",
+    "append_winds": "airswing.workflow.track",
     "open_product": "airswing.products.netcdf",
     "open_results": "airswing.products.netcdf",
     "read_product": "airswing.products.netcdf",

@@ -23,6 +23,7 @@ from airswing.cli_options import (
     GapOptions,
     Json,
     Output,
+    OutputPath,
     Quiet,
     Resume,
     Scheduler,
@@ -137,16 +138,36 @@ def run(
 
 
 @app.command()
-def collocate(config: ConfigPath, output: Output = None, quiet: Quiet = False) -> None:
-    """Bring model winds to the reports and derive heading errors: headings/YYYY-MM.nc.
+def collocate(
+    source: Annotated[
+        Path,
+        typer.Argument(metavar="CONFIG|TRACK", help="Configuration; or CSV or Parquet file."),
+    ],
+    reference: Annotated[
+        list[str] | None,
+        typer.Option(help="Model winds for a TRACK, such as 'ruc=ruc/*.grb'.", metavar="NAME=GLOB"),
+    ] = None,
+    output: OutputPath = None,
+    quiet: Quiet = False,
+) -> None:
+    """Bring model winds to reports (CONFIG) or to any table of time, place and level (TRACK).
 
-    Where nothing can be screened or fitted the winds are there all the same.
+    CONFIG: writes headings/YYYY-MM.nc, also where nothing can be screened or fitted.
+
+    TRACK: appends the earth-relative winds of each --reference and writes the table to -o.
     """
+    if reference:
+        from airswing.workflow.track import collocate_track
+
+        if output is None:
+            raise typer.BadParameter("give the file to write", param_hint="-o")
+        print(collocate_track(source, reference, output))
+        return
     from airswing import workflow
     from airswing.errors import InputError
     from airswing.workflow.job import require_kept
 
-    job = _job(config, output=output, quiet=quiet)
+    job = _job(source, output=output, quiet=quiet)
     headings = _alone(job, workflow.make_headings)
     try:
         require_kept(headings)

@@ -31,6 +31,10 @@ ConfigPath = Annotated[
 Output = Annotated[
     Path | None, typer.Option(help="Folder for the products.", metavar="DIR", parser=_path)
 ]
+OutputPath = Annotated[
+    Path | None,
+    typer.Option("-o", "--output", help="Folder or file to write.", metavar="PATH", parser=_path),
+]
 Written = Annotated[
     Path,
     typer.Option("-o", "--output", help="File to write.", metavar="FILE", parser=_path),

@@ -1,0 +1,174 @@
+"""Model winds appended to any table of times, places and levels: ``airswing collocate TRACK``.
+
+Assumes one row a place, in any order, with a column for time, latitude, longitude and pressure or
+pressure altitude. Winds are relative to true north (earth-relative), interpolated in time, in the
+horizontal and in ln p as for aircraft reports; rows outside the model get no wind.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from numpy.typing import NDArray
+
+from airswing.errors import InputError
+from airswing.units import KNOT
+
+_SHORT = {"lat": "latitude", "lon": "longitude"}
+
+
+def append_winds(
+    table: pd.DataFrame,
+    references: Mapping[str, str | Path | Sequence[str] | xr.Dataset],
+    *,
+    columns: Mapping[str, str] | None = None,
+    max_time_gap: float = 10800.0,
+    lead: str = "any",
+) -> pd.DataFrame:
+    """Append earth-relative model winds to a table of times, places and levels.
+
+    Parameters
+    ----------
+    table : DataFrame
+        With ``time`` (UTC: datetime, ISO 8601 text, or seconds since 1970), ``latitude`` and
+        ``longitude`` (degrees; ``lat`` and ``lon`` too), and ``pressure`` or ``pressure_altitude``
+        with its unit at the end of the name (``pressure_hPa``, ``pressure_altitude_ft``).
+    references : mapping of str to path, list of paths, or Dataset
+        Model files (a glob each) or Datasets with CF winds, by name.
+    columns : mapping of str to str, optional
+        Other names of these columns, each with the name it stands for.
+    max_time_gap : float, default 10800
+        Longest time between two model times around a row, s.
+    lead : str, default "any"
+        Which forecasts are used: ``any``, ``analysis``, or a comparison such as ``>= 1 h``.
+
+    Returns
+    -------
+    DataFrame
+        The table with, for each reference, ``NAME_eastward_wind_m_s``, ``NAME_northward_wind_m_s``,
+        ``NAME_wind_direction_deg`` (from), ``NAME_wind_speed_kt`` and ``NAME_lead_time_h``; NaN
+        where the model has no value, and no direction for calm.
+
+    Raises
+    ------
+    InputError
+        A column is missing or cannot be read, or there is no model wind.
+
+    Examples
+    --------
+    >>> found = airswing.append_winds(track, {"ruc": "ruc/*.grb"})  # doctest: +SKIP
+    """
+    from airswing.reference.catalogues import build_catalogue
+    from airswing.reference.collocate import collocate
+
+    places = _places(table, columns or {})
+    models = {
+        name: build_catalogue(files, name=name, lead=lead) for name, files in references.items()
+    }
+    winds = collocate(places, models, max_time_gap=max_time_gap).compute()
+    found = table.copy()
+    for name in references:
+        own = winds.sel(reference=name)
+        u, v = (own[f"reference_{way}ward_wind"].to_numpy() for way in ("east", "north"))
+        speed = np.hypot(u, v)
+        found[f"{name}_eastward_wind_m_s"] = u
+        found[f"{name}_northward_wind_m_s"] = v
+        direction = np.degrees(np.arctan2(-u, -v)) % 360.0
+        found[f"{name}_wind_direction_deg"] = np.where(speed > 0.0, direction, np.nan)
+        found[f"{name}_wind_speed_kt"] = speed / KNOT
+        found[f"{name}_lead_time_h"] = own["lead_time"].to_numpy()
+    return found
+
+
+def collocate_track(track: Path, references: Sequence[str], output: Path) -> Path:
+    """Append model winds to a CSV or Parquet file.
+
+    Parameters
+    ----------
+    track : Path
+    references : sequence of str
+        ``NAME=GLOB`` each.
+    output : Path
+        ``.csv`` or ``.parquet``.
+
+    Raises
+    ------
+    InputError
+        As of :func:`append_winds`, and where a file cannot be read or written.
+    """
+    from airswing.products.whole_files import atomic
+
+    models: dict[str, str] = {}
+    for reference in references:
+        name, equals, files = reference.partition("=")
+        if not (name.strip() and equals and files.strip()):
+            raise InputError(
+                "a reference is a name and a pattern of files",
+                field="--reference",
+                found=reference,
+                remedy='Such as "ruc=ruc/*.grb"',
+            )
+        models[name.strip()] = files.strip()
+    for path in (track, output):
+        if path.suffix.lower() not in (".csv", ".parquet"):
+            raise InputError("a track is a .csv or .parquet file", file=path)
+    try:
+        # text as it is: identifiers with leading zeros stay what they are
+        table = (
+            pd.read_csv(track, dtype=str, keep_default_na=False, comment="#")
+            if track.suffix.lower() == ".csv"
+            else pd.read_parquet(track)
+        )
+    except (OSError, ValueError) as error:
+        raise InputError("cannot read the table", file=track, found=error) from error
+    found = append_winds(table, models)
+    with atomic(output) as temporary:
+        if output.suffix.lower() == ".csv":
+            found.to_csv(temporary, index=False, float_format="%.3f")
+        else:
+            found.to_parquet(temporary, index=False)
+    return output
+
+
+def _places(table: pd.DataFrame, columns: Mapping[str, str]) -> xr.Dataset:
+    """Times and places of a table: degrees, Pa."""
+    from airswing.physics.atmosphere import pressure_from_altitude
+    from airswing.reports.columns import conversion, split_name
+    from airswing.reports.values import parse_times
+
+    found: dict[str, NDArray[np.generic]] = {}
+    for name in map(str, table.columns):
+        meant = columns.get(name, name).strip()
+        meant = _SHORT.get(meant.lower(), meant)
+        if meant.lower() == "time":
+            found["time"], blank = parse_times(table[name])
+            unreadable = np.isnat(found["time"]) & ~blank
+            if unreadable.any():
+                first = table[name].iloc[int(np.argmax(unreadable))]
+                raise InputError("a time cannot be read", field=name, found=first)
+        elif (known := split_name(meant)) is not None and known[0].variable in (
+            "latitude",
+            "longitude",
+            "pressure",
+            "pressure_altitude",
+        ):
+            quantity, unit = known
+            factor, offset = conversion(unit, quantity.si_unit)
+            values = pd.to_numeric(table[name].replace("", np.nan), errors="coerce")
+            found[quantity.variable] = values.to_numpy(np.float64) * factor + offset
+    if "pressure" not in found and "pressure_altitude" in found:
+        found["pressure"] = pressure_from_altitude(found.pop("pressure_altitude"))
+    for name in ("time", "latitude", "longitude", "pressure"):
+        if name not in found:
+            raise InputError(
+                "the table has no column for it",
+                field={"pressure": "pressure_hPa or pressure_altitude_ft"}.get(name, name),
+                found=", ".join(map(str, table.columns)),
+                remedy="Rename the column, or give its name in `columns`",
+            )
+    names = ("time", "latitude", "longitude", "pressure")
+    return xr.Dataset({name: ("report", found[name]) for name in names})
