@@ -265,9 +265,7 @@ def two_workers(folder: Path, paths: list[str], turns: int) -> list[dict[str, An
     Both clusters stand for the whole of it, opened as a run opens them, the one that waits costing
     nothing. The ratio is of the same turn, so that what the machine does beside falls on both.
     """
-    from distributed import Client
-
-    from airswing.workflow.compute import local_cluster
+    from distributed import Client, LocalCluster
 
     reports = some_reports(len(paths), exact=False)
     catalogue = build_catalogue(paths, name="ruc", cache_dir=folder / "cache")
@@ -277,7 +275,12 @@ def two_workers(folder: Path, paths: list[str], turns: int) -> list[dict[str, An
         clients = {}
         for workers in (1, 2):
             cluster = open_clusters.enter_context(
-                local_cluster(workers, 1, dashboard_address=None, memory_limit="1GiB")
+                LocalCluster(
+                    n_workers=workers,
+                    threads_per_worker=1,
+                    dashboard_address=None,
+                    memory_limit="1GiB",
+                )
             )
             clients[workers] = open_clusters.enter_context(Client(cluster, set_as_default=False))
             clients[workers].run(import_heavy)

@@ -101,7 +101,7 @@ def diagnosis(
     if start.frame is not archive.view:
         archive = held_archive(start.frame, workers=archive.workers)
     with job.progress.stage("diagnose") as stage:
-        found = diagnose(archive, catalogue=_catalogue(without), progress=stage.tell)
+        found = diagnose(archive, catalogue=_catalogue(without), progress=stage.enter)
         # effects of scatter cannot be taken off the reports: those the simulation has are found
         # again
         effects = not_known(found.report.effects, start.known)
@@ -139,7 +139,7 @@ def _effects_of_archive(job: Job) -> list[ActiveEffect]:
 
     archive = _archive(job, make_headings(job), held=False)
     with job.progress.stage("diagnose the simulation") as stage:
-        found = active_effects(diagnose(archive, progress=stage.tell).report)
+        found = active_effects(diagnose(archive, progress=stage.enter).report)
         stage.note = f"{len(found)} effects"
     return found
 

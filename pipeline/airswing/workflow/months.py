@@ -74,7 +74,7 @@ def make_headings(job: Job) -> xr.Dataset:
     with job.progress.stage("reports") as stage:
         archive = ReportArchive(job)
         stage.note = f"{archive.count:,} reports in {len(archive.files):,} files"
-        stage.octets = archive.bytes_read
+        stage.bytes_read = archive.bytes_read
     for warning in reading_warnings(archive.audit.as_dict()):
         job.progress.say(f"  {warning}")
     models, settings, names = catalogues(job), _settings(job), archive.months()
@@ -546,7 +546,6 @@ class _Month:
                 derivatives=True,
                 sparse=asked.sparse,
             )
-            stage.tasks = sum(one.model_times for one in plans.values())
             winds = collocate(
                 reports,
                 models,
@@ -556,7 +555,7 @@ class _Month:
                 derivatives=True,
             ).compute()
             stage.messages = int(winds["decoded_messages"].sum())
-            stage.octets = int(winds["decoded_bytes"].sum())
+            stage.bytes_read = int(winds["decoded_bytes"].sum())
             stage.decoding = float(winds["decoding_seconds"].sum())
             stage.reports = max(one.matched for one in plans.values())
             matched = ", ".join(f"{name} {one.matched:,}" for name, one in plans.items())
