@@ -15,7 +15,7 @@ from typing import TypedDict
 
 import numpy as np
 
-_MOST_WITHOUT_WIND = 0.5  # share of the reports above which a note says so
+_LARGE_SHARE = 0.5  # of the reports, above which a note says what their values lack
 
 
 class AuditContent(TypedDict, total=False):
@@ -107,9 +107,18 @@ class Audit:
         """Sentences that a user should see beyond the counts of dropped reports."""
         notes = list(self.remarks)
         absent = self.missing["eastward_wind"]
-        if absent > _MOST_WITHOUT_WIND * max(self.kept, 1):
-            number = "none" if absent >= self.kept else f"only {self.kept - absent:,}"
-            notes.append(f"{number} of the {self.kept:,} reports has a wind")
+        if absent >= self.kept > 0:
+            notes.append(f"none of the {self.kept:,} reports has a wind")
+        elif absent > _LARGE_SHARE * self.kept:
+            notes.append(f"only {self.kept - absent:,} of the {self.kept:,} reports have a wind")
+        for reason, number in sorted(self.repaired.items()):
+            name, out_of_range, _ = reason.partition("_out_of_range")
+            if out_of_range and number > _LARGE_SHARE * self.kept:
+                cause = "a column it is derived from" if name == "derived_wind" else "its column"
+                notes.append(
+                    f"{number:,} of the {self.kept:,} values of {name} are impossible and are not "
+                    f"used: the unit of {cause} is likely another"
+                )
         if flights := self.repaired["same_identifier_at_two_places"]:
             notes.append(
                 f"two aircraft seem to share one identifier in {flights:,} reports: their flights "

@@ -15,6 +15,7 @@ import numpy as np
 import xarray as xr
 
 from airswing.compass.heading_kind import heading_kind_warnings
+from airswing.compass.plausibility import plausibility_warnings
 from airswing.config import Config
 from airswing.evaluation.monitoring import change_warnings
 from airswing.flags import STATUS
@@ -88,6 +89,7 @@ def summarise(
         "status": {name: status.count(name) for name in STATUS},
         "disagreement_kt": {"before": apart.total.before, "after": apart.total.after},
         "warnings": [
+            *plausibility_warnings(fits),
             *reading_warnings(tally(headings, "reading_audit")),
             *reference_warnings(tally(headings, "reference_audit")),
             *heading_kind_warnings(fits, main),

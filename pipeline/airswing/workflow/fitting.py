@@ -42,6 +42,7 @@ def make_fits(job: Job, headings: xr.Dataset | None = None) -> xr.Dataset:
     """
     from airswing.compass.fit.deviation import fit_deviation
     from airswing.compass.heading_kind import mean_declination
+    from airswing.compass.plausibility import plausibility, with_implausible
     from airswing.compass.table import add_tables, heading_histogram
     from airswing.compass.tables_csv import write_tables_csv
     from airswing.evaluation.monitoring import add_changes, watch_compasses
@@ -58,6 +59,8 @@ def make_fits(job: Job, headings: xr.Dataset | None = None) -> xr.Dataset:
             sign=config.table.sign,
         )
         fits = describe(fits.assign(mean_declination=("aircraft", mean_declination(screened))))
+        members = config.pools()[reference]
+        fits = with_implausible(fits, plausibility(screened, references=members))
         watch = watch_compasses(screened, members=config.pools()[reference], abscissa=abscissa)
         fits = add_changes(fits, watch.changes)
         stage.note = f"{int(published(fits['status']).sum())} of {fits['status'].size} fits usable"

@@ -1,0 +1,203 @@
+"""Each usual mistake is named, and sound archives are not suspected."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from airswing import collocate, derive_headings, fleet_wind, read_reports
+from airswing.compass.plausibility import (
+    plausibility,
+    plausibility_warnings,
+    with_implausible,
+)
+from airswing.flags import STATUS
+from airswing.physics.atmosphere import pressure_from_altitude, standard_temperature
+from airswing.units import FOOT, KNOT, ZERO_CELSIUS
+
+AIRCRAFT, FLIGHTS, REPORTS = 4, 6, 40
+Change = Callable[[dict[str, np.ndarray]], dict[str, np.ndarray]]
+
+
+def archive(change: Change = dict, *, temperature: bool = True) -> xr.Dataset:
+    """Headings of made flights at all levels in winds of 20 m/s, with errors of 2 m/s."""
+    rng = np.random.default_rng(7)
+    size = AIRCRAFT * FLIGHTS * REPORTS
+    flight = np.repeat(np.arange(AIRCRAFT * FLIGHTS), REPORTS)
+    altitude = np.tile(np.interp(np.arange(REPORTS), [0, 12, 28, 39], [600, 9e3, 9e3, 900]), 24)
+    angle = np.radians(rng.normal(270.0, 40.0, AIRCRAFT * FLIGHTS))[flight]
+    strength = 8.0 + 2e-3 * altitude
+    reference = -strength * (np.sin(angle) + 1j * np.cos(angle))
+    wind = reference + rng.normal(0, 1.5, size) + 1j * rng.normal(0, 1.5, size)
+    course = np.radians(rng.uniform(0, 360, AIRCRAFT * FLIGHTS))[flight]
+    airspeed = 120.0 + 0.01 * altitude
+    ground = airspeed * np.exp(1j * (np.pi / 2 - course)) + reference
+    seconds = np.tile(np.arange(REPORTS) * 120.0, 24) + flight * 86400.0
+    way = np.cumsum(ground * 120.0) - (np.cumsum(ground * 120.0))[flight * REPORTS]
+    fields = {
+        "speed": np.abs(wind),
+        "direction": np.degrees(np.arctan2(-wind.real, -wind.imag)) % 360.0,
+        "pressure_altitude": altitude,
+        "air_temperature": standard_temperature(altitude) + rng.normal(4.0, 2.0, size),
+        "reported_airspeed": airspeed * (1 + rng.normal(0, 0.01, size)),
+        "reported_heading": np.degrees(course) % 360.0,
+        "ground": ground,
+    }
+    fields = {**fields, **change(fields)}
+    if not temperature:
+        fields["air_temperature"] = np.full(size, np.nan)
+    turn = np.radians(fields["direction"])
+    columns = {
+        "time": (np.datetime64("2009-01-05", "ns") + (seconds * 1e9).astype("m8[ns]")),
+        "latitude": 40.0 + way.imag / 111_195.0,
+        "longitude": -90.0 + way.real / (111_195.0 * np.cos(np.radians(40.0))),
+        "flight": flight,
+        "eastward_wind": -fields["speed"] * np.sin(turn),
+        "northward_wind": -fields["speed"] * np.cos(turn),
+        "ground_eastward_velocity": fields["ground"].real,
+        "ground_northward_velocity": fields["ground"].imag,
+        "wind_source": np.zeros(size),
+    }
+    names = ("pressure_altitude", "air_temperature", "reported_airspeed", "reported_heading")
+    columns |= {name: fields[name] for name in names}
+    return xr.Dataset(
+        {
+            "row_size": ("aircraft", np.full(AIRCRAFT, FLIGHTS * REPORTS)),
+            "reference_eastward_wind": (("reference", "report"), reference.real[None]),
+            "reference_northward_wind": (("reference", "report"), reference.imag[None]),
+            **{name: ("report", values) for name, values in columns.items()},
+        },
+        coords={"aircraft": ["A", "B", "C", "D"], "reference": ["ruc"]},
+    )
+
+
+def scaled(name: str, factor: float) -> Change:
+    return lambda fields: {name: factor * fields[name]}
+
+
+def turned(function: Callable[[np.ndarray], np.ndarray]) -> Change:
+    return lambda fields: {"direction": function(fields["direction"])}
+
+
+def test_sound_reports_are_plausible():
+    assert plausibility(archive()) == []
+    assert plausibility(archive(temperature=False)) == []
+
+
+@pytest.mark.parametrize(
+    ("change", "quantity", "likely"),
+    [
+        (scaled("speed", KNOT), "wind_speed", "values in m/s read as kt"),
+        (scaled("speed", 1 / KNOT), "wind_speed", "values in kt read as m/s"),
+        (scaled("speed", 1.852), "wind_speed", "values in km/h read as kt"),
+        (scaled("speed", 3.6), "wind_speed", "values in km/h read as m/s"),
+        (scaled("speed", 10.0), "wind_speed", "values in tenths"),
+        (turned(np.radians), "wind_direction", "radians"),
+        (turned(lambda angle: angle / 10.0), "wind_direction", "tens of degrees"),
+        (turned(lambda angle: (angle + 180.0) % 360.0), "wind_direction", "opposite"),
+        (turned(lambda angle: (90.0 - angle) % 360.0), "wind_direction", "exchanged"),
+        (turned(lambda angle: angle % 256.0), "wind_direction", "part of the circle"),
+        (scaled("pressure_altitude", FOOT), "pressure_altitude", "values in m read as ft"),
+        (scaled("pressure_altitude", 0.01), "pressure_altitude", "flight levels read as ft"),
+        (
+            lambda fields: {
+                "air_temperature": 1.8 * (fields["air_temperature"] - ZERO_CELSIUS)
+                + 32.0
+                + ZERO_CELSIUS
+            },
+            "air_temperature",
+            "Fahrenheit",
+        ),
+        (
+            lambda fields: {
+                "air_temperature": ZERO_CELSIUS + abs(fields["air_temperature"] - ZERO_CELSIUS)
+            },
+            "air_temperature",
+            "minus signs",
+        ),
+        (scaled("reported_airspeed", KNOT), "reported_airspeed", "values in m/s read as kt"),
+        (
+            lambda fields: {
+                "reported_airspeed": fields["reported_airspeed"]
+                * np.sqrt(
+                    pressure_from_altitude(fields["pressure_altitude"])
+                    / 101325.0
+                    * 288.15
+                    / standard_temperature(fields["pressure_altitude"])
+                )
+            },
+            "reported_airspeed",
+            "indicated airspeeds",
+        ),
+        (scaled("ground", KNOT), "ground_speed", "values in m/s read as kt"),
+        (
+            lambda fields: {"reported_heading": np.radians(fields["reported_heading"])},
+            "reported_heading",
+            "radians",
+        ),
+    ],
+)
+def test_each_mistake_is_named_for_the_whole_fleet(change: Change, quantity: str, likely: str):
+    (finding,) = plausibility(archive(change))
+    assert (finding.quantity, finding.share) == (quantity, 1.0)
+    assert likely in finding.likely
+    assert "all aircraft" in str(finding)
+
+
+def test_without_temperatures_the_speed_at_the_level_shows_metres_under_feet():
+    fast = archive(
+        lambda fields: {
+            "pressure_altitude": FOOT * fields["pressure_altitude"],
+            "ground": 1.15 * fields["ground"],
+            "reported_airspeed": np.full(fields["speed"].size, np.nan),
+        },
+        temperature=False,
+    )
+    (finding,) = plausibility(fast)
+    assert (finding.quantity, finding.likely) == ("pressure_altitude", "values in m read as ft")
+
+
+def test_one_aircraft_of_a_fleet_and_aircraft_with_few_reports():
+    def change(fields: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        first = np.arange(fields["speed"].size) < FLIGHTS * REPORTS
+        return {"speed": np.where(first, KNOT, 1.0) * fields["speed"]}
+
+    (finding,) = plausibility(archive(change))
+    assert finding.aircraft == ("A",)
+    short = archive(scaled("speed", KNOT)).drop_dims("aircraft")
+    short["row_size"] = ("aircraft", np.full(48, 20))
+    short = short.assign_coords(aircraft=[f"T{n}" for n in range(48)])
+    (finding,) = plausibility(short)
+    assert len(finding.aircraft) == 48
+
+
+def test_the_status_and_the_sentence():
+    fits = xr.Dataset(
+        {"status": (("reference", "aircraft"), np.array([[0, 1, 4, 0]], dtype=np.int8))},
+        coords={"reference": ["ruc"], "aircraft": ["A", "B", "C", "E"]},
+    )
+    marked = with_implausible(fits, plausibility(archive(scaled("speed", KNOT))))
+    bad = STATUS["implausible_reports"]
+    assert marked["status"].values.tolist() == [[bad, 1, bad, 0]]
+    assert marked["status"].dtype == np.int8
+    (sentence,) = plausibility_warnings(marked)
+    assert "wind speeds of all aircraft" in sentence and "m/s read as kt" in sentence
+    assert plausibility_warnings(with_implausible(fits, [])) == []
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "modes/mpm_20170111_12z_aggregated.csv",
+        "reports/acars_19990209_14z.nc",
+        "reports/madis_acars_20050826_00z.nc.gz",
+    ],
+)
+def test_no_false_alarm_on_real_reports(real: Callable[[str], Path], name: str):
+    reports = read_reports(real(name))
+    winds = collocate(reports, {"fleet": fleet_wind(reports)})
+    assert plausibility(derive_headings(reports, winds)) == []
