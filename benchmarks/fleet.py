@@ -196,8 +196,8 @@ def after_the_fit(aircraft: int, folder: Path) -> dict[str, Callable[[], Any]]:
     from airswing.evaluation.field_test import field_test
     from airswing.evaluation.held_out import virtual_field_test
     from airswing.evaluation.monitoring import find_events, fit_by_window, watch_compasses
+    from airswing.evaluation.observation_errors import observation_errors
     from airswing.evaluation.ranking import rank_aircraft
-    from airswing.evaluation.report_errors.observation_errors import observation_errors
     from airswing.evaluation.results import Evaluation
     from airswing.report import write_page
     from airswing.report.run.swing_cards import write_swing_cards

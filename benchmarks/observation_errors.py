@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 import airswing
 from airswing.evaluation.error_profiles import STATES, profile_cells
-from airswing.evaluation.report_errors.observation_errors import (
+from airswing.evaluation.observation_errors import (
     FLIGHT_PHASES,
     observation_errors,
 )
@@ -106,7 +106,7 @@ def scored(seed: int, *, days: int, aircraft: int) -> pd.DataFrame:
         for place in zip(*np.nonzero(np.isfinite(table)), strict=True):
             rows.append((state, "cell", cells[place], table[place], *intervals[place], took))
     columns = ["state", "what", "true", "found", "low", "high", "seconds"]
-    return pd.DataFrame(rows, columns=columns).assign(seed=seed, believed=found.attrs["believed"])
+    return pd.DataFrame(rows, columns=columns).assign(seed=seed, believed=found.attrs["method"])
 
 
 def told(table: pd.DataFrame) -> tuple[str, bool]:

@@ -323,4 +323,4 @@ def test_a_covariance_of_the_references_that_is_told_is_taken_off(finished, root
         one["fleet_observation_error_by_method"].sel(way="three_cornered_hat") ** 2 for one in found
     ]
     np.testing.assert_allclose(hats[0] - hats[1], 0.2, atol=1e-9)
-    assert found[1].attrs["told_covariance"] == 0.2
+    assert found[1].attrs["assumed_covariance"] == 0.2

@@ -30,7 +30,7 @@ if TYPE_CHECKING:  # for editors and mypy; at run time each is imported on first
     from airswing.evaluation.error_profiles import error_profiles as error_profiles
     from airswing.evaluation.field_test import field_test as field_test
     from airswing.evaluation.innovations import innovation_statistics as innovation_statistics
-    from airswing.evaluation.report_errors.observation_errors import (
+    from airswing.evaluation.observation_errors import (
         observation_errors as observation_errors,
     )
     from airswing.gap.archive.frame import Frame as Frame
@@ -72,7 +72,7 @@ _STAGES = {
     "Frame": "airswing.gap.archive.frame",
     "diagnose": "airswing.report.gap.in_notebook",
     "export": "airswing.handover.export",
-    "observation_errors": "airswing.evaluation.report_errors.observation_errors",
+    "observation_errors": "airswing.evaluation.observation_errors",
     "correct_forecasts": "airswing.handover.forecasts.correcting",
     "run": "airswing.workflow.main",
     "append_winds": "airswing.workflow.track",

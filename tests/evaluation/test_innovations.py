@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from airswing.evaluation.innovations import combined, innovation_statistics, innovations
+from airswing.evaluation.disagreement import innovations
+from airswing.evaluation.innovations import combined, innovation_statistics
 from airswing.flags import PHASE, SCREENING
 from airswing.vocabulary import describe
 

@@ -1,17 +1,18 @@
-"""The reports' own error: neighbours by hand, fields of known error, a simulated archive."""
-
-from types import SimpleNamespace
+"""Error of the reports: neighbours by hand, fields of known error, a simulated archive."""
 
 import benchmarks.observation_errors as archive
 import numpy as np
 import pytest
 import xarray as xr
 
-from airswing.evaluation.report_errors.disagreements import disagreements
-from airswing.evaluation.report_errors.neighbours import REACH, half_squares, neighbouring_pairs
-from airswing.evaluation.report_errors.observation_errors import observation_errors
-from airswing.evaluation.report_errors.reported_winds import added_variance
-from airswing.evaluation.report_errors.used_errors import used_error
+from airswing.evaluation.error_separation import (
+    REACH,
+    Crossed,
+    added_variance,
+    half_squares,
+    neighbouring_pairs,
+)
+from airswing.evaluation.observation_errors import disagreements, observation_errors, used_error
 from airswing.evaluation.resampling import day_weights, interval, widened
 from airswing.products.netcdf import read_product, write_product
 from airswing.report.html.embed import Figures
@@ -43,25 +44,6 @@ def test_neighbours_by_hand():
     assert late * REACH[2] == pytest.approx(60.0)
     squares = half_squares(np.array([1.0, 4, 0, 0, 2]), np.array([0.0, -1, 0, 0, 0]), found)
     assert sorted(squares) == pytest.approx([0.25 * (4 + 1), 0.25 * (9 + 1)])
-
-
-def test_blocks_keep_what_lasts():
-    rng = np.random.default_rng(1)
-    lasting = np.repeat(rng.normal(size=200), 6)
-    weights = day_weights(1200, draws=2000, seed=0)
-    assert weights.mean() == pytest.approx(1.0, abs=0.01)
-    # Blocks of 11 days see most of what six successive days share; single days see none.
-    true = lasting.reshape(-1, 6).mean(axis=1).std() / np.sqrt(200)
-    drawn = (weights @ lasting / 1200).std()
-    alone = (day_weights(1200, draws=2000, seed=0, length=1) @ lasting / 1200).std()
-    assert 0.8 * true < drawn < 1.05 * true
-    assert alone < 0.5 * true
-
-
-def test_few_blocks_widen_the_interval_as_students_t_does():
-    drawn = np.concatenate([[0.0], np.random.default_rng(0).normal(size=20_000)])
-    low, high = interval(widened(drawn, 27)[1:])
-    assert (high - low) / 2 == pytest.approx(2.306, rel=0.03)  # 9 blocks of 3 days
 
 
 def made(seed, *, days=30, aircraft=8, references=(("a", 2.0),), shared=0.0, own=0.5, far=False):
@@ -132,7 +114,7 @@ def made(seed, *, days=30, aircraft=8, references=(("a", 2.0),), shared=0.0, own
 def test_one_reference_and_neighbours():
     headings, corrected, reported = made(3)
     found = observation_errors(headings, corrected, pools={"a": ["a"]}, reference="a")
-    assert found.attrs["believed"] == "separation"
+    assert found.attrs["method"] == "separation"
     before, after = found["fleet_observation_error"].to_numpy()
     assert after == pytest.approx(0.5, rel=0.1)
     assert before == pytest.approx(reported, rel=0.05)
@@ -152,19 +134,19 @@ def test_two_references_of_independent_error_make_a_hat():
     headings, corrected, reported = made(5, references=(("a", 2.0), ("b", 1.5)), far=True, days=60)
     pools = {"a": ["a"], "b": ["b"], "a+b": ["a", "b"]}
     found = observation_errors(headings, corrected, pools=pools, reference="a+b")
-    assert found.attrs["believed"] == "three_cornered_hat"
-    assert "too few aircraft meet" in found.attrs["believed_because"]
+    assert found.attrs["method"] == "three_cornered_hat"
+    assert "too few aircraft meet" in found.attrs["method_reason"]
     before, after = found["fleet_observation_error"].to_numpy()
     low, high = found["fleet_observation_error_interval"].sel(state="corrected").to_numpy()
     assert low < 0.5 < high and after < 0.8
     assert before == pytest.approx(reported, rel=0.1)
 
 
-def test_references_that_err_together_are_found_out():
+def test_references_with_correlated_errors_are_recognised():
     headings, corrected, _ = made(7, references=(("a", 1.5), ("b", 1.5)), shared=1.0, days=40)
     pools = {"a": ["a"], "b": ["b"], "a+b": ["a", "b"]}
     found = observation_errors(headings, corrected, pools=pools, reference="a+b")
-    assert found.attrs["believed"] == "separation"
+    assert found.attrs["method"] == "separation"
     assert found["fleet_observation_error"].sel(state="corrected").item() == pytest.approx(
         0.5, rel=0.12
     )
@@ -189,10 +171,10 @@ def test_references_that_err_together_are_found_out():
     )
 
 
-def test_one_day_of_one_reference_says_nothing_and_says_so(tmp_path):
+def test_one_day_of_one_reference_has_no_error_and_a_reason(tmp_path):
     headings, corrected, _ = made(1, days=1)
     found = observation_errors(headings, corrected, pools={"a": ["a"]}, reference="a")
-    assert found.attrs["believed"] == ""
+    assert found.attrs["method"] == ""
     assert bool(found["observation_error"].isnull().all())
     assert "could not be determined" in report_errors_section(found, Figures()).lead
 
@@ -212,7 +194,7 @@ def test_what_could_not_be_corrected_does_not_count():
     assert int(found["observation_count"].sel(flight_phase="all").sum()) == (applied == 0).sum()
 
 
-def test_figures_others_use():
+def test_errors_that_assimilation_systems_use():
     assert used_error("wrfda_tamdar", [10_000, 20_000, 70_000, 100_000]).tolist() == [
         3.6,
         3.2,
@@ -250,25 +232,24 @@ def two_aircraft(change, model_error):
     return headings, xr.Dataset(still | {"row_size": ("aircraft", [days, days])})
 
 
-def test_what_reported_winds_have_more_by_hand():
+def test_the_added_variance_of_reported_winds_by_hand():
     # East alone is changed: half of c^2, and c d with d = -model error.
     change = np.array([[2.0, 2.0, 4.0], [-1.0, -1.0, -2.0]])
     model = np.array([[0.5, 0.5, 1.0], [1.0, 0.0, 1.0]])
     found = disagreements(*two_aircraft(change, model), ["a"], ["a"])
-    draws = added_variance(found, np.ones((1, 3)), seed=0)
+    draws = added_variance(found.crossed, np.ones((1, 3)), seed=0)
     crossed = -change * model
     assert draws[0, 0] == pytest.approx(0.5 * (change**2).mean() + crossed.mean())
     cell = np.flatnonzero(np.isfinite(draws[0, 1:]))
     assert draws[0, 1 + cell] == pytest.approx(draws[0, :1])
-    # Three clusters of days, two of aircraft, six of both, about the mean.
-    off = crossed - crossed.mean()
-    alone = found.crossed_alone[:, 0]
-    mean = crossed.mean()
+    # three clusters of days, two of aircraft, six of both, about the mean
+    sums, mean = found.crossed, crossed.mean()
+    squares, product, counts = sums.intersection[:, 0]
     np.testing.assert_allclose(
-        alone[0] - 2.0 * mean * alone[1] + mean**2 * alone[2], (off**2).sum()
+        squares - 2.0 * mean * product + mean**2 * counts, ((crossed - mean) ** 2).sum()
     )
-    np.testing.assert_allclose(found.aircraft_crossed.sum(axis=1), crossed.sum(axis=1))
-    np.testing.assert_allclose(found.crossed.sum(axis=0), crossed.sum(axis=0))
+    np.testing.assert_allclose(sums.aircraft_crossed.sum(axis=1), crossed.sum(axis=1))
+    np.testing.assert_allclose(sums.crossed.sum(axis=0), crossed.sum(axis=0))
 
 
 def test_a_model_error_that_lasts_is_in_the_interval_of_reported_winds():
@@ -280,13 +261,13 @@ def test_a_model_error_that_lasts_is_in_the_interval_of_reported_winds():
         lasting = np.repeat(rng.normal(0, 1.0, (12, 1)), 40, axis=1)  # where it flies
         crossed = -change * (lasting + rng.normal(0, 0.5, (12, 40)))
         number = np.ones((12, 40))
-        found = SimpleNamespace(
+        found = Crossed(
             number=number.sum(axis=0)[None],
             crossed=crossed.sum(axis=0)[None],
             change_squares=np.array([0.5 * (change**2).sum()]),
             aircraft_crossed=crossed.sum(axis=1)[:, None],
             aircraft_number=number.sum(axis=1)[:, None],
-            crossed_alone=np.stack([[part.sum()] * 2 for part in (crossed**2, crossed, number)]),
+            intersection=np.stack([[part.sum()] * 2 for part in (crossed**2, crossed, number)]),
         )
         weights = np.vstack([np.ones(40), day_weights(40, draws=400, seed=0)])
         draws = added_variance(found, weights, seed=0)[:, 0]
@@ -314,7 +295,7 @@ def test_a_simulated_archive_against_its_truth(simulated, tmp_path):
         assert own["fleet_observation_error"].item() == pytest.approx(true, rel=share)
         low, high = own["fleet_observation_error_interval"].to_numpy()
         assert low < true < high
-    assert found.attrs["believed"] == "separation"
+    assert found.attrs["method"] == "separation"
     write_product(found, tmp_path / "observation_errors.nc", title="errors")
     product = read_product(tmp_path / "observation_errors.nc")
     assert product["observation_error"].dims == ("flight_phase", "layer", "state")

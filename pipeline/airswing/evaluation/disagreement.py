@@ -1,9 +1,9 @@
-"""How far reported winds stand from a reference, in the measures the field uses.
+"""Disagreement of reported winds with a reference, in the measures the field uses.
 
-Assumes both winds are true eastward and northward components in m/s at the same place and time.
-The mean magnitude of the vector difference is the seed paper's measure (Jacobs et al. 2010,
-Table 1); it is not additive, so component rms and the split along and across the heading are
-given beside it.
+Assumes that both winds are true eastward and northward components in m/s at the same place and
+time. The mean magnitude of the vector difference is the measure of Jacobs et al. (2010, Table 1);
+it is not additive, so component rms and the components along and across the heading are given as
+well.
 """
 
 from __future__ import annotations
@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.floating]
 _Winds = TypeVar("_Winds", xr.DataArray, xr.Dataset)
+MIN_DIRECTION_WIND = 5.0
+"""Reference wind, m/s, below which the direction has no meaning: it is mostly that of the error."""
 
 
 def vector_difference(
@@ -36,6 +38,40 @@ def vector_difference(
     array of float, m/s
     """
     return np.hypot(eastward - reference_eastward, northward - reference_northward)
+
+
+def innovations(
+    eastward: FloatArray,
+    northward: FloatArray,
+    reference_eastward: FloatArray,
+    reference_northward: FloatArray,
+) -> dict[str, NDArray[np.float64]]:
+    """Innovation of the speed, the direction and both components of a wind.
+
+    Parameters
+    ----------
+    eastward, northward, reference_eastward, reference_northward : arrays of float, m/s
+        Of one shape.
+
+    Returns
+    -------
+    dict of str to array
+        ``speed``, ``direction``, ``eastward`` and ``northward``: m/s, of the direction degrees in
+        (-180, 180], positive where the observation is veered (clockwise); NaN where a wind is
+        missing, and of the direction where the reference wind is weaker than
+        :data:`MIN_DIRECTION_WIND`.
+    """
+    u, v, u_ref, v_ref = eastward, northward, reference_eastward, reference_northward
+    speed = np.hypot(u_ref, v_ref)
+    # the angle between the two vectors, clockwise positive, is the same for directions "from"
+    turned = np.degrees(np.arctan2(u * v_ref - v * u_ref, u * u_ref + v * v_ref))
+    found = {
+        "speed": np.hypot(u, v) - speed,
+        "direction": np.where(speed >= MIN_DIRECTION_WIND, turned, np.nan),
+        "eastward": u - u_ref,
+        "northward": v - v_ref,
+    }
+    return {name: np.asarray(values, np.float64) for name, values in found.items()}
 
 
 def disagreement(
@@ -94,11 +130,11 @@ def disagreement_sums(
     """
     du, dv = eastward - reference_eastward, northward - reference_northward
     good = np.isfinite(du) & np.isfinite(dv)
-    turned = np.arctan2(eastward, northward) - np.arctan2(reference_eastward, reference_northward)
-    # m/s: in weaker winds the direction is mostly that of the error
-    strong = good & (np.hypot(reference_eastward, reference_northward) >= 5.0)
-    # the shorter way round
-    turned = np.arctan2(np.sin(turned[strong]), np.cos(turned[strong]))
+    direction = innovations(eastward, northward, reference_eastward, reference_northward)[
+        "direction"
+    ]
+    strong = np.isfinite(direction)
+    turned = np.radians(direction[strong])
     du, dv, heading = (np.asarray(part[good], np.float64) for part in (du, dv, heading))
     parts = [
         np.ones(du.size),
@@ -170,7 +206,6 @@ def reference_mean(ds: xr.Dataset, members: list[str]) -> xr.Dataset:
 def member_mean(values: _Winds) -> _Winds:
     """Mean over ``reference`` of the members that have a value at the report, NaN where none has.
 
-    One rule for all of a pool, in what is measured as in what is drawn: a report outside one
-    model's grid or hours still has the other's wind.
+    A report outside one model's grid or hours still has the wind of the other model.
     """
     return values.mean("reference", skipna=True)

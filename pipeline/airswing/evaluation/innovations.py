@@ -7,8 +7,8 @@ both components, as reported and as corrected.
 
 Assumes that every report counts alike; the innovations of one flight share the reference's error,
 so that a standard error from the count alone would be too small. Direction innovations are taken
-the shorter way round, where the reference wind is :data:`MIN_DIRECTION_WIND` or more. A pool is the
-mean of its members. m/s, degrees.
+the shorter way round, where the reference wind is 5 m/s or more. A pool is the mean of its members.
+m/s, degrees.
 """
 
 from __future__ import annotations
@@ -19,11 +19,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from airswing.evaluation.disagreement import reference_mean
+from airswing.evaluation.disagreement import innovations, reference_mean
 from airswing.evaluation.error_profiles import (
     CELLS,
     LEVEL_EDGES_HPA,
-    MIN_DIRECTION_WIND,
     STATES,
     profile_cells,
 )
@@ -42,36 +41,6 @@ _WINDS = (
     "reference_northward_wind",
 )
 _CORRECTED = ("corrected_eastward_wind", "corrected_northward_wind")
-
-
-def innovations(
-    eastward: Floats, northward: Floats, reference_eastward: Floats, reference_northward: Floats
-) -> dict[str, Floats]:
-    """Innovation of the speed, the direction and both components of a wind.
-
-    Parameters
-    ----------
-    eastward, northward, reference_eastward, reference_northward : arrays of float, m/s
-        Of one shape.
-
-    Returns
-    -------
-    dict of str to array
-        By the names of :data:`QUANTITIES`: m/s, of the direction degrees in (-180, 180], positive
-        where the observation is veered (clockwise); NaN where a wind is missing, and of the
-        direction where the reference wind is weaker than :data:`MIN_DIRECTION_WIND`.
-    """
-    u, v, u_ref, v_ref = eastward, northward, reference_eastward, reference_northward
-    speed = np.hypot(u_ref, v_ref)
-    # the angle between the two vectors, clockwise positive, is the same for directions "from"
-    turned = np.degrees(np.arctan2(u * v_ref - v * u_ref, u * u_ref + v * v_ref))
-    found = {
-        "speed": np.hypot(u, v) - speed,
-        "direction": np.where(speed >= MIN_DIRECTION_WIND, turned, np.nan),
-        "eastward": u - u_ref,
-        "northward": v - v_ref,
-    }
-    return {name: np.asarray(values, np.float64) for name, values in found.items()}
 
 
 def innovation_statistics(

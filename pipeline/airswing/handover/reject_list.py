@@ -380,7 +380,7 @@ def _statistics(
     u: Floats, v: Floats, u_ref: Floats, v_ref: Floats, row: NDArray[np.int64], aircraft: int
 ) -> dict[str, Floats]:
     """Statistics of one state of the wind by aircraft; NaN without reports."""
-    from airswing.evaluation.error_profiles import MIN_DIRECTION_WIND
+    from airswing.evaluation.disagreement import MIN_DIRECTION_WIND
 
     speed = np.hypot(u, v) - np.hypot(u_ref, v_ref)
     # Clockwise from the direction of the reference to that of the report.

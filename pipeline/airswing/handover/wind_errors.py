@@ -77,7 +77,7 @@ def known_errors(request: Request, *, required: bool = False) -> xr.Dataset | No
         raise InputError(
             "no error of the reports is known",
             field="observation_error",
-            found=known.attrs.get("believed_because"),
+            found=known.attrs.get("method_reason"),
             remedy="It takes two references, or aircraft that meet, on some days",
         )
     return chosen

@@ -112,7 +112,7 @@ def make_innovations(job: Job, headings: xr.Dataset, corrected: xr.Dataset) -> x
 
 def make_observation_errors(job: Job, headings: xr.Dataset, corrected: xr.Dataset) -> xr.Dataset:
     """Errors of the reports alone by phase of flight and layer: ``observation_errors.nc``."""
-    from airswing.evaluation.report_errors.observation_errors import observation_errors
+    from airswing.evaluation.observation_errors import observation_errors
 
     with job.progress.stage("observation errors") as stage:
         found = observation_errors(
@@ -128,7 +128,7 @@ def make_observation_errors(job: Job, headings: xr.Dataset, corrected: xr.Datase
             title="Standard error of a wind component of the reports alone",
             sources=(headings, corrected),
         )
-        stage.note = found.attrs["believed"] or found.attrs["believed_because"]
+        stage.note = found.attrs["method"] or found.attrs["method_reason"]
     return found
 
 

@@ -728,8 +728,8 @@ def report_errors_section(errors: xr.Dataset | None, show: Figures) -> Section:
     title = "Observation error of the reports"
     if errors is None:
         return Section("report-errors", title)
-    why = str(errors.attrs.get("believed_because", "")).replace("m2/s2", "m²/s²")
-    method = str(errors.attrs.get("believed", ""))
+    why = str(errors.attrs.get("method_reason", "")).replace("m2/s2", "m²/s²")
+    method = str(errors.attrs.get("method", ""))
     if not method:
         return Section("report-errors", title, "It could not be determined.", [listing([why])])
     factor, units = shown_per_m_s(show.units), show.units
@@ -785,7 +785,7 @@ def _methods_table(errors: xr.Dataset, units: Units) -> Markup:
             value = factor * chosen["fleet_observation_error_by_method"].sel(state=state)
             ends = factor * chosen["fleet_observation_error_by_method_interval"].sel(state=state)
             cells.append(number_text(value) + range_text(ends.to_numpy().tolist()))
-        rows.append(Row([words, *cells], doubt=method != errors.attrs.get("believed")))
+        rows.append(Row([words, *cells], doubt=method != errors.attrs.get("method")))
     columns = [Column("method", "words")]
     columns += [Column(f"{state} ({units})") for state in ("reported", "corrected")]
     caption = (

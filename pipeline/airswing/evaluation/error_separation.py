@@ -1,0 +1,258 @@
+"""Error variance of the reports alone: kernels.
+
+*Neighbours.* Two aircraft that meet see the same error of the reference and the same weather; what
+their differences from the reference do not have in common are the errors of the reports. Half the
+mean squared difference of two neighbours' differences, extrapolated to zero separation, is the
+error variance of the reports (the intercept of Hollingsworth & Loennberg 1986, Tellus 38A, 111-136,
+in the form of a variogram: the total variance of the reference is not needed, so that what differs
+from region to region cancels). Errors of different aircraft are taken as independent of each other,
+and motion of the air on smaller scales than the nearest pairs counts as error of the reports.
+
+The expected half square of a pair is the mean of both reports' error variances plus the difference
+of the reference's errors at that separation. An error variance is that of the report's cell (phase
+of flight and layer) plus that of its aircraft's class; the part of the reference is proportional to
+the disagreement of both cells. All of it is linear, fitted with weights by days, and drawn again
+over blocks of days. Cells are weighted as reports are, not as pairs are.
+
+*Reported winds.* Their error variance exceeds that of the corrected winds by the mean square of
+what the correction changed, c (reported minus corrected), which is known exactly, plus twice the
+mean of c d, d being the corrected wind's disagreement. The mean of c d contains what c has in
+common with the corrected wind's own error, which belongs to it, and with the reference's error,
+which does not: the error of the estimate. Part of the reference's error lasts for months and is
+common to all aircraft, and a few aircraft with large deviations make most of c; neither days nor
+aircraft are independent, and the variance is that of both clusters less that of their intersection,
+which both contain (Cameron, Gelbach & Miller 2011, J. Bus. Econ. Stat. 29, 238-249). The reports
+and their c are taken as they are: the error is that of this fleet in this archive.
+
+Plain arrays, SI units, degrees for places, seconds for time; variances in m2/s2.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from airswing.units import MODEL_EARTH_RADIUS
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+REACH = (30_000.0, 0.06, 1350.0)
+"""Separation beyond which a pair is no longer near: m, ln p, s."""
+FEWEST_PAIRS, FEWEST_OF_CELL, FEWEST_DAYS = 400, 150, 8
+"""Below these the parts of the error cannot be separated."""
+_MOST_AT_ONCE = 20_000  # reports of a day; of more, some are drawn
+_TERMS = 4  # of the reference's error with separation
+_BINS = 8  # of separation, in which the scatter of half squares is taken as one
+
+
+class Pairs(NamedTuple):
+    """Neighbouring reports of different aircraft."""
+
+    first: Ints  # (pair,): place of one report
+    second: Ints  # and of the other
+    separation: Floats  # (pair, 3): distance, difference of ln p and of time, in units of `REACH`
+
+
+@dataclass(frozen=True)
+class PairTable:
+    """All near pairs of an archive."""
+
+    day: Ints  # (pair,): from 0, in order of time
+    cells: Ints  # (pair, 2): of both reports
+    classes: Ints  # (pair, 2)
+    separation: Floats  # (pair, 3)
+    squares: Floats  # (pair,): half squares
+
+
+@dataclass(frozen=True)
+class Separated:
+    """Error variances, the first as estimated, the others with days drawn again."""
+
+    by_cell: Floats  # (1 + draw, cell): cells with too few pairs have one value in common
+    by_class: Floats  # (1 + draw, class)
+    resolved: NDArray[np.bool_]  # (cell,): whether a cell has enough pairs
+
+
+def neighbouring_pairs(
+    latitude: Floats, longitude: Floats, pressure: Floats, time: Floats, aircraft: Ints
+) -> Pairs:
+    """Find the pairs of reports of different aircraft that are near.
+
+    Parameters
+    ----------
+    latitude, longitude : arrays, shape (report,), degrees
+    pressure : array, shape (report,), Pa
+    time : array, shape (report,), s
+    aircraft : array of int, shape (report,)
+    """
+    chosen = np.arange(latitude.size)
+    if chosen.size > _MOST_AT_ONCE:
+        drawn = np.random.default_rng(chosen.size).permutation(chosen)
+        chosen = np.sort(drawn[:_MOST_AT_ONCE])
+    phi, lam = np.radians(latitude[chosen]), np.radians(longitude[chosen])
+    place = np.stack([np.cos(phi) * np.cos(lam), np.cos(phi) * np.sin(lam), np.sin(phi)], axis=1)
+    place *= MODEL_EARTH_RADIUS / REACH[0]
+    where = np.column_stack([place, np.log(pressure[chosen]) / REACH[1], time[chosen] / REACH[2]])
+    found = cKDTree(where).query_pairs(1.0, output_type="ndarray").astype(np.int64)
+    owner = aircraft[chosen]
+    found = found[owner[found[:, 0]] != owner[found[:, 1]]]
+    apart = np.abs(where[found[:, 0]] - where[found[:, 1]])
+    distance = np.sqrt((apart[:, :3] ** 2).sum(axis=1))
+    separation = np.column_stack([distance, apart[:, 3], apart[:, 4]])
+    return Pairs(chosen[found[:, 0]], chosen[found[:, 1]], separation)
+
+
+def half_squares(east: Floats, north: Floats, pairs: Pairs) -> Floats:
+    """Half the squared difference of two neighbours, the mean of both components.
+
+    Parameters
+    ----------
+    east, north : arrays, shape (report,), m/s
+        Report minus reference.
+    pairs : Pairs
+
+    Returns
+    -------
+    array, shape (pair,), m2/s2
+    """
+    du, dv = (values[pairs.first] - values[pairs.second] for values in (east, north))
+    # half for two components, half for two reports: the error variance of one
+    return np.asarray(0.25 * (du**2 + dv**2), dtype=np.float64)
+
+
+def separate(
+    table: PairTable, number: Floats, amplitude: Floats, weights: Floats
+) -> Separated | None:
+    """Separate the reports' error variance from the reference's.
+
+    Parameters
+    ----------
+    table : PairTable
+    number : array, shape (cell, class)
+        Reports, by which cells and classes are weighted.
+    amplitude : array, shape (cell,)
+        Mean square disagreement, to which the reference's part is proportional.
+    weights : array, shape (1 + draw, day)
+        How often each day counts; the first row is ones.
+
+    Returns
+    -------
+    Separated or None
+        None where pairs or days are too few.
+    """
+    if table.day.size < FEWEST_PAIRS or np.unique(table.day).size < FEWEST_DAYS:
+        return None
+    # a pair has two ends
+    resolved = np.bincount(table.cells.ravel(), minlength=len(number)) >= 2 * FEWEST_OF_CELL
+    column = np.where(resolved, np.cumsum(resolved) - 1, int(resolved.sum()))
+    cells, classes = int(column.max()) + 1, number.shape[1]
+    design = np.zeros((table.day.size, cells + classes + _TERMS))
+    row = np.arange(table.day.size)
+    for end in (0, 1):
+        np.add.at(design, (row, column[table.cells[:, end]]), 0.5)
+        np.add.at(design, (row, cells + table.classes[:, end]), 0.5)
+    # A correlation that is smooth at zero separation decreases as a square there, and more slowly
+    # further out: the squares of the three parts, and the fourth power of the whole.
+    scale = np.sqrt(amplitude[table.cells]).prod(axis=1)
+    scale /= max(float(scale.mean()), 1e-12)  # the terms are in the units of the half squares
+    squared = table.separation**2
+    terms = np.column_stack([squared, squared.sum(axis=1) ** 2])
+    design[:, cells + classes :] = terms * scale[:, None]
+    drawn = _solved(design, table, weights, cells + classes)
+    of_cell = number / np.maximum(number.sum(axis=1, keepdims=True), 1.0)
+    of_class = number / np.maximum(number.sum(axis=0, keepdims=True), 1.0)
+    cell_part, class_part = drawn[:, column], drawn[:, cells : cells + classes]
+    return Separated(
+        cell_part + class_part @ of_cell.T, cell_part @ of_class + class_part, resolved
+    )
+
+
+def _solved(design: Floats, table: PairTable, weights: Floats, variances: int) -> Floats:
+    """Weighted least squares for every draw of the days: (draw, column)."""
+    # the variance of a half square is the square of its mean, here by separation
+    distance = np.sqrt((table.separation**2).sum(axis=1))
+    place = np.minimum((distance * _BINS).astype(np.int64), _BINS - 1)
+    count = np.maximum(np.bincount(place, minlength=_BINS), 1)
+    mean = np.bincount(place, weights=table.squares, minlength=_BINS) / count
+    precision = 1.0 / np.maximum(mean[place], 1e-12) ** 2
+    matrix = np.zeros((weights.shape[1], design.shape[1], design.shape[1]))
+    right = np.zeros(matrix.shape[:2])
+    order = np.argsort(table.day, kind="stable")
+    edges = np.searchsorted(table.day[order], np.arange(weights.shape[1] + 1))
+    for day in range(weights.shape[1]):
+        rows = order[edges[day] : edges[day + 1]]
+        weighted = design[rows] * precision[rows, None]
+        matrix[day], right[day] = weighted.T @ design[rows], weighted.T @ table.squares[rows]
+    matrix, right = np.tensordot(weights, matrix, axes=1), weights @ right
+    diagonal = np.einsum("dii->di", matrix)
+    # a cell without a pair in the days drawn has no row and must stay solvable
+    ridge = 1e-9 * diagonal + 1e-30
+    # cells and classes both contain the mean; this assigns it to the classes
+    ridge[:, :variances] += 1e-4 * diagonal[:, :variances].mean(axis=1, keepdims=True)
+    whole = matrix + ridge[..., None] * np.eye(matrix.shape[-1])
+    return np.asarray(np.linalg.solve(whole, right[..., None])[..., 0])
+
+
+@dataclass(frozen=True)
+class Crossed:
+    """Sums of the products c d and of reports, for :func:`added_variance`."""
+
+    number: Floats  # (cell, day)
+    crossed: Floats  # (cell, day): summed products, both components
+    change_squares: Floats  # (cell,): summed c squared, mean of both components
+    aircraft_number: Floats  # (aircraft, cell)
+    aircraft_crossed: Floats  # (aircraft, cell)
+    # (3, 1 + cell): over all pairs of aircraft and day, sums of the squared products, of product
+    # times reports, and of squared reports; of all cells together, then of each
+    intersection: Floats
+
+
+def added_variance(sums: Crossed, weights: Floats, *, seed: int) -> Floats:
+    """Error variance of the reported winds less that of the corrected winds.
+
+    Parameters
+    ----------
+    sums : Crossed
+    weights : array, shape (1 + draw, day)
+        How often each day counts; the first row is ones.
+    seed : int
+        Of the draws of aircraft.
+
+    Returns
+    -------
+    array, shape (1 + draw, 1 + cell)
+        The estimate, then draws of days and aircraft; of all reports, then of each cell; NaN
+        without reports.
+    """
+
+    def with_total(table: Floats) -> Floats:
+        return np.vstack([table.sum(axis=0), table])
+
+    number, crossed = with_total(sums.number), with_total(sums.crossed)
+    total = number.sum(axis=1)
+    flown = with_total(sums.aircraft_number.T)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = crossed.sum(axis=1) / total
+        by_day = (crossed - mean[:, None] * number) / total[:, None]
+        by_aircraft = (with_total(sums.aircraft_crossed.T) - mean[:, None] * flown) / total[:, None]
+        squares, product, counts = sums.intersection
+        intersection = (squares - 2.0 * mean * product + mean**2 * counts) / total**2
+        known = with_total(sums.change_squares[:, None])[:, 0] / total
+    members = (flown > 0).sum(axis=1)
+    by_aircraft *= np.sqrt(members / np.maximum(members - 1.0, 1.0))[:, None]
+    drawn = np.random.default_rng([seed, 1]).normal(size=(len(weights), by_aircraft.shape[1]))
+    drawn[0] = 0.0
+    days, aircraft = (weights - 1.0) @ by_day.T, drawn @ by_aircraft.T
+    share: Floats | float = 1.0
+    if len(weights) > 1:
+        # the intersection is counted once
+        of_days, of_aircraft = days[1:].var(axis=0), (by_aircraft**2).sum(axis=1)
+        both = of_days + of_aircraft
+        once = np.maximum(both - intersection, np.maximum(of_days, of_aircraft))
+        share = np.sqrt(np.divide(once, both, out=np.ones_like(both), where=both > 0.0))
+    return np.asarray(known + mean + share * (days + aircraft))

@@ -1,0 +1,583 @@
+"""The standard error of a wind component of the reports alone: ``observation_errors.nc``.
+
+Assumes that the disagreement of a report with a reference contains the errors of both, independent
+of each other, and separates them by two methods.
+
+*Separation*: what neighbouring aircraft have in common belongs to the reference
+(:mod:`airswing.evaluation.error_separation`). One reference suffices; different aircraft must meet.
+An error common to all aircraft, and motion on scales below their distance, cannot be separated.
+
+*Three-cornered hat*: with two references the mean product of a report's two disagreements is the
+report's error variance plus the covariance of the references' errors (Gray & Allan 1974). With that
+covariance assumed (0 by default) it is an upper bound wherever the errors of the references are
+correlated, as those of models that assimilate the same observations are. The covariance itself is
+estimated: the hat's variance less that of the separation.
+
+Both methods use the corrected winds, whose errors are alike; the variance of the reported winds is
+larger by the difference of their mean square disagreement, in which the reference's error is the
+same (:func:`airswing.evaluation.error_separation.added_variance`).
+
+The preferred method is the separation; it is the hat where no interval of the separation is known,
+or where the estimated covariance is not significant and the interval of the hat is the narrower
+one. Intervals (95 %) are a bootstrap over blocks of days, of the reported winds over aircraft too.
+
+A cell is a phase of flight in a layer of pressure (those of
+:mod:`airswing.evaluation.error_profiles`). A report counts where it has a reported wind, a
+corrected one and every reference. Of archives too large to pair, whole days are taken, evenly
+spread. m/s, m2/s2, degrees, Pa, seconds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations_with_replacement
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from airswing.evaluation.disagreement import reference_mean
+from airswing.evaluation.error_profiles import CELLS, LEVEL_EDGES_HPA, STATES, profile_cells
+from airswing.evaluation.error_separation import (
+    FEWEST_DAYS,
+    Crossed,
+    Pairs,
+    PairTable,
+    added_variance,
+    half_squares,
+    neighbouring_pairs,
+    separate,
+)
+from airswing.evaluation.resampling import day_weights, interval, widened
+from airswing.flags import CORRECTION, PHASE
+from airswing.products.ragged import aircraft_of_report, blocks
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+METHODS = ("separation", "three_cornered_hat")
+FLIGHT_PHASES = ("all", "ascent", "cruise", "descent")
+DRAWS = 400
+"""Either end of a 95 % interval rests on ten draws."""
+FEWEST_REPORTS = 100
+"""Of a cell, below which the hat has no value for it."""
+KNOWN_SHARE = 0.8
+"""Share of a layer's reports in cells with a value, below which the layer has none."""
+MOST_REPORTS, MOST_PAIRS, MOST_CLASSES = 1_000_000, 800_000, 40
+"""Used at most, so that years take no more memory than months."""
+USED = {
+    # pressures, hPa, and errors of a component, m/s; WRFDA: var/obsproc/obserr.txt of WRF 4.7.1
+    "wrfda_tamdar": (
+        (150, 200, 250, 300, 350, 400, 450, 500, 550, 600, 650, 700, 750, 800, 850, 900),
+        (3.6, 3.2, 3.2, 3.2, 3.2, 3.0, 3.0, 2.9, 2.9, 2.7, 2.7, 2.7, 2.7, 2.5, 2.5, 2.3),
+    ),
+    "wrfda_airep": ((500,), (3.6,)),
+    # NAM: the error table of the regional system of NCEP
+    "nam_tamdar": ((300, 400, 500, 700, 850, 1000), (5.30, 5.12, 4.93, 4.80, 4.33, 3.75)),
+    "nam_mdcrs": ((300, 400, 500, 700, 850, 1000), (3.41, 2.87, 2.62, 2.73, 2.79, 2.39)),
+}
+"""Wind errors that assimilation systems use for aircraft, constant beyond the ends."""
+_SPEED_BINS = 100  # of 1 m/s, for the median speed of a layer
+_LAYERS = len(LEVEL_EDGES_HPA) - 1
+_NAMES = (
+    "eastward_wind",
+    "northward_wind",
+    "reference_eastward_wind",
+    "reference_northward_wind",
+    "latitude",
+    "longitude",
+    "pressure",
+    "time",
+    "phase",
+    "screening",
+)
+_CORRECTED = ("corrected_eastward_wind", "corrected_northward_wind", "correction_applied")
+_APPLIED = (CORRECTION["corrected"], CORRECTION["already_corrected"])
+_PAIRED = ("latitude", "longitude", "pressure", "time", "aircraft", "cell", "day", "east", "north")
+
+
+def used_error(name: str, pressure: Floats | list[float] | float) -> Floats:
+    """Wind error, m/s, that a system of :data:`USED` uses at a pressure, Pa."""
+    levels, errors = USED[name]
+    return np.asarray(np.interp(np.asarray(pressure) / 100.0, levels, errors))
+
+
+@dataclass(frozen=True)
+class Disagreements:
+    """Disagreement of an archive, summed by aircraft, day and cell.
+
+    Attributes
+    ----------
+    days : array of datetime64[D], shape (day,)
+    number : int
+        Aircraft.
+    key : array of int, shape (3, group)
+        Aircraft, day and cell of every group of reports.
+    sums : dict of str to array, shape (group,)
+        ``number`` of reports; ``reported`` and ``corrected``: summed squared disagreement;
+        ``change``: of c, what the correction changed; all three means of both components;
+        ``crossed``: summed products of c and the corrected disagreement, both components; and
+        ``product i``: of the disagreements with two references, for each of ``pairs``.
+    pairs : list of (int, int)
+        References by number, every two of them and each with itself.
+    speeds : array, shape (layer, speed class)
+    reports : dict of str to array
+        The reports that are paired, of whole days: :data:`_PAIRED`; ``east`` and ``north``:
+        disagreement of the corrected wind.
+    """
+
+    days: NDArray[np.datetime64]
+    number: int
+    key: Ints
+    sums: dict[str, Floats]
+    pairs: list[tuple[int, int]]
+    speeds: Floats
+    reports: dict[str, NDArray[Any]]
+
+    def by(self, first: str, second: str, name: str) -> Floats:
+        """A sum by two of ``aircraft``, ``day`` and ``cell``."""
+        sizes = {"aircraft": self.number, "day": self.days.size, "cell": CELLS}
+        places = dict(zip(sizes, self.key, strict=True))
+        shape = sizes[first], sizes[second]
+        flat = places[first] * shape[1] + places[second]
+        total = np.bincount(flat, self.sums[name], shape[0] * shape[1])
+        return np.asarray(total, dtype=np.float64).reshape(shape)
+
+    @cached_property
+    def reports_by_day(self) -> Floats:
+        """Number of reports, (cell, day)."""
+        return self.by("cell", "day", "number")
+
+    @cached_property
+    def crossed(self) -> Crossed:
+        """Sums for :func:`airswing.evaluation.error_separation.added_variance`."""
+        number, product = self.sums["number"], self.sums["crossed"]
+        pair = self.key[0] * self.days.size + self.key[1]
+        together = [np.bincount(pair, values) for values in (product, number)]
+        cell = self.key[2]
+        intersection = np.array(
+            [
+                [(one * other).sum(), *np.bincount(cell, of_one * of_other, CELLS)]
+                for one, other, of_one, of_other in (
+                    (together[0], together[0], product, product),
+                    (together[0], together[1], product, number),
+                    (together[1], together[1], number, number),
+                )
+            ]
+        )
+        return Crossed(
+            self.reports_by_day,
+            self.by("cell", "day", "crossed"),
+            np.bincount(cell, self.sums["change"], CELLS).astype(np.float64),
+            self.by("aircraft", "cell", "number"),
+            self.by("aircraft", "cell", "crossed"),
+            intersection,
+        )
+
+
+def disagreements(
+    headings: xr.Dataset, corrected: xr.Dataset, members: list[str], pool: list[str]
+) -> Disagreements:
+    """Sum the disagreements of an archive, some whole aircraft at a time.
+
+    Parameters
+    ----------
+    headings, corrected : Dataset
+        In memory or lazy.
+    members : list of str
+        References compared with each other.
+    pool : list of str
+        References whose mean the pairs are compared with.
+    """
+    time = headings["time"].to_numpy()
+    days = np.unique(time[~np.isnat(time)].astype("datetime64[D]"))
+    stride = -(-headings.sizes["report"] // MOST_REPORTS)
+    stride += stride > 1 and stride % 7 == 0  # else one day of the week would stand for all
+    pairs = list(combinations_with_replacement(range(len(members)), 2))
+    keys, sums, kept = [], [], []
+    speeds = np.zeros((CELLS, _SPEED_BINS))
+    first = 0
+    blocks_of_both = zip(blocks(headings, _NAMES), blocks(corrected, _CORRECTED), strict=True)
+    for block, better in blocks_of_both:
+        columns, of_each = _columns(block, better, members, pool, days)
+        columns["aircraft"] = columns["aircraft"] + first
+        first += block.sizes["aircraft"]
+        aircraft, day, cell = (columns[name] for name in ("aircraft", "day", "cell"))
+        groups, place = np.unique((aircraft * days.size + day) * CELLS + cell, return_inverse=True)
+        after = np.stack([columns["east"], columns["north"]])
+        change = columns["reported"] - after
+        values = {
+            "number": np.ones(day.size),
+            "reported": 0.5 * (columns["reported"] ** 2).sum(axis=0),
+            "corrected": 0.5 * (after**2).sum(axis=0),
+            "change": 0.5 * (change**2).sum(axis=0),
+            "crossed": (change * after).sum(axis=0),
+        }
+        for k, (one, two) in enumerate(pairs):
+            values[f"product {k}"] = 0.5 * (of_each[one] * of_each[two]).sum(axis=0)
+        keys.append(np.stack(np.unravel_index(groups, (first, days.size, CELLS))))
+        sums.append({name: np.bincount(place, part, groups.size) for name, part in values.items()})
+        speed = np.minimum(columns["speed"], _SPEED_BINS - 1).astype(np.int64)
+        speeds += np.bincount(cell * _SPEED_BINS + speed, minlength=speeds.size).reshape(
+            speeds.shape
+        )
+        chosen = day % stride == 0
+        kept.append({name: columns[name][chosen] for name in _PAIRED})
+    return Disagreements(
+        days,
+        first,
+        np.concatenate(keys, axis=1),
+        {name: np.concatenate([part[name] for part in sums]) for name in sums[0]},
+        pairs,
+        speeds.reshape(len(PHASE), _LAYERS, -1).sum(axis=0),
+        {name: np.concatenate([part[name] for part in kept]) for name in _PAIRED},
+    )
+
+
+def _columns(
+    block: xr.Dataset,
+    better: xr.Dataset,
+    members: list[str],
+    pool: list[str],
+    days: NDArray[np.datetime64],
+) -> tuple[dict[str, NDArray[Any]], Floats]:
+    """Usable reports of a block, and their disagreement with each reference."""
+    cell, _ = profile_cells(block)
+    model = reference_mean(block, pool)
+    time = block["time"].to_numpy()
+    before, after, pooled, *single = (
+        np.array([source[name].to_numpy() for name in names], dtype=np.float64)
+        for source, names in (
+            (block, _NAMES[:2]),
+            (better, _CORRECTED[:2]),
+            (model, _NAMES[2:4]),
+            *((block.sel(reference=member), _NAMES[2:4]) for member in members),
+        )
+    )
+    good = (cell >= 0) & ~np.isnat(time)
+    good &= np.all(np.isfinite([before, after, pooled, *single]), axis=(0, 1))
+    if "correction_applied" in better:
+        good &= np.isin(better["correction_applied"].to_numpy(), _APPLIED)
+    found: dict[str, NDArray[Any]] = {
+        name: block[name].to_numpy()[good].astype(np.float64)
+        for name in ("latitude", "longitude", "pressure")
+    }
+    found["time"] = time[good].astype("datetime64[ms]").astype(np.float64) / 1000.0
+    found["day"] = np.searchsorted(days, time[good].astype("datetime64[D]"))
+    found["cell"], found["aircraft"] = cell[good], aircraft_of_report(block)[good]
+    found["reported"] = (before - pooled)[:, good]
+    found["east"], found["north"] = (after - pooled)[:, good]
+    found["speed"] = np.hypot(*pooled[:, good])
+    return found, np.array([(after - one)[:, good] for one in single])
+
+
+def near_pairs(found: Disagreements, classes: Ints) -> PairTable:
+    """Pair the neighbouring reports of every day.
+
+    Parameters
+    ----------
+    found : Disagreements
+    classes : array of int, shape (aircraft,)
+    """
+    table, days = found.reports, found.days.size
+    order = np.argsort(table["day"], kind="stable")
+    edges = np.searchsorted(table["day"][order], np.arange(days + 1))
+    rng, most = np.random.default_rng(0), max(MOST_PAIRS // max(days, 1), 1)
+    parts = []
+    for day in range(days):
+        rows = order[edges[day] : edges[day + 1]]
+        own = {name: values[rows] for name, values in table.items()}
+        pairs = neighbouring_pairs(
+            own["latitude"], own["longitude"], own["pressure"], own["time"], own["aircraft"]
+        )
+        if pairs.first.size > most:
+            chosen = np.sort(rng.permutation(pairs.first.size)[:most])
+            pairs = Pairs(pairs.first[chosen], pairs.second[chosen], pairs.separation[chosen])
+        ends = np.column_stack([pairs.first, pairs.second])
+        parts.append(
+            (
+                np.full(pairs.first.size, day),
+                own["cell"][ends],
+                classes[own["aircraft"][ends]],
+                pairs.separation,
+                half_squares(own["east"], own["north"], pairs),
+            )
+        )
+    return PairTable(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+
+@dataclass(frozen=True)
+class _Variances:
+    """Error variances by one method, the first as estimated, the others drawn again."""
+
+    cells: Floats  # (1 + draw, state, cell): NaN where not known
+    fleet: Floats  # (1 + draw, state)
+    aircraft: Floats  # (1 + draw, state, aircraft): NaN where not known
+
+
+def observation_errors(
+    headings: xr.Dataset,
+    corrected: xr.Dataset,
+    *,
+    pools: Mapping[str, list[str]],
+    reference: str,
+    covariance: float = 0.0,
+    seed: int = 0,
+) -> xr.Dataset:
+    """Estimate the standard error of the reports by phase of flight, layer and state.
+
+    Parameters
+    ----------
+    headings : Dataset
+        Screened headings.
+    corrected : Dataset
+        Corrected winds of the same reports.
+    pools : mapping of str to list of str
+        Members of each reference and pool.
+    reference : str
+        Reference or pool that neighbours are compared with.
+    covariance : float, default 0
+        Covariance of the references' errors that the hat assumes, m2/s2.
+    seed : int, default 0
+        Of the bootstrap.
+
+    Returns
+    -------
+    Dataset
+        ``observation_error`` (flight_phase, layer, state), m/s, by the preferred method, with
+        ``observation_error_interval``; ``*_by_method``; ``fleet_*`` over all reports;
+        ``aircraft_observation_error``; ``weight_gain``; the errors that assimilation systems use;
+        and, in the attributes, the preferred ``method``, ``method_reason``,
+        ``assumed_covariance`` and the references of the hat.
+    """
+    members = [name for name, inside in pools.items() if len(inside) == 1]
+    found = disagreements(headings, corrected, members, list(pools[reference]))
+    days = found.days.size
+    weights = np.ones((1, days))
+    if days >= FEWEST_DAYS:
+        weights = np.vstack([weights, day_weights(days, draws=DRAWS, seed=seed)])
+    number = np.maximum(weights @ found.reports_by_day.T, 0.0)
+    added = added_variance(found.crossed, weights, seed=seed)
+    hat_pair = _hat_pair(found)
+    methods = {
+        "separation": _separation(found, number, weights, added),
+        "three_cornered_hat": _hat(found, hat_pair, number, weights, added, covariance),
+    }
+    for name, variances in methods.items():
+        if variances is not None:
+            methods[name] = _Variances(*(widened(one, days) for one in vars(variances).values()))
+    method, reason = _preferred(methods, len(members))
+    hat_names = [members[k] for k in found.pairs[hat_pair]] if hat_pair is not None else []
+    ds = _labelled(methods, method or METHODS[0], number, found)
+    return ds.assign_coords(aircraft=headings["aircraft"].to_numpy().astype(str)).assign_attrs(
+        method=method,
+        method_reason=reason,
+        reference=reference,
+        hat_references=" ".join(hat_names),
+        assumed_covariance=covariance,
+        days=days,
+    )
+
+
+def _of_states(cells: Floats, fleet: Floats, added: Floats) -> tuple[Floats, Floats]:
+    """Variances of both states by cell and of the fleet, from those of corrected winds."""
+    return (
+        np.stack([cells + added[:, 1:], cells], axis=1),
+        np.stack([fleet + added[:, 0], fleet], axis=1),
+    )
+
+
+def _separation(
+    found: Disagreements, number: Floats, weights: Floats, added: Floats
+) -> _Variances | None:
+    """Variances from neighbours; None where too few meet."""
+    if not found.sums["number"].size:
+        return None
+    flown = found.by("aircraft", "cell", "number")
+    squares = np.stack([found.by("aircraft", "day", state) for state in STATES])
+    # Aircraft of a similar disagreement are a class; each is one while there are few.
+    disagreement = squares[-1].sum(axis=1) / np.maximum(flown.sum(axis=1), 1.0)
+    order, classes = np.argsort(disagreement, kind="stable"), np.empty(found.number, np.int64)
+    count = min(MOST_CLASSES, found.number)
+    classes[order] = np.arange(found.number) * count // found.number
+    by_class = np.zeros((CELLS, count))
+    np.add.at(by_class.T, classes, flown)
+    amplitude = _ratio(
+        found.by("cell", "day", "corrected").sum(axis=1), found.reports_by_day.sum(axis=1)
+    )
+    parts = separate(near_pairs(found, classes), by_class, np.nan_to_num(amplitude), weights)
+    if parts is None:
+        return None
+    fleet = _ratio((parts.by_cell * number).sum(-1), number.sum(-1))
+    own = _ratio(squares @ weights.T, found.by("aircraft", "day", "number") @ weights.T)
+    more = np.nan_to_num((own - own[-1:]).transpose(2, 0, 1), nan=0.0)
+    aircraft = parts.by_class[:, classes][:, None] + more
+    aircraft[..., flown.sum(axis=1) == 0] = np.nan
+    cells = np.where(parts.resolved, parts.by_cell, np.nan)
+    return _Variances(*_of_states(cells, fleet, added), aircraft)
+
+
+def _hat_pair(found: Disagreements) -> int | None:
+    """Pair of different references with the smallest mean product of disagreements."""
+    sums = [
+        (float(found.sums[f"product {k}"].sum()), k)
+        for k, (one, two) in enumerate(found.pairs)
+        if one != two
+    ]
+    return min(sums)[1] if sums and found.sums["number"].size else None
+
+
+def _hat(
+    found: Disagreements,
+    pair: int | None,
+    number: Floats,
+    weights: Floats,
+    added: Floats,
+    covariance: float,
+) -> _Variances | None:
+    """Variances from two references; None with only one."""
+    if pair is None:
+        return None
+    total = weights @ found.by("cell", "day", f"product {pair}").T
+    cells = _ratio(total, number) - covariance
+    cells[:, found.reports_by_day.sum(axis=1) < FEWEST_REPORTS] = np.nan
+    fleet = _ratio(total.sum(-1), number.sum(-1)) - covariance
+    none = np.full((len(weights), len(STATES), found.number), np.nan)
+    return _Variances(*_of_states(cells, fleet, added), none)
+
+
+def _preferred(methods: Mapping[str, _Variances | None], members: int) -> tuple[str, str]:
+    """Preferred method, and the reason; no method where there is none."""
+    apart, hat = (methods[name] for name in METHODS)
+    if apart is None and hat is None:
+        return "", "too few neighbouring aircraft or days, and one reference alone"
+    if apart is None:
+        reason = "too few aircraft meet; an upper bound where the references' errors are correlated"
+        return METHODS[1], reason
+    if hat is None or len(apart.fleet) == 1:
+        known = "one reference alone" if members < 2 else "the references' covariance is not known"
+        return METHODS[0], known
+    shared = (hat.fleet - apart.fleet)[:, -1]
+    low, high = interval(shared[1:])
+    widths = [np.ptp(interval(one.fleet[1:, -1])) for one in (apart, hat)]
+    estimate = (
+        f"covariance of the references' errors {shared[0]:.2f} ({low:.2f} to {high:.2f}) m2/s2"
+    )
+    if low <= 0.0 <= high and widths[1] < widths[0]:
+        return METHODS[1], f"{estimate}: not significant"
+    return METHODS[0], f"{estimate}: the hat attributes it to the reports"
+
+
+def _labelled(
+    methods: Mapping[str, _Variances | None], preferred: str, number: Floats, found: Disagreements
+) -> xr.Dataset:
+    """Standard errors with intervals, on their dimensions."""
+    draws, states = len(number), len(STATES)
+    none = _Variances(*(np.full((draws, states, one), np.nan) for one in (CELLS, 1, found.number)))
+    none = _Variances(none.cells, none.fleet[..., 0], none.aircraft)
+    known = {name: methods[name] or none for name in METHODS}
+    tables = {name: _table(one.cells, number) for name, one in known.items()}
+    fleet = known[preferred].fleet
+    shared = (known[METHODS[1]].fleet - known[METHODS[0]].fleet)[:, -1]
+    cell = ("flight_phase", "layer", "state")
+    data: dict[str, Any] = {}
+    for name, dims, drawn in (
+        ("observation_error", cell, _root(tables[preferred])),
+        ("fleet_observation_error", ("state",), _root(fleet)),
+        (
+            "observation_error_by_method",
+            ("way", *cell),
+            np.stack([_root(tables[one]) for one in METHODS], axis=1),
+        ),
+        (
+            "fleet_observation_error_by_method",
+            ("way", "state"),
+            np.stack([_root(known[one].fleet) for one in METHODS], axis=1),
+        ),
+        ("weight_gain", cell[:2], _gain(tables[preferred])),
+        ("fleet_weight_gain", (), _gain(fleet)),
+        ("reference_error_covariance", (), shared),
+        (
+            "aircraft_observation_error",
+            ("aircraft", "state"),
+            _root(known[METHODS[0]].aircraft).swapaxes(1, 2),
+        ),
+    ):
+        data[name] = (dims, drawn[0])
+        bounds = np.full((2, *drawn.shape[1:]), np.nan)
+        if draws > 1:
+            ends = interval(np.nan_to_num(drawn[1:], nan=0.0))
+            bounds = np.where(np.isfinite(drawn[0]), ends, np.nan)
+        data[f"{name}_interval"] = ((*dims, "bound"), np.moveaxis(bounds, 0, -1))
+    # a cell's own error, else that of its layer, else that of the fleet
+    table, fleet_error = _root(tables[preferred][0]), _root(fleet)[0]
+    layer = np.where(np.isfinite(table[:1]), table[:1], fleet_error)
+    data["observation_error_filled"] = (cell, np.where(np.isfinite(table), table, layer))
+    return xr.Dataset(
+        data | _context(found),
+        coords={
+            "flight_phase": list(FLIGHT_PHASES),
+            "state": list(STATES),
+            "way": list(METHODS),
+            "bound": ["low", "high"],
+        },
+    )
+
+
+def _table(cells: Floats, number: Floats) -> Floats:
+    """Variances by phase and layer, the first row all phases: (draw, phase, layer, state)."""
+    shape = (len(number), len(PHASE), _LAYERS)
+    cells = np.moveaxis(cells, 1, 2).reshape(*shape, -1)
+    weight = number.reshape(shape)[..., None] * np.isfinite(cells)
+    whole = _ratio((np.nan_to_num(cells) * weight).sum(axis=1), weight.sum(axis=1))
+    total = number.reshape(shape).sum(axis=1)[..., None]
+    whole = np.where(weight.sum(axis=1) >= KNOWN_SHARE * total, whole, np.nan)
+    return np.stack([whole, *(cells[:, PHASE[name]] for name in FLIGHT_PHASES[1:])], axis=1)
+
+
+def _context(found: Disagreements) -> dict[str, Any]:
+    """Counts, rms disagreement, median speed, and the errors that assimilation systems use."""
+    edges = np.array(LEVEL_EDGES_HPA) * 100.0
+    by_cell = np.array(
+        [
+            np.bincount(found.key[2], found.sums[name], CELLS).reshape(len(PHASE), _LAYERS)
+            for name in ("number", *STATES)
+        ]
+    )
+    rows = [by_cell.sum(axis=1), *(by_cell[:, PHASE[name]] for name in FLIGHT_PHASES[1:])]
+    counted, *squares = np.stack(rows, axis=1)
+    speeds = found.speeds.cumsum(axis=-1)
+    median = (speeds < 0.5 * speeds[:, -1:]).sum(axis=-1) + 0.5
+    return {
+        "observation_count": (("flight_phase", "layer"), counted.astype(np.int64)),
+        "disagreement_rms": (
+            ("flight_phase", "layer", "state"),
+            np.sqrt(_ratio(np.stack(squares, axis=-1), counted[..., None])),
+        ),
+        "median_wind_speed": ("layer", np.where(speeds[:, -1] > 0, median, np.nan)),
+        "layer_bottom_pressure": ("layer", edges[:-1]),
+        "layer_top_pressure": ("layer", edges[1:]),
+        **{
+            f"{name}_error": ("layer", used_error(name, 0.5 * (edges[:-1] + edges[1:])))
+            for name in USED
+        },
+    }
+
+
+def _root(variance: Floats) -> Floats:
+    """Square root of the variance, clipped at zero."""
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
+
+
+def _gain(variance: Floats) -> Floats:
+    """Number of reported winds that have the weight of a corrected one: ratio of variances."""
+    before, after = variance[..., 0], variance[..., -1]
+    return _ratio(np.maximum(before, 0.0), np.maximum(after, 0.0))
+
+
+def _ratio(total: Floats, number: Floats) -> Floats:
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(np.where(number > 0, total / number, np.nan))
