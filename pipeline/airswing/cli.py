@@ -293,7 +293,7 @@ def simulate(
 @takes(GapOptions)
 def gap(options: GapOptions) -> None:
     """Diagnose the gap to the simulation: where, which effect, how far it closes."""
-    from airswing.report.gap.verdict import verdict
+    from airswing.report.gap.words import verdict
     from airswing.workflow import gap_stage as gap_workflow
 
     job = _job(
@@ -311,7 +311,7 @@ def gap(options: GapOptions) -> None:
             simulated=options.simulated,
         ),
     )
-    text = f"{verdict(result)}\npage: {job.output / 'gap' / 'index.html'}"
+    text = f"{verdict(result, units=job.config.units)}\npage: {job.output / 'gap' / 'index.html'}"
     _print(result.content(), as_json=options.json, text=text)
 
 

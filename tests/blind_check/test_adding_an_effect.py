@@ -26,7 +26,7 @@ from airswing.gap.simulation.effects_file import read_effects
 from airswing.gap.simulation.forward import simulate
 from airswing.gap.simulation.known_effects import take_off_known
 from airswing.report.gap.gap_page import write_gap_page
-from airswing.report.gap.verdict import verdict
+from airswing.report.gap.words import verdict
 from airswing.synthetic.aircraft.faults import UNIT_FAULTS
 from airswing.synthetic.sealed.cases import Size
 from airswing.synthetic.sealed.draws import Draw, Signed
@@ -105,9 +105,9 @@ def test_the_diagnosis_words_and_page_have_it(cold, tmp_path, names_only):
     assert effect.name == NAME and effect.tails == list(active.tails)
     for entry in effect.per_tail.values():
         assert entry.parameters["rate_deg"] == pytest.approx(1.2, abs=0.15)
-    assert "heading error that grows with the cold" in verdict(made.report)
+    assert f"{NAME.replace('_', ' ')} on" in verdict(made.report).lower()
     page = write_gap_page(tmp_path, gap=made.report, maps=made.dataset)
-    assert "heading error that grows with the cold (cold_soak)" in page.read_text()
+    assert "Cold soak (heading error that grows with the cold)" in page.read_text()
     assert separated_by("compass_offset", NAME) == "flights in warm air"
 
 

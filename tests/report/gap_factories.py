@@ -1,80 +1,151 @@
-"""Parts of a diagnosis that the small real product does not have, and the arrays of gap.nc."""
+"""Content of gap.json and gap.nc of a small made-up diagnosis."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from typing import Any
 
-from airswing.gap.result.schema import (
-    ClosesEntry,
-    CurveEntry,
-    EffectEntry,
-    EvidenceEntry,
-    PlaceEntry,
-    RivalEntry,
-    SliceEntry,
-)
+import numpy as np
+import xarray as xr
+
+TAILS = [f"N{401 + k}" for k in range(14)]
 
 
-def effect(name: str, *tails: str, **given: object) -> EffectEntry:
+def effect(name: str, *tails: str, **given: Any) -> dict[str, Any]:
     """Return an effect found on aircraft."""
-    made = EffectEntry(name, 0.99, list(tails), {}, {}, None, "aircraft", 40.0)
-    return replace(made, **given)  # type: ignore[arg-type]
+    return {
+        "name": name,
+        "probability": 0.99,
+        "tails": list(tails),
+        "parameters": {},
+        "standard_errors": {},
+        "period": None,
+        "scope": "aircraft",
+        "ambiguous_with": [],
+        "ambiguity": [],
+        "share_of_gap": 0.0,
+        "closure": None,
+    } | given
 
 
-def rival() -> RivalEntry:
-    """Return an effect that could not be told from another."""
-    return RivalEntry("soft_iron", 2.1, "headings in more compass points")
+def iron(*tails: str, **given: Any) -> dict[str, Any]:
+    """Return a hard iron on aircraft."""
+    return effect(
+        "hard_iron",
+        *tails,
+        parameters={"amplitude_deg": 3.912, "phase_deg": 40.0},
+        standard_errors={"amplitude_deg": 0.2, "phase_deg": 1.0},
+        **given,
+    )
 
 
-def slice_entry(variable: str, values: list[str], share: float, q_value: float) -> SliceEntry:
+def place(**given: Any) -> dict[str, Any]:
+    """Return an error by temperature that no catalogue effect explains."""
+    edges = np.linspace(-60.0, 10.0, 9).tolist()
+    values = np.linspace(-1.0, 1.0, 8).tolist()
+    return {
+        "component": "across_heading",
+        "variable": "temperature",
+        "variables": ["temperature"],
+        "tails": ["N403", "N404", "N405"],
+        "scope": "aircraft",
+        "curve": {
+            "labels": [],
+            "m_s": values,
+            "unit": "m/s",
+            "variables": ["temperature"],
+            "variable_units": ["°C"],
+            "edges": [edges],
+            "values": values,
+        },
+        "closure": {"reduction": 3.3, "reduction_ci": [3.0, 3.6]},
+        "probability": 0.97,
+        "nearest_effect": "tas_scale",
+        "nearest_effect_share": 0.22,
+        "settled_by": "a recording of the raw sensors",
+        "title": "linear in temperature",
+    } | given
+
+
+def slice_entry(variable: str, values: list[str], share: float, q_value: float) -> dict[str, Any]:
     """Return one slice of the gap."""
-    curve = CurveEntry(["offset"], [0.4])
-    return SliceEntry(variable, "both", values, share, q_value, q_value / 2, 90.0, "", curve)
+    return {
+        "variable": variable,
+        "component": "both",
+        "values": values,
+        "share_of_gap": share,
+        "q_value": q_value,
+    }
 
 
-def unknown_place() -> PlaceEntry:
-    """Return the place of an effect that the catalogue does not hold."""
-    return PlaceEntry(
-        component="cross",
-        variable="icing",
-        variables=["icing", "magnetic_heading"],
-        group="cross:icing*heading",
-        tails=["N403"],
-        scope="aircraft",
-        evidence_nats=30.0,
-        size_m_s=1.2,
-        curve=CurveEntry(["on", "on sin", "on cos"], [0.1, 1.4, -0.3]),
-        closure=ClosesEntry(0.12, [0.05, 0.2]),
-    )
+def content(*effects: dict[str, Any], **changes: Any) -> dict[str, Any]:
+    """Return the content of gap.json."""
+    places = changes.pop("places", [])
+    closure = {
+        "before": 8.31,
+        "after": 6.27,
+        "ci": [6.1, 6.4],
+        "fraction_of_excess": 1.0,
+        "held_out": True,
+        "reduction": 2.04,
+        "reduction_ci": [1.9, 2.2],
+    }
+    none = [0.01] * 14
+    row = {"scope": "aircraft", "known": True, "posterior": none}
+    return {
+        "gap": {
+            "mean_vector_disagreement_kt": 8.31,
+            "noise_floor_kt": 6.2,
+            "significance": 1e-9,
+        },
+        "where": [slice_entry("aircraft", ["N401", "N402"], 0.71, 2e-4)],
+        "slices": [slice_entry("level", ["above 400 hPa"], 0.03, 0.3)],
+        "effects": list(effects),
+        "unknown": {"present": bool(places), "where": places},
+        "closure": closure | changes.pop("closure", {}),
+        "counts": {"reports": 30600, "days": 45, "aircraft": 14},
+        "untestable": {"altitude_offset": "too few climbs <and> descents"},
+        "evidence": [
+            row | {"name": "hard_iron", "instead_of": "hard_iron", "tempered_nats": 5230.0},
+            row | {"name": "soft_iron", "instead_of": "hard_iron", "tempered_nats": 320.0},
+            row | {"name": "table", "instead_of": None, "tempered_nats": 9e3, "known": False},
+        ],
+        "noise": {
+            "correlated_sd_m_s": 1.5,
+            "white_sd_m_s": 2.0,
+            "length_km": 120.0,
+            "across_heading": 1.1,
+            "along_heading": 0.9,
+            "distance_km": [0.0, 100.0, None],
+            "autocovariance": [2.2, 1.0, None],
+            "autocovariance_model": [2.2, 0.9, 0.1],
+        },
+    } | changes
 
 
-def unknown_table() -> PlaceEntry:
-    """Return the table of an unknown over two variables."""
-    curve = CurveEntry(
-        labels=["low; cold", "low; warm", "high; cold", "high; warm"],
-        m_s=[0.1, 1.4, -0.3, 0.2],
-        unit="m/s",
-        variables=["altitude", "temperature"],
-        variable_units=["km", "K"],
-        edges=[[0.0, 4.0, 12.0], [210.0, 250.0, 300.0]],
-        values=[0.1, 1.4, -0.3, 0.2],
-    )
-    variables = ["altitude", "temperature"]
-    return replace(unknown_place(), variable="altitude", variables=variables, curve=curve)
-
-
-def evidence(aircraft: int = 14) -> list[EvidenceEntry]:
-    """Return rows of the evidence table: two effects on single aircraft, their rivals."""
-    none = [0.01] * aircraft
-
-    def row(name: str, nats: float, instead: str | None) -> EvidenceEntry:
-        return EvidenceEntry(instead, name, "aircraft", True, [0], nats, 2 * nats, 2.0, none)
-
-    return [
-        replace(row("hard_iron", 5230.0, "hard_iron"), posterior=[*none[:-1], 0.99]),
-        row("soft_iron", 320.0, "hard_iron"),
-        row("compass_step", 400.0, "compass_step"),
-        row("hard_iron", 12.0, "compass_step"),
-        replace(row("tas_scale", -2.0, None), scope="fleet", posterior=[]),
-        replace(row("cross:icing*heading", 9000.0, None), known=False),
-    ]
+def maps() -> xr.Dataset:
+    """Return the maps of gap.nc."""
+    rng = np.random.default_rng(1)
+    heading = rng.normal(0, 2, (14, 8))
+    heading[3, 2] = np.nan
+    cells = {
+        "heading_map": (("aircraft", "octant"), heading),
+        "heading_map_standard_error": (("aircraft", "octant"), np.full((14, 8), 0.4)),
+        "level_map_cross": (("phase", "level"), rng.normal(0, 1, (4, 6))),
+        "level_map_along": (("phase", "level"), rng.normal(0, 1, (4, 6))),
+        "region_map_u": (("latitude", "longitude"), rng.normal(0, 1, (3, 4))),
+        "region_map_v": (("latitude", "longitude"), rng.normal(0, 1, (3, 4))),
+        "time_line": (("aircraft", "week"), rng.normal(0, 1, (14, 5))),
+        "pit_count": ("pit_bin", np.full(20, 100)),
+        "pit_count_before": ("pit_bin", np.arange(20) * 10),
+        "day": ("day_number", np.datetime64("2009-07-01", "ns") + np.arange(30) * 86400 * 10**9),
+    }
+    coords = {
+        "aircraft": TAILS,
+        "octant": np.arange(8) * 45.0,
+        "phase": ["unknown", "ascent", "cruise", "descent"],
+        "level": [200.0, 450.0, 550.0, 650.0, 775.0, 975.0],
+        "latitude": [40.0, 42.0, 44.0],
+        "longitude": [-90.0, -88.0, -86.0, -84.0],
+        "week": np.arange(5),
+    }
+    return xr.Dataset(cells, coords=coords)

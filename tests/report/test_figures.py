@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Callable
-from dataclasses import replace
 
 import matplotlib
 import numpy as np
@@ -14,20 +13,14 @@ from matplotlib.figure import Figure
 
 import airswing.report as report
 from airswing.evaluation.innovations import innovation_statistics
-from airswing.gap.result.schema import CurveEntry
 from airswing.report.html import embed, style
 from airswing.report.run.fleet import reading_reasons
-from tests.report import factories, gap_factories
+from tests.report import factories
 
 HEADINGS = factories.headings()
 FITS = factories.fits()
 CORRECTED = factories.corrected(HEADINGS)
 STATISTICS = innovation_statistics(HEADINGS, CORRECTED, pools={"ruc": ["ruc"]})
-SLICES = [
-    gap_factories.slice_entry("aircraft", ["N404", "N410"], 0.71, 0.0002),
-    gap_factories.slice_entry("level", ["above 400 hPa"], 0.03, 0.3),
-]
-
 FIGURES: dict[str, Callable[[], Figure]] = {
     "reports": lambda: report.reports_figure(HEADINGS),
     "dense": lambda: report.reports_figure(factories.headings(aircraft=11, reports=2000)),
@@ -49,22 +42,11 @@ FIGURES: dict[str, Callable[[], Figure]] = {
     "scrutiny": lambda: report.scrutiny_figure(factories.full_field_test()),
     "pairs": lambda: report.pair_differences_figure(factories.sensitivity()["pairs"]),
     "pair": lambda: report.aircraft_differences_figure(factories.sensitivity()["pairs"][0]),
-    "slices": lambda: report.slices_figure(SLICES),
     "no slices": lambda: report.slices_figure([]),
-    "unknown": lambda: report.unknown_curve_figure(gap_factories.unknown_place()),
-    "unknown table": lambda: report.unknown_curve_figure(gap_factories.unknown_table()),
-    "scatter": lambda: report.unknown_curve_figure(
-        replace(
-            gap_factories.unknown_place(),
-            component="scatter",
-            variables=["scatter"],
-            curve=CurveEntry(["N403"], [0.4]),
-        )
-    ),
 }
 UNIT = re.compile(
     r"\((degree|kt|m/s|m²/s²|km|hPa|K|%|date|number)\)|degree|reports|probability|correlation|"
-    r"log evidence|draws|expected|barbs|°C"
+    r"log Bayes factor|draws|expected|barbs|°C|phase"
 )
 
 

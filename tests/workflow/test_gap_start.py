@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ from airswing.gap.archive.frame import Frame
 from airswing.gap.result.schema import GapReport
 from airswing.gap.simulation.effects_file import read_effects
 from airswing.gap.sums.whole_archive import held_archive
-from airswing.report.gap.verdict import start_words, verdict
+from airswing.report.gap.words import start_words, verdict
 from airswing.workflow import Job, gap_stage
 from airswing.workflow.gap_start import read_start, starting_point
 from airswing.workflow.progress import Progress
@@ -136,7 +136,7 @@ def test_a_simulation_on_other_paths_is_known_by_what_it_has(archive, frame, tmp
     assert told.aircraft_in_both == [f"N{k}" for k in range(401, 406)]
     assert start.told[0].left_out == 1
     assert start.frame.airspeed == pytest.approx(own.airspeed - 1.0, abs=1e-9)
-    assert "flew other paths" in start_words(start.told, start.simulation)
+    assert "flew other paths" in start_words(None, asdict(start.simulation))
 
 
 def test_an_archive_against_itself_has_no_gap(archive, frame):

@@ -128,7 +128,9 @@ def diagnosis(
         source_uuids=[headings.attrs["uuid"]],
     )
     with job.progress.stage("page") as stage:
-        stage.note = str(write_gap_page(job.output / "gap", gap=report, maps=found.dataset))
+        stage.note = str(
+            write_gap_page(job.output / "gap", gap=report, maps=found.dataset, units=config.units)
+        )
     return report
 
 

@@ -11,7 +11,7 @@ from airswing.gap.effects import CATALOGUE
 from airswing.gap.effects.empirical import grid_of
 from airswing.gap.result.effect_entries import active_effects
 from airswing.gap.simulation.forward import simulate
-from airswing.report.gap.verdict import verdict
+from airswing.report.gap.words import verdict
 
 
 @pytest.fixture(scope="module")

@@ -1,52 +1,41 @@
-"""The page of a gap diagnosis: verdict, where, which, how far, what stays open, the checks.
+"""The page of a gap diagnosis: what is missing, how far it closes, where, and the statistics.
 
-Assumes a report in the shapes of :mod:`airswing.gap.result.schema` and the ``gap.nc`` beside it.
+Takes the content of ``gap.json`` (docs/formats.md) and the maps of ``gap.nc``. Whatever a file of
+another version lacks is omitted. ± and ranges in brackets are 95 % intervals throughout.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import xarray as xr
 from markupsafe import Markup
+from matplotlib.figure import Figure
 
-from airswing.gap.result.schema import EffectEntry, GapReport, NoiseEntry
 from airswing.products.whole_files import write_text
-from airswing.report.gap.checks_section import (
-    alias_lines,
-    assumption_table,
-    calibration_table,
-    claims_section,
-)
-from airswing.report.gap.closing_figures import (
-    autocorrelation_figure,
-    pit_figure,
-    waterfall_figure,
-)
-from airswing.report.gap.slices import slices_figure
-from airswing.report.gap.verdict import digits_that_tell, verdict
-from airswing.report.gap.where_figures import (
-    aircraft_heading_figure,
-    aircraft_time_figure,
-    gap_map_figure,
-    phase_level_figure,
-)
-from airswing.report.gap.which_figures import (
-    evidence_figure,
-    posterior_figure,
-    posteriors,
-    unknown_curve_figure,
-)
+from airswing.report.gap import figures as draw
 from airswing.report.gap.words import (
-    effect_sentence,
+    Entry,
+    Report,
+    caution_lines,
+    closure_of,
+    closure_text,
+    content_of,
+    headline,
     joined,
+    levels_text,
     nature_of,
+    number,
+    p_text,
     parameters_text,
     period_text,
+    place_sentence,
     plain_name,
     slice_words,
-    small_text,
+    start_words,
     who_text,
 )
 from airswing.report.html.document import (
@@ -61,227 +50,398 @@ from airswing.report.html.document import (
     paragraph,
     table,
 )
-from airswing.report.html.embed import embedded
+from airswing.report.html.embed import Figures
+from airswing.report.html.style import (
+    Units,
+    garbage_collection_paused,
+    shown_per_kt,
+    shown_per_m_s,
+)
+from airswing.report.run.selection import interval_text, number_text, range_text
+from airswing.units import NORMAL_95
 from airswing.version import __version__
 
+_CALIBRATION = (
+    ("spread", "spread over predicted spread", "1"),
+    ("crps", "CRPS", ""),
+    ("lag_one", "correlation of neighbours on a flight", "0"),
+    ("auc", "area under the ROC curve of a classifier", "0.5"),
+)
 
-def write_gap_page(directory: Path, *, gap: GapReport, maps: xr.Dataset) -> Path:
-    """Write the page of a gap diagnosis, ``index.html``, into its folder.
+
+@garbage_collection_paused()
+def write_gap_page(
+    directory: Path, *, gap: Report | Entry, maps: xr.Dataset, units: Units = "kt"
+) -> Path:
+    """Write the page of a gap diagnosis, ``index.html``, and its figures, ``figures/*.png``.
 
     Parameters
     ----------
     directory : Path
-        Folder of the page, ``gap`` in the run's output folder.
-    gap : GapReport
-        Content of ``gap.json``.
+        Folder of the page, ``gap`` in the output folder.
+    gap : GapReport or mapping
+        A diagnosis, or the content of ``gap.json``.
     maps : Dataset
         Content of ``gap.nc``.
+    units : {"kt", "m/s"}, optional
+        Unit of all speeds on the page.
+
+    Returns
+    -------
+    Path
+        The page.
 
     Raises
     ------
     InputError
         If the page cannot be written.
     """
-    sections = [
-        _where_section(gap, maps),
-        _which_section(gap, maps),
-        _far_section(gap),
-        _open_section(gap),
-        claims_section(gap),
-        _method_section(gap, maps),
-    ]
+    content = content_of(gap)
+    show = Figures(directory / "figures", units)
+    show.clear()
     text = document(
         title="airswing: the sim-to-real gap",
-        kicker="Where real reports part from simulated ones",
-        headline=verdict(gap),
-        facts=_facts(gap),
-        sections=[section for section in sections if section.parts],
+        kicker="Gap between real and simulated reports",
+        headline=headline(content, units=units),
+        facts=_facts(content, units),
+        sections=[
+            _what_section(content, maps, show),
+            _closure_section(content, show),
+            _where_section(content, maps, show),
+            _ambiguous_section(content),
+            _claims_section(content, units),
+            _statistics_section(content, maps, show),
+        ],
         footer=[
-            f"airswing {__version__}. Disagreement is the mean length of the "
-            "difference between reported and simulated wind. ± is one standard error; "
-            "intervals in brackets and bars are 95 %. Map outline: Natural Earth and US "
-            "Census Bureau, public domain."
+            f"airswing {__version__}. Disagreement is the mean length of the difference between "
+            "reported and simulated wind, on held-out flights. ± and ranges in brackets are 95 % "
+            "intervals. Map outline: Natural Earth and US Census Bureau, public domain."
         ],
     )
     return write_text(directory / "index.html", text)
 
 
-def _facts(gap: GapReport) -> list[tuple[str, str]]:
-    numbers, closure = gap.gap, gap.closure
-    digits = digits_that_tell(closure.before, closure.after) if gap.effects else 1
-    level = f"{numbers.mean_vector_disagreement_kt:.{digits}f} kt"
-    facts = [(level, "disagreement of reports and simulation")]
-    if gap.effects:
-        bounds = closure.ci
-        interval = f" [{bounds[0]:.{digits}f}, {bounds[1]:.{digits}f}]" if bounds else ""
-        facts.append((f"{closure.after:.{digits}f} kt{interval}", "with the effects found"))
-    facts.append((f"{numbers.noise_floor_kt:.{digits}f} kt", "noise floor"))
-    if closure.fraction_of_excess is not None and gap.effects:
-        share = f"{100 * closure.fraction_of_excess:.0f} %"
-        facts.append((share, "of what can be explained is explained"))
-    luck = small_text(numbers.significance).removeprefix("= ")
-    return [*facts, (luck, "probability of this gap by luck")]
+def gap_figures(
+    gap: Report | Entry, maps: xr.Dataset, *, units: Units = "kt"
+) -> dict[str, Callable[[], Figure]]:
+    """Return functions that draw the figures of a diagnosis, by name; those without data omitted.
+
+    Parameters
+    ----------
+    gap : GapReport or mapping
+        A diagnosis, or the content of ``gap.json``.
+    maps : Dataset
+        Content of ``gap.nc``.
+    units : {"kt", "m/s"}, optional
+
+    Returns
+    -------
+    dict of str to callable
+    """
+    content = content_of(gap)
+    found: dict[str, Callable[[], Figure]] = {}
+    compass = {"compass_offset", "hard_iron", "soft_iron"}
+    if "heading_map" in maps and compass & {effect["name"] for effect in content["effects"]}:
+        found["compass_effects"] = lambda: draw.compass_effects_figure(maps, content)
+    for place, entry in enumerate(content["unknown"]["where"], 1):
+        found[f"unknown_{place}"] = _drawing_of(entry, units)
+    if content["effects"] or content["unknown"]["where"]:
+        found["waterfall"] = lambda: draw.waterfall_figure(content, units=units)
+    found["slices"] = lambda: draw.slices_figure(content.get("where") or ())
+    in_maps: dict[str, tuple[str, Callable[[], Figure]]] = {
+        "aircraft_heading": ("heading_map", lambda: draw.aircraft_heading_figure(maps, content)),
+        "phase_level": (
+            "level_map_cross",
+            lambda: draw.phase_level_figure(maps, content, units=units),
+        ),
+        "map": ("region_map_u", lambda: draw.gap_map_figure(maps, content, units=units)),
+        "aircraft_time": ("time_line", lambda: draw.aircraft_time_figure(maps, content)),
+        "pit": ("pit_count", lambda: draw.pit_figure(maps)),
+    }
+    found |= {name: figure for name, (needed, figure) in in_maps.items() if needed in maps}
+    if content.get("evidence"):
+        found["evidence"] = lambda: draw.evidence_figure(content)
+        tails = [str(tail) for tail in maps["aircraft"].to_numpy()]
+        found["probability"] = lambda: draw.probability_figure(content, tails)
+    if (content.get("noise") or {}).get("distance_km"):
+        found["autocorrelation"] = lambda: draw.autocorrelation_figure(content)
+    return found
 
 
-def _where_section(gap: GapReport, maps: xr.Dataset) -> Section:
-    parts = [embedded(slices_figure(gap.where))]
-    drawn = (aircraft_heading_figure, phase_level_figure, gap_map_figure, aircraft_time_figure)
-    parts += [embedded(draw(maps, gap)) for draw in drawn]
-    everywhere = sorted(gap.slices, key=lambda entry: -entry.share_of_gap)
-    if everywhere:
-        rows = [
-            Row(
-                [
-                    slice_words(entry, most=12),
-                    f"{100 * entry.share_of_gap:.1f} %",
-                    f"{entry.q_value:.2g}",
-                ]
-            )
-            for entry in everywhere
+def _drawing_of(place: Entry, units: Units) -> Callable[[], Figure]:
+    return lambda: draw.unknown_curve_figure(place, units=units)
+
+
+def _shown(names: Sequence[str], gap: Entry, maps: xr.Dataset, show: Figures) -> list[Markup]:
+    known = gap_figures(gap, maps, units=show.units)
+    return [show(name, known[name](), dpi=120) for name in names if name in known]
+
+
+def _facts(gap: Entry, units: Units) -> list[tuple[str, str]]:
+    closure, factor = gap["closure"], shown_per_kt(units)
+    before, after = number(closure["before"]), number(closure["after"])
+    found = bool(gap["effects"] or gap["unknown"]["where"])
+    facts = [(f"{factor * before:.2f} {units}", "disagreement of reports and simulation")]
+    if found:
+        interval = range_text([factor * number(end) for end in closure.get("ci") or ()] or None)
+        facts = [
+            (levels_text(before, after, units=units), f"with the effects found{interval}"),
+            (
+                closure_text(closure, units=units).split(" (")[0],
+                f"reduction{range_text(_times(closure.get('reduction_ci'), factor))}",
+            ),
         ]
-        columns = [Column("slice", "long"), Column("share of the gap"), Column("q value")]
-        parts.append(folded(f"All {len(rows)} slices", [table(columns, rows)]))
-    lead = "Which aircraft, headings, levels, places and times hold the gap, before any physics."
-    return Section("where", "Where", lead, parts)
+    floor = number(gap["gap"].get("noise_floor_kt"))
+    if math.isfinite(floor):
+        facts.append((f"{factor * floor:.2f} {units}", "noise floor"))
+    p_value = p_text(gap["gap"].get("significance")).removeprefix("= ")
+    return [*facts, (p_value, "p value of the gap")]
 
 
-def _which_section(gap: GapReport, maps: xr.Dataset) -> Section:
-    effects = gap.effects
+def _times(interval: Sequence[float | None] | None, factor: float) -> list[float] | None:
+    return None if interval is None else [factor * number(end) for end in interval]
+
+
+def _what_section(gap: Entry, maps: xr.Dataset, show: Figures) -> Section:
+    units, effects = show.units, gap["effects"]
+    places, fleet = gap["unknown"]["where"], int((gap.get("counts") or {}).get("aircraft") or 0)
     parts: list[Markup] = []
+    if start := start_words(gap.get("known"), gap.get("simulation")).strip():
+        parts.append(paragraph(start))
     if effects:
         rows = [
             Row(
                 [
-                    f"{plain_name(effect.name)} ({effect.name})",
-                    who_text(effect, gap.counts.aircraft),
-                    parameters_text(effect) or "-",
+                    plain_name(effect["name"]),
+                    who_text(effect, fleet),
+                    parameters_text(effect, units=units) or "-",
                     period_text(effect) or "always",
-                    f"{effect.probability:.2f}",
-                    f"{100 * effect.share_of_gap:.0f} %",
-                    joined([plain_name(name) for name in effect.ambiguous_with]) or "-",
+                    f"{number(effect['probability']):.2f}",
+                    closure_text(closure_of(effect, gap), units=units),
+                    f"{100 * number(effect.get('share_of_gap')):.0f} %",
+                    joined([plain_name(name) for name in effect["ambiguous_with"]]) or "-",
                 ]
             )
             for effect in effects
         ]
-        columns = [
-            Column("effect", "long"),
-            Column("who", "long"),
-            Column("parameters", "long"),
-            Column("when", "words"),
-            Column("proba\u00adbility"),
-            Column("share of the gap"),
-            Column("not told apart from", "long"),
-        ]
+        columns = [Column(name, "long") for name in ("effect", "aircraft", "parameters")]
+        columns += [Column("period", "words"), Column("proba\u00adbility"), Column("closes")]
+        columns += [Column("share of the gap"), Column("ambiguous with", "long")]
+        caption = (
+            f"Effects found (n = {len(rows)}), the largest share of the gap first. Parameters with "
+            "95 % intervals (±), or the range over aircraft."
+        )
+        parts.append(table(columns, rows, caption=caption))
+    elif not places:
+        parts.append(paragraph("No effect of the catalogue is needed to explain these reports."))
+    parts += _shown(["compass_effects"], gap, maps, show)
+    for k, place in enumerate(places, 1):
+        parts.append(paragraph(place_sentence(place, gap, units=units), note=True))
+        if place.get("settled_by"):
+            parts.append(paragraph(f"A measurement that would decide: {place['settled_by']}."))
+        parts += _shown([f"unknown_{k}"], gap, maps, show)
+    parts += [paragraph(line) for line in caution_lines(gap, units=units)]
+    each = [
+        Row([tail, plain_name(effect["name"]), parameters_text(entry, units=units)])
+        for effect in effects
+        for tail, entry in (effect.get("per_tail") or {}).items()
+    ]
+    if each:
+        columns = [Column("aircraft", "words"), Column("effect", "long")]
+        inner = table([*columns, Column("parameters", "long")], each)
+        parts.append(folded("Parameters of each aircraft", [inner]))
+    natures = [nature_of(name) for name in dict.fromkeys(effect["name"] for effect in effects)]
+    described_ones = [
+        described(f"{one.title}.", one.physics, [one.source, one.confused])
+        for one in natures
+        if one
+    ]
+    if described_ones:
+        parts.append(folded("Physics of the effects found", [listing(described_ones)]))
+    return Section("what", "What is missing from the simulation", "", parts)
+
+
+def _closure_section(gap: Entry, show: Figures) -> Section:
+    closure, units, factor = gap["closure"], show.units, shown_per_kt(show.units)
+    before, after = factor * number(closure["before"]), factor * number(closure["after"])
+    interval = range_text(_times(closure.get("ci"), factor)) or " (no interval from one day)"
+    text = (
+        f"On {'held-out' if closure.get('held_out') else 'the same'} flights the disagreement is "
+        f"{before:.2f} {units} without and {after:.2f} {units}{interval} with all effects stated."
+    )
+    parts: list[Markup] = []
+    if gap["effects"] or gap["unknown"]["where"]:
+        parts.append(show("waterfall", draw.waterfall_figure(gap, units=units), dpi=120))
+    parts.append(paragraph(text))
+    return Section("closure", "How far the gap closes", "", parts)
+
+
+def _where_section(gap: Entry, maps: xr.Dataset, show: Figures) -> Section:
+    parts = _shown(["slices", "aircraft_heading"], gap, maps, show)
+    inner = _shown(["phase_level", "map", "aircraft_time"], gap, maps, show)
+    rows = [
+        Row(
+            [
+                slice_words(entry, most=12),
+                f"{100 * entry['share_of_gap']:.1f} %",
+                p_text(entry.get("q_value")).removeprefix("= "),
+            ]
+        )
+        for entry in sorted(gap.get("slices") or (), key=lambda entry: -entry["share_of_gap"])
+    ]
+    if inner:
+        parts.append(folded("By phase and level, on a map, by week", inner))
+    if rows:
+        columns = [Column("slice", "long"), Column("share of the gap"), Column("q value")]
+        parts.append(folded(f"All {len(rows)} slices", [table(columns, rows)]))
+    lead = "Slices of the archive by their share of the gap, before any effect is assumed."
+    return Section("where", "Where the gap is", lead, parts)
+
+
+def _ambiguous_section(gap: Entry) -> Section:
+    parts: list[Markup] = []
+    lines = []
+    for effect in gap["effects"]:
+        rivals = effect.get("ambiguity") or ()
+        if rivals:
+            names = joined([plain_name(rival["name"]) for rival in rivals])
+            needed = joined(list(dict.fromkeys(rival["separated_by"] for rival in rivals)))
+            lines.append(
+                f"{plain_name(effect['name'])} on {joined(effect['tails']) or 'all aircraft'} "
+                f"could also be {names}. Data that would decide: {needed}."
+            )
+    if lines:
+        parts.append(listing(line[0].upper() + line[1:] for line in lines))
+    alike = [
+        f"{plain_name(pair['effect'])} and {plain_name(pair['other'])}: shared variance "
+        f"{100 * pair['alias_share']:.0f} %; decided by {pair['separated_by']}"
+        for pair in gap.get("aliases") or ()
+    ]
+    if alike:
+        parts.append(folded("Effects with shared variance on these flights", [listing(alike)]))
+    if gap.get("untestable"):
+        rows = [Row([plain_name(name), reason]) for name, reason in gap["untestable"].items()]
+        columns = [Column("effect", "long"), Column("why", "long")]
+        parts += [heading("Effects that could not be tested"), table(columns, rows)]
+    if not parts:
+        parts.append(paragraph("No effect found is ambiguous on these data."))
+    return Section("ambiguous", "Ambiguous effects", "", parts)
+
+
+def _claims_section(gap: Entry, units: Units) -> Section:
+    title = "Consequences for the fitted deviations"
+    claims = gap.get("claims")
+    if not claims:
+        return Section("claims", title)
+    if not claims.get("taken_off"):
+        text = "Only compass effects were found, so the fitted deviations remain as they are."
+        return Section("claims", title, "", [paragraph(text)])
+    names = joined([plain_name(name) for name in claims["taken_off"]])
+    lead = (
+        f"After subtraction of {names}, {claims['stay']} of {claims['of']} fits keep offset and "
+        "amplitude within their 95 % intervals."
+    )
+    parts: list[Markup] = []
+    if test := claims.get("field_test"):
+        factor = shown_per_kt(units)
+        before, after = (
+            factor * number(test[key]) for key in ("reduction_kt", "reduction_kt_after")
+        )
+        interval = range_text(_times(test.get("reduction_ci_kt"), factor))
         parts.append(
-            table(
-                columns,
-                rows,
-                caption=f"The effects found (n = {len(rows)}), by what they explain of "
-                "held-out flights; ± is one standard error.",
+            paragraph(
+                f"Field test: the adjusted reduction of {before:.2f} {units}{interval} becomes "
+                f"{after:.2f} {units}, {'within' if test['stays'] else 'outside'} its interval."
             )
         )
-        parts += _natures(effects)
-        parts += _per_aircraft(effects)
-    else:
-        parts.append(paragraph("No effect of the catalogue is needed to explain these reports."))
-    parts += _unknown(gap)
-    parts.append(embedded(evidence_figure(gap)))
-    single = posteriors(gap.evidence)
-    if single:
-        tails = [str(tail) for tail in maps["aircraft"].to_numpy()]
-        parts.append(embedded(posterior_figure(tails, single)))
-    return Section("which", "Which effect", "", parts)
+    rows = []
+    for entry in claims.get("aircraft") or ():
+        cells = [entry["aircraft"]]
+        for key in ("offset_deg", "amplitude_deg"):
+            half = NORMAL_95 * number(entry[f"{key}_standard_error"])
+            cells += [interval_text(number(entry[key]), half), number_text(entry[f"{key}_after"])]
+        word = {True: "yes", False: "no", None: "not tested"}[entry["stays"]]
+        rows.append(Row([*cells, word], doubt=entry["stays"] is not True))
+    columns = [Column("aircraft", "words"), Column("offset (°)"), Column("afterwards")]
+    columns += [Column("amplitude (°)"), Column("afterwards"), Column("within the interval")]
+    caption = f"Fits before and after the subtraction (n = {len(rows)})."
+    parts.append(folded("Each aircraft", [table(columns, rows, caption=caption)]))
+    return Section("claims", title, lead, parts)
 
 
-def _natures(effects: Sequence[EffectEntry]) -> list[Markup]:
-    """Return what each effect found is, who says so, and what is like it: once, however often."""
-    told = [nature_of(name) for name in dict.fromkeys(effect.name for effect in effects)]
-    entries = [
-        described(f"{one.title}.", one.physics, [one.source, one.alike])
-        for one in told
-        if one is not None
-    ]
-    return [heading("What they are"), listing(entries)] if entries else []
-
-
-def _per_aircraft(effects: Sequence[EffectEntry]) -> list[Markup]:
-    """Return the parameters of each aircraft, where an effect has several."""
-    rows = [
-        Row([tail, plain_name(effect.name), parameters_text(entry)])
-        for effect in effects
-        for tail, entry in (effect.per_tail or {}).items()
-    ]
-    if not rows:
-        return []
-    columns = [Column("aircraft", "words"), Column("effect", "long"), Column("parameters", "long")]
-    return [folded("Each aircraft's parameters", [table(columns, rows)])]
-
-
-def _unknown(gap: GapReport) -> list[Markup]:
-    if not gap.unknown.present:
-        return []
-    places = joined([slice_words(place) for place in gap.unknown.where])
-    text = f"Something outside the catalogue is at work, found in {places}."
-    drawn = [embedded(unknown_curve_figure(place)) for place in gap.unknown.where]
-    return [paragraph(text, note=True), *drawn]
-
-
-def _far_section(gap: GapReport) -> Section:
-    closure = gap.closure
-    interval = "no interval can be had from one day"
-    if closure.ci:
-        interval = f"95 % interval {closure.ci[0]:.2f} to {closure.ci[1]:.2f}"
-    rows = [Row(["reduction (kt)", f"{closure.reduction:.3g}"])]
-    if closure.fraction_of_excess is not None:
-        rows.append(Row(["fraction of excess", f"{closure.fraction_of_excess:.3g}"]))
-    parts = [
-        *([embedded(waterfall_figure(gap))] if gap.effects else []),
-        paragraph(
-            f"On {'held-out' if closure.held_out else 'the same'} flights the disagreement goes "
-            f"from {closure.before:.2f} to {closure.after:.2f} kt ({interval})."
-        ),
-        folded("The numbers", [table([Column("", "words"), Column("")], rows)]),
-    ]
-    lead = "What adding the effects to the simulation buys, on flights they were not fitted to."
-    return Section("far", "How far it closes", lead, parts)
-
-
-def _open_section(gap: GapReport) -> Section:
+def _statistics_section(gap: Entry, maps: xr.Dataset, show: Figures) -> Section:
     parts: list[Markup] = []
-    for effect in gap.effects:
-        if effect.ambiguity:
-            others = [plain_name(rival.name) for rival in effect.ambiguity]
-            told = list(dict.fromkeys(rival.separated_by for rival in effect.ambiguity))
-            text = effect_sentence(effect, gap.counts.aircraft)
-            text += f". The data fit as well: {joined(others)}. What would tell: {joined(told)}."
-            parts.append(paragraph(text))
-    alike = alias_lines(gap)
-    if alike:
-        parts += [heading("What looks alike on these flights"), listing(alike)]
-    if gap.untestable:
-        rows = [Row([plain_name(name), reason]) for name, reason in gap.untestable.items()]
-        parts += [
-            heading("What could not be tested"),
-            table([Column("effect", "long"), Column("why", "long")], rows),
+    assumptions = gap.get("assumptions") or ()
+    held = sum(bool(one["ok"]) for one in assumptions)
+    lead = f"{held} of {len(assumptions)} tested assumptions hold." if assumptions else ""
+    if assumptions:
+        rows = [
+            Row(
+                [one["assumption"], one["check"], one["result"], "yes" if one["ok"] else "no"],
+                doubt=not one["ok"],
+            )
+            for one in assumptions
         ]
-    if not parts:
-        parts.append(paragraph("Every effect named stands apart from its rivals on these data."))
-    return Section("open", "What could not be told apart", "", parts)
+        columns = [Column(name, "long") for name in ("assumption", "test", "result")]
+        caption = (
+            "Assumptions with their tests on these reports. One that does not hold (grey italics) "
+            "makes intervals less certain; the effects stated rest on held-out flights."
+        )
+        inner = table([*columns, Column("holds")], rows, caption=caption)
+        parts.append(folded("Assumptions", [inner]))
+    evidence = _shown(["evidence", "probability"], gap, maps, show)
+    if evidence:
+        parts.append(folded("Evidence for each effect", evidence))
+    calibration = _calibration(gap, show.units) + _shown(["pit"], gap, maps, show)
+    if calibration:
+        parts.append(folded("Calibration on held-out flights", calibration))
+    noise = _noise(gap, show.units) + _shown(["autocorrelation"], gap, maps, show)
+    if noise:
+        parts.append(folded("Noise model", noise))
+    return Section("statistics", "Statistics", lead, parts)
 
 
-def _method_section(gap: GapReport, maps: xr.Dataset) -> Section:
-    parts = assumption_table(gap) + calibration_table(gap)
-    parts += [embedded(autocorrelation_figure(gap)), embedded(pit_figure(maps))]
-    parts.append(_noise_table(gap.noise))
-    return Section("method", "What this rests on", "", parts)
+def _calibration(gap: Entry, units: Units) -> list[Markup]:
+    pair, factor = gap.get("calibration"), shown_per_m_s(units)
+    parts: list[Markup] = []
+    if pair:
+        rows = []
+        for key, label, ideal in _CALIBRATION:
+            name, scale = (f"{key}_m_s", factor) if key == "crps" else (key, 1.0)
+            values: list[Any] = [
+                scale * number(pair[when].get(name)) for when in ("before", "after")
+            ]
+            if key == "crps":
+                label = f"{label} ({units})"
+                ideal = number_text(scale * number(pair["after"].get("crps_expected_m_s")))
+            rows.append(Row([label, *(number_text(value) for value in values), ideal]))
+        columns = [Column("", "words"), Column("without the effects")]
+        columns += [Column("with the effects"), Column("if right")]
+        parts.append(table(columns, rows))
+    if decoy := gap.get("decoy"):
+        scale = shown_per_kt(units)
+        reduction = scale * number(decoy["reduction_kt"])
+        interval = range_text(_times(decoy.get("reduction_ci_kt"), scale))
+        parts.append(
+            paragraph(
+                f"Placebo: effects with the same columns but random dates and aircraft close "
+                f"{reduction:.2f} {units}{interval} ({decoy['draws']} draws)."
+            )
+        )
+    return parts
 
 
-def _noise_table(noise: NoiseEntry) -> Markup:
+def _noise(gap: Entry, units: Units) -> list[Markup]:
+    noise, factor = gap.get("noise"), shown_per_m_s(units)
+    if not noise:
+        return []
     rows = [
-        Row(["correlated part (m/s)", f"{noise.correlated_sd_m_s:.2f}"]),
-        Row(["white part (m/s)", f"{noise.white_sd_m_s:.2f}"]),
-        Row(["correlation length (km)", f"{noise.length_km:.0f}"]),
-        Row(["across the heading, times", f"{noise.across_heading:.2f}"]),
-        Row(["along the heading, times", f"{noise.along_heading:.2f}"]),
+        Row(
+            [f"correlated part ({units})", number_text(factor * number(noise["correlated_sd_m_s"]))]
+        ),
+        Row([f"white part ({units})", number_text(factor * number(noise["white_sd_m_s"]))]),
+        Row(["correlation length (km)", number_text(noise["length_km"], digits=0)]),
+        Row(["factor across the heading", number_text(noise.get("across_heading"))]),
+        Row(["factor along the heading", number_text(noise.get("along_heading"))]),
     ]
-    return table([Column("noise model", "words"), Column("fitted")], rows)
+    return [table([Column("noise model", "words"), Column("fitted")], rows)]

@@ -1,252 +1,456 @@
-"""What a gap diagnosis names, in plain words: effects, parameters, aircraft, dates, slices.
+"""A gap diagnosis in words: headline, effects, parameters, aircraft, dates, slices.
 
-Assumes a report in the shapes of :mod:`airswing.gap.result.schema`: disagreement in knots, shares
-in 0 to 1, parameter names that end in their unit.  ``±`` is one standard error.
+Takes the content of ``gap.json`` (docs/formats.md), as read from the file or as the diagnosis
+returns it: disagreement in knots, shares in 0 to 1, parameter names that end in their unit, NaN or
+null for an unknown number. An effect has one name everywhere: that of ``gap.json``. ± is half the
+95 % interval.
 """
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Mapping, Sequence
-from typing import NamedTuple
+from itertools import pairwise
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from airswing.gap.effects import CATALOGUE
-from airswing.gap.result.schema import (
-    EffectEntry,
-    PlaceEntry,
-    SliceEntry,
-    TailEntry,
-)
-from airswing.gap.result.schema.entries import Parameter
 from airswing.physics.triangle import wrap_degrees
-from airswing.units import ZERO_CELSIUS
+from airswing.report.html.style import Units, shown_per_kt, shown_per_m_s
+from airswing.units import NORMAL_95, ZERO_CELSIUS
 
-UNITS: tuple[tuple[str, str], ...] = (
-    ("_deg_per_day", "°/day"),
-    ("_deg", "°"),
-    ("_percent", " %"),
-    ("_m_s", " m/s"),
-    ("_hPa", " hPa"),
-    ("_nT", " nT"),
-    ("_ft", " ft"),
-    ("_kt", " kt"),
-    ("_h", " h"),
-    ("_s", " s"),
-)
-_MOST_TAILS = 6
-#: Aircraft that are listed even where they are all there are: names of so few say more.
-_FEW = 3
+#: An object of ``gap.json``.
+Entry = Mapping[str, Any]
+#: Symbol of the unit a parameter's name ends in.
+_ENDINGS = {
+    "_deg_per_day": "°/day",
+    "_degC": " °C",
+    "_deg": "°",
+    "_percent": " %",
+    "_m_s": " m/s",
+    "_hPa": " hPa",
+    "_nT": " nT",
+    "_ft": " ft",
+    "_kt": " kt",
+    "_h": " h",
+    "_s": " s",
+}
+_MOST_NAMES = 6
+
+
+class Report(Protocol):
+    """A diagnosis that can be turned into the content of ``gap.json``."""
+
+    def content(self) -> dict[str, object]:
+        """Return the content of ``gap.json``."""
+
+
+def content_of(gap: Report | Entry) -> Entry:
+    """Return the content of ``gap.json`` from a diagnosis or from the file's content."""
+    return gap if isinstance(gap, Mapping) else gap.content()
+
+
+def number(value: float | None) -> float:
+    """Return a number, NaN for None."""
+    return math.nan if value is None else float(value)
 
 
 def plain_name(name: str) -> str:
-    """Return an effect's name in plain words; an unknown name with its underscores gone."""
-    effect = CATALOGUE.get(name)
-    return effect.title if effect and effect.title else name.replace("_", " ")
+    """Return an effect's name with blanks: ``hard iron``, ``TAS scale``."""
+    return re.sub(r"\btas\b", "TAS", name.replace("_", " "))
+
+
+def joined(words: Sequence[object], *, most: int = _MOST_NAMES) -> str:
+    """Return ``a, b and c``, cut after `most` with the number of the rest."""
+    shown = [str(word) for word in words[:most]]
+    if len(words) > most:
+        shown.append(f"{len(words) - most} more")
+    return f"{', '.join(shown[:-1])} and {shown[-1]}" if len(shown) > 1 else "".join(shown)
+
+
+def p_text(value: float | None) -> str:
+    """Return a p or q value: ``= 0.02``, ``< 1e-06``."""
+    found = number(value)
+    return "unknown" if math.isnan(found) else "< 1e-06" if found < 1e-6 else f"= {found:.2g}"
 
 
 class Nature(NamedTuple):
-    """What an effect is, in whole sentences but for the title; ``alike`` empty where nothing is."""
+    """An effect of the catalogue: description, physics, source, and easily confused effects."""
 
     title: str
     physics: str
     source: str
-    alike: str
+    confused: str
 
 
 def nature_of(name: str) -> Nature | None:
-    """Return what happens in an effect, who says so, and what is easily taken for it.
-
-    Returns
-    -------
-    Nature or None
-        None for a name that is not in the catalogue.
-    """
+    """Return the catalogue's description of an effect, None for a name it does not contain."""
     effect = CATALOGUE.get(name)
     if effect is None:
         return None
-    title = plain_name(name)
-    alike = "; ".join(map(_alike_text, effect.confused_with))
+    hints = []
+    for hint in effect.confused_with:
+        names, _, when = hint.partition(": ")
+        others = [plain_name(one) if one in CATALOGUE else one for one in names.split(", ")]
+        hints.append(" or ".join(others) + (f" ({when})" if when else ""))
+    plain = plain_name(name)
     return Nature(
-        f"{title[0].upper()}{title[1:]}",
+        f"{plain[0].upper()}{plain[1:]} ({effect.title})",
         effect.physics,
         f"Source: {effect.source}",
-        f"Easily confused with {alike}." if alike else "",
+        f"Easily confused with {'; '.join(hints)}." if hints else "",
     )
 
 
-def _alike_text(hint: str) -> str:
-    """A hint such as ``compass_drift, compass_step: where ...``, effects called by their titles."""
-    names, _, when = hint.partition(": ")
-    told = " or ".join(plain_name(one) if one in CATALOGUE else one for one in names.split(", "))
-    return f"{told} ({when})" if when else told
+def _shown(name: str, units: Units) -> tuple[str, str, float]:
+    """Return label, unit and factor of a parameter: ``amplitude_deg`` is amplitude, °, 1."""
+    ending = next((one for one in _ENDINGS if name.endswith(one)), "")
+    label = "at" if name.startswith("at_") else name.removesuffix(ending).replace("_", " ")
+    if ending in ("_m_s", "_kt"):
+        factor = shown_per_m_s(units) if ending == "_m_s" else shown_per_kt(units)
+        return label, f" {units}", factor
+    return label, _ENDINGS.get(ending, ""), 1.0
 
 
-def joined(words: Sequence[str], *, most: int = _MOST_TAILS) -> str:
-    """Return ``a, b and c``, cut after a few with the number of the rest."""
-    shown = [str(word) for word in words[:most]]
-    if len(words) > most:
-        shown.append(f"{len(words) - most} more")
-    if len(shown) < 2:
-        return "".join(shown)
-    return f"{', '.join(shown[:-1])} and {shown[-1]}"
-
-
-def small_text(value: float) -> str:
-    """Return ``= 0.02`` for a probability, ``< 1e-06`` where no one needs its size."""
-    return "< 1e-06" if value < 1e-6 else f"= {value:.2g}"
-
-
-def digits_for(error: float) -> int:
-    """Return the decimals that show a standard error with one or two figures."""
-    if not np.isfinite(error) or error <= 0:
-        return 2
-    # 1.05: an error of 0.096 is shown as 0.1, not as 0.10.
-    return int(np.clip(np.ceil(-np.log10(error * 1.05)), 0, 4))
-
-
-def _label_and_unit(name: str) -> tuple[str, str]:
-    """Split ``amplitude_deg`` into ``amplitude`` and its unit; ``at_..._nT`` is plain ``at``."""
-    for ending, symbol in UNITS:
-        if name.endswith(ending):
-            label = "at" if name.startswith("at_") else name[: -len(ending)].replace("_", " ")
-            return label, symbol
-    return name.replace("_", " "), ""
-
-
-def parameter_text(name: str, value: Parameter, error: float | None = None) -> str:
-    """Return ``amplitude 3.9 ± 0.2°`` for ``amplitude_deg``."""
-    label, unit = _label_and_unit(name)
-    if not isinstance(value, int | float):
-        return f"{label} {value}"
-    spread = float("nan") if error is None else error
-    if not np.isfinite(spread) or spread == 0:
-        number = f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.4g}"
-        return f"{label} {number}{unit}"
-    digits = digits_for(spread)
-    return f"{label} {value:.{digits}f} ± {spread:.{digits}f}{unit}"
-
-
-def parameters_text(effect: EffectEntry | TailEntry, *, brief: bool = False) -> str:
-    """Return all parameters of an effect in one line.
-
-    Where single aircraft carry it with values of their own, their range stands instead of the
-    median, and phases, which have no middle, are left to the table of aircraft.
+def parameter_text(
+    name: str, value: object, error: float | None = None, *, units: Units = "kt"
+) -> str:
+    """Return a parameter with its 95 % interval: ``amplitude 3.9 ± 0.4°``.
 
     Parameters
     ----------
-    brief : bool, optional
-        Leave out the conditions a parameter is stated at (``at_...``).
+    name : str
+        As in ``gap.json``, with its unit at the end.
+    value : object
+    error : float, optional
+        Standard error.
+    units : {"kt", "m/s"}, optional
+        Unit of speeds.
+
+    Returns
+    -------
+    str
     """
-    errors = effect.standard_errors or {}
-    per_tail = effect.per_tail if isinstance(effect, EffectEntry) else None
-    each = [entry.parameters for entry in (per_tail or {}).values()]
+    label, unit, factor = _shown(name, units)
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return f"{label} {value}"
+    half = factor * NORMAL_95 * number(error)
+    if not np.isfinite(half) or half == 0:
+        size = factor * value
+        text = f"{size:,.0f}" if abs(size) >= 1000 else f"{size:.4g}"
+        return f"{label} {text}{unit}"
+    # One or two figures of the half width; 1.05: 0.096 is shown as 0.1, not as 0.10.
+    digits = int(np.clip(np.ceil(-np.log10(half * 1.05)), 0, 4))
+    return f"{label} {factor * value:.{digits}f} ± {half:.{digits}f}{unit}"
+
+
+def parameters_text(effect: Entry, *, units: Units = "kt", brief: bool = False) -> str:
+    """Return all parameters of an effect in one line.
+
+    If the values of single aircraft differ by more than their errors, their range replaces the
+    median; phases, which have no range, are then omitted.
+
+    Parameters
+    ----------
+    effect : mapping
+        One of ``effects``, or one of its ``per_tail``.
+    units : {"kt", "m/s"}, optional
+    brief : bool, optional
+        Omit the conditions that a parameter is valid at (``at_...``).
+
+    Returns
+    -------
+    str
+    """
+    errors = effect.get("standard_errors") or {}
+    each = [entry["parameters"] for entry in (effect.get("per_tail") or {}).values()]
     parts = []
-    for name, value in effect.parameters.items():
+    for name, value in (effect.get("parameters") or {}).items():
         if value is None or (brief and name.startswith("at_")):
             continue
-        if isinstance(value, list | tuple):  # the aircraft of a pair, who are told as such
+        if isinstance(value, list | tuple):  # the two aircraft of an exchange
             continue
-        spread = _spread(name, each, errors.get(name))
-        if spread is not None and name.startswith("phase"):
-            continue
-        text = parameter_text(name, value, errors.get(name))
-        parts.append(_range_text(name, spread) if spread is not None else text)
+        low, high = _range(name, each, number(errors.get(name)))
+        if not low < high:
+            parts.append(parameter_text(name, value, errors.get(name), units=units))
+        elif not name.startswith("phase"):
+            label, unit, factor = _shown(name, units)
+            digits = int(np.clip(np.ceil(-np.log10(factor * (high - low))) + 1, 1, 5))
+            low, high = factor * low, factor * high
+            parts.append(f"{label} {low:.{digits}f} to {high:.{digits}f}{unit}")
     return ", ".join(parts)
 
 
-def _spread(
-    name: str, each: Sequence[Mapping[str, Parameter]], error: float | None
-) -> tuple[float, float] | None:
-    """Return the least and the greatest value over aircraft, where they differ beyond error."""
+def _range(name: str, each: Sequence[Entry], error: float) -> tuple[float, float]:
+    """Return the least and greatest value over aircraft; equal if they agree within error."""
     values = [float(x) for entry in each if isinstance(x := entry.get(name), int | float)]
     if len(values) < 2:
-        return None
-    room = 4.0 * error if error is not None else 0.0
+        return 0.0, 0.0
     if name.startswith("phase"):
-        turned = wrap_degrees(np.subtract(values, values[0]))
-        values = (values[0] + turned).tolist()
+        values = (values[0] + wrap_degrees(np.subtract(values, values[0]))).tolist()
     low, high = min(values), max(values)
-    return (low, high) if high - low > room else None
+    return (low, high) if high - low > 2 * NORMAL_95 * np.nan_to_num(error) else (low, low)
 
 
-def _range_text(name: str, spread: tuple[float, float]) -> str:
-    label, unit = _label_and_unit(name)
-    digits = int(np.clip(np.ceil(-np.log10(spread[1] - spread[0])) + 1, 1, 5))
-    return f"{label} {spread[0]:.{digits}f} to {spread[1]:.{digits}f}{unit}"
-
-
-def period_text(effect: EffectEntry) -> str:
-    """Return since when, until when or between when an effect holds, or nothing."""
-    first, last = ((day or "")[:10] for day in effect.period or (None, None))
+def period_text(effect: Entry) -> str:
+    """Return the dates between which an effect acts; empty if always."""
+    first, last = ((day or "")[:10] for day in effect.get("period") or (None, None))
     if first and last:
         return f"from {first} to {last}"
-    if last:
-        return f"until {last}"
-    return f"from {first}" if first else ""
+    return f"until {last}" if last else f"from {first}" if first else ""
 
 
-def who_text(effect: EffectEntry, aircraft: int = 0) -> str:
-    """Return whom an effect concerns: its aircraft, the whole fleet, or the reference.
+def who_text(effect: Entry, aircraft: int = 0, *, brief: bool = False) -> str:
+    """Return which aircraft an effect acts on, or the reference.
 
     Parameters
     ----------
+    effect : mapping
+        One of ``effects`` or of ``unknown.where``.
     aircraft : int, optional
-        Number of all aircraft: many that are all of them are not listed.
+        Number of all aircraft.
+    brief : bool, optional
+        Count more than two aircraft in place of naming them.
+
+    Returns
+    -------
+    str
     """
-    if effect.scope == "reference" or effect.name.startswith("reference_"):
+    names = effect.get("tails") or []
+    if effect.get("scope") == "reference" or str(effect.get("name")).startswith("reference_"):
         return "the reference"
-    if not effect.tails or effect.scope == "fleet":
-        return "the whole fleet"
-    if len(effect.tails) == aircraft > _FEW:
-        return f"each of the {aircraft:,} aircraft"
-    return joined(effect.tails)
+    if not names or effect.get("scope") == "fleet":
+        return "all aircraft"
+    if len(names) == aircraft > 2:
+        return f"all {aircraft} aircraft"
+    if len(names) > 2 and brief:
+        return f"{len(names)} of {aircraft} aircraft" if aircraft else f"{len(names)} aircraft"
+    return joined(names)
 
 
-def effect_sentence(effect: EffectEntry, aircraft: int = 0) -> str:
-    """Return one effect as a sentence without its stop."""
-    return capitalised(effect_clause(effect, aircraft))
+def closure_text(entry: Entry | None, *, units: Units = "kt") -> str:
+    """Return a reduction with its 95 % interval: ``1.20 kt (1.05 to 1.34)``."""
+    if not entry:
+        return "-"
+    factor = shown_per_kt(units)
+    text = f"{factor * number(entry['reduction']):.2f} {units}"
+    low, high = (factor * number(end) for end in entry.get("reduction_ci") or (None, None))
+    return text + (f" ({low:.2f} to {high:.2f})" if np.isfinite(low + high) else "")
 
 
-def capitalised(text: str) -> str:
-    """Return a text that begins a sentence; names of aircraft stay as they are."""
-    return text[0].upper() + text[1:] if text.startswith(("the ", "each ")) else text
+def levels_text(before: float, after: float, *, units: Units = "kt") -> str:
+    """Return two disagreements with the decimals that show their difference: ``8.3 → 6.3 kt``."""
+    factor = shown_per_kt(units)
+    difference = max(abs(factor * (before - after)), 1e-9)
+    digits = int(np.clip(np.ceil(-np.log10(difference)), 1, 3))
+    return f"{factor * before:.{digits}f} → {factor * after:.{digits}f} {units}"
 
 
-def effect_clause(effect: EffectEntry, aircraft: int) -> str:
-    """Return one effect as it stands within a sentence."""
-    text = f"{who_text(effect, aircraft)}: {plain_name(effect.name)}"
-    details = [part for part in (parameters_text(effect, brief=True), period_text(effect)) if part]
-    text += "".join(f", {part}" for part in details)
-    if effect.share_of_gap >= 0.005:
-        text += f"; explains {100 * effect.share_of_gap:.0f} % of the gap"
-    return text
+def headline(gap: Report | Entry, *, units: Units = "kt") -> str:
+    """Return the result of a diagnosis in at most 25 words, with its closure.
+
+    Parameters
+    ----------
+    gap : GapReport or mapping
+        A diagnosis, or the content of ``gap.json``.
+    units : {"kt", "m/s"}, optional
+
+    Returns
+    -------
+    str
+    """
+    gap = content_of(gap)
+    effects, places = gap["effects"], (gap.get("unknown") or {}).get("where") or []
+    closure, counts = gap["closure"], gap.get("counts") or {}
+    levels = levels_text(number(closure["before"]), number(closure["after"]), units=units)
+    fleet = int(counts.get("aircraft") or 0)
+    if not effects and not places:
+        level = f"{shown_per_kt(units) * number(closure['before']):.1f} {units}"
+        if counts.get("days") == 1:
+            return f"One day of reports is too short to decide what explains the gap of {level}."
+        return (
+            f"No missing effect found: noise of reports and reference explains the gap of {level}."
+        )
+    claims = [_claim(effect, fleet) for effect in effects]
+    for place in places:
+        variables = place.get("variables") or [place["variable"]]
+        text = f"an unexplained error by {' and '.join(variables)}".replace("_", " ")
+        claims.append(text if effects else f"{text} on {who_text(place, fleet, brief=True)}")
+    several = len(claims) > 1
+    if len(claims) > 2:
+        claims = [claims[0], f"{len(claims) - 1} more effects"]
+    verb = "account for" if places else "explain"
+    if not several:
+        verb = "accounts for" if places else "explains"
+    share = number(closure.get("fraction_of_excess"))
+    of = f"{100 * share:.0f} % of the gap" if share < 0.95 else "the gap"
+    text = joined(claims)
+    return f"{text[0].upper()}{text[1:]} {verb} {of}: {levels}."
+
+
+def _claim(effect: Entry, fleet: int) -> str:
+    name = plain_name(effect["name"])
+    return (
+        name if name.startswith("reference") else f"{name} on {who_text(effect, fleet, brief=True)}"
+    )
+
+
+def start_words(known: Sequence[Entry] | None, simulation: Entry | None = None) -> str:
+    """Return what a diagnosis compared the reports with; empty for a perfect instrument.
+
+    Parameters
+    ----------
+    known : sequence of mapping or None
+        ``known`` of ``gap.json``: effects that the simulation already has.
+    simulation : mapping, optional
+        ``simulation`` of ``gap.json``: reports simulated elsewhere.
+
+    Returns
+    -------
+    str
+        Whole sentences, each followed by a blank.
+    """
+    out = []
+    if simulation:
+        text = f"Compared with the simulation in {simulation['source']}"
+        if simulation.get("matched_by") == "distribution":
+            text += ", which flew other paths: distributions were compared"
+        else:
+            text += f" ({simulation['matched']:,} of {simulation['of']:,} reports matched)"
+        out.append(f"{text}.")
+    for one in known or ():
+        effects = len(one["effects"])
+        levels = levels_text(
+            number(one["disagreement_without_kt"]), number(one["disagreement_with_kt"])
+        )
+        out.append(
+            f"The simulation contains {effects} known effect{'' if effects == 1 else 's'} of "
+            f"{one['source']} ({levels})."
+        )
+    return "".join(f"{text} " for text in out)
+
+
+def verdict(gap: Report | Entry, *, units: Units = "kt") -> str:
+    """Return the result of a diagnosis as text: headline, then a line for every finding.
+
+    Parameters
+    ----------
+    gap : GapReport or mapping
+        A diagnosis, or the content of ``gap.json``.
+    units : {"kt", "m/s"}, optional
+
+    Returns
+    -------
+    str
+    """
+    gap = content_of(gap)
+    start = start_words(*_start(gap))
+    lines = [start + headline(gap, units=units)]
+    lines += [f"  {effect_sentence(effect, gap, units=units)}" for effect in gap["effects"]]
+    lines += [f"  {place_sentence(place, gap, units=units)}" for place in gap["unknown"]["where"]]
+    lines += [f"  {line}" for line in caution_lines(gap, units=units)]
+    return "\n".join(lines)
+
+
+def _start(gap: Entry) -> tuple[Sequence[Entry] | None, Entry | None]:
+    return gap.get("known"), gap.get("simulation")
+
+
+def closure_of(effect: Entry, gap: Entry) -> Entry | None:
+    """Return the closure of an effect: its own, that of ``by_effect``, or its waterfall step."""
+    if effect.get("closure"):
+        return dict(effect["closure"])
+    for row in gap["closure"].get("by_effect") or ():
+        if row["name"] == effect["name"]:
+            return dict(row)
+    for before, step in pairwise(gap.get("waterfall") or ()):
+        if step["label"] == effect["name"]:
+            return {"reduction": before["kt"] - step["kt"], "reduction_ci": step.get("step_ci")}
+    return None
+
+
+def effect_sentence(effect: Entry, gap: Entry, *, units: Units = "kt") -> str:
+    """Return an effect with aircraft, parameters, period, probability and closure."""
+    fleet = int((gap.get("counts") or {}).get("aircraft") or 0)
+    details = [
+        parameters_text(effect, units=units, brief=True),
+        period_text(effect),
+        f"probability {number(effect['probability']):.2f}",
+    ]
+    closes = closure_text(closure_of(effect, gap), units=units)
+    if closes != "-":
+        details.append(f"closes {closes}")
+    elif number(effect.get("share_of_gap")) >= 0.005:
+        details.append(f"explains {100 * number(effect['share_of_gap']):.0f} % of the gap")
+    text = f"{plain_name(effect['name'])} on {who_text(effect, fleet)}"
+    return f"{text[0].upper()}{text[1:]}: {', '.join(part for part in details if part)}."
+
+
+def place_sentence(place: Entry, gap: Entry, *, units: Units = "kt") -> str:
+    """Return an unexplained error: variable, component, shape, aircraft, closure, nearest name."""
+    fleet = int((gap.get("counts") or {}).get("aircraft") or 0)
+    variables = " and ".join(place.get("variables") or [place["variable"]]).replace("_", " ")
+    component = COMPONENTS.get(place["component"], place["component"].replace("_", " "))
+    text = f"Unexplained error by {variables}, {component}, on {who_text(place, fleet)}"
+    details = [place["title"]] if place.get("title") else []
+    if place.get("closure"):
+        details.append(f"closes {closure_text(place['closure'], units=units)}")
+    if steps := place.get("steps"):
+        top = shown_per_kt(units) * number(steps["up_to_kt"])
+        details.append(f"directions in steps of {steps['step_deg']:g}° up to {top:.0f} {units}")
+    if place.get("nearest_effect"):
+        share = 100 * number(place.get("nearest_effect_share"))
+        details.append(
+            f"no catalogue effect fits (closest: {plain_name(place['nearest_effect'])}, "
+            f"{share:.0f} %)"
+        )
+    return f"{text}{': ' if details else ''}{'; '.join(details)}."
+
+
+def caution_lines(gap: Entry, *, units: Units = "kt") -> list[str]:
+    """Return sentences on what is likely but not stated, and on what could remain unseen."""
+    lines = []
+    for one in gap.get("unconfirmed") or ():
+        if number(one["probability"]) >= 0.5:
+            # Rounded down, because 0.9 counts as found.
+            chance = math.floor(100 * number(one["probability"])) / 100
+            lines.append(f"Likely but not confirmed: {plain_name(one['name'])} ({chance:.2f}).")
+    hidden = number(gap["closure"].get("could_hide_kt"))
+    if np.isfinite(hidden) and not gap["effects"] and not gap["unknown"]["where"]:
+        lines.append(
+            f"An error outside the catalogue could close up to {shown_per_kt(units) * hidden:.2g} "
+            f"{units} without being detected; errors of the model common to all aircraft on all "
+            "days count as weather and may be larger."
+        )
+    return lines
 
 
 COMPONENTS = {
     "cross": "across the heading",
     "across": "across the heading",
     "along": "along the heading",
-    "scatter": "of single reports",
-    "reported_speed": "speeds sent in the place of others",
-    "reported_direction": "directions sent too often or never",
-    "reported_wind": "winds sent again unchanged",
-    "wind_map": "winds sent as a map of themselves",
+    "both": "both components",
+    "scatter": "scatter of single reports",
+    "reported_speed": "distribution of reported speeds",
+    "reported_direction": "distribution of reported directions",
+    "reported_wind": "repeated winds",
+    "wind_map": "a linear map of the wind",
     "across_heading": "across the heading",
     "along_heading": "along the heading",
-    "heading_angle": "an angle of the heading",
-    "airspeed_factor": "a factor of the airspeed",
+    "heading_angle": "heading angle",
+    "airspeed_factor": "factor of the airspeed",
     "across_wind": "across the wind",
     "along_wind": "along the wind",
-    "wind_angle": "an angle of the wind",
-    "wind_factor": "a factor of the wind",
+    "wind_angle": "wind direction",
+    "wind_factor": "factor of the wind speed",
 }
 
 
-#: How the dictionary's variables (`airswing.gap.design.basis.variable`) are said.
-SAID: Mapping[str, Callable[[float], str]] = {
-    "altitude": lambda x: f"{1000.0 * np.exp(-x):.0f} hPa",
+#: How values of a variable are written.
+_SAID: Mapping[str, Callable[[float], str]] = {
+    "altitude": lambda x: f"{1000.0 * math.exp(-x):.0f} hPa",
     "temperature": lambda x: f"{x - ZERO_CELSIUS:.0f} °C",
     "airspeed": lambda x: f"{x:.0f} m/s",
     "wind_speed": lambda x: f"{x:.0f} m/s",
@@ -262,38 +466,21 @@ _WAVE = re.compile(r"(?:(?P<where>\w+) )?(?P<wave>sin|cos)(?P<cycles>\d)")
 
 
 def value_words(variable: str, value: str) -> str:
-    """Return a column of a slice in words: ``10 °C``, ``cos 2 × heading``.
-
-    Parameters
-    ----------
-    value : str
-        A value of the variable where its curve bends, a wave of the magnetic heading, or a name.
-    """
+    """Return a value of a slice with its unit: ``10 °C``, ``cos 2 × heading``, ``ascent``."""
     wave = _WAVE.fullmatch(value)
     if wave:
         times = "" if wave["cycles"] == "1" else f"{wave['cycles']} × "
-        of = f"{wave['wave']} {times}heading"
-        return f"{wave['where']} {of}" if wave["where"] else of
+        text = f"{wave['wave']} {times}heading"
+        return f"{wave['where']} {text}" if wave["where"] else text
     try:
-        number = float(value)
+        return _SAID[variable](float(value)) if variable in _SAID else value
     except ValueError:
         return value
-    return SAID[variable](number) if variable in SAID else value
 
 
-def slice_words(entry: SliceEntry | PlaceEntry, *, most: int = 4) -> str:
-    """Return a slice of the archive in words: variable, component and at most a few values."""
-    if isinstance(entry, PlaceEntry) and entry.title is not None:
-        whose = joined(list(entry.tails), most=most)
-        return f"{entry.title}: {whose}" if whose else entry.title
-    if isinstance(entry, PlaceEntry):
-        variables, values = entry.variables, entry.tails
-    else:
-        variables = [entry.variable]
-        values = [value_words(entry.variable, value) for value in entry.values]
-    of_wind = entry.component == "wind"
-    names = [name.replace("_", " ") for name in (variables[:1] if of_wind else variables)]
-    text = ("the reference's wind, " if of_wind else "") + " by ".join(names)
-    component = COMPONENTS.get(entry.component)
-    text += f", {component}" if component else ""
+def slice_words(entry: Entry, *, most: int = 4) -> str:
+    """Return a slice of the archive: variable, component and at most a few values."""
+    values = [value_words(entry["variable"], str(value)) for value in entry["values"]]
+    component = COMPONENTS.get(entry.get("component", ""), "")
+    text = entry["variable"].replace("_", " ") + (f", {component}" if component else "")
     return f"{text}: {joined(values, most=most)}" if values else text

@@ -123,6 +123,7 @@ def draw_heading_error(
     *,
     limit: float | None = None,
     small: bool = False,
+    bins: Binned | None = None,
 ) -> None:
     """Draw the heading error of one aircraft in a panel.
 
@@ -137,6 +138,8 @@ def draw_heading_error(
         Half the height of the panel in degrees; chosen from the data by default.
     small : bool, optional
         Fewer points, thinner lines and no axis titles, for one of many panels.
+    bins : Binned, optional
+        In place of the medians of the reports.
     """
     coefficients = np.isfinite(fit["deviation"].to_numpy()).any()
     trusted = bool(published(fit["status"]))
@@ -160,7 +163,8 @@ def draw_heading_error(
             zorder=3,
             label="fitted curve" if trusted else "fit, not usable",
         )
-    bins = binned_medians(heading, error, width=SMALL_BIN_WIDTH if small else BIN_WIDTH)
+    if bins is None:
+        bins = binned_medians(heading, error, width=SMALL_BIN_WIDTH if small else BIN_WIDTH)
     low, high = bins.median - bins.half_width, bins.median + bins.half_width
     axes.vlines(bins.centre, low, high, color=INK, linewidth=1.0, zorder=4)
     axes.plot(

@@ -1,0 +1,734 @@
+"""Figures of a gap diagnosis: what, how far, where, and the statistics behind it.
+
+Each takes the content of ``gap.json`` (or a part of it) or ``gap.nc`` with its maps: means of the
+residual (reported minus simulated) in cells, NaN (white) with fewer than two flights.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogFormatter
+from numpy.typing import NDArray
+
+from airswing.report.gap.words import (
+    Entry,
+    Report,
+    content_of,
+    number,
+    p_text,
+    place_sentence,
+    plain_name,
+    slice_words,
+)
+from airswing.report.html.maps import draw_map, view_of
+from airswing.report.html.style import (
+    BLUE,
+    DIVERGING,
+    FAINT,
+    GREEN,
+    INK,
+    ORANGE,
+    SKY,
+    SOFT,
+    VERMILION,
+    CaptionedFigure,
+    Units,
+    empty_figure,
+    new_figure,
+    plural,
+    shown_per_kt,
+    shown_per_m_s,
+    styled,
+)
+from airswing.report.run.fleet import rows_axis
+from airswing.report.run.heading_error import Binned, draw_heading_error
+from airswing.units import NORMAL_95
+
+Floats = NDArray[np.float64]
+_OCTANTS = {"compass_offset": 0, "hard_iron": 1, "soft_iron": 2}
+# Fraction of a colour scale's half width beyond which a cell is too dark for dark text.
+_DARK = 0.62
+_CATEGORIES = {
+    "phase": ("ascent", "cruise", "descent"),
+    "icing": ("off", "on"),
+}
+
+
+def _reports(gap: Entry) -> str:
+    return f"n = {plural(int(gap['counts']['reports']), 'report')}"
+
+
+# --- what, and how far -----------------------------------------------------------------------
+
+
+def closure_steps(gap: Report | Entry) -> list[tuple[str, float, list[float] | None]]:
+    """Return name, disagreement afterwards (kt) and its 95 % interval for each closing step.
+
+    Parameters
+    ----------
+    gap : GapReport or mapping
+        A diagnosis, or the content of ``gap.json``.
+
+    Returns
+    -------
+    list of (str, float, list of float or None)
+        From ``waterfall``, else from ``by_effect`` of the closure, else all effects in one step.
+    """
+    gap = content_of(gap)
+    steps: list[tuple[str, float, list[float] | None]] = []
+    for before, entry in pairwise(gap.get("waterfall") or ()):
+        if entry.get("step_ci") is not None:
+            interval = sorted(before["kt"] - bound for bound in entry["step_ci"])
+            steps.append((entry["label"], entry["kt"], interval))
+    level = number(gap["closure"]["before"])
+    for row in () if steps else gap["closure"].get("by_effect") or ():
+        low, high = row["reduction_ci"]
+        steps.append((row["name"], level - row["reduction"], [level - high, level - low]))
+        level -= row["reduction"]
+    if not steps:
+        names = [
+            *(e["name"] for e in gap["effects"]),
+            *("unknown" for _ in gap["unknown"]["where"]),
+        ]
+        steps = [(" + ".join(names[:2]), gap["closure"]["after"], gap["closure"].get("ci"))]
+    return steps
+
+
+@styled
+def waterfall_figure(gap: Report | Entry, *, units: Units = "kt") -> Figure:
+    """Draw how the disagreement falls with each effect, down to the noise floor.
+
+    Parameters
+    ----------
+    gap : GapReport or mapping
+        A diagnosis, or the content of ``gap.json``.
+    units : {"kt", "m/s"}, optional
+
+    Returns
+    -------
+    Figure
+    """
+    gap, factor = content_of(gap), shown_per_kt(units)
+    steps = closure_steps(gap)
+    before, floor = (
+        factor * number(value)
+        for value in (gap["closure"]["before"], gap["gap"].get("noise_floor_kt"))
+    )
+    end = factor * number(gap["closure"]["after"])
+    labels = ["simulation so far", *(f"+ {plain_name(name)}" for name, *_ in steps)]
+    figure = new_figure(1.5 + 0.42 * (len(labels) + 2))
+    axes = figure.add_subplot()
+    axes.barh(0, before, color=SOFT, height=0.62)
+    previous = before
+    for row, (_, step, interval) in enumerate(steps, 1):
+        level = factor * step
+        colour = BLUE if level <= previous else ORANGE
+        axes.barh(row, level - previous, left=previous, color=colour, height=0.62)
+        axes.plot([previous, previous], [row - 1.31, row + 0.31], color=SOFT, linewidth=0.8)
+        ends = [factor * bound for bound in interval or []]
+        if ends:
+            axes.plot(ends, [row, row], color=INK, linewidth=1.2, zorder=4)
+        left = min([level, previous, *ends])
+        _label(axes, f"{level - previous:+.2f}", left, row, side="right")
+        previous = level
+    bars = [("with all effects", end, GREEN)]
+    bars += [("noise floor", floor, FAINT)] if np.isfinite(floor) else []
+    for row, (label, level, colour) in enumerate(bars, len(labels)):
+        axes.barh(row, level, color=colour, height=0.62)
+        _label(axes, f"{level:.2f} {units}", level, row, side="left")
+        labels = [*labels, label]
+    _label(axes, f"{before:.2f} {units}", before, 0, side="left")
+    rows_axis(axes, labels)
+    axes.set_xlim(0, 1.14 * max(before, end))
+    axes.set_xlabel(f"mean vector disagreement on held-out flights ({units})")
+    return figure.say(
+        f"Closure of the gap ({_reports(gap)}): disagreement of reports and simulation, the step "
+        "of each effect added in turn (black: 95 % interval), what remains, and the noise floor "
+        "that no effect can pass."
+    )
+
+
+def _label(axes: Axes, text: str, x: float, row: int, *, side: str) -> None:
+    axes.annotate(
+        text,
+        (x, row),
+        xytext=(-5 if side == "right" else 5, 0),
+        textcoords="offset points",
+        ha=side,
+        va="center",
+        fontsize=9,
+        bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.8},
+    )
+
+
+def _deviation_of(gap: Entry, tail: str) -> tuple[Floats, Floats]:
+    """Return coefficients A to E of the compass effects found on an aircraft, and their errors."""
+    value, error = np.zeros(5), np.zeros(5)
+    for effect in gap["effects"]:
+        cycles = _OCTANTS.get(effect["name"])
+        if cycles is None or (effect.get("tails") and tail not in effect["tails"]):
+            continue
+        own = (effect.get("per_tail") or {}).get(tail) or effect
+        parameters, errors = own["parameters"], own.get("standard_errors") or {}
+        if cycles == 0:
+            value[0] += number(parameters.get("offset_deg"))
+            error[0] = np.hypot(error[0], np.nan_to_num(number(errors.get("offset_deg"))))
+            continue
+        size, phase = number(parameters["amplitude_deg"]), np.radians(parameters["phase_deg"])
+        places = slice(2 * cycles - 1, 2 * cycles + 1)
+        value[places] += size * np.array([np.cos(phase), np.sin(phase)])
+        error[places] = np.hypot(error[places], np.nan_to_num(number(errors.get("amplitude_deg"))))
+    return value, error
+
+
+@styled
+def compass_effects_figure(maps: xr.Dataset, gap: Report | Entry) -> Figure:
+    """Draw the heading error of the aircraft with compass effects, and those effects as a curve.
+
+    Parameters
+    ----------
+    maps : Dataset
+        ``gap.nc``: ``heading_map`` and its standard error (aircraft, octant), degrees.
+    gap : GapReport or mapping
+        A diagnosis, or the content of ``gap.json``.
+
+    Returns
+    -------
+    Figure
+        At most twelve aircraft.
+    """
+    gap = content_of(gap)
+    known = [str(tail) for tail in maps["aircraft"].to_numpy()]
+    found = {tail: _deviation_of(gap, tail) for tail in known}
+    tails = [tail for tail in known if np.any(found[tail][0])][:12]
+    if not tails:
+        return empty_figure("No constant compass effect was found")
+    rows = -(-len(tails) // 4)
+    figure = new_figure(0.5 + 1.9 * rows)
+    grid = figure.subplots(rows, 4, sharex=True, sharey=True, squeeze=False)
+    shown = maps.sel(aircraft=tails)
+    value, error = (shown[f"heading_map{end}"].to_numpy() for end in ("", "_standard_error"))
+    centres = maps["octant"].to_numpy().astype(float)
+    limit = max(3.0, 1.1 * float(np.nanmax(np.abs(value) + np.nan_to_num(error))))
+    for place, (axes, tail) in enumerate(zip(grid.flat, tails, strict=False)):
+        coefficients, errors = found[tail]
+        fit = xr.Dataset(
+            {
+                "deviation": ("coefficient", coefficients),
+                "deviation_covariance": (("coefficient", "coefficient_2"), np.diag(errors**2)),
+                "table_heading": ("node", np.zeros(8)),
+                "table_correction": ("node", np.full(8, np.nan)),
+                "status": 0,
+            }
+        )
+        good = np.isfinite(value[place])
+        half = NORMAL_95 * np.nan_to_num(error[place][good])
+        bins = Binned(centres[good], value[place][good], half, np.ones(good.sum(), np.int64))
+        none = np.empty(0)
+        draw_heading_error(axes, none, none, fit, limit=limit, small=True, bins=bins)
+        axes.set_title(tail, fontsize=9)
+    for axes in grid.flat[len(tails) :]:
+        axes.axis("off")
+    return figure.say(
+        "Heading error (degree) against magnetic heading (degree) of the aircraft with compass "
+        f"effects (n = {plural(len(tails), 'aircraft', 'aircraft')}): means in octants of what the "
+        "simulation leaves, and the sum of compass offset, hard iron and soft iron found, both "
+        "with 95 % intervals."
+    )
+
+
+@styled
+def unknown_curve_figure(place: Entry | Any, *, units: Units = "kt") -> Figure:
+    """Draw the fitted curve or table of an error that no catalogue effect explains.
+
+    Parameters
+    ----------
+    place : mapping
+        One of ``unknown.where`` of ``gap.json``.
+    units : {"kt", "m/s"}, optional
+
+    Returns
+    -------
+    Figure
+    """
+    curve = place["curve"]
+    edges = [np.asarray(own, float) for own in curve.get("edges") or []]
+    variables = [str(name) for name in curve.get("variables") or place.get("variables") or []]
+    unit = str(curve.get("unit") or "m/s")
+    factor = shown_per_m_s(units) if unit == "m/s" else 1.0
+    values = curve["values"] if curve.get("values") is not None else curve["m_s"]
+    value = factor * np.asarray([number(one) for one in values], float)
+    unit = units if unit == "m/s" else unit
+    labels = [_axis_label(name, curve, k) for k, name in enumerate(variables)]
+    figure = new_figure(2.9)
+    axes = figure.add_subplot()
+    what = f"fitted residual ({unit})"
+    if place["component"] == "reported_speed" and edges:
+        simulated = factor * edges[0]
+        axes.plot(simulated, simulated, color=INK, linewidth=0.8, linestyle="--")
+        axes.plot(simulated, value, color=BLUE)
+        axes.set_xlabel(f"simulated wind speed ({units})")
+        axes.set_ylabel(f"reported wind speed ({units})")
+    elif len(edges) == 1 and edges[0].size == value.size + 1:
+        colours = [BLUE if one >= 0 else ORANGE for one in np.nan_to_num(value)]
+        axes.bar(edges[0][:-1], value, np.diff(edges[0]), align="edge", color=colours)
+        axes.axhline(0.0, color=INK, linewidth=0.8)
+        axes.set_xlabel(labels[0])
+        axes.set_ylabel(what)
+        _set_ticks(axes.xaxis, variables[0], edges[0])
+    elif len(edges) == 2:
+        shown = value.reshape(edges[0].size - 1, edges[1].size - 1)
+        most = max(float(np.nanmax(np.abs(shown))), 1e-9)
+        mesh = axes.pcolormesh(*edges, shown.T, cmap=DIVERGING, vmin=-most, vmax=most)
+        axes.set_xlabel(labels[0])
+        axes.set_ylabel(labels[1])
+        _set_ticks(axes.xaxis, variables[0], edges[0])
+        _set_ticks(axes.yaxis, variables[1], edges[1])
+        figure.colorbar(mesh, ax=axes, label=what)
+    else:
+        names = [str(label) for label in curve["labels"]]
+        axes.bar(names, value, color=[BLUE if v >= 0 else ORANGE for v in np.nan_to_num(value)])
+        axes.axhline(0.0, color=INK, linewidth=0.8)
+        axes.margins(x=max(0.05, 0.5 - 0.1 * value.size))
+        axes.tick_params(axis="x", labelrotation=45 if len(names) > 8 else 0, labelsize=8.5)
+        axes.set_ylabel(what)
+    words = place_sentence(place, {}, units=units).rstrip(".")
+    return figure.say(f"{words} (n = {plural(int(value.size), 'value')}).")
+
+
+def _axis_label(name: str, curve: Entry, place: int) -> str:
+    known = curve.get("variable_units") or []
+    unit = str(known[place]).replace("m/s2", "m/s²") if place < len(known) else ""
+    plain = name.replace("_", " ")
+    return f"{plain} ({unit})" if unit and name not in _CATEGORIES else plain
+
+
+def _set_ticks(axis: Axis, variable: str, edges: Floats) -> None:
+    """Label categories by name, and full circles at the quarters."""
+    names = _CATEGORIES.get(variable, ())
+    if names and edges.size == len(names) + 1:
+        axis.set_ticks(0.5 * (edges[1:] + edges[:-1]), names)
+    elif edges[0] == 0.0 and edges[-1] == 360.0:
+        axis.set_ticks(np.arange(0.0, 361.0, 90.0))
+
+
+# --- where -----------------------------------------------------------------------------------
+
+
+@styled
+def slices_figure(where: Sequence[Entry]) -> Figure:
+    """Draw the slices of the archive with the largest shares of the gap, at most 15.
+
+    Parameters
+    ----------
+    where : sequence of mapping
+        ``where`` or ``slices`` of ``gap.json``: ``share_of_gap`` (0 to 1), ``q_value``.
+
+    Returns
+    -------
+    Figure
+    """
+    rows = sorted(where, key=lambda entry: -entry["share_of_gap"])[:15]
+    rows = [entry for entry in rows if entry["share_of_gap"] >= 0.005] or rows[:3]
+    if not rows:
+        return empty_figure("No slice has a larger share of the gap than noise")
+    figure = new_figure(1.0 + 0.3 * len(rows))
+    axes = figure.add_subplot()
+    share = 100 * np.array([entry["share_of_gap"] for entry in rows])
+    q_values = [number(entry.get("q_value")) for entry in rows]
+    colours = [BLUE if value < 0.05 else FAINT for value in q_values]
+    axes.barh(range(len(rows)), share, color=colours, height=0.7)
+    for row, value in enumerate(q_values):
+        text = f"  {share[row]:.0f} %   q {p_text(value)}"
+        axes.text(max(share[row], 0), row, text, va="center", fontsize=8.5)
+    rows_axis(axes, [slice_words(entry, most=2) for entry in rows])
+    axes.axvline(0.0, color=SOFT, linewidth=0.8)
+    axes.set_xlim(right=max(float(share.max()) * 1.4, 5.0))
+    axes.set_xticks([tick for tick in axes.get_xticks() if tick <= 100.0])
+    axes.set_xlabel("share of the gap's variance (%)")
+    return figure.say(
+        f"Slices of the archive by their cross-validated share of the gap (n = "
+        f"{plural(len(rows), 'slice')}). Blue: significant at a false-discovery rate of 5 % (q "
+        "value). Slices overlap, so shares need not add to 100 %."
+    )
+
+
+def _cells(maps: xr.Dataset, name: str, *dims: str) -> Floats:
+    return np.asarray(maps[name].transpose(*dims).to_numpy(), float)
+
+
+def _even_limit(values: Floats, *, least: float = 0.5) -> float:
+    """Return half the width of a diverging colour scale that holds 98 % of the cells."""
+    finite = np.abs(values[np.isfinite(values)])
+    return max(float(np.percentile(finite, 98)), least) if finite.size else least
+
+
+def _edges(centres: Floats) -> Floats:
+    if centres.size == 1:
+        return np.array([centres[0] - 0.5, centres[0] + 0.5])
+    middle = (centres[1:] + centres[:-1]) / 2
+    first, last = 2 * centres[0] - middle[0], 2 * centres[-1] - middle[-1]
+    return np.concatenate([[first], middle, [last]])
+
+
+@styled
+def aircraft_heading_figure(maps: xr.Dataset, gap: Report | Entry) -> Figure:
+    """Draw the mean heading error by aircraft and magnetic heading.
+
+    Parameters
+    ----------
+    maps : Dataset
+        ``gap.nc``: ``heading_map`` and its standard error (aircraft, octant), degrees.
+    gap : GapReport or mapping
+        A diagnosis, or the content of ``gap.json``.
+
+    Returns
+    -------
+    Figure
+        Values are printed in cells beyond two standard errors; aircraft with effects are bold.
+    """
+    gap = content_of(gap)
+    centres = np.asarray(maps["octant"].to_numpy(), float)
+    shown = _cells(maps, "heading_map", "aircraft", "octant")
+    error = _cells(maps, "heading_map_standard_error", "aircraft", "octant")
+    figure, axes = _aircraft_grid(maps, centres, shown, gap)
+    if len(shown) <= 60:
+        strong = np.argwhere(np.abs(shown) > 2 * error)
+        cells = [(centres[column], row, shown[row, column]) for row, column in strong]
+        _print_cells(axes, cells, _even_limit(shown), decimals=1)
+    axes.set_xticks(range(0, 361, 45))
+    axes.set_xlabel("indicated magnetic heading (degree)")
+    first = min(float(_edges(centres)[0]), 0.0)
+    axes.set_xlim(first, 360.0 + first)
+    return figure.say(
+        f"Mean heading error (degree) by aircraft and magnetic heading ({_reports(gap)}; white: "
+        "too few flights). An error of a compass gives a row with a wave or of one colour, an "
+        "error of the reference gives stripes across the fleet. Bold: aircraft with effects."
+    )
+
+
+@styled
+def aircraft_time_figure(maps: xr.Dataset, gap: Report | Entry) -> Figure:
+    """Draw the mean heading error by aircraft and week.
+
+    Parameters
+    ----------
+    maps : Dataset
+        ``gap.nc``: ``time_line`` (aircraft, week), degrees, and ``day``.
+    gap : GapReport or mapping
+        A diagnosis, or the content of ``gap.json``.
+
+    Returns
+    -------
+    Figure
+    """
+    gap = content_of(gap)
+    weeks = maps["day"].to_numpy().min() + maps["week"].to_numpy().astype("timedelta64[W]")
+    shown = _cells(maps, "time_line", "aircraft", "week")
+    figure, axes = _aircraft_grid(maps, np.arange(weeks.size, dtype=float), shown, gap)
+    ticks = np.arange(0, weeks.size, max(1, -(-weeks.size // 10)))
+    axes.set_xticks(ticks, [str(np.datetime_as_string(weeks[i], "D")) for i in ticks])
+    axes.set_xlabel("week from (date)")
+    return figure.say(
+        f"Mean heading error (degree) by aircraft and week ({_reports(gap)}; white: too few "
+        "flights). An error that begins at a date changes the colour of a row."
+    )
+
+
+def _aircraft_grid(
+    maps: xr.Dataset, centres: Floats, shown: Floats, gap: Entry
+) -> tuple[CaptionedFigure, Axes]:
+    tails = [str(tail) for tail in maps["aircraft"].to_numpy()]
+    affected = {tail for effect in gap["effects"] for tail in effect["tails"]}
+    figure = new_figure(1.25 + max(0.19 * len(tails), 1.4))
+    axes = figure.add_subplot()
+    limit = _even_limit(shown)
+    edges, rows = _edges(centres), np.arange(len(tails) + 1) - 0.5
+    drawn = axes.pcolormesh(edges, rows, shown, cmap=DIVERGING, vmin=-limit, vmax=limit)
+    rows_axis(axes, tails)
+    axes.set_ylim(len(tails) - 0.5, -0.5)
+    for label in axes.get_yticklabels():
+        if label.get_text() in affected:
+            label.set_fontweight("bold")
+            label.set_color(VERMILION)
+    axes.grid(visible=False)
+    figure.colorbar(drawn, ax=axes, label="mean heading error (degree)", pad=0.01, extend="both")
+    return figure, axes
+
+
+def _print_cells(
+    axes: Axes, cells: Sequence[tuple[float, float, float]], limit: float, *, decimals: int
+) -> None:
+    """Print (x, y, value) into the cells of a map, white on dark colours."""
+    for x, y, value in cells:
+        colour = "white" if abs(value) > _DARK * limit else INK
+        text = f"{round(value, decimals) + 0.0:+.{decimals}f}"
+        axes.text(x, y, text, ha="center", va="center", fontsize=7.5, color=colour)
+
+
+@styled
+def phase_level_figure(maps: xr.Dataset, gap: Report | Entry, *, units: Units = "kt") -> Figure:
+    """Draw the mean residual by phase of flight and level, along and across the heading.
+
+    Parameters
+    ----------
+    maps : Dataset
+        ``gap.nc``: ``level_map_along`` and ``level_map_cross`` (phase, level), m/s.
+    gap : GapReport or mapping
+        A diagnosis, or the content of ``gap.json``.
+    units : {"kt", "m/s"}, optional
+
+    Returns
+    -------
+    Figure
+    """
+    gap, factor = content_of(gap), shown_per_m_s(units)
+    across = factor * _cells(maps, "level_map_cross", "phase", "level")
+    along = factor * _cells(maps, "level_map_along", "phase", "level")
+    level = np.asarray(maps["level"].to_numpy(), float)
+    filled, upwards = np.flatnonzero(np.isfinite(across).any(axis=1)), np.argsort(-level)
+    # Layer boundaries from their middles: the first layer begins at zero pressure.
+    bounds = [0.0]
+    for middle in level:
+        bounds.append(2.0 * float(middle) - bounds[-1])
+    names = [
+        f"{top:.0f}-{bottom:.0f}" if top else f"above {bottom:.0f}"
+        for top, bottom in pairwise(bounds)
+    ]
+    pick = np.ix_(filled, upwards)
+    limit = _even_limit(np.concatenate([across[pick].ravel(), along[pick].ravel()]), least=0.2)
+    figure = new_figure(1.4 + 0.36 * level.size)
+    panels = figure.subplots(1, 2, sharey=True)
+    shown = {"along the heading": along[pick].T, "across the heading": across[pick].T}
+    for axes, (title, value) in zip(panels, shown.items(), strict=True):
+        look: dict[str, Any] = {"cmap": DIVERGING, "vmin": -limit, "vmax": limit}
+        drawn = axes.imshow(value, origin="lower", aspect="auto", **look)
+        axes.set_title(title)
+        axes.set_xticks(range(filled.size), [str(maps["phase"].to_numpy()[i]) for i in filled])
+        axes.set_yticks(range(level.size), [names[one] for one in upwards])
+        axes.grid(visible=False)
+        cells = [(x, y, cell) for (y, x), cell in np.ndenumerate(value) if np.isfinite(cell)]
+        _print_cells(axes, cells, limit, decimals=2)
+    panels[0].set_ylabel("layer (hPa)")
+    figure.colorbar(drawn, ax=list(panels), label=f"mean residual ({units})", pad=0.01)
+    return figure.say(
+        f"Mean residual ({units}) by phase of flight and layer ({_reports(gap)}; white: too few "
+        "flights)."
+    )
+
+
+@styled
+def gap_map_figure(maps: xr.Dataset, gap: Report | Entry, *, units: Units = "kt") -> Figure:
+    """Draw a map of the mean residual: length by colour, direction by arrows.
+
+    Parameters
+    ----------
+    maps : Dataset
+        ``gap.nc``: ``region_map_u`` and ``region_map_v`` (latitude, longitude), m/s.
+    gap : GapReport or mapping
+        A diagnosis, or the content of ``gap.json``.
+    units : {"kt", "m/s"}, optional
+
+    Returns
+    -------
+    Figure
+    """
+    gap, factor = content_of(gap), shown_per_m_s(units)
+    lon, lat = (np.asarray(maps[name].to_numpy(), float) for name in ("longitude", "latitude"))
+    u, v = (factor * _cells(maps, f"region_map_{way}", "latitude", "longitude") for way in "uv")
+    filled = np.isfinite(u) & np.isfinite(v)
+    if not filled.any():
+        return empty_figure("No cell has enough reports for a map")
+    rows, columns = np.nonzero(filled)
+    view = view_of(lon[columns], lat[rows], margin=0.1)
+    figure = new_figure(min(8.2 * view.height_over_width, 6.5) + 0.7)
+    axes = figure.add_subplot()
+    speed = np.hypot(u, v)
+    length = _even_limit(speed)
+    x = view.unwrapped(lon)
+    order = np.argsort(x)
+    look: dict[str, Any] = {"cmap": "YlOrBr", "vmin": 0, "vmax": length, "alpha": 0.85}
+    drawn = axes.pcolormesh(_edges(x[order]), _edges(lat), speed[:, order], **look)
+    arrow: dict[str, Any] = {"color": INK, "width": 0.0022, "pivot": "mid", "zorder": 3}
+    arrows = axes.quiver(x[columns], lat[rows], u[filled], v[filled], scale=length * 22, **arrow)
+    draw_map(axes, view)
+    axes.quiverkey(arrows, 0.9, 1.025, round(length, 1), f"{length:.1f} {units}", labelpos="E")
+    label = f"length of the mean residual ({units})"
+    figure.colorbar(drawn, ax=axes, label=label, shrink=0.85, pad=0.01)
+    return figure.say(
+        "Mean residual wind (reported minus simulated) by place: its length by colour, its "
+        f"direction by arrows ({_reports(gap)}; white: too few flights)."
+    )
+
+
+# --- statistics ------------------------------------------------------------------------------
+
+
+@styled
+def evidence_figure(gap: Report | Entry) -> Figure:
+    """Draw the log Bayes factor of the best candidate of each effect, the 20 largest.
+
+    Parameters
+    ----------
+    gap : GapReport or mapping
+        A diagnosis, or the content of ``gap.json``.
+
+    Returns
+    -------
+    Figure
+    """
+    gap = content_of(gap)
+    best: dict[str, float] = {}
+    for row in gap.get("evidence") or ():
+        nats = number(row.get("tempered_nats"))
+        if row.get("known") and np.isfinite(nats):
+            best[row["name"]] = max(nats, best.get(row["name"], -np.inf))
+    best = dict(sorted(best.items(), key=lambda item: -item[1])[:20])
+    if not best:
+        return empty_figure("No effect of the catalogue could be tested")
+    chosen = {effect["name"] for effect in gap["effects"]}
+    ambiguous = {name for effect in gap["effects"] for name in effect["ambiguous_with"]}
+    figure = new_figure(1.0 + 0.27 * len(best))
+    axes = figure.add_subplot()
+    colours = [BLUE if name in chosen else SKY if name in ambiguous else FAINT for name in best]
+    positive = np.clip(list(best.values()), 0.0, None)
+    axes.barh(range(len(best)), positive, color=colours, height=0.72)
+    axes.set_xscale("symlog", linthresh=10.0)
+    axes.xaxis.set_major_formatter(LogFormatter(linthresh=10.0))
+    for row, value in enumerate(best.values()):
+        axes.text(positive[row], row, f"  {round(value):,}", va="center", fontsize=8.5)
+    rows_axis(axes, [plain_name(name) for name in best])
+    axes.set_xlim(0, max(float(positive.max(initial=10.0)) * 2.5, 20.0))
+    axes.set_xlabel("log Bayes factor against no effect (linear to 10, then logarithmic)")
+    return figure.say(
+        f"Log Bayes factor of each catalogue effect ({_reports(gap)}). Dark blue: found; light "
+        "blue: ambiguous with one found; grey: neither. Effects with similar columns share "
+        "evidence, so a long grey bar is no finding."
+    )
+
+
+@styled
+def probability_figure(gap: Report | Entry, tails: Sequence[str]) -> Figure:
+    """Draw the probability that each aircraft is affected by each effect found.
+
+    Parameters
+    ----------
+    gap : GapReport or mapping
+        A diagnosis, or the content of ``gap.json``.
+    tails : sequence of str
+        The aircraft, in the order of ``posterior`` of the evidence.
+
+    Returns
+    -------
+    Figure
+    """
+    gap = content_of(gap)
+    found: dict[str, list[float]] = {}
+    for row in gap.get("evidence") or ():
+        if row["instead_of"] == row["name"] and row["scope"] == "aircraft":
+            chances = [number(one) for one in row["posterior"]]
+            if len(chances) == len(tails):
+                found.setdefault(row["name"], chances)
+    if not found:
+        return empty_figure("No effect on single aircraft was found")
+    value = np.array(list(found.values()), float)
+    figure = new_figure(max(1.3 + 0.36 * len(value), 2.1))
+    axes = figure.add_subplot()
+    drawn = axes.imshow(value, cmap="Blues", vmin=0, vmax=1, aspect="auto")
+    # About 80 letters fit side by side.
+    rotation = 90 if len(tails) * max(map(len, tails)) > 80 else 0
+    size = 8.5 if len(tails) <= 30 else 6.0
+    axes.set_xticks(range(len(tails)), tails, rotation=rotation, fontsize=size)
+    axes.set_yticks(range(len(value)), [plain_name(name) for name in found])
+    axes.grid(visible=False)
+    for (row, column), cell in np.ndenumerate(value if len(tails) <= 30 else value[:0]):
+        if cell >= 0.05:
+            color = "white" if cell > 0.55 else INK
+            text = f"{cell:.2f}".lstrip("0") if cell < 0.995 else "1"
+            axes.text(column, row, text, ha="center", va="center", fontsize=7.5, color=color)
+    figure.colorbar(drawn, ax=axes, label="probability", pad=0.01)
+    return figure.say(
+        "Probability that an aircraft is affected, by effect (n = "
+        f"{plural(len(tails), 'aircraft', 'aircraft')})."
+    )
+
+
+@styled
+def autocorrelation_figure(gap: Report | Entry) -> Figure:
+    """Draw the autocovariance of residuals along flights, and the noise model.
+
+    Parameters
+    ----------
+    gap : GapReport or mapping
+        A diagnosis, or the content of ``gap.json``.
+
+    Returns
+    -------
+    Figure
+    """
+    gap = content_of(gap)
+    noise = gap.get("noise") or {}
+    if not noise.get("distance_km"):
+        return empty_figure("No noise model")
+    distance, measured, model = (
+        [number(one) for one in noise[name]]
+        for name in ("distance_km", "autocovariance", "autocovariance_model")
+    )
+    figure = new_figure(3.2)
+    axes = figure.add_subplot()
+    axes.plot(distance, measured, "o", color=INK, markersize=4, label="measured", clip_on=False)
+    axes.plot(distance, model, color=BLUE, label="noise model")
+    axes.axhline(0.0, color=INK, linewidth=0.8)
+    axes.set_xlim(left=0)
+    axes.set_xlabel("distance along the flight (km)")
+    axes.set_ylabel("autocovariance of residuals (m²/s²)")
+    axes.legend(loc="upper right")
+    return figure.say(
+        f"Noise along a flight ({_reports(gap)}): autocovariance of the residuals of two reports "
+        "against their distance, and the model used. If the line misses the points, the intervals "
+        "on this page are too wide or too narrow."
+    )
+
+
+@styled
+def pit_figure(maps: xr.Dataset) -> Figure:
+    """Draw the histogram of the probability integral transform (PIT) of held-out reports.
+
+    Parameters
+    ----------
+    maps : Dataset
+        ``gap.nc``: ``pit_count`` and ``pit_count_before`` (pit_bin), wind components in equal
+        classes of predicted probability, with and without the effects.
+
+    Returns
+    -------
+    Figure
+    """
+    if "pit_count" not in maps:
+        return empty_figure("No calibration on held-out reports")
+    after, before = (maps[name].to_numpy() for name in ("pit_count", "pit_count_before"))
+    edges = np.linspace(0.0, 1.0, after.size + 1)
+    figure = new_figure(3.0)
+    axes = figure.add_subplot()
+    share, early = (count / max(count.sum(), 1) * count.size for count in (after, before))
+    axes.stairs(share, edges, fill=True, color=SKY, label="with the effects")
+    axes.stairs(early, edges, color=ORANGE, linewidth=1.8, label="without")
+    axes.axhline(1.0, color=INK, linewidth=0.9, label="perfect")
+    axes.set_xlim(0, 1)
+    axes.set_ylim(bottom=0)
+    axes.set_xlabel("predicted probability of a value below the one reported")
+    axes.set_ylabel("reports over expected")
+    figure.legend(loc="outside upper left", ncols=3)
+    return figure.say(
+        f"Calibration of the simulation with the effects on held-out reports (n = "
+        f"{plural(int(after.sum()), 'wind component')}): flat if right; a hump means noise "
+        "assumed too large, a trough too small, a slope a remaining bias."
+    )

@@ -1,0 +1,398 @@
+"""The page of a gap diagnosis: headline, words, every section, and what a file may lack."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from markupsafe import escape
+
+import airswing
+from airswing.gap.effects import CATALOGUE
+from airswing.gap.result.schema import GapReport
+from airswing.products.netcdf import read_product
+from airswing.report import unknown_curve_figure, waterfall_figure, write_gap_page
+from airswing.report.gap import figures
+from airswing.report.gap.gap_page import gap_figures
+from airswing.report.gap.in_notebook import ShownDiagnosis
+from airswing.report.gap.words import (
+    effect_sentence,
+    headline,
+    joined,
+    nature_of,
+    p_text,
+    parameter_text,
+    parameters_text,
+    period_text,
+    place_sentence,
+    slice_words,
+    start_words,
+    value_words,
+    verdict,
+    who_text,
+)
+from tests.report import gap_factories
+from tests.report.gap_factories import TAILS, content, effect, iron, place
+from tests.report.test_figures import check_figure
+from tests.report.test_page import check_self_contained, parsed
+
+MAPS = gap_factories.maps()
+
+
+@pytest.mark.parametrize(
+    ("gap", "expected"),
+    [
+        (
+            content(iron(*TAILS[:6])),
+            "Hard iron on 6 of 14 aircraft explains the gap: 8.3 → 6.3 kt.",
+        ),
+        (
+            content(
+                iron("N401"), effect("declination_error"), closure={"fraction_of_excess": 0.87}
+            ),
+            "Hard iron on N401 and declination error on all aircraft explain 87 % of the gap: "
+            "8.3 → 6.3 kt.",
+        ),
+        (
+            content(iron("N401"), effect("reference_speed_bias"), effect("tas_scale", "N403")),
+            "Hard iron on N401 and 2 more effects explain the gap: 8.3 → 6.3 kt.",
+        ),
+        (
+            content(effect("reference_time_offset", scope="fleet"), places=[place()]),
+            "Reference time offset and an unexplained error by temperature account for the gap: "
+            "8.3 → 6.3 kt.",
+        ),
+        (
+            content(places=[place()], closure={"before": 10.3, "after": 7.04}),
+            "An unexplained error by temperature on 3 of 14 aircraft accounts for the gap: "
+            "10.3 → 7.0 kt.",
+        ),
+        (
+            content(),
+            "No missing effect found: noise of reports and reference explains the gap of 8.3 kt.",
+        ),
+        (
+            content(counts={"reports": 90, "days": 1, "aircraft": 2}),
+            "One day of reports is too short to decide what explains the gap of 8.3 kt.",
+        ),
+    ],
+)
+def test_headlines(gap: dict[str, Any], expected: str) -> None:
+    assert headline(gap) == expected
+    assert len(expected.split()) <= 25
+    assert verdict(gap).startswith(expected)
+
+
+def test_the_headline_shows_the_closure_in_digits_that_differ_and_in_any_unit() -> None:
+    small = content(iron("N401"), closure={"before": 5.0141, "after": 5.0122})
+    assert headline(small).endswith("5.014 → 5.012 kt.")
+    assert headline(content(iron("N401")), units="m/s").endswith("4.3 → 3.2 m/s.")
+
+
+def test_the_verdict_has_a_line_for_every_finding() -> None:
+    closure = {"by_effect": [{"name": "hard_iron", "reduction": 1.2, "reduction_ci": [1.0, 1.4]}]}
+    first, second, third = verdict(
+        content(iron("N401", "N402"), places=[place()], closure=closure)
+    ).splitlines()
+    assert first.startswith("Hard iron on N401 and N402 and an unexplained error by temperature")
+    assert second == (
+        "  Hard iron on N401 and N402: amplitude 3.9 ± 0.4°, phase 40 ± 2°, probability 0.99, "
+        "closes 1.20 kt (1.00 to 1.40)."
+    )
+    assert third == (
+        "  Unexplained error by temperature, across the heading, on N403, N404 and N405: linear in "
+        "temperature; closes 3.30 kt (3.00 to 3.60); no catalogue effect fits (closest: TAS scale, "
+        "22 %)."
+    )
+
+
+def test_the_verdict_says_what_is_likely_and_what_could_remain_unseen() -> None:
+    near = [{"name": "tas_scale", "probability": chance} for chance in (0.895, 0.45)]
+    gap = content(unconfirmed=near, closure={"could_hide_kt": 0.0512})
+    assert "Likely but not confirmed: TAS scale (0.89)." in verdict(gap)
+    assert verdict(gap).count("confirmed") == 1
+    assert "could close up to 0.051 kt without being detected" in verdict(gap)
+
+
+def test_what_the_diagnosis_started_from() -> None:
+    known = {
+        "source": "effects.yaml",
+        "effects": [{}],
+        "disagreement_without_kt": 9.0,
+        "disagreement_with_kt": 8.0,
+    }
+    matched = {"source": "sim.csv", "matched": 1200, "of": 1300, "matched_by": "report"}
+    other = {"source": "sim.csv", "matched_by": "distribution"}
+    assert start_words([known]) == (
+        "The simulation contains 1 known effect of effects.yaml (9.0 → 8.0 kt). "
+    )
+    assert "(1,200 of 1,300 reports matched)" in start_words([], matched)
+    assert "flew other paths" in start_words(None, other) and start_words([]) == ""
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "error", "text"),
+    [
+        ("amplitude_deg", 3.912, 0.2, "amplitude 3.9 ± 0.4°"),
+        ("rate_deg_per_day", 0.0312, 0.004, "rate 0.031 ± 0.008°/day"),
+        ("scale_percent", 1.5, 0.31, "scale 1.5 ± 0.6 %"),
+        ("offset_m_s", -0.5, 0.05, "offset -1.0 ± 0.2 kt"),
+        ("offset_s", 61.0, 6.6, "offset 61 ± 13 s"),
+        ("above_hPa", 400, None, "above 400 hPa"),
+        ("fraction", 0.01234, None, "fraction 0.01234"),
+        ("between_degC", "-10 to 0", None, "between -10 to 0"),
+        ("at_horizontal_field_nT", 18820.0, None, "at 18,820 nT"),
+    ],
+)
+def test_parameters_carry_their_unit_and_95_percent_interval(
+    name: str, value: float | str, error: float | None, text: str
+) -> None:
+    assert parameter_text(name, value, error) == text
+
+
+def test_words() -> None:
+    assert joined([]) == "" and joined(["a"]) == "a" and joined(list("abc")) == "a, b and c"
+    assert joined(list("abcdefgh"), most=2) == "a, b and 6 more"
+    assert p_text(0.0213) == "= 0.021" and p_text(4e-25) == "< 1e-06" and p_text(None) == "unknown"
+    assert period_text(effect("x", period=["2009-07-20T00:00", None])) == "from 2009-07-20"
+    assert period_text(effect("x", period=[None, "2009-08-01"])) == "until 2009-08-01"
+    both = effect("x", period=["2009-07-01", "2009-07-09"])
+    assert period_text(both) == "from 2009-07-01 to 2009-07-09"
+    assert who_text(effect("declination_error", *TAILS, scope="fleet")) == "all aircraft"
+    assert who_text(effect("hard_iron", *TAILS), 14) == "all 14 aircraft"
+    assert who_text(effect("hard_iron", *TAILS[:3]), 14) == "N401, N402 and N403"
+    assert who_text(effect("reference_speed_bias", *TAILS)) == "the reference"
+    assert slice_words(gap_factories.slice_entry("level", ["above 400 hPa"], 0.1, 0.1)) == (
+        "level, both components: above 400 hPa"
+    )
+    assert value_words("temperature", "283.1") == "10 °C"
+    assert value_words("altitude", "0.6931") == "500 hPa"
+    assert value_words("longitude", "-87.47") == "87.5°W"
+    assert value_words("magnetic_heading", "cos2") == "cos 2 × heading"
+    assert value_words("phase", "descent") == "descent"
+
+
+def test_parameters_of_several_aircraft_are_a_range_where_they_differ() -> None:
+    def pair(one: dict[str, float], two: dict[str, float]) -> str:
+        each = {"N1": {"parameters": one}, "N2": {"parameters": two}}
+        return parameters_text(iron("N1", "N2", per_tail=each))
+
+    second = {"amplitude_deg": 5.92, "phase_deg": -50.0}
+    assert pair({"amplitude_deg": 1.14, "phase_deg": 170.0}, second) == "amplitude 1.1 to 5.9°"
+    near = {"amplitude_deg": 5.8, "phase_deg": -51.0}
+    assert pair(near, second) == "amplitude 3.9 ± 0.4°, phase 40 ± 2°"
+    # 178 and -179 degrees differ by 3.
+    across = pair({"phase_deg": 178.0}, {"phase_deg": -179.0})
+    assert across == "amplitude 3.9 ± 0.4°, phase 40 ± 2°"
+    swap = effect("tail_swap", "N1", "N2", parameters={"pair": ["N1", "N2"]})
+    assert effect_sentence(swap, content()) == "Tail swap on N1 and N2: probability 0.99."
+
+
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_descriptions_of_effects_are_sentences_without_code_names(name: str) -> None:
+    nature = nature_of(name)
+    assert nature is not None and nature_of("of_another_version") is None
+    for part in (nature.physics, nature.source, nature.confused or "."):
+        assert part.endswith(".") and "_" not in part and ".." not in part
+
+
+def full() -> dict[str, Any]:
+    """Return a diagnosis with every section."""
+    calibration = {
+        "spread": 0.95,
+        "crps_m_s": 0.64,
+        "crps_expected_m_s": 0.68,
+        "lag_one": 0.05,
+        "auc": None,
+    }
+    fit = {
+        "aircraft": "N404",
+        "offset_deg": 0.31,
+        "offset_deg_after": 0.32,
+        "offset_deg_standard_error": 0.05,
+        "amplitude_deg": 3.9,
+        "amplitude_deg_after": 4.3,
+        "amplitude_deg_standard_error": 0.1,
+        "stays": False,
+    }
+    rival = {"name": "soft_iron", "separated_by": "headings in more compass points"}
+    return content(
+        iron(*TAILS[:6], ambiguous_with=["soft_iron"], ambiguity=[rival]),
+        effect("tas_scale", "N403", parameters={"scale_percent": 1.5}),
+        places=[place()],
+        aliases=[
+            {
+                "effect": "tas_scale",
+                "other": "tas_offset",
+                "alias_share": 0.913,
+                "separated_by": "a wider range of airspeeds",
+            }
+        ],
+        assumptions=[
+            {"assumption": "luck", "check": "placebo", "result": "closes nothing", "ok": True},
+            {"assumption": "noise", "check": "distance", "result": "20 % off", "ok": False},
+        ],
+        calibration={"before": calibration, "after": calibration},
+        decoy={"reduction_kt": 0.01, "reduction_ci_kt": [-0.02, 0.04], "draws": 8},
+        claims={
+            "taken_off": ["tas_scale"],
+            "stay": 0,
+            "of": 1,
+            "aircraft": [fit, fit | {"aircraft": "N499", "amplitude_deg": None, "stays": None}],
+            "field_test": {
+                "reduction_kt": 1.5,
+                "reduction_ci_kt": [1.0, 2.0],
+                "reduction_kt_after": 1.7,
+                "stays": True,
+            },
+        },
+    )
+
+
+def test_the_page_has_every_section_and_folds_the_statistics(tmp_path: Path) -> None:
+    text, found = check_self_contained(write_gap_page(tmp_path, gap=full(), maps=MAPS))
+    names = ("what", "closure", "where", "ambiguous", "claims", "statistics")
+    order = [text.index(f'<section id="{name}"') for name in names]
+    assert order == sorted(order)
+    assert found.images == len(gap_figures(full(), MAPS))
+    for words in (
+        "Hard iron (heading error of one cycle)."
+        if "cycle" in CATALOGUE["hard_iron"].title
+        else "",
+        "Data that would decide: headings in more compass points.",
+        "shared variance 91 %",
+        str(escape("too few climbs <and> descents")),
+        "1 of 2 tested assumptions hold",
+        "Placebo:",
+        "1.50 kt (1.00 to 2.00) becomes 1.70 kt, within its interval",
+        "3.90 ± 0.20",
+        "p value of the gap",
+    ):
+        assert words in text, words
+    for title in ("Assumptions", "Noise model", "Calibration on held-out flights"):
+        assert f"<details><summary>{title}" in text
+
+
+def test_all_speeds_on_the_page_have_one_unit(tmp_path: Path) -> None:
+    text, _ = parsed(write_gap_page(tmp_path, gap=full(), maps=MAPS, units="m/s"))
+    words = re.sub(r"<[^>]*>", " ", text.split("<main>")[1].split("<script>")[0])
+    assert not re.search(r"\d kt\b|\(kt\)", words)
+    assert "0.77 m/s (0.51 to 1.03) becomes 0.87 m/s" in words
+
+
+def test_a_file_that_lacks_optional_keys_has_a_page(tmp_path: Path) -> None:
+    needed = ("gap", "where", "effects", "unknown", "closure", "counts")
+    bare = {key: value for key, value in content(iron("N401")).items() if key in needed}
+    text, _ = check_self_contained(
+        write_gap_page(tmp_path, gap=bare, maps=MAPS[["aircraft"]].copy())
+    )
+    assert "No effect found is ambiguous" in text
+    none = {**bare, "effects": []}
+    text, _ = check_self_contained(write_gap_page(tmp_path, gap=none, maps=MAPS))
+    assert "No effect of the catalogue is needed" in text
+
+
+@pytest.mark.parametrize("name", gap_figures(full(), MAPS))
+def test_figures_can_be_drawn_and_count_what_they_show(name: str) -> None:
+    check_figure(gap_figures(full(), MAPS)[name]())
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {},
+        {"component": "scatter", "curve": {"labels": ["N403"], "m_s": [0.4]}},
+        {
+            "component": "reported_speed",
+            "curve": {"labels": [], "m_s": [], "edges": [[1.0, 2.0]], "values": [1.0, 2.2]},
+        },
+        {
+            "variables": ["magnetic_heading", "phase"],
+            "curve": {
+                "labels": [],
+                "m_s": [],
+                "unit": "degree",
+                "variables": ["magnetic_heading", "phase"],
+                "variable_units": ["degree", ""],
+                "edges": [[0.0, 180.0, 360.0], [-0.5, 0.5, 1.5, 2.5]],
+                "values": [0.1, 1.4, -0.3, 0.2, None, 0.4],
+            },
+        },
+    ],
+)
+def test_curves_of_unexplained_errors(given: dict[str, Any]) -> None:
+    figure = unknown_curve_figure(place(**given))
+    check_figure(figure)
+    assert place_sentence(place(**given), {}).rstrip(".") in figure.caption  # type: ignore[attr-defined]
+    if len(given.get("variables", ())) == 2:
+        axes = figure.axes[0]
+        assert [one.get_text() for one in axes.get_yticklabels()] == ["ascent", "cruise", "descent"]
+        assert axes.get_xticks().tolist() == [0.0, 90.0, 180.0, 270.0, 360.0]
+
+
+def test_the_heading_map_shows_its_cells_and_affected_aircraft_are_bold() -> None:
+    axes = figures.aircraft_heading_figure(MAPS, content(iron("N402"))).axes[0]
+    drawn = np.ma.filled(axes.collections[0].get_array().astype(float), np.nan)
+    assert np.array_equal(drawn.ravel(), MAPS["heading_map"].to_numpy().ravel(), equal_nan=True)
+    bold = {one.get_text() for one in axes.get_yticklabels() if one.get_fontweight() == "bold"}
+    assert bold == {"N402"}
+    panels = figures.phase_level_figure(MAPS, content()).axes[0]
+    layers = [one.get_text() for one in panels.get_yticklabels()]
+    assert layers == ["850-1100", "700-850", "600-700", "500-600", "400-500", "above 400"]
+
+
+def test_compass_effects_are_drawn_as_the_sum_of_what_was_found() -> None:
+    gap = content(iron("N402"), effect("compass_offset", "N402", parameters={"offset_deg": 1.0}))
+    axes = figures.compass_effects_figure(MAPS, gap).axes[0]
+    x, y = next(line for line in axes.lines if line.get_label() == "fitted curve").get_data()
+    assert np.allclose(y, 1.0 + 3.912 * np.sin(np.radians(x + 40.0)))
+
+
+def test_the_waterfall_falls_from_before_to_after() -> None:
+    waterfall = [
+        {"label": "reports as they are", "kt": 7.4, "step_ci": None},
+        {"label": "hard_iron", "kt": 6.9, "step_ci": [0.4, 0.6]},
+        {"label": "tas_scale", "kt": 6.5, "step_ci": [0.3, 0.5]},
+        {"label": "noise floor", "kt": 6.3, "step_ci": None},
+    ]
+    by_effect = [
+        {"name": "hard_iron", "reduction": 0.5, "reduction_ci": [0.4, 0.6]},
+        {"name": "tas_scale", "reduction": 0.4, "reduction_ci": [0.3, 0.5]},
+    ]
+    closure = {"before": 7.4, "after": 6.5}
+    numbers = {"noise_floor_kt": 6.3, "significance": 0.001}
+    for given in ({"waterfall": waterfall}, {"closure": closure | {"by_effect": by_effect}}):
+        gap = content(iron("N401"), gap=numbers, **({"closure": closure} | given))
+        steps = figures.closure_steps(gap)
+        assert [(name, round(level, 6)) for name, level, _ in steps] == [
+            ("hard_iron", 6.9),
+            ("tas_scale", 6.5),
+        ]
+        assert steps[0][2] == pytest.approx([6.8, 7.0])
+        bars = [
+            (p.get_x(), p.get_x() + p.get_width())  # type: ignore[attr-defined]
+            for p in waterfall_figure(gap).axes[0].patches
+        ]
+        assert np.allclose(bars, [(0, 7.4), (7.4, 6.9), (6.9, 6.5), (0, 6.5), (0, 6.3)])
+
+
+@pytest.mark.slow
+def test_the_page_of_a_real_diagnosis_and_the_same_in_a_notebook(
+    gap_product: Path, tmp_path: Path
+) -> None:
+    """A diagnosis as the command wrote it: iron on N401, airspeed of N403."""
+    gap, maps = GapReport.read(gap_product / "gap.json"), read_product(gap_product / "gap.nc")
+    written = gap_product / "gap" / "index.html"
+    check_self_contained(written)
+    assert write_gap_page(tmp_path / "gap", gap=gap, maps=maps).read_text() == written.read_text()
+    assert "ard iron on N401" in verdict(gap) and "TAS scale on N403" in verdict(gap)
+    shown = object.__new__(ShownDiagnosis)
+    for name, value in (("report", gap), ("dataset", maps)):
+        object.__setattr__(shown, name, value)
+    html = shown._repr_html_()
+    assert html.count("<tr") == len(gap.effects) + len(gap.unknown.where) + 1
+    assert set(shown.figures) == set(gap_figures(gap, maps))
+    assert airswing.diagnose.__doc__
