@@ -43,6 +43,24 @@ CORRECTION = {
     "offset_only": 5,
     "no_correction_needed": 6,
 }
+# Ground vector of a report: from the chord between fixes (of the neighbours, of one side only, or
+# past the neighbours), or from the reported heading and airspeed.
+GROUND_VECTOR_SOURCE = {
+    "none": 0,
+    "chord": 1,
+    "one_sided_chord": 2,
+    "widened_chord": 3,
+    "reported": 4,
+}
+# Whether the heading and airspeed that an aircraft reports are used, or why not.
+REPORTED_HEADING_USE = {
+    "absent": 0,
+    "used": 1,
+    "too_few": 2,
+    "heading_is_track": 3,
+    "heading_differs": 4,
+    "airspeed_differs": 5,
+}
 # Bits of ``screening``, named by the screening rules.
 SCREENING = {
     "phase": 1,

@@ -1,23 +1,33 @@
-"""The wind again, from the corrected heading.
+"""Correction of the reported winds for the deviation of the compass.
 
 Assumptions
 -----------
-What the unit did wrong is the direction of its air vector alone: psi_corr = psi_ind -
-psi_err(m), m the indicated magnetic heading. With V_A = V_G - W_reported the ground vector drops
-out: W_corrected = W_reported + V_A - R V_A, R the turn by -psi_err. So only the air vector
-(airspeed and indicated heading) is needed, and every report that has one is corrected, whether or
-not the fit used it. The airspeed scale can be removed too, on request: V_A / (1 + s).
+The error of the unit is the direction of its air vector: psi_corr = psi_ind - psi_err(m), m the
+indicated magnetic heading. With V_A = V_G - W_reported the ground vector cancels: W_corrected =
+W_reported + V_A - R V_A, R the turn by -psi_err. So only airspeed and indicated heading are needed,
+and every report that has them is corrected, whether or not the fit used it. On request the airspeed
+scale s is removed too: V_A / (1 + s).
 
-The curve's one cycle (B, C) is that at the mean horizontal field of the reports it was fitted to
-and grows as the field weakens; it is scaled to the field of every report where both are known. A
-unit's table is one for all places: it is applied as it stands.
+The one-cycle part of the curve (B, C) is that at the mean horizontal field of the reports it was
+fitted to and is proportional to its inverse; it is scaled to the field of every report where both
+are known. A unit's table is the same at all places and is applied unscaled.
 
-The standard error is that of the vector wind against the report a right compass would have sent
-(:mod:`airswing.compass.correction_error`): what is uncertain of the fit, what the table differs
-from the fitted curve, the doubt of heading and airspeed at the report, coding. Gusts and noise of
-the sensors, which are in either report, are not in it.
+Standard error
+--------------
+Of the corrected wind as a vector, against the report that an aircraft with a right compass would
+have sent. The correction adds V (e^(-i delta) - 1) along the heading, of length V delta. Its errors
+are independent and add in quadrature:
 
-Degrees in the Datasets, radians and m/s inside.
+* the curve: V times its standard error at the heading, and V times the difference of the unit's
+  table from the curve at this heading and field, which is known;
+* the heading: with an error eps the curve is read at the wrong heading and the correction turned
+  with it, ``V (delta, delta') eps`` along and across; a large eps saturates like the chord of a
+  circle, ``2 (1 - exp(-sd^2 / 2))`` in place of ``sd^2``;
+* the airspeed: ``delta`` times its error, and its scale where that is removed;
+* coding: both reports are rounded to steps of speed and direction, twice the variance of one.
+
+Gusts and noise of the sensors are in both reports and not included. Valid for deviations under 30
+degrees. Degrees in the Datasets, radians and m/s inside.
 
 References
 ----------
@@ -26,25 +36,22 @@ Jacobs et al. 2010 (seed paper), step f.
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from airswing.compass.correction_error import (
-    At,
-    coding_variance,
-    correction_error,
-    curve_slope,
-    table_slope,
-)
-from airswing.compass.fit.sandwich import Array
-from airswing.compass.table import deviation_curve, error_from_table, unit_interpolation
+from airswing.compass.table import error_from_table, table_slope, unit_interpolation
+from airswing.compass.whole_aircraft import map_aircraft
 from airswing.errors import InputError
 from airswing.flags import CORRECTION, SCREENING, STATUS, mended, published
+from airswing.physics.compass_deviation import deviation_basis, deviation_slope
 from airswing.products.ragged import aircraft_of_report
 from airswing.vocabulary import describe
+
+Array = NDArray[np.float64]
 
 KEPT = (
     "time",
@@ -69,7 +76,7 @@ KEPT = (
     "roll_flag",
     "temperature_qc",
 )
-"""Variables of the reports that the corrected product carries on, where they are there."""
+"""Variables of the reports that the corrected product also holds, where they are present."""
 NEEDED = (
     "eastward_wind",
     "northward_wind",
@@ -85,7 +92,7 @@ NEEDED = (
     "wind_speed_resolution",
     "wind_direction_resolution",
 )
-"""Variables a correction looks at; without the last five it is made for the mean field, and its
+"""Variables that the correction reads. Without the last five it is made for the mean field, and its
 standard error is that of the fit and the table alone."""
 
 
@@ -97,7 +104,7 @@ def corrected_wind(
     error: ArrayLike,
     scale: ArrayLike = 0.0,
 ) -> tuple[Array, Array]:
-    """Wind (m/s) that the unit would have computed along the corrected heading.
+    """Wind that the unit would have computed along the corrected heading.
 
     Parameters
     ----------
@@ -109,6 +116,11 @@ def corrected_wind(
         Indicated true heading and heading error, radians.
     scale : array_like, default 0
         Relative error of the airspeed, to be removed.
+
+    Returns
+    -------
+    u, v : arrays, shape (n,)
+        m/s.
     """
     east, north, speed, psi, turn = (
         np.asarray(part, dtype=np.float64) for part in (u, v, airspeed, heading, error)
@@ -121,40 +133,84 @@ def corrected_wind(
 
 
 def curve_standard_error(covariance: ArrayLike, heading: ArrayLike, gain: ArrayLike = 1.0) -> Array:
-    """Standard error of the deviation curve (degrees) at given headings (degrees).
+    """Standard error of a deviation curve.
 
     Parameters
     ----------
     covariance : array_like, shape (n, 5, 5) or (5, 5)
         degree2.
     heading : array_like, shape (n,)
+        Indicated magnetic heading, degrees.
     gain : array_like, shape (n,), default 1
-        What the one cycle (B, C) is multiplied by there.
+        Factor of the one-cycle part (B, C).
+
+    Returns
+    -------
+    array, shape (n,)
+        Degrees.
     """
-    angle = np.radians(np.asarray(heading, dtype=np.float64))
-    sine, cosine = gain * np.sin(angle), gain * np.cos(angle)
-    slopes = (np.ones_like(angle), sine, cosine, np.sin(2 * angle), np.cos(2 * angle))
-    known = np.asarray(covariance, dtype=np.float64)
-    square = np.zeros(np.broadcast_shapes(angle.shape, known.shape[:-2]))
-    for i, slope in enumerate(slopes):
-        part = known[..., i, i] * slope
-        for j in range(i):
-            part = part + 2.0 * known[..., i, j] * slopes[j]
-        square += part * slope
-    return np.asarray(np.sqrt(np.maximum(square, 0.0)))
+    basis = deviation_basis(np.radians(heading), gain)
+    product = np.einsum("...ij,j...->i...", np.asarray(covariance, dtype=np.float64), basis)
+    return np.asarray(np.sqrt(np.maximum((product * basis).sum(axis=0), 0.0)))
 
 
-def _error_of_each(covariance: Array, own: NDArray[np.int64], heading: Array, gain: Array) -> Array:
-    """Standard error of each report's own curve, aircraft by aircraft: one matrix at a time.
+def correction_error(
+    airspeed: ArrayLike,
+    deviation: ArrayLike,
+    slope: ArrayLike,
+    *,
+    curve_error: ArrayLike = 0.0,
+    heading_error: ArrayLike = 0.0,
+    airspeed_error: ArrayLike = 0.0,
+    coding: ArrayLike = 0.0,
+) -> Array:
+    """Standard error of the corrected wind as a vector; see the module.
 
-    A matrix for each report is 200 bytes a report, and takes longer.
+    Parameters
+    ----------
+    airspeed : array_like, shape (n,)
+        m/s.
+    deviation, slope : array_like, shape (n,)
+        Deviation that is removed (radians) and its derivative by the heading.
+    curve_error : array_like, shape (n,)
+        Standard error of the deviation, with that of the airspeed scale where it is removed,
+        radians.
+    heading_error : array_like, shape (n,)
+        Standard error of the indicated heading at the report, radians.
+    airspeed_error : array_like, shape (n,)
+        That of the airspeed, m/s.
+    coding : array_like, shape (n,)
+        Variance from rounding, m2/s2, of :func:`coding_variance`.
+
+    Returns
+    -------
+    array, shape (n,)
+        m/s.
     """
-    found = np.empty(own.size)
-    start = np.flatnonzero(np.diff(own, prepend=-1))
-    for first, stop in zip(start, np.append(start[1:], own.size)[: start.size], strict=True):
-        run = slice(first, stop)
-        found[run] = curve_standard_error(covariance[own[first]], heading[run], gain[run])
-    return found
+    delta = np.asarray(deviation, dtype=np.float64)
+    chord = 2.0 * (1.0 - np.exp(-0.5 * np.square(heading_error)))
+    angle = np.square(curve_error) + (delta**2 + np.square(slope)) * chord
+    variance = np.square(airspeed) * angle + (delta * airspeed_error) ** 2 + coding
+    return np.asarray(np.sqrt(variance))
+
+
+def coding_variance(speed: ArrayLike, speed_step: ArrayLike, direction_step: ArrayLike) -> Array:
+    """Variance between a corrected and a right report from rounding both, as vectors.
+
+    Parameters
+    ----------
+    speed : array_like, shape (n,)
+        Wind speed, m/s.
+    speed_step, direction_step : array_like, shape (n,)
+        Steps of speed (m/s) and direction (radians); 0 where unknown.
+
+    Returns
+    -------
+    array, shape (n,)
+        m2/s2: a uniform error has a twelfth of its step squared; twice, for two reports.
+    """
+    arc = np.asarray(speed, dtype=np.float64) * direction_step
+    return np.asarray((np.square(speed_step) + arc**2) / 6.0)
 
 
 def correct(
@@ -175,61 +231,54 @@ def correct(
         From :func:`~airswing.compass.fit.deviation.fit_deviation`, with tables for
         ``method="table"``.
     reference : str, optional
-        Whose fit to apply; the first pool, else the first reference, when not given.
+        Whose fit to apply; by default that of the first pool, without pools the first reference.
     method : {"table", "curve"}
-        What the unit would do with its table, or the fitted curve itself.
+        Apply what the unit would do with its table, or the fitted curve itself.
     apply_airspeed_scale : bool
         Remove the airspeed scale as well.
 
     Returns
     -------
     Dataset
-        The reports with ``corrected_*`` and ``correction_applied``. A report that cannot be
-        corrected keeps its wind as reported, and the flag says why.
+        The reports with ``corrected_eastward_wind, corrected_northward_wind, corrected_heading,
+        corrected_wind_standard_error`` and ``correction_applied``; dask-backed where the headings
+        or the fits are. A report that is not corrected keeps its wind, and the flag says why.
 
     Raises
     ------
     InputError
         If the reference has no fits or the tables are missing.
     """
-    fit = _chosen(fits, reference, method)
-    row = _aircraft_rows(headings, fit)
-    known = row >= 0
-    # Row -1 is the last aircraft: `known` takes it out again.
-    ok = known & published(fit["status"].to_numpy())[row]
-    column = {
-        name: headings[name].to_numpy().astype(np.float64)
-        for name in ("eastward_wind", "northward_wind", "airspeed", "heading", "magnetic_heading")
-    }
-    m = column[
-        "magnetic_heading" if fits.attrs.get("abscissa", "magnetic") == "magnetic" else "heading"
-    ]
-    has_heading = np.isfinite(m) & np.isfinite(column["airspeed"]) & np.isfinite(column["heading"])
-    has_wind = np.isfinite(column["eastward_wind"]) & np.isfinite(column["northward_wind"])
-    by_unit = np.zeros(m.size, dtype=bool)
-    if "screening" in headings:
-        by_unit = (headings["screening"].to_numpy() & SCREENING["field_test"]) > 0
-    # The first reason that holds, the least mendable first.
-    flag = np.select(
-        [~has_wind, by_unit, ~ok, ~has_heading],
-        [CORRECTION[why] for why in ("missing_wind", "already_corrected", "no_fit", "no_heading")],
-        CORRECTION["corrected"],
-    ).astype(np.int8)
-    alone = known & (fit["status"].to_numpy()[row] == STATUS["offset_only"])
-    flag[alone & (flag == CORRECTION["corrected"])] = CORRECTION["offset_only"]
-    done = mended(flag)
-    column["gain"] = _gain(headings, fit, row)
-    column |= _doubts(headings, column)
-    found = _corrected(column, m, fit, row, done, method, apply_airspeed_scale)
+    place = chosen_reference(fits, reference)
+    if method == "table" and "table_correction" not in fits:
+        raise InputError(
+            "the fits hold no tables",
+            field="table_correction",
+            remedy="Call add_tables first, or use method='curve'",
+        )
+    fit = fits.isel(reference=place)
+    read = headings[[name for name in NEEDED if name in headings]]
+    found = map_aircraft(_correct, read, fit, method=method, scaled=apply_airspeed_scale)
     kept = headings[[name for name in KEPT if name in headings]]
-    ds = kept.assign({name: ("report", values) for name, values in found.items()})
-    ds["correction_applied"] = ("report", flag)
+    ds = kept.assign({str(name): found[name] for name in found.data_vars})
     ds.attrs.update(correction_reference=str(fit["reference"].item()), correction_method=method)
     return describe(ds)
 
 
 def chosen_reference(fits: xr.Dataset, reference: str | None) -> int:
-    """Place of a reference; of the first pool, else the first reference, where none is named."""
+    """Return the place of a reference among the fits.
+
+    Parameters
+    ----------
+    fits : Dataset
+    reference : str or None
+        None: the first pool, without pools the first reference.
+
+    Raises
+    ------
+    InputError
+        If there is no fit against this reference.
+    """
     names = [str(name) for name in fits["reference"].to_numpy()]
     single = int(fits.attrs.get("reference_count", len(names)))
     wanted = names[single if single < len(names) else 0] if reference is None else reference
@@ -243,118 +292,116 @@ def chosen_reference(fits: xr.Dataset, reference: str | None) -> int:
     return names.index(wanted)
 
 
-def _chosen(fits: xr.Dataset, reference: str | None, method: str) -> xr.Dataset:
-    place = chosen_reference(fits, reference)
-    if method == "table" and "table_correction" not in fits:
-        raise InputError(
-            "the fits hold no tables",
-            field="table_correction",
-            remedy="Call add_tables first, or use method='curve'",
-        )
-    fit = fits.isel(reference=place)
-    return fit.assign(table_error=error_from_table(fit)) if "table_correction" in fit else fit
-
-
-def _aircraft_rows(headings: xr.Dataset, fit: xr.Dataset) -> NDArray[np.int64]:
+def _correct(headings: xr.Dataset, fit: xr.Dataset, *, method: str, scaled: bool) -> xr.Dataset:
+    """Corrected winds of the reports of some aircraft, in memory."""
     place = {str(name): k for k, name in enumerate(fit["aircraft"].to_numpy())}
-    rows = np.array(
-        [place.get(str(name), -1) for name in headings["aircraft"].to_numpy()], dtype=np.int64
-    )
-    return np.asarray(rows[aircraft_of_report(headings)])
-
-
-def _gain(headings: xr.Dataset, fit: xr.Dataset, row: NDArray[np.int64]) -> Array:
-    """Mean field of the fit over that of every report; one where either is not known."""
-    found = np.ones(row.size)
-    if "horizontal_field" not in headings or "mean_horizontal_field" not in fit:
-        return found
-    field = headings["horizontal_field"].to_numpy().astype(np.float64)
-    mean = np.where(row >= 0, fit["mean_horizontal_field"].to_numpy()[row], np.nan)
-    return np.divide(mean, field, out=found, where=np.isfinite(mean) & (field > 0))
-
-
-def _doubts(headings: xr.Dataset, column: dict[str, Array]) -> dict[str, Array]:
-    """Errors of heading (radians) and airspeed and what coding leaves; zero where not known."""
-    speed = column["airspeed"]
-    heading_error = np.radians(_known(headings, "heading_standard_error", speed))
-    ground = _known(headings, "ground_velocity_error", speed)
-    # The product has the mean of both components: what is not across the heading is along it.
-    along = np.maximum(2.0 * ground**2 - (speed * heading_error) ** 2, 0.0)
-    own = aircraft_of_report(headings)
-    steps = [
-        _known(headings, f"wind_{name}_resolution", own)[own] for name in ("speed", "direction")
-    ]
-    wind = np.hypot(column["eastward_wind"], column["northward_wind"])
-    return {
-        "heading_error": heading_error,
-        "airspeed_error": np.sqrt(along),
-        "coding": coding_variance(wind, steps[0], np.radians(steps[1])),
+    rows = [place.get(str(name), -1) for name in headings["aircraft"].to_numpy()]
+    owner = aircraft_of_report(headings)
+    row = np.array(rows, dtype=np.int64)[owner]
+    column = {
+        name: headings[name].to_numpy().astype(np.float64)
+        for name in ("eastward_wind", "northward_wind", "airspeed", "heading", "magnetic_heading")
     }
-
-
-def _known(headings: xr.Dataset, name: str, like: NDArray[np.generic]) -> Array:
-    if name not in headings:
-        return np.zeros(like.size)
-    return np.nan_to_num(headings[name].to_numpy().astype(np.float64))
-
-
-def _corrected(
-    column: dict[str, Array],
-    m: Array,
-    fit: xr.Dataset,
-    row: NDArray[np.int64],
-    done: NDArray[np.bool_],
-    method: str,
-    apply_scale: bool,
-) -> dict[str, Array]:
-    at, own, gain = m[done], row[done], column["gain"][done]
-    speed, heading = column["airspeed"][done], column["heading"][done]
-    coefficients = fit["deviation"].to_numpy()[own]
+    u, v = column["eastward_wind"], column["northward_wind"]
+    magnetic = fit.attrs.get("abscissa", "magnetic") == "magnetic"
+    argument = column["magnetic_heading" if magnetic else "heading"]
+    flag = _flags(headings, column, argument, fit, row)
+    done = mended(flag)
+    found = {
+        "corrected_eastward_wind": u.copy(),
+        "corrected_northward_wind": v.copy(),
+        "corrected_heading": column["heading"].copy(),
+        "corrected_wind_standard_error": np.full(row.size, np.nan),
+    }
+    # reports that are corrected, from here on
+    row, m, owner = row[done], argument[done], owner[done]
+    u, v, speed, heading = (
+        column[name][done] for name in ("eastward_wind", "northward_wind", "airspeed", "heading")
+    )
+    gain = _gain(headings, fit, done, row)
+    coefficients = fit["deviation"].to_numpy()[row]
     coefficients[:, 1:3] *= gain[:, np.newaxis]
-    error = deviation_curve(coefficients, at[:, np.newaxis])[:, 0]
-    slope = curve_slope(coefficients, at)
-    known = _error_of_each(fit["deviation_covariance"].to_numpy(), own, at, gain)
+    angle = np.radians(m)
+    error = (coefficients.T * deviation_basis(angle)).sum(axis=0)
+    slope = deviation_slope(np.radians(coefficients), angle)
+    doubt = np.empty(row.size)
+    starts = np.flatnonzero(np.diff(owner, prepend=-1))
+    # one covariance matrix for each aircraft, not for each report
+    for begin, end in pairwise([*starts, row.size]):
+        covariance = fit["deviation_covariance"].to_numpy()[row[begin]]
+        doubt[begin:end] = curve_standard_error(covariance, m[begin:end], gain[begin:end])
     if method == "table":
-        table = fit["table_error"].to_numpy()[own]
-        by_table = unit_interpolation(table, at)
-        # What the table is off the curve here is known, sign and all, but is not taken
-        # off: the unit would not.
-        known, error, slope = np.hypot(known, by_table - error), by_table, table_slope(table, at)
-    scale, scale_error = np.zeros(own.size), np.zeros(own.size)
-    if apply_scale:  # an offset alone comes without one
-        scale = np.nan_to_num(fit["airspeed_scale"].to_numpy()[own])
-        scale_error = np.nan_to_num(fit["airspeed_scale_standard_error"].to_numpy()[own])
-    where = At(
+        table = error_from_table(fit).to_numpy()[row]
+        from_table = unit_interpolation(table, m)
+        # the difference of table and curve is known but stays: the unit would not remove it
+        doubt, error = np.hypot(doubt, from_table - error), from_table
+        slope = table_slope(table, m)
+    scale, scale_error = np.zeros(row.size), np.zeros(row.size)
+    if scaled:  # an offset comes without one
+        scale = np.nan_to_num(fit["airspeed_scale"].to_numpy()[row])
+        scale_error = np.nan_to_num(fit["airspeed_scale_standard_error"].to_numpy()[row])
+    heading_error = np.radians(_known(headings, "heading_standard_error")[done])
+    ground = _known(headings, "ground_velocity_error")[done]
+    # the mean of both components is known: what is not across the heading is along it
+    along = np.sqrt(np.maximum(2.0 * ground**2 - (speed * heading_error) ** 2, 0.0))
+    steps = [_known(headings, f"wind_{name}_resolution")[owner] for name in ("speed", "direction")]
+    standard_error = correction_error(
         speed,
-        column["airspeed_error"][done],
-        column["heading_error"][done],
         np.radians(error),
         slope,
+        curve_error=np.hypot(np.radians(doubt), scale_error),
+        heading_error=heading_error,
+        airspeed_error=along,
+        coding=coding_variance(np.hypot(u, v), steps[0], np.radians(steps[1])),
     )
-    u, v = corrected_wind(
-        column["eastward_wind"][done],
-        column["northward_wind"][done],
-        speed,
-        np.radians(heading),
-        np.radians(error),
-        scale,
-    )
-    values = {
-        "corrected_eastward_wind": u,
-        "corrected_northward_wind": v,
-        "corrected_heading": np.mod(heading - error, 360.0),
-        "corrected_wind_standard_error": correction_error(
-            where, np.hypot(np.radians(known), scale_error), column["coding"][done]
-        ),
+    u, v = corrected_wind(u, v, speed, np.radians(heading), np.radians(error), scale)
+    values = (u, v, np.mod(heading - error, 360.0), standard_error)
+    for name, part in zip(found, values, strict=True):
+        found[name][done] = part
+    ds = xr.Dataset({name: ("report", values) for name, values in found.items()})
+    return ds.assign(correction_applied=("report", flag))
+
+
+def _flags(
+    headings: xr.Dataset,
+    column: dict[str, Array],
+    argument: Array,
+    fit: xr.Dataset,
+    row: NDArray[np.int64],
+) -> NDArray[np.int8]:
+    """Codes of `CORRECTION`; of several reasons the one that is hardest to remove."""
+    status = np.append(fit["status"].to_numpy(), STATUS["too_few_reports"])[row]
+    has_heading = np.isfinite(argument + column["airspeed"] + column["heading"])
+    has_wind = np.isfinite(column["eastward_wind"] + column["northward_wind"])
+    by_unit = np.zeros(row.size, dtype=bool)
+    if "screening" in headings:
+        by_unit = (headings["screening"].to_numpy() & SCREENING["field_test"]) > 0
+    reasons = {
+        "missing_wind": ~has_wind,
+        "already_corrected": by_unit,
+        "no_fit": ~published(status),
+        "no_correction_needed": status == STATUS["no_correction_needed"],
+        "no_heading": ~has_heading,
+        "offset_only": status == STATUS["offset_only"],
     }
-    plain = {
-        "corrected_eastward_wind": column["eastward_wind"],
-        "corrected_northward_wind": column["northward_wind"],
-        "corrected_heading": column["heading"],
-        "corrected_wind_standard_error": np.full(done.size, np.nan),
-    }
-    for name, part in values.items():
-        # columns that are as reported share memory with the reports
-        plain[name] = plain[name].copy()
-        plain[name][done] = part
-    return plain
+    codes = [CORRECTION[name] for name in reasons]
+    return np.select(list(reasons.values()), codes, CORRECTION["corrected"]).astype(np.int8)
+
+
+def _gain(
+    headings: xr.Dataset, fit: xr.Dataset, done: NDArray[np.bool_], row: NDArray[np.int64]
+) -> Array:
+    """Mean field of the fit over that of each report; one where either is unknown."""
+    gain = np.ones(row.size)
+    if "horizontal_field" not in headings or "mean_horizontal_field" not in fit:
+        return gain
+    field = headings["horizontal_field"].to_numpy()[done].astype(np.float64)
+    mean = fit["mean_horizontal_field"].to_numpy()[row]
+    return np.divide(mean, field, out=gain, where=np.isfinite(mean) & (field > 0))
+
+
+def _known(headings: xr.Dataset, name: str) -> Array:
+    """Values of a variable, zero where they are unknown."""
+    if name not in headings:
+        return np.zeros(max(headings.sizes["report"], headings.sizes["aircraft"]))
+    return np.nan_to_num(headings[name].to_numpy().astype(np.float64))

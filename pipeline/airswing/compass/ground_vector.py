@@ -63,7 +63,7 @@ class Evidence(NamedTuple):
     along_error: Array
     cross_error: Array
     own: NDArray[np.bool_]  # whether it is the unit's own
-    # (aircraft,): ``own`` where the unit's own vector is believed, else why not: ``absent``,
+    # (aircraft,): ``used`` where the vector from the reported heading is used, else why not: ``absent``,
     # ``too_few``, ``heading_is_track``, ``heading_differs``, ``airspeed_differs``
     reason: NDArray[np.str_]
 
@@ -112,7 +112,7 @@ def choose_ground_vector(
     explained = np.hypot(chord[2], chord[3]) + np.hypot(*errors)
     # a vector this far off is a gross error of one of the two, not what is stated of both
     far = apart > MAX_VECTOR_DIFFERENCE + 5.0 * explained
-    use = (reason == "own")[aircraft] & ~far
+    use = (reason == "used")[aircraft] & ~far
     if derived is not None:
         # Such a wind was made with this vector, judged or not.
         use |= derived
@@ -170,7 +170,7 @@ def _judge(
                 ~(middle(off_speed) <= speed_allowed),
             ],
             ["absent", "too_few", "heading_is_track", "heading_differs", "airspeed_differs"],
-            "own",
+            "used",
         )
     )
 

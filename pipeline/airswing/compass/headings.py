@@ -5,51 +5,45 @@ Assumptions
 Reports in the ragged order (aircraft, then time) with flights numbered over the archive; model
 winds relative to true north at the same reports. The unit computed its wind as ground velocity
 minus true airspeed along its indicated heading, so that the indicated heading is the argument of
-V_A = V_G - V_W,reported: it is derived, and needs no heading column. Where an aircraft does report
-true heading and airspeed, and they agree with its fixes, they are believed before the chords
-(`airswing.compass.ground_vector`).
+V_A = V_G - V_W,reported: it is derived and needs no heading column.
 
-Where the path turns, chords tell neither heading nor speed at the report: they are then those of
-the legs around it (`airswing.physics.turns`), and the ground vector follows from them,
-so that V_G = V_A + W holds everywhere and the standard errors say how much a turn leaves open.
+The ground velocity comes from chords between fixes (`airswing.physics.track`); where the path
+turns, from the legs around it (`airswing.physics.turns`); where an aircraft reports true heading
+and airspeed that agree with its fixes, from these (`airswing.compass.ground_vector`). In all cases
+V_G = V_A + W holds.
 
-What the standard errors mean
------------------------------
-``ground_velocity_error`` is one standard error of each component of V_G: rounding of positions
-and times, and wandering between fixes. ``heading_standard_error`` is that error carried to the
-indicated heading, ``heading_error_standard_error`` through psi_err to first order: V_G enters both
-air vectors, so an error of it nearly cancels and only the part that scales or shears the difference
-of the two winds is left. It says nothing about the model's error nor the unit's coding of its wind:
-the fit estimates that scatter itself.
+Standard errors
+---------------
+``ground_velocity_error`` is one standard error of each component of V_G: rounding of positions and
+times, and variation of the velocity between fixes. ``heading_standard_error`` is that error carried
+to the indicated heading, ``heading_error_standard_error`` to psi_err, to first order: V_G enters
+both air vectors, so that an error of it nearly cancels. Errors of the model and of the coding of
+the wind are not included; the fit estimates that scatter.
 
 Laziness
 --------
-What depends on the reports alone is computed at once (an archive is sorted, so it is whole
-anyway); what depends on the model winds stays lazy when they are dask arrays.
+On dask-backed Datasets nothing is computed: blocks of whole aircraft are derived when they are
+asked for, with the same result for any chunks (`airswing.compass.whole_aircraft`).
 """
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from airswing.compass.reported_motion import (
-    Account,
-    Motion,
-    accounts_of,
-    column_of,
-    motion_of,
-    seconds_of,
-    sum_of_accounts,
-)
+from airswing.compass.ground_vector import Evidence, choose_ground_vector
+from airswing.compass.whole_aircraft import map_aircraft
 from airswing.errors import InputError
+from airswing.flags import GROUND_VECTOR_SOURCE, REPORTED_HEADING_USE
 from airswing.physics import triangle
 from airswing.physics.geomagnetism import FieldLattice
-from airswing.physics.track import ACCELERATION_DENSITY
+from airswing.physics.track import ACCELERATION_DENSITY, GroundTrack, Resolution, ground_track
+from airswing.physics.turns import beside_turns
+from airswing.products.ragged import aircraft_of_report
+from airswing.reports.resolution import DIRECTION_STEPS, SPEED_STEPS, lattice_step
 from airswing.vocabulary import VARIABLES, describe
 
 Array = NDArray[np.float64]
@@ -84,10 +78,12 @@ DERIVED = (
     "heading_error",
     "heading_error_standard_error",
     "airspeed_error",
+    "ground_vector_source",
+    "reported_heading_use",
 )
-"""What is added to reports and winds."""
-# Standard error of a heading of which nothing is known, rad.
+"""Variables that are added to the reports and the winds."""
 LARGEST_ERROR = float(np.pi / np.sqrt(3.0))
+"""Radians: standard error of an unknown angle, uniform over the circle."""
 _WIND_NAMES = ("reference_eastward_wind", "reference_northward_wind")
 
 
@@ -105,22 +101,22 @@ def derive_headings(
     reports : Dataset
         Canonical reports (dimensions ``report`` and ``aircraft``).
     winds : Dataset
-        Collocated model winds (dimensions ``reference`` and ``report``), in memory or dask-backed.
+        Collocated model winds (dimensions ``reference`` and ``report``).
     acceleration_density : float
-        How the ground velocity wanders between fixes, m2 s-3; see `airswing.physics.track`.
+        Variation of the ground velocity between fixes, m2 s-3; see `airswing.physics.track`.
     widen : bool
         Whether ground vectors may reach past the neighbouring fixes.
 
     Returns
     -------
     Dataset
-        Reports and winds with ``ground_speed, track, ground_eastward_velocity,
-        ground_northward_velocity, ground_velocity_error, turn, longitudinal_acceleration,
-        climb_rate, bank, heading, heading_standard_error, magnetic_heading, airspeed, declination,
-        horizontal_field, dip``
-        (report) and ``heading_error, heading_error_standard_error, airspeed_error`` (reference,
-        report); angles in degrees. The attribute ``ground_vector_evidence`` (JSON) counts which
-        ground vector was believed and says why an aircraft's own was not.
+        Reports and winds with the variables `DERIVED`: ``ground_speed, track,
+        ground_eastward_velocity, ground_northward_velocity, ground_velocity_error, turn,
+        longitudinal_acceleration, climb_rate, bank, heading, heading_standard_error,
+        magnetic_heading, airspeed, declination, horizontal_field, dip, ground_vector_source``
+        (report), ``heading_error, heading_error_standard_error, airspeed_error`` (reference,
+        report) and ``reported_heading_use`` (aircraft); angles in degrees. Dask-backed where the
+        reports or the winds are.
 
     Raises
     ------
@@ -131,66 +127,46 @@ def derive_headings(
     ----------
     Jacobs et al. 2010, steps a-c and equation 3.
     """
-    reports = reports.compute()
-    derived, accounts = derive_columns(
-        reports, winds, acceleration_density=acceleration_density, widen=widen
-    )
-    found = with_columns(reports, winds, derived)
-    found.attrs["ground_vector_evidence"] = json.dumps(sum_of_accounts(accounts))
-    return found
-
-
-def derive_columns(
-    reports: xr.Dataset,
-    winds: xr.Dataset,
-    *,
-    acceleration_density: float = ACCELERATION_DENSITY,
-    widen: bool = True,
-) -> tuple[dict[str, xr.DataArray], list[Account]]:
-    """What :func:`derive_headings` adds to the reports (in memory) and the winds, alone.
-
-    Returns
-    -------
-    columns : dict of str to DataArray
-        (report) or (reference, report), of the type they have on disk: a stage run from the
-        product gives the same bits.
-    accounts : list of dict
-        Of ``ground_vector_evidence``, one an aircraft.
-    """
     _check(reports, winds)
-    motion = motion_of(reports, acceleration_density=acceleration_density, widen=widen)
-    own = _report_columns(motion) | _field_columns(reports, motion)
-    columns = {name: xr.DataArray(values, dims="report") for name, values in own.items()}
-    columns |= _reference_columns(winds, motion)
-    typed = {name: values.astype(VARIABLES[name].dtype) for name, values in columns.items()}
-    return typed, accounts_of(reports, motion)
+    # Both hold the reports' coordinates, and comparing them would load dask arrays.
+    merged = reports.merge(winds, compat="override", combine_attrs="override")
+    merged.attrs = {**winds.attrs, **reports.attrs}
+    return map_aircraft(_derive, merged, acceleration_density=acceleration_density, widen=widen)
 
 
-def with_columns(
-    reports: xr.Dataset, winds: xr.Dataset, columns: Mapping[str, object]
-) -> xr.Dataset:
-    """Reports, winds and columns of :func:`derive_columns` as one described Dataset."""
-    # Both hold the reports' coordinates; comparing them would load what is lazy.
-    found = reports.merge(winds, compat="override", combine_attrs="override")
-    found = found.assign(columns)
-    found.attrs = {**winds.attrs, **reports.attrs}
-    return describe(found)
+class _Motion(NamedTuple):
+    """Motion as the reports alone show it; arrays of shape (report,), m s-1 and radians."""
+
+    ground: Evidence
+    path: GroundTrack
+    air_east: Array
+    air_north: Array
 
 
-def _heading_error_sensitivity(
-    air_east: Array, air_north: Array, implied_east: Array, implied_north: Array
-) -> tuple[Array, Array]:
-    """Derivative of the heading error by the ground velocity, east and north, radians per m s-1.
-
-    The heading of a vector V turns by n.dV/|V|, n its right-hand normal; the same dV enters both
-    vectors, so what is left is the difference of the two n/|V|.
-    """
-    used = air_east**2 + air_north**2
-    implied = implied_east**2 + implied_north**2
-    with np.errstate(divide="ignore", invalid="ignore"):
-        by_east = air_north / used - implied_north / implied
-        by_north = implied_east / implied - air_east / used
-    return by_east, by_north
+def _derive(ds: xr.Dataset, *, acceleration_density: float, widen: bool) -> xr.Dataset:
+    total = int(ds["row_size"].sum())
+    if total != ds.sizes["report"]:
+        raise InputError(
+            "row_size does not add up to the reports",
+            field="row_size",
+            found=f"{total} for {ds.sizes['report']} reports",
+        )
+    motion = _motion(ds, acceleration_density, widen)
+    columns = _report_columns(motion) | _field_columns(ds, motion)
+    derived = {name: ("report", values) for name, values in columns.items()}
+    derived["ground_vector_source"] = ("report", _source(motion))
+    codes = [REPORTED_HEADING_USE[str(why)] for why in motion.ground.reason]
+    derived["reported_heading_use"] = ("aircraft", np.array(codes, dtype=np.int8))
+    names = ("heading_error", "heading_error_standard_error", "airspeed_error")
+    winds = (ds[name].transpose("reference", "report").to_numpy() for name in _WIND_NAMES)
+    for name, values in zip(names, _compare(*winds, motion), strict=True):
+        derived[name] = (("reference", "report"), values)
+    # of the type they have on disk, so that a stage run from the product gives the same bits
+    typed = {
+        name: (dims, values.astype(VARIABLES[name].dtype))
+        for name, (dims, values) in derived.items()
+    }
+    return describe(ds.assign(typed))
 
 
 def _check(reports: xr.Dataset, winds: xr.Dataset) -> None:
@@ -207,23 +183,119 @@ def _check(reports: xr.Dataset, winds: xr.Dataset) -> None:
             found=f"{winds.sizes.get('report')} winds for {reports.sizes['report']} reports",
             remedy="Collocate these reports again",
         )
-    total = int(reports["row_size"].sum())
-    if total != reports.sizes["report"]:
-        raise InputError(
-            "row_size does not add up to the reports",
-            field="row_size",
-            found=f"{total} for {reports.sizes['report']} reports",
-        )
 
 
-def _report_columns(motion: Motion) -> dict[str, Array]:
+def _column(ds: xr.Dataset, name: str) -> Array:
+    """Values of a variable over the reports; NaN where it is absent."""
+    if name not in ds:
+        return np.full(ds.sizes["report"], np.nan)
+    return np.asarray(ds[name].to_numpy(), dtype=np.float64)
+
+
+def _seconds(ds: xr.Dataset) -> Array:
+    """Times in seconds since 1970; NaN where unknown."""
+    time = ds["time"].to_numpy().astype("datetime64[ns]")
+    return np.asarray(np.where(np.isnat(time), np.nan, time.astype(np.int64) / 1e9))
+
+
+def _resolution(ds: xr.Dataset, name: str, aircraft: NDArray[np.int64]) -> Array:
+    """Resolution of each report's aircraft; 0 where it is unknown."""
+    if name not in ds:
+        return np.zeros(aircraft.size)
+    return np.nan_to_num(np.asarray(ds[name].to_numpy(), dtype=np.float64))[aircraft]
+
+
+def _motion(ds: xr.Dataset, acceleration_density: float, widen: bool) -> _Motion:
+    aircraft, seconds, flight = aircraft_of_report(ds), _seconds(ds), ds["flight"].to_numpy()
+    path = ground_track(
+        _column(ds, "latitude"),
+        _column(ds, "longitude"),
+        seconds,
+        _column(ds, "pressure_altitude"),
+        flight,
+        Resolution(
+            _resolution(ds, "position_resolution", aircraft),
+            _resolution(ds, "time_resolution", aircraft),
+        ),
+        acceleration_density=acceleration_density,
+        widen=widen,
+    )
+    wind = _column(ds, "eastward_wind"), _column(ds, "northward_wind")
+    chord = path.eastward, path.northward, path.along_error, path.cross_error
+    turning = beside_turns(
+        (path.leg_eastward, path.leg_northward, path.leg_error),
+        wind,
+        chord,
+        seconds,
+        flight,
+        roll_flag=ds["roll_flag"].to_numpy() if "roll_flag" in ds else None,
+    )
+    air = triangle.vector_from_bearing(turning.airspeed, turning.heading)
+    of_legs = (
+        air[0] + wind[0][turning.report],
+        air[1] + wind[1][turning.report],
+        turning.airspeed_error,
+        # an error of the heading is one of the ground vector across it
+        turning.airspeed * turning.heading_error,
+    )
+    chord = chord[0].copy(), chord[1].copy(), chord[2].copy(), chord[3].copy()
+    for values, better in zip(chord, of_legs, strict=True):
+        values[turning.report] = better
+    ground = _chosen(ds, chord, wind, aircraft)
+    return _Motion(ground, path, *triangle.air_vector(ground.eastward, ground.northward, *wind))
+
+
+def _chosen(
+    ds: xr.Dataset,
+    chord: tuple[Array, Array, Array, Array],
+    wind: tuple[Array, Array],
+    aircraft: NDArray[np.int64],
+) -> Evidence:
+    """Ground vector from fixes, or from reported heading and airspeed."""
+    number = ds.sizes["aircraft"]
+    airspeed, heading = _column(ds, "reported_airspeed"), _column(ds, "reported_heading")
+    # some columns hold zero where a value is absent
+    airspeed = np.where(airspeed > 0.0, airspeed, np.nan)
+    speed_step, heading_step = (
+        np.nan_to_num(lattice_step(values, aircraft, number, steps))[aircraft]
+        for values, steps in ((airspeed, SPEED_STEPS), (heading, DIRECTION_STEPS))
+    )
+    return choose_ground_vector(
+        chord,
+        wind,
+        (airspeed, np.radians(heading)),
+        (
+            speed_step,
+            np.radians(heading_step),
+            _resolution(ds, "wind_speed_resolution", aircraft),
+        ),
+        aircraft,
+        number,
+        derived=_column(ds, "wind_source") > 0,
+    )
+
+
+def _source(motion: _Motion) -> NDArray[np.int8]:
+    """Codes of `GROUND_VECTOR_SOURCE`."""
+    ground, path = motion.ground, motion.path
+    one_sided = (path.before == 0) | (path.after == 0)
+    widened = np.maximum(path.before, path.after) > 1
+    code = {name: np.int8(value) for name, value in GROUND_VECTOR_SOURCE.items()}
+    return np.select(
+        [~np.isfinite(ground.eastward), ground.own, one_sided, widened],
+        [code["none"], code["reported"], code["one_sided_chord"], code["widened_chord"]],
+        code["chord"],
+    )
+
+
+def _report_columns(motion: _Motion) -> dict[str, Array]:
     ground, path = motion.ground, motion.path
     return {
         "ground_eastward_velocity": ground.eastward,
         "ground_northward_velocity": ground.northward,
         "ground_speed": triangle.speed_of_vector(ground.eastward, ground.northward),
         "track": np.degrees(triangle.bearing(ground.eastward, ground.northward)),
-        # a component's: half of the vector's mean square
+        # of a component: half of the mean square of the vector
         "ground_velocity_error": np.sqrt(0.5 * (ground.along_error**2 + ground.cross_error**2)),
         "turn": np.degrees(path.turn),
         "longitudinal_acceleration": path.longitudinal_acceleration,
@@ -235,25 +307,25 @@ def _report_columns(motion: Motion) -> dict[str, Array]:
     }
 
 
-def _heading_error(motion: Motion) -> Array:
+def _heading_error(motion: _Motion) -> Array:
     """Standard error of the indicated heading, degrees: that of the ground vector across it."""
     ground = motion.ground
     track = triangle.bearing(ground.eastward, ground.northward)
     along, cross = triangle.along_cross(motion.air_east, motion.air_north, track)
     speed = triangle.speed_of_vector(motion.air_east, motion.air_north)
-    # across the heading stands -cross of the ground's direction along, and along of that across
+    # components along and across the track, turned across the heading
     with np.errstate(divide="ignore", invalid="ignore"):
         across = np.hypot(cross * ground.along_error, along * ground.cross_error) / speed
-        # an angle of which nothing is known has this error; beyond it the linear step means nothing
+        # first order is meaningless beyond the error of an unknown angle
         return np.asarray(np.degrees(np.minimum(across / speed, LARGEST_ERROR)))
 
 
-def _field_columns(reports: xr.Dataset, motion: Motion) -> dict[str, Array]:
+def _field_columns(ds: xr.Dataset, motion: _Motion) -> dict[str, Array]:
     place = (
-        column_of(reports, "latitude"),
-        column_of(reports, "longitude"),
-        np.nan_to_num(column_of(reports, "pressure_altitude")),
-        seconds_of(reports),
+        _column(ds, "latitude"),
+        _column(ds, "longitude"),
+        np.nan_to_num(_column(ds, "pressure_altitude")),
+        _seconds(ds),
     )
     field = FieldLattice.covering(*place).at(*place)
     heading = triangle.bearing(motion.air_east, motion.air_north)
@@ -265,46 +337,23 @@ def _field_columns(reports: xr.Dataset, motion: Motion) -> dict[str, Array]:
     }
 
 
-def _reference_columns(winds: xr.Dataset, motion: Motion) -> dict[str, xr.DataArray]:
-    per_report = (
-        motion.ground.eastward,
-        motion.ground.northward,
-        motion.air_east,
-        motion.air_north,
-        motion.ground.along_error,
-        motion.ground.cross_error,
-    )
-    error, standard_error, speed_error = xr.apply_ufunc(
-        _compare,
-        *(winds[name] for name in _WIND_NAMES),
-        *(xr.DataArray(values, dims="report") for values in per_report),
-        output_core_dims=[[], [], []],
-        output_dtypes=[np.float64] * 3,
-        dask="parallelized",
-        keep_attrs=False,
-    )
-    return {
-        "heading_error": error,
-        "heading_error_standard_error": standard_error,
-        "airspeed_error": speed_error,
-    }
+def _compare(wind_east: Array, wind_north: Array, motion: _Motion) -> tuple[Array, Array, Array]:
+    """Heading error and its standard error (degrees), airspeed error (m s-1), (reference, report).
 
-
-def _compare(
-    wind_east: Array,
-    wind_north: Array,
-    ground_east: Array,
-    ground_north: Array,
-    air_east: Array,
-    air_north: Array,
-    along_error: Array,
-    cross_error: Array,
-) -> tuple[Array, Array, Array]:
-    """Heading error and its standard error (degrees), airspeed error; m s-1 in."""
-    implied = triangle.air_vector(ground_east, ground_north, wind_east, wind_north)
-    error = triangle.heading_error(air_east, air_north, *implied)
-    slope = _heading_error_sensitivity(air_east, air_north, *implied)
-    along, cross = triangle.along_cross(*slope, triangle.bearing(ground_east, ground_north))
-    standard_error = np.hypot(along * along_error, cross * cross_error)
-    speed_error = triangle.airspeed_error(air_east, air_north, *implied)
+    The heading of a vector V turns by n.dV/|V|, n its right-hand normal. An error dV of the ground
+    velocity enters both air vectors, so that the difference of the two n/|V| is left.
+    """
+    ground = motion.ground
+    air = motion.air_east, motion.air_north
+    implied = triangle.air_vector(
+        ground.eastward, ground.northward, wind_east.astype(np.float64), wind_north.astype(float)
+    )
+    error = triangle.heading_error(*air, *implied)
+    used, other = air[0] ** 2 + air[1] ** 2, implied[0] ** 2 + implied[1] ** 2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slope = air[1] / used - implied[1] / other, implied[0] / other - air[0] / used
+    track = triangle.bearing(ground.eastward, ground.northward)
+    along, cross = triangle.along_cross(*slope, track)
+    standard_error = np.hypot(along * ground.along_error, cross * ground.cross_error)
+    speed_error = triangle.airspeed_error(*air, *implied)
     return np.degrees(error), np.degrees(standard_error), speed_error

@@ -1,20 +1,19 @@
-"""Which reports the fit may use, as flag bits, and an account of what each rule removed.
+"""Screening: which reports the fit may use, as flag bits, and what each rule removed.
 
 Assumptions
 -----------
 Headings of `airswing.compass.headings`. Every rule is judged by itself and sets its own bit: a
-report may carry several, and is kept where it carries none. A value that is absent breaks only
-the rule that is about its absence: no roll flag is not a bad roll flag unless the policy says so,
-and the end of a flight, where no turn can be seen, is not a turn.
+report may carry several and is kept where it carries none. An absent value breaks only the rule
+about its absence: a missing roll flag is no bad roll flag unless the policy says so, and the end of
+a flight, where no turn can be computed, is no turn.
 
-On the size of residuals
-------------------------
+Size of residuals
+-----------------
 Screening on the residual itself attenuates every deviation that is fitted afterwards. The gross
-error rule is therefore deliberately loose: 40 m/s or a third of the airspeed (a compass 19 degrees
-off), whichever is larger, or an airspeed no aircraft flies. What lies between is for the robust fit
-to weigh. It is judged against every reference a report has, each by itself: a report is used with
-all of them, so that one it is nowhere near, be it the report's fault or a damaged message's, would
-bend the fits of that reference and of every pool that holds it.
+error rule is therefore loose: 40 m/s or a third of the airspeed (a deviation of 19 degrees),
+whichever is larger, or an airspeed that no aircraft flies. Smaller errors are weighted by the
+robust fit. A report is tested against every reference it has, because it is used with all of them:
+one reference it is far from would bend the fits of that reference and of every pool that holds it.
 
 Units
 -----
@@ -30,9 +29,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from airswing.compass.whole_aircraft import map_aircraft
 from airswing.errors import ConfigError
 from airswing.flags import PHASE, ROLL, SCREENING, TEMPERATURE_QC, WIND_QC
-from airswing.products.ragged import aircraft_of_report, blocks
+from airswing.products.ragged import aircraft_of_report
 from airswing.units import KNOT
 from airswing.vocabulary import describe
 
@@ -83,14 +83,14 @@ def screen(
     roll : {"reject_bad", "require_good", "ignore"}
         Roll flag. Requiring "good" drops every carrier that reports no roll.
     temperature_qc, wind_qc : {"reject_fail", "require_pass", "ignore"}
-        The source's own verdicts.
+        The quality flags of the source.
     **limits
         Numbers a report must keep to, as in :class:`Limits`.
 
     Returns
     -------
     Dataset
-        The same with ``screening`` (report), int32 bits of `airswing.flags.SCREENING`; dask
+        The headings with ``screening`` (report), int32 bits of `airswing.flags.SCREENING`; dask
         arrays stay lazy.
 
     Raises
@@ -126,22 +126,38 @@ def mark_corrected_units(
     start: np.datetime64,
     end: np.datetime64 | None = None,
 ) -> xr.Dataset:
-    """Mark reports of units that applied their own correction: another compass, not to be fitted.
+    """Mark the reports of units that applied a correction themselves, so that they are not fitted.
 
-    They get the bit ``field_test`` of ``screening``, from ``start`` to before ``end``, or to the
-    archive's end.
+    Parameters
+    ----------
+    headings : Dataset
+        Screened.
+    aircraft : collection of str
+    start, end : datetime64
+        First time, and the time before which the marking ends; None: the end of the archive.
+
+    Returns
+    -------
+    Dataset
+        With the bit ``field_test`` of ``screening`` set; dask arrays stay lazy.
     """
-    tail = headings["aircraft"].to_numpy().astype(str)[aircraft_of_report(headings)]
+    read = headings[["time", "row_size"]]
+    found = map_aircraft(_field_test, read, aircraft=list(aircraft), start=start, end=end)
+    bits = headings["screening"] | found["screening"]
+    # xarray drops attributes in arithmetic
+    return headings.assign(screening=bits.assign_attrs(headings["screening"].attrs))
+
+
+def _field_test(
+    headings: xr.Dataset, *, aircraft: list[str], start: np.datetime64, end: np.datetime64 | None
+) -> xr.Dataset:
+    chosen = np.isin(headings["aircraft"].to_numpy().astype(str), aircraft)
     time = headings["time"].to_numpy()
-    marked = np.isin(tail, list(aircraft)) & (time >= start)
+    marked = chosen[aircraft_of_report(headings)] & (time >= start)
     if end is not None:
         marked &= time < end
-    bit = marked.astype(np.int32) * np.int32(SCREENING["field_test"])
-    attrs = headings["screening"].attrs
-    headings = headings.assign(screening=headings["screening"] | xr.DataArray(bit, dims="report"))
-    # xarray drops attributes in arithmetic.
-    headings["screening"].attrs = attrs
-    return headings
+    bits = marked.astype(np.int32) * np.int32(SCREENING["field_test"])
+    return xr.Dataset({"screening": ("report", bits)})
 
 
 def audit(headings: xr.Dataset) -> xr.Dataset:
@@ -155,25 +171,13 @@ def audit(headings: xr.Dataset) -> xr.Dataset:
     Returns
     -------
     Dataset
-        ``together`` (rule, aircraft): reports the rule marked, whatever else marked them;
-        ``alone`` (rule, aircraft): those that no other rule marked, which would come back were
-        the rule dropped; ``reports``, ``kept`` (aircraft); and over the fleet ``together_total``,
-        ``alone_total`` (rule), ``reports_total``, ``kept_total``.
+        ``together`` (rule, aircraft): reports that the rule marked; ``alone`` (rule, aircraft):
+        those that no other rule marked, which would be kept without the rule; ``reports``, ``kept``
+        (aircraft); and over the fleet ``together_total``, ``alone_total`` (rule),
+        ``reports_total``, ``kept_total``. Dask-backed where the headings are.
     """
-    counts = [_counts(block) for block in blocks(headings, ["screening"])]
-    names = {
-        "together": ("rule", "aircraft"),
-        "alone": ("rule", "aircraft"),
-        "reports": ("aircraft",),
-        "kept": ("aircraft",),
-    }
-    found = xr.Dataset(
-        {
-            name: (dims, np.concatenate([one[name] for one in counts], axis=-1))
-            for name, dims in names.items()
-        },
-        coords={"rule": list(SCREENING), "aircraft": headings["aircraft"].to_numpy()},
-    )
+    found = map_aircraft(_counts, headings[["screening", "row_size"]])
+    found = found.assign_coords(rule=list(SCREENING), aircraft=headings["aircraft"].to_numpy())
     totals = {f"{name}_total": found[name].sum("aircraft") for name in found}
     found = found.assign(totals)
     for name, meaning in _MEANINGS.items():
@@ -182,20 +186,22 @@ def audit(headings: xr.Dataset) -> xr.Dataset:
     return found
 
 
-def _counts(headings: xr.Dataset) -> dict[str, NDArray[np.int64]]:
-    """Counts of the aircraft of one block."""
+def _counts(headings: xr.Dataset) -> xr.Dataset:
     bits = np.asarray(headings["screening"].to_numpy(), dtype=np.int64)
     aircraft, number = aircraft_of_report(headings), headings.sizes["aircraft"]
 
     def counted(marked: NDArray[np.bool_]) -> NDArray[np.int64]:
         return np.bincount(aircraft[marked], minlength=number)
 
-    return {
-        "together": np.stack([counted(bits & b > 0) for b in SCREENING.values()]),
-        "alone": np.stack([counted(bits == b) for b in SCREENING.values()]),
-        "reports": counted(np.ones(bits.size, dtype=bool)),
-        "kept": counted(bits == 0),
-    }
+    codes = SCREENING.values()
+    return xr.Dataset(
+        {
+            "together": (("rule", "aircraft"), np.stack([counted(bits & b > 0) for b in codes])),
+            "alone": (("rule", "aircraft"), np.stack([counted(bits == b) for b in codes])),
+            "reports": ("aircraft", counted(np.ones(bits.size, dtype=bool))),
+            "kept": ("aircraft", counted(bits == 0)),
+        }
+    )
 
 
 _MEANINGS = {
@@ -260,7 +266,7 @@ def _gross_error(headings: xr.Dataset, largest: float) -> xr.DataArray:
     north = headings["northward_wind"] - headings["reference_northward_wind"]
     airspeed = headings["airspeed"]
     allowed = (MAX_INNOVATION_SHARE * airspeed.fillna(0.0)).clip(min=largest)
-    # a missing reference says nothing
+    # missing references are ignored by the maximum
     farthest = (east**2 + north**2).max("reference")
     slow, fast = AIRSPEEDS
     return (farthest > allowed**2) | (airspeed < slow) | (airspeed > fast)

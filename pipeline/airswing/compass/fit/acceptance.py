@@ -21,7 +21,6 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from airswing.compass.fit.aircraft import AircraftFit
 from airswing.compass.fit.cycles import (
     choice_covariance,
     choose_cycles,
@@ -31,7 +30,8 @@ from airswing.compass.fit.cycles import (
     sinusoid,
     t_inflation,
 )
-from airswing.compass.fit.normal_equations import COMPASS
+from airswing.compass.fit.held_out import held_out_improvement, is_implausible, is_zero
+from airswing.compass.fit.kernel import COMPASS, AircraftFit
 from airswing.compass.fit.offset_alone import MIN_FLIGHTS, offsets
 from airswing.compass.fit.pooled_bias import day_ratio, pool, widened
 from airswing.compass.fit.sandwich import Array
@@ -45,8 +45,6 @@ MAX_STANDARD_ERROR = 1.5  # Degrees: a coefficient less certain than this is not
 # The halves of the period disagree if their curves differ by this much (degrees rms) and by this
 # much more than chance.
 HALVES_RMS, HALVES_CHI2 = 1.0, 25.0
-REGIONS = "shared_error_regions"
-"""Attribute of fits whose shared error was worked in more regions than one."""
 # Reports of trusted fits below which the reference's shared error is left alone.
 LEAST_REPORTS = 500
 # Columns of the fits by name: numbers, counts and codes.
@@ -129,8 +127,7 @@ def condition_number(normal: Array, harmonics: int) -> float:
 def publish(aircraft: list[AircraftSums], options: Options) -> xr.Dataset:
     """Fits of a fleet against one reference or pool.
 
-    Dimensions ``aircraft``, ``coefficient``, ``coefficient_2``, ``component``; attribute
-    ``shared_error_regions`` where the shared error was worked in more than one.
+    Dimensions ``aircraft``, ``coefficient``, ``coefficient_2``, ``component``.
     """
     table = _empty(len(aircraft))
     for k, one in enumerate(aircraft):
@@ -140,13 +137,14 @@ def publish(aircraft: list[AircraftSums], options: Options) -> xr.Dataset:
         if one.fit is not None:
             table["condition_number"][k] = condition_number(one.fit.normal, _cycles(one.fit))
     # `ok` here means not refused yet: an aircraft's own fit is judged next.
-    chosen, regions = np.flatnonzero(table["status"] == STATUS["ok"]), 1
+    chosen = np.flatnonzero(table["status"] == STATUS["ok"])
     if chosen.size:
         fits = [_fit_of(aircraft[k]) for k in chosen]
-        regions = _publish_fits(table, chosen, fits, options)
+        table["shared_error_regions"] = np.array(
+            _publish_fits(table, chosen, fits, options), dtype=np.int16
+        )
     _publish_offsets(table, aircraft, options)
-    found = _dataset(table)
-    return found.assign_attrs({REGIONS: regions}) if regions > 1 else found
+    return _dataset(table)
 
 
 def _fit_of(one: AircraftSums) -> AircraftFit:
@@ -212,6 +210,9 @@ def _publish_offsets(table: _Table, aircraft: list[AircraftSums], options: Optio
             table["status"][k] = STATUS["unstable_fit"]
             continue
         table["status"][k] = STATUS["offset_only"]
+        theta = np.array([offset.value, 0.0, 0.0, 0.0, 0.0])
+        if not _improves(table, k, fit, theta, fit.covariance[:COMPASS, :COMPASS]):
+            continue
         table["deviation"][k] = 0.0
         table["deviation"][k, 0] = table["offset"][k] = np.degrees(offset.value)
         table["deviation_covariance"][k] = offset.covariance * np.degrees(1.0) ** 2
@@ -314,6 +315,8 @@ def _fill(
         table["status"][k] = STATUS["unstable_fit"]
     if table["status"][k] != STATUS["ok"]:
         return
+    if not _improves(table, k, fit, theta[:COMPASS], covariance[:COMPASS, :COMPASS]):
+        return
     value, error = sinusoid(deviation, square)
     table["deviation"][k], table["deviation_covariance"][k] = deviation, square
     for name, one, one_error in zip(("offset", "amplitude", "phase"), value, error, strict=True):
@@ -324,6 +327,23 @@ def _fill(
     if joint:
         table["airspeed_scale"][k] = theta[COMPASS]
         table["airspeed_scale_standard_error"][k] = np.sqrt(covariance[COMPASS, COMPASS])
+
+
+def _improves(table: _Table, k: int, fit: AircraftFit, theta: Array, covariance: Array) -> bool:
+    """Set the status by the days held out; return False where nothing is to be published."""
+    found = held_out_improvement(fit, theta, covariance)
+    if found is not None:
+        table["held_out_improvement"][k] = found.mean
+        table["held_out_improvement_standard_error"][k] = found.standard_error
+    if fit.held_out and is_implausible(fit, theta):
+        table["status"][k] = STATUS["implausible_reports"]
+        return False
+    if table["status"][k] == STATUS["ok"] and is_zero(theta, covariance):
+        table["status"][k] = STATUS["no_correction_needed"]
+    elif found is not None and found.mean <= 0.0:
+        table["status"][k] = STATUS["no_improvement"]
+        return False
+    return True
 
 
 _PER_AIRCRAFT = (
@@ -339,6 +359,8 @@ _PER_AIRCRAFT = (
     "residual_rms_before",
     "residual_rms_after",
     "mean_horizontal_field",
+    "held_out_improvement",
+    "held_out_improvement_standard_error",
 )
 _COUNTS = ("report_count", "flight_count", "compass_points", "status", "harmonics")
 
@@ -350,6 +372,7 @@ def _empty(aircraft: int) -> _Table:
     table["deviation_covariance"] = np.full((aircraft, COMPASS, COMPASS), np.nan)
     table["reference_bias"] = np.full(2, np.nan)
     table["reference_bias_standard_error"] = np.full(2, np.nan)
+    table["shared_error_regions"] = np.array(1, dtype=np.int16)
     return table
 
 
@@ -360,6 +383,7 @@ def _dataset(table: _Table) -> xr.Dataset:
         "deviation_covariance": ("aircraft", "coefficient", "coefficient_2"),
         "reference_bias": ("component",),
         "reference_bias_standard_error": ("component",),
+        "shared_error_regions": (),
     }
     small = {"compass_points", "status", "harmonics"}
     return xr.Dataset(

@@ -1,23 +1,21 @@
-"""Deviation of every aircraft's compass from its headings' errors: the fit and its status.
+"""Deviation of the compass of each aircraft: the fit of a fleet and its status.
 
 Assumptions
 -----------
 One deviation curve an aircraft over the whole period, a function of the indicated magnetic heading
-(A constant, one or two cycles: Archibald Smith's coefficients); one airspeed scale an aircraft; a
-reference wind whose bias is shared by the fleet in part. See
-:mod:`airswing.compass.fit.normal_equations` for the equations and
-:mod:`airswing.compass.fit.pooled_bias` for the bias. B and C are those at the mean horizontal field
-of the aircraft's reports that count, ``mean_horizontal_field``: they scale with 1/H. Where the
-headings say no ``horizontal_field`` they are taken as constant.
+(A to E of `airswing.physics.compass_deviation`); one airspeed scale an aircraft; a bias of the
+reference wind that the fleet shares in part. B and C are those at the mean horizontal field of the
+aircraft's reports used, ``mean_horizontal_field``; without ``horizontal_field`` in the headings
+they are taken as constant.
 
-Standard errors allow for flights' and days' common errors, for the number of clusters (they are
-made wider so that +-1.96 of them is a 95 % interval) and for the choice of one or two cycles
-(where one was chosen, what that may have cost is in the covariance, D and E included).
+Each aircraft is fitted first (`airswing.compass.fit.kernel`), by `xarray.apply_ufunc` over batches
+of whole aircraft; then the fleet is solved on the sums of these fits
+(`airswing.compass.fit.acceptance`). Standard errors allow for errors common to a flight and to a
+day, for the number of clusters (+-1.96 of them is a 95 % interval) and for the choice of one or two
+cycles.
 
-Where headings or flights do not allow a curve, one constant an aircraft stands for it
-(:mod:`airswing.compass.fit.offset_alone`), status ``offset_only``.
-
-Inside degrees; NaN coefficients wherever the status is neither ``ok`` nor ``offset_only``.
+Where headings or flights do not allow a curve, one constant is fitted
+(`airswing.compass.fit.offset_alone`), status ``offset_only``.
 
 References
 ----------
@@ -26,71 +24,61 @@ Jacobs et al. 2010 (seed paper), eq. 3 and step d; NGA Handbook of Magnetic Comp
 
 from __future__ import annotations
 
-import uuid
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Literal, Unpack
+from typing import Any, Literal, Unpack
 
+import dask
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.compass.fit.acceptance import (
     MAX_CONDITION,
-    REGIONS,
     AircraftSums,
     Asked,
     Options,
     condition_number,
     publish,
 )
-from airswing.compass.fit.aircraft import AircraftFit, fit_aircraft
-from airswing.compass.fit.observations import Reports
+from airswing.compass.fit.kernel import AircraftFit, Reports, fit_aircraft
 from airswing.compass.fit.offset_alone import MIN_FLIGHTS, STRETCH
-from airswing.compass.fit.report_columns import Columns
-from airswing.compass.fit.row_blocks import BLOCK
-from airswing.compass.fleet.flight_segments import Places
+from airswing.compass.whole_aircraft import aircraft_batches, is_lazy, lazy_dataset
 from airswing.errors import InputError
 from airswing.flags import STATUS
-from airswing.products.ragged import blocks
+from airswing.physics.compass_deviation import COEFFICIENTS, deviation_basis
+from airswing.products.ragged import row_bounds
 from airswing.vocabulary import describe
 
-COEFFICIENTS = ("A", "B", "C", "D", "E")
-# Tasks the aircraft are shared between, where there are more of them than that: a task graph costs
-# half an aircraft's fit. They run one after the other: the kernel's blocks are so short that
-# threads spend more on the interpreter's lock than they gain.
-CHUNKS = 8
-_NEEDED = (
+Array = NDArray[np.float64]
+
+_PER_REPORT = (
     "heading",
     "magnetic_heading",
     "airspeed",
-    "heading_error",
-    "airspeed_error",
-    "heading_error_standard_error",
     "screening",
     "flight",
     "time",
-    "row_size",
     "latitude",
     "longitude",
     "pressure",
 )
-_FIRST = np.datetime64("1970-01-01", "s")
-_USEFUL = ("horizontal_field",)  # Read where they are there
-FITTED_FROM = (*_NEEDED, *_USEFUL)
-"""Variables a fit reads."""
+_PER_REFERENCE = ("heading_error", "airspeed_error", "heading_error_standard_error")
+FITTED_FROM = (*_PER_REPORT, *_PER_REFERENCE, "row_size", "horizontal_field")
+"""Variables a fit reads; the last one is optional."""
+BATCH_REPORTS = 500_000
+"""Reports of one batch of aircraft, where no single aircraft has more."""
 
 
 @dataclass(frozen=True)
 class FleetSums:
-    """What the fit of a fleet needs of some of its aircraft: their own fits and block sums."""
+    """Fits of some aircraft by themselves, with the sums that the fit of the fleet needs."""
 
     aircraft: NDArray[np.object_]
     groups: dict[str, list[AircraftSums]]  # by reference and pool, one an aircraft
-    members: dict[str, int]  # references in each
     options: Options
-    attributes: dict[str, object]  # what the fits say about themselves
+    attributes: dict[str, object]  # attributes of the Dataset of the fits
 
 
 def fit_deviation(
@@ -106,14 +94,14 @@ def fit_deviation(
     Parameters
     ----------
     headings : Dataset
-        Headings of every report (``report``, ``reference``, ``aircraft``), in memory or opened
-        lazily; only reports with ``screening`` 0 and finite values count.
+        Headings of every report (``report``, ``reference``, ``aircraft``); only reports with
+        ``screening`` 0 and finite values count. With dask arrays nothing is computed yet.
     pools : mapping of str to list of str, optional
         Name of a pool -> its references, fitted together.
     abscissa : {"magnetic", "true"}
-        Argument of the curve: indicated magnetic heading, or (the seed's) true heading.
+        Argument of the curve: indicated magnetic heading, or (seed paper) true heading.
     alone : bool
-        Also fit each reference alone, beside the pools; without pools always.
+        Also fit each reference by itself; without pools always.
     **options
         ``harmonics``, ``joint``, ``shared_error``, ``min_reports``, ``min_compass_points``: see
         :class:`airswing.compass.fit.acceptance.Options`.
@@ -121,29 +109,25 @@ def fit_deviation(
     Returns
     -------
     Dataset
-        Every variable of ``fits.nc`` except the table's; attribute ``shared_error_regions`` where
-        the references' error covers so much that it was worked in regions.
+        Every variable of ``fits.nc`` except the table's, dimensions ``reference``, ``aircraft``,
+        ``coefficient``, ``coefficient_2``, ``component``; dask-backed where the headings are.
 
     Raises
     ------
     InputError
         If a variable is missing or a pool names an unknown reference.
     """
-    groups_of(headings, pools or {}, alone=True)
-    parts = [headings] if _in_memory(headings) else blocks(headings, FITTED_FROM)
-    return fit_sums(
-        [
-            sum_aircraft(part, pools=pools, abscissa=abscissa, alone=alone, **options)
-            for part in parts
-        ]
-    )
-
-
-def _in_memory(headings: xr.Dataset) -> bool:
-    """Whether nothing is left to read: cutting such a fleet in parts saves no memory."""
-    own = [headings.variables[name] for name in FITTED_FROM if name in headings.variables]
-    # no public name tells; where a later xarray has none, the fleet is cut, to the same end
-    return all(getattr(variable, "_in_memory", False) for variable in own)
+    groups = groups_of(headings, pools or {}, alone=alone or not pools)
+    fits = _local_fits(headings, groups, abscissa, Options(**options))
+    # of the headings the fleet's part needs the names and nothing of the reports
+    names = headings[["aircraft", "reference"]].drop_dims("report", errors="ignore")
+    rest = names, groups, abscissa, Options(**options)
+    if not is_lazy(headings, FITTED_FROM):
+        return _solved(fits.to_numpy(), *rest)
+    nothing = np.empty(fits.shape, dtype=object)
+    nothing[...] = AircraftSums(0, 0, 0, None, STATUS["too_few_reports"], np.nan)
+    template = _solved(nothing, *rest)
+    return lazy_dataset(dask.delayed(_solved)(fits.data, *rest), template, {}, template)
 
 
 def sum_aircraft(
@@ -154,58 +138,47 @@ def sum_aircraft(
     alone: bool = True,
     **options: Unpack[Asked],
 ) -> FleetSums:
-    """Fit every aircraft by itself and sum its blocks: all that looks at reports.
+    """Fit each aircraft by itself: the part of :func:`fit_deviation` that reads reports.
 
-    An aircraft's sums depend on its own reports alone, so a fleet may be summed in any parts.
+    The result for an aircraft depends on its own reports alone, so that a fleet larger than memory
+    may be given in parts, and all parts to :func:`fit_sums`.
 
     Parameters
     ----------
-    headings : Dataset
-        Of a fleet, or of some of its aircraft.
-    pools, abscissa, alone, **options
-        As for :func:`fit_deviation`.
+    headings, pools, abscissa, alone, **options
+        As for :func:`fit_deviation`; of some aircraft of the fleet.
 
-    Raises
-    ------
-    InputError
-        If a variable is missing or a pool names an unknown reference.
+    Returns
+    -------
+    FleetSums
     """
     groups = groups_of(headings, pools or {}, alone=alone or not pools)
     asked = Options(**options)
-    columns = Columns(headings, abscissa)
-    found = {}
-    for name, members in groups.items():
-        columns.use(members)
-        found[name] = _sum_reference(columns, members, asked)
-    return FleetSums(
-        headings["aircraft"].to_numpy().astype(object),
-        found,
-        {name: len(members) for name, members in groups.items()},
-        asked,
-        {
-            "abscissa": abscissa,
-            "joint": int(asked.joint),
-            "harmonics_asked": str(asked.harmonics),
-            "reference_count": headings.sizes["reference"],
-        },
-    )
+    fits = _local_fits(headings, groups, abscissa, asked).compute()
+    return _fleet_sums(headings, groups, abscissa, asked, fits)
 
 
 def fit_sums(parts: Sequence[FleetSums]) -> xr.Dataset:
     """Fit the fleet on the sums of its aircraft, as :func:`fit_deviation` does.
 
-    The parts are of different aircraft, made with the same options.
+    Parameters
+    ----------
+    parts : sequence of FleetSums
+        Of different aircraft, made with the same options.
+
+    Returns
+    -------
+    Dataset
+        As of :func:`fit_deviation`, in memory.
     """
     first = parts[0]
     found = [
         publish([one for part in parts for one in part.groups[name]], first.options)
-        for name in first.members
+        for name in first.groups
     ]
     fits = xr.concat(found, dim="reference", join="override", combine_attrs="drop")
-    if regions := [one.attrs[REGIONS] for one in found if REGIONS in one.attrs]:
-        fits.attrs[REGIONS] = max(regions)
     fits = fits.assign_coords(
-        reference=("reference", np.array(list(first.members), dtype=object)),
+        reference=("reference", np.array(list(first.groups), dtype=object)),
         aircraft=("aircraft", np.concatenate([part.aircraft for part in parts])),
         coefficient=("coefficient", np.array(COEFFICIENTS, dtype=object)),
         coefficient_2=("coefficient_2", np.array(COEFFICIENTS, dtype=object)),
@@ -218,8 +191,14 @@ def fit_sums(parts: Sequence[FleetSums]) -> xr.Dataset:
 def groups_of(
     headings: xr.Dataset, pools: Mapping[str, Sequence[str]], *, alone: bool
 ) -> dict[str, list[int]]:
-    """Places of the references that are fitted together, by the name of each such group."""
-    for name in _NEEDED:
+    """Return the places of the references that are fitted together, by the name of the group.
+
+    Raises
+    ------
+    InputError
+        If a variable is missing or a pool names an unknown reference.
+    """
+    for name in FITTED_FROM[:-1]:
         if name not in headings:
             raise InputError("the headings lack a variable the fit needs", field=name)
     names = [str(name) for name in headings["reference"].to_numpy()]
@@ -228,7 +207,7 @@ def groups_of(
         unknown = [name for name in members if name not in names]
         if unknown or not members:
             raise InputError(
-                "the pool names a reference that is not there",
+                "the pool names a reference that is not in the headings",
                 field=pool_name,
                 found=", ".join(unknown) or "no member",
                 remedy=f"References: {', '.join(names)}",
@@ -237,70 +216,191 @@ def groups_of(
     return groups
 
 
-class _Fitter:
-    """The kernel that runs over the aircraft; hashed by identity, not by its columns."""
-
-    def __init__(self, columns: Columns, members: list[int], options: Options) -> None:
-        self.columns, self.members, self.options = columns, members, options
-
-    def __call__(self, aircraft: NDArray[np.int64]) -> NDArray[np.object_]:
-        found = np.empty(aircraft.shape, dtype=object)
-        for k, number in enumerate(aircraft):
-            found[k] = _fit_one(self.columns, int(number), self.members, self.options)
-        return found
-
-    def __dask_tokenize__(self) -> str:
-        return uuid.uuid4().hex
-
-
-def _sum_reference(columns: Columns, members: list[int], options: Options) -> list[AircraftSums]:
-    size = columns.start.size
-    index = xr.DataArray(np.arange(size), dims="aircraft")
-    if size > CHUNKS:
-        index = index.chunk({"aircraft": -(-size // CHUNKS)})
-    found = xr.apply_ufunc(
-        _Fitter(columns, members, options), index, dask="parallelized", output_dtypes=[object]
-    ).compute(scheduler="synchronous")
-    return list(found.to_numpy())
-
-
-def compass_points(angle: NDArray[np.floating]) -> int:
-    """Compass points that angles (degrees) are nearest to: three of them, or one in 500."""
-    # so few are turns or gross headings, and no point that is flown on
-    least = max(3, 0.002 * angle.size)
-    counts = np.zeros(8, dtype=np.int64)
-    for begin in range(0, angle.size, BLOCK):
-        # whole turns are added so that cutting the fraction off is rounding to the nearest point
-        point = (angle[begin : begin + BLOCK] * (1 / 45.0) + 16.5).astype(np.int8) & 7
-        counts += [np.count_nonzero(point == k) for k in range(8)]
-        if counts.min() >= least:
-            break
-    return int(np.count_nonzero(counts >= least))
-
-
-def _fit_one(columns: Columns, aircraft: int, members: list[int], options: Options) -> AircraftSums:
-    sets, flight_day, abscissa, places, field = columns.observations(aircraft, members)
-    fit = partial(
-        fit_aircraft,
-        sets,
-        flight_day,
-        joint=options.joint,
-        places=places if options.joint and options.shared_error else None,
+def _fleet_sums(
+    headings: xr.Dataset,
+    groups: dict[str, list[int]],
+    abscissa: str,
+    options: Options,
+    fits: xr.DataArray | NDArray[np.object_],
+) -> FleetSums:
+    return FleetSums(
+        headings["aircraft"].to_numpy().astype(object),
+        {name: list(row) for name, row in zip(groups, np.asarray(fits), strict=True)},
+        options,
+        {
+            "abscissa": abscissa,
+            "joint": int(options.joint),
+            "harmonics_asked": str(options.harmonics),
+            "reference_count": headings.sizes["reference"],
+        },
     )
-    points = compass_points(abscissa)
-    found = AircraftSums(
-        int(abscissa.size), int(flight_day.size), points, None, STATUS["ok"], field
-    )
-    if abscissa.size < options.min_reports:
+
+
+def _solved(
+    fits: NDArray[np.object_],
+    headings: xr.Dataset,
+    groups: dict[str, list[int]],
+    abscissa: str,
+    options: Options,
+) -> xr.Dataset:
+    return fit_sums([_fleet_sums(headings, groups, abscissa, options, fits)])
+
+
+def _local_fits(
+    headings: xr.Dataset, groups: dict[str, list[int]], abscissa: str, options: Options
+) -> xr.DataArray:
+    """Fits of each aircraft by itself, objects (group, aircraft)."""
+    heads = headings[[name for name in FITTED_FROM if name in headings]]
+    heads = heads.drop_vars(["aircraft", "reference"], errors="ignore")
+    names = [name for name in (*_PER_REPORT, *_PER_REFERENCE) if name in heads]
+    inputs: list[list[str]] = [["report"]] * len(_PER_REPORT)
+    inputs += [["reference", "report"]] * len(_PER_REFERENCE)
+    if "horizontal_field" in heads:
+        names.append("horizontal_field")
+        inputs.append(["report"])
+    batches = [
+        xr.apply_ufunc(
+            _fit_batch,
+            *(batch[name] for name in names),
+            batch["row_size"],
+            input_core_dims=[*inputs, ["aircraft"]],
+            output_core_dims=[["group", "aircraft"]],
+            kwargs={
+                "names": names,
+                "groups": list(groups.values()),
+                "abscissa": abscissa,
+                "options": options,
+            },
+            dask="parallelized",
+            output_dtypes=[object],
+            dask_gufunc_kwargs={
+                "output_sizes": {"group": len(groups)},
+                "allow_rechunk": True,
+            },
+        )
+        for batch in aircraft_batches(heads, BATCH_REPORTS)
+    ]
+    return xr.concat(batches, dim="aircraft")
+
+
+def _fit_batch(
+    *arrays: NDArray[Any],
+    names: list[str],
+    groups: list[list[int]],
+    abscissa: str,
+    options: Options,
+) -> NDArray[np.object_]:
+    """Kernel of the fits over the aircraft of a batch, whose reports stand end to end."""
+    *values, row_size = arrays
+    columns = dict(zip(names, values, strict=True))
+    found = np.empty((len(groups), row_size.size), dtype=object)
+    for k, (begin, end) in enumerate(zip(*row_bounds(row_size), strict=True)):
+        one = {name: column[..., begin:end] for name, column in columns.items()}
+        for j, members in enumerate(groups):
+            found[j, k] = _fit_one(one, members, abscissa, options)
+    return found
+
+
+def _observations(
+    columns: dict[str, NDArray[Any]], members: list[int], abscissa: str
+) -> tuple[list[Reports], NDArray[np.int64], Array, float]:
+    """Reports of one aircraft that count, ready for the kernel.
+
+    Returns
+    -------
+    sets : list of Reports
+        One a member.
+    days : array of int, shape (flights,)
+        Days since 1970 on which the flights began.
+    abscissa : array, shape (n,), radians
+        Of the reports that count for any member.
+    field : float
+        Mean horizontal field of the reports that count, nT; NaN where none is known.
+    """
+    flight, time = columns["flight"], columns["time"]
+    if np.any(flight[1:] < flight[:-1]):
+        order = np.lexsort((time, flight))
+        columns = {name: column[..., order] for name, column in columns.items()}
+        flight, time = columns["flight"], columns["time"]
+    argument = columns["magnetic_heading" if abscissa == "magnetic" else "heading"]
+    common = columns["heading"] + argument + columns["airspeed"]
+    used = (columns["screening"] == 0) & np.isfinite(common)
+    errors, speeds, known = (columns[name][members].astype(np.float64) for name in _PER_REFERENCE)
+    masks = used & np.isfinite(errors + speeds)
+    used = masks.any(axis=0)
+    number = np.cumsum(np.diff(flight[used], prepend=-1) != 0) - 1
+    first = np.flatnonzero(np.diff(number, prepend=-1))
+    days = time[used][first].astype("datetime64[D]").astype(np.int64)
+    flights = np.zeros(used.size, dtype=np.int64)
+    flights[used] = number
+    gain, mean = _gain(columns.get("horizontal_field"), used)
+    angle = np.radians(argument.astype(np.float64))
+    heading = np.radians(columns["heading"].astype(np.float64))
+    airspeed = columns["airspeed"].astype(np.float64)
+    places = [columns[name].astype(np.float64) for name in ("latitude", "longitude", "pressure")]
+    basis = deviation_basis(angle, gain)
+    sets = []
+    for mask, error, speed, deviation in zip(masks, errors, speeds, known, strict=True):
+        kept: slice | NDArray[np.bool_] = slice(None) if mask.all() else mask
+        variance = (np.radians(deviation[kept]) * airspeed[kept]) ** 2
+        sets.append(
+            Reports(
+                basis[:, kept],
+                heading[kept],
+                np.radians(error[kept]),
+                airspeed[kept],
+                airspeed[kept] - speed[kept],
+                np.nan_to_num(variance, posinf=0.0),
+                flights[kept],
+                *(values[kept] for values in places),
+                time[kept],
+            )
+        )
+    return sets, days, angle[used], mean
+
+
+def _gain(field: NDArray[Any] | None, used: NDArray[np.bool_]) -> tuple[Array, float]:
+    """Mean horizontal field of the reports used over that of each report, and the mean."""
+    gain = np.ones(used.size)
+    if field is None:
+        return gain, np.nan
+    known = np.isfinite(field) & (field > 0)
+    if not (used & known).any():
+        return gain, np.nan
+    mean = float(field[used & known].mean(dtype=np.float64))
+    gain[known] = mean / field[known]
+    return gain, mean
+
+
+def _compass_points(angle: Array) -> int:
+    """Number of compass points that three headings (radians), or one in 500, are nearest to."""
+    counts = np.bincount(np.rint(angle / (np.pi / 4)).astype(np.int64) % 8, minlength=8)
+    # fewer than these are turns or gross errors
+    return int(np.count_nonzero(counts >= max(3.0, 0.002 * angle.size)))
+
+
+def _fit_one(
+    columns: dict[str, NDArray[Any]], members: list[int], abscissa: str, options: Options
+) -> AircraftSums:
+    sets, flight_day, angle, field = _observations(columns, members, abscissa)
+    points = _compass_points(angle)
+    found = AircraftSums(angle.size, flight_day.size, points, None, STATUS["ok"], field)
+    if angle.size < options.min_reports:
         found.status = STATUS["too_few_reports"]
     elif flight_day.size < MIN_FLIGHTS:
         found.status = STATUS["too_few_flights"]
     elif points < options.min_compass_points:
         found.status = STATUS["poor_heading_coverage"]
-    cycles = 1 if options.harmonics == 1 else 2
-    # Also where a curve will not be published: what is known of it is told all the same.
-    if points >= 3 and flight_day.size >= 2 and abscissa.size >= 20:
-        found.fit = fit(harmonics=cycles)
+    fit = partial(
+        fit_aircraft,
+        sets,
+        flight_day,
+        joint=options.joint,
+        with_blocks=options.joint and options.shared_error,
+    )
+    # also where no curve will be published: its condition number is
+    if points >= 3 and flight_day.size >= 2 and angle.size >= 20:
+        found.fit = fit(harmonics=1 if options.harmonics == 1 else 2)
         if (
             found.fit is not None
             and options.harmonics == "auto"
@@ -315,26 +415,25 @@ def _fit_one(columns: Columns, aircraft: int, members: list[int], options: Optio
     if found.status == STATUS["poor_heading_coverage"]:
         found.constant = fit_aircraft(sets, flight_day, joint=options.joint, harmonics=0)
     elif found.status == STATUS["too_few_flights"]:
-        found.constant = _of_stretches(sets, places, options)
+        found.constant = _fit_of_stretches(sets, options)
     return found
 
 
-def _of_stretches(
-    sets: list[Reports], places: list[Places], options: Options
-) -> AircraftFit | None:
-    """Constant of an aircraft with too few flights, stretches of them its clusters."""
-    # A flight and a stretch of it as one number: stretches since 1970 stay far below 10^9.
+def _fit_of_stretches(sets: list[Reports], options: Options) -> AircraftFit | None:
+    """Constant of an aircraft with too few flights, with stretches of flight as clusters."""
+    step = STRETCH.astype(np.int64)
+    # flight and stretch as one number: stretches since 1970 are far fewer than 10^9
     numbers = [
-        reports.flight * 10**9 + (place.time.astype("datetime64[s]") - _FIRST) // STRETCH
-        for reports, place in zip(sets, places, strict=True)
+        part.flight * 10**9 + part.time.astype("datetime64[s]").astype(np.int64) // step
+        for part in sets
     ]
     known, where = np.unique(np.concatenate(numbers), return_inverse=True)
     if known.size < MIN_FLIGHTS:
         return None
     parts = np.split(where, np.cumsum([number.size for number in numbers])[:-1])
     stretched = [
-        replace(reports, flight=part).sorted() for reports, part in zip(sets, parts, strict=True)
+        replace(reports, flight=part).take(np.argsort(part, kind="stable"))
+        for reports, part in zip(sets, parts, strict=True)
     ]
-    # of the number above, what the stretch put into it
-    day = (known % 10**9) * STRETCH.astype(np.int64) // 86_400
+    day = (known % 10**9) * step // 86_400
     return fit_aircraft(stretched, day, joint=options.joint, harmonics=0)

@@ -31,9 +31,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from airswing.compass.fit.aircraft import AircraftFit
 from airswing.compass.fit.cycles import t_inflation
-from airswing.compass.fit.normal_equations import COMPASS
+from airswing.compass.fit.kernel import COMPASS, AircraftFit
 from airswing.compass.fit.pooled_bias import FIRST_BIAS, day_ratio, pool
 from airswing.compass.fit.sandwich import Array
 

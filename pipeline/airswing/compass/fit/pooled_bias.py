@@ -24,8 +24,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from airswing.compass.fit.aircraft import AircraftFit
-from airswing.compass.fit.normal_equations import COMPASS
+from airswing.compass.fit.kernel import COMPASS, AircraftFit
 from airswing.compass.fit.sandwich import Array
 
 # Between-aircraft scatter of the reference bias that is considered, m/s.

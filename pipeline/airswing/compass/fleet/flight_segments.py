@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -190,6 +191,67 @@ def find_edges(flight: NDArray[np.integer], time: NDArray[np.datetime64], second
     first = flight[start]
     opens[1:] = (segment[1:] != segment[:-1]) | (first[1:] != first[:-1])
     return Edges(start, segment, opens)
+
+
+class _Placed(Protocol):
+    """Reports of one aircraft, sorted by flight, with their places; see `Reports`."""
+
+    flight: Index
+    airspeed: Array
+    latitude: Array
+    longitude: Array
+    pressure: Array
+    time: NDArray[np.datetime64]
+
+
+def sum_blocks(
+    rows: Array, square: float, reports: _Placed, bias: Array, step: Array, kappa: float
+) -> Blocks:
+    """Sum one aircraft's reports against one reference by block.
+
+    Parameters
+    ----------
+    rows : array, shape (15, n)
+        Weight, weighted residual and weighted derivatives of each report, see :class:`Blocks`.
+    square : float
+        Sum over all reports of the square of weight times residual.
+    reports : Reports
+        Sorted by flight.
+    bias : array, shape (2,)
+        Reference's bias that was removed from the residual, m/s: it is put back.
+    step : array, shape (6,)
+        Step of A to E and the scale that was made after the residual.
+    kappa : float
+        Mean derivative of the robust score over the mean weight: robust residuals are smaller than
+        the shift that causes them by this factor.
+    """
+    middle = np.partition(reports.airspeed, (reports.flight.size - 1) // 2)
+    seconds = DURATIONS[int(np.searchsorted(FASTEST, middle[(reports.flight.size - 1) // 2]))]
+    edges = find_edges(reports.flight, reports.time, seconds)
+    stop = np.append(edges.start[1:], reports.flight.size)
+    count, at = stop - edges.start, (edges.start + stop) // 2
+    sums = np.add.reduceat(rows, edges.start, axis=1)
+    # weights of mean one: a block counts as its reports, and variances are those of a report
+    unit = int(count.sum()) / max(float(sums[0].sum()), 1e-30)
+    sums *= unit
+    sums[1:3] /= kappa
+    within = square * (unit / kappa) ** 2 - float(((sums[1] ** 2 + sums[2] ** 2) / count).sum())
+    for row, slopes in ((1, sums[3 : 3 + SLOPES]), (2, sums[3 + SLOPES :])):
+        sums[row] += bias[row - 1] * sums[0] - step @ slopes
+    latitude, longitude, pressure = (
+        values[at] for values in (reports.latitude, reports.longitude, reports.pressure)
+    )
+    keep = (sums[0] > LEAST_WEIGHT) & np.isfinite(latitude + longitude + pressure)
+    return Blocks(
+        sums[:, keep].astype(np.float32),
+        within,
+        2.0 * float(count.sum() - count.size),
+        latitude[keep],
+        longitude[keep],
+        np.log(pressure[keep]),
+        edges.segment[keep].astype(np.int32),
+        np.cumsum(edges.opens, dtype=np.int32)[keep],
+    )
 
 
 def make_blocks(

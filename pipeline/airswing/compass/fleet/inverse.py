@@ -24,6 +24,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from scipy.sparse.linalg import LinearOperator, cg
 
 from airswing.compass.fleet.field_coupling import Coupling, unknowns
 from airswing.compass.fleet.flight_segments import SLOPES
@@ -300,47 +301,24 @@ class Iterated:
         return found
 
     def _solved(self, right: Floats, tolerance: float, start: Floats | None = None) -> Floats:
-        """Some columns, some at a time."""
-        found = np.zeros_like(right) if start is None else start.copy()
-        for begin in range(0, right.shape[1], AT_ONCE):
-            some = slice(begin, begin + AT_ONCE)
-            # so many at a time: each has all unknowns of the fleet
-            found[:, some] = self._some_solved(right[:, some], tolerance, found[:, some])
-        return found
-
-    def _some_solved(self, right: Floats, tolerance: float, found: Floats) -> Floats:
-        """Conjugate gradients, every column by itself until it is near enough."""
-        found = found.copy()
-        # in the norm of the preconditioner: unknowns of different units count alike
-        goal = tolerance**2 * _dots(right, self._preconditioned(right))
-        left = right - self._times(found)
-        near = self._preconditioned(left)
-        active, energy, toward = np.arange(right.shape[1]), _dots(left, near), near
-        for _ in range(ITERATIONS):
-            # columns that are near enough leave: the slowest one must not cost all of them
-            keep = energy > goal[active]
-            if not keep.any():
-                return found
-            active, energy, toward, left = (
-                active[keep],
-                energy[keep],
-                toward[:, keep],
-                left[:, keep],
+        """Solve for some columns by conjugate gradients, preconditioned."""
+        size = right.shape[0]
+        matrix = LinearOperator((size, size), matvec=lambda x: self._times(x[:, None])[:, 0])
+        near = LinearOperator((size, size), matvec=lambda x: self._preconditioned(x[:, None])[:, 0])
+        found = np.zeros_like(right)
+        for k, column in enumerate(right.T):
+            first = None if start is None else start[:, k]
+            found[:, k], failed = cg(
+                matrix, column, first, rtol=tolerance, maxiter=ITERATIONS, M=near
             )
-            ahead = self._times(toward)
-            length = energy / _dots(toward, ahead)
-            found[:, active] += length * toward
-            left -= length * ahead
-            near = self._preconditioned(left)
-            after = _dots(left, near)
-            toward = near + (after / energy) * toward
-            energy = after
-        raise InputError(
-            "the equations of the fleet and its references' shared error do not settle",
-            field="fit.shared_error",
-            found=f"{self.aircraft} aircraft, {ITERATIONS} iterations",
-            remedy="Set it to false, or divide the fleet by region.",
-        )
+            if failed:
+                raise InputError(
+                    "the equations of the fleet and its references' shared error do not settle",
+                    field="fit.shared_error",
+                    found=f"{self.aircraft} aircraft, {ITERATIONS} iterations",
+                    remedy="Set it to false, or divide the fleet by region.",
+                )
+        return found
 
 
 def _dots(one: Floats, other: Floats) -> Floats:
