@@ -187,11 +187,21 @@ def correction_error(
     array, shape (n,)
         m/s.
     """
-    delta = np.asarray(deviation, dtype=np.float64)
-    chord = 2.0 * (1.0 - np.exp(-0.5 * np.square(heading_error)))
-    angle = np.square(curve_error) + (delta**2 + np.square(slope)) * chord
-    variance = np.square(airspeed) * angle + (delta * airspeed_error) ** 2 + coding
-    return np.asarray(np.sqrt(variance))
+    speed, delta, steep, of_curve, of_heading, of_speed, rounding = (
+        np.asarray(part, dtype=np.float64)
+        for part in (
+            airspeed,
+            deviation,
+            slope,
+            curve_error,
+            heading_error,
+            airspeed_error,
+            coding,
+        )
+    )
+    chord = 2.0 * (1.0 - np.exp(-0.5 * of_heading**2))
+    angle = of_curve**2 + (delta**2 + steep**2) * chord
+    return np.asarray(np.sqrt(speed**2 * angle + (delta * of_speed) ** 2 + rounding))
 
 
 def coding_variance(speed: ArrayLike, speed_step: ArrayLike, direction_step: ArrayLike) -> Array:
@@ -209,8 +219,8 @@ def coding_variance(speed: ArrayLike, speed_step: ArrayLike, direction_step: Arr
     array, shape (n,)
         m2/s2: a uniform error has a twelfth of its step squared; twice, for two reports.
     """
-    arc = np.asarray(speed, dtype=np.float64) * direction_step
-    return np.asarray((np.square(speed_step) + arc**2) / 6.0)
+    arc = np.asarray(speed, dtype=np.float64) * np.asarray(direction_step, dtype=np.float64)
+    return np.asarray((np.asarray(speed_step, dtype=np.float64) ** 2 + arc**2) / 6.0)
 
 
 def correct(
@@ -397,7 +407,8 @@ def _gain(
         return gain
     field = headings["horizontal_field"].to_numpy()[done].astype(np.float64)
     mean = fit["mean_horizontal_field"].to_numpy()[row]
-    return np.divide(mean, field, out=gain, where=np.isfinite(mean) & (field > 0))
+    np.divide(mean, field, out=gain, where=np.isfinite(mean) & (field > 0))
+    return gain
 
 
 def _known(headings: xr.Dataset, name: str) -> Array:

@@ -63,8 +63,7 @@ class Evidence(NamedTuple):
     along_error: Array
     cross_error: Array
     own: NDArray[np.bool_]  # whether it is the unit's own
-    # (aircraft,): ``used`` where the vector from the reported heading is used, else why not: ``absent``,
-    # ``too_few``, ``heading_is_track``, ``heading_differs``, ``airspeed_differs``
+    # (aircraft,): names of `airswing.flags.REPORTED_HEADING_USE`
     reason: NDArray[np.str_]
 
 

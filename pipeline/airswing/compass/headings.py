@@ -28,7 +28,7 @@ asked for, with the same result for any chunks (`airswing.compass.whole_aircraft
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -152,14 +152,16 @@ def _derive(ds: xr.Dataset, *, acceleration_density: float, widen: bool) -> xr.D
             found=f"{total} for {ds.sizes['report']} reports",
         )
     motion = _motion(ds, acceleration_density, widen)
-    columns = _report_columns(motion) | _field_columns(ds, motion)
-    derived = {name: ("report", values) for name, values in columns.items()}
-    derived["ground_vector_source"] = ("report", _source(motion))
+    derived: dict[str, tuple[tuple[str, ...], NDArray[Any]]] = {
+        name: (("report",), values)
+        for name, values in (_report_columns(motion) | _field_columns(ds, motion)).items()
+    }
+    derived["ground_vector_source"] = (("report",), _source(motion))
     codes = [REPORTED_HEADING_USE[str(why)] for why in motion.ground.reason]
-    derived["reported_heading_use"] = ("aircraft", np.array(codes, dtype=np.int8))
+    derived["reported_heading_use"] = (("aircraft",), np.array(codes))
     names = ("heading_error", "heading_error_standard_error", "airspeed_error")
-    winds = (ds[name].transpose("reference", "report").to_numpy() for name in _WIND_NAMES)
-    for name, values in zip(names, _compare(*winds, motion), strict=True):
+    east, north = (ds[name].transpose("reference", "report").to_numpy() for name in _WIND_NAMES)
+    for name, values in zip(names, _compare(east, north, motion), strict=True):
         derived[name] = (("reference", "report"), values)
     # of the type they have on disk, so that a stage run from the product gives the same bits
     typed = {
@@ -346,7 +348,10 @@ def _compare(wind_east: Array, wind_north: Array, motion: _Motion) -> tuple[Arra
     ground = motion.ground
     air = motion.air_east, motion.air_north
     implied = triangle.air_vector(
-        ground.eastward, ground.northward, wind_east.astype(np.float64), wind_north.astype(float)
+        ground.eastward,
+        ground.northward,
+        wind_east.astype(np.float64),
+        wind_north.astype(np.float64),
     )
     error = triangle.heading_error(*air, *implied)
     used, other = air[0] ** 2 + air[1] ** 2, implied[0] ** 2 + implied[1] ** 2

@@ -253,7 +253,6 @@ def _tables(
 
 
 def error_from_table(fits: xr.Dataset) -> xr.DataArray:
-    """Return the heading error (..., aircraft, node) of the tables, indicated minus true, degrees.
-    """
+    """Return the heading error (..., aircraft, node) of the tables, degrees, indicated - true."""
     sign = SIGNS[fits.attrs.get("table_sign", "subtract_error")]
     return sign * fits["table_correction"]

@@ -12,10 +12,10 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
 from typing import Any
 
-import dask
-import dask.array
+import dask.array as da
 import numpy as np
 import xarray as xr
+from dask.delayed import delayed
 from numpy.typing import NDArray
 
 from airswing.products.ragged import aircraft_groups, row_bounds
@@ -81,8 +81,8 @@ def lazy_dataset(
             variables[name] = coordinates.variables.get(name, variable)
             continue
         shape = tuple(sizes.get(str(dim), template.sizes[dim]) for dim in variable.dims)
-        values = dask.array.from_delayed(
-            dask.delayed(_values)(task, name), shape=shape, dtype=variable.dtype
+        values = da.from_delayed(  # type: ignore[no-untyped-call]
+            delayed(_values)(task, name), shape=shape, dtype=variable.dtype
         )
         variables[name] = xr.Variable(variable.dims, values, variable.attrs)
     coords = {name: variables.pop(name) for name in template.coords}
@@ -141,7 +141,7 @@ def map_aircraft(
     parts = []
     for batch in aircraft_batches(ds, max(chunks, default=ds.sizes["report"])):
         sizes = {"report": batch.sizes["report"], "aircraft": batch.sizes["aircraft"]}
-        task = dask.delayed(function)(batch, *args, **kwargs)
+        task = delayed(function)(batch, *args, **kwargs)
         parts.append(lazy_dataset(task, template, sizes, batch))
     if len(parts) == 1:
         return parts[0]
@@ -153,7 +153,7 @@ def map_aircraft(
         elif dim is None:
             variables[name] = variable
         else:
-            whole = dask.array.concatenate(
+            whole = da.concatenate(  # type: ignore[no-untyped-call]
                 [part.variables[name].data for part in parts], axis=variable.dims.index(dim)
             )
             variables[name] = xr.Variable(variable.dims, whole, variable.attrs)

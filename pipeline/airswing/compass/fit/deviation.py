@@ -29,9 +29,9 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Literal, Unpack
 
-import dask
 import numpy as np
 import xarray as xr
+from dask.delayed import delayed
 from numpy.typing import NDArray
 
 from airswing.compass.fit.acceptance import (
@@ -127,7 +127,7 @@ def fit_deviation(
     nothing = np.empty(fits.shape, dtype=object)
     nothing[...] = AircraftSums(0, 0, 0, None, STATUS["too_few_reports"], np.nan)
     template = _solved(nothing, *rest)
-    return lazy_dataset(dask.delayed(_solved)(fits.data, *rest), template, {}, template)
+    return lazy_dataset(delayed(_solved)(fits.data, *rest), template, {}, template)
 
 
 def sum_aircraft(
@@ -280,7 +280,8 @@ def _local_fits(
         )
         for batch in aircraft_batches(heads, BATCH_REPORTS)
     ]
-    return xr.concat(batches, dim="aircraft")
+    found: xr.DataArray = xr.concat(batches, dim="aircraft")
+    return found
 
 
 def _fit_batch(
@@ -337,7 +338,9 @@ def _observations(
     angle = np.radians(argument.astype(np.float64))
     heading = np.radians(columns["heading"].astype(np.float64))
     airspeed = columns["airspeed"].astype(np.float64)
-    places = [columns[name].astype(np.float64) for name in ("latitude", "longitude", "pressure")]
+    latitude, longitude, pressure = (
+        columns[name].astype(np.float64) for name in ("latitude", "longitude", "pressure")
+    )
     basis = deviation_basis(angle, gain)
     sets = []
     for mask, error, speed, deviation in zip(masks, errors, speeds, known, strict=True):
@@ -352,7 +355,9 @@ def _observations(
                 airspeed[kept] - speed[kept],
                 np.nan_to_num(variance, posinf=0.0),
                 flights[kept],
-                *(values[kept] for values in places),
+                latitude[kept],
+                longitude[kept],
+                pressure[kept],
                 time[kept],
             )
         )

@@ -61,9 +61,7 @@ class Improvement(NamedTuple):
     standard_error: float  # from the scatter between the parts
 
 
-def held_out_improvement(
-    fit: AircraftFit, theta: Array, covariance: Array
-) -> Improvement | None:
+def held_out_improvement(fit: AircraftFit, theta: Array, covariance: Array) -> Improvement | None:
     """Return the improvement of the winds on held-out days.
 
     Parameters

@@ -37,6 +37,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,8 +51,7 @@ from airswing.compass.fit.sandwich import (
     influences,
     inverse_root,
 )
-from airswing.compass.fleet.flight_segments import SLOPES, Blocks, sum_blocks
-from airswing.physics.compass_deviation import deviation_basis
+from airswing.compass.fleet.blocks import SLOPES, Blocks, sum_blocks
 
 COMPASS = 5
 """Each parameter vector begins with A, B, C, D, E, then s, then b_u and b_v of each member."""
@@ -240,7 +240,7 @@ class _Pass:
         """Return the normal matrix of each flight, shape (flights, 8, 8)."""
         found = np.zeros((flights, LOCAL, LOCAL))
         edges = np.append(reports.opens, reports.flight.size)
-        for begin, end in zip(edges[:-1], edges[1:], strict=True):
+        for begin, end in pairwise(edges.tolist()):
             for weighted, design in zip(self.weighted, self.design, strict=True):
                 found[reports.flight[begin]] += weighted[:, begin:end] @ design[:, begin:end].T
         return found
@@ -282,8 +282,8 @@ class _Pass:
         )
         normal = np.stack([speed * np.cos(heading), -speed * np.sin(heading)])
         found = HeldOut(
-            np.bincount(fold, weights=self.tukey, minlength=FOLDS),
-            np.bincount(fold, weights=apart, minlength=FOLDS),
+            np.bincount(fold, weights=self.tukey, minlength=FOLDS).astype(np.float64),
+            np.bincount(fold, weights=apart, minlength=FOLDS).astype(np.float64),
             np.zeros((FOLDS, COMPASS)),
             np.zeros((FOLDS, COMPASS, COMPASS)),
             np.zeros((FOLDS, COMPASS, 2)),
@@ -432,8 +432,7 @@ def fit_aircraft(
         float(np.sqrt(squares[1] / total)),
         np.argsort(day, kind="stable"),
         held_out=[
-            one.held_out(part, fold[part.flight])
-            for part, one in zip(members, passes, strict=True)
+            one.held_out(part, fold[part.flight]) for part, one in zip(members, passes, strict=True)
         ],
         fold=fold,
         scatters=scatters,

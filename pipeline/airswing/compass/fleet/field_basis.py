@@ -1,13 +1,12 @@
-"""Functions of place that a reference's error is made of: hats between nodes over a region.
+"""Basis functions of the reference's error: hat functions between nodes over a region.
 
-Assumes places given by latitude, longitude (degrees) and ln p; the seam of longitude lies where
-fewest fly, so that the date line and a hemisphere are like any other place.
+Assumes places given by latitude, longitude (degrees) and ln p. The seam of longitude lies where
+the fewest blocks are, so that the date line and a hemisphere need no special case.
 
-The passing part of a field of more than `MOST_NODES` nodes is worked in regions: within a segment
-what lies in different regions is taken as independent, where its nodes reach over the border
-(a node belongs to each region that flew beside it). The borders move from one segment to the next,
-so that the regions of five segments overlap and no place is always at a border. The lasting part
-is one whatever the size.
+A passing part of more than `MOST_NODES` nodes is divided into regions: within a segment, blocks of
+different regions are taken as independent, although nodes reach over the border (a node belongs to
+each region with blocks near it). The borders move from one segment to the next, so that the regions
+of five segments overlap and no place is always at a border. The lasting part is never divided.
 """
 
 from __future__ import annotations
@@ -26,29 +25,23 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Short = NDArray[np.int32]
 
-SPACING_KM = 400.0
-"""Distance of the passing part's nodes: the reach of a model's synoptic error."""
-
+SPACING = 400e3 / METRES_PER_DEGREE
+"""Degrees between the nodes of the passing part (400 km): the scale of a model's synoptic error."""
 STATIC_NODES = (4, 5, 3)
-"""Nodes of the lasting part in latitude, longitude and ln p, at quantiles of the blocks: so many
-at least,"""
-
-STATIC_KM = 2000.0
-"""and one for so many kilometres of latitude and longitude."""
-
+"""Least numbers of nodes of the lasting part in latitude, longitude and ln p, at quantiles of the
+blocks."""
+STATIC_SPACING = 2000e3 / METRES_PER_DEGREE
+"""Degrees (2000 km) for which there is one node more in latitude and longitude."""
 MOST_NODES = 400
-"""Nodes of the passing part that are worked as one: a square of 8,000 km. Their covariance takes
-the square of their number in every segment, its inverse the cube."""
-
+"""Nodes of the passing part in one region: a square of 8,000 km. Their covariance takes the square
+of their number in each segment, its inverse the cube."""
 SHIFTS = 5
-"""Places the borders of regions take in turn: no part of the four segments of a day."""
-
-KM_A_DEGREE = METRES_PER_DEGREE / 1e3
+"""Positions that the borders of regions take in turn; no divisor of the four segments of a day."""
 
 
 @dataclass(frozen=True)
 class FieldBasis:
-    """Which functions make up the field."""
+    """Nodes of the lasting and the passing part of the field."""
 
     lasting: tuple[Floats, ...]  # nodes in latitude, eastward degrees and ln p
     passing: tuple[Floats, ...]  # nodes in latitude and eastward degrees
@@ -56,7 +49,7 @@ class FieldBasis:
 
     @classmethod
     def of(cls, latitude: Floats, longitude: Floats, log_pressure: Floats) -> FieldBasis:
-        """Choose the functions for some places.
+        """Place the nodes for some blocks.
 
         Parameters
         ----------
@@ -66,11 +59,12 @@ class FieldBasis:
         origin = (_middle(longitude), float(np.cos(np.radians(np.median(latitude)))))
         east = _eastward(longitude, origin)
         places = (latitude, east, log_pressure)
-        apart = (STATIC_KM / KM_A_DEGREE, STATIC_KM / KM_A_DEGREE, np.inf)
+        apart = (STATIC_SPACING, STATIC_SPACING, np.inf)
         lasting = tuple(
-            np.unique(np.quantile(values, np.linspace(0, 1, max(nodes, 1 + int(span // step)))))
+            np.unique(
+                np.quantile(values, np.linspace(0, 1, max(nodes, 1 + int(np.ptp(values) // step))))
+            )
             for values, nodes, step in zip(places, STATIC_NODES, apart, strict=True)
-            for span in (np.ptp(values),)
         )
         return cls(lasting, tuple(_even(v) for v in (latitude, east)), origin)
 
@@ -86,7 +80,7 @@ class FieldBasis:
 
     @cached_property
     def cuts(self) -> tuple[int, int]:
-        """Into how many parts the passing part is cut in latitude and eastward."""
+        """Numbers of parts into which the passing part is divided in latitude and eastward."""
         rows, columns = (nodes.size for nodes in self.passing)
         down, across = 1, 1
         while rows * columns > MOST_NODES * down * across:
@@ -98,43 +92,42 @@ class FieldBasis:
 
     @property
     def regions(self) -> int:
-        """Number of regions of a segment: borders that have moved make one more on each axis."""
+        """Number of regions of a segment; shifted borders add one on each axis."""
         return int(np.prod([parts + (parts > 1) for parts in self.cuts]))
 
     @property
     def region_size(self) -> int:
-        """Functions of the passing part that blocks of one region may meet."""
+        """Largest number of functions of the passing part in one region."""
         found = 1
         for nodes, parts in zip(self.passing, self.cuts, strict=True):
-            # the nodes of a border that lies between two of them, on both sides
+            # with the nodes beyond both borders
             found *= min(nodes.size, -(-(nodes.size - 1) // parts) + 2)
         return found
 
     def lasting_at(
         self, latitude: Floats, longitude: Floats, log_pressure: Floats
     ) -> tuple[Short, Floats]:
-        """Functions of the lasting part that are not zero at some places.
+        """Return the functions of the lasting part that are not zero at some places.
 
         Returns
         -------
         index, value : arrays, shape (n, up to 8)
-            The values of a place sum to one.
+            The values at a place add up to one.
         """
-        values = (latitude, _eastward(longitude, self.origin), log_pressure)
-        return _product(values, self.lasting)
+        return _product((latitude, _eastward(longitude, self.origin), log_pressure), self.lasting)
 
     def passing_at(self, latitude: Floats, longitude: Floats) -> tuple[Short, Floats]:
-        """Functions of the passing part that are not zero at some places.
+        """Return the functions of the passing part that are not zero at some places.
 
         Returns
         -------
         index, value : arrays, shape (n, up to 4)
-            The values of a place sum to one.
+            The values at a place add up to one.
         """
         return _product((latitude, _eastward(longitude, self.origin)), self.passing)
 
     def cells(self, latitude: Floats, longitude: Floats, segment: Ints) -> Ints:
-        """Number of the region and segment of some places: segment times regions, and the region.
+        """Return the region of some places in their segments.
 
         Parameters
         ----------
@@ -144,6 +137,7 @@ class FieldBasis:
         Returns
         -------
         array of int, shape (n,)
+            Segment times number of regions, plus the region.
         """
         if self.regions == 1:
             return segment
@@ -153,17 +147,17 @@ class FieldBasis:
         for values, nodes, parts in zip(places, self.passing, self.cuts, strict=True):
             if parts > 1:
                 width = float(nodes[-1] - nodes[0]) / parts
-                own = np.floor((values - nodes[0]) / width + shift).astype(np.int64)
-                found = found * (parts + 1) + np.clip(own, 0, parts)
+                part = np.floor((values - nodes[0]) / width + shift).astype(np.int64)
+                found = found * (parts + 1) + np.clip(part, 0, parts)
         return np.asarray(segment * np.int64(self.regions) + found)
 
 
 def _middle(longitude: Floats) -> float:
-    """Longitude opposite the widest gap; where all are flown, opposite the fewest blocks."""
+    """Longitude opposite the widest gap; where there is none, opposite the fewest blocks."""
     degree = np.floor(longitude % 360.0).astype(np.int64) % 360
     count = np.bincount(degree, minlength=360)
     least = np.tile(count == count.min(), 2)
-    # twice around, for the widest gap may lie across the meridian where counting begins
+    # twice around, for a gap across the meridian where counting begins
     run = np.zeros(720, dtype=np.int64)
     for k in range(1, 720):
         run[k] = (run[k - 1] + 1) * least[k]
@@ -178,21 +172,17 @@ def _eastward(longitude: Floats, origin: tuple[float, float]) -> Floats:
 
 def _even(values: Floats) -> Floats:
     low, high = float(values.min()), float(values.max())
-    count = max(2, round((high - low) / (SPACING_KM / KM_A_DEGREE)) + 1)
+    count = max(2, round((high - low) / SPACING) + 1)
     return np.linspace(low, high, count) if high > low else np.array([low])
 
 
 def _product(values: tuple[Floats, ...], nodes: tuple[Floats, ...]) -> tuple[Short, Floats]:
-    """Products of the hats of every coordinate."""
-    size = values[0].size
-    index, value = np.zeros((size, 1), dtype=np.int32), np.ones((size, 1))
-    for one, knots in zip(values, nodes, strict=True):
-        left, share = hats_not_zero(one, knots)
-        old, each = index.shape[1], left.shape[1]
-        first, factor = index * np.int32(knots.size), value
-        index, value = np.empty((size, old * each), np.int32), np.empty((size, old * each))
-        # column by column: loops over the few functions of one place are slow
-        for k, j in np.ndindex(old, each):
-            np.add(first[:, k], left[:, j], out=index[:, k * each + j])
-            np.multiply(factor[:, k], share[:, j], out=value[:, k * each + j])
+    """Products of the hat functions of every coordinate."""
+    index = np.zeros((values[0].size, 1), dtype=np.int32)
+    value = np.ones((values[0].size, 1))
+    for coordinate, knots in zip(values, nodes, strict=True):
+        left, share = hats_not_zero(coordinate, knots)
+        index = (index * np.int32(knots.size))[:, :, np.newaxis] + left[:, np.newaxis]
+        value = value[:, :, np.newaxis] * share[:, np.newaxis]
+        index, value = index.reshape(len(index), -1), value.reshape(len(value), -1)
     return index, value

@@ -1,24 +1,29 @@
-"""Deviations of a fleet and the error of its references, solved together on the blocks' sums.
+"""Deviations of a fleet and the error of its references, estimated together.
 
-Assumes what :mod:`airswing.compass.fleet.reference_error` assumes of the reference's error; the
-aircraft's own fits are near enough for one linear step. Unknown are A to E and the airspeed scale
-of every aircraft and, for each reference, a bias of every aircraft and the lasting part of the
-field; the passing part, the pieces' and the blocks' errors are in the weights (generalized least
-squares).
+Assumes what `airswing.compass.fleet.field_error` assumes of the reference's error, and that the
+aircraft's own fits are near enough for one linear step. The unknowns are those of
+`airswing.compass.fleet.information`, for all references together.
 
-Errors of different days (four segments, counted from the first) are taken as independent, whatever
-they are within a day: the covariance is the model's, times the fleet's mean ratio of the sandwich
-over days to the model's, parameter by parameter, since an aircraft's own days are too few to tell;
-and not less than the model's where the archive has few days.
+Prior variances of the biases and of the lasting parts are estimated by restricted maximum
+likelihood (Schall's steps). The coefficients of the aircraft have no prior: a fleet with large
+deviations must not be drawn to its mean. Up to `WRITTEN_OUT` unknowns the matrix is formed and
+inverted. Of more unknowns
 
-With very many blocks the Newton matrix is that of an even choice of them, scaled to all
-(:mod:`airswing.compass.fleet.reference_equations`), while the step is made from everything and
-repeated: that changes the covariance by a percent and the estimate not at all.
+* systems are solved by `scipy.sparse.linalg.cg`, preconditioned with the blocks of each aircraft
+  and of each lasting part;
+* traces and sums of squares are estimated with random signs (Hutchinson), the same in every run;
+* an aircraft's covariance is the inverse of its block, plus what the lasting part adds, which is
+  exact, times the mean over the fleet of the ratio of the true variances to these.
+
+Errors of different days (four segments, from the first one) are taken as independent, whatever they
+are within a day. The covariance is the model's times the fleet's mean ratio of the sandwich over
+days to the model's, for each coefficient, because an aircraft's own days are too few; in an archive
+of few days this ratio is at least one.
 
 References
 ----------
-Henderson 1975, Biometrics 31, 423-447; Schall 1991, Biometrika 78, 719-727 (variances);
-Liang & Zeger 1986, Biometrika 73, 13-22 (sandwich).
+Henderson 1975, Biometrics 31, 423-447; Schall 1991, Biometrika 78, 719-727; Hutchinson 1990, Comm.
+Stat. Simul. Comput. 19, 433-450; Liang & Zeger 1986, Biometrika 73, 13-22 (sandwich).
 """
 
 from __future__ import annotations
@@ -26,15 +31,36 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse.linalg import LinearOperator, cg
 
-from airswing.compass.fleet.flight_segments import SLOPES, Blocks
-from airswing.compass.fleet.inverse import Equations, Inverse, inverse_of
-from airswing.compass.fleet.reference_equations import Reference
-from airswing.compass.fleet.reference_error import Flags, Floats
+from airswing.compass.fleet.blocks import SLOPES, Blocks
+from airswing.compass.fleet.field_basis import Floats, Ints
+from airswing.compass.fleet.field_error import LARGEST_VARIANCE, Flags
+from airswing.compass.fleet.information import Information, Reference
+from airswing.errors import InputError
 
-SEGMENTS_A_DAY = 4  # Six hours each, as flight_segments cuts them
+SEGMENTS_A_DAY = 4
+"""Six hours each, as `airswing.compass.fleet.blocks` divides the time."""
 FEW_DAYS = 15
-"""Below so many days their scatter may widen what the model says, not narrow it."""
+"""Number of days below which their scatter may widen the model's covariance and not narrow it."""
+WRITTEN_OUT = 1500
+"""Unknowns up to which the matrix is formed: some 170 aircraft against one reference."""
+ROUNDS = 20
+"""Most rounds of the prior variances."""
+STEP, COARSE_STEP = 1e-8, 1e-3
+"""Relative change of every variance that ends the rounds: exact, and with random signs."""
+FIRST_VARIANCE, SMALLEST_VARIANCE = 0.05, 1e-4
+"""(m/s)2."""
+UNKNOWN_VARIANCE = 1e6
+"""(m/s)2: of an unknown without prior."""
+FINE, COARSE = 1e-7, 1e-4
+"""Relative residual of a solution: of the estimate, of variances."""
+ITERATIONS = 1000
+"""Most iterations of the conjugate gradients."""
+COLUMNS = 32
+"""Columns multiplied at a time."""
+SIGNS, MANY_SIGNS = 8, 32
+"""Vectors of random signs for a trace, and for a sum of squares."""
 
 
 @dataclass(frozen=True)
@@ -43,11 +69,10 @@ class FleetFit:
 
     step: Floats  # (aircraft, 6): to add to the aircraft's own A to E and airspeed scale, radians
     covariance: Floats  # (aircraft, 6, 6)
-    # bias, bias_covariance: (2,), (2, 2): mean error of the references over the blocks, m/s
-    bias: Floats
-    bias_covariance: Floats
-    ratio: Floats  # (6,): what the covariance of the model was multiplied by
-    regions: int  # that the passing part was worked in, of the reference that has most
+    bias: Floats  # (2,): mean error of the references over the blocks, m/s
+    bias_covariance: Floats  # (2, 2)
+    ratio: Floats  # (6,): factor that was applied to the covariance of the model
+    regions: int  # largest number of regions of a reference's passing part
 
 
 def solve_fleet(blocks: list[list[Blocks]], free: Flags) -> FleetFit:
@@ -58,72 +83,333 @@ def solve_fleet(blocks: list[list[Blocks]], free: Flags) -> FleetFit:
     blocks : list of list of Blocks
         Of every aircraft, one for each reference.
     free : array of bool, shape (aircraft, 6)
-        Which coefficients are fitted.
+        Coefficients that are fitted.
+
+    Returns
+    -------
+    FleetFit
     """
     segments = np.unique(
         np.concatenate([np.unique(part.segment) for one in blocks for part in one])
     )
     days = np.unique((segments - segments[0]) // SEGMENTS_A_DAY) * SEGMENTS_A_DAY + segments[0]
-    fleet = _Fleet(
-        [Reference([one[k] for one in blocks], free, days) for k in range(len(blocks[0]))]
-    )
-    right = fleet.start()
-    inverse = inverse_of(fleet.equations, right)
+    references = [Reference([one[k] for one in blocks], free, days) for k in range(len(blocks[0]))]
+    equations = Equations([one.information for one in references], free)
+    right = np.zeros(equations.size)
+    for one, place in zip(references, equations.places, strict=True):
+        right[place] += one.start.sum(axis=0)
+    inverse = (Written if equations.size <= WRITTEN_OUT else Iterated)(equations, right)
     found = inverse.solve(right)
-    scores = fleet.scores(found)
-    better = found + inverse.solve(scores.sum(axis=0) - inverse.prior * found)
-    return _finished(fleet, better, inverse, scores)
+    scores = np.zeros((days.size, right.size))
+    for one, place in zip(references, equations.places, strict=True):
+        scores[:, place] += one.scores(found[place])
+    found = found + inverse.solve(scores.sum(axis=0) - inverse.prior * found)
 
-
-class _Fleet:
-    """All references' equations together."""
-
-    def __init__(self, references: list[Reference]) -> None:
-        self.references, self.free = references, references[0].free
-        self.equations = Equations([one.coupling() for one in references], self.free)
-
-    def start(self) -> Floats:
-        """Score where every unknown is zero."""
-        found = np.zeros(self.equations.size)
-        for one, place in zip(self.references, self.equations.places(), strict=True):
-            found[place] += one.start.sum(axis=0)
-        return found
-
-    def scores(self, unknowns: Floats) -> Floats:
-        """As of :meth:`Reference.scores`, summed."""
-        found = np.zeros((self.references[0].days.size, unknowns.size))
-        for one, place in zip(self.references, self.equations.places(), strict=True):
-            found[:, place] += one.scores(unknowns[place])
-        return found
-
-    def mean_rows(self) -> Floats:
-        """What the mean error of the references is made of, shape (2, unknown)."""
-        rows = np.zeros((2, self.equations.size))
-        for one, (own, lasting) in zip(self.references, self.equations.split(), strict=True):
-            total = one.worth.sum() * len(self.references)
-            for c in range(2):
-                rows[c, own[:, SLOPES + c]] = one.worth / total
-                rows[c, lasting[c]] = one.lasting_worth / total
-        return rows
-
-
-def _finished(fleet: _Fleet, found: Floats, inverse: Inverse, scores: Floats) -> FleetFit:
-    """Covariance from the scatter between days, and what is published."""
-    free, square = fleet.free, inverse.own()
+    square = inverse.covariances()
     sandwich = inverse.squares((scores - scores.mean(axis=0)).T) + inverse.prior_squares()
     part = sandwich / np.diagonal(square, axis1=1, axis2=2)
-    part /= 1.0 - np.mean([one.leverage() for one in fleet.references], axis=0)
+    part /= 1.0 - np.mean([one.leverage() for one in references], axis=0)
     ratio = np.array(
         [part[:, k][free[:, k]].mean() if free[:, k].any() else 1.0 for k in range(SLOPES)]
     )
     for pair in ([1, 2], [3, 4]):
         ratio[pair] = ratio[pair].mean()
-    if scores.shape[0] < FEW_DAYS:
+    if days.size < FEW_DAYS:
         ratio = np.maximum(ratio, 1.0)
     root = np.sqrt(ratio) * free
-    square = square * root[:, :, np.newaxis] * root[:, np.newaxis]
-    rows = fleet.mean_rows()
-    spread = rows @ inverse.solve(rows.T) * max(float(ratio.mean()), 1.0)
-    regions = max(one.basis.regions for one in fleet.references)
-    step = found[: free.size].reshape(free.shape)
-    return FleetFit(step, square, rows @ found, spread, ratio, regions)
+    # the mean error of the references over the blocks, from biases and lasting parts
+    rows = np.zeros((2, equations.size))
+    for one, own, lasting in zip(references, equations.own, equations.lasting, strict=True):
+        total = one.worth.sum() * len(references)
+        for c in range(2):
+            rows[c, own[:, SLOPES + c]] = one.worth / total
+            rows[c, lasting[c]] = one.lasting_worth / total
+    return FleetFit(
+        found[: free.size].reshape(free.shape),
+        square * root[:, :, np.newaxis] * root[:, np.newaxis],
+        rows @ found,
+        rows @ inverse.solve(rows.T) * max(float(ratio.mean()), 1.0),
+        ratio,
+        max(one.basis.regions for one in references),
+    )
+
+
+class Equations:
+    """The Newton matrix without its prior.
+
+    The coefficients come first (aircraft, 6), then each reference's biases and lasting part.
+
+    Attributes
+    ----------
+    size : int
+        Number of unknowns.
+    places : list of array
+        Each reference's unknowns among all.
+    own, lasting : lists of arrays, shapes (aircraft, 8) and (2, functions)
+        Places of the aircraft's unknowns and of the lasting part, by reference.
+    groups : list of array
+        Unknowns that share a prior variance: biases and lasting part of each reference. The mean of
+        a lasting part, the last of its functions, has no prior.
+    """
+
+    def __init__(self, parts: list[Information], free: Flags) -> None:
+        self.parts, self.free, self.aircraft = parts, free, free.shape[0]
+        self.places: list[Ints] = []
+        self.own: list[Ints] = []
+        self.lasting: list[Ints] = []
+        self.groups: list[Ints] = []
+        coefficients, start = np.arange(free.size), free.size
+        for part in parts:
+            bias = start + np.arange(2 * self.aircraft).reshape(self.aircraft, 2)
+            functions = part.lasting.shape[0]
+            lasting = start + bias.size + np.arange(2 * functions).reshape(2, functions)
+            self.own.append(np.hstack([coefficients.reshape(free.shape), bias]))
+            self.lasting.append(lasting)
+            self.places.append(np.concatenate([coefficients, bias.ravel(), lasting.ravel()]))
+            self.groups += [bias.ravel(), lasting[:, :-1].ravel()]
+            start += bias.size + lasting.size
+        self.size = start
+
+    def times(self, values: Floats) -> Floats:
+        """Multiply with some columns, shape (size, k)."""
+        found = np.zeros_like(values)
+        for part, own, lasting in zip(self.parts, self.own, self.lasting, strict=True):
+            above, below = part.times(values[own], values[lasting])
+            found[own] += above
+            found[lasting] += below
+        return found
+
+
+class Written:
+    """Inverse of the Newton matrix of few aircraft, with its prior."""
+
+    def __init__(self, equations: Equations, right: Floats) -> None:
+        self.aircraft, shared = equations.aircraft, equations.free.size
+        unit = np.eye(equations.size)
+        newton = np.hstack(
+            [equations.times(unit[:, k : k + COLUMNS]) for k in range(0, equations.size, COLUMNS)]
+        )
+        newton = (newton + newton.T) / 2.0
+        diagonal = np.arange(shared)
+        # a coefficient held at zero: as stiff as the stiffest, so that it hardly moves
+        newton[diagonal, diagonal] += np.where(
+            equations.free.ravel(), 0.0, np.diagonal(newton)[:shared].max()
+        )
+        # the coefficients are eliminated; the rest gives the prior variances
+        top = np.linalg.solve(
+            newton[:shared, :shared], np.column_stack([newton[:shared, shared:], right[:shared]])
+        )
+        square = newton[shared:, shared:] - newton[shared:, :shared] @ top[:, :-1]
+        score = right[shared:] - newton[shared:, :shared] @ top[:, -1]
+        groups = [group - shared for group in equations.groups]
+        self.prior = np.zeros(right.size)
+        self.prior[shared:] = 1.0 / group_variances(square, score, groups)
+        self.covariance = np.linalg.inv(newton + np.diag(self.prior))
+
+    def solve(self, right: Floats) -> Floats:
+        """Multiply the inverse with a vector or some columns, shape (unknowns, ...)."""
+        return np.asarray(self.covariance @ right)
+
+    def covariances(self) -> Floats:
+        """Return the block of each aircraft's coefficients, shape (aircraft, 6, 6)."""
+        index = np.arange(self.aircraft * SLOPES).reshape(self.aircraft, SLOPES)
+        return np.asarray(self.covariance[index[:, :, np.newaxis], index[:, np.newaxis]])
+
+    def squares(self, columns: Floats) -> Floats:
+        """Return the sum of squares of the products with some columns, shape (aircraft, 6)."""
+        found = self.covariance[: self.aircraft * SLOPES] @ columns
+        return np.asarray((found**2).sum(axis=1).reshape(self.aircraft, SLOPES))
+
+    def prior_squares(self) -> Floats:
+        """Return the sum of squares with the prior as weights, shape (aircraft, 6)."""
+        found = self.covariance[: self.aircraft * SLOPES] ** 2 @ self.prior
+        return np.asarray(found.reshape(self.aircraft, SLOPES))
+
+
+class Iterated:
+    """Inverse of the Newton matrix of many aircraft, never formed; methods as of `Written`."""
+
+    def __init__(self, equations: Equations, right: Floats) -> None:
+        self.equations, self.aircraft = equations, equations.aircraft
+        biases = [own[:, SLOPES:] for own in equations.own]
+        # coefficients and all biases of each aircraft
+        self.place = np.hstack([equations.own[0][:, :SLOPES], *biases])
+        width = self.place.shape[1]
+        self.blocks = np.zeros((self.aircraft, width, width))
+        for k, part in enumerate(equations.parts):
+            kept = np.array([*range(SLOPES), SLOPES + 2 * k, SLOPES + 2 * k + 1])
+            self.blocks[:, kept[:, np.newaxis], kept] += part.own_blocks()
+        self.held = np.zeros(right.size)
+        diagonal = np.diagonal(self.blocks, axis1=1, axis2=2)[:, :SLOPES]
+        self.held[: equations.free.size] = np.where(equations.free, 0.0, diagonal.max()).ravel()
+        self.lasting = [part.lasting_block() for part in equations.parts]
+        self._find_prior(right)
+
+    def solve(self, right: Floats) -> Floats:
+        """As of `Written`."""
+        return self._solved(right.reshape(right.shape[0], -1), FINE).reshape(right.shape)
+
+    def covariances(self) -> Floats:
+        """As of `Written`."""
+        low = np.concatenate([lasting.ravel() for lasting in self.equations.lasting])
+        unit = np.zeros((self.prior.size, low.size))
+        unit[low, np.arange(low.size)] = 1.0
+        solved = self._solved(unit, COARSE)
+        among = solved[low]
+        # solved to a tolerance only, it is symmetric within that
+        root = np.linalg.cholesky(np.linalg.inv((among + among.T) / 2.0))
+        part = solved[self.place[:, :SLOPES]] @ root
+        found = self.inverse[:, :SLOPES, :SLOPES] + part @ part.transpose(0, 2, 1)
+        ratio = np.sqrt(self._mean_ratio(np.diagonal(found, axis1=1, axis2=2)))
+        return np.asarray(found * ratio[:, np.newaxis] * ratio)
+
+    def squares(self, columns: Floats) -> Floats:
+        """As of `Written`; of many columns under random signs, in the mean the same."""
+        number = columns.shape[1]
+        if number > MANY_SIGNS:
+            columns = columns @ _signs(number, MANY_SIGNS) / np.sqrt(MANY_SIGNS)
+        found = self._solved(columns, COARSE)[: self.aircraft * SLOPES]
+        return np.asarray((found**2).sum(axis=1).reshape(self.aircraft, SLOPES))
+
+    def prior_squares(self) -> Floats:
+        """As of `Written`."""
+        signs = _signs(self.prior.size, MANY_SIGNS) / np.sqrt(MANY_SIGNS)
+        return self.squares(np.sqrt(self.prior)[:, np.newaxis] * signs)
+
+    def _mean_ratio(self, variance: Floats) -> Floats:
+        """Mean over the fleet of the true variances over these, by coefficient, shape (6,)."""
+        found = np.ones(SLOPES)
+        for k in np.flatnonzero(self.equations.free.any(axis=0)):
+            rows = np.flatnonzero(self.equations.free[:, k])
+            # Hutchinson's estimate of a trace, each aircraft scaled to one
+            signs = _signs(rows.size, SIGNS) / np.sqrt(variance[rows, k, np.newaxis])
+            right = np.zeros((self.prior.size, SIGNS))
+            right[self.place[rows, k]] = signs
+            found[k] = (right * self._solved(right, COARSE)).sum() / (SIGNS * rows.size)
+        return found
+
+    def _settle(self, prior: Floats) -> None:
+        """Set the prior, and the preconditioner with it."""
+        self.prior = prior
+        added = (prior + self.held)[self.place]
+        self.inverse = np.linalg.inv(self.blocks + added[:, :, np.newaxis] * np.eye(added.shape[1]))
+        self.lasting_inverse = [
+            [np.linalg.inv(block + np.diag(prior[one])) for one in lasting]
+            for block, lasting in zip(self.lasting, self.equations.lasting, strict=True)
+        ]
+
+    def _find_prior(self, right: Floats) -> None:
+        """Estimate the variances of biases and lasting parts, the coefficients unknown."""
+        groups = self.equations.groups
+        columns = np.zeros((right.size, 1 + SIGNS * len(groups)))
+        columns[:, 0] = right
+        signs = [slice(1 + SIGNS * k, 1 + SIGNS * (k + 1)) for k in range(len(groups))]
+        for group, some in zip(groups, signs, strict=True):
+            # for the trace of the inverse over a group, which Schall's step needs
+            columns[group, some] = _signs(group.size, SIGNS)
+        variance = np.full(len(groups), FIRST_VARIANCE)
+        solved: Floats | None = None
+        for _ in range(ROUNDS):
+            self._settle(self._prior_of(variance))
+            # from the solution of the round before: variances move less and less
+            solved = self._solved(columns, COARSE, solved)
+            before = variance.copy()
+            for k, (group, some) in enumerate(zip(groups, signs, strict=True)):
+                unknown = float((columns[group, some] * solved[group, some]).sum()) / SIGNS
+                energy = float((solved[group, 0] ** 2).sum())
+                variance[k] = _next_variance(energy, unknown, group.size, before[k])
+            if np.all(np.abs(variance - before) <= COARSE_STEP * before):
+                break
+        self._settle(self._prior_of(variance))
+
+    def _prior_of(self, variance: Floats) -> Floats:
+        prior = np.zeros(self.equations.size)
+        prior[self.equations.free.size :] = 1.0 / UNKNOWN_VARIANCE
+        for group, value in zip(self.equations.groups, variance, strict=True):
+            prior[group] = 1.0 / value
+        return prior
+
+    def _solved(self, right: Floats, tolerance: float, start: Floats | None = None) -> Floats:
+        """Solve for each of some columns."""
+        size, added = right.shape[0], self.prior + self.held
+
+        def times(vector: Floats) -> Floats:
+            column = vector.reshape(-1, 1)
+            return np.asarray(self.equations.times(column)[:, 0] + added * column[:, 0])
+
+        matrix = LinearOperator((size, size), matvec=times, dtype=np.float64)
+        near = LinearOperator((size, size), matvec=self._preconditioned, dtype=np.float64)
+        found = np.zeros_like(right)
+        for k, column in enumerate(right.T):
+            first = None if start is None else start[:, k]
+            found[:, k], failed = cg(
+                matrix, column, first, rtol=tolerance, maxiter=ITERATIONS, M=near
+            )
+            if failed:
+                raise InputError(
+                    "the equations of the fleet and its references' shared error do not converge",
+                    field="fit.shared_error",
+                    found=f"{self.aircraft} aircraft, {ITERATIONS} iterations",
+                    remedy="Set it to false, or divide the fleet by region.",
+                )
+        return found
+
+    def _preconditioned(self, vector: Floats) -> Floats:
+        values = vector.ravel()
+        found = np.empty_like(values)
+        found[self.place] = (self.inverse @ values[self.place][:, :, np.newaxis])[:, :, 0]
+        for inverses, lasting in zip(self.lasting_inverse, self.equations.lasting, strict=True):
+            for inverse, one in zip(inverses, lasting, strict=True):
+                found[one] = inverse @ values[one]
+        return found
+
+
+def _signs(rows: int, columns: int) -> Floats:
+    """Random signs, the same in every run for the same shape."""
+    signs = np.random.default_rng([rows, columns]).integers(0, 2, (rows, columns))
+    return np.asarray(2.0 * signs - 1.0)
+
+
+def _next_variance(energy: float, unknown: float, size: int, before: float) -> float:
+    """Schall's step of one variance: energy of the effects over the number that the data show."""
+    known = max(size - unknown / before, 1e-9 * size)
+    return min(max(energy / known, SMALLEST_VARIANCE), LARGEST_VARIANCE)
+
+
+def group_variances(information: Floats, score: Floats, groups: list[Ints]) -> Floats:
+    """Estimate variances of random effects by restricted maximum likelihood.
+
+    Schall's steps. Steps of expectation-maximization converge to the same values, ten to a hundred
+    times more slowly where a variance is small; one that is too large widens every interval.
+
+    Parameters
+    ----------
+    information : array, shape (n, n)
+        Of the data about the effects, with the other unknowns eliminated.
+    score : array, shape (n,)
+        Where the effects are zero.
+    groups : list of array of int
+        Effects that share a variance; those of no group have no prior.
+
+    Returns
+    -------
+    array, shape (n,)
+        Variance of every effect, between `SMALLEST_VARIANCE` and `LARGEST_VARIANCE` in a group.
+    """
+    variance = np.full(score.size, UNKNOWN_VARIANCE)
+    for group in groups:
+        variance[group] = FIRST_VARIANCE
+    for _ in range(ROUNDS):
+        before = variance.copy()
+        covariance = np.linalg.inv(information + np.diag(1.0 / variance))
+        energy, unknown = (covariance @ score) ** 2, np.diagonal(covariance)
+        for group in groups:
+            variance[group] = _next_variance(
+                float(energy[group].sum()),
+                float(unknown[group].sum()),
+                group.size,
+                float(before[group[0]]),
+            )
+        if np.all(np.abs(variance - before) <= STEP * before):
+            break
+    return variance

@@ -1,0 +1,182 @@
+"""Sums of reports over short parts of a flight: what the fit of the fleet knows of the reports.
+
+Assumes that the error of the reference hardly changes over a block (about 200 km, half the distance
+between the nodes of the field), so that its reports can be placed at the middle one. The sums are
+exact: of the robust weights, of the residual of the vector equation (`airswing.compass.fit.kernel`)
+and of its derivatives by A to E and the airspeed scale. A block ends with its flight and with its
+six-hour segment; the blocks of a flight in one segment are a *piece*.
+
+Differences within a block give the size of the noise and nothing else: the headings of one leg
+differ by little more than the noise of the reported wind, which turns indicated heading and heading
+error alike, so that a curve through them would follow the noise (errors in variables).
+
+Radians, m/s; 15 numbers a block.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+LENGTH = 240e3
+"""Metres: longest block at the aircraft's median airspeed."""
+DURATIONS = (1800, 1200, 900, 600)
+"""Seconds that a block may last, all of them parts of a segment."""
+FASTEST = tuple(LENGTH / seconds for seconds in DURATIONS[:-1])
+"""m/s: median airspeed up to which each but the last is used."""
+SEGMENT_SECONDS = 6 * 3600
+"""Time over which a passing error of the reference is taken as constant."""
+SLOPES = 6
+"""A to E and the airspeed scale."""
+LEAST_WEIGHT = 0.3
+"""Weight, in reports, below which a block is left out: gross errors."""
+
+
+class Placed(Protocol):
+    """Reports of one aircraft with their places, sorted by flight; arrays of shape (n,)."""
+
+    @property
+    def flight(self) -> Index:
+        """Number of the flight within the aircraft."""
+
+    @property
+    def airspeed(self) -> Array:
+        """m/s."""
+
+    @property
+    def latitude(self) -> Array:
+        """Degrees."""
+
+    @property
+    def longitude(self) -> Array:
+        """Degrees."""
+
+    @property
+    def pressure(self) -> Array:
+        """Pa."""
+
+    @property
+    def time(self) -> NDArray[np.datetime64]:
+        """UTC."""
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """Sums of one aircraft's reports against one reference, at its own fit without bias.
+
+    The rows of ``sums`` are the weight (a report has one on average); the weighted residual,
+    reference minus corrected wind, eastward and northward; its derivatives by A to E and the
+    airspeed scale with the sign reversed, eastward and then northward.
+    """
+
+    sums: NDArray[np.float32]  # (15, blocks)
+    within: float  # weighted sum of squares of the residual within blocks, (m/s)2
+    freedom: float  # degrees of freedom of ``within``, both components
+    latitude: Array  # (blocks,)
+    longitude: Array
+    log_pressure: Array
+    segment: NDArray[np.int32]  # six-hour segments since 1970
+    piece: NDArray[np.int32]  # 0, 1, 2 ..., not decreasing
+
+    @property
+    def size(self) -> int:
+        """Number of blocks."""
+        return int(self.segment.size)
+
+    @cached_property
+    def in_order(self) -> bool:
+        """Whether the segments do not decrease; they do where flights are not numbered by time."""
+        return not bool(np.any(self.segment[1:] < self.segment[:-1]))
+
+    def of(self, segments: Index) -> Blocks:
+        """Return the blocks of some segments; ``within`` and ``freedom`` stay those of all.
+
+        Parameters
+        ----------
+        segments : array of int
+            Increasing.
+        """
+        low, high = np.searchsorted(self.segment, (segments[0], segments[-1] + 1))
+        keep: slice | NDArray[np.bool_] = slice(int(low), int(high))
+        if segments[-1] - segments[0] >= segments.size or not self.in_order:
+            keep = np.isin(self.segment, segments)
+        names = ("latitude", "longitude", "log_pressure", "segment", "piece")
+        kept = {name: getattr(self, name)[keep] for name in names}
+        return replace(self, sums=self.sums[:, keep], **kept)
+
+
+def sum_blocks(
+    rows: Array, square: float, reports: Placed, bias: Array, step: Array, kappa: float
+) -> Blocks:
+    """Sum one aircraft's reports against one reference by block.
+
+    Parameters
+    ----------
+    rows : array, shape (15, n)
+        Weight, weighted residual and weighted derivatives of each report, as in :class:`Blocks`.
+    square : float
+        Sum over all reports of the square of weight times residual.
+    reports : Placed
+        Sorted by flight.
+    bias : array, shape (2,)
+        Bias of the reference that was removed from the residual, m/s: it is added again.
+    step : array, shape (6,)
+        Step of A to E and the scale that was made after the residual.
+    kappa : float
+        Mean derivative of the robust score over the mean weight: robust residuals are smaller than
+        the shift that causes them by this factor.
+
+    Returns
+    -------
+    Blocks
+    """
+    middle = (reports.flight.size - 1) // 2
+    median = np.partition(reports.airspeed, middle)[middle]
+    seconds = DURATIONS[int(np.searchsorted(FASTEST, median))]
+    start, segment, opens = _edges(reports.flight, reports.time, seconds)
+    stop = np.append(start[1:], reports.flight.size)
+    count, at = stop - start, (start + stop) // 2
+    sums = np.add.reduceat(rows, start, axis=1)
+    # weights of mean one: a block counts as its reports, and variances are those of a report
+    unit = int(count.sum()) / max(float(sums[0].sum()), 1e-30)
+    sums *= unit
+    sums[1:3] /= kappa
+    within = square * (unit / kappa) ** 2 - float(((sums[1] ** 2 + sums[2] ** 2) / count).sum())
+    for row, slopes in ((1, sums[3 : 3 + SLOPES]), (2, sums[3 + SLOPES :])):
+        sums[row] += bias[row - 1] * sums[0] - step @ slopes
+    latitude, longitude, pressure = (
+        values[at] for values in (reports.latitude, reports.longitude, reports.pressure)
+    )
+    keep = (sums[0] > LEAST_WEIGHT) & np.isfinite(latitude + longitude + pressure)
+    return Blocks(
+        sums[:, keep].astype(np.float32),
+        within,
+        2.0 * float(count.sum() - count.size),
+        latitude[keep],
+        longitude[keep],
+        np.log(pressure[keep]),
+        segment[keep].astype(np.int32),
+        np.cumsum(opens, dtype=np.int32)[keep],
+    )
+
+
+def _edges(
+    flight: Index, time: NDArray[np.datetime64], seconds: int
+) -> tuple[Index, Index, NDArray[np.bool_]]:
+    """First report of each block, its segment, and whether it is the first of its piece."""
+    ticks = np.array(seconds, dtype="timedelta64[s]").astype(time.dtype.str.replace("M8", "m8"))
+    number = time.view(np.int64) // int(ticks.astype(np.int64))
+    change = np.ones(number.size, dtype=np.bool_)
+    change[1:] = (number[1:] != number[:-1]) | (flight[1:] != flight[:-1])
+    start = np.flatnonzero(change)
+    segment = number[start] // (SEGMENT_SECONDS // seconds)
+    opens = np.ones(start.size, dtype=np.bool_)
+    opens[1:] = (segment[1:] != segment[:-1]) | (flight[start][1:] != flight[start][:-1])
+    return start, segment, opens

@@ -1,0 +1,374 @@
+"""Information of one reference's blocks about the unknowns of the fleet.
+
+Assumes what `airswing.compass.fleet.field_error` assumes of the reference's error. The unknowns are
+the coefficients of each aircraft (A to E and the airspeed scale), a bias of each aircraft in two
+components, and the lasting part of the field in two components; passing part, pieces and blocks are
+in the weights (generalized least squares).
+
+Aircraft are connected by the field alone: were it known, the information of each would be a block
+of its own. The passing part reduces it by H' G H, with G the posterior covariance of a segment's
+nodes and H the weighted sums of an aircraft's design at the nodes it flew near, a sparse matrix.
+The whole matrix is multiplied without being formed.
+
+Of the blocks' sums whole days are laid out at a time, about `MOST_BLOCKS` blocks (the passing part
+and a piece end with their segment), so that memory grows with the archive only by the sums and by a
+score of each unknown a day. With more blocks than that, variances and information are those of an
+even choice of segments, scaled to all blocks; the scores are always of every block.
+
+References
+----------
+Henderson 1975, Biometrics 31, 423-447.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+
+from airswing.compass.fleet.blocks import SLOPES, Blocks
+from airswing.compass.fleet.field_basis import FieldBasis, Floats, Ints
+from airswing.compass.fleet.field_error import (
+    Flags,
+    Precision,
+    Stretch,
+    as_sparse,
+    bounds_of,
+    estimate_variances,
+)
+
+OWN = SLOPES + 2
+"""Unknowns of an aircraft: A to E, airspeed scale, bias eastward and northward."""
+KEPT = tuple([*range(SLOPES), SLOPES + c] for c in range(2))
+"""Those that enter each component of the residual."""
+MOST_BLOCKS = 50_000
+"""Blocks laid out at a time, about."""
+AIRCRAFT = 125
+"""Number of aircraft above which `MOST_BLOCKS` grows in proportion: an aircraft must occur on some
+of the days."""
+MOST_NUMBERS = 100_000_000
+"""Numbers of the passing part's covariances laid out at a time."""
+LEAST_FREEDOM = 30
+"""Degrees of freedom within blocks from which an aircraft's white noise is estimated."""
+
+
+@dataclass(frozen=True)
+class Information:
+    """Information about the unknowns, in the parts from which it is multiplied."""
+
+    direct: Floats  # (aircraft, 8, 8): of each aircraft's unknowns, the field known
+    border: Floats  # (aircraft, 8, 2, functions): between them and the lasting part
+    lasting: Floats  # (functions, functions): of one component's lasting part
+    # sparse (7 * aircraft, segment * nodes) of each component: transposed H, rows by coefficient
+    # (A to E, scale, bias), then aircraft
+    nodes: tuple[sparse.csr_matrix, sparse.csr_matrix]
+    lasting_nodes: sparse.csr_matrix  # (segment * nodes, functions)
+    inverse: Floats  # (segment, nodes, nodes): G
+    # scaling from the chosen segments to all blocks, where the field has a part in the information:
+    # F N F' for the aircraft's unknowns with F (aircraft, 8, 8), N times ``gain`` for the lasting
+    # part's
+    factor: Floats
+    gain: float
+
+    @classmethod
+    def of(cls, precision: Precision, direct: Floats, factor: Floats, gain: float) -> Information:
+        """Sum the information of some blocks; the other arguments as the attributes."""
+        aircraft, one = factor.shape[0], precision.stretch
+        weighted = sparse.diags(precision.weight) @ one.lasting_design
+        tied = sparse.diags(precision.tied) @ (one.piece_sums @ weighted)
+        lasting = weighted - sparse.diags(precision.weight) @ (one.piece_sums.T @ tied)
+        functions = one.lasting_design.shape[1]
+        # sums by aircraft at its nodes and at the functions of the lasting part
+        rows = np.repeat(one.aircraft, one.node.shape[1])
+        nodes, border = [], np.zeros((aircraft, OWN, 2, functions))
+        shape = (aircraft, one.segments.size * one.nodes)
+        for component, kept in enumerate(KEPT):
+            values = precision.within_pieces(_design(one, component))
+            at_nodes = [
+                sparse.coo_matrix(
+                    ((one.share * row[:, np.newaxis]).ravel(), (rows, one.node.ravel())), shape
+                ).tocsr()
+                for row in values
+            ]
+            nodes.append(sparse.vstack(at_nodes, format="csr"))
+            place = (one.aircraft[:, np.newaxis] * functions + one.lasting).ravel()
+            for k, row in zip(kept, values, strict=True):
+                sums = np.bincount(
+                    place,
+                    weights=(one.lasting_share * row[:, np.newaxis]).ravel(),
+                    minlength=aircraft * functions,
+                )
+                border[:, k, component] = sums.reshape(aircraft, functions)
+        return cls(
+            direct,
+            border,
+            (one.lasting_design.T @ lasting).toarray(),
+            (nodes[0], nodes[1]),
+            (one.passing_design.T @ lasting).tocsr(),
+            precision.inverse,
+            factor,
+            gain,
+        )
+
+    @property
+    def aircraft(self) -> int:
+        """Number of aircraft."""
+        return int(self.direct.shape[0])
+
+    def times(self, own: Floats, lasting: Floats) -> tuple[Floats, Floats]:
+        """Multiply with some columns.
+
+        Parameters
+        ----------
+        own : array of float, shape (aircraft, 8, k)
+        lasting : array of float, shape (2, functions, k)
+
+        Returns
+        -------
+        own, lasting : arrays of the same shapes
+        """
+        size, many, root = self.lasting.shape[0], own.shape[-1], np.sqrt(self.gain)
+        known = self.direct @ own
+        own, lasting = self.factor.transpose(0, 2, 1) @ own, root * lasting
+        border = self.border.reshape(-1, 2 * size)
+        found = (border @ lasting.reshape(-1, many)).reshape(own.shape)
+        below = (border.T @ own.reshape(-1, many)).reshape(lasting.shape) + self.lasting @ lasting
+        for component, (kept, nodes) in enumerate(zip(KEPT, self.nodes, strict=True)):
+            at_nodes = nodes.T @ own.transpose(1, 0, 2)[kept].reshape(-1, many)
+            at_nodes += self.lasting_nodes @ lasting[component]
+            shape = (*self.inverse.shape[:2], many)
+            field = (self.inverse @ at_nodes.reshape(shape)).reshape(at_nodes.shape)
+            found[:, kept] -= (nodes @ field).reshape(len(kept), -1, many).transpose(1, 0, 2)
+            below[component] -= self.lasting_nodes.T @ field
+        return known + self.factor @ found, root * below
+
+    def own_blocks(self) -> Floats:
+        """Return the information about each aircraft's own unknowns, shape (aircraft, 8, 8)."""
+        found, size = np.zeros_like(self.direct), self.inverse.shape[1]
+        for kept, nodes in zip(KEPT, self.nodes, strict=True):
+            columns = nodes.tocsc()
+            for k, inverse in enumerate(self.inverse):
+                part = columns[:, k * size : (k + 1) * size].tocoo()
+                coefficient, aircraft = np.divmod(part.row, self.aircraft)
+                here, place = np.unique(aircraft, return_inverse=True)
+                design = np.zeros((here.size, len(kept), size))
+                design[place, coefficient, part.col] = part.data
+                taken = design @ inverse @ design.transpose(0, 2, 1)
+                found[np.ix_(here, kept, kept)] -= taken
+        return np.asarray(self.direct + self.factor @ found @ self.factor.transpose(0, 2, 1))
+
+    def lasting_block(self) -> Floats:
+        """Return the information about one component's lasting part, (functions, functions)."""
+        found, size = self.lasting.copy(), self.inverse.shape[1]
+        for k, inverse in enumerate(self.inverse):
+            part = self.lasting_nodes[k * size : (k + 1) * size]
+            functions = np.unique(part.indices)
+            design = part[:, functions].toarray()
+            found[np.ix_(functions, functions)] -= design.T @ (inverse @ design)
+        return np.asarray(self.gain * found)
+
+
+class Reference:
+    """One reference's part of the equations of the fleet.
+
+    The unknowns are, in this order, the coefficients (aircraft, 6), the biases (aircraft, 2) and
+    the lasting part (2, functions).
+
+    Parameters
+    ----------
+    blocks : list of Blocks
+        One an aircraft.
+    free : array of bool, shape (aircraft, 6)
+        Coefficients that are fitted.
+    days : array of int
+        First segment of every day.
+    """
+
+    def __init__(self, blocks: list[Blocks], free: Flags, days: Ints) -> None:
+        self.blocks, self.free, self.days = blocks, free, days
+        self.basis = FieldBasis.of(
+            *(
+                np.concatenate([getattr(part, name) for part in blocks])
+                for name in ("latitude", "longitude", "log_pressure")
+            )
+        )
+        self.aircraft, self.lasting = free.shape[0], self.basis.lasting_size + 1
+        segments, count = np.unique(
+            np.concatenate([part.segment for part in blocks]), return_counts=True
+        )
+        most = int(MOST_BLOCKS * max(1.0, self.aircraft / AIRCRAFT))
+        # a segment of many nodes takes the memory of so many blocks
+        nodes = min(self.basis.passing_size, 4 * int(count.max()))
+        numbers = min(nodes**2, min(nodes, self.basis.region_size) ** 2 * self.basis.regions)
+        count = np.maximum(count, numbers * most // MOST_NUMBERS)
+        every = -(-int(count.sum()) // most)
+        self.thinned = every > 1
+        some = self._stretch(segments[every // 2 :: every])
+        within, freedom = np.array([(part.within, part.freedom) for part in blocks]).T
+        self.variances = estimate_variances(some, _white(within, freedom))
+        self.some = Precision(some, self.variances)
+        self.runs = _runs(segments, count, self._day_of(segments), most)
+        # what needs every block: report counts by aircraft and by function of the lasting part,
+        # the information with the field known, and the scores where every unknown is zero, by day
+        self.worth, self.lasting_worth = np.zeros(self.aircraft), np.zeros(self.lasting)
+        weight, direct = 0.0, np.zeros((self.aircraft, OWN, OWN))
+        self.start = np.zeros((self.days.size, self.size + self.free.size))
+        for part in self._parts():
+            one = part.stretch
+            self.worth += np.bincount(one.aircraft, weights=one.weight, minlength=self.aircraft)
+            self.lasting_worth += one.lasting_design.T @ one.weight
+            weight += float(part.weight.sum())
+            direct += _direct_information(part, self.aircraft)
+            self._add_scores(part, one.residual, self.start)
+        factor, gain = np.broadcast_to(np.eye(OWN), direct.shape), 1.0
+        if self.thinned:
+            factor = _factor(_direct_information(self.some, self.aircraft), direct)
+            gain = weight / float(self.some.weight.sum())
+        self.information = Information.of(self.some, direct, factor, gain)
+
+    def _stretch(self, segments: Ints) -> Stretch:
+        """Blocks of some segments; coefficients that are not fitted have no slope."""
+        found = Stretch.of([part.of(segments) for part in self.blocks], self.basis)
+        for k, (i, j) in enumerate(bounds_of(found.aircraft, self.aircraft)):
+            found.slopes[:, ~self.free[k], i:j] = 0.0
+        return found
+
+    def _parts(self) -> Iterator[Precision]:
+        """Every block once, some days at a time."""
+        if not self.thinned:
+            yield self.some
+            return
+        for segments in self.runs:
+            yield Precision(self._stretch(segments), self.variances)
+
+    def _day_of(self, segments: Ints) -> Ints:
+        """Place of the day of each segment."""
+        return np.searchsorted(self.days, segments, side="right") - 1
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns besides the coefficients."""
+        return int(2 * (self.aircraft + self.lasting))
+
+    def leverage(self) -> Floats:
+        """Return the share of each coefficient's scatter between days that fitting removes.
+
+        Of the aircraft's own equations with the field known; shape (aircraft, 6).
+        """
+        one = self.some.stretch
+        _, day = np.unique(self._day_of(one.segments), return_inverse=True)
+        count = int(day.max()) + 1
+        group = (one.aircraft * count + day[one.segment])[one.opens]
+        days = np.zeros((self.aircraft * count, OWN, OWN))
+        for component, kept in enumerate(KEPT):
+            design = _design(one, component)
+            weighted = self.some.within_pieces(design)
+            for i, row in zip(kept, design, strict=True):
+                pieces = np.add.reduceat(weighted * row, one.opens, axis=1)
+                for j, values in zip(kept, pieces, strict=True):
+                    days[:, i, j] += np.bincount(group, values, minlength=days.shape[0])
+        days = days.reshape(self.aircraft, count, OWN, OWN)
+        total = days.sum(axis=1)
+        trace = np.trace(total, axis1=1, axis2=2)[:, np.newaxis, np.newaxis]
+        # an aircraft without blocks on these days: no leverage
+        ridge = np.where(trace > 0, 1e-9 * trace, 1.0) * np.eye(OWN)
+        inverse = np.linalg.inv(total + ridge)
+        twice = (days @ inverse[:, np.newaxis] @ days).sum(axis=1)
+        removed = inverse @ twice @ inverse
+        share = np.diagonal(removed, axis1=1, axis2=2) / np.diagonal(inverse, axis1=1, axis2=2)
+        return np.asarray(np.minimum(share[:, :SLOPES] * count / self.days.size, 0.5))
+
+    def scores(self, unknowns: Floats) -> Floats:
+        """Return the score of every unknown by day, shape (day, unknown)."""
+        a = self.aircraft
+        theta = unknowns[: a * SLOPES].reshape(a, SLOPES)
+        bias = unknowns[a * SLOPES : a * OWN].reshape(a, 2)
+        lasting = unknowns[a * OWN :].reshape(2, -1)
+        found = np.zeros((self.days.size, unknowns.size))
+        for part in self._parts():
+            one = part.stretch
+            left = one.residual - (one.lasting_design @ lasting.T).T
+            for k, (i, j) in enumerate(bounds_of(one.aircraft, a)):
+                left[:, i:j] -= theta[k] @ one.slopes[:, :, i:j] + bias[k][:, np.newaxis]
+            self._add_scores(part, left, found)
+        return found
+
+    def _add_scores(self, part: Precision, left: Floats, found: Floats) -> None:
+        """Add the scores of some whole days' blocks, from their residual."""
+        one, a = part.stretch, self.aircraft
+        weighted = part.apply(left)
+        day = self._day_of(one.segments)
+        rows, day = slice(int(day[0]), int(day[-1]) + 1), day - day[0]
+        days = int(day[-1]) + 1
+        group = one.aircraft[one.opens] * days + day[one.segment[one.opens]]
+
+        def by_day(values: Floats) -> Floats:
+            pieces = np.add.reduceat(values, one.opens)
+            total = np.bincount(group, weights=pieces, minlength=a * days)
+            return np.asarray(total.reshape(a, days).T)
+
+        for k in range(SLOPES):
+            score = by_day(one.slopes[0, k] * weighted[0] + one.slopes[1, k] * weighted[1])
+            found[rows, k : a * SLOPES : SLOPES] = score
+        for c in range(2):
+            found[rows, a * SLOPES + c : a * OWN : 2] = by_day(weighted[c])
+        shift = (day * self.lasting).astype(np.int32)[one.segment]
+        daily = as_sparse(
+            one.lasting + shift[:, np.newaxis], one.lasting_share, days * self.lasting
+        )
+        scores = (daily.T @ weighted.T).reshape(days, self.lasting, 2)
+        found[rows, a * OWN :] = scores.transpose(0, 2, 1).reshape(days, -1)
+
+
+def _design(one: Stretch, component: int) -> Floats:
+    """Design of an aircraft's coefficients and bias, shape (7, n)."""
+    return np.vstack([one.slopes[component], np.ones(one.weight.size)])
+
+
+def _direct_information(precision: Precision, aircraft: int) -> Floats:
+    """Information about each aircraft's unknowns with the field known, shape (aircraft, 8, 8)."""
+    one = precision.stretch
+    found = np.zeros((aircraft, OWN, OWN))
+    for k, (i, j) in enumerate(bounds_of(one.aircraft, aircraft)):
+        if i == j:
+            continue
+        first, last = np.searchsorted(one.opens, (i, j))
+        for component, kept in enumerate(KEPT):
+            design = np.vstack([one.slopes[component, :, i:j], np.ones(j - i)])
+            weighted = design * precision.weight[i:j]
+            sums = np.add.reduceat(weighted, one.opens[first:last] - i, axis=1)
+            square = weighted @ design.T - (sums * precision.tied[first:last]) @ sums.T
+            found[k][np.ix_(kept, kept)] += square
+    return found
+
+
+def _runs(segments: Ints, count: Ints, day: Ints, most: int) -> list[Ints]:
+    """Segments of whole days with at most so many blocks together, one day at least."""
+    opens = np.flatnonzero(np.diff(day, prepend=-1))
+    found, total = [0], 0
+    for begin, blocks in zip(opens.tolist(), np.add.reduceat(count, opens).tolist(), strict=True):
+        if total and total + blocks > most:
+            found.append(begin)
+            total = 0
+        total += blocks
+    return np.split(segments, found[1:])
+
+
+def _white(within: Floats, freedom: Floats) -> Floats:
+    """Variance of one report of each aircraft; the fleet's median where it has too few."""
+    known = freedom >= LEAST_FREEDOM
+    if not known.any():
+        return np.ones(within.size)
+    found = within / np.maximum(freedom, 1.0)
+    # above zero also for made winds without noise: the precision divides by it
+    return np.asarray(np.maximum(np.where(known, found, np.median(found[known])), 1e-3))
+
+
+def _factor(some: Floats, every: Floats) -> Floats:
+    """Matrices that bring the information of some blocks to that of all, (aircraft, 8, 8)."""
+    # an aircraft without information on a parameter has no Cholesky factor without the ridge
+    ridge = 1e-9 * np.trace(every, axis1=1, axis2=2)[:, np.newaxis, np.newaxis] * np.eye(OWN)
+    thin, whole = (np.linalg.cholesky(one + ridge) for one in (some, every))
+    return np.asarray(whole @ np.linalg.inv(thin))
