@@ -181,7 +181,7 @@ def one_size(aircraft: int, days: int, reports: int, flies: Path | str) -> dict[
         "before": before / 1e6,
         "peak": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6,
         "covered": [float(one) for one in 100 * inside[good].mean(axis=0)],
-        "regions": fits.attrs.get("shared_error_regions", 1),
+        "regions": int(fits["shared_error_regions"]),
     }
 
 

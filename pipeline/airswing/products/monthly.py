@@ -26,7 +26,7 @@ from airswing.products.ragged import aircraft_groups
 
 FLIGHTS = "flight_total"
 """Attribute of a month: how many flights it has."""
-_TALLIES = ("screened_out", "reading_audit", "reference_audit", "ground_vector_evidence")
+_TALLIES = ("screened_out", "reading_audit", "reference_audit")
 _EXTREMES: dict[str, Callable[[list[Any]], Any]] = {
     "time_coverage_start": min,
     "time_coverage_end": max,

@@ -8,7 +8,6 @@ import xarray as xr
 
 from airswing.flags import published
 from airswing.products.netcdf import open_product, product_path
-from airswing.products.ragged import blocks, joined
 from airswing.vocabulary import describe
 from airswing.workflow.job import (
     CORRECTED,
@@ -43,7 +42,7 @@ def make_fits(job: Job, headings: xr.Dataset | None = None) -> xr.Dataset:
     from airswing.compass.fit.deviation import fit_deviation
     from airswing.compass.heading_kind import mean_declination
     from airswing.compass.plausibility import plausibility, with_implausible
-    from airswing.compass.table import add_tables, heading_histogram
+    from airswing.compass.table import add_tables
     from airswing.compass.tables_csv import write_tables_csv
     from airswing.evaluation.monitoring import add_changes, watch_compasses
     from airswing.report.run.swing_cards import write_swing_cards
@@ -54,17 +53,17 @@ def make_fits(job: Job, headings: xr.Dataset | None = None) -> xr.Dataset:
     with job.progress.stage("fit") as stage:
         fits = add_tables(
             fit_deviation(screened, pools=config.pools(), **config.fit.model_dump()),
-            heading_histogram(screened, abscissa=abscissa),
+            screened,
             resolution=math.degrees(config.table.resolution),
             sign=config.table.sign,
-        )
+        ).compute()
         fits = describe(fits.assign(mean_declination=("aircraft", mean_declination(screened))))
         members = config.pools()[reference]
         fits = with_implausible(fits, plausibility(screened, references=members))
-        watch = watch_compasses(screened, members=config.pools()[reference], abscissa=abscissa)
+        watch = watch_compasses(screened, members=members, abscissa=abscissa)
         fits = add_changes(fits, watch.changes)
         stage.note = f"{int(published(fits['status']).sum())} of {fits['status'].size} fits usable"
-        if regions := fits.attrs.get("shared_error_regions"):
+        if (regions := int(fits["shared_error_regions"].max())) > 1:
             stage.note += f"; the references' shared error in {regions} regions"
         job.write(
             fits,
@@ -97,7 +96,7 @@ def make_corrected(
     Dataset
         Of all months, lazy.
     """
-    from airswing.compass.correction import KEPT, NEEDED, correct
+    from airswing.compass.correction import correct
 
     fitted = ready(job, fits, FITS)
     reference, method = main_reference(job.config), job.config.correction.method
@@ -108,11 +107,7 @@ def make_corrected(
     with job.progress.stage("correct") as stage:
         for path in months:
             with open_product(path) as month:
-                parts = [
-                    correct(block, fitted, reference=reference, method=method)
-                    for block in blocks(month, [*KEPT, *NEEDED])
-                ]
-                corrected = joined(parts).assign_attrs(month.attrs | parts[0].attrs)
+                corrected = correct(month, fitted, reference=reference, method=method)
                 job.write(
                     corrected,
                     f"{CORRECTED}/{path.name}",

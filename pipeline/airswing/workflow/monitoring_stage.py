@@ -97,7 +97,7 @@ def _tables_since(
     which widens the tables' errors.
     """
     from airswing.compass.fit.deviation import fit_deviation
-    from airswing.compass.table import add_tables, heading_histogram
+    from airswing.compass.table import add_tables
     from airswing.evaluation.monitoring import tables_of
     from airswing.products.ragged import joined
 
@@ -117,7 +117,7 @@ def _tables_since(
     recent = recent.isel(aircraft=np.isin(recent["aircraft"].to_numpy().astype(str), list(since)))
     fits = add_tables(
         fit_deviation(recent, pools=config.pools(), **config.fit.model_dump()),
-        heading_histogram(recent, abscissa=config.fit.abscissa),
+        recent,
         resolution=math.degrees(config.table.resolution),
     )
     now = tables_of(fits.sel(reference=main_reference(config)))

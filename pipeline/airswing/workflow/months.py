@@ -35,7 +35,6 @@ from airswing.errors import InputError
 from airswing.products.fingerprint import code_digest, file_identities, fingerprint
 from airswing.products.monthly import FLIGHTS, month_bounds
 from airswing.products.netcdf import as_stored, open_product, read_product
-from airswing.products.ragged import blocks, joined
 from airswing.products.whole_files import write_json
 from airswing.report.run.reading_warnings import model_warnings, reading_warnings, tally, unread
 from airswing.workflow.job import CORRECTED, HEADINGS, Job
@@ -492,7 +491,6 @@ class _Month:
     def _collocated(self) -> xr.Dataset | None:
         """Reports of the month with model winds and headings; None without any."""
         from airswing.compass.headings import derive_headings
-        from airswing.compass.reported_motion import sum_of_accounts
         from airswing.reports import Audit, assemble
 
         parts = self.archive.around(self.name)
@@ -506,19 +504,11 @@ class _Month:
         if not reports.sizes["report"]:
             return None
         winds, audits = self._winds(reports)
-        found, evidence, start = [], [], 0
-        for block in blocks(reports):
-            rows = slice(start, start + block.sizes["report"])
-            start = rows.stop
-            own = derive_headings(block, winds.isel(report=rows))
-            found.append(as_stored(own))
-            evidence.append(json.loads(own.attrs["ground_vector_evidence"]))
-        headings = joined(found)
+        headings = as_stored(derive_headings(reports, winds))
         headings.attrs = {
             "featureType": "trajectory",
             "reading_audit": audit.as_json(),
             "reference_audit": json.dumps(audits),
-            "ground_vector_evidence": json.dumps(sum_of_accounts(evidence)),
             FLIGHTS: int(reports["flight"].max()) + 1,
         }
         return headings
