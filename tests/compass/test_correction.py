@@ -6,15 +6,20 @@ from hypothesis import strategies as st
 
 import airswing  # noqa: F401
 from airswing.compass.correction import (
-    _error_of_each,
+    coding_variance,
     correct,
     corrected_wind,
+    correction_error,
     curve_standard_error,
 )
 from airswing.compass.fit.deviation import fit_deviation
+from airswing.compass.headings import derive_headings
+from airswing.compass.screening import screen
 from airswing.compass.table import add_tables
 from airswing.errors import InputError
-from airswing.flags import CORRECTION
+from airswing.flags import CORRECTION, STATUS
+from airswing.reports.read import read_reports
+from airswing.synthetic.sample.sample_archive import simulate_arrays, write_reports
 from tests.compass.flown import Setting, fleet_deviations, fly
 
 
@@ -70,8 +75,6 @@ def test_standard_error_is_the_quadratic_form_of_each_report_s_own_aircraft():
     )
     expected = [np.sqrt(row @ covariance[k] @ row) for row, k in zip(slope, own, strict=True)]
     assert curve_standard_error(covariance[own], heading, gain) == pytest.approx(expected)
-    assert _error_of_each(covariance, own, heading, gain) == pytest.approx(expected)
-    assert _error_of_each(covariance, own[:0], heading[:0], gain[:0]).size == 0
 
 
 @pytest.mark.parametrize("method", ["table", "curve"])
@@ -181,3 +184,110 @@ def test_both_signs_correct_alike(fleet):
     )
     one, two = correct(headings, fits), correct(headings, other)
     assert np.array_equal(one["corrected_eastward_wind"], two["corrected_eastward_wind"])
+
+
+def test_an_aircraft_that_needs_no_correction_keeps_its_winds(fleet):
+    headings, _, fits = fleet
+    fits = fits.copy(deep=True)
+    fits["status"][0, 1] = STATUS["no_correction_needed"]
+    fits = add_tables(fits, headings)
+    assert (fits["table_correction"][0, 1] == 0).all()
+    assert (fits["table_correction"][0, 0] != 0).any()
+    done, size = correct(headings, fits), int(headings["row_size"][0])
+    same = slice(size, 2 * size)
+    assert (done["correction_applied"][same] == CORRECTION["no_correction_needed"]).all()
+    assert np.array_equal(done["corrected_eastward_wind"][same], headings["eastward_wind"][same])
+    assert np.array_equal(done["corrected_heading"][same], headings["heading"][same])
+
+
+def test_parts_of_the_standard_error_by_hand():
+    # 100 m/s, curve known to 0.003 rad: 0.3 m/s
+    assert correction_error(100.0, 0.1, 0.0, curve_error=0.003) == pytest.approx(0.3)
+    # airspeed known to 4 m/s under a deviation of 0.1: 0.4 m/s
+    assert correction_error(100.0, 0.1, 0.0, airspeed_error=4.0) == pytest.approx(0.4)
+    # heading known to 0.05 rad: the correction of 10 m/s turns with it, 0.5 m/s
+    found = correction_error(100.0, 0.1, 0.0, heading_error=0.05)
+    assert found == pytest.approx(0.5, rel=1e-3)
+    # as much where the curve is steep and zero
+    found = correction_error(100.0, 0.0, 0.1, heading_error=0.05)
+    assert found == pytest.approx(0.5, rel=1e-3)
+    # heading unknown: at most the correction back and forth
+    found = correction_error(100.0, 0.1, 0.0, heading_error=50.0)
+    assert found == pytest.approx(np.sqrt(2.0) * 10.0)
+    assert correction_error(100.0, 0.1, 0.0, coding=0.09) == pytest.approx(0.3)
+
+
+def test_coding_of_two_reports():
+    # steps of 0.5 m/s and of 0.01 rad at 20 m/s: uniform, variance step^2 / 12, of two reports
+    assert coding_variance(20.0, 0.5, 0.01) == pytest.approx(2.0 * (0.5**2 + 0.2**2) / 12.0)
+    speed = np.random.default_rng(0).uniform(0.0, 40.0, (2, 100_000))
+    off = np.round(speed / 0.5) * 0.5 - speed
+    assert np.var(off[0] - off[1]) == pytest.approx(coding_variance(9.0, 0.5, 0.0), rel=0.02)
+
+
+ARCHIVE = {"days": 16, "aircraft": 6, "seed": 11, "references": ("ruc",), "derivatives": False}
+
+
+@pytest.fixture(scope="module")
+def twins(tmp_path_factory):
+    """Reports of six compasses off by five to seven degrees, corrected, and as they should be."""
+    rng = np.random.default_rng(5)
+    effects = [
+        {
+            "name": "hard_iron",
+            "tails": [f"N{401 + k}"],
+            "parameters": {"amplitude_deg": rng.uniform(5, 7), "phase_deg": rng.uniform(0, 360)},
+        }
+        for k in range(6)
+    ]
+    with_effect, right = (simulate_arrays(effects=e, **ARCHIVE) for e in (effects, []))
+    folder = tmp_path_factory.mktemp("twins")
+    write_reports(folder, with_effect)
+    reports = read_reports(str(folder / "*.csv"))
+    tails = np.repeat(reports["aircraft"].to_numpy().astype(str), reports["row_size"].to_numpy())
+    place = {
+        key: k for k, key in enumerate(zip(with_effect["tail"], with_effect["time"], strict=True))
+    }
+    row = np.array([place[key] for key in zip(tails, reports["time"].to_numpy(), strict=True)])
+    model = {
+        f"reference_{side}_wind": (
+            ("reference", "report"),
+            with_effect[f"{name}_ruc"].to_numpy()[None, row],
+        )
+        for side, name in (("eastward", "u"), ("northward", "v"))
+    }
+    winds = xr.Dataset(model, coords={"reference": ["ruc"]})
+    headings = screen(derive_headings(reports, winds))
+    fits = add_tables(fit_deviation(headings), headings)
+    done = correct(headings, fits)
+    error = np.hypot(
+        done["corrected_eastward_wind"].to_numpy() - right["u"].to_numpy()[row],
+        done["corrected_northward_wind"].to_numpy() - right["v"].to_numpy()[row],
+    )
+    truth = right.iloc[row]
+    return error, done, truth, with_effect.iloc[row]
+
+
+def test_corrected_winds_are_within_what_they_state_of_those_of_right_compasses(twins):
+    error, done, truth, _ = twins
+    stated = done["corrected_wind_standard_error"].to_numpy()
+    known = np.isfinite(stated)
+    turning = np.abs(np.degrees(truth["bank"].to_numpy())) > 2.0
+    straight, turns = known & ~turning, known & turning
+    assert straight.sum() > 8_000
+    assert turns.sum() > 250
+    assert np.mean(error[straight] <= 2.0 * stated[straight]) > 0.95
+    assert np.mean(error[turns] <= 2.0 * stated[turns]) > 0.90
+    # and no more is stated than there is, by much
+    for chosen in (straight, turns):
+        assert np.sqrt(np.mean(stated[chosen] ** 2)) < 1.6 * np.sqrt(np.mean(error[chosen] ** 2))
+
+
+def test_turns_are_corrected_nearly_as_well_as_straight_flight(twins):
+    error, done, truth, _ = twins
+    known = np.isfinite(done["corrected_wind_standard_error"].to_numpy())
+    turning = np.abs(np.degrees(truth["bank"].to_numpy())) > 2.0
+    for phase, most in ((1, 1.9), (3, 1.6)):  # ascent, descent
+        chosen = known & turning & (truth["phase"].to_numpy() == phase)
+        assert np.sqrt(np.mean(error[chosen] ** 2)) < most
+    assert np.sqrt(np.mean(error[known & ~turning] ** 2)) < 0.9

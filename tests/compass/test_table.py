@@ -14,6 +14,7 @@ from airswing.compass.table import (
     deviation_curve,
     error_from_table,
     heading_histogram,
+    table_slope,
     unit_interpolation,
 )
 from airswing.errors import InputError
@@ -22,7 +23,10 @@ from airswing.errors import InputError
 def fits_of(coefficients, **attrs):
     rows = np.atleast_2d(np.asarray(coefficients, float))
     return xr.Dataset(
-        {"deviation": (("reference", "aircraft", "coefficient"), rows[None])},
+        {
+            "deviation": (("reference", "aircraft", "coefficient"), rows[None]),
+            "status": (("reference", "aircraft"), np.zeros((1, len(rows)), np.int8)),
+        },
         coords={"reference": ["ruc"], "aircraft": [f"N{k}" for k in range(len(rows))]},
         attrs=attrs,
     )
@@ -63,8 +67,8 @@ def test_interpolation_is_numpys_periodic_one(table, heading):
 
 @given(st.lists(st.floats(-20, 20), min_size=8, max_size=8), st.integers(0, 2**32 - 1))
 def test_a_curve_in_the_span_comes_back(nodes, seed):
-    histogram = np.random.default_rng(seed).poisson(1.0, 360) * (np.arange(360) < 200)
-    found, _ = _project_curve(unit_interpolation(nodes, FINE), histogram)
+    weight = np.random.default_rng(seed).poisson(1.0, 360) * (np.arange(360) < 200) + 0.05
+    found = _project_curve(unit_interpolation(nodes, FINE), weight)
     assert np.abs(found - nodes).max() < 1e-6
 
 
@@ -72,7 +76,8 @@ def test_a_curve_in_the_span_comes_back(nodes, seed):
 def test_projection_has_the_known_gain_and_residual(cycles, gain, residual):
     # the nodes sample sin at 45 degrees (one cycle) and at its tops (two cycles)
     error = np.sin(np.radians(cycles * FINE))
-    nodes, weight = _project_curve(error)
+    weight = np.full(360, 1 / 360)
+    nodes = _project_curve(error, weight)
     assert nodes == pytest.approx(gain * np.sin(np.radians(cycles * NODES)), abs=2e-3)
     left = np.sqrt(np.sum(weight * (unit_interpolation(nodes, FINE) - error) ** 2) * 2)
     assert left == pytest.approx(residual, abs=2e-3)
@@ -80,24 +85,24 @@ def test_projection_has_the_known_gain_and_residual(cycles, gain, residual):
 
 def test_projection_is_better_than_sampling_and_follows_the_histogram():
     curve = deviation_curve([1, 3, -2, 1, 0.5], FINE)
-    busy = np.where((FINE > 60) & (FINE < 120), 100, 0)
-    even, weight = _project_curve(curve)
+    busy, weight = np.where((FINE > 60) & (FINE < 120), 1 / 59, 0.0), np.full(360, 1 / 360)
+    even = _project_curve(curve, weight)
     sampled = deviation_curve([1, 3, -2, 1, 0.5], NODES)
 
     def rms(nodes, part):
         return np.sqrt(np.average((unit_interpolation(nodes, FINE) - curve) ** 2, weights=part))
 
     assert rms(even, weight) < 0.75 * rms(sampled, weight)
-    lobed, _ = _project_curve(curve, busy)
+    lobed = _project_curve(curve, 0.95 * busy + 0.05 * weight)
     assert rms(lobed, busy) < rms(even, busy)
     assert rms(lobed, None) < 3 * rms(even, None)  # empty sectors follow the curve
 
 
 def test_rounding_to_the_unit():
-    assert _round_to([0.14, -0.04, 2.26, -1.0], 0.1).tolist() == [0.1, 0.0, 2.3, -1.0]
-    assert _round_to([0.3, 0.8], 0.5).tolist() == [0.5, 1.0]
-    assert _round_to([0.123], 0.0)[0] == 0.123
-    assert not np.signbit(_round_to([-0.01], 0.1))[0]
+    assert _round_to(np.array([0.14, -0.04, 2.26, -1.0]), 0.1).tolist() == [0.1, 0.0, 2.3, -1.0]
+    assert _round_to(np.array([0.3, 0.8]), 0.5).tolist() == [0.5, 1.0]
+    assert _round_to(np.array([0.123]), 0.0)[0] == 0.123
+    assert not np.signbit(_round_to(np.array([-0.01]), 0.1))[0]
 
 
 @pytest.mark.parametrize("sign", ["subtract_error", "add_error"])
@@ -135,7 +140,7 @@ def test_rounding_costs_and_refused_fits_stay_nan():
 def test_histogram_counts_used_reports_only():
     ds = headings_of(np.array([0.5, 359.9, 10.2, np.nan]), np.array([90.0]))
     ds["screening"][2] = 4
-    counts = heading_histogram(ds)
+    counts = heading_histogram(ds).to_numpy()
     assert counts.sum(axis=1).tolist() == [2, 1]
     assert counts[0, 0] == counts[0, 359] == counts[1, 90] == 1
 
@@ -143,3 +148,8 @@ def test_histogram_counts_used_reports_only():
 def test_unknown_sign_is_refused():
     with pytest.raises(InputError, match=r"table\.sign.*add_error"):
         add_tables(fits_of([0] * 5), headings_of(np.zeros(1)), sign="east")
+
+
+def test_slope_of_tables():
+    table = np.tile(np.array([0.0, 4.5, 0, 0, 0, 0, 0, 9.0]), (3, 1))
+    np.testing.assert_allclose(table_slope(table, [10.0, 80.0, -20.0]), [0.1, -0.1, -0.2])

@@ -95,7 +95,7 @@ def test_out_and_back_the_amplitude_is_in_the_error():
     """One octant and the one opposite: the mean of both is no correction of either."""
     rng = np.random.default_rng(8)
     z = []
-    for seed in range(6):
+    for seed in range(10):
         deviation = np.zeros((FLEET.aircraft, 5))
         deviation[:, 1:3] = rng.normal(0, 3.0, (FLEET.aircraft, 2))
         headings, _ = fly(deviation, FLEET, seed)
@@ -112,7 +112,7 @@ def test_out_and_back_the_amplitude_is_in_the_error():
             apart = truth - float(fits["offset"][k])
             wide = curve_standard_error(fits["deviation_covariance"].to_numpy()[k], at)
             z.append(np.sqrt(np.mean((apart / wide) ** 2)))
-    assert len(z) > 10
+    assert len(z) > 6  # others are refused: their constant improves nothing
     assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.6
 
 

@@ -1,0 +1,458 @@
+"""Deviations and the error of the references together: exact matrices, large fleets, regions."""
+
+from __future__ import annotations
+
+import tracemalloc
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+from airswing.compass.fit.deviation import fit_deviation, fit_sums, sum_aircraft
+from airswing.compass.fleet import information, solution
+from airswing.compass.fleet.blocks import Blocks
+from airswing.compass.fleet.field_basis import MOST_NODES, FieldBasis
+from airswing.compass.fleet.field_error import Precision, Stretch, Variances, estimate_variances
+from airswing.compass.fleet.information import Reference
+from airswing.compass.fleet.solution import (
+    UNKNOWN_VARIANCE,
+    Equations,
+    FleetFit,
+    Iterated,
+    Written,
+    group_variances,
+    solve_fleet,
+)
+from airswing.physics.compass_deviation import deviation_basis
+from tests.compass.flown import Setting, fleet_deviations, fly
+
+AIRCRAFT = 7
+FREE = np.ones((AIRCRAFT, 6), dtype=bool)
+FREE[2, 3:5] = False
+
+
+def fleet_blocks(
+    aircraft: int,
+    days: int,
+    seed: int,
+    *,
+    field: float = 0.5,
+    middle: float = -87.0,
+    reach: tuple[float, float] = (5.0, 3.5),
+) -> list[Blocks]:
+    """Blocks in a field of waves, two a piece and a piece a segment, east and north of a middle."""
+    segments = 40_000 + np.repeat(np.arange(4 * days), 2)
+    n = segments.size
+    phase = np.random.default_rng([seed, 9]).uniform(0, 2 * np.pi, (2, 4 * days))
+    found = []
+    for number in range(aircraft):
+        rng = np.random.default_rng([seed, number])
+        east, north = (rng.uniform(-one, one, n) for one in reach)
+        heading = rng.uniform(0, 2 * np.pi, n)
+        sums = np.zeros((15, n))
+        sums[0] = rng.uniform(3, 8, n)
+        error = field * np.sin(0.4 * (east + north) + phase[:, segments - 40_000])
+        sums[1:3] = error + rng.normal(0, 0.7, (2, n))
+        curve, speed = deviation_basis(heading), 150.0
+        sums[3:8], sums[8] = -speed * np.cos(heading) * curve, speed * np.sin(heading)
+        sums[9:14], sums[14] = speed * np.sin(heading) * curve, speed * np.cos(heading)
+        sums[1:] *= sums[0]
+        found.append(
+            Blocks(
+                sums.astype(np.float32),
+                8.0 * n,
+                8.0 * n,
+                42.5 + north,
+                (middle + east + 180.0) % 360.0 - 180.0,
+                np.log(rng.uniform(3e4, 9e4, n)),
+                segments.astype(np.int32),
+                (np.arange(n) // 2).astype(np.int32),
+            )
+        )
+    return found
+
+
+def references(count: int = 1) -> list[Reference]:
+    days = 40_000 + 4 * np.arange(6)
+    return [Reference(fleet_blocks(AIRCRAFT, days.size, seed), FREE, days) for seed in range(count)]
+
+
+def dense(one: Reference) -> tuple[np.ndarray, np.ndarray]:
+    """Newton matrix and score of one reference, from the covariance of its blocks' means."""
+    stretch, own = one.some.stretch, one.variances
+    size, blocks = AIRCRAFT * 6 + one.size, stretch.weight.size
+    passing, lasting = stretch.passing_design.toarray(), stretch.lasting_design.toarray()
+    same = stretch.piece[:, np.newaxis] == stretch.piece
+    covariance = own.passing * passing @ passing.T + own.piece * same
+    covariance += np.diag(own.white[stretch.aircraft] / stretch.weight + own.block)
+    design = np.zeros((2, blocks, size))
+    for c in range(2):
+        for k in range(blocks):
+            a = stretch.aircraft[k]
+            design[c, k, 6 * a : 6 * a + 6] = stretch.slopes[c, :, k]
+            design[c, k, AIRCRAFT * 6 + 2 * a + c] = 1.0
+        begin = AIRCRAFT * 8 + c * one.lasting
+        design[c, :, begin : begin + one.lasting] = lasting
+    weighted = [np.linalg.solve(covariance, part) for part in design]
+    newton = sum(part.T @ other for part, other in zip(design, weighted, strict=True))
+    score = sum(part.T @ r for part, r in zip(weighted, stretch.residual, strict=True))
+    return newton, score
+
+
+def spread_of(fit: FleetFit) -> np.ndarray:
+    return np.sqrt(np.diagonal(fit.covariance, axis1=1, axis2=2))
+
+
+def test_the_information_is_that_of_the_dense_matrix():
+    (one,) = references()
+    expected, score = dense(one)
+    size = np.abs(expected).max()
+    equations = Equations([one.information], FREE)
+    found = equations.times(np.eye(equations.size))
+    np.testing.assert_allclose(found / size, expected / size, atol=1e-12)
+    blocks = one.information.own_blocks()
+    for block, place in zip(blocks, equations.own[0], strict=True):
+        np.testing.assert_allclose(block / size, expected[np.ix_(place, place)] / size, atol=1e-12)
+    for low in equations.lasting[0]:
+        block = one.information.lasting_block()
+        np.testing.assert_allclose(block, expected[np.ix_(low, low)], atol=1e-8)
+    np.testing.assert_allclose(one.start.sum(axis=0), score, rtol=1e-7, atol=1e-7)
+    np.testing.assert_allclose(one.scores(np.zeros(equations.size)), one.start, atol=1e-9)
+
+
+@pytest.mark.parametrize("count", [1, pytest.param(2, marks=pytest.mark.slow)])
+def test_both_inverses_are_that_of_the_dense_matrix(count):
+    every = references(count)
+    equations = Equations([one.information for one in every], FREE)
+    newton = np.zeros((equations.size, equations.size))
+    right = np.zeros(equations.size)
+    for one, place in zip(every, equations.places, strict=True):
+        own, score = dense(one)
+        newton[np.ix_(place, place)] += own
+        right[place] += score
+    fixed = np.flatnonzero(~FREE.ravel())
+    newton[fixed, fixed] = newton.max()
+    columns = np.random.default_rng(3).normal(size=(equations.size, 5))
+    for inverse in (Written(equations, right), Iterated(equations, right)):
+        covariance = np.linalg.inv(newton + np.diag(inverse.prior))
+        free = np.sqrt(np.diagonal(covariance))[: FREE.size][FREE.ravel()]
+        apart = (inverse.solve(right) - covariance @ right)[: FREE.size][FREE.ravel()]
+        assert np.abs(apart / free).max() < 1e-3
+        squares = ((covariance @ columns) ** 2).sum(axis=1)[: FREE.size]
+        np.testing.assert_allclose(
+            inverse.squares(columns).ravel()[FREE.ravel()], squares[FREE.ravel()], rtol=1e-2
+        )
+        exact = [covariance[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] for k in range(AIRCRAFT)]
+        exact = np.sqrt(np.diagonal(exact, axis1=1, axis2=2))
+        own = np.sqrt(np.diagonal(inverse.covariances(), axis1=1, axis2=2))
+        tolerance = 1e-6 if isinstance(inverse, Written) else 0.05
+        np.testing.assert_allclose(own[FREE], exact[FREE], rtol=tolerance)
+
+
+def test_a_large_fleet_is_solved_as_a_small_one_and_repeats(monkeypatch):
+    blocks = [[one] for one in fleet_blocks(30, 4, 0, field=1.0)]
+    every = np.ones((30, 6), dtype=bool)
+    found = []
+    for most in (10_000, 0, 0):
+        monkeypatch.setattr(solution, "WRITTEN_OUT", most)
+        found.append(solve_fleet(blocks, every))
+    exact, iterated, again = found
+    assert np.abs((iterated.step - exact.step) / spread_of(exact)).max() < 0.05
+    np.testing.assert_allclose(spread_of(iterated), spread_of(exact), rtol=0.03)
+    np.testing.assert_allclose(iterated.bias, exact.bias, atol=0.02)
+    np.testing.assert_allclose(iterated.bias_covariance, exact.bias_covariance, rtol=0.1)
+    np.testing.assert_array_equal(again.step, iterated.step)
+    np.testing.assert_array_equal(again.covariance, iterated.covariance)
+
+
+def peak_memory(aircraft: int, days: int) -> int:
+    blocks = [[one] for one in fleet_blocks(aircraft, days, 0, field=1.0)]
+    tracemalloc.start()
+    solve_fleet(blocks, np.ones((aircraft, 6), dtype=bool))
+    found = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    return found
+
+
+@pytest.mark.slow
+def test_memory_grows_no_faster_than_the_aircraft(monkeypatch):
+    monkeypatch.setattr(solution, "WRITTEN_OUT", 0)
+    assert peak_memory(80, 6) < 2.2 * peak_memory(40, 6)
+
+
+def test_memory_hardly_grows_with_the_days(monkeypatch):
+    monkeypatch.setattr(information, "MOST_BLOCKS", 1000)
+    assert peak_memory(8, 160) < 1.5 * peak_memory(8, 40)
+
+
+@pytest.mark.parametrize("most", [60, 200, 10_000])
+def test_the_scores_do_not_depend_on_where_the_days_are_divided(monkeypatch, most):
+    days = 40_000 + 4 * np.arange(20)
+    blocks = fleet_blocks(AIRCRAFT, 20, 0)
+    whole = Reference(blocks, FREE, days)
+    monkeypatch.setattr(information, "MOST_BLOCKS", most)
+    cut = Reference(blocks, FREE, days)
+    assert cut.thinned == (most < 10_000)
+    np.testing.assert_array_equal(np.concatenate(cut.runs), 40_000 + np.arange(80))
+    assert [run[0] % 4 for run in cut.runs] == [0] * len(cut.runs)
+    cut.variances = whole.variances
+    unknowns = np.random.default_rng(1).normal(0, 0.01, whole.start.shape[1])
+    np.testing.assert_allclose(cut.scores(unknowns), whole.scores(unknowns), rtol=1e-9, atol=1e-7)
+    np.testing.assert_allclose(cut.worth, whole.worth, rtol=1e-12)
+
+
+def test_an_aircraft_without_blocks_on_the_chosen_days_is_fitted_too(monkeypatch):
+    blocks = fleet_blocks(AIRCRAFT, 30, 0)
+    segments = 40_000 + np.arange(120)
+    seldom = segments[(segments % 4 != 0) & (segments % 4 != 2)][10:14]
+    blocks[0] = blocks[0].of(seldom)
+    exact = solve_fleet([[part] for part in blocks], FREE)
+    monkeypatch.setattr(information, "MOST_BLOCKS", 420)
+    one = Reference(blocks, FREE, 40_000 + 4 * np.arange(30))
+    assert one.thinned and not np.isin(one.some.stretch.segments, seldom).any()
+    found = solve_fleet([[part] for part in blocks], FREE)
+    apart = np.abs((found.step - exact.step)[FREE] / spread_of(exact)[FREE])
+    assert apart.max() < 0.5
+    np.testing.assert_allclose(spread_of(found)[FREE], spread_of(exact)[FREE], rtol=0.2)
+
+
+@pytest.mark.parametrize("most", [400, 4])
+def test_the_date_line_changes_nothing(monkeypatch, most):
+    """Also where the field is divided into regions."""
+    monkeypatch.setattr("airswing.compass.fleet.field_basis.MOST_NODES", most)
+    every = np.ones((AIRCRAFT, 6), dtype=bool)
+    here, there = (
+        solve_fleet([[one] for one in fleet_blocks(AIRCRAFT, 6, 0, middle=middle)], every)
+        for middle in (-87.0, 179.0)
+    )
+    assert np.abs((there.step - here.step) / spread_of(here)).max() < 1e-4
+    np.testing.assert_allclose(there.covariance, here.covariance, rtol=1e-4, atol=1e-12)
+    assert here.regions == (1 if most == 400 else 9)
+
+
+def test_regions_lose_little_of_the_information(monkeypatch):
+    """A hemisphere whole and in regions; the aircraft have no deviation."""
+    every = np.ones((30, 6), dtype=bool)
+    blocks = [[one] for one in fleet_blocks(30, 12, 1, field=1.5, middle=179.0, reach=(60.0, 30.0))]
+    found = {}
+    for most in (10_000, 150):
+        monkeypatch.setattr("airswing.compass.fleet.field_basis.MOST_NODES", most)
+        found[most] = solve_fleet(blocks, every)
+    whole, parts = found[10_000], found[150]
+    assert (whole.regions, parts.regions > 4) == (1, True)
+    assert np.abs((whole.step - parts.step) / spread_of(whole)).max() < 0.5
+    assert np.mean(spread_of(parts) / spread_of(whole)) == pytest.approx(1.0, abs=0.05)
+    assert np.std(parts.step / spread_of(parts)) == pytest.approx(1.0, abs=0.15)
+
+
+def test_all_round_the_globe_the_fleet_is_solved(monkeypatch):
+    monkeypatch.setattr(information, "MOST_NUMBERS", 10_000)
+    every = np.ones((AIRCRAFT, 6), dtype=bool)
+    blocks = fleet_blocks(AIRCRAFT, 2, 0, middle=179.0, reach=(180.0, 40.0))
+    one = Reference(blocks, every, 40_000 + 4 * np.arange(2))
+    assert [nodes.size for nodes in one.basis.lasting[:2]] == [5, 15]
+    assert one.thinned
+    found = solve_fleet([[one] for one in blocks], every)
+    assert np.isfinite(found.step).all()
+    assert (np.linalg.eigvalsh(found.covariance) > 0).all()
+
+
+def field_of(middle: float = -87.0, n: int = 3000, seed: int = 0):
+    rng = np.random.default_rng(seed)
+    return (
+        rng.uniform(39, 46, n),
+        (rng.uniform(middle - 5, middle + 5, n) + 180) % 360 - 180,
+        np.log(rng.uniform(3e4, 9e4, n)),
+    )
+
+
+def noise_blocks(n: int = 3000, each: int = 3, segments: int = 20) -> Blocks:
+    """Blocks of one aircraft, ``each`` a piece, with unit white noise alone."""
+    rng = np.random.default_rng(0)
+    sums = np.zeros((15, n))
+    sums[0] = 5.0
+    sums[1:3] = 5.0 * rng.normal(0, np.sqrt(0.2), (2, n))
+    sums[3:] = 5.0 * rng.normal(0, 100, (12, n))
+    piece = np.arange(n) // each
+    segment = piece * segments // (n // each)
+    return Blocks(sums.astype(np.float32), 4.0 * n, 4.0 * n, *field_of(n=n), segment, piece)
+
+
+@pytest.mark.parametrize("middle", [-87.0, 179.0])
+def test_the_functions_of_each_part_add_up_to_one(middle):
+    where = field_of(middle)
+    basis = FieldBasis.of(*where)
+    for index, value, size in (
+        (*basis.lasting_at(*where), basis.lasting_size),
+        (*basis.passing_at(*where[:2]), basis.passing_size),
+    ):
+        np.testing.assert_allclose(value.sum(axis=1), 1.0, atol=1e-12)
+        assert value.min() >= 0
+        assert index.max() < size
+
+
+@pytest.mark.parametrize("middle", [-87.0, 179.0])
+def test_a_field_in_regions_is_independent_beyond_their_borders(monkeypatch, middle):
+    """The covariance from where the places are; also across the date line."""
+    monkeypatch.setattr("airswing.compass.fleet.field_basis.MOST_NODES", 4)
+    one = noise_blocks(60, each=6, segments=5)
+    one = replace(one, longitude=field_of(middle, n=60)[1])
+    basis = FieldBasis.of(one.latitude, one.longitude, one.log_pressure)
+    assert (basis.cuts, basis.regions) == ((2, 2), 9)
+    variances, stretch = Variances(np.array([1.3]), 0.4, 0.7, 0.9), Stretch.of([one], basis)
+    index, value = basis.passing_at(one.latitude, one.longitude)
+    functions = np.zeros((60, 9))
+    np.put_along_axis(functions, index, value, axis=1)
+    # borders half-way in each direction, a fifth of a region farther back each segment
+    east = (one.longitude - basis.origin[0] + 180) % 360 - 180
+    part = [
+        (2 * (side - nodes[0]) / np.ptp(nodes) + (one.segment % 5) / 5) // 1
+        for side, nodes in zip((one.latitude, east * basis.origin[1]), basis.passing, strict=True)
+    ]
+    where = np.stack([one.segment, *part])
+    near = (where[:, :, np.newaxis] == where[:, np.newaxis]).all(axis=0)
+    together = near & (one.piece[:, np.newaxis] == one.piece)
+    run = np.cumsum(np.concatenate([[True], ~np.diagonal(together, 1)]))
+    covariance = np.diag(1.3 / stretch.weight + 0.4) + 0.7 * (run[:, np.newaxis] == run)
+    covariance += 0.9 * near * (functions @ functions.T)
+    values = np.random.default_rng(1).normal(size=(2, 60))
+    expected = np.linalg.solve(covariance, values.T).T
+    np.testing.assert_allclose(Precision(stretch, variances).apply(values), expected, atol=1e-10)
+
+
+def test_borders_move_and_regions_are_small():
+    """Over a globe; two places near each other share a region in four segments of five."""
+    rng = np.random.default_rng(4)
+    latitude, longitude = rng.uniform(-60, 80, 20_000), rng.uniform(-180, 180, 20_000)
+    basis = FieldBasis.of(latitude, longitude, np.log(rng.uniform(3e4, 9e4, latitude.size)))
+    assert basis.passing_size > 3000
+    other = np.clip(latitude + rng.uniform(-2, 2, latitude.size), -60, 80)
+    shared = np.zeros(latitude.size)
+    for segment in range(40_000, 40_005):
+        number = np.full(latitude.size, segment)
+        cell = basis.cells(latitude, longitude, number)
+        assert set(cell // basis.regions) == {segment}
+        shared += cell == basis.cells(other, longitude, number)
+        index, _ = basis.passing_at(latitude, longitude)
+        nodes = [np.unique(index[cell == one]).size for one in np.unique(cell)]
+        assert max(nodes) <= basis.region_size <= 1.25 * MOST_NODES
+    assert (shared >= 4).mean() > 0.99
+
+
+@pytest.mark.parametrize("seam", [0.0, 137.5, 180.0, 359.0])
+def test_the_seam_of_longitude_is_where_fewest_fly(seam):
+    rng = np.random.default_rng(5)
+    longitude = (seam + rng.uniform(2, 358, 5000) + 180) % 360 - 180
+    n = longitude.size
+    basis = FieldBasis.of(rng.uniform(20, 60, n), longitude, np.log(rng.uniform(3e4, 9e4, n)))
+    assert abs((basis.origin[0] - seam) % 360 - 180) < 2
+    assert np.ptp(basis.passing[1]) == pytest.approx(356 * basis.origin[1], abs=1)
+
+
+def test_known_variances_are_found_and_zero_stays_zero():
+    one = noise_blocks()
+    stretch = Stretch.of([one], FieldBasis.of(one.latitude, one.longitude, one.log_pressure))
+    nothing = estimate_variances(stretch, np.ones(1))
+    assert max(nothing.block, nothing.piece, nothing.passing) < 0.05
+    rng = np.random.default_rng(2)
+    field = rng.normal(0, 1.2, (stretch.passing_design.shape[1], 2))
+    stretch.residual[:] += (stretch.passing_design @ field).T
+    stretch.residual[:] += rng.normal(0, 0.8, (2, stretch.opens.size))[:, stretch.piece]
+    stretch.residual[:] += rng.normal(0, 0.5, stretch.residual.shape)
+    found = estimate_variances(stretch, np.ones(1))
+    assert found.passing == pytest.approx(1.44, rel=0.2)
+    assert found.piece == pytest.approx(0.64, rel=0.25)
+    assert found.block == pytest.approx(0.25, rel=0.3)
+
+
+def test_segments_are_chosen_also_where_flights_are_numbered_out_of_time():
+    one = noise_blocks(60, segments=4)
+    turned = replace(one, segment=one.segment[::-1])
+    assert one.in_order and not turned.in_order
+    keep = (turned.segment == 1) | (turned.segment == 2)
+    np.testing.assert_array_equal(turned.of(np.array([1, 2])).sums, one.sums[:, keep])
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("small", [0.0, 0.03])
+def test_prior_variances_maximize_the_restricted_likelihood(seed, small):
+    """Against a search over the likelihood itself, also where one of the variances is zero."""
+    rng = np.random.default_rng(seed)
+    groups = [np.arange(20), 20 + np.arange(60)]
+    effects = np.concatenate([rng.normal(0, 0.5, 20), rng.normal(0, np.sqrt(small), 60), [3.0]])
+    design = rng.normal(size=(200, effects.size))
+    info = design.T @ design / 4.0
+    score = design.T @ (design @ effects + 2.0 * rng.normal(size=200)) / 4.0
+
+    def minus_twice_log_likelihood(logarithms):
+        variance = np.full(effects.size, UNKNOWN_VARIANCE)
+        for group, logarithm in zip(groups, logarithms, strict=True):
+            variance[group] = np.exp(logarithm)
+        total = info + np.diag(1.0 / variance)
+        quadratic = score @ np.linalg.solve(total, score)
+        return np.linalg.slogdet(total)[1] + np.log(variance).sum() - quadratic
+
+    best = minimize(
+        minus_twice_log_likelihood,
+        np.log([0.05, 0.05]),
+        method="L-BFGS-B",
+        bounds=[(np.log(1e-4), np.log(9.0))] * 2,
+    )
+    found = group_variances(info, score, groups)
+    assert minus_twice_log_likelihood(np.log([found[0], found[20]])) < best.fun + 0.05
+    assert found[-1] == UNKNOWN_VARIANCE
+
+
+def errors(seed: int, **options) -> tuple[np.ndarray, np.ndarray]:
+    """Errors and standard errors of A, B, C where days of model error dominate."""
+    setting = Setting(aircraft=8, days=25, day_error=2.5, flight_error=0.5, noise=1.0)
+    deviation = fleet_deviations(8, np.random.default_rng(seed), two_cycles=0.0)
+    ds, _ = fly(deviation, setting, seed)
+    fits = fit_deviation(ds, harmonics=1, **options).isel(reference=0)
+    spread = np.sqrt(np.diagonal(fits["deviation_covariance"].to_numpy(), axis1=1, axis2=2))
+    return (fits["deviation"].to_numpy() - deviation)[:, :3], spread[:, :3]
+
+
+def test_the_shared_error_is_removed_and_intervals_hold():
+    with_field = [errors(seed) for seed in range(5)]
+    without = [errors(seed, shared_error=False) for seed in range(5)]
+    rms = [np.sqrt(np.nanmean([e**2 for e, _ in runs])) for runs in (with_field, without)]
+    assert rms[0] < 0.85 * rms[1]
+    score = np.concatenate([(e / s).ravel() for e, s in with_field])
+    score = score[np.isfinite(score)]
+    assert (np.abs(score) < 1.96).mean() >= 0.88
+    assert np.abs(score).max() < 4.5
+
+
+def test_few_reports_are_fitted_without_a_field():
+    setting = Setting(aircraft=1, days=12, flights_a_day=2)
+    ds, _ = fly(fleet_deviations(1, np.random.default_rng(4)), setting, 4)
+    plain = fit_deviation(ds, shared_error=False)
+    np.testing.assert_array_equal(fit_deviation(ds)["deviation"], plain["deviation"])
+
+
+def test_a_fleet_summed_in_parts_gives_the_same_fits():
+    setting = Setting(aircraft=5, days=15)
+    ds, _ = fly(fleet_deviations(5, np.random.default_rng(6)), setting, 6)
+    whole = fit_deviation(ds)
+    size = int(ds["row_size"][0])
+    parts = [
+        sum_aircraft(ds.isel(aircraft=slice(a, b), report=slice(a * size, b * size)))
+        for a, b in ((0, 2), (2, 3), (3, 5))
+    ]
+    assert fit_sums(parts).identical(whole)
+
+
+def test_a_choice_of_segments_gives_nearly_the_same_fits(monkeypatch):
+    ds, _ = fly(fleet_deviations(5, np.random.default_rng(7)), Setting(aircraft=5, days=60), 7)
+    exact = fit_deviation(ds)
+    monkeypatch.setattr(information, "MOST_BLOCKS", 700)
+    thinned = fit_deviation(ds)
+    spread, other = (
+        np.sqrt(np.diagonal(fits["deviation_covariance"].to_numpy(), axis1=-2, axis2=-1))
+        for fits in (exact, thinned)
+    )
+    apart = np.abs(thinned["deviation"].to_numpy() - exact["deviation"].to_numpy())
+    assert (apart / spread).max() < 0.2
+    np.testing.assert_allclose(other, spread, rtol=0.1)
