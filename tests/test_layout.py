@@ -79,6 +79,6 @@ def test_no_modules_import_each_other_in_a_circle():
 
 
 def test_the_check_detects_a_forbidden_import():
-    motion = PACKAGE / "compass" / "reported_motion.py"
-    assert any(folder_of(other) == "reports" for other in imported(motion))
+    headings = PACKAGE / "compass" / "headings.py"
+    assert any(folder_of(other) == "reports" for other in imported(headings))
     assert ORDER.index("reports") < ORDER.index("compass")
