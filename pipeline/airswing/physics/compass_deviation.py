@@ -46,8 +46,8 @@ def deviation_basis(heading: ArrayLike, gain: ArrayLike = 1.0) -> Array:
     basis = np.empty((5, *m.shape))
     sine, cosine = np.sin(m), np.cos(m)
     basis[0] = 1.0
-    np.multiply(sine, gain, out=basis[1])
-    np.multiply(cosine, gain, out=basis[2])
+    basis[1] = sine * gain
+    basis[2] = cosine * gain
     basis[3] = 2.0 * sine * cosine
     basis[4] = 1.0 - 2.0 * sine * sine
     return basis
