@@ -159,7 +159,7 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
-    from airswing.synthetic.sample.sample_archive import write_archive
+    from airswing.synthetic.archive import write_archive
 
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)

@@ -81,7 +81,7 @@ def judged(process: subprocess.Popen[str], folder: Path) -> Outcome:
 
 def archive(folder: Path, **changes: Any) -> Path:
     """A day of two aircraft and two models; its configuration."""
-    from airswing.synthetic.sample.sample_archive import write_archive
+    from airswing.synthetic.archive import write_archive
 
     write_archive(folder, days=1, aircraft=2, seed=1)
     config = folder / "config.yaml"

@@ -31,8 +31,8 @@ from airswing.evaluation.observation_errors import (
 )
 from airswing.flags import CORRECTION, PHASE
 from airswing.products.ragged import aircraft_of_report
-from airswing.synthetic.aircraft.truth import fleet_deviations
-from airswing.synthetic.sample.sample_archive import simulate_arrays, write_reports
+from airswing.synthetic.archive import simulate_arrays, write_reports
+from airswing.synthetic.truth import fleet_deviations
 
 REFERENCES = ("ruc", "rtfdaa")
 POOLS = {"ruc": ["ruc"], "rtfdaa": ["rtfdaa"], "ruc+rtfdaa": list(REFERENCES)}

@@ -17,7 +17,7 @@ from pathlib import Path
 
 from airswing import workflow
 from airswing.config_file import load_config
-from airswing.synthetic.sample.sample_archive import write_archive
+from airswing.synthetic.archive import write_archive
 from airswing.workflow.progress import Progress, StageRecord
 
 BAR = 0.25

@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 import yaml
 
-from airswing.synthetic.sample.sample_archive import write_archive
+from airswing.synthetic.archive import write_archive
 
 TAILS = {"N401": "<script>alert('tail')</script>", "N402": 'N402"><img src=x onerror=alert(2)>'}
 REFERENCE = "<b onclick=alert(3)>ruc</b>"

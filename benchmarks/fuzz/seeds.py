@@ -238,7 +238,7 @@ effects:
 def _of_a_run(folder: Path) -> dict[str, Path]:
     """Products, kept work and header cache of a small run, and its configuration."""
     from airswing.config_file import load_config
-    from airswing.synthetic.sample.sample_archive import write_archive
+    from airswing.synthetic.archive import write_archive
     from airswing.workflow import make_corrected, make_fits, make_headings
     from airswing.workflow.evaluation_stage import make_observation_errors
     from airswing.workflow.job import Job

@@ -47,8 +47,8 @@ if TYPE_CHECKING:  # for editors and mypy; at run time each is imported on first
     from airswing.reference.fleet_wind import fleet_wind as fleet_wind
     from airswing.report.gap.in_notebook import diagnose as diagnose
     from airswing.reports.read import read_reports as read_reports
-    from airswing.synthetic.sample.mode_s_sample import write_mode_s as write_mode_s
-    from airswing.synthetic.sample.sample_archive import write_archive as write_archive
+    from airswing.synthetic.archive import write_archive as write_archive
+    from airswing.synthetic.mode_s import write_mode_s as write_mode_s
     from airswing.workflow.main import run as run
     from airswing.workflow.track import append_winds as append_winds
 
@@ -82,8 +82,8 @@ _STAGES = {
     "write_product": "airswing.products.netcdf",
     "load_config": "airswing.config_file",
     "aircraft_reports": "airswing.products.ragged",
-    "write_archive": "airswing.synthetic.sample.sample_archive",
-    "write_mode_s": "airswing.synthetic.sample.mode_s_sample",
+    "write_archive": "airswing.synthetic.archive",
+    "write_mode_s": "airswing.synthetic.mode_s",
 }
 
 __all__ = sorted(_STAGES)

@@ -375,7 +375,7 @@ def sample(
 
     Of five aircraft or more the last flies to and fro on one route: too few headings for a fit.
     """
-    from airswing.synthetic.sample.sample_archive import write_archive
+    from airswing.synthetic.archive import write_archive
 
     shuttles = int(aircraft >= 5)
     print(write_archive(directory, days=days, aircraft=aircraft, seed=seed, shuttles=shuttles))

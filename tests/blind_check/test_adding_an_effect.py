@@ -27,7 +27,7 @@ from airswing.gap.simulation.forward import simulate
 from airswing.gap.simulation.known_effects import take_off_known
 from airswing.report.gap.gap_page import write_gap_page
 from airswing.report.gap.words import verdict
-from airswing.synthetic.aircraft.faults import UNIT_FAULTS
+from airswing.synthetic.instrument import UNIT_FAULTS
 from airswing.synthetic.sealed.cases import Size
 from airswing.synthetic.sealed.draws import Draw, Signed
 

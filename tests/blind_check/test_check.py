@@ -12,7 +12,7 @@ from airswing.blind_check import Plan, gap_check, write_report
 from airswing.blind_check.score import draws
 from airswing.blind_check.summary import summary_table
 from airswing.synthetic.sealed.cases import Size
-from airswing.synthetic.sealed.sealing import digest_of
+from airswing.synthetic.sealed.labels import digest_of
 
 NAMES = ("compass_offset", "hard_iron", "tas_scale", "outliers")
 PLAN = Plan(10, 4, True, rungs=(1, 3), names=NAMES)

@@ -13,7 +13,7 @@ from airswing.blind_check import score_case, targets
 from airswing.blind_check.score import date_error, parameter_errors, standardised_errors
 from airswing.blind_check.summary import check_figure, confusion, of_default, reliability, wilson
 from airswing.errors import InputError
-from airswing.synthetic.sealed.sealing import digest_of, open_seal, seal
+from airswing.synthetic.sealed.labels import digest_of, open_seal, seal
 
 FLEET = ["N401", "N402", "N403", "N404"]
 HARD_IRON = {

@@ -19,7 +19,7 @@ from airswing.compass.table import add_tables
 from airswing.errors import InputError
 from airswing.flags import CORRECTION, STATUS
 from airswing.reports.read import read_reports
-from airswing.synthetic.sample.sample_archive import simulate_arrays, write_reports
+from airswing.synthetic.archive import simulate_arrays, write_reports
 from tests.compass.flown import Setting, fleet_deviations, fly
 
 

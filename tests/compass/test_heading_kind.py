@@ -12,8 +12,8 @@ from airswing.compass.heading_kind import _taken_for
 from airswing.config_file import load_config
 from airswing.evaluation.results import Evaluation
 from airswing.products.netcdf import read_product
-from airswing.synthetic.sample.mode_s_sample import START, write_mode_s
-from airswing.synthetic.world.earthfield import EarthField
+from airswing.synthetic.earth_field import EarthField
+from airswing.synthetic.mode_s import START, write_mode_s
 from airswing.workflow.progress import Progress
 
 

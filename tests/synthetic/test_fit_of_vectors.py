@@ -12,10 +12,9 @@ import numpy as np
 import xarray as xr
 
 from airswing.compass.fit.deviation import fit_deviation
-from airswing.synthetic.aircraft.faults import parse_faults
-from airswing.synthetic.aircraft.instrument import deviation_curve
-from airswing.synthetic.aircraft.truth import fleet_deviations, unit_of
-from airswing.synthetic.sample.sample_archive import simulate_arrays
+from airswing.synthetic.archive import simulate_arrays
+from airswing.synthetic.instrument import deviation_curve, parse_faults
+from airswing.synthetic.truth import fleet_deviations, unit_of
 
 START = datetime(2009, 3, 1)
 TAILS = [f"N{401 + k}" for k in range(6)]

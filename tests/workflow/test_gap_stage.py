@@ -11,7 +11,7 @@ from airswing.config_file import load_config
 from airswing.gap.archive.frame import Frame
 from airswing.products.netcdf import read_product
 from airswing.reference.collocate import DERIVATIVES
-from airswing.synthetic.sample.sample_archive import write_archive
+from airswing.synthetic.archive import write_archive
 from airswing.workflow import HEADINGS, Job, make_headings
 from airswing.workflow.gap_stage import GAP_JSON, diagnosis
 from airswing.workflow.progress import Progress

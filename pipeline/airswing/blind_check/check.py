@@ -27,9 +27,8 @@ from airswing.blind_check.score import Score, draws, score_case
 from airswing.products.fingerprint import code_digest
 from airswing.products.whole_files import write_json
 from airswing.synthetic.sealed.cases import Case, Size, World, plan_cases
-from airswing.synthetic.sealed.labels import Label
+from airswing.synthetic.sealed.labels import Label, open_seal, seal
 from airswing.synthetic.sealed.sealed_archives import Archivist
-from airswing.synthetic.sealed.sealing import open_seal, seal
 
 Say = Callable[[str], None]
 # From configuration, output folder and effects to withhold to the content of gap.json.

@@ -6,8 +6,15 @@ import numpy as np
 import pyproj
 import pytest
 
-from airswing.synthetic.aircraft.airborne_fleet import STEP, Flown, fly, report_steps
-from airswing.synthetic.aircraft.network import NETWORKS, Timetable, timetable
+from airswing.synthetic.flights import (
+    NETWORKS,
+    STEP,
+    Flown,
+    Timetable,
+    fly,
+    report_steps,
+    timetable,
+)
 
 GEOD = pyproj.Geod(ellps="WGS84")
 

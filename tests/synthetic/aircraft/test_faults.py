@@ -10,8 +10,8 @@ import pytest
 
 from airswing.errors import InputError
 from airswing.synthetic import simulate_arrays
-from airswing.synthetic.aircraft.faults import UNIT_FAULTS, parse_faults
-from airswing.synthetic.aircraft.observe import Coding
+from airswing.synthetic.instrument import UNIT_FAULTS, parse_faults
+from airswing.synthetic.observe import Coding
 
 FINE = Coding(
     direction_deg=1e-5, speed_kt=1e-5, position_arcmin=1e-4, airspeed_noise=0.0, heading_noise=0.0

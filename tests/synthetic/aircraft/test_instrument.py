@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from airswing.synthetic.aircraft.instrument import (
+from airswing.synthetic.instrument import (
     Unit,
     coded,
     compute_wind,

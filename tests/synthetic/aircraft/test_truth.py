@@ -7,10 +7,10 @@ from datetime import datetime
 import numpy as np
 import pytest
 
-from airswing.synthetic.aircraft.faults import parse_faults
-from airswing.synthetic.aircraft.observe import Coding
-from airswing.synthetic.aircraft.truth import fleet_deviations, truth_record
-from airswing.synthetic.sample.sample_archive import simulate_arrays
+from airswing.synthetic.archive import simulate_arrays
+from airswing.synthetic.instrument import parse_faults
+from airswing.synthetic.observe import Coding
+from airswing.synthetic.truth import fleet_deviations, truth_record
 
 START = datetime(2009, 3, 1)
 

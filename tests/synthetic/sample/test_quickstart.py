@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from airswing.config_file import load_config
-from airswing.synthetic.sample.quickstart import write_quickstart
+from airswing.synthetic.quickstart import write_quickstart
 
 EIGHT_MEGABYTES = 8_000_000
 

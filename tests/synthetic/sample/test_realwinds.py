@@ -10,14 +10,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from airswing.synthetic.sample import realwinds
+from airswing.synthetic import real_winds
 
 GRIB = "grib/wrf_ruc13_g212"
 
 
 def test_the_run_is_read_as_eccodes_reads_it(real) -> None:
     folder = real(GRIB)
-    run, error, start = realwinds.read_run(folder)
+    run, error, start = real_winds.read_run(folder)
     assert start.isoformat() == "2005-08-07T00:00:00"
     assert run.hours.tolist() == list(range(0, 25, 3))
     assert run.wind.shape[3:] == (129, 185)
@@ -41,15 +41,15 @@ def test_the_run_is_read_as_eccodes_reads_it(real) -> None:
 
 
 def test_flights_see_independent_draws_of_the_error(real) -> None:
-    run, error, _ = realwinds.read_run(real(GRIB))
-    air = realwinds.RealAir(run, error, seed=3)
+    run, error, _ = real_winds.read_run(real(GRIB))
+    air = real_winds.RealAir(run, error, seed=3)
     flights = np.repeat(np.arange(60), 20)
     latitude = np.tile(np.linspace(37.0, 39.0, 20), 60)
     longitude = np.tile(np.linspace(-98.0, -95.0, 20), 60)
     pressure, hours = np.full(1200, 55000.0), np.full(1200, 12.0)
     air.draw(flights, latitude, longitude, pressure)
     seen = air.wind(flights, latitude, longitude, pressure, hours)
-    plain = realwinds.sample_reference(run, latitude, longitude, pressure / 100, hours)
+    plain = real_winds.sample_reference(run, latitude, longitude, pressure / 100, hours)
     drawn = (seen[0] - plain["u"]).reshape(60, 20)
     assert np.isfinite(drawn).all()
     assert 1.5 < drawn.std() < 3.5
@@ -64,7 +64,7 @@ def archive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     if not (REAL / GRIB).exists():
         pytest.skip(f"real data absent: ../shared/real/{GRIB}")
     folder = tmp_path_factory.mktemp("real_winds")
-    realwinds.write_archive(folder, REAL / GRIB, aircraft=6, seed=2)
+    real_winds.write_archive(folder, REAL / GRIB, aircraft=6, seed=2)
     return folder
 
 

@@ -12,8 +12,8 @@ import yaml
 
 from airswing.config_file import load_config
 from airswing.synthetic import simulate_arrays, write_archive
-from airswing.synthetic.aircraft.observe import Coding
-from airswing.synthetic.aircraft.truth import fleet_deviations
+from airswing.synthetic.observe import Coding
+from airswing.synthetic.truth import fleet_deviations
 
 EXACT = Coding(
     direction_deg=1e-7, speed_kt=1e-7, position_arcmin=1e-6, airspeed_noise=0.0, heading_noise=0.0

@@ -10,12 +10,12 @@ import pytest
 
 from airswing.blind_check.score import draws
 from airswing.gap.effects import CATALOGUE
-from airswing.synthetic.aircraft.faults import parse_faults
-from airswing.synthetic.aircraft.truth import LITTLE, small_effects
+from airswing.synthetic.instrument import parse_faults
 from airswing.synthetic.sealed.cases import RUNGS, Size, World
 from airswing.synthetic.sealed.cases import plan_cases as plan
 from airswing.synthetic.sealed.draws import Draw, Drawn, Occasion, draw_effect, scaled
 from airswing.synthetic.sealed.sealed_archives import strength_of
+from airswing.synthetic.truth import LITTLE, small_effects
 
 TAILS = Size().tails
 START = datetime(2009, 3, 1)

@@ -8,7 +8,7 @@ from datetime import datetime
 import numpy as np
 import pytest
 
-from airswing.synthetic.aircraft.outside_effects import (
+from airswing.synthetic.outside_effects import (
     COMPONENTS,
     SCATTER,
     VARIABLES,
@@ -17,9 +17,9 @@ from airswing.synthetic.aircraft.outside_effects import (
     report_variables,
     scatter_change,
 )
-from airswing.synthetic.sealed.nearness import carried_by, named_share
-from airswing.synthetic.sealed.outside_draws import ALIKE, OUTSIDE_SHAPES, draw_outside
-from airswing.synthetic.sealed.outside_truth import MOST_NAMED
+from airswing.synthetic.sealed.cases import ALIKE, OUTSIDE_SHAPES, draw_outside
+from airswing.synthetic.sealed.draws import Occasion
+from airswing.synthetic.sealed.outside import MOST_NAMED, carried_by, named_share
 
 KNOT = 1852.0 / 3600.0
 START = datetime(2009, 3, 1)
@@ -170,7 +170,7 @@ def test_draws_are_what_they_say_and_make_a_change(shape):
     seen = Counter()
     for seed in range(40):
         rng = np.random.default_rng(seed)
-        one = draw_outside(rng, shape=shape, tails=TAILS, start=START, days=45, size=0.8)
+        one = draw_outside(rng, Occasion(tuple(TAILS), START, 45), shape=shape, size=0.8)
         own = one["parameters"]
         names = [p["variable"] for p in own["parts"]]
         assert set(names) <= set(VARIABLES) and len(set(names)) == len(names)
@@ -193,7 +193,7 @@ def test_all_components_and_variables_are_drawn():
     for seed in range(600):
         rng = np.random.default_rng(seed)
         shape = OUTSIDE_SHAPES[seed % len(OUTSIDE_SHAPES)]
-        one = draw_outside(rng, shape=shape, tails=TAILS, start=START, days=45, size=0.8)
+        one = draw_outside(rng, Occasion(tuple(TAILS), START, 45), shape=shape, size=0.8)
         seen.update([one["parameters"]["component"], one["parameters"].get("kind", "")])
         seen.update(p["variable"] for p in one["parameters"]["parts"])
         seen["late"] += one["period"] is not None

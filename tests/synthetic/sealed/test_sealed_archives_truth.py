@@ -11,7 +11,7 @@ import pytest
 
 from airswing.errors import InputError
 from airswing.gap.effects import CATALOGUE
-from airswing.synthetic.sample.sample_archive import simulate_arrays
+from airswing.synthetic.archive import simulate_arrays
 from airswing.synthetic.sealed import sealed_archives as archives
 from airswing.synthetic.sealed.cases import Case, World
 from airswing.synthetic.sealed.draws import Drawn

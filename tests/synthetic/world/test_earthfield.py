@@ -7,7 +7,7 @@ from datetime import datetime
 import numpy as np
 import pytest
 
-from airswing.synthetic.world.earthfield import EarthField, declination_of_year
+from airswing.synthetic.earth_field import EarthField, declination_of_year
 
 BOX = (25.0, 48.0, -124.0, -75.0)
 

@@ -9,9 +9,13 @@ import eccodes
 import numpy as np
 import pytest
 
-from airswing.synthetic.world.gribwriter import write_reference
-from airswing.synthetic.world.gridded_fields import GriddedReference
-from airswing.synthetic.world.lambert import GRIB1_RADIUS, GRIB2_RADIUS, centred_grid
+from airswing.synthetic.fields import (
+    GRIB1_RADIUS,
+    GRIB2_RADIUS,
+    GriddedReference,
+    centred_grid,
+    write_reference,
+)
 
 START = datetime(2009, 10, 19)
 LEVELS = np.array([850.0, 500.0])

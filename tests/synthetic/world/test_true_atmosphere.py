@@ -5,8 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from airswing.synthetic.world.true_atmosphere import Reference, World, WorldParameters, stream
-from airswing.synthetic.world.waves import WaveKind, random_waves
+from airswing.synthetic.atmosphere import (
+    WaveKind,
+    World,
+    WorldParameters,
+    model_wind,
+    random_waves,
+    stream,
+)
 
 
 @pytest.fixture(scope="module")
@@ -18,8 +24,8 @@ def grid() -> tuple[np.ndarray, np.ndarray]:
 def errors(world: World, name: str, grid: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
     """Reference minus the resolved truth, (T, 2, L, rows, columns)."""
     zeta, hours = np.log([0.7, 0.5]), np.arange(0.0, 480.0, 3.0)
-    whole = Reference(world, name).on_grid(*grid, zeta, hours)
-    return whole - world.large_scale_on_grid(*grid, zeta, hours)
+    large = world.large_scale_on_grid(*grid, zeta, hours)
+    return model_wind(world, name, *grid, zeta, hours, large) - large
 
 
 def test_waves_on_the_grid_are_the_waves_at_the_points(grid: tuple) -> None:

@@ -35,7 +35,7 @@ OF_SINGLE_AIRCRAFT = {"wind:shear": "altitude_offset", "wind:advection": "time_l
 #: Prior standard deviation of a dictionary group's coefficients, m/s.
 GROUP_SCALE = 0.8
 #: Share of the energy of an effect nobody thought of that a dictionary group carries at most: nine
-#: of ten drawn at random (`airswing.synthetic.sealed.outside_draws`) leave more to others.
+#: of ten drawn at random (`airswing.synthetic.sealed.cases`) leave more to others.
 GROUP_SHARE = 0.6
 
 

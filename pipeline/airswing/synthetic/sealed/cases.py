@@ -1,61 +1,81 @@
-"""The plan of a blind check: which cases, on which rung, with which effect, in which world.
+"""Plan of a blind check: which cases, on which rung, with which effect, in which world.
 
 Assumptions
 -----------
-Rungs: 1 the generator's ordinary world, 2 its hard world (longer-reaching error, heavy tails, bias,
-1 % outliers, a little of everything everywhere), 3 two effects at once, every other time on the
-same aircraft, 4 effects outside the catalogue, drawn at random, and catalogue effects taken out of
-it for the diagnosis, 5 real data: the residual errors of a real flux valve, and the real error of a
+Rungs: 1 the generator's ordinary world; 2 its hard world (longer-reaching error, heavy tails, bias,
+1 % outliers, a little of every effect everywhere); 3 two effects, every other time on the same
+aircraft; 4 effects outside the catalogue, drawn at random, and catalogue effects removed from it
+for the diagnosis; 5 real data: the residual errors of a real flux valve, and the real error of a
 real forecast, with an effect added. Every fourth world of rungs 1 and 4 has two weeks only. A
-quarter of every rung holds nothing, or as many as are asked for. (Rung 0 is the proof of the
-generator, `airswing.blind_check.proof`.)
+quarter of every rung has no effect, or as many as are asked for.
 
-Effects, their variants (on all aircraft, in another form, in the last week) and sizes are dealt
-like cards, every effect as often as every other. Cases of one rung share worlds a few at a time, so
-that fields need not be written for each; names are dealt last and say nothing. An outside effect is
-dealt as several draws: the first that no name explains on its archive is taken, two times in three
-the first of those that closes a tenth of a knot: many a one does not, and nobody would miss it.
+Effects, their variants and sizes are dealt like cards, every effect as often as every other. Cases
+of one rung share worlds, so that fields are not written for each; names are dealt last and carry no
+information. An outside effect is dealt as several draws: the first is taken that no name explains
+on its archive, two times in three the first of those that closes a tenth of a knot (many close
+less, and nobody would miss them). Pairs of variables that determine each other (heading and track)
+are not multiplied, and what the catalogue names (a heading error that steps or grows with the date,
+or acts while icing protection is on) is not drawn. The size of a scatter effect is measured on the
+archive.
 
-Units: m/s for sizes.
+Units: m/s for sizes; kt and degrees where a name says so.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from datetime import datetime
+from datetime import datetime, timedelta
 
 import numpy as np
 
+from airswing.synthetic.outside_effects import (
+    COMPONENTS,
+    CYCLIC,
+    FLAGS,
+    SCATTER,
+    SHAPES,
+    VARIABLES,
+)
 from airswing.synthetic.sealed.draws import SIZES, Draw, Drawn, Occasion, draw_effect
-from airswing.synthetic.sealed.outside_draws import OUTSIDE_SHAPES, draw_outside
+from airswing.synthetic.sealed.labels import Injected
 
-__all__ = ["RUNGS", "Case", "Size", "World", "plan_cases"]
-
-# Share of the cases on each rung.
 RUNGS: dict[int, float] = {1: 0.35, 2: 0.1, 3: 0.15, 4: 0.3, 5: 0.1}
-# Winds are costly and made once a world.
-_CASES_PER_WORLD = 8
-# Rungs of which every fourth world is of two weeks: what seems to last is weather there.
+"""Share of the cases on each rung."""
 SHORT_RUNGS, SHORT_DAYS = (1, 4), (14, 15)
-# Draws an outside effect is dealt as.
-_MOST_DRAWS = 24
+"""Rungs of which every fourth world is short: what seems to last is weather there."""
 START = datetime(2009, 3, 1)
+OUTSIDE_SHAPES = (*SHAPES, "product", "threshold", "scatter")
+"""Shapes of outside effects: of one variable, of two, and those that change no mean."""
+ALIKE: tuple[frozenset[str], ...] = (
+    frozenset({"magnetic_heading", "heading", "track"}),
+    frozenset({"altitude", "temperature"}),
+    frozenset({"airspeed", "ground_speed"}),
+    frozenset({"wind_speed", "drift"}),
+)
+"""Variables that say much the same: never multiplied with each other."""
+_CASES_PER_WORLD = 8
+_MOST_DRAWS = 24  # of an outside effect
+_PHASES = (1.0, 2.0, 3.0)
+# Range of widths, as fractions of the turn or of the range.
+_SPREAD = {"sector": (0.04, 0.125), "bump": (0.05, 0.12), "saw": (0.26, 0.52)}
+# Range of beginnings, as quantiles: acting on most reports they would be an offset.
+_SPANS = {"step": (0.65, 0.9), "hinge": (0.5, 0.85)}
+_LAST_WEEK = 0.1  # share of outside effects that begin in the last week
 
 
 @dataclass(frozen=True)
 class Size:
     """How large the archives are."""
 
-    # days, aircraft: length and fleet
     days: int = 45
     aircraft: int = 14
-    sizes: tuple[float, ...] = SIZES  # strengths drawn, m/s
+    sizes: tuple[float, ...] = SIZES  # strengths that are drawn, m/s
     coarse: bool = False  # see `World`
 
     @classmethod
     def fast(cls) -> Size:
-        """A short check: three weeks, eight aircraft, effects that are there to be seen."""
+        """A short check: three weeks, eight aircraft, effects that can be seen."""
         return cls(days=21, aircraft=8, sizes=(0.8, 1.6), coarse=True)
 
     @property
@@ -68,11 +88,10 @@ class Size:
 class World:
     """What several cases share."""
 
-    seed: int  # seed of the generator
-    # ``default``, ``short`` (the same for two weeks), ``hard``, ``sensor`` (a real flux valve's
-    # errors) or ``model`` (a real forecast's)
+    seed: int
+    # "default", "short" (the same for two weeks), "hard", "sensor" (errors of a real flux valve) or
+    # "model" (of a real forecast)
     kind: str
-    # days, aircraft: length and fleet
     days: int
     aircraft: int
     coarse: bool = False  # fields of 57 km every 2 hours instead of 41 km every hour
@@ -82,43 +101,17 @@ class World:
 class Case:
     """One case as drawn, at unit strength."""
 
-    name: str  # says nothing
-    rung: int  # see `RUNGS`
-    kind: str  # ``null, single, pair, outside, removed``
-    world: World  # where it plays
-    drawn: tuple[Drawn, ...] = ()  # effects
-    sizes: tuple[float, ...] = ()  # wanted strength of each, m/s
+    name: str
+    rung: int
+    kind: str  # null, single, pair, outside, removed
+    world: World
+    drawn: tuple[Drawn, ...] = ()
+    sizes: tuple[float, ...] = ()  # wanted strength of each effect, m/s
     without: tuple[str, ...] = ()  # effects the diagnosis does without
-    # of the effect, see `airswing.synthetic.sealed.draws.Draw`; of a pair ``same aircraft`` or
-    # ``apart``; of an outside effect its shape
+    # of `Draw.variants`; of a pair "same aircraft" or "apart"; of an outside effect its shape
     variant: str = "plain"
-    instead: tuple[Drawn, ...] = ()  # outside effects to take where the first is not fit
-    # take one whose truth closes a tenth of a knot and more, where one of the draws does
-    worth: bool = False
-
-
-class _Deck:
-    """Deals (name, size, variant): every name before any comes again, the others in turn."""
-
-    def __init__(
-        self, draws: Mapping[str, Draw], sizes: Sequence[float], rng: np.random.Generator
-    ) -> None:
-        self._draws, self._sizes, self._rng = draws, list(sizes), rng
-        self._names = list(draws)
-        self._hand: list[str] = []
-        self._turn = {name: int(rng.integers(len(self._sizes))) for name in self._names}
-        self._variant = {name: int(rng.integers(8)) for name in self._names}
-
-    def deal(self) -> tuple[str, float, str]:
-        """Return the next card."""
-        if not self._hand:
-            self._hand = [str(name) for name in self._rng.permutation(self._names)]
-        name = self._hand.pop()
-        self._turn[name] += 1
-        self._variant[name] += 1
-        forms = self._draws[name].variants
-        size = self._sizes[self._turn[name] % len(self._sizes)]
-        return name, size, forms[self._variant[name] % len(forms)]
+    instead: tuple[Drawn, ...] = ()  # further draws of an outside effect
+    worth: bool = False  # take a draw that closes a tenth of a knot, where there is one
 
 
 def plan_cases(
@@ -137,9 +130,9 @@ def plan_cases(
     draws : mapping
         Effects to draw from, and how each is drawn.
     rungs : sequence of int
-        Rungs to play; the shares of the others are spread over them.
+        Rungs to use; the shares of the others are spread over them.
     nulls : int, optional
-        How many of the cases hold nothing; a quarter by default.
+        Number of cases without effect; a quarter by default.
 
     Returns
     -------
@@ -153,8 +146,7 @@ def plan_cases(
         empty = _counts(min(nulls, number), rungs)
     drawn: list[Case] = []
     for rung, count in counts.items():
-        dealer = _Dealer(rung, rng, seed, size, draws)
-        drawn += dealer.cases(count, min(empty[rung], count))
+        drawn += _Dealer(rung, rng, seed, size, draws).cases(count, min(empty[rung], count))
     order = rng.permutation(len(drawn))
     width = max(3, len(str(len(drawn))))
     return [
@@ -163,15 +155,36 @@ def plan_cases(
 
 
 def _counts(number: int, rungs: Sequence[int]) -> dict[int, int]:
-    """Share ``number`` out by largest remainder."""
-    shares = {rung: RUNGS[rung] for rung in rungs}
-    total = sum(shares.values())
-    exact = {rung: number * share / total for rung, share in shares.items()}
+    """Distribute ``number`` over rungs by largest remainder."""
+    total = sum(RUNGS[rung] for rung in rungs)
+    exact = {rung: number * RUNGS[rung] / total for rung in rungs}
     counts = {rung: int(value) for rung, value in exact.items()}
     left = sorted(exact, key=lambda rung: counts[rung] - exact[rung])
     for rung in left[: number - sum(counts.values())]:
         counts[rung] += 1
     return counts
+
+
+class _Deck:
+    """Deals (name, size, variant): every name before any is repeated, the others in turn."""
+
+    def __init__(
+        self, draws: Mapping[str, Draw], sizes: Sequence[float], rng: np.random.Generator
+    ) -> None:
+        self._draws, self._sizes, self._rng = draws, list(sizes), rng
+        self._hand: list[str] = []
+        self._turn = {name: int(rng.integers(len(self._sizes))) for name in draws}
+        self._variant = {name: int(rng.integers(8)) for name in draws}
+
+    def deal(self) -> tuple[str, float, str]:
+        if not self._hand:
+            self._hand = [str(name) for name in self._rng.permutation(list(self._draws))]
+        name = self._hand.pop()
+        self._turn[name] += 1
+        self._variant[name] += 1
+        forms = self._draws[name].variants
+        size = self._sizes[self._turn[name] % len(self._sizes)]
+        return name, size, forms[self._variant[name] % len(forms)]
 
 
 class _Dealer:
@@ -186,28 +199,26 @@ class _Dealer:
         draws: Mapping[str, Draw],
     ) -> None:
         self.rung, self.rng, self.seed, self.size = rung, rng, seed, size
-        larger = [value for value in size.sizes if value >= 0.4]
+        self._sizes = [value for value in size.sizes if value >= 0.4]
         self._draws = draws
         alone = {name: how for name, how in draws.items() if how.whose != "pair"}
         real = {name: how for name, how in draws.items() if how.on_real_data} or alone
         self._single = _Deck(draws, size.sizes, rng)
         self._removed = _Deck(alone, [0.8], rng)
-        self._paired = _Deck(alone, larger, rng)
-        self._injected = _Deck(real, larger, rng)
-        self._sizes = larger
+        self._paired = _Deck(alone, self._sizes, rng)
+        self._injected = _Deck(real, self._sizes, rng)
         self._shapes: list[str] = []
         self._number = 0
 
     def cases(self, count: int, nulls: int) -> list[Case]:
-        """Return the cases, those that hold nothing first."""
-        # Archives without effects are the same where their worlds are: each null has its own.
+        """The cases, those without effect first."""
+        # Archives without effects are equal where their worlds are: each has another world.
         worlds = max(nulls, -(-count // _CASES_PER_WORLD))
-        out = []
+        found = []
         for index in range(count):
-            world = self._world(index, worlds)
-            case = Case("", self.rung, "null", world)
-            out.append(case if index < nulls else self._with_effect(case, index))
-        return out
+            case = Case("", self.rung, "null", self._world(index, worlds))
+            found.append(case if index < nulls else self._with_effect(case, index))
+        return found
 
     def _world(self, index: int, worlds: int) -> World:
         kind = "hard" if self.rung == 2 else "default"
@@ -236,7 +247,7 @@ class _Dealer:
         return replace(dealt, kind="single")
 
     def _pair(self, case: Case) -> Case:
-        """Draw two effects, every other time on the same aircraft where they can be."""
+        """Two effects, every other time on the same aircraft where that is possible."""
         first, size, _ = self._paired.deal()
         second, other, _ = self._paired.deal()
         while second == first:
@@ -256,20 +267,9 @@ class _Dealer:
         shape = self._shapes.pop()
         self._number += 1
         strength = self._sizes[self._number // 2 % len(self._sizes)]
+        occasion = Occasion(tuple(self.size.tails), START, case.world.days)
         draws = tuple(
-            Drawn(
-                "outside",
-                (
-                    draw_outside(
-                        self.rng,
-                        shape=shape,
-                        tails=self.size.tails,
-                        start=START,
-                        days=case.world.days,
-                        size=strength,
-                    ),
-                ),
-            )
+            Drawn("outside", (draw_outside(self.rng, occasion, shape=shape, size=strength),))
             for _ in range(_MOST_DRAWS)
         )
         return replace(
@@ -296,3 +296,100 @@ class _Dealer:
         return draw_effect(
             name, self._draws[name], self.rng, occasion, step=step, among=among, variant=variant
         )
+
+
+def draw_outside(
+    rng: np.random.Generator, occasion: Occasion, *, shape: str, size: float
+) -> Injected:
+    """Draw one outside effect of a shape (`OUTSIDE_SHAPES`) and root mean square ``size``, m/s."""
+    scope = str(rng.choice(("one", "some", "all")))
+    chosen = None
+    if scope != "all":
+        tails = list(occasion.tails)
+        number = 1 if scope == "one" else int(rng.integers(2, max(3, len(tails) // 2) + 1))
+        chosen = sorted(str(tail) for tail in rng.choice(tails, number, replace=False))
+    parameters = _scatter(rng, size) if shape == "scatter" else _moving(rng, shape, size)
+    period = None
+    if occasion.days > 14 and rng.uniform() < _LAST_WEEK:
+        period = [(occasion.start + timedelta(days=occasion.days - 7)).isoformat(), None]
+    return {"name": "outside", "tails": chosen, "parameters": parameters, "period": period}
+
+
+def _moving(rng: np.random.Generator, shape: str, size: float) -> dict[str, object]:
+    """Component and parts of an effect on the mean."""
+    component = str(rng.choice(COMPONENTS))
+    first = _variable(rng, component, shape)
+    if shape == "product":
+        second = _variable(rng, component, shape, other=first)
+        parts = [_part(rng, first, "linear"), _part(rng, second, "linear")]
+    elif shape == "threshold":
+        second = _variable(rng, component, shape, other=first, flags=True)
+        acting = str(rng.choice(["hinge", "bump", "saw"]))
+        opened = str(rng.choice(["step", "sector"]))
+        parts = [_part(rng, first, acting), _part(rng, second, opened)]
+    else:
+        parts = [_part(rng, first, shape)]
+    return {
+        "component": component,
+        "parts": parts,
+        "shape": shape,
+        "size_m_s": float(size),
+        "sign": float(rng.choice([-1.0, 1.0])),
+    }
+
+
+def _variable(
+    rng: np.random.Generator,
+    component: str,
+    shape: str,
+    *,
+    other: str | None = None,
+    flags: bool = False,
+) -> str:
+    """A variable that makes sense with the shape, the component and the other variable."""
+    able = [name for name in VARIABLES if name not in FLAGS or flags or shape == "step"]
+    if component == "across_heading":
+        # Such a shape of the date is what the catalogue calls a step or a drift.
+        dated = shape in ("step", "hinge", "sector")
+        able = [name for name in able if name != "icing" and not (dated and name == "date")]
+    for group in ALIKE:
+        if other in group:
+            able = [name for name in able if name not in group]
+    return str(rng.choice([name for name in able if name != other]))
+
+
+def _part(rng: np.random.Generator, variable: str, shape: str) -> dict[str, object]:
+    """Place and width of a part."""
+    if variable in FLAGS:
+        value = 1.0 if variable == "icing" else float(rng.choice(_PHASES))
+        return {"variable": variable, "shape": "flag", "equals": value}
+    span = (0.0, 1.0) if variable in CYCLIC else _SPANS.get(shape, (0.25, 0.75))
+    low, high = _SPREAD.get(shape, (0.1, 0.1))
+    return {
+        "variable": variable,
+        "shape": shape,
+        "at": round(float(rng.uniform(*span)), 3),
+        "width": round(float(rng.uniform(low, high)), 3),
+    }
+
+
+def _scatter(rng: np.random.Generator, size: float) -> dict[str, object]:
+    """An effect that changes no mean."""
+    kind = str(rng.choice(list(SCATTER)))
+    values: dict[str, object] = {"kind": kind, "shape": "scatter", "component": "scatter"}
+    values["parts"] = []
+    if kind == "floor":
+        values["limit_kt"] = float(rng.integers(6, 16))
+    elif kind == "ceiling":
+        values["limit_kt"] = float(rng.integers(38, 56))
+    elif kind == "hole":
+        low = float(rng.integers(8, 26))
+        values["between_kt"] = [low, low + float(rng.integers(6, 13))]
+    elif kind == "lattice":
+        values["limit_kt"] = float(rng.integers(15, 31))
+        values["direction_step_deg"] = float(rng.choice([30.0, 45.0, 90.0]))
+    else:
+        variable = _variable(rng, "scatter", "step")
+        values["parts"] = [_part(rng, variable, str(rng.choice(["step", "sector"])))]
+        values |= {"size_m_s": 2.0 * size} if kind == "jitter" else {"fraction": 0.02 * (1 + size)}
+    return values

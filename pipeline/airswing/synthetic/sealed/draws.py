@@ -1,16 +1,11 @@
-"""One effect at unit strength, drawn at random: whom it strikes, when, with which signs and phases.
+"""One effect at unit strength, drawn at random: aircraft, date, signs and phases.
 
-Assumptions
------------
-How an effect is drawn stands with the effect itself (`Draw`, in its file of the catalogue) and is
-handed in; its physics is the generator's own (`airswing.synthetic.aircraft.faults`). Effects are
-written as the mappings the generator takes. A *unit* draw is later scaled so that it changes the
-wind by a stated root mean square where it acts (its strength); effects that live in the variance
-alone (coding) or in rare reports (gross errors) have a ladder of steps instead.
-
-Validity: archives of a week and more; two aircraft and more.
-
-Units: those of the parameters' names; m/s for strengths.
+Assumptions: how an effect is drawn is stated with the effect (`Draw`, in its file of the
+catalogue); its physics is the generator's (`airswing.synthetic.instrument`). Effects are the
+mappings the generator takes. A *unit* draw is later scaled so that it changes the wind by a stated
+root mean square where it acts (its strength); effects of the variance alone (coding) or of rare
+reports (gross errors) have a ladder of steps instead. Valid for archives of a week and more with
+two aircraft and more. Units: those of the parameters' names; m/s for strengths.
 """
 
 from __future__ import annotations
@@ -21,39 +16,23 @@ from datetime import datetime, timedelta
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from airswing.synthetic.aircraft.parameter_values import number
+from airswing.synthetic.instrument import Fault, Mask, Setting, number
 from airswing.synthetic.sealed.labels import Injected
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from airswing.synthetic.aircraft.faults import Fault, Setting
-
-__all__ = [
-    "SIZES",
-    "Both",
-    "Cycle",
-    "Draw",
-    "Drawn",
-    "Occasion",
-    "Signed",
-    "draw_effect",
-    "scaled",
-    "sign",
-]
-
 Parameters = Mapping[str, object]
-Mask = NDArray[np.bool_]
 Unit = Callable[[np.random.Generator], dict[str, object]]
 Acts = Callable[["pd.DataFrame", Parameters], Mask]
-Realised = Callable[["Setting", "Fault", Mask], None]
-SIZES = (0.2, 0.4, 0.8, 1.6)  # Strengths where an effect acts, m/s root mean square
+Realised = Callable[[Setting, Fault, Mask], None]
+SIZES = (0.2, 0.4, 0.8, 1.6)
+"""Strengths where an effect acts, m/s root mean square."""
 
 
 def sign(rng: np.random.Generator) -> float:
-    """Return -1 or 1."""
+    """-1 or 1."""
     return float(rng.choice([-1.0, 1.0]))
 
 
@@ -69,7 +48,7 @@ class Signed:
     value: float = 1.0
 
     def __call__(self, rng: np.random.Generator) -> dict[str, object]:
-        """Return the parameter."""
+        """The parameter."""
         return {self.key: self.value * sign(rng)}
 
 
@@ -78,16 +57,16 @@ class Cycle:
     """Draws one cycle of any phase."""
 
     def __call__(self, rng: np.random.Generator) -> dict[str, object]:
-        """Return amplitude and phase."""
+        """Amplitude and phase."""
         return {"amplitude_deg": 1.0, "phase_deg": _phase(rng)}
 
 
 @dataclass(frozen=True)
 class Both:
-    """Draws an offset with one cycle of any share beside it."""
+    """Draws an offset together with one cycle of any share."""
 
     def __call__(self, rng: np.random.Generator) -> dict[str, object]:
-        """Return offset, amplitude and phase."""
+        """Offset, amplitude and phase."""
         share = float(rng.uniform(0.0, 1.0))
         offset = sign(rng) * (1.0 - 0.5 * share)
         return {"offset_deg": offset, "amplitude_deg": share, "phase_deg": _phase(rng)}
@@ -97,42 +76,29 @@ class Both:
 class Draw:
     """How the blind check draws, scales and judges one effect."""
 
-    # (rng) to parameters at unit strength; none for an effect with a ladder
-    unit: Unit | None = None
+    unit: Unit | None = None  # parameters at unit strength; None for an effect with a ladder
     scaled: tuple[str, ...] = ()  # parameters that a strength multiplies
     limit: float = np.inf  # largest size of those
-    # four steps that stand for the four sizes where no root mean square is meant
-    ladder: tuple[dict[str, float], ...] = ()
-    form: Unit | None = None  # (rng) to what another form of the effect adds to its parameters
-    # {"aircraft", "fleet", "pair"}; whom it strikes: drawn aircraft, all of them (or the
-    # reference), or two that exchange
+    ladder: tuple[dict[str, float], ...] = ()  # four steps in place of the four sizes
+    form: Unit | None = None  # parameters that another form of the effect adds
+    # drawn aircraft, all of them (or the model), or two that exchange
     whose: Literal["aircraft", "fleet", "pair"] = "aircraft"
-    # {"never", "late", "always"}; whether it begins at a date: never, in one variant in the last
-    # week, or always (and in one variant in the last week)
+    # begins at a date: never, in one variant (in the last week), or always
     dated: Literal["never", "late", "always"] = "never"
-    grows: bool = False  # its strength grows with the archive's length
-    on_real_data: bool = False  # it can be added to a real valve's record, and shows in one day
-    # (frame, parameters) to the reports it acts on by its nature; all where not given
-    acts: Acts | None = None
-    # parameters compared with the truth; an amplitude and its phase as one vector
-    compared: tuple[str, ...] = ()
+    grows: bool = False  # its strength grows with the length of the archive
+    on_real_data: bool = False  # can be added to a real valve's record, and shows in one day
+    acts: Acts | None = None  # reports it acts on by its nature; all by default
+    compared: tuple[str, ...] = ()  # parameters compared with the truth
     places: tuple[str, ...] = ()  # variables that place it where the diagnosis has no name for it
-    # component and variable from which a person would read it
-    read_from: tuple[tuple[str, str], ...] = ()
-    # how the generator realises it, where it is not among the generator's own
-    fault: Realised | None = None
+    read_from: tuple[tuple[str, str], ...] = ()  # component and variable a person reads it from
+    fault: Realised | None = None  # physics, where it is not among the generator's
 
     @property
     def variants(self) -> tuple[str, ...]:
         """``plain``, ``fleet`` (all aircraft), ``form`` (another form of it), ``last week``."""
-        out = ["plain"]
-        if self.whose == "aircraft":
-            out.append("fleet")
-        if self.form is not None:
-            out.append("form")
-        if self.dated != "never":
-            out.append("last week")
-        return tuple(out)
+        fleet = ("fleet",) * (self.whose == "aircraft")
+        form = ("form",) * (self.form is not None)
+        return ("plain", *fleet, *form, *("last week",) * (self.dated != "never"))
 
 
 @dataclass(frozen=True)
@@ -140,29 +106,29 @@ class Drawn:
     """One effect before or after scaling."""
 
     name: str  # effect the case is about
-    # what the generator is told; for a swap, the two deviations that make it visible as well
+    # for the generator; of a swap also the two deviations that make it visible
     effects: tuple[Injected, ...]
-    how: Draw = field(default_factory=Draw)  # how it was drawn
+    how: Draw = field(default_factory=Draw)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names at work, each once, the case's own first."""
+        """Names at work, each once, that of the case first."""
         return tuple(dict.fromkeys([self.name, *(effect["name"] for effect in self.effects)]))
 
     @property
     def tails(self) -> tuple[str, ...] | None:
         """Aircraft it acts on; None for all."""
-        own = next(effect for effect in self.effects if effect["name"] == self.name)
-        return None if own["tails"] is None else tuple(own["tails"])
+        main = next(effect for effect in self.effects if effect["name"] == self.name)
+        return None if main["tails"] is None else tuple(main["tails"])
 
 
 @dataclass(frozen=True)
 class Occasion:
     """The archive an effect is drawn for."""
 
-    tails: tuple[str, ...]  # the fleet
+    tails: tuple[str, ...]
     start: datetime  # first day, UTC
-    days: int  # length
+    days: int
 
 
 def draw_effect(
@@ -175,16 +141,12 @@ def draw_effect(
     among: Sequence[str] | None = None,
     variant: str = "plain",
 ) -> Drawn:
-    """Draw whom, when and which way, at unit strength.
+    """Draw aircraft, date and signs, at unit strength.
 
     Parameters
     ----------
-    how : Draw
-        As its file says.
-    rng : numpy.random.Generator
-        Source of the draw.
     step : int
-        Rung of the ladder for effects that have one.
+        Step of the ladder, for effects that have one.
     among : sequence of str, optional
         Aircraft it acts on; by default they are drawn.
     variant : str
@@ -206,13 +168,13 @@ def draw_effect(
 
 
 def _aircraft(rng: np.random.Generator, tails: list[str]) -> list[str]:
-    """Return one to a third of the aircraft."""
+    """One to a third of the aircraft."""
     number = int(rng.integers(1, max(2, len(tails) // 3) + 1))
     return sorted(str(tail) for tail in rng.choice(tails, min(number, len(tails)), replace=False))
 
 
-def _date(rng: np.random.Generator, occasion: Occasion, *, last: bool = False) -> str:
-    """Return a day in the middle half of the archive, or two to six days before its end."""
+def _date(rng: np.random.Generator, occasion: Occasion, *, last: bool) -> str:
+    """A day in the middle half of the archive, or two to six days before its end."""
     day = round(float(rng.uniform(0.25, 0.75)) * occasion.days)
     if last:
         day = occasion.days - int(rng.integers(2, 7))
@@ -220,7 +182,7 @@ def _date(rng: np.random.Generator, occasion: Occasion, *, last: bool = False) -
 
 
 def _swap(name: str, how: Draw, rng: np.random.Generator, tails: list[str], date: str) -> Drawn:
-    """Return two aircraft with opposite deviations that exchange names at a date."""
+    """Two aircraft with opposite deviations that exchange names at a date."""
     pair = sorted(str(tail) for tail in rng.choice(tails, 2, replace=False))
     phase = _phase(rng)
     deviations: list[Injected] = [
@@ -242,22 +204,11 @@ def _swap(name: str, how: Draw, rng: np.random.Generator, tails: list[str], date
 
 
 def scaled(drawn: Drawn, factor: float) -> Drawn:
-    """Multiply the strength of an effect.
-
-    Parameters
-    ----------
-    factor : float
-        What its scaled parameters are multiplied by.
-
-    Returns
-    -------
-    Drawn
-        The same object for effects with a ladder.
-    """
+    """Multiply the scaled parameters of an effect; unchanged for effects with a ladder."""
     how = drawn.how
     if how.ladder:
         return drawn
-    out: list[Injected] = []
+    found: list[Injected] = []
     for effect in drawn.effects:
         parameters: Parameters = effect["parameters"]
         changed = {
@@ -266,5 +217,5 @@ def scaled(drawn: Drawn, factor: float) -> Drawn:
             else value
             for key, value in parameters.items()
         }
-        out.append({**effect, "parameters": changed})
-    return replace(drawn, effects=tuple(out))
+        found.append({**effect, "parameters": changed})
+    return replace(drawn, effects=tuple(found))

@@ -1,24 +1,24 @@
-"""Real data with an effect added: a real flux valve's errors, and a real forecast's.
+"""Real data with an effect added: errors of a real flux valve, and of a real forecast.
 
 Assumptions
 -----------
 * **Sensor** (Garmin G1000, 1 Hz, light aircraft; headings and tracks magnetic): along each record
-  ground velocity = airspeed x heading vector + wind, with the wind piecewise linear in time (knots
-  every 5 minutes) and linear in height, the heading in error by a constant, one and two cycles, the
-  airspeed by a factor. What the fit leaves, less the mean of each heading, is the real valve's and
-  pitot's irregular error, with its own correlation and tails (and the air's gusts). It replaces the
-  sample generator's instrument noise: each report takes the residual of a moment when the real
-  aircraft was on about the same magnetic heading, running on through the record along the flight.
+  ground velocity = airspeed x heading vector + wind, with a wind piecewise linear in time (knots
+  every 5 minutes) and linear in height, a heading in error by a constant, one and two cycles, an
+  airspeed in error by a factor. The residual of that fit, less the mean of each heading, is the
+  irregular error of the real valve and pitot tube (and gusts), with its correlation and tails. It
+  replaces the generator's instrument noise: each report takes the residual of a moment when the
+  real aircraft was on about the same magnetic heading, advancing through the record along a flight.
 * **Model**: reports of one day flown through a real forecast run whose real 12-hour error is the
-  difference between truth and reference (`airswing.synthetic.sample.realwinds`).
+  difference between truth and model (`airswing.synthetic.real_winds`).
 
-Validity: heading errors of one day's weather and of light aircraft; the effect on top is exact.
-
+Valid for heading errors of one day's weather and of light aircraft; the added effect is exact.
 Units: radians, m/s inside; degrees, kt in the records.
 """
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,19 +28,15 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
-from airswing.synthetic.aircraft.instrument import coded, compute_wind
-from airswing.synthetic.aircraft.outside_effects import KNOT
+from airswing.physics.atmosphere import pressure_from_altitude
+from airswing.synthetic.atmosphere import Array, stream
+from airswing.synthetic.fields import GriddedReference, sample_reference
+from airswing.synthetic.instrument import coded, compute_wind
 from airswing.synthetic.sealed.cases import World
 from airswing.synthetic.sealed.labels import TwinClosure
-from airswing.synthetic.world.gridded_fields import GriddedReference, sample_reference
-from airswing.synthetic.world.true_atmosphere import stream
+from airswing.units import KNOT
 
-__all__ = ["SensorRecord", "real_sensor", "sensor_record", "with_real_sensor", "write_model_case"]
-
-Array = NDArray[np.float64]
-# What changes over five minutes is the wind's, what changes faster the sensor's.
-_WIND_KNOT_SECONDS = 300.0
-# Of ten degrees: a flux valve errs by the heading.
+_WIND_KNOT_SECONDS = 300.0  # slower changes are the wind's, faster ones the sensor's
 _HEADING_BINS = 36
 _MODEL_FOLDER = "wrf_ruc13_g212"
 
@@ -50,23 +46,23 @@ class SensorRecord:
     """Residual errors of one real flight, each (n,)."""
 
     magnetic: Array  # indicated magnetic heading, radians
-    heading_error: Array  # left over after the mean of each heading, radians
-    airspeed_error: Array  # left over after the mean of each heading, m/s
+    heading_error: Array  # less the mean of each heading, radians
+    airspeed_error: Array  # less the mean of each heading, m/s
 
 
 def sensor_record(table: pd.DataFrame) -> SensorRecord:
-    """Return the irregular errors of the sensors in one record.
+    """Irregular errors of the sensors in one record.
 
     Parameters
     ----------
-    table : pandas.DataFrame
+    table : DataFrame
         Columns ``HDG, TRK`` (degrees magnetic), ``TAS, GndSpd`` (kt), ``AltMSL`` (ft), ``Roll``
         (degrees), one row a second.
 
     Raises
     ------
     InputError
-        Fewer than ten minutes of level flight at flying speed.
+        If there are fewer than ten minutes of level flight at flying speed.
     """
     names = ("HDG", "TRK", "TAS", "GndSpd", "AltMSL", "Roll")
     values = {name: table[name].to_numpy(float) for name in names}
@@ -86,10 +82,9 @@ def sensor_record(table: pd.DataFrame) -> SensorRecord:
 
 
 def _irregular(heading: Array, error: Array) -> Array:
-    """Take off the mean of each heading: a real unit's lasting deviation is no noise.
+    """Error less the mean of each heading.
 
-    Reports draw their moments by heading. Whatever a heading's moments have in common (the unit's
-    own deviation of any number of cycles, a wind the fit took amiss) would come back in every
+    Reports draw their moments by heading: a lasting deviation of the unit would return in every
     report of that heading, and a diagnosis that names it would be right.
     """
     bins = _heading_bin(heading)
@@ -99,7 +94,6 @@ def _irregular(heading: Array, error: Array) -> Array:
 
 
 def _heading_bin(heading: Array) -> NDArray[np.int64]:
-    """Bin of each heading in radians, (n,)."""
     turn = np.mod(heading, 2 * np.pi) / (2 * np.pi)
     return np.asarray(turn * _HEADING_BINS, np.int64) % _HEADING_BINS
 
@@ -113,7 +107,7 @@ def _left_over(
     ahead: Array,
     right: Array,
 ) -> Array:
-    """Return the part (2, n) of the computed wind that no smooth wind or deviation explains."""
+    """Part (2, n) of the computed wind that no smooth wind or deviation explains."""
     knots = np.arange(seconds[0], seconds[-1] + _WIND_KNOT_SECONDS, _WIND_KNOT_SECONDS)
     hats = np.stack([np.interp(seconds, knots, row) for row in np.eye(knots.size)])
     smooth = np.concatenate([hats[hats.sum(1) > 0], [(altitude - altitude.mean()) / 1000.0]])
@@ -130,39 +124,28 @@ def _left_over(
 
 
 def real_sensor(folder: Path) -> list[SensorRecord]:
-    """Return the records of every flight in a folder.
-
-    Parameters
-    ----------
-    folder : Path
-        Holds ``*flight*.csv``.
-
-    Raises
-    ------
-    InputError
-        The folder holds none.
-    """
+    """Records of every flight (``*flight*.csv``) in a folder; InputError if there is none."""
     files = sorted(folder.glob("*flight*.csv"))
     if not files:
         raise InputError("no record of a real flux valve", file=folder)
-    return [sensor_record(_read(path)) for path in files]
-
-
-def _read(path: Path) -> pd.DataFrame:
-    table = pd.read_csv(path, skipinitialspace=True, low_memory=False)
-    table.columns = [str(name).strip().lstrip("#").strip() for name in table.columns]
-    return pd.DataFrame({name: pd.to_numeric(table[name], errors="coerce") for name in table})
+    records = []
+    for path in files:
+        table = pd.read_csv(path, skipinitialspace=True, low_memory=False)
+        table.columns = [str(name).strip().lstrip("#").strip() for name in table.columns]
+        numbers = {name: pd.to_numeric(table[name], errors="coerce") for name in table}
+        records.append(sensor_record(pd.DataFrame(numbers)))
+    return records
 
 
 def with_real_sensor(
     frame: pd.DataFrame, records: Sequence[SensorRecord], *, seed: int
 ) -> pd.DataFrame:
-    """Return an archive whose instrument noise is that of real records.
+    """An archive whose instrument noise is that of real records.
 
     Parameters
     ----------
-    frame : pandas.DataFrame
-        From `airswing.synthetic.sample.sample_archive.simulate_arrays` with noiseless instruments.
+    frame : DataFrame
+        Of `airswing.synthetic.simulate_arrays` with noiseless instruments.
     records : sequence of SensorRecord
         Dealt to the aircraft in turn.
     seed : int
@@ -170,7 +153,7 @@ def with_real_sensor(
 
     Returns
     -------
-    pandas.DataFrame
+    DataFrame
         The same rows with other ``heading, airspeed, direction, speed, u, v``.
     """
     out = frame.copy()
@@ -184,7 +167,6 @@ def with_real_sensor(
         moment = _moments(record, magnetic[rows], flight[rows], begin)
         turned[rows] = record.heading_error[moment]
         longer[rows] = record.airspeed_error[moment]
-    # The ground vector the unit used is what its wind and its air vector add up to.
     air = out["heading"].to_numpy(float), out["airspeed"].to_numpy(float)
     ground = out["ground_u"].to_numpy(float), out["ground_v"].to_numpy(float)
     heading, airspeed = air[0] + turned, air[1] + longer
@@ -200,14 +182,14 @@ def with_real_sensor(
 def _moments(
     record: SensorRecord, magnetic: Array, flight: NDArray[np.int64], begin: NDArray[np.int64]
 ) -> NDArray[np.int64]:
-    """Return a moment of the record for each report: same heading, running on along the flight."""
-    own = _heading_bin(record.magnetic)
-    order = np.argsort(own, kind="stable")
-    own, wanted = own[order], _heading_bin(magnetic)
-    present = np.unique(own)
+    """A moment of the record for each report: same heading, advancing along the flight."""
+    bins = _heading_bin(record.magnetic)
+    order = np.argsort(bins, kind="stable")
+    bins, wanted = bins[order], _heading_bin(magnetic)
+    present = np.unique(bins)
     gap = np.abs(np.angle(np.exp(2j * np.pi * (wanted[:, None] - present) / _HEADING_BINS)))
     nearest = present[np.argmin(gap, axis=1)]
-    first, last = np.searchsorted(own, nearest), np.searchsorted(own, nearest, "right")
+    first, last = np.searchsorted(bins, nearest), np.searchsorted(bins, nearest, "right")
     new = np.r_[True, flight[1:] != flight[:-1]]
     position = np.arange(flight.size)
     since = position - np.maximum.accumulate(np.where(new, position, 0))
@@ -222,26 +204,22 @@ def write_model_case(
     Parameters
     ----------
     real : Path
-        Folder of real data; its ``grib/wrf_ruc13_g212`` is read.
-    effects : sequence of mapping
-        See `airswing.synthetic.aircraft.faults`.
-    world : World
-        Seed and fleet.
+        Folder of real data, with ``grib/wrf_ruc13_g212``.
 
     Returns
     -------
     dict
-        ``before, after``: disagreement with the first reference with and without the effects, kt.
+        ``before, after``: disagreement with the first model with and without the effects, kt.
     """
-    from airswing.synthetic.sample import realwinds
+    from airswing.synthetic import real_winds
 
     grib = real / "grib" / _MODEL_FOLDER
     if not grib.is_dir():
         raise InputError("no real model run", file=grib)
-    run, _, start = realwinds.read_run(grib)
+    run, _, start = real_winds.read_run(grib)
     found = {}
     for name, active in (("after", []), ("before", list(effects))):
-        realwinds.write_archive(
+        real_winds.write_archive(
             folder,
             grib,
             aircraft=world.aircraft,
@@ -250,17 +228,12 @@ def write_model_case(
             output=str((folder / "results").resolve()),
         )
         found[name] = _read_disagreement(folder / "reports", run, np.datetime64(start, "s"))
-    truth = folder / "truth"
-    for path in truth.iterdir():
-        path.unlink()
-    truth.rmdir()
+    shutil.rmtree(folder / "truth")
     return {"after": found["after"], "before": found["before"]}
 
 
 def _read_disagreement(folder: Path, run: GriddedReference, start: np.datetime64) -> float:
-    """Return the mean disagreement of written reports with a run's winds, kt."""
-    from airswing.physics.atmosphere import pressure_from_altitude
-
+    """Mean disagreement of written reports with a run's winds, kt."""
     table = pd.concat([pd.read_csv(path) for path in sorted(folder.glob("*.csv"))])
     table = table[table["temperature_qc"] == "pass"]
     times = pd.to_datetime(table["time"]).dt.tz_localize(None).to_numpy("datetime64[s]")

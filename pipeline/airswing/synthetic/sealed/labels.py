@@ -1,22 +1,29 @@
-"""What is true of a sealed case, key by key, for who writes a label and who scores by it.
+"""Labels of sealed cases: their keys, and their seal.
 
-Assumes labels as `airswing.synthetic.sealed.sealed_archives.Archivist.write` makes them. Sizes in
-m/s root mean square where an effect acts, disagreements in kt.
+Assumes labels as `airswing.synthetic.sealed.sealed_archives.Archivist.write` makes them. Whoever
+diagnoses reads only the archives; the digest (SHA-256 of the file of labels, byte for byte), which
+is published before any diagnosis, proves afterwards that the labels were not changed. Sizes in m/s
+root mean square where an effect acts, disagreements in kt.
 """
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import NotRequired, TypedDict
+
+from airswing.errors import InputError
+from airswing.products.whole_files import plain, write_text
 
 
 class Injected(TypedDict):
-    """One effect as the generator is told it; ``tails`` None is the whole fleet."""
+    """One effect as the generator takes it; ``tails`` None is the whole fleet."""
 
     name: str
     tails: Sequence[str] | None
-    # of an outside effect also text and lists of parts
-    parameters: Mapping[str, object]
+    parameters: Mapping[str, object]  # of an outside effect also text and lists of parts
     period: Sequence[str | None] | None
 
 
@@ -36,7 +43,7 @@ class OutsideTruth(TypedDict):
     scope: str
     reports: int
     size_m_s: float
-    named_share: float  # of its energy, what has a name explains
+    named_share: float  # of its energy, that named effects explain
     closes_kt: float
     carried: dict[str, float]  # share of its energy that a curve of each variable alone carries
 
@@ -55,8 +62,44 @@ class Label(TypedDict):
     names: list[str]  # all at work
     effects: list[Injected]
     without: list[str]  # effects the diagnosis does without
-    # background, background_components: names and components in which the world errs by itself
-    background: list[str]
-    background_components: NotRequired[list[str]]
+    background: list[str]  # names of errors of the world itself
+    background_components: NotRequired[list[str]]  # and their components
     closure: TwinClosure
     outside: OutsideTruth | None
+
+
+def digest_of(path: Path) -> str:
+    """SHA-256 of a file as 64 hexadecimal digits."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def seal(labels: Sequence[Mapping[str, object]], folder: Path) -> str:
+    """Write ``labels.json`` into a folder and its digest to ``<folder>.sha256``; the digest."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path = write_text(folder / "labels.json", json.dumps(plain(list(labels)), indent=1))
+    digest = digest_of(path)
+    write_text(folder.with_suffix(".sha256"), f"{digest}  labels.json\n")
+    return digest
+
+
+def open_seal(folder: Path, *, digest: str) -> list[Label]:
+    """Read the labels of `seal` after checking their digest.
+
+    Raises
+    ------
+    InputError
+        If the file is absent or is not the one that was sealed.
+    """
+    path = folder / "labels.json"
+    if not path.exists():
+        raise InputError("no sealed labels", file=path)
+    found = digest_of(path)
+    if found != digest:
+        raise InputError(
+            "the sealed labels are not those whose digest was published",
+            file=path,
+            found=found,
+            remedy=f"published: {digest}",
+        )
+    labels: list[Label] = json.loads(path.read_text(encoding="utf-8"))
+    return labels

@@ -1,7 +1,8 @@
-"""What is true of a sample fleet: its deviations, drawn, evaluated and written down.
+"""Truth of a sample fleet: its deviations, drawn, evaluated and written.
 
-Assumptions: a deviation curve is evaluated from the vector instrument at the reports' mean field,
-without the parts that depend on time, icing, acceleration or bank. Units: degrees, nT, m/s.
+Assumptions: a deviation curve is evaluated from the vector instrument at the mean field of the
+reports, without the parts that depend on time, icing, acceleration or bank. Units: degrees, nT,
+m/s.
 """
 
 from __future__ import annotations
@@ -14,57 +15,24 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from airswing.synthetic.aircraft.faults import UNIT_FAULTS, Fault, Setting, apply_unit_faults
-from airswing.synthetic.aircraft.instrument import Unit, deviation_curve
-from airswing.synthetic.aircraft.observe import Correction
-from airswing.synthetic.world.earthfield import EarthField
-from airswing.synthetic.world.true_atmosphere import stream
+from airswing.synthetic.atmosphere import stream
+from airswing.synthetic.earth_field import EarthField
+from airswing.synthetic.instrument import (
+    UNIT_FAULTS,
+    Fault,
+    Setting,
+    Unit,
+    apply_unit_faults,
+    deviation_curve,
+)
+from airswing.synthetic.observe import Correction
 
-__all__ = [
-    "corrections",
-    "fleet_deviations",
-    "save_truth",
-    "small_effects",
-    "truth_record",
-    "unit_of",
-]
-
-_STEADY = ("compass_offset", "hard_iron", "soft_iron", "tas_scale", "tas_offset", "three_cycle")
-
-
-def fleet_deviations(tails: Sequence[str], seed: int) -> list[dict[str, object]]:
-    """Return ordinary compass errors for a fleet.
-
-    Returns
-    -------
-    list of dict
-        Offsets of about 0.8 degrees; one cycle of 0.6-2.6 degrees, 3-6 on every fourth aircraft;
-        two cycles on every fifth; airspeed scale of 0.3 %.
-    """
-    rng = stream(seed, "deviations")
-    effects: list[dict[str, object]] = []
-
-    def add(name: str, tail: str, **parameters: float) -> None:
-        rounded = {key: round(float(value), 3) for key, value in parameters.items()}
-        effects.append({"name": name, "tails": [tail], "parameters": rounded})
-
-    for index, tail in enumerate(tails):
-        # every fourth is one that must be found, the others what any compass has
-        size = rng.uniform(3.0, 6.0) if index % 4 == 1 else rng.uniform(0.6, 2.6)
-        add("compass_offset", tail, offset_deg=rng.normal(0, 0.8))
-        add("hard_iron", tail, amplitude_deg=size, phase_deg=rng.uniform(-180, 180))
-        add("tas_scale", tail, scale_percent=rng.normal(0, 0.3))
-        twice, phase = rng.uniform(1.0, 2.0), rng.uniform(-180, 180)
-        if index % 5 == 2:  # few have a second cycle: the fit must not take it for granted
-            add("soft_iron", tail, amplitude_deg=twice, phase_deg=phase)
-    return effects
-
-
-# Least and largest strength of a background effect, m/s root mean square where it acts.
+Effect = dict[str, object]
 LITTLE = (0.05, 0.15)
-
+"""Range of the strength of a background effect, m/s root mean square where it acts."""
+_STEADY = ("compass_offset", "hard_iron", "soft_iron", "tas_scale", "tas_offset", "three_cycle")
 # Parameter of each background effect, and the change of wind (m/s root mean square where it acts)
-# that one unit of it makes on the archive's network; a drift's rate times the archive's days.
+# of one unit of it on the archive's network; a drift's rate times the days of the archive.
 _PER_UNIT = {
     "compass_offset": ("offset_deg", 2.0),
     "hard_iron": ("amplitude_deg", 1.3),
@@ -81,23 +49,41 @@ _PER_UNIT = {
 }
 
 
-def small_effects(
-    tails: Sequence[str], seed: int, *, days: float = 45.0
-) -> list[dict[str, object]]:
-    """Return a little of every effect for every aircraft, and one per cent of gross errors.
-
-    Parameters
-    ----------
-    days : float
-        Length of the archive, which a drift's size depends on.
+def fleet_deviations(tails: Sequence[str], seed: int) -> list[Effect]:
+    """Ordinary compass errors of a fleet.
 
     Returns
     -------
     list of dict
-        Effects of 0.05-0.15 m/s where they act (`LITTLE`), of either sign; lags are late.
+        Offsets of about 0.8 degrees; one cycle of 0.6 to 2.6 degrees, 3 to 6 on every fourth
+        aircraft; two cycles on every fifth; airspeed scale of 0.3 %.
+    """
+    rng = stream(seed, "deviations")
+    effects: list[Effect] = []
+
+    def add(name: str, tail: str, **parameters: float) -> None:
+        rounded = {key: round(float(value), 3) for key, value in parameters.items()}
+        effects.append({"name": name, "tails": [tail], "parameters": rounded})
+
+    for index, tail in enumerate(tails):
+        size = rng.uniform(3.0, 6.0) if index % 4 == 1 else rng.uniform(0.6, 2.6)
+        add("compass_offset", tail, offset_deg=rng.normal(0, 0.8))
+        add("hard_iron", tail, amplitude_deg=size, phase_deg=rng.uniform(-180, 180))
+        add("tas_scale", tail, scale_percent=rng.normal(0, 0.3))
+        twice, phase = rng.uniform(1.0, 2.0), rng.uniform(-180, 180)
+        if index % 5 == 2:  # few have a second cycle: the fit must not assume it
+            add("soft_iron", tail, amplitude_deg=twice, phase_deg=phase)
+    return effects
+
+
+def small_effects(tails: Sequence[str], seed: int, *, days: float = 45.0) -> list[Effect]:
+    """A little (`LITTLE`) of every effect for every aircraft, and one per cent of gross errors.
+
+    ``days`` is the length of the archive, which the size of a drift depends on. Signs are drawn;
+    lags are late.
     """
     rng = stream(seed, "background")
-    effects: list[dict[str, object]] = []
+    effects: list[Effect] = []
     for tail in tails:
         for name, (parameter, strength) in _PER_UNIT.items():
             size = rng.uniform(*LITTLE) / strength
@@ -119,15 +105,10 @@ def unit_of(
     *,
     usual_field: float | None = None,
 ) -> Unit:
-    """Return the steady errors of one aircraft's unit, arrays of length 1.
+    """Steady errors of one aircraft's unit, arrays of length 1.
 
-    Parameters
-    ----------
-    horizontal, down : float
-        The field around the unit, nT.
-    usual_field : float, optional
-        See `airswing.synthetic.aircraft.faults.Setting`; the fleet's, not the aircraft's own, where
-        the faults are those of an archive.
+    ``horizontal`` and ``down`` are the field around the unit, ``usual_field`` that at which hard
+    iron is stated (by default the same), nT.
     """
     one = np.zeros(1)
     setting = Setting(
@@ -160,22 +141,10 @@ def corrections(
     chosen: Sequence[str],
     start: float,
 ) -> Correction:
-    """Return tables an airline would load after an earlier year's swing, to 0.1 degree.
+    """Eight-point tables to 0.1 degree, as loaded after an earlier swing.
 
-    Parameters
-    ----------
-    faults : sequence of Fault
-        What is wrong with the units.
-    tails, chosen : sequence of str
-        The fleet, and those that get a table.
-    start : float
-        Hours since the archive's start.
-
-    Returns
-    -------
-    Correction
-        The error of each unit at eight headings: exact but for rounding where the field is that of
-        the region's middle, which is taken for the usual one.
+    Exact but for rounding where the field is that of the region's middle, which is taken for the
+    usual one. ``start`` is in hours since the start of the archive.
     """
     south, north, west, east = earth.box
     middle = [np.array([0.5 * (south + north)]), np.array([0.5 * (west + east)]), np.zeros(1)]
@@ -199,29 +168,29 @@ def truth_record(
     *,
     usual_field: float | None = None,
 ) -> dict[str, object]:
-    """Return the truth of an archive as plain numbers.
+    """Truth of an archive as plain numbers.
 
     Parameters
     ----------
-    frame : pandas.DataFrame
+    frame : DataFrame
         Reports with their exact columns.
     usual_field : float, optional
-        H (nT) at which the units' hard iron is what was asked for: the median over all reports that
-        were simulated, by default those of `frame`.
+        H (nT) at which hard iron is stated: the median over all simulated reports, by default over
+        those of ``frame``.
 
     Returns
     -------
     dict
-        ``aircraft``: by tail ``deviation`` (A..E in degrees against indicated magnetic heading),
-        ``offset, amplitude, phase`` of the seed's sinusoid, ``reports``, ``cruise_reports``,
-        ``airspeed_scale, airspeed_offset``; ``effects``.
+        ``aircraft``: by tail ``deviation`` (A to E, degrees, against indicated magnetic heading),
+        ``offset, amplitude, phase`` of the sinusoid, ``reports``, ``cruise_reports``,
+        ``airspeed_scale, airspeed_offset``; ``effects``; ``known_faults``.
     """
     aircraft: dict[str, object] = {}
     if usual_field is None:
         usual_field = float(frame["horizontal"].median())
     for index, tail in enumerate(tails):
-        own = frame[frame["tail"] == tail]
-        cruise = own[own["phase"] == 2] if (own["phase"] == 2).any() else own
+        reports = frame[frame["tail"] == tail]
+        cruise = reports[reports["phase"] == 2] if (reports["phase"] == 2).any() else reports
         if cruise.empty:
             continue
         horizontal = float(cruise["horizontal"].mean())
@@ -237,8 +206,8 @@ def truth_record(
             "airspeed_scale": round(float(unit.airspeed_factor[0]) - 1.0, 6),
             "airspeed_offset": round(float(unit.airspeed_offset[0]), 4),
             "mean_horizontal_field": round(horizontal, 1),
-            "reports": len(own),
-            "cruise_reports": int((own["phase"] == 2).sum()),
+            "reports": len(reports),
+            "cruise_reports": int((reports["phase"] == 2).sum()),
         }
     return {
         "aircraft": aircraft,
@@ -255,19 +224,7 @@ def save_truth(
     start: datetime,
     corrected: Sequence[str] | None = None,
 ) -> None:
-    """Write ``truth.json``.
-
-    Parameters
-    ----------
-    folder : Path
-        Where; made where missing.
-    record : mapping
-        Of `airswing.synthetic.aircraft.truth.truth_record`.
-    start : datetime
-        Its first day.
-    corrected : sequence of str, optional
-        Tails that apply a table in the field test.
-    """
+    """Write ``truth.json``; ``corrected`` are the aircraft that apply a table in the field test."""
     folder.mkdir(parents=True, exist_ok=True)
     whole = {**record, "seed": seed, "start": start.isoformat(), "corrected": corrected}
     (folder / "truth.json").write_text(json.dumps(whole, indent=1), encoding="utf-8")

@@ -1,8 +1,8 @@
-"""A small sample of another kind: ERA5 as NetCDF, and aircraft that report their magnetic heading.
+"""Sample of ERA5 as NetCDF with aircraft that report their magnetic heading (Mode S).
 
-Assumes what the rest of the samples assume of a compass: psi_ind = psi + A + B sin m + C cos m. The
-model's wind is linear in place, ln p and time, so that interpolating adds nothing; the true wind
-is that plus an error of each flight and gusts. Reports are those of Mode-S registers 5,0 and 6,0
+Assumes a compass with psi_ind = psi + A + B sin m + C cos m. The model's wind is linear in place,
+ln p and time, so that interpolation adds no error; the true wind is that plus an error of each
+flight and gusts. Reports are those of Mode-S registers 5,0 and 6,0
 with their resolution, every ten seconds, in the columns of `traffic`; the NetCDF file is packed
 in 16 bits as the Climate Data Store packed it. Valid for middle latitudes; over the sphere.
 """
@@ -16,22 +16,21 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from airswing.synthetic.world.earthfield import EarthField
+from airswing.synthetic.earth_field import EarthField
 from airswing.units import KNOT
-
-__all__ = ["AIRCRAFT", "write_mode_s"]
 
 Array = NDArray[np.float64]
 START = np.datetime64("2017-01-11T00:00", "ns")
 LEVELS = (500.0, 400.0, 300.0, 250.0, 200.0)
 # Standard altitudes of the levels that are flown.
 _ALTITUDE_FT = {300.0: 30065.0, 250.0: 33999.0}
-# m; of its own, as all that is synthetic: a wrong radius elsewhere must show against it.
+# m; apart from the package's, so that a wrong radius there shows.
 EARTH = 6_371_000.0
 STEP_S, REPORTS = 10, 150
+WEST = -127.0  # edge of the region, degrees
 # Degrees: resolution of heading and track in registers 6,0 and 5,0.
 _ANGLE_STEP = 90.0 / 512.0
-# Deviation A, B, C in degrees, and the one true heading of those that fly no other.
+# Deviation A, B, C (degrees), and the only true heading of those that fly a single one.
 AIRCRAFT = {
     "a00001": (1.2, 2.0, -1.5, None),
     "a00002": (-0.8, -1.0, 2.5, None),
@@ -50,10 +49,6 @@ def _model_wind(latitude: Array, longitude: Array, pressure: Array, hour: Array)
     return np.stack(np.broadcast_arrays(east, north))
 
 
-#: Western edge of the region, degrees.
-WEST = -127.0
-
-
 def write_mode_s(
     folder: str | Path,
     *,
@@ -66,16 +61,16 @@ def write_mode_s(
     Parameters
     ----------
     folder : path
-        Made where it is not there.
+        Made where missing.
     south : float
-        Edge of a region of 8 by 12 degrees, from 127 degrees west.
+        Southern edge of a region of 8 by 12 degrees, from 127 degrees west.
     flights : int
-        Of each aircraft.
+        Flights of each aircraft.
 
     Returns
     -------
     dict
-        :data:`AIRCRAFT`: the truth.
+        The truth, `AIRCRAFT`.
     """
     place = Path(folder)
     place.mkdir(parents=True, exist_ok=True)
@@ -172,7 +167,7 @@ def _flight(
 
 
 def _indicated(magnetic: Array, curve: list[float]) -> Array:
-    """Magnetic heading the compass shows: the m that solves m - deviation(m) = magnetic."""
+    """Indicated magnetic heading m with m - deviation(m) = magnetic."""
     a, b, c = curve
     m = magnetic.copy()
     for _ in range(50):

@@ -1,19 +1,14 @@
-"""Reports flown through a real model run, with the run's real forecast error as the truth's.
+"""Reports of one day flown through a real model run with its real forecast error.
 
-Assumptions
------------
-The folder holds one run (a 00Z cycle, valid times of one day) and an analysis of a later cycle
-valid at one of the run's times, GRIB1 on a Lambert grid, as the RUC-initialised WRF files do. The
-true wind of a flight is the run's wind plus (later analysis - run at the same time), the run's
-real 12-hour error, looked up some rows and columns away: every flight has a shift of its own, so
-flights see independent draws of an error with the true structure in space and height. Where the
-model has no value (outside its own domain) the truth takes the nearest one and a reference must
-say nothing.
+Assumptions: the folder holds one run (a 00Z cycle, valid times of one day) and an analysis of a
+later cycle valid at one of the run's times, GRIB1 on a Lambert grid, as the RUC-initialised WRF
+files do. The true wind of a flight is the run's wind plus (later analysis - run at the same time),
+the run's real 12-hour error, looked up some rows and columns away: every flight has another shift,
+so that flights see independent draws of an error with the true structure in space and height. Where
+the model has no value (outside its domain) the truth takes the nearest one. The error is that of 12
+hours at all times, a little too large for short lead times.
 
-Validity
---------
-Flights of one day. The error is that of 12 hours at all times, a little too much for short leads.
-
+Run as ``python -m airswing.synthetic.real_winds FOLDER GRIB_FOLDER``.
 Units: hours from the run's start, hPa, m/s.
 """
 
@@ -24,8 +19,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
+from typing import Any
 
-import eccodes
 import numpy as np
 import yaml
 from numpy.typing import NDArray
@@ -33,20 +28,15 @@ from scipy.ndimage import distance_transform_edt
 
 from airswing.errors import InputError
 from airswing.physics.atmosphere import pressure_from_altitude
-from airswing.synthetic.aircraft.airborne_fleet import report_steps
-from airswing.synthetic.aircraft.faults import parse_faults
-from airswing.synthetic.aircraft.observe import Coding, Units, observe
-from airswing.synthetic.aircraft.route_over_all_headings import tour
-from airswing.synthetic.aircraft.truth import fleet_deviations, save_truth, truth_record
-from airswing.synthetic.sample.sample_archive import Scenario, finished, write_reports
-from airswing.synthetic.world.earthfield import EarthField
-from airswing.synthetic.world.gridded_fields import GriddedReference, sample_reference
-from airswing.synthetic.world.lambert import LambertGrid
-from airswing.synthetic.world.true_atmosphere import stream
+from airswing.synthetic.archive import Scenario, finished, write_reports
+from airswing.synthetic.atmosphere import Array, stream
+from airswing.synthetic.earth_field import EarthField
+from airswing.synthetic.fields import GriddedReference, LambertGrid, sample_reference
+from airswing.synthetic.flights import report_steps, tour
+from airswing.synthetic.instrument import parse_faults
+from airswing.synthetic.observe import Coding, Units, observe
+from airswing.synthetic.truth import fleet_deviations, save_truth, truth_record
 
-__all__ = ["RealAir", "read_run", "write_archive"]
-
-Array = NDArray[np.float64]
 # Levels of lower pressure (hPa) are left out: tours fly below them.
 _LOWEST = 350
 _TRIES = 60
@@ -63,57 +53,40 @@ class _Message:
     values: NDArray[np.float32]
 
 
-def _grid_of(handle: int) -> LambertGrid:
-    """Return the grid of a message."""
-    read = {
-        key: eccodes.codes_get(handle, key)
-        for key in (
-            "latitudeOfFirstGridPointInDegrees",
-            "longitudeOfFirstGridPointInDegrees",
-            "Nx",
-            "Ny",
-            "DxInMetres",
-            "LoVInDegrees",
-            "Latin1InDegrees",
-            "radius",
-        )
-    }
-    first_lat, first_lon, columns, rows, spacing, orientation, parallel, radius = read.values()
-    return LambertGrid(
-        first_lat,
-        (first_lon + 180.0) % 360.0 - 180.0,
-        int(columns),
-        int(rows),
-        float(spacing),
-        (orientation + 180.0) % 360.0 - 180.0,
-        parallel,
-        float(radius),
-    )
-
-
 def _messages(path: Path) -> tuple[list[_Message], LambertGrid | None]:
-    """Return the wind messages of a file on levels up to `_LOWEST` hPa, and their grid."""
+    """Wind messages of a file on levels down to `_LOWEST` hPa, and their grid."""
+    import eccodes
+
     found, grid = [], None
     with path.open("rb") as source:
         while (handle := eccodes.codes_grib_new_from_file(source)) is not None:
+
+            def key(name: str, handle: int = handle) -> Any:
+                return eccodes.codes_get(handle, name)
+
             try:
-                name = eccodes.codes_get(handle, "shortName")
-                kind = eccodes.codes_get(handle, "typeOfLevel")
-                level = int(eccodes.codes_get(handle, "level"))
-                if name not in ("u", "v") or kind != "isobaricInhPa" or level < _LOWEST:
+                name, level = key("shortName"), int(key("level"))
+                isobaric = key("typeOfLevel") == "isobaricInhPa"
+                if name not in ("u", "v") or not isobaric or level < _LOWEST:
                     continue
-                grid = grid or _grid_of(handle)
-                values = eccodes.codes_get_values(handle).astype(np.float32)
-                if eccodes.codes_get(handle, "bitmapPresent"):
-                    missing = eccodes.codes_get(handle, "missingValue")
-                    values[values == np.float32(missing)] = np.nan
-                stamp = "{:08d}{:04d}".format(
-                    eccodes.codes_get(handle, "dataDate"), eccodes.codes_get(handle, "dataTime")
+                grid = grid or LambertGrid(
+                    key("latitudeOfFirstGridPointInDegrees"),
+                    (key("longitudeOfFirstGridPointInDegrees") + 180.0) % 360.0 - 180.0,
+                    int(key("Nx")),
+                    int(key("Ny")),
+                    float(key("DxInMetres")),
+                    (key("LoVInDegrees") + 180.0) % 360.0 - 180.0,
+                    key("Latin1InDegrees"),
+                    float(key("radius")),
                 )
+                values = eccodes.codes_get_values(handle).astype(np.float32)
+                if key("bitmapPresent"):
+                    values[values == np.float32(key("missingValue"))] = np.nan
+                stamp = f"{key('dataDate'):08d}{key('dataTime'):04d}"
                 found.append(
                     _Message(
                         base=datetime.strptime(stamp, "%Y%m%d%H%M"),
-                        lead=int(eccodes.codes_get(handle, "endStep")),
+                        lead=int(key("endStep")),
                         level=level,
                         component=0 if name == "u" else 1,
                         values=values.reshape(grid.rows, grid.columns),
@@ -125,7 +98,7 @@ def _messages(path: Path) -> tuple[list[_Message], LambertGrid | None]:
 
 
 def read_run(folder: Path) -> tuple[GriddedReference, GriddedReference, datetime]:
-    """Return a run, the error it made at one time, and when it started.
+    """Read a run, its error at one time, and its start.
 
     Parameters
     ----------
@@ -178,7 +151,7 @@ def read_run(folder: Path) -> tuple[GriddedReference, GriddedReference, datetime
 
 
 def _filled(stored: GriddedReference) -> GriddedReference:
-    """Return fields whose gaps hold the nearest value of the same level."""
+    """Fields whose gaps have the nearest value of the same level."""
     wind = stored.wind.copy()
     for index in np.ndindex(*wind.shape[:3]):
         gap = np.isnan(wind[index])
@@ -192,7 +165,7 @@ def _filled(stored: GriddedReference) -> GriddedReference:
 
 
 class RealAir:
-    """The true wind of every flight: run + its shifted error.
+    """The true wind of every flight: the run and its shifted error.
 
     Parameters
     ----------
@@ -217,29 +190,21 @@ class RealAir:
         hours: Array,
         shift: tuple[Array, Array] | None = None,
     ) -> Array:
-        """Return wind (2, n) with times and levels held inside the fields."""
+        """Wind (2, n) with times and levels limited to those of the fields."""
         level = np.clip(pressure / 100.0, stored.levels.min(), stored.levels.max())
         when = np.clip(hours, stored.hours[0], stored.hours[-1])
         wind = sample_reference(stored, latitude, longitude, level, when, shift=shift)
         return np.stack([wind["u"], wind["v"]])
 
     def run_wind(self, latitude: Array, longitude: Array, altitude: Array, hours: Array) -> Array:
-        """Return the run's own wind (2, n) at pressure altitudes in m; calm off the grid."""
+        """Wind (2, n) of the run at pressure altitudes in m; calm off the grid."""
         pressure = pressure_from_altitude(altitude)
         return np.nan_to_num(self._sampled(self._run, latitude, longitude, pressure, hours))
 
     def draw(
         self, flight: NDArray[np.int64], latitude: Array, longitude: Array, pressure: Array
     ) -> None:
-        """Give every flight a shift that keeps all its reports on the error field.
-
-        Parameters
-        ----------
-        flight : ndarray int (n,)
-            Flight of each report.
-        latitude, longitude, pressure : ndarray (n,)
-            Places in degrees and Pa.
-        """
+        """Draw for every flight a shift that keeps all its reports (n,) on the error field."""
         rng = stream(self._seed, "shifts")
         flights = int(flight.max()) + 1
         self._shift = np.zeros((2, flights))
@@ -273,7 +238,7 @@ class RealAir:
         pressure: Array,
         hours: Array,
     ) -> Array:
-        """Return the true wind (2, n) in m/s; see `airswing.synthetic.aircraft.observe.Wind`."""
+        """True wind (2, n), m/s; see `airswing.synthetic.observe.Wind`."""
         places = latitude, longitude, pressure, hours
         shift = self._shift[0, flight], self._shift[1, flight]
         error = self._sampled(self._filled_error, *places, shift)
@@ -339,7 +304,6 @@ def write_archive(
 
 
 def _config(root: Path, files: list[str], start: datetime, output: str | None) -> dict[str, object]:
-    """Return the configuration of a day on real winds."""
     first = [name for name in files if f"{start:%Y%m%d%H}" in Path(name).name]
     later = [name for name in files if name not in first]
     return {

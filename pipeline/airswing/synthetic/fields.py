@@ -1,0 +1,449 @@
+"""Gridded winds of the sample's models: grid, stored fields, sampling, GRIB files.
+
+Assumes a tangent Lambert cone on a sphere (6367470 m in GRIB1, 6371229 m in GRIB2, as the RUC and
+WRF files of 2009), regular times and isobaric levels of whole hPa. Winds are kept as they are
+written: along the grid or the earth, rounded to the packing's decimal. Sampling is bilinear on the
+grid, linear in ln p and in time, without extrapolation; winds are rotated to true east and north at
+the points. GRIB1 is RUC-like (NCEP, simple packing), GRIB2 RTFDAA-like (simple or other packing);
+a message holds one component on one level, rows from the south-west corner.
+
+Units: degrees and m for grids, hPa, hours since the start of the archive, m/s.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from datetime import datetime, timedelta
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import pyproj
+from numpy.typing import NDArray
+
+from airswing.synthetic.atmosphere import Array, Fields, World, model_wind
+
+GRIB1_RADIUS = 6367470.0
+"""Earth radius of GRIB1, m (WMO Manual on Codes, code table 7, bit 2 unset)."""
+GRIB2_RADIUS = 6371229.0
+"""Earth radius of GRIB2, m (WMO code table 3.2, value 6)."""
+_DECIMALS = 1  # of m/s that are kept
+# Bits of packings that take no number of decimals: steps of 0.03 to 0.1 m/s for winds.
+_FIXED_BITS = {"grid_complex_spatial_differencing": 10, "grid_complex": 10, "grid_ccsds": 10}
+
+
+@dataclass(frozen=True)
+class LambertGrid:
+    """A tangent Lambert conformal grid with points in rows from the south-west corner."""
+
+    first_latitude: float  # of the south-west point, degrees
+    first_longitude: float
+    columns: int
+    rows: int
+    spacing: float  # at the standard parallel, m
+    orientation: float = -95.0  # longitude of the meridian parallel to y (LoV), degrees east
+    standard_parallel: float = 25.0  # latitude where the cone touches, degrees
+    radius: float = GRIB1_RADIUS  # of the earth, m
+
+    @cached_property
+    def projection(self) -> pyproj.Proj:
+        """The cone's projection."""
+        return pyproj.Proj(
+            proj="lcc",
+            lat_1=self.standard_parallel,
+            lat_2=self.standard_parallel,
+            lat_0=self.standard_parallel,
+            lon_0=self.orientation,
+            R=self.radius,
+        )
+
+    @cached_property
+    def _origin(self) -> tuple[float, float]:
+        x, y = self.projection(self.first_longitude, self.first_latitude)
+        return float(x), float(y)
+
+    def indices(self, latitude: Array, longitude: Array) -> tuple[Array, Array]:
+        """Fractional row and column of points given in degrees."""
+        x, y = self.projection(longitude, latitude)
+        x0, y0 = self._origin
+        return (np.asarray(y) - y0) / self.spacing, (np.asarray(x) - x0) / self.spacing
+
+    def convergence(self, longitude: Array) -> Array:
+        """Angle from grid to earth winds, radians: eastward = cos u + sin v of the grid winds.
+
+        Snyder (1987), Map Projections, USGS PP 1395, eq. 14-4 with n = sin(standard parallel).
+        """
+        turn = np.radians((longitude - self.orientation + 180.0) % 360.0 - 180.0)
+        return np.asarray(turn * np.sin(np.radians(self.standard_parallel)))
+
+    def map_factor(self, latitude: Array) -> Array:
+        """Map scale (Snyder 1987, eq. 15-4 with k from n)."""
+        parallel, lat = np.radians(self.standard_parallel), np.radians(latitude)
+        cone = np.sin(parallel)
+        stretch = (np.tan(np.pi / 4 + parallel / 2) / np.tan(np.pi / 4 + lat / 2)) ** cone
+        return np.asarray(np.cos(parallel) * stretch / np.cos(lat))
+
+    @cached_property
+    def coordinates(self) -> tuple[Array, Array]:
+        """Latitude and longitude (rows, columns) of every point, degrees."""
+        x0, y0 = self._origin
+        px, py = np.meshgrid(
+            x0 + self.spacing * np.arange(self.columns), y0 + self.spacing * np.arange(self.rows)
+        )
+        lon, lat = self.projection(px, py, inverse=True)
+        return np.asarray(lat), np.asarray(lon)
+
+
+def centred_grid(
+    latitude: float, longitude: float, *, columns: int, rows: int, spacing: float, radius: float
+) -> LambertGrid:
+    """Grid whose middle is at a place (degrees), with spacing and earth radius in m.
+
+    The first point is rounded to 0.001 degree, which is what a GRIB1 header can hold.
+    """
+    probe = LambertGrid(latitude, longitude, columns, rows, spacing, radius=radius)
+    x, y = probe.projection(longitude, latitude)
+    corner = probe.projection(
+        x - spacing * (columns - 1) / 2, y - spacing * (rows - 1) / 2, inverse=True
+    )
+    first = round(float(corner[1]), 3), round(float(corner[0]), 3)
+    return LambertGrid(*first, columns, rows, spacing, radius=radius)
+
+
+_PLANE = LambertGrid(43.0, -90.0, 1, 1, 1000.0, -90.0, 43.0)
+
+
+def plane(latitude: Array, longitude: Array) -> tuple[Array, Array]:
+    """Plane coordinates of the world: km east and north of 43 N, 90 W (degrees in)."""
+    row, column = _PLANE.indices(latitude, longitude)
+    return column, row
+
+
+@dataclass(frozen=True)
+class ReferenceChange:
+    """Effect on the fields of one model."""
+
+    speed_percent: float = 0.0  # speeds too strong by this much
+    above_hpa: float | None = None  # acts only at this and lower pressures
+    below_hpa: float | None = None  # acts only at higher pressures
+    offset_hours: float = 0.0  # the field stamped t is that of t + offset
+    # Fraction of the rotation a reader leaves out: 1 for winds along the grid flagged as the
+    # earth's, -1 for the reverse.
+    unrotated: float = 0.0
+
+
+@dataclass
+class GriddedReference:
+    """Fields of one model as stored."""
+
+    name: str
+    grid: LambertGrid
+    levels: Array  # (L,) hPa, decreasing
+    hours: Array  # (T,) valid times
+    wind: Fields = field(repr=False)  # (T, 2, L, rows, columns) m/s
+    grid_relative: bool = True  # flag in the file
+
+
+def build_references(
+    world: World,
+    grid: LambertGrid,
+    *,
+    names: tuple[str, ...],
+    grid_relative: dict[str, bool],
+    levels: Array,
+    hours: Array,
+    changes: dict[str, ReferenceChange] | None = None,
+) -> dict[str, GriddedReference]:
+    """Stored fields of several models on one grid.
+
+    Parameters
+    ----------
+    grid_relative : dict
+        By name, whether components are along the grid.
+    levels : array, shape (L,)
+        hPa.
+    hours : array, shape (T,)
+        Valid times.
+    changes : dict, optional
+        Effects by name.
+    """
+    lat, lon = grid.coordinates
+    x, y = plane(lat, lon)
+    zeta = np.log(levels / 1000.0)
+    angle = grid.convergence(lon)
+    large: dict[float, Fields] = {}
+    found = {}
+    for name in names:
+        change = (changes or {}).get(name, ReferenceChange())
+        stamp = hours + change.offset_hours
+        if change.offset_hours not in large:
+            large[change.offset_hours] = world.large_scale_on_grid(x, y, zeta, stamp)
+        wind = model_wind(world, name, x, y, zeta, stamp, large[change.offset_hours])
+        if change.speed_percent != 0.0:
+            acts = np.ones(levels.size, bool)
+            if change.above_hpa is not None:
+                acts &= levels <= change.above_hpa
+            if change.below_hpa is not None:
+                acts &= levels > change.below_hpa
+            factor = np.where(acts, 1.0 + change.speed_percent / 100.0, 1.0).astype(np.float32)
+            wind = wind * factor[:, None, None]
+        flag = grid_relative[name]
+        if abs(change.unrotated) == 1.0:
+            flag = change.unrotated < 0
+        turn = (1.0 if flag else 0.0) + change.unrotated
+        if turn != 0.0:
+            # To axes turned by the angle: the inverse of eastward = cos u + sin v.
+            cosine = np.cos(turn * angle).astype(np.float32)
+            sine = np.sin(turn * angle).astype(np.float32)
+            east, north = wind[:, 0], wind[:, 1]
+            wind = np.stack([cosine * east - sine * north, sine * east + cosine * north], axis=1)
+        found[name] = GriddedReference(name, grid, levels, hours, np.round(wind, _DECIMALS), flag)
+    return found
+
+
+def sample_reference(
+    stored: GriddedReference,
+    latitude: Array,
+    longitude: Array,
+    pressure: Array,
+    hours: Array,
+    *,
+    shift: tuple[Array, Array] | None = None,
+) -> dict[str, Array]:
+    """Wind of a model and its gradients at points.
+
+    Parameters
+    ----------
+    latitude, longitude : array, shape (n,)
+        Degrees.
+    pressure : array, shape (n,)
+        hPa.
+    hours : array, shape (n,)
+    shift : pair of arrays (n,), optional
+        Rows and columns to look away from each point.
+
+    Returns
+    -------
+    dict of arrays (n,)
+        ``u, v`` true eastward and northward wind, m/s; ``dudt, dvdt`` m s-2; ``dudlnp, dvdlnp``
+        m/s; ``dudx, dvdx, dudy, dvdy`` s-1 towards true east and north; NaN outside.
+    """
+    grid = stored.grid
+    row, column = grid.indices(latitude, longitude)
+    if shift is not None:
+        row, column = row + shift[0], column + shift[1]
+    zeta = np.log(stored.levels)
+    depth = np.interp(np.log(pressure), zeta[::-1], np.arange(zeta.size)[::-1].astype(float))
+    step = (hours - stored.hours[0]) / (stored.hours[1] - stored.hours[0])
+    inside = (row >= 0) & (row <= grid.rows - 1)
+    inside &= (column >= 0) & (column <= grid.columns - 1)
+    inside &= (pressure >= stored.levels.min()) & (pressure <= stored.levels.max())
+    inside &= (step >= 0) & (step <= stored.hours.size - 1)
+    shape = (stored.hours.size, stored.levels.size, grid.rows, grid.columns)
+    lows, fractions = [], []
+    for index, size in zip((step, depth, row, column), shape, strict=True):
+        low = np.clip(np.floor(index), 0, size - 2).astype(int)
+        lows.append(low)
+        fractions.append(index - low)
+
+    def blend(values: Array, weight: Array) -> Array:
+        return np.asarray(values[0] + (values[1] - values[0]) * weight)
+
+    t, z, r, c = fractions
+    corners = _corners(stored.wind, lows)
+    over_time = blend(corners, t)
+    over_level = blend(over_time, z)
+    wind = blend(blend(over_level, r), c)
+    by_time = blend(blend(blend(corners[1] - corners[0], z), r), c)
+    by_level = blend(blend(over_time[1] - over_time[0], r), c)
+    by_row = blend(over_level[1] - over_level[0], c)
+    by_column = blend(over_level[:, 1] - over_level[:, 0], r)
+    step_seconds = 3600.0 * (stored.hours[1] - stored.hours[0])
+    layer = zeta[lows[1] + 1] - zeta[lows[1]]
+    length = grid.spacing / grid.map_factor(latitude)
+    angle = grid.convergence(longitude)
+    turn = angle if stored.grid_relative else np.zeros_like(angle)
+    cosine, sine = np.cos(turn), np.sin(turn)
+
+    def earth(pair: Array) -> tuple[Array, Array]:
+        return cosine * pair[0] + sine * pair[1], cosine * pair[1] - sine * pair[0]
+
+    found: dict[str, Array] = {}
+    found["u"], found["v"] = earth(wind)
+    found["dudt"], found["dvdt"] = earth(by_time / step_seconds)
+    found["dudlnp"], found["dvdlnp"] = earth(by_level / layer)
+    along_x, along_y = earth(by_column / length), earth(by_row / length)
+    cosine, sine = np.cos(angle), np.sin(angle)
+    for name, by_x, by_y in zip(("u", "v"), along_x, along_y, strict=True):
+        found[f"d{name}dx"] = cosine * by_x + sine * by_y
+        found[f"d{name}dy"] = cosine * by_y - sine * by_x
+    for values in found.values():
+        values[~inside] = np.nan
+    return found
+
+
+def _corners(wind: Fields, lows: list[NDArray[np.int64]]) -> Array:
+    """Neighbours of each point, (2 times, 2 levels, 2 rows, 2 columns, 2 components, n)."""
+    flat = wind.reshape(-1)
+    strides = np.array([np.prod(wind.shape[axis + 1 :]) for axis in range(5)], dtype=np.int64)
+    base = sum(low * strides[axis] for low, axis in zip(lows, (0, 2, 3, 4), strict=True))
+    found = np.empty((2, 2, 2, 2, 2, base.size))
+    for corner in np.ndindex(2, 2, 2, 2, 2):
+        shift = int(np.dot(corner[:4], strides[[0, 2, 3, 4]]) + corner[4] * strides[1])
+        found[corner] = flat[base + shift]
+    return found
+
+
+class MessageWriter:
+    """Writes GRIB messages of one grid from templates, one a component.
+
+    Parameters
+    ----------
+    edition : int
+        1 or 2.
+    grid_relative : bool
+        Flag: components are along the grid.
+    packing : str
+        ecCodes' packing type, such as ``grid_simple`` or ``grid_ccsds``.
+    """
+
+    def __init__(
+        self, grid: LambertGrid, *, edition: int, grid_relative: bool, packing: str = "grid_simple"
+    ) -> None:
+        import eccodes
+
+        self._templates = []
+        self._bits = _FIXED_BITS.get(packing)
+        for component in (0, 1):
+            keys: dict[str, float | int | str] = {"centre": 7}  # NCEP
+            if edition == 1:
+                keys["generatingProcessIdentifier"] = 105
+            keys |= {
+                "gridType": "lambert",
+                "Nx": grid.columns,
+                "Ny": grid.rows,
+                "latitudeOfFirstGridPointInDegrees": grid.first_latitude,
+                "longitudeOfFirstGridPointInDegrees": grid.first_longitude % 360.0,
+                "LoVInDegrees": grid.orientation % 360.0,
+                "DxInMetres": int(grid.spacing),
+                "DyInMetres": int(grid.spacing),
+                "Latin1InDegrees": grid.standard_parallel,
+                "Latin2InDegrees": grid.standard_parallel,
+                "latitudeOfSouthernPoleInDegrees": -90.0,
+                "longitudeOfSouthernPoleInDegrees": 0.0,
+                "projectionCentreFlag": 0,
+                "iScansNegatively": 0,
+                "jScansPositively": 1,
+                "jPointsAreConsecutive": 0,
+            }
+            if edition == 2:
+                keys |= {"shapeOfTheEarth": 6, "LaDInDegrees": grid.standard_parallel}
+            keys |= {"uvRelativeToGrid": int(grid_relative), "typeOfLevel": "isobaricInhPa"}
+            if edition == 1:
+                keys |= {"table2Version": 2, "indicatorOfParameter": 33 + component}
+            else:
+                keys |= {"discipline": 0, "parameterCategory": 2}
+                keys["parameterNumber"] = 2 + component
+            if self._bits is None:
+                keys |= {"bitsPerValue": 0, "decimalPrecision": _DECIMALS}
+            handle = eccodes.codes_grib_new_from_samples(f"GRIB{edition}")
+            for key, value in keys.items():
+                eccodes.codes_set(handle, key, value)
+            if packing != "grid_simple":
+                eccodes.codes_set_values(handle, np.arange(grid.rows * grid.columns, dtype=float))
+                eccodes.codes_set(handle, "packingType", packing)
+            self._templates.append(handle)
+
+    def message(
+        self, values: Fields, *, component: int, level: float, base: datetime, lead: int
+    ) -> bytes:
+        """Encode one message: u (component 0) or v (1) in m/s (rows, columns) on a level in hPa.
+
+        ``base`` is the start of the forecast (UTC), ``lead`` its length in hours.
+        """
+        import eccodes
+
+        handle = self._templates[component]
+        keys = {
+            "dataDate": base.year * 10000 + base.month * 100 + base.day,
+            "dataTime": base.hour * 100 + base.minute,
+            "endStep": lead,
+            "level": int(level),
+        }
+        # Encoding lowers the bits of the handle it leaves behind.
+        keys |= (
+            {"decimalPrecision": _DECIMALS} if self._bits is None else {"bitsPerValue": self._bits}
+        )
+        for key, value in keys.items():
+            eccodes.codes_set(handle, key, value)
+        eccodes.codes_set_values(handle, values.astype(np.float64).ravel())
+        return bytes(eccodes.codes_get_message(handle))
+
+    def close(self) -> None:
+        """Release the templates."""
+        import eccodes
+
+        for handle in self._templates:
+            eccodes.codes_release(handle)
+
+
+def write_reference(
+    directory: Path,
+    stored: GriddedReference,
+    *,
+    start: datetime,
+    edition: int,
+    lead_hours: int,
+    packing: str = "grid_simple",
+    times_per_file: int = 1,
+) -> list[Path]:
+    """Write the fields of one model as GRIB files.
+
+    Parameters
+    ----------
+    directory : Path
+        Made where missing.
+    start : datetime
+        Hour zero, UTC.
+    edition : int
+        1 or 2.
+    lead_hours : int
+        Length of every forecast.
+    packing : str
+        ecCodes' packing type.
+    times_per_file : int
+        Valid times in one file.
+
+    Returns
+    -------
+    list of Path
+        In order of time.
+    """
+    directory.mkdir(parents=True, exist_ok=True)
+    writer = MessageWriter(
+        stored.grid, edition=edition, grid_relative=stored.grid_relative, packing=packing
+    )
+    bases = [start + timedelta(hours=float(hour) - lead_hours) for hour in stored.hours]
+    files = []
+    try:
+        for first in range(0, stored.hours.size, times_per_file):
+            stem = f"{stored.name}_{bases[first]:%Y%m%d%H}_f{lead_hours:02d}"
+            path = directory / f"{stem}.{'grb' if edition == 1 else 'grb2'}"
+            with path.open("wb") as sink:
+                for step in range(first, min(first + times_per_file, stored.hours.size)):
+                    for index, level in enumerate(stored.levels):
+                        for component in (0, 1):
+                            values = stored.wind[step, component, index]
+                            sink.write(
+                                writer.message(
+                                    values,
+                                    component=component,
+                                    level=float(level),
+                                    base=bases[step],
+                                    lead=lead_hours,
+                                )
+                            )
+            files.append(path)
+    finally:
+        writer.close()
+    return files

@@ -1,0 +1,345 @@
+"""Effects outside the catalogue: any component of the wind changed by one or two variables.
+
+Assumptions: a *part* turns one variable of the report into a number of order one (step, sector,
+bump ...); the parts of an effect are multiplied. The product changes one component of the wind the
+unit computed, before it is coded, so that heading and airspeed that follow from the wind triangle
+change with it. It is scaled to the stated root mean square over the reports where the effect acts
+(where the product exceeds a twentieth of its largest size). An effect of scatter changes no mean:
+it clips, rounds or jitters winds. Nothing here depends on a catalogue or a design column.
+
+Cyclic variables are taken as fractions of their turn, the others as their place between the 2nd and
+98th percentile of the archive, so that places drawn blindly fall where reports are.
+Units: SI and radians; kt and degrees where a name says so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from airswing.synthetic.atmosphere import Array
+from airswing.synthetic.instrument import Mask, listed, number
+from airswing.units import KNOT
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Value = Mapping[str, object]
+Winds = tuple[Array, Array]
+Variables = Mapping[str, Array]
+LEAST_SHARE = 0.05
+"""An effect acts where its product exceeds this share of its largest size."""
+COMPONENTS = (
+    "across_heading",
+    "along_heading",
+    "across_wind",
+    "along_wind",
+    "speed",
+    "direction",
+)
+"""What is changed: body axes and wind axes (m/s), speed (relative), direction (radians)."""
+CYCLIC: dict[str, float] = {
+    "magnetic_heading": 2 * np.pi,
+    "heading": 2 * np.pi,
+    "track": 2 * np.pi,
+    "wind_direction": 2 * np.pi,
+    "hour": 24.0,
+}
+"""Cyclic variables and their turn."""
+FLAGS = ("icing", "phase")
+"""Variables with a few values; an effect acts on one of them."""
+VARIABLES = (
+    *CYCLIC,
+    *FLAGS,
+    "airspeed",
+    "ground_speed",
+    "latitude",
+    "longitude",
+    "altitude",
+    "temperature",
+    "bank",
+    "acceleration",
+    "date",
+    "flight_time",
+    "wind_speed",
+    "drift",
+)
+"""Everything a report records or that follows from it without a model."""
+SHAPES = ("step", "sector", "hinge", "bump", "saw")
+"""Forms of one variable; products and thresholds have two parts."""
+
+
+def report_variables(
+    frame: Mapping[str, object] | pd.DataFrame, u: Array, v: Array, hours: Array
+) -> dict[str, Array]:
+    """Every variable an outside effect may depend on.
+
+    Parameters
+    ----------
+    frame : mapping
+        Columns (n,) of `airswing.synthetic.observe.observe`.
+    u, v : array, shape (n,)
+        Wind as computed, m/s.
+    hours : array, shape (n,)
+        Since the start of the first day, UTC.
+
+    Returns
+    -------
+    dict
+        `VARIABLES` to arrays (n,): radians, m/s, degrees for places, m, K, hours, days.
+    """
+
+    def column(name: str) -> Array:
+        return np.asarray(frame[name], float)
+
+    east, north, heading = column("ground_u"), column("ground_v"), column("heading")
+    track = np.arctan2(east, north)
+    found = {
+        name: column(name)
+        for name in ("icing", "phase", "airspeed", "temperature", "bank", "acceleration")
+    }
+    found |= {name: column(f"true_{name}") for name in ("latitude", "longitude", "altitude")}
+    _, flight = np.unique(np.asarray(frame["flight"]), return_inverse=True)
+    begin = np.full(flight.max(initial=-1) + 1, np.inf)
+    np.minimum.at(begin, flight, hours)
+    return found | {
+        "heading": heading,
+        "magnetic_heading": heading - column("declination"),
+        "track": track,
+        "ground_speed": np.hypot(east, north),
+        "drift": np.angle(np.exp(1j * (track - heading))),
+        "wind_direction": np.arctan2(-u, -v),
+        "wind_speed": np.hypot(u, v),
+        "hour": np.mod(hours, 24.0),
+        "date": hours / 24.0,
+        "flight_time": np.asarray(hours - begin[flight]),
+    }
+
+
+@dataclass(frozen=True)
+class _Place:
+    """A variable as a fraction of its turn or range, and its distance to where the part is."""
+
+    value: Array
+    distance: Array  # signed; the short way round where the variable is cyclic
+    cyclic: bool
+
+
+def _place(values: Array, name: str, at: float) -> _Place:
+    """Variable in [0, 1], and ``at``, a fraction of the turn or a quantile, on it."""
+    if name in CYCLIC:
+        value = np.mod(values / CYCLIC[name], 1.0)
+        return _Place(value, np.mod(value - at + 0.5, 1.0) - 0.5, True)
+    # The outermost reports would stretch the scale of places and widths.
+    low, middle, high = np.quantile(values, [0.02, at, 0.98])
+    width = max(high - low, 1e-12)
+    clipped = np.clip((values - low) / width, 0.0, 1.0)
+    return _Place(clipped, clipped - float(np.clip((middle - low) / width, 0.0, 1.0)), False)
+
+
+def _linear(place: _Place, width: float) -> Array:
+    if place.cyclic:
+        return np.asarray(np.sin(2 * np.pi * place.distance))
+    return 2.0 * (place.value - 0.5)
+
+
+_FORMS: dict[str, Callable[[_Place, float], Array]] = {
+    # 1 beyond the place; half a turn of a cyclic variable
+    "step": lambda place, width: np.asarray(place.distance > 0.0, np.float64),
+    "sector": lambda place, width: np.asarray(np.abs(place.distance) < width, np.float64),
+    "hinge": lambda place, width: np.maximum(place.distance, 0.0) * (2.0 if place.cyclic else 1.0),
+    "bump": lambda place, width: np.asarray(np.exp(-0.5 * (place.distance / width) ** 2)),
+    # a ramp from -1 to 1 that starts again every width
+    "saw": lambda place, width: np.asarray(2.0 * np.mod(place.distance / width, 1.0) - 1.0),
+    # one wave of a turn, or a ramp over the range
+    "linear": _linear,
+}
+
+
+def part_values(part: Value, variables: Variables) -> Array:
+    """One part of an effect at every report (n,), of order one.
+
+    Parameters
+    ----------
+    part : mapping
+        ``variable, shape, at, width`` (fractions), or ``variable, equals`` for a flag.
+
+    Raises
+    ------
+    ValueError
+        If the variable or the shape is unknown.
+    """
+    name = str(part["variable"])
+    if name not in variables:
+        raise ValueError(f"no variable {name}")
+    values = np.asarray(variables[name], np.float64)
+    if name in FLAGS:
+        return np.asarray(values == number(part["equals"]), np.float64)
+    if part["shape"] not in _FORMS:
+        raise ValueError(f"no shape {part['shape']}")
+    place = _place(values, name, number(part["at"]))
+    return _FORMS[str(part["shape"])](place, number(part.get("width", 0.1)))
+
+
+def parts_of(parameters: Value) -> Sequence[Value]:
+    """Parts whose product an effect depends on; TypeError if they are no list."""
+    parts = parameters["parts"]
+    if isinstance(parts, Sequence):
+        return parts
+    raise TypeError(f"{parts!r} are no parts")
+
+
+def _product(parameters: Value, variables: Variables) -> Array:
+    parts = [part_values(part, variables) for part in parts_of(parameters)]
+    return np.asarray(np.prod(parts, axis=0))
+
+
+def where_it_acts(parameters: Value, variables: Variables, chosen: Mask) -> Mask:
+    """Reports (n,) on which an effect acts, of those of its aircraft and period (``chosen``)."""
+    if not parameters.get("parts"):
+        return chosen.copy()
+    size = np.abs(_product(parameters, variables)) * chosen
+    return np.asarray(size > LEAST_SHARE * max(float(size.max(initial=0.0)), 1e-12))
+
+
+def component_axes(
+    component: str, u: Array, v: Array, heading: Array, *, across: tuple[str, ...]
+) -> Winds:
+    """Unit vectors (east, north) of a component along or across the heading or the wind."""
+    if component.endswith("heading"):
+        east, north = np.sin(heading), np.cos(heading)
+    else:
+        speed = np.maximum(np.hypot(u, v), 1e-9)
+        east, north = u / speed, v / speed
+    return (north, -east) if component in across else (east, north)
+
+
+def outside_change(
+    parameters: Value, u: Array, v: Array, variables: Variables, chosen: Mask
+) -> Array:
+    """Change (n, 2), m/s, that an effect makes to the wind a unit computed.
+
+    Parameters
+    ----------
+    parameters : mapping
+        ``component`` (of `COMPONENTS`), ``parts`` (see `part_values`), ``size_m_s`` (root mean
+        square of the change where the effect acts), ``sign`` (1 or -1).
+    u, v : array, shape (n,)
+        Wind as computed, m/s.
+    chosen : array of bool, shape (n,)
+        Reports of its aircraft and period.
+    """
+    component = str(parameters["component"])
+    if component not in COMPONENTS:
+        raise ValueError(f"no component {component}")
+    shape = _product(parameters, variables) * chosen
+    here = where_it_acts(parameters, variables, chosen)
+    lever = np.hypot(u, v) if component in ("speed", "direction") else np.ones_like(u)
+    size = float(np.sqrt(np.mean((shape * lever)[here] ** 2))) if here.any() else 0.0
+    if size <= 0.0:
+        return np.zeros((u.size, 2))
+    amount = number(parameters["sign"]) * number(parameters["size_m_s"]) / size * shape
+    if component == "speed":
+        factor = np.maximum(1.0 + amount, 0.0)
+        new = u * factor, v * factor
+    elif component == "direction":
+        sine, cosine = np.sin(amount), np.cos(amount)
+        new = cosine * u + sine * v, cosine * v - sine * u
+    else:
+        across = ("across_heading", "across_wind")
+        east, north = component_axes(component, u, v, variables["heading"], across=across)
+        new = u + amount * east, v + amount * north
+    return np.stack([new[0] - u, new[1] - v], axis=-1)
+
+
+def _with_speed(u: Array, v: Array, changed: Callable[[Array], Array]) -> Winds:
+    speed = np.hypot(u, v)
+    factor = changed(speed) / np.maximum(speed, 1e-9)
+    return u * factor, v * factor
+
+
+def _floor(u: Array, v: Array, value: Value, rng: np.random.Generator) -> Winds:
+    return _with_speed(u, v, lambda speed: np.maximum(speed, number(value["limit_kt"]) * KNOT))
+
+
+def _ceiling(u: Array, v: Array, value: Value, rng: np.random.Generator) -> Winds:
+    return _with_speed(u, v, lambda speed: np.minimum(speed, number(value["limit_kt"]) * KNOT))
+
+
+def _hole(u: Array, v: Array, value: Value, rng: np.random.Generator) -> Winds:
+    """The nearer edge of an interval of speeds that is never sent."""
+    low, high = (number(edge) * KNOT for edge in listed(value["between_kt"]))
+
+    def edges(speed: Array) -> Array:
+        nearer = np.where(speed - low < high - speed, low, high)
+        return np.where((speed > low) & (speed < high), nearer, speed)
+
+    return _with_speed(u, v, edges)
+
+
+def _lattice(u: Array, v: Array, value: Value, rng: np.random.Generator) -> Winds:
+    """Weak winds in a few directions only."""
+    speed, direction = np.hypot(u, v), np.arctan2(u, v)
+    step = np.radians(number(value["direction_step_deg"]))
+    weak = speed < number(value["limit_kt"]) * KNOT
+    rounded = np.where(weak, np.round(direction / step) * step, direction)
+    return speed * np.sin(rounded), speed * np.cos(rounded)
+
+
+def _jitter(u: Array, v: Array, value: Value, rng: np.random.Generator) -> Winds:
+    noise = rng.normal(0.0, number(value["size_m_s"]) / np.sqrt(2.0), (2, u.size))
+    return u + noise[0], v + noise[1]
+
+
+def _gross(u: Array, v: Array, value: Value, rng: np.random.Generator) -> Winds:
+    """A wind of any direction in place of a fraction of the reports."""
+    hit = rng.uniform(size=u.size) < number(value["fraction"])
+    turn = rng.uniform(0.0, 2 * np.pi, u.size)
+    speed = np.hypot(u, v) + 10.0
+    return np.where(hit, speed * np.sin(turn), u), np.where(hit, speed * np.cos(turn), v)
+
+
+SCATTER: dict[str, Callable[[Array, Array, Value, np.random.Generator], Winds]] = {
+    "floor": _floor,
+    "ceiling": _ceiling,
+    "hole": _hole,
+    "lattice": _lattice,
+    "jitter": _jitter,
+    "gross": _gross,
+}
+"""Effects of scatter: the wind they send where they act."""
+
+
+def scatter_change(
+    parameters: Value,
+    u: Array,
+    v: Array,
+    variables: Variables,
+    chosen: Mask,
+    rng: np.random.Generator,
+) -> Array:
+    """Change (n, 2), m/s, that an effect of scatter makes; arguments as `outside_change`.
+
+    ``parameters`` have ``kind`` (of `SCATTER`), its values, and ``parts`` where it acts on some
+    reports only.
+    """
+    here = where_it_acts(parameters, variables, chosen)
+    new = SCATTER[str(parameters["kind"])](u, v, parameters, rng)
+    return np.where(here[:, None], np.stack([new[0] - u, new[1] - v], axis=-1), 0.0)
+
+
+def effect_change(
+    parameters: Value,
+    u: Array,
+    v: Array,
+    variables: Variables,
+    chosen: Mask,
+    rng: np.random.Generator,
+) -> Array:
+    """Change (n, 2), m/s, of an effect on the mean or of scatter."""
+    if "kind" in parameters:
+        return scatter_change(parameters, u, v, variables, chosen, rng)
+    return outside_change(parameters, u, v, variables, chosen)

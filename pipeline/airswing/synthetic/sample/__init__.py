@@ -1,1 +1,0 @@
-"""Sample archives with their known truth beside them."""
