@@ -57,7 +57,7 @@ REGIONS = 9
 FEWEST_REPORTS, FEWEST_DAYS = 50, 10
 """Below these an aircraft has no difference: eight coefficients leave no scatter to so few days."""
 FEWEST_OF_SLICE, FEWEST_OF_HAT = 500, 100
-"""Reports of a slice that is judged by itself, and of three references."""
+"""Reports of a slice that has its own verdict, and of three references."""
 _LAG = 3  # days that a weather situation, and with it a model's error, lasts
 _MIN_REGION_DAYS = 10
 _HAT_PAIRS = ((0, 1), (0, 2), (1, 2))
@@ -129,7 +129,7 @@ def compare(
     region = regions_of(headings["latitude"].to_numpy(), headings["longitude"].to_numpy())
     day = headings["time"].to_numpy().astype("datetime64[D]").astype(np.int64)
     first, days = int(day.min()), int(np.ptp(day)) + 1
-    members = [(name, one) for name, own in pools.items() if len(own) > 1 for one in own]
+    members = [(name, one) for name, inside in pools.items() if len(inside) > 1 for one in inside]
     whole = {pair: PairSums(*pair, days) for pair in [*combinations(singles, 2), *members]}
     slices: dict[tuple[str, str, tuple[str, str]], PairSums] = {}
     hats = np.zeros((comb(len(singles), 3), 4, days))
@@ -178,8 +178,8 @@ def compare(
         content[kind] = [
             {"slice": name, **_judged(sums, barred), "own_test": True}
             for pair in combinations(singles, 2)
-            for (of, name, own), sums in slices.items()
-            if (of, own) == (kind, pair) and sums.reports >= FEWEST_OF_SLICE
+            for (of, name, names), sums in slices.items()
+            if (of, names) == (kind, pair) and sums.reports >= FEWEST_OF_SLICE
         ]
     content["three_way"] = hats_of(hats, singles)
     return findings(content)
@@ -319,7 +319,7 @@ class PairSums:
             Of one aircraft.
         chosen : array of bool, shape (report,)
         aircraft : int, optional
-            Its number, where its own difference is wanted.
+            Its number, where its difference is wanted.
         """
         if not chosen.any():
             return
@@ -647,7 +647,7 @@ def verdict(fleet: Content, regions: list[Content], barred: set[str]) -> Content
     """
     p_value, rms = fleet["p_value"], fleet["curve_rms_deg"]
     if not np.isfinite(p_value):
-        return {"poolable": None, "why": "too few days or reports to tell"}
+        return {"poolable": None, "why": "too few days or reports for a test"}
     why = []
     significant = p_value < SIGNIFICANCE
     curves = f"the deviation curves differ by {rms:.2f} degrees rms"
@@ -681,12 +681,12 @@ def verdict(fleet: Content, regions: list[Content], barred: set[str]) -> Content
     }
 
 
-def _aircraft_entry(own: AircraftDifference, fits: xr.Dataset, one: str, two: str) -> Content:
+def _aircraft_entry(part: AircraftDifference, fits: xr.Dataset, one: str, two: str) -> Content:
     """Differences of one aircraft in degrees, with 95 % intervals."""
-    covariance = own.influence.T @ own.influence
-    degrees, error = np.degrees(own.values), np.degrees(np.sqrt(np.diag(covariance)))
+    covariance = part.influence.T @ part.influence
+    degrees, error = np.degrees(part.values), np.degrees(np.sqrt(np.diag(covariance)))
     half = NORMAL_95 * error
-    pair = fits.isel(aircraft=own.number).sel(reference=[one, two])
+    pair = fits.isel(aircraft=part.number).sel(reference=[one, two])
     change = {name: float(-np.diff(pair[name])[0]) for name in ("offset", "amplitude", "phase")}
     change["phase"] = float(wrap_degrees(change["phase"]))
     # B = amplitude cos(phase), C = amplitude sin(phase): the delta method
@@ -701,7 +701,7 @@ def _aircraft_entry(own: AircraftDifference, fits: xr.Dataset, one: str, two: st
     }
     return {
         "aircraft": str(pair["aircraft"].item()),
-        "p_value": wald(own.values, covariance, len(own.influence)),
+        "p_value": wald(part.values, covariance, len(part.influence)),
         "difference": _by_name(degrees),
         "standard_error": _by_name(error),
         "ci": {

@@ -215,7 +215,7 @@ def field_test(
         )
         by_reference[key] = _reductions(day_sums, draws=draws, seed=seed)
         if key == reference:
-            judged = _judged(day_sums, names[rows], draws=draws, seed=seed)
+            checks = _checks(day_sums, names[rows], draws=draws, seed=seed)
     return findings(
         {
             "reference": reference,
@@ -224,7 +224,7 @@ def field_test(
             "end": str(end) if end else None,
             "notes": notes,
             **by_reference[reference],
-            **judged,
+            **checks,
             "components": {
                 group: {
                     window: measures_of(components[:, 2 * i + j])
@@ -276,7 +276,7 @@ def _reductions(sums: DaySums, *, draws: int, seed: int) -> Content:
     }
 
 
-def _judged(sums: DaySums, names: NDArray[np.str_], *, draws: int, seed: int) -> Content:
+def _checks(sums: DaySums, names: NDArray[np.str_], *, draws: int, seed: int) -> Content:
     """Permutation test, regression to the mean, matched controls, and the aircraft."""
     before, during = sums.levels()
     good = np.isfinite(before) & np.isfinite(during)

@@ -224,13 +224,13 @@ def virtual_field_test(
                 "reports_before": int(old.sum()),
                 "reports_during": int(new.sum()),
             }
-    judged = kept & ~early & done & treated[aircraft]
+    chosen = kept & ~early & done & treated[aircraft]
     return {
         "reference": reference,
         "learned_until": str(learned_until),
         "method": "table",
         "groups": groups,
-        **_compared(headings, before - after, judged, ranking, draws=draws, seed=seed),
+        **_compared(headings, before - after, chosen, ranking, draws=draws, seed=seed),
     }
 
 
@@ -349,8 +349,8 @@ def cross_validate(
     if whole is None:
         fits = fitted(headings, pools, reference, **fit_options)
         whole = fits, rank_aircraft(headings, fits, pools=pools, reference=reference, seed=seed)
-    judged = (headings["screening"].to_numpy() == 0) & np.isfinite(before + after) & done
-    if not judged.any():
+    chosen = (headings["screening"].to_numpy() == 0) & np.isfinite(before + after) & done
+    if not chosen.any():
         raise InputError(
             "no held-out report could be corrected",
             field="folds",
@@ -362,8 +362,8 @@ def cross_validate(
         "reference": reference,
         "folds": folds,
         "method": "table",
-        "in_sample_gain_kt": float((before - in_sample)[judged].mean()),
-        **_compared(headings, before - after, judged, whole[1], draws=draws, seed=seed),
+        "in_sample_gain_kt": float((before - in_sample)[chosen].mean()),
+        **_compared(headings, before - after, chosen, whole[1], draws=draws, seed=seed),
     }
 
 
@@ -409,7 +409,7 @@ def disagreements(
 def _compared(
     headings: xr.Dataset,
     gain: Floats,
-    judged: Mask,
+    chosen: Mask,
     ranking: Sequence[Content],
     *,
     draws: int,
@@ -422,9 +422,9 @@ def _compared(
     """
     predicted = {entry["aircraft"]: entry for entry in ranking}
     names = headings["aircraft"].to_numpy().astype(str)
-    aircraft = aircraft_of_report(headings)[judged]
-    day = headings["time"].to_numpy()[judged].astype("datetime64[D]").astype(np.int64)
-    gain = gain[judged]
+    aircraft = aircraft_of_report(headings)[chosen]
+    day = headings["time"].to_numpy()[chosen].astype("datetime64[D]").astype(np.int64)
+    gain = gain[chosen]
     edges = np.searchsorted(aircraft, np.arange(names.size + 1))
     entries: list[Content] = []
     together = np.zeros(gain.size, dtype=bool)

@@ -95,7 +95,7 @@ _NAMES = (
     "screening",
 )
 _CORRECTED = ("corrected_eastward_wind", "corrected_northward_wind", "correction_applied")
-_APPLIED = (CORRECTION["corrected"], CORRECTION["already_corrected"])
+_APPLIED = [CORRECTION[name] for name in ("corrected", "already_corrected", "no_correction_needed")]
 _PAIRED = ("latitude", "longitude", "pressure", "time", "aircraft", "cell", "day", "east", "north")
 
 
@@ -195,7 +195,7 @@ def disagreements(
     time = headings["time"].to_numpy()
     days = np.unique(time[~np.isnat(time)].astype("datetime64[D]"))
     stride = -(-headings.sizes["report"] // MOST_REPORTS)
-    stride += stride > 1 and stride % 7 == 0  # else one day of the week would stand for all
+    stride += stride > 1 and stride % 7 == 0  # else one day of the week would represent all
     pairs = list(combinations_with_replacement(range(len(members)), 2))
     keys, sums, kept = [], [], []
     speeds = np.zeros((CELLS, _SPEED_BINS))
@@ -289,9 +289,9 @@ def near_pairs(found: Disagreements, classes: Ints) -> PairTable:
     parts = []
     for day in range(days):
         rows = order[edges[day] : edges[day + 1]]
-        own = {name: values[rows] for name, values in table.items()}
+        part = {name: values[rows] for name, values in table.items()}
         pairs = neighbouring_pairs(
-            own["latitude"], own["longitude"], own["pressure"], own["time"], own["aircraft"]
+            part["latitude"], part["longitude"], part["pressure"], part["time"], part["aircraft"]
         )
         if pairs.first.size > most:
             chosen = np.sort(rng.permutation(pairs.first.size)[:most])
@@ -300,10 +300,10 @@ def near_pairs(found: Disagreements, classes: Ints) -> PairTable:
         parts.append(
             (
                 np.full(pairs.first.size, day),
-                own["cell"][ends],
-                classes[own["aircraft"][ends]],
+                part["cell"][ends],
+                classes[part["aircraft"][ends]],
                 pairs.separation,
-                half_squares(own["east"], own["north"], pairs),
+                half_squares(part["east"], part["north"], pairs),
             )
         )
     return PairTable(*(np.concatenate(column) for column in zip(*parts, strict=True)))
@@ -412,8 +412,8 @@ def _separation(
     if parts is None:
         return None
     fleet = _ratio((parts.by_cell * number).sum(-1), number.sum(-1))
-    own = _ratio(squares @ weights.T, found.by("aircraft", "day", "number") @ weights.T)
-    more = np.nan_to_num((own - own[-1:]).transpose(2, 0, 1), nan=0.0)
+    mean = _ratio(squares @ weights.T, found.by("aircraft", "day", "number") @ weights.T)
+    more = np.nan_to_num((mean - mean[-1:]).transpose(2, 0, 1), nan=0.0)
     aircraft = parts.by_class[:, classes][:, None] + more
     aircraft[..., flown.sum(axis=1) == 0] = np.nan
     cells = np.where(parts.resolved, parts.by_cell, np.nan)

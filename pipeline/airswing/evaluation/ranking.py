@@ -9,7 +9,7 @@ optimism (Efron 2004, J. Amer. Stat. Assoc. 99, 619-632) is subtracted, to first
 contains the covariance of the coefficients and, days being the independent units, the scatter of
 the headings flown and the errors met.
 
-Radians and m/s in the kernel; knots and degrees in what is returned.
+Radians and m/s in the kernel; knots and degrees in the results.
 """
 
 from __future__ import annotations
@@ -198,13 +198,13 @@ def rank_aircraft(
             if not published(fit["status"][number]) or not rows.size:
                 entry["why"] = f"no published fit: {words[status]}"
                 continue
-            own = columns[:, rows]
+            part = columns[:, rows]
             before, gain, spread = expected_gain(
-                own[:2],
-                own[2:4],
-                own[4],
-                own[5],
-                own[6],
+                part[:2],
+                part[2:4],
+                part[4],
+                part[5],
+                part[6],
                 day[rows],
                 fit["deviation"].to_numpy()[number],
                 fit["deviation_covariance"].to_numpy()[number],

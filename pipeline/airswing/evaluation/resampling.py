@@ -183,7 +183,7 @@ def permutation_test(
     if number < FEWEST_PERMUTED or treated.all() or not treated.any():
         return none
     columns = [np.ones(number), *([] if covariate is None else [covariate])]
-    # an orthonormal basis stands for the hat matrix
+    # an orthonormal basis replaces the hat matrix
     directions, values, _ = np.linalg.svd(np.column_stack(columns), full_matrices=False)
     span = directions[:, values > 1e-12 * values[0]]
     fitted = span @ (span.T @ outcome)
@@ -193,7 +193,7 @@ def permutation_test(
     if information < 1e-9 * number:
         return none
 
-    def judged(values: Floats) -> Floats:
+    def statistics(values: Floats) -> Floats:
         rest = values - (values @ span) @ span.T
         effects = (rest @ group) / information
         rest = rest - effects[:, np.newaxis] * group
@@ -202,12 +202,12 @@ def permutation_test(
             return np.stack([effects, np.abs(effects / error)])
 
     rng = np.random.default_rng(seed)
-    parts = [judged(outcome[np.newaxis])]
+    parts = [statistics(outcome[np.newaxis])]
     step = max(_VALUES_AT_ONCE // number, 1)
     for first in range(0, draws, step):
         rows = min(step, draws - first)
         shuffled = rng.permuted(np.tile(outcome - fitted, (rows, 1)), axis=1)
-        parts.append(judged(fitted + shuffled))
+        parts.append(statistics(fitted + shuffled))
     effects, t = np.concatenate(parts, axis=1)
     # draws that change nothing count as large, whatever the rounding
     p_value = (1.0 + (t[1:] >= t[0] * (1 - 1e-12)).sum()) / (draws + 1.0)

@@ -1,8 +1,8 @@
-"""What model winds every three or six hours cost, from hourly ones: the middle hours held out.
+"""Error of model winds interpolated over three or six hours, from an hourly reference.
 
-Assumes winds that are linear in time between hours an hour apart. Of a long archive some whole
-days, evenly spread, are taken: the cost is a property of the weather and the model, not of the
-reports. At the middle of an interval it is largest; over all reports it is what a run would get.
+Assumes that winds are linear in time within an hour. Of a long archive some whole days, evenly
+spread, are used: the error depends on the weather and the model, not on the reports. It is largest
+in the middle of an interval; over all reports it is the error that a run would have.
 """
 
 from __future__ import annotations
@@ -15,18 +15,18 @@ from airswing.evaluation.results import Content
 from airswing.reference.collocate import collocate
 from airswing.reference.geometry.wind_profiles import Catalogue
 
-# Steps at which archives of models keep their winds.
+# intervals at which archives of models hold winds
 _INTERVALS_H = (3, 6)
-# Spread evenly over the archive, these stand for it: each is collocated once an interval.
+# spread evenly over the archive, and collocated once for each interval
 DAYS = 10
-REPORTS = 20_000  # Taken of those days at most
+REPORTS = 20_000  # of those days at most
 _HOUR = 3_600_000_000_000  # ns
-# Reports so near the middle of an interval count as at it.
+# reports nearer than this to the middle of an interval are counted there
 _MIDDLE = _HOUR // 2
 
 
 def interval_cost(reports: xr.Dataset, catalogue: Catalogue) -> list[Content]:
-    """Compare winds interpolated over three and six hours with hourly ones.
+    """Compare winds interpolated over three and six hours with hourly winds.
 
     Parameters
     ----------

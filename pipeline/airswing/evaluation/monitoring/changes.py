@@ -12,7 +12,7 @@ A likelihood ratio exceeds exp(c) with probability exp(-c) at most where there i
 expected number of false changes in a fleet follows, and a change is stated where it is at most
 :data:`FALSE_CHANGES`.
 
-Dates are days, UTC; angles in degrees in what is returned.
+Dates are days, UTC; angles in degrees in the results.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ class CompassWatch:
         -------
         list of dict
             One an aircraft: ``aircraft``, ``days`` with reports, ``p_value`` and ``statistic`` of
-            the largest step (None with too few days to tell), and ``changes``, each with
+            the largest step (None with too few days for a test), and ``changes``, each with
             ``date`` (first day of the new compass), ``date_ci``, ``change_deg`` and
             ``standard_error_deg`` of A to E, ``curve_rms_deg`` (rms over the compass) and
             ``p_value``: the expected number of changes as clear as this in a fleet without any.
@@ -104,7 +104,8 @@ class CompassWatch:
             if first is not None:
                 entry["statistic"] = first.statistic
                 entry["p_value"] = self.false_changes(first.statistic)
-                entry["changes"] = [self._change(one) for one in self._steps(series, scale)]
+                if self._stated(first):
+                    entry["changes"] = [self._change(one) for one in self._steps(series, scale)]
             found.append(entry)
         return found
 
@@ -228,7 +229,7 @@ def add_changes(fits: xr.Dataset, changes: list[Content]) -> xr.Dataset:
     Returns
     -------
     Dataset
-        With ``change_count``, ``change_p_value`` (NaN with too few days to tell), and of the
+        With ``change_count``, ``change_p_value`` (NaN with too few days for a test), and of the
         largest change ``change_rms``, ``change_date``, ``change_date_low``,
         ``change_date_high`` (NaT where there is none); all changes in the attribute
         ``compass_changes``, which :func:`noted_changes` reads.

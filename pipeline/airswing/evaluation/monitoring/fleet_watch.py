@@ -7,7 +7,7 @@ show it, has been removed. The common part is a robust mean, drawn towards the l
 before, and is tested like one more aircraft: a step of it belongs to the reference. In a small
 fleet a night on which half of the aircraft or more seem to step is attributed to the reference too.
 
-The errors of a day are estimated from the months before its own, so that no later night weighs a
+The errors of a day are estimated from the months before it, so that no later night weighs a
 day otherwise. Radians; logarithms of the wind vector difference.
 """
 
@@ -33,7 +33,7 @@ BLOCK_DAYS = 21
 ENOUGH_ROWS, FEWEST_AIRCRAFT = 20_000, 20
 """Rows that suffice to estimate the errors of a day, and the fewest aircraft among them."""
 MONTH_BEFORE = 28
-"""Days before a month from which its errors are estimated; where fewer, from its own days."""
+"""Days before a month that its errors are estimated from; where fewer, the month itself is used."""
 LIKELY = 3.0
 """Log likelihood ratio beyond which an aircraft of a small fleet seems to have stepped too."""
 _DEGREE = np.pi / 180.0
@@ -45,7 +45,7 @@ _WINDS = np.repeat([0.0, 1.0], [10, 2])
 
 @dataclass(frozen=True)
 class Quantity:
-    """What is tested, and the errors expected of it."""
+    """A quantity to test, and the errors expected of it."""
 
     law: Law
     noise: Noise  # of a day, where there are too few days to estimate it
@@ -174,10 +174,10 @@ def _night(
     """Take in a day: its steps (number -1: the fleet), and the common part of each aircraft."""
     weight, right = single.noise.weights(normal, right)
     level = shared.level(np.array([0]))[0][0]
-    without, total, told = common_part(*single.innovation(of, weight, right), level, sigma)
+    without, total, shown = common_part(*single.innovation(of, weight, right), level, sigma)
     single.add(night, of, weight, right - np.einsum("nij,nj->ni", weight, without))
     fleet = np.arange(int(total.any()))
-    shared.add(night, fleet, *shared.noise.weights(total[None], told[None]))
+    shared.add(night, fleet, *shared.noise.weights(total[None], shown[None]))
     reference, steps = shared.steps(fleet), single.steps(of)
     for step in reference:
         shared.restart(step)
