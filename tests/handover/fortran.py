@@ -13,11 +13,11 @@ import numpy as np
 
 
 class ReadError(ValueError):
-    """What IOSTAT > 0, or the crash of a reader without IOSTAT, stands for."""
+    """What IOSTAT > 0, or the crash of a reader without IOSTAT, means."""
 
 
 class FileEndError(EOFError):
-    """What IOSTAT < 0 stands for."""
+    """What IOSTAT < 0 means."""
 
 
 def real(field: str, decimals: int) -> float:

@@ -17,7 +17,6 @@ from hypothesis import strategies as st
 
 import airswing
 from airswing.config import Handover
-from airswing.errors import InputError
 from airswing.flags import CORRECTION, PHASE, PLATFORM, SCREENING
 from airswing.handover.export import as_text
 from airswing.products.netcdf import write_product
@@ -264,17 +263,6 @@ def test_one_report_for_every_reason_to_stay_out(tmp_path, to):
     assert len(understood(to, tmp_path / "f")) == 3
 
 
-def test_reported_winds_need_no_correction(tmp_path):
-    ds = corrected(
-        {"N1": 4}, correction_applied=CORRECTION["no_fit"], corrected_eastward_wind=np.nan
-    )
-    airswing.export(ds, to="obs_domain", path=tmp_path / "f", winds="reported")
-    assert_agree(understood("obs_domain", tmp_path / "f"), expected(ds, "reported"), "obs_domain")
-    with pytest.raises(InputError, match=r"no report.*no_fit 4|no report.*no_wind 4"):
-        airswing.export(ds, to="obs_domain", path=tmp_path / "g")
-    assert not (tmp_path / "g").exists()
-
-
 def test_winds_that_wrf_would_not_take_stay_out_of_obs_domain(tmp_path):
     ds = corrected({"N1": 3}, pressure=[8000.0, 8000.01, 7000.0])
     result = airswing.export(ds, to="obs_domain", path=tmp_path / "f")
@@ -459,13 +447,6 @@ def test_the_errors_of_ob_ascii_are_those_of_the_table_and_the_correction(tmp_pa
     exact = np.array([np.hypot(2.9, 0.8 / np.sqrt(2.0)), 2.3, 2.6])
     by_hand = np.degrees(np.arctan(exact / np.hypot(20.0, -3.0)))
     assert directions == pytest.approx(by_hand, abs=0.006)
-
-
-def test_aireps_have_the_error_of_aireps(tmp_path):
-    ds = corrected({"N1": 1}, corrected_wind_standard_error=0.0)
-    airswing.export(ds, to="ob_ascii", path=tmp_path / "f", settings=Handover(platform="AMDAR"))
-    report = wrfda.read((tmp_path / "f").read_text())[0][0]
-    assert report["type"] == "airep" and report["levels"][0]["error"] == pytest.approx(3.6)
 
 
 def test_the_header_of_ob_ascii_counts(tmp_path):

@@ -1,4 +1,4 @@
-"""Numbers, texts and dates in fixed columns, held against Python's own formatting."""
+"""Numbers, texts, dates and winds in fixed columns, compared with Python's formatting and MetPy."""
 
 from __future__ import annotations
 
@@ -6,13 +6,15 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from metpy.calc import wind_components
+from metpy.units import units
 
 from airswing.handover.fixed_columns import (
-    line_starts,
     lines_of,
     put_number,
     put_text,
     put_time,
+    speed_and_direction,
     text_table,
 )
 
@@ -85,5 +87,35 @@ def test_texts_and_dates():
     assert bytes(lines[0]).decode()[:19] == "2008-12-31_23:59:59"
 
 
-def test_where_the_lines_of_a_record_begin():
-    assert line_starts("ab\ncde\n\nf\n") == [0, 3, 7, 8]
+POINTS = [
+    (0.0, -10.0, 360.0),
+    (-10.0, -10.0, 45.0),
+    (-10.0, 0.0, 90.0),
+    (-10.0, 10.0, 135.0),
+    (0.0, 10.0, 180.0),
+    (10.0, 10.0, 225.0),
+    (10.0, 0.0, 270.0),
+    (10.0, -10.0, 315.0),
+    (0.0, 0.0, 360.0),
+    (-0.0, -5.0, 360.0),
+]
+
+
+@pytest.mark.parametrize(("u", "v", "direction"), POINTS)
+def test_on_the_compass_points(u, v, direction):
+    speed, found = speed_and_direction([u], [v])
+    assert speed[0] == pytest.approx(np.hypot(u, v)) and found[0] == pytest.approx(direction)
+
+
+def test_components_come_back_through_metpy():
+    rng = np.random.default_rng(1)
+    u, v = rng.normal(0.0, 20.0, (2, 500))
+    speed, direction = speed_and_direction(u, v)
+    back = wind_components(speed * units("m/s"), direction * units.degree)
+    np.testing.assert_allclose([part.magnitude for part in back], [u, v], atol=1e-9)
+
+
+def test_what_is_hardly_east_of_north_is_north():
+    _, direction = speed_and_direction([-1e-5, -1e-5, 1e-5], [-1.0, -1.0, -1.0], least=0.001)
+    assert direction[:2] == pytest.approx([360.0, 360.0]) and direction[2] > 359.999
+    assert speed_and_direction([-1e-5], [-1.0])[1] == pytest.approx([5.73e-4], rel=1e-3)

@@ -1,4 +1,4 @@
-"""Model winds at flight levels beside corrected ones: boxes by hand, a bias followed."""
+"""Model winds at flight levels paired with corrected ones: boxes by hand, a bias followed."""
 
 import numpy as np
 import pytest
@@ -34,10 +34,10 @@ def test_boxes_by_hand():
     headings, ds = archive(3, 2.0)
     found = flight_level_pairs(headings, ds, ["ruc"], region=5.0, fewest=6)
     assert found.sizes == {"variable": 2, "station": 2, TIME: 3, "lead": 1}
-    own = found.sel(station="0450_hPa_42.5N_92.5W", variable="eastward_wind")
-    np.testing.assert_allclose(own["forecast"] - own["observation"], 2.0)
-    assert own["pressure"].item() == 45_000.0
-    assert (own["latitude"].item(), own["longitude"].item()) == (42.5, -92.5)
+    chosen = found.sel(station="0450_hPa_42.5N_92.5W", variable="eastward_wind")
+    np.testing.assert_allclose(chosen["forecast"] - chosen["observation"], 2.0)
+    assert chosen["pressure"].item() == 45_000.0
+    assert (chosen["latitude"].item(), chosen["longitude"].item()) == (42.5, -92.5)
     other = found.sel(station="0450_hPa_2.5S_177.5E", variable="eastward_wind")
     np.testing.assert_allclose(other["forecast"], other["observation"])
 

@@ -69,10 +69,10 @@ def test_command_writes_product_and_page(real, tmp_path):
     section = {"pairs": {"files": str(real("stations/verif_raw.txt"))}}
     config.write_text(yaml.safe_dump({"postprocess": section, "output": str(tmp_path / "out")}))
     done = CliRunner().invoke(app, ["postprocess", str(config), "--json", "--quiet"])
-    told = json.loads(done.stdout)["variables"]["air_temperature"]
-    assert told["kalman"]["rms"]["value"] < told["running_mean"]["rms"]["value"] < 1.3
-    low, high = told["kalman"]["skill"]["ci"]
-    assert 0.0 < low < told["kalman"]["skill"]["value"] < high < 1.0
+    output = json.loads(done.stdout)["variables"]["air_temperature"]
+    assert output["kalman"]["rms"]["value"] < output["running_mean"]["rms"]["value"] < 1.3
+    low, high = output["kalman"]["skill"]["ci"]
+    assert 0.0 < low < output["kalman"]["skill"]["value"] < high < 1.0
     product = read_product(tmp_path / "out" / "postprocessed.nc")
     assert str(product["variable_units"].item()) == "degC"
     valid = product["valid_time"].isel({TIME: 0}).sel(lead=12.0).item()
@@ -337,9 +337,9 @@ def test_grib_forecasts_meet_observations(real, tmp_path):
     assert np.isnan(at["observation"].sel(variable="wind_speed", lead=21.0))
     later = found.sel(station="ORD", variable="air_temperature", lead=0.0).isel({TIME: 1})
     assert float(later["observation"]) == 293.15
-    told = found.attrs["lines_left_out"]
-    assert told["stations without a forecast: NRT"] == 1
-    assert told["wind_speed out of range"] == 1
+    output = found.attrs["lines_left_out"]
+    assert output["stations without a forecast: NRT"] == 1
+    assert output["wind_speed out of range"] == 1
 
 
 @pytest.mark.parametrize(
@@ -359,9 +359,9 @@ def test_grib_forecasts_meet_observations(real, tmp_path):
 def test_bad_tables_are_told(tmp_path, text, what):
     file = tmp_path / "pairs.csv"
     file.write_text(text)
-    with pytest.raises(InputError, match=what) as told:
+    with pytest.raises(InputError, match=what) as error:
         pairs_from_tables([file])
-    assert str(file) in str(told.value) and len(str(told.value)) < 2000
+    assert str(file) in str(error.value) and len(str(error.value)) < 2000
 
 
 def test_stations_of_which_nothing_can_be_used(tmp_path):

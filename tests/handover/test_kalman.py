@@ -1,4 +1,4 @@
-"""The filter against its equations number by number, its limit, and its own model."""
+"""The filter against its equations number by number, its limit, and the model it assumes."""
 
 import math
 

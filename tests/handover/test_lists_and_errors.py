@@ -55,8 +55,8 @@ def run(folder, fleet, *, pressure=50000.0):
         reference_northward_wind=(("reference", "report"), v[None]),
     ).assign_coords(reference=["ruc"])
     ds.attrs["correction_reference"] = "ruc"
-    told = '{"references": {"ruc": {}}, "pool": {}}'
-    write_product(ds, folder / "corrected.nc", title="corrected", config_json=told)
+    output = '{"references": {"ruc": {}}, "pool": {}}'
+    write_product(ds, folder / "corrected.nc", title="corrected", config_json=output)
     write_product(headings, folder / "headings.nc", title="headings")
     write_product(errors(list(fleet)), folder / "observation_errors.nc", title="errors")
     return folder / "corrected.nc"
@@ -195,9 +195,9 @@ def test_more_than_gsi_has_room_for_is_told(tmp_path, number):
 def test_what_is_no_list_is_refused(tmp_path, text, what):
     base = tmp_path / "list"
     base.write_text(text)
-    with pytest.raises(InputError, match=what) as told:
+    with pytest.raises(InputError, match=what) as error:
         read_reject_list(base)
-    assert str(base) in str(told.value)
+    assert str(base) in str(error.value)
 
 
 def test_a_list_is_needed_and_nothing_is_written_over(tmp_path):
@@ -279,13 +279,6 @@ def test_what_is_no_error_table_is_refused(tmp_path):
     assert not (tmp_path / "x").exists()
     with pytest.raises(InputError, match="no rows of UV AIREPS"):
         changed_table("1.0 \n", {"UV": {500: 1.0}}, ["AIREPS"])
-
-
-def test_missing_products_are_told(tmp_path):
-    product = run(tmp_path, {"A": (9.0, 0.0)})
-    (tmp_path / "observation_errors.nc").unlink()
-    with pytest.raises(InputError, match=r"observation_errors\.nc"):
-        export(product, to="obs_errors", path=tmp_path / "x")
 
 
 def write_fits(folder):

@@ -1,7 +1,7 @@
 """The readers of these tests understand what WRF's own readers understood, record by record.
 
 The golden files are what WRF 4.7's in4dob, OBSPROC and WRFDA's reader made of reports built for the
-purpose, traps among them; without them beside the repository the tests are skipped.
+purpose, traps among them; without them next to the repository the tests are skipped.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import pytest
 
 from tests.conftest import ROOT
 from tests.handover import obsproc, wrf_nudging, wrfda
-from tests.handover.fortran import Lines, ReadError, integer, logical, real
+from tests.handover.fortran import Lines, ReadError, real
 
 GOLDEN = ROOT.parent / "shared" / "handover"
 NOON = datetime(2008, 7, 15, 12)
@@ -34,8 +34,10 @@ def records(name: str, kind: str) -> list[dict[str, Any]]:
     return [record for record in map(json.loads, lines) if record["record"] == kind]
 
 
-def assert_same(found: dict[str, Any], told: dict[str, Any], *, close: float = 1e-6) -> None:
-    for name, value in told.items():
+def assert_same(
+    found: dict[str, Any], golden_records: dict[str, Any], *, close: float = 1e-6
+) -> None:
+    for name, value in golden_records.items():
         if name in ("record", "n", "lev"):
             continue
         if isinstance(value, float | list) and not isinstance(value, bool):
@@ -66,24 +68,15 @@ def test_what_is_no_number(field):
         real(field, 3)
 
 
-def test_other_fields_and_lines():
-    assert integer("   12") == 12 and integer("    ") == 0
-    assert logical("   T") and not logical(" .F.")
-    with pytest.raises(ReadError):
-        logical("  0")
-    lines = Lines("ab\r\n\nc")
-    assert [lines.next().rstrip() for _ in range(3)] == ["ab", "", "c"]
-
-
 def test_obs_domain_values_are_read_as_wrf_reads_them():
     found = wrf_nudging.raw(golden("OBS_DOMAIN101").read_text())
-    told, levels = (records("obsdomain.raw.jsonl", kind) for kind in ("report", "level"))
-    assert len(found) == len(told) == records("obsdomain.raw.jsonl", "end")[0]["reports"]
-    for one, other in zip(found, told, strict=True):
+    golden_records, levels = (records("obsdomain.raw.jsonl", kind) for kind in ("report", "level"))
+    assert len(found) == len(golden_records) == records("obsdomain.raw.jsonl", "end")[0]["reports"]
+    for one, other in zip(found, golden_records, strict=True):
         assert_same(one, other)
-        own = [level for level in levels if level["n"] == other["n"]]
-        assert len(own) == len(one["levels"]) == one["meas_count"]
-        for pairs, level in zip(one["levels"], own, strict=True):
+        chosen = [level for level in levels if level["n"] == other["n"]]
+        assert len(chosen) == len(one["levels"]) == one["meas_count"]
+        for pairs, level in zip(one["levels"], chosen, strict=True):
             assert_same(dict(zip(wrf_nudging.NAMES, pairs, strict=True)), level)
 
 
@@ -91,9 +84,12 @@ def test_obs_domain_is_kept_as_the_nudging_keeps_it():
     text = golden("OBS_DOMAIN101").read_text()
     head = records("obsdomain.in4dob.jsonl", "in4dob")[0]
     domain = wrf_nudging.Domain(NOON, head["known_lat"], head["known_lon"])
-    found, told = wrf_nudging.in4dob(text, domain), records("obsdomain.in4dob.jsonl", "ob")
-    assert len(found) == head["nstat"] == len(told)
-    for one, other in zip(found, told, strict=True):
+    found, golden_records = (
+        wrf_nudging.in4dob(text, domain),
+        records("obsdomain.in4dob.jsonl", "ob"),
+    )
+    assert len(found) == head["nstat"] == len(golden_records)
+    for one, other in zip(found, golden_records, strict=True):
         other.pop("rk", None)
         timeob, qv = other.pop("timeob_h"), other.pop("qv")
         for name, digits in (("ri", 2e-3), ("rj", 2e-3), ("u", 2e-4), ("v", 2e-4)):
@@ -105,22 +101,22 @@ def test_obs_domain_is_kept_as_the_nudging_keeps_it():
 
 def test_little_r_values_are_read_as_obsproc_reads_them():
     found = obsproc.raw(golden("obs.test.little_r").read_text())
-    told, levels = (records("littler_dump.jsonl", kind) for kind in ("report", "level"))
-    assert len(found) == len(told) == records("littler_dump.jsonl", "end")[0]["reports"]
-    for one, other in zip(found, told, strict=True):
+    golden_records, levels = (records("littler_dump.jsonl", kind) for kind in ("report", "level"))
+    assert len(found) == len(golden_records) == records("littler_dump.jsonl", "end")[0]["reports"]
+    for one, other in zip(found, golden_records, strict=True):
         assert_same(one, other)
-        own = [level for level in levels if level["n"] == other["n"]]
-        assert len(own) == len(one["levels"])
-        for mine, level in zip(one["levels"], own, strict=True):
+        chosen = [level for level in levels if level["n"] == other["n"]]
+        assert len(chosen) == len(one["levels"])
+        for mine, level in zip(one["levels"], chosen, strict=True):
             assert_same(mine, level)
 
 
 def test_little_r_becomes_what_obsproc_made_of_it():
     text = golden("obs.test.little_r").read_text()
     found = obsproc.processed(text, datetime(2008, 7, 15, 11), NOON, datetime(2008, 7, 15, 13))
-    told, whole = wrfda.read(golden("obsproc_ob.ascii").read_text())
-    assert whole and len(found) == len(told)
-    for one, other in zip(found, told, strict=True):
+    golden_records, whole = wrfda.read(golden("obsproc_ob.ascii").read_text())
+    assert whole and len(found) == len(golden_records)
+    for one, other in zip(found, golden_records, strict=True):
         assert one["platform"][:12] == other["platform"]
         assert one["time"] == datetime.strptime(other["date"], "%Y-%m-%d_%H:%M:%S")
         assert (one["name"], one["id"]) == (other["name"], other["id"])
@@ -137,15 +133,15 @@ def test_little_r_becomes_what_obsproc_made_of_it():
 def test_ob_ascii_is_read_as_wrfda_reads_it(name):
     text = golden(f"{name}.ascii").read_text()
     found, whole = wrfda.read(text)
-    told, levels = (records(f"{name}.read.jsonl", kind) for kind in ("report", "level"))
+    golden_records, levels = (records(f"{name}.read.jsonl", kind) for kind in ("report", "level"))
     head = records(f"{name}.read.jsonl", "header")[0]
     end = records(f"{name}.read.jsonl", "end")[0]
     formats = wrfda.formats(Lines(text))
     assert [formats[part] for part in ("info", "srfc", "each")] == [
         head[f"fmt_{part}"] for part in ("info", "srfc", "each")
     ]
-    assert whole is end["clean_end_of_file"] and len(found) == end["reports"] == len(told)
-    for one, other in zip(found, told, strict=True):
+    assert whole is end["clean_end_of_file"] and len(found) == end["reports"] == len(golden_records)
+    for one, other in zip(found, golden_records, strict=True):
         for mine, theirs in (
             ("platform", "platform"),
             ("fm", "fm"),
@@ -158,8 +154,8 @@ def test_ob_ascii_is_read_as_wrfda_reads_it(name):
             assert one[mine] == other[theirs]
         for name_ in ("lat", "lon", "elv"):
             assert one[name_] == pytest.approx(other[name_])
-        own = [level for level in levels if level["n"] == other["n"]]
-        for mine, level in zip(one["levels"], own, strict=True):
+        chosen = [level for level in levels if level["n"] == other["n"]]
+        for mine, level in zip(one["levels"], chosen, strict=True):
             for part in wrfda.COLUMNS:
                 assert mine[part] == pytest.approx(level[part], rel=1e-6), part
             assert mine["vertical"] == level["vertical"]
@@ -167,11 +163,3 @@ def test_ob_ascii_is_read_as_wrfda_reads_it(name):
             assert (mine["qc"], mine["error"]) == pytest.approx(tuple(level["iv_u"][1:]))
             speed = np.hypot(level["iv_u"][0], level["iv_v"][0])
             assert np.hypot(*mine["earth"]) == pytest.approx(speed, abs=2e-3)
-
-
-def test_scanning_counts_as_wrfda_counts():
-    reports, _ = wrfda.read(golden("ob.ascii").read_text())
-    told = records("ob.scan.jsonl", "scan")[0]
-    for kind in ("airep", "tamdar"):
-        assert sum(report["type"] == kind for report in reports) == told[kind]
-    assert sum(len(report["levels"]) for report in reports) == told["levels"]

@@ -9,7 +9,6 @@ import pytest
 import xarray as xr
 
 import airswing
-from airswing.config import Handover
 from airswing.errors import InputError
 from airswing.flags import PHASE
 from airswing.handover.wind_errors import table_error
@@ -48,11 +47,11 @@ def write_known(folder: Path, *missing: str, known: np.ndarray = KNOWN) -> None:
 
 def errors(folder: Path, ds: xr.Dataset, **choices: object) -> list[float]:
     write_product(ds, folder / "corrected.nc", title="test")
-    told = airswing.export(
+    result = airswing.export(
         folder / "corrected.nc", to="ob_ascii", path=folder / "f", overwrite=True, **choices
     )
     reports, _ = wrfda.read((folder / "f").read_text())
-    assert told["notes"][0].startswith(f"errors of the winds from {told['errors_from']}")
+    assert result["notes"][0].startswith(f"errors of the winds from {result['errors_from']}")
     return [level["error"] for report in reports for level in report["levels"]]
 
 
@@ -60,20 +59,20 @@ def test_the_table_is_the_one_obsproc_gave_its_reports():
     golden = ROOT.parent / "shared/handover/obsproc_ob.ascii"
     if not golden.exists():
         pytest.skip("golden file absent: ../shared/handover/obsproc_ob.ascii")
-    told = [
+    result = [
         (level["p"][0], report["type"] == "airep", level["speed"][2])
         for report in wrfda.read(golden.read_text())[0]
         for level in report["levels"]
         if level["p"][0] > 0
     ]
-    pressure, airep, error = (np.array(column) for column in zip(*told, strict=True))
+    pressure, airep, error = (np.array(column) for column in zip(*result, strict=True))
     found = table_error(pressure, np.where(airep, 3, 0).astype(np.int8))
     np.testing.assert_allclose(found, error, atol=0.006)
     assert len(set(error)) >= 5
 
 
 def test_errors_by_leg_and_layer(tmp_path):
-    """Corrections as uncertain as each other change nothing; an ascent has no row of its own."""
+    """Corrections as uncertain as each other change nothing; an ascent has no row."""
     write_known(tmp_path)
     ds = corrected(
         {"N1": 6},
@@ -141,22 +140,16 @@ def test_a_product_that_tells_no_errors_is_refused(tmp_path):
         airswing.export(tmp_path / "corrected.nc", to="ob_ascii", path=tmp_path / "f")
 
 
-def test_the_table_where_nothing_is_known(tmp_path):
-    ds = corrected({"N1": 2}, pressure=[15000.0, 95000.0], corrected_wind_standard_error=1.0)
-    found = errors(tmp_path, ds, settings=Handover(platform="TAMDAR"))
-    assert found == pytest.approx([np.sqrt(3.6**2 + 0.5), np.sqrt(2.3**2 + 0.5)], abs=0.006)
-
-
 @pytest.mark.parametrize("winds", ["corrected", "reported"])
 def test_a_product_that_knows_no_error_is_not_said_to_be_its_source(tmp_path, winds):
     write_known(tmp_path, known=np.full_like(KNOWN, np.nan))
     ds = corrected({"N1": 2}, pressure=50000.0, corrected_wind_standard_error=0.0)
     write_product(ds, tmp_path / "corrected.nc", title="test")
-    told = airswing.export(
+    result = airswing.export(
         tmp_path / "corrected.nc", to="ob_ascii", path=tmp_path / "f", winds=winds
     )
-    assert told["errors_from"] == "WRFDA's own table"
-    assert "observation_errors.nc knows none of these" in told["notes"][0]
-    assert ("uncertainty of each correction" in told["notes"][0]) == (winds == "corrected")
+    assert result["errors_from"] == "WRFDA's own table"
+    assert "observation_errors.nc knows none of these" in result["notes"][0]
+    assert ("uncertainty of each correction" in result["notes"][0]) == (winds == "corrected")
     (first, *_), _ = wrfda.read((tmp_path / "f").read_text())
     assert first["levels"][0]["error"] == pytest.approx(2.9)

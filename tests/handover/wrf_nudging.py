@@ -157,20 +157,20 @@ def in4dob(text: str, domain: Domain) -> list[dict[str, Any]]:
     for report in raw(text):
         hours = np.float32((report["seconds"] - _seconds(domain.start)) / 3600.0)
         i, j = domain.position(report["lat"], report["lon"])
-        own = [
+        chosen = [
             _observation(report, pair, domain, number + 1, hours, i, j)
             for number, pair in enumerate(report["levels"])
         ]
-        if len(kept) + len(own) > domain.max_obs:
+        if len(kept) + len(chosen) > domain.max_obs:
             raise FatalError("STOP 122")
-        if hours < -2 * domain.window_hours or _overwrites(own, kept):
+        if hours < -2 * domain.window_hours or _overwrites(chosen, kept):
             continue
         if i < 2 or i > domain.e_we - 1 or j < 2 or j > domain.e_sn - 1:
             continue
         if hours < last:
             raise FatalError("STOP 111")
         last = hours
-        kept += own
+        kept += chosen
     return [one for one in kept if abs(one["timeob_h"]) <= domain.window_hours]
 
 
@@ -241,11 +241,11 @@ def _mixing_ratio(humidity: float, temperature: float, pressure: float) -> float
     return float(0.01 * humidity * 0.62197 * vapour / (pressure - vapour))
 
 
-def _overwrites(own: list[dict[str, Any]], kept: list[dict[str, Any]]) -> bool:
+def _overwrites(chosen: list[dict[str, Any]], kept: list[dict[str, Any]]) -> bool:
     """Satellite winds, and ACARS taken for such: the later of one place and level counts."""
-    if len(own) != 1:
+    if len(chosen) != 1:
         return False
-    new = own[0]
+    new = chosen[0]
     for old in kept:
         same = all(old[name] == new[name] for name in ("timeob_h", "ri", "rj", "p_cb"))
         if same and old["nlevs"] == 1.0 and old["plfo"] == new["plfo"] == 7.0:

@@ -68,13 +68,13 @@ def test_every_unit_fault_changes_the_wind_and_nothing_else(plain: pd.DataFrame,
 
 def test_hard_iron_is_the_cycle_asked_for(plain: pd.DataFrame) -> None:
     found = simulated("hard_iron", ["N402"], amplitude_deg=4.0, phase_deg=50.0)
-    own = (found["tail"] == "N402").to_numpy()
+    chosen = (found["tail"] == "N402").to_numpy()
     error = heading_error(found)
-    assert np.abs(error[~own]).max() < 1e-6
+    assert np.abs(error[~chosen]).max() < 1e-6
     magnetic = (found["heading"] - found["declination"]).to_numpy()
     strength = np.median(plain["horizontal"]) / found["horizontal"].to_numpy()
     expected = 4.0 * np.sin(magnetic + np.radians(50.0)) * strength
-    np.testing.assert_allclose(error[own], expected[own], atol=0.005)
+    np.testing.assert_allclose(error[chosen], expected[chosen], atol=0.005)
 
 
 def test_a_step_acts_within_its_period_only() -> None:
@@ -145,10 +145,10 @@ def test_lag_sends_the_wind_of_an_earlier_place(plain: pd.DataFrame) -> None:
 
 def test_reporting_faults(plain: pd.DataFrame) -> None:
     high = simulated("altitude_offset", ["N403"], offset_ft=500.0)
-    own = high["tail"] == "N403"
+    chosen = high["tail"] == "N403"
     rise = (high["altitude"] - plain["altitude"]) / 0.3048
-    np.testing.assert_allclose(rise[own], 500.0, atol=1e-6)
-    assert (rise[~own] == 0).all()
+    np.testing.assert_allclose(rise[chosen], 500.0, atol=1e-6)
+    assert (rise[~chosen] == 0).all()
     coarse = simulated("wind_coding", step=5.0)
     assert (coarse["speed"] % 5 == 0).all()
     assert (coarse["direction"] % 10 == 0).all()

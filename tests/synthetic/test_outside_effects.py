@@ -108,19 +108,6 @@ def test_every_component_has_the_stated_size_where_it_acts_and_its_direction(com
         assert along == pytest.approx(np.zeros(acts.sum()), abs=1e-9)
 
 
-def test_a_turn_is_clockwise_and_the_sign_turns_it_back():
-    variables, _, _ = surroundings(3)
-    u, v = np.zeros(3), np.full(3, -10.0)  # from the north
-    everywhere = [part("wind_direction", "sector", at=0.0, width=0.4)]
-    variables |= {"wind_direction": np.zeros(3)}
-    change = outside_change(effect(everywhere, "direction"), u, v, variables, np.ones(3, bool))
-    assert (change[:, 0] < 0).all()  # from slightly east of north: blows to the west
-    back = outside_change(
-        effect(everywhere, "direction", sign=-1.0), u, v, variables, np.ones(3, bool)
-    )
-    assert (back[:, 0] > 0).all()
-
-
 def test_scatter_by_hand():
     variables, _, _ = surroundings(4)
     u, v = KNOT * np.array([2.0, 10.0, 40.0, 0.0]), np.zeros(4)
@@ -171,20 +158,20 @@ def test_draws_are_what_they_say_and_make_a_change(shape):
     for seed in range(40):
         rng = np.random.default_rng(seed)
         one = draw_outside(rng, Occasion(tuple(TAILS), START, 45), shape=shape, size=0.8)
-        own = one["parameters"]
-        names = [p["variable"] for p in own["parts"]]
+        chosen = one["parameters"]
+        names = [p["variable"] for p in chosen["parts"]]
         assert set(names) <= set(VARIABLES) and len(set(names)) == len(names)
         assert not any(len(set(names) & group) > 1 for group in ALIKE)
         here = np.ones(u.size, bool)
         if shape == "scatter":
-            assert own["kind"] in SCATTER
-            change = scatter_change(own, u, v, variables, here, rng)
+            assert chosen["kind"] in SCATTER
+            change = scatter_change(chosen, u, v, variables, here, rng)
         else:
             assert len(names) == (2 if shape in ("product", "threshold") else 1)
-            change = outside_change(own, u, v, variables, here)
+            change = outside_change(chosen, u, v, variables, here)
         assert np.isfinite(change).all()
         scope = "all" if one["tails"] is None else "one" if len(one["tails"]) == 1 else "some"
-        seen.update([scope, own["component"], *names, "late" if one["period"] else "always"])
+        seen.update([scope, chosen["component"], *names, "late" if one["period"] else "always"])
     assert {"one", "some", "all", "always"} <= set(seen)
 
 

@@ -1,4 +1,4 @@
-"""The fit's equation against the generator's vectors: held against the true wind, none is off.
+"""The stated truth against the units' errors, and the fit's equation against the generator.
 
 The generator knows no deviation curve (fields, iron and a sensing plane), the fit no iron: where
 the reference is the true wind and nothing is rounded, what they disagree on is the fit's error.
@@ -9,12 +9,14 @@ from __future__ import annotations
 from datetime import datetime
 
 import numpy as np
+import pytest
 import xarray as xr
 
 from airswing.compass.fit.deviation import fit_deviation
 from airswing.synthetic.archive import simulate_arrays
 from airswing.synthetic.instrument import deviation_curve, parse_faults
-from airswing.synthetic.truth import fleet_deviations, unit_of
+from airswing.synthetic.observe import Coding
+from airswing.synthetic.truth import fleet_deviations, truth_record, unit_of
 
 START = datetime(2009, 3, 1)
 TAILS = [f"N{401 + k}" for k in range(6)]
@@ -56,6 +58,7 @@ def headings(frame) -> xr.Dataset:
     )
 
 
+@pytest.mark.slow
 def test_against_the_true_wind_amplitudes_are_right_to_a_hundredth_of_a_degree():
     effects = fleet_deviations(TAILS, 12)
     frame = simulate_arrays(
@@ -72,9 +75,9 @@ def test_against_the_true_wind_amplitudes_are_right_to_a_hundredth_of_a_degree()
     fits = fit_deviation(headings(cruise), min_compass_points=5).isel(reference=0)
     usual, judged = float(frame["horizontal"].median()), 0
     for k, tail in enumerate(TAILS):
-        own = cruise[cruise["tail"] == tail]
-        field = float(own["horizontal"].mean())
-        down = float((own["horizontal"] * np.tan(own["dip"])).mean())
+        chosen = cruise[cruise["tail"] == tail]
+        field = float(chosen["horizontal"].mean())
+        down = float((chosen["horizontal"] * np.tan(chosen["dip"])).mean())
         unit = unit_of(k, faults, TAILS, field, down, usual_field=usual)
         curve = deviation_curve(field, down, unit)
         amplitude = float(np.hypot(curve["B"], curve["C"]))
@@ -89,3 +92,25 @@ def test_against_the_true_wind_amplitudes_are_right_to_a_hundredth_of_a_degree()
             one["offset_standard_error"]
         )
     assert judged >= 4
+
+
+@pytest.mark.parametrize("seed", [7, 8])
+def test_every_unit_errs_by_its_stated_coefficients_at_the_field_it_flies_in(seed: int) -> None:
+    """Aircraft fly where the field is weaker or stronger than the fleet's, by several per cent."""
+    tails = [f"N{401 + index}" for index in range(8)]
+    effects = fleet_deviations(tails, seed)
+    options = {"days": 6, "aircraft": 8, "seed": seed, "effects": effects, "derivatives": False}
+    frame = simulate_arrays(coding=Coding(heading_noise=0.0), **options)
+    faults = parse_faults(effects, start=START, tails=tails)
+    truth = truth_record(frame, faults, tails, effects)["aircraft"]
+    for tail in tails:
+        chosen = frame[(frame["tail"] == tail) & (frame["phase"] == 2)]
+        error = np.degrees(
+            (chosen["heading"] - chosen["true_heading"] + np.pi) % (2 * np.pi) - np.pi
+        )
+        m = chosen["heading"] - chosen["declination"]
+        gain = truth[tail]["mean_horizontal_field"] / chosen["horizontal"]
+        a, b, c, d, e = (truth[tail]["deviation"][name] for name in "ABCDE")
+        stated = a + gain * (b * np.sin(m) + c * np.cos(m)) + d * np.sin(2 * m) + e * np.cos(2 * m)
+        bound = 0.01 + 3.0 * truth[tail]["deviation_residual_rms"]
+        assert np.abs(error - stated).max() < bound, tail

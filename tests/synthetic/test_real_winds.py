@@ -76,6 +76,7 @@ def test_reports_of_one_day_cover_the_compass(archive: Path) -> None:
         assert table["time"].str.startswith("2005-08-0").all()
 
 
+@pytest.mark.slow
 def test_the_whole_job_recovers_the_deviations(archive: Path, blank_cards, monkeypatch) -> None:
     """Every stage on real winds but the page, through two references of different leads."""
     import xarray as xr
