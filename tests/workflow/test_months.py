@@ -19,11 +19,11 @@ import airswing
 from airswing import workflow
 from airswing.config_file import load_config
 from airswing.errors import InputError
-from airswing.products import atomic
+from airswing.products import whole_files
 from airswing.products.workspace import workspace
 from airswing.workflow.progress import Progress
 
-HOURS, REPORTS, AIRCRAFT = 24 * 66, 6_000, 4
+HOURS, REPORTS, AIRCRAFT = 24 * 66, 4_000, 4
 NEW = "N103"
 """Reports in the last month alone."""
 JANUARY, FEBRUARY, MARCH = "2009-01", "2009-02", "2009-03"
@@ -276,20 +276,20 @@ def end_before(folder: Path, name: str) -> None:
             os._exit(9)
         replace(source, target)
 
-    atomic.os.replace = replace_or_end
+    whole_files.os.replace = replace_or_end
     made(folder)
 
 
 @pytest.mark.parametrize(
     "name",
-    ["reports.json", "headings/2009-02.nc", "2009-02.json", "fits.nc", "corrected/2009-01.nc"],
+    ["headings/2009-02.nc", "2009-02.json", "corrected/2009-01.nc"],
 )
 def test_a_run_ended_between_write_and_rename_goes_on(archive, whole, name):
     process = forked(end_before, archive, name)
     process.join(120)
     assert process.exitcode == 9
     assert [*(archive / "results").rglob("*.part")]
-    assert made(archive) == ALL[{"2": 1, "h": 1, "r": 0}.get(name[0], 3) :]
+    assert made(archive) == ALL[3 if "corrected" in name else 1 :]
     assert fault_drill.differences(whole, archive / "results") == []
 
 
@@ -322,3 +322,28 @@ def test_one_run_at_a_time_holds_a_folder(tmp_path):
     (tmp_path / "out").write_text("a file")
     with pytest.raises(InputError, match=r"out.*--output"), workspace(tmp_path / "out"):
         pass
+
+
+def test_the_virtual_field_test_is_made_when_a_month_begins(archive, whole, monkeypatch):
+    from airswing.workflow import evaluation_stage
+
+    kept_from(archive, whole)
+    calls = []
+    monkeypatch.setattr(
+        evaluation_stage, "make_virtual", lambda job, *_: calls.append(job) or {"later": {}}
+    )
+
+    def night(*patterns: str) -> int:
+        before = len(calls)
+        for path in days(archive, *patterns):
+            path.unlink()
+        job = job_of(archive)
+        headings = workflow.make_headings(job)
+        evaluation_stage.virtual_of_month(job, headings, headings, [])
+        (job.output / "virtual_field_test.json").write_text("{}")
+        return len(calls) - before
+
+    assert night() == 1
+    assert night("2009-03-07*") == 0  # the last month alone
+    assert night("2009-02-10*") == 1  # an earlier month
+    assert night("2009-03*") == 1  # another number of months

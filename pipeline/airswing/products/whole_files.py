@@ -14,6 +14,7 @@ import re
 import uuid
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -114,6 +115,15 @@ def write_text(path: Path, text: str) -> Path:
 def write_json(path: Path, content: Mapping[str, object]) -> Path:
     """Write a JSON file atomically; NaN and infinities become null."""
     return write_text(path, json.dumps(plain(content), indent=2, allow_nan=False) + "\n")
+
+
+def read_note(path: Path) -> dict[str, Any]:
+    """A JSON note of an earlier run; empty where there is none that is whole."""
+    try:
+        found = json.loads(path.read_text())
+    except (OSError, ValueError):
+        return {}
+    return found if isinstance(found, dict) else {}
 
 
 def plain(value: object) -> object:

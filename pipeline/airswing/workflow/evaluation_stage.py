@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import csv
 import io
+import json
 import math
 from collections.abc import Callable, Sequence
 from datetime import date
@@ -19,8 +20,9 @@ import xarray as xr
 from airswing.errors import ConfigError, InputError
 from airswing.evaluation.results import Evaluation
 from airswing.products.findings import findings
+from airswing.products.fingerprint import code_digest, fingerprint
 from airswing.products.ragged import time_span
-from airswing.products.whole_files import write_json, write_text
+from airswing.products.whole_files import read_note, write_json, write_text
 from airswing.workflow.job import (
     FIELD_TEST,
     HEADINGS,
@@ -73,7 +75,7 @@ def make_evaluation(
         observation_errors=make_observation_errors(job, headings, corrected),
         stability=make_stability(job, headings, fits),
         ranking=ranking,
-        virtual=make_virtual(job, headings, fits, ranking),
+        virtual=virtual_of_month(job, headings, fits, ranking),
         field_test=None if job.config.field_test is None else make_field_test(job, headings),
         sensitivity=make_sensitivity(job, headings) if len(job.config.references) > 1 else None,
         monitoring=make_monitoring(job, headings, fits, corrected),
@@ -210,6 +212,30 @@ def _ranking_table(ranking: Sequence[Content]) -> str:
             }
         )
     return text.getvalue()
+
+
+def virtual_of_month(
+    job: Job, headings: xr.Dataset, fits: xr.Dataset, ranking: list[Content]
+) -> Content:
+    """The virtual field test, made anew when a month begins or an earlier month was made anew.
+
+    It fits the archive six times: a night that adds to the last month alone keeps that of the last
+    time. Parameters and result as of :func:`make_virtual`.
+    """
+    months = json.loads(str(headings.attrs.get("months", "{}")))
+    made = months.get("made", [])
+    names = sorted([*made, *months.get("kept", [])])
+    config = job.config.model_dump(exclude={"compute", "output", "metadata"})
+    note = {"settings": fingerprint(config, code_digest(__name__)), "months": names}
+    path, noted = job.output / VIRTUAL, job.notes / VIRTUAL
+    kept = not job.fresh and set(made) <= set(names[-1:]) and read_note(noted) == note
+    if kept and path.exists():
+        job.progress.say(f"{VIRTUAL}: kept until the next month begins")
+        return read_note(path)
+    found = make_virtual(job, headings, fits, ranking)
+    if names:
+        write_json(noted, note)
+    return found
 
 
 def make_virtual(

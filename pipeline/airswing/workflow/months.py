@@ -35,7 +35,7 @@ from airswing.errors import InputError
 from airswing.products.fingerprint import code_digest, file_identities, fingerprint
 from airswing.products.monthly import FLIGHTS, month_bounds
 from airswing.products.netcdf import as_stored, open_product, read_product
-from airswing.products.whole_files import write_json
+from airswing.products.whole_files import read_note, write_json
 from airswing.report.run.reading_warnings import model_warnings, reading_warnings, tally, unread
 from airswing.workflow.job import CORRECTED, HEADINGS, Job
 
@@ -307,15 +307,6 @@ def _days_of(frame: pd.DataFrame) -> Days:
         int(one): (int(size), int(mark))
         for one, size, mark in zip(known, count, total, strict=True)
     }
-
-
-def read_note(path: Path) -> dict[str, Any]:
-    """A JSON note of an earlier run; empty where there is none that is whole."""
-    try:
-        found = json.loads(path.read_text())
-    except (OSError, ValueError):
-        return {}
-    return found if isinstance(found, dict) else {}
 
 
 def catalogues(job: Job) -> dict[str, Catalogue]:
