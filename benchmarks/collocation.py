@@ -32,11 +32,11 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from airswing.reference.packing.decoder import processor_seconds
 
 import airswing  # noqa: F401  (imports pyproj before eccodes can be)
+from airswing.reference.catalogues import build_catalogue
 from airswing.reference.collocate import collocate
-from airswing.reference.grib.catalogue import build_catalogue
-from airswing.reference.packing.decoder import processor_seconds
 
 NI, NJ = 451, 337
 LEVELS = np.arange(100, 1001, 25)
@@ -170,8 +170,8 @@ def new_folders(folder: Path) -> Iterator[str]:
 
 def cfgrib_hour(path: str, reports: xr.Dataset) -> xr.Dataset:
     """The same through cfgrib and xarray's interp, grid-relative, in index space."""
-    from airswing.reference.grib.gridsections import read_grid
-    from airswing.reference.grib.messages import scan_file
+    from airswing.reference.grib.grid_sections import read_grid
+    from airswing.reference.grib.headers import scan_file
 
     grid = read_grid(*scan_file(path).grids[0])
     keys = {"indexpath": "", "filter_by_keys": {"typeOfLevel": "isobaricInhPa"}}

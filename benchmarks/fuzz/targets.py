@@ -171,7 +171,7 @@ def _places() -> xr.Dataset:
 
 
 def _grib(path: Path, folder: Path, pick: random.Random) -> None:
-    from airswing.reference.grib.grib_inspection import inspect_grib
+    from airswing.reference.inspection import inspect_grib
 
     with contextlib.suppress(AirswingError):
         inspect_grib(path)
@@ -181,8 +181,8 @@ def _grib(path: Path, folder: Path, pick: random.Random) -> None:
 
 def _winds(path: Path, cache: Path, pick: random.Random | None = None) -> tuple[Any, Any]:
     """u and v at the reports, one way or another."""
+    from airswing.reference.catalogues import build_catalogue
     from airswing.reference.collocate import collocate
-    from airswing.reference.grib.catalogue import build_catalogue
 
     catalogue = build_catalogue(str(path), name="ref", cache_dir=cache)
     found = collocate(
@@ -349,7 +349,7 @@ def _resumed(config: Path, truth: dict[str, Any]) -> None:
 
 
 def _header_cache(run: Path, pick: random.Random, folder: Path) -> str:
-    from airswing.reference.grib.catalogue import build_catalogue
+    from airswing.reference.catalogues import build_catalogue
 
     cache = folder / "cache"
     shutil.copytree(run / "cache", cache)
@@ -367,7 +367,7 @@ def _header_cache(run: Path, pick: random.Random, folder: Path) -> str:
 
 @functools.cache
 def _fingerprint(files: str, cache: Path) -> str:
-    from airswing.reference.grib.catalogue import build_catalogue
+    from airswing.reference.catalogues import build_catalogue
 
     return build_catalogue(files, name="ruc", cache_dir=cache).fingerprint
 

@@ -12,7 +12,7 @@ import pytest
 
 from airswing.errors import InputError
 from airswing.products.named_files import none_found
-from airswing.reference.grib.catalogue import find_files
+from airswing.reference.files import find_files
 from airswing.reports import expand
 
 NOBODY = 65534

@@ -13,12 +13,11 @@ import pytest
 import xarray as xr
 
 from airswing.errors import InputError
-from airswing.reference import sampling, store
+from airswing.reference.catalogue import Catalogue
+from airswing.reference.catalogues import build_catalogue
 from airswing.reference.collocate import collocate
-from airswing.reference.geometry.wind_profiles import Catalogue
-from airswing.reference.grib.catalogue import build_catalogue
-from airswing.reference.overlap import require_overlap
-from airswing.reference.planning import plan
+from airswing.reference.grib import values
+from airswing.reference.planning import plan, require_overlap
 from tests.reference.builders import LATLON, build, write
 
 SIZE = 176
@@ -111,21 +110,27 @@ def test_lead_times_are_weighted_like_the_winds(tmp_path: Path) -> None:
     np.testing.assert_allclose(got.lead_time[0], [1.0, 1.5, 3.0])
 
 
-def test_nothing_is_read_before_it_is_asked_for(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def refuse(*args: object, **kwargs: object) -> None:
+    raise RuntimeError("computed")
+
+
+@pytest.mark.parametrize("chunks", [None, 7, 50])
+def test_nothing_is_computed_before_the_result_is(
+    chunks: int | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    catalogue = hourly(tmp_path)
-
-    def refuse(*args: object, **kwargs: object) -> None:
-        raise RuntimeError("computed")
-
-    monkeypatch.setattr(sampling, "field_values", refuse)
-    with dask.config.set(scheduler=refuse):
-        lazy = collocate(random_reports(50), {"m": catalogue}, derivatives=True)
+    """Neither messages are read nor dask-backed reports computed; chunks do not matter."""
+    catalogue, ds = hourly(tmp_path), random_reports(50)
+    expected = winds(ds, catalogue, derivatives=True)
+    if chunks is not None:
+        ds = ds.chunk(report=chunks)
+    with monkeypatch.context() as patch, dask.config.set(scheduler=refuse):
+        patch.setattr(values, "sparse_values", refuse)
+        lazy = collocate(ds, {"m": catalogue}, derivatives=True)
         assert lazy.sizes == {"reference": 1, "report": 50}
         assert all(dask.is_dask_collection(lazy[name].variable) for name in lazy.data_vars)
         with pytest.raises(RuntimeError, match="computed"):
             lazy.compute()
+    assert lazy.compute(scheduler="threads").identical(expected)
 
 
 def test_every_scheduler_gives_the_same_bits(tmp_path: Path) -> None:
@@ -144,6 +149,25 @@ def test_every_scheduler_gives_the_same_bits(tmp_path: Path) -> None:
         Client(cluster),
     ):
         assert lazy.compute().identical(expected)
+
+
+@pytest.mark.parametrize("given", ["file", "path", "frame", "list", "catalogue", "text"])
+def test_wrong_arguments_name_the_right_call(given: str, tmp_path: Path) -> None:
+    catalogue, ds = hourly(tmp_path), reports([1.0])
+    right = r'collocate\(reports, \{"ruc": build_catalogue'
+    wrong = {
+        "list": [catalogue],
+        "catalogue": catalogue,
+        "path": "ruc/*.grb",
+        "file": {"m": tmp_path / "h00.grib"},
+        "text": {"m": "ruc/*.grb"},
+    }
+    if given == "frame":
+        with pytest.raises(TypeError, match="reports are an xarray Dataset, not a DataFrame"):
+            collocate(ds.to_dataframe(), {"m": catalogue})  # type: ignore[arg-type]
+        return
+    with pytest.raises(TypeError, match=right):
+        collocate(ds, wrong[given])  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("derivatives", [False, True])
@@ -184,30 +208,16 @@ def test_sparse_and_whole_decoding_agree(real: Callable[[str], Path], tmp_path: 
     xr.testing.assert_allclose(winds(east, catalogue, derivatives=True), sparse, rtol=1e-9)
 
 
-def test_each_message_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_each_message_is_read_once(tmp_path: Path) -> None:
     catalogue = hourly(tmp_path)
-    read: list[tuple[str, int]] = []
-    original = sampling._Reader.values
-
-    def counted(self, row, points):
-        read.append((self.model.files[int(row["file"])].path, int(row["offset"])))
-        return original(self, row, points)
-
-    monkeypatch.setattr(sampling._Reader, "values", counted)
-    ds = random_reports(400)
-    winds(ds, catalogue)
-    assert len(read) == len(set(read)) == 4 * 3 * 2
-    assert plan(ds, {"m": catalogue})["m"].messages == len(read)
-    read.clear()
-    exact = reports([1.0], pressure=50000.0)
-    winds(exact, catalogue)
-    assert len(read) == 2, "a report at a valid time and on a level needs one u and one v"
-    assert plan(exact, {"m": catalogue})["m"].messages == 2
-    read.clear()
-    between = reports([1.5], pressure=40000.0)
-    winds(between, catalogue)
-    assert len(read) == 8
-    assert plan(between, {"m": catalogue})["m"].messages == 8
+    for ds, expected in (
+        (random_reports(400), 4 * 3 * 2),
+        (reports([1.0], pressure=50000.0), 2),  # at a valid time and on a level
+        (reports([1.5], pressure=40000.0), 8),
+    ):
+        got = winds(ds, catalogue, account=True)
+        assert got.decoded_messages.values.tolist() == [expected]
+        assert plan(ds, {"m": catalogue})["m"].messages == expected
 
 
 def test_tendencies_need_both_valid_times(tmp_path: Path) -> None:
@@ -282,41 +292,11 @@ def test_damaged_octets_are_a_counted_gap(tmp_path: Path) -> None:
     assert got.unread_messages.values[0] >= 1
 
 
-def test_finished_samples_are_used_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    catalogue, ds, folder = hourly(tmp_path), random_reports(60), tmp_path / "store"
-    plain = winds(ds, catalogue)
-    assert winds(ds, catalogue, store=folder).identical(plain)
-    assert len(list(folder.iterdir())) == 4
-    victim = min(folder.iterdir())
-    victim.write_bytes(victim.read_bytes()[:100])
-    made: list[int] = []
-    original = store._save
-    monkeypatch.setattr(store, "_save", lambda *a: (made.append(1), original(*a)))
-    assert winds(ds, catalogue, store=folder).identical(plain)
-    assert len(made) == 1, "only the damaged sample is made again"
-    made.clear()
-    winds(ds, catalogue, store=folder, derivatives=True)
-    assert len(made) == 4, "other options, other samples"
-    made.clear()
-    later = reports([2.9], pressure=40000.0)
-    more = xr.concat([ds, later], "report")
-    winds(more, catalogue, store=folder)
-    assert len(made) == 2, "a new report costs the two model times around it"
-
-
-def test_unfinished_samples_are_not_kept(tmp_path: Path) -> None:
-    catalogue, folder = hourly(tmp_path), tmp_path / "store"
-    os.remove(tmp_path / "h01.grib")
-    winds(reports([0.5]), catalogue, store=folder)
-    assert len(list(folder.iterdir())) == 1
-
-
 def test_tasks_are_few_and_small(tmp_path: Path) -> None:
-    catalogue = hourly(tmp_path)
-    lazy = collocate(random_reports(100), {"m": catalogue}, derivatives=True)
+    lazy = collocate(random_reports(100), {"m": hourly(tmp_path)}, derivatives=True)
     graph = dict(lazy.reference_eastward_wind.data.__dask_graph__())
-    samples = [task for key, task in graph.items() if str(key).startswith("sample-")]
-    assert len(samples) == 4 and len(graph) == 4 + 1 + 1
+    samples = [task for key, task in graph.items() if "_sample_batch" in str(key)]
+    assert len(samples) == 4 and len(graph) < 10
     assert max(len(pickle.dumps(task)) for task in samples) < 20_000
 
 

@@ -8,8 +8,7 @@ import pytest
 import xarray as xr
 
 from airswing.errors import InputError
-from airswing.reference.overlap import require_overlap
-from airswing.reference.planning import plan
+from airswing.reference.planning import plan, require_overlap
 from tests.reference.test_collocate import hourly, reports
 
 

@@ -12,8 +12,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.evaluation.results import Content
+from airswing.reference.catalogue import Catalogue
 from airswing.reference.collocate import collocate
-from airswing.reference.geometry.wind_profiles import Catalogue
 
 # intervals at which archives of models hold winds
 _INTERVALS_H = (3, 6)

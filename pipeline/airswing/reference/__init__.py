@@ -1,7 +1,8 @@
-"""Model winds in: catalogue what files hold, sample their winds at report positions.
+"""Model winds: catalogue the content of files, sample their winds at reports.
 
-In the order of the data: ``geometry/`` (where a point lies on a model's grid, what a model time
-is), ``grib/`` (what a file of octets holds, and the value at a point of it), ``sampling`` (one
-model time at its reports), ``planning`` (which reports need which model times), ``store``,
-``places`` and ``collocate`` (all model times, joined in time).
+In the order of the data: ``files`` (kinds, copies and identities of files), ``state`` (which fields
+are winds at a time), ``grids`` (position of a point on a model's grid), ``grib/`` (headers and
+values of GRIB), ``gridded/`` (meaning and values of Datasets), ``catalogue`` and ``catalogues``
+(which fields make a profile at which time), ``winds`` (interpolation), ``collocate`` (all model
+times, joined in time).
 """

@@ -1,61 +1,49 @@
-"""Reference winds at the reports: all model times, joined in time, lazily.
+"""Reference winds at the reports, lazily: model times are sampled one by one and joined in time.
 
-The work maps over model times, not over reports: each needed message is read
-once, by the task of its model time, for the reports of both intervals that
-share it; two bracketing samples are joined with their time weights.
+The work maps over model times, not over reports: each needed message is read once, by the task of
+its model time, for the reports of both intervals that share it; two bracketing samples are then
+joined with their weights in time.
 
 Assumptions and validity
 ------------------------
-* Linear in time between two valid times at most `max_time_gap` apart; no value
-  outside. A report exactly at a valid time takes that one alone.
-* Planning uses the reports' times and places; no message is read before the
-  result is computed.
-* A report's value depends on that report and its four or eight model points
-  alone, so results are the same bit for bit on any scheduler and in any chunking.
-* A file that vanished or was replaced gives no value to its reports, is
-  logged, and is counted in `unread_messages`.
+* Linear in time between two valid times at most `max_time_gap` apart; no value outside. A report
+  exactly at a valid time takes that one alone.
+* No message is read before the result is computed; nor are times and places of dask-backed reports,
+  for which every model time has a task.
+* A report's value depends on that report and its four or eight model points alone: results are
+  identical on any scheduler and in any chunking.
+* A file that vanished or was replaced gives no value to its reports, is logged, and is counted in
+  `unread_messages`.
 """
 
 from __future__ import annotations
 
-import hashlib
 import json
 import logging
-import os
-from collections.abc import Mapping
-from dataclasses import dataclass
-from pathlib import Path
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import dask.array as da
 import numpy as np
 import pandas as pd
 import xarray as xr
-from dask.highlevelgraph import HighLevelGraph
-from dask.typing import Key
+from dask.base import is_dask_collection
+from dask.delayed import delayed
 from numpy.typing import NDArray
 
-from airswing.errors import InputError
+from airswing.reference.catalogue import Catalogue, ModelTime
 from airswing.reference.catalogues import catalogues_of
-from airswing.reference.geometry.model_time import ModelTime, Sample
-from airswing.reference.geometry.wind_profiles import Catalogue
-from airswing.reference.gridded.gridded_sampling import sample_gridded
-from airswing.reference.gridded.stored import GriddedTime
-from airswing.reference.planning import (
-    Plan,
-    Points,
-    Schedule,
-    plan,
-    points_of,
-    schedule,
-)
-from airswing.reference.sampling import sample_model_time
-from airswing.reference.store import SampleStore
+from airswing.reference.grib.values import GribReader
+from airswing.reference.gridded.reading import DatasetReader
+from airswing.reference.planning import COLUMNS, Plan, Points, plan, points_of, schedule
+from airswing.reference.winds import Request, Winds, winds_at
 from airswing.vocabulary import describe
 
 __all__ = ["Plan", "collocate", "plan"]
 
 Floats = NDArray[np.float64]
+Places = tuple[Floats, Floats, Floats]
+"""Latitudes, longitudes (degrees) and pressures (Pa) of reports."""
 
 _WINDS = ("reference_eastward_wind", "reference_northward_wind", "lead_time")
 DERIVATIVES = (
@@ -69,74 +57,119 @@ DERIVATIVES = (
     "reference_northward_wind_y_derivative",
     "grid_convergence",
 )
-"""What is given of the reference wind beside it."""
+"""Names of the optional derivative variables."""
 ACCOUNT = ("unread_messages", "decoded_messages", "decoded_bytes", "decoding_seconds")
-"""What reading a reference took; the first is part of every result."""
+"""Names of the counts of reading a reference; the first is part of every result."""
 PROBLEMS = "problems"
 """What could not be read, by reference: sets of (valid time, file, reason)."""
 _LOG = logging.getLogger("airswing.reference")
 
 
-class _SampleTask:
-    """Model times that are read together and their reports: what one dask task needs."""
+class Sample(NamedTuple):
+    """Winds of one model time at its reports.
 
-    __slots__ = ("models", "options", "places", "store")
+    `table` is (2 or 9, report), see :func:`airswing.reference.winds.winds_at`; `problems` lists
+    (file, reason) of what could not be read; `decoded` counts messages or chunks, `octets` their
+    bytes, `seconds` the time that reading and decoding took.
+    """
 
-    def __init__(
-        self,
-        models: list[ModelTime],
-        places: list[tuple[Floats, Floats, Floats]],
-        options: tuple[bool, bool],
-        store: str | None,
-    ) -> None:
-        self.models, self.places, self.options, self.store = models, places, options, store
+    table: Floats
+    problems: tuple[tuple[str, str], ...]
+    decoded: int
+    octets: int = 0
+    seconds: float = 0.0
 
-    def run(self, given: Mapping[str, xr.Dataset]) -> list[Sample]:
-        """Sample, or take the finished samples of an earlier run."""
-        # opened here: the task may run in another process, and an open store does not travel
-        store = None if self.store is None else SampleStore(Path(self.store))
-        derivatives = self.options[1]
-        found: dict[int, Sample] = {}
-        if store is not None:
-            for number, (model, places) in enumerate(zip(self.models, self.places, strict=True)):
-                known = store.get(model, places, derivatives)
-                if known is not None:
-                    found[number] = known
-        left = [number for number in range(len(self.models)) if number not in found]
-        for number, sample in zip(left, self._sampled(left, given), strict=True):
-            found[number] = _logged(sample)
-            if store is not None:
-                store.put(self.models[number], self.places[number], derivatives, sample)
-        return [found[number] for number in range(len(self.models))]
 
-    def _sampled(self, numbers: list[int], given: Mapping[str, xr.Dataset]) -> list[Sample]:
-        sparse, derivatives = self.options
-        models = [self.models[number] for number in numbers]
-        places = [self.places[number] for number in numbers]
-        gridded = [model for model in models if isinstance(model, GriddedTime)]
-        if gridded:
-            return sample_gridded(gridded, places, derivatives=derivatives, given=given)
-        return [
-            sample_model_time(model, *where, sparse=sparse, derivatives=derivatives)
-            for model, where in zip(models, places, strict=True)
+def collocate(
+    reports: xr.Dataset,
+    catalogues: Mapping[str, Catalogue | xr.Dataset],
+    *,
+    max_time_gap: float = 10800.0,
+    derivatives: bool = False,
+    sparse: bool = True,
+    account: bool = False,
+) -> xr.Dataset:
+    """Reference winds at reports, lazily.
+
+    Parameters
+    ----------
+    reports : Dataset
+        With `time`, `latitude`, `longitude` (degrees, any convention) and `pressure` (Pa) by
+        ``report``, in any order and chunking.
+    catalogues : mapping of str to Catalogue or Dataset
+        References by name. A Dataset with CF winds, dask-backed or lazy, is read chunk by chunk;
+        no field of it is loaded before the result is computed.
+    max_time_gap : float
+        Longest time between two bracketing valid times, s.
+    derivatives : bool
+        Also give the time derivative, derivatives by ln p and by true eastward and northward
+        distance, and the grid's convergence.
+    sparse : bool
+        Read simply packed messages at single points; otherwise decode every message whole. The
+        results are identical.
+    account : bool
+        Also give `decoded_messages`, `decoded_bytes` and `decoding_seconds` by reference, and
+        `PROBLEMS`.
+
+    Returns
+    -------
+    Dataset
+        Lazy, dims ``(reference, report)``: `reference_eastward_wind`, `reference_northward_wind`
+        (m s-1, true), `lead_time` (h), the derivatives, and `unread_messages` by reference.
+
+    Raises
+    ------
+    InputError
+        Without references, or if reports lack a column.
+    TypeError
+        If the arguments are no Dataset and no mapping of catalogues.
+    """
+    if not isinstance(reports, xr.Dataset):
+        raise TypeError(
+            f"reports are an xarray Dataset, not a {type(reports).__name__}: "
+            'collocate(read_reports("reports.csv"), {"ruc": catalogue})'
+        )
+    models = catalogues_of(catalogues)
+    names = [*_WINDS, *(DERIVATIVES if derivatives else ())]
+    lazy = any(is_dask_collection(reports[name]) for name in COLUMNS if name in reports)
+    points = _delayed_points(reports) if lazy else points_of(reports)
+    size = int(np.prod([reports.sizes[d] for d in reports["time"].dims])) if lazy else points.size
+    options = _Options(max_time_gap, derivatives, sparse)
+    if not lazy:
+        models = {
+            name: model.for_places(points.latitude, points.longitude)
+            for name, model in models.items()
+        }
+    joins = [_joined(points, model, options, lazy=lazy) for model in models.values()]
+
+    def rows(dtype: str, of: Any, *arguments: object) -> da.Array:
+        parts = [
+            da.from_delayed(delayed(of)(join, *arguments), (size,) if of is _row else (), dtype)
+            for join in joins
         ]
+        return da.stack(parts)  # type: ignore[no-any-return]
+
+    data: dict[str, object] = {
+        name: (("reference", "report"), rows("f8", _row, number))
+        for number, name in enumerate(names)
+    }
+    for number, name in enumerate(ACCOUNT if account else ACCOUNT[:1]):
+        dtype = "f8" if name == "decoding_seconds" else "i8"
+        data[name] = ("reference", rows(dtype, _count, number, dtype))
+    coords = {"reference": ("reference", pd.Index(list(models), dtype=object))}
+    found = describe(xr.Dataset(data, coords=coords))
+    if account:
+        found[PROBLEMS] = ("reference", rows("O", _problems))
+    notes = {name: one.notes for name, one in models.items() if one.given}
+    if notes:
+        found.attrs["reference_notes"] = json.dumps(notes)
+    return found
 
 
-def _logged(sample: Sample) -> Sample:
-    for file, reason in sample.problems:
-        _LOG.warning("%s: %s; its reports get no value", file, reason)
-    return sample
-
-
-@dataclass(frozen=True)
-class _Given:
-    """Datasets given in Python: one node of the graph that all tasks of a reference share."""
-
-    datasets: dict[str, xr.Dataset]
-
-
-def _run(task: _SampleTask, given: _Given | None = None) -> list[Sample]:
-    return task.run({} if given is None else given.datasets)
+class _Options(NamedTuple):
+    max_time_gap: float
+    derivatives: bool
+    sparse: bool
 
 
 class _Joined(NamedTuple):
@@ -147,227 +180,188 @@ class _Joined(NamedTuple):
     problems: frozenset[tuple[int, str, str]]
 
 
-class _Join:
-    """Joins the samples of one reference in time, into columns in the reports' order."""
-
-    def __init__(
-        self,
-        points: Points,
-        times: Schedule,
-        catalogue: Catalogue,
-        used: NDArray[np.int64],
-        *,
-        derivatives: bool,
-    ) -> None:
-        self.derivatives = derivatives
-        self.order, self.size = points.order, points.size
-        self.earlier, self.weight, self.later = times.earlier, times.weight, times.later
-        self.used, self.start, self.stop = used, times.start[used], times.stop[used]
-        self.valid, self.leads = catalogue.valid, catalogue.leads
-
-    def __call__(self, batches: list[list[Sample]]) -> _Joined:
-        """Columns by report, and what reading took."""
-        samples = [sample for batch in batches for sample in batch]
-        count = self.earlier.size
-        # wind; its derivatives by ln p, x and y, two each, and the convergence
-        rows = 2 + (7 if self.derivatives else 0)
-        first = np.full((rows, count), np.nan)
-        second = np.full((rows, count), np.nan)
-        account, problems = np.zeros(len(ACCOUNT)), set()
-        for number, start, stop, sample in zip(
-            self.used, self.start, self.stop, samples, strict=True
-        ):
-            run = slice(int(start), int(stop))
-            # a model time is the earlier one of some of its reports and the later one of the others
-            before = self.earlier[run] == number
-            after = (self.earlier[run] == number - 1) & self.later[run]
-            first[:, run][:, before] = sample.table[:, before]
-            second[:, run][:, after] = sample.table[:, after]
-            account += [len(sample.problems), sample.decoded, sample.octets, sample.seconds]
-            valid = int(self.valid[number])
-            problems |= {(valid, file, reason) for file, reason in sample.problems}
-        return _Joined(self._columns(first, second), account, frozenset(problems))
-
-    def _columns(self, first: Floats, second: Floats) -> Floats:
-        weight = self.weight
-        # at a valid time itself the later field need not be there: NaN times nothing is NaN
-        joined = np.where(weight == 0.0, first, (1.0 - weight) * first + weight * second)
-        wind = joined[:2]
-        matched = np.isfinite(wind).all(axis=0)
-        wind = np.where(matched, wind, np.nan)
-        now, then = self.earlier, np.minimum(self.earlier + 1, self.valid.size - 1)
-        lead = (1.0 - weight) * self.leads[now] + weight * self.leads[then]
-        columns = [*wind, np.where(matched, lead / 3600.0, np.nan)]
-        if self.derivatives:
-            # zero at the last of all valid times: no later one is there to tell a tendency by
-            step = (self.valid[then] - self.valid[now]) / 1e9
-            with np.errstate(divide="ignore", invalid="ignore"):
-                columns += list((second[:2] - first[:2]) / step)
-            columns += [*joined[2:8], np.degrees(joined[8])]
-        result = np.full((len(columns), self.size), np.nan)
-        result[:, self.order] = columns
-        return result
+def _delayed_points(reports: xr.Dataset) -> Any:
+    """Times and places of dask-backed reports, as one task."""
+    absent = [name for name in COLUMNS if name not in reports.variables]
+    if absent:
+        points_of(reports)  # raises
+    return delayed(_points)(*(reports[name].data for name in COLUMNS))
 
 
-def collocate(
-    reports: xr.Dataset,
-    catalogues: Mapping[str, Catalogue | xr.Dataset],
+def _points(*columns: NDArray[np.generic]) -> Points:
+    return points_of(xr.Dataset({n: ("report", c) for n, c in zip(COLUMNS, columns, strict=True)}))
+
+
+def _joined(points: Any, catalogue: Catalogue, options: _Options, *, lazy: bool) -> Any:
+    """Task that joins the samples of one reference; a task before it for each batch of times."""
+    valid, leads = catalogue.valid, catalogue.leads
+    given = (
+        delayed(_Given(catalogue.given), pure=False, traverse=False) if catalogue.given else None
+    )
+    if lazy:
+        needed = np.arange(valid.size)
+    else:
+        times = schedule(points, valid, max_time_gap=options.max_time_gap, both=options.derivatives)
+        needed = np.flatnonzero(times.stop > times.start)
+    batches = catalogue.batches(needed)
+    sample = delayed(_sample_batch, pure=False)
+    tasks = []
+    for batch in batches:
+        models = [catalogue.model_time(int(number)) for number in batch]
+        if lazy:
+            places = delayed(_places_of, pure=False)(points, valid, batch, options)
+        else:
+            places = _places_of(points, valid, batch, options)
+        tasks.append(sample(_Batch(models, options), places, given))
+    used = np.concatenate([*batches, np.empty(0, dtype=np.int64)])
+    return delayed(_join, pure=False)(tasks, points, valid, leads, used, options)
+
+
+class _Batch:
+    """Model times that are read together; no dataclass, which dask would search for arrays."""
+
+    def __init__(self, models: list[ModelTime], options: _Options) -> None:
+        self.models, self.options = models, options
+
+
+class _Given:
+    """Datasets given in Python, hidden from dask: parts of them are read by the tasks."""
+
+    def __init__(self, datasets: dict[str, xr.Dataset]) -> None:
+        self.datasets = datasets
+
+
+def _places_of(
+    points: Points, valid: NDArray[np.int64], batch: NDArray[np.int64], options: _Options
+) -> list[Places]:
+    """Places of the reports that each model time of a batch serves."""
+    times = schedule(points, valid, max_time_gap=options.max_time_gap, both=options.derivatives)
+    runs = [slice(int(times.start[n]), int(times.stop[n])) for n in batch]
+    return [(points.latitude[r], points.longitude[r], points.pressure[r]) for r in runs]
+
+
+def _sample_batch(batch: _Batch, places: list[Places], given: _Given | None) -> list[Sample]:
+    samples = sample_model_times(
+        batch.models,
+        places,
+        derivatives=batch.options.derivatives,
+        sparse=batch.options.sparse,
+        given={} if given is None else given.datasets,
+    )
+    for sample in samples[:1]:  # problems are those of all
+        for file, reason in sample.problems:
+            _LOG.warning("%s: %s; its reports get no value", file, reason)
+    return samples
+
+
+def sample_model_times(
+    models: Sequence[ModelTime],
+    places: Sequence[Places],
     *,
-    max_time_gap: float = 10800.0,
     derivatives: bool = False,
     sparse: bool = True,
-    store: str | os.PathLike[str] | None = None,
-    account: bool = False,
-) -> xr.Dataset:
-    """Reference winds at reports, lazily.
+    given: Mapping[str, xr.Dataset] | None = None,
+) -> list[Sample]:
+    """Winds of some model times of one reference at their reports.
 
     Parameters
     ----------
-    reports : Dataset
-        With `time`, `latitude`, `longitude` (degrees, any convention) and `pressure` (Pa)
-        by ``report``, in any order.
-    catalogues : mapping of str to Catalogue or Dataset
-        References by name. A Dataset with CF winds, dask-backed or lazy, is read chunk by chunk;
-        nothing of it is loaded before the result is computed.
-    max_time_gap : float
-        Longest time between two bracketing valid times, s.
-    derivatives : bool
-        Also give the time derivative, derivatives by ln p and by true eastward and
-        northward distance, and the grid's convergence.
-    sparse : bool
-        Read simply packed messages in place; otherwise decode every message whole.
-        The results are the same bit for bit.
-    store : path-like, optional
-        Folder for finished samples: a later call reuses those whose files, reports and
-        options are the same.
-    account : bool
-        Also give `decoded_messages`, `decoded_bytes` and `decoding_seconds` (summed over
-        threads) by reference: what this call itself read, which differs from run to run; and
-        `PROBLEMS`, sets that can be joined where an archive is collocated in parts.
+    models : sequence of ModelTime
+        Of GRIB files, or of Datasets that share chunks, which are then read once.
+    places : sequence of (latitude, longitude, pressure)
+        Degrees and Pa, of each model time.
+    derivatives, sparse
+        As for :func:`collocate`.
+    given : mapping of str to Dataset, optional
+        Datasets given in Python, by the path that their catalogue has.
 
     Returns
     -------
-    Dataset
-        Lazy, dims ``(reference, report)``: `reference_eastward_wind`,
-        `reference_northward_wind` (m s-1, true), `lead_time` (h), the derivatives, and
-        `unread_messages` by reference.
-
-    Raises
-    ------
-    InputError
-        Without references, or where reports lack a column.
+    list of Sample
+        The counts of reading are in the first.
     """
-    if not catalogues:
-        raise InputError("no reference given", field="references")
-    models = catalogues_of(catalogues)
-    points = points_of(reports)
-    names = [*_WINDS, *(DERIVATIVES if derivatives else ())]
-    options = _Options(max_time_gap, derivatives, sparse, None if store is None else str(store))
-    graph: dict[Key, object] = {}
-    joins = [_add_reference(graph, points, one, options) for one in models.values()]
-    token = hashlib.blake2b("".join(joins).encode(), digest_size=16).hexdigest()
-    base = f"winds-{token}"
-    # all variables share the samples: keys of one graph, so that nothing is decoded twice
-    data: dict[str, object] = {}
-    for row, name in enumerate(names):
-        keys: dict[Key, object] = {
-            (f"{name}-{token}", n, 0): (_row, join, row) for n, join in enumerate(joins)
-        }
-        chunks = ((1,) * len(joins), (points.size,))
-        array = _lazy(base, graph, f"{name}-{token}", keys, chunks, np.dtype("f8"))
-        data[name] = (("reference", "report"), array)
-    for row, name in enumerate(ACCOUNT if account else ACCOUNT[:1]):
-        dtype = np.dtype("f8" if name == "decoding_seconds" else "i8")
-        counts: dict[Key, object] = {
-            (f"{name}-{token}", n): (_count, join, row, dtype) for n, join in enumerate(joins)
-        }
-        lazy = _lazy(base, graph, f"{name}-{token}", counts, ((1,) * len(joins),), dtype)
-        data[name] = ("reference", lazy)
-    coords = {"reference": ("reference", pd.Index(list(catalogues), dtype=object))}
-    found = describe(xr.Dataset(data, coords=coords))
-    notes = {name: one.notes for name, one in models.items() if one.given}
-    if notes:
-        found.attrs["reference_notes"] = json.dumps(notes)
-    if account:
-        kept: dict[Key, object] = {
-            (f"{PROBLEMS}-{token}", n): (_problems, join) for n, join in enumerate(joins)
-        }
-        shape = ((1,) * len(joins),)
-        lazy = _lazy(base, graph, f"{PROBLEMS}-{token}", kept, shape, np.dtype(object))
-        found[PROBLEMS] = ("reference", lazy)
-    return found
+    if not models:
+        return []
+    reader: GribReader | DatasetReader
+    reader = DatasetReader(given or {}) if models[0].stored else GribReader(sparse=sparse)
+    work = [winds_at(m, *w, derivatives=derivatives) for m, w in zip(models, places, strict=True)]
+    tables: dict[int, Floats] = {}
+    asked: dict[int, Request] = {}
+
+    def advance(number: int, one: Winds, values: list[Floats] | None) -> None:
+        try:
+            asked[number] = next(one) if values is None else one.send(values)
+        except StopIteration as done:
+            tables[number] = done.value
+
+    try:
+        for number, one in enumerate(work):
+            advance(number, one, None)
+        while asked:
+            waiting = sorted(asked)
+            requests = [asked.pop(n) for n in waiting]
+            for n, values in zip(
+                waiting, reader.answer([models[n] for n in waiting], requests), strict=True
+            ):
+                advance(n, work[n], values)
+    finally:
+        reader.close()
+    problems = tuple(reader.problems)
+    samples = [Sample(tables[number], problems, 0) for number in range(len(work))]
+    samples[0] = Sample(tables[0], problems, reader.decoded, reader.octets, reader.seconds)
+    return samples
 
 
-class _Options(NamedTuple):
-    """How to collocate, as `collocate` takes it."""
-
-    max_time_gap: float
-    derivatives: bool
-    sparse: bool
-    store: str | None
-
-
-def _lazy(
-    base: str,
-    graph: dict[Key, object],
-    name: str,
-    keys: dict[Key, object],
-    chunks: tuple[tuple[int, ...], ...],
-    dtype: np.dtype[np.generic],
-) -> da.Array:
-    """A lazy array over the samples and joins that all variables share."""
-    layers = HighLevelGraph({base: graph, name: keys}, {base: set(), name: {base}})
-    return da.Array(layers, name, chunks=chunks, dtype=dtype)
+def _join(
+    batches: list[list[Sample]],
+    points: Points,
+    valid: NDArray[np.int64],
+    leads: NDArray[np.int64],
+    used: NDArray[np.int64],
+    options: _Options,
+) -> _Joined:
+    """Join the samples of one reference in time, in the order of the reports."""
+    times = schedule(points, valid, max_time_gap=options.max_time_gap, both=options.derivatives)
+    samples = [sample for batch in batches for sample in batch]
+    count = times.earlier.size
+    first = np.full((9 if options.derivatives else 2, count), np.nan)
+    second = first.copy()
+    account, problems = np.zeros(len(ACCOUNT)), set()
+    for number, sample in zip(used.tolist(), samples, strict=True):
+        run = slice(int(times.start[number]), int(times.stop[number]))
+        # a model time is the earlier one of some of its reports and the later one of the others
+        before = times.earlier[run] == number
+        after = (times.earlier[run] == number - 1) & times.later[run]
+        first[:, run][:, before] = sample.table[:, before]
+        second[:, run][:, after] = sample.table[:, after]
+        account += [len(sample.problems), sample.decoded, sample.octets, sample.seconds]
+        problems |= {(int(valid[number]), file, reason) for file, reason in sample.problems}
+    weight = times.weight
+    # at a valid time itself the later field need not exist: NaN times zero is NaN
+    joined = np.where(weight == 0.0, first, (1.0 - weight) * first + weight * second)
+    matched = np.isfinite(joined[:2]).all(axis=0)
+    now, then = times.earlier, np.minimum(times.earlier + 1, valid.size - 1)
+    lead = (1.0 - weight) * leads[now] + weight * leads[then]
+    columns = [*np.where(matched, joined[:2], np.nan), np.where(matched, lead / 3600.0, np.nan)]
+    if options.derivatives:
+        step = (valid[then] - valid[now]) / 1e9  # zero at the last of all valid times
+        with np.errstate(divide="ignore", invalid="ignore"):
+            columns += list((second[:2] - first[:2]) / step)
+        columns += [*joined[2:8], np.degrees(joined[8])]
+    result = np.full((len(columns), points.size), np.nan)
+    result[:, points.order] = columns
+    return _Joined(result, account, frozenset(problems))
 
 
 def _row(joined: _Joined, number: int) -> Floats:
-    """One column of a join as a block with the reference's dimension."""
-    return joined.columns[number : number + 1]
+    return np.asarray(joined.columns[number])
 
 
-def _count(joined: _Joined, number: int, dtype: np.dtype[np.generic]) -> NDArray[np.generic]:
-    return joined.account[number : number + 1].astype(dtype)
+def _count(joined: _Joined, number: int, dtype: str) -> NDArray[np.generic]:
+    return np.asarray(joined.account[number], dtype=dtype)
 
 
 def _problems(joined: _Joined) -> NDArray[np.object_]:
-    found = np.empty(1, dtype=object)
-    found[0] = joined.problems
+    found = np.empty((), dtype=object)
+    found[()] = joined.problems
     return found
-
-
-def _add_reference(
-    graph: dict[Key, object], points: Points, catalogue: Catalogue, options: _Options
-) -> str:
-    """Add one reference to a graph, a task a model time and a join; the join's key."""
-    times = schedule(
-        points, catalogue.valid, max_time_gap=options.max_time_gap, both=options.derivatives
-    )
-    batches = catalogue.batches(np.flatnonzero(times.stop > times.start))
-    used = np.concatenate([*batches, np.empty(0, dtype=np.int64)])
-    join = _Join(points, times, catalogue, used, derivatives=options.derivatives)
-    token = _token(points, catalogue, options)
-    given = (f"given-{token}",) if catalogue.given else ()
-    if given:
-        graph[given[0]] = _Given(catalogue.given)
-    keys = []
-    for batch in batches:
-        models, places = [], []
-        for number in batch.tolist():
-            run = slice(int(times.start[number]), int(times.stop[number]))
-            models.append(catalogue.model_time(number))
-            places.append((points.latitude[run], points.longitude[run], points.pressure[run]))
-        key = f"sample-{token}-{int(batch[0])}"
-        task = _SampleTask(models, places, (options.sparse, options.derivatives), options.store)
-        graph[key] = (_run, task, *given)
-        keys.append(key)
-    graph[f"join-{token}"] = (join, keys)
-    return f"join-{token}"
-
-
-def _token(points: Points, catalogue: Catalogue, options: _Options) -> str:
-    digest = hashlib.blake2b(digest_size=16)
-    digest.update(catalogue.fingerprint.encode())
-    digest.update(repr(options).encode())
-    for array in (points.order, points.time, points.latitude, points.longitude, points.pressure):
-        digest.update(array.tobytes())
-    return digest.hexdigest()

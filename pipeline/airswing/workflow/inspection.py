@@ -43,7 +43,7 @@ def inspect_file(path: Path) -> dict[str, object]:
         if _holds_winds(path):
             return {"file": str(path), "kind": "model winds", **_winds(path)}
     elif b"GRIB" in start and b"\x00" in start:  # text may speak of GRIB
-        from airswing.reference.grib.grib_inspection import inspect_grib
+        from airswing.reference.inspection import inspect_grib
 
         return {"file": str(path), "kind": "grib", **inspect_grib(path)}
     from airswing.reports.read import reports_summary
@@ -87,7 +87,7 @@ def _proposal(path: Path, error: InputError) -> dict[str, object] | None:
 
 def _winds(path: Path) -> dict[str, object]:
     """What the model winds of a NetCDF file or a Zarr store are."""
-    from airswing.reference.gridded.gridded_inspection import inspect_gridded
+    from airswing.reference.inspection import inspect_gridded
 
     return inspect_gridded(str(path))
 
@@ -96,12 +96,11 @@ def _holds_winds(path: Path) -> bool:
     """Whether a NetCDF file holds wind components on a grid; reports have them in one row."""
     import xarray as xr
 
-    from airswing.reference.gridded.cf.naming import Naming
-    from airswing.reference.gridded.cf.wind_names import components
-    from airswing.reference.gridded.wrfout import is_wrfout
+    from airswing.reference.gridded.naming import Naming, components
+    from airswing.reference.gridded.wrf import is_wrf
 
     with xr.open_dataset(path, engine="netcdf4", decode_times=False) as ds:
-        return is_wrfout(ds) or any(ds[one.name].ndim > 2 for one in components(ds, Naming()))
+        return is_wrf(ds) or any(ds[one.name].ndim > 2 for one in components(ds, Naming()))
 
 
 def _product(path: Path) -> dict[str, object] | None:

@@ -40,7 +40,7 @@ from airswing.report.run.reading_warnings import model_warnings, reading_warning
 from airswing.workflow.job import CORRECTED, HEADINGS, Job
 
 if TYPE_CHECKING:
-    from airswing.reference.geometry.wind_profiles import Catalogue
+    from airswing.reference.catalogue import Catalogue
     from airswing.reports import Audit
 
 MARGIN = np.timedelta64(48, "h")
@@ -357,8 +357,7 @@ def _files_between(model: Catalogue, start: np.datetime64, stop: np.datetime64) 
 
 def _require_overlap(job: Job, archive: ReportArchive, models: Mapping[str, Catalogue]) -> None:
     """Refuse reports and models that never meet, before hours of reading."""
-    from airswing.reference.overlap import require_overlap
-    from airswing.reference.planning import plan
+    from airswing.reference.planning import plan, require_overlap
 
     if not models:
         return
@@ -506,10 +505,10 @@ class _Month:
 
     def _winds(self, reports: xr.Dataset) -> tuple[xr.Dataset, dict[str, Any]]:
         """Model winds at the reports, in memory, and counts of each reference."""
+        from airswing.reference.catalogue import is_lost_file
         from airswing.reference.catalogues import build_catalogue
         from airswing.reference.collocate import ACCOUNT, PROBLEMS, collocate
         from airswing.reference.fleet_wind import fleet_wind
-        from airswing.reference.geometry.model_time import of_a_lost_file
         from airswing.reference.planning import plan
 
         asked = self.job.config.collocation
@@ -543,7 +542,7 @@ class _Month:
             stage.note = f"reports within the model: {matched}"
         problems = dict(zip(models, winds[PROBLEMS].to_numpy(), strict=True))
         self.lost = len(
-            {file for met in problems.values() for _, file, why in met if of_a_lost_file(why)}
+            {file for met in problems.values() for _, file, why in met if is_lost_file(why)}
         )
         audits = {
             name: plans[name].as_dict()

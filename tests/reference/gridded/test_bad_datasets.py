@@ -57,12 +57,6 @@ def two_winds(ds: xr.Dataset) -> xr.Dataset:
     return ds.assign(u2=ds.u.copy())
 
 
-def half_staggered(ds: xr.Dataset) -> xr.Dataset:
-    v = ds.v.isel(latitude=slice(1, None)).rename(latitude="latitude_v")
-    v = v.assign_coords(latitude_v=("latitude_v", LAT[1:] - 1.25, {"units": "degrees_north"}))
-    return ds.drop_vars("v").assign(v=v)
-
-
 def hybrid_without_pressure(ds: xr.Dataset) -> xr.Dataset:
     ds["level"] = (
         "level",
@@ -82,13 +76,11 @@ CASES: dict[str, tuple[Callable[[], xr.Dataset], str]] = {
     "no levels": (lambda: base().isel(level=0, drop=True), "no wind"),
     "no time": (lambda: base().isel(time=0, drop=True), "no time axis"),
     "units of u missing": (lambda: without_units(base(), "u"), "u: units missing"),
-    "units of the levels missing": (lambda: without_units(base(), "level"), "level: units missing"),
     "heights": (lambda: heights(base()), "no wind"),
-    "no projection": (no_mapping, "projection that is not said"),
+    "no projection": (no_mapping, "projection that is not given"),
     "unknown projection": (odd_mapping, "projection not known.*my_own_projection"),
     "one along, one true": (mixed, "one component points along the grid"),
     "two of one kind": (lambda: two_winds(base()), "two candidates for u"),
-    "half staggered": (lambda: half_staggered(base()), "no wind"),
     "hybrid without pressure": (lambda: hybrid_without_pressure(base()), "no wind"),
 }
 
@@ -108,8 +100,8 @@ def test_one_clear_message(case: str, tmp_path: Path) -> None:
 
 
 def test_two_dimensions_that_could_be_levels() -> None:
-    ds = base().expand_dims(layer=[1.0, 2.0]).drop_vars("level")
-    with pytest.raises(InputError, match=r"which dimension holds the levels.*level: NAME"):
+    ds = base().rename(level="tier").expand_dims(layer=[1.0, 2.0]).drop_vars("tier")
+    with pytest.raises(InputError, match=r"several dimensions may hold the levels.*level: NAME"):
         airswing.build_catalogue(ds, name="bad")
 
 

@@ -93,7 +93,9 @@ def test_bad_winds_end_in_one_message(archive: Path, capsys: pytest.CaptureFixtu
         _main(["run", str(archive / "mine.yaml"), "--quiet"])
     told = capsys.readouterr().err
     assert ended.value.code == 2
-    assert "projection that is not said" in told and "era5_0.nc" in told and "Traceback" not in told
+    assert (
+        "projection that is not given" in told and "era5_0.nc" in told and "Traceback" not in told
+    )
     assert not (archive / "results" / "headings").exists()
 
 

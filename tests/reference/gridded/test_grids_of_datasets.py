@@ -8,9 +8,7 @@ import xarray as xr
 from pyproj import CRS, Proj, Transformer
 
 import airswing
-from airswing.reference.gridded.cf.axes_grid import AxesGrid
-from airswing.reference.gridded.cf.curvilinear import CurvilinearGrid
-from airswing.reference.gridded.cf.projection import Frame, frame_of
+from airswing.reference.grids import AxesGrid, Frame, frame_of
 from tests.reference.gridded.datasets import (
     LEVELS,
     MAPPINGS,
@@ -142,21 +140,6 @@ def test_only_the_points_known(kind: str) -> None:
     reports = points(lat, lon, 60000.0)
     one, two = (winds(airswing.collocate(reports, {"x": d})) for d in (ds, bare))
     np.testing.assert_allclose(one, two, atol=4e-2)  # cells of 60 to 80 km, noise of 15 m/s
-
-
-def test_points_placed_to_a_ten_thousandth_of_a_cell() -> None:
-    x, y = axes_of("lambert")
-    frame = frame_of(MAPPINGS["lambert"], file="", field="")
-    grid = AxesGrid(frame, x[0] + 3000.0 * np.arange(300), y[0] + 3000.0 * np.arange(250))
-    lat, lon = grid.frame.places(*(one.ravel() for one in np.meshgrid(grid.x, grid.y)))
-    bare = CurvilinearGrid(lat.reshape(250, 300), lon.reshape(250, 300))
-    assert bare.size == 75_000
-    fi, fj = RNG.uniform(0, 299, 300), RNG.uniform(0, 249, 300)
-    where = grid.frame.places(x[0] + 3000 * fi, y[0] + 3000 * fj)
-    found = bare.fractional_index(*where)
-    np.testing.assert_allclose(found, (fi, fj), atol=1e-4)
-    np.testing.assert_allclose(bare.convergence(*where), grid.convergence(*where), atol=1e-5)
-    assert np.isnan(bare.fractional_index(-40.0, 80.0)).all()
 
 
 def test_the_inverse_of_every_frame() -> None:

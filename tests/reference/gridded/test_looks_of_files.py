@@ -359,6 +359,6 @@ def test_whether_winds_point_along_the_grid(
     assert model.grids[0].wind_along_grid is along
     notes = " ".join(model.notes)
     assert ("along the grid" if along else "to true east") in notes
-    assert ("nothing says" in notes) is (standard[0] == "" and said is None)
+    assert ("not given" in notes) is (standard[0] == "" and said is None)
     told = airswing.collocate(points([40.0], [-97.0], 50000.0), {"m": model})
     assert notes in told.attrs["reference_notes"]

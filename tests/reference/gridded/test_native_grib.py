@@ -11,7 +11,6 @@ import pytest
 from pyproj import Transformer
 
 import airswing
-from airswing.reference.gridded.cf.vertical import _half_levels
 from tests.reference.gridded.datasets import by_hand, points, turned, winds
 
 RNG = np.random.default_rng(21)
@@ -45,13 +44,6 @@ GLOBE = {
     "dataDate": 20221111,
     "dataTime": 0,
 }
-
-
-def test_the_mean_of_half_levels_by_hand() -> None:
-    pv = np.array([0.0, 2000.0, 4000.0, 0.0, 0.0, 0.1, 0.4, 1.0])
-    a, b = _half_levels(pv, np.array([1.0, 2.0, 3.0]))
-    np.testing.assert_allclose(a, [1000.0, 3000.0, 2000.0])
-    np.testing.assert_allclose(b, [0.05, 0.25, 0.7])
 
 
 @pytest.mark.parametrize("surface", ["lnsp", "sp"])

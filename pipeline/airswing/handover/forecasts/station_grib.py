@@ -1,7 +1,7 @@
 """Near-surface forecasts at stations, from GRIB: temperature at 2 m, wind at 10 m.
 
 Assumes instantaneous fields at a height above ground, on the grids that
-:mod:`airswing.reference.geometry.grids` places. Interpolation is that of the collocation: bilinear
+:mod:`airswing.reference.grids` places. Interpolation is that of the collocation: bilinear
 in the grid's index space along the grid, winds turned to true east and north at the station;
 nothing is extrapolated, and a missing corner that has weight gives no value. The difference between
 the heights of the model's ground and the station is not corrected: the filter finds its effect as a
@@ -22,15 +22,12 @@ from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.handover.forecasts.correcting import TIME
-from airswing.reference.geometry.grids import Grid, UnplaceableGridError
-from airswing.reference.geometry.interpolation import bilinear, corners
-from airswing.reference.grib.fields import GarbageError, Window
-from airswing.reference.grib.gridsections import read_grid
-from airswing.reference.grib.messages import whole_messages
-from airswing.reference.grib.single_fields import single_fields
-from airswing.reference.packing.decoder import KeyValue, decode_beside, keys_beside
-from airswing.reference.packing.decoder_process import ABSENT
-from airswing.reference.packing.simple_packing import UnreadableMessageError
+from airswing.reference.grib.decoding import KeyValue, UnreadableMessageError
+from airswing.reference.grib.grid_sections import read_grid
+from airswing.reference.grib.headers import GarbageError, Window, single_fields, whole_messages
+from airswing.reference.grib.values import decode_guarded, read_keys
+from airswing.reference.grids import Grid, UnplaceableGridError
+from airswing.reference.winds import bilinear, corners
 
 Floats = NDArray[np.float64]
 _WANTED = {("2t", 2): "air_temperature", ("10u", 10): "u", ("10v", 10): "v"}
@@ -191,14 +188,15 @@ def _at_stations(
     message: bytes, edition: int, section: bytes, latitude: Floats, longitude: Floats
 ) -> _Field | None:
     """One field at the stations; None where it is another variable or no value at a time."""
-    keys = keys_beside(message, _HEADER)
+    keys = read_keys(message, _HEADER)
     name = _WANTED.get((str(keys.get("shortName")), _whole(keys, "level")))
     if name is None or keys.get("stepType") != "instant":
         return None
     start, valid = (_stamp(keys, kind) for kind in ("data", "validity"))
     grid = read_grid(edition, section)
-    values = decode_beside(message, grid.size)
-    values[values == ABSENT] = np.nan
+    values = decode_guarded([(message, grid.size, None)])[0]
+    if isinstance(values, str):
+        raise UnreadableMessageError(values)
     least, most = _POSSIBLE[name]
     if not ((values >= least) & (values <= most) | np.isnan(values)).all():
         raise UnreadableMessageError(f"{name} that no atmosphere has")

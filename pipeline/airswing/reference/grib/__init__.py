@@ -1,1 +1,1 @@
-"""What reads GRIB: octets, sections, fields, values, catalogue."""
+"""GRIB: headers, grids, and values at points."""

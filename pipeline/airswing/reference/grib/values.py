@@ -1,225 +1,339 @@
-"""Values of one catalogued field at chosen points, by the cheapest way that is exact.
+"""Values of catalogued GRIB fields at grid points.
 
-Simple packing is read in place; everything else is decoded whole by eccodes. Both give the same
-doubles, bit for bit.
+Simple packing is read at single points: the value of a present point is ``(R + X 2^E) 10^-D`` with
+X an unsigned integer of fixed width at a known bit (GRIB1 grid-point simple packing, GRIB2 data
+template 5.0), so that a few thousand points cost a few reads. Points under a bitmap are found by
+the number of present points before them. Everything else is decoded whole by ecCodes in a worker
+process (`airswing.guarded`), because a damaged message may end the process.
 
 Assumptions and validity
 ------------------------
-* eccodes is given a message of one field, put together from the sections that values depend on,
-  bitmap and data as they stand, and sections of our own that say what was read of the grid and
-  the product. So nothing depends on eccodes' multi-field switch, which is not safe between
-  threads, and nothing that those sections hold can lead it astray.
-* eccodes ends the process where one of its assertions fails. Simple packing and IEEE floats whose
-  lengths fit their grid, complex packing whose groups do and PNG streams that are whole leave it
-  nothing to assert: they are decoded here. All else is decoded where an end is survived
-  (`airswing.reference.packing.decoder`).
+* Widths of 0 to 57 bits (an unaligned 64-bit load holds the integer); wider fields, other packings
+  and predefined bitmaps go to ecCodes.
+* Sums and products are in double precision in the order of ecCodes, ``(X s + R) d`` with s and d by
+  repeated multiplication or division: both ways give the same doubles.
+* Files are read with positioned reads, never mapped: a file that is cut short while it is read
+  gives an error, not a killed process.
+* One impossible value condemns its message: a damaged scale factor or a shifted stream of bits
+  gives winds of hundreds of m/s in a message that looks sound. It is judged at 256 points of the
+  grid, so that the verdict does not depend on the reports; a standard deviation of a component over
+  60 m/s (three times the widest spread of the atmosphere) condemns it too. Impossible values
+  between these points give no value.
 """
 
 from __future__ import annotations
 
 import os
+import time
+from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.reference.grib.edition1 import LARGE
-from airswing.reference.packing.complex_packing import require_sound_groups
-from airswing.reference.packing.decoder import decode_beside
-from airswing.reference.packing.decoder_process import ABSENT
-from airswing.reference.packing.image_packing import require_whole_png
-from airswing.reference.packing.octets import unsigned
-from airswing.reference.packing.simple_packing import (
-    SimplePacking,
+from airswing.guarded import WorkerEndedError, guarded
+from airswing.reference.catalogue import (
+    NOT_OPENED,
+    PRESSURE,
+    REPLACED,
+    ModelTime,
+    SourceFile,
+    is_same,
+)
+from airswing.reference.grib.decoding import (
+    Job,
+    KeyValue,
     UnreadableMessageError,
-    present_points,
-    read_bytes,
-    sparse_values,
+    decode_all,
+    keys_of,
 )
+from airswing.reference.grib.headers import (
+    MAX_BITS,
+    PADDING,
+    GarbageError,
+    limits,
+    single_fields,
+)
+from airswing.reference.grids import Floats, Ints
+from airswing.reference.winds import Request
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-
-# Sections of a message of our own, octet by octet. Values depend on none of them but the counts and
-# the scanning mode of the grid, which are those of the field's.
-# Section 1 of GRIB2: an analysis of 2009-08-01.
-_IDENTIFICATION = bytes.fromhex("00000015 01 0007 0000 02 01 01 07d9 08 01 00 00 00 00 01")
-# Section 4 of GRIB2: u at 500 hPa.
-_PRODUCT = bytes.fromhex(
-    "00000022 04 0000 0000 02 02 02 00 60 0000 00 01 00000000 64 00 0000c350 ff 00 00000000"
-)
-# Section 1 of GRIB1: the same.
-_PRODUCT_1 = bytes.fromhex(
-    "00001c 02 07 00 ff 80 21 64 01f4 09 08 01 00 00 01 00 00 00 0000 00 15 00 0000"
-)
-# Section 3 of GRIB2: a grid in longitude and latitude.
-_GRID = bytes.fromhex(
-    "00000048 03 00 00000000 00 00 0000 06" + 23 * " 00" + "00000000 ffffffff 02625a00 00000000 30"
-    "02625a00 00000000 000f4240 000f4240 00"
-)
-# Section 2 of GRIB1: the same.
-_GRID_1 = bytes.fromhex(
-    "000020 00 ff 00 0000 0000 009c40 000000 80 009c40 009c40 03e8 03e8 00 00000000"
-)
-# Place of the scanning mode in section 3 of GRIB2, by template.
-_SCANNING = {0: 71, 1: 71, 10: 59, 20: 64, 30: 64}
-_NO_BITMAP = bytes([0, 0, 0, 6, 6, 255])
-_BEGINNING = b"GRIB"
+MAX_SPREAD = 60.0  # m/s, standard deviation
+_PROBES = 256
 _CHANGED = "not the message the catalogue saw"
-# Data representation templates; 40010 is PNG as it was before it had a number.
-_IEEE, _PNG = 4, (41, 40010)
 
 
-def field_values(
-    descriptor: int, row: np.void, size: int, points: Ints, *, sparse: bool = True
-) -> Floats:
-    """Values of a field at chosen points, NaN where missing.
+class GribReader:
+    """Values of the fields of model times at grid points; problems are noted once.
 
     Parameters
     ----------
-    descriptor : int
-        The open file that holds the field.
-    size : int
-        Points of the field's grid.
-    points : int array
-        Places in the message's list of grid points.
     sparse : bool
-        Read simple packing in place; otherwise decode every field whole.
+        Read simply packed fields at single points instead of decoding them whole.
+    """
+
+    def __init__(self, *, sparse: bool = True) -> None:
+        self.sparse = sparse
+        self.problems: dict[tuple[str, str], None] = {}
+        self.decoded = self.octets = 0
+        self.seconds = 0.0
+        self._descriptors: dict[SourceFile, int] = {}
+
+    def close(self) -> None:
+        """Close the files."""
+        for descriptor in self._descriptors.values():
+            if descriptor >= 0:
+                os.close(descriptor)
+        self._descriptors.clear()
+
+    def answer(self, models: Sequence[ModelTime], asked: Sequence[Request]) -> list[list[Floats]]:
+        """Values of all requests of some model times; NaN if a field cannot be read."""
+        return [self._values(model, wanted) for model, wanted in zip(models, asked, strict=True)]
+
+    def _values(self, model: ModelTime, wanted: Request) -> list[Floats]:
+        found: list[Floats] = [np.full(points.shape, np.nan) for _, points in wanted]
+        whole: list[tuple[int, np.void, Ints, bytes]] = []
+        began = time.perf_counter()
+        for number, (row, points) in enumerate(wanted):
+            file = model.files[int(row["file"])]
+            descriptor = self._descriptor(file)
+            if descriptor < 0:
+                continue
+            size = model.grids[int(row["kind"])].size
+            probes = _probes(row, size)
+            places = np.concatenate([points.ravel(), probes]) if probes.size else points.ravel()
+            try:
+                if self.sparse and row["sparse"]:
+                    values = sparse_values(descriptor, row, size, places)
+                else:
+                    whole.append((number, row, places, field_message(descriptor, row)))
+                    continue
+                found[number] = self._credible(file, row, points.shape, values)
+            except (UnreadableMessageError, OSError, MemoryError) as error:
+                self._note(file, row, str(error) or "not enough memory to decode it")
+        if whole:
+            jobs = [(one[3], model.grids[int(one[1]["kind"])].size, one[2]) for one in whole]
+            for (number, row, _, _), result in zip(whole, decode_guarded(jobs), strict=True):
+                file = model.files[int(row["file"])]
+                if isinstance(result, str):
+                    self._note(file, row, result)
+                    continue
+                try:
+                    found[number] = self._credible(file, row, found[number].shape, result)
+                except UnreadableMessageError as error:
+                    self._note(file, row, str(error))
+        self.seconds += time.perf_counter() - began
+        return found
+
+    def _descriptor(self, file: SourceFile) -> int:
+        if file not in self._descriptors:
+            descriptor = -1
+            try:
+                if is_same(file):
+                    descriptor = os.open(file.path, os.O_RDONLY)
+                else:
+                    self.problems[file.path, REPLACED] = None
+            except OSError as error:
+                self.problems[file.path, f"{NOT_OPENED}: {error.strerror}"] = None
+            self._descriptors[file] = descriptor
+        return self._descriptors[file]
+
+    def _credible(
+        self, file: SourceFile, row: np.void, shape: tuple[int, ...], values: Floats
+    ) -> Floats:
+        """Values at the wanted points if those at the probes are credible."""
+        self.decoded += 1
+        self.octets += int(row["length"])
+        size, kind = int(np.prod(shape)), int(row["kind"])
+        probed, wanted = values[size:], values[:size].reshape(shape)
+        low, high = limits(kind)
+        probed = probed[~np.isnan(probed)]
+        if probed.size:
+            worst = float(probed[np.argmax(np.abs(probed))])
+            if not low <= worst <= high:
+                what = f"pressure of {worst:.4g} Pa" if kind == PRESSURE else f"{worst:.4g} m/s"
+                raise UnreadableMessageError(f"refused: impossible values ({what})")
+            if kind != PRESSURE and float(probed.std()) > MAX_SPREAD:
+                raise UnreadableMessageError(
+                    f"refused: winds with a standard deviation of {probed.std():.3g} m/s"
+                )
+        with np.errstate(invalid="ignore"):
+            impossible = (wanted < low) | (wanted > high)
+        if impossible.any():
+            self._note(file, row, "impossible values left out")
+            wanted = np.where(impossible, np.nan, wanted)
+        return wanted
+
+    def _note(self, file: SourceFile, row: np.void, reason: str) -> None:
+        self.problems[file.path, f"message at {int(row['offset'])}: {reason}"] = None
+
+
+def field_values(path: str, row: np.void, size: int, points: Ints) -> Floats:
+    """Values of one field of a file at points (n,), NaN where missing.
+
+    Raises
+    ------
+    UnreadableMessageError, OSError
+        If it cannot be read.
+    """
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        if row["sparse"]:
+            return sparse_values(descriptor, row, size, points)
+        found = decode_guarded([(field_message(descriptor, row), size, points)])[0]
+    finally:
+        os.close(descriptor)
+    if isinstance(found, str):
+        raise UnreadableMessageError(found)
+    return found
+
+
+def field_message(descriptor: int, row: np.void) -> bytes:
+    """A field as a message of its own."""
+    message = read_bytes(descriptor, int(row["offset"]), int(row["length"]))
+    if message[:4] != b"GRIB" or message[7] != row["edition"]:
+        raise UnreadableMessageError(_CHANGED)
+    if row["edition"] == 1:
+        return message
+    try:
+        return [single for single, _ in single_fields(message, 2)][int(row["part"])]
+    except (GarbageError, LookupError) as error:
+        raise UnreadableMessageError(_CHANGED) from error
+
+
+def decode_guarded(jobs: Sequence[Job]) -> list[Floats | str]:
+    """Values of several messages (arguments of :func:`decode`), or the reason for none."""
+    try:
+        return guarded(decode_all, list(jobs))
+    except WorkerEndedError as error:
+        if len(jobs) == 1:
+            return [f"not decodable: {error}"]
+    return [decode_guarded([job])[0] for job in jobs]
+
+
+def read_keys(message: bytes, names: Sequence[str]) -> dict[str, KeyValue]:
+    """Values of keys of a message by ecCodes in a worker process, without those it has not.
 
     Raises
     ------
     UnreadableMessageError
-        Where the octets are not the message the catalogue saw, or cannot be decoded.
+        If the message cannot be read.
     """
-    packed = simple_packing(row, size)
-    if sparse and row["sparse"]:
-        if os.pread(descriptor, 4, int(row["offset"])) != _BEGINNING:
-            raise UnreadableMessageError(_CHANGED)
-        return sparse_values(descriptor, packed, points)
-    message = _message_bytes(descriptor, row)
-    if _certain(row, message, packed, descriptor):
-        # Setting the value of missing points takes 9 us, and most messages have none.
-        complete = int(row["packing"]) == 0 and packed.bitmap < 0
-        values = decode(message, complete=complete)
-        if values.size != size:
-            raise UnreadableMessageError(f"{values.size} values on a grid of {size} points")
-        taken: Floats = values[points]
-    else:
-        taken = decode_beside(message, size, points)
-    taken[taken == ABSENT] = np.nan
-    return taken
-
-
-def _certain(row: np.void, message: bytes, packed: SimplePacking, descriptor: int) -> bool:
-    """Whether eccodes can find nothing to assert in a message; refuses where it certainly would."""
-    edition, packing = int(row["edition"]), int(row["packing"])
-    present = packed.size if packed.bitmap < 0 else present_points(descriptor, packed)
-    if edition == 2 and int(row["coded"]) != present:
-        raise UnreadableMessageError(f"{int(row['coded'])} values, {present} in the bitmap")
-    octets = packed.end - packed.start
-    if edition == 1 and len(message) >= LARGE:
-        return False
-    if packing == 0:
-        if octets * 8 < packed.bits * present:
-            raise UnreadableMessageError("data section shorter than its grid and bitmap promise")
-        return packed.bits <= 32
-    if edition == 1:
-        return False
-    if packing == _IEEE:
-        return octets in (4 * present, 8 * present)
-    if packing in (2, 3):
-        return require_sound_groups(message, present)
-    return packing in _PNG and require_whole_png(message, present)
-
-
-def simple_packing(row: np.void, size: int) -> SimplePacking:
-    """Packing parameters of a simply packed field, as its catalogue row has them."""
-    bitmap = int(row["section_bitmap"])
-    return SimplePacking(
-        reference=float(row["reference_value"]),
-        binary_scale=int(row["binary_scale"]),
-        decimal_scale=int(row["decimal_scale"]),
-        bits=int(row["bits"]),
-        start=int(row["data_start"]),
-        end=int(row["data_end"]),
-        bitmap=bitmap + 6 if bitmap >= 0 else -1,
-        size=size,
-    )
-
-
-def _message_bytes(descriptor: int, row: np.void) -> bytes:
-    """The field as a complete GRIB message that holds nothing else, on a grid of our own.
-
-    Its grid has the counts and the scanning mode of the field's, by which eccodes orders values.
-    """
-    if row["edition"] == 1:
-        return _message_1(descriptor, row)
-    if os.pread(descriptor, 4, int(row["offset"])) != _BEGINNING:
-        raise UnreadableMessageError(_CHANGED)
-    own = _section(descriptor, row, "grid", 3)
-    grid = bytearray(_GRID)
-    # Number of data points; Ni and Nj.
-    grid[6:10], grid[30:38] = own[6:10], own[30:38]
-    scanning = _SCANNING.get(unsigned(own, 12, 2), len(own))
-    if scanning >= len(own):
-        raise UnreadableMessageError(_CHANGED)
-    grid[71] = own[scanning]
-    body = [_IDENTIFICATION, bytes(grid), _PRODUCT, _section(descriptor, row, "packing", 5)]
-    bitmap = row["section_bitmap"] >= 0
-    body.append(_section(descriptor, row, "bitmap", 6) if bitmap else _NO_BITMAP)
-    data = int(row["section_data"])
-    body.append(read_bytes(descriptor, data, int(row["data_end"]) - data))
-    total = 16 + sum(map(len, body)) + 4
-    head = b"GRIB\x00\x00\x00\x02"
-    return b"".join([head, total.to_bytes(8, "big"), *body, b"7777"])
-
-
-def _message_1(descriptor: int, row: np.void) -> bytes:
-    offset, bitmap = int(row["offset"]), int(row["section_bitmap"])
-    length = int(row["data_end"]) - offset
-    message = memoryview(read_bytes(descriptor, offset, length))
-    if message[:4] != _BEGINNING:
-        raise UnreadableMessageError(_CHANGED)
-    own, said = int(row["section_grid"]) - offset, int(row["section_product"]) - offset
-    product, grid = bytearray(_PRODUCT_1), bytearray(_GRID_1)
-    # Flag that a bitmap section follows; below, the decimal scale factor.
-    product[7] |= 0x40 if bitmap >= 0 else 0
-    product[26:28] = message[said + 26 : said + 28]
-    grid[6:10], grid[27] = message[own + 6 : own + 10], message[own + 27]
-    body = message[(bitmap if bitmap >= 0 else int(row["section_data"])) - offset :]
-    total = 8 + len(product) + len(grid) + len(body) + 4
-    if total >= LARGE:
-        # Above 8 MB the length is written in another unit: the message as it stands.
-        return read_bytes(descriptor, offset, int(row["length"]))
-    return b"".join([_BEGINNING, total.to_bytes(3, "big"), b"\x01", product, grid, body, b"7777"])
-
-
-def _section(descriptor: int, row: np.void, name: str, number: int) -> bytes:
-    """A section of GRIB2, which must still be what the catalogue saw."""
-    start, end = int(row[f"section_{name}"]), int(row["offset"]) + int(row["length"])
-    head = read_bytes(descriptor, start, 5)
-    length = unsigned(head, 0, 4)
-    if head[4] != number or not 5 < length <= end - start:
-        raise UnreadableMessageError(_CHANGED)
-    return read_bytes(descriptor, start, length)
-
-
-def decode(message: bytes, *, complete: bool = False) -> Floats:
-    """Values of a single-field message by eccodes, in this process and in the order of the message.
-
-    `ABSENT` at missing points; ``complete``: there are none.
-    """
-    import eccodes
-
     try:
-        handle = eccodes.codes_new_from_message(message)
-    except eccodes.CodesInternalError as error:
+        return guarded(keys_of, message, list(names))
+    except (WorkerEndedError, ValueError) as error:
         raise UnreadableMessageError(f"not decodable: {error}") from error
-    try:
-        if not complete:
-            eccodes.codes_set(handle, "missingValue", ABSENT)
-        values = np.asarray(eccodes.codes_get_values(handle), dtype=np.float64)
-    except (eccodes.CodesInternalError, MemoryError, ValueError) as error:
-        raise UnreadableMessageError(f"not decodable: {error}") from error
-    finally:
-        eccodes.codes_release(handle)
+
+
+def _probes(row: np.void, size: int) -> Ints:
+    """Points at which to judge a field; none if its header allows no impossible value."""
+    if row["sparse"]:
+        scale = 10.0 ** -int(row["decimal_scale"])
+        lowest = float(row["reference_value"]) * scale
+        width = (2.0 ** int(row["bits"]) - 1.0) * 2.0 ** int(row["binary_scale"]) * scale
+        if lowest + width <= limits(int(row["kind"]))[1] and width <= 2.0 * MAX_SPREAD:
+            return _NONE
+    return probes_of(size)
+
+
+_NONE: Ints = np.empty(0, dtype=np.int64)
+
+
+@lru_cache(maxsize=64)  # the fields of an archive have a few sizes
+def probes_of(size: int) -> Ints:
+    """Places evenly spread over a grid of so many points."""
+    return np.unique(np.linspace(0, size - 1, min(size, _PROBES)).astype(np.int64))
+
+
+def read_bytes(descriptor: int, start: int, length: int, *, spare: int = 0) -> bytes:
+    """Bytes of a file, and `spare` bytes without meaning after them.
+
+    Raises
+    ------
+    UnreadableMessageError
+        If the file ends before.
+    """
+    octets = os.pread(descriptor, length + spare, start)
+    if len(octets) < length:
+        raise UnreadableMessageError(f"file ends {length - len(octets)} bytes early")
+    return octets + bytes(length + spare - len(octets))
+
+
+def sparse_values(descriptor: int, row: np.void, size: int, points: Ints) -> Floats:
+    """Values (n,) of a simply packed field at places (n,) of its list, NaN where missing.
+
+    Raises
+    ------
+    UnreadableMessageError
+        If the file or the data section ends before the points' bytes.
+    """
+    if os.pread(descriptor, 4, int(row["offset"])) != b"GRIB":
+        raise UnreadableMessageError(_CHANGED)
+    if row["bitmap"] < 0:
+        return _unpack(descriptor, row, points)
+    bitmap = _bitmap(descriptor, row, size)
+    needed = (int(row["bits"]) * _present(bitmap, size) + 7) // 8
+    if not needed <= row["data_end"] - row["data_start"] <= needed + PADDING and row["bits"]:
+        raise UnreadableMessageError("data section of another length than its bitmap needs")
+    present, before = _rank(bitmap, points)
+    values = np.full(points.shape, np.nan)
+    values[present] = _unpack(descriptor, row, before[present])
     return values
+
+
+def _unpack(descriptor: int, row: np.void, order: Ints) -> Floats:
+    """Values at places in the list of packed integers."""
+    bits, reference = int(row["bits"]), float(row["reference_value"])
+    assert bits <= MAX_BITS
+    if bits == 0:
+        return np.full(order.shape, reference + 0.0)  # like ecCodes never a negative zero
+    if order.size == 0:
+        return np.empty(0)
+    bit, start = order * bits, int(row["data_start"])
+    first, last = int(bit.min()) >> 3, (int(bit.max()) + bits + 7) >> 3
+    if start + last > row["data_end"]:
+        raise UnreadableMessageError("data section shorter than its grid and bitmap need")
+    window = read_bytes(descriptor, start + first, last - first, spare=8)
+    # at every byte the eight that follow as one number, without copying
+    words: NDArray[np.uint64] = np.ndarray((last - first,), ">u8", window, strides=(1,))
+    word = words[(bit >> 3) - first].astype(np.uint64)
+    integers = (word << (bit & 7).astype(np.uint64)) >> np.uint64(64 - bits)
+    scale, factor = _power(2, int(row["binary_scale"])), _power(10, -int(row["decimal_scale"]))
+    values: Floats = (integers.astype(np.float64) * scale + reference) * factor
+    return values
+
+
+def _power(base: int, exponent: int) -> float:
+    """Integer power by repeated products or quotients, rounded at each step as in ecCodes."""
+    value = 1.0
+    for _ in range(abs(exponent)):
+        value = value * base if exponent > 0 else value / base
+    return value
+
+
+def _bitmap(descriptor: int, row: np.void, size: int) -> bytes:
+    return read_bytes(descriptor, int(row["bitmap"]), (size + 7) // 8)
+
+
+def _present(bitmap: bytes, size: int) -> int:
+    """Points present among the first `size`; the last byte may have unused bits."""
+    last, before = _rank(bitmap, np.array([size - 1]))
+    return int(before[0]) + bool(last[0])
+
+
+@lru_cache(maxsize=16)
+def _counts(bitmap: bytes) -> tuple[NDArray[np.uint8], Ints]:
+    """Bytes of a bitmap and the number of present points before each."""
+    octets = np.frombuffer(bitmap, dtype=np.uint8)
+    before = np.zeros(octets.size + 1, dtype=np.int64)
+    np.cumsum(np.bitwise_count(octets), out=before[1:])
+    return octets, before
+
+
+def _rank(bitmap: bytes, points: Ints) -> tuple[NDArray[np.bool_], Ints]:
+    """Whether points are present, and the number of present points before each."""
+    octets, before = _counts(bitmap)
+    place, bit = points >> 3, (points & 7).astype(np.uint8)
+    octet = octets[place]
+    present = (octet >> (np.uint8(7) - bit)) & np.uint8(1)
+    earlier = octet & ~(np.uint8(0xFF) >> bit)  # bits of the byte before this one
+    return present.astype(bool), before[place] + np.bitwise_count(earlier)

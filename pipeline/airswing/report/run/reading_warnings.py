@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Literal, TypedDict, overload
 import xarray as xr
 
 if TYPE_CHECKING:
-    from airswing.reference.geometry.wind_profiles import LeftOut
+    from airswing.reference.catalogue import LeftOut
     from airswing.reports.audit import AuditContent
 
 _GROUPS_SHOWN = 5

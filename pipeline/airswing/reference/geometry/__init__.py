@@ -1,1 +1,0 @@
-"""Where a point lies on a model's grid, and what one model time is."""

@@ -1,0 +1,636 @@
+"""Headers of GRIB files: where each wind field is, its level, time, grid and packing.
+
+Reads lengths and fixed bytes of the sections only, which is some ten times faster than ecCodes'
+headers, and checks them against each other: a message that contradicts itself is skipped and named.
+
+Assumptions and validity
+------------------------
+* u and v are known by parameter: GRIB1 33/34 of the international tables (1-3) and of NCEP's tables
+  130 and 131, 131/132 of ECMWF's table 128; GRIB2 0/2/2 and 0/2/3.
+* Levels are isobaric (type 100), or native (hybrid, heights, potential temperatures, generalized
+  vertical) with pressure as a third field on the same levels (GRIB1 1 or 54; GRIB2 0/3/0).
+* Fields that are no state of the atmosphere (`airswing.reference.state`) are not used.
+* Base times from 1900 to 2100; leads from -1 to 400 days; pressure up to 1,200 hPa; wind components
+  up to 150 m/s. The reference value of a packing, R 10^-D, is the lowest value of the field (WMO FM
+  92 regulation 92.9.4): a message whose lowest value is impossible is damaged.
+* A data section is as long as its values need, except for a few bytes of padding.
+* Offsets in bytes from the start of the file, counted from 0 (the WMO tables count from 1); times
+  in ns since 1970, leads in s, pressure in Pa.
+"""
+
+from __future__ import annotations
+
+import calendar
+import errno
+import math
+import os
+import struct
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.reference.catalogue import HYBRID, ISOBARIC, PRESSURE, U, V
+from airswing.reference.grib.grid_sections import read_grid
+from airswing.reference.grids import UnplaceableGridError
+from airswing.reference.state import DERIVED, FORECAST, grib1_statistic, grib2_statistic
+from airswing.reference.winds import MAX_WIND
+
+MAX_PRESSURE = 120_000.0  # Pa
+MAX_BITS = 57  # widest packed integer that one unaligned 64-bit load holds at any bit offset
+PADDING = 16  # bytes a section may have beyond its values
+READ_BYTES = 512  # read at once where a message begins
+SPEED_ALONE = "wind", "wind speed or direction, not u and v"
+#: GRIB1 lengths from here on count in units of `_LARGE_UNIT` bytes (see `_large_length`).
+LARGE, _LARGE_UNIT = 0x800000, 120
+
+_EARLIEST, _LATEST = -2_208_988_800, 4_102_444_800  # s since 1970: the years 1900 and 2100
+_SHORTEST_LEAD, _LONGEST_LEAD = -86_400, 400 * 86_400  # s
+_LARGEST_SCALE = 300  # beyond it a power of ten leaves the range of double precision
+#: Seconds in a unit of time: GRIB1 code table 4, GRIB2 code table 4.4.
+_UNITS = {0: 60, 1: 3600, 2: 86400, 10: 10800, 11: 21600, 12: 43200}
+_UNITS_1, _UNITS_2 = {**_UNITS, 13: 900, 14: 1800, 254: 1}, {**_UNITS, 13: 1}
+#: Level types on which pressure may be given: GRIB1 code table 3, GRIB2 code table 4.5.
+ISOBARIC_TYPE = 100
+_NATIVE_1 = (103, 104, 105, 106, 107, 108, 109, 110, 111, 113, 119)
+_HYBRID_1, _HYBRID_2 = (109, 110, 119), (105, 111, 118, 119)
+_NATIVE_2 = (102, 103, 104, 105, 107, 111, 113, 118, 119, 150)
+#: GRIB2: sections that may follow a section (WMO FM 92 table 1).
+_NEXT = {0: (1,), 1: (2, 3), 2: (3,), 3: (4,), 4: (5,), 5: (6,), 6: (7,), 7: (2, 3, 4)}
+_SHORTEST = {1: 21, 3: 14, 4: 34, 5: 11, 6: 6}  # bytes of every section of a number
+#: GRIB2: bytes of sections 4 and 5 by template; templates with R, E and D at octets 12 to 19.
+_LENGTHS_4 = {0: 34, 1: 37, 2: 36, 60: 37}
+_LENGTHS_5 = {0: 21, 2: 47, 3: 49, 4: 12, 40: 23, 41: 21, 42: 25, 40000: 23, 40010: 21}
+_SCALED = (0, 2, 3, 40, 41, 42, 40000, 40010)
+_SMALLEST_NORMAL = 2.0**-126  # ecCodes reads smaller reference values in a way of its own
+
+
+class Field(NamedTuple):
+    """One field of a file, a row of `FIELD_DTYPE`; -1 if an offset or a number is absent."""
+
+    offset: int  # of the message
+    length: int
+    edition: int
+    kind: int  # U, V or PRESSURE
+    level_kind: int  # ISOBARIC, HYBRID, else the level type
+    level: float
+    valid: int
+    lead: int
+    grid: int  # number in `FileContents.grids`
+    points: int = -1  # set by the catalogue
+    file: int = 0
+    part: int = 0  # number of the field in its message
+    member: int = 0
+    packing: int = 0
+    sparse: bool = False  # values can be read at single points
+    coded: int = -1  # number of values that section 5 of GRIB2 states
+    bits: int = 0  # of a value
+    binary_scale: int = 0
+    decimal_scale: int = 0
+    reference_value: float = 0.0
+    bitmap: int = -1  # offset of its first byte
+    data_start: int = 0  # of the packed values
+    data_end: int = 0
+
+
+_TYPES = {
+    **dict.fromkeys(("edition", "kind"), "i1"),
+    **dict.fromkeys(("part", "bits", "level_kind"), "i2"),
+    **dict.fromkeys(
+        ("file", "member", "grid", "points", "packing", "binary_scale", "decimal_scale"), "i4"
+    ),
+    **dict.fromkeys(("level", "reference_value"), "f8"),
+    "sparse": "?",
+}
+FIELD_DTYPE = np.dtype([(name, _TYPES.get(name, "i8")) for name in Field._fields])
+
+
+@dataclass(slots=True)
+class FileContents:
+    """Content of one file."""
+
+    fields: list[Field] = field(default_factory=list)  # usable winds and pressures
+    grids: list[tuple[int, bytes]] = field(default_factory=list)  # edition, distinct section
+    skipped: Counter[tuple[str, str]] = field(default_factory=Counter)
+    messages: int = 0
+    parts: int = 0  # fields of any kind
+    _known: dict[tuple[int, bytes], int] = field(default_factory=dict)
+
+    def grid_number(self, edition: int, section: bytes) -> int:
+        """Number of a grid section, which is read once."""
+        key = edition, section
+        if key not in self._known:
+            try:
+                read_grid(edition, section)
+            except UnplaceableGridError as error:
+                raise SkippedError("grid", str(error)) from None
+            self._known[key] = len(self.grids)
+            self.grids.append(key)
+        return self._known[key]
+
+    def table(self) -> NDArray[np.void]:
+        """Fields as an array of `FIELD_DTYPE`."""
+        return np.array(self.fields, dtype=FIELD_DTYPE)
+
+
+class SkippedError(Exception):
+    """One field or message that is not used: its kind and the reason."""
+
+    def __init__(self, what: str, reason: str) -> None:
+        super().__init__(what, reason)
+        self.what, self.reason = what, reason
+
+
+class GarbageError(Exception):
+    """Bytes that are no whole message."""
+
+
+class Window:
+    """A file read through small positioned reads, of which the last two are kept."""
+
+    def __init__(self, descriptor: int) -> None:
+        self.descriptor = descriptor
+        self.size = os.fstat(descriptor).st_size
+        self._start, self._data = 0, b""
+        self._before = 0, b""
+
+    def get(self, start: int, length: int) -> bytes:
+        """`length` bytes from `start`; fewer at the end of the file."""
+        at = start - self._start
+        if at < 0 or at + length > len(self._data):
+            self._before, (self._start, self._data) = (self._start, self._data), self._before
+            at = start - self._start
+            if at < 0 or at + length > len(self._data):
+                self._data = os.pread(self.descriptor, max(length, READ_BYTES), start)
+                self._start, at = start, 0
+        return self._data[at : at + length]
+
+
+def scan_file(path: str) -> FileContents:
+    """List the wind and pressure fields of a file.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be opened or read.
+    """
+    contents = FileContents()
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        window = Window(descriptor)
+        for start, edition, length in whole_messages(window, contents.skipped):
+            contents.messages += 1
+            before = len(contents.fields)
+            try:
+                if edition == 1:
+                    _scan_grib1(window, start, length, contents)
+                else:
+                    _scan_grib2(window, start, length, contents)
+            except (GarbageError, LookupError, ValueError, ArithmeticError, struct.error) as reason:
+                # of a message that contradicts itself no part is used
+                del contents.fields[before:]
+                stated = str(reason) if isinstance(reason, GarbageError) else ""
+                reason_text = stated or "garbage: section lengths do not add up"
+                contents.skipped["message", reason_text] += 1
+    finally:
+        os.close(descriptor)
+    if contents.messages == 0:
+        contents.skipped["file", "no whole GRIB message"] += 1
+    return contents
+
+
+def whole_messages(
+    window: Window, skipped: Counter[tuple[str, str]]
+) -> Iterator[tuple[int, int, int]]:
+    """Offset, edition and length of each whole message; what is passed over goes to `skipped`."""
+    at = 0
+    while at < window.size:
+        head = window.get(at, 16)
+        if head[:4] != b"GRIB":
+            at = _next_mark(window, at)
+            if at < 0:
+                return
+            continue
+        try:
+            edition, length = _length(window, at, head)
+        except GarbageError as reason:
+            skipped["message", str(reason)] += 1
+            at += 4
+            continue
+        yield at, edition, length
+        at += length
+
+
+def _next_mark(window: Window, at: int) -> int:
+    block = 1 << 16
+    while at < window.size:
+        if hasattr(os, "SEEK_DATA"):
+            try:  # over the holes of a sparse file: a broken copy may be gigabytes of nothing
+                at = os.lseek(window.descriptor, at, os.SEEK_DATA)
+            except OSError as error:
+                if error.errno == errno.ENXIO:  # no data up to the end
+                    return -1
+        found = os.pread(window.descriptor, block + 3, at).find(b"GRIB")
+        if found >= 0:
+            return at + found
+        at += block
+    return -1
+
+
+def _length(window: Window, at: int, head: bytes) -> tuple[int, int]:
+    if len(head) < 16:
+        raise GarbageError("truncated message")
+    edition = head[7]
+    if edition == 1:
+        length = unsigned(head, 4, 3)
+        if length & LARGE:
+            length = _large_length(window, at, length)
+    elif edition == 2:
+        length = unsigned(head, 8, 8)
+    else:
+        raise GarbageError(f"garbage: GRIB edition {edition}")
+    if at + length > window.size:
+        raise GarbageError("truncated message")
+    if length < 16 or window.get(at + length - 4, 4) != b"7777":
+        raise GarbageError("garbage: no 7777 at the message's end")
+    return edition, length
+
+
+def _large_length(window: Window, at: int, stated: int) -> int:
+    """Length of a GRIB1 message above 8 MB, by ECMWF's convention.
+
+    The message's length counts in units of 120 bytes, and the length of section 4 holds the excess,
+    less than a unit. If section 4 states a length of its own, the message's is in bytes.
+    """
+    place, flags = at + 8, window.get(at + 15, 1)[0]
+    for present in (0xFF, flags & 0x80, flags & 0x40):
+        place += unsigned(window.get(place, 3), 0, 3) if present else 0
+    rest = unsigned(window.get(place, 3), 0, 3)
+    return stated if rest >= _LARGE_UNIT else (stated & ~LARGE) * _LARGE_UNIT - rest + 4
+
+
+def single_fields(message: bytes, edition: int) -> Iterator[tuple[bytes, dict[int, bytes]]]:
+    """Each field of a message as a message of its own, and its sections by number.
+
+    GRIB1 holds one field; its sections are the product's (1) and the grid's (2), if present. In
+    GRIB2 sections 2 to 7 may be repeated (regulation 92.1.5): a field has the last section of
+    each number before its data; bitmap indicator 254 refers to the last bitmap that was given.
+
+    Raises
+    ------
+    GarbageError
+        If the lengths of the sections do not add up.
+    """
+    if edition == 1:
+        product = message[8 : 8 + unsigned(message, 8, 3)]
+        at = 8 + len(product)
+        if len(product) < 28 or at > len(message) - 4:
+            raise GarbageError
+        grid = {2: message[at : at + unsigned(message, at, 3)]} if product[7] & 0x80 else {}
+        yield message, {1: product, **grid}
+        return
+    sections: dict[int, bytes] = {}
+    bitmap, at, end = b"\x00\x00\x00\x06\x06\xff", 16, len(message) - 4
+    while at < end:
+        size, number = unsigned(message, at, 4), message[at + 4]
+        if size < 5 or at + size > end:
+            raise GarbageError
+        sections[number] = message[at : at + size]
+        at += size
+        if number == 6 and sections[6][5:6] == b"\x00":
+            bitmap = sections[6]
+        if number == 7 and sections.keys() >= {1, 3, 4, 5, 6}:
+            used = bitmap if sections[6][5:6] == b"\xfe" else sections[6]
+            parts = [sections[n] for n in (1, 2, 3, 4, 5) if n in sections]
+            body = b"".join([*parts, used, sections[7], b"7777"])
+            yield message[:8] + (16 + len(body)).to_bytes(8, "big") + body, dict(sections)
+
+
+# GRIB edition 1
+
+
+def _scan_grib1(window: Window, start: int, length: int, contents: FileContents) -> None:
+    contents.parts += 1
+    product = window.get(start + 8, max(28, min(unsigned(window.get(start + 8, 3), 0, 3), 80)))
+    # octets 4, 5 and 9; NCEP (centre 7) has another table 128
+    table, centre, parameter = product[3], product[4], product[8]
+    kind = None
+    if table == 128 and centre != 7:
+        kind = {131: U, 132: V, 54: PRESSURE}.get(parameter)
+    elif table in (1, 2, 3) or (table in (130, 131) and centre == 7):
+        kind = {33: U, 34: V, 1: PRESSURE}.get(parameter)
+    if kind is None:
+        if table in (1, 2, 3) and parameter in (31, 32):
+            contents.skipped[SPEED_ALONE] += 1
+        return
+    try:
+        contents.fields.append(_grib1_field(window, start, length, kind, product, contents))
+    except SkippedError as skip:
+        if kind != PRESSURE or skip.what != "wind":
+            contents.skipped[skip.what, skip.reason] += 1
+
+
+def _grib1_field(
+    window: Window, start: int, length: int, kind: int, product: bytes, contents: FileContents
+) -> Field:
+    # octets 10 to 12: level; 18 to 21: unit, P1, P2 and time range (code table 5)
+    surface, level = product[9], float(unsigned(product, 10, 2))
+    level_kind = _level_kind(kind, surface, _NATIVE_1, _HYBRID_1)
+    if surface in (104, 106, 108, 110):  # layers: the value of the upper boundary
+        level = float(product[10])
+    if surface == ISOBARIC_TYPE:
+        level *= 100.0
+        _check_level(level)
+    if reason := grib1_statistic(product):
+        raise SkippedError("wind", reason)
+    unit, first, second, indicator = product[17:21]
+    if unit not in _UNITS_1:
+        raise SkippedError("wind", f"forecast time unit {unit}")
+    lead = {0: first, 1: 0, 10: first * 256 + second}[indicator] * _UNITS_1[unit]
+    # octets 25 and 13 to 17: year 100 of a century is its last
+    year = (product[24] - 1) * 100 + product[12]
+    valid = _valid_time(_reference_time(year, *product[13:17], 0), lead)
+    # ECMWF's local section: number of the ensemble member
+    member = product[49] if product[4] == 98 and len(product) >= 50 and product[40] == 1 else 0
+    end = start + length - 4
+    at = start + 8 + _section_length(window, start + 8, end, 28)
+    if not product[7] & 0x80:
+        raise SkippedError("grid", f"no grid section (predefined grid {product[6]})")
+    section = window.get(at, _section_length(window, at, end, 28))
+    at += len(section)
+    grid = contents.grid_number(1, section)
+    size, bitmap = read_grid(1, section).size, -1
+    if product[7] & 0x40:
+        head = window.get(at, 6)
+        octets, predefined = unsigned(head, 0, 3), unsigned(head, 4, 2)
+        if len(head) < 6 or octets < 6 or at + octets > end:
+            raise GarbageError
+        if predefined:
+            raise SkippedError("message", f"predefined bitmap {predefined}")
+        if not 0 <= octets - 6 - (size + 7) // 8 <= PADDING:
+            raise _damaged("a bitmap of another size than its grid")
+        bitmap, at = at + 6, at + octets
+    # section 4: length in octets 1-3, flags in the upper half of 4, E in 5-6, R in 7-10, bits in 11
+    data = window.get(at, 11)
+    if len(data) < 11 or at + 11 > end:
+        raise GarbageError
+    octets, packing, bits = unsigned(data, 0, 3), data[3] >> 4, data[10]
+    stop = end if length >= LARGE and octets < _LARGE_UNIT else at + octets
+    if not at + 11 <= stop <= end:
+        raise GarbageError
+    if packing & 0x8:
+        raise _damaged("spherical harmonics on a grid of points")
+    if bits > 64:
+        raise _damaged(f"{bits} bits a value")
+    reference, binary, decimal = ibm_float(data, 6), signed(data, 4, 2), signed(product, 26, 2)
+    _check_lowest(kind, reference, binary, decimal)
+    if packing == 0 and bitmap < 0:
+        _check_length(stop - at - 11, bits, size)
+    return Field(
+        offset=start,
+        length=length,
+        edition=1,
+        kind=kind,
+        level_kind=level_kind,
+        level=level,
+        valid=valid,
+        lead=lead,
+        member=member,
+        grid=grid,
+        packing=packing,
+        sparse=packing == 0 and bits <= MAX_BITS,
+        bits=bits,
+        binary_scale=binary,
+        decimal_scale=decimal,
+        reference_value=reference,
+        bitmap=bitmap,
+        data_start=at + 11,
+        data_end=stop,
+    )
+
+
+def _section_length(window: Window, at: int, end: int, least: int) -> int:
+    length = unsigned(window.get(at, 3), 0, 3)
+    if length < least or at + length > end:
+        raise GarbageError
+    return length
+
+
+# GRIB edition 2
+
+
+def _scan_grib2(window: Window, start: int, length: int, contents: FileContents) -> None:
+    discipline, end = window.get(start, 8)[6], start + length - 4
+    sections: dict[int, int] = {}
+    at, part, bitmap, before = start + 16, 0, -1, 0
+    while at < end:
+        head = window.get(at, 6)
+        size, number = unsigned(head, 0, 4), head[4]
+        if size < _SHORTEST.get(number, 5) or at + size > end or number not in range(1, 8):
+            raise GarbageError
+        if number not in _NEXT[before]:
+            raise GarbageError(f"garbage: section {number} after section {before}")
+        sections[number], before = at, number
+        if number == 6 and head[5] == 0:  # a bitmap of its own, which 254 refers to later
+            bitmap = at
+        if number == 7:
+            contents.parts += 1
+            product = window.get(sections[4], 37)
+            # octets 10 and 11: category and number (code table 4.2 of discipline 0)
+            parameter = (discipline, product[9], product[10])
+            kind = {(0, 2, 2): U, (0, 2, 3): V, (0, 3, 0): PRESSURE}.get(parameter)
+            if kind is None:
+                if parameter in ((0, 2, 0), (0, 2, 1)):
+                    contents.skipped[SPEED_ALONE] += 1
+            else:
+                try:
+                    found = _grib2_field(window, kind, product, sections, bitmap, contents)
+                    contents.fields.append(found._replace(offset=start, length=length, part=part))
+                except SkippedError as skip:
+                    if kind != PRESSURE or skip.what != "wind":
+                        contents.skipped[skip.what, skip.reason] += 1
+            part += 1
+        at += size
+    if at != end or before != 7:
+        raise GarbageError
+
+
+def _grib2_field(
+    window: Window,
+    kind: int,
+    product: bytes,
+    sections: dict[int, int],
+    last_bitmap: int,
+    contents: FileContents,
+) -> Field:
+    # octets 23 to 28 and 29: the first fixed surface, its scaled value; type of the second
+    surface, second = product[22], product[28]
+    level_kind = _level_kind(kind, surface, _NATIVE_2, _HYBRID_2)
+    level = signed(product, 24, 4) * 10.0 ** -signed(product, 23, 1)
+    if second not in (255, surface if surface != ISOBARIC_TYPE else 255):
+        raise SkippedError("wind", f"{'uvp'[kind]} of a layer (level types {surface}, {second})")
+    if surface == ISOBARIC_TYPE:
+        _check_level(level)
+    if reason := grib2_statistic(product):
+        raise SkippedError("wind", reason)
+    template, unit = unsigned(product, 7, 2), product[17]
+    if unsigned(product, 0, 4) < _LENGTHS_4[template]:
+        raise _damaged(f"section 4 of {unsigned(product, 0, 4)} bytes for template 4.{template}")
+    if unit not in _UNITS_2:
+        raise SkippedError("wind", f"forecast time unit {unit}")
+    lead = signed(product, 18, 4) * _UNITS_2[unit]
+    stamp = window.get(sections[1], 19)  # octets 13-14 year, then month, day, hour, minute, second
+    valid = _valid_time(_reference_time(unsigned(stamp, 12, 2), *stamp[14:19]), lead)
+    section = window.get(sections[3], unsigned(window.get(sections[3], 4), 0, 4))
+    grid = contents.grid_number(2, section)
+    size = read_grid(2, section).size
+    if unsigned(section, 6, 4) != size:
+        raise _damaged(f"{unsigned(section, 6, 4):,} data points on a grid of {size:,}")
+    indicator = window.get(sections[6], 6)[5]
+    bitmap = {255: -1, 0: sections[6], 254: last_bitmap}.get(indicator, -1)
+    if indicator != 255 and bitmap < 0:
+        raise SkippedError("message", f"predefined bitmap {indicator}")
+    if bitmap >= 0:
+        octets = unsigned(window.get(bitmap, 4), 0, 4) - 6
+        if not 0 <= octets - (size + 7) // 8 <= PADDING:
+            raise _damaged("a bitmap of another size than its grid")
+    numbered = template not in (FORECAST, DERIVED) and product[35] != 255
+    found = Field(
+        offset=0,
+        length=0,
+        edition=2,
+        kind=kind,
+        level_kind=level_kind,
+        level=level,
+        valid=valid,
+        lead=lead,
+        member=product[35] if numbered else 0,
+        grid=grid,
+        bitmap=bitmap + 6 if bitmap >= 0 else -1,
+        data_start=sections[7] + 5,
+        data_end=sections[7] + unsigned(window.get(sections[7], 4), 0, 4),
+    )
+    return _grib2_packing(found, window.get(sections[5], 21), size)
+
+
+def _grib2_packing(found: Field, section: bytes, size: int) -> Field:
+    """The field with its packing by section 5: Y 10^D = R + X 2^E."""
+    length, packing = unsigned(section, 0, 4), unsigned(section, 9, 2)
+    if length < _LENGTHS_5.get(packing, 0):
+        raise _damaged(f"section 5 of {length} bytes for template 5.{packing}")
+    coded = unsigned(section, 5, 4)  # fewer than the points if a bitmap leaves some out
+    if coded > size or (coded != size and found.bitmap < 0):
+        raise _damaged(f"{coded:,} values on a grid of {size:,} points")
+    found = found._replace(packing=packing, coded=coded)
+    if packing not in _SCALED:
+        return found
+    reference, bits = float(struct.unpack_from(">f", section, 11)[0]), section[19]
+    binary, decimal = signed(section, 15, 2), signed(section, 17, 2)
+    _check_lowest(found.kind, reference, binary, decimal)
+    if bits > (64 if packing == 0 else 38):
+        raise _damaged(f"{bits} bits a value")
+    found = found._replace(
+        reference_value=reference, binary_scale=binary, decimal_scale=decimal, bits=bits
+    )
+    if packing != 0:
+        return found
+    _check_length(found.data_end - found.data_start, bits, coded)
+    usual = reference == 0.0 or abs(reference) >= _SMALLEST_NORMAL
+    return found._replace(sparse=usual and bits <= MAX_BITS)
+
+
+# both editions
+
+
+def unsigned(data: bytes, start: int, width: int) -> int:
+    """Unsigned integer of `width` bytes."""
+    return int.from_bytes(data[start : start + width], "big")
+
+
+def signed(data: bytes, start: int, width: int) -> int:
+    """Integer of `width` bytes whose first bit is the sign."""
+    value, top = unsigned(data, start, width), 1 << (8 * width - 1)
+    return top - value if value >= top else value
+
+
+def ibm_float(data: bytes, start: int) -> float:
+    """IBM single-precision float: sign, exponent of 16 (excess 64), 24-bit fraction."""
+    word = unsigned(data, start, 4)
+    value = float(word & 0xFFFFFF) * 16.0 ** (((word >> 24) & 0x7F) - 70)
+    return -value if word >> 31 else value
+
+
+def limits(kind: int) -> tuple[float, float]:
+    """Lowest and highest possible value of a field of a kind: m/s, or Pa."""
+    return (0.0, MAX_PRESSURE) if kind == PRESSURE else (-MAX_WIND, MAX_WIND)
+
+
+def _damaged(reason: str) -> SkippedError:
+    return SkippedError("message", f"damaged: {reason}")
+
+
+def _level_kind(kind: int, surface: int, native: tuple[int, ...], hybrid: tuple[int, ...]) -> int:
+    if surface == ISOBARIC_TYPE and kind != PRESSURE:
+        return ISOBARIC
+    if surface in native:
+        return HYBRID if surface in hybrid else surface
+    raise SkippedError("wind", off_levels(kind, surface))
+
+
+def off_levels(kind: int, surface: int) -> str:
+    """Reason why a wind on levels of a type is not used."""
+    return f"{'uvp'[kind]} not on pressure levels (level type {surface})"
+
+
+def _check_level(pressure: float) -> None:
+    if not 0.0 < pressure <= MAX_PRESSURE:
+        raise _damaged(f"pressure level of {pressure / 100.0:g} hPa")
+
+
+def _check_length(octets: int, bits: int, values: int) -> None:
+    """Compare the length of a simply packed data section with the number of its values."""
+    needed = (bits * values + 7) // 8
+    if octets < needed:
+        raise _damaged("data section too short for its grid")
+    if octets > needed + PADDING and bits:
+        raise _damaged("data section longer than its grid and its bits a value need")
+
+
+def _check_lowest(kind: int, reference: float, binary_scale: int, decimal_scale: int) -> None:
+    if abs(binary_scale) > _LARGEST_SCALE or abs(decimal_scale) > _LARGEST_SCALE:
+        raise _damaged("impossible scale factors")
+    lowest, (low, high) = reference * 10.0**-decimal_scale, limits(kind)
+    if not (math.isfinite(lowest) and low <= lowest <= high):
+        unit = "Pa" if kind == PRESSURE else "m/s"
+        raise _damaged(f"lowest value of a field outside {low:g} to {high:g} {unit}")
+
+
+def _reference_time(*parts: int) -> int:
+    """Year, month, day, hour, minute, second to ns since 1970."""
+    try:
+        return _nanoseconds(*parts)
+    except (ValueError, OverflowError):
+        date = "{:04d}-{:02d}-{:02d}T{:02d}:{:02d}:{:02d}".format(*parts)
+        raise _damaged(f"impossible reference time {date}") from None
+
+
+@lru_cache(maxsize=4096)  # the messages of a file share a few times, and the calendar is slow
+def _nanoseconds(year: int, month: int, day: int, hour: int, minute: int, second: int) -> int:
+    if not (1 <= month <= 12 and 1 <= day <= calendar.monthrange(year, month)[1]):
+        raise ValueError
+    if hour > 24 or minute > 59 or second > 60:
+        raise ValueError
+    return calendar.timegm((year, month, day, hour, minute, second)) * 1_000_000_000
+
+
+def _valid_time(base: int, lead: int) -> int:
+    """Valid time (ns since 1970) of a base time (ns since 1970) and a lead (s)."""
+    if not _EARLIEST <= base // 1_000_000_000 < _LATEST:
+        raise _damaged("base time not of the years 1900 to 2100")
+    if not _SHORTEST_LEAD <= lead <= _LONGEST_LEAD:
+        raise _damaged(f"lead time of {lead / 86_400:,.0f} days")
+    return base + lead * 1_000_000_000

@@ -1,1 +1,0 @@
-"""What a Dataset means: its axes, times, levels, winds and grid, by CF attributes and MetPy."""

@@ -1,0 +1,592 @@
+"""All winds of Datasets as rows of a catalogue: one a component, level, time and member.
+
+Assumptions and validity
+------------------------
+* A component known by its name alone counts only if there is none known by its `standard_name`; of
+  two known in the same way on levels of the same kind neither is chosen: the configuration decides.
+* All winds on one grid point the same way.
+* The surface pressure of hybrid levels is that of the same time, lead, member and grid; if both are
+  present its logarithm takes precedence (ECMWF archives the logarithm on model levels).
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from airswing.errors import InputError
+from airswing.reference.catalogue import (
+    HYBRID,
+    ISOBARIC,
+    PRESSURE,
+    ROW_DTYPE,
+    SURFACE,
+    Catalogue,
+    Skipped,
+    StoredField,
+    Table,
+    on_one_grid,
+    skip,
+)
+from airswing.reference.gridded.axes import (
+    Axes,
+    axes_of,
+    cell_dimension,
+    coordinate,
+    members_of,
+    unstructured,
+)
+from airswing.reference.gridded.cfgrib_files import SKIPPED, grid_of
+from airswing.reference.gridded.levels import Levels, OtherLevelsError, levels_of
+from airswing.reference.gridded.naming import (
+    Component,
+    Naming,
+    along_grid,
+    components,
+    factor_of,
+    required_factor,
+    speed_only,
+    written_units,
+)
+from airswing.reference.gridded.opening import NOTES
+from airswing.reference.gridded.times import MISSING, times_of
+from airswing.reference.gridded.wrf import X, Y, grids_of_wrf, is_wrf, layout_of, times_of_wrf
+from airswing.reference.grids import (
+    LONGITUDE_LATITUDE,
+    PROJECTION_REMEDY,
+    AxesGrid,
+    Frame,
+    Grid,
+    PointsGrid,
+    frame_of,
+    through_points,
+)
+from airswing.reference.state import variable_statistic
+from airswing.units import MODEL_EARTH_RADIUS
+
+# what attributes and coordinates of an unexpected kind lead to, here and in libraries
+_FAULTS = (ArithmeticError, AttributeError, LookupError, RuntimeError, TypeError, ValueError)
+
+
+class Rows(NamedTuple):
+    """Fields of one variable: how they are read, their grids, and a row of each.
+
+    `table["grid"]` numbers `grids`; `along`: whether its winds point along the grid, None if
+    unknown or if it is no wind; `why`: the evidence.
+    """
+
+    stored: StoredField
+    grids: tuple[Grid, ...]
+    table: Table
+    along: bool | None
+    why: str
+
+
+@dataclass
+class Described:
+    """Content of a Dataset: rows by variable, and what is not used and why, counted."""
+
+    rows: list[Rows] = field(default_factory=list)
+    skipped: Counter[tuple[str, str]] = field(default_factory=Counter)
+    names: set[str] = field(default_factory=set)  # variables of components
+
+
+class Gathering:
+    """Rows of all files of a reference, with grids and stored fields numbered over them."""
+
+    def __init__(self, naming: Naming, skipped: Skipped) -> None:
+        self.naming, self.skipped = naming, skipped
+        self.stored: dict[StoredField, int] = {}
+        self._tables: list[Table] = [np.empty(0, dtype=ROW_DTYPE)]
+        self._grids: dict[str, int] = {}
+        self._places: list[Grid] = []
+        self._first = ""
+        self._names: set[str] = set()
+        self._notes: dict[str, None] = {}
+        self._along: dict[int, dict[bool | None, str]] = {}
+
+    def add(self, number: int, parts: Sequence[xr.Dataset], path: str) -> None:
+        """Add the rows of one file.
+
+        Raises
+        ------
+        InputError
+            If something needed is missing or ambiguous.
+        """
+        self._first = self._first or path
+        for part, ds in enumerate(parts):
+            self._notes |= dict.fromkeys(ds.encoding.get(NOTES, ()))
+            try:
+                if is_wrf(ds) and not (self.naming.u or self.naming.v):
+                    found = describe_wrf(ds, self.naming, path)
+                else:
+                    found = describe_dataset(ds, self.naming, path)
+            except _FAULTS as error:
+                raise InputError(
+                    "cannot be understood",
+                    file=path,
+                    found=f"{type(error).__name__}: {' '.join(str(error).split())[:300]}",
+                    remedy="Its attributes or coordinates contradict each other; their meaning can "
+                    "be given under the reference",
+                ) from error
+            self._names |= found.names
+            self.skipped += [skip(path, *key, count) for key, count in found.skipped.items()]
+            for rows in found.rows:
+                self._tables.append(self._numbered(rows, number, part))
+
+    def _numbered(self, rows: Rows, number: int, part: int) -> Table:
+        table = rows.table
+        table["file"], table["part"] = number, part
+        table["offset"] = self.stored.setdefault(rows.stored, len(self.stored))
+        numbers = []
+        for grid in rows.grids:
+            if grid.key not in self._grids:
+                self._grids[grid.key] = len(self._places)
+                self._places.append(grid)
+            numbers.append(self._grids[grid.key])
+        table["grid"] = np.array(numbers)[table["grid"]]
+        if table.size and table["kind"][0] < PRESSURE:
+            for one in numbers:
+                self._along.setdefault(one, {})[rows.along] = rows.why
+        return table
+
+    def table(self) -> Table:
+        """All rows, with a pressure for each native level that a formula gives one.
+
+        Raises
+        ------
+        InputError
+            If a component that the configuration names is in no file.
+        """
+        for key in ("u", "v"):
+            named = getattr(self.naming, key)
+            if named and named not in self._names:
+                raise InputError("no such variable", file=self._first, field=f"{key}: {named}")
+        table = on_one_grid(np.concatenate(self._tables), self._places)
+        return _with_formula_pressures(table)
+
+    def grids(self) -> tuple[Grid, ...]:
+        """Grids, with the direction of the winds on them."""
+        return tuple(
+            grid.directed(not grid.north_up and self._is_along(number))
+            for number, grid in enumerate(self._places)
+        )
+
+    def _is_along(self, number: int) -> bool:
+        known = {along for along in self._along.get(number, {}) if along is not None}
+        if len(known) > 1:
+            raise InputError(
+                "one component points along the grid, the other to true east or north",
+                file=self._first,
+                found="; ".join(self._along[number].values()),
+                remedy="Give winds: grid or winds: earth",
+            )
+        return known.pop() if known else True  # models write components along their grids
+
+    def notes(self, found: Catalogue) -> list[str]:
+        """Direction of the winds on each grid that is used, and the evidence."""
+        notes = dict(self._notes)
+        for number in np.unique(found.grid_numbers):
+            grid, known = self._places[int(number)], self._along.get(int(number), {})
+            if grid.north_up:
+                continue
+            why = ", ".join(dict.fromkeys(why for along, why in known.items() if along is not None))
+            way = "along the grid" if self._is_along(int(number)) else "to true east and north"
+            notes[
+                f"winds point {way} ({why})"
+                if why
+                else "direction of the winds not given: taken as along the grid, as models write "
+                "them; give winds: earth if they point to true east and north"
+            ] = None
+        return list(notes)
+
+
+def describe_dataset(ds: xr.Dataset, naming: Naming, file: str) -> Described:
+    """Wind fields of a CF Dataset, and what gives their pressure.
+
+    Raises
+    ------
+    InputError
+        If something needed is missing or ambiguous.
+    """
+    found = Described(skipped=Counter(ds.encoding.get(SKIPPED, {})))
+    chosen: dict[tuple[int, bool], Component] = {}
+    native: list[str] = []
+    candidates = components(ds, naming)
+    for one in candidates:
+        found.names.add(one.name)
+        variable = ds[one.name]
+        others = [(str(key), other.attrs) for key, other in variable.coords.items()]
+        others += [(str(dim), {}) for dim in variable.dims if dim not in variable.coords]
+        why = variable_statistic(one.name, variable.attrs, others, ds.attrs)
+        if why:
+            found.skipped["wind", f"{one.name} is no state of the atmosphere ({why})"] += 1
+            continue
+        try:
+            axes = axes_of(ds, one.name, naming, file)
+            level = axes.vertical
+            if level is None:
+                level = _scalar_level(ds, one.name, naming)
+            if level is None:
+                raise OtherLevelsError("no vertical axis")
+            levels = levels_of(ds, one.name, level, naming, file)
+        except OtherLevelsError as reason:
+            found.skipped["wind", f"{one.name} on {reason}"] += 1
+            continue
+        other = chosen.get((one.number, levels.native))
+        if other is not None:
+            if one.tier > other.tier:
+                continue
+            raise InputError(
+                f"two candidates for {'uv'[one.number]}",
+                file=file,
+                found=f"{other.name}, {one.name}",
+                remedy=f"Name one in the configuration as {'uv'[one.number]}: NAME",
+            )
+        chosen[one.number, levels.native] = one
+        found.rows.append(_rows(ds, one.name, one.number, axes, levels, naming, file))
+        if levels.native:
+            native.append(one.name)
+            found.rows += _surface_pressure(ds, levels, naming, file)
+    found.rows += _pressures(ds, native, naming, file)
+    if not chosen and not candidates:
+        cells, speed = cell_dimension(ds), speed_only(ds)
+        if cells:
+            raise unstructured(file, cells)
+        if speed:
+            raise InputError(
+                "a wind speed without components",
+                file=file,
+                field=speed,
+                remedy="Winds are needed as u and v",
+            )
+    return found
+
+
+def _scalar_level(ds: xr.Dataset, name: str, naming: Naming) -> xr.DataArray | None:
+    """The only level of a variable, as a coordinate of one entry."""
+    if naming.level:
+        named: xr.DataArray = ds[naming.level]
+        return named.expand_dims(naming.level) if named.ndim == 0 else named
+    for key, one in ds[name].coords.items():
+        if one.size == 1 and factor_of(one.attrs.get("units"), "pressure") is not None:
+            found: xr.DataArray = one if one.ndim else one.expand_dims(str(key))
+            return found
+    return None
+
+
+def _rows(
+    ds: xr.Dataset,
+    name: str,
+    kind: int,
+    axes: Axes,
+    levels: Levels | None,
+    naming: Naming,
+    file: str,
+) -> Rows:
+    """Rows of one variable; `levels` is None for a surface."""
+    outer = {d: int(ds.sizes[d]) for d in axes.outer}
+    valid, lead = times_of(ds, name, outer, naming, file)
+    member = np.zeros(valid.size, dtype=np.int64)
+    if axes.member:
+        numbers = members_of(ds, axes.member, outer[axes.member])
+        shape = [outer[d] if d == axes.member else 1 for d in outer]
+        member = np.broadcast_to(numbers.reshape(shape), tuple(outer.values())).ravel()
+    wind = kind < PRESSURE
+    written = naming.units.get(name, written_units(ds[name].attrs))
+    # surface pressure without a unit of pressure is its logarithm, as spectral models write it
+    exponential = kind == SURFACE and factor_of(written, "pressure") is None
+    scale = 1.0
+    if not exponential:
+        kind_of_unit = "wind" if wind else "pressure"
+        scale = required_factor(written, kind_of_unit, file=file, name=name)
+    one = ds[name]
+    stored = StoredField(
+        names=(name,),
+        dims=tuple(map(str, one.dims)),
+        outer=tuple(outer.items()),
+        level=axes.level_dim,
+        y=axes.y_dim,
+        x=axes.x_dim,
+        shape=tuple(one.shape),
+        chunks=_chunks_of(one, (axes.y_dim, axes.x_dim)),
+        scale=scale,
+        exponential=exponential,
+        either=axes.either,
+    )
+    along, why = along_grid(one, naming) if wind else (None, "")
+    table = _table(kind, levels, valid, lead, member)
+    return Rows(stored, (_grid(ds, name, axes, naming, file),), table, along, why)
+
+
+def _table(
+    kind: int,
+    levels: Levels | None,
+    valid: NDArray[np.int64],
+    lead: NDArray[np.int64],
+    member: NDArray[np.int64],
+) -> Table:
+    """A row a field and level; fields without a time are left out."""
+    count = 1 if levels is None else levels.values.size
+    known = np.flatnonzero(valid != MISSING)
+    table = np.zeros((known.size, count), dtype=ROW_DTYPE)
+    columns = {"valid": valid, "lead": lead, "member": member, "index": np.arange(valid.size)}
+    for column, values in columns.items():
+        table[column] = values[known, None]
+    table["kind"], table["level_kind"], table["b"] = kind, HYBRID, 1.0
+    if levels is not None:
+        table["level"], table["level_index"] = levels.values, np.arange(count)
+        table["level_kind"] = HYBRID if levels.native else ISOBARIC
+        if kind < PRESSURE:
+            table["a"], table["b"] = levels.a, levels.b
+    return table.ravel()
+
+
+def _chunks_of(one: xr.DataArray, plane: tuple[str, str]) -> tuple[tuple[int, ...], ...]:
+    """Start of every chunk along each dimension, and the end.
+
+    Rows and columns count as one chunk: of these the box around the reports is read.
+    """
+    if one.chunks is not None:
+        lengths = [tuple(own) for own in one.chunks]
+    else:
+        # netCDF files have the first, Zarr the second; a field in one piece is read by levels
+        written = one.encoding.get("chunksizes") or one.encoding.get("preferred_chunks") or ()
+        if isinstance(written, dict):
+            written = [written.get(d) or 1 for d in one.dims]
+        if len(written) != one.ndim:
+            written = [1] * one.ndim
+        lengths = [
+            (*(int(n),) * (size // int(n)), size % int(n)) if n else (size,)
+            for n, size in zip(written, one.shape, strict=True)
+        ]
+    found = []
+    for dim, size, own in zip(map(str, one.dims), one.shape, lengths, strict=True):
+        ends = np.concatenate([[0], np.cumsum([n for n in own if n])])
+        found.append((0, size) if dim in plane else tuple(int(n) for n in ends))
+    return tuple(found)
+
+
+def _grid(ds: xr.Dataset, name: str, axes: Axes, naming: Naming, file: str) -> Grid:
+    """The grid of a variable, by its projection, its coordinates or its points."""
+    known = grid_of(ds)
+    if known is not None and (known.nj, known.ni) == (ds.sizes[axes.y_dim], ds.sizes[axes.x_dim]):
+        return known
+    if axes.y.ndim == 2:
+        lat, lon = (np.asarray(one.values, dtype=np.float64) for one in (axes.y, axes.x))
+        mapping = naming.projection or axes.crs or _grib_projection(ds[name])
+        laid = None
+        if mapping is not None:
+            laid = through_points(frame_of(mapping, file=file, field="projection"), lat, lon)
+        # two-dimensional coordinates of a plain grid
+        if laid is None and (lat == lat[:, :1]).all() and (lon == lon[:1]).all():
+            laid = AxesGrid(LONGITUDE_LATITUDE, lon[0], lat[:, 0])
+        return laid or PointsGrid(lat, lon)
+    if min(axes.y.size, axes.x.size) < 2:
+        raise InputError(
+            "a grid of a single row or column",
+            file=file,
+            field=name,
+            found=f"{axes.y.size} x {axes.x.size}",
+        )
+    units = [naming.units.get(str(c.name), c.attrs.get("units")) for c in (axes.y, axes.x)]
+    frame = LONGITUDE_LATITUDE
+    if naming.projection is not None:
+        frame = frame_of(naming.projection, file=file, field="projection")
+    elif axes.crs is not None:
+        frame = frame_of(axes.crs, file=file, field="grid mapping")
+    elif _is_projected(axes, units):
+        points = _points(ds, axes)
+        if points is not None:
+            return points
+        raise InputError(
+            "coordinates of a projection that is not given",
+            file=file,
+            field="projection",
+            found=f"{axes.y.name}, {axes.x.name} of {name}",
+            remedy=PROJECTION_REMEDY,
+        )
+    scales = [1.0, 1.0]
+    if not frame.meridional:
+        scales = [
+            required_factor(unit, "length", file=file, name=str(one.name))
+            for one, unit in zip((axes.y, axes.x), units, strict=True)
+        ]
+    y, x = (
+        _monotonic(one, scale, frame, file)
+        for one, scale in zip((axes.y, axes.x), scales, strict=True)
+    )
+    return AxesGrid(frame, x, y)
+
+
+def _is_projected(axes: Axes, units: Sequence[object]) -> bool:
+    """Coordinates that are lengths, or a rotated frame's, without a grid mapping."""
+    if any(factor_of(one, "length") is not None for one in units):
+        return True
+    names = [str(one.attrs.get("standard_name", "")) for one in (axes.y, axes.x)]
+    return any("projection" in name or "grid_" in name for name in names) or any(
+        str(one.name).lower().startswith(("projection_", "rlat", "rlon"))
+        for one in (axes.y, axes.x)
+    )
+
+
+def _points(ds: xr.Dataset, axes: Axes) -> PointsGrid | None:
+    """The grid of latitudes and longitudes of every point beside projected coordinates."""
+    found: dict[str, NDArray[np.float64]] = {}
+    for key, one in ds.variables.items():
+        if one.dims != (axes.y_dim, axes.x_dim):
+            continue
+        units = str(one.attrs.get("units", "")).lower().replace("degrees", "degree")
+        names = (one.attrs.get("standard_name"), str(key).lower())
+        for place, letter in (("latitude", "n"), ("longitude", "e")):
+            if place in names or units.replace(" ", "_")[:8] == f"degree_{letter}":
+                found[place] = np.asarray(one.values, dtype=np.float64)
+    if len(found) < 2:
+        return None
+    return PointsGrid(found["latitude"], found["longitude"])
+
+
+def _monotonic(one: xr.DataArray, scale: float, frame: Frame, file: str) -> NDArray[np.float64]:
+    values = np.asarray(one.values, dtype=np.float64) * scale
+    steps = np.diff(np.unwrap(values, period=360.0) if frame.meridional else values)
+    if not ((steps > 0).all() or (steps < 0).all()):
+        raise InputError(
+            "a coordinate that is not monotonic",
+            file=file,
+            field=str(one.name),
+            remedy="Sort the Dataset by it",
+        )
+    return values
+
+
+def _grib_projection(variable: xr.DataArray) -> str | None:
+    """PROJ string by the GRIB keys that a decoder noted with a variable; None without them.
+
+    On a sphere of any radius: the points settle the scale.
+    """
+    attrs, sphere = variable.attrs, f"+R={MODEL_EARTH_RADIUS:.0f}"
+
+    def of(key: str) -> float:
+        return float(attrs[f"GRIB_{key}InDegrees"])
+
+    kind = attrs.get("GRIB_gridType")
+    try:
+        if kind == "lambert":
+            one, two, lov, lad = (of(key) for key in ("Latin1", "Latin2", "LoV", "LaD"))
+            return f"+proj=lcc +lat_1={one} +lat_2={two} +lat_0={lad} +lon_0={lov} {sphere}"
+        if kind == "polar_stereographic":
+            lad, lov = of("LaD"), of("orientationOfTheGrid")
+            pole = 90.0 if lad >= 0 else -90.0
+            return f"+proj=stere +lat_0={pole} +lat_ts={lad} +lon_0={lov} {sphere}"
+        if kind == "mercator":
+            # a meridian east of the first column keeps all columns away from the antimeridian
+            middle, lad = of("longitudeOfFirstGridPoint") + 90.0, of("LaD")
+            return f"+proj=merc +lat_ts={lad} +lon_0={middle} {sphere}"
+    except (KeyError, TypeError, ValueError):
+        pass
+    return None
+
+
+def _surface_pressure(ds: xr.Dataset, levels: Levels, naming: Naming, file: str) -> list[Rows]:
+    """The surface pressure that a formula of hybrid levels names."""
+    name = naming.surface_pressure or levels.surface
+    if not name or np.isnan(levels.b).all():
+        return []
+    coordinate(ds, name, "surface_pressure", file)
+    return [_rows(ds, name, SURFACE, axes_of(ds, name, naming, file), None, naming, file)]
+
+
+def _pressures(ds: xr.Dataset, native: list[str], naming: Naming, file: str) -> list[Rows]:
+    """Pressure variables on native levels, and surface pressure by its GRIB name."""
+    found = []
+    for key in ds.data_vars:
+        one, name = ds[key], str(key)
+        same = any(set(ds[n].dims) == set(one.dims) or ds[n].ndim == one.ndim for n in native)
+        named = one.attrs.get("standard_name") == "air_pressure" and same
+        if name == naming.pressure or one.attrs.get("GRIB_shortName") == "pres" or named:
+            axes = axes_of(ds, name, naming, file)
+            if axes.vertical is not None:
+                levels = levels_of(ds, name, axes.vertical, naming, file)
+                found.append(_rows(ds, name, PRESSURE, axes, levels, naming, file))
+        elif one.attrs.get("GRIB_shortName") in ("sp", "lnsp"):
+            axes = axes_of(ds, name, naming, file)
+            found.append(_rows(ds, name, SURFACE, axes, None, naming, file))
+    return found
+
+
+def describe_wrf(ds: xr.Dataset, naming: Naming, file: str) -> Described:
+    """Winds and pressure of a file of WRF.
+
+    Raises
+    ------
+    InputError
+        Without winds, pressure or times.
+    """
+    layout = layout_of(ds, file)
+    valid, lead = times_of_wrf(ds, file)
+    grids = grids_of_wrf(ds, valid.size)
+    distinct = tuple(dict.fromkeys(grids))
+    unknown = np.full(layout.levels.size, np.nan)
+    levels = Levels(layout.levels, bool(layout.pressure), unknown, unknown)
+    found = Described(names=set(layout.winds))
+    along = naming.winds != "earth"
+    kinds = [(0, layout.winds[:1]), (1, layout.winds[1:])]
+    for kind, names in [*kinds, *([(PRESSURE, layout.pressure)] if layout.pressure else [])]:
+        one = ds[names[0]]
+        y, x = str(one.dims[-2]), str(one.dims[-1])
+        stored = StoredField(
+            names=names,
+            dims=tuple(map(str, one.dims)),
+            outer=tuple((str(d), int(ds.sizes[d])) for d in one.dims[:-3]),
+            level=layout.level,
+            y=y,
+            x=x,
+            shape=tuple(one.shape),
+            chunks=_chunks_of(one, (y, x)),
+            stagger="x" if x != X else "y" if y != Y else "",
+        )
+        table = _table(kind, levels, valid, lead, np.zeros_like(valid))
+        table["grid"] = np.array([distinct.index(one) for one in grids])[table["index"]]
+        table = table[table["level_index"] >= layout.first]
+        why = "the configuration" if naming.winds else "WRF's grid"
+        found.rows.append(Rows(stored, distinct, table, along, why))
+    return found
+
+
+def _with_formula_pressures(table: Table) -> Table:
+    """Replace surface pressures by a pressure of every native level: ``a + b ps``.
+
+    Rows of u have `a` and `b` of their level.
+    """
+    surface = table[table["kind"] == SURFACE]
+    rest: Table = table[table["kind"] != SURFACE]
+    levels = rest[(rest["kind"] == 0) & (rest["level_kind"] == HYBRID) & np.isfinite(rest["b"])]
+    rest["a"][rest["kind"] < PRESSURE], rest["b"][rest["kind"] < PRESSURE] = 0.0, 1.0
+    if not levels.size or not surface.size:
+        return rest
+    known: dict[tuple[int, ...], int] = {}
+    names = ("valid", "lead", "member", "grid")
+    # from the last to the first: of several of one time the first stays
+    for number in np.argsort(surface["offset"], kind="stable")[::-1]:
+        known[tuple(int(surface[c][number]) for c in names)] = int(number)
+    keys = zip(*(levels[c].tolist() for c in names), strict=True)
+    number = np.array([known.get(key, -1) for key in keys])
+    levels, number = levels[number >= 0], number[number >= 0]
+    made = surface[number]
+    for column in ("level", "level_kind", "a", "b"):
+        made[column] = levels[column]
+    made["kind"] = PRESSURE
+    # levels that have a pressure of their own keep it
+    own = rest[rest["kind"] == PRESSURE]
+    if own.size:
+        taken = {tuple(row) for row in own[[*names, "level"]].tolist()}
+        keep = [tuple(row) not in taken for row in made[[*names, "level"]].tolist()]
+        made = made[np.array(keep, dtype=bool)]
+    together: Table = np.concatenate([rest, made])
+    return together

@@ -1,0 +1,190 @@
+"""Variables of a Dataset that are wind components, their units, and what a configuration adds.
+
+Assumptions and validity
+------------------------
+* A component is known by its `standard_name`; without one by the parameter that a GRIB decoder
+  noted; without both by its name or long name, and then it must be a velocity.
+* ``x_wind`` and ``grid_eastward_wind`` point along the grid, ``eastward_wind`` to true east,
+  whatever the long name says. The GRIB flag (`GRIB_uvRelativeToGrid`) takes precedence if it was
+  noted: decoders write ``eastward_wind`` for winds along a grid. Without any of them components on
+  a projected grid are taken to point along it, as models write them, and a note says so.
+* Unit strings are those of UDUNITS and of GRIB decoders (``m s-1``, ``m s**-1``, ``millibars``),
+  read by MetPy's pint registry; ``mb`` is a millibar, which pint takes for a millibarn.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from functools import lru_cache
+from typing import NamedTuple
+
+import xarray as xr
+
+from airswing.errors import InputError
+
+EARTH = ({"eastward_wind"}, {"northward_wind"})
+ALONG = ({"x_wind", "grid_eastward_wind"}, {"y_wind", "grid_northward_wind"})
+_PARAMETERS = ({131, "131", "u"}, {132, "132", "v"})
+_NAMES = tuple(
+    re.compile(
+        rf"({c}|{c}{a}|{c}{c}|{c}_?wi?nd(_\w+)?|{c}_?grd\w*|{c}[-_]component_of_wind\w*|{x}_wind\w*"
+        rf"|{c}_(std|sd|spread|mean|es|em)|{way}ward_wind\w*)$",
+        re.I,
+    )
+    for c, a, x, way in (("u", "a", "x", "east"), ("v", "a", "y", "north"))
+)
+_LONG = tuple(
+    re.compile(rf"\b({words})[- ]*(component)?[ -]*(of)?[ -]*(the )?wind", re.I)
+    for words in ("u|x|zonal|eastward", "v|y|meridional|northward")
+)
+_ALIASES = {"mb": "millibar", "mbar": "millibar", "mbars": "millibar", "hpascal": "hPa"}
+_KINDS = {"wind": "m/s", "pressure": "Pa", "length": "m", "angle": "degree", "time": "s"}
+
+
+@dataclass(frozen=True)
+class Naming:
+    """Names and meanings that a Dataset's attributes do not give; all optional."""
+
+    u: str | None = None  # variables of the wind components
+    v: str | None = None
+    time: str | None = None  # coordinates
+    level: str | None = None
+    latitude: str | None = None
+    longitude: str | None = None
+    x: str | None = None
+    y: str | None = None
+    pressure: str | None = None  # variable of the pressure on native levels
+    surface_pressure: str | None = None  # of hybrid levels, or its logarithm
+    winds: str | None = None  # "grid" or "earth": the direction of the components
+    # PROJ or WKT string, or attributes of a CF grid mapping
+    projection: str | dict[str, object] | None = None
+    units: dict[str, str] = field(default_factory=dict)  # by variable, if absent or wrong
+
+    def given(self) -> list[str]:
+        """Keys that are given."""
+        return [one.name for one in fields(self) if getattr(self, one.name)]
+
+
+class Component(NamedTuple):
+    """A variable that is a wind component: `number` 0 for u, 1 for v.
+
+    `tier` is how it is known, from 0 (by the configuration) to 4 (by its name).
+    """
+
+    name: str
+    number: int
+    tier: int
+
+
+def components(ds: xr.Dataset, naming: Naming) -> list[Component]:
+    """Variables that are wind components, best known first."""
+    found = []
+    for number, configured in enumerate((naming.u, naming.v)):
+        if configured:
+            if configured in ds.variables:
+                found.append(Component(configured, number, 0))
+            continue
+        for key in ds.data_vars:
+            tier = _tier(str(key), ds[key], number)
+            if tier is not None:
+                found.append(Component(str(key), number, tier))
+    return sorted(found, key=lambda one: one.tier)
+
+
+def _tier(name: str, one: xr.DataArray, number: int) -> int | None:
+    standard = str(one.attrs.get("standard_name", "")).split(" ")[0]
+    if standard in EARTH[number] | ALONG[number]:
+        return 1
+    if standard and standard != "unknown":
+        return None
+    if {one.attrs.get("GRIB_paramId"), one.attrs.get("GRIB_shortName")} & _PARAMETERS[number]:
+        return 2
+    described = _LONG[number].search(str(one.attrs.get("long_name", "")))
+    if not (_NAMES[number].match(name) or described) or one.ndim < 2:
+        return None
+    units = one.attrs.get("units")
+    if units and factor_of(units, "wind") is None:
+        return None
+    return 3 if described else 4
+
+
+def along_grid(one: xr.DataArray, naming: Naming) -> tuple[bool | None, str]:
+    """Whether a component points along the grid (None if unknown), and the evidence."""
+    if naming.winds:
+        return naming.winds == "grid", "the configuration"
+    flag = one.attrs.get("GRIB_uvRelativeToGrid")
+    if flag is not None:
+        return bool(int(flag)), "the GRIB flag"
+    if any(str(key).startswith("GRIB_") for key in one.attrs):
+        return None, ""  # a decoder's standard_name gives the parameter alone
+    standard = str(one.attrs.get("standard_name", ""))
+    if standard in ALONG[0] | ALONG[1]:
+        return True, f"standard_name {standard}"
+    if standard in EARTH[0] | EARTH[1]:
+        return False, f"standard_name {standard}"
+    return None, ""
+
+
+def speed_only(ds: xr.Dataset) -> str:
+    """Name of a wind speed in a Dataset without components, empty if there is none."""
+    for key in ds.data_vars:
+        standard = str(ds[key].attrs.get("standard_name", ""))
+        name = f"{key} {ds[key].attrs.get('long_name', '')}".lower()
+        if standard == "wind_speed" or ("wind" in name and "speed" in name):
+            return str(key)
+    return ""
+
+
+def factor_of(text: object, kind: str) -> float | None:
+    """Factor from a unit to the SI unit (angles: degrees) of a kind of quantity.
+
+    Kinds are wind, pressure, length, angle and time; None if the unit is absent, unknown or of
+    another kind.
+    """
+    written = str(text or "").strip()
+    return _factor(written, kind) if written else None
+
+
+@lru_cache(maxsize=256)
+def _factor(written: str, kind: str) -> float | None:
+    import pint
+    from metpy.units import units
+
+    try:
+        unit = units(_ALIASES.get(written.lower(), written))
+        return float((1.0 * unit).to(_KINDS[kind]).magnitude)
+    # what pint's parser raises on strings that are no units
+    except (pint.PintError, AssertionError, AttributeError, TypeError, ValueError, SyntaxError):
+        return None
+
+
+def written_units(attrs: Mapping[object, object]) -> str | None:
+    """Units by a variable's attributes, else in brackets at the end of its long name (GrADS)."""
+    units = attrs.get("units")
+    if units is not None:
+        return str(units)
+    found = re.search(r"\[([^\[\]]+)\]\s*$", str(attrs.get("long_name", "")))
+    return found.group(1) if found else None
+
+
+def required_factor(text: object, kind: str, *, file: str, name: str) -> float:
+    """As :func:`factor_of`, but units must be known.
+
+    Raises
+    ------
+    InputError
+        If units are missing, unknown or of another kind.
+    """
+    factor = factor_of(text, kind)
+    if factor is None:
+        absent = not str(text or "").strip()
+        raise InputError(
+            "units missing" if absent else f"units of another quantity than {kind}",
+            file=file,
+            field=name,
+            found=None if absent else text,
+            remedy=f"Give them in the configuration as units: {{{name}: {_KINDS[kind]}}}",
+        )
+    return factor

@@ -1,0 +1,207 @@
+"""Valid time and lead of every field of a variable.
+
+Assumptions and validity
+------------------------
+* Times are known by `standard_name`: ``time`` is the valid time, ``forecast_reference_time`` the
+  base time, ``forecast_period`` the lead; without it by the usual names and by dimensions: a time
+  that does not vary along the dimension of the leads is a base time, also if the configuration
+  names it as `time`.
+* Any two give the third; a valid time alone is an analysis, lead 0.
+* A lead without units is in hours. CDO's absolute times (``day as %Y%m%d.%f``) are understood.
+* Calendars without leap years are taken by their dates; a year of 360 days is refused.
+"""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from airswing.errors import InputError
+from airswing.reference.gridded.axes import LEAD_NAME
+from airswing.reference.gridded.naming import Naming, factor_of
+
+Ints = NDArray[np.int64]
+
+_RUN = re.compile(
+    r"(reftime|reference_?time|forecast_reference_time|init(ial)?(ization)?_?time|time_run"
+    r"|analysis_time|base_?time|run_?time)\w*$",
+    re.I,
+)
+_ABSOLUTE = "day as %Y%m%d"
+MISSING = int(np.iinfo(np.int64).min)
+"""Value of a time that is not known."""
+
+
+def times_of(
+    ds: xr.Dataset, name: str, outer: dict[str, int], naming: Naming, file: str
+) -> tuple[Ints, Ints]:
+    """Valid times (ns since 1970; `MISSING`) and leads (s) of a variable's fields.
+
+    Parameters
+    ----------
+    outer : dict of str to int
+        Its dimensions other than level, y and x, and their sizes; fields are in their order, the
+        last varying first.
+
+    Raises
+    ------
+    InputError
+        Without a time axis, or if several coordinates may be the valid time.
+    """
+    near = _candidates(ds, name, set(outer))
+    stamps = {key: one for key, one in near.items() if _is_stamp(one)}
+    leads = {key: one for key, one in near.items() if key not in stamps and _is_lead(key, one)}
+    valid, run, lead = _roles(stamps, leads, naming, file, name)
+    if valid is None and run is None:
+        raise InputError(
+            "no time axis",
+            file=file,
+            field=name,
+            found="coordinates " + (", ".join(map(str, ds[name].coords)) or "none"),
+            remedy="Each field needs a valid time; name its coordinate as time: NAME",
+        )
+    begun = None if run is None else _spread(stamps_of(run, file), run, outer)
+    after = None if lead is None else _spread(_seconds(lead), lead, outer)
+    if valid is not None:
+        at = _spread(stamps_of(valid, file), valid, outer)
+    else:
+        assert begun is not None
+        at = begun if after is None else begun + after * 1_000_000_000
+    if after is None:
+        after = np.zeros_like(at) if begun is None else (at - begun) // 1_000_000_000
+    return at, np.where(at == MISSING, 0, after)
+
+
+def _candidates(ds: xr.Dataset, name: str, outer: set[str]) -> dict[str, xr.DataArray]:
+    """Coordinates of a variable, and variables with the standard name of a time."""
+    found = {str(key): one for key, one in ds[name].coords.items()}
+    for key in ds.variables:
+        standard = str(ds.variables[key].attrs.get("standard_name", ""))
+        if standard in ("forecast_reference_time", "forecast_period", "time"):
+            found.setdefault(str(key), ds[key])
+    return {key: one for key, one in found.items() if set(map(str, one.dims)) <= outer}
+
+
+def _is_stamp(one: xr.DataArray) -> bool:
+    if one.dtype.kind == "M" or str(one.attrs.get("units", "")).startswith(_ABSOLUTE):
+        return True
+    return one.dtype == object and one.size > 0 and hasattr(one.values.ravel()[0], "calendar")
+
+
+def _is_lead(key: str, one: xr.DataArray) -> bool:
+    if one.attrs.get("standard_name") == "forecast_period" or one.dtype.kind == "m":
+        return True
+    units = one.attrs.get("units")
+    known = factor_of(units, "time") is not None or (not units and one.dtype.kind in "iuf")
+    return bool(LEAD_NAME.match(key)) and known
+
+
+def _roles(
+    stamps: dict[str, xr.DataArray],
+    leads: dict[str, xr.DataArray],
+    naming: Naming,
+    file: str,
+    name: str,
+) -> tuple[xr.DataArray | None, xr.DataArray | None, xr.DataArray | None]:
+    """Coordinates of the valid time, the base time and the lead."""
+    # a lead that varies takes precedence over one that is the same for all
+    lead = next((one for one in leads.values() if one.ndim), next(iter(leads.values()), None))
+    runs: list[xr.DataArray] = []
+    valids: list[xr.DataArray] = []
+    for key, one in stamps.items():
+        named = one.attrs.get("standard_name")
+        of_run = named == "forecast_reference_time" or (named != "time" and bool(_RUN.match(key)))
+        if not of_run and key != "valid_time" and lead is not None:
+            same_for_all = bool(set(lead.dims) - set(one.dims))
+            of_run = same_for_all and (named != "time" or "valid_time" not in stamps)
+        (runs if of_run else valids).append(one)
+    if naming.time:
+        if naming.time not in stamps:
+            raise InputError(
+                "no such time",
+                file=file,
+                field=f"time: {naming.time}",
+                found="times " + (", ".join(stamps) or "none"),
+            )
+        chosen = stamps[naming.time]
+        if lead is not None and set(lead.dims) - set(chosen.dims):
+            return None, chosen, lead
+        valids, runs = [chosen], [one for one in runs if one.name != naming.time]
+    valid = _one_of(valids, file, name)
+    return valid, max(runs, key=lambda one: one.ndim, default=None), lead
+
+
+def _one_of(found: list[xr.DataArray], file: str, name: str) -> xr.DataArray | None:
+    """The valid time among the candidates: a dimension's own coordinate, or the only one."""
+    most = max((one.ndim for one in found), default=0)
+    for test in (
+        lambda one: one.attrs.get("standard_name") == "time" or one.name == "valid_time",
+        lambda one: one.name in one.dims,
+        lambda one: one.ndim == most,
+    ):
+        if len(found) > 1:
+            found = [one for one in found if test(one)] or found
+    if len(found) > 1:
+        raise InputError(
+            "two candidates for the valid time",
+            file=file,
+            field=name,
+            found=", ".join(str(one.name) for one in found),
+            remedy="Name one in the configuration as time: NAME",
+        )
+    return found[0] if found else None
+
+
+def stamps_of(one: xr.DataArray, file: str) -> Ints:
+    """Times of a coordinate, ns since 1970."""
+    values = np.asarray(one.values)
+    if values.dtype.kind == "M":
+        return values.astype("datetime64[ns]").astype(np.int64)
+    if values.dtype.kind in "iuf":
+        return _absolute(values.astype(np.float64))
+    calendar = str(values.ravel()[0].calendar)
+    if calendar == "360_day":
+        raise InputError(
+            "times of a calendar of 360 days, which no observation has",
+            file=file,
+            field=str(one.name),
+            found=calendar,
+            remedy="Use winds of real dates",
+        )
+    flat = [np.datetime64(date.isoformat(), "ns") for date in values.ravel()]
+    return np.array(flat).reshape(values.shape).astype(np.int64)
+
+
+def _absolute(values: NDArray[np.float64]) -> Ints:
+    """Times written as yyyymmdd and a fraction of the day, to the second."""
+    day = np.floor(values).astype(np.int64)
+    found = np.full(values.shape, MISSING)
+    for index in np.ndindex(values.shape):
+        year, month, date = day[index] // 10000, day[index] // 100 % 100, day[index] % 100
+        try:
+            start = np.datetime64(f"{year:04d}-{month:02d}-{date:02d}", "ns")
+        except ValueError:
+            continue
+        seconds = round(float(values[index] - day[index]) * 86400.0)
+        found[index] = start.astype(np.int64) + seconds * 1_000_000_000
+    return found
+
+
+def _seconds(one: xr.DataArray) -> Ints:
+    values = np.asarray(one.values)
+    if values.dtype.kind == "m":
+        return values.astype("timedelta64[s]").astype(np.int64)
+    factor = factor_of(one.attrs.get("units"), "time") or 3600.0
+    return np.rint(np.asarray(values, dtype=np.float64) * factor).astype(np.int64)
+
+
+def _spread(values: Ints, one: xr.DataArray, outer: dict[str, int]) -> Ints:
+    """Values of a coordinate for every field."""
+    dims = [str(d) for d in one.dims]
+    order = [d for d in outer if d in dims]
+    values = values.transpose([dims.index(d) for d in order])
+    shape = [outer[d] if d in order else 1 for d in outer]
+    return np.broadcast_to(values.reshape(shape), tuple(outer.values())).ravel().copy()

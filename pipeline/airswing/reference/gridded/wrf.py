@@ -1,0 +1,236 @@
+"""Files of WRF-ARW: wrfout, winds on pressure levels (pld, p_interp), and met_em.
+
+Assumptions and validity
+------------------------
+* U and V (met_em: UU, VV) are staggered (Arakawa C) and point along the grid; at a mass point the
+  mean of the two neighbours counts, as in wrf-python's ``ua`` and ``va``. Winds of WRF's pressure
+  level diagnostics (U_PL, V_PL) are at mass points along the grid.
+* Pressure (Pa) is P + PB on model levels, PRES on those of met_em, whose first level is the ground
+  and is left out; P_PL, or PRES by level alone, are isobaric levels.
+* The grid is that of MAP_PROJ, TRUELAT1, TRUELAT2, STAND_LON, DX and DY on WRF's sphere of
+  6,370 km, through the first mass point (WRF share/module_llxy.F). If the last mass point differs
+  by more than a tenth of a grid length, and for rotated latitudes and longitudes, it is that of
+  XLAT and XLONG at every point, its direction that of SINALPHA and COSALPHA, or of the points.
+* A grid that moves (vortex-following nests) has one grid a time.
+* Times are those of Times, else of XTIME.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from airswing.errors import InputError
+from airswing.reference.grids import LONGITUDE_LATITUDE, AxesGrid, Floats, Frame, Grid, PointsGrid
+
+RADIUS = 6370000.0  # WRF's earth (share/module_llxy.F, EARTH_RADIUS_M), m
+_MISS = 0.1  # grid lengths by which the last point of the projection may differ from the file's
+_SAME_ANGLE = 1e-3  # rad by which the file's direction may differ from the projection's
+Y, X = "south_north", "west_east"
+_PLACES = (("XLAT", "XLONG"), ("XLAT_M", "XLONG_M"))
+_WINDS = (("U", "V"), ("UU", "VV"), ("U_PL", "V_PL"))
+
+
+class Layout(NamedTuple):
+    """Variables of a WRF file that hold winds and their pressure."""
+
+    winds: tuple[str, str]
+    pressure: tuple[str, ...]  # summed; empty for isobaric levels
+    level: str  # dimension of the levels
+    first: int  # first level used
+    levels: Floats  # Pa of isobaric levels, else numbers
+
+
+def is_wrf(ds: xr.Dataset) -> bool:
+    """Whether a Dataset is a file of WRF."""
+    places = any(set(names) <= set(ds.variables) for names in _PLACES)
+    return "MAP_PROJ" in ds.attrs and places and X in ds.dims
+
+
+def layout_of(ds: xr.Dataset, file: str) -> Layout:
+    """Winds and pressure of a file of WRF.
+
+    Raises
+    ------
+    InputError
+        Without winds or pressure, or with winds on other points than WRF's.
+    """
+    winds = next((names for names in _WINDS if set(names) <= set(ds.variables)), None)
+    if winds is None:
+        absent = [name for name in ("U", "V") if name not in ds.variables]
+        raise InputError(
+            "WRF file without " + " and ".join(absent),
+            file=file,
+            remedy="Keep U and V in WRF's output stream",
+        )
+    level = str(ds[winds[0]].dims[-3])
+    for name, (y, x) in zip(winds, ((Y, X + "_stag"), (Y + "_stag", X)), strict=True):
+        if ds[name].dims[-2:] not in ((y, x), (Y, X)):
+            raise InputError(
+                "winds that are not on WRF's points",
+                file=file,
+                field=name,
+                found="dimensions " + ", ".join(map(str, ds[name].dims)),
+                remedy="Give the file as WRF wrote it, or both components at mass points with "
+                "engine: netcdf",
+            )
+    size = int(ds.sizes[level])
+    for key in ("P_PL", "PRES", "pressure"):
+        if key not in ds.variables or level not in ds[key].dims:
+            continue
+        one = ds[key]
+        if one.ndim >= 3:
+            first = 1 if winds[0] == "UU" else 0
+            return Layout(winds, (key,), level, first, np.arange(size, dtype=np.float64))
+        values = np.asarray(one.isel({d: 0 for d in one.dims if d != level}), dtype=np.float64)
+        scale = 100.0 if float(np.nanmax(values)) < 2000.0 else 1.0  # p_interp writes hPa or Pa
+        return Layout(winds, (), level, 0, values * scale)
+    missing = [name for name in ("P", "PB") if name not in ds.variables]
+    if missing or level not in ds["P"].dims:
+        raise InputError(
+            "WRF file without pressure",
+            file=file,
+            field=" and ".join(missing) or "P",
+            remedy="Keep P and PB in WRF's output stream",
+        )
+    return Layout(winds, ("P", "PB"), level, 0, np.arange(size, dtype=np.float64))
+
+
+def times_of_wrf(ds: xr.Dataset, file: str) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Valid times (ns since 1970) and leads (s) of a file of WRF.
+
+    Raises
+    ------
+    InputError
+        Without times.
+    """
+    written = ds.attrs.get("SIMULATION_START_DATE", ds.attrs.get("START_DATE"))
+    begun = _stamp(written) if written is not None else np.datetime64("NaT", "ns")
+    if "Times" in ds.variables:
+        stamps = [_stamp(text) for text in np.atleast_1d(ds["Times"].values)]
+    elif "XTIME" in ds.variables:
+        stamps = _from_xtime(ds["XTIME"], begun)
+    else:
+        stamps = []
+    valid = np.array(stamps, dtype="datetime64[ns]")
+    if not valid.size or np.isnat(valid).all():
+        raise InputError("no time axis", file=file, field="Times", remedy="Keep Times or XTIME")
+    lead = (valid - begun) / np.timedelta64(1, "s")
+    return valid.astype(np.int64), np.where(np.isfinite(lead), lead, 0).astype(np.int64)
+
+
+def _from_xtime(one: xr.DataArray, begun: np.datetime64) -> list[np.datetime64]:
+    """Times by XTIME: dates, or minutes since the start that its attributes or the run give."""
+    values = np.atleast_1d(one.values)
+    if values.dtype.kind == "M":
+        return list(values.astype("datetime64[ns]"))
+    text = f"{one.attrs.get('units', '')} {one.attrs.get('description', '')}"
+    found = re.search(r"(\w+) since (\d{4}-\d\d-\d\d)[ T_]?(\d\d:\d\d(?::\d\d)?)?", text, re.I)
+    unit = {"h": 3600.0, "d": 86400.0, "s": 1.0}.get(found[1][0].lower(), 60.0) if found else 60.0
+    start = _stamp(f"{found[2]}T{found[3] or '00:00'}") if found else begun
+    seconds = np.rint(np.asarray(values, dtype=np.float64) * unit)
+    return [start + np.timedelta64(int(one), "s") for one in seconds]
+
+
+def _stamp(text: object) -> np.datetime64:
+    if isinstance(text, np.ndarray):
+        text = b"".join(text.tolist())
+    written = text.decode() if isinstance(text, bytes) else str(text)
+    try:
+        return np.datetime64(written.strip().replace("_", "T"), "ns")
+    except ValueError:
+        return np.datetime64("NaT", "ns")
+
+
+def grids_of_wrf(ds: xr.Dataset, count: int) -> list[Grid]:
+    """The grid of each of so many times; the same object if the grid has not moved."""
+    names = next(names for names in _PLACES if set(names) <= set(ds.variables))
+    lat, lon = (ds[name] for name in names)
+    if lat.ndim == 2:
+        return [_grid(ds, lat, lon, None)] * count
+    first: dict[tuple[float, float], Grid] = {}
+    found: list[Grid] = []
+    for number in range(count):
+        here = lat[number], lon[number]
+        corner = float(here[0][0, 0]), float(here[1][0, 0])
+        if corner not in first:
+            first[corner] = _grid(ds, *here, number)
+        found.append(first[corner])
+    return found
+
+
+def _grid(ds: xr.Dataset, lat: xr.DataArray, lon: xr.DataArray, number: int | None) -> Grid:
+    """The grid of one time, by the projection if that agrees with the points."""
+    turned = None
+    if {"SINALPHA", "COSALPHA"} <= set(ds.variables):
+        sine, cosine = (
+            _floats(ds[name] if number is None or ds[name].ndim == 2 else ds[name][number])
+            for name in ("SINALPHA", "COSALPHA")
+        )
+        # WRF: u_e = cos u - sin v; the angle here turns the other way
+        turned = np.asarray(np.arctan2(-sine, cosine))
+    frame = _frame(ds)
+    grid = None if frame is None else _laid(frame, ds, lat, lon)
+    if grid is not None and turned is not None:
+        ends = [0, -1]
+        ours = grid.convergence(*(_floats(one[ends, ends]).ravel() for one in (lat, lon)))
+        theirs = turned[np.ix_(ends, ends)].ravel()
+        if np.abs(np.sin(ours - theirs)).max() >= _SAME_ANGLE:
+            grid = None
+    if grid is not None:
+        return grid
+    return PointsGrid(_floats(lat), _floats(lon), turned=turned, wind_along_grid=True)
+
+
+def _floats(one: xr.DataArray) -> Floats:
+    return np.asarray(one.values, dtype=np.float64)
+
+
+def _frame(ds: xr.Dataset) -> Frame | None:
+    """The projection by a file's attributes; None if it is not one of WRF's plain ones."""
+    kind = int(np.ravel(ds.attrs["MAP_PROJ"])[0])
+
+    def of(name: str, default: float = 0.0) -> float:
+        return float(np.ravel(ds.attrs.get(name, default))[0])
+
+    one, two, stand = of("TRUELAT1"), of("TRUELAT2"), of("STAND_LON")
+    sphere = f"+lon_0={stand!r} +R={RADIUS!r} +units=m +no_defs"
+    if kind == 1:
+        two = two if abs(two) <= 90.0 else one  # WRF writes 1e20 for an absent second parallel
+        proj = f"+proj=lcc +lat_1={one!r} +lat_2={two!r} +lat_0={one!r} {sphere}"
+        return Frame("projected", proj)
+    if kind == 2:
+        pole = 90.0 if one >= 0 else -90.0
+        return Frame("projected", f"+proj=stere +lat_0={pole!r} +lat_ts={one!r} {sphere}")
+    if kind == 3:
+        return Frame("projected", f"+proj=merc +lat_ts={one!r} {sphere}")
+    if kind == 6 and of("POLE_LAT", 90.0) == 90.0:
+        return LONGITUDE_LATITUDE
+    return None
+
+
+def _laid(frame: Frame, ds: xr.Dataset, lat: xr.DataArray, lon: xr.DataArray) -> AxesGrid | None:
+    """The projection's grid through the first point; None if the corners differ."""
+    nj, ni = lat.shape
+    ends = np.array([0, -1])
+    corners = (
+        np.asarray([float(one[j, i]) for j, i in ((0, 0), (0, -1), (-1, 0), (-1, -1))])
+        for one in (lat, lon)
+    )
+    x, y = frame.xy(*corners)
+    if frame.meridional:
+        row, column = _floats(lon[0]), _floats(lat[:, 0])
+        grid = AxesGrid(frame, np.unwrap(row, period=360.0), column, wind_along_grid=True)
+        lattice = np.meshgrid(row[ends], column[ends])
+        same = np.allclose(lattice[0].ravel(), _floats(lon[ends, ends.tolist()]).ravel(), atol=1e-3)
+        return grid if same else None
+    dx, dy = (float(np.ravel(ds.attrs[name])[0]) for name in ("DX", "DY"))
+    grid = AxesGrid(
+        frame, x[0] + dx * np.arange(ni), y[0] + dy * np.arange(nj), wind_along_grid=True
+    )
+    misses = np.hypot((x - grid.x[[0, -1, 0, -1]]) / dx, (y - grid.y[[0, 0, -1, -1]]) / dy)
+    return grid if float(misses.max()) < _MISS else None

@@ -1,0 +1,591 @@
+"""Position of a point on a model's grid, and the direction of the grid there.
+
+Two kinds of grid share one interface, `Grid`: `AxesGrid`, given by one coordinate along each axis
+of longitude and latitude, of a rotated pole or of a projection; and `PointsGrid`, given by the
+latitude and longitude of every point. Projections are those of PROJ, through pyproj.
+
+Assumptions and validity
+------------------------
+* Coordinates along an axis are monotonic. Longitudes may come in any convention and may cross the
+  antimeridian. A longitude axis whose last column is one step from the first is a full circle.
+* Between grid points an index is linear in the coordinate: exact for evenly spaced axes, and the
+  definition of "bilinear" for Gaussian latitudes. There is no value outside the outermost rows
+  and columns.
+* Latitudes are used as written, on the sphere or ellipsoid of the projection: models have no
+  other datum.
+* The direction of an `AxesGrid` is that of true north in its plane, by central difference (error
+  below 1e-9 rad). Where a projection is not conformal the x direction would differ.
+* Cells of a `PointsGrid` are quadrilaterals; the index inside one is that of the bilinear map of
+  its corners' unit vectors: equal to the projection's to better than 1e-6 grid lengths for cells
+  of a few kilometres, 1e-4 for 50 km. A grid that closes on itself has no value between its last
+  and first column.
+* Degrees outside, radians for directions, metres in projections.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import threading
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pyproj import CRS, Proj
+from pyproj.exceptions import CRSError
+
+from airswing.errors import InputError
+from airswing.physics.triangle import wrap_degrees, wrap_signed
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+#: Points this many grid lengths outside the outermost row or column count as on it: coordinates
+#: are often stored in single precision or to a thousandth of a degree.
+EDGE_TOLERANCE = 1e-4
+_FULL_CIRCLE = 1e-2  # columns by which the span of a full circle may differ from 360 degrees
+_NORTH_STEP = 1e-4  # degrees, half the step towards north that gives a grid's direction
+_SAME_POINTS = 1e-2  # grid lengths by which points may differ from the axes of a projection
+_OUTLINE_POINTS = 60  # along each axis
+_NEWTON_STEPS = 12  # 3 to 5 are enough in any cell that is not folded
+_NEIGHBOUR_STEPS = 6  # neighbouring cells searched from the nearest point
+_LOCAL = threading.local()  # a Proj belongs to the thread that made it
+
+PROJECTION_REMEDY = (
+    'Give it in the configuration as projection: a PROJ string such as "+proj=lcc +lat_1=38.5 '
+    '+lat_2=38.5 +lat_0=38.5 +lon_0=-97.5 +R=6371229", or as CF grid mapping attributes'
+)
+
+
+class UnplaceableGridError(Exception):
+    """A grid whose points cannot be placed; the text gives its name and the reason."""
+
+
+def _proj(text: str) -> Proj:
+    known: dict[str, Proj] = _LOCAL.__dict__.setdefault("projections", {})
+    if text not in known:
+        known[text] = Proj(text, preserve_units=False)
+    return known[text]
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """A system of horizontal coordinates x, y.
+
+    `kind` is ``longitude_latitude``; ``rotated`` (longitude and latitude about another pole);
+    ``mercator`` (longitude in degrees, metres to the north); or ``projected`` (metres).
+    """
+
+    kind: str = "longitude_latitude"
+    proj: str = ""
+
+    @property
+    def meridional(self) -> bool:
+        """Whether x is a longitude in degrees, of the earth or about a rotated pole."""
+        return self.kind != "projected"
+
+    @property
+    def north_up(self) -> bool:
+        """Whether y points to true north everywhere."""
+        return self.kind in ("longitude_latitude", "mercator")
+
+    def xy(self, latitude: Floats, longitude: Floats) -> tuple[Floats, Floats]:
+        """Coordinates (n,) of places (n,) in degrees; NaN where the projection has no image."""
+        if self.kind == "longitude_latitude":
+            return longitude, latitude
+        known = np.isfinite(latitude) & np.isfinite(longitude)
+        plane = np.full((2, latitude.size), np.nan)
+        east = wrap_degrees(longitude[known])  # PROJ refuses longitudes beyond 573 degrees
+        plane[:, known] = _proj(self.proj)(east, latitude[known])
+        plane[~np.isfinite(plane)] = np.nan
+        if self.kind == "rotated":
+            plane = np.degrees(plane)
+        elif self.kind == "mercator":
+            plane[0] = longitude
+        return plane[0], plane[1]
+
+    def places(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
+        """Latitudes and longitudes (degrees) of coordinates: the inverse of :meth:`xy`."""
+        if self.kind == "longitude_latitude":
+            return y, x
+        if self.kind == "rotated":
+            x, y = np.radians(x), np.radians(y)
+        east = np.zeros_like(x) if self.kind == "mercator" else x
+        longitude, latitude = _proj(self.proj)(east, y, inverse=True)
+        return np.asarray(latitude), x if self.kind == "mercator" else np.asarray(longitude)
+
+    def convergence(self, latitude: Floats, longitude: Floats) -> Floats:
+        """Angle (n,) in rad that turns components along the frame to true east and north.
+
+        ``u_e = cos(a) u + sin(a) v``, ``v_e = -sin(a) u + cos(a) v``.
+        """
+        if self.north_up:
+            return np.zeros_like(latitude)
+        north, south = np.minimum(latitude + _NORTH_STEP, 90.0), latitude - _NORTH_STEP
+        (x1, y1), (x0, y0) = self.xy(north, longitude), self.xy(south, longitude)
+        dx, dy = x1 - x0, y1 - y0
+        if self.kind == "rotated":
+            dx = wrap_degrees(dx) * np.cos(np.radians((y0 + y1) / 2.0))
+        return np.asarray(np.arctan2(-dx, dy))
+
+
+LONGITUDE_LATITUDE = Frame()
+
+
+def rotated_frame(pole_latitude: float, pole_longitude: float, turned: float = 0.0) -> Frame:
+    """Longitude and latitude about a rotated north pole (degrees).
+
+    `turned` is the longitude of the true north pole in the rotated frame.
+    """
+    return Frame(
+        "rotated",
+        f"+proj=ob_tran +o_proj=longlat +o_lat_p={pole_latitude!r} +o_lon_p={turned!r} "
+        f"+lon_0={pole_longitude - 180.0!r} +R=1",
+    )
+
+
+def frame_of(mapping: Mapping[str, object] | str, *, file: str, field: str) -> Frame:
+    """Frame of a CF grid mapping (CF appendix F), or of a PROJ or WKT string.
+
+    Raises
+    ------
+    InputError
+        If the projection is not known, with file and field.
+    """
+    try:
+        if isinstance(mapping, str):
+            return _frame(mapping)
+        return _frame(json.dumps({k: _plain(v) for k, v in mapping.items()}, default=str))
+    except (CRSError, KeyError, ValueError, TypeError) as error:
+        named = mapping if isinstance(mapping, str) else mapping.get("grid_mapping_name", "")
+        raise InputError(
+            "projection not known",
+            file=file,
+            field=field,
+            found=named or str(mapping)[:300],
+            remedy=PROJECTION_REMEDY,
+        ) from error
+
+
+@lru_cache(maxsize=64)  # PROJ takes milliseconds to read one, and the files of an archive share it
+def _frame(text: str) -> Frame:
+    crs = CRS.from_cf(json.loads(text)) if text.startswith("{") else CRS.from_user_input(text)
+    described = crs.to_cf()
+    kind = described.get("grid_mapping_name")
+    if kind == "rotated_latitude_longitude":
+        return rotated_frame(
+            float(described["grid_north_pole_latitude"]),
+            float(described["grid_north_pole_longitude"]),
+            float(described.get("north_pole_grid_longitude", 0.0)),
+        )
+    if kind == "latitude_longitude" or crs.is_geographic:
+        return LONGITUDE_LATITUDE
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # a PROJ string names no datum: none is needed here
+        return Frame("projected", str(Proj(crs).srs))
+
+
+def _plain(value: object) -> object:
+    """Attribute values as PROJ takes them: no numpy scalars, a list of one as a number."""
+    if isinstance(value, np.ndarray):
+        return value.tolist() if value.size > 1 else value.ravel()[0].item()
+    return value.item() if isinstance(value, np.generic) else value
+
+
+class Grid:
+    """A horizontal grid of ni columns and nj rows."""
+
+    ni: int
+    nj: int
+    wind_along_grid: bool  # wind components point along the grid, not to true east and north
+    periodic: bool  # the column after the last is the first
+    columns_in_a_turn: float  # columns in a full turn of longitude; 0 if columns are no meridians
+    key: str  # short hash of the positions of the grid points
+    north_up: bool = False  # the grid's y direction is true north everywhere
+    name: str = "points"
+
+    @property
+    def size(self) -> int:
+        """Number of grid points."""
+        return self.ni * self.nj
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Grid) and repr(self) == repr(other)
+
+    def __hash__(self) -> int:
+        return hash(self.key)
+
+    def __repr__(self) -> str:
+        along = f"wind_along_grid={self.wind_along_grid}"
+        return f"<Grid {self.name}, {self.ni} x {self.nj}, {self.key}, {along}>"
+
+    def plane(self, latitude: Floats, longitude: Floats) -> tuple[Floats, Floats]:
+        """Fractional indices (n,) along x and y of places (n,) in degrees, also outside."""
+        raise NotImplementedError
+
+    def convergence(self, latitude: ArrayLike, longitude: ArrayLike) -> Floats:
+        """Angle (n,) in rad that turns grid components to true east and north.
+
+        ``u_e = cos(a) u_g + sin(a) v_g``, ``v_e = -sin(a) u_g + cos(a) v_g``.
+        """
+        raise NotImplementedError
+
+    def outline(self) -> tuple[float, float, float, float]:
+        """South, north, west and east of the grid points, degrees; longitudes -180 to 180."""
+        raise NotImplementedError
+
+    def directed(self, along: bool) -> Grid:
+        """The same grid with wind components along it or not."""
+        raise NotImplementedError
+
+    def fractional_index(self, latitude: ArrayLike, longitude: ArrayLike) -> tuple[Floats, Floats]:
+        """Fractional indices (n,) along x and y of places in degrees; NaN outside the grid."""
+        fi, fj = self.plane(as_floats(latitude), as_floats(longitude))
+        tolerance = EDGE_TOLERANCE
+        with np.errstate(invalid="ignore"):
+            inside = (fj >= -tolerance) & (fj <= self.nj - 1 + tolerance)
+            if not self.periodic:
+                inside &= (fi >= -tolerance) & (fi <= self.ni - 1 + tolerance)
+        fi = np.mod(fi, self.ni) if self.periodic else np.clip(fi, 0.0, self.ni - 1.0)
+        fj = np.clip(fj, 0.0, self.nj - 1.0)
+        return np.where(inside, fi, np.nan), np.where(inside, fj, np.nan)
+
+    def position(self, i: Ints, j: Ints) -> Ints:
+        """Place of the point (i, j) in the stored list of values."""
+        return j * self.ni + i
+
+    def contains(self, latitude: ArrayLike, longitude: ArrayLike) -> NDArray[np.bool_]:
+        """Whether places (degrees) lie inside the grid."""
+        fi, fj = self.fractional_index(latitude, longitude)
+        return np.isfinite(fi) & np.isfinite(fj)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class AxesGrid(Grid):
+    """A grid of one coordinate along each axis, in the order in which values are stored."""
+
+    frame: Frame
+    x: Floats
+    y: Floats
+    wind_along_grid: bool = False
+    by_column: bool = False  # values are stored column after column
+    alternate: bool = False  # every other row (or column) is stored backwards
+
+    @property
+    def ni(self) -> int:  # type: ignore[override]
+        """Points along x."""
+        return int(self.x.size)
+
+    @property
+    def nj(self) -> int:  # type: ignore[override]
+        """Points along y."""
+        return int(self.y.size)
+
+    @property
+    def name(self) -> str:  # type: ignore[override]
+        """Kind of the frame."""
+        return self.frame.kind
+
+    @property
+    def north_up(self) -> bool:  # type: ignore[override]
+        """Whether y points to true north everywhere."""
+        return self.frame.north_up
+
+    @cached_property
+    def key(self) -> str:  # type: ignore[override]
+        """Short hash of the positions and the order of the grid points."""
+        digest = hashlib.sha256(repr((self.frame, self.by_column, self.alternate)).encode())
+        for axis in (self.x, self.y):
+            digest.update(b"|" + np.ascontiguousarray(axis).tobytes())
+        return digest.hexdigest()[:16]
+
+    def directed(self, along: bool) -> AxesGrid:
+        """The same grid with wind components along it or not."""
+        return AxesGrid(self.frame, self.x, self.y, along, self.by_column, self.alternate)
+
+    @cached_property
+    def _columns(self) -> Floats:
+        """Column coordinates; longitudes without a jump of 360 degrees."""
+        return np.unwrap(self.x, period=360.0) if self.frame.meridional else self.x
+
+    @cached_property
+    def periodic(self) -> bool:  # type: ignore[override]
+        """Whether the column after the last is the first."""
+        if not self.frame.meridional or self.ni < 2:
+            return False
+        span = abs(float(self._columns[-1] - self._columns[0]))
+        step = span / (self.ni - 1)
+        return abs(span + step - 360.0) < _FULL_CIRCLE * step
+
+    @property
+    def columns_in_a_turn(self) -> float:  # type: ignore[override]
+        """Columns in a full turn of longitude, 0 if columns are no meridians."""
+        if not self.frame.meridional or self.ni < 2:
+            return 0.0
+        if self.periodic:
+            return float(self.ni)
+        return 360.0 * (self.ni - 1) / abs(float(self._columns[-1] - self._columns[0]))
+
+    def plane(self, latitude: Floats, longitude: Floats) -> tuple[Floats, Floats]:
+        """Fractional indices (n,) along x and y of places (n,) in degrees, also outside."""
+        x, y = self.frame.xy(latitude, longitude)
+        columns = self._columns
+        if self.frame.meridional and self.ni > 1:
+            # in the turn of longitude that starts halfway between the last and the first column
+            span = float(columns[-1] - columns[0])
+            gap, along = max(360.0 - abs(span), 0.0), np.copysign(1.0, span)
+            past = np.mod(along * (x - columns[0]) + gap / 2.0, 360.0) - gap / 2.0
+            x = columns[0] + along * past
+            if self.periodic:
+                columns = np.append(columns, columns[0] + along * 360.0)
+        return _index_along(columns, x), _index_along(self.y, y)
+
+    def convergence(self, latitude: ArrayLike, longitude: ArrayLike) -> Floats:
+        """Angle (n,) in rad that turns grid components to true east and north."""
+        return self.frame.convergence(as_floats(latitude), as_floats(longitude))
+
+    def outline(self) -> tuple[float, float, float, float]:
+        """South, north, west and east of the grid points, degrees."""
+        some = [
+            axis[np.linspace(0, axis.size - 1, _OUTLINE_POINTS).astype(int)]
+            for axis in (self.x, self.y)
+        ]
+        x, y = (lattice.ravel() for lattice in np.meshgrid(*some))
+        return _box(*self.frame.places(x, y))
+
+    def position(self, i: Ints, j: Ints) -> Ints:
+        """Place of the point (i, j) in the stored list of values."""
+        if self.by_column:
+            if self.alternate:
+                j = np.where(i % 2 == 1, self.nj - 1 - j, j)
+            return i * self.nj + j
+        if self.alternate:
+            i = np.where(j % 2 == 1, self.ni - 1 - i, i)
+        return j * self.ni + i
+
+
+class PointsGrid(Grid):
+    """A grid given by the latitude and longitude of every point.
+
+    Parameters
+    ----------
+    latitude, longitude : (nj, ni) float arrays, degrees
+    turned : (nj, ni) float array, optional
+        Angle (rad) that turns grid components to true east and north, at each point; by default
+        that of the rows, by central differences.
+
+    Raises
+    ------
+    ValueError
+        If a latitude or longitude is missing or impossible.
+    """
+
+    periodic = False
+    columns_in_a_turn = 0.0
+
+    def __init__(
+        self,
+        latitude: Floats,
+        longitude: Floats,
+        *,
+        turned: Floats | None = None,
+        wind_along_grid: bool = False,
+    ) -> None:
+        # single precision may put a pole a little beyond 90 degrees
+        if not ((np.abs(latitude) < 90.001) & (np.abs(longitude) < 1e4)).all():
+            raise ValueError("grid points with an impossible latitude or longitude")
+        self.latitude, self.longitude, self.turned = latitude, longitude, turned
+        self.wind_along_grid = wind_along_grid
+        self.nj, self.ni = (int(n) for n in latitude.shape)
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return _points_grid, (self.latitude, self.longitude, self.turned, self.wind_along_grid)
+
+    def directed(self, along: bool) -> PointsGrid:
+        """The same grid with wind components along it or not."""
+        return _points_grid(self.latitude, self.longitude, self.turned, along)
+
+    @cached_property
+    def key(self) -> str:  # type: ignore[override]
+        """Short hash of the positions of the grid points."""
+        digest = hashlib.sha256(f"points {self.ni} {self.nj}".encode())
+        for values in (self.latitude, self.longitude, self.turned):
+            digest.update(b"|" if values is None else np.ascontiguousarray(values).tobytes())
+        return digest.hexdigest()[:16]
+
+    @cached_property
+    def _vectors(self) -> Floats:
+        """(nj, ni, 3) unit vectors of the points."""
+        return _unit_vectors(self.latitude, self.longitude)
+
+    @cached_property
+    def _directions(self) -> NDArray[np.complex128]:
+        """(nj, ni) unit complex numbers whose argument turns grid components to true ones."""
+        if self.turned is not None:
+            return np.asarray(np.exp(1j * self.turned))
+        if self.ni > 2:
+            along = np.asarray(np.gradient(self._vectors, axis=1, edge_order=2))
+        else:
+            along = np.asarray(np.gradient(self._vectors, axis=1))
+        along = along.reshape(-1, 3)
+        east, north = _east_north(self._vectors.reshape(-1, 3))
+        found = (along * east).sum(1) - 1j * (along * north).sum(1)
+        return np.asarray((found / np.abs(found)).reshape(self.nj, self.ni))
+
+    @cached_property
+    def _tree(self) -> cKDTree:
+        from scipy.spatial import cKDTree
+
+        return cKDTree(self._vectors.reshape(-1, 3))
+
+    def plane(self, latitude: Floats, longitude: Floats) -> tuple[Floats, Floats]:
+        """Fractional indices (n,) of places (n,) in degrees; outside those of the nearest cell."""
+        known = np.isfinite(latitude) & np.isfinite(longitude)
+        fi, fj = np.full(latitude.size, np.nan), np.full(latitude.size, np.nan)
+        target = _unit_vectors(latitude[known], longitude[known])
+        if not target.size:
+            return fi, fj
+        _, nearest = self._tree.query(target)
+        j, i = np.divmod(nearest, self.ni)
+        i, j = np.clip(i, 0, self.ni - 2), np.clip(j, 0, self.nj - 2)
+        for _ in range(_NEIGHBOUR_STEPS):
+            s, t = self._in_cell(i, j, target)
+            over_i, over_j = (
+                np.clip(np.floor(np.nan_to_num(part, posinf=0.0)), -3, 3).astype(np.int64)
+                for part in (s, t)
+            )
+            next_i = np.clip(i + over_i, 0, self.ni - 2)
+            next_j = np.clip(j + over_j, 0, self.nj - 2)
+            if np.array_equal(next_i, i) and np.array_equal(next_j, j):
+                break
+            i, j = next_i, next_j
+        s, t = self._in_cell(i, j, target)
+        fi[known], fj[known] = i + s, j + t
+        return fi, fj
+
+    def _in_cell(self, i: Ints, j: Ints, target: Floats) -> tuple[Floats, Floats]:
+        """Place of targets in cells, by Newton's method in the plane tangent at the target."""
+        v = self._vectors
+        p00, p10, p01, p11 = v[j, i], v[j, i + 1], v[j + 1, i], v[j + 1, i + 1]
+        east, north = _east_north(target)
+        s, t = np.full(i.size, 0.5), np.full(i.size, 0.5)
+        for _ in range(_NEWTON_STEPS):
+            u, w = s[:, None], t[:, None]
+            here = (1 - u) * (1 - w) * p00 + u * (1 - w) * p10 + (1 - u) * w * p01 + u * w * p11
+            along_s = (1 - w) * (p10 - p00) + w * (p11 - p01)
+            along_t = (1 - u) * (p01 - p00) + u * (p11 - p10)
+            a, b = (along_s * east).sum(1), (along_t * east).sum(1)
+            c, d = (along_s * north).sum(1), (along_t * north).sum(1)
+            x, y = (here * east).sum(1), (here * north).sum(1)
+            determinant = a * d - b * c
+            with np.errstate(divide="ignore", invalid="ignore"):
+                step_s = (d * x - b * y) / determinant
+                step_t = (a * y - c * x) / determinant
+            # at most two cells a step: a longer one may jump past the place and not return
+            s, t = s - np.clip(step_s, -2.0, 2.0), t - np.clip(step_t, -2.0, 2.0)
+        far = (target * (p00 + p11)).sum(1) <= 0.0  # the other side of the earth
+        return np.where(far, np.inf, s), np.where(far, np.inf, t)
+
+    def convergence(self, latitude: ArrayLike, longitude: ArrayLike) -> Floats:
+        """Angle (n,) in rad that turns grid components to true east and north."""
+        fi, fj = self.plane(as_floats(latitude), as_floats(longitude))
+        fi, fj = np.nan_to_num(fi, posinf=0.0), np.nan_to_num(fj, posinf=0.0)
+        i = np.clip(np.floor(fi), 0, self.ni - 2).astype(np.int64)
+        j = np.clip(np.floor(fj), 0, self.nj - 2).astype(np.int64)
+        s, t, z = fi - i, fj - j, self._directions
+        low = (1 - s) * z[j, i] + s * z[j, i + 1]
+        high = (1 - s) * z[j + 1, i] + s * z[j + 1, i + 1]
+        return np.asarray(np.angle((1 - t) * low + t * high))
+
+    def outline(self) -> tuple[float, float, float, float]:
+        """South, north, west and east of the grid points, degrees."""
+        return _box(self.latitude, self.longitude)
+
+
+def _points_grid(
+    latitude: Floats, longitude: Floats, turned: Floats | None, along: bool
+) -> PointsGrid:
+    return PointsGrid(latitude, longitude, turned=turned, wind_along_grid=along)
+
+
+def through_points(frame: Frame, latitude: Floats, longitude: Floats) -> AxesGrid | None:
+    """Grid of a projection whose points (nj, ni), degrees, are known and whose axes are not.
+
+    Returns
+    -------
+    AxesGrid or None
+        None if the points are not rows and columns of the projection.
+    """
+    if min(latitude.shape) < 2:
+        return None
+    x, y = (one.reshape(latitude.shape) for one in frame.xy(latitude.ravel(), longitude.ravel()))
+    columns, rows = x.mean(axis=0), y.mean(axis=1)
+    steps = np.diff(columns), np.diff(rows)
+    if not all((one > 0).all() or (one < 0).all() for one in steps):
+        return None
+    wide, high = (float(np.abs(one).min()) for one in steps)
+    off = max(np.abs(x - columns).max() / wide, np.abs(y - rows[:, None]).max() / high)
+    return AxesGrid(frame, columns, rows) if off < _SAME_POINTS else None
+
+
+def are_shifted(one: Grid, other: Grid) -> bool:
+    """Whether two grids cover the same area with points at most about a grid length apart.
+
+    So do the grids of u and v on an Arakawa C or B grid, and one grid stored in two orders.
+    """
+    box, outline = np.array(one.outline()), np.array(other.outline())
+    rows, columns = max(min(one.nj, other.nj) - 1, 1), max(min(one.ni, other.ni) - 1, 1)
+    steps = np.repeat([(box[1] - box[0]) / rows, (box[3] - box[2]) / columns], 2)
+    same_size = abs(one.ni - other.ni) <= 1 and abs(one.nj - other.nj) <= 1
+    return same_size and bool((np.abs(box - outline) <= 1.5 * steps + 1e-3).all())
+
+
+def shortest_columns(grid: Grid, steps: Floats) -> Floats:
+    """Differences of column indices, across the seam of a full circle the short way."""
+    turn = grid.columns_in_a_turn
+    return np.asarray(np.mod(steps + turn / 2.0, turn) - turn / 2.0) if turn else steps
+
+
+def shortest_angle(angle: Floats) -> Floats:
+    """Differences of directions (rad), the short way round."""
+    return np.asarray(wrap_signed(angle))
+
+
+def as_floats(values: ArrayLike) -> Floats:
+    """A contiguous float array of at least one dimension."""
+    return np.ascontiguousarray(np.atleast_1d(values), dtype=np.float64)
+
+
+def _index_along(axis: Floats, values: Floats) -> Floats:
+    """Fractional index of values on a monotonic axis, continued linearly at its ends."""
+    if axis.size < 2:
+        return np.where(np.isclose(values, axis[0]), 0.0, np.nan)
+    if axis[-1] < axis[0]:
+        axis, values = -axis, -values
+    k = np.clip(np.searchsorted(axis, values, side="right") - 1, 0, axis.size - 2)
+    return np.asarray(k + (values - axis[k]) / (axis[k + 1] - axis[k]))
+
+
+def _box(latitude: Floats, longitude: Floats) -> tuple[float, float, float, float]:
+    east = wrap_degrees(longitude)
+    south, north = float(np.nanmin(latitude)), float(np.nanmax(latitude))
+    return south, north, float(np.nanmin(east)), float(np.nanmax(east))
+
+
+def _unit_vectors(latitude: Floats, longitude: Floats) -> Floats:
+    phi, lam = np.radians(latitude), np.radians(longitude)
+    return np.stack([np.cos(phi) * np.cos(lam), np.cos(phi) * np.sin(lam), np.sin(phi)], axis=-1)
+
+
+def _east_north(vectors: Floats) -> tuple[Floats, Floats]:
+    """True east and north at unit vectors (n, 3)."""
+    lam = np.arctan2(vectors[:, 1], vectors[:, 0])
+    east = np.stack([-np.sin(lam), np.cos(lam), np.zeros_like(lam)], axis=-1)
+    return east, np.cross(vectors, east)

@@ -1,0 +1,164 @@
+"""Content of model files, for people: times, levels, grids, packings, and what is not used."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+
+import numpy as np
+
+from airswing.errors import InputError
+from airswing.reference.catalogue import HYBRID, ISOBARIC, PRESSURE, Catalogue, U
+from airswing.reference.catalogues import build_catalogue
+from airswing.reference.files import local_path
+from airswing.reference.grib.grid_sections import read_grid
+from airswing.reference.grib.headers import FileContents, off_levels, scan_file
+from airswing.reference.gridded.opening import engine_of
+from airswing.reference.grids import AxesGrid
+
+_PACKINGS = {
+    1: {0: "simple", 4: "second order", 8: "spherical harmonics"},
+    2: {
+        **{0: "simple", 2: "complex", 3: "complex with spatial differencing", 4: "IEEE floats"},
+        **{40: "JPEG 2000", 41: "PNG", 42: "CCSDS", 40000: "JPEG 2000", 40010: "PNG"},
+    },
+}
+
+
+def inspect_grib(path: str | os.PathLike[str]) -> dict[str, object]:
+    """Content of a GRIB file.
+
+    Returns
+    -------
+    dict
+        Ready for JSON: ``file``, ``messages``, ``fields``, ``winds`` (one entry a valid time, lead
+        and member, with its levels), ``grids``, ``packings``, ``skipped``.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read or holds no GRIB message.
+    """
+    name = os.fspath(path)
+    try:
+        contents = scan_file(local_path(name))
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}", file=name) from error
+    if not contents.messages:
+        reasons = "; ".join(sorted(why for _, why in contents.skipped))
+        raise InputError("no GRIB message in it", file=name, found=reasons)
+    with_pressure = {row.level_kind for row in contents.fields if row.kind == PRESSURE}
+    for row in contents.fields:
+        if row.level_kind > HYBRID and row.level_kind not in with_pressure:
+            contents.skipped["wind", off_levels(row.kind, row.level_kind)] += 1
+    contents.fields = [
+        row
+        for row in contents.fields
+        if row.level_kind <= HYBRID or row.level_kind in with_pressure
+    ]
+    packings = Counter(
+        f"GRIB{row.edition} " + _PACKINGS[row.edition].get(row.packing, f"template {row.packing}")
+        for row in contents.fields
+    )
+    return {
+        "file": name,
+        "messages": contents.messages,
+        "fields": contents.parts,
+        "winds": _winds(contents),
+        "grids": [_grid(read_grid(*section)) for section in contents.grids],
+        "packings": dict(packings),
+        "skipped": [
+            {"what": what, "reason": why, "count": count}
+            for (what, why), count in sorted(contents.skipped.items())
+        ],
+    }
+
+
+def _winds(contents: FileContents) -> list[dict[str, object]]:
+    groups: dict[tuple[int, int, int, int], dict[float, set[int]]] = {}
+    for row in contents.fields:
+        key = (row.valid, row.lead, row.member, row.level_kind)
+        groups.setdefault(key, {}).setdefault(row.level, set()).add(row.kind)
+    found = []
+    for (valid, lead, member, kind), levels in sorted(groups.items()):
+        scale = 0.01 if kind == ISOBARIC else 1.0
+        unit = {ISOBARIC: "hPa", HYBRID: "hybrid level"}.get(kind, f"level of type {kind}")
+        both = [level for level, kinds in levels.items() if {0, 1} <= kinds]
+        alone = {
+            level * scale: "u" if U in kinds else "v"
+            for level, kinds in levels.items()
+            if len(kinds - {PRESSURE}) == 1
+        }
+        found.append(
+            {
+                "valid_time": f"{np.datetime64(valid, 'ns').astype('datetime64[s]')}Z",
+                "lead_time_h": lead / 3600.0,
+                "member": member,
+                "level_unit": unit,
+                "levels": sorted(round(level * scale, 4) for level in both),
+                "levels_with_one_component": {str(k): v for k, v in sorted(alone.items())},
+            }
+        )
+    return found
+
+
+def _grid(grid: AxesGrid) -> dict[str, object]:
+    south, north, west, east = grid.outline()
+    return {
+        "kind": grid.frame.kind,
+        "projection": grid.frame.proj,
+        "points": [grid.ni, grid.nj],
+        "step": [
+            float(np.round(axis[1] - axis[0], 6)) if axis.size > 1 else 0.0
+            for axis in (grid.x, grid.y)
+        ],
+        "step_unit": [
+            "degree" if grid.frame.meridional else "m",
+            "degree" if grid.frame.kind in ("longitude_latitude", "rotated") else "m",
+        ],
+        "latitude_range": [south, north],
+        "longitude_range": [west, east],
+        "winds_along_grid": grid.wind_along_grid,
+    }
+
+
+def inspect_gridded(path: str) -> dict[str, object]:
+    """Model winds of a NetCDF file, Zarr store or other Dataset, ready for JSON.
+
+    Raises
+    ------
+    InputError
+        If it holds no usable winds.
+    """
+    used = engine_of(path)
+    found = build_catalogue(path, name="inspected", engine=used)
+    times = np.datetime_as_string(found.times, unit="s")
+    return {
+        "engine": used,
+        "variables": sorted({name for one in found.stored for name in one.names}),
+        "times": len(found),
+        "first_time": f"{times[0]}Z",
+        "last_time": f"{times[-1]}Z",
+        "leads_h": sorted({float(s) / 3600.0 for s in found.leads}),
+        "levels": _levels_text(found),
+        "grids": [_grid_text(found, int(n)) for n in np.unique(found.grid_numbers)],
+        "notes": found.notes,
+        "skipped": found.skipped,
+    }
+
+
+def _levels_text(found: Catalogue) -> str:
+    levels = found.levels(0)
+    if found.level_kinds[0] != ISOBARIC:
+        return f"{levels.size} native levels with their pressure"
+    return f"{levels.size} pressure levels, {levels[0] / 100:g} to {levels[-1] / 100:g} hPa"
+
+
+def _grid_text(found: Catalogue, number: int) -> str:
+    grid = found.grids[number]
+    south, north, west, east = grid.outline()
+    way = "along the grid" if grid.wind_along_grid else "to true east and north"
+    return (
+        f"{grid.ni} x {grid.nj} points, latitude {south:.4g} to {north:.4g}, "
+        f"longitude {west:.4g} to {east:.4g}, winds {way}"
+    )

@@ -1,1 +1,0 @@
-"""Values out of the octets of one GRIB message: octets, the packings, and decoding beside."""

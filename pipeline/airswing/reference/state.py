@@ -1,0 +1,123 @@
+"""Whether a field is a state of the atmosphere at a time: one rule for every reader.
+
+Winds are compared with a state: an analysis, a forecast, a member of an ensemble, or the mean of an
+ensemble. The following look like winds (same parameter, same unit) and are none: averages over
+time, ensemble spread, percentiles, probabilities, errors of analysis or forecast, increments,
+climatologies, standard deviations. A field that is refused here is not tried by another reader.
+
+Sources: WMO Manual on Codes FM 92 GRIB, code tables 4.0, 4.3, 4.7 (edition 2) and 5 (edition 1);
+ECMWF's MARS types (local section of edition 1); NCEP Office Note 388, section 1 (ensembles);
+CF conventions 1.11, sections 3.3 (standard name modifiers), 7.3 (cell methods) and 7.4.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+
+_RANGES = {2: "range", 3: "average", 4: "accumulation", 5: "difference", 6: "average", 7: "average"}
+#: GRIB2 product templates of a state: forecast, member, mean of an ensemble, hindcast member.
+FORECAST, MEMBER, DERIVED, HINDCAST = 0, 1, 2, 60
+_OVER_TIME = (*range(8, 15), 42, 43, 46, 47, 61, 67, 68, 72, 73, 78, 79, 91)
+_TEMPLATES = {5: "probability", 6: "percentile", 7: "analysis or forecast error", 9: "probability"}
+#: Generating processes (code table 4.3) whose output is no state.
+_PROCESSES = {
+    **{5: "probability forecast", 6: "forecast error", 7: "analysis error", 9: "climatology"},
+    **{10: "probability-weighted forecast", 18: "difference of two forecasts"},
+    **{20: "analysis increment", 21: "initialization increment"},
+}
+_DERIVED = {
+    **{2: "standard deviation", 3: "standard deviation", 4: "spread", 5: "large anomaly index"},
+    **{7: "interquartile range", 8: "minimum", 9: "maximum", 11: "anomaly"},
+}
+#: MARS types of a state: first guess, analyses, forecasts, members, means of cluster or ensemble.
+_MARS_STATES = (*range(12), 14, 17, 25, 26, 43, 45, 60, 71, 72)
+_MARS_NAMES = {12: "forecast error", 13: "analysis error", 16: "probability", 18: "ensemble spread"}
+_MARS_NAMES |= {20: "climatology", 30: "event probability", 33: "increment", 46: "scaled spread"}
+#: MARS streams of monthly means and variances.
+_MARS_MEANS = (1043, 1070, 1071, 1072, 1073, 1080, 1097, 1221, 1242, 1243)
+_DATA_TYPES = {"ea", "ef", "es", "ep", "fp", "cl", "pd", "pb", "ses", "wes", "fcmean", "fcstdev"}
+_DATA_TYPES |= {"4i", "me", "cs", "taes", "efi", "sot", "hcmean", "ssd", "svar"}
+_WORDS = re.compile(
+    r"\b(spread|std|sd|stdev|stddev|standard deviations?|variance|covariance|probabilit\w*"
+    r"|percentiles?|quantiles?|median|climatolog\w*|climate mean|anomal\w*|increments?"
+    r"|uncertaint\w*|errors?|tendency|exceedance|monthly mean|daily mean|time mean)\b",
+    re.I,
+)
+_STATISTIC_DIMENSIONS = re.compile(r"(quantile|percentile|probability|threshold)s?$", re.I)
+_HORIZONTAL = ("area", "lat", "latitude", "lon", "longitude", "x", "y", "realization", "number")
+
+
+def grib1_statistic(product: bytes) -> str:
+    """Reason why a field of GRIB1 is no state, from its section 1; empty if it is one."""
+    centre, indicator = product[4], product[20]
+    if indicator not in (0, 1, 10):
+        return f"not instantaneous: {_RANGES.get(indicator, 'time range')} (indicator {indicator})"
+    if centre == 98 and len(product) >= 43 and product[40] and product[42] not in _MARS_STATES:
+        name = _MARS_NAMES.get(product[42], "statistic")
+        return f"no state of the atmosphere: {name} (MARS type {product[42]})"
+    if centre == 98 and product[40:41] and int.from_bytes(product[43:45], "big") in _MARS_MEANS:
+        return "no state of the atmosphere: mean of a month"
+    # NCEP: octet 41 says ensemble, octet 44 which product of it (1: full field or mean, 2: mean)
+    if centre == 7 and len(product) >= 44 and product[40] == 1 and product[43] not in (1, 2):
+        return f"ensemble statistic that is no mean (product {product[43]})"
+    return ""
+
+
+def grib2_statistic(product: bytes) -> str:
+    """Reason why a field of GRIB2 is no state, from its section 4; empty if it is one."""
+    template, process = int.from_bytes(product[7:9], "big"), product[11]
+    if template in _TEMPLATES:
+        return f"no state of the atmosphere: {_TEMPLATES[template]} (product template 4.{template})"
+    if template in _OVER_TIME:
+        return f"not instantaneous (product template 4.{template})"
+    if template not in (FORECAST, MEMBER, DERIVED, HINDCAST):
+        return f"product template 4.{template}"
+    if process in _PROCESSES:
+        return f"no state of the atmosphere: {_PROCESSES[process]} (generating process {process})"
+    # octet 35, code table 4.7: unweighted and weighted mean of all members
+    if template == DERIVED and len(product) > 34 and product[34] not in (0, 1):
+        name = _DERIVED.get(product[34], "")
+        return f"ensemble statistic that is no mean: {name} (code {product[34]})".replace(
+            ":  ", " "
+        )
+    return ""
+
+
+def variable_statistic(
+    name: str,
+    attrs: Mapping[object, object],
+    coordinates: Iterable[tuple[str, Mapping[object, object]]],
+    dataset: Mapping[object, object],
+) -> str:
+    """Reason why a variable of a Dataset is no state, from its attributes; empty if it is one.
+
+    Parameters
+    ----------
+    coordinates : iterable of (str, mapping)
+        Names and attributes of its dimensions and scalar coordinates.
+    dataset : mapping
+        Attributes of the Dataset.
+    """
+    for dimension, method in re.findall(r"(\w+)\s*:\s*(\w+)", str(attrs.get("cell_methods", ""))):
+        if method != "point" and not (method == "mean" and dimension.lower() in _HORIZONTAL):
+            return f"{dimension}: {method}"
+    step, kind = str(attrs.get("GRIB_stepType", "")), str(attrs.get("GRIB_dataType", ""))
+    if step not in ("", "instant", "point"):
+        return step
+    if kind in _DATA_TYPES:
+        return f"GRIB data type {kind}"
+    modifier = str(attrs.get("standard_name", "")).split()[1:]
+    if modifier:
+        return " ".join(modifier)
+    for key, others in coordinates:
+        if _STATISTIC_DIMENSIONS.search(key):
+            return key
+        if "climatology" in others:
+            return "climatology"
+    described = (name, attrs.get("long_name"), attrs.get("statistic"), attrs.get("product_type"))
+    for text in (*described, dataset.get("product_type"), dataset.get("statistic")):
+        found = _WORDS.search(re.sub(r"[_\W]+", " ", str(text or "")))
+        if found:
+            return found[0]
+    return ""

@@ -1,0 +1,285 @@
+"""Winds of one model time at reports, independent of how the model winds are stored.
+
+Linear in the logarithm of pressure in each column of the model, then bilinear in the grid's index
+space, both along the grid; then the components are rotated to true east and north at the reports,
+if they point along the grid.
+
+:func:`winds_at` is a generator: it yields lists of (row of a field, points of its grid) and is sent
+their values, so that a reader can serve many model times from one chunk of a file. It asks once for
+isobaric levels; for native levels first for the pressure of all levels, then for the winds.
+
+Assumptions and validity
+------------------------
+* Isobaric levels have one pressure, native levels one in every column. If u, v and pressure lie on
+  different points, each is interpolated on its own points and the pressure of native levels is
+  that at the report.
+* Nothing is extrapolated, neither outside the grid nor above or below the levels. A corner that is
+  missing and has weight gives no value; a corner without weight is not used.
+* A wind over 150 m/s is not credible (the fastest jet streams measured reach 110 to 120 m/s).
+* A report's value depends on that report alone: results are identical however reports are divided
+  among calls.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Generator, Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.reference.grids import Floats, Grid, Ints, shortest_angle, shortest_columns
+from airswing.units import MODEL_EARTH_RADIUS
+
+if TYPE_CHECKING:
+    from airswing.reference.catalogue import ModelTime
+
+Request = list[tuple[np.void, Ints]]
+"""Rows of fields and the points (any shape) at which their values are needed."""
+Winds = Generator[Request, list[Floats], Floats]
+
+MAX_WIND = 150.0  # m/s
+WINDS = ("u", "v")
+DERIVATIVES = ("u_lnp", "v_lnp", "u_x", "v_x", "u_y", "v_y", "convergence")
+_METRIC_STEP = 1e-3  # degrees, half the step of the differences that give the grid's metric
+
+
+class Corners(NamedTuple):
+    """Corner points (4, n) of each report's cell and its place in the cell, 0 to 1."""
+
+    points: Ints
+    x: Floats
+    y: Floats
+
+
+def corners(grid: Grid, fi: Floats, fj: Floats) -> Corners:
+    """Corner points and place in the cell of fractional indices inside the grid (no NaN).
+
+    Points (4, n) are places of (i, j), (i+1, j), (i, j+1), (i+1, j+1) in the stored values.
+    """
+    i = np.floor(fi).astype(np.int64)
+    if not grid.periodic:
+        i = np.clip(i, 0, max(grid.ni - 2, 0))
+    j = np.clip(np.floor(fj).astype(np.int64), 0, max(grid.nj - 2, 0))
+    x, y = fi - i, fj - j
+    i0, i1 = i % grid.ni, (i + 1) % grid.ni if grid.periodic else np.minimum(i + 1, grid.ni - 1)
+    j1, position = np.minimum(j + 1, grid.nj - 1), grid.position
+    points = np.stack([position(i0, j), position(i1, j), position(i0, j1), position(i1, j1)])
+    return Corners(points, x, y)
+
+
+def bilinear(values: Floats, x: Floats, y: Floats) -> Floats:
+    """Interpolate corner values (4, ..., n); corners without weight are not used."""
+    return _weighted(values, ((1 - x) * (1 - y), x * (1 - y), (1 - x) * y, x * y))
+
+
+def _weighted(values: Floats, weights: Sequence[Floats]) -> Floats:
+    total = np.zeros(values.shape[1:])
+    for value, weight in zip(values, weights, strict=True):
+        total += np.where(weight == 0.0, 0.0, weight * value)
+    return total
+
+
+class Brackets(NamedTuple):
+    """Level above (k) and weight of the level below (k + 1) of each report.
+
+    `inside`: the report lies between levels; `upper`, `lower`: ln p of both levels.
+    """
+
+    k: Ints
+    weight: Floats
+    inside: NDArray[np.bool_]
+    upper: Floats
+    lower: Floats
+
+
+def level_brackets(levels: Floats, pressure: Floats, *, both: bool = False) -> Brackets:
+    """Levels around each report and the weight of the lower one, linear in ln p.
+
+    Parameters
+    ----------
+    levels : (level,) or (level, n) float array, Pa
+        Increasing along the first axis.
+    pressure : (n,) float array, Pa
+    both : bool
+        Always name two levels (derivatives need them), also on a level; else `weight` is 0 on
+        level `k` itself, and `k + 1` is not needed.
+    """
+    count = levels.shape[0]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        if levels.ndim == 1:
+            k = np.searchsorted(levels, pressure, side="right") - 1
+        else:
+            k = (levels <= pressure).sum(axis=0) - 1
+        inside = (pressure >= levels[0]) & (pressure <= levels[-1])
+        k = np.clip(k, 0, count - 2 if both and count > 1 else count - 1)
+        below, columns = np.minimum(k + 1, count - 1), np.arange(pressure.size)
+        first = levels[k] if levels.ndim == 1 else levels[k, columns]
+        second = levels[below] if levels.ndim == 1 else levels[below, columns]
+        upper, lower, lnp = np.log(first), np.log(second), np.log(pressure)
+        weight = np.where(pressure == first, 0.0, (lnp - upper) / (lower - upper))
+        weight = np.where(pressure == second, np.where(below > k, 1.0, 0.0), weight)
+    return Brackets(k, weight, inside & np.isfinite(weight), upper, lower)
+
+
+def winds_at(
+    model: ModelTime, latitude: Floats, longitude: Floats, pressure: Floats, *, derivatives: bool
+) -> Winds:
+    """Request the values that the winds at reports (degrees, Pa) need, and compute the winds.
+
+    Returns
+    -------
+    (2 or 9, n) float array
+        `WINDS` in m/s, true east and north; with `derivatives` also `DERIVATIVES`: by ln p (m/s),
+        eastward and northward (1/s), and the grid's convergence (rad).
+    """
+    rows = len(WINDS) + (len(DERIVATIVES) if derivatives else 0)
+    table = np.full((rows, latitude.size), np.nan)
+    grids = model.grids[: 3 if model.native else 2]
+    one_grid = all(grid.key == grids[0].key for grid in grids)
+    indices = [g.fractional_index(latitude, longitude) for g in (grids[:1] if one_grid else grids)]
+    inside = np.isfinite(pressure)
+    for fi, fj in indices:
+        inside &= np.isfinite(fi) & np.isfinite(fj)
+    place = np.flatnonzero(inside)
+    if place.size == 0:
+        return table
+    found = [corners(g, fi[place], fj[place]) for g, (fi, fj) in zip(grids, indices, strict=False)]
+    cells = found * 2 if one_grid else found
+    at, nodes = pressure[place], [cell.points for cell in cells[:2]]
+    descending = False
+    if model.native:
+        if one_grid:  # four columns a report, each with levels of its own
+            at, nodes = np.tile(at, 4), [cells[0].points.reshape(1, -1)] * 2
+            levels = np.stack((yield [(row, nodes[0][0]) for row in model.pressure]))
+        else:
+            cell = cells[2]
+            asked = yield [(row, cell.points) for row in model.pressure]
+            levels = np.stack([bilinear(one, cell.x, cell.y) for one in asked])
+        # native levels are numbered from the ground up by some models, downwards by others
+        descending = bool(np.nansum(levels[-1] - levels[0]) < 0)
+        levels = levels[::-1] if descending else levels
+    else:
+        levels = np.asarray(model.u["level"], dtype=np.float64)
+    brackets = level_brackets(levels, at, both=derivatives)
+    step = -1 if descending else 1
+    values = yield from _between_levels(
+        (model.u[::step], model.v[::step]), nodes, brackets, both=derivatives
+    )
+    lat, lon = latitude[place], longitude[place]
+    result = _to_true(model.grids, values, brackets, cells, lat, lon, derivatives)
+    with np.errstate(invalid="ignore", over="ignore"):
+        result[:, ~(np.hypot(result[0], result[1]) <= MAX_WIND)] = np.nan
+    table[:, place] = result
+    return table
+
+
+def _between_levels(
+    fields: tuple[NDArray[np.void], NDArray[np.void]],
+    nodes: Sequence[Ints],
+    brackets: Brackets,
+    *,
+    both: bool,
+) -> Generator[Request, list[Floats], Floats]:
+    """(2, 2, c, n): u and v on the level above and below, at the c columns of each bracket."""
+    count, columns = fields[0].size, nodes[0].shape[0]
+    values = np.zeros((2, 2, *nodes[0].shape))
+    values[..., ~brackets.inside] = np.nan
+    inside = np.flatnonzero(brackets.inside)
+    weight = brackets.weight[inside]
+    upper = inside if both else inside[weight < 1.0]
+    lower = inside if both else inside[weight > 0.0]
+    if count == 1:
+        lower = lower[:0]
+    level = np.concatenate([brackets.k[upper], brackets.k[lower] + 1])
+    side = np.repeat([0, 1], [upper.size, lower.size])
+    node = np.concatenate([upper, lower])
+    # numbers of levels are small, and 16 bits are sorted by their digits
+    order = np.argsort(level.astype("i2" if count < 2**15 else "i8"), kind="stable")
+    level, side, node = level[order], side[order], node[order]
+    edges = np.flatnonzero(np.diff(level, prepend=-1, append=-1))
+    groups = [slice(start, stop) for start, stop in itertools.pairwise(edges)]
+    shared = nodes[0] is nodes[1]
+    asked: Request = []
+    for group in groups:
+        number = int(level[group.start])
+        points = [nodes[0][:, node[group]].ravel()]
+        points.append(points[0] if shared else nodes[1][:, node[group]].ravel())
+        asked += [(rows[number], one) for rows, one in zip(fields, points, strict=True)]
+    found = (yield asked) if asked else []
+    for group, one, two in zip(groups, found[::2], found[1::2], strict=True):
+        for component, got in enumerate((one, two)):
+            values[component, side[group], :, node[group]] = got.reshape(columns, -1).T
+    return values
+
+
+def _to_true(
+    grids: Sequence[Grid],
+    values: Floats,
+    brackets: Brackets,
+    cells: Sequence[Corners],
+    lat: Floats,
+    lon: Floats,
+    derivatives: bool,
+) -> Floats:
+    """Combine levels and columns, and rotate to true east and north."""
+    weight, size = brackets.weight, lat.size
+    columns = [_weighted(pair, (1.0 - weight, weight)).reshape(4, size) for pair in values]
+    along = [bilinear(c, cell.x, cell.y) for c, cell in zip(columns, cells, strict=False)]
+    convergence = grids[0].convergence(lat, lon)
+    angle = convergence if grids[0].wind_along_grid else np.zeros_like(lat)
+    wind = _rotated(along[0], along[1], angle)
+    if not derivatives:
+        return np.stack(wind)
+    depth = brackets.lower - brackets.upper
+    with np.errstate(divide="ignore", invalid="ignore"):
+        shears = [((pair[1] - pair[0]) / depth).reshape(4, size) for pair in values]
+    u_shear, v_shear = (bilinear(s, cell.x, cell.y) for s, cell in zip(shears, cells, strict=False))
+    shear = _rotated(u_shear, v_shear, angle)
+    slopes = _true_slopes(grids, columns, cells, wind, angle, lat, lon)
+    # the grid's angle whatever the flag says: a wrong flag is recognised by it
+    return np.stack([*wind, *shear, *slopes, convergence])
+
+
+def _rotated(u: Floats, v: Floats, angle: Floats) -> tuple[Floats, Floats]:
+    """Grid components to true east and north."""
+    cosine, sine = np.cos(angle), np.sin(angle)
+    return cosine * u + sine * v, -sine * u + cosine * v
+
+
+def _true_slopes(
+    grids: Sequence[Grid],
+    columns: Sequence[Floats],
+    cells: Sequence[Corners],
+    wind: tuple[Floats, Floats],
+    angle: Floats,
+    lat: Floats,
+    lon: Floats,
+) -> list[Floats]:
+    """Derivatives of the true components eastward and northward, 1/s.
+
+    The chain rule over index space, with the change of the grid's direction along the way:
+    ``du_e = cos du_g + sin dv_g + v_e da``.
+    """
+    result: list[Floats] = []
+    for step_lat, step_lon in ((0.0, _METRIC_STEP), (_METRIC_STEP, 0.0)):
+        # a degree of longitude is shorter by the cosine of latitude
+        stretch = np.cos(np.radians(lat)) if step_lon else np.ones_like(lat)
+        distance = 2.0 * np.radians(_METRIC_STEP) * MODEL_EARTH_RADIUS * stretch
+        ahead, behind = (lat + step_lat, lon + step_lon), (lat - step_lat, lon - step_lon)
+        slopes = []
+        for grid, column, cell in zip(grids, columns, cells, strict=False):
+            (i1, j1), (i0, j0) = grid.plane(*ahead), grid.plane(*behind)
+            di, dj = shortest_columns(grid, i1 - i0) / distance, (j1 - j0) / distance
+            x, y = cell.x, cell.y
+            by_i = _weighted(column, (y - 1, 1 - y, -y, y))
+            by_j = _weighted(column, (x - 1, -x, 1 - x, x))
+            slopes.append(by_i * di + by_j * dj)
+        turning = np.zeros_like(lat)
+        if grids[0].wind_along_grid:
+            turned = grids[0].convergence(*ahead) - grids[0].convergence(*behind)
+            turning = shortest_angle(turned) / distance
+        u, v = _rotated(slopes[0], slopes[1], angle)
+        result += [u + wind[1] * turning, v - wind[0] * turning]
+    return result

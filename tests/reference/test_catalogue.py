@@ -1,0 +1,340 @@
+"""Choosing profiles, pairing u with v, caching, and saying what was left out."""
+
+from __future__ import annotations
+
+import os
+import sqlite3
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from airswing.errors import InputError
+from airswing.lead_times import lead_condition
+from airswing.reference.catalogues import build_catalogue
+from airswing.reference.grib import header_cache
+from tests.reference.builders import LAMBERT, LATLON, build, write
+
+LEVELS = (300, 500, 700)
+
+
+def profile(levels=LEVELS, *, keys=LATLON, parameters="uv", **options) -> list[bytes]:
+    return [
+        build(keys, parameter=parameter, level=level, **options)
+        for level in levels
+        for parameter in parameters
+    ]
+
+
+def test_what_the_catalogue_says_of_a_real_run(real: Callable[[str], Path], tmp_path: Path) -> None:
+    folder = real("grib/wrf_ruc13_g212")
+    catalogue = build_catalogue(f"{folder}/*", name="ruc", cache_dir=tmp_path)
+    assert len(catalogue) == 9 and len(catalogue.files) == 10
+    hours = (catalogue.times - catalogue.times[0]) / np.timedelta64(1, "h")
+    np.testing.assert_array_equal(hours, np.arange(0, 25, 3))
+    # 12Z comes from the analysis, not from the older run's 12 h forecast.
+    np.testing.assert_array_equal(catalogue.leads / 3600, [0, 3, 6, 9, 0, 15, 18, 21, 24])
+    for number in range(9):
+        levels = catalogue.levels(number)
+        assert levels.size == 39 and (np.diff(levels) > 0).all()
+        assert (levels[0], levels[-1]) == (5000.0, 100000.0)
+    (grid,) = catalogue.grids
+    assert (grid.frame.kind, grid.ni, grid.nj) == ("projected", 185, 129)
+    assert "+a=6367470.0 +b=6367470.0" in grid.frame.proj
+    assert grid.wind_along_grid
+
+
+def test_leads_kept_apart_make_two_references(real: Callable[[str], Path], tmp_path: Path) -> None:
+    folder = real("grib/wrf_ruc13_g212")
+    late = build_catalogue(f"{folder}/*", name="x", lead=">= 12 h", cache_dir=tmp_path)
+    np.testing.assert_array_equal(late.leads / 3600, [12, 15, 18, 21, 24])
+    analyses = build_catalogue(f"{folder}/*", name="x", lead="analysis", cache_dir=tmp_path)
+    np.testing.assert_array_equal(analyses.leads, [0, 0])
+
+
+def test_shortest_lead_that_meets_the_condition_wins(tmp_path: Path) -> None:
+    for run, step in ((600, 6), (900, 3), (1200, 0)):
+        write(tmp_path / f"run{run:04d}.grib", *profile(when=(20090801, run), step=step))
+    for lead, expected in (("any", 0), (">= 1 h", 3), ("> 180 min", 6), ("== 6 h", 6)):
+        catalogue = build_catalogue(
+            str(tmp_path / "*.grib"), name="x", lead=lead, cache_dir=tmp_path / "c"
+        )
+        assert list(catalogue.leads / 3600) == [expected]
+    told = "1 model times of 3 files, 2009-08-01T12:00 to 2009-08-01T12:00, lead == 6 h"
+    assert repr(catalogue) == f"<Catalogue 'x': {told}>"
+    assert any(
+        "shortest is used" in note
+        for note in build_catalogue(
+            str(tmp_path / "*.grib"), name="x", cache_dir=tmp_path / "c"
+        ).notes
+    )
+
+
+def test_levels_come_in_any_order_and_u_and_v_in_different_files(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    us = profile(parameters="u")
+    vs = profile(parameters="v")
+    write(tmp_path / "a.grib", *[us[i] for i in rng.permutation(3)])
+    write(tmp_path / "b.grib", *[vs[i] for i in rng.permutation(3)])
+    catalogue = build_catalogue(str(tmp_path / "*.grib"), name="x", cache_dir=tmp_path / "c")
+    np.testing.assert_array_equal(catalogue.levels(0), [30000.0, 50000.0, 70000.0])
+    model = catalogue.model_time(0)
+    assert [Path(file.path).name for file in model.files] == ["a.grib", "b.grib"]
+    assert set(model.u["file"]) == {0} and set(model.v["file"]) == {1}
+
+
+def test_u_without_v_is_named_and_counted(real: Callable[[str], Path], tmp_path: Path) -> None:
+    path = str(real("grib/uv_on_different_levels.grib"))
+    catalogue = build_catalogue(path, name="x", cache_dir=tmp_path)
+    assert [list(catalogue.levels(n)) for n in range(2)] == [[50000.0, 70000.0, 100000.0]] * 2
+    assert catalogue.skipped == [
+        {"file": path, "what": "level", "reason": "u without v", "count": 4}
+    ]
+    with pytest.raises(InputError, match="u without v"):
+        build_catalogue(path, name="x", cache_dir=tmp_path, on_bad_file="fail")
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("grib/hrrr_u_without_v.grib2", "u not on pressure levels"),
+        ("grib/eta_1995_no_grid_section.grb", "no grid section"),
+    ],
+)
+def test_files_without_usable_winds_are_refused(
+    name: str, said: str, real: Callable[[str], Path], tmp_path: Path
+) -> None:
+    with pytest.raises(InputError, match=said) as caught:
+        build_catalogue(str(real(name)), name="x", cache_dir=tmp_path)
+    assert str(real(name)) in str(caught.value)
+
+
+def test_mixed_editions_and_wind_speed(tmp_path: Path) -> None:
+    messages = *profile((300,), edition=1), *profile((500,), edition=2)
+    found = build_catalogue(write(tmp_path / "m", *messages), name="x", cache_dir=tmp_path / "c")
+    assert found.levels(0).tolist() == [30000.0, 50000.0]
+    path = write(tmp_path / "m", build(LATLON, extra={"parameterNumber": 1}))
+    with pytest.raises(InputError, match="wind speed or direction, not u and v"):
+        build_catalogue(path, name="x", cache_dir=tmp_path / "c")
+
+
+def test_u_and_v_on_different_grids_are_no_wind(tmp_path: Path) -> None:
+    path = write(tmp_path / "x.grib", build(LATLON), build(LAMBERT, parameter="v"))
+    with pytest.raises(InputError, match="u without v"):
+        build_catalogue(path, name="x", cache_dir=tmp_path)
+
+
+def test_bad_files_are_skipped_or_refused(tmp_path: Path) -> None:
+    good = profile()
+    write(tmp_path / "a.grib", *good)
+    write(tmp_path / "b.grib", b"not a grib file")
+    write(tmp_path / "c.grib", *profile(when=(20090801, 1500)), good[0][:60])
+    pattern = str(tmp_path / "*.grib")
+    catalogue = build_catalogue(pattern, name="x", cache_dir=tmp_path / "cache")
+    said = {(Path(s["file"]).name, s["what"], s["reason"]) for s in catalogue.skipped}
+    assert said == {
+        ("b.grib", "file", "no whole GRIB message"),
+        ("c.grib", "message", "truncated message"),
+    }
+    assert len(catalogue) == 2
+    with pytest.raises(InputError, match=r"b\.grib"):
+        build_catalogue(pattern, name="x", cache_dir=tmp_path / "cache", on_bad_file="fail")
+
+
+def test_copies_of_a_field_count_once_and_the_note_names_the_file(tmp_path: Path) -> None:
+    first = np.arange(176.0) / 4
+    write(tmp_path / "a.grib", build(LATLON, first), build(LATLON, first, parameter="v"))
+    # the same values in another packing are a copy, too
+    again = [build(LATLON, first, parameter=p, packing="grid_ccsds", bits=20) for p in "uv"]
+    write(tmp_path / "b.grib", *again)
+    catalogue = build_catalogue(str(tmp_path / "*.grib"), name="x", cache_dir=tmp_path / "c")
+    assert {Path(f.path).name for f in catalogue.model_time(0).files} == {"b.grib"}
+    (note,) = catalogue.notes
+    assert "a.grib" in note and "b.grib is used" in note and "2009-08-01T12:00Z, lead 0 h" in note
+    reversed_order = [str(tmp_path / "b.grib"), str(tmp_path / "a.grib")]
+    again = build_catalogue(reversed_order, name="x", cache_dir=tmp_path / "c")
+    assert again.fingerprint == catalogue.fingerprint
+
+
+@pytest.mark.parametrize("edition", [1, 2])
+@pytest.mark.parametrize("files", [1, 2])
+def test_of_a_field_given_twice_with_other_values_neither_is_used(
+    edition: int, files: int, tmp_path: Path
+) -> None:
+    lower = profile((700,), edition=edition)
+    messages = [
+        [build(LATLON, np.full(176, value), parameter=p, edition=edition) for p in "uv"]
+        for value in (1.5, 20.0)
+    ]
+    if files == 1:
+        write(tmp_path / "a.grib", *messages[0], *messages[1], *lower)
+    else:
+        write(tmp_path / "a.grib", *messages[0], *lower)
+        write(tmp_path / "b.grib", *messages[1])
+    catalogue = build_catalogue(str(tmp_path / "*.grib"), name="x", cache_dir=tmp_path / "c")
+    assert catalogue.levels(0).tolist() == [70000.0]
+    (one,) = catalogue.skipped
+    assert one["reason"] == "a field of one level and time given again with other values"
+    assert one["count"] == 4
+
+
+def test_empty_glob_and_bad_conditions_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no file found"):
+        build_catalogue(str(tmp_path / "*.grb"), name="x")
+    path = write(tmp_path / "x.grib", *profile())
+    with pytest.raises(InputError, match="lead condition not understood"):
+        build_catalogue(path, name="x", lead="a while", cache_dir=tmp_path)
+    with pytest.raises(InputError, match="no wind meets the lead condition"):
+        build_catalogue(path, name="x", lead=">= 1 h", cache_dir=tmp_path)
+    with pytest.raises(InputError, match="skip or fail"):
+        build_catalogue(path, name="x", on_bad_file="ignore", cache_dir=tmp_path)
+
+
+def test_lead_conditions() -> None:
+    leads = np.array([0, 1800, 3600, 7200])
+    for text, expected in [
+        ("any", [1, 1, 1, 1]),
+        ("analysis", [1, 0, 0, 0]),
+        (">= 1 h", [0, 0, 1, 1]),
+        ("<30 min", [1, 0, 0, 0]),
+        ("== 2 h", [0, 0, 0, 1]),
+        ("> 3600 s", [0, 0, 0, 1]),
+    ]:
+        np.testing.assert_array_equal(lead_condition(text)(leads), np.array(expected, bool))
+    for text in (">= 1..2 h", ">= . h", ">= 1 fortnight", "=> 1 h", ""):
+        with pytest.raises(InputError, match="not understood"):
+            lead_condition(text)
+
+
+def test_second_look_reads_no_header(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write(tmp_path / "x.grib", *profile())
+    first = build_catalogue(path, name="x", cache_dir=tmp_path / "c")
+
+    def refuse(_: str) -> None:
+        raise AssertionError("scanned again")
+
+    monkeypatch.setattr(header_cache.headers, "scan_file", refuse)
+    again = build_catalogue(path, name="x", cache_dir=tmp_path / "c")
+    assert again.fingerprint == first.fingerprint
+    assert again.skipped == first.skipped
+    assert sorted(os.listdir(tmp_path)) == ["c", "x.grib"], "nothing beside the data"
+
+
+def test_a_replaced_file_is_read_again(tmp_path: Path) -> None:
+    path = write(tmp_path / "x.grib", *profile())
+    first = build_catalogue(path, name="x", cache_dir=tmp_path / "c")
+    stamp = os.stat(path).st_mtime_ns
+    write(tmp_path / "x.grib", *profile(when=(20090801, 1800)))
+    assert [s["reason"] for s in first.changed()] in (
+        ["replaced since it was catalogued"],
+        [],
+    )
+    # Same size, and even the same time of modification: the sample of octets tells.
+    os.utime(path, ns=(stamp, stamp))
+    second = build_catalogue(path, name="x", cache_dir=tmp_path / "c")
+    assert second.times[0] - first.times[0] == np.timedelta64(6, "h")
+    os.remove(path)
+    assert [s["reason"] for s in second.changed()] == ["vanished since it was catalogued"]
+
+
+def test_new_code_reads_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write(tmp_path / "x.grib", *profile())
+    build_catalogue(path, name="x", cache_dir=tmp_path / "c")
+    looked = []
+    scan = header_cache.headers.scan_file
+    monkeypatch.setattr(header_cache.headers, "scan_file", lambda p: (looked.append(p), scan(p))[1])
+    monkeypatch.setattr(header_cache, "_code_version", lambda: "another")
+    build_catalogue(path, name="x", cache_dir=tmp_path / "c")
+    assert looked == [path]
+
+
+def test_a_cache_that_cannot_be_written_costs_a_warning(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write(tmp_path / "x.grib", *profile())
+    blocked = tmp_path / "file-in-the-way"
+    blocked.write_text("")
+    with pytest.warns(UserWarning, match="cannot be written"):
+        catalogue = build_catalogue(path, name="x", cache_dir=blocked / "c")
+    assert len(catalogue) == 1
+
+    def read_only(_: Path) -> sqlite3.Connection:
+        raise sqlite3.OperationalError("attempt to write a readonly database")
+
+    build_catalogue(path, name="x", cache_dir=tmp_path / "c")
+    monkeypatch.setattr(header_cache, "_prepared", read_only)
+    monkeypatch.setattr(header_cache.headers, "scan_file", lambda _: pytest.fail("scanned again"))
+    with pytest.warns(UserWarning, match="cannot be written"):
+        again = build_catalogue(path, name="x", cache_dir=tmp_path / "c")
+    assert again.fingerprint == catalogue.fingerprint
+
+
+def test_a_damaged_cache_is_made_anew(tmp_path: Path) -> None:
+    path = write(tmp_path / "x.grib", *profile())
+    first = build_catalogue(path, name="x", cache_dir=tmp_path / "c")
+    database = tmp_path / "c" / "grib-headers-2.sqlite"
+    whole = database.read_bytes()
+    # Rubbish, one page of several (a loss of power), and pages that hold nothing.
+    for content in (b"rubbish" * 1000, whole[:4096], whole[:4096] + bytes(len(whole) - 4096)):
+        database.write_bytes(content)
+        with pytest.warns(UserWarning, match="damaged.*read again"):
+            again = build_catalogue(path, name="x", cache_dir=tmp_path / "c")
+        assert again.fingerprint == first.fingerprint
+    database.write_bytes(b"")  # is a new one
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for _ in range(2):
+            again = build_catalogue(path, name="x", cache_dir=tmp_path / "c")
+    assert again.fingerprint == first.fingerprint
+
+
+def test_unreadable_files_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    good = write(tmp_path / "a.grib", *profile())
+    bad = write(tmp_path / "b.grib", *profile(when=(20090801, 1800)))
+    identify = header_cache.identify
+
+    def refuse(path: str):
+        if path == bad:
+            raise PermissionError(13, "Permission denied")
+        return identify(path)
+
+    monkeypatch.setattr("airswing.reference.files.identify_file", refuse)
+    catalogue = build_catalogue([good, bad], name="x", cache_dir=tmp_path / "c")
+    assert catalogue.skipped == [
+        {"file": bad, "what": "file", "reason": "cannot be opened: Permission denied", "count": 1}
+    ]
+
+
+def test_ensemble_members_are_not_mixed(tmp_path: Path) -> None:
+    messages = []
+    for member, value in ((3, 30.0), (1, 10.0)):
+        extra = {"productDefinitionTemplateNumber": 1, "perturbationNumber": member}
+        for parameter in "uv":
+            messages.append(build(LATLON, np.full(176, value), parameter=parameter, extra=extra))
+    catalogue = build_catalogue(
+        write(tmp_path / "x.grib", *messages), name="x", cache_dir=tmp_path / "c"
+    )
+    assert list(catalogue.members) == [1] and len(catalogue.levels(0)) == 1
+    assert any("lowest number" in note for note in catalogue.notes)
+    for member in (1, 3):
+        one = build_catalogue(
+            str(tmp_path / "x.grib"), name="x", member=member, cache_dir=tmp_path / "c"
+        )
+        assert list(one.members) == [member] and not one.notes
+    with pytest.raises(InputError, match=r"references\.x.*ensemble member 2.*members 1, 3"):
+        build_catalogue(str(tmp_path / "x.grib"), name="x", member=2, cache_dir=tmp_path / "c")
+
+
+def test_hybrid_levels_need_a_pressure(tmp_path: Path) -> None:
+    messages = []
+    for level in (1, 2):
+        for parameter in (33, 34):
+            message = bytearray(build(LATLON, edition=1))
+            message[8 + 8], message[8 + 9] = parameter, 109
+            message[8 + 10 : 8 + 12] = level.to_bytes(2, "big")
+            messages.append(bytes(message))
+    path = write(tmp_path / "x.grib", *messages)
+    with pytest.raises(InputError, match="hybrid level without a pressure field"):
+        build_catalogue(path, name="x", cache_dir=tmp_path / "c")

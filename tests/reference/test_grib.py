@@ -1,0 +1,494 @@
+"""Headers and values of GRIB against ecCodes, and messages that are damaged."""
+
+from __future__ import annotations
+
+import os
+import struct
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import eccodes
+import numpy as np
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from airswing.reference.catalogue import HYBRID, ISOBARIC, PRESSURE, U, V
+from airswing.reference.grib.decoding import UnreadableMessageError
+from airswing.reference.grib.grid_sections import read_grid
+from airswing.reference.grib.headers import MAX_BITS, FileContents, ibm_float, scan_file
+from airswing.reference.grib.values import (
+    decode_guarded,
+    field_message,
+    field_values,
+    sparse_values,
+)
+from tests.reference.builders import LAMBERT, LATLON, POLAR, build, write
+
+WRF = "grib/wrf_ruc13_g212/"
+REAL_FILES = [
+    WRF + "2005080700_wrfprs_ruc13_00.tm00_G212",
+    WRF + "2005080700_wrfprs_ruc13_24.tm00_G212",
+    "grib/uv_on_different_levels.grib",
+    "grib/nam_g211_20180917_00z.grib2",
+    "grib/jma_meps_20190605_regular_ll.grib2",
+]
+SIZE = LATLON["Ni"] * LATLON["Nj"]
+EVERY = np.arange(SIZE)
+PLANE = 10.0 + 8.0 * np.sin(np.arange(LAMBERT["Nx"] * LAMBERT["Ny"]) / 9.0)
+
+
+def isobaric(contents: FileContents) -> list[Any]:
+    return [row for row in contents.fields if row.level_kind == ISOBARIC]
+
+
+def decoded(message: bytes) -> np.ndarray:
+    """Values of a message by ecCodes alone, NaN where missing."""
+    handle = eccodes.codes_new_from_message(message)
+    eccodes.codes_set(handle, "missingValue", 1e300)
+    values = eccodes.codes_get_values(handle)
+    eccodes.codes_release(handle)
+    return np.where(values == 1e300, np.nan, values)
+
+
+def nanoseconds(date: int, clock: int) -> int:
+    text = f"{date // 10000:04d}-{date // 100 % 100:02d}-{date % 100:02d}"
+    return int(np.datetime64(f"{text}T{clock // 100:02d}:{clock % 100:02d}", "ns").astype(np.int64))
+
+
+@pytest.mark.parametrize("name", REAL_FILES)
+def test_headers_and_values_equal_eccodes(name: str, real: Callable[[str], Path]) -> None:
+    """Every isobaric wind of a real file: keys, and values at every point, bit for bit."""
+    path = str(real(name))
+    contents = scan_file(path)
+    table = iter(row for row in contents.table() if row["level_kind"] == ISOBARIC)
+    count = 0
+    eccodes.codes_grib_multi_support_on()
+    try:
+        with open(path, "rb") as file:
+            while (handle := eccodes.codes_grib_new_from_file(file)) is not None:
+                get = lambda key, handle=handle: eccodes.codes_get(handle, key)  # noqa: E731
+                if get("shortName") in ("u", "v") and get("typeOfLevel") == "isobaricInhPa":
+                    row = next(table)
+                    grid = read_grid(*contents.grids[int(row["grid"])])
+                    valid = nanoseconds(get("validityDate"), get("validityTime"))
+                    assert row["kind"] == {"u": U, "v": V}[get("shortName")]
+                    assert row["level"] == get("level") * 100.0
+                    assert row["valid"] == valid
+                    base = nanoseconds(get("dataDate"), get("dataTime"))
+                    assert row["valid"] - row["lead"] * 10**9 == base
+                    assert (grid.ni, grid.nj) == (get("Ni"), get("Nj"))
+                    assert grid.wind_along_grid == bool(get("uvRelativeToGrid"))
+                    eccodes.codes_set(handle, "missingValue", 1e300)
+                    theirs = eccodes.codes_get_values(handle)
+                    mine = field_values(path, row, grid.size, np.arange(grid.size))
+                    np.testing.assert_array_equal(mine, np.where(theirs == 1e300, np.nan, theirs))
+                count += 1
+                eccodes.codes_release(handle)
+    finally:
+        eccodes.codes_grib_multi_support_off()
+    assert next(table, None) is None
+    assert contents.parts == count
+
+
+def test_second_fields_of_messages_are_found(real: Callable[[str], Path]) -> None:
+    contents = scan_file(str(real("grib/nam_g211_20180917_00z.grib2")))
+    assert (contents.messages, contents.parts) == (154, 181)
+    rows = isobaric(contents)
+    assert [sum(row.kind == kind for row in rows) for kind in (U, V)] == [19, 19]
+    assert all(row.part == 1 for row in rows if row.kind == V)
+
+
+def test_a_file_without_grid_sections_is_named(real: Callable[[str], Path]) -> None:
+    contents = scan_file(str(real("grib/eta_1995_no_grid_section.grb")))
+    assert not contents.fields
+    assert contents.skipped["grid", "no grid section (predefined grid 6)"] >= 22
+
+
+def test_garbage_between_messages_is_passed_over(tmp_path: Path) -> None:
+    one, two = build(LATLON), build(LATLON, edition=1, parameter="v")
+    path = write(tmp_path / "x", b"\0" * 70000, one, b"header GRI noise", two, b"tail")
+    contents = scan_file(path)
+    places = [(row.offset, row.edition) for row in contents.fields]
+    assert places == [(70000, 2), (70000 + len(one) + 16, 1)]
+    assert contents.messages == 2 and not contents.skipped
+
+
+@pytest.mark.parametrize("edition", [1, 2])
+def test_what_is_no_whole_message_is_named(edition: int, tmp_path: Path) -> None:
+    one = build(LATLON, edition=edition)
+    contents = scan_file(write(tmp_path / "x", one, one[: len(one) // 2]))
+    assert len(contents.fields) == 1
+    assert contents.skipped["message", "truncated message"] == 1
+    contents = scan_file(write(tmp_path / "x", one[:-4] + b"8888", one))
+    assert contents.skipped["message", "garbage: no 7777 at the message's end"] == 1
+    for data in (b"", b"tail,time\nN1,2009\n"):
+        contents = scan_file(write(tmp_path / "x", data))
+        assert contents.skipped == {("file", "no whole GRIB message"): 1}
+
+
+@pytest.mark.parametrize("edition", [1, 2])
+@pytest.mark.parametrize("seed", range(15))
+def test_random_damage_never_stops_the_scan(edition: int, seed: int, tmp_path: Path) -> None:
+    rng = np.random.default_rng(seed)
+    good = build(LAMBERT, edition=edition)
+    bad = bytearray(good)
+    for place in rng.integers(4, 130, 6):
+        bad[place] = rng.integers(0, 256)
+    contents = scan_file(write(tmp_path / "x", bytes(bad), good))
+    assert contents.skipped or any(row.offset >= len(good) for row in contents.fields)
+
+
+@pytest.mark.parametrize(
+    ("unit", "first", "second", "indicator", "seconds"),
+    [
+        (1, 6, 0, 0, 21600),
+        (0, 90, 0, 0, 5400),
+        (2, 1, 0, 0, 86400),
+        (10, 2, 0, 0, 21600),
+        (11, 1, 0, 0, 21600),
+        (12, 1, 0, 0, 43200),
+        (13, 3, 0, 0, 2700),
+        (14, 3, 0, 0, 5400),
+        (254, 30, 0, 0, 30),
+        (1, 1, 44, 10, 300 * 3600),
+        (1, 0, 0, 1, 0),
+    ],
+)
+def test_leads_of_edition_1(
+    unit: int, first: int, second: int, indicator: int, seconds: int, tmp_path: Path
+) -> None:
+    message = bytearray(build(LATLON, edition=1))
+    message[8 + 17 : 8 + 21] = bytes([unit, first, second, indicator])
+    (row,) = scan_file(write(tmp_path / "x", bytes(message))).fields
+    assert row.lead == seconds
+    assert row.valid == nanoseconds(20090801, 1200) + seconds * 10**9
+
+
+@pytest.mark.parametrize(
+    ("unit", "steps", "seconds"),
+    [
+        (0, 90, 5400),
+        (1, 300, 1080000),
+        (2, 1, 86400),
+        (10, 2, 21600),
+        (11, 1, 21600),
+        (12, 1, 43200),
+        (13, 30, 30),
+    ],
+)
+def test_leads_of_edition_2(unit: int, steps: int, seconds: int, tmp_path: Path) -> None:
+    extra = {"indicatorOfUnitOfTimeRange": unit, "forecastTime": steps}
+    (row,) = scan_file(write(tmp_path / "x", build(LATLON, extra=extra))).fields
+    assert row.lead == seconds
+    assert row.valid == nanoseconds(20090801, 1200) + seconds * 10**9
+
+
+@pytest.mark.parametrize(
+    ("table", "centre", "parameter", "kind"),
+    [
+        *((2, 7, 33, U), (3, 59, 34, V), (1, 8, 33, U), (130, 7, 34, V), (128, 98, 131, U)),
+        *((128, 98, 132, V), (128, 98, 33, None), (2, 7, 131, None), (200, 7, 33, None)),
+    ],
+)
+def test_parameters_of_edition_1(
+    table: int, centre: int, parameter: int, kind: int | None, tmp_path: Path
+) -> None:
+    message = bytearray(build(LATLON, edition=1))
+    message[8 + 3], message[8 + 4], message[8 + 8] = table, centre, parameter
+    fields = scan_file(write(tmp_path / "x", bytes(message))).fields
+    assert [row.kind for row in fields] == ([] if kind is None else [kind])
+
+
+def test_native_levels_and_scaled_levels(tmp_path: Path) -> None:
+    wind, pressure = bytearray(build(LATLON, edition=1)), bytearray(build(LATLON, edition=1))
+    for message in (wind, pressure):
+        message[8 + 9], message[8 + 10 : 8 + 12] = 109, (7).to_bytes(2, "big")
+    pressure[8 + 8] = 1
+    fields = scan_file(write(tmp_path / "x", bytes(wind), bytes(pressure))).fields
+    found = [(row.kind, row.level_kind, row.level) for row in fields]
+    assert found == [(U, HYBRID, 7.0), (PRESSURE, HYBRID, 7.0)]
+    fine = {"scaleFactorOfFirstFixedSurface": 1, "scaledValueOfFirstFixedSurface": 500125}
+    layer = {"typeOfSecondFixedSurface": 100, "scaleFactorOfSecondFixedSurface": 0}
+    layer["scaledValueOfSecondFixedSurface"] = 60000
+    messages = build(LATLON, extra=fine), build(LATLON, extra=layer)
+    contents = scan_file(write(tmp_path / "x", *messages))
+    assert [row.level for row in contents.fields] == [50012.5]
+    assert sum(contents.skipped.values()) == 1
+
+
+def test_identical_grid_sections_are_kept_once(tmp_path: Path) -> None:
+    messages = [build(LATLON), build(POLAR), build(LATLON, parameter="v")]
+    contents = scan_file(write(tmp_path / "x", *messages))
+    assert [row.grid for row in contents.fields] == [0, 1, 0]
+
+
+def test_messages_of_edition_1_above_8_mb(tmp_path: Path) -> None:
+    """Their length counts in units of 120 bytes."""
+    side = {**LATLON, "Ni": 1700, "Nj": 1700}
+    side |= {f"{c}DirectionIncrementInDegrees": 0.05 for c in "ij"}
+    side |= {"latitudeOfFirstGridPointInDegrees": 80.0, "latitudeOfLastGridPointInDegrees": -4.95}
+    side |= {"longitudeOfFirstGridPointInDegrees": 0.0, "longitudeOfLastGridPointInDegrees": 84.95}
+    values = np.random.default_rng(1).integers(-30, 30, 1700 * 1700).astype(float)
+    long = build(side, values, edition=1, bits=24)
+    assert len(long) > 2**23
+    path = write(tmp_path / "x", long, build(LATLON, edition=1, parameter="v"))
+    contents = scan_file(path)
+    assert [row.offset for row in contents.fields] == [0, len(long)]
+    points = np.array([0, 1700 * 1700 // 2, 1700 * 1700 - 1])
+    read = field_values(path, contents.table()[0], values.size, points)
+    np.testing.assert_allclose(read, values[points], atol=1e-4)
+
+
+# values
+
+
+def simple_message(
+    edition: int,
+    raw: np.ndarray,
+    bits: int,
+    scaling: tuple[float, int, int],
+    present: np.ndarray,
+) -> bytes:
+    """A simply packed message put together byte by byte around a grid of ecCodes."""
+    reference, binary, decimal = scaling
+    base = build(LATLON, edition=edition, bits=8)
+    places = np.arange(bits - 1, -1, -1, dtype=np.uint64)
+    digits = ((raw[present][:, None] >> places) & np.uint64(1)).astype(np.uint8)
+    packed = np.packbits(digits.ravel()).tobytes()
+    packed += b"\0" * (len(packed) % 2)
+    mask = b"" if present.all() else np.packbits(present).tobytes()
+    sign = lambda n: (abs(n) | 0x8000 if n < 0 else n).to_bytes(2, "big")  # noqa: E731
+    if edition == 1:
+        product = bytearray(base[8:36])
+        product[7], product[26:28] = 0x80 | (0x40 if mask else 0), sign(decimal)
+        body = bytes(product) + base[36 : 36 + int.from_bytes(base[36:39], "big")]
+        if mask:
+            mask += b"\0" * (len(mask) % 2)
+            unused = len(mask) * 8 - present.size
+            body += (6 + len(mask)).to_bytes(3, "big") + bytes([unused, 0, 0]) + mask
+        unused = len(packed) * 8 - int(present.sum()) * bits
+        body += (11 + len(packed)).to_bytes(3, "big") + bytes([unused & 0x0F])
+        body += sign(binary) + ibm_bytes(reference) + bytes([bits]) + packed
+        return b"GRIB" + (8 + len(body) + 4).to_bytes(3, "big") + b"\x01" + body + b"7777"
+    at, body = 16, b""
+    while base[at : at + 4] != b"7777":
+        length, number = int.from_bytes(base[at : at + 4], "big"), base[at + 4]
+        section = base[at : at + length]
+        if number == 5:
+            section = (21).to_bytes(4, "big") + b"\x05" + int(present.sum()).to_bytes(4, "big")
+            section += b"\0\0" + struct.pack(">f", reference) + sign(binary) + sign(decimal)
+            section += bytes([bits, 0])
+        elif number == 6:
+            section = (6 + len(mask)).to_bytes(4, "big") + b"\x06" + (b"\0" if mask else b"\xff")
+            section += mask
+        elif number == 7:
+            section = (5 + len(packed)).to_bytes(4, "big") + b"\x07" + packed
+        body += section
+        at += length
+    return base[:8] + (16 + len(body) + 4).to_bytes(8, "big") + body + b"7777"
+
+
+def ibm_bytes(value: float) -> bytes:
+    """An IBM float near a value."""
+    if value == 0:
+        return b"\0\0\0\0"
+    exponent, fraction = 64, abs(value)
+    while fraction >= 1:
+        fraction, exponent = fraction / 16, exponent + 1
+    while fraction < 1 / 16:
+        fraction, exponent = fraction * 16, exponent - 1
+    return bytes([exponent | (0x80 if value < 0 else 0)]) + int(fraction * 2**24).to_bytes(3, "big")
+
+
+@given(
+    edition=st.sampled_from([1, 2]),
+    bits=st.integers(0, 32),
+    binary=st.integers(-20, 12),
+    decimal=st.integers(-4, 8),
+    lowest=st.floats(-149.0, 149.0, width=32, allow_subnormal=False),
+    missing_share=st.sampled_from([0.0, 0.0, 0.1, 0.6, 1.0]),
+    seed=st.integers(0, 2**32 - 1),
+)
+@example(1, 0, 0, 2, -13.5, 0.0, 0)
+@example(2, 0, 3, 2, -13.5, 0.3, 0)
+@example(2, 32, -31, 0, 1.5, 0.0, 1)
+@example(2, 0, 0, 0, -0.0, 0.0, 0)
+@example(1, 0, 0, 0, -0.0, 0.0, 0)
+def test_sparse_values_equal_eccodes_bit_for_bit(
+    tmp_path_factory: pytest.TempPathFactory,
+    edition: int,
+    bits: int,
+    binary: int,
+    decimal: int,
+    lowest: float,
+    missing_share: float,
+    seed: int,
+) -> None:
+    rng = np.random.default_rng(seed)
+    raw = rng.integers(0, 2**bits, SIZE, dtype=np.uint64)
+    present = rng.random(SIZE) >= missing_share
+    scaling = lowest * 10.0**decimal, binary, decimal
+    message = simple_message(edition, raw, bits, scaling, present)
+    path = write(tmp_path_factory.mktemp("p") / "m.grib", message)
+    (row,) = scan_file(path).table()
+    assert row["sparse"]
+    points = rng.permutation(SIZE)[: rng.integers(1, SIZE)]
+    mine, theirs = field_values(path, row, SIZE, points), decoded(message)[points]
+    known = ~np.isnan(theirs)
+    np.testing.assert_array_equal(np.isnan(mine), ~known)
+    np.testing.assert_array_equal(mine[known].view(np.uint64), theirs[known].view(np.uint64))
+
+
+def test_hand_packed_values_and_floats(tmp_path: Path) -> None:
+    """Three 12-bit integers 0x001, 0xABC, 0xFFF; R = -5, E = 1, D = 1: (R + 2 X) / 10."""
+    (row,) = scan_file(write(tmp_path / "m", build(LATLON))).table()
+    row["reference_value"], row["binary_scale"], row["decimal_scale"] = -5.0, 1, 1
+    row["bits"], row["data_start"], row["data_end"], row["bitmap"] = 12, 4, 9, -1
+    path = tmp_path / "raw"
+    path.write_bytes(b"GRIB\x00\x1a\xbc\xff\xf0")
+    descriptor = os.open(path, os.O_RDONLY)
+    values = sparse_values(descriptor, row, 3, np.array([2, 0, 1]))
+    os.close(descriptor)
+    np.testing.assert_allclose(
+        values, [(4095 * 2 - 5) / 10, -0.3, (0xABC * 2 - 5) / 10], rtol=1e-15
+    )
+    assert ibm_float(bytes.fromhex("c276a000"), 0) == -118.625
+    assert ibm_float(bytes.fromhex("41100000"), 0) == 1.0
+
+
+@pytest.mark.parametrize(
+    ("edition", "packing"),
+    [
+        (2, "grid_complex"),
+        (2, "grid_complex_spatial_differencing"),
+        (2, "grid_png"),
+        (2, "grid_jpeg"),
+        (2, "grid_ccsds"),
+        (2, "grid_ieee"),
+        (1, "grid_second_order"),
+    ],
+)
+def test_every_packing_is_decoded(edition: int, packing: str, tmp_path: Path) -> None:
+    values = PLANE.copy()
+    if packing == "grid_complex":
+        values[5:40] = np.nan
+    message = build(LAMBERT, values, edition=edition, packing=packing)
+    path = write(tmp_path / "m.grib", build(LATLON, edition=edition), message)
+    row = scan_file(path).table()[1]
+    assert not row["sparse"]
+    every = np.arange(PLANE.size)
+    np.testing.assert_array_equal(field_values(path, row, PLANE.size, every), decoded(message))
+    np.testing.assert_allclose(decoded(message), values, atol=0.01)
+
+
+def test_what_cannot_be_read_at_single_points_is_left_to_eccodes(tmp_path: Path) -> None:
+    raw, present = np.zeros(SIZE, dtype=np.uint64), np.ones(SIZE, dtype=bool)
+    for bits, sparse in ((MAX_BITS, True), (MAX_BITS + 1, False)):
+        message = simple_message(2, raw, bits, (1.0, 0, 0), present)
+        (row,) = scan_file(write(tmp_path / "w.grib", message)).table()
+        assert row["sparse"] == sparse
+    for reference in (1.401298464324817e-45, -1e-40):  # not normal numbers
+        message = simple_message(2, raw, 8, (reference, 0, 0), present)
+        path = write(tmp_path / "m.grib", message)
+        (row,) = scan_file(path).table()
+        assert not row["sparse"]
+        np.testing.assert_array_equal(field_values(path, row, SIZE, EVERY), decoded(message))
+
+
+@pytest.mark.parametrize("edition", [1, 2])
+def test_a_file_cut_short_after_the_scan_is_unreadable(edition: int, tmp_path: Path) -> None:
+    path = write(tmp_path / "cut.grib", build(LAMBERT, edition=edition))
+    (row,) = scan_file(path).table()
+    size = LAMBERT["Nx"] * LAMBERT["Ny"]
+    os.truncate(path, int(row["length"]) - 40)
+    with pytest.raises(UnreadableMessageError):
+        field_values(path, row, size, np.array([size - 1]))
+
+
+def test_one_message_that_ends_the_decoder_costs_one_message(tmp_path: Path) -> None:
+    messages = [build(LAMBERT, PLANE, packing=p) for p in ("grid_ccsds", "grid_png")]
+    path = write(tmp_path / "m.grib", *messages)
+    descriptor = os.open(path, os.O_RDONLY)
+    sound, png = (field_message(descriptor, row) for row in scan_file(path).table())
+    os.close(descriptor)
+    deadly = bent(png, section(png, 5) + 19, b"\x08")  # another depth than the stream's
+    one, two, three = decode_guarded([(m, PLANE.size, None) for m in (sound, deadly, sound)])
+    assert isinstance(two, str) and "ends the process" in two
+    for found in (one, three):
+        np.testing.assert_array_equal(found, decoded(sound))
+
+
+# damaged headers
+
+
+def section(message: bytes, number: int) -> int:
+    """Start of a section of a GRIB2 message."""
+    at = 16
+    while message[at + 4] != number:
+        at += int.from_bytes(message[at : at + 4], "big")
+    return at
+
+
+def bent(message: bytes, place: int, octets: bytes) -> bytes:
+    return message[:place] + octets + message[place + len(octets) :]
+
+
+def reasons_of(tmp_path: Path, message: bytes) -> set[str]:
+    contents = scan_file(write(tmp_path / "m.grib", message))
+    assert not contents.fields
+    return {reason for _, reason in contents.skipped}
+
+
+@pytest.mark.parametrize(
+    ("number", "octet", "octets", "expected"),
+    [
+        (1, 12, b"\x00\x00", "impossible reference time"),  # the year 0
+        (1, 12, b"\x27\x0f", "base time not of the years"),  # 9999
+        (1, 14, b"\x0d", "impossible reference time"),  # month 13
+        (4, 18, b"\x7f\xff\xff\xff", "lead time of"),
+        (4, 24, b"\x7f\xff\xff\xff", "pressure level of"),
+        (3, 6, b"\x00\x00\x01\x00", "data points on a grid"),
+        (3, 30, b"\x00\x00\x00\x00", "grid of 0 by 11 points"),
+        (3, 55, b"\x06\x00\x00\x00", "grid beyond the earth"),
+        (3, 63, b"\x00\x00\x00\x01", "corners and increments contradict"),
+        (5, 5, b"\x00\x00\x00\x01", "1 values on a grid of 176 points"),
+        (5, 11, struct.pack(">f", 1e20), "lowest value of a field"),
+        (5, 11, struct.pack(">f", float("nan")), "lowest value of a field"),
+        (5, 15, b"\x7f\xff", "scale factors"),
+        (5, 17, b"\xff\xff", "scale factors"),
+        (5, 19, b"\x07", "data section longer than its grid"),
+        (5, 19, b"\x20", "data section too short"),
+        (5, 19, b"\xff", "255 bits a value"),
+        (7, 0, b"\x00\x00\x00\x05", "section lengths do not add up"),
+        (4, 0, b"\xff\xff\xff\xff", "section lengths do not add up"),
+        (4, 4, b"\x02", "section 2 after section 3"),
+    ],
+)
+def test_damaged_headers_are_named(
+    number: int, octet: int, octets: bytes, expected: str, tmp_path: Path
+) -> None:
+    message = build(LATLON, np.round(10 + 8 * np.sin(EVERY / 9.0), 2))
+    reasons = reasons_of(tmp_path, bent(message, section(message, number) + octet, octets))
+    assert any(expected in reason for reason in reasons), reasons
+
+
+@pytest.mark.parametrize(
+    ("place", "octets", "expected"),
+    [
+        (8 + 13, b"\x0e", "impossible reference time"),  # month 14
+        (8 + 24, b"\x00", "impossible reference time"),  # the century 0
+        (8 + 24, b"\x64", "base time not of the years"),
+        (8 + 10, b"\xff\xff", "pressure level of"),
+        (36 + 6, b"\x00\x01", "contradict"),  # Ni 1 beside its increments
+        (36 + 17, b"\x7f\xff\xff", "beyond the earth"),
+        (36, b"\x00\x00\x1f", "grid section too short"),
+    ],
+)
+def test_damaged_headers_of_edition_1_are_named(
+    place: int, octets: bytes, expected: str, tmp_path: Path
+) -> None:
+    message = build(LATLON, np.round(10 + 8 * np.sin(EVERY / 9.0), 2), edition=1)
+    reasons = reasons_of(tmp_path, bent(message, place, octets))
+    assert any(expected in reason or "data section" in reason for reason in reasons), reasons

@@ -1,0 +1,406 @@
+"""Grids of GRIB sections and of coordinates, against ecCodes' own latitudes and longitudes."""
+
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+from typing import Any
+
+import eccodes
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from airswing.errors import InputError
+from airswing.reference.grib.grid_sections import read_grid
+from airswing.reference.grib.headers import scan_file
+from airswing.reference.grids import (
+    LONGITUDE_LATITUDE,
+    AxesGrid,
+    Frame,
+    Grid,
+    PointsGrid,
+    UnplaceableGridError,
+    are_shifted,
+    frame_of,
+    rotated_frame,
+    through_points,
+)
+from tests.reference.builders import LAMBERT, LATLON, MERCATOR, POLAR, ROTATED, build, write
+
+SOUTH_CONE = {"Latin1InDegrees": -30.0, "Latin2InDegrees": -60.0}
+GLOBE = {
+    **LATLON,
+    "Ni": 36,
+    "Nj": 19,
+    "iDirectionIncrementInDegrees": 10.0,
+    "jDirectionIncrementInDegrees": 10.0,
+    "latitudeOfFirstGridPointInDegrees": 90.0,
+    "latitudeOfLastGridPointInDegrees": -90.0,
+    "longitudeOfFirstGridPointInDegrees": 0.0,
+    "longitudeOfLastGridPointInDegrees": 350.0,
+}
+SOUTHWARD = {"latitudeOfFirstGridPointInDegrees": -30.0, "projectionCentreFlag": 128}
+UP = {"latitudeOfFirstGridPointInDegrees": 40.0, "latitudeOfLastGridPointInDegrees": 60.0}
+WEST = {"longitudeOfFirstGridPointInDegrees": 35.0, "longitudeOfLastGridPointInDegrees": 5.0}
+THIRDS = {
+    "Ni": 91,
+    "longitudeOfFirstGridPointInDegrees": -10.0,
+    "Nj": 61,
+    "longitudeOfLastGridPointInDegrees": 20.0,
+    "iDirectionIncrementInDegrees": 0.333,
+    "jDirectionIncrementInDegrees": 0.333,
+}
+CASES: dict[str, tuple[dict[str, Any], int]] = {}
+for _edition in (1, 2):
+    CASES |= {
+        f"{name}-{_edition}": (keys, _edition)
+        for name, keys in {
+            "lambert tangent": LAMBERT,
+            "lambert secant": {**LAMBERT, "Latin1InDegrees": 30.0, "Latin2InDegrees": 60.0},
+            "lambert south": {**LAMBERT, **SOUTH_CONE, "latitudeOfFirstGridPointInDegrees": -55.0},
+            "lambert by columns": {**LAMBERT, "jPointsAreConsecutive": 1},
+            "lambert over the antimeridian": {
+                **LAMBERT,
+                "LoVInDegrees": 180.0,
+                "longitudeOfFirstGridPointInDegrees": 160.0,
+            },
+            "latlon": LATLON,
+            "latlon northwards": {**LATLON, **UP, "jScansPositively": 1},
+            "latlon westwards": {**LATLON, **WEST, "iScansNegatively": 1},
+            "latlon by columns": {**LATLON, "jPointsAreConsecutive": 1},
+            "globe": GLOBE,
+            "rotated": ROTATED,
+            "polar": POLAR,
+            "mercator": MERCATOR,
+        }.items()
+    }
+for _lad in (25.0, 60.0, 90.0):
+    CASES[f"polar north LaD {_lad}"] = ({**POLAR, "LaDInDegrees": _lad}, 2)
+    CASES[f"polar south LaD {_lad}"] = ({**POLAR, **SOUTHWARD, "LaDInDegrees": -_lad}, 2)
+CASES["mercator LaD 40"] = ({**MERCATOR, "LaDInDegrees": 40.0}, 2)
+CASES["lambert LaD elsewhere"] = ({**LAMBERT, "LaDInDegrees": 60.0}, 2)
+for _shape in (0, 2, 4, 5, 6, 8, 9):
+    CASES[f"lambert on earth {_shape}"] = (
+        {**LAMBERT, "Latin1InDegrees": 30.0, "Latin2InDegrees": 60.0, "shapeOfTheEarth": _shape},
+        2,
+    )
+    CASES[f"mercator on earth {_shape}"] = ({**MERCATOR, "shapeOfTheEarth": _shape}, 2)
+CASES["lambert on an oblate earth-1"] = ({**LAMBERT, "resolutionAndComponentFlags": 72}, 1)
+
+
+def grid_of(message: bytes, folder: Path) -> AxesGrid:
+    contents = scan_file(write(folder / "one.grib", message))
+    assert contents.grids, contents.skipped
+    return read_grid(*contents.grids[0])
+
+
+def points_of(message: bytes) -> np.ndarray:
+    """Latitude, longitude and value of every point by ecCodes' iterator."""
+    handle = eccodes.codes_new_from_message(message)
+    iterator = eccodes.codes_grib_iterator_new(handle, 0)
+    rows = []
+    while point := eccodes.codes_grib_iterator_next(iterator):
+        rows.append(point)
+    eccodes.codes_grib_iterator_delete(iterator)
+    eccodes.codes_release(handle)
+    return np.array(rows).T
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_points_are_where_eccodes_has_them(name: str, tmp_path: Path) -> None:
+    keys, edition = CASES[name]
+    message = build(keys, edition=edition, bits=24)
+    grid = grid_of(message, tmp_path)
+    lat, lon, value = points_of(message)
+    assert lat.size == grid.size
+    fi, fj = grid.plane(lat, lon)
+    # 1e-4 degrees of the grid's own step of 0.3 degrees or more
+    assert max(np.abs(fi - np.rint(fi)).max(), np.abs(fj - np.rint(fj)).max()) < 4e-4
+    i, j = np.rint(fi).astype(int) % grid.ni, np.rint(fj).astype(int)
+    np.testing.assert_array_equal(grid.position(i, j), np.rint(value).astype(int))
+    # inside, in every convention of longitude; the other hemisphere is outside
+    middle = (i > 0) & (i < grid.ni - 1) & (j > 0) & (j < grid.nj - 1)
+    for turn in (-360.0, 0.0, 360.0):
+        again, _ = grid.fractional_index(lat[middle], lon[middle] + turn)
+        np.testing.assert_allclose(again, np.mod(fi[middle], grid.ni), atol=1e-6)
+    if not grid.periodic:
+        assert not grid.contains(-lat[middle], lon[middle] + 140.0).any()
+    assert pickle.loads(pickle.dumps(grid)) == grid
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_convergence_is_the_direction_of_the_columns(name: str, tmp_path: Path) -> None:
+    """The angle between true north and the next point of the same column, by ecCodes' points."""
+    keys, edition = CASES[name]
+    message = build(keys, edition=edition, bits=24)
+    grid = grid_of(message, tmp_path)
+    lat, lon, value = points_of(message)
+    place = np.argsort(np.rint(value))
+    lat, lon = np.radians(lat[place]), np.radians(lon[place])
+    i, j = np.full(1, grid.ni // 2), np.full(1, grid.nj // 2)
+    up = 1 if grid.y[-1] > grid.y[0] else -1
+    one, two = (int(grid.position(i, j + n * up)[0]) for n in (-1, 1))
+    here = int(grid.position(i, j)[0])
+    east = (lon[two] - lon[one] + np.pi) % (2 * np.pi) - np.pi
+    bearing = np.arctan2(east * np.cos(lat[here]), lat[two] - lat[one])
+    angle = grid.convergence(np.degrees(lat[[here]]), np.degrees(lon[[here]]))[0]
+    # v along the grid, turned to true east and north, points along the column
+    assert np.angle(np.exp(1j * (np.arctan2(np.sin(angle), np.cos(angle)) - bearing))) == (
+        pytest.approx(0.0, abs=6e-3)
+    )
+
+
+def test_convergence_of_the_published_example() -> None:
+    """Latin 25, LoV 265E: -12.7 degrees at 125W, +4.4 at 84.5W, +8.5 at 75W (DOMAIN, trap 1)."""
+    frame = Frame("projected", "+proj=lcc +lat_1=25 +lat_2=25 +lat_0=25 +lon_0=265 +R=6371229")
+    angle = np.degrees(frame.convergence(np.full(3, 40.0), np.array([-125.0, -84.5, -75.0])))
+    np.testing.assert_allclose(angle, [-12.7, 4.4, 8.5], atol=0.05)
+
+
+@pytest.mark.parametrize("alternate", [0, 1])
+@pytest.mark.parametrize("columns", [0, 1])
+@pytest.mark.parametrize("westward", [0, 1])
+def test_order_of_storage_is_that_of_flag_table_3_4(
+    westward: int, columns: int, alternate: int, tmp_path: Path
+) -> None:
+    keys = {**LATLON, "jPointsAreConsecutive": columns, "alternativeRowScanning": alternate}
+    grid = grid_of(
+        build({**keys, **(WEST if westward else {}), "iScansNegatively": westward}), tmp_path
+    )
+    outer, inner = (grid.ni, grid.nj) if columns else (grid.nj, grid.ni)
+    order = {}
+    for row in range(outer):
+        run = range(inner - 1, -1, -1) if alternate and row % 2 else range(inner)
+        for place in run:
+            order[(row, place) if columns else (place, row)] = len(order)
+    i, j = np.array(list(order)).T
+    np.testing.assert_array_equal(grid.position(i, j), list(order.values()))
+
+
+def test_southern_polar_grid_of_edition_1_equals_edition_2(tmp_path: Path) -> None:
+    # ecCodes' iterator ignores the projection centre flag of edition 1
+    one = grid_of(build({**POLAR, **SOUTHWARD}, edition=1), tmp_path)
+    two = grid_of(build({**POLAR, **SOUTHWARD, "LaDInDegrees": -60.0}), tmp_path)
+    lat, lon, _ = points_of(build({**POLAR, **SOUTHWARD, "LaDInDegrees": -60.0}))
+    for a, b in zip(one.plane(lat, lon), two.plane(lat, lon), strict=True):
+        np.testing.assert_allclose(a, b, atol=1e-9)
+
+
+@given(lat=st.floats(-89, 89), lon=st.floats(-180, 180), u=st.floats(-80, 80), v=st.floats(-80, 80))
+def test_rotation_keeps_the_speed(lat: float, lon: float, u: float, v: float) -> None:
+    angle = rotated_frame(35.0, 195.0).convergence(np.array([lat]), np.array([lon]))
+    east, north = np.cos(angle) * u + np.sin(angle) * v, -np.sin(angle) * u + np.cos(angle) * v
+    assert np.hypot(east, north) == pytest.approx(np.hypot(u, v), abs=1e-9)
+
+
+def test_globe_is_periodic(tmp_path: Path) -> None:
+    globe = grid_of(build(GLOBE), tmp_path)
+    assert globe.periodic
+    fi, fj = globe.fractional_index([0.0, 0.0, 90.0], [355.0, -5.0, 123.0])
+    np.testing.assert_allclose(fi, [35.5, 35.5, 12.3])
+    np.testing.assert_allclose(fj, [9.0, 9.0, 0.0])
+
+
+@pytest.mark.parametrize("edition", [1, 2])
+def test_thirds_of_a_degree_are_taken_from_the_corners(edition: int, tmp_path: Path) -> None:
+    # the increment is written as 0.333; adding it 90 times would be 0.03 degrees off
+    grid = grid_of(build({**LATLON, **THIRDS}, edition=edition), tmp_path)
+    steps = np.arange(0, 61)
+    fi, fj = grid.plane(60.0 - steps / 3.0, -10.0 + steps / 3.0)
+    np.testing.assert_allclose(fi, steps, atol=1e-9)
+    np.testing.assert_allclose(fj, steps, atol=1e-9)
+
+
+@pytest.mark.parametrize("edition", [1, 2])
+def test_regular_gaussian_grids_are_known(edition: int, tmp_path: Path) -> None:
+    handle = eccodes.codes_grib_new_from_samples(f"regular_gg_pl_grib{edition}")
+    keys = {
+        1: {"indicatorOfParameter": 131},
+        2: {"parameterCategory": 2, "parameterNumber": 2, "discipline": 0},
+    }
+    for key, value in keys[edition].items():
+        eccodes.codes_set(handle, key, value)
+    message = bytes(eccodes.codes_get_message(handle))
+    eccodes.codes_release(handle)
+    grid = grid_of(message, tmp_path)
+    lat, lon, _ = points_of(message)
+    fi, fj = grid.plane(lat, lon)
+    assert np.abs(fi - np.rint(fi)).max() < 1e-3 and np.abs(fj - np.rint(fj)).max() < 1e-3
+
+
+def rapid_refresh(*, thousandths: bool, last: bool = True) -> bytes:
+    """Section 3 of NCEP's template 3.32769 for the native grid of the 13 km Rapid Refresh."""
+    ni, nj, step = 953, 834, 0.121813
+    frame = rotated_frame(90.0 - 54.0, 254.0 + 180.0)
+    x, y = np.array([-1.0, 1.0]) * (ni - 1) / 2 * step, np.array([-1.0, 1.0]) * (nj - 1) / 2 * step
+    lat, lon = frame.places(x, y)
+    section = bytearray(80)
+    section[:5], section[12:14], section[14] = (80).to_bytes(4, "big") + b"\x03", b"\x80\x01", 6
+
+    def put(at: int, value: float) -> None:
+        whole = round(abs(value) * 1e6) | (0x80000000 if value < 0 else 0)
+        section[at : at + 4] = whole.to_bytes(4, "big")
+
+    section[6:10] = (ni * nj).to_bytes(4, "big")
+    section[30:34], section[34:38] = ni.to_bytes(4, "big"), nj.to_bytes(4, "big")
+    places = {46: lat[0], 50: lon[0] % 360, 55: 54.0, 59: 254.0}
+    places |= dict.fromkeys((63, 67), step * 1e3 if thousandths else step)
+    places |= {72: lat[1], 76: lon[1] % 360} if last else {}
+    for at, value in places.items():
+        put(at, float(value))
+    section[54], section[71] = 0x38, 0x40
+    return bytes(section)
+
+
+@pytest.mark.parametrize("thousandths", [True, False])
+@pytest.mark.parametrize("last", [True, False])
+def test_native_grid_of_the_rapid_refresh(thousandths: bool, last: bool) -> None:
+    """The first point lies near -10.59 N 220.91 E, as in the operational files."""
+    grid = read_grid(2, rapid_refresh(thousandths=thousandths, last=last))
+    assert (grid.ni, grid.nj) == (953, 834) and grid.wind_along_grid
+    fi, fj = grid.plane(np.array([-10.59, 54.0]), np.array([220.91, 254.0]))
+    np.testing.assert_allclose(fi, [0.0, 476.0], atol=0.2)
+    np.testing.assert_allclose(fj, [0.0, 416.5], atol=0.2)
+    # at its central meridian the grid points north, east of it to the left of north
+    angle = grid.convergence([54.0, 40.0], [254.0, 274.0])
+    assert angle[0] == pytest.approx(0.0, abs=1e-8) and angle[1] > 0.1
+
+
+def test_a_native_grid_of_the_rapid_refresh_that_contradicts_itself() -> None:
+    section = bytearray(rapid_refresh(thousandths=True))
+    section[63:67] = (500_000).to_bytes(4, "big")
+    with pytest.raises(UnplaceableGridError, match="contradict"):
+        read_grid(2, bytes(section))
+
+
+@pytest.mark.parametrize(
+    ("keys", "reason"),
+    [
+        ({**ROTATED, "angleOfRotationInDegrees": 30.0}, "about its pole"),
+        ({**LAMBERT, "Latin1InDegrees": 30.0, "Latin2InDegrees": -30.0}, "no Lambert cone"),
+        ({**POLAR, "projectionCentreFlag": 64}, "bipolar"),
+        ({**MERCATOR, "orientationOfTheGridInDegrees": 10.0}, "turned against the equator"),
+        ({**LATLON, "latitudeOfLastGridPointInDegrees": 80.0}, "contradict"),
+    ],
+)
+def test_unknown_grids_are_refused_with_a_reason(
+    keys: dict[str, Any], reason: str, tmp_path: Path
+) -> None:
+    base = next(
+        one
+        for one in (ROTATED, LAMBERT, POLAR, MERCATOR, LATLON)
+        if one["gridType"] == keys["gridType"]
+    )
+    handle = eccodes.codes_new_from_message(build({**keys, **base}))
+    for key, value in keys.items():
+        eccodes.codes_set(handle, key, value)
+    contents = scan_file(write(tmp_path / "bad.grib", eccodes.codes_get_message(handle)))
+    eccodes.codes_release(handle)
+    assert not contents.fields
+    assert any(what == "grid" and reason in why for what, why in contents.skipped)
+
+
+@pytest.mark.parametrize("edition", [1, 2])
+@pytest.mark.parametrize("base", [LAMBERT, LATLON, ROTATED, POLAR, MERCATOR])
+def test_a_section_cut_short_is_refused(base: dict[str, Any], edition: int, tmp_path: Path) -> None:
+    section = scan_file(write(tmp_path / "a.grib", build(base, edition=edition))).grids[0][1]
+    for length in (8, 20, 27):
+        with pytest.raises(UnplaceableGridError, match="too short"):
+            read_grid(edition, section[:length])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("edition", [1, 2])
+def test_damaged_sections_are_grids_or_refused(edition: int, tmp_path: Path) -> None:
+    rng = np.random.default_rng(edition)
+    for base in (LAMBERT, LATLON, ROTATED, POLAR, MERCATOR):
+        section = scan_file(write(tmp_path / "a.grib", build(base, edition=edition))).grids[0][1]
+        for _ in range(400):
+            damaged = bytearray(section)
+            for place in rng.integers(5, len(section), rng.integers(1, 5)):
+                damaged[place] = rng.integers(256)
+            try:
+                grid = read_grid(edition, bytes(damaged))
+            except UnplaceableGridError:
+                continue
+            grid.fractional_index([50.0], [10.0])
+
+
+# grids of coordinates
+
+
+def test_axes_may_run_either_way_and_need_not_be_even() -> None:
+    lat = np.array([80.0, 50.0, 10.0, -5.0])
+    grid = AxesGrid(LONGITUDE_LATITUDE, np.array([170.0, 175.0, -175.0, -160.0]), lat)
+    fi, fj = grid.fractional_index([65.0, 0.0], [172.5, 180.0])
+    np.testing.assert_allclose(fi, [0.5, 1.5])
+    np.testing.assert_allclose(fj, [0.5, 2 + 10 / 15])
+    assert not grid.contains([0.0], [165.0]).any()
+
+
+def test_points_grid_equals_the_projection_it_was_made_from() -> None:
+    frame = Frame("projected", "+proj=lcc +lat_1=40 +lat_2=40 +lat_0=40 +lon_0=-97 +R=6370000")
+    axes = AxesGrid(frame, np.arange(-20, 21) * 3e3, np.arange(-15, 16) * 3e3, True)
+    x, y = np.meshgrid(axes.x, axes.y)
+    lat, lon = (one.reshape(x.shape) for one in frame.places(x.ravel(), y.ravel()))
+    points = PointsGrid(lat, lon, wind_along_grid=True)
+    rng = np.random.default_rng(0)
+    where = frame.places(rng.uniform(-59e3, 59e3, 200), rng.uniform(-44e3, 44e3, 200))
+    for one, other in zip(
+        points.fractional_index(*where), axes.fractional_index(*where), strict=True
+    ):
+        np.testing.assert_allclose(one, other, atol=1e-5)
+    np.testing.assert_allclose(points.convergence(*where), axes.convergence(*where), atol=1e-5)
+    assert not points.contains([35.0, 40.0], [-97.0, 83.0]).any()
+    again = pickle.loads(pickle.dumps(points))
+    assert again == points and hash(again) == hash(points)
+    laid = through_points(frame, lat, lon)
+    assert laid is not None
+    np.testing.assert_allclose(laid.x, axes.x, atol=1e-3)
+    assert through_points(LONGITUDE_LATITUDE, lat, lon) is None
+
+
+def test_points_without_a_place_are_refused() -> None:
+    with pytest.raises(ValueError, match="impossible"):
+        PointsGrid(np.array([[1.0, np.nan], [2.0, 2.0]]), np.zeros((2, 2)))
+
+
+def test_a_rotated_frame_has_its_pole_and_turns_longitudes() -> None:
+    frame = rotated_frame(39.25, 198.0, 20.0)
+    x, y = frame.xy(np.array([39.25, 50.0]), np.array([198.0, 20.0]))
+    assert y[0] == pytest.approx(90.0)
+    np.testing.assert_allclose(frame.places(x[1:], y[1:]), [[50.0], [20.0]])
+    assert x[1] == pytest.approx(21.2855271, abs=1e-6)
+
+
+def test_shifted_grids_are_recognised() -> None:
+    lat, lon = np.linspace(30, 60, 31), np.linspace(0, 40, 41)
+
+    def grid(x: np.ndarray, y: np.ndarray) -> Grid:
+        return AxesGrid(LONGITUDE_LATITUDE, x, y)
+
+    base = grid(lon, lat)
+    assert are_shifted(base, grid(lon + 0.5, lat))
+    assert are_shifted(base, grid(lon, (lat[1:] + lat[:-1]) / 2))
+    assert are_shifted(base, grid(lon, lat[::-1]))
+    assert not are_shifted(base, grid(lon[::2], lat[::2]))
+    assert not are_shifted(base, grid(lon + 20.0, lat))
+
+
+def test_projections_are_those_of_cf_and_of_proj() -> None:
+    mapping = {
+        "grid_mapping_name": "lambert_conformal_conic",
+        "standard_parallel": np.array([38.5]),
+        "longitude_of_central_meridian": -97.5,
+        "latitude_of_projection_origin": 38.5,
+        "earth_radius": 6371229.0,
+    }
+    proj = "+proj=lcc +lat_1=38.5 +lat_2=38.5 +lat_0=38.5 +lon_0=-97.5 +R=6371229"
+    place = np.array([45.0]), np.array([-80.0])
+    by_cf, by_proj = (frame_of(one, file="f", field="p").xy(*place) for one in (mapping, proj))
+    np.testing.assert_allclose(by_cf, by_proj)
+    assert frame_of("EPSG:4326", file="f", field="p") == LONGITUDE_LATITUDE
+    with pytest.raises(InputError, match="projection not known"):
+        frame_of("+proj=nonsense", file="f", field="p")
