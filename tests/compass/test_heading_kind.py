@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from airswing import workflow
-from airswing.compass.heading_kind import _taken_for
+from airswing.compass.heading_kind import taken_for
 from airswing.config_file import load_config
 from airswing.evaluation.results import Evaluation
 from airswing.products.netcdf import read_product
@@ -25,7 +25,7 @@ def test_offsets_that_are_the_declination_are_told(sign, expected):
     for _ in range(50):
         declination = rng.uniform(-14, -7) + rng.normal(0, 1, 8)
         offset = rng.normal(0, 0.7) + rng.normal(0, 0.7, 8) + sign * declination
-        assert _taken_for(offset, np.full(8, 0.3), declination) == expected
+        assert taken_for(offset, np.full(8, 0.3), declination) == expected
 
 
 def test_a_small_declination_or_one_aircraft_tells_nothing():
@@ -33,8 +33,9 @@ def test_a_small_declination_or_one_aircraft_tells_nothing():
     rng = np.random.default_rng(5)
     for _ in range(50):
         offset = rng.normal(0, 1.0) + rng.normal(0, 0.7, 50)
-        assert not _taken_for(offset, np.full(50, 0.2), np.full(50, 0.9))
-    assert not _taken_for([12.0], [0.1], [-12.0])
+        assert not taken_for(offset, np.full(50, 0.2), np.full(50, 0.9))
+    assert taken_for([12.0], [0.1], [-12.0]) == "magnetic_for_true"
+    assert not taken_for([3.0], [0.1], [-3.0])
 
 
 @pytest.fixture(scope="module")

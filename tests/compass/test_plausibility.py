@@ -60,6 +60,7 @@ def archive(change: Change = dict, *, temperature: bool = True) -> xr.Dataset:
         "northward_wind": -fields["speed"] * np.cos(turn),
         "ground_eastward_velocity": fields["ground"].real,
         "ground_northward_velocity": fields["ground"].imag,
+        "declination": np.full(size, -14.0),
         "wind_source": np.zeros(size),
     }
     names = ("pressure_altitude", "air_temperature", "reported_airspeed", "reported_heading")
@@ -173,6 +174,22 @@ def test_one_aircraft_of_a_fleet_and_aircraft_with_few_reports():
     short = short.assign_coords(aircraft=[f"T{n}" for n in range(48)])
     (finding,) = plausibility(short)
     assert len(finding.aircraft) == 48
+
+
+@pytest.mark.parametrize(
+    ("turn", "likely"),
+    [(14.0, "headings taken for true are magnetic"), (-14.0, "taken for magnetic are true")],
+)
+@pytest.mark.parametrize("aircraft", [4, 1])
+def test_headings_of_the_other_kind_are_named_and_not_refused(
+    turn: float, likely: str, aircraft: int
+):
+    made = archive(lambda fields: {"reported_heading": (fields["reported_heading"] + turn) % 360})
+    some = made.isel(aircraft=slice(aircraft), report=slice(aircraft * FLIGHTS * REPORTS))
+    (finding,) = plausibility(some)
+    assert likely in finding.likely
+    assert not finding.refused
+    assert len(finding.aircraft) == aircraft
 
 
 def test_the_status_and_the_sentence():

@@ -56,7 +56,7 @@ def test_a_link_that_leads_nowhere_or_to_itself_is_named(tmp_path: Path, target:
 
 
 def test_an_unknown_format_is_refused(tmp_path: Path):
-    with pytest.raises(InputError, match="auto, bufr, g1000, parquet, readsb, madis, csv"):
+    with pytest.raises(InputError, match="auto, bufr, dart, flightradar24, g1000"):
         read_reports(write(tmp_path / "a.csv", flight()), format="excel")
 
 

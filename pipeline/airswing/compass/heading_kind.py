@@ -6,8 +6,8 @@ A magnetic heading taken for true is in error by minus the declination where it 
 one taken for magnetic (or corrected twice) by the declination. Compass offsets proper differ from
 aircraft to aircraft and have a mean of their own: in Mode-S data of 27 types their mean is 1.0
 degree and their scatter 0.7, which is what the offsets are weighed against, as two normal
-hypotheses. Valid for two aircraft or more; where the declination is small (under 3 degrees all
-over) nothing can be told and nothing is said.
+hypotheses. Where the declination is small (under 3 degrees all over; under 4 with a single
+aircraft) nothing can be told and nothing is said.
 
 References
 ----------
@@ -27,8 +27,6 @@ from airswing.products.ragged import aircraft_of_report, blocks
 COMMON, OWN = 1.0, 0.7
 """Degrees: mean of a fleet's offsets as a standard deviation, and scatter between aircraft."""
 EVIDENCE = float(np.log(100.0))  # Log odds from which on it is said
-# Aircraft: of one alone an offset of its own is as likely.
-FEWEST = 2
 _WORDS = {
     "magnetic_for_true": (
         "minus the declination",
@@ -65,7 +63,7 @@ def declination_sums(headings: xr.Dataset) -> tuple[Array, Array]:
     return np.concatenate(totals), np.concatenate(counts)
 
 
-def _taken_for(offset: ArrayLike, standard_error: ArrayLike, declination: ArrayLike) -> str:
+def taken_for(offset: ArrayLike, standard_error: ArrayLike, declination: ArrayLike) -> str:
     """What a fleet's headings were taken for, by offsets, their errors and declinations (degrees).
 
     ``magnetic_for_true``, ``true_for_magnetic``, or empty: as they should be, or not known.
@@ -73,7 +71,7 @@ def _taken_for(offset: ArrayLike, standard_error: ArrayLike, declination: ArrayL
     error, wide, angle = (
         np.asarray(one, dtype=np.float64) for one in (offset, standard_error, declination)
     )
-    if error.size < FEWEST:
+    if not error.size:
         return ""
     # Offsets share a mean of variance COMMON^2 and scatter by OWN^2 about it.
     inverse = np.linalg.inv(np.diag(OWN**2 + wide**2) + COMMON**2)
@@ -91,12 +89,13 @@ def _taken_for(offset: ArrayLike, standard_error: ArrayLike, declination: ArrayL
 
 def heading_kind_warnings(fits: xr.Dataset, reference: str) -> list[str]:
     """One sentence where a fleet's offsets are those of headings of the other kind, or none."""
-    if "mean_declination" not in fits:
+    known_from_reports = '"reported_heading"' in str(fits.attrs.get("implausible_reports", ""))
+    if "mean_declination" not in fits or known_from_reports:
         return []
     fit = fits.sel(reference=reference)
     offset, angle = fit["offset"].to_numpy(), fit["mean_declination"].to_numpy()
     good = published(fit["status"]) & np.isfinite(offset) & np.isfinite(angle)
-    kind = _taken_for(offset[good], fit["offset_standard_error"].to_numpy()[good], angle[good])
+    kind = taken_for(offset[good], fit["offset_standard_error"].to_numpy()[good], angle[good])
     if not kind:
         return []
     like, what, remedy = _WORDS[kind]

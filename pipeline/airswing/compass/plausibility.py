@@ -20,6 +20,10 @@ wind, r the reference wind, g the ground velocity.
 * Airspeed: the median of ``TAS / |g - r|`` is outside 0.8 to 1.25, or is that of indicated
   airspeeds.
 * Heading: the mean cosine of the angle between heading and ``g - r`` is below 0.7.
+* Kind of heading: the offsets of the headings from ``g - r`` are minus the declination (magnetic
+  headings mapped as true) or the declination (the reverse), by the odds of
+  :mod:`airswing.compass.heading_kind`. This is said, but the fits are kept, because an offset that
+  is constant over the area of flight is corrected like any other.
 * Ground velocity in winds: the regression of ``w - r`` on g is beyond 0.2 on either side. A compass
   error acts across g only, and an airspeed scale error of 5 % gives 0.05.
 * Wind speed: regression of w on r gives the lower bound of the scale of w, that of r on w the upper
@@ -48,10 +52,12 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from airswing.compass.heading_kind import taken_for
 from airswing.flags import STATUS, WIND_SOURCE, published
 from airswing.physics.airspeed import airspeed_from_calibrated
 from airswing.physics.atmosphere import pressure_from_altitude, standard_temperature
 from airswing.physics.great_circle import central_angle
+from airswing.physics.triangle import wrap_degrees
 from airswing.products.ragged import blocks, row_bounds
 from airswing.units import EARTH_RADIUS, FOOT, KNOT, ZERO_CELSIUS
 
@@ -77,6 +83,7 @@ _NEEDED = (
     "air_temperature",
     "reported_airspeed",
     "reported_heading",
+    "declination",
     "wind_source",
 )
 _SAMPLED = (*_NEEDED, "chord_speed")
@@ -141,6 +148,8 @@ class Finding:
     aircraft : tuple of str
     share : float
         Of all aircraft.
+    refused : bool
+        Whether fits of these aircraft are not published.
     """
 
     quantity: str
@@ -149,6 +158,7 @@ class Finding:
     factor: float = 0.0
     aircraft: tuple[str, ...] = ()
     share: float = 0.0
+    refused: bool = True
 
     def __str__(self) -> str:
         number = len(self.aircraft)
@@ -157,10 +167,8 @@ class Finding:
             "all aircraft" if self.share == 1.0 and number > 1 else f"{number} aircraft ({shown})"
         )
         cause = f"likely {self.likely}" if self.likely else "no usual mistake explains it"
-        return (
-            f"implausible {_NAMES[self.quantity]} of {whom}: {self.evidence}; {cause}. "
-            "Check the unit of the column, and the reference's"
-        )
+        advice = ". Check the unit of the column, and the reference's" if self.refused else ""
+        return f"implausible {_NAMES[self.quantity]} of {whom}: {self.evidence}; {cause}{advice}"
 
 
 def plausibility(headings: xr.Dataset, *, references: Sequence[str] | None = None) -> list[Finding]:
@@ -184,6 +192,7 @@ def plausibility(headings: xr.Dataset, *, references: Sequence[str] | None = Non
     found: dict[tuple[str, str], list[tuple[str, Finding]]] = {}
     few: dict[str, Sample] = {}
     aircraft: list[str] = []
+    offsets: dict[str, tuple[float, float, float]] = {}
 
     def note(tails: Iterable[str], sample: Sample) -> None:
         for finding in findings_of(sample):
@@ -193,6 +202,8 @@ def plausibility(headings: xr.Dataset, *, references: Sequence[str] | None = Non
     for block in blocks(headings, _NEEDED):
         for tail, sample in _samples(block, members):
             aircraft.append(tail)
+            if (offset := _heading_offset(sample)) is not None:
+                offsets[tail] = offset
             flights = np.unique(sample["flight"]).size
             if sample["flight"].size < FEWEST_OF_AIRCRAFT or flights < FEWEST_FLIGHTS:
                 few[tail] = sample
@@ -214,6 +225,7 @@ def plausibility(headings: xr.Dataset, *, references: Sequence[str] | None = Non
             )
         kept = tuple(tail for tail in aircraft if tail in tails)
         findings.append(replace(first, aircraft=kept, share=len(kept) / len(aircraft)))
+    findings += _kind_of_heading(offsets, len(aircraft))
     return sorted(findings, key=lambda finding: -len(finding.aircraft))
 
 
@@ -420,6 +432,49 @@ def _heading_findings(sample: Sample) -> list[Finding]:
     return [Finding("reported_heading", best if trials[best] > 0.9 else "", evidence)]
 
 
+def _heading_offset(sample: Sample) -> tuple[float, float, float] | None:
+    """Offset of the headings from the reference's, its standard error and the declination."""
+    apart = wrap_degrees(sample["reported_heading"] - np.degrees(np.arctan2(*_air(sample))))
+    known = np.isfinite(apart) & np.isfinite(sample["declination"])
+    if np.count_nonzero(known) < FEWEST:
+        return None
+    flights, number = np.unique(sample["flight"][known], return_inverse=True)
+    means = np.bincount(number, weights=apart[known]) / np.bincount(number)
+    # One flight has the reference's error of one day: 2 m/s across at 100 m/s is 1 degree.
+    error = float(np.std(means, ddof=1)) if flights.size > 2 else 1.0
+    middle = float(np.median(apart[known]))
+    angle = float(np.mean(sample["declination"][known]))
+    return middle, max(error / np.sqrt(flights.size), 0.2), angle
+
+
+def _kind_of_heading(
+    offsets: Mapping[str, tuple[float, float, float]], fleet: int
+) -> list[Finding]:
+    if not offsets:
+        return []
+    offset, error, angle = (np.array(column) for column in zip(*offsets.values(), strict=True))
+    kind = taken_for(offset, error, angle)
+    if not kind:
+        return []
+    likely, sign = {
+        "magnetic_for_true": (
+            "headings taken for true are magnetic: map their column as magnetic_heading_deg",
+            "minus the declination",
+        ),
+        "true_for_magnetic": (
+            "headings taken for magnetic are true: map their column as heading_deg",
+            "the declination",
+        ),
+    }[kind]
+    evidence = (
+        f"their offsets (median {np.median(offset):+.1f} degrees) are {sign} "
+        f"({np.median(angle):+.1f} degrees)"
+    )
+    tails = tuple(offsets)
+    share = len(tails) / fleet
+    return [Finding("reported_heading", likely, evidence, 0.0, tails, share, refused=False)]
+
+
 def _winds(sample: Sample) -> tuple[Complex, Complex]:
     """Reported and reference wind (eastward + 1j northward) where both are known."""
     reported = sample["eastward_wind"] + 1j * sample["northward_wind"]
@@ -509,7 +564,7 @@ def with_implausible(fits: xr.Dataset, findings: Sequence[Finding]) -> xr.Datase
         Status ``implausible_reports`` where the fit would be published; attribute
         ``implausible_reports`` holds the findings as JSON.
     """
-    tails = {tail for finding in findings for tail in finding.aircraft}
+    tails = {tail for finding in findings if finding.refused for tail in finding.aircraft}
     named = xr.DataArray([str(t) in tails for t in fits["aircraft"].to_numpy()], dims="aircraft")
     published_too = xr.DataArray(published(fits["status"]), dims=fits["status"].dims)
     status = fits["status"].where(~(named & published_too), STATUS["implausible_reports"])

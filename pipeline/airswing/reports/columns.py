@@ -133,6 +133,7 @@ class Layout:
     program: str
     signature: frozenset[str]
     columns: Mapping[str, str | tuple[str, ...]]
+    messages: bool = False  # a row holds one message, not all values of a report
 
     def mapping(self, names: Iterable[str]) -> ColumnMapping:
         """Mapping of the columns that are in a table."""
@@ -163,6 +164,23 @@ LAYOUTS = (
             "track_deg": ("trk_adsb", "trk"),
             "tas": "true_airspeed_kt",
         },
+    ),
+    Layout(
+        "traffic, Mode-S",
+        frozenset({"timestamp", "icao24", "latitude", "longitude", "altitude"}),
+        {
+            "icao24": "tail",
+            "timestamp": "time",
+            "altitude": "pressure_altitude_ft",
+            "groundspeed": "ground_speed_kt",
+            "track": "track_deg",
+            "heading": "magnetic_heading_deg",
+            "IAS": "indicated_airspeed_kt",
+            "TAS": "true_airspeed_kt",
+            "Mach": "mach",
+            "callsign": "flight",
+        },
+        messages=True,
     ),
     Layout(
         "OpenSky state vectors",

@@ -42,7 +42,7 @@ def refusal_of(start: bytes, path: Path) -> InputError | None:
         what, remedy = "is a Python pickle, which is not opened because it may run code", _TABLE
     elif is_text(start):
         what, remedy = _text(start)
-    elif b"GRIB" in start:
+    elif b"GRIB" in start[:4096]:
         what, remedy = "is a GRIB file, not reports", "Name it under references"
     else:
         what, remedy = next(

@@ -1,9 +1,15 @@
-"""The mapping an unknown report table would be read with, to be pasted into a configuration.
+"""Proposal of a column mapping for an unknown report table, to be pasted into a configuration.
 
-Assumes a table with a header. What a column is, is told from its name (and the unit written at its
-end or in brackets), and where that leaves units open, from its values; every guess of that kind is
-marked in the text, for a person to confirm. A heading is proposed as magnetic where the table has
-ground speed and airspeed beside it (Mode-S, recorders), since those report the compass.
+Assumes a table with a header. The quantity of a column follows from its name, its unit from the end
+of the name or from brackets in it. Where that leaves a choice the values decide, and the text marks
+the entry for a person to confirm:
+
+* of several time columns the one with the most possible times of reports;
+* the unit of a speed by comparison with the speed between successive positions, else with the
+  other speeds of the table;
+* a heading beside ground speed, track and airspeed is magnetic, because Mode-S and recorders report
+  the compass; a heading without track and airspeed is the track (OpenSky, Flightradar24), and a
+  plain ``speed`` as fast as an aircraft is the ground speed.
 """
 
 from __future__ import annotations
@@ -17,9 +23,11 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from airswing.reports.columns import QUANTITIES, REQUIRED, compatible, split_name
+from airswing.reports.columns import QUANTITIES, REQUIRED, compatible, conversion, split_name
+from airswing.reports.flights import step_distance
 from airswing.reports.formats.tabular import first_rows
-from airswing.reports.values import Column
+from airswing.reports.values import Column, parse_times, possible
+from airswing.units import KNOT
 
 _NAMES = (
     (
@@ -30,7 +38,7 @@ _NAMES = (
     (
         "time",
         r"time(stamp|utc|gps)?|utc|datetime(utc)?|(obs|valid|report|observation)(date)?time|ts"
-        r"|epoch(time)?|unixtime|date|gmt",
+        r"|epoch(time)?|unixtime|(utc|lcl|local)?date|gmt|snapshotid|utctime",
     ),
     ("latitude", r"lat(itude)?(deg|dd|n|gps)?|gpslat(itude)?|y"),
     ("longitude", r"(lon(g|gitude)?|lng)(deg|dd|e|gps)?|gpslon(g|gitude)?|x"),
@@ -50,30 +58,41 @@ _NAMES = (
     ("mach", r"mach(no|number)?|m"),
     ("magnetic_heading", r"mag(netic)?h(ea)?di?n?g|h(ea)?di?n?gmag(netic)?|mh"),
     ("heading", r"(true)?h(ea)?di?n?g(true)?|th"),
-    ("ground_speed", r"gs|ground(speed|spd)|gnd(spd|speed)|gspd|velocity|sog"),
-    ("track", r"trk|track(angle|true)?|truetrack|course|cog"),
+    ("ground_speed", r"(gps)?(gs|ground(speed|spd)|gnd(spd|speed)|gspd|velocity|sog)"),
+    ("track", r"(gps)?(ground)?(trk|track)(angle|true)?|truetrack|course|cog"),
     ("roll_flag", r"rollflag"),
     ("phase", r"phase(offlight)?|flightphase"),
     ("flight", r"flight(id|no|num(ber)?)?|callsign|flt(no|id)?|trip"),
 )
 _BRACKET = re.compile(r"\s*[\[(]\s*([^\])]+?)\s*[\])]\s*$")
 _ENDING = re.compile(r"_(ft|m|km|kts?|kn|knots|mps|m_s|ms|kmh|hPa|Pa|mb|degC|C|K|deg|rad)$", re.I)
-_SPEEDS = {
-    *("wind_speed", "eastward_wind", "northward_wind", "true_airspeed", "indicated_airspeed"),
-    "ground_speed",
-}
-
+_AIRBORNE = ("ground_speed", "true_airspeed", "indicated_airspeed")
+_SPEEDS = (*_AIRBORNE, "wind_speed", "eastward_wind", "northward_wind")
+_UNITS = {"kt": KNOT, "m/s": 1.0, "km/h": 1.0 / 3.6}
+_FASTEST_WIND = 60.0  # median of a column of winds, in any unit; aircraft are faster
 
 Entry = str | dict[str, str]  # a canonical name, or one with its unit, parts or value
 
 
 class ProposedMapping(TypedDict):
-    """How an unknown table would be read."""
+    """How an unknown table would be read.
+
+    Attributes
+    ----------
+    columns : dict
+        As ``reports.columns`` of the configuration takes them.
+    yaml : str
+        The same as text, with its guesses marked.
+    unused : list of str
+        Columns for which no quantity was found.
+    missing : list of str
+        What is needed and was not found.
+    """
 
     columns: dict[str, Entry]
-    yaml: str  # the same as text with its guesses marked
-    unused: list[str]  # columns nothing was found for
-    missing: list[str]  # what is needed and was not found
+    yaml: str
+    unused: list[str]
+    missing: list[str]
 
 
 def propose_mapping(path: str | Path) -> ProposedMapping | None:
@@ -87,7 +106,7 @@ def propose_mapping(path: str | Path) -> ProposedMapping | None:
     Returns
     -------
     dict or None
-        None where nothing at all was recognised.
+        None where fewer than two columns are recognised.
 
     Raises
     ------
@@ -95,53 +114,87 @@ def propose_mapping(path: str | Path) -> ProposedMapping | None:
         The file is no table.
     """
     table = first_rows(Path(path))
+    table.columns = [str(column) for column in table.columns]
     found: dict[str, str] = {}
-    for column in map(str, table.columns):
-        name = _stem(column)
-        if name is not None and name not in found:
-            found[name] = column
+    for column in table.columns:
+        stem = _stem(column)
+        if stem is not None and stem not in found:
+            found[stem] = column
     if len(found) < 2:
         return None
     mapping: dict[str, Entry] = {}
     remarks: dict[str, str] = {}
-    _time(table, found, mapping, remarks)
-    if _reports_compass(set(found)):
-        found["magnetic_heading"] = found.pop("heading")
-        remarks[found["magnetic_heading"]] = "magnetic is a guess: heading_deg where it is true"
+    times = _time(table, found, mapping, remarks)
+    _motion(table, found, remarks)
+    speed = _speed_of_positions(table, found, times)
     for name, column in found.items():
         if name != "time":
-            mapping[column] = _entry(name, column, table[column], remarks)
+            mapping[column] = _entry(name, column, table, found, speed, remarks)
     if "tail" not in found:
         mapping["tail"] = {"value": re.sub(r"\W+", "_", Path(path).name.split(".")[0])}
-        remarks["tail"] = "one aircraft a file is a guess: say it, or the column that tells it"
+        remarks["tail"] = "one aircraft a file is a guess: give its name, or the column that has it"
     used = {
-        one for value in mapping.values() if isinstance(value, Mapping) for one in _texts(value)
+        str(part)
+        for value in mapping.values()
+        if isinstance(value, Mapping)
+        for key, part in value.items()
+        if key in ("date", "time", "offset")
     }
-    unused = [c for c in map(str, table.columns) if c not in mapping and c not in used]
     return {
         "columns": mapping,
         "yaml": _as_yaml(mapping, remarks),
-        "unused": unused,
+        "unused": [c for c in table.columns if c not in mapping and c not in used],
         "missing": _missing(set(found)),
     }
 
 
-def _reports_compass(found: set[str]) -> bool:
-    """Whether a plain heading stands among what a transponder or a recorder reports."""
-    airspeed = found & {"true_airspeed", "indicated_airspeed", "mach"}
-    return (
-        {"heading", "ground_speed", "track"} <= found
-        and "magnetic_heading" not in found
-        and bool(airspeed)
+def _motion(table: pd.DataFrame, found: dict[str, str], remarks: dict[str, str]) -> None:
+    """Decide what a plain heading and a plain speed are by the columns beside them."""
+    airspeed = bool(found.keys() & {"true_airspeed", "indicated_airspeed", "mach"})
+    speed, direction = found.get("wind_speed"), found.get("wind_direction")
+    plain = "ground_speed" not in found and speed is not None and speed.lower() == "speed"
+    if plain and float(_numbers(table[speed]).abs().median()) > _FASTEST_WIND:
+        found["ground_speed"] = found.pop("wind_speed")
+        remarks[str(speed)] = "as fast as an aircraft: the ground speed, not the wind"
+        if direction is not None and direction.lower() == "direction":
+            found["track"] = found.pop("wind_direction")
+    if "heading" not in found:
+        return
+    if not airspeed and "track" not in found and "ground_speed" in found:
+        found["track"] = found.pop("heading")
+        remarks[found["track"]] = "without an airspeed: the direction of movement over ground"
+    elif {"ground_speed", "track"} <= found.keys() and airspeed and "magnetic_heading" not in found:
+        found["magnetic_heading"] = found.pop("heading")
+        remarks[found["magnetic_heading"]] = "magnetic is a guess: heading_deg where it is true"
+
+
+def _numbers(column: Column) -> pd.Series[float]:
+    numbers: pd.Series[float] = pd.to_numeric(column, errors="coerce").astype(np.float64)
+    return numbers
+
+
+def _speed_of_positions(
+    table: pd.DataFrame, found: Mapping[str, str], times: NDArray[np.datetime64] | None
+) -> float:
+    """Median speed between successive positions of an aircraft, m s-1; NaN where unknown."""
+    if times is None or not {"latitude", "longitude"} <= found.keys():
+        return float("nan")
+    latitude, longitude = (
+        np.asarray(_numbers(table[found[name]]), dtype=np.float64)
+        for name in ("latitude", "longitude")
     )
-
-
-def _texts(value: Mapping[str, object]) -> list[str]:
-    return [str(one) for key, one in value.items() if key in ("date", "time", "offset")]
+    tail = pd.factorize(table[found["tail"]])[0] if "tail" in found else np.zeros(len(table))
+    order = np.lexsort((times, tail))
+    seconds = times[order].astype("datetime64[ms]").astype(np.int64) / 1e3
+    gap = np.where(np.diff(tail[order]) == 0, np.diff(seconds), np.nan)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        speed = step_distance(latitude[order], longitude[order]) / gap
+    flying = speed[(gap > 0.0) & (gap < 1800.0) & (speed > 30.0) & (speed < 400.0)]
+    return float(np.median(flying)) if flying.size >= 3 else float("nan")
 
 
 def _stem(column: str) -> str | None:
-    """What a column is by its name."""
+    """The quantity of a column by its name; None for an unknown one."""
     known = split_name(column.strip())
     if known is not None:
         return next(stem for stem, one in QUANTITIES.items() if one is known[0])
@@ -152,75 +205,124 @@ def _stem(column: str) -> str | None:
 
 def _time(
     table: pd.DataFrame, found: dict[str, str], mapping: dict[str, Entry], remarks: dict[str, str]
-) -> None:
-    """The time's column, or the two that make it."""
-    of_time = [c for c in map(str, table.columns) if _stem(c) == "time"]
-    dates = [c for c in of_time if re.search(r"date|day", c, re.I) and not _has_clock(table[c])]
-    clocks = [c for c in of_time if c not in dates]
-    if dates and clocks and not _has_date(table[clocks[0]]):
-        mapping["time"] = {"date": dates[0], "time": clocks[0]}
+) -> NDArray[np.datetime64] | None:
+    """Map the time's column, or the two that make it; the times of the rows, None without."""
+    candidates = [column for column in table.columns if _stem(column) == "time"]
+    dates = [c for c in candidates if re.search(r"date|day", c, re.I) and not _has_clock(table[c])]
+    clocks = [c for c in candidates if c not in dates]
+    # A clock alone ("12:00:00") is no time, nor are seconds since the begin of a flight.
+    read = {column: parse_times(table[column])[0] for column in clocks}
+    whole = {column: float(np.mean(possible(time))) for column, time in read.items()}
+    best = max(whole, key=lambda column: whole[column], default=None)
+    if dates and clocks and (best is None or whole[best] == 0.0):
+        clock = next((column for column in clocks if _has_clock(table[column])), clocks[0])
+        mapping["time"] = {"date": dates[0], "time": clock}
         found["time"] = "time"
-    elif of_time:
-        found["time"] = (clocks or of_time)[0]
-        mapping[found["time"]] = "time"
-        if pd.api.types.is_numeric_dtype(table[found["time"]]):
-            remarks[found["time"]] = "seconds or milliseconds since 1970"
+        joined = table[dates[0]].astype(str) + "T" + table[clock].astype(str)
+        return parse_times(joined)[0]
+    column = best or next(iter(dates), None)
+    if column is None:
+        return None
+    found["time"] = column
+    mapping[column] = "time"
+    if pd.api.types.is_numeric_dtype(table[column]):
+        remarks[column] = "a number that is read as a time between 1973 and now"
+    return parse_times(table[column])[0]
 
 
 def _has_clock(column: Column) -> bool:
     return bool(column.dropna().astype(str).str.contains(r"\d:\d\d").any())
 
 
-def _has_date(column: Column) -> bool:
-    text = column.dropna().astype(str)
-    numeric = pd.api.types.is_numeric_dtype(column)
-    return bool(numeric or text.str.contains(r"\d{4}-?\d\d-?\d\d|\d+/\d+/\d+").any())
-
-
-def _entry(name: str, column: str, values: Column, remarks: dict[str, str]) -> Entry:
-    """Canonical name of a column, with the unit that its name or its values tell."""
+def _entry(
+    name: str,
+    column: str,
+    table: pd.DataFrame,
+    found: Mapping[str, str],
+    speed: float,
+    remarks: dict[str, str],
+) -> Entry:
+    """Canonical name of a column, with the unit of its name or of its values."""
     quantity = QUANTITIES.get(name)
     if quantity is None:
         return name
     known = split_name(column.strip())
     canonical = quantity.canonical
-    if known is not None:
+    if known is not None and known[0] is quantity:
         return canonical if known[1] == "degree" else {"name": canonical, "unit": known[1]}
-    written = _BRACKET.search(column) or _ENDING.search(column)
-    if written and compatible(written.group(1), quantity.si_unit):
-        return {"name": canonical, "unit": written.group(1)}
-    unit, why = _guessed(name, pd.to_numeric(values, errors="coerce").to_numpy(dtype=float))
-    if why:
-        remarks[column] = why
+    if unit := _written_unit(column, quantity.si_unit):
+        return {"name": canonical, "unit": unit}
+    largest = float(_numbers(table[column]).abs().max())
+    if name in _SPEEDS:
+        unit, remark = _unit_of_speed(name, table, found, speed)
+    else:
+        unit, remark = _unit_by_size(name, largest)
+    if remark:
+        remarks.setdefault(column, remark)
     return canonical if unit is None else {"name": canonical, "unit": unit}
 
 
-def _guessed(name: str, values: NDArray[np.float64]) -> tuple[str | None, str]:
+def _written_unit(column: str, si_unit: str) -> str | None:
+    written = _BRACKET.search(column) or _ENDING.search(column)
+    return written.group(1) if written and compatible(written.group(1), si_unit) else None
+
+
+def _unit_by_size(name: str, largest: float) -> tuple[str | None, str]:
     """Unit by the size of the values, and the remark that says so."""
-    known = np.abs(values[np.isfinite(values)])
-    largest = float(known.max()) if known.size else 0.0
     if name == "pressure":
         # 1013 hPa is the largest there is, and the least at flight level still 15,000 Pa.
         return ("Pa" if largest > 2000 else "hPa"), "unit guessed from its values"
     if name == "pressure_altitude":
         # Flight levels are hundreds of feet: no aircraft is above 60,000 ft.
-        if largest <= 600 and largest > 0:
+        if 0 < largest <= 600:
             return "hft", "flight levels guessed from its values"
         # In metres that is above most airliners; in feet half of all flight is.
         return ("ft" if largest > 15_500 else "m"), "unit guessed from its values"
     if name == "temperature":
-        # no air is as warm as 150 degC, none as cold as 150 K
+        # No air is as warm as 150 degC, none as cold as 150 K.
         return ("K" if largest > 150 else "degC"), "unit guessed from its values"
-    if name in _SPEEDS:
-        airborne = name in ("true_airspeed", "ground_speed", "indicated_airspeed")
-        # 340 m/s is the speed of sound: no transport flies at it, at 340 kt many do.
-        unit = "kt" if not airborne or largest > 340 else "m/s"
-        return unit, "kt or m/s cannot be told from the name: please check"
     return None, ""
 
 
+def _unit_of_speed(
+    name: str, table: pd.DataFrame, found: Mapping[str, str], speed: float
+) -> tuple[str, str]:
+    """Unit of a speed by that between positions, else by the other speeds of the table."""
+    please_check = "kt or m/s cannot be told from the name: please check"
+    if name not in _AIRBORNE:
+        return "kt", please_check
+    values = _numbers(table[found[name]])
+    typical = float(values[values > 0].median())
+    if not np.isfinite(speed):
+        for other in _AIRBORNE:
+            column = found.get(other)
+            if column is None or other == "indicated_airspeed":
+                continue
+            others = _numbers(table[column])
+            unit = _written_unit(column, "m/s") or (
+                known[1] if (known := split_name(column)) else ""
+            )
+            # 340 m/s is the speed of sound: no transport flies at it, at 340 kt many do.
+            unit = unit or ("kt" if float(others.max()) > 340 else "")
+            if unit:
+                factor, _ = conversion(unit, "m/s")
+                speed = float(others[others > 0].median()) * factor
+                break
+    if not np.isfinite(speed) or not np.isfinite(typical):
+        return ("kt" if float(values.max()) > 340 else "m/s"), please_check
+    # Indicated is below true airspeed: by a quarter at 20,000 ft, by half at 40,000 ft.
+    expected = speed * (0.75 if name == "indicated_airspeed" else 1.0)
+    # km/h is rare: it must fit better by a third.
+    cost = {
+        unit: abs(float(np.log(typical * factor / expected))) + (0.3 if unit == "km/h" else 0.0)
+        for unit, factor in _UNITS.items()
+    }
+    unit = min(cost, key=lambda unit: cost[unit])
+    return unit, "unit found by comparison with the other speeds"
+
+
 def _missing(found: set[str]) -> list[str]:
-    """Names of what is needed beside what was found."""
+    """What is needed and was not found."""
     absent = [name for name in REQUIRED if name not in found and name != "tail"]
     if not found & {"pressure_altitude", "pressure"}:
         absent.append("pressure_altitude_ft or pressure_hPa")

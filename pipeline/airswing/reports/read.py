@@ -221,7 +221,11 @@ def reports_summary(path: str | Path, *, columns: ColumnMapping | None = None) -
         else None,
         "columns": {name: number for name, number in present.items() if number},
         "flags": summary["flags"],
-        "audit": {name: part for name, part in summary.items() if name not in ("flags", "missing")},
+        "audit": {
+            name: part
+            for name, part in summary.items()
+            if name not in ("flags", "missing", "remarks")
+        },
     }
 
 

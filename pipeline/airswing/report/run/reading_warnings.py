@@ -24,7 +24,7 @@ _GROUPS_SHOWN = 5
 _ENTRIES_KEPT = 200
 _REPEATED = "_column_repeated"
 # Reports left out or averaged because the configuration asks for it.
-_AS_ASKED = ("not_wanted", "averaged")
+_AS_ASKED = ("not_wanted", "averaged", "merged_message")
 _PLACE = re.compile(r"^message at \d+: ")
 # Messages that are no wind on levels: most files contain such, so they cause no warning.
 _EXPECTED = "wind"

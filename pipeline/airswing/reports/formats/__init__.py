@@ -24,7 +24,7 @@ from airswing.errors import InputError
 from airswing.reports.audit import Audit
 from airswing.reports.columns import Mapped
 
-START = 4096  # bytes by which a format is recognised
+START = 1 << 16  # bytes by which a format is recognised; HDF5 names its groups in them
 LARGEST_FILE = 1 << 30  # bytes after decompression, of formats that are read as a whole
 
 Reader = Callable[[Path, Mapped, Audit], Iterator[pd.DataFrame]]
@@ -71,8 +71,9 @@ def formats() -> dict[str, ReportFormat]:
 def is_text(start: bytes) -> bool:
     """Return True where bytes look like those of a text file."""
     # A NUL or two is a damaged row; in UTF-16 every second byte is one.
-    control = sum(byte < 32 and byte not in (9, 10, 13) for byte in start)
-    return control <= 0.05 * len(start)
+    head = start[:4096]
+    control = sum(byte < 32 and byte not in (9, 10, 13) for byte in head)
+    return control <= 0.05 * len(head)
 
 
 def compression_of(path: Path) -> Literal["gzip", "bz2"] | None:

@@ -285,4 +285,8 @@ def _icing(table: pd.DataFrame) -> NDArray[np.int8]:
     return icing
 
 
-register(ReportFormat("bufr", lambda start: b"BUFR" in start and not is_text(start), _read_bufr))
+def _recognises(start: bytes) -> bool:
+    return b"BUFR" in start[:4096] and not is_text(start)
+
+
+register(ReportFormat("bufr", _recognises, _read_bufr))

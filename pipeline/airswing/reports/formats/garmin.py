@@ -172,6 +172,7 @@ def _raw(table: pd.DataFrame, tail: str, columns: dict[str, str | None]) -> pd.D
 
 
 def _recognises(start: bytes) -> bool:
+    start = start[:4096]
     g1000 = b"Lcl Date" in start and b"Lcl Time" in start and b"UTCOfst" in start
     g3x = _HEADER.search(start) is not None and (
         b"GPS Ground Track" in start or b"Magnetic Heading" in start

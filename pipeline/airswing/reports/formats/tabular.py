@@ -41,6 +41,7 @@ from airswing.reports.formats import (
     opened,
     register,
 )
+from airswing.reports.messages import merged
 from airswing.reports.values import FLAG_CODES, Column, decode_flags, parse_times, possible
 
 ROWS_PER_PIECE = 250_000  # the text of a table is many times larger than what is kept of it
@@ -68,7 +69,7 @@ class _Header(NamedTuple):
 def _read_csv(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
     header = _header(path)
     names = header.names
-    found = sources(names, _with_layout(names, mapping), path)
+    found = sources(names, with_layout(names, mapping), path)
     text = {
         column: str
         for name, source in found.items()
@@ -94,7 +95,8 @@ def _read_csv(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFram
         low_memory=False,
         chunksize=ROWS_PER_PIECE,
     )
-    rows, unreadable = 0, dict.fromkeys(found, 0)
+    layout = layout_of(names)
+    rows, unreadable, pieces = 0, dict.fromkeys(found, 0), []
     for table in _tables(path, header, options, audit):
         rows += len(table)
         for variable in repeated:
@@ -102,7 +104,11 @@ def _read_csv(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFram
         # pandas skips rows of two columns too many by itself; those are counted by its warnings.
         ragged = (table.pop(_EXTRA).fillna("").str.strip() != "").to_numpy(dtype=bool)
         audit.drop("ragged_row", int(ragged.sum()), unread=True)
-        yield to_raw(table.loc[~ragged] if ragged.any() else table, found, audit, unreadable)
+        raw = to_raw(table.loc[~ragged] if ragged.any() else table, found, audit, unreadable)
+        if layout is not None and layout.messages:
+            pieces.append(raw)
+        else:
+            yield raw
     if not rows:
         raise InputError("has a header but no reports", file=path)
     for variable, number in unreadable.items():
@@ -114,6 +120,8 @@ def _read_csv(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFram
                 found=audit.examples.get(variable),
                 remedy="Write numbers alone: the unit is in the column's name or its mapping",
             )
+    if pieces:
+        yield merged(pd.concat(pieces, ignore_index=True), audit)
 
 
 def _tables(
@@ -166,8 +174,8 @@ def first_rows(path: Path) -> pd.DataFrame:
     return next(_tables(path, header, options, Audit()))
 
 
-def _with_layout(names: Sequence[str], mapping: Mapped) -> Mapped:
-    """The mapping of the program that wrote the table, if known, overridden by the user's."""
+def with_layout(names: Sequence[str], mapping: Mapped) -> Mapped:
+    """Return the mapping of the program that wrote a table, overridden by the user's."""
     layout = layout_of(names)
     return mapping if layout is None else {**parse_mapping(layout.mapping(names)), **mapping}
 
@@ -239,8 +247,9 @@ def _read_parquet(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.Data
             for name, value in pairs
             if name and name not in inside
         }
-        names = [*inside, *folders]
-        found = sources(names, _with_layout(names, mapping), path)
+        names, pieces = [*inside, *folders], []
+        layout = layout_of(names)
+        found = sources(names, with_layout(names, mapping), path)
         every = {column: None for source in found.values() for column in source.columns}
         if not file.metadata.num_rows:
             raise InputError("holds no reports", file=path)
@@ -250,12 +259,18 @@ def _read_parquet(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.Data
         while True:
             try:
                 if (batch := next(batches, None)) is None:
-                    return
+                    break
                 batch.validate(full=True)  # text that is not UTF-8
                 table = batch.to_pandas(ignore_metadata=True)
             except Exception as error:  # pyarrow's errors have no common base
                 raise InputError(f"cannot be read as Parquet: {error}", file=path) from error
-            yield to_raw(table.assign(**folders), found, audit)
+            raw = to_raw(table.assign(**folders), found, audit)
+            if layout is not None and layout.messages:
+                pieces.append(raw)
+            else:
+                yield raw
+    if pieces:
+        yield merged(pd.concat(pieces, ignore_index=True), audit)
 
 
 def to_raw(

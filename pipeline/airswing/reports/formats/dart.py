@@ -1,0 +1,137 @@
+"""DART observation sequences (``obs_seq``, ASCII) of aircraft.
+
+Assumes types named ``ACARS_...``, ``AIRCRAFT_...``, ``AMDAR_...`` or ``TAMDAR_...`` with
+``U_WIND_COMPONENT, V_WIND_COMPONENT`` (m/s) or ``TEMPERATURE`` (K); other types are left out. The
+components and the temperature of a report are observations of their own at one time and place.
+Locations are ``loc3d``: longitude and latitude in radians, the vertical coordinate as pressure (Pa,
+kind 2) or height (m, kind 3; taken as pressure altitude, as aircraft report it). Times are seconds
+and days since 1601-01-01. The value is that of the first copy; a quality code of a copy ``... QC
+...`` above 3 fails the wind (NCEP: 0 to 3 usable; DART: 0 assimilated to 3 evaluated only).
+
+An observation sequence does not name the aircraft: all reports of a type are one "aircraft", so
+that compasses cannot be fitted; model winds and the statistics of the differences can be made.
+
+Source: NCAR/DART, guide, "Detailed structure of an obs_seq file".
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from airswing.errors import InputError
+from airswing.flags import WIND_QC
+from airswing.reports.audit import Audit
+from airswing.reports.columns import Mapped
+from airswing.reports.formats import ReportFormat, constant_tail, content_of, register
+
+_TYPE = re.compile(r"(ACARS|AIRCRAFT|AMDAR|TAMDAR)_(U_WIND_COMPONENT|V_WIND_COMPONENT|TEMPERATURE)")
+_VARIABLES = {
+    "U_WIND_COMPONENT": "eastward_wind",
+    "V_WIND_COMPONENT": "northward_wind",
+    "TEMPERATURE": "air_temperature",
+}
+_PRESSURE, _HEIGHT = 2, 3
+_LARGEST_GOOD = 3.0
+_MISSING = -888888.0
+_PLACE = ["kind", "days", "seconds", "longitude", "latitude", "vertical", "coordinate"]
+
+
+def _read_sequence(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
+    lines = content_of(path).decode("ascii", "replace").splitlines()
+    try:
+        records, left_out = _records(lines)
+    except (IndexError, ValueError, KeyError) as error:
+        raise InputError(
+            f"cannot be read as a DART observation sequence: {error}",
+            file=path,
+            remedy="Binary sequences are converted to ASCII by obs_sequence_tool",
+        ) from error
+    audit.drop("other_type", left_out, unread=True)
+    if not records:
+        raise InputError("holds no winds or temperatures of aircraft", file=path)
+    table = pd.DataFrame.from_records(records)
+    wide = table.pivot_table(index=_PLACE, columns="variable", values="value", aggfunc="first")
+    failed = table.groupby(_PLACE)["failed"].max()
+    wide = wide.reindex(columns=list(_VARIABLES.values()))
+    place = wide.index.to_frame(index=False)
+    days = place["days"].to_numpy(dtype="timedelta64[D]")
+    since_1601 = days + place["seconds"].to_numpy(dtype="timedelta64[s]")
+    pressure = place["coordinate"] == _PRESSURE
+    audit.remark(
+        "DART observation sequences do not name the aircraft: all reports of a type are taken as "
+        "one aircraft, and compasses cannot be fitted"
+    )
+    yield pd.DataFrame(
+        {
+            "tail": constant_tail(mapping) or place["kind"],
+            "time": (np.datetime64("1601-01-01", "s") + since_1601).astype("datetime64[ns]"),
+            "latitude": np.degrees(place["latitude"]),
+            "longitude": np.degrees(place["longitude"]),
+            "pressure": place["vertical"].where(pressure),
+            "pressure_altitude": place["vertical"].where(place["coordinate"] == _HEIGHT),
+            **{name: wide[name].to_numpy() for name in wide},
+            "wind_qc": np.where(
+                failed.reindex(wide.index).to_numpy(dtype=bool), WIND_QC["fail"], WIND_QC["missing"]
+            ),
+        }
+    )
+
+
+def _find(lines: list[str], pattern: str) -> int:
+    """Number of the first line of a pattern; a ValueError where there is none."""
+    for number, line in enumerate(lines):
+        if re.fullmatch(pattern, line.strip()):
+            return number
+    raise ValueError(f"no line {pattern!r}")
+
+
+def _records(lines: list[str]) -> tuple[list[dict[str, object]], int]:
+    """Values of the aircraft's observations, and how many observations are others."""
+    first = _find(lines, r"obs_(type|kind)_definitions")
+    number = int(lines[first + 1])
+    types = dict(line.split()[:2] for line in lines[first + 2 : first + 2 + number])
+    counts = _find(lines, r"num_copies.*")
+    copies, checks = (int(value) for value in re.findall(r":\s*(\d+)", lines[counts])[:2])
+    total = int(re.findall(r"\d+", lines[_find(lines, r"num_obs.*")])[0])
+    starts = [n for n in range(counts, len(lines)) if re.match(r"\s*OBS\s+\d+\s*$", lines[n])]
+    if len(starts) != total:
+        raise ValueError(f"{total:,} observations by its header, {len(starts):,} are there")
+    records: list[dict[str, object]] = []
+    for start, stop in zip(starts, [*starts[1:], len(lines)], strict=True):
+        block = lines[start + 1 : stop]
+        while block and not block[-1].strip():
+            block.pop()
+        location, kind = _find(block, "loc3d"), _find(block, "kind|type")
+        name = _TYPE.fullmatch(types[block[kind + 1].strip()])
+        longitude, latitude, vertical, coordinate = block[location + 1].split()[:4]
+        value = float(block[0])
+        if name is None or value == _MISSING or int(coordinate) not in (_PRESSURE, _HEIGHT):
+            continue
+        # Time and error variance are the last lines, after whatever a type adds.
+        seconds, days = block[-2].split()[:2]
+        codes = [float(code) for code in block[copies : copies + checks]]
+        records.append(
+            {
+                "kind": name[1],
+                "variable": _VARIABLES[name[2]],
+                "value": value,
+                "longitude": float(longitude),
+                "latitude": float(latitude),
+                "vertical": float(vertical),
+                "coordinate": int(coordinate),
+                "days": int(days),
+                "seconds": int(seconds),
+                "failed": any(code > _LARGEST_GOOD for code in codes),
+            }
+        )
+    return records, len(starts) - len(records)
+
+
+register(
+    ReportFormat("dart", lambda start: start.lstrip().startswith(b"obs_sequence"), _read_sequence)
+)

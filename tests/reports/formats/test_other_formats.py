@@ -1,0 +1,312 @@
+"""Garmin logs, receivers' traces, Mode-S messages, Flightradar24, DART and IODA."""
+
+from __future__ import annotations
+
+import bz2
+import gzip
+import json
+from pathlib import Path
+
+import netCDF4
+import numpy as np
+import pandas as pd
+import pytest
+
+from airswing.errors import InputError
+from airswing.reports import read_file, read_reports
+from airswing.reports.cleaning import declination
+from airswing.units import FOOT, KNOT
+
+NORTH_AT_120 = (np.hypot(120, 20), np.degrees(np.arctan2(20.0, 120.0)))
+"""Ground speed (kt) and track of 120 kt north in a wind of 20 kt from the west."""
+
+
+def east_at(latitude: float, longitude: float, altitude: float, time: str) -> float:
+    seconds = np.datetime64(time).astype("M8[s]").astype(float)
+    return float(declination(*(np.array([v]) for v in (latitude, longitude, altitude, seconds)))[0])
+
+
+def g1000_log(path: Path, *, altitude: str = "AltB", version: str = "1.00") -> Path:
+    """Five minutes north at 120 kt true, wind 20 kt from the west, declination 14 W."""
+    lines = [
+        f'#airframe_info,log_version="{version}",airframe_name="Cessna 172S",system_id="0A1B2C"',
+        "#yyy-mm-dd, hh:mm:ss, hh:mm, ident, degrees, degrees, ft, inch, deg C, kt, kt, deg, deg",
+        f"  Lcl Date, Lcl Time, UTCOfst, AtvWpt, Latitude, Longitude, {altitude}, BaroA, OAT, IAS,"
+        " GndSpd, Roll, HDG, TRK, TAS",
+    ]
+    east = east_at(42.0, -71.0, 1200.0, "2011-03-13")
+    speed, track = NORTH_AT_120
+    for second in range(300):
+        clock = f"2011-03-13, 03:{6 + second // 60:02d}:{second % 60:02d},  -04:00"
+        if second < 5:  # before the receiver has a position
+            lines.append(f"{clock},      ,            ,             ,,,,,,,,,")
+            continue
+        latitude = 42.0 + second * 120 * KNOT / 111_195
+        lines.append(
+            f"{clock}, KBOS, {latitude:.7f}, -71.0, 4000.0, 30.12, 5.0, 112.0, {speed:.2f}, 1.0,"
+            f" {-east % 360:.3f}, {(track - east) % 360:.3f}, 120.0"
+        )
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+@pytest.mark.parametrize("variant", [{}, {"altitude": "AltInd", "version": "1.03"}])
+def test_a_log_of_a_g1000(tmp_path: Path, variant: dict[str, str]):
+    reports = read_reports(g1000_log(tmp_path / "log_110313_030600_KBOS.csv", **variant))
+    assert reports["aircraft"].values.tolist() == ["0A1B2C"]
+    assert reports.sizes["report"] == 295
+    assert str(reports["time"].values[0])[:19] == "2011-03-13T07:06:05"
+    np.testing.assert_allclose(reports["eastward_wind"], 20 * KNOT, atol=0.05)
+    np.testing.assert_allclose(reports["northward_wind"], 0.0, atol=0.05)
+    # 30.12 inches of mercury are 182 ft above the standard: pressure altitude is lower by that
+    np.testing.assert_allclose(reports["pressure_altitude"] / FOOT, 4000.0 - 185.0, atol=10.0)
+    assert (reports["roll_flag"] == 1).all()
+
+
+def g5_log(path: Path) -> Path:
+    path.write_text(
+        '#info,log_version="1.00",serial_number="0000000"\n'
+        "UTC Date (yyyy-mm-dd),UTC Time (hh:mm:ss),Latitude (WGS84 deg),Longitude (WGS84 deg),"
+        "GPS Ground Speed (kt),GPS Ground Track (deg true),Magnetic Heading (deg),"
+        "Pressure Altitude (ft),True Airspeed (kt)\n"
+        "UTC Date,UTC Time,Latitude,Longitude,GndSpd,TRK,HDG,AltMSL,TAS\n"
+        + "".join(
+            f"2018-09-29,15:00:{s:02d},47.9,{-97.1 + s * 8.5e-4},123.69,94.04,76.0,5000,120.0\n"
+            for s in range(20)
+        )
+    )
+    return path
+
+
+def test_a_log_of_a_g5_has_a_true_track_and_a_magnetic_heading(tmp_path: Path):
+    reports = read_reports(g5_log(tmp_path / "g5.csv"), columns={"tail": {"value": "N5"}})
+    assert reports["aircraft"].values.tolist() == ["N5"]
+    np.testing.assert_allclose(reports["reported_heading"], 79.2, atol=0.1)
+    speed = np.hypot(reports["eastward_wind"], reports["northward_wind"]) / KNOT
+    np.testing.assert_allclose(speed, 31.8, atol=0.1)
+
+
+@pytest.mark.parametrize("format", ["g1000", "madis", "readsb", "dart", "ioda", "flightradar24"])
+def test_a_format_that_is_not_the_files_ends_in_one_message(tmp_path: Path, format: str):
+    path = tmp_path / "table.csv"
+    path.write_text("tail,time\nN1,2009-01-05T12:00:00Z\n")
+    with pytest.raises(InputError) as error:
+        read_reports(path, format=format)
+    assert "table.csv" in str(error.value)
+    assert "Iteration" not in str(error.value)
+
+
+def trace(**changes: object) -> dict[str, object]:
+    other = {"mag_heading": 0.0, "ias": 250.0, "tas": 400.0, "oat": -44.0, "flight": "KLM1 "}
+    points = [[10.0 * k, 52.0 + 0.02 * k, 4.0, 30000, 400.0, 0.9, 0, 0, other] for k in range(5)]
+    points += [[60.0, 52.2, 4.0, "ground", 0.0, 0.0, 0, 0, None]]
+    points += [[70.0, 52.2, 4.0, 30000, 400.0, 0.9, 1, 0, None], [80.0, 52.2]]
+    return {"icao": "~4840d6", "timestamp": 1484136000.0, "trace": points} | changes
+
+
+@pytest.mark.parametrize("packed", [bytes, gzip.compress, bz2.compress])
+def test_a_receivers_trace(tmp_path: Path, packed):
+    path = tmp_path / "trace.json"
+    path.write_bytes(packed(json.dumps(trace()).encode()))
+    reports = read_reports(path)
+    audit = json.loads(reports.attrs["reading_audit"])
+    assert reports["aircraft"].values.tolist() == ["4840D6"]
+    assert audit["dropped"] == {"on_ground_or_stale": 2, "ragged_row": 1}
+    np.testing.assert_allclose(reports["reported_airspeed"], 400 * KNOT, rtol=1e-6)
+    assert np.isfinite(reports["eastward_wind"]).all()
+
+
+@pytest.mark.parametrize("changes", [{"trace": {}}, {"timestamp": None}, {"trace": [[1.0] * 5]}])
+def test_a_broken_trace_is_named(tmp_path: Path, changes: dict[str, object]):
+    path = tmp_path / "trace.json"
+    path.write_text(json.dumps(trace(**changes)))
+    with pytest.raises(InputError, match=r"trace\.json"):
+        read_reports(path)
+
+
+def messages() -> pd.DataFrame:
+    """Positions, ground vectors, and headings of two aircraft in rows of their own."""
+    rows = []
+    for tail in ("4840d6", "3c6444"):
+        for k in range(30):
+            base = {"timestamp": 1484136000.0 + 4 * k, "icao24": tail}
+            where = {"latitude": 52.0 + 0.0074 * k, "longitude": 4.0, "altitude": 30000.0}
+            rows.append(
+                base | where | {"groundspeed": 400.0, "track": 359.0 + k % 2 * 2.0 - 360 * (k % 2)}
+            )
+            rows.append(base | {"timestamp": base["timestamp"] + 1.5, "callsign": "KLM1"})
+            bds60 = {"heading": 0.0, "IAS": 250.0, "Mach": 0.7, "TAS": 410.0}
+            rows.append(base | {"timestamp": base["timestamp"] + 2.0} | bds60)
+    return pd.DataFrame(rows)
+
+
+def saved(folder: Path, kind: str) -> Path:
+    path, table = folder / f"messages.{kind}", messages()
+    if kind == "parquet":
+        table.assign(timestamp=pd.to_datetime(table["timestamp"], unit="s", utc=True)).to_parquet(
+            path
+        )
+    elif kind == "csv":
+        table.to_csv(path, index=False)
+    elif kind in ("records", "columns"):
+        table.to_json(path, orient=kind)
+    else:  # rs1090 and jet1090: registers within the message
+        with path.open("w") as file:
+            for row in table.to_dict("records"):
+                row = {key: value for key, value in row.items() if value == value}
+                if "heading" in row:
+                    row["bds60"] = {key: row.pop(key) for key in ("heading", "IAS", "Mach", "TAS")}
+                    row |= {"df": "20", "bds50": None}
+                file.write(json.dumps(row) + "\n")
+    return path
+
+
+@pytest.mark.parametrize("kind", ["parquet", "csv", "records", "columns", "jsonl"])
+def test_messages_of_one_aircraft_are_merged(tmp_path: Path, kind: str):
+    frame, audit = read_file(saved(tmp_path, kind))
+    assert sorted(frame["tail"].unique()) == ["3c6444", "4840d6"]
+    # After the last position there is none to interpolate to.
+    assert audit.dropped == {"merged_message": 120, "missing_position": 2}
+    assert (len(frame), audit.read) == (58, 180)
+    inner = frame[(frame["time"] < frame["time"].max())]
+    assert inner["eastward_wind"].notna().all()
+    np.testing.assert_allclose(inner["latitude"].iloc[0], 52.0 + 0.0037, atol=1e-6)
+    # Track 359 to 1 the short way: north at 400 kt over ground, 410 kt through air.
+    turned = np.radians(inner["reported_heading"])
+    np.testing.assert_allclose(
+        inner["northward_wind"], 400 * KNOT - 410 * KNOT * np.cos(turned), atol=0.1
+    )
+    assert set(frame["flight"].astype(str).iloc[1:29]) == {"KLM1"}
+
+
+def test_values_too_far_away_in_time_are_not_taken(tmp_path: Path):
+    table = messages().query("icao24 == '4840d6'")
+    late = table["latitude"].notna() & (table["timestamp"] > table["timestamp"].min() + 30)
+    table[~late].to_csv(tmp_path / "gap.csv", index=False)
+    frame, audit = read_file(tmp_path / "gap.csv")
+    assert len(frame) == 7
+    assert audit.dropped["missing_position"] == 23
+
+
+GRANULAR = """snapshot_id,altitude,heading,latitude,longitude,radar_id,speed,squawk
+1486252800,35000,87,50.0,5.0,12,450,1000
+1486252860,35000,87,50.01,5.18,12,451,1000
+1486252920,0,87,50.01,5.2,12,3,1000
+"""
+PLAYBACK = """Timestamp,UTC,Callsign,Position,Altitude,Speed,Direction
+1486252800,2017-02-05T00:00:00Z,KLM1,"50.0,5.0",35000,450,87
+1486252860,2017-02-05T00:01:00Z,KLM1,"50.01,5.18",35000,451,87
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "tail"),
+    [("20170205_71_positions.csv", GRANULAR, "20170205_71"), ("k.csv", PLAYBACK, "KLM1")],
+)
+def test_tables_of_flightradar24(tmp_path: Path, name: str, text: str, tail: str):
+    (tmp_path / name).write_text(text)
+    reports = read_reports(tmp_path / name)
+    assert reports["aircraft"].values.tolist() == [tail]
+    assert reports.sizes["report"] == 2
+    np.testing.assert_allclose(reports["pressure_altitude"], 35000 * FOOT)
+    assert np.isnan(reports["eastward_wind"]).all()
+    notes = " ".join(json.loads(reports.attrs["reading_audit"])["notes"])
+    assert "track over ground" in notes and "none of the 2 reports has a wind" in notes
+
+
+def sequence(kinds: str = "obs_type_definitions") -> str:
+    """Two reports with wind, one with a temperature of its own, one radiosonde."""
+    head = f"""obs_sequence
+{kinds}
+   4
+   41 ACARS_U_WIND_COMPONENT
+   42 ACARS_V_WIND_COMPONENT
+   43 ACARS_TEMPERATURE
+   5 RADIOSONDE_TEMPERATURE
+  num_copies: 1  num_qc: 1
+  num_obs: 6  max_num_obs: 6
+observation
+NCEP QC index
+  first: 1  last: 6
+"""
+    days = (np.datetime64("2008-07-01") - np.datetime64("1601-01-01")).astype(int)
+    parts = []
+    values = [(41, 10.0, 0, 4.5), (42, -5.0, 0, 4.5), (43, 250.0, 0, 4.5)]
+    values += [(41, 20.0, 9, 4.6), (42, 1.0, 0, 4.6), (5, 250.0, 0, 4.6)]
+    for number, (kind, value, code, longitude) in enumerate(values):
+        parts.append(
+            f" OBS {number + 1}\n {value}\n {code}.0\n -1 -1 -1\nobdef\nloc3d\n"
+            f" {longitude} 0.7 50000.0 2\nkind\n {kind}\n 43200 {days}\n 2.25\n"
+        )
+    return head + "".join(parts)
+
+
+@pytest.mark.parametrize("kinds", ["obs_type_definitions", "obs_kind_definitions"])
+def test_a_dart_observation_sequence(tmp_path: Path, kinds: str):
+    (tmp_path / "obs_seq.out").write_text(sequence(kinds))
+    frame, audit = read_file(tmp_path / "obs_seq.out")
+    assert audit.dropped == {"other_type": 1}
+    assert frame["tail"].tolist() == ["ACARS", "ACARS"]
+    assert frame["time"].iloc[0] == pd.Timestamp("2008-07-01T12:00")
+    np.testing.assert_allclose(frame["longitude"], np.degrees([4.5, 4.6]) - 360.0)
+    np.testing.assert_allclose(frame["eastward_wind"], [10.0, 20.0])
+    assert frame["wind_qc"].tolist() == [0, 2]
+    assert frame["air_temperature"].tolist()[0] == 250.0
+    assert "do not name the aircraft" in audit.notes()[0]
+    frame, _ = read_file(tmp_path / "obs_seq.out", columns={"tail": {"value": "N1"}})
+    assert frame["tail"].tolist() == ["N1", "N1"]
+
+
+def test_a_binary_or_cut_sequence_is_named(tmp_path: Path):
+    (tmp_path / "obs_seq.out").write_text(sequence()[:600])
+    with pytest.raises(InputError, match="DART observation sequence"):
+        read_reports(tmp_path / "obs_seq.out")
+
+
+def ioda(path: Path, *, old: bool = False) -> Path:
+    """Three reports of two aircraft, in today's groups or in yesterday's names."""
+    with netCDF4.Dataset(path, "w") as file:
+        file.createDimension("Location", 3)
+
+        def put(group: str, name: str, kind: object, values: list[object], **attributes: object):
+            where = file if old else file.createGroup(group)
+            name = f"{name}@{group}" if old else name
+            variable = where.createVariable(name, kind, ("Location",))
+            variable.setncatts(attributes)
+            variable[:] = np.array(values, dtype=object if kind is str else None)
+
+        put("MetaData", "latitude", "f4", [40.0, 40.1, 41.0])
+        put("MetaData", "longitude", "f4", [260.0, 260.1, 261.0])
+        if old:
+            times = ["2020-12-15T00:00:01Z", "2020-12-15T00:03:00Z", "2020-12-15T00:06:00Z"]
+            put("MetaData", "datetime", str, times)
+            put("MetaData", "air_pressure", "f4", [3e4, 3e4, 5e4])
+            put("ObsValue", "eastward_wind", "f4", [10.0, 11.0, 9e36])
+            put("ObsValue", "northward_wind", "f4", [1.0, 2.0, 3.0])
+        else:
+            put("MetaData", "dateTime", "i8", [1, 180, 360], units="seconds since 2020-12-15")
+            put("MetaData", "pressure", "f4", [3e4, 3e4, 5e4])
+            put("ObsValue", "windEastward", "f4", [10.0, 11.0, 9e36])
+            put("ObsValue", "windNorthward", "f4", [1.0, 2.0, 3.0])
+            put("QualityMarker", "windEastward", "i4", [2, 9, 2])
+        put("MetaData", "station_id" if old else "stationIdentification", str, ["A1", "A1", "B2"])
+    return path
+
+
+@pytest.mark.parametrize("old", [False, True])
+def test_an_ioda_file(tmp_path: Path, old: bool):
+    frame, audit = read_file(ioda(tmp_path / "aircraft.nc4", old=old))
+    assert audit.formats == {"ioda": 1}
+    assert frame["tail"].tolist() == ["A1", "A1", "B2"]
+    assert frame["time"].iloc[0] == pd.Timestamp("2020-12-15T00:00:01")
+    np.testing.assert_allclose(frame["longitude"], [-100.0, -99.9, -99.0], atol=1e-4)
+    np.testing.assert_allclose(frame["eastward_wind"], [10.0, 11.0, np.nan])
+    assert frame["wind_qc"].tolist() == ([0, 0, 0] if old else [0, 2, 0])
+
+
+def test_another_netcdf_file_is_named(tmp_path: Path):
+    with netCDF4.Dataset(tmp_path / "model.nc", "w") as file:
+        file.createDimension("x", 2)
+        file.createVariable("u10", "f4", ("x",))
+    with pytest.raises(InputError, match="FSL/MADIS ACARS or of IODA"):
+        read_reports(tmp_path / "model.nc")
