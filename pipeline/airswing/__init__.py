@@ -29,10 +29,15 @@ if TYPE_CHECKING:  # for editors and mypy; at run time each is imported on first
     from airswing.evaluation.comparison import compare as compare
     from airswing.evaluation.error_profiles import error_profiles as error_profiles
     from airswing.evaluation.field_test import field_test as field_test
+    from airswing.evaluation.held_out import cross_validate as cross_validate
+    from airswing.evaluation.held_out import virtual_field_test as virtual_field_test
     from airswing.evaluation.innovations import innovation_statistics as innovation_statistics
+    from airswing.evaluation.monitoring import find_events as find_events
+    from airswing.evaluation.monitoring import watch_compasses as watch_compasses
     from airswing.evaluation.observation_errors import (
         observation_errors as observation_errors,
     )
+    from airswing.evaluation.ranking import rank_aircraft as rank_aircraft
     from airswing.gap.archive.frame import Frame as Frame
     from airswing.gap.simulation.report_table import simulate_reports as simulate_reports
     from airswing.handover.export import export as export
@@ -67,6 +72,11 @@ _STAGES = {
     "error_profiles": "airswing.evaluation.error_profiles",
     "field_test": "airswing.evaluation.field_test",
     "innovation_statistics": "airswing.evaluation.innovations",
+    "rank_aircraft": "airswing.evaluation.ranking",
+    "virtual_field_test": "airswing.evaluation.held_out",
+    "cross_validate": "airswing.evaluation.held_out",
+    "watch_compasses": "airswing.evaluation.monitoring",
+    "find_events": "airswing.evaluation.monitoring",
     "compare": "airswing.evaluation.comparison",
     "simulate_reports": "airswing.gap.simulation.report_table",
     "Frame": "airswing.gap.archive.frame",

@@ -21,7 +21,7 @@ GROUPS = {
 
 @pytest.fixture(scope="module")
 def products(tmp_path_factory):
-    """A folder with the headings of a small fleet, as `airswing collocate` leaves them."""
+    """A folder with the headings of a small fleet, as `airswing collocate` writes them."""
     folder = tmp_path_factory.mktemp("products")
     fleet = simulate_fleet(0, days=(5, 5), corrected=2, controls=2, flights=1, reports=2)
     write_product(fleet.headings, folder / "headings.nc", title="headings of a simulated fleet")
@@ -52,12 +52,10 @@ def asked(products, monkeypatch, capsys, command: str, **changes) -> str:
     ("changes", "words"),
     [
         ({"corrected": ["N000", "N777"]}, ["N777", "does not hold", "N003"]),
-        ({"corrected": ["N000", "N002"]}, ["N002", "both groups"]),
         ({"controls": []}, ["at least one aircraft"]),
-        ({"start": "2019-10-20", "before_start": "2019-07-20"}, ["no usable report", "window"]),
         ({"before_start": "2010-07-20"}, ["before_start", "earlier"]),
     ],
-    ids=["unknown aircraft", "overlapping groups", "empty group", "empty window", "wrong order"],
+    ids=["unknown aircraft", "empty group", "wrong order"],
 )
 def test_a_field_test_that_cannot_be_is_refused(products, monkeypatch, capsys, changes, words):
     message = asked(products, monkeypatch, capsys, "evaluate", **changes)

@@ -48,14 +48,14 @@ def job(tmp_path):
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "configs").glob("*.yaml")), ids=lambda p: p.name)
-def test_every_shipped_configuration_is_one(path):
+def test_every_shipped_configuration_is_valid(path):
     config = load_config(path)
     assert str(config.output).startswith("results/")
     assert path.read_text().startswith("#")
 
 
 @pytest.mark.parametrize("name", ["ruc_rr", "rtfdaa", "pooled", "field_test_2009"])
-def test_the_cases_the_seed_names_are_there(name):
+def test_the_cases_of_the_paper_are_there(name):
     config = load_config(ROOT / "configs" / f"{name}.yaml")
     assert all(one.lead == ">= 1 h" for one in config.references.values())
     assert all("nam" not in members for members in config.pool.values())
@@ -98,7 +98,7 @@ def test_two_thirds_of_the_days_are_learned_from(headings):
     assert stages._later_date(headings) == date(2008, 7, 27)
 
 
-def test_the_watch_reads_what_stands_and_tells_once(tmp_path, headings, fits):
+def test_monitoring_reads_the_products_and_reports_events_once(tmp_path, headings, fits):
     from airswing.config_file import load_config
     from airswing.errors import InputError
     from airswing.evaluation.monitoring import read_events
@@ -117,13 +117,13 @@ output: {tmp_path}/out
 """
     )
     job = Job(load_config(config), Progress(quiet=True))
-    told = {"config_json": "{}", "source_uuids": []}
-    write_product(fits, job.output / "fits.nc", title="fits", **told)
+    made = {"config_json": "{}", "source_uuids": []}
+    write_product(fits, job.output / "fits.nc", title="fits", **made)
     for missing in ("board.csv", "headings.*: no such product"):
         with pytest.raises(InputError, match=missing):
             make_monitoring(job)
         (tmp_path / "board.csv").write_text(table)
-    write_product(headings, job.output / "headings/2008-07.nc", title="headings", **told)
+    write_product(headings, job.output / "headings/2008-07.nc", title="headings", **made)
     assert not (job.output / "events.json").exists()
     found = make_monitoring(job)
     assert found == read_events(job.output / "events.json")
@@ -132,7 +132,7 @@ output: {tmp_path}/out
     assert make_monitoring(job).new_events == []
 
 
-def test_after_a_change_the_table_is_of_the_reports_since_and_no_line_is_lost(tmp_path):
+def test_after_a_change_the_table_is_that_of_the_reports_since(tmp_path):
     from airswing.evaluation.monitoring import tables_of
     from airswing.evaluation.monitoring.events import tables_differ
     from airswing.products.netcdf import write_product
@@ -145,24 +145,24 @@ def test_after_a_change_the_table_is_of_the_reports_since_and_no_line_is_lost(tm
     headings = with_change(
         3, Setting(aircraft=6, days=45, reports_a_flight=10), day=30, change=change
     )
-    straddling = add_tables(fit_deviation(headings), headings)
+    mixed = add_tables(fit_deviation(headings), headings)
     content = {"reports": {"files": "none"}, "references": {"ruc": {"files": "none"}}}
     config = Config.model_validate(content | {"output": str(tmp_path)})
     job = Job(config, Progress(quiet=True))
-    told = {"config_json": "{}", "source_uuids": []}
-    write_product(straddling, job.output / "fits.nc", title="fits", **told)
-    write_product(headings, job.output / "headings/2008-07.nc", title="headings", **told)
+    made = {"config_json": "{}", "source_uuids": []}
+    write_product(mixed, job.output / "fits.nc", title="fits", **made)
+    write_product(headings, job.output / "headings/2008-07.nc", title="headings", **made)
     found = make_monitoring(job)
     (event,) = found.new_events
     assert (event.kind, event.aircraft) == ("compass_changed", "N002")
-    before = tables_of(straddling.isel(reference=0))
+    before = tables_of(mixed.isel(reference=0))
     assert "N002" not in before  # refused: the halves of the period disagree
     late = headings["time"].to_numpy() >= np.datetime64(event.evidence["date_ci"][1])
     since = some_reports(headings, late)
     now = tables_of(add_tables(fit_deviation(since), since).isel(reference=0))
     assert tables_differ(found.states[2].table_now, now["N002"])[1] < 0.3
     assert found.states[3].table_now == before["N003"]
-    # killed before the line was said: it is told again, until it has been
+    # stopped before the line was printed: it is reported again, until it was
     assert make_monitoring(job).new_events == [event]
     events_said(job, len(found.events))
     assert make_monitoring(job).new_events == []

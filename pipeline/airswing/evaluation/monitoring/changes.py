@@ -75,6 +75,13 @@ class CompassWatch:
     days: CompassDays
     tested: Tested
 
+    def __repr__(self) -> str:
+        changed = [entry["aircraft"] for entry in self.changes if entry["changes"]]
+        return (
+            f"CompassWatch: {self.aircraft.size} aircraft, {self.days.day.size} days with reports; "
+            f"changed: {', '.join(changed) or 'none'}"
+        )
+
     @cached_property
     def changes(self) -> list[Content]:
         """Changes stated of every aircraft, as ``stability.json`` holds them.

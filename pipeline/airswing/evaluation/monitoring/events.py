@@ -156,6 +156,9 @@ class Monitoring:
     # are new to the next run too
     unsaid: int = 0
 
+    def __repr__(self) -> str:
+        return self.text
+
     @property
     def new_events(self) -> list[Event]:
         """Events that no earlier run reported."""
