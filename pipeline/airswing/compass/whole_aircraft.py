@@ -15,7 +15,7 @@ from typing import Any
 import dask.array as da
 import numpy as np
 import xarray as xr
-from dask.delayed import delayed
+from dask.delayed import Delayed, delayed
 from numpy.typing import NDArray
 
 from airswing.products.ragged import aircraft_groups, row_bounds
@@ -89,6 +89,40 @@ def lazy_dataset(
     return xr.Dataset(variables, coords, template.attrs)
 
 
+def single_task(array: da.Array) -> Delayed:
+    """Return all values of a dask array as one delayed object that shares the array's tasks."""
+    one_chunk = array.rechunk(-1).to_delayed(optimize_graph=False)  # type: ignore[no-untyped-call]
+    task: Delayed = one_chunk.item()
+    return task
+
+
+def _parts(arg: Any) -> Any:
+    """Take a Dataset apart, so that the tasks of its variables stay shared; other values as is."""
+    if not isinstance(arg, xr.Dataset):
+        return arg
+    values = [
+        single_task(variable.data) if variable.chunks is not None else variable.to_numpy()
+        for variable in arg.variables.values()
+    ]
+    header = [(name, variable.dims, variable.attrs) for name, variable in arg.variables.items()]
+    return "dataset", header, values, list(arg.coords), arg.attrs
+
+
+def _apply(function: Callable[..., xr.Dataset], parts: list[Any], kwargs: Any) -> xr.Dataset:
+    args = []
+    for part in parts:
+        if not (isinstance(part, tuple) and part and part[0] == "dataset"):
+            args.append(part)
+            continue
+        _, header, values, coords, attrs = part
+        variables = {
+            name: (dims, value, own)
+            for (name, dims, own), value in zip(header, values, strict=True)
+        }
+        args.append(xr.Dataset(variables, attrs=attrs).set_coords(coords))
+    return function(*args, **kwargs)
+
+
 def _values(ds: xr.Dataset, name: Hashable) -> NDArray[Any]:
     return np.asarray(ds[name].to_numpy())
 
@@ -141,7 +175,7 @@ def map_aircraft(
     parts = []
     for batch in aircraft_batches(ds, max(chunks, default=ds.sizes["report"])):
         sizes = {"report": batch.sizes["report"], "aircraft": batch.sizes["aircraft"]}
-        task = delayed(function)(batch, *args, **kwargs)
+        task = delayed(_apply)(function, [_parts(one) for one in (batch, *args)], kwargs)
         parts.append(lazy_dataset(task, template, sizes, batch))
     if len(parts) == 1:
         return parts[0]

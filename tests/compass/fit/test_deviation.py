@@ -1,3 +1,5 @@
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -5,16 +7,16 @@ from scipy.stats import t
 from tests.compass.flown import Setting, fleet_deviations, fly, wrap
 
 import airswing  # noqa: F401
-from airswing.compass.fit.acceptance import condition_number
-from airswing.compass.fit.cycles import (
+from airswing.compass.fit.acceptance import (
     choice_covariance,
+    condition_number,
     halves_apart,
     one_cycle_map,
     sinusoid,
-    t_inflation,
 )
 from airswing.compass.fit.deviation import fit_deviation
-from airswing.compass.fit.pooled_bias import _between_scatter, day_ratio
+from airswing.compass.fit.pooled_bias import day_ratio
+from airswing.compass.fit.sandwich import t_inflation
 from airswing.errors import InputError
 from airswing.flags import STATUS
 from airswing.products.ragged import aircraft_of_report
@@ -61,20 +63,23 @@ def test_intervals_hold_the_truth(fleet):
     assert np.all(np.abs(scale) < 4 * fits["airspeed_scale_standard_error"].to_numpy()[0])
 
 
+@pytest.mark.parametrize("fleets", [8, pytest.param(30, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("shared_error", [False, True])
-def test_coverage_and_bias_over_fleets(shared_error):
+def test_coverage_and_bias_over_fleets(shared_error, fleets):
     """The whole of it (200 fleets) is benchmarks/coverage.py."""
     z, apart = [], []
-    for seed in range(30):
+    for seed in range(fleets):
         deviation = fleet_deviations(5, np.random.default_rng([seed, 9]))
         headings, _ = fly(deviation, Setting(aircraft=5, days=30, outliers=0.01), 500 + seed)
         fits = fit_deviation(headings, shared_error=shared_error)
         apart.append(fits["deviation"].to_numpy()[0] - deviation)
         z.append(apart[-1] / errors_of(fits)[0])
-    inside = np.mean(np.abs(np.concatenate(z)) < 1.96)
-    assert 0.92 < inside < 0.98
-    mean = np.concatenate(apart).mean(axis=0)
-    assert np.all(np.abs(mean[1:3]) < 0.03)  # 150 aircraft of 0.1 degree each: 0.008 by chance
+    z, apart = np.concatenate(z), np.concatenate(apart)
+    assert np.isfinite(z).all(axis=1).mean() > 0.97
+    inside = np.nanmean(np.abs(z) < 1.96)
+    assert 0.92 < inside < (0.98 if fleets > 10 else 0.995)
+    # the mean of n aircraft with errors of 0.1 degree
+    assert np.all(np.abs(np.nanmean(apart, axis=0)[1:3]) < 0.4 / np.sqrt(len(apart)))
 
 
 def test_model_bias_spoils_the_heading_error_alone_but_not_the_joint_fit():
@@ -183,23 +188,18 @@ def test_small_helpers_by_hand():
     )
     assert condition_number(np.diag([2.0, 1, 1, 1, 1]), 2) == pytest.approx(1)
     assert condition_number(np.zeros((5, 5)), 2) == np.inf
-    ratio = day_ratio([np.ones(8)], [np.array([0.5, 3, 1, 1, 1, 1, 4, 2])], [9])
+    one = SimpleNamespace(
+        covariance=np.eye(8),
+        day_covariance=np.diag([0.5, 3, 1, 1, 1, 1, 4, 2]),
+        day_number=np.arange(10),
+    )
+    ratio = day_ratio([one])
     assert ratio.tolist() == [1, 2, 2, 1, 1, 1, 3, 3]
     influence = np.array([[1.0, 0, 0], [1.0, 0, 0], [-1.0, 0, 0], [-1.0, 0, 0]])
     assert halves_apart(influence, np.arange(4), np.eye(3)) == pytest.approx((8.0, 16.0))
     added = choice_covariance(np.array([0.2, 0, 0, 1.0, 0]), np.eye(5), 4.0)
     assert added[0, 0] == pytest.approx(0.5 * 0.04)
     assert added[3, 3] == pytest.approx(2.0)
-
-
-def test_between_scatter_finds_the_fleets_own():
-    rng = np.random.default_rng(1)
-    known = np.tile(0.04 * np.eye(2), (60, 1, 1))
-    assert _between_scatter(rng.normal(0, np.hypot(0.5, 0.2), (60, 2)), known) == pytest.approx(
-        0.5, abs=0.12
-    )
-    assert _between_scatter(rng.normal(0, 0.2, (60, 2)), known) < 0.15
-    assert _between_scatter(np.zeros((1, 2)), known[:1]) == np.inf
 
 
 def test_cycles_by_evidence():

@@ -1,71 +1,78 @@
-"""From the sums of every aircraft to the published fits: the fleet's part, choices, status.
+"""From the fits of single aircraft to the published fits: the fleet, choice of cycles, status.
 
-Assumes what :mod:`airswing.compass.fit.deviation` says of the fits. Works on what is kept of each
-aircraft (a few hundred kilobytes), not on reports, so a fleet may be summed in any parts first.
+Assumes what `airswing.compass.fit.deviation` says of the fits. Works on the sums that are kept of
+each aircraft, not on reports.
 
-Without the reference's shared error the biases are pooled over the fleet
-(:mod:`airswing.compass.fit.pooled_bias`) and errors are clustered by flight, wider where days
-scatter more; with it the whole fleet is solved at once (:mod:`airswing.compass.fleet.solution`) and
-errors are clustered by day. Where headings or flights do not allow a curve the constant alone is
-published (:mod:`airswing.compass.fit.offset_alone`): A, the other coefficients zero with the
-variance of cycles as large as the fleet's, no amplitude. NaN coefficients wherever the status is
-neither.
+Without the shared error of the reference, biases are pooled over the fleet
+(`airswing.compass.fit.pooled_bias`) and errors are clustered by flight, enlarged where days scatter
+more. With it, the whole fleet is solved together (`airswing.compass.fleet.solution`) and errors are
+clustered by day. Where headings or flights do not allow a curve the constant alone is published
+(`airswing.compass.fit.offset_alone`): A, the other coefficients zero with the variance of cycles as
+large as the fleet's, without amplitude. A fit that does not improve the winds of held-out days is
+not published (`airswing.compass.fit.held_out`). Coefficients are NaN where nothing is published.
+
+Intervals: coefficients are taken as normal; functions of them to first order (delta method), except
+that the phase's error near zero amplitude is that of the arc sine.
+
+References
+----------
+Schwarz 1978, Ann. Stat. 6, 461-464 (BIC); Stein 1956 (shrinkage).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal, TypedDict
+from typing import Any, Literal, TypedDict
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from airswing.compass.fit.cycles import (
-    choice_covariance,
-    choose_cycles,
-    cycles_statistic,
-    halves_apart,
-    one_cycle_map,
-    sinusoid,
-    t_inflation,
-)
 from airswing.compass.fit.held_out import held_out_improvement, is_implausible, is_zero
 from airswing.compass.fit.kernel import COMPASS, AircraftFit
 from airswing.compass.fit.offset_alone import MIN_FLIGHTS, offsets
-from airswing.compass.fit.pooled_bias import day_ratio, pool, widened
-from airswing.compass.fit.sandwich import Array
+from airswing.compass.fit.pooled_bias import day_ratio, enlarged, pool
+from airswing.compass.fit.sandwich import Array, Index, t_inflation
 from airswing.compass.fleet.solution import solve_fleet
-from airswing.flags import STATUS
+from airswing.flags import STATUS, published
+from airswing.units import NORMAL_95
 
-# Of the heading design, 1 where headings are spread evenly: beyond, two cycles become one, and one
-# an offset alone.
 MAX_CONDITION = 12.0
-MAX_STANDARD_ERROR = 1.5  # Degrees: a coefficient less certain than this is not published
-# The halves of the period disagree if their curves differ by this much (degrees rms) and by this
-# much more than chance.
+"""Condition number of the heading design, 1 for evenly spread headings: above it two cycles become
+one, and one becomes an offset."""
+MAX_STANDARD_ERROR = 1.5
+"""Degrees: largest standard error of A, B and C of a published fit."""
 HALVES_RMS, HALVES_CHI2 = 1.0, 25.0
-# Reports of trusted fits below which the reference's shared error is left alone.
+"""The compass changed where the curves of both halves of the period differ by more than this, in
+degrees rms and in Wald's statistic on three degrees of freedom (probability 1.5e-5)."""
 LEAST_REPORTS = 500
-# Columns of the fits by name: numbers, counts and codes.
-_Table = dict[str, NDArray[np.generic]]
+"""Reports of usable fits below which no shared error of the reference is estimated."""
+
+_Table = dict[str, NDArray[Any]]
 
 
 @dataclass(frozen=True)
 class Options:
-    """What is asked of the fit."""
+    """Options of the fit.
 
-    # {"auto", 1, 2}; cycles of the curve; "auto" keeps the second where the data show it
+    Attributes
+    ----------
+    harmonics : {"auto", 1, 2}
+        Cycles of the curve; "auto" keeps the second where the data show it.
+    joint : bool
+        Fit airspeed errors jointly, with airspeed scale and reference bias; else the heading error
+        alone.
+    shared_error : bool
+        With ``joint``, also fit the error of the reference that the fleet shares, as a field (see
+        `airswing.compass.fleet.field_error`).
+    min_reports, min_compass_points : int
+        Fewer give status ``too_few_reports``, ``poor_heading_coverage``; fewer than five flights
+        ``too_few_flights``. Where a constant is found instead, the last two are ``offset_only``.
+    """
+
     harmonics: Literal["auto", 1, 2] = "auto"
-    # fit airspeed errors jointly, with airspeed scale and reference bias; else the heading error
-    # alone
     joint: bool = True
-    # with ``joint``, also fit the reference's error that the fleet shares, as a field (see
-    # :mod:`airswing.compass.fleet.reference_error`)
     shared_error: bool = True
-    # min_reports, min_compass_points: fewer give status ``too_few_reports``,
-    # ``poor_heading_coverage``; fewer than five flights ``too_few_flights``. ``offset_only`` stands
-    # for the last two where a constant is found.
     min_reports: int = 200
     min_compass_points: int = 6
 
@@ -81,22 +88,22 @@ class Asked(TypedDict, total=False):
 
 
 class FitOptions(Asked, total=False):
-    """What :func:`airswing.compass.fit.deviation.fit_deviation` takes to say how a fit is made."""
+    """Options of :func:`airswing.compass.fit.deviation.fit_deviation` except the pools."""
 
     abscissa: Literal["magnetic", "true"]
 
 
 @dataclass
 class AircraftSums:
-    """What is known of one aircraft before the fleet."""
+    """Fit of one aircraft by itself, before the fleet."""
 
     reports: int
     flights: int
     compass_points: int
-    fit: AircraftFit | None  # its own fit, with the sums of its blocks
+    fit: AircraftFit | None
     status: int  # code of `airswing.flags.STATUS`
-    field: float  # mean horizontal field of the reports that count, nT; NaN where unknown
-    constant: AircraftFit | None = None  # the fit of the constant alone, where there is no curve
+    field: float  # mean horizontal field of the reports used, nT; NaN where unknown
+    constant: AircraftFit | None = None  # fit of the constant alone, where there is no curve
 
 
 @dataclass(frozen=True)
@@ -111,98 +118,241 @@ class _Estimate:
     regions: int = 1
 
 
-def condition_number(normal: Array, harmonics: int) -> float:
-    """Condition number of the heading design, its columns scaled to unit mean square.
-
-    The normal matrix (p, p) has A, B, C, D, E first. 1 for headings spread evenly; infinite where
-    a column cannot be told from the others.
-    """
-    size = 1 + 2 * harmonics
-    # Sines and cosines spread evenly have half the mean square of the constant.
-    scale = np.array([1.0, *[np.sqrt(2.0)] * (size - 1)])
-    values = np.linalg.eigvalsh(normal[:size, :size] * np.outer(scale, scale))
-    return float(np.sqrt(values[-1] / values[0])) if values[0] > 0 else float("inf")
+_DIMS: dict[str, tuple[str, ...]] = {
+    "deviation": ("aircraft", "coefficient"),
+    "deviation_covariance": ("aircraft", "coefficient", "coefficient_2"),
+    "reference_bias": ("component",),
+    "reference_bias_standard_error": ("component",),
+    **dict.fromkeys(
+        (
+            "offset",
+            "amplitude",
+            "phase",
+            "offset_standard_error",
+            "amplitude_standard_error",
+            "phase_standard_error",
+            "airspeed_scale",
+            "airspeed_scale_standard_error",
+            "condition_number",
+            "residual_rms_before",
+            "residual_rms_after",
+            "mean_horizontal_field",
+            "held_out_improvement",
+            "held_out_improvement_standard_error",
+            "report_count",
+            "flight_count",
+            "compass_points",
+            "status",
+            "harmonics",
+        ),
+        ("aircraft",),
+    ),
+    "shared_error_regions": (),
+}
+_COUNTS = {
+    "report_count": np.int32,
+    "flight_count": np.int32,
+    "compass_points": np.int8,
+    "status": np.int8,
+    "harmonics": np.int8,
+    "shared_error_regions": np.int16,
+}
 
 
 def publish(aircraft: list[AircraftSums], options: Options) -> xr.Dataset:
-    """Fits of a fleet against one reference or pool.
+    """Fit a fleet against one reference or pool.
 
-    Dimensions ``aircraft``, ``coefficient``, ``coefficient_2``, ``component``.
+    Parameters
+    ----------
+    aircraft : list of AircraftSums
+    options : Options
+
+    Returns
+    -------
+    Dataset
+        Dimensions ``aircraft``, ``coefficient``, ``coefficient_2``, ``component``.
     """
-    table = _empty(len(aircraft))
+    sizes = {
+        "aircraft": len(aircraft),
+        "coefficient": COMPASS,
+        "coefficient_2": COMPASS,
+        "component": 2,
+    }
+    table: _Table = {
+        name: np.full([sizes[dim] for dim in dims], 0 if name in _COUNTS else np.nan)
+        for name, dims in _DIMS.items()
+    }
     for k, one in enumerate(aircraft):
         table["report_count"][k], table["flight_count"][k] = one.reports, one.flights
         table["compass_points"][k], table["status"][k] = one.compass_points, one.status
         table["mean_horizontal_field"][k] = one.field
         if one.fit is not None:
             table["condition_number"][k] = condition_number(one.fit.normal, _cycles(one.fit))
-    # `ok` here means not refused yet: an aircraft's own fit is judged next.
-    chosen = np.flatnonzero(table["status"] == STATUS["ok"])
-    if chosen.size:
-        fits = [_fit_of(aircraft[k]) for k in chosen]
-        table["shared_error_regions"] = np.array(
-            _publish_fits(table, chosen, fits, options), dtype=np.int16
-        )
+    table["shared_error_regions"][...] = 1
+    curves = {k: one.fit for k, one in enumerate(aircraft) if one.status == STATUS["ok"]}
+    _publish_curves(table, {k: fit for k, fit in curves.items() if fit is not None}, options)
     _publish_offsets(table, aircraft, options)
-    return _dataset(table)
+    return xr.Dataset(
+        {
+            name: (_DIMS[name], values.astype(_COUNTS.get(name, np.float64)))
+            for name, values in table.items()
+        }
+    )
 
 
-def _fit_of(one: AircraftSums) -> AircraftFit:
-    if one.fit is None:
-        raise ValueError("an aircraft without a fit was to be published")
-    return one.fit
+def condition_number(normal: Array, harmonics: int) -> float:
+    """Return the condition number of the heading design, columns scaled to unit mean square.
+
+    Parameters
+    ----------
+    normal : array, shape (p, p)
+        Normal matrix with A, B, C, D, E first.
+    harmonics : {1, 2}
+
+    Returns
+    -------
+    float
+        1 for headings spread evenly; infinite where a column depends on the others.
+    """
+    size = 1 + 2 * harmonics
+    # sines and cosines spread evenly have half the mean square of the constant
+    scale = np.array([1.0, *[np.sqrt(2.0)] * (size - 1)])
+    values = np.linalg.eigvalsh(normal[:size, :size] * np.outer(scale, scale))
+    return float(np.sqrt(values[-1] / values[0])) if values[0] > 0 else float("inf")
 
 
 def _cycles(fit: AircraftFit) -> int:
     return 2 if 4 in fit.free else 1
 
 
-def _publish_fits(
-    table: _Table,
-    chosen: NDArray[np.int64],
-    fits: list[AircraftFit],
-    options: Options,
-) -> int:
-    """Fill the table; return in how many regions the shared error was worked."""
-    ratio = day_ratio(
-        [np.diagonal(fit.covariance) for fit in fits],
-        [np.diagonal(fit.day_covariance) for fit in fits],
-        [max(fit.day_number.size - 1, 1) for fit in fits],
-    )
-    wide = [widened(fit.covariance, ratio) for fit in fits]
-    for k, fit, one in zip(chosen, fits, wide, strict=True):
-        _judge(table, int(k), fit, one)
-    trusted = np.flatnonzero(table["status"][chosen] == STATUS["ok"])
-    fits, wide = [fits[k] for k in trusted], [wide[k] for k in trusted]
+def _publish_curves(table: _Table, curves: dict[int, AircraftFit], options: Options) -> None:
+    if not curves:
+        return
+    ratio = day_ratio(list(curves.values()))
+    for k, fit in curves.items():
+        rms, chi2 = halves_apart(fit.flight, fit.flight_order, enlarged(fit.covariance, ratio))
+        changed = np.degrees(rms) > HALVES_RMS and chi2 > HALVES_CHI2
+        if changed or not fit.converged:
+            table["status"][k] = STATUS["unstable_fit"]
+    curves = {k: fit for k, fit in curves.items() if table["status"][k] == STATUS["ok"]}
+    fits = list(curves.values())
     if not fits:
-        return 1
+        return
     shared = options.joint and options.shared_error and all(fit.blocks for fit in fits)
-    shared &= int(table["report_count"][chosen[trusted]].sum()) >= LEAST_REPORTS
-    found = _with_field(fits, options) if shared else _alone(fits, wide, options)
-    for row, (k, fit) in enumerate(zip(chosen[trusted], fits, strict=True)):
-        _fill(table, int(k), fit, found, row, options.joint)
+    if shared and table["report_count"][list(curves)].sum() >= LEAST_REPORTS:
+        found = _with_field(fits, options)
+    else:
+        found = _without_field(fits, ratio, options)
+    for row, (k, fit) in enumerate(curves.items()):
+        _publish_curve(table, k, fit, found, row, options.joint)
+    table["shared_error_regions"][...] = found.regions
     if options.joint:
         bias = found.bias.reshape(-1, 2)
         average = np.tile(np.eye(2), bias.shape[0]) / bias.shape[0]
-        table["reference_bias"] = bias.mean(axis=0)
-        table["reference_bias_standard_error"] = np.sqrt(
-            np.diagonal(average @ found.bias_covariance @ average.T)
+        variance = np.diagonal(average @ found.bias_covariance @ average.T)
+        table["reference_bias"][:] = bias.mean(axis=0)
+        table["reference_bias_standard_error"][:] = np.sqrt(variance)
+
+
+def _with_field(fits: list[AircraftFit], options: Options) -> _Estimate:
+    """Solve the fleet together with the error of its references."""
+    free = np.array([[k in fit.free for k in range(COMPASS + 1)] for fit in fits])
+    fleet = solve_fleet([fit.blocks for fit in fits], free)
+    thetas, covariances, cycles = [], [], []
+    for k, fit in enumerate(fits):
+        theta, square = fit.theta[: COMPASS + 1] + fleet.step[k], fleet.covariance[k]
+        number, to_one, extra = _choice(
+            fit, theta, square, np.flatnonzero(free[k]), np.linalg.pinv(square), options
         )
-    return found.regions
+        widen = t_inflation(fit.freedom[: COMPASS + 1])
+        thetas.append(to_one @ theta)
+        covariances.append((to_one @ square @ to_one.T + extra) * np.outer(widen, widen))
+        cycles.append(number)
+    return _Estimate(
+        np.array(thetas),
+        np.array(covariances),
+        cycles,
+        fleet.bias,
+        fleet.bias_covariance,
+        fleet.regions,
+    )
+
+
+def _without_field(fits: list[AircraftFit], ratio: Array, options: Options) -> _Estimate:
+    """Fit aircraft by aircraft, with the references' bias pooled over the fleet."""
+    cycles, kept, added = [], [], []
+    for fit in fits:
+        square = enlarged(fit.covariance, ratio)
+        number, to_one, extra = _choice(fit, fit.theta, square, fit.free, fit.normal, options)
+        if number < _cycles(fit):
+            fit = replace(
+                fit, theta=to_one @ fit.theta, flight=fit.flight @ to_one.T, day=fit.day @ to_one.T
+            )
+        cycles.append(number)
+        kept.append(fit)
+        added.append(extra)
+    fleet = pool(kept, joint=options.joint)
+    widen = np.array([t_inflation(fit.freedom) for fit in fits])
+    covariance = (fleet.covariance + np.array(added)) * widen[:, :, None] * widen[:, None]
+    return _Estimate(fleet.theta, covariance, cycles, fleet.bias, fleet.bias_covariance)
+
+
+def _choice(
+    fit: AircraftFit,
+    theta: Array,
+    covariance: Array,
+    free: Index,
+    normal: Array,
+    options: Options,
+) -> tuple[int, Array, Array]:
+    """Number of cycles, the map to the estimate with so many, and the covariance to add."""
+    cycles, keep, nothing = _cycles(fit), np.eye(theta.size), np.zeros_like(covariance)
+    if cycles == 1 or options.harmonics != "auto":
+        return cycles, keep, nothing
+    statistic = float(theta[3:5] @ np.linalg.solve(covariance[3:5, 3:5], theta[3:5]))
+    # a quasi-BIC that counts independent clusters instead of reports; with one or two days the
+    # price of the two parameters would be next to nothing
+    if statistic > 2.0 * np.log(max(fit.day_number.size, 3)):
+        return 2, keep, nothing
+    to_one = one_cycle_map(normal, free)
+    return 1, to_one, choice_covariance(theta - to_one @ theta, covariance, statistic)
+
+
+def _publish_curve(
+    table: _Table, k: int, fit: AircraftFit, found: _Estimate, row: int, joint: bool
+) -> None:
+    theta, covariance = found.theta[row], found.covariance[row]
+    deviation = np.degrees(theta[:COMPASS])
+    square = covariance[:COMPASS, :COMPASS] * np.degrees(1.0) ** 2
+    if np.sqrt(np.diagonal(square)[:3].max()) > MAX_STANDARD_ERROR:
+        table["status"][k] = STATUS["unstable_fit"]
+        return
+    if not _improves(table, k, fit, theta[:COMPASS], covariance[:COMPASS, :COMPASS]):
+        return
+    table["deviation"][k], table["deviation_covariance"][k] = deviation, square
+    names = ("offset", "amplitude", "phase")
+    for name, value, error in zip(names, *sinusoid(deviation, square), strict=True):
+        table[name][k], table[f"{name}_standard_error"][k] = value, error
+    table["harmonics"][k] = found.cycles[row]
+    table["residual_rms_before"][k] = np.degrees(fit.rms_before)
+    table["residual_rms_after"][k] = np.degrees(fit.rms_after)
+    if joint:
+        table["airspeed_scale"][k] = theta[COMPASS]
+        table["airspeed_scale_standard_error"][k] = np.sqrt(covariance[COMPASS, COMPASS])
 
 
 def _publish_offsets(table: _Table, aircraft: list[AircraftSums], options: Options) -> None:
-    """The constant of every aircraft that has no curve."""
-    own = [k for k, one in enumerate(aircraft) if one.constant is not None]
-    alone = [one.constant for one in aircraft if one.constant is not None]
-    ok = np.flatnonzero(table["status"] == STATUS["ok"])
-    found = offsets(
-        alone,
-        [aircraft[k].flights < MIN_FLIGHTS for k in own],
-        [_fit_of(aircraft[k]) for k in ok],
-        joint=options.joint,
-    )
-    for k, fit, offset in zip(own, alone, found, strict=True):
+    """Publish the constant of every aircraft that has no curve."""
+    alone = {k: one for k, one in enumerate(aircraft) if one.constant is not None}
+    constants = [one.constant for one in alone.values() if one.constant is not None]
+    curves = [
+        one.fit
+        for one, usable in zip(aircraft, published(table["status"]), strict=True)
+        if usable and one.fit is not None
+    ]
+    few = [one.flights < MIN_FLIGHTS for one in alone.values()]
+    found = offsets(constants, few, curves, joint=options.joint)
+    for k, fit, offset in zip(alone, constants, found, strict=True):
         if offset is None:
             continue
         error = np.degrees(np.sqrt(offset.variance))
@@ -219,114 +369,6 @@ def _publish_offsets(table: _Table, aircraft: list[AircraftSums], options: Optio
         table["offset_standard_error"][k] = error
         table["residual_rms_before"][k] = np.degrees(fit.rms_before)
         table["residual_rms_after"][k] = np.degrees(fit.rms_after)
-
-
-def _with_field(fits: list[AircraftFit], options: Options) -> _Estimate:
-    """The whole fleet at once, beside the error of its references."""
-    free = np.zeros((len(fits), COMPASS + 1), dtype=np.bool_)
-    for row, fit in zip(free, fits, strict=True):
-        row[fit.free[fit.free <= COMPASS]] = True
-    joint = solve_fleet([fit.blocks for fit in fits], free)
-    thetas, covariances, cycles = [], [], []
-    for k, fit in enumerate(fits):
-        theta, square = fit.theta[: COMPASS + 1] + joint.step[k], joint.covariance[k]
-        number, to_one, extra = _choice(
-            theta,
-            square,
-            _cycles(fit),
-            np.flatnonzero(free[k]),
-            np.linalg.pinv(square),
-            fit.day_number.size,
-            options,
-        )
-        widen = t_inflation(fit.freedom[: COMPASS + 1])
-        thetas.append(to_one @ theta)
-        covariances.append((to_one @ square @ to_one.T + extra) * np.outer(widen, widen))
-        cycles.append(number)
-    return _Estimate(
-        np.array(thetas),
-        np.array(covariances),
-        cycles,
-        joint.bias,
-        joint.bias_covariance,
-        joint.regions,
-    )
-
-
-def _alone(fits: list[AircraftFit], wide: list[Array], options: Options) -> _Estimate:
-    """Aircraft by aircraft, with the references' bias pooled over the fleet."""
-    cycles, kept, added = [], [], []
-    for fit, square in zip(fits, wide, strict=True):
-        number, to_one, extra = _choice(
-            fit.theta, square, _cycles(fit), fit.free, fit.normal, fit.day_number.size, options
-        )
-        if number < _cycles(fit):
-            fit = replace(
-                fit, theta=to_one @ fit.theta, flight=fit.flight @ to_one.T, day=fit.day @ to_one.T
-            )
-        cycles.append(number)
-        kept.append(fit)
-        added.append(extra)
-    fleet = pool(kept, joint=options.joint)
-    widen = np.array([t_inflation(fit.freedom) for fit in fits])
-    covariance = (fleet.covariance + np.array(added)) * widen[:, :, None] * widen[:, None]
-    return _Estimate(fleet.theta, covariance, cycles, fleet.bias, fleet.bias_covariance)
-
-
-def _choice(
-    theta: Array,
-    covariance: Array,
-    cycles: int,
-    free: NDArray[np.int64],
-    normal: Array,
-    days: int,
-    options: Options,
-) -> tuple[int, Array, Array]:
-    """Number of cycles, the map to the estimate with so many, and the covariance to add."""
-    keep, nothing = np.eye(theta.size), np.zeros_like(covariance)
-    if cycles == 1 or options.harmonics != "auto":
-        return cycles, keep, nothing
-    statistic = cycles_statistic(theta, covariance)
-    if choose_cycles(statistic, days) == 2:
-        return 2, keep, nothing
-    to_one = one_cycle_map(normal, free)
-    return 1, to_one, choice_covariance(theta - to_one @ theta, covariance, statistic)
-
-
-def _judge(table: _Table, k: int, fit: AircraftFit, covariance: Array) -> None:
-    rms, chi2 = halves_apart(fit.flight, fit.flight_order, covariance)
-    apart = np.degrees(rms) > HALVES_RMS and chi2 > HALVES_CHI2
-    if apart or not fit.converged:
-        table["status"][k] = STATUS["unstable_fit"]
-
-
-def _fill(
-    table: _Table,
-    k: int,
-    fit: AircraftFit,
-    found: _Estimate,
-    row: int,
-    joint: bool,
-) -> None:
-    theta, covariance = found.theta[row], found.covariance[row]
-    deviation = np.degrees(theta[:COMPASS])
-    square = covariance[:COMPASS, :COMPASS] * np.degrees(1.0) ** 2
-    if np.sqrt(np.diagonal(square)[:3].max()) > MAX_STANDARD_ERROR:
-        table["status"][k] = STATUS["unstable_fit"]
-    if table["status"][k] != STATUS["ok"]:
-        return
-    if not _improves(table, k, fit, theta[:COMPASS], covariance[:COMPASS, :COMPASS]):
-        return
-    value, error = sinusoid(deviation, square)
-    table["deviation"][k], table["deviation_covariance"][k] = deviation, square
-    for name, one, one_error in zip(("offset", "amplitude", "phase"), value, error, strict=True):
-        table[name][k], table[f"{name}_standard_error"][k] = one, one_error
-    table["harmonics"][k] = found.cycles[row]
-    table["residual_rms_before"][k] = np.degrees(fit.rms_before)
-    table["residual_rms_after"][k] = np.degrees(fit.rms_after)
-    if joint:
-        table["airspeed_scale"][k] = theta[COMPASS]
-        table["airspeed_scale_standard_error"][k] = np.sqrt(covariance[COMPASS, COMPASS])
 
 
 def _improves(table: _Table, k: int, fit: AircraftFit, theta: Array, covariance: Array) -> bool:
@@ -346,49 +388,101 @@ def _improves(table: _Table, k: int, fit: AircraftFit, theta: Array, covariance:
     return True
 
 
-_PER_AIRCRAFT = (
-    "offset",
-    "amplitude",
-    "phase",
-    "offset_standard_error",
-    "amplitude_standard_error",
-    "phase_standard_error",
-    "airspeed_scale",
-    "airspeed_scale_standard_error",
-    "condition_number",
-    "residual_rms_before",
-    "residual_rms_after",
-    "mean_horizontal_field",
-    "held_out_improvement",
-    "held_out_improvement_standard_error",
-)
-_COUNTS = ("report_count", "flight_count", "compass_points", "status", "harmonics")
+def sinusoid(coefficients: Array, covariance: Array) -> tuple[Array, Array]:
+    """Return offset, amplitude and phase of offset + amplitude sin(m + phase), with their errors.
 
+    Parameters
+    ----------
+    coefficients : array, shape (>= 3,)
+        A, B, C ... in degrees.
+    covariance : array, shape (>= 3, >= 3)
+        degree2.
 
-def _empty(aircraft: int) -> _Table:
-    table: _Table = {name: np.full(aircraft, np.nan) for name in _PER_AIRCRAFT}
-    table |= {name: np.zeros(aircraft, dtype=np.int32) for name in _COUNTS}
-    table["deviation"] = np.full((aircraft, COMPASS), np.nan)
-    table["deviation_covariance"] = np.full((aircraft, COMPASS, COMPASS), np.nan)
-    table["reference_bias"] = np.full(2, np.nan)
-    table["reference_bias_standard_error"] = np.full(2, np.nan)
-    table["shared_error_regions"] = np.array(1, dtype=np.int16)
-    return table
-
-
-def _dataset(table: _Table) -> xr.Dataset:
-    dims = {name: ("aircraft",) for name in (*_PER_AIRCRAFT, *_COUNTS)}
-    extra = {
-        "deviation": ("aircraft", "coefficient"),
-        "deviation_covariance": ("aircraft", "coefficient", "coefficient_2"),
-        "reference_bias": ("component",),
-        "reference_bias_standard_error": ("component",),
-        "shared_error_regions": (),
-    }
-    small = {"compass_points", "status", "harmonics"}
-    return xr.Dataset(
-        {
-            name: (({**dims, **extra})[name], values.astype(np.int8) if name in small else values)
-            for name, values in table.items()
-        }
+    Returns
+    -------
+    value, error : arrays, shape (3,)
+        Degrees. The error of the amplitude is that along (B, C); the error of the phase is that
+        across it over the amplitude, and tends to the half circle near zero amplitude.
+    """
+    a, b, c = coefficients[:3]
+    amplitude = float(np.hypot(b, c))
+    square = covariance[1:3, 1:3]
+    # at zero amplitude no direction is given: the one with the largest variance
+    along = np.array([b, c]) / amplitude if amplitude > 0 else np.linalg.eigh(square)[1][:, -1]
+    across = np.array([-along[1], along[0]])
+    wide = NORMAL_95 * float(np.sqrt(max(float(across @ square @ across), 0.0)))
+    sine = min(wide / amplitude, 1.0) if amplitude > 0 else 1.0
+    value = np.array([a, amplitude, np.degrees(np.arctan2(c, b))])
+    error = np.array(
+        [
+            np.sqrt(covariance[0, 0]),
+            np.sqrt(max(float(along @ square @ along), 0.0)),
+            np.degrees(np.arcsin(sine)) / NORMAL_95 if sine < 1 else 180 / NORMAL_95,
+        ]
     )
+    return value, error
+
+
+def one_cycle_map(normal: Array, free: Index) -> Array:
+    """Return the map (p, p) from the two-cycle estimate to that with D = E = 0.
+
+    Parameters
+    ----------
+    normal : array, shape (p, p)
+        Normal matrix of the two-cycle estimate.
+    free : array of int
+        Parameters that were fitted.
+    """
+    kept = free[(free != 3) & (free != 4)]
+    found = np.eye(normal.shape[0])
+    found[3:5, 3:5] = 0.0
+    found[np.ix_(kept, [3, 4])] = np.linalg.solve(
+        normal[np.ix_(kept, kept)], normal[np.ix_(kept, [3, 4])]
+    )
+    return found
+
+
+def choice_covariance(shift: Array, covariance: Array, statistic: float) -> Array:
+    """Return the covariance (p, p) to add where one cycle was chosen.
+
+    Parameters
+    ----------
+    shift : array, shape (p,)
+        Two-cycle estimate minus the published one. Of A, B and C it is their possible bias plus
+        noise; the positive part of Stein's factor, 1 - 2 / statistic, removes the noise.
+    covariance : array, shape (p, p)
+        Of the two-cycle estimate. D and E, published as zero, keep it, plus the square of their
+        estimate: their interval then holds a small second cycle that the data could not show.
+    statistic : float
+        Wald's statistic of the second cycle.
+    """
+    factor = max(0.0, 1.0 - 2.0 / statistic) if statistic > 0 else 0.0
+    added = factor * np.outer(shift, shift)
+    added[3:5, 3:5] = covariance[3:5, 3:5] + np.outer(shift[3:5], shift[3:5])
+    return np.asarray(added)
+
+
+def halves_apart(influence: Array, order: Index, covariance: Array) -> tuple[float, float]:
+    """Return the difference of the curves of the first and second half of the flights.
+
+    Parameters
+    ----------
+    influence : array, shape (flights, p)
+    order : array of int, shape (flights,)
+        Flights by time.
+    covariance : array, shape (p, p)
+
+    Returns
+    -------
+    rms : float
+        Root mean square over headings of the difference of the one-cycle curves, in the unit of
+        the coefficients.
+    chi2 : float
+        Its Wald statistic on three degrees of freedom.
+    """
+    first = order[: order.size // 2]
+    # the estimate from one half differs by twice the sum of its influences, that from the other
+    # half by the opposite, because all influences add up to zero
+    apart = 4.0 * influence[first].sum(axis=0)[:3]
+    rms = float(np.sqrt(apart[0] ** 2 + 0.5 * (apart[1] ** 2 + apart[2] ** 2)))
+    return rms, float(apart @ np.linalg.solve(4.0 * covariance[:3, :3], apart))

@@ -44,7 +44,7 @@ from airswing.compass.fit.acceptance import (
 )
 from airswing.compass.fit.kernel import AircraftFit, Reports, fit_aircraft
 from airswing.compass.fit.offset_alone import MIN_FLIGHTS, STRETCH
-from airswing.compass.whole_aircraft import aircraft_batches, is_lazy, lazy_dataset
+from airswing.compass.whole_aircraft import aircraft_batches, is_lazy, lazy_dataset, single_task
 from airswing.errors import InputError
 from airswing.flags import STATUS
 from airswing.physics.compass_deviation import COEFFICIENTS, deviation_basis
@@ -127,7 +127,8 @@ def fit_deviation(
     nothing = np.empty(fits.shape, dtype=object)
     nothing[...] = AircraftSums(0, 0, 0, None, STATUS["too_few_reports"], np.nan)
     template = _solved(nothing, *rest)
-    return lazy_dataset(delayed(_solved)(fits.data, *rest), template, {}, template)
+    task = delayed(_solved)(single_task(fits.data), *rest)
+    return lazy_dataset(task, template, {}, template)
 
 
 def sum_aircraft(

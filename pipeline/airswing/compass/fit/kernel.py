@@ -308,9 +308,12 @@ def _robust_scatter(residual: Array, variance: Array, *, parted: bool) -> Scatte
     cross, along = residual**2
     part, known = 0.0, 0.0
     if parted and variance.size > 1:
-        below = variance < np.sort(variance)[variance.size // 2]
-        small = float(variance[below].mean()) if below.any() else np.inf
-        spread = float(variance[~below].mean()) - small
+        middle = _median(variance)
+        below = variance < middle
+        if not below.any():  # more than half of the reports have the lowest variance
+            below = variance <= middle
+        small = float(variance[below].mean())
+        spread = float(variance[~below].mean()) - small if not below.all() else 0.0
         if spread > 1e-9:
             above, along, cross = _median(cross[~below]), along[below], cross[below]
             part = min(max((above - _median(cross)) / MEDIAN_CHI2 / spread, 0.0), 1.0)

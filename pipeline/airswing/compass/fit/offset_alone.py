@@ -1,22 +1,22 @@
-"""One constant an aircraft, where its headings or flights do not allow a curve.
+"""One constant for an aircraft whose headings or flights do not allow a curve.
 
 Assumptions
 -----------
-psi_err = A over the headings flown: what lies beyond them is not known, and an amplitude is never
-told. The reference's bias b enters as (b_u cos psi - b_v sin psi) / V and cannot be told from A on
-one heading, so it comes from the rest of the fleet: from the aircraft with curves where there are
-two or more, else from the along-track errors of the aircraft without (a compass error does not
-touch them), and its scatter between aircraft widens the interval. Taken from along-track errors
-that scatter holds the airspeed sensors' own, so the interval is rather too wide than too narrow.
+psi_err = A over the headings flown; other headings are unknown, and no amplitude is estimated. The
+reference's bias b enters as (b_u cos psi - b_v sin psi) / V and cannot be separated from A on one
+heading. It therefore comes from the rest of the fleet: from the aircraft with curves where there
+are two or more, else from the along-track errors of the aircraft without, which do not depend on
+the compass. Its scatter between aircraft widens the interval; from along-track errors that scatter
+includes the airspeed errors, so that the interval is rather too wide than too narrow.
 
-What the constant leaves out is not nothing: the covariance of A to E that goes with it is that of a
-curve whose cycles are as large as the fleet's (`USUAL_CYCLE` where fewer than `FEWEST_CURVES`
-aircraft tell it) and whose mean over the headings flown is the constant. On the headings of one
-route it adds nothing; flown out and back, or on other headings, it is the amplitude itself.
+The covariance of A to E is that of a curve whose cycles are as large as the fleet's (`USUAL_CYCLE`
+where there are fewer than `FEWEST_CURVES` curves) and whose mean over the headings flown is the
+constant. At the headings of one route it adds nothing; flown out and back, or at other headings, it
+is the amplitude itself.
 
-Errors are clustered by flight. Fewer than `MIN_FLIGHTS` flights cannot tell what a flight's
-reference error is: their clusters are stretches of `STRETCH` and the flights' error is that of the
-along-track errors of all aircraft like it, `FEWEST_AIRCRAFT` of them or more.
+Errors are clustered by flight. Fewer than `MIN_FLIGHTS` flights are too few to estimate the
+reference's error of a flight: their clusters are stretches of `STRETCH`, and the error of a flight
+is that of the along-track errors of all such aircraft, `FEWEST_AIRCRAFT` of them or more.
 
 Radians and m/s inside.
 
@@ -31,30 +31,33 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from airswing.compass.fit.cycles import t_inflation
 from airswing.compass.fit.kernel import COMPASS, AircraftFit
 from airswing.compass.fit.pooled_bias import FIRST_BIAS, day_ratio, pool
-from airswing.compass.fit.sandwich import Array
+from airswing.compass.fit.sandwich import Array, t_inflation
 
-MIN_FLIGHTS = 5  # Fewer clusters tell no error: stretches within flights are taken instead
+MIN_FLIGHTS = 5
+"""Flights below which the clusters are stretches within flights."""
 STRETCH = np.timedelta64(120, "s")
 """Length of a cluster within a flight where there are too few flights."""
-FEWEST_CURVES = 3  # Aircraft with curves that tell how large a cycle is
-# Radians: rms amplitude of one and of two cycles, the sample fleets' and the published tables'.
+FEWEST_CURVES = 3
+"""Aircraft with curves from which the size of the cycles is estimated."""
 USUAL_CYCLE = (np.radians(3.0), np.radians(1.0))
-FEWEST_AIRCRAFT = 6  # Aircraft whose along-track errors tell the scatter of the reference's
-# m/s: scatter of a reference's bias between aircraft where the archive cannot tell it.
+"""Radians: rms amplitude of one and of two cycles in the sample fleets and published tables."""
+FEWEST_AIRCRAFT = 6
+"""Aircraft from whose along-track errors the scatter of the reference's bias is estimated."""
 USUAL_BIAS = 0.5
+"""m/s: scatter of the reference's bias between aircraft where it cannot be estimated."""
 HALVES_APART, HALVES_CHI2 = np.radians(1.0), 18.7
-"""More than this between the halves of the period is a compass that changed: as for curves, whose
-chi-square of 25 on three degrees of freedom is as rare as this on one."""
+"""Difference between the halves of the period, and its chi-square, from which on a compass has
+changed: as for curves, whose chi-square of 25 on three degrees of freedom is as rare as this on
+one."""
 
 
 @dataclass(frozen=True)
 class Offset:
     """A constant and its variance, radians; ``stable`` where both halves of the period agree.
 
-    ``covariance`` is that of A to E, (5, 5), with what the constant leaves out.
+    ``covariance`` (5, 5) is that of A to E, cycles included.
     """
 
     value: float
@@ -75,7 +78,7 @@ class _Bias:
 def offsets(
     fits: list[AircraftFit], few: list[bool], curves: list[AircraftFit], *, joint: bool
 ) -> list[Offset | None]:
-    """Offset of every aircraft that has no curve.
+    """Return the offset of every aircraft that has no curve.
 
     Parameters
     ----------
@@ -91,24 +94,20 @@ def offsets(
     Returns
     -------
     list of Offset or None
-        None where too few aircraft tell what a single flight's error is.
+        None where too few aircraft show the error of a single flight.
     """
     if not fits:
         return []
     found: list[Offset | None] = [None] * len(fits)
     cycles = _usual_cycles(curves)
     for kind in (False, True):
-        own = [k for k, one in enumerate(few) if one == kind]
-        group = [fits[k] for k in own]
+        place = [k for k, one in enumerate(few) if one == kind]
+        group = [fits[k] for k in place]
         if not group or (kind and (len(group) < FEWEST_AIRCRAFT or not joint)):
             continue
         bias = _bias(group, [] if kind else curves, joint)
-        ratio = day_ratio(
-            [np.diagonal(fit.covariance) for fit in group],
-            [np.diagonal(fit.day_covariance) for fit in group],
-            [max(fit.day_number.size - 1, 1) for fit in group],
-        )[0]
-        for k, fit in zip(own, group, strict=True):
+        ratio = day_ratio(group)[0]
+        for k, fit in zip(place, group, strict=True):
             found[k] = _offset(fit, bias, float(ratio), cycles)
     return found
 
@@ -125,7 +124,7 @@ def _usual_cycles(curves: list[AircraftFit]) -> Array:
 
 
 def _curve_covariance(variance: float, flown: Array, cycles: Array) -> Array:
-    """Covariance (5, 5) of A to E where their mean over the headings flown is known and no more.
+    """Covariance (5, 5) of A to E where only their mean over the headings flown is known.
 
     ``flown`` (4,) is the mean over these headings of what B to E are multiplied by, ``cycles``
     (4,) their variance.
@@ -139,7 +138,7 @@ def _offset(fit: AircraftFit, bias: _Bias, ratio: float, cycles: Array) -> Offse
     slope = fit.normal[0, FIRST_BIAS:] / fit.normal[0, 0]
     sampling = float(fit.covariance[0, 0] * t_inflation(fit.freedom[:1])[0] ** 2) * ratio
     changed = _changed(fit, float(fit.covariance[0, 0]) * ratio)
-    # references of a pool err together: their scatters add up, not their squares
+    # errors of the references of a pool are correlated: their scatters add up, not their squares
     shared = ((np.abs(slope.reshape(-1, 2)) * bias.scatter[:, np.newaxis]).sum(axis=0) ** 2).sum()
     variance = sampling + float(slope @ bias.covariance @ slope) + float(shared)
     flown = fit.normal[0, 1:COMPASS] / fit.normal[0, 0]
@@ -155,7 +154,7 @@ def _changed(fit: AircraftFit, variance: float) -> bool:
     """Whether the halves of the period have different offsets."""
     first = fit.flight_order[: fit.flight_order.size // 2]
     apart = 4.0 * float(fit.flight[first, 0].sum())
-    # a step widens the scatter of the clusters itself: what it adds is taken off
+    # a step increases the scatter of the clusters itself, which is subtracted
     inside = max(variance - apart**2 / (4.0 * fit.flight_order.size), 0.05 * variance)
     return abs(apart) > HALVES_APART and apart**2 > HALVES_CHI2 * 4.0 * inside
 
@@ -176,7 +175,7 @@ def _bias(group: list[AircraftFit], curves: list[AircraftFit], joint: bool) -> _
 def _from_airspeed(group: list[AircraftFit]) -> tuple[Array, Array, float]:
     """Bias common to all members from along-track errors: s_k V = s V + b along heading k.
 
-    Its mean counts only where the headings of the fleet tell it from the mean airspeed scale.
+    Its mean is used only where the headings of the fleet separate it from the mean airspeed scale.
     """
     along = np.array([fit.normal[COMPASS, FIRST_BIAS:] for fit in group])
     along = along.reshape(len(group), -1, 2).sum(axis=1)
@@ -186,8 +185,7 @@ def _from_airspeed(group: list[AircraftFit]) -> tuple[Array, Array, float]:
     speed = np.array([_airspeed(fit) for fit in group])
     design, error = design * speed[:, np.newaxis], scale * speed
     size = np.sqrt((design**2).mean(axis=0))
-    # a fleet that flies one way shows the reference's bias and a scale alike: then only the scatter
-    # is told
+    # in a fleet that flies one way the bias is no different from a scale: only the scatter is used
     if np.linalg.cond(design / size) > 10.0 or len(group) < 2 * FEWEST_AIRCRAFT:
         spread = error - np.median(error)
         return np.zeros(2), np.zeros((2, 2)), float(np.sqrt((spread**2).sum() / (len(group) - 1)))
@@ -199,6 +197,6 @@ def _from_airspeed(group: list[AircraftFit]) -> tuple[Array, Array, float]:
 
 
 def _airspeed(fit: AircraftFit) -> float:
-    """Its airspeed, m/s: the normal matrix holds it squared beside the weights themselves."""
+    """Mean airspeed, m/s: the normal matrix holds sums of weights with and without its square."""
     weights = np.trace(fit.normal[FIRST_BIAS:, FIRST_BIAS:])
     return float(np.sqrt((fit.normal[0, 0] + fit.normal[COMPASS, COMPASS]) / weights))

@@ -8,10 +8,10 @@ its restricted likelihood with a flat prior, which does not collapse to zero in 
 second pass is closed-form on the first one's normal equations: theta + Cov(theta, b)
 (Cov(b) + tau^2)^-1 (mu - b), so knowing b better sharpens B and C.
 
-Errors are independent between flights except that a day's flights share the model's error. Both
-sandwiches are made with every aircraft's influence on the final estimate (mu included); the one
-by flight is widened by the fleet's mean ratio of day to flight variance, parameter by parameter,
-where that exceeds one: a single aircraft's days are too few to tell.
+Errors are independent between flights except that the flights of a day share the model's error.
+Both sandwiches use every aircraft's influence on the final estimate (mu included); the one by
+flight is enlarged by the fleet's mean ratio of day to flight variance, parameter by parameter,
+where that exceeds one, because a single aircraft's days are too few to estimate it.
 
 References
 ----------
@@ -27,8 +27,8 @@ import numpy as np
 from airswing.compass.fit.kernel import COMPASS, AircraftFit
 from airswing.compass.fit.sandwich import Array
 
-# Between-aircraft scatter of the reference bias that is considered, m/s.
 TAU_GRID = np.linspace(0.0, 3.0, 61)
+"""m/s: scatter of the reference bias between aircraft over which the likelihood is averaged."""
 FIRST_BIAS = COMPASS + 1
 
 
@@ -43,36 +43,43 @@ class Fleet:
     tau: Array  # between-aircraft scatter, (members,) m/s
 
 
-def day_ratio(flight: list[Array], day: list[Array], freedom: list[int]) -> Array:
-    """Fleet's mean ratio of day-clustered to flight-clustered variance, at least one.
+def day_ratio(fits: list[AircraftFit]) -> Array:
+    """Return the fleet's mean ratio of variances clustered by day and by flight, at least one.
 
     Parameters
     ----------
-    flight, day : list of array, shape (p,)
-        Variances of every aircraft by either clustering.
-    freedom : list of int
-        Days less one: the weight of an aircraft.
+    fits : list of AircraftFit
+        Weighted with their numbers of days less one.
 
     Returns
     -------
     array, shape (p,)
-        A and s stand alone; B with C, D with E, b_u with b_v share one value each.
+        One value for A and for s, one for B and C, for D and E, for b_u and b_v.
     """
+    return _mean_ratio(
+        [np.diagonal(fit.covariance) for fit in fits],
+        [np.diagonal(fit.day_covariance) for fit in fits],
+        fits,
+    )
+
+
+def _mean_ratio(flight: list[Array], day: list[Array], fits: list[AircraftFit]) -> Array:
     above = np.zeros(flight[0].size)
     below = np.zeros(flight[0].size)
-    for one, other, weight in zip(flight, day, freedom, strict=True):
+    for one, other, fit in zip(flight, day, fits, strict=True):
+        weight = max(fit.day_number.size - 1, 1)
         good = one > 0
         above[good] += weight * other[good] / one[good]
         below[good] += weight
-    ratio = np.where(below > 0, above / np.maximum(below, 1e-300), 1.0)  # both sides are worked
+    ratio = np.divide(above, below, out=np.ones(above.size), where=below > 0)
     pairs = [(1, 2), (3, 4)] + [(k, k + 1) for k in range(FIRST_BIAS, ratio.size - 1, 2)]
     for pair in pairs:
         ratio[list(pair)] = ratio[list(pair)].mean()
     return np.maximum(ratio, 1.0)
 
 
-def widened(covariance: Array, ratio: Array) -> Array:
-    """Scale variances by ``ratio``, keeping the correlations."""
+def enlarged(covariance: Array, ratio: Array) -> Array:
+    """Return a covariance with its variances multiplied by ``ratio``, correlations unchanged."""
     root = np.sqrt(ratio)
     return np.asarray(covariance * np.outer(root, root))
 
@@ -80,12 +87,12 @@ def widened(covariance: Array, ratio: Array) -> Array:
 def _between_scatter(estimate: Array, covariance: Array) -> float:
     """Root mean of tau^2 (m/s) under its restricted likelihood, from biases (aircraft, 2).
 
-    Infinite for fewer than two aircraft: nothing to pool.
+    Infinite for fewer than two aircraft.
     """
     if estimate.shape[0] < 2:
         return float("inf")
-    # Averaged over a grid, not maximised: of a handful of aircraft the maximum is often zero, and
-    # the second pass would then give all of them the fleet's bias as if it were known.
+    # Averaged and not maximised: with few aircraft the maximum is often zero, and the second pass
+    # would then give all of them the fleet's bias as if it were known.
     between = TAU_GRID[:, np.newaxis, np.newaxis, np.newaxis] ** 2 * np.eye(2)
     total = covariance[np.newaxis] + between
     inverse = np.linalg.inv(total)
@@ -102,18 +109,20 @@ def _between_scatter(estimate: Array, covariance: Array) -> float:
 
 
 def pool(fits: list[AircraftFit], *, joint: bool) -> Fleet:
-    """Second pass over the fleet: fits of one reference or pool after the choice of cycles.
+    """Pool the bias of one reference or pool over the fleet, after the choice of cycles.
 
-    Not ``joint``: there is no bias; only the day's widening is done.
+    Parameters
+    ----------
+    fits : list of AircraftFit
+    joint : bool
+        False: there is no bias, and only the covariances are enlarged.
+
+    Returns
+    -------
+    Fleet
     """
-    freedom = [max(fit.day_number.size - 1, 1) for fit in fits]
-    raw = [fit.covariance for fit in fits]
-    ratio = day_ratio(
-        [np.diagonal(one) for one in raw],
-        [np.diagonal(fit.day_covariance) for fit in fits],
-        freedom,
-    )
-    wide = [widened(one, ratio) for one in raw]
+    ratio = day_ratio(fits)
+    wide = [enlarged(fit.covariance, ratio) for fit in fits]
     thetas = [fit.theta for fit in fits]
     size = thetas[0].size
     if not joint:
@@ -150,7 +159,7 @@ def _second_pass(fits: list[AircraftFit], wide: list[Array], prior: Array, tau: 
     common_day = np.zeros((days.size, prior.size))
     for fit, w in zip(fits, share, strict=True):
         common_day[np.searchsorted(days, fit.day_number)] += fit.day[:, b] @ w.T
-    # scatter between aircraft in what an aircraft's own bias and the mean are apart
+    # scatter between aircraft of the difference of a bias and the mean
     total_random = np.einsum("aij,j,akj->ik", share, prior, share)
     by_flight, by_day, random = [], [], []
     for k, fit in enumerate(fits):
@@ -163,14 +172,13 @@ def _second_pass(fits: list[AircraftFit], wide: list[Array], prior: Array, tau: 
         by_day.append(daily.T @ daily)
         twice = share[k] * prior
         random.append(gain[k] @ (total_random + between - twice - twice.T) @ gain[k].T)
-    freedom = [max(fit.day_number.size - 1, 1) for fit in fits]
-    ratio = day_ratio(
-        [np.diagonal(one) for one in by_flight], [np.diagonal(one) for one in by_day], freedom
+    ratio = _mean_ratio(
+        [np.diagonal(one) for one in by_flight], [np.diagonal(one) for one in by_day], fits
     )
     covariance = np.array(
-        [widened(one, ratio) + two for one, two in zip(by_flight, random, strict=True)]
+        [enlarged(one, ratio) + two for one, two in zip(by_flight, random, strict=True)]
     )
     mean_covariance = np.linalg.inv(inverse.sum(axis=0))
     day_part = common_day.T @ common_day + total_random
     wider = np.maximum(np.diagonal(day_part) / np.diagonal(mean_covariance), 1.0)
-    return Fleet(theta, covariance, mean, widened(mean_covariance, wider), tau)
+    return Fleet(theta, covariance, mean, enlarged(mean_covariance, wider), tau)

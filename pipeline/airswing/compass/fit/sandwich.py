@@ -20,18 +20,20 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.units import NORMAL_95
+
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 MANY = 150
-"""From this number of clusters on, the leverage of one is left to a common factor."""
+"""Number of clusters from which on one common factor accounts for the leverage."""
 
 
 def group_sums(values: Array, group: Index, groups: int) -> Array:
-    """Sum rows (n, ...) by group, 0 to ``groups - 1``."""
+    """Return the sums of rows (n, ...) by group, 0 to ``groups - 1``."""
     if not group.size:
         return np.zeros((groups, *values.shape[1:]))
     if np.any(group[1:] < group[:-1]):
-        # stable: rows of one group keep their order, so that their sums are the same bit for bit
+        # a stable sort keeps the order within a group, so that sums are the same to the last bit
         order = np.argsort(group, kind="stable")
         values, group = values[order], group[order]
     first = np.flatnonzero(np.diff(group, prepend=-1))
@@ -44,14 +46,16 @@ def group_sums(values: Array, group: Index, groups: int) -> Array:
 
 
 def inverse_root(normal: Array) -> Array:
-    """Matrix whose product with its own transpose is the inverse of a normal matrix."""
+    """Return a matrix whose product with its transpose is the inverse of a normal matrix."""
     values, vectors = np.linalg.eigh(normal)
-    # rounding can make the smallest a little negative: it then stands for a very large error
+    # rounding can make the smallest slightly negative, which means a very large error
     return np.asarray(vectors / np.sqrt(np.maximum(values, values[-1] * 1e-14)))
 
 
 def influences(score: Array, inverse_root: Array, normals: Array | None, kappa: float) -> Array:
-    """Share of every cluster in the parameter error, (g, p): outer products sum to the covariance.
+    """Return the share of every cluster in the error of the parameters, shape (g, p).
+
+    The sum of their outer products is the covariance.
 
     Parameters
     ----------
@@ -60,7 +64,7 @@ def influences(score: Array, inverse_root: Array, normals: Array | None, kappa: 
     inverse_root : array, shape (p, p)
         Of the weighted normal matrix of all.
     normals : array, shape (g, p, p), optional
-        That of every cluster; without it a common factor g / (g - p) stands for the leverage.
+        That of every cluster; without it the leverage is a common factor g / (g - p).
     kappa : float
         Slope of the robust score over the mean weight: M = (kappa N)^-1.
     """
@@ -70,8 +74,7 @@ def influences(score: Array, inverse_root: Array, normals: Array | None, kappa: 
         return np.asarray(score @ (inverse_root @ inverse_root.T * (np.sqrt(factor) / kappa)))
     whitened = score @ inverse_root
     part, axes = np.linalg.eigh(inverse_root.T @ normals @ inverse_root)
-    # a cluster that alone tells a parameter has leverage one: its residual says nothing, times any
-    # gain
+    # the leverage is one where a cluster alone determines a parameter: its residual is zero
     gain = 1.0 / np.sqrt(np.clip(1.0 - part, 0.05, 1.0))
     turned = (whitened[:, np.newaxis, :] @ axes)[:, 0, :] * gain
     whitened = (axes @ turned[..., np.newaxis])[..., 0]
@@ -79,16 +82,38 @@ def influences(score: Array, inverse_root: Array, normals: Array | None, kappa: 
 
 
 def degrees_of_freedom(normal: Array, normals: Array | None, clusters: int) -> Array:
-    """Independent pieces of information behind each parameter, (p,).
+    """Return the degrees of freedom of the standard error of each parameter, shape (p,).
 
-    ``normal`` is the weighted normal matrix of all, ``normals`` (g, p, p) as in `influences`.
+    Parameters
+    ----------
+    normal : array, shape (p, p)
+        Weighted normal matrix of all clusters.
+    normals : array, shape (g, p, p), optional
+        As in `influences`.
+    clusters : int
+        Their number.
     """
     if normals is None:
-        # flights weigh unequally: many of them are worth a third of their number, the cautious side
+        # flights have unequal weights: a third of their number is a cautious bound
         return np.full(normal.shape[0], max(clusters / 3.0, 1.0))
     inverse = np.linalg.pinv(normal, hermitian=True)
     part = ((inverse @ normals) * inverse.T).sum(axis=2)
-    # a parameter held fixed has no part in any flight
+    # a parameter that is held fixed has no information in any flight
     share = part / np.maximum(part.sum(axis=0), 1e-300)
     pieces = 1.0 / np.maximum((share**2).sum(axis=0), 1e-12)
     return np.asarray(np.maximum(pieces - 1.0, 1.0))
+
+
+def t_inflation(freedom: Array) -> Array:
+    """Return the factor of a standard error for +-1.96 of it to be Student's 95 % interval.
+
+    Parameters
+    ----------
+    freedom : array
+        Degrees of freedom; infinite ones give 1.
+    """
+    from scipy.special import stdtrit
+
+    # scipy gives NaN at infinity
+    finite = np.minimum(np.maximum(freedom, 1.0), 1e6)
+    return np.asarray(stdtrit(finite, 0.975) / NORMAL_95)
