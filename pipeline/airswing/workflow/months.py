@@ -35,6 +35,7 @@ from airswing.errors import InputError
 from airswing.products.fingerprint import code_digest, file_identities, fingerprint
 from airswing.products.monthly import FLIGHTS, month_bounds
 from airswing.products.netcdf import as_stored, open_product, read_product
+from airswing.products.ragged import BLOCK_REPORTS
 from airswing.products.whole_files import read_note, write_json
 from airswing.report.run.reading_warnings import model_warnings, reading_warnings, tally, unread
 from airswing.workflow.job import CORRECTED, HEADINGS, Job
@@ -493,13 +494,18 @@ class _Month:
         )
         if not reports.sizes["report"]:
             return None
+        flights = int(reports["flight"].max()) + 1
         winds, audits = self._winds(reports)
+        if reports.sizes["report"] > BLOCK_REPORTS:
+            # in chunks of whole aircraft, so that the intermediate arrays of few are in memory
+            chunked = reports.chunk(report=BLOCK_REPORTS)
+            reports = chunked.assign(row_size=reports["row_size"])
         headings = as_stored(derive_headings(reports, winds))
         headings.attrs = {
             "featureType": "trajectory",
             "reading_audit": audit.as_json(),
             "reference_audit": json.dumps(audits),
-            FLIGHTS: int(reports["flight"].max()) + 1,
+            FLIGHTS: flights,
         }
         return headings
 
@@ -558,7 +564,7 @@ def _screened(job: Job, headings: xr.Dataset) -> xr.Dataset:
     from airswing.compass.screening import audit, mark_corrected_units, screen
 
     config, attrs = job.config, headings.attrs
-    headings = screen(headings, **config.screening.model_dump())
+    headings = screen(headings, **config.screening.model_dump()).compute()
     if config.field_test is not None:
         test = config.field_test
         headings = mark_corrected_units(
