@@ -347,3 +347,13 @@ def test_the_virtual_field_test_is_made_when_a_month_begins(archive, whole, monk
     assert night("2009-03-07*") == 0  # the last month alone
     assert night("2009-02-10*") == 1  # an earlier month
     assert night("2009-03*") == 1  # another number of months
+
+
+def test_duplicates_around_the_end_of_a_month_are_counted_once(archive):
+    (day,) = days(archive, "2009-01-31*")
+    table = pd.read_parquet(day)
+    table.iloc[:20].to_parquet(archive / "reports/again.parquet", index=False)
+    headings = workflow.make_headings(job_of(archive))
+    audit = json.loads(headings.attrs["reading_audit"])
+    assert audit["dropped"] == {"exact_duplicate": 20}
+    assert audit["reports_kept"] == headings.sizes["report"]

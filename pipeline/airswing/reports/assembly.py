@@ -89,8 +89,8 @@ def assemble(
         Keep only the flights whose first report lies from the first time to before the second:
         give the reports of a margin around that time too, and every flight is kept whole once.
     audit : Audit, optional
-        Duplicates and derived values are added to it, and with ``begins`` the reports of other
-        flights are subtracted from ``read``; the caller adds the audits of the files before.
+        Duplicates and derived values are added to it; with ``begins`` those of that time alone,
+        so that each is counted once over all periods. The caller adds the audits of the files.
 
     Returns
     -------
@@ -111,16 +111,15 @@ def assemble_columns(
 ) -> xr.Dataset:
     """As :func:`assemble`, of columns with ``tail`` and ``flight`` as numbers."""
     _take(columns, _order(columns))
-    _drop_same_place(columns, audit)
-    _drop_conflicts(columns, audit)
+    _drop_same_place(columns, audit, begins)
+    _drop_conflicts(columns, audit, begins)
     _take(columns, _along_climb(columns))
-    _average(columns, interval, audit)
+    _average(columns, interval, audit, begins)
     flight = derive_flight(columns)
     if begins is not None:
         _, first, number = np.unique(flight, return_index=True, return_inverse=True)
         start = columns["time"][first]
         kept = ((start >= begins[0]) & (start < begins[1]))[number]
-        audit.read -= int(np.count_nonzero(~kept))
         _take(columns, kept)
         flight = flight[kept]
     audit.repair("same_identifier_at_two_places", _overlapping(columns, flight))
@@ -225,7 +224,18 @@ def _number_missing(columns: Columns, members: NDArray[np.integer]) -> NDArray[n
     return np.asarray(sum(np.isnan(columns[name][members]).astype(np.int64) for name in names))
 
 
-def _drop_same_place(columns: Columns, audit: Audit) -> None:
+def _within(
+    time: NDArray[np.datetime64], begins: tuple[np.datetime64, np.datetime64] | None
+) -> NDArray[np.bool_]:
+    """Which times are counted: those of the margin are counted with their own period."""
+    if begins is None:
+        return np.ones(time.shape, dtype=bool)
+    return np.asarray((time >= begins[0]) & (time < begins[1]))
+
+
+def _drop_same_place(
+    columns: Columns, audit: Audit, begins: tuple[np.datetime64, np.datetime64] | None
+) -> None:
     later = np.flatnonzero(_same_moment(columns["tail"], columns["time"]))
     north, east, up = _apart(columns, later, later - 1)
     # An unknown altitude (NaN) passes.
@@ -236,13 +246,16 @@ def _drop_same_place(columns: Columns, audit: Audit) -> None:
         one, other = values[later], values[later - 1]
         # NaN differs from itself: two absent values are equal here.
         exact &= (one == other) | ((one != one) & (other != other))
-    audit.drop("exact_duplicate", int(np.count_nonzero(exact)))
-    audit.drop("same_tail_and_time", int(np.count_nonzero(~exact)))
+    counted = _within(columns["time"][later], begins)
+    audit.drop("exact_duplicate", int(np.count_nonzero(exact & counted)))
+    audit.drop("same_tail_and_time", int(np.count_nonzero(~exact & counted)))
     if later.size:
         _take(columns, np.delete(np.arange(columns["tail"].size), later))
 
 
-def _drop_conflicts(columns: Columns, audit: Audit) -> None:
+def _drop_conflicts(
+    columns: Columns, audit: Audit, begins: tuple[np.datetime64, np.datetime64] | None
+) -> None:
     """Of two places where one aircraft cannot both have been, drop the less complete report."""
     while True:
         later = np.flatnonzero(_same_moment(columns["tail"], columns["time"]))
@@ -258,7 +271,8 @@ def _drop_conflicts(columns: Columns, audit: Audit) -> None:
         if not later.size:
             return
         worse_before = _number_missing(columns, later - 1) > _number_missing(columns, later)
-        audit.drop("conflicting_position", later.size)
+        counted = _within(columns["time"][later], begins)
+        audit.drop("conflicting_position", int(np.count_nonzero(counted)))
         _take(columns, np.delete(np.arange(columns["tail"].size), later - worse_before))
 
 
@@ -314,7 +328,12 @@ def _overlapping(columns: Columns, flight: NDArray[np.int32]) -> int:
     return int(np.minimum(number[1:], number[:-1])[overlaps].sum())
 
 
-def _average(columns: Columns, interval: float, audit: Audit) -> None:
+def _average(
+    columns: Columns,
+    interval: float,
+    audit: Audit,
+    begins: tuple[np.datetime64, np.datetime64] | None,
+) -> None:
     """Average reports in order of tail and time over intervals (s; 0: none), in place.
 
     Reports of neighbouring seconds differ by coding noise; the errors of model and compass are the
@@ -358,7 +377,8 @@ def _average(columns: Columns, interval: float, audit: Audit) -> None:
         means["wind_direction"] = direction_in_degrees(east, north)
     # Less the first: sums of seconds since 1970 lose the milliseconds.
     mean_time = seconds[starts] + mean(seconds - seconds[starts].repeat(sizes))
-    audit.drop("averaged", number - starts.size)
+    counted = _within(columns["time"], begins)
+    audit.drop("averaged", int(counted.sum()) - int(counted[starts].sum()))
     for name, values in columns.items():
         chosen = values[middle]
         if name == "time":

@@ -484,8 +484,7 @@ class _Month:
         from airswing.compass.headings import derive_headings
         from airswing.reports import Audit, assemble
 
-        parts = self.archive.around(self.name)
-        audit = Audit(read=sum(map(len, parts)))
+        parts, audit = self.archive.around(self.name), Audit()
         reports = assemble(
             parts,
             interval=self.job.config.reports.interval,
@@ -494,6 +493,7 @@ class _Month:
         )
         if not reports.sizes["report"]:
             return None
+        audit.read = reports.sizes["report"] + sum(audit.dropped.values())
         flights = int(reports["flight"].max()) + 1
         winds, audits = self._winds(reports)
         if reports.sizes["report"] > BLOCK_REPORTS:
