@@ -93,6 +93,6 @@ def published(status: ArrayLike) -> NDArray[np.bool_]:
     return np.isin(status, [STATUS[name] for name in with_coefficients])
 
 
-def mended(applied: ArrayLike) -> NDArray[np.bool_]:
+def is_corrected(applied: ArrayLike) -> NDArray[np.bool_]:
     """Return True where a wind was corrected by this package, by a curve or by an offset."""
     return np.isin(applied, (CORRECTION["corrected"], CORRECTION["offset_only"]))

@@ -8,7 +8,7 @@ import pytest
 import airswing  # noqa: F401
 from airswing.flags import ROLL
 from airswing.physics.triangle import wrap_signed
-from airswing.physics.turns import beside_turns
+from airswing.physics.turns import near_turns
 
 SPEED = 100.0
 
@@ -41,7 +41,7 @@ def flown(heading, *, interval=60, wind=(0.0, 0.0), noise=0.0, seed=0):
 
 def looked_at(made, **options):
     values = [made[name] for name in ("leg", "wind", "straight", "seconds", "flight")]
-    return beside_turns(*values, **options)
+    return near_turns(*values, **options)
 
 
 def turn(begin, end, degrees, *, seconds=900):

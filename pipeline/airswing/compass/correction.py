@@ -46,7 +46,7 @@ from numpy.typing import ArrayLike, NDArray
 from airswing.compass.table import error_from_table, table_slope, unit_interpolation
 from airswing.compass.whole_aircraft import map_aircraft
 from airswing.errors import InputError
-from airswing.flags import CORRECTION, SCREENING, STATUS, mended, published
+from airswing.flags import CORRECTION, SCREENING, STATUS, is_corrected, published
 from airswing.physics.compass_deviation import deviation_basis, deviation_slope
 from airswing.products.ragged import aircraft_of_report
 from airswing.vocabulary import describe
@@ -316,7 +316,7 @@ def _correct(headings: xr.Dataset, fit: xr.Dataset, *, method: str, scaled: bool
     magnetic = fit.attrs.get("abscissa", "magnetic") == "magnetic"
     argument = column["magnetic_heading" if magnetic else "heading"]
     flag = _flags(headings, column, argument, fit, row)
-    done = mended(flag)
+    done = is_corrected(flag)
     found = {
         "corrected_eastward_wind": u.copy(),
         "corrected_northward_wind": v.copy(),

@@ -1,22 +1,21 @@
-"""Which ground vector to believe: the chords between fixes, or the unit's own, taken back.
+"""Choice of the ground vector: from the chords between fixes, or from reported heading and airspeed.
 
 Assumptions
 -----------
-A unit that reports its true heading and true airspeed beside its wind lets its own ground vector
-be taken back: V_G = V_A + V_W, the velocity of its GPS at the instant of the report, free of the
-rounding of positions and times. That holds only if the column named heading *is* the true heading
-the wind was computed with: in some archives it is a track, or a magnetic heading. So it is held
-against the chords first, aircraft by aircraft.
+Where an aircraft reports true heading, true airspeed and wind, V_G = V_A + V_W is the velocity of
+its own GPS at the report, without the rounding of positions and times. This holds only if the
+column named heading *is* the true heading of the wind computation: in some archives it is a track
+or a magnetic heading. It is therefore compared with the chords first, aircraft by aircraft.
 
 The test
 --------
-Over reports with both, the reported heading must differ from the heading the chords imply by less
-than 1.5 degrees in the median absolute value and less than 0.6 degrees in the signed median (a
-magnetic heading differs by the declination, which would pass straight into coefficient A), each
-plus what rounding explains, and by no more than it differs from the track (a track column agrees
-with the track to its rounding); airspeeds must differ by less than 3 m/s in the median. With
-fewer than 20 reports to judge by, the chords are kept. Where an aircraft passes, single reports
-that are more than 15 m/s plus five standard errors away from their chord keep the chord.
+Over reports with both, the reported heading must differ from the heading that the chords imply by
+less than 1.5 degrees in the median absolute value and by less than 0.6 degrees in the signed median
+(a magnetic heading differs by the declination, which would become part of coefficient A), each plus
+the effect of rounding, and by no more than it differs from the track (a track column agrees with
+the track to its rounding); airspeeds must differ by less than 3 m/s in the median. With fewer than
+20 reports the chords are used. Where an aircraft passes, single reports that differ from their
+chord by more than 15 m/s plus five standard errors keep the chord.
 
 Units
 -----
@@ -43,26 +42,26 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 FEWEST = 20
-"""Reports below which an aircraft's column is not judged."""
-# Radians, in the median absolute value, beside what rounding explains.
+"""Reports below which an aircraft's columns are not tested."""
+# Radians, in the median absolute value, in addition to the effect of rounding.
 MAX_HEADING_DIFFERENCE = float(np.radians(1.5))
 # Radians: half a degree is what cutting instead of rounding to whole degrees causes.
 MAX_HEADING_BIAS = float(np.radians(0.6))
-# m/s, each beside what the errors of both explain.
+# m/s, each in addition to the effect of the errors of both.
 MAX_AIRSPEED_DIFFERENCE = 3.0
 MAX_VECTOR_DIFFERENCE = 15.0
 MEDIAN_OF_NORMAL = 0.6745  # Median absolute value of a normal variable of unit variance
 
 
 class Evidence(NamedTuple):
-    """The ground vector believed at each report, (report,), m s-1."""
+    """Ground vector of each report, arrays of shape (report,), m s-1."""
 
     eastward: Array
     northward: Array
     # along_error, cross_error: its standard errors along and across itself
     along_error: Array
     cross_error: Array
-    own: NDArray[np.bool_]  # whether it is the unit's own
+    own: NDArray[np.bool_]  # whether it is from reported heading and airspeed
     # (aircraft,): names of `airswing.flags.REPORTED_HEADING_USE`
     reason: NDArray[np.str_]
 
@@ -83,7 +82,7 @@ def choose_ground_vector(
     *,
     derived: NDArray[np.bool_] | None = None,
 ) -> Evidence:
-    """Believe the unit's own ground vector where it can be taken back and agrees.
+    """Choose the vector from reported heading and airspeed where it agrees with the chords.
 
     Parameters
     ----------
@@ -100,7 +99,11 @@ def choose_ground_vector(
         Aircraft of each report.
     derived : ndarray of bool, shape (report,), optional
         Reports whose wind was derived from heading, airspeed and the aircraft's own ground vector:
-        it is that vector which comes back, and nothing else goes with such a wind.
+        that vector is used for them in any case.
+
+    Returns
+    -------
+    Evidence
     """
     airspeed, heading = reported
     air = vector_from_bearing(airspeed, heading)
@@ -109,11 +112,10 @@ def choose_ground_vector(
     errors = _own_errors(airspeed, heading, own, steps)
     apart = np.hypot(own[0] - chord[0], own[1] - chord[1])
     explained = np.hypot(chord[2], chord[3]) + np.hypot(*errors)
-    # a vector this far off is a gross error of one of the two, not what is stated of both
+    # a larger difference is a gross error of one of the two
     far = apart > MAX_VECTOR_DIFFERENCE + 5.0 * explained
     use = (reason == "used")[aircraft] & ~far
     if derived is not None:
-        # Such a wind was made with this vector, judged or not.
         use |= derived
     use &= np.isfinite(own[0] + own[1])
     return Evidence(
@@ -147,7 +149,7 @@ def _judge(
     def middle(values: ArrayLike) -> Array:
         return _group_median(np.where(both, values, np.nan), aircraft, number)
 
-    # Two standard errors of what rounding explains, as a median of absolute values.
+    # two standard errors of rounding, as a median of absolute values
     noise = MEDIAN_OF_NORMAL * 2.0
     with np.errstate(divide="ignore", invalid="ignore"):
         angle_noise = middle(chord[3] / speed)
@@ -157,7 +159,7 @@ def _judge(
     judged = np.bincount(aircraft, weights=both, minlength=number)
     # a median's standard error is 1.25 sigma / sqrt(n); a few of them for correlated noise
     bias_allowed = MAX_HEADING_BIAS + 5.0 * angle_noise / np.sqrt(np.maximum(judged, 1.0))
-    # Negated, so that NaN is biased; likewise below.
+    # negated, so that NaN counts as biased; likewise below
     biased = ~(np.abs(middle(turned)) <= bias_allowed)
     return np.asarray(
         np.select(

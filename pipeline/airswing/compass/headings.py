@@ -41,7 +41,7 @@ from airswing.flags import GROUND_VECTOR_SOURCE, REPORTED_HEADING_USE
 from airswing.physics import triangle
 from airswing.physics.geomagnetism import FieldLattice
 from airswing.physics.track import ACCELERATION_DENSITY, GroundTrack, Resolution, ground_track
-from airswing.physics.turns import beside_turns
+from airswing.physics.turns import near_turns
 from airswing.products.ragged import aircraft_of_report
 from airswing.reports.resolution import DIRECTION_STEPS, SPEED_STEPS, lattice_step
 from airswing.vocabulary import VARIABLES, describe
@@ -224,7 +224,7 @@ def _motion(ds: xr.Dataset, acceleration_density: float, widen: bool) -> _Motion
     )
     wind = _column(ds, "eastward_wind"), _column(ds, "northward_wind")
     chord = path.eastward, path.northward, path.along_error, path.cross_error
-    turning = beside_turns(
+    turning = near_turns(
         (path.leg_eastward, path.leg_northward, path.leg_error),
         wind,
         chord,

@@ -28,7 +28,7 @@ from airswing.evaluation.disagreement import reference_mean
 from airswing.evaluation.ranking import rank_aircraft, require_reference
 from airswing.evaluation.resampling import Floats, day_weights, interval
 from airswing.evaluation.results import Content
-from airswing.flags import SCREENING, mended
+from airswing.flags import SCREENING, is_corrected
 from airswing.products.ragged import aircraft_of_report, blocks, time_span
 from airswing.units import KNOT, NORMAL_95
 
@@ -401,7 +401,7 @@ def disagreements(
             / KNOT
             for source, prefix in ((block, ""), (better, "corrected_"))
         )
-        parts.append((before, after, mended(better["correction_applied"].to_numpy())))
+        parts.append((before, after, is_corrected(better["correction_applied"].to_numpy())))
     before, after, done = (np.concatenate(column) for column in zip(*parts, strict=True))
     return before.astype(np.float64), after.astype(np.float64), done
 

@@ -1,10 +1,10 @@
-"""True airspeed from what an aircraft indicates: Mach number, or calibrated airspeed.
+"""True airspeed from Mach number or calibrated airspeed.
 
 Assumptions
 -----------
 Dry air of constant heat capacities (ratio 1.4), no shock: subsonic flow. The indicated airspeed is
-taken as the calibrated one: position and instrument error are the aircraft's own, and end in its
-airspeed scale. Temperatures are static, pressures those of the aircraft's level.
+taken as the calibrated one: position and instrument error become part of the aircraft's airspeed
+scale. Temperatures are static, pressures those of the aircraft's level.
 
 Validity
 --------
@@ -37,7 +37,7 @@ def speed_of_sound(temperature: ArrayLike) -> Array:
     """Speed of sound (m s-1) in dry air of a temperature (K): 340.294 at 288.15 K."""
     kelvin = np.asarray(temperature, dtype=np.float64)
     with np.errstate(invalid="ignore"):
-        # a temperature of zero or less is none: NaN, not the root of something negative
+        # NaN where the temperature is not positive
         return np.sqrt(HEAT_RATIO * GAS_CONSTANT * np.where(kelvin > 0.0, kelvin, np.nan))
 
 

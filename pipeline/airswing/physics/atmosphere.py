@@ -44,8 +44,7 @@ TROPOPAUSE_PRESSURE = STANDARD_PRESSURE * (
 def pressure_from_altitude(altitude: ArrayLike) -> NDArray[np.float64]:
     """Pressure (Pa) at pressure altitudes (m, any shape): ICAO Doc 7488/3, equations 12."""
     height = np.asarray(altitude, dtype=np.float64)
-    # The layers multiply: each term is one where the other layer holds, so no branch is
-    # needed.
+    # the factor of each layer is one in the other, so that no branch is needed
     lower = np.minimum(height, TROPOPAUSE_ALTITUDE)
     upper = np.maximum(height - TROPOPAUSE_ALTITUDE, 0.0)
     ratio = 1.0 - (LAPSE_RATE / STANDARD_TEMPERATURE) * lower
@@ -55,11 +54,11 @@ def pressure_from_altitude(altitude: ArrayLike) -> NDArray[np.float64]:
 def altitude_from_pressure(pressure: ArrayLike) -> NDArray[np.float64]:
     """Pressure altitude (m) of pressures (Pa, any shape): the inverse of `pressure_from_altitude`.
 
-    A pressure that is not positive has none: NaN.
+    NaN where the pressure is not positive.
     """
     value = np.asarray(pressure, dtype=np.float64)
     value = np.where(value > 0.0, value, np.nan)
-    # As above, in logarithms: each layer adds nothing where the other holds.
+    # as above, in logarithms: each layer adds zero in the other
     lower = np.maximum(value, TROPOPAUSE_PRESSURE)
     upper = np.minimum(value, TROPOPAUSE_PRESSURE)
     ratio = (lower / STANDARD_PRESSURE) ** (1.0 / _EXPONENT)

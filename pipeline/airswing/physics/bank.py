@@ -1,19 +1,19 @@
-"""Bank at a report: the track between fixes, corrected by what the unit says of its roll.
+"""Bank at a report, from the track between fixes and the roll flags.
 
 Assumptions: a turn lasts about as long as the interval between reports, so the bank of three fixes
-is spread over neighbouring reports and too small where it was flown (factor 1.4 to 1.8 in trials).
+is distributed over neighbouring reports and too small at the turn (factor 1.4 to 1.8 in trials).
 The roll flag says at which reports the aircraft banked by more than five degrees. Reports come at
-fixed intervals whatever the aircraft does, so the share of flagged reports is the share of time in
-such a bank, and the angle turned in all, which chords do conserve, gives its mean:
+fixed intervals whatever the aircraft does, so that the share of flagged reports is the share of
+time in such a bank, and the total turned angle, which chords conserve, gives its mean:
 ``mean bank = (turned angle - part turned in a lesser bank) / time flagged``.
 
 * flagged: that mean, towards the side the track turns;
 * not flagged: the least of the banks at the report and its neighbours where all turn one way (a
-  turn that lasts), else none: the turn was flown before or after; never over five degrees;
-* no flag in the archive: as the track says.
+  lasting turn), else zero: the turn was flown before or after; never over five degrees;
+* no flag in the archive: the bank of the track.
 
-The error left is of Berkson's kind (true = stated + independent), which leaves regressions on the
-bank unbiased.
+The remaining error is of Berkson's kind (true = estimate + independent), which leaves regressions
+on the bank unbiased.
 
 Validity: at least 30 flagged reports with a bank of three fixes; turns of less than half a circle
 between reports. Radians and seconds.
@@ -52,7 +52,7 @@ def bank_at_reports(
     latitude: Floats,
     longitude: Floats,
 ) -> Floats:
-    """Bank in which the reports were made, (n,) rad; NaN where `bank` is.
+    """Return the bank at each report, (n,) rad; NaN where `bank` is NaN.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def bank_at_reports(
     interval = _interval(flight, time)
     chords = _chord_bank(latitude, longitude, interval)
     seen = np.abs(chords) > VISIBLE
-    # A report the flag calls level but that turns takes its part of the angle away.
+    # the part of the angle that was turned at reports flagged as level
     lesser = np.where(level, np.abs(lasting), 0.0)
     spread = np.where(flagged | (level & seen), np.abs(chords) - lesser, 0.0) * interval
     whole = np.sum(interval[flagged])
@@ -94,7 +94,7 @@ def _unseen(
 ) -> float:
     """Part of turns near a flight's ends that falls on its first or last report, rad s.
 
-    No two chords meet there; it is taken for as much as the report on the turn's other side holds.
+    No two chords meet there; it is set to the part of the report on the other side of the turn.
     """
     end = interval == 0.0
     one = (flight[:-2] == flight[1:-1]) & (flight[1:-1] == flight[2:])
@@ -128,7 +128,7 @@ def _chord_bank(latitude: Floats, longitude: Floats, interval: Floats) -> Floats
 
 def _lasting(bank: Floats, flight: Integers) -> Floats:
     """Least bank of a report and its neighbours if all turn one way, at most the flag's limit."""
-    # At a flight's ends the report stands for the neighbour that is missing.
+    # at the ends of a flight the report replaces the missing neighbour
     before, after = bank.copy(), bank.copy()
     linked = flight[1:] == flight[:-1]
     before[1:][linked] = bank[:-1][linked]

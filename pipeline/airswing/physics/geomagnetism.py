@@ -1,4 +1,4 @@
-"""The geomagnetic field at many reports: IGRF on a fixed lattice, interpolated.
+"""Geomagnetic field at many reports: IGRF on a fixed lattice, interpolated.
 
 Assumptions
 -----------
@@ -13,9 +13,9 @@ IGRF costs tens of microseconds a point, so it is evaluated at the nodes of a la
 components X (north), Y (east), Z (down) are interpolated, never the angles: cubic (four-point
 Lagrange) in latitude and longitude between nodes 2 degrees apart, linear in height between 0 and
 16 km and linear in time between IGRF's own epochs five years apart, where IGRF is itself linear,
-so that nothing is lost in time. Nodes stand at fixed places of the globe and are made in tiles of
-one shape, so a report's field is the same to the last bit whichever other reports are asked for
-with it. Tiles are kept for the life of the process.
+so that the interpolation in time is exact. Nodes are at fixed places of the globe and are computed
+in tiles of one shape, so that the field at a report is the same to the last bit whatever the other
+reports. Tiles are kept for the life of the process.
 
 Validity
 --------
@@ -67,19 +67,19 @@ class GeomagneticField(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class FieldLattice:
-    """IGRF at the nodes of a global lattice, filled where asked for."""
+    """IGRF at the nodes of a global lattice, filled where reports are."""
 
     # (interval,): first years of the five-year intervals held, ascending
     intervals: NDArray[np.int64]
     # (interval, 90, 180, 12): X, Y, Z at both heights at the first year, and their change to the
-    # next; nT. NaN where the tile was not asked for.
+    # next; nT. NaN where no report is near.
     nodes: Array
 
     @classmethod
     def covering(
         cls, latitude: ArrayLike, longitude: ArrayLike, height: ArrayLike, seconds: ArrayLike
     ) -> Self:
-        """Build the lattice around some reports.
+        """Compute the lattice around some reports.
 
         Parameters
         ----------
@@ -101,7 +101,7 @@ class FieldLattice:
         touched = np.zeros((ROWS // TILE, COLUMNS // TILE), dtype=bool)
         for part in _blocks(lat.size):
             usable = _usable(lat[part], lon[part], when[part])
-            # Times stand in the interval that begins at or before them.
+            # the interval that begins at or before the time
             asked[np.searchsorted(bounds, when[part][usable], side="right") - 1] = True
             _touch(touched, lat[part][usable], lon[part][usable])
         asked[-2] |= asked[-1]  # the very last instant closes the last interval
@@ -147,7 +147,7 @@ class FieldLattice:
     def components(
         self, latitude: ArrayLike, longitude: ArrayLike, height: ArrayLike, seconds: ArrayLike
     ) -> tuple[Array, Array, Array]:
-        """North, east and down components (nT) at the flattened points, which are as for `at`."""
+        """Return north, east and down components (nT) at the flattened points, as for `at`."""
         lat, lon, level, when = _flat(latitude, longitude, height, seconds)
         found = np.full((3, lat.size), np.nan)
         if self.intervals.size == 0:
@@ -181,7 +181,7 @@ class FieldLattice:
         return np.asarray(np.where(outside, np.nan, field.T))
 
     def _time_position(self, seconds: Array) -> tuple[NDArray[np.int64], Array]:
-        """Interval held and fraction of it gone by; NaN where no interval holds the time."""
+        """Interval and elapsed fraction of it; NaN where the time is in no interval."""
         starts, stops = (
             _epoch_seconds()[(self.intervals + later - FIRST_EPOCH) // EPOCH_STEP]
             for later in (0, EPOCH_STEP)
@@ -210,9 +210,9 @@ def _epoch_seconds() -> Array:
 
 
 def _row_stencil(latitude: Array) -> tuple[NDArray[np.int64], list[Array]]:
-    """First of the four node rows around a latitude, and their weights; shifted at the poles."""
+    """First of the four node rows around a latitude, and their weights; one-sided at the poles."""
     position = (latitude - FIRST_LATITUDE) / STEP
-    # Near a pole the four nodes end there, and the point lies off their middle.
+    # near a pole the point is not in the middle of the four nodes
     first = np.clip(np.floor(position).astype(np.int64) - 1, 0, ROWS - 4)
     return first, _lagrange(position - first)
 
@@ -237,7 +237,7 @@ def _usable(latitude: Array, longitude: Array, seconds: Array) -> NDArray[np.boo
 
 
 def _touch(touched: NDArray[np.bool_], latitude: Array, longitude: Array) -> None:
-    """Mark the tiles that hold a node of any point's stencil."""
+    """Mark the tiles with a node of the stencil of any point."""
     row, _ = _row_stencil(latitude)
     column, _ = _column_stencil(longitude)
     # The corners of the 4 x 4 stencil: a tile is longer than a stencil, so no tile lies
@@ -251,7 +251,7 @@ def _touch(touched: NDArray[np.bool_], latitude: Array, longitude: Array) -> Non
 def _tile(row: int, column: int) -> Array:
     """IGRF at one tile's nodes at the first year of every interval, and the change over it.
 
-    All in one call: its time goes into Legendre functions and coefficients, which all years share.
+    All in one call: most of its time is for the Legendre functions, which all years share.
     """
     import ppigrf
 

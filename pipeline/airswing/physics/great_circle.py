@@ -1,7 +1,7 @@
 """Angles along great circles of a sphere, by the haversine formula.
 
 Assumes a sphere: distances are within 0.5 % of the ellipsoid's. The formula holds for places close
-together, where that of cosines rounds to nothing.
+together, where the formula of cosines loses all digits.
 """
 
 from __future__ import annotations
@@ -20,5 +20,5 @@ def central_angle(
     half_north = np.sin((north - south) / 2.0)
     half_east = np.sin((np.asarray(to_longitude) - np.asarray(longitude)) / 2.0)
     chord = half_north**2 + np.cos(north) * np.cos(south) * half_east**2
-    # rounding puts antipodes a hair beyond
+    # rounding may exceed one for antipodes
     return np.asarray(2.0 * np.arcsin(np.sqrt(np.clip(chord, 0.0, 1.0))))

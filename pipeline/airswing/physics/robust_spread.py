@@ -1,6 +1,6 @@
-"""Standard deviation of the many, which no few wild values move.
+"""Standard deviation from the median absolute deviation, robust against gross errors.
 
-Assumes that the many are normal about their middle; good to 1.2 / sqrt(n) of itself.
+Assumes that most values are normal about their median; relative standard error 1.2 / sqrt(n).
 """
 
 from __future__ import annotations
@@ -15,9 +15,18 @@ SD_OF_MAD = 1.4826
 
 
 def robust_sd(values: Floats, middle: float | None = None) -> float:
-    """Standard deviation by the median absolute deviation from the middle; 0 of no values.
+    """Return the standard deviation from the median absolute deviation.
 
-    The middle is the median where none is given.
+    Parameters
+    ----------
+    values : array, shape (n,)
+    middle : float, optional
+        Where the deviations are from; the median by default.
+
+    Returns
+    -------
+    float
+        0 where there is no value.
     """
     if not values.size:
         return 0.0

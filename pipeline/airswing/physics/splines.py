@@ -48,7 +48,7 @@ def hats_not_zero(values: Floats, knots: Floats) -> tuple[Short, Floats]:
     Returns
     -------
     index, value : (n, 2), of one knot (n, 1)
-        Which of the rows of :func:`hats`, and what stands in it.
+        Row of :func:`hats` and its value.
     """
     if knots.size == 1:
         return np.zeros((values.size, 1), dtype=np.int32), np.ones((values.size, 1))

@@ -2,10 +2,10 @@
 
 Assumptions
 -----------
-Reports stand flight by flight in order of time (the ragged order of an archive). Positions and
+Reports are ordered by flight and time (the ragged order of an archive). Positions and
 times are rounded to a known resolution: uniform errors, independent between fixes, of variance
 resolution^2 / 12. (A time *cut* to the minute shifts every fix by half a minute on average; that
-cancels in a velocity.) Between fixes the velocity wanders like a random walk of spectral density
+cancels in a velocity.) Between fixes the velocity varies as a random walk of spectral density
 ``acceleration_density`` per component: 0.02 m2 s-3, which is the 1.8 m2 s-2 that upper-air winds
 change by over the 20 km of three minutes' flight, with a margin for speed changes.
 
@@ -16,15 +16,15 @@ at a fix is therefore the derivative of the parabola through it and one fix on e
 chords, each weighted by the other's duration, with geodesic distances and the azimuths of both
 geodesics *at the shared fix*. For close or coarsely timed fixes the neighbours are noisy: then of
 all windows reaching 1, 2, 3, 4, 6, 9 or 13 fixes back and forward the one with the least expected
-error (rounding plus wandering) is used; no window reaches past a fix where the track visibly bends.
-At the ends of a flight a single chord is all there is; its larger wandering error is in its
-standard error.
+error (rounding plus random walk) is used; no window reaches past a fix where the track bends. At
+the ends of a flight there is a single chord; its larger random-walk error is in its standard
+error.
 
 Validity
 --------
 Any longitude, both sides of the antimeridian; not at a pole. Chords with no duration, longer than
-``max_gap`` or faster than 400 m/s are no evidence and break the flight; a report with no chord
-left has no value (NaN).
+`MAX_GAP` or faster than 400 m/s are rejected and divide the flight; a report without chord has no
+value (NaN).
 
 Units
 -----
@@ -70,7 +70,7 @@ class GroundTrack(NamedTuple):
     eastward: Array  # ground velocity, m s-1
     northward: Array
     # Standard errors along and across the track, m s-1: rounding of positions (both) and times
-    # (along), and the wandering of the velocity inside the window; root mean square of the two,
+    # (along), and the random walk of the velocity inside the window; root mean square of the two,
     # the standard error of one component.
     along_error: Array
     cross_error: Array
@@ -86,7 +86,7 @@ class GroundTrack(NamedTuple):
     before: NDArray[np.int8]
     after: NDArray[np.int8]
     # Mean ground velocity from each report to the next of its flight, in the directions at the
-    # middle of that leg, m s-1; NaN where there is no sound chord; and the standard error of a
+    # middle of that leg, m s-1; NaN where there is no valid chord; and the standard error of a
     # component across the leg, from the rounding of positions.
     leg_eastward: Array
     leg_northward: Array
@@ -137,13 +137,17 @@ def ground_track(
     altitude : array_like, shape (report,)
         Pressure altitude, m.
     flight : array_like of int, shape (report,)
-        Number of the flight, the same for reports that stand together and belong together.
+        Number of the flight; its reports are consecutive.
     resolution : Resolution
         Steps of position and time.
     acceleration_density : float
         Spectral density of each component's acceleration, m2 s-3.
     widen : bool
         Whether windows may reach past the neighbouring fixes where that lowers the error.
+
+    Returns
+    -------
+    GroundTrack
 
     References
     ----------
@@ -169,19 +173,19 @@ def _make_fixes(
         for value in (latitude, longitude, seconds, altitude)
     )
     number = np.asarray(flight).reshape(-1)
-    # a step that is not known hides nothing
+    # an unknown step is taken as zero
     step = np.broadcast_to(np.nan_to_num(np.asarray(resolution.position, np.float64)), lat.shape)
     tick = np.broadcast_to(np.nan_to_num(np.asarray(resolution.time, np.float64)), lat.shape)
     distance, forward, backward = (np.full(lat.shape, np.nan) for _ in range(3))
     placed = np.isfinite(lat) & np.isfinite(lon) & np.isfinite(when)
-    # only chords within a flight are asked for: geodesics are most of what this costs
+    # only chords within a flight: geodesics take most of the time
     pair = np.flatnonzero((number[1:] == number[:-1]) & placed[1:] & placed[:-1])
     forward[pair], backward[pair], distance[pair] = _geodesic(lat, lon, pair, pair + 1)
     duration = np.full(lat.shape, np.nan)
     duration[:-1] = np.diff(when)
-    # rounding may hide up to one step of time and two of position
+    # rounding may change the duration by one step and the distance by two
     slack = 2.0 * METRES_PER_DEGREE * step
-    # nought is sound: two reports of one minute stand in one run, though they have no chord
+    # zero is valid: two reports of one minute are in one run, although without a chord
     sound = (duration >= 0.0) & (duration <= MAX_GAP)
     sound &= distance - slack <= MAX_GROUND_SPEED * (duration + np.where(tick > 1.0, tick, 0.0))
     segment = np.concatenate([[0], np.cumsum(~sound[:-1])]) if lat.size else np.zeros(0)
@@ -234,7 +238,7 @@ def _neighbours(fixes: _Fixes) -> tuple[Index, Index]:
 
 
 def _variances(before: Array, after: Array, density: float) -> tuple[Array, Array]:
-    """Noise gain (s-2) and wandering (m2 s-2) of a window with these arms in seconds; 0 = none.
+    """Noise gain (s-2) and random walk (m2 s-2) of a window with these arms in seconds; 0 = none.
 
     The parabola's derivative weighs the fixes by -b/(a(a+b)), (b-a)/(ab), a/(b(a+b)) for arms a, b.
     A random walk's mean over a chord differs from its end by density * duration / 3.
@@ -260,14 +264,14 @@ def _arms(seconds: Array, before: Index, after: Index, here: Index) -> tuple[Arr
 
 
 def _local_speed(fixes: _Fixes) -> Array:
-    """Path flown over time gone by in the widest window: enough for a variance, NaN where none."""
+    """Path over elapsed time in the widest window, for the variance; NaN where unknown."""
     reach = ARMS[-1]
     size = fixes.seconds.size
     here = np.arange(size)
     first = np.searchsorted(fixes.segment, fixes.segment, side="left")
     last = np.searchsorted(fixes.segment, fixes.segment, side="right") - 1
     start, stop = np.maximum(here - reach, first), np.minimum(here + reach, last)
-    # Whole millimetres: a sum that does not depend on which flights stand before this one.
+    # whole millimetres: the sum is exact, so that it does not depend on the flights before
     steps = np.rint(1e3 * np.nan_to_num(fixes.distance)).astype(np.int64)
     path = np.concatenate([[0], np.cumsum(steps)])
     elapsed = fixes.seconds[stop] - fixes.seconds[start]
@@ -289,13 +293,13 @@ def _bends(fixes: _Fixes) -> Index:
 
 
 def _widen(fixes: _Fixes, before: Index, after: Index, density: float) -> None:
-    """Reach further wherever that lowers the expected variance of the velocity (in place)."""
+    """Widen the windows that then have a lower expected variance of the velocity (in place)."""
     speed = _local_speed(fixes)
     # an error of time moves a fix along the track alone: half of it is a component's
     noise = fixes.position_variance + 0.5 * speed**2 * fixes.time_variance
     everyone = np.arange(fixes.seconds.size)
     gain, wander = _variances(*_arms(fixes.seconds, before, after, everyone), density)
-    # rounding falls as 1/t^2 and wandering grows as t: below this the plain window is the best
+    # rounding falls as 1/t^2, the random walk grows as t: below this the plain window is the best
     here = np.flatnonzero(np.isfinite(noise) & (noise * gain > 0.5 * wander))
     bends = _bends(fixes)
     # a report in the middle of a bend keeps its plain window: a wider one would cut the corner
@@ -305,7 +309,7 @@ def _widen(fixes: _Fixes, before: Index, after: Index, density: float) -> None:
     behind = {arm: _reachable(fixes, bends, here, -arm) for arm in ARMS}
     ahead = {arm: _reachable(fixes, bends, here, arm) for arm in ARMS}
     anyone = np.ones(here.size, dtype=bool)
-    # single chords first: any centred window then displaces them
+    # single chords first: any centred window then replaces them
     for back, front in sorted(product((0, *ARMS), repeat=2), key=lambda arms: min(arms) > 0):
         both = back > 0 and front > 0
         allowed = behind.get(back, anyone) & ahead.get(front, anyone)
@@ -316,7 +320,7 @@ def _widen(fixes: _Fixes, before: Index, after: Index, density: float) -> None:
         gain, wander = _variances(one, two, density)
         cost = noise[here[place]] * gain + wander
         timed = (one > 0.0) & (two > 0.0) if both else one + two > 0.0
-        # a centred window displaces a chord to one side whatever either costs: the chord lags
+        # a centred window replaces a chord to one side at any cost: the chord lags
         better = timed & ((cost < best[place]) | (both & ~centred[place]))
         place = place[better]
         best[place], centred[place] = cost[better], both
@@ -400,7 +404,7 @@ def _chord(fixes: _Fixes, reach: Index, side: int) -> tuple[Array, Array, Array,
     """
     size = fixes.seconds.size
     distance, azimuth = (np.full(size, np.nan) for _ in range(2))
-    # Chords to the next fix are known; only wider windows cost a geodesic.
+    # chords to the next fix are known; only wider windows need a geodesic
     here = np.flatnonzero(reach == 1)
     if side > 0:
         distance[here], azimuth[here] = fixes.distance[here], fixes.forward[here]
@@ -411,7 +415,7 @@ def _chord(fixes: _Fixes, reach: Index, side: int) -> tuple[Array, Array, Array,
         fixes.latitude, fixes.longitude, here, here + side * reach[here]
     )
     everyone = np.arange(size)
-    # a reach of nought is the report itself: nothing over nothing, not a number
+    # a reach of zero is the report itself: zero over zero is NaN
     there = everyone + side * reach
     duration = side * (fixes.seconds[there] - fixes.seconds)
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -1,31 +1,31 @@
-"""Heading and airspeed at reports beside a turn, from the legs around them.
+"""Heading and airspeed at reports near a turn, from the legs around them.
 
 Assumptions
 -----------
-A turn is short against the time between reports, so that neither leg beside a report, nor the mean
-of both, is the direction flown at the report: the parabola through three fixes is off by 10 to 20
-degrees there. The aircraft flies straight, makes one turn of constant rate somewhere within the two
-legs before and the two after the report, and flies straight on; or it makes none. Each leg then
-tells the mean direction of the air vector over it, ground vector less reported wind: a mean of the
-course before and after, weighted by when the turn began and ended.
+A turn is short compared with the time between reports, so that neither the leg before nor the leg
+after a report, nor their mean, has the direction flown at the report: the parabola through three
+fixes is in error by 10 to 20 degrees there. The aircraft flies straight, makes at most one turn of
+constant rate within the two legs before and the two after the report, and flies straight on. The
+mean air vector of a leg, ground vector minus reported wind, then has a mean direction of the
+courses before and after, weighted by when the turn began and ended.
 
 Method
 ------
-Every begin and end on a lattice of a quarter of a leg is a hypothesis. Course before and turn
-follow from the four legs by linear least squares; the hypothesis' probability from the legs' misfit
-(with its determinant: the evidence of a linear model), from the bank it takes and from the roll
-flags of the report and its neighbours (G: banked by less than five degrees, B: by more). Heading
-and standard error are mean and spread over all hypotheses, so that a report at which a turn may or
-may not have begun says so. The airspeed is that of the legs beside the report, longer than their
-mean vectors by what the turn takes off them.
+Each pair of a begin and an end on a lattice of a quarter of a leg is a hypothesis. Initial course
+and turn follow from the four legs by linear least squares; the probability of the hypothesis from
+the misfit of the legs (with the determinant: the evidence of a linear model), from the bank it
+needs and from the roll flags of the report and its neighbours (G: bank below five degrees, B:
+above). Heading and standard error are mean and spread over all hypotheses, so that the error is
+large where a turn may or may not have begun at the report. The airspeed is that of the adjacent
+legs, longer than their mean vectors because these are shortened by the turn.
 
-What no turn of constant rate holds (rolling in and out, courses intercepted) is a part of the turn
-seen: `SHAPE`. A flight's first and last report have legs on one side only; more stays unknown.
+The error of assuming a constant rate (rolling in and out, intercepted courses) is a share of the
+turn: `SHAPE`. The first and last report of a flight have legs on one side only, and a larger error.
 
 Validity
 --------
-Intervals of half a minute to some minutes, one turn within four legs; several at once are taken for
-one, and the misfit of the legs widens the standard error. Units: m s-1, s, radians.
+Intervals of half a minute to some minutes, one turn within four legs; several turns are treated as
+one, and the misfit of the legs increases the standard error. Units: m s-1, s, radians.
 
 References
 ----------
@@ -51,10 +51,10 @@ Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 REACH = 2
-"""Legs looked at on each side."""
+"""Legs used on each side."""
 NODES = 4
 """Steps of a leg at which a turn may begin or end."""
-# Error of a leg's air vector beside that of its fixes: coded winds, gusts, airspeed; m s-1.
+# Error of a leg's air vector in addition to that of its fixes: coded winds, gusts; m s-1.
 WANDER = 0.7
 # Change of direction between two legs, beyond three standard errors, that is a turn, rad.
 SEEN = float(np.radians(2.0))
@@ -63,19 +63,19 @@ BANK, BANK_SPREAD = float(np.radians(12.0)), 0.7
 FLAGGED = float(np.radians(5.0))  # Bank at which the roll flag turns bad, rad
 WRONG_FLAG = -3.0  # Logarithm of the odds that a roll flag is wrong
 TURN = float(np.radians(60.0))  # Standard deviation of turns, rad
-# Odds that there is no turn, before the legs are looked at, within a flight and at its ends.
+# Prior odds that there is no turn, within a flight and at its ends.
 STRAIGHT, STRAIGHT_AT_END = 1.0, 0.3
 # Part of the turn by which a leg, and the heading, differ from those of a constant rate.
 MISFIT, SHAPE = 0.02, 0.05
 SHORTEST = 0.3  # Least length of a mean vector over the airspeed
 ROWS = 128
-"""Reports worked on at a time: arrays that stay in the processor's cache."""
+"""Reports per block, whose arrays fit the processor's cache."""
 
 
-class BesideTurns(NamedTuple):
-    """Headings and airspeeds found, with their standard errors; arrays of shape (found,)."""
+class NearTurns(NamedTuple):
+    """Headings and airspeeds with their standard errors; arrays of shape (reports near turns,)."""
 
-    report: Index  # with a turn in sight, and those at a flight's ends
+    report: Index  # near a turn, or at an end of a flight
     heading: Array  # direction of the air vector, from north clockwise, rad
     airspeed: Array  # its length, m s-1
     heading_error: Array
@@ -83,7 +83,7 @@ class BesideTurns(NamedTuple):
 
 
 class _Legs(NamedTuple):
-    """Legs from each report to the next, and what is known of the reports; (report,)."""
+    """Legs from each report to the next, with the roll flags of the reports; (report,)."""
 
     direction: Array  # of the air vector, rad; NaN where there is none
     speed: Array  # its length, m s-1
@@ -94,7 +94,7 @@ class _Legs(NamedTuple):
 
 
 class _Known(NamedTuple):
-    """What straight flight makes of each report: heading (rad), airspeed and their errors."""
+    """Heading (rad), airspeed and their errors at each report, assuming straight flight."""
 
     heading: Array
     airspeed: Array
@@ -102,7 +102,7 @@ class _Known(NamedTuple):
     airspeed_error: Array
 
 
-def beside_turns(
+def near_turns(
     leg: tuple[Array, Array, Array],
     wind: tuple[Array, Array],
     straight: tuple[Array, Array, Array, Array],
@@ -110,8 +110,8 @@ def beside_turns(
     flight: NDArray[np.integer],
     *,
     roll_flag: NDArray[np.integer] | None = None,
-) -> BesideTurns:
-    """Heading and airspeed at the reports beside a turn and at the ends of flights.
+) -> NearTurns:
+    """Estimate heading and airspeed at the reports near a turn and at the ends of flights.
 
     Parameters
     ----------
@@ -126,9 +126,13 @@ def beside_turns(
     seconds : ndarray, shape (report,)
         Ascending within a flight.
     flight : ndarray of int, shape (report,)
-        The same for reports that stand together and belong together.
+        Number of the flight; its reports are consecutive.
     roll_flag : ndarray of int, shape (report,), optional
         Codes of `airswing.flags.ROLL`.
+
+    Returns
+    -------
+    NearTurns
     """
     size = seconds.size
     roll = np.zeros(size, np.int64) if roll_flag is None else np.asarray(roll_flag, np.int64)
@@ -143,8 +147,8 @@ def beside_turns(
     ]
     if not parts:
         none = np.zeros(0)
-        return BesideTurns(index, none, none, none, none)
-    return BesideTurns(index, *(np.concatenate(values) for values in zip(*parts, strict=True)))
+        return NearTurns(index, none, none, none, none)
+    return NearTurns(index, *(np.concatenate(values) for values in zip(*parts, strict=True)))
 
 
 def _air_legs(
@@ -154,7 +158,7 @@ def _air_legs(
     flight: Index,
     roll: Index,
 ) -> _Legs:
-    """Mean air vector of each leg, as the unit sees it: ground vector less the wind it reports."""
+    """Mean air vector of each leg: ground vector minus the mean of the reported winds."""
     air = []
     for part, blown in zip(leg[:2], wind, strict=True):
         own = np.full(seconds.size, np.nan)
@@ -169,7 +173,7 @@ def _air_legs(
 
 
 def _in_question(legs: _Legs) -> Mask:
-    """Reports beside a bend of the path or banked, and the first and last of every flight."""
+    """Reports next to a bend of the path or banked, and the first and last of every flight."""
     size = legs.seconds.size
     bend = np.zeros(size, bool)
     if size > 1:
@@ -184,7 +188,7 @@ def _in_question(legs: _Legs) -> Mask:
 
 
 def _linked(legs: _Legs) -> Index:
-    """How many legs, of the one before and the one after, each report has."""
+    """Number of adjacent legs of each report, 0 to 2."""
     after = np.isfinite(legs.direction).astype(np.int64)
     before = np.zeros_like(after)
     before[1:] = after[:-1]
@@ -196,7 +200,7 @@ class _Window(NamedTuple):
 
     there: Mask  # (m, 4)
     times: Array  # of the fixes from the report's own, (m, 5) s; a mean leg further where none is
-    base: Array  # direction of a leg beside the report, (m,) rad
+    base: Array  # direction of a leg adjacent to the report, (m,) rad
     off: Array  # directions from there, turned through the legs between, (m, 4) rad
     weight: Array  # one over the variance of `off`, (m, 4); 0 where there is no leg
     speed: Array  # (m, 4) m s-1; 0 where there is no leg
@@ -221,7 +225,7 @@ def _window(index: Index, legs: _Legs) -> _Window:
     own = (at == fix) & (legs.flight[fix] == legs.flight[index][:, None])
     leg = fix[:, :-1]
     there = own[:, :-1] & own[:, 1:] & np.isfinite(legs.direction[leg])
-    # a leg beyond a gap says nothing of the report
+    # a leg beyond a gap is not used
     for k in range(REACH - 2, -1, -1):
         there[:, k] &= there[:, k + 1]
     for k in range(REACH + 1, 2 * REACH):
@@ -258,7 +262,7 @@ def _times(fix: Index, there: Mask, legs: _Legs) -> Array:
 
 
 class _Turns:
-    """Every turn a window may hold: begin and end on the lattice, (m, h) in single precision."""
+    """Hypothetical turns of a window: begin and end on the lattice, (m, h), single precision."""
 
     def __init__(self, window: _Window) -> None:
         self.window = window
@@ -266,14 +270,14 @@ class _Turns:
         nodes = window.times[:, :-1, None] + window.duration[:, :, None] * fraction
         nodes = np.concatenate([nodes.reshape(len(nodes), -1), window.times[:, -1:]], axis=1)
         first, last = np.triu_indices(nodes.shape[1], 1)
-        # Single precision: 136 hypotheses a report are the time of this file, and a
-        # thousandth of a leg is far below what begin and end are known to.
+        # single precision: the 136 hypotheses of a report take most of the time, and a thousandth
+        # of a leg is far below the resolution of begin and end
         nodes = nodes.astype(np.float32)
         self.begin, self.end = nodes[:, first], nodes[:, last]
         self.length = self.end - self.begin
 
     def gone(self, k: int) -> Single:
-        """Part of the turn made at fix `k`."""
+        """Part of the turn that is made at fix `k`."""
         at = self.window.times[:, k : k + 1].astype(np.float32)
         return np.asarray(np.clip((at - self.begin) / self.length, 0.0, 1.0))
 
@@ -342,7 +346,7 @@ def _fitted(window: _Window, turns: _Turns) -> _Fitted:
     none = -0.5 * (syy - sy * sy / s + np.log(s))[:, 0] + np.log(_odds(window))
     flags = window.roll[:, REACH - 1 : REACH + 2] == ROLL["bad"]
     none = none + WRONG_FLAG * flags.sum(axis=1)
-    # Taken off before the exponential, which would underflow.
+    # subtracted before the exponential, which would underflow
     best = np.maximum(log.max(axis=1), none)
     chance, nothing = np.exp(log - best[:, None]), np.exp(none - best)
     total = chance.sum(axis=1) + nothing
@@ -357,17 +361,17 @@ def _fitted(window: _Window, turns: _Turns) -> _Fitted:
 
 
 def _odds(window: _Window) -> Array:
-    """Odds against a turn before the legs are looked at."""
+    """Prior odds against a turn."""
     whole = window.there[:, REACH - 1] & window.there[:, REACH]
     return np.where(whole, STRAIGHT, STRAIGHT_AT_END)
 
 
 def _prior(window: _Window, turns: _Turns, turn: Single) -> Single:
-    """Log probability of every hypothesis before the legs are looked at."""
+    """Log prior probability of every hypothesis."""
     number = np.maximum(window.there.sum(axis=1), 1)
     speed = (window.speed.sum(axis=1) / number)[:, None].astype(np.float32)
     bank = np.arctan(np.abs(turn) / turns.length * speed / np.float32(GRAVITY))
-    # rad: straight on has no logarithm, and is another hypothesis
+    # rad: zero has no logarithm; straight flight is a separate hypothesis
     usual = np.log(np.maximum(bank, np.float32(1e-3)) / np.float32(BANK)) / BANK_SPREAD
     mean = window.duration.mean(axis=1)[:, None].astype(np.float32)
     log = -0.5 * usual**2 - np.log(turns.length / mean) - np.log(turns.length.shape[1])
@@ -404,11 +408,11 @@ def _found(index: Index, legs: _Legs, known: _Known) -> tuple[Array, Array, Arra
 
 
 def _airspeed(window: _Window, turns: _Turns, fit: _Fitted) -> tuple[Array, Array]:
-    """Airspeed of the legs beside the reports where there is a turn, and its standard error.
+    """Airspeed of the adjacent legs where there is a turn, and its standard error.
 
     The mean of a unit vector that turns is shorter than one by half the variance of its direction.
     """
-    turned = np.maximum(1.0 - fit.straight, 1e-6)  # surely straight: asked for by nobody
+    turned = np.maximum(1.0 - fit.straight, 1e-6)  # straight flight: not used
     total, share, doubt = (np.zeros(len(turned)) for _ in range(3))
     lengths: list[Array] = []
     for k in (REACH - 1, REACH):
@@ -423,6 +427,6 @@ def _airspeed(window: _Window, turns: _Turns, fit: _Fitted) -> tuple[Array, Arra
         share += weight
         lengths.append(np.where(window.there[:, k], window.speed[:, k] * factor, np.nan))
     speed = total / share
-    change = np.nan_to_num(lengths[1] - lengths[0])  # speeding up: which part before the report
+    change = np.nan_to_num(lengths[1] - lengths[0])  # acceleration, at an unknown time
     # uniform over the change: a twelfth of its square
     return speed, np.sqrt(doubt / share + change**2 / 12.0)

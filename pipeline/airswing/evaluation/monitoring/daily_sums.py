@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from airswing.evaluation.design import paired_design
 from airswing.evaluation.disagreement import member_mean, reference_mean, vector_difference
-from airswing.flags import mended
+from airswing.flags import is_corrected
 from airswing.products.ragged import aircraft_of_report, blocks, row_bounds
 
 Floats = NDArray[np.float64]
@@ -248,7 +248,7 @@ def wind_days(
         u, v = (block[name].to_numpy() for name in _WINDS[:2])
         if better is not None:
             winds = next(better)
-            applied = mended(winds["correction_applied"].to_numpy())
+            applied = is_corrected(winds["correction_applied"].to_numpy())
             u = np.where(applied, winds["corrected_eastward_wind"].to_numpy(), u)
             v = np.where(applied, winds["corrected_northward_wind"].to_numpy(), v)
         difference = vector_difference(u, v, *(model[name].to_numpy() for name in _WINDS[2:]))

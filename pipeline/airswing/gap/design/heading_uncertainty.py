@@ -46,8 +46,8 @@ def heading_doubt(frame: Frame, columns_frame: Frame) -> Floats:
     deviation = np.sqrt(np.bincount(frame.aircraft, squared, minlength=len(frame.tails)) / count)
     off = np.minimum(np.nan_to_num(frame.heading_error), WIDEST)
     rounding = rounding_of_headings(frame)[frame.aircraft]
-    beside_turns = deviation[frame.aircraft] * off
-    return np.asarray(columns_frame.airspeed * np.hypot(beside_turns, rounding))
+    near_turns = deviation[frame.aircraft] * off
+    return np.asarray(columns_frame.airspeed * np.hypot(near_turns, rounding))
 
 
 def rounding_of_headings(frame: Frame) -> Floats:

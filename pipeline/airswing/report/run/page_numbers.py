@@ -14,7 +14,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.evaluation.resampling import cluster_sums, clustered_mean
-from airswing.flags import SCREENING, STATUS, mended
+from airswing.flags import SCREENING, STATUS, is_corrected
 from airswing.products.ragged import aircraft_of_report, blocks
 from airswing.report.run.selection import members, pooled, used
 from airswing.units import KNOT, NORMAL_95
@@ -76,7 +76,7 @@ def compared(
     keep = used(headings) & np.isfinite(before) & np.isfinite(after)
     # Reports without a correction have the same disagreement twice and would dilute the gain.
     if "correction_applied" in corrected:
-        keep &= mended(corrected["correction_applied"].to_numpy())
+        keep &= is_corrected(corrected["correction_applied"].to_numpy())
     return before, after, keep
 
 
