@@ -1,4 +1,4 @@
-"""Choice of the ground vector: from the chords between fixes, or from reported heading and airspeed.
+"""Ground vector of each report: from chords between fixes, or from reported heading and airspeed.
 
 Assumptions
 -----------
@@ -136,7 +136,7 @@ def _judge(
     aircraft: Index,
     number: int,
 ) -> NDArray[np.str_]:
-    """Why each aircraft's own ground vector is not believed, or ``own``."""
+    """Name of `REPORTED_HEADING_USE` of each aircraft."""
     present = np.bincount(aircraft, weights=np.isfinite(own[0] + own[1]), minlength=number)
     implied = chord[0] - wind[0], chord[1] - wind[1]
     turned = angle_of_vector(*implied, *air)
