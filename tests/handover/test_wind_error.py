@@ -148,7 +148,7 @@ def test_a_product_that_knows_no_error_is_not_said_to_be_its_source(tmp_path, wi
     result = airswing.export(
         tmp_path / "corrected.nc", to="ob_ascii", path=tmp_path / "f", winds=winds
     )
-    assert result["errors_from"] == "WRFDA's own table"
+    assert result["errors_from"] == "WRFDA's table"
     assert "observation_errors.nc knows none of these" in result["notes"][0]
     assert ("uncertainty of each correction" in result["notes"][0]) == (winds == "corrected")
     (first, *_), _ = wrfda.read((tmp_path / "f").read_text())

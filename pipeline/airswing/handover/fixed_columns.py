@@ -119,8 +119,7 @@ def text_table(texts: Sequence[str], width: int) -> Lines:
 def put_time(lines: Lines, column: int, seconds: NDArray[np.int64], *, pattern: str) -> None:
     """Write dates, given in seconds since 1970 (UTC), from a first column (counted from 1).
 
-    ``pattern`` is such as ``yyyy-mm-dd_hh:mm:ss``: letters stand for digits, other characters for
-    themselves.
+    ``pattern`` is such as ``yyyy-mm-dd_hh:mm:ss``: letters are replaced by digits, others kept.
     """
     text = np.datetime_as_string(seconds.astype("datetime64[s]")).astype("S19")
     characters = text.view(np.uint8).reshape(-1, 19)

@@ -70,7 +70,7 @@ def known_errors(request: Request, *, required: bool = False) -> xr.Dataset | No
                 "does not hold the errors of reports by phase and layer",
                 file=(request.products or request.path) / ERRORS,
                 field=name,
-                remedy="Make it again, or move it away to use WRFDA's own table",
+                remedy="Make it again, or move it away to use WRFDA's table",
             )
     chosen = known.sel(state=request.winds).sortby("layer_bottom_pressure", ascending=False)
     if required and not np.isfinite(chosen[BASE]).any():
@@ -129,7 +129,7 @@ class WindErrors:
     @property
     def source(self) -> str:
         """Where the errors come from."""
-        return "WRFDA's own table" if np.isnan(self._base).all() else ERRORS
+        return "WRFDA's table" if np.isnan(self._base).all() else ERRORS
 
     @property
     def aircraft_excess(self) -> Array:

@@ -68,12 +68,12 @@ def write_forecast_page(directory: Path, corrected: xr.Dataset) -> Path:
 
 def forecast_headline(corrected: xr.Dataset) -> str:
     """State the rms error before and after the filter, by variable, in one sentence."""
-    own = corrected.sel(period="held_out")
+    chosen = corrected.sel(period="held_out")
     parts = []
-    for name in own["variable"].to_numpy():
-        rms = own["forecast_error_rms"].sel(variable=name)
+    for name in chosen["variable"].to_numpy():
+        rms = chosen["forecast_error_rms"].sel(variable=name)
         before, after = (float(rms.sel(correction=method)) for method in ("raw", "kalman"))
-        unit = str(own["variable_units"].sel(variable=name).item())
+        unit = str(chosen["variable_units"].sel(variable=name).item())
         if np.isfinite(before):
             words = str(name).replace("_", " ")
             parts.append(f"of {words} from {before:.2f} to {after:.2f} {unit}".rstrip())
@@ -99,8 +99,8 @@ def _scores_section(corrected: xr.Dataset) -> Section:
         for period, words in _PERIODS.items():
             number = int(corrected["pair_count"].sel(variable=variable, period=period))
             for method in METHODS:
-                own = corrected.sel(variable=variable, period=period, correction=method)
-                cells = [_cell(own, name) for name in SCORES]
+                chosen = corrected.sel(variable=variable, period=period, correction=method)
+                cells = [_cell(chosen, name) for name in SCORES]
                 shown = [str(variable).replace("_", " "), words, NAMES[method], *cells]
                 rows.append(Row([*shown, f"{number:,}"], doubt=period == "all"))
     columns = [
@@ -122,9 +122,9 @@ def _scores_section(corrected: xr.Dataset) -> Section:
     return Section("scores", "Scores", lead, [table(columns, rows, caption=caption)])
 
 
-def _cell(own: xr.Dataset, name: str) -> str:
-    value = float(own[name])
-    low, high = (float(bound) for bound in own[f"{name}_interval"])
+def _cell(chosen: xr.Dataset, name: str) -> str:
+    value = float(chosen[name])
+    low, high = (float(bound) for bound in chosen[f"{name}_interval"])
     if not np.isfinite(value):
         return "-"
     if not np.isfinite(low) or low == high:
@@ -156,13 +156,13 @@ def _most_improved(corrected: xr.Dataset, variable: str) -> str:
 def _notes_section(corrected: xr.Dataset) -> Section:
     lines = []
     for name in corrected["variable"].to_numpy():
-        own = corrected.sel(variable=name)
+        chosen = corrected.sel(variable=name)
         how = (
             "least mean square error on the training days"
-            if int(own["ratio_chosen"])
+            if int(chosen["ratio_chosen"])
             else "given, or the usual one because the days are too few"
         )
-        ratio = float(own["ratio"])
+        ratio = float(chosen["ratio"])
         what = (
             f"ratio {ratio:g} ({how})"
             if ratio
@@ -204,7 +204,7 @@ def by_lead_figure(scored: xr.Dataset, variable: str) -> Figure:
         Of :func:`airswing.handover.forecasts.correcting.score_forecasts`, with
         ``variable_units``.
     """
-    own = scored.sel(variable=variable, period="held_out")
+    chosen = scored.sel(variable=variable, period="held_out")
     figure = new_figure(3.4)
     panels = figure.subplots(1, 3, sharex=True)
     shown = (
@@ -215,7 +215,7 @@ def by_lead_figure(scored: xr.Dataset, variable: str) -> Figure:
     for axes, (name, label) in zip(panels, shown, strict=True):
         for index, method in enumerate(METHODS):
             if name != "skill" or method != "raw":
-                _line(axes, own.sel(correction=method), name, index)
+                _line(axes, chosen.sel(correction=method), name, index)
         axes.set_title(label)
         axes.set_xlabel("lead (h)")
         axes.axhline(0.0, color=INK, linewidth=0.8)
@@ -227,12 +227,12 @@ def by_lead_figure(scored: xr.Dataset, variable: str) -> Figure:
     )
 
 
-def _line(axes: Axes, own: xr.Dataset, name: str, index: int) -> None:
+def _line(axes: Axes, chosen: xr.Dataset, name: str, index: int) -> None:
     colour, marker = series_style(index)
-    lead, values = own["lead"].to_numpy(), own[f"{name}_by_lead"].to_numpy()
-    low, high = own[f"{name}_by_lead_interval"].to_numpy().T
+    lead, values = chosen["lead"].to_numpy(), chosen[f"{name}_by_lead"].to_numpy()
+    low, high = chosen[f"{name}_by_lead_interval"].to_numpy().T
     axes.fill_between(lead, low, high, color=colour, alpha=0.15, linewidth=0)
-    label = NAMES[str(own["correction"].item())]
+    label = NAMES[str(chosen["correction"].item())]
     axes.plot(lead, values, color=colour, marker=marker, markersize=3.5, label=label)
 
 
@@ -245,13 +245,15 @@ def time_line_figure(corrected: xr.Dataset, variable: str, station: str) -> Figu
     corrected : Dataset
         Of :func:`airswing.handover.forecasts.correcting.correct_forecasts`.
     """
-    own = corrected.sel(variable=variable, station=station).isel({TIME: slice(-LONGEST, None)})
+    chosen = corrected.sel(variable=variable, station=station).isel({TIME: slice(-LONGEST, None)})
     figure = new_figure(2.8)
     axes = figure.subplots()
-    starts = own[TIME].to_numpy()
+    starts = chosen[TIME].to_numpy()
     known = 0
     for index, method in enumerate(METHODS):
-        error = (own[FORECASTS[method]] - own["observation"]).transpose(TIME, "lead").to_numpy()
+        error = (
+            (chosen[FORECASTS[method]] - chosen["observation"]).transpose(TIME, "lead").to_numpy()
+        )
         number = np.isfinite(error).sum(axis=1)
         mean = np.where(number > 0, np.nansum(error, axis=1) / np.maximum(number, 1), np.nan)
         known = int(number.sum())
@@ -265,7 +267,7 @@ def time_line_figure(corrected: xr.Dataset, variable: str, station: str) -> Figu
             linewidth=1.2,
             label=NAMES[method],
         )
-    judged = own["held_out"].to_numpy().astype(bool)
+    judged = chosen["held_out"].to_numpy().astype(bool)
     if judged.any() and not judged.all():
         axes.axvline(starts[judged][0], color=SOFT, linewidth=1.0, linestyle="--")
         axes.annotate(

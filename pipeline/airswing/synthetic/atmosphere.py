@@ -39,7 +39,7 @@ _BEFORE, _AFTER = 12.0, 24.0
 def stream(seed: int, name: str) -> np.random.Generator:
     """Random generator of one named part of an archive.
 
-    Each part has its own numbers, so that switching one part on leaves the others unchanged.
+    Each part has other numbers, so that switching one part on leaves the others unchanged.
     """
     return np.random.default_rng([seed, zlib.crc32(name.encode())])
 

@@ -1,7 +1,7 @@
 """Earth's magnetic field over the region of a sample archive, from IGRF.
 
 Assumes a field that is linear in time over an archive and smooth over 1.5 degrees: a lattice of
-`ppigrf` values, bilinear in place. Apart from the package's own lattice, so that the truth of the
+`ppigrf` values, bilinear in place. Apart from the package's lattice, so that the truth of the
 archives is independent of it. The field falls by 0.05 % a kilometre (3 / radius): one height serves
 climb and cruise. Units: degrees for places, radians for the declination, nT.
 """

@@ -42,7 +42,7 @@ def postprocess(config: Path, *, output: Path | None = None, quiet: bool = False
     Parameters
     ----------
     config : Path
-        With a section ``postprocess``; that of the main job or one of its own.
+        With a section ``postprocess``; that of the main job, or a file with this section alone.
     output : Path, optional
         Replaces the configuration's folder.
 

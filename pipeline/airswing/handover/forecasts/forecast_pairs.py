@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -31,10 +31,40 @@ from airswing.handover.selection import APPLIED
 from airswing.physics.triangle import wrap_degrees
 from airswing.products.ragged import blocks
 
+Floats = NDArray[np.float64]
+Times = NDArray[np.datetime64]
+STATION = ("station", "location", "id", "site")
+START = ("start", "forecast_reference_time", "reference_time", "init", "date")
+LEAD = ("lead", "lead_h", "leadtime", "lead_time")
+VALID = ("time", "valid_time", "valid")
+PLACES = {
+    "latitude": ("latitude", "lat"),
+    "longitude": ("longitude", "lon"),
+    "altitude": ("altitude", "elev", "elevation"),
+}
+VARIABLES = {
+    "t": "air_temperature",
+    "t2m": "air_temperature",
+    "2t": "air_temperature",
+    "temperature": "air_temperature",
+    "u": "eastward_wind",
+    "10u": "eastward_wind",
+    "u10": "eastward_wind",
+    "v": "northward_wind",
+    "10v": "northward_wind",
+    "v10": "northward_wind",
+    "ff": "wind_speed",
+    "ws": "wind_speed",
+}
+"""Short names of variables; other names are kept."""
+LEAD_HOURS = 24.0
+"""Lead time of pairs at flight levels: the bias of a day is known on the next."""
+_KEYS = ["variable", "station", TIME, "lead"]
 _MISSING = ["-999", "-999.0", "-999.00", "NA", "nan", "NaN", "null", ""]
 _COMMENT = re.compile(r"#\s*(variable|units)\s*:\s*(.*?)\s*$", re.IGNORECASE)
 # A time outside this range is a number misread as a date.
 _FIRST, _LAST = pd.Timestamp("1900-01-01"), pd.Timestamp("2200-01-01")
+_WINDS = ("eastward_wind", "northward_wind")
 
 
 def read_table(path: Path, columns: Mapping[str, str]) -> tuple[pd.DataFrame, dict[str, str]]:
@@ -62,14 +92,14 @@ def read_table(path: Path, columns: Mapping[str, str]) -> tuple[pd.DataFrame, di
     except (OSError, UnicodeDecodeError) as err:
         found = getattr(err, "strerror", None) or "bytes that are not text"
         raise InputError("cannot be read as a table of text", file=path, found=found) from err
-    lines = text.splitlines()
-    comments = {m[1].lower(): m[2] for line in lines if (m := _COMMENT.match(line.strip()))}
-    body = [line.strip() for line in lines if line.strip() and not line.lstrip().startswith("#")]
+    lines = [line.strip() for line in text.splitlines()]
+    comments = {m[1].lower(): m[2] for line in lines if (m := _COMMENT.match(line))}
+    body = [line for line in lines if line and not line.startswith("#")]
     if len(body) < 2:
         raise InputError("a table without lines", file=path, found=f"{len(body)} lines of text")
-    split = _splitter(body[0])
-    names = [_plain(name) for name in split(body[0])]
-    rows = [split(line) for line in body[1:]]
+    mark = next((mark for mark in (",", ";", "\t") if mark in body[0]), None)
+    split = [[part.strip().strip('"') for part in line.split(mark)] for line in body]
+    names, rows = [name.lower() for name in split[0]], split[1:]
     whole = [row for row in rows if len(row) == len(names)]
     # A few broken lines are left out; where most are broken, the file is not a table.
     if 2 * len(whole) < len(rows) or len(names) < 2:
@@ -78,13 +108,13 @@ def read_table(path: Path, columns: Mapping[str, str]) -> tuple[pd.DataFrame, di
             file=path,
             found=f"{len(names)} names, a line of {len(rows[0])} values",
         )
-    table = pd.DataFrame(whole, columns=names, dtype=object)
-    table = table.rename(columns={_plain(theirs): ours for theirs, ours in columns.items()})
-    unknown = [theirs for theirs in columns if _plain(theirs) not in names]
-    if unknown:
-        raise InputError(
-            "no such column", file=path, field=unknown[0], found="columns " + ", ".join(names)
-        )
+    given = {theirs.strip().strip('"').lower(): ours for theirs, ours in columns.items()}
+    for theirs, key in zip(columns, given, strict=True):
+        if key not in names:
+            raise InputError(
+                "no such column", file=path, field=theirs, found="columns " + ", ".join(names)
+            )
+    table = pd.DataFrame(whole, columns=names, dtype=object).rename(columns=given)
     again = table.columns[table.columns.duplicated()]
     if len(again):
         raise InputError(
@@ -95,18 +125,6 @@ def read_table(path: Path, columns: Mapping[str, str]) -> tuple[pd.DataFrame, di
         )
     table.attrs["lines_skipped"] = len(rows) - len(whole)
     return table, comments
-
-
-def _plain(name: str) -> str:
-    return name.strip().strip('"').lower()
-
-
-def _splitter(line: str) -> Callable[[str], list[str]]:
-    """Function that divides lines as the line of names is divided."""
-    for mark in (",", ";", "\t"):
-        if mark in line:
-            return lambda text: [part.strip().strip('"') for part in text.split(mark)]
-    return str.split
 
 
 def optional_column(table: pd.DataFrame, names: Sequence[str]) -> pd.Series | None:
@@ -127,20 +145,19 @@ def column(table: pd.DataFrame, names: Sequence[str], *, file: Path) -> pd.Serie
     return found
 
 
-def numbers(values: Iterable[object]) -> NDArray[np.float64]:
-    """Read numbers; NaN where missing, over 1e30 or not a number."""
+def numbers(values: Iterable[object]) -> Floats:
+    """Read numbers; NaN where missing, over 1e30 (fill values) or not a number."""
     series = pd.Series(list(values), dtype=object).map(lambda text: str(text).strip())
     read = pd.to_numeric(series.where(~series.isin(_MISSING)), errors="coerce")
     found = read.to_numpy(dtype=np.float64)
-    return np.where(np.abs(found) < 1e30, found, np.nan)  # larger ones are fill values
+    return np.where(np.abs(found) < 1e30, found, np.nan)
 
 
-def times(values: Iterable[object]) -> NDArray[np.datetime64]:
+def times(values: Iterable[object]) -> Times:
     """Read times in UTC: ISO 8601, yyyymmdd[HH[MM[SS]]] or seconds since 1970; else NaT."""
     codes, labels = pd.factorize(pd.Series(list(values), dtype=object))
     read = [_time(str(label).strip()) for label in labels]
-    known = np.array([*read, np.datetime64("NaT")], dtype="datetime64[ns]")
-    return known[codes]
+    return np.array([*read, np.datetime64("NaT")], dtype="datetime64[ns]")[codes]
 
 
 def _time(text: str) -> np.datetime64:
@@ -158,35 +175,7 @@ def _time(text: str) -> np.datetime64:
     except (ValueError, OverflowError):
         return np.datetime64("NaT", "ns")
     plain = stamp.tz_convert("UTC").tz_localize(None) if stamp.tz is not None else stamp
-    inside = _FIRST <= plain <= _LAST
-    return np.datetime64(plain, "ns") if inside else np.datetime64("NaT", "ns")
-
-
-STATION = ("station", "location", "id", "site")
-START = ("start", "forecast_reference_time", "reference_time", "init", "date")
-LEAD = ("lead", "lead_h", "leadtime", "lead_time")
-VALID = ("time", "valid_time", "valid")
-PLACES = {
-    "latitude": ("latitude", "lat"),
-    "longitude": ("longitude", "lon"),
-    "altitude": ("altitude", "elev", "elevation"),
-}
-# Short names of variables; other names are kept.
-KNOWN = {
-    "t": "air_temperature",
-    "t2m": "air_temperature",
-    "2t": "air_temperature",
-    "temperature": "air_temperature",
-    "u": "eastward_wind",
-    "10u": "eastward_wind",
-    "u10": "eastward_wind",
-    "v": "northward_wind",
-    "10v": "northward_wind",
-    "v10": "northward_wind",
-    "ff": "wind_speed",
-    "ws": "wind_speed",
-}
-_KEYS = ["variable", "station", TIME, "lead"]
+    return np.datetime64(plain if _FIRST <= plain <= _LAST else "NaT", "ns")
 
 
 def pairs_from_tables(
@@ -245,19 +234,18 @@ def _part(
     raw, comments = read_table(file, columns)
     left_out["another number of columns"] += int(raw.attrs["lines_skipped"])
     start, lead = _starts_and_leads(raw, file)
-    given = optional_column(raw, ("variable", "parameter"))
-    named = variable or comments.get("variable") or "forecast"
-    names = pd.Series(named, index=raw.index) if given is None else given
+    names = optional_column(raw, ("variable", "parameter"))
+    if names is None:
+        names = pd.Series(variable or comments.get("variable") or "forecast", index=raw.index)
+    names = names.map(lambda name: str(name).strip())
     unit = optional_column(raw, ("units", "unit"))
     table = pd.DataFrame(
         {
             "station": column(raw, STATION, file=file),
             TIME: start,
             "lead": lead,
-            "variable": names.map(
-                lambda name: KNOWN.get(str(name).strip().lower(), str(name).strip())
-            ),
-            "units": unit if unit is not None else units or _plain_units(comments.get("units", "")),
+            "variable": names.map(lambda name: VARIABLES.get(name.lower(), name)),
+            "units": unit if unit is not None else units or _cf_units(comments.get("units", "")),
             "forecast": numbers(column(raw, ("forecast", "fcst", "fc"), file=file)),
             "observation": numbers(column(raw, ("observation", "obs", "observed"), file=file)),
         }
@@ -266,35 +254,32 @@ def _part(
         place = optional_column(raw, known)
         table[name] = np.nan if place is None else numbers(place)
     timeless = table[TIME].isna() | ~np.isfinite(table["lead"]) | (table["lead"] < 0.0)
-    nameless = table["station"].map(lambda text: str(text).strip() == "")
+    nameless = table["station"].map(lambda text: str(text).strip() == "") & ~timeless
     left_out["no start or lead that can be read"] += int(timeless.sum())
-    left_out["no station"] += int((nameless & ~timeless).sum())
+    left_out["no station"] += int(nameless.sum())
     usable: pd.DataFrame = table[~(timeless | nameless)]
     return usable
 
 
-def _starts_and_leads(
-    raw: pd.DataFrame, file: Path
-) -> tuple[NDArray[np.datetime64], NDArray[np.float64]]:
+def _starts_and_leads(raw: pd.DataFrame, file: Path) -> tuple[Times, Floats]:
     """Start and lead time (h), of which one may be given by the valid time."""
-    start = optional_column(raw, START)
-    lead = optional_column(raw, LEAD)
+    start, lead = optional_column(raw, START), optional_column(raw, LEAD)
     if start is not None and lead is not None:
         return times(start), numbers(lead)
-    at = times(column(raw, VALID, file=file))
+    valid = times(column(raw, VALID, file=file))
     if start is not None:
         begun = times(start)
-        hours = (at - begun) / np.timedelta64(1, "h")
-        return begun, np.where(np.isnat(at) | np.isnat(begun), np.nan, hours)
+        hours = (valid - begun) / np.timedelta64(1, "h")
+        return begun, np.where(np.isnat(valid) | np.isnat(begun), np.nan, hours)
     ahead = numbers(column(raw, LEAD, file=file))
     steps = np.nan_to_num(ahead * 3.6e12).astype("timedelta64[ns]")
-    return np.where(np.isfinite(ahead), at - steps, np.datetime64("NaT")), ahead
+    return np.where(np.isfinite(ahead), valid - steps, np.datetime64("NaT")), ahead
 
 
-def _plain_units(text: str) -> str:
+def _cf_units(text: str) -> str:
     """CF units from the plot labels of Verif (``$^oC$``)."""
     plain = text.replace("$", "").replace("^o", "deg").replace("{", "").replace("}", "").strip()
-    return {"degC": "degC", "C": "degC", "celsius": "degC", "m/s": "m s-1"}.get(plain, plain)
+    return {"C": "degC", "celsius": "degC", "m/s": "m s-1"}.get(plain, plain)
 
 
 def on_axes(table: pd.DataFrame) -> xr.Dataset:
@@ -306,16 +291,21 @@ def on_axes(table: pd.DataFrame) -> xr.Dataset:
     codes, axes = zip(*(pd.factorize(table[key], sort=True) for key in _KEYS), strict=True)
     shape = tuple(len(axis) for axis in axes)
     flat = np.ravel_multi_index(codes, shape)
-    laid = {}
+    values = {}
     for name in ("forecast", "observation"):
-        values = np.full(int(np.prod(shape)), np.nan)
-        values[flat] = table[name].to_numpy(dtype=np.float64)
-        laid[name] = (DIMS, values.reshape(shape))
-    coords = {key: (key, np.asarray(axis)) for key, axis in zip(_KEYS, axes, strict=True)}
-    for key in ("variable", "station"):
-        coords[key] = (key, np.array([str(value) for value in axes[_KEYS.index(key)]]))
-    coords[TIME] = (TIME, pd.DatetimeIndex(axes[2]).to_numpy(dtype="datetime64[ns]"))
-    found = xr.Dataset(laid, coords=coords)
+        filled = np.full(int(np.prod(shape)), np.nan)
+        filled[flat] = table[name].to_numpy(dtype=np.float64)
+        values[name] = (DIMS, filled.reshape(shape))
+    names, stations, starts, leads = axes
+    found = xr.Dataset(
+        values,
+        coords={
+            "variable": [str(name) for name in names],
+            "station": [str(name) for name in stations],
+            TIME: pd.DatetimeIndex(starts).to_numpy(dtype="datetime64[ns]"),
+            "lead": np.asarray(leads),
+        },
+    )
     first = table.groupby("variable", sort=True)["units"].first().fillna("").astype(str)
     found["variable_units"] = ("variable", np.array(first.to_list()))
     places = table.groupby("station", sort=True)[list(PLACES)].first()
@@ -323,21 +313,6 @@ def on_axes(table: pd.DataFrame) -> xr.Dataset:
         if places[name].notna().any():
             found[name] = ("station", places[name].to_numpy(dtype=np.float64))
     return found
-
-
-VARIABLES = ("eastward_wind", "northward_wind")
-LEAD_HOURS = 24.0  # the bias of a day is known on the next
-_NEEDED = (
-    "latitude",
-    "longitude",
-    "pressure",
-    "time",
-    "phase",
-    "screening",
-    "reference_eastward_wind",
-    "reference_northward_wind",
-)
-_LAYERS = len(LEVEL_EDGES_HPA) - 1
 
 
 def flight_level_pairs(
@@ -353,7 +328,7 @@ def flight_level_pairs(
     Parameters
     ----------
     headings, corrected : Dataset
-        In memory or opened lazily.
+        Of one run, in memory or opened lazily.
     members : list of str
         References whose mean is the forecast.
     region : float
@@ -370,15 +345,15 @@ def flight_level_pairs(
     Raises
     ------
     InputError
-        If no box has reports enough on any day.
+        If no box has enough reports on any day.
     """
+    needed = ["latitude", "longitude", "pressure", "time", "phase", "screening"]
+    needed += [f"reference_{name}" for name in _WINDS]
+    better = blocks(corrected, [*(f"corrected_{name}" for name in _WINDS), "correction_applied"])
     parts = []
-    names = [*(f"corrected_{name}" for name in VARIABLES), "correction_applied"]
-    better = blocks(corrected, names)
-    for block, other in zip(blocks(headings, list(_NEEDED)), better, strict=True):
+    for block, other in zip(blocks(headings, needed), better, strict=True):
         table = _reports(block, other, members, region).assign(reports=1)
         parts.append(table.groupby(["south", "west", "layer", "day"]).sum())
-    columns = ["reports", *(f"{kind}_{name}" for kind in ("model", "air") for name in VARIABLES)]
     summed = pd.concat(parts).groupby(level=[0, 1, 2, 3]).sum()
     kept = summed[summed["reports"] >= fewest]
     if kept.empty:
@@ -388,8 +363,7 @@ def flight_level_pairs(
             found=f"at most {int(summed['reports'].max()) if len(summed) else 0}",
             remedy="Make region larger or fewest smaller",
         )
-    means = kept[columns[1:]].div(kept["reports"], axis=0)
-    found = on_axes(_lines(means, region))
+    found = on_axes(_lines(kept.div(kept["reports"], axis=0), region))
     few = int((summed["reports"] < fewest).sum())
     found.attrs["lines_left_out"] = {f"box, layer and day with under {fewest} winds": few}
     return found.rename(altitude="pressure")  # `on_axes` calls the level of a place altitude
@@ -405,11 +379,11 @@ def _reports(
         {
             "south": np.floor(block["latitude"].to_numpy() / region),
             "west": np.floor(wrap_degrees(block["longitude"].to_numpy()) / region),
-            "layer": cell % _LAYERS,
+            "layer": cell % (len(LEVEL_EDGES_HPA) - 1),
             "day": block["time"].to_numpy().astype("datetime64[D]").astype("datetime64[ns]"),
         }
     )
-    for name in VARIABLES:
+    for name in _WINDS:
         table[f"model_{name}"] = model[f"reference_{name}"].to_numpy().astype(np.float64)
         table[f"air_{name}"] = corrected[f"corrected_{name}"].to_numpy().astype(np.float64)
     good = (cell >= 0) & table.notna().all(axis=1).to_numpy()
@@ -442,6 +416,6 @@ def _lines(means: pd.DataFrame, region: float) -> pd.DataFrame:
                 "altitude": middle * 100.0,
             }
         )
-        for name in VARIABLES
+        for name in _WINDS
     ]
     return pd.concat(parts, ignore_index=True)

@@ -7,8 +7,8 @@ and an error y = forecast - observation made of a slowly wandering bias and whit
 
 (Delle Monache et al. 2006, J. Geophys. Res. 111, D05308). The variance of the noise is found by a
 second filter on z(t) = (y(t) - y(t-m))^2 / (2 + m ratio), with m the days since the last known
-error; m = 1 is the equation of the paper. Its own variances are the paper's 0.0005 and 1. A day
-without an error leaves the bias unchanged and adds to its uncertainty.
+error; m = 1 is the equation of the paper. The variances of that filter are the paper's 0.0005 and
+1. A day without an error leaves the bias unchanged and adds to its uncertainty.
 
 The filter starts from a bias of 0 with a variance of `FIRST_VARIANCE` times that of the noise, so
 that the correction does not depend on the unit. On simulated series with a bias of up to one

@@ -179,13 +179,13 @@ def _paired(table: pd.DataFrame, observed: pd.DataFrame, max_time_gap: float) ->
     """Forecasts with the observation nearest to each valid time."""
     table = table.assign(time=_valid(table)).sort_values("time")
     parts = []
-    for variable, own in table.groupby("variable", sort=True):
+    for variable, forecasts in table.groupby("variable", sort=True):
         if variable not in observed:
             continue
         there = observed.loc[observed[variable].notna(), ["station", "time", variable]]
         parts.append(
             pd.merge_asof(
-                own,
+                forecasts,
                 there.sort_values("time").rename(columns={variable: "observation"}),
                 on="time",
                 by="station",
