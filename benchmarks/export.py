@@ -1,11 +1,11 @@
-"""Seconds and memory of handing over an archive, beside pandas writing the same columns as CSV.
+"""Processor time and memory of exporting an archive, compared with pandas writing CSV.
 
     python -m benchmarks.export [--reports 1000000]
 
-A product with as many corrected reports of 60 aircraft is made up, then exported in each format,
-with single reports and with ascents and descents joined, and written by
-``pandas.DataFrame.to_csv``: the same columns, read from the same product. Each in a process of its
-own, so that the peak memory is its own. Bars: a million reports in under 30 s and 1 GiB.
+A product of corrected reports of 60 aircraft is generated, then exported in each format, with
+single reports and with joined soundings, and written by ``pandas.DataFrame.to_csv``: the same
+columns, read from the same product. Each runs in a separate process. Bars: 10 s of processor time
+a million reports, and 1 GiB for a million reports (2 GiB for ten million).
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ from airswing.flags import PHASE
 from airswing.products.netcdf import read_product, write_product
 
 AIRCRAFT = 60
-SECONDS_BAR, BYTES_BAR = 30.0, 2**30
+SECONDS_BAR = 10.0  # of processor time, a million reports
+BYTES_BAR = 2**30
 COLUMNS = (
     "time",
     "latitude",
@@ -41,17 +42,17 @@ COLUMNS = (
 
 
 def archive(reports: int) -> xr.Dataset:
-    """Corrected reports: flights of an ascent, a cruise and a descent, one after the other."""
+    """Corrected reports: flights of ascent, cruise and descent in sequence."""
     rng = np.random.default_rng(4)
     size = np.full(AIRCRAFT, reports // AIRCRAFT, dtype=np.int32)
     size[: reports % AIRCRAFT] += 1
-    own = np.concatenate([np.arange(count) for count in size])
-    leg = own % 50
+    number = np.concatenate([np.arange(count) for count in size])
+    leg = number % 50
     phase = np.select([leg < 10, leg < 40], [PHASE["ascent"], PHASE["cruise"]], PHASE["descent"])
     pressure = np.interp(leg, [0, 10, 40, 49], [95000.0, 45000.0, 45000.0, 94000.0])
     start = np.datetime64("2009-01-01", "ns")
     columns = {
-        "time": start + (own * 120 + rng.integers(0, 60, reports)) * np.timedelta64(1, "s"),
+        "time": start + (number * 120 + rng.integers(0, 60, reports)) * np.timedelta64(1, "s"),
         "latitude": rng.uniform(30.0, 50.0, reports),
         "longitude": rng.uniform(-110.0, -70.0, reports),
         "pressure": pressure.astype(np.float32),
@@ -59,7 +60,7 @@ def archive(reports: int) -> xr.Dataset:
         "correction_applied": np.zeros(reports, dtype=np.int8),
         "screening": np.zeros(reports, dtype=np.int32),
         "phase": phase.astype(np.int8),
-        "flight": (own // 50 + np.repeat(np.arange(AIRCRAFT) * 10**6, size)).astype(np.int32),
+        "flight": (number // 50 + np.repeat(np.arange(AIRCRAFT) * 10**6, size)).astype(np.int32),
         "corrected_wind_standard_error": rng.uniform(0.1, 1.0, reports).astype(np.float32),
     }
     for name in ("eastward_wind", "northward_wind"):
@@ -73,7 +74,7 @@ def archive(reports: int) -> xr.Dataset:
 
 
 def as_csv(product: Path, path: Path) -> None:
-    """The rival: the columns of the reports and their aircraft, through pandas."""
+    """Columns of the reports and their aircraft, written by pandas."""
     ds = read_product(product)
     frame = ds[list(COLUMNS)].to_dataframe()
     frame["aircraft"] = np.repeat(ds["aircraft"].to_numpy(), ds["row_size"].to_numpy())
@@ -81,7 +82,7 @@ def as_csv(product: Path, path: Path) -> None:
 
 
 def alone(work) -> tuple[float, float, int]:
-    """Seconds, processor seconds and peak bytes of some work in a process of its own."""
+    """Seconds, processor seconds and peak bytes of some work in a separate process."""
     began = time.perf_counter()
     child = os.fork()
     if not child:
@@ -135,8 +136,12 @@ def main() -> int:
                 text = f"{to}{', soundings' if soundings else ''}"
                 print(f"{_line(text, took, processor, held, size)}  {processor / rival:.2f}")
                 scale = max(given.reports / 1e6, 1.0)
-                missed |= took > SECONDS_BAR * scale or held > BYTES_BAR
-    print("bars: 30 s a million reports and 1 GiB: " + ("missed" if missed else "held"))
+                bytes_bar = BYTES_BAR * (2 if scale > 1.0 else 1)
+                missed |= processor > SECONDS_BAR * scale or held > bytes_bar
+    print(
+        "bars: 10 s of processor time a million reports, 1 GiB (2 above a million): "
+        + ("missed" if missed else "held")
+    )
     return int(missed)
 
 
