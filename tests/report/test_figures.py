@@ -27,7 +27,7 @@ FIGURES: dict[str, Callable[[], Figure]] = {
     "phases": lambda: report.phase_maps_figure(HEADINGS),
     "levels": lambda: report.level_maps_figure(factories.headings(shift=-92)),
     "heading errors": lambda: report.heading_errors_figure(HEADINGS, FITS),
-    "innovations": lambda: report.innovation_profiles_figure(STATISTICS),
+    "innovations": lambda: report.innovation_figure(STATISTICS),
     "innovation histogram": lambda: report.innovation_histogram_figure(STATISTICS),
     "innovation series": lambda: report.innovation_series_figure(STATISTICS),
     "sounding": lambda: report.sounding_figure(HEADINGS, CORRECTED, FITS),
@@ -90,12 +90,17 @@ def test_speeds_are_shown_in_the_unit_that_is_asked_for() -> None:
 
 
 def test_innovation_figures_show_the_statistics_of_the_product() -> None:
-    axes = report.innovation_profiles_figure(STATISTICS, units="m/s").axes
-    cells = STATISTICS.sel(reference="ruc", state="reported", flight_phase="cruise")
-    count = cells["innovation_speed_count"]
-    bias = (cells["innovation_speed_bias"] * count).sum("aircraft") / count.sum("aircraft")
-    line = next(one for one in axes[0].lines if one.get_label() == "cruise, reported")
-    assert np.allclose(line.get_xdata(), bias, equal_nan=True)
+    axes = report.innovation_figure(STATISTICS, units="m/s").axes[0]
+    names = [one.get_text() for one in axes.get_yticklabels()]
+    shown = dict(zip(names, axes.lines[0].get_xdata(), strict=True))
+    cells = STATISTICS.sel(reference="ruc", state="reported")
+    for name, one in (
+        ("cruise", cells.sel(flight_phase="cruise")),
+        ("N402", cells.sel(aircraft="N402")),
+    ):
+        count = one["innovation_speed_count"]
+        bias = (one["innovation_speed_bias"] * count).sum() / count.sum()
+        assert shown[name] == pytest.approx(float(bias))
     histogram = report.innovation_histogram_figure(STATISTICS).axes[0].collections[0].get_array()
     assert histogram.sum() == STATISTICS["innovation_histogram"].sel(state="reported").sum()
 

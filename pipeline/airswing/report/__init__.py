@@ -44,11 +44,9 @@ if TYPE_CHECKING:
     from airswing.report.run.heading_error import coverage_figure as coverage_figure
     from airswing.report.run.heading_error import heading_error_figure as heading_error_figure
     from airswing.report.run.heading_error import heading_errors_figure as heading_errors_figure
+    from airswing.report.run.innovations import innovation_figure as innovation_figure
     from airswing.report.run.innovations import (
         innovation_histogram_figure as innovation_histogram_figure,
-    )
-    from airswing.report.run.innovations import (
-        innovation_profiles_figure as innovation_profiles_figure,
     )
     from airswing.report.run.innovations import innovation_series_figure as innovation_series_figure
     from airswing.report.run.innovations import sounding_figure as sounding_figure
@@ -64,7 +62,7 @@ _MODULES = {
     "run.evaluation": "field_test_figure scrutiny_figure ranking_figure prediction_figure "
     "pair_differences_figure aircraft_differences_figure report_errors_figure",
     "run.changes": "stability_figure timeline_figure",
-    "run.innovations": "innovation_profiles_figure innovation_histogram_figure "
+    "run.innovations": "innovation_figure innovation_histogram_figure "
     "innovation_series_figure sounding_figure",
     "run.page": "write_page",
     "gap.figures": "aircraft_heading_figure aircraft_time_figure phase_level_figure "

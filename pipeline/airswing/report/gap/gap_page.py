@@ -53,7 +53,7 @@ from airswing.report.html.document import (
 from airswing.report.html.embed import Figures
 from airswing.report.html.style import (
     Units,
-    garbage_collection_paused,
+    garbage_collection_rare,
     shown_per_kt,
     shown_per_m_s,
 )
@@ -69,7 +69,7 @@ _CALIBRATION = (
 )
 
 
-@garbage_collection_paused()
+@garbage_collection_rare()
 def write_gap_page(
     directory: Path, *, gap: Report | Entry, maps: xr.Dataset, units: Units = "kt"
 ) -> Path:

@@ -143,7 +143,7 @@ def parameter_text(
         return f"{label} {text}{unit}"
     # One or two figures of the half width; 1.05: 0.096 is shown as 0.1, not as 0.10.
     digits = int(np.clip(np.ceil(-np.log10(half * 1.05)), 0, 4))
-    return f"{label} {factor * value:.{digits}f} ± {half:.{digits}f}{unit}"
+    return f"{label} {round(factor * value, digits) + 0.0:.{digits}f} ± {half:.{digits}f}{unit}"
 
 
 def parameters_text(effect: Entry, *, units: Units = "kt", brief: bool = False) -> str:
@@ -235,7 +235,7 @@ def closure_text(entry: Entry | None, *, units: Units = "kt") -> str:
     if not entry:
         return "-"
     factor = shown_per_kt(units)
-    text = f"{factor * number(entry['reduction']):.2f} {units}"
+    text = f"{round(factor * number(entry['reduction']), 2) + 0.0:.2f} {units}"
     low, high = (factor * number(end) for end in entry.get("reduction_ci") or (None, None))
     return text + (f" ({low:.2f} to {high:.2f})" if np.isfinite(low + high) else "")
 

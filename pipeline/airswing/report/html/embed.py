@@ -10,7 +10,7 @@ from pathlib import Path
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from airswing.products.whole_files import atomic
+from airswing.errors import InputError
 from airswing.report.html.style import PAGE_DPI, Units, png_bytes
 
 #: Colours of the palette: a drawing has few, and their mixtures along edges.
@@ -46,8 +46,11 @@ def embedded(figure: Figure, file: Path | None = None, *, dpi: float = PAGE_DPI)
     alternative = caption.split(". ")[0].rstrip(".")
     image = Markup('<img src="{}" alt="{}" style="width:{}px">').format(address, alternative, width)
     if file is not None:
-        with atomic(file) as temporary:
-            temporary.write_bytes(content)
+        try:
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_bytes(content)
+        except OSError as err:
+            raise InputError("cannot write a figure", file=file, found=err.strerror) from err
         image = Markup('<a href="{}">{}</a>').format(f"{file.parent.name}/{file.name}", image)
     words = Markup("<figcaption>{}</figcaption>").format(caption) if caption else ""
     return Markup("<figure>{}{}</figure>").format(image, words)

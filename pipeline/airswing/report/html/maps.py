@@ -24,7 +24,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogFormatter, MaxNLocator
+from matplotlib.ticker import FuncFormatter, MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
 from airswing.flags import PHASE
@@ -38,6 +38,7 @@ from airswing.report.html.style import (
     SOFT,
     CaptionedFigure,
     blank,
+    count_ticks,
     new_figure,
     plural,
     styled,
@@ -327,7 +328,7 @@ def reports_figure(headings: xr.Dataset) -> Figure:
     if drawn is not None:
         label = f"one in {places.every} reports" if places.every > 1 else "reports"
         bar = figure.colorbar(drawn, ax=axes, label=f"{label} in a cell", shrink=0.8, pad=0.01)
-        bar.formatter = bar.minorformatter = LogFormatter()
+        count_ticks(bar, float(np.max(np.asarray(drawn.get_array()))))
     how = "as a density of hexagons, darker where reports are many" if drawn else "one dot each"
     return figure.say(
         f"Positions of the reports (n = {plural(number, 'report')} of "

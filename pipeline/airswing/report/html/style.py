@@ -19,6 +19,7 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colorbar import Colorbar
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import LayoutEngine
 from matplotlib.transforms import Bbox
@@ -175,18 +176,18 @@ def _measured_once(axes: Axes) -> Callable[..., Bbox | None]:
 
 
 @contextlib.contextmanager
-def garbage_collection_paused() -> Iterator[None]:
-    """Pause Python's cyclic garbage collection while the figures of a page are drawn.
+def garbage_collection_rare() -> Iterator[None]:
+    """Run Python's cyclic garbage collection rarely while the figures of a page are drawn.
 
-    Each figure creates many objects, and each collection visits all of them: a fifth of the time.
+    Each figure creates many objects, and each collection visits all there are: a fifth of the time.
+    Thresholds are raised, because extension modules call the collector's switch themselves.
     """
-    enabled = gc.isenabled()
-    gc.disable()
+    thresholds = gc.get_threshold()
+    gc.set_threshold(1_000_000, 100, 100)
     try:
         yield
     finally:
-        if enabled:
-            gc.enable()
+        gc.set_threshold(*thresholds)
 
 
 def styled(function: Callable[P, R]) -> Callable[P, R]:
@@ -219,6 +220,43 @@ def new_figure(
     return CaptionedFigure(
         figsize=(width, height), dpi=120, layout="constrained" if constrained else None
     )
+
+
+def place_panels(
+    figure: Figure,
+    *,
+    left: float,
+    right: float = 0.1,
+    top: float = 0.35,
+    bottom: float = 0.5,
+    wspace: float = 0.35,
+    hspace: float = 0.2,
+) -> None:
+    """Set the margins and the spaces between the panels of a figure with many panels, in inches.
+
+    It replaces the constrained layout where all labels are short: measuring them takes longer than
+    drawing them.
+    """
+    width, height = (float(size) for size in figure.get_size_inches())
+    grid = figure.axes[0].get_gridspec()
+    rows, columns = (1, 1) if grid is None else grid.get_geometry()
+    across = (width - left - right - (columns - 1) * wspace) / columns
+    upwards = (height - top - bottom - (rows - 1) * hspace) / rows
+    figure.subplots_adjust(
+        left=left / width,
+        right=1 - right / width,
+        top=1 - top / height,
+        bottom=bottom / height,
+        wspace=wspace / across,
+        hspace=hspace / upwards,
+    )
+
+
+def count_ticks(bar: Colorbar, most: float) -> None:
+    """Label a logarithmic colour bar of counts at powers of ten up to `most`."""
+    powers = [10**k for k in range(int(np.log10(max(most, 1.0))) + 1)]
+    bar.minorticks_off()
+    bar.set_ticks(powers, labels=[f"{one:,}" for one in powers])
 
 
 def empty_figure(message: str) -> CaptionedFigure:

@@ -32,6 +32,7 @@ from airswing.report.html.style import (
     Units,
     empty_figure,
     new_figure,
+    place_panels,
     plural,
     shown_per_kt,
     styled,
@@ -45,7 +46,7 @@ if TYPE_CHECKING:
     from airswing.evaluation.monitoring import Event, Monitoring
 
 # Aircraft in a figure; rows of the tables. The files contain all.
-MOST_AIRCRAFT, MOST_EVENT_ROWS = 10, 24
+FEWEST_AIRCRAFT, MOST_AIRCRAFT, MOST_EVENT_ROWS = 2, 10, 24
 _MOST_EVENTS, _MOST_STATES = 60, 200
 _SHORTEST = 30  # days that a time axis spans at least
 _FLEET = "all aircraft at once"
@@ -82,7 +83,7 @@ def stability_figure(stability: Content, aircraft: Sequence[str] | None = None) 
     stability : mapping
         Content of ``stability.json``.
     aircraft : sequence of str, optional
-        By default at most ten, those that changed first.
+        By default those that changed, at most ten; at least two aircraft.
 
     Returns
     -------
@@ -94,10 +95,11 @@ def stability_figure(stability: Content, aircraft: Sequence[str] | None = None) 
     if aircraft is None:
         known = [name for name in changes if changes[name] or name in fitted]
         known.sort(key=lambda name: (not changes[name], name not in fitted, name))
-        aircraft = known[:MOST_AIRCRAFT]
+        changed = sum(bool(changes[name]) for name in known)
+        aircraft = known[: min(max(changed, FEWEST_AIRCRAFT), MOST_AIRCRAFT)]
     if not aircraft:
         return empty_figure("No calendar window has enough reports for a fit")
-    figure = new_figure(0.9 + 1.05 * len(aircraft))
+    figure = new_figure(0.9 + 1.05 * len(aircraft), constrained=False)
     grid = figure.subplots(len(aircraft), 2, squeeze=False, sharex=True, sharey="col")
     step = np.timedelta64(1 if stability["window"] == "month" else 3, "M")
     for panels, name in zip(grid, aircraft, strict=True):
@@ -111,6 +113,7 @@ def stability_figure(stability: Content, aircraft: Sequence[str] | None = None) 
     grid[0, 0].set_title("offset (degree)")
     grid[0, 1].set_title("amplitude (degree)")
     date_axis(grid[-1, 0])
+    place_panels(figure, left=0.75, wspace=0.5)
     number = sum(len(changes.get(name, [])) for name in aircraft)
     return figure.say(
         f"Fits by {stability['window']} with 95 % intervals, each from the reports of its window, "

@@ -40,6 +40,7 @@ from airswing.report.html.style import (
     empty_figure,
     new_figure,
     plural,
+    series_style,
     shown_per_kt,
     shown_per_m_s,
     styled,
@@ -465,29 +466,31 @@ def pair_differences_figure(pairs: Sequence[Content]) -> Figure:
     shown = [pair for pair in pairs if pair["fleet"].get("difference")]
     if not shown:
         return empty_figure("No pair of references has enough reports to compare")
-    figure = new_figure(1.3 + 0.4 * len(shown))
-    panels = figure.subplots(1, len(COEFFICIENTS), sharey=True, sharex=True)
-    colours = [_verdict_colour(pair) for pair in shown]
-    for axes, name in zip(panels, COEFFICIENTS, strict=True):
+    figure = new_figure(1.2 + 0.55 * len(shown))
+    axes = figure.add_subplot()
+    for index, name in enumerate(COEFFICIENTS):
         value = np.array([pair["fleet"]["difference"][name] for pair in shown], float)
-        error = np.array([pair["fleet"]["standard_error"][name] for pair in shown], float)
-        y, half = np.arange(len(shown)), NORMAL_95 * error
-        axes.hlines(y, value - half, value + half, colors=colours, linewidth=1.4)
-        axes.scatter(value, y, s=26, c=colours, zorder=2)
-        axes.axvline(0.0, color=INK, linewidth=0.8)
-        axes.set_title(name)
-        axes.set_xlabel("degree")
+        half = NORMAL_95 * np.array([pair["fleet"]["standard_error"][name] for pair in shown])
+        y = np.arange(len(shown)) + 0.14 * (index - 2)
+        colour, marker = series_style(index)
+        axes.hlines(y, value - half, value + half, color=colour, linewidth=1.3)
+        axes.plot(value, y, marker, color=colour, markersize=5, label=name)
+    axes.axvline(0.0, color=INK, linewidth=0.8)
+    axes.set_xlabel("difference of the coefficient (degree)")
     slices = [f"{pair['slice']}: " if pair.get("slice") else "" for pair in shown]
     rows_axis(
-        panels[0],
+        axes,
         [f"{s}{pair_name(p)}\n{verdict_word(p)}" for s, p in zip(slices, shown, strict=True)],
     )
+    for label, pair in zip(axes.get_yticklabels(), shown, strict=True):
+        label.set_color(_verdict_colour(pair))
+    figure.legend(loc="outside upper right", ncols=len(COEFFICIENTS))
     reports = max(int(pair.get("reports", 0)) for pair in shown)
     aircraft = max(int(pair["fleet"].get("aircraft", 0)) for pair in shown)
     return figure.say(
         "Common difference of the fleet's deviation coefficients between two references fitted to "
         f"the same reports, 95 % intervals (n = {plural(reports, 'report')}, "
-        f"{plural(aircraft, 'aircraft', 'aircraft')}). Blue: poolable, orange: not poolable."
+        f"{plural(aircraft, 'aircraft', 'aircraft')})."
     )
 
 

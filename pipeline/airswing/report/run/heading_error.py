@@ -34,6 +34,7 @@ from airswing.report.html.style import (
     VERMILION,
     Units,
     new_figure,
+    place_panels,
     plural,
     shown_per_m_s,
     styled,
@@ -317,15 +318,7 @@ def heading_errors_figure(
     rows = -(-len(names) // _COLUMNS)
     figure = new_figure(0.45 + 1.85 * rows, constrained=False)
     grid = figure.subplots(rows, _COLUMNS, sharex=True, sharey=True, squeeze=False)
-    height = float(figure.get_figheight())
-    figure.subplots_adjust(
-        left=0.045,
-        right=0.99,
-        wspace=0.08,
-        hspace=0.34,
-        bottom=0.25 / height,
-        top=1 - 0.28 / height,
-    )
+    place_panels(figure, left=0.45, top=0.28, bottom=0.25, wspace=0.2, hspace=0.5)
     for axes, name, (heading, error), fit in zip(grid.flat, names, points, found, strict=False):
         draw_heading_error(axes, heading, error, fit, limit=limit, small=True)
         axes.set_title(name, fontsize=9)

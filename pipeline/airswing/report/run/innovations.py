@@ -8,15 +8,14 @@ as reported, as corrected and in the reference.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 from markupsafe import Markup
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogFormatter
 from numpy.typing import NDArray
 
 from airswing.evaluation.innovations import combined
@@ -31,14 +30,17 @@ from airswing.report.html.style import (
     SOFT,
     CaptionedFigure,
     Units,
+    count_ticks,
     empty_figure,
     new_figure,
+    place_panels,
     plural,
     series_style,
     shown_per_m_s,
     styled,
 )
 from airswing.report.run.changes import date_axis, days_since_1970
+from airswing.report.run.fleet import rows_axis
 from airswing.report.run.selection import (
     by_amplitude,
     headline_reference,
@@ -53,9 +55,10 @@ from airswing.units import ZERO_CELSIUS
 Floats = NDArray[np.float64]
 _QUANTITIES = ("speed", "direction", "eastward", "northward")
 _PHASES = ("ascent", "cruise", "descent")
+_CELLS = ("aircraft", "flight_phase", "layer")
 _STATES = (("reported", ORANGE, "o"), ("corrected", BLUE, "D"))
-# Aircraft with a time series of their own on the page.
-_MOST_SERIES = 6
+# Aircraft in the figures.
+_MOST_SERIES, _MOST_AIRCRAFT = 7, 20
 # Reports that a sounding needs at least.
 _SOUNDING_REPORTS = 4
 
@@ -65,11 +68,10 @@ def _unit(quantity: str, units: Units) -> tuple[str, float]:
     return ("degree", 1.0) if quantity == "direction" else (units, shown_per_m_s(units))
 
 
-@styled
-def innovation_profiles_figure(
+def innovation_figure(
     statistics: xr.Dataset, reference: str | None = None, *, units: Units = "kt"
 ) -> Figure:
-    """Draw bias and standard deviation of the innovations by layer and phase of flight.
+    """Draw bias and standard deviation of the innovations by aircraft, phase of flight and layer.
 
     Parameters
     ----------
@@ -82,44 +84,79 @@ def innovation_profiles_figure(
     Returns
     -------
     Figure
+        A panel a quantity; the markers are biases, the lines reach one standard deviation to
+        either side. At most 20 aircraft, those with most reports.
     """
     reference = reference or str(statistics["reference"].to_numpy()[0])
-    found = combined(statistics.sel(reference=reference), ["aircraft"])
-    phases = [p for p in _PHASES if int(found["innovation_speed_count"].sel(flight_phase=p).sum())]
-    if not phases:
-        return empty_figure("No report has a layer and a phase of flight")
-    level = (
-        statistics["layer_bottom_pressure"] + statistics["layer_top_pressure"]
-    ).to_numpy() / 200.0
-    figure = new_figure(5.2)
-    kinds = ("bias", "standard deviation")
-    grid = figure.subplots(2, len(_QUANTITIES), sharey=True)
-    for panels, kind in zip(grid, kinds, strict=True):
-        for axes, quantity in zip(panels, _QUANTITIES, strict=True):
-            unit, factor = _unit(quantity, units)
-            values = factor * found[f"innovation_{quantity}_{kind.replace(' ', '_')}"]
-            for phase, line in zip(_PHASES, ("--", "-", ":"), strict=True):
-                for state, colour, _ in _STATES if phase in phases else ():
-                    value = values.sel(flight_phase=phase, state=state).to_numpy()
-                    label = f"{phase}, {state}"
-                    look: dict[str, Any] = {
-                        "color": colour,
-                        "markersize": 3,
-                        "linewidth": 1.3,
-                        "label": label,
-                    }
-                    axes.plot(value, level, "o", linestyle=line, **look)
-            axes.axvline(0.0, color=INK, linewidth=0.8)
-            axes.set_xlabel(f"{kind}, {quantity} ({unit})", fontsize=8.5)
-        panels[0].set_ylabel("pressure (hPa)")
-    grid[0][0].set_ylim(1050, 200)
-    handles, labels = grid[0][0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=3)
-    number = int(found["innovation_speed_count"].sel(state="reported").sum())
+    cells = {by: _cells_by(statistics, reference, by) for by in _CELLS}
+    return _draw_innovations(cells, reference, units)
+
+
+class _Cells(NamedTuple):
+    """Statistics of some rows: by (quantity, kind), arrays (state, row)."""
+
+    names: list[str]
+    values: dict[tuple[str, str], Floats]
+
+    def of(self, quantity: str, kind: str) -> Floats:
+        return self.values[quantity, kind]
+
+
+def _cells_by(statistics: xr.Dataset, reference: str, by: str) -> _Cells:
+    """Return the statistics by aircraft, phase of flight or layer, rows with reports alone."""
+    found = combined(statistics.sel(reference=reference), [dim for dim in _CELLS if dim != by])
+    names = [str(name) for name in found[by].to_numpy()] if by in found.coords else []
+    if by == "layer":
+        edges = [statistics[f"layer_{end}_pressure"].to_numpy() / 100 for end in ("bottom", "top")]
+        names = [f"{low:.0f}-{high:.0f} hPa" for low, high in zip(*edges, strict=True)]
+    values = {
+        (quantity, kind): found[f"innovation_{quantity}_{kind}"].transpose("state", by).to_numpy()
+        for quantity in _QUANTITIES
+        for kind in ("bias", "standard_deviation", "rms", "count")
+    }
+    keep = np.flatnonzero(values["speed", "count"][0])
+    return _Cells([names[k] for k in keep], {key: one[:, keep] for key, one in values.items()})
+
+
+@styled
+def _draw_innovations(cells: Mapping[str, _Cells], reference: str, units: Units) -> Figure:
+    aircraft = cells["aircraft"]
+    number = int(aircraft.of("speed", "count")[0].sum())
+    if not number:
+        return empty_figure("No report with a phase, a layer and a reference wind")
+    order = np.argsort(-aircraft.of("speed", "count")[0], kind="stable")[:_MOST_AIRCRAFT]
+    rows = [aircraft.names[k] for k in order]
+    rows += [*cells["flight_phase"].names, *cells["layer"].names]
+    figure = new_figure(1.1 + 0.2 * len(rows), constrained=False)
+    panels = figure.subplots(1, len(_QUANTITIES), sharey=True)
+    for axes, quantity in zip(panels, _QUANTITIES, strict=True):
+        unit, factor = _unit(quantity, units)
+        for index, (state, colour, marker) in enumerate(_STATES):
+            bias, spread = (
+                factor
+                * np.concatenate(
+                    [
+                        aircraft.of(quantity, kind)[index][order],
+                        cells["flight_phase"].of(quantity, kind)[index],
+                        cells["layer"].of(quantity, kind)[index],
+                    ]
+                )
+                for kind in ("bias", "standard_deviation")
+            )
+            y = np.arange(len(rows)) + 0.3 * (index - 0.5)
+            axes.hlines(y, bias - spread, bias + spread, color=colour, linewidth=1.1)
+            axes.plot(bias, y, marker, color=colour, markersize=4.5, label=state)
+        axes.axvline(0.0, color=INK, linewidth=0.8)
+        axes.set_xlabel(f"{quantity} ({unit})")
+    rows_axis(panels[0], rows)
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="upper right", ncols=2)
+    longest = max(map(len, rows))
+    place_panels(figure, left=0.2 + 0.085 * longest, top=0.35, wspace=0.12)
     return figure.say(
         f"Innovations (observation minus {reference}) of wind speed, direction and components by "
-        "layer: bias and standard deviation in ascent (dashed), cruise (solid) and descent "
-        f"(dotted), as reported (orange) and corrected (blue) (n = {plural(number, 'report')}). "
+        "aircraft, phase of flight and layer: bias (marker) and one standard deviation to either "
+        f"side (line), as reported and corrected (n = {plural(number, 'report')}). "
         "Direction is positive where veered."
     )
 
@@ -150,22 +187,25 @@ def innovation_histogram_figure(
     factor = shown_per_m_s(units)
     lower = statistics["eastward_class"].to_numpy().astype(float)
     edges = factor * np.append(lower, lower[-1] + (lower[1] - lower[0]))
-    figure = new_figure(4.3)
+    figure = new_figure(4.6, constrained=False)
     panels = figure.subplots(1, 2, sharex=True, sharey=True)
-    most = int(counts.max())
+    norm = LogNorm(1, max(int(counts.max()), 2))
     for axes, (state, *_) in zip(panels, _STATES, strict=True):
         grid = counts.sel(state=state).transpose("northward_class", "eastward_class").to_numpy()
-        norm = LogNorm(1, max(most, 2))
         shown = np.ma.masked_less(grid.astype(float), 1.0)
-        drawn = axes.pcolormesh(edges, edges, shown, cmap=DENSITY, norm=norm)
+        extent = (edges[0], edges[-1], edges[0], edges[-1])
+        drawn = axes.imshow(
+            shown, cmap=DENSITY, norm=norm, extent=extent, origin="lower", interpolation="nearest"
+        )
         axes.axhline(0.0, color=INK, linewidth=0.8)
         axes.axvline(0.0, color=INK, linewidth=0.8)
         axes.set_title(state)
-        axes.set_aspect("equal")
         axes.set_xlabel(f"eastward innovation ({units})")
     panels[0].set_ylabel(f"northward innovation ({units})")
-    bar = figure.colorbar(drawn, ax=list(panels), label="reports in a class", pad=0.01, shrink=0.9)
-    bar.formatter = bar.minorformatter = LogFormatter()
+    place_panels(figure, left=0.6, right=0.9, wspace=0.2)
+    bar = figure.colorbar(drawn, cax=figure.add_axes((0.93, 0.15, 0.015, 0.7)))
+    bar.set_label("reports in a class")
+    count_ticks(bar, float(counts.max()))
     return figure.say(
         f"Histogram of the wind vector innovation (observation minus {reference}) in classes of "
         f"1 m/s; the outermost classes include all beyond (n = {plural(number, 'report')})."
@@ -180,7 +220,7 @@ def innovation_series_figure(
     *,
     units: Units = "kt",
 ) -> Figure:
-    """Draw the daily mean innovation of wind speed and direction of each aircraft.
+    """Draw the daily mean innovation of wind speed and direction, a line an aircraft.
 
     Parameters
     ----------
@@ -189,7 +229,7 @@ def innovation_series_figure(
     reference : str, optional
         Reference or pool; the first by default.
     aircraft : sequence of str, optional
-        All by default.
+        By default the first seven.
     units : {"kt", "m/s"}, optional
 
     Returns
@@ -197,34 +237,29 @@ def innovation_series_figure(
     Figure
     """
     reference = reference or str(statistics["reference"].to_numpy()[0])
-    names = list(aircraft or tails(statistics))
+    names = list(aircraft or tails(statistics)[:_MOST_SERIES])
     chosen = statistics.sel(reference=reference, aircraft=names)
     day = days_since_1970(statistics["day"].to_numpy())
     number = int(chosen["daily_innovation_count"].sel(state="reported").sum())
     if not number:
         return empty_figure("No report with a phase, a layer and a reference wind")
-    figure = new_figure(0.9 + 0.85 * len(names))
-    grid = figure.subplots(len(names), 2, squeeze=False, sharex=True, sharey="col")
-    for panels, name in zip(grid, names, strict=True):
-        for axes, quantity in zip(panels, ("speed", "direction"), strict=True):
-            factor = _unit(quantity, units)[1]
-            values = factor * chosen[f"daily_innovation_{quantity}"].sel(aircraft=name)
-            for state, colour, marker in _STATES:
-                value = values.sel(state=state).to_numpy()
-                look: dict[str, Any] = {
-                    "color": colour,
-                    "markersize": 2.8,
-                    "linewidth": 1.0,
-                    "label": state,
-                }
-                axes.plot(day, value, marker + "-", **look)
+    figure = new_figure(4.6, constrained=False)
+    grid = figure.subplots(2, 2, sharex=True, sharey="row")
+    for panels, quantity in zip(grid, ("speed", "direction"), strict=True):
+        unit, factor = _unit(quantity, units)
+        for axes, (state, *_) in zip(panels, _STATES, strict=True):
+            for index, name in enumerate(names):
+                colour, marker = series_style(index)
+                value = chosen[f"daily_innovation_{quantity}"].sel(aircraft=name, state=state)
+                look: dict[str, Any] = {"color": colour, "markersize": 3, "linewidth": 1.0}
+                axes.plot(day, factor * value.to_numpy(), marker + "-", label=name, **look)
             axes.axhline(0.0, color=INK, linewidth=0.8)
-        panels[0].set_ylabel(name)
-    for axes, quantity in zip(grid[0], ("speed", "direction"), strict=True):
-        axes.set_title(f"{quantity} innovation ({_unit(quantity, units)[0]})")
+            axes.set_title(f"{quantity}, {state}")
+        panels[0].set_ylabel(f"innovation ({unit})")
     date_axis(grid[-1, 0])
     handles, labels = grid[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper right", ncols=2)
+    figure.legend(handles, labels, loc="lower center", ncols=7)
+    place_panels(figure, left=0.65, bottom=0.75, wspace=0.2, hspace=0.4)
     return figure.say(
         f"Daily mean innovation (observation minus {reference}) of wind speed and direction, as "
         f"reported and corrected, of {plural(len(names), 'aircraft', 'aircraft')} (n = "
@@ -232,54 +267,23 @@ def innovation_series_figure(
     )
 
 
-def innovation_table(
-    statistics: xr.Dataset, reference: str, by: str, *, units: Units = "kt"
-) -> Markup:
-    """Return a table of bias, standard deviation and rms, as reported and corrected.
-
-    Parameters
-    ----------
-    statistics : Dataset
-        ``innovation_statistics.nc``.
-    reference : str
-        Reference or pool.
-    by : {"aircraft", "flight_phase", "layer"}
-        What a row stands for.
-    units : {"kt", "m/s"}, optional
-
-    Returns
-    -------
-    Markup
-    """
-    over = [dim for dim in ("aircraft", "flight_phase", "layer") if dim != by]
-    found = combined(statistics.sel(reference=reference), over)
-    if by == "layer":
-        edges = [statistics[f"layer_{end}_pressure"].to_numpy() / 100 for end in ("bottom", "top")]
-        names = [f"{low:.0f}-{high:.0f} hPa" for low, high in zip(*edges, strict=True)]
-    else:
-        names = [str(name) for name in statistics[by].to_numpy()]
+def _innovation_table(cells: _Cells, by: str, reference: str, units: Units) -> Markup:
     columns = [Column(by.replace("_", " "), "words"), Column("", "words")]
     for quantity in _QUANTITIES:
         unit = _unit(quantity, units)[0].replace("degree", "°")
         columns += [Column(f"{quantity} {kind} ({unit})") for kind in ("bias", "SD", "rms")]
     columns.append(Column("reports"))
     rows = []
-    for place, name in enumerate(names):
-        for state, *_ in _STATES:
-            cells = found.isel({by: place}).sel(state=state)
-            number = int(cells["innovation_speed_count"])
-            if not number:
-                continue
+    for k, name in enumerate(cells.names):
+        for index, (state, *_) in enumerate(_STATES):
             row = [name, state]
             for quantity in _QUANTITIES:
                 digits, factor = (1 if quantity == "direction" else 2), _unit(quantity, units)[1]
                 row += [
-                    number_text(
-                        factor * float(cells[f"innovation_{quantity}_{kind}"]), digits=digits
-                    )
+                    number_text(factor * cells.of(quantity, kind)[index, k], digits=digits)
                     for kind in ("bias", "standard_deviation", "rms")
                 ]
-            rows.append(Row([*row, f"{number:,}"]))
+            rows.append(Row([*row, f"{int(cells.of('speed', 'count')[index, k]):,}"]))
     return table(columns, rows, caption=f"Observation minus {reference}, screened reports.")
 
 
@@ -501,24 +505,18 @@ def innovations_section(
     if statistics is not None:
         known = [str(name) for name in statistics["reference"].to_numpy()]
         chosen = reference if reference in known else known[0]
-        whole = combined(statistics.sel(reference=chosen), ["aircraft", "flight_phase", "layer"])
+        whole = combined(statistics.sel(reference=chosen), _CELLS)
         lead = _lead(whole, chosen, units)
         names = [name for name in aircraft if name in tails(statistics)][:_MOST_SERIES]
-        parts.append(
-            show(
-                "innovations", innovation_profiles_figure(statistics, chosen, units=units), dpi=120
-            )
-        )
-        tables = [
-            innovation_table(statistics, chosen, by, units=units)
-            for by in ("aircraft", "flight_phase", "layer")
-        ]
+        cells = {by: _cells_by(statistics, chosen, by) for by in _CELLS}
+        parts.append(show("innovations", _draw_innovations(cells, chosen, units), dpi=120))
+        tables = [_innovation_table(cells[by], by, chosen, units) for by in _CELLS]
         parts.append(folded("Tables by aircraft, phase of flight and layer", tables))
         histogram = innovation_histogram_figure(statistics, chosen, units=units)
         parts.append(folded("Histogram", [show("innovation_histogram", histogram)]))
         series = innovation_series_figure(statistics, chosen, names, units=units)
         parts.append(
-            folded("Daily means of each aircraft", [show("innovation_series", series, dpi=120)])
+            folded("Daily means by aircraft", [show("innovation_series", series, dpi=120)])
         )
     if sounding is not None:
         parts.append(folded("A sounding", [show("sounding", sounding)]))

@@ -33,7 +33,7 @@ from airswing.report.html.document import (
     table,
 )
 from airswing.report.html.embed import Figures
-from airswing.report.html.style import Units, garbage_collection_paused, plural, shown_per_kt
+from airswing.report.html.style import Units, garbage_collection_rare, plural, shown_per_kt
 from airswing.report.run import fleet
 from airswing.report.run import heading_error as compass
 from airswing.report.run.changes import monitoring_section, stability_section
@@ -101,7 +101,7 @@ PRODUCTS = {
 }
 
 
-@garbage_collection_paused()
+@garbage_collection_rare()
 def write_page(
     directory: Path | str,
     *,
@@ -304,14 +304,12 @@ def _curves_section(
         )
     for index, name in enumerate(order[:LARGE_PANELS]):
         fit = one_fit(fits, name, reference)
+        if not np.isfinite(fit["deviation"].to_numpy()).any():
+            continue  # the small panel has its reports
         figure = compass.heading_error_figure(headings, fits, name, reference, units=show.units)
         shown = show(f"heading_error_{index + 1:02d}_{name}", figure, dpi=120)
-        inner = [shown]
-        if np.isfinite(fit["deviation"].to_numpy()).any():
-            text = ", ".join(
-                f"{letter} = {value}" for letter, value in coefficient_texts(fit).items()
-            )
-            inner.append(paragraph(f"Coefficients with 95 % intervals: {text}."))
+        text = ", ".join(f"{letter} = {value}" for letter, value in coefficient_texts(fit).items())
+        inner = [shown, paragraph(f"Coefficients with 95 % intervals: {text}.")]
         parts.append(folded(f"{name}: {fit_words(fit)}", inner, unfolded=index == 0))
     lead = (
         "Heading error is the indicated heading minus the heading implied by the reference wind; "
