@@ -101,7 +101,7 @@ def test_innovation_figures_show_the_statistics_of_the_product() -> None:
         count = one["innovation_speed_count"]
         bias = (one["innovation_speed_bias"] * count).sum() / count.sum()
         assert shown[name] == pytest.approx(float(bias))
-    histogram = report.innovation_histogram_figure(STATISTICS).axes[0].collections[0].get_array()
+    histogram = report.innovation_histogram_figure(STATISTICS).axes[0].images[0].get_array()
     assert histogram.sum() == STATISTICS["innovation_histogram"].sel(state="reported").sum()
 
 
