@@ -57,7 +57,7 @@ if TYPE_CHECKING:  # for editors and mypy; at run time each is imported on first
     from airswing.workflow.main import run as run
     from airswing.workflow.track import append_winds as append_winds
 
-# The stages a notebook calls, and where each stands; imported on first use.
+# Public names and their modules, which are imported on first use.
 _STAGES = {
     "read_reports": "airswing.reports.read",
     "build_catalogue": "airswing.reference.catalogues",

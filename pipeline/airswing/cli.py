@@ -1,6 +1,6 @@
 """The ``airswing`` command: parse, call, print.
 
-Assumes nothing about the data; every heavy import stands inside the command that needs it, so
+Assumes nothing about the data; heavy imports are inside the command that needs them, so
 that ``--help`` is quick. Results go to standard output, progress and messages to standard error.
 """
 
@@ -371,7 +371,7 @@ def sample(
     aircraft: Annotated[int, typer.Option(help="Number of aircraft.", min=1)] = 10,
     seed: Annotated[int, typer.Option(help="Seed of everything random.")] = 1,
 ) -> None:
-    """Write a sample archive (GRIB and reports) with its known truth beside it.
+    """Write a sample archive (GRIB and reports) and the file of its known truth.
 
     Of five aircraft or more the last flies to and fro on one route: too few headings for a fit.
     """
@@ -418,10 +418,10 @@ def main() -> None:
         )
         raise SystemExit(2) from None
     except (OSError, RuntimeError) as err:
-        told = _not_ours(err)
-        if told is None:
+        message = _not_ours(err)
+        if message is None:
             raise
-        print(f"airswing: {told}", file=sys.stderr)
+        print(f"airswing: {message}", file=sys.stderr)
         raise SystemExit(2) from None
 
 
@@ -431,7 +431,7 @@ def _not_ours(err: OSError | RuntimeError) -> str | None:
 
     if isinstance(err, OSError) and err.errno in _NOT_OURS:
         return f"{shortened(err.filename or 'a file')}: {err.strerror}"
-    # The NetCDF and HDF5 libraries tell of damaged data by these words alone.
+    # The NetCDF and HDF5 libraries report damaged data by these words alone.
     words = ("NetCDF:", "HDF error", "inflate() failed", "filter returned failure", "read data")
     if any(word in str(err) for word in words):
         return f"a NetCDF file is damaged ({shortened(err)}); make it again, or remove it"

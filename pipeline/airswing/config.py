@@ -101,7 +101,7 @@ def _checked_engine(name: str) -> str:
 
 
 class Reference(_Section):
-    """Where one model's winds are, which leads and ensemble member count, how files are read.
+    """Where one model's winds are, which lead times and ensemble member are used.
 
     The names (`u` to `units`) say what a file does not say itself. Engine `fleet` has no files: the
     wind is that of the aircraft themselves.
@@ -130,7 +130,7 @@ class Reference(_Section):
     def _has_files(self) -> Reference:
         if bool(self.files) == (self.engine == "fleet"):
             raise ValueError(
-                "files must name the model's files (none for engine fleet, the aircraft's own wind)"
+                "files must name the model's files (none for engine fleet, the wind of the aircraft)"
             )
         return self
 
@@ -271,7 +271,7 @@ class Stations(_Section):
 
 
 class FlightLevelWinds(_Section):
-    """Model winds of the main job beside its corrected aircraft winds, by box, layer and day."""
+    """Model winds of the main job paired with its corrected winds, by box, layer and day."""
 
     reference: str | None = None
     region: Radians = Field(math.radians(5.0), gt=math.radians(0.1), le=math.radians(90.0))
@@ -366,14 +366,13 @@ class Config(_Section):
         return self
 
     def __repr__(self) -> str:
-        # What a notebook asks: the rest is defaults, or stands in the file it was read from.
         files = ", ".join(self.reports.files)
-        told = [f"  reports: {files}", f"  references: {', '.join(self.references)}"]
-        told += [f"  pool {name}: {' + '.join(of)}" for name, of in self.pool.items()]
-        told += [f"  gap against: {self.gap_reference()}", f"  output: {self.output}"]
+        lines = [f"  reports: {files}", f"  references: {', '.join(self.references)}"]
+        lines += [f"  pool {name}: {' + '.join(of)}" for name, of in self.pool.items()]
+        lines += [f"  gap against: {self.gap_reference()}", f"  output: {self.output}"]
         given = sorted(self.model_fields_set - {"reports", "references", "pool", "output"})
-        told += [f"  also given: {', '.join(given)}"] if given else []
-        return "\n".join(["Config:", *told])
+        lines += [f"  also given: {', '.join(given)}"] if given else []
+        return "\n".join(["Config:", *lines])
 
     __str__ = __repr__
 

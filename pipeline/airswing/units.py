@@ -1,4 +1,4 @@
-"""Constants that more than one room needs, each once, with unit and source.
+"""Constants that more than one folder needs, each once, with unit and source.
 
 The synthetic archives share none of them: they are the independent truth.
 """

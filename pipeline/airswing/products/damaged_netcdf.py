@@ -206,9 +206,9 @@ def _extent(header: _Header) -> tuple[int, int]:
         else:
             end = max(end, begin + _SIZES[kind] * math.prod(shape))
     if record and records and records not in _STREAMING:
-        # A single variable of records stands without padding between them.
+        # A single variable of records has no padding between them.
         stride = record[0] if len(record) == 1 else sum(one + -one % 4 for one in record)
-        last = max(begin + own for begin, own in zip(first, record, strict=True))
+        last = max(begin + length for begin, length in zip(first, record, strict=True))
         end = max(end, last + (records - 1) * stride)
     return end, records
 

@@ -19,7 +19,7 @@ from airswing.products.whole_files import plain
 from airswing.version import __version__
 
 ZARR_MARKS = ("zarr.json", ".zmetadata", ".zgroup")
-"""Files of which one stands at the top of every Zarr store."""
+"""Files of which every Zarr store has one at its top."""
 PACKAGE = Path(__file__).parents[1]
 
 
@@ -42,7 +42,7 @@ def file_identities(patterns: Sequence[str]) -> list[tuple[str, int, int]]:
     matches = [
         [path] if os.path.isfile(path) else glob.glob(path, recursive=True) for path in paths
     ]
-    # A link that leads nowhere gives nothing that a product could depend on.
+    # A broken link gives nothing that a product could depend on.
     names = sorted({name for found in matches for name in found if os.path.exists(name)})
     found = [
         (name, *(_of_store(name) if os.path.isdir(name) else _of_file(name))) for name in names
@@ -87,12 +87,12 @@ def code_digest(*modules: str, package: Path = PACKAGE) -> str:
     for path in sorted(seen):
         digest.update(f"{path.relative_to(package)}\0".encode())
         digest.update(path.read_bytes())
-    # 128 bits tell versions apart; whole ones make attributes long
+    # 128 bits distinguish versions; whole digests make attributes long
     return digest.hexdigest()[:32]
 
 
 def _source(name: str, package: Path) -> Path | None:
-    """File of a module; None for the package itself, whose version counts on its own."""
+    """File of a module; None for the package itself, whose version counts separately."""
     parts = name.split(".")[1:]
     if not parts:
         return None

@@ -116,7 +116,7 @@ def _lazy(
         )
         for group in groups
     ]
-    sizes = tuple(int(own.sum()) for _, own in pieces)
+    sizes = tuple(int(part.sum()) for _, part in pieces)
     outer = parts[0].shape[:-1]
     dtype = np.result_type(*(part.dtype for part in parts))
     lazy: da.Array = da.map_blocks(
@@ -146,7 +146,7 @@ def _rows_of_block(
             found.append(values if added is None else values + added[number].astype(dtype))
     if len(found) < 2:
         return found[0].astype(dtype) if found else np.empty((*parts[0].shape[:-1], 0), dtype)
-    owner = np.concatenate([np.repeat(np.arange(own.size), own) for own in counts])
+    owner = np.concatenate([np.repeat(np.arange(month.size), month) for month in counts])
     return np.concatenate(found, axis=-1)[..., np.argsort(owner, kind="stable")].astype(dtype)
 
 

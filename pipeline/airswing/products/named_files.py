@@ -10,7 +10,7 @@ from airswing.errors import InputError
 
 
 def none_found(pattern: str | os.PathLike[str], field: str) -> InputError:
-    """What to tell where a path or pattern names no file.
+    """The error where a path or pattern names no file.
 
     Parameters
     ----------

@@ -41,7 +41,7 @@ _TIME_ATTRIBUTES = {
 }
 COORDINATES = ("time", "latitude", "longitude", "pressure_altitude")
 """Coordinates of a report, as its data variables name them."""
-# Bytes a variable; the library's own 16 MiB are hundreds of megabytes a product.
+# Bytes a variable; the library's default of 16 MiB is hundreds of megabytes a product.
 _CHUNK_CACHE = 2**20
 REPORTS_A_CHUNK = 32_768
 """Few enough that one aircraft's part of a month is read without much of the others'."""
@@ -361,9 +361,9 @@ def _opened(path: Path) -> xr.Dataset:
 
 def _damage(ds: xr.Dataset) -> str:
     """Name of what is not as airswing writes it; empty where all is."""
-    for told in ("title", "uuid", "history", "airswing_version"):
-        if not isinstance(ds.attrs.get(told), str):
-            return told
+    for key in ("title", "uuid", "history", "airswing_version"):
+        if not isinstance(ds.attrs.get(key), str):
+            return key
     for name, variable in ds.variables.items():
         try:
             entry = lookup(str(name), variable.dims)

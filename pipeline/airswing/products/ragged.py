@@ -1,6 +1,6 @@
 """Ragged reports: many aircraft end to end on one axis, looked at some whole aircraft at a time.
 
-Assumes the CF contiguous ragged form: reports of one aircraft stand together, in the order of
+Assumes the CF contiguous ragged form: reports of one aircraft follow each other, in the order of
 the ``aircraft`` dimension, and ``row_size`` counts them.
 
 Archives larger than memory are worked through block by block: :func:`blocks` gives some whole
@@ -125,7 +125,7 @@ def aircraft_reports(ds: xr.Dataset, aircraft: str) -> xr.Dataset:
 
     Examples
     --------
-    >>> own = airswing.aircraft_reports(headings, "N403")  # doctest: +SKIP
+    >>> one = airswing.aircraft_reports(headings, "N403")  # doctest: +SKIP
     """
     names = ds["aircraft"].to_numpy().astype(str).tolist()
     if aircraft not in names:

@@ -53,7 +53,7 @@ def replacing(path: Path, *, lasting: bool = True) -> Iterator[Path]:
     with made_folder(path.parent):
         try:
             yield temporary
-            # Before the rename: a name that outlives the power must not stand for
+            # Before the rename: a file that outlives the power must not have
             # unwritten bytes.
             _flush(temporary)
             os.replace(temporary, path)
@@ -86,7 +86,7 @@ def atomic(path: Path) -> Iterator[Path]:
         with replacing(path) as temporary:
             yield temporary
     except (OSError, RuntimeError) as err:
-        # The NetCDF and HDF5 libraries report a full disk as a RuntimeError of their own.
+        # The NetCDF and HDF5 libraries report a full disk as a RuntimeError.
         message = re.search(r"error message = '([^']*)'", str(err))
         if isinstance(err, RuntimeError) and "NetCDF" not in str(err) and message is None:
             raise

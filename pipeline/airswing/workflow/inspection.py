@@ -1,6 +1,6 @@
-"""What a file holds, told from its content: model winds, aircraft reports, one of our products.
+"""What a file holds, judged by its content: model winds, aircraft reports, a product of airswing.
 
-Assumes the first bytes tell the kind; the name never does.
+Assumes that the first bytes show the kind; names are not used.
 """
 
 from __future__ import annotations
@@ -67,22 +67,22 @@ def _proposal(path: Path, error: InputError) -> dict[str, object] | None:
     try:
         found = propose_mapping(path)
     except (InputError, ValueError, ImportError):
-        # a proposal is a help: the message of the file's own reader is what is shown
+        # without a proposal the message of the reader is shown
         return None
     if found is None:
         return None
-    told: dict[str, object] = {"problem": f"{error.field}: {error.what}"}
-    told["proposed mapping, to go under reports"] = found["yaml"]
+    summary: dict[str, object] = {"problem": f"{error.field}: {error.what}"}
+    summary["proposed mapping, to go under reports"] = found["yaml"]
     if found["unused"]:
-        told["columns not used"] = found["unused"]
+        summary["columns not used"] = found["unused"]
     if found["missing"]:
-        told["still missing"] = found["missing"]
-        return told
+        summary["still missing"] = found["missing"]
+        return summary
     try:
-        told["read with it"] = reports_summary(path, columns=found["columns"])
+        summary["read with it"] = reports_summary(path, columns=found["columns"])
     except InputError as again:
-        told["read with it"] = str(again)
-    return told
+        summary["read with it"] = str(again)
+    return summary
 
 
 def _winds(path: Path) -> dict[str, object]:
@@ -117,8 +117,8 @@ def _product(path: Path) -> dict[str, object] | None:
     with opened as ds:
         if "airswing_version" not in ds.attrs:
             return None
-        told = ("title", "airswing_version", "history", "uuid")
-        return {name: shortened(ds.attrs.get(name, "absent: damaged")) for name in told} | {
+        names = ("title", "airswing_version", "history", "uuid")
+        return {name: shortened(ds.attrs.get(name, "absent: damaged")) for name in names} | {
             "dimensions": {str(name): int(size) for name, size in ds.sizes.items()},
             "variables": {
                 str(name): f"({', '.join(map(str, entry.dims))}) "

@@ -108,10 +108,10 @@ def _tables_since(
     begin = np.array([since.get(name, "NaT") for name in names], dtype="datetime64[ns]")
     parts, first = [], 0
     for block in blocks(headings):
-        own = begin[first : first + block.sizes["aircraft"]]
-        first += own.size
-        if not np.isnat(own).all():  # no time is later than a missing one
-            late = block["time"].to_numpy() >= own[aircraft_of_report(block)]
+        since_day = begin[first : first + block.sizes["aircraft"]]
+        first += since_day.size
+        if not np.isnat(since_day).all():  # no time is later than a missing one
+            late = block["time"].to_numpy() >= since_day[aircraft_of_report(block)]
             parts.append(some_reports(block, late))
     recent = joined(parts)
     recent = recent.isel(aircraft=np.isin(recent["aircraft"].to_numpy().astype(str), list(since)))

@@ -72,15 +72,15 @@ def append_winds(
     winds = collocate(places, models, max_time_gap=max_time_gap).compute()
     found = table.copy()
     for name in references:
-        own = winds.sel(reference=name)
-        u, v = (own[f"reference_{way}ward_wind"].to_numpy() for way in ("east", "north"))
+        at_model = winds.sel(reference=name)
+        u, v = (at_model[f"reference_{way}ward_wind"].to_numpy() for way in ("east", "north"))
         speed = np.hypot(u, v)
         found[f"{name}_eastward_wind_m_s"] = u
         found[f"{name}_northward_wind_m_s"] = v
         direction = np.degrees(np.arctan2(-u, -v)) % 360.0
         found[f"{name}_wind_direction_deg"] = np.where(speed > 0.0, direction, np.nan)
         found[f"{name}_wind_speed_kt"] = speed / KNOT
-        found[f"{name}_lead_time_h"] = own["lead_time"].to_numpy()
+        found[f"{name}_lead_time_h"] = at_model["lead_time"].to_numpy()
     return found
 
 
