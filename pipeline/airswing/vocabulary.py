@@ -500,7 +500,7 @@ _OBSERVATION_ERRORS = [
             (
                 "reference_error_covariance",
                 "m2 s-2",
-                "covariance of the errors of two references, a component, from neighbouring reports",
+                "covariance of the errors of two references, a component, from neighbours",
                 (),
             ),
         )
