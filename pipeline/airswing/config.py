@@ -129,9 +129,7 @@ class Reference(_Section):
     @model_validator(mode="after")
     def _has_files(self) -> Reference:
         if bool(self.files) == (self.engine == "fleet"):
-            raise ValueError(
-                "files must name the model's files (none for engine fleet, the wind of the aircraft)"
-            )
+            raise ValueError("files must name the model's files; engine fleet has none")
         return self
 
     def naming(self) -> dict[str, object]:
