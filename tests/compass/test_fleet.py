@@ -112,7 +112,7 @@ def test_the_information_is_that_of_the_dense_matrix():
     found = equations.times(np.eye(equations.size))
     np.testing.assert_allclose(found / size, expected / size, atol=1e-12)
     blocks = one.information.own_blocks()
-    for block, place in zip(blocks, equations.own[0], strict=True):
+    for block, place in zip(blocks, equations.craft[0], strict=True):
         np.testing.assert_allclose(block / size, expected[np.ix_(place, place)] / size, atol=1e-12)
     for low in equations.lasting[0]:
         block = one.information.lasting_block()

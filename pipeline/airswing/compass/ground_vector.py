@@ -61,7 +61,7 @@ class Evidence(NamedTuple):
     # along_error, cross_error: its standard errors along and across itself
     along_error: Array
     cross_error: Array
-    own: NDArray[np.bool_]  # whether it is from reported heading and airspeed
+    from_reported: NDArray[np.bool_]  # whether it is from reported heading and airspeed
     # (aircraft,): names of `airswing.flags.REPORTED_HEADING_USE`
     reason: NDArray[np.str_]
 
@@ -107,20 +107,20 @@ def choose_ground_vector(
     """
     airspeed, heading = reported
     air = vector_from_bearing(airspeed, heading)
-    own = air[0] + wind[0], air[1] + wind[1]
-    reason = _judge(chord, wind, air, own, aircraft, number)
-    errors = _own_errors(airspeed, heading, own, steps)
-    apart = np.hypot(own[0] - chord[0], own[1] - chord[1])
+    vector = air[0] + wind[0], air[1] + wind[1]
+    reason = _judge(chord, wind, air, vector, aircraft, number)
+    errors = _reported_errors(airspeed, heading, vector, steps)
+    apart = np.hypot(vector[0] - chord[0], vector[1] - chord[1])
     explained = np.hypot(chord[2], chord[3]) + np.hypot(*errors)
     # a larger difference is a gross error of one of the two
     far = apart > MAX_VECTOR_DIFFERENCE + 5.0 * explained
     use = (reason == "used")[aircraft] & ~far
     if derived is not None:
         use |= derived
-    use &= np.isfinite(own[0] + own[1])
+    use &= np.isfinite(vector[0] + vector[1])
     return Evidence(
-        np.where(use, own[0], chord[0]),
-        np.where(use, own[1], chord[1]),
+        np.where(use, vector[0], chord[0]),
+        np.where(use, vector[1], chord[1]),
         np.where(use, errors[0], chord[2]),
         np.where(use, errors[1], chord[3]),
         use,
@@ -132,12 +132,12 @@ def _judge(
     chord: tuple[Array, Array, Array, Array],
     wind: tuple[Array, Array],
     air: tuple[Array, Array],
-    own: tuple[Array, Array],
+    vector: tuple[Array, Array],
     aircraft: Index,
     number: int,
 ) -> NDArray[np.str_]:
     """Name of `REPORTED_HEADING_USE` of each aircraft."""
-    present = np.bincount(aircraft, weights=np.isfinite(own[0] + own[1]), minlength=number)
+    present = np.bincount(aircraft, weights=np.isfinite(vector[0] + vector[1]), minlength=number)
     implied = chord[0] - wind[0], chord[1] - wind[1]
     turned = angle_of_vector(*implied, *air)
     off_air = np.abs(turned)
@@ -176,15 +176,18 @@ def _judge(
     )
 
 
-def _own_errors(
-    airspeed: Array, heading: Array, own: tuple[Array, Array], steps: tuple[Array, Array, Array]
+def _reported_errors(
+    airspeed: Array,
+    heading: Array,
+    vector: tuple[Array, Array],
+    steps: tuple[Array, Array, Array],
 ) -> tuple[Array, Array]:
     """Rounding of airspeed, heading and wind, turned onto the ground vector: along and across."""
     # rounding to steps is uniform over a step, whose variance is a twelfth of its square
     along_air = steps[0] / np.sqrt(12.0)
     cross_air = steps[1] / np.sqrt(12.0) * airspeed
     wind_variance = steps[2] ** 2 / 12.0
-    cosine, sine = along_cross(*vector_from_bearing(1.0, heading), bearing(own[0], own[1]))
+    cosine, sine = along_cross(*vector_from_bearing(1.0, heading), bearing(vector[0], vector[1]))
     along = (along_air * cosine) ** 2 + (cross_air * sine) ** 2 + wind_variance
     cross = (along_air * sine) ** 2 + (cross_air * cosine) ** 2 + wind_variance
     return np.sqrt(along), np.sqrt(cross)

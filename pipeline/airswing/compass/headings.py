@@ -284,7 +284,7 @@ def _source(motion: _Motion) -> NDArray[np.int8]:
     widened = np.maximum(path.before, path.after) > 1
     code = {name: np.int8(value) for name, value in GROUND_VECTOR_SOURCE.items()}
     return np.select(
-        [~np.isfinite(ground.eastward), ground.own, one_sided, widened],
+        [~np.isfinite(ground.eastward), ground.from_reported, one_sided, widened],
         [code["none"], code["reported"], code["one_sided_chord"], code["widened_chord"]],
         code["chord"],
     )

@@ -2,7 +2,7 @@
 
 Assumptions
 -----------
-Headings of `airswing.compass.headings`. Every rule is judged by itself and sets its own bit: a
+Headings of `airswing.compass.headings`. Every rule is applied by itself and sets one bit: a
 report may carry several and is kept where it carries none. An absent value breaks only the rule
 about its absence: a missing roll flag is no bad roll flag unless the policy says so, and the end of
 a flight, where no turn can be computed, is no turn.

@@ -1,6 +1,6 @@
 """Functions over ragged Datasets in blocks of whole aircraft, lazy where the Dataset is.
 
-Assumes contiguous ragged reports: those of one aircraft stand together, ``row_size`` counts them.
+Assumes contiguous ragged reports: those of one aircraft are consecutive, ``row_size`` counts them.
 The functions that are mapped look at one aircraft at a time, so that their result does not depend
 on the blocks. Blocks of a dask-backed Dataset are about as long as its chunks, moved to the borders
 between aircraft. Where ``row_size`` itself is a dask array, the borders are not known without
@@ -116,8 +116,8 @@ def _apply(function: Callable[..., xr.Dataset], parts: list[Any], kwargs: Any) -
             continue
         _, header, values, coords, attrs = part
         variables = {
-            name: (dims, value, own)
-            for (name, dims, own), value in zip(header, values, strict=True)
+            name: (dims, value, attributes)
+            for (name, dims, attributes), value in zip(header, values, strict=True)
         }
         args.append(xr.Dataset(variables, attrs=attrs).set_coords(coords))
     return function(*args, **kwargs)

@@ -124,7 +124,7 @@ def air_vector(
 ) -> tuple[Array, Array]:
     """Air vector V_A = V_G - V_W, east and north (Jacobs et al. 2010, step b).
 
-    The unit's own wind gives the air vector it used, the reference's the one implied; m s-1.
+    The reported wind gives the air vector that the unit used, the reference the implied one; m s-1.
     """
     east = np.asarray(ground_east, np.float64) - np.asarray(wind_east, np.float64)
     north = np.asarray(ground_north, np.float64) - np.asarray(wind_north, np.float64)

@@ -161,9 +161,9 @@ def _air_legs(
     """Mean air vector of each leg: ground vector minus the mean of the reported winds."""
     air = []
     for part, blown in zip(leg[:2], wind, strict=True):
-        own = np.full(seconds.size, np.nan)
-        own[:-1] = part[:-1] - 0.5 * (blown[:-1] + blown[1:])
-        air.append(own)
+        mean = np.full(seconds.size, np.nan)
+        mean[:-1] = part[:-1] - 0.5 * (blown[:-1] + blown[1:])
+        air.append(mean)
     speed = np.hypot(*air)
     with np.errstate(divide="ignore", invalid="ignore"):
         error = np.hypot(leg[2], WANDER) / speed
@@ -180,11 +180,11 @@ def _in_question(legs: _Legs) -> Mask:
         error = 3.0 * np.hypot(legs.error[1:], legs.error[:-1]) + SEEN
         change = np.abs(wrap_signed(np.diff(legs.direction)))
         bend[1:] = np.nan_to_num(change) > np.nan_to_num(error, nan=np.inf)
-    beside = bend.copy()
-    beside[1:] |= bend[:-1]
-    beside[:-1] |= bend[1:]
+    near = bend.copy()
+    near[1:] |= bend[:-1]
+    near[:-1] |= bend[1:]
     linked = _linked(legs)
-    return np.asarray(((beside | (legs.roll == ROLL["bad"])) & (linked > 0)) | (linked == 1))
+    return np.asarray(((near | (legs.roll == ROLL["bad"])) & (linked > 0)) | (linked == 1))
 
 
 def _linked(legs: _Legs) -> Index:
@@ -222,9 +222,9 @@ def _window(index: Index, legs: _Legs) -> _Window:
     size = legs.seconds.size
     at = index[:, None] + np.arange(-REACH, REACH + 1)
     fix = np.clip(at, 0, size - 1)
-    own = (at == fix) & (legs.flight[fix] == legs.flight[index][:, None])
+    same = (at == fix) & (legs.flight[fix] == legs.flight[index][:, None])
     leg = fix[:, :-1]
-    there = own[:, :-1] & own[:, 1:] & np.isfinite(legs.direction[leg])
+    there = same[:, :-1] & same[:, 1:] & np.isfinite(legs.direction[leg])
     # a leg beyond a gap is not used
     for k in range(REACH - 2, -1, -1):
         there[:, k] &= there[:, k + 1]
@@ -240,7 +240,7 @@ def _window(index: Index, legs: _Legs) -> _Window:
             turned = turned + wrap_signed(here - last)
             off[:, k], last = turned, here
     speed = np.where(there, legs.speed[leg], 0.0)
-    roll = np.where(own, legs.roll[fix], ROLL["missing"])
+    roll = np.where(same, legs.roll[fix], ROLL["missing"])
     error = np.where(there, legs.error[leg], 1.0)
     made = _Window(there, _times(fix, there, legs), base, off, error, speed, roll)
     spread = error**2 + (MISFIT * made.seen[:, None]) ** 2
@@ -332,8 +332,8 @@ def _fitted(window: _Window, turns: _Turns) -> _Fitted:
     # The prior of the turn is one more row of the least squares.
     sgg = np.full_like(turns.begin, 1.0 / TURN**2)
     for k in range(2 * REACH):
-        share, own = turns.means(k)[0], weight[:, k : k + 1].astype(np.float32)
-        weighted = own * share
+        share, information = turns.means(k)[0], weight[:, k : k + 1].astype(np.float32)
+        weighted = information * share
         sg += weighted
         sgg += weighted * share
         sgy += weighted * off[:, k : k + 1].astype(np.float32)
@@ -348,8 +348,8 @@ def _fitted(window: _Window, turns: _Turns) -> _Fitted:
     none = none + WRONG_FLAG * flags.sum(axis=1)
     # subtracted before the exponential, which would underflow
     best = np.maximum(log.max(axis=1), none)
-    chance, nothing = np.exp(log - best[:, None]), np.exp(none - best)
-    total = chance.sum(axis=1) + nothing
+    chance, level = np.exp(log - best[:, None]), np.exp(none - best)
+    total = chance.sum(axis=1) + level
     # The heading at the report is course before plus the part of the turn gone; a lattice step
     # of begin and end leaves its uniform error, step^2 / 12.
     gone = turns.gone(REACH)
@@ -357,7 +357,7 @@ def _fitted(window: _Window, turns: _Turns) -> _Fitted:
     within = (gone > 0.0) & (gone < 1.0)
     lattice = np.where(within, (turn / turns.length * step) ** 2 / np.float32(12.0), 0.0)
     variance = (sgg - 2.0 * gone * sg + gone * gone * s) / determinant + lattice
-    return _Fitted(turn, before + turn * gone, variance, chance / total[:, None], nothing / total)
+    return _Fitted(turn, before + turn * gone, variance, chance / total[:, None], level / total)
 
 
 def _odds(window: _Window) -> Array:
@@ -389,8 +389,8 @@ def _found(index: Index, legs: _Legs, known: _Known) -> tuple[Array, Array, Arra
     straight = wrap_signed(known.heading[index] - window.base)
     mean = (fit.probability * fit.off).sum(axis=1) + fit.straight * straight
     spread = (fit.probability * ((fit.off - mean[:, None]) ** 2 + fit.variance)).sum(axis=1)
-    own = known.heading_error[index] ** 2 + (straight - mean) ** 2
-    variance = spread + fit.straight * own
+    error = known.heading_error[index] ** 2 + (straight - mean) ** 2
+    variance = spread + fit.straight * error
     variance += (SHAPE * window.seen * (1.0 - fit.straight)) ** 2
     turned = 1.0 - fit.straight
     speed, speed_error = _airspeed(window, turns, fit)

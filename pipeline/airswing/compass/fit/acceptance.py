@@ -306,14 +306,14 @@ def _choice(
     options: Options,
 ) -> tuple[int, Array, Array]:
     """Number of cycles, the map to the estimate with so many, and the covariance to add."""
-    cycles, keep, nothing = _cycles(fit), np.eye(theta.size), np.zeros_like(covariance)
+    cycles, keep, none = _cycles(fit), np.eye(theta.size), np.zeros_like(covariance)
     if cycles == 1 or options.harmonics != "auto":
-        return cycles, keep, nothing
+        return cycles, keep, none
     statistic = float(theta[3:5] @ np.linalg.solve(covariance[3:5, 3:5], theta[3:5]))
     # a quasi-BIC that counts independent clusters instead of reports; with one or two days the
-    # price of the two parameters would be next to nothing
+    # price of the two parameters would be close to zero
     if statistic > 2.0 * np.log(max(fit.day_number.size, 3)):
-        return 2, keep, nothing
+        return 2, keep, none
     to_one = one_cycle_map(normal, free)
     return 1, to_one, choice_covariance(theta - to_one @ theta, covariance, statistic)
 

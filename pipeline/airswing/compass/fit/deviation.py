@@ -119,14 +119,14 @@ def fit_deviation(
     """
     groups = groups_of(headings, pools or {}, alone=alone or not pools)
     fits = _local_fits(headings, groups, abscissa, Options(**options))
-    # of the headings the fleet's part needs the names and nothing of the reports
+    # the fleet's part needs the names of aircraft and references, no reports
     names = headings[["aircraft", "reference"]].drop_dims("report", errors="ignore")
     rest = names, groups, abscissa, Options(**options)
     if not is_lazy(headings, FITTED_FROM):
         return _solved(fits.to_numpy(), *rest)
-    nothing = np.empty(fits.shape, dtype=object)
-    nothing[...] = AircraftSums(0, 0, 0, None, STATUS["too_few_reports"], np.nan)
-    template = _solved(nothing, *rest)
+    unfitted = np.empty(fits.shape, dtype=object)
+    unfitted[...] = AircraftSums(0, 0, 0, None, STATUS["too_few_reports"], np.nan)
+    template = _solved(unfitted, *rest)
     task = delayed(_solved)(single_task(fits.data), *rest)
     return lazy_dataset(task, template, {}, template)
 
@@ -292,7 +292,7 @@ def _fit_batch(
     abscissa: str,
     options: Options,
 ) -> NDArray[np.object_]:
-    """Kernel of the fits over the aircraft of a batch, whose reports stand end to end."""
+    """Kernel of the fits over the aircraft of a batch, whose reports are concatenated."""
     *values, row_size = arrays
     columns = dict(zip(names, values, strict=True))
     found = np.empty((len(groups), row_size.size), dtype=object)

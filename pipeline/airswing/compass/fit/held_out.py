@@ -84,9 +84,9 @@ def held_out_improvement(fit: AircraftFit, theta: Array, covariance: Array) -> I
     if not fit.held_out or not used.size or np.count_nonzero(parts) < 2:
         return None
     square = np.ix_(used, used)
-    own = fit.flight[:, used] @ _matched(fit.covariance[square], covariance[square])
+    influence = fit.flight[:, used] @ _matched(fit.covariance[square], covariance[square])
     left_out = np.zeros((FOLDS, COMPASS))
-    np.add.at(left_out, (fit.fold[:, np.newaxis], used), own)
+    np.add.at(left_out, (fit.fold[:, np.newaxis], used), influence)
     rest = 1.0 - weight / weight.sum()
     at = theta - left_out / np.maximum(rest, 0.1)[:, np.newaxis]
     gain = np.zeros(FOLDS)

@@ -2,7 +2,7 @@
 
 Assumptions
 -----------
-The reference bias b of an aircraft is the fleet's mean mu plus the aircraft's own part (its
+The reference bias b of an aircraft is the fleet's mean mu plus a part of the aircraft (its
 network's region, levels and hours), normal with variance tau^2 a component. tau is averaged over
 its restricted likelihood with a flat prior, which does not collapse to zero in a small fleet. The
 second pass is closed-form on the first one's normal equations: theta + Cov(theta, b)
@@ -163,10 +163,10 @@ def _second_pass(fits: list[AircraftFit], wide: list[Array], prior: Array, tau: 
     total_random = np.einsum("aij,j,akj->ik", share, prior, share)
     by_flight, by_day, random = [], [], []
     for k, fit in enumerate(fits):
-        own = np.eye(fit.theta.size)
-        own[:, b] += gain[k] @ (share[k] - np.eye(prior.size))
+        mapped = np.eye(fit.theta.size)
+        mapped[:, b] += gain[k] @ (share[k] - np.eye(prior.size))
         rest = gain[k] @ (flight_total - flight_mean[k]) @ gain[k].T
-        by_flight.append(own @ raw[k] @ own.T + rest)
+        by_flight.append(mapped @ raw[k] @ mapped.T + rest)
         daily = common_day @ gain[k].T
         daily[np.searchsorted(days, fit.day_number)] += fit.day - fit.day[:, b] @ gain[k].T
         by_day.append(daily.T @ daily)

@@ -1,1 +1,1 @@
-"""The fleet solved together, beside the error its references share, on sums over blocks."""
+"""Fit of a fleet together with the error that its references share, on sums over blocks."""

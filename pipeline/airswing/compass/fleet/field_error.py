@@ -277,5 +277,5 @@ def _piece_uncertainty(precision: Precision, count: Ints) -> float:
     middle = one.opens + count // 2
     node, share = one.node[middle] % one.nodes, one.share[middle]
     segment = one.segment[middle][:, np.newaxis, np.newaxis]
-    own = precision.inverse[segment, node[:, :, np.newaxis], node[:, np.newaxis]]
-    return float(np.einsum("pi,pij,pj->p", share, own, share).mean())
+    posterior = precision.inverse[segment, node[:, :, np.newaxis], node[:, np.newaxis]]
+    return float(np.einsum("pi,pij,pj->p", share, posterior, share).mean())

@@ -39,7 +39,7 @@ from airswing.compass.fleet.field_error import (
     estimate_variances,
 )
 
-OWN = SLOPES + 2
+UNKNOWNS = SLOPES + 2
 """Unknowns of an aircraft: A to E, airspeed scale, bias eastward and northward."""
 KEPT = tuple([*range(SLOPES), SLOPES + c] for c in range(2))
 """Those that enter each component of the residual."""
@@ -82,7 +82,7 @@ class Information:
         functions = one.lasting_design.shape[1]
         # sums by aircraft at its nodes and at the functions of the lasting part
         rows = np.repeat(one.aircraft, one.node.shape[1])
-        nodes, border = [], np.zeros((aircraft, OWN, 2, functions))
+        nodes, border = [], np.zeros((aircraft, UNKNOWNS, 2, functions))
         shape = (aircraft, one.segments.size * one.nodes)
         for component, kept in enumerate(KEPT):
             values = precision.within_pieces(_design(one, component))
@@ -117,26 +117,26 @@ class Information:
         """Number of aircraft."""
         return int(self.direct.shape[0])
 
-    def times(self, own: Floats, lasting: Floats) -> tuple[Floats, Floats]:
+    def times(self, craft: Floats, lasting: Floats) -> tuple[Floats, Floats]:
         """Multiply with some columns.
 
         Parameters
         ----------
-        own : array of float, shape (aircraft, 8, k)
+        craft : array of float, shape (aircraft, 8, k)
         lasting : array of float, shape (2, functions, k)
 
         Returns
         -------
-        own, lasting : arrays of the same shapes
+        craft, lasting : arrays of the same shapes
         """
-        size, many, root = self.lasting.shape[0], own.shape[-1], np.sqrt(self.gain)
-        known = self.direct @ own
-        own, lasting = self.factor.transpose(0, 2, 1) @ own, root * lasting
+        size, many, root = self.lasting.shape[0], craft.shape[-1], np.sqrt(self.gain)
+        known = self.direct @ craft
+        craft, lasting = self.factor.transpose(0, 2, 1) @ craft, root * lasting
         border = self.border.reshape(-1, 2 * size)
-        found = (border @ lasting.reshape(-1, many)).reshape(own.shape)
-        below = (border.T @ own.reshape(-1, many)).reshape(lasting.shape) + self.lasting @ lasting
+        found = (border @ lasting.reshape(-1, many)).reshape(craft.shape)
+        below = (border.T @ craft.reshape(-1, many)).reshape(lasting.shape) + self.lasting @ lasting
         for component, (kept, nodes) in enumerate(zip(KEPT, self.nodes, strict=True)):
-            at_nodes = nodes.T @ own.transpose(1, 0, 2)[kept].reshape(-1, many)
+            at_nodes = nodes.T @ craft.transpose(1, 0, 2)[kept].reshape(-1, many)
             at_nodes += self.lasting_nodes @ lasting[component]
             shape = (*self.inverse.shape[:2], many)
             field = (self.inverse @ at_nodes.reshape(shape)).reshape(at_nodes.shape)
@@ -213,7 +213,7 @@ class Reference:
         # what needs every block: report counts by aircraft and by function of the lasting part,
         # the information with the field known, and the scores where every unknown is zero, by day
         self.worth, self.lasting_worth = np.zeros(self.aircraft), np.zeros(self.lasting)
-        weight, direct = 0.0, np.zeros((self.aircraft, OWN, OWN))
+        weight, direct = 0.0, np.zeros((self.aircraft, UNKNOWNS, UNKNOWNS))
         self.start = np.zeros((self.days.size, self.size + self.free.size))
         for part in self._parts():
             one = part.stretch
@@ -222,7 +222,7 @@ class Reference:
             weight += float(part.weight.sum())
             direct += _direct_information(part, self.aircraft)
             self._add_scores(part, one.residual, self.start)
-        factor, gain = np.broadcast_to(np.eye(OWN), direct.shape), 1.0
+        factor, gain = np.broadcast_to(np.eye(UNKNOWNS), direct.shape), 1.0
         if self.thinned:
             factor = _factor(_direct_information(self.some, self.aircraft), direct)
             gain = weight / float(self.some.weight.sum())
@@ -261,7 +261,7 @@ class Reference:
         _, day = np.unique(self._day_of(one.segments), return_inverse=True)
         count = int(day.max()) + 1
         group = (one.aircraft * count + day[one.segment])[one.opens]
-        days = np.zeros((self.aircraft * count, OWN, OWN))
+        days = np.zeros((self.aircraft * count, UNKNOWNS, UNKNOWNS))
         for component, kept in enumerate(KEPT):
             design = _design(one, component)
             weighted = self.some.within_pieces(design)
@@ -269,11 +269,11 @@ class Reference:
                 pieces = np.add.reduceat(weighted * row, one.opens, axis=1)
                 for j, values in zip(kept, pieces, strict=True):
                     days[:, i, j] += np.bincount(group, values, minlength=days.shape[0])
-        days = days.reshape(self.aircraft, count, OWN, OWN)
+        days = days.reshape(self.aircraft, count, UNKNOWNS, UNKNOWNS)
         total = days.sum(axis=1)
         trace = np.trace(total, axis1=1, axis2=2)[:, np.newaxis, np.newaxis]
         # an aircraft without blocks on these days: no leverage
-        ridge = np.where(trace > 0, 1e-9 * trace, 1.0) * np.eye(OWN)
+        ridge = np.where(trace > 0, 1e-9 * trace, 1.0) * np.eye(UNKNOWNS)
         inverse = np.linalg.inv(total + ridge)
         twice = (days @ inverse[:, np.newaxis] @ days).sum(axis=1)
         removed = inverse @ twice @ inverse
@@ -284,8 +284,8 @@ class Reference:
         """Return the score of every unknown by day, shape (day, unknown)."""
         a = self.aircraft
         theta = unknowns[: a * SLOPES].reshape(a, SLOPES)
-        bias = unknowns[a * SLOPES : a * OWN].reshape(a, 2)
-        lasting = unknowns[a * OWN :].reshape(2, -1)
+        bias = unknowns[a * SLOPES : a * UNKNOWNS].reshape(a, 2)
+        lasting = unknowns[a * UNKNOWNS :].reshape(2, -1)
         found = np.zeros((self.days.size, unknowns.size))
         for part in self._parts():
             one = part.stretch
@@ -313,13 +313,13 @@ class Reference:
             score = by_day(one.slopes[0, k] * weighted[0] + one.slopes[1, k] * weighted[1])
             found[rows, k : a * SLOPES : SLOPES] = score
         for c in range(2):
-            found[rows, a * SLOPES + c : a * OWN : 2] = by_day(weighted[c])
+            found[rows, a * SLOPES + c : a * UNKNOWNS : 2] = by_day(weighted[c])
         shift = (day * self.lasting).astype(np.int32)[one.segment]
         daily = as_sparse(
             one.lasting + shift[:, np.newaxis], one.lasting_share, days * self.lasting
         )
         scores = (daily.T @ weighted.T).reshape(days, self.lasting, 2)
-        found[rows, a * OWN :] = scores.transpose(0, 2, 1).reshape(days, -1)
+        found[rows, a * UNKNOWNS :] = scores.transpose(0, 2, 1).reshape(days, -1)
 
 
 def _design(one: Stretch, component: int) -> Floats:
@@ -330,7 +330,7 @@ def _design(one: Stretch, component: int) -> Floats:
 def _direct_information(precision: Precision, aircraft: int) -> Floats:
     """Information about each aircraft's unknowns with the field known, shape (aircraft, 8, 8)."""
     one = precision.stretch
-    found = np.zeros((aircraft, OWN, OWN))
+    found = np.zeros((aircraft, UNKNOWNS, UNKNOWNS))
     for k, (i, j) in enumerate(bounds_of(one.aircraft, aircraft)):
         if i == j:
             continue
@@ -369,6 +369,6 @@ def _white(within: Floats, freedom: Floats) -> Floats:
 def _factor(some: Floats, every: Floats) -> Floats:
     """Matrices that bring the information of some blocks to that of all, (aircraft, 8, 8)."""
     # an aircraft without information on a parameter has no Cholesky factor without the ridge
-    ridge = 1e-9 * np.trace(every, axis1=1, axis2=2)[:, np.newaxis, np.newaxis] * np.eye(OWN)
+    ridge = 1e-9 * np.trace(every, axis1=1, axis2=2)[:, np.newaxis, np.newaxis] * np.eye(UNKNOWNS)
     thin, whole = (np.linalg.cholesky(one + ridge) for one in (some, every))
     return np.asarray(whole @ np.linalg.inv(thin))

@@ -119,10 +119,10 @@ def solve_fleet(blocks: list[list[Blocks]], free: Flags) -> FleetFit:
     root = np.sqrt(ratio) * free
     # the mean error of the references over the blocks, from biases and lasting parts
     rows = np.zeros((2, equations.size))
-    for one, own, lasting in zip(references, equations.own, equations.lasting, strict=True):
+    for one, craft, lasting in zip(references, equations.craft, equations.lasting, strict=True):
         total = one.worth.sum() * len(references)
         for c in range(2):
-            rows[c, own[:, SLOPES + c]] = one.worth / total
+            rows[c, craft[:, SLOPES + c]] = one.worth / total
             rows[c, lasting[c]] = one.lasting_worth / total
     return FleetFit(
         found[: free.size].reshape(free.shape),
@@ -145,7 +145,7 @@ class Equations:
         Number of unknowns.
     places : list of array
         Each reference's unknowns among all.
-    own, lasting : lists of arrays, shapes (aircraft, 8) and (2, functions)
+    craft, lasting : lists of arrays, shapes (aircraft, 8) and (2, functions)
         Places of the aircraft's unknowns and of the lasting part, by reference.
     groups : list of array
         Unknowns that share a prior variance: biases and lasting part of each reference. The mean of
@@ -155,7 +155,7 @@ class Equations:
     def __init__(self, parts: list[Information], free: Flags) -> None:
         self.parts, self.free, self.aircraft = parts, free, free.shape[0]
         self.places: list[Ints] = []
-        self.own: list[Ints] = []
+        self.craft: list[Ints] = []
         self.lasting: list[Ints] = []
         self.groups: list[Ints] = []
         coefficients, start = np.arange(free.size), free.size
@@ -163,7 +163,7 @@ class Equations:
             bias = start + np.arange(2 * self.aircraft).reshape(self.aircraft, 2)
             functions = part.lasting.shape[0]
             lasting = start + bias.size + np.arange(2 * functions).reshape(2, functions)
-            self.own.append(np.hstack([coefficients.reshape(free.shape), bias]))
+            self.craft.append(np.hstack([coefficients.reshape(free.shape), bias]))
             self.lasting.append(lasting)
             self.places.append(np.concatenate([coefficients, bias.ravel(), lasting.ravel()]))
             self.groups += [bias.ravel(), lasting[:, :-1].ravel()]
@@ -173,9 +173,9 @@ class Equations:
     def times(self, values: Floats) -> Floats:
         """Multiply with some columns, shape (size, k)."""
         found = np.zeros_like(values)
-        for part, own, lasting in zip(self.parts, self.own, self.lasting, strict=True):
-            above, below = part.times(values[own], values[lasting])
-            found[own] += above
+        for part, craft, lasting in zip(self.parts, self.craft, self.lasting, strict=True):
+            above, below = part.times(values[craft], values[lasting])
+            found[craft] += above
             found[lasting] += below
         return found
 
@@ -231,9 +231,9 @@ class Iterated:
 
     def __init__(self, equations: Equations, right: Floats) -> None:
         self.equations, self.aircraft = equations, equations.aircraft
-        biases = [own[:, SLOPES:] for own in equations.own]
+        biases = [craft[:, SLOPES:] for craft in equations.craft]
         # coefficients and all biases of each aircraft
-        self.place = np.hstack([equations.own[0][:, :SLOPES], *biases])
+        self.place = np.hstack([equations.craft[0][:, :SLOPES], *biases])
         width = self.place.shape[1]
         self.blocks = np.zeros((self.aircraft, width, width))
         for k, part in enumerate(equations.parts):
