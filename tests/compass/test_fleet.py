@@ -280,19 +280,6 @@ def noise_blocks(n: int = 3000, each: int = 3, segments: int = 20) -> Blocks:
 
 
 @pytest.mark.parametrize("middle", [-87.0, 179.0])
-def test_the_functions_of_each_part_add_up_to_one(middle):
-    where = field_of(middle)
-    basis = FieldBasis.of(*where)
-    for index, value, size in (
-        (*basis.lasting_at(*where), basis.lasting_size),
-        (*basis.passing_at(*where[:2]), basis.passing_size),
-    ):
-        np.testing.assert_allclose(value.sum(axis=1), 1.0, atol=1e-12)
-        assert value.min() >= 0
-        assert index.max() < size
-
-
-@pytest.mark.parametrize("middle", [-87.0, 179.0])
 def test_a_field_in_regions_is_independent_beyond_their_borders(monkeypatch, middle):
     """The covariance from where the places are; also across the date line."""
     monkeypatch.setattr("airswing.compass.fleet.field_basis.MOST_NODES", 4)
@@ -340,16 +327,6 @@ def test_borders_move_and_regions_are_small():
     assert (shared >= 4).mean() > 0.99
 
 
-@pytest.mark.parametrize("seam", [0.0, 137.5, 180.0, 359.0])
-def test_the_seam_of_longitude_is_where_fewest_fly(seam):
-    rng = np.random.default_rng(5)
-    longitude = (seam + rng.uniform(2, 358, 5000) + 180) % 360 - 180
-    n = longitude.size
-    basis = FieldBasis.of(rng.uniform(20, 60, n), longitude, np.log(rng.uniform(3e4, 9e4, n)))
-    assert abs((basis.origin[0] - seam) % 360 - 180) < 2
-    assert np.ptp(basis.passing[1]) == pytest.approx(356 * basis.origin[1], abs=1)
-
-
 def test_known_variances_are_found_and_zero_stays_zero():
     one = noise_blocks()
     stretch = Stretch.of([one], FieldBasis.of(one.latitude, one.longitude, one.log_pressure))
@@ -364,14 +341,6 @@ def test_known_variances_are_found_and_zero_stays_zero():
     assert found.passing == pytest.approx(1.44, rel=0.2)
     assert found.piece == pytest.approx(0.64, rel=0.25)
     assert found.block == pytest.approx(0.25, rel=0.3)
-
-
-def test_segments_are_chosen_also_where_flights_are_numbered_out_of_time():
-    one = noise_blocks(60, segments=4)
-    turned = replace(one, segment=one.segment[::-1])
-    assert one.in_order and not turned.in_order
-    keep = (turned.segment == 1) | (turned.segment == 2)
-    np.testing.assert_array_equal(turned.of(np.array([1, 2])).sums, one.sums[:, keep])
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -423,13 +392,6 @@ def test_the_shared_error_is_removed_and_intervals_hold():
     score = score[np.isfinite(score)]
     assert (np.abs(score) < 1.96).mean() >= 0.88
     assert np.abs(score).max() < 4.5
-
-
-def test_few_reports_are_fitted_without_a_field():
-    setting = Setting(aircraft=1, days=12, flights_a_day=2)
-    ds, _ = fly(fleet_deviations(1, np.random.default_rng(4)), setting, 4)
-    plain = fit_deviation(ds, shared_error=False)
-    np.testing.assert_array_equal(fit_deviation(ds)["deviation"], plain["deviation"])
 
 
 def test_a_fleet_summed_in_parts_gives_the_same_fits():

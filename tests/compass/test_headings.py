@@ -6,16 +6,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import dask
 import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
-from hypothesis import given
-from hypothesis import strategies as st
 from pyproj import Geod
 
-from airswing.compass.ground_vector import _group_median
 from airswing.compass.headings import derive_headings
 from airswing.errors import InputError
 from airswing.flags import GROUND_VECTOR_SOURCE, REPORTED_HEADING_USE
@@ -220,23 +216,6 @@ def test_what_one_reference_lacks_the_other_keeps() -> None:
     assert np.isfinite(found.heading).all()
 
 
-def test_lazy_until_asked_and_the_same_numbers() -> None:
-    reports = flown(flights=4)
-    winds = model(reports, noise=2.0, names=("ruc", "rtfdaa"))
-
-    def refuse(*_: Any, **__: Any) -> None:
-        raise AssertionError("something was computed")
-
-    with dask.config.set(scheduler=refuse):
-        lazy = derive_headings(reports, winds.chunk(report=17))
-    names = ("heading_error", "heading_error_standard_error", "airspeed_error")
-    for name in names:
-        assert dask.is_dask_collection(lazy[name].data)
-    eager = derive_headings(reports, winds)
-    for name in names:
-        np.testing.assert_array_equal(lazy[name].compute(), eager[name])
-
-
 @pytest.mark.parametrize(("position", "tick"), [(TENTH_MINUTE, 1.0), (0.01, 60.0)])
 def test_the_standard_error_is_the_error(position: float, tick: float) -> None:
     reports = flown(flights=60, position=position, tick=tick)
@@ -318,14 +297,6 @@ def test_too_few_reports_or_one_wild_one() -> None:
     found = derive_headings(with_own(reports, heading, airspeed), model(reports))
     assert sources(found)["reported"] == reports.sizes["report"] - 2
     np.testing.assert_allclose(found.heading_error[0], truth["error"], atol=3e-3)
-
-
-@given(st.lists(st.tuples(st.integers(0, 3), st.floats(-9, 9)), max_size=30))
-def test_group_median(pairs: list[tuple[int, float]]) -> None:
-    group = np.array([pair[0] for pair in pairs], dtype=np.int64)
-    values = np.array([pair[1] for pair in pairs], dtype=float)
-    expected = pd.Series(values).groupby(group).median().reindex(range(4))
-    np.testing.assert_allclose(_group_median(values, group, 4), expected)
 
 
 def test_input_that_does_not_fit_is_told() -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import dask
 import numpy as np
 import pytest
 import xarray as xr
@@ -68,11 +67,6 @@ def test_every_rule_has_its_bit_and_only_its_bit() -> None:
     assert [*WORST, "field_test"] == list(SCREENING)
     found = bits(made({}, *WORST.values()))
     assert [*found, SCREENING["field_test"]] == [0, *SCREENING.values()]
-
-
-def test_bits_add_up() -> None:
-    both = {**WORST["roll"], **WORST["turn"], **WORST["phase"]}
-    assert bits(made(both)) == [SCREENING["roll"] + SCREENING["turn"] + SCREENING["phase"]]
 
 
 def test_type_and_meanings() -> None:
@@ -215,19 +209,6 @@ def test_the_account_adds_up(rules: list[str | None], cut: int) -> None:
             rules[:cut].count(rule),
             rules[cut:].count(rule),
         ]
-
-
-def test_dask_stays_lazy() -> None:
-    ds = made({}, *WORST.values())
-    eager = screen(ds).screening.values
-
-    def refuse(*_: Any, **__: Any) -> None:
-        raise AssertionError("something was computed")
-
-    with dask.config.set(scheduler=refuse):
-        lazy = screen(ds.chunk(report=4))
-    assert dask.is_dask_collection(lazy.screening.data)
-    np.testing.assert_array_equal(lazy.screening.compute(), eager)
 
 
 def test_flags_that_a_source_does_not_have_are_missing() -> None:

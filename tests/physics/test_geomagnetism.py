@@ -6,10 +6,7 @@ from datetime import datetime
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from airswing.physics import geomagnetism
 from airswing.physics.geomagnetism import FieldLattice, GeomagneticField
 
 ppigrf = pytest.importorskip("ppigrf")
@@ -116,30 +113,6 @@ def test_one_reports_field_does_not_depend_on_the_others() -> None:
         alone = FieldLattice.covering(*arguments).at(*arguments)
         for name in GeomagneticField._fields:
             np.testing.assert_array_equal(getattr(alone, name), getattr(whole, name)[part])
-
-
-def test_tiles_are_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    geomagnetism._tile.cache_clear()
-    calls = []
-    real_igrf = ppigrf.igrf
-    monkeypatch.setattr(ppigrf, "igrf", lambda *arguments: calls.append(1) or real_igrf(*arguments))
-    first = field_at(-47.0, 88.0, 3000.0, 1.6e9)
-    made = len(calls)
-    second = field_at(np.array([-47.0, -46.5]), 88.0, 3000.0, 1.6e9)
-    field_at(-47.0, 88.0, 3000.0, -1.6e9)  # of another epoch
-    assert made >= 1 and len(calls) == made
-    assert second.declination[0] == first.declination
-
-
-@given(st.floats(-60.0, 60.0), st.floats(-180.0, 180.0), st.floats(0.0, 13000.0))
-def test_components_rebuild_the_field(latitude: float, longitude: float, height: float) -> None:
-    arguments = latitude, longitude, height, MID_2009
-    lattice = FieldLattice.covering(*arguments)
-    found = lattice.at(*arguments)
-    north, east, down = lattice.components(*arguments)
-    np.testing.assert_allclose(found.horizontal * np.cos(found.declination), north, atol=1e-6)
-    np.testing.assert_allclose(found.horizontal * np.sin(found.declination), east, atol=1e-6)
-    np.testing.assert_allclose(found.horizontal * np.tan(found.dip), down, atol=1e-6)
 
 
 def test_what_cannot_be_placed_has_no_field() -> None:

@@ -9,8 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
-from hypothesis import given
-from hypothesis import strategies as st
 from pyproj import Geod
 
 from airswing.physics.track import GroundTrack, Resolution, ground_track
@@ -252,17 +250,6 @@ def test_stated_errors_are_the_found_ones_and_widening_pays(
     assert abs(np.mean(along)) < 0.35, "and the bias of rounded times is gone"
 
 
-def test_close_fixes_of_one_minute_are_reached_over() -> None:
-    arguments, east, north = rounded_flights(30.0, position=TENTH_MINUTE, tick=60.0, flights=40)
-    options = {"resolution": Resolution(TENTH_MINUTE, 60.0)}
-    plain = ground_track(**arguments, **options, widen=False)
-    wide = ground_track(**arguments, **options)
-    assert np.isnan(plain.eastward).mean() > 0.5
-    assert np.isfinite(wide.eastward).all()
-    along, cross = misses(wide, east, north, np.ones(east.size, dtype=bool))
-    assert rms(cross) < 2.0 and rms(along) < 0.12 * 250 * KNOT
-
-
 def test_no_window_reaches_over_a_turn() -> None:
     size = 21
     seconds = np.arange(size) * 20.0
@@ -283,16 +270,6 @@ def test_no_window_reaches_over_a_turn() -> None:
     miss = (track - expected + 180.0) % 360.0 - 180.0
     assert np.abs(miss[straight_legs]).max() < 0.1
     assert found.after[3] > 1, "but it does widen on the straight"
-
-
-@given(
-    st.floats(-65.0, 65.0), st.floats(-180.0, 180.0), st.floats(0.0, 359.0), st.floats(40.0, 280.0)
-)
-def test_speed_is_kept_anywhere(lat: float, lon: float, azimuth: float, speed: float) -> None:
-    seconds = np.array([0.0, 140.0, 333.0, 500.0])
-    fixes = straight(lat, lon, azimuth, speed, seconds)
-    found = tracked(*fixes[:2], seconds)
-    np.testing.assert_allclose(np.hypot(found.eastward, found.northward), speed, rtol=1e-6)
 
 
 def test_a_research_aircrafts_own_ground_velocity(real: Callable[[str], Path]) -> None:

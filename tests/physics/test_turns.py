@@ -118,10 +118,3 @@ def test_what_is_found_of_a_flight_does_not_depend_on_the_flights_beside_it():
     np.testing.assert_array_equal(together.report[own] - 15, alone.report)
     for name in ("heading", "airspeed", "heading_error", "airspeed_error"):
         np.testing.assert_array_equal(getattr(together, name)[own], getattr(alone, name))
-
-
-def test_reports_without_a_leg_are_passed_over():
-    made = flown(turn(400, 460, 70.0))
-    for part in made["leg"]:
-        part[:] = np.nan
-    assert looked_at(made, roll_flag=np.full(15, ROLL["bad"])).report.size == 0

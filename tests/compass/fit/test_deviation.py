@@ -161,19 +161,6 @@ def test_pool_fits_members_together_and_covers(fleet):
         fit_deviation(headings, pools={"bad": ["ruc", "nam"]})
 
 
-def test_offset_amplitude_phase_are_the_coefficients(fleet):
-    fits = fleet[2]
-    m = np.arange(0, 360, 10.0)
-    a, b, c = np.moveaxis(fits["deviation"].to_numpy()[0, :, :3], -1, 0)[..., None]
-    x = np.radians(m)
-    offset, amplitude, phase = (
-        fits[name].to_numpy()[0][:, None] for name in ("offset", "amplitude", "phase")
-    )
-    assert np.allclose(
-        a + b * np.sin(x) + c * np.cos(x), offset + amplitude * np.sin(x + np.radians(phase))
-    )
-
-
 def test_sinusoid_errors_by_hand_and_near_zero():
     value, error = sinusoid(np.array([1.0, 3.0, 4.0]), np.diag([0.04, 0.01, 0.01]))
     assert value == pytest.approx([1, 5, np.degrees(np.arctan2(4, 3))])
@@ -285,18 +272,6 @@ def test_rows_in_any_order_give_the_same_fit():
     assert np.allclose(errors_of(one), errors_of(two), rtol=0.1)
 
 
-def test_coarse_positions_and_times_do_not_bend_the_curve():
-    # noise of the ground vector (0.1' positions; clock to the minute: tens of m/s along track)
-    # is common to both air vectors: no bias, a dilution of exp(-sigma^2 / 2) at the most
-    deviation = np.array([[1.0, 5.0, -4.0, 0.0, 0.0]] * 6)
-    for ground_error, allowed in ((0.3, 0.06), (8.0, 0.15)):
-        setting = Setting(aircraft=6, days=60, ground_error=ground_error)
-        # one fleet's mean has a standard error of 0.035 degrees, its days being shared: take three
-        runs = [fit_deviation(fly(deviation, setting, seed)[0]) for seed in (15, 16, 17)]
-        mean = np.mean([fits["deviation"].to_numpy()[0] for fits in runs], axis=(0, 1))
-        assert np.abs(mean - deviation[0]).max() < allowed
-
-
 def test_true_abscissa_smears_where_declination_varies():
     headings, _ = fly([[0, 6, 0, 0, 0]] * 2, Setting(aircraft=2, days=40), 16)
     magnetic, true = (fit_deviation(headings, abscissa=name) for name in ("magnetic", "true"))
@@ -358,3 +333,16 @@ def test_a_curve_that_left_all_reports_behind_is_none():
     few = Setting(aircraft=40, days=1, flights_a_day=2, reports_a_flight=14, legs=1)
     headings, _ = fly(fleet_deviations(40, np.random.default_rng(7)), few, 7)
     assert set(fit_deviation(headings)["status"].to_numpy().ravel()) == {STATUS["too_few_reports"]}
+
+
+@pytest.mark.slow
+def test_coarse_positions_and_times_do_not_bend_the_curve():
+    # noise of the ground vector (0.1' positions; clock to the minute: tens of m/s along track)
+    # is common to both air vectors: no bias, a dilution of exp(-sigma^2 / 2) at the most
+    deviation = np.array([[1.0, 5.0, -4.0, 0.0, 0.0]] * 6)
+    for ground_error, allowed in ((0.3, 0.06), (8.0, 0.15)):
+        setting = Setting(aircraft=6, days=60, ground_error=ground_error)
+        # one fleet's mean has a standard error of 0.035 degrees, its days being shared: take three
+        runs = [fit_deviation(fly(deviation, setting, seed)[0]) for seed in (15, 16, 17)]
+        mean = np.mean([fits["deviation"].to_numpy()[0] for fits in runs], axis=(0, 1))
+        assert np.abs(mean - deviation[0]).max() < allowed
