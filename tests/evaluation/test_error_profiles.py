@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from airswing.evaluation.disagreement import disagreement, reference_mean, vector_difference
+from airswing.evaluation.disagreement import disagreement_sums, measures_of, reference_mean
 from airswing.evaluation.error_profiles import error_profiles
 from airswing.flags import PHASE, SCREENING
 from airswing.vocabulary import describe
@@ -120,13 +120,16 @@ def test_the_standard_error_has_its_size_when_flights_share_errors():
 
 def test_disagreement_by_hand():
     """Heading east: a northerly error of 3 is across, an easterly one of 4 along."""
-    found = disagreement(
+    sums = disagreement_sums(
         np.array([10.0, 14.0]),
         np.array([3.0, 0.0]),
         np.array([10.0, 10.0]),
         np.zeros(2),
         np.full(2, np.pi / 2),
+        np.zeros(2, np.int64),
+        1,
     )
+    found = measures_of(sums[:, 0])
     assert found["reports"] == 2
     assert found["mean_vector"] == pytest.approx(3.5)
     assert found["vector_rms"] == pytest.approx(np.sqrt(12.5))
@@ -135,7 +138,6 @@ def test_disagreement_by_hand():
     assert found["eastward_mean"] == pytest.approx(2.0)
     turned = np.degrees(np.arctan2(3.0, 10.0))
     assert found["direction_rms_deg"] == pytest.approx(turned / np.sqrt(2))
-    assert vector_difference(3.0, 4.0, 0.0, 0.0) == 5.0
 
 
 def test_a_pool_is_the_mean_of_the_members_that_have_a_value():

@@ -161,10 +161,9 @@ def test_only_marks_the_others_and_leaves_the_original_alone(headings):
 def test_a_compass_without_deviation_gains_nothing_when_held_out():
     ds = flown(np.zeros((4, 5)), Setting(aircraft=4, days=30), 5)
     found = cross_validate(ds, folds=4, draws=100, **QUICK)
-    # a curve fitted to noise looks like a gain on its own reports and costs on others
-    assert found["in_sample_gain_kt"] > found["realised_gain_kt"]
-    assert found["realised_gain_kt"] < 0.02
-    assert found["predicted_gain_kt"] < 0.02
+    # curves fitted to noise are not published, and one that is gains nothing
+    for name in ("realised_gain_kt", "predicted_gain_kt"):
+        assert found[name] is None or found[name] < 0.02
 
 
 def test_held_out_flights_agree_with_the_prediction_and_given_fits_make_no_difference(headings):

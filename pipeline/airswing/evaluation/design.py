@@ -8,13 +8,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.physics.compass_deviation import deviation_basis
+
 Floats = NDArray[np.float64]
-
-
-def deviation_basis(heading: Floats) -> Floats:
-    """Functions that the coefficients A to E multiply, (5, ...), of a heading in radians."""
-    m = heading
-    return np.stack([np.ones_like(m), np.sin(m), np.cos(m), np.sin(2 * m), np.cos(2 * m)])
 
 
 def paired_design(

@@ -20,26 +20,6 @@ MIN_DIRECTION_WIND = 5.0
 """Reference wind, m/s, below which the direction has no meaning: it is mostly that of the error."""
 
 
-def vector_difference(
-    eastward: FloatArray,
-    northward: FloatArray,
-    reference_eastward: FloatArray,
-    reference_northward: FloatArray,
-) -> FloatArray:
-    """Magnitude of the wind vector difference.
-
-    Parameters
-    ----------
-    eastward, northward, reference_eastward, reference_northward : arrays of float, m/s
-        Broadcast against each other.
-
-    Returns
-    -------
-    array of float, m/s
-    """
-    return np.hypot(eastward - reference_eastward, northward - reference_northward)
-
-
 def innovations(
     eastward: FloatArray,
     northward: FloatArray,
@@ -74,37 +54,6 @@ def innovations(
     return {name: np.asarray(values, np.float64) for name, values in found.items()}
 
 
-def disagreement(
-    eastward: FloatArray,
-    northward: FloatArray,
-    reference_eastward: FloatArray,
-    reference_northward: FloatArray,
-    heading: FloatArray,
-) -> dict[str, float]:
-    """Every measure of disagreement over a set of reports.
-
-    Parameters
-    ----------
-    eastward, northward : arrays of float, shape (report,), m/s
-        Reported or corrected wind.
-    reference_eastward, reference_northward : arrays of float, shape (report,), m/s
-    heading : array of float, shape (report,), radians
-        Clockwise from north.
-
-    Returns
-    -------
-    dict of str to float
-        ``reports`` and, in m/s, ``mean_vector``, ``vector_rms``, ``eastward_rms``,
-        ``northward_rms``, ``along_rms``, ``cross_rms``, ``eastward_mean``, ``northward_mean``;
-        ``direction_rms_deg`` in degrees over winds of 5 m/s or more.
-    """
-    group = np.zeros(np.shape(eastward), dtype=np.int64)
-    sums = disagreement_sums(
-        eastward, northward, reference_eastward, reference_northward, heading, group, 1
-    )
-    return measures_of(sums[:, 0])
-
-
 def disagreement_sums(
     eastward: FloatArray,
     northward: FloatArray,
@@ -114,28 +63,24 @@ def disagreement_sums(
     group: NDArray[np.int64],
     groups: int,
 ) -> NDArray[np.float64]:
-    """Sums behind every measure, by group; those of parts of an archive add up.
+    """Sums behind the measures of disagreement, by group; those of parts of an archive add up.
 
     Parameters
     ----------
-    eastward, northward, reference_eastward, reference_northward, heading
-        As for :func:`disagreement`.
+    eastward, northward, reference_eastward, reference_northward : arrays, shape (report,), m/s
+    heading : array of float, shape (report,), radians
+        Clockwise from north.
     group : array of int, shape (report,)
-        Group of each report, such as its aircraft.
+        Below ``groups``.
+    groups : int
 
     Returns
     -------
     array of float, shape (11, groups)
         For :func:`measures_of`.
     """
-    du, dv = eastward - reference_eastward, northward - reference_northward
-    good = np.isfinite(du) & np.isfinite(dv)
-    direction = innovations(eastward, northward, reference_eastward, reference_northward)[
-        "direction"
-    ]
-    strong = np.isfinite(direction)
-    turned = np.radians(direction[strong])
-    du, dv, heading = (np.asarray(part[good], np.float64) for part in (du, dv, heading))
+    found = innovations(eastward, northward, reference_eastward, reference_northward)
+    du, dv, turned = found["eastward"], found["northward"], np.radians(found["direction"])
     parts = [
         np.ones(du.size),
         np.hypot(du, dv),
@@ -146,38 +91,47 @@ def disagreement_sums(
         (du * np.cos(heading) - dv * np.sin(heading)) ** 2,
         du,
         dv,
+        np.ones(du.size),
+        turned**2,
     ]
-    found = [np.bincount(group[good], weights=part, minlength=groups) for part in parts]
-    directions = [np.ones(turned.size), np.asarray(turned, np.float64) ** 2]
-    found += [np.bincount(group[strong], weights=part, minlength=groups) for part in directions]
-    return np.array(found)
+    good = [np.isfinite(du + dv)] * 9 + [np.isfinite(turned)] * 2
+    return np.array(
+        [
+            np.bincount(group[rows], part[rows], groups)
+            for rows, part in zip(good, parts, strict=True)
+        ]
+    )
 
 
 def measures_of(sums: NDArray[np.float64]) -> dict[str, float]:
-    """Every measure of disagreement from its sums.
+    """Measures of disagreement from their sums.
 
     Parameters
     ----------
     sums : array of float, shape (11,)
-        Of :func:`disagreement_sums`, added up.
+        Of one group of :func:`disagreement_sums`.
 
     Returns
     -------
     dict of str to float
-        As :func:`disagreement`.
+        ``reports`` and, in m/s, ``mean_vector``, ``vector_rms``, ``eastward_rms``,
+        ``northward_rms``, ``along_rms``, ``cross_rms``, ``eastward_mean``, ``northward_mean``;
+        ``direction_rms_deg`` in degrees over reference winds of 5 m/s or more.
     """
-    number, strong = sums[0], sums[9]
     with np.errstate(invalid="ignore", divide="ignore"):
-        mean = sums[1:9] / number
-        direction = np.degrees(np.sqrt(sums[10] / strong))
+        mean = sums[1:9] / sums[0]
+        direction = np.degrees(np.sqrt(sums[10] / sums[9]))
     return {
-        "reports": int(number),
+        "reports": int(sums[0]),
         "mean_vector": float(mean[0]),
-        "vector_rms": float(np.sqrt(mean[1])),
-        "eastward_rms": float(np.sqrt(mean[2])),
-        "northward_rms": float(np.sqrt(mean[3])),
-        "along_rms": float(np.sqrt(mean[4])),
-        "cross_rms": float(np.sqrt(mean[5])),
+        **{
+            name: float(np.sqrt(value))
+            for name, value in zip(
+                ("vector_rms", "eastward_rms", "northward_rms", "along_rms", "cross_rms"),
+                mean[1:6],
+                strict=True,
+            )
+        },
         "eastward_mean": float(mean[6]),
         "northward_mean": float(mean[7]),
         "direction_rms_deg": float(direction),

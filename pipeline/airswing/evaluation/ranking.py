@@ -22,11 +22,11 @@ from numpy.typing import NDArray
 
 from airswing.compass.correction import corrected_wind, curve_standard_error
 from airswing.errors import InputError
-from airswing.evaluation.design import deviation_basis
 from airswing.evaluation.disagreement import reference_mean
 from airswing.evaluation.resampling import Floats, cluster_sums, clustered_mean
 from airswing.evaluation.results import Content
 from airswing.flags import STATUS, published
+from airswing.physics.compass_deviation import deviation_basis
 from airswing.products.ragged import blocks, row_bounds
 from airswing.units import KNOT
 

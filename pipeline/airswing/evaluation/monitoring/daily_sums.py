@@ -25,7 +25,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.evaluation.design import paired_design
-from airswing.evaluation.disagreement import member_mean, reference_mean, vector_difference
+from airswing.evaluation.disagreement import member_mean, reference_mean
 from airswing.flags import is_corrected
 from airswing.products.ragged import aircraft_of_report, blocks, row_bounds
 
@@ -251,7 +251,8 @@ def wind_days(
             applied = is_corrected(winds["correction_applied"].to_numpy())
             u = np.where(applied, winds["corrected_eastward_wind"].to_numpy(), u)
             v = np.where(applied, winds["corrected_northward_wind"].to_numpy(), v)
-        difference = vector_difference(u, v, *(model[name].to_numpy() for name in _WINDS[2:]))
+        model_u, model_v = (model[name].to_numpy() for name in _WINDS[2:])
+        difference = np.hypot(u - model_u, v - model_v)
         used = (block["screening"].to_numpy() == 0) & np.isfinite(difference)
         day = block["time"].to_numpy().astype("datetime64[D]").astype(np.int64)
         aircraft = aircraft_of_report(block)
