@@ -125,7 +125,7 @@ def compare(
         )
     wind = headings["reference_eastward_wind"]
     shared = only(headings, wind.notnull().all("reference").to_numpy())
-    fits = fit_deviation(shared, pools=pools, **fit_options)
+    fits = fit_deviation(shared, pools=pools, **fit_options).compute()
     region = regions_of(headings["latitude"].to_numpy(), headings["longitude"].to_numpy())
     day = headings["time"].to_numpy().astype("datetime64[D]").astype(np.int64)
     first, days = int(day.min()), int(np.ptp(day)) + 1

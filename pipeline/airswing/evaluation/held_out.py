@@ -128,7 +128,8 @@ def fitted(
     attributes = fits.attrs
     fits = fits.sel(reference=[reference])
     fits.attrs = {**attributes, "reference_count": 1}
-    return add_tables(fits, part, resolution=resolution)
+    # Computed here, because every later use of a lazy fit would repeat it.
+    return add_tables(fits, part, resolution=resolution).compute()
 
 
 def virtual_field_test(

@@ -119,6 +119,6 @@ def _tables_since(
         fit_deviation(recent, pools=config.pools(), **config.fit.model_dump()),
         recent,
         resolution=math.degrees(config.table.resolution),
-    )
+    ).compute()
     now = tables_of(fits.sel(reference=main_reference(config)))
     return dict.fromkeys(since) | {name: now[name] for name in since if name in now}
