@@ -113,17 +113,15 @@ def compass_days(headings: xr.Dataset, members: list[str], *, abscissa: str) -> 
                     day[rows],
                     flight[rows],
                 )
-                parts.append((np.full(days.size, number), days, normal, right))
+                # in single precision: a large fleet has millions of these matrices
+                sums = normal.astype(np.float32), right.astype(np.float32)
+                parts.append((np.full(days.size, number), days, *sums))
         first += block.sizes["aircraft"]
     if not parts:
         none = np.zeros(0, np.int64)
-        return CompassDays(none, none, *_no_sums(0))
-    aircraft, days, normal, right = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return CompassDays(aircraft, days, normal.astype(np.float32), right.astype(np.float32))
-
-
-def _no_sums(rows: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    return np.zeros((rows, UNKNOWNS, UNKNOWNS), np.float32), np.zeros((rows, UNKNOWNS), np.float32)
+        normal, right = np.zeros((0, UNKNOWNS, UNKNOWNS)), np.zeros((0, UNKNOWNS))
+        return CompassDays(none, none, normal.astype(np.float32), right.astype(np.float32))
+    return CompassDays(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
 def normal_equations_by_day(
