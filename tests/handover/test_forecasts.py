@@ -21,8 +21,7 @@ from airswing.handover.forecasts.correcting import (
     station_distribution,
 )
 from airswing.handover.forecasts.forecast_pairs import pairs_from_tables
-from airswing.handover.forecasts.station_grib import UNITS, forecasts_at_stations
-from airswing.handover.forecasts.station_observations import pairs_at_stations
+from airswing.handover.forecasts.stations import UNITS, forecasts_at_stations, pairs_at_stations
 from airswing.products.netcdf import read_product
 from tests.reference.builders import LAMBERT, LATLON, build, write
 
@@ -301,6 +300,23 @@ def test_a_message_that_ends_the_decoder_costs_one_field(tmp_path, packing):
     table, skipped = forecasts_at_stations([bad], stations)
     assert table["variable"].unique().tolist() == ["air_temperature"]
     assert list(skipped.values()) == [1] and "message" in next(iter(skipped))
+
+
+@pytest.mark.parametrize("spread_first", [True, False])
+def test_the_spread_of_an_ensemble_is_no_forecast(tmp_path, spread_first):
+    """Of a mean and a spread of one time the mean is read, whatever their order."""
+    mean = {"productDefinitionTemplateNumber": 2, "derivedForecast": 0, **NEAR["t"]}
+    values = 280.0 + np.zeros(LAMBERT["Nx"] * LAMBERT["Ny"])
+    # A spread of 200 K is in the range of temperatures: it is known by its header alone.
+    parts = [
+        build(LAMBERT, kelvin + 0 * values, parameter="t", extra=mean | {"derivedForecast": code})
+        for kelvin, code in ((280.0, 0), (200.0, 4))
+    ]
+    path = Path(write(tmp_path / "m.grib2", *(parts[::-1] if spread_first else parts)))
+    stations = pd.DataFrame({"station": ["A"], "latitude": [30.0], "longitude": [-105.0]})
+    table, skipped = forecasts_at_stations([path], stations)
+    assert table["forecast"].tolist() == pytest.approx([280.0], abs=0.01)
+    assert list(skipped.values()) == [1] and "spread" in next(iter(skipped))
 
 
 def test_other_heights_levels_and_averages_are_no_forecasts_at_stations(tmp_path):

@@ -238,7 +238,9 @@ def _line(axes: Axes, chosen: xr.Dataset, name: str, index: int) -> None:
 
 @styled
 def time_line_figure(corrected: xr.Dataset, variable: str, station: str) -> Figure:
-    """Draw the daily error of one station before and after, the mean over leads.
+    """Draw the daily error of one station before and after, the mean over lead times.
+
+    The axis reaches 3 times the 90th percentile of the errors: single gross errors are cut.
 
     Parameters
     ----------
@@ -249,7 +251,7 @@ def time_line_figure(corrected: xr.Dataset, variable: str, station: str) -> Figu
     figure = new_figure(2.8)
     axes = figure.subplots()
     starts = chosen[TIME].to_numpy()
-    known = 0
+    known, sizes = 0, [0.0]
     for index, method in enumerate(METHODS):
         error = (
             (chosen[FORECASTS[method]] - chosen["observation"]).transpose(TIME, "lead").to_numpy()
@@ -257,6 +259,7 @@ def time_line_figure(corrected: xr.Dataset, variable: str, station: str) -> Figu
         number = np.isfinite(error).sum(axis=1)
         mean = np.where(number > 0, np.nansum(error, axis=1) / np.maximum(number, 1), np.nan)
         known = int(number.sum())
+        sizes += np.abs(mean[number > 0]).tolist()
         colour, marker = series_style(index)
         axes.plot(
             starts,
@@ -279,6 +282,9 @@ def time_line_figure(corrected: xr.Dataset, variable: str, station: str) -> Figu
             fontsize=8.5,
         )
     axes.axhline(0.0, color=INK, linewidth=0.8)
+    top = 3.0 * float(np.percentile(sizes, 90.0))
+    if 0.0 < top < max(sizes):
+        axes.set_ylim(-top, top)
     axes.set_ylabel(_with_unit("mean error of a start", corrected, variable))
     axes.legend(ncols=3, loc="lower left", bbox_to_anchor=(0.0, 1.0))
     figure.autofmt_xdate(rotation=0, ha="center")

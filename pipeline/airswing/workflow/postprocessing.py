@@ -93,7 +93,7 @@ def postprocess(config: Path, *, output: Path | None = None, quiet: bool = False
 def _read_pairs(section: Postprocess, whole: BaseModel) -> xr.Dataset:
     """Pairs of forecast and observation: tables, GRIB and stations, or the winds of a run."""
     from airswing.handover.forecasts.forecast_pairs import pairs_from_tables
-    from airswing.handover.forecasts.station_observations import pairs_at_stations
+    from airswing.handover.forecasts.stations import pairs_at_stations
 
     if section.pairs is not None:
         given = section.pairs

@@ -13,7 +13,7 @@ from benchmarks.fuzz.dataset_seeds import make_dataset_seeds
 
 import airswing
 from airswing.errors import LONGEST, InputError
-from airswing.handover.forecasts.station_grib import forecasts_at_stations
+from airswing.handover.forecasts.stations import forecasts_at_stations
 from tests.reference.gridded.datasets import winds
 
 DEADLY = (75, 1)

@@ -1,0 +1,405 @@
+"""Near-surface forecasts at stations from GRIB, paired with what was observed there.
+
+Assumes instantaneous fields of temperature at 2 m and wind at 10 m on grids that
+:mod:`airswing.reference.grids` places; a field that is no state of the atmosphere
+(:mod:`airswing.reference.state`) is left out. Interpolation is bilinear in the grid's index space,
+winds are rotated to true east and north at the station; nothing is extrapolated, and a missing
+corner that has weight gives no value. The difference between the heights of the model's ground and
+the station is not corrected: the filter finds its effect as a systematic error.
+
+Observations are tables with one line a station and time, latitude and longitude in degrees, and any
+of temperature and wind with the unit in the column's name. A forecast is paired with the
+observation nearest to its valid time within a given gap. A calm has no direction: its components
+are zero. SI units.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from numpy.typing import NDArray
+
+from airswing.errors import InputError
+from airswing.handover.forecasts.correcting import TIME
+from airswing.handover.forecasts.forecast_pairs import (
+    PLACES,
+    STATION,
+    VALID,
+    column,
+    numbers,
+    on_axes,
+    optional_column,
+    read_table,
+    times,
+)
+from airswing.reference.grib.decoding import KeyValue, UnreadableMessageError
+from airswing.reference.grib.grid_sections import read_grid
+from airswing.reference.grib.headers import GarbageError, Window, single_fields, whole_messages
+from airswing.reference.grib.values import decode_guarded, read_keys
+from airswing.reference.grids import Grid, UnplaceableGridError
+from airswing.reference.state import grib1_statistic, grib2_statistic
+from airswing.reference.winds import bilinear, corners
+from airswing.units import KNOT, ZERO_CELSIUS
+
+Floats = NDArray[np.float64]
+Skipped = Counter[tuple[str, str]]
+UNITS = {
+    "air_temperature": "K",
+    "eastward_wind": "m s-1",
+    "northward_wind": "m s-1",
+    "wind_speed": "m s-1",
+}
+_RANGE = {
+    "air_temperature": (150.0, 350.0),
+    "wind_speed": (0.0, 150.0),
+    "eastward_wind": (-150.0, 150.0),
+    "northward_wind": (-150.0, 150.0),
+}
+# Short name and height of a field, and its variable; winds are along the grid at first.
+_WANTED = {
+    ("2t", 2): "air_temperature",
+    ("10u", 10): "eastward_wind",
+    ("10v", 10): "northward_wind",
+}
+# Category and number of temperature, u and v in discipline 0 of GRIB2.
+_NUMBERS = {(0, 0), (2, 2), (2, 3)}
+_HEADER = ["shortName", "level", "stepType", "dataDate", "dataTime", "validityDate", "validityTime"]
+# Column in lower case: variable, factor and offset to SI units.
+_COLUMNS = {
+    "air_temperature_k": ("air_temperature", 1.0, 0.0),
+    "temperature_k": ("air_temperature", 1.0, 0.0),
+    "air_temperature_degc": ("air_temperature", 1.0, ZERO_CELSIUS),
+    "temperature_degc": ("air_temperature", 1.0, ZERO_CELSIUS),
+    "wind_speed_kt": ("wind_speed", KNOT, 0.0),
+    "wind_speed_m_s": ("wind_speed", 1.0, 0.0),
+    "wind_direction_deg": ("wind_direction", 1.0, 0.0),
+    "eastward_wind_m_s": ("eastward_wind", 1.0, 0.0),
+    "northward_wind_m_s": ("northward_wind", 1.0, 0.0),
+}
+
+
+def pairs_at_stations(
+    forecasts: Sequence[Path],
+    observations: Sequence[Path],
+    *,
+    columns: Mapping[str, str] | None = None,
+    max_time_gap: float = 1800.0,
+) -> xr.Dataset:
+    """Pair forecasts from GRIB with observations at stations.
+
+    Parameters
+    ----------
+    forecasts : sequence of Path
+        GRIB files with temperature at 2 m or wind at 10 m.
+    observations : sequence of Path
+        Tables; their columns are named as documented in docs/postprocessing.md, after ``columns``.
+    columns : mapping of str to str, optional
+        Names in the tables to those.
+    max_time_gap : float, default 1800
+        Seconds between an observation and the valid time.
+
+    Returns
+    -------
+    Dataset
+        As :func:`airswing.handover.forecasts.correcting.correct_forecasts` takes it.
+
+    Raises
+    ------
+    InputError
+        If a table cannot be used, or no observation meets a forecast.
+    """
+    left_out: Counter[str] = Counter()
+    parts = [_observations(Path(file), columns or {}, left_out) for file in observations]
+    observed = pd.concat(parts, ignore_index=True)
+    if observed.empty:
+        raise InputError(
+            "no observation can be used",
+            file=observations[0],
+            found="; ".join(f"{reason} ({n})" for reason, n in left_out.items() if n)
+            or "no line with a value",
+        )
+    places = observed.groupby("station", sort=True)[list(PLACES)].first().reset_index()
+    table, skipped = forecasts_at_stations(forecasts, places)
+    left_out.update(skipped)
+    outside = table.groupby("station")["forecast"].apply(lambda values: values.isna().all())
+    off = [str(name) for name in outside.index[outside]]
+    if off:
+        left_out[f"stations without a forecast: {', '.join(off[:8])}"] += len(off)
+    paired = _paired(table[table["forecast"].notna()], observed, max_time_gap)
+    if not paired["observation"].notna().any():
+        raise InputError(
+            "no observation meets a forecast",
+            file=observations[0],
+            field="postprocess.stations.files",
+            found=_spans(table, observed),
+            remedy="Check the stations' places and times (UTC)",
+        )
+    paired = paired.merge(places, on="station", how="left")
+    paired["units"] = paired["variable"].map(UNITS)
+    found = on_axes(paired)
+    found.attrs["lines_left_out"] = {reason: n for reason, n in left_out.items() if n}
+    return found
+
+
+def _spans(table: pd.DataFrame, observed: pd.DataFrame) -> str:
+    valid = _valid(table)
+    return (
+        f"forecasts valid {valid.min()} to {valid.max()}, observations "
+        f"{observed['time'].min()} to {observed['time'].max()}"
+    )
+
+
+def _valid(table: pd.DataFrame) -> pd.Series:
+    return table[TIME] + pd.to_timedelta((table["lead"] * 3.6e12).round(), unit="ns")
+
+
+def _observations(file: Path, columns: Mapping[str, str], left_out: Counter[str]) -> pd.DataFrame:
+    """One table: station, time, place, variables in SI units."""
+    raw, _ = read_table(file, columns)
+    left_out["observation lines with another number of columns"] += int(raw.attrs["lines_skipped"])
+    table = pd.DataFrame(
+        {
+            "station": column(raw, STATION, file=file).astype(str),
+            "time": times(column(raw, VALID, file=file)),
+        }
+    )
+    for name, known in PLACES.items():
+        place = optional_column(raw, known) if name == "altitude" else column(raw, known, file=file)
+        table[name] = np.nan if place is None else numbers(place)
+    known_columns = [name for name in _COLUMNS if name in raw]
+    if not known_columns:
+        raise InputError(
+            "no column with an observation",
+            file=file,
+            found="columns " + ", ".join(map(str, raw.columns)),
+            remedy="Name them under columns, as one of " + ", ".join(_COLUMNS),
+        )
+    for name in known_columns:
+        variable, factor, offset = _COLUMNS[name]
+        table[variable] = numbers(raw[name]) * factor + offset
+    _derive(table)
+    for name, (least, most) in _RANGE.items():
+        if name in table:
+            absurd = table[name].notna() & ~table[name].between(least, most)
+            left_out[f"{name} out of range"] += int(absurd.sum())
+            table.loc[absurd, name] = np.nan
+    good = table["time"].notna() & table["latitude"].between(-90, 90)
+    good &= table["longitude"].between(-180, 360)
+    left_out["observations without a time or place that can be read"] += int((~good).sum())
+    return table[good]
+
+
+def _derive(table: pd.DataFrame) -> None:
+    """Components from speed and direction, and the speed from components."""
+    if {"wind_speed", "wind_direction"} <= set(table):
+        speed = table["wind_speed"].to_numpy()
+        # The direction of a calm may be anything, or missing.
+        angle = np.radians(np.where(speed == 0.0, 0.0, table["wind_direction"].to_numpy()))
+        table["eastward_wind"] = -speed * np.sin(angle)
+        table["northward_wind"] = -speed * np.cos(angle)
+    elif {"eastward_wind", "northward_wind"} <= set(table):
+        table["wind_speed"] = np.hypot(table["eastward_wind"], table["northward_wind"])
+
+
+def _paired(table: pd.DataFrame, observed: pd.DataFrame, max_time_gap: float) -> pd.DataFrame:
+    """Forecasts with the observation nearest to each valid time."""
+    table = table.assign(time=_valid(table)).sort_values("time")
+    parts = []
+    for variable, forecasts in table.groupby("variable", sort=True):
+        if variable not in observed:
+            continue
+        there = observed.loc[observed[variable].notna(), ["station", "time", variable]]
+        parts.append(
+            pd.merge_asof(
+                forecasts,
+                there.sort_values("time").rename(columns={variable: "observation"}),
+                on="time",
+                by="station",
+                direction="nearest",
+                tolerance=pd.Timedelta(seconds=max_time_gap),
+            )
+        )
+    if not parts:
+        return table.assign(observation=np.nan)
+    return pd.concat(parts, ignore_index=True)
+
+
+def forecasts_at_stations(
+    files: Sequence[Path], stations: pd.DataFrame
+) -> tuple[pd.DataFrame, dict[str, int]]:
+    """Read the forecasts of every file at the stations.
+
+    Parameters
+    ----------
+    files : sequence of Path
+        GRIB, edition 1 or 2.
+    stations : DataFrame
+        ``station, latitude, longitude`` (degrees), one line a station.
+
+    Returns
+    -------
+    DataFrame
+        ``variable, station, forecast_reference_time, lead`` (h), ``forecast``; variables are
+        ``air_temperature``, ``eastward_wind``, ``northward_wind`` and ``wind_speed``.
+    dict of str to int
+        What was left out, by reason.
+
+    Raises
+    ------
+    InputError
+        If no file holds such a field.
+    """
+    skipped: Skipped = Counter()
+    latitude, longitude = (stations[name].to_numpy(float) for name in ("latitude", "longitude"))
+    found: dict[tuple[int, float, str], _Field] = {}
+    for file in files:
+        for field in _fields_of(str(file), latitude, longitude, skipped):
+            found[field.start, field.lead, field.name] = field
+    parts = [
+        (name, start, lead, values)
+        for start, lead in sorted({key[:2] for key in found})
+        for name, values in _variables(found, start, lead, latitude, longitude).items()
+    ]
+    if not parts:
+        raise InputError(
+            "no temperature at 2 m and no wind at 10 m in the forecasts",
+            file=files[0],
+            field="postprocess.forecasts.files",
+            found="; ".join(sorted({why for _, why in skipped})) or f"{len(files)} files",
+        )
+    size = stations.shape[0]
+    table = pd.DataFrame(
+        {
+            "variable": np.repeat([name for name, *_ in parts], size),
+            "station": pd.Series(np.tile(stations["station"].to_numpy(), len(parts))).astype(str),
+            TIME: np.repeat(np.array([start for _, start, *_ in parts], "datetime64[ns]"), size),
+            "lead": np.repeat([lead for *_, lead, _ in parts], size),
+            "forecast": np.concatenate([values for *_, values in parts]),
+        }
+    )
+    return table, {f"{what}: {why}": n for (what, why), n in skipped.items()}
+
+
+class _Field(NamedTuple):
+    """One field at the stations, along its grid."""
+
+    name: str
+    start: int
+    lead: float
+    grid: Grid
+    values: Floats
+
+
+def _variables(
+    found: Mapping[tuple[int, float, str], _Field],
+    start: int,
+    lead: float,
+    latitude: Floats,
+    longitude: Floats,
+) -> dict[str, Floats]:
+    """Variables of one start and lead, true east and north."""
+    temperature, u, v = (found.get((start, lead, name)) for name in _WANTED.values())
+    variables = {} if temperature is None else {"air_temperature": temperature.values}
+    if u is not None and v is not None and u.grid == v.grid:
+        angle = np.zeros_like(latitude)
+        if u.grid.wind_along_grid:
+            angle = u.grid.convergence(latitude, longitude)
+        cosine, sine = np.cos(angle), np.sin(angle)
+        variables["eastward_wind"] = cosine * u.values + sine * v.values
+        variables["northward_wind"] = -sine * u.values + cosine * v.values
+        variables["wind_speed"] = np.hypot(u.values, v.values)
+    return variables
+
+
+def _fields_of(
+    path: str, latitude: Floats, longitude: Floats, skipped: Skipped
+) -> Iterator[_Field]:
+    """Fields of one file at the stations; what cannot be read is counted."""
+    try:
+        descriptor = os.open(path, os.O_RDONLY)
+    except OSError as err:
+        skipped["file", f"cannot be opened ({err.strerror})"] += 1
+        return
+    try:
+        for start, edition, length in whole_messages(Window(descriptor), skipped):
+            message = os.pread(descriptor, length, start)
+            try:
+                for single, sections in single_fields(message, edition):
+                    try:
+                        field = _at_stations(single, edition, sections, latitude, longitude)
+                    except UnplaceableGridError as err:
+                        skipped["grid", str(err)] += 1
+                    except (UnreadableMessageError, ValueError, ArithmeticError) as err:
+                        skipped["message", str(err)] += 1
+                    else:
+                        if field is not None:
+                            yield field
+            except (GarbageError, IndexError):
+                skipped["message", "garbage: section lengths do not add up"] += 1
+    finally:
+        os.close(descriptor)
+
+
+def _at_stations(
+    message: bytes,
+    edition: int,
+    sections: Mapping[int, bytes],
+    latitude: Floats,
+    longitude: Floats,
+) -> _Field | None:
+    """One field at the stations; None where it is another variable."""
+    if edition == 1:
+        # Octet 10 of section 1: 105 is a height above ground (GRIB1 table 3).
+        product, section = sections[1], sections.get(2)
+        if section is None or product[9] != 105:
+            return None
+    else:
+        product, section = sections[4], sections[3]
+        # Octets 10, 11 and 23 of section 4: category, number, and 103 for a height above ground
+        # (GRIB2 code table 4.5).
+        if (product[9], product[10]) not in _NUMBERS or product[22] != 103:
+            return None
+    keys = read_keys(message, _HEADER)
+    name = _WANTED.get((str(keys.get("shortName")), _whole(keys, "level")))
+    if name is None or keys.get("stepType") != "instant":
+        return None
+    reason = grib1_statistic(product) if edition == 1 else grib2_statistic(product)
+    if reason:
+        raise UnreadableMessageError(reason)
+    start, valid = (_stamp(keys, kind) for kind in ("data", "validity"))
+    grid = read_grid(edition, section)
+    values = decode_guarded([(message, grid.size, None)])[0]
+    if isinstance(values, str):
+        raise UnreadableMessageError(values)
+    least, most = _RANGE[name]
+    if not ((values >= least) & (values <= most) | np.isnan(values)).all():
+        raise UnreadableMessageError(f"impossible values of {name}")
+    at = np.full(latitude.size, np.nan)
+    fi, fj = grid.fractional_index(latitude, longitude)
+    inside = np.flatnonzero(np.isfinite(fi) & np.isfinite(fj))
+    if inside.size:
+        cell = corners(grid, fi[inside], fj[inside])
+        at[inside] = bilinear(values[cell.points], cell.x, cell.y)
+    lead = (valid - start) / np.timedelta64(1, "h")
+    return _Field(name, int(start.astype(np.int64)), float(lead), grid, at)
+
+
+def _whole(keys: Mapping[str, KeyValue], name: str) -> int:
+    found = keys.get(name)
+    return found if isinstance(found, int) else -1
+
+
+def _stamp(keys: Mapping[str, KeyValue], kind: str) -> np.datetime64:
+    """A time of the header, within the years that int64 counts in ns (to 2262)."""
+    date, clock = (_whole(keys, kind + part) for part in ("Date", "Time"))
+    if not 19000101 <= date < 22000101:
+        raise UnreadableMessageError("damaged: impossible reference time")
+    stamp = f"{date // 10000:04d}-{date // 100 % 100:02d}-{date % 100:02d}"
+    return np.datetime64(f"{stamp}T{clock // 100:02d}:{clock % 100:02d}", "ns")
