@@ -176,15 +176,15 @@ def _deviation_of(gap: Entry, tail: str) -> tuple[Floats, Floats]:
         cycles = _OCTANTS.get(effect["name"])
         if cycles is None or (effect.get("tails") and tail not in effect["tails"]):
             continue
-        own = (effect.get("per_tail") or {}).get(tail) or effect
-        parameters, errors = own["parameters"], own.get("standard_errors") or {}
+        entry = (effect.get("per_tail") or {}).get(tail) or effect
+        parameters, errors = entry["parameters"], entry.get("standard_errors") or {}
         if cycles == 0:
             value[0] += number(parameters.get("offset_deg"))
             error[0] = np.hypot(error[0], np.nan_to_num(number(errors.get("offset_deg"))))
             continue
-        size, phase = number(parameters["amplitude_deg"]), np.radians(parameters["phase_deg"])
+        amplitude, phase = number(parameters["amplitude_deg"]), np.radians(parameters["phase_deg"])
         places = slice(2 * cycles - 1, 2 * cycles + 1)
-        value[places] += size * np.array([np.cos(phase), np.sin(phase)])
+        value[places] += amplitude * np.array([np.cos(phase), np.sin(phase)])
         error[places] = np.hypot(error[places], np.nan_to_num(number(errors.get("amplitude_deg"))))
     return value, error
 
@@ -260,7 +260,7 @@ def unknown_curve_figure(place: Entry | Any, *, units: Units = "kt") -> Figure:
     Figure
     """
     curve = place["curve"]
-    edges = [np.asarray(own, float) for own in curve.get("edges") or []]
+    edges = [np.asarray(bounds, float) for bounds in curve.get("edges") or []]
     variables = [str(name) for name in curve.get("variables") or place.get("variables") or []]
     unit = str(curve.get("unit") or "m/s")
     factor = shown_per_m_s(units) if unit == "m/s" else 1.0
@@ -645,8 +645,8 @@ def probability_figure(gap: Report | Entry, tails: Sequence[str]) -> Figure:
     drawn = axes.imshow(value, cmap="Blues", vmin=0, vmax=1, aspect="auto")
     # About 80 letters fit side by side.
     rotation = 90 if len(tails) * max(map(len, tails)) > 80 else 0
-    size = 8.5 if len(tails) <= 30 else 6.0
-    axes.set_xticks(range(len(tails)), tails, rotation=rotation, fontsize=size)
+    fontsize = 8.5 if len(tails) <= 30 else 6.0
+    axes.set_xticks(range(len(tails)), tails, rotation=rotation, fontsize=fontsize)
     axes.set_yticks(range(len(value)), [plain_name(name) for name in found])
     axes.grid(visible=False)
     for (row, column), cell in np.ndenumerate(value if len(tails) <= 30 else value[:0]):

@@ -312,13 +312,13 @@ def _ambiguous_section(gap: Entry) -> Section:
             )
     if lines:
         parts.append(listing(line[0].upper() + line[1:] for line in lines))
-    alike = [
+    similar = [
         f"{plain_name(pair['effect'])} and {plain_name(pair['other'])}: shared variance "
         f"{100 * pair['alias_share']:.0f} %; decided by {pair['separated_by']}"
         for pair in gap.get("aliases") or ()
     ]
-    if alike:
-        parts.append(folded("Effects with shared variance on these flights", [listing(alike)]))
+    if similar:
+        parts.append(folded("Effects with shared variance on these flights", [listing(similar)]))
     if gap.get("untestable"):
         rows = [Row([plain_name(name), reason]) for name, reason in gap["untestable"].items()]
         columns = [Column("effect", "long"), Column("why", "long")]
@@ -418,14 +418,14 @@ def _calibration(gap: Entry, units: Units) -> list[Markup]:
         columns = [Column("", "words"), Column("without the effects")]
         columns += [Column("with the effects"), Column("if right")]
         parts.append(table(columns, rows))
-    if decoy := gap.get("decoy"):
+    if placebo := gap.get("decoy"):
         scale = shown_per_kt(units)
-        reduction = scale * number(decoy["reduction_kt"])
-        interval = range_text(_times(decoy.get("reduction_ci_kt"), scale))
+        reduction = scale * number(placebo["reduction_kt"])
+        interval = range_text(_times(placebo.get("reduction_ci_kt"), scale))
         parts.append(
             paragraph(
                 f"Placebo: effects with the same columns but random dates and aircraft close "
-                f"{reduction:.2f} {units}{interval} ({decoy['draws']} draws)."
+                f"{reduction:.2f} {units}{interval} ({placebo['draws']} draws)."
             )
         )
     return parts

@@ -138,8 +138,8 @@ def parameter_text(
         return f"{label} {value}"
     half = factor * NORMAL_95 * number(error)
     if not np.isfinite(half) or half == 0:
-        size = factor * value
-        text = f"{size:,.0f}" if abs(size) >= 1000 else f"{size:.4g}"
+        shown = factor * value
+        text = f"{shown:,.0f}" if abs(shown) >= 1000 else f"{shown:.4g}"
         return f"{label} {text}{unit}"
     # One or two figures of the half width; 1.05: 0.096 is shown as 0.1, not as 0.10.
     digits = int(np.clip(np.ceil(-np.log10(half * 1.05)), 0, 4))
@@ -359,7 +359,7 @@ def _start(gap: Entry) -> tuple[Sequence[Entry] | None, Entry | None]:
 
 
 def closure_of(effect: Entry, gap: Entry) -> Entry | None:
-    """Return the closure of an effect: its own, that of ``by_effect``, or its waterfall step."""
+    """Return the closure of an effect, from the effect, ``by_effect`` or the waterfall."""
     if effect.get("closure"):
         return dict(effect["closure"])
     for row in gap["closure"].get("by_effect") or ():

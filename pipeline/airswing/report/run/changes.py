@@ -103,11 +103,11 @@ def stability_figure(stability: Content, aircraft: Sequence[str] | None = None) 
     grid = figure.subplots(len(aircraft), 2, squeeze=False, sharex=True, sharey="col")
     step = np.timedelta64(1 if stability["window"] == "month" else 3, "M")
     for panels, name in zip(grid, aircraft, strict=True):
-        own = [entry for entry in windows if entry["aircraft"] == name]
+        fits = [entry for entry in windows if entry["aircraft"] == name]
         for axes, quantity, colour in zip(
             panels, ("offset", "amplitude"), (BLUE, ORANGE), strict=True
         ):
-            _windows(axes, own, quantity, colour, step)
+            _windows(axes, fits, quantity, colour, step)
             _change_dates(axes, changes.get(name, []))
         panels[0].set_ylabel(name)
     grid[0, 0].set_title("offset (degree)")
@@ -123,12 +123,12 @@ def stability_figure(stability: Content, aircraft: Sequence[str] | None = None) 
 
 
 def _windows(
-    axes: Axes, own: Sequence[Content], quantity: str, colour: str, step: np.timedelta64
+    axes: Axes, fits: Sequence[Content], quantity: str, colour: str, step: np.timedelta64
 ) -> None:
-    first = np.array([entry["window"] for entry in own], dtype="datetime64[M]")
+    first = np.array([entry["window"] for entry in fits], dtype="datetime64[M]")
     begin, end = days_since_1970(first), days_since_1970(first + step)
-    value = np.array([entry[quantity] for entry in own], float)
-    error = np.array([entry[f"{quantity}_standard_error"] for entry in own], float)
+    value = np.array([entry[quantity] for entry in fits], float)
+    error = np.array([entry[f"{quantity}_standard_error"] for entry in fits], float)
     middle = (begin + end) // 2
     axes.hlines(value, begin, end, color=colour, linewidth=1.4)
     axes.vlines(middle, value - NORMAL_95 * error, value + NORMAL_95 * error, color=colour)
@@ -254,7 +254,7 @@ def monitoring_section(monitoring: Monitoring | None, show: Figures) -> Section:
 
 
 def write_monitoring_page(path: Path, monitoring: Monitoring, *, units: Units = "kt") -> Path:
-    """Write the section on events as a page of its own.
+    """Write the section on events as a separate page.
 
     Parameters
     ----------

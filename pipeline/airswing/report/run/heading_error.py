@@ -143,7 +143,7 @@ def draw_heading_error(
         In place of the medians of the reports.
     """
     coefficients = np.isfinite(fit["deviation"].to_numpy()).any()
-    trusted = bool(published(fit["status"]))
+    usable = bool(published(fit["status"]))
     curve = curve_of(fit, _GRID)
     limit = error_limit(error, curve) if limit is None else limit
     scale = 0.6 if small else 1.0
@@ -159,10 +159,10 @@ def draw_heading_error(
             _GRID,
             curve,
             color=BLUE,
-            linestyle="-" if trusted else (0, (4, 2)),
+            linestyle="-" if usable else (0, (4, 2)),
             linewidth=2.2 * scale,
             zorder=3,
-            label="fitted curve" if trusted else "fit, not usable",
+            label="fitted curve" if usable else "fit, not usable",
         )
     if bins is None:
         bins = binned_medians(heading, error, width=SMALL_BIN_WIDTH if small else BIN_WIDTH)
@@ -178,7 +178,7 @@ def draw_heading_error(
         label="median of the reports, 95 % interval",
     )
     nodes, table = table_error(fit)
-    if trusted and np.isfinite(table).all():
+    if usable and np.isfinite(table).all():
         turn, closed = np.append(nodes, 360.0), np.append(table, table[0])
         axes.plot(turn, closed, color=VERMILION, linewidth=1.1, linestyle=":", zorder=3.4)
         axes.plot(
@@ -273,8 +273,8 @@ def heading_error_figure(
     draw_heading_error(axes, heading, error, fit)
     axes.set_title(f"{name} against {reference}:  {fit_words(fit)}")
     figure.legend(loc="lower center", ncols=5)
-    trusted = bool(published(fit["status"]))
-    refused = "" if trusted else f" The fit is not usable: {status_words(fit['status'])}."
+    usable = bool(published(fit["status"]))
+    refused = "" if usable else f" The fit is not usable: {status_words(fit['status'])}."
     return figure.say(
         f"{name}: heading error (indicated minus the heading that {reference} implies) against "
         f"indicated magnetic heading, n = {plural(heading.size, 'report')} of "
@@ -393,8 +393,8 @@ def coverage_figure(headings: xr.Dataset, aircraft: Sequence[str] | None = None)
     axes = figure.add_axes((0, 0, 1, 1))
     total = 0
     for index, name in enumerate(names):
-        own = headings[["magnetic_heading", "screening"]].isel(report=rows_of(headings, name))
-        heading = own["magnetic_heading"].to_numpy()[used(own)].astype(float)
+        reports = headings[["magnetic_heading", "screening"]].isel(report=rows_of(headings, name))
+        heading = reports["magnetic_heading"].to_numpy()[used(reports)].astype(float)
         heading = heading[np.isfinite(heading)]
         x, y = pitch_x * (index % columns), -pitch_y * (index // columns)
         _rose(axes, (x, y), sector_counts(heading))

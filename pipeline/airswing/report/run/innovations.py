@@ -319,27 +319,27 @@ def sounding_figure(
     Figure
     """
     reference = reference or headline_reference(fits, headings)
-    own, better, name = _sounding_reports(headings, corrected, fits, flight, reference)
-    if own is None or better is None:
+    reports, corrections, name = _sounding_reports(headings, corrected, fits, flight, reference)
+    if reports is None or corrections is None:
         return empty_figure("No ascent or descent has enough reports for a sounding")
     chosen = members(headings, fits, reference)
-    pressure = own["pressure"].to_numpy() / 100.0
+    pressure = reports["pressure"].to_numpy() / 100.0
     winds = {
-        "reported": [own[f"{way}_wind"].to_numpy() for way in ("eastward", "northward")],
+        "reported": [reports[f"{way}_wind"].to_numpy() for way in ("eastward", "northward")],
         "corrected": [
-            better[f"corrected_{way}_wind"].to_numpy() for way in ("eastward", "northward")
+            corrections[f"corrected_{way}_wind"].to_numpy() for way in ("eastward", "northward")
         ],
         reference: [
-            pooled(own, chosen, f"reference_{way}_wind") for way in ("eastward", "northward")
+            pooled(reports, chosen, f"reference_{way}_wind") for way in ("eastward", "northward")
         ],
     }
     colours = dict(zip(winds, (ORANGE, BLUE, INK), strict=True))
-    temperature = own["air_temperature"].to_numpy() if "air_temperature" in own else None
+    temperature = reports["air_temperature"].to_numpy() if "air_temperature" in reports else None
     if skew_t and temperature is not None and np.isfinite(temperature).any():
         figure = _skew_t(pressure, temperature - ZERO_CELSIUS, winds, colours)
     else:
         figure = _wind_profiles(pressure, winds, colours, units)
-    first = np.datetime_as_string(own["time"].to_numpy().min(), "m").replace("T", " ")
+    first = np.datetime_as_string(reports["time"].to_numpy().min(), "m").replace("T", " ")
     return figure.say(
         f"Sounding of {name} on {first} UTC: wind as reported, corrected, and of {reference} "
         f"(n = {plural(pressure.size, 'report')})."
@@ -381,11 +381,11 @@ def _sounding_reports(
                 if one in headings
             ]
             names += ["reference_eastward_wind", "reference_northward_wind"]
-            own = headings[names].isel(report=rows.start + picked).load()
-            better = corrected[["corrected_eastward_wind", "corrected_northward_wind"]]
-            better = better.isel(report=rows.start + picked).load()
-            order = np.argsort(-own["pressure"].to_numpy())
-            return own.isel(report=order), better.isel(report=order), name
+            reports = headings[names].isel(report=rows.start + picked).load()
+            corrections = corrected[["corrected_eastward_wind", "corrected_northward_wind"]]
+            corrections = corrections.isel(report=rows.start + picked).load()
+            order = np.argsort(-reports["pressure"].to_numpy())
+            return reports.isel(report=order), corrections.isel(report=order), name
     return None, None, ""
 
 

@@ -197,12 +197,12 @@ def headline(
         return (
             f"No usable fit for any of {fleet} aircraft against {reference}; see What was left out."
         )
-    size = (
+    typical = (
         f"median amplitude {np.median(sizes):.1f}°"
         if sizes.size
         else f"median offset {np.median(constants):+.1f}°"
     )
-    text = f"Compass deviation fitted for {fitted} of {fleet} aircraft ({size})"
+    text = f"Compass deviation fitted for {fitted} of {fleet} aircraft ({typical})"
     if total is None:
         return f"{text}."
     if not total.number:

@@ -103,16 +103,16 @@ def compass_points(
     names = {abscissa, "heading", "airspeed", "heading_error", "screening"} & set(
         headings.variables
     )
-    own = headings[sorted(map(str, names))].isel(report=rows_of(headings, aircraft)).load()
-    heading = own[abscissa].to_numpy().astype(float) % 360.0
-    error = pooled(own, members(headings, fits, reference), "heading_error")
+    reports = headings[sorted(map(str, names))].isel(report=rows_of(headings, aircraft)).load()
+    heading = reports[abscissa].to_numpy().astype(float) % 360.0
+    error = pooled(reports, members(headings, fits, reference), "heading_error")
     eastward, northward = fitted_bias(fits, reference)
     if eastward or northward:
-        true = np.radians(own["heading"].to_numpy().astype(float))
-        airspeed = own["airspeed"].to_numpy().astype(float)
+        true = np.radians(reports["heading"].to_numpy().astype(float))
+        airspeed = reports["airspeed"].to_numpy().astype(float)
         across = eastward * np.cos(true) - northward * np.sin(true)
         error = error - np.degrees(across / np.where(airspeed > 0, airspeed, np.nan))
-    keep = used(own) & np.isfinite(heading) & np.isfinite(error)
+    keep = used(reports) & np.isfinite(heading) & np.isfinite(error)
     return heading[keep], error[keep]
 
 

@@ -194,8 +194,8 @@ def swing_card_figure(
 
 def _facts(fit: xr.Dataset, headings: xr.Dataset, reference: str) -> list[tuple[str, str]]:
     name = str(fit["aircraft"].to_numpy())
-    own = headings[["time", "screening"]].isel(report=rows_of(headings, name)).load()
-    times = own["time"].to_numpy()[used(own)]
+    reports = headings[["time", "screening"]].isel(report=rows_of(headings, name)).load()
+    times = reports["time"].to_numpy()[used(reports)]
     period = "-"
     if times.size:
         period = " to ".join(str(np.datetime_as_string(t, "D")) for t in (times.min(), times.max()))
@@ -236,9 +236,9 @@ def _columns(axes: Axes, title: str, columns: list[tuple[float, str, list[str]]]
     axes.set_ylim(0, 1)
     axes.text(0, 1.0, title, weight="bold", fontsize=10, va="bottom")
     axes.axhline(0.885, color=SOFT, linewidth=0.8)
-    for x, head, cells in columns:
+    for x, label, cells in columns:
         look: dict[str, Any] = {"ha": "right", "va": "center", "fontsize": 9}
-        axes.text(x, 0.93, head, color=SOFT, **look)
+        axes.text(x, 0.93, label, color=SOFT, **look)
         for row, cell in enumerate(cells):
             axes.text(x, 0.84 - 0.84 * row / len(cells), cell, **look)
 
