@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from airswing.products.netcdf import open_product
+from airswing.report.html.style import png_bytes
 from airswing.report.run.heading_error import heading_error_figure
 
 RESULTS = Path("results/quickstart")
@@ -16,7 +17,7 @@ def main() -> None:
     headings = open_product(RESULTS / "headings")
     fits = open_product(RESULTS / "fits.nc")
     figure = heading_error_figure(headings, fits, "N401", "ruc+rtfdaa")
-    figure.savefig(IMAGES / "heading_error.png", dpi=110)
+    (IMAGES / "heading_error.png").write_bytes(png_bytes(figure, dpi=110, colours=256))
 
 
 if __name__ == "__main__":
