@@ -268,6 +268,7 @@ def twins(tmp_path_factory):
     return error, done, truth, with_effect.iloc[row]
 
 
+@pytest.mark.slow
 def test_corrected_winds_are_within_what_they_state_of_those_of_right_compasses(twins):
     error, done, truth, _ = twins
     stated = done["corrected_wind_standard_error"].to_numpy()
@@ -283,6 +284,7 @@ def test_corrected_winds_are_within_what_they_state_of_those_of_right_compasses(
         assert np.sqrt(np.mean(stated[chosen] ** 2)) < 1.6 * np.sqrt(np.mean(error[chosen] ** 2))
 
 
+@pytest.mark.slow
 def test_turns_are_corrected_nearly_as_well_as_straight_flight(twins):
     error, done, truth, _ = twins
     known = np.isfinite(done["corrected_wind_standard_error"].to_numpy())

@@ -50,16 +50,16 @@ def test_declination_within_a_hundredth_of_a_degree_of_igrf(
     north: float, south: float, west: float, east: float
 ) -> None:
     rng = np.random.default_rng(7)
-    latitude, longitude = rng.uniform(south, north, 3000), rng.uniform(west, east, 3000)
-    height = rng.uniform(-200.0, 13500.0, 3000)
-    for date in (datetime(2008, 7, 3), datetime(2009, 12, 31, 23, 59), datetime(2011, 3, 1, 6)):
+    latitude, longitude = rng.uniform(south, north, 1000), rng.uniform(west, east, 1000)
+    height = rng.uniform(-200.0, 13500.0, 1000)
+    for date in (datetime(2008, 7, 3), datetime(2011, 3, 1, 6)):
         seconds = (date - datetime(1970, 1, 1)).total_seconds()
         found = field_at(latitude, longitude, height, seconds)
         e, n, up = (part[0] for part in ppigrf.igrf(longitude, latitude, height / 1000.0, date))
         horizontal = np.hypot(e, n)
         strong = horizontal > 5000.0
         miss = np.degrees(np.abs(found.declination - np.arctan2(e, n)))[strong]
-        assert strong.sum() > 2000
+        assert strong.sum() > 700
         assert miss.max() < 0.01
         assert np.abs(found.horizontal - horizontal).max() < 1.0
         assert np.degrees(np.abs(found.dip - np.arctan2(-up, horizontal))).max() < 0.01
