@@ -188,9 +188,11 @@ def compare(
 def regions_of(latitude: Floats, longitude: Floats) -> Ints:
     """Region of every report: thirds by latitude and, in each, by longitude; 0 to 8."""
     known = np.isfinite(latitude + longitude)
+    column = np.zeros(latitude.size, dtype=np.int64)
+    if not known.any():
+        return column
     thirds = (1.0 / 3.0, 2.0 / 3.0)
     band = np.searchsorted(np.quantile(latitude[known], thirds), latitude)
-    column = np.zeros(latitude.size, dtype=np.int64)
     for row in range(3):
         here = band == row
         if (here & known).any():
