@@ -40,11 +40,6 @@ def test_position_survives_the_digits_it_is_stored_with(step, digits):
     assert found_step(np.round(on(step, 30, 50), digits), POSITION_STEPS) == pytest.approx(step)
 
 
-def test_position_in_single_precision():
-    values = on(0.1 / 60, -120, -70).astype(np.float32).astype(float)
-    assert found_step(values, POSITION_STEPS) == pytest.approx(0.1 / 60)
-
-
 @pytest.mark.parametrize("step", [60.0, 6.0, 1.0, 0.1])
 def test_time(step):
     assert found_step(on(step, 0, 86400), TIME_STEPS) == step

@@ -8,16 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
 import xarray as xr
 from benchmarks.fuzz.seeds import bufr_file
 
 from airswing.guarded import WorkerEndedError, guarded
 from airswing.products.ragged import aircraft_of_report
-from airswing.reports import read_reports
-from airswing.reports.audit import Audit
-from airswing.reports.formats.bufr import _read_bufr, decode_messages
+from airswing.reports import read_file, read_reports
+from airswing.reports.formats.bufr import decode_messages
 
 eccodes = pytest.importorskip("eccodes")
 
@@ -136,11 +134,10 @@ def test_the_real_file_agrees_with_eccodes_report_by_report(
 
 
 def test_phases_of_the_real_file(real: Callable[[str], Path], messages: list[dict[str, Any]]):
-    audit = Audit()
-    piece = pd.concat(_read_bufr(real(AMDAR), {}, audit))
-    told = [message["phaseOfAircraftFlight"] for message in messages]
+    frame, audit = read_file(real(AMDAR))
+    given = [m["phaseOfAircraftFlight"] for m in messages if tail_of(m)]
     for phase, codes in {1: (5,), 2: (3, 4), 3: (6,)}.items():
-        assert int((piece["phase"] == phase).sum()) == sum(code in codes for code in told)
+        assert int((frame["phase"] == phase).sum()) == sum(code in codes for code in given)
     named = audit.flags["phaseOfAircraftFlight"]
     assert named == {"3": 1922, "4": 7, "5": 3350, "6": 1198, "missing": 221}
 
@@ -300,3 +297,56 @@ def test_a_length_that_lies_costs_one_report(tmp_path: Path):
     found = read_reports(path)
     assert audit_of(found)["dropped"] == {"undecodable_message": 1}
     assert found.sizes["report"] == 11
+
+
+def profile(path: Path, template: int, levels: list[tuple[float, ...]]) -> Path:
+    """Write an AMDAR profile: altitude, direction, speed and, in 3 11 009, a place each level."""
+    message = eccodes.codes_bufr_new_from_samples("BUFR4")
+    for key, value in (
+        ("masterTablesVersionNumber", 33),
+        ("localTablesVersionNumber", 0),
+        ("dataCategory", 4),
+        ("numberOfSubsets", 1),
+        ("compressedData", 0),
+    ):
+        eccodes.codes_set(message, key, value)
+    eccodes.codes_set_array(message, "inputDelayedDescriptorReplicationFactor", [len(levels)])
+    eccodes.codes_set(message, "unexpandedDescriptors", template)
+    own_place = template == 311009
+    header = dict(year=2024, month=7, day=1, hour=10, minute=20, second=0)
+    header |= dict(latitude=52.3, longitude=4.76, phaseOfAircraftFlight=5)
+    for key, value in header.items():
+        eccodes.codes_set(message, f"#1#{key}", value)
+    eccodes.codes_set(message, "aircraftRegistrationNumberOrOtherIdentification", "EU7777")
+    for n, (altitude, direction, speed, latitude, longitude) in enumerate(levels, start=1):
+        eccodes.codes_set(message, f"#{n}#flightLevel", altitude)
+        eccodes.codes_set(message, f"#{n}#windDirection", direction)
+        eccodes.codes_set(message, f"#{n}#windSpeed", speed)
+        if own_place:
+            eccodes.codes_set(message, f"#{n + 1}#latitude", latitude)
+            eccodes.codes_set(message, f"#{n + 1}#longitude", longitude)
+    eccodes.codes_set(message, "pack", 1)
+    with path.open("wb") as file:
+        eccodes.codes_write(message, file)
+    return path
+
+
+@pytest.mark.parametrize("template", [311008, 311009])
+@pytest.mark.parametrize("number", [3, 1, 12])
+def test_each_level_of_a_profile_has_its_own_wind_and_place(
+    tmp_path: Path, template: int, number: int
+):
+    levels = [
+        (300 + 400 * n, 200 + 5 * n, 5.0 + n, 52.3 + 0.02 * n, 4.8 + 0.03 * n)
+        for n in range(number)
+    ]
+    ds = read_reports(profile(tmp_path / "a.bufr", template, levels))
+    assert ds["aircraft"].to_numpy().tolist() == ["EU7777"]
+    assert audit_of(ds)["dropped"] == {}
+    assert (ds["phase"] == 1).all()
+    speed = np.hypot(ds["eastward_wind"], ds["northward_wind"])
+    np.testing.assert_allclose(ds["pressure_altitude"], [level[0] for level in levels])
+    np.testing.assert_allclose(speed, [level[2] for level in levels], atol=1e-4)
+    own = template == 311009
+    place = [level[3] if own else 52.3 for level in levels]
+    np.testing.assert_allclose(ds["latitude"], place, atol=1e-5)

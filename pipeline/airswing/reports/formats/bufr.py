@@ -78,7 +78,7 @@ PHASE_008009 = {
 UNSTEADY = {"phaseOfAircraftFlight": (2,), "detailedPhaseOfFlight": (0, 1, 2)}
 _OLDEST_TABLES = 6  # older versions of the master table do not come with ecCodes
 _CURRENT_TABLES = 33  # version of 2019, which holds every older descriptor
-_MESSAGES_TOGETHER = 500
+_MESSAGES_TOGETHER = 200
 _START, _END = b"BUFR", b"7777"
 
 Value = float | int | str | None

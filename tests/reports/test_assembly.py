@@ -113,7 +113,7 @@ def test_reports_of_one_minute_follow_the_climb_or_descent(tmp_path: Path, sign:
     assert (sign * np.diff(ds["pressure_altitude"]) > 0).all()
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(order=st.permutations(range(19)), cut=st.integers(1, 18))
 def test_order_of_rows_and_files_does_not_matter(tmp_path: Path, order: list[int], cut: int):
     table = fleet()
@@ -149,9 +149,34 @@ def test_an_aircraft_whose_reports_all_went_is_not_listed(tmp_path: Path):
     assert ds["aircraft"].to_numpy().tolist() == ["N412XJ"]
 
 
-def test_the_dataset_can_be_written_and_read_back(tmp_path: Path):
-    ds, _ = read(tmp_path, fleet())
-    ds.to_netcdf(tmp_path / "reports.nc")
-    with xr.open_dataset(tmp_path / "reports.nc", engine="netcdf4") as back:
-        np.testing.assert_array_equal(back["eastward_wind"], ds["eastward_wind"])
-        assert back.attrs["reading_audit"] == ds.attrs["reading_audit"]
+def test_levels_of_a_profile_are_no_conflict_and_follow_the_climb(tmp_path: Path):
+    levels = zip((9800, 1000, 3000), (-86.6, -87.0, -86.9), strict=True)
+    rows = [
+        row(pressure_altitude_ft=feet, longitude=east, phase="ascent", wind_speed_kt=n)
+        for n, (feet, east) in enumerate(levels)
+    ]
+    ds, audit = read(tmp_path, rows)
+    assert audit["dropped"] == {}
+    np.testing.assert_allclose(ds["pressure_altitude"] / 0.3048, [1000, 3000, 9800], atol=0.1)
+
+
+def test_flights_of_one_aircraft_are_contiguous(tmp_path: Path):
+    both = pd.concat([flight(flight="A"), flight(flight="B", longitude=10.0)])
+    ds, audit = read(tmp_path, both.sort_values("time"))
+    assert audit["dropped"] == {}
+    assert ds["flight"].to_numpy().tolist() == [0] * 10 + [1] * 10
+    assert (np.diff(ds["time"].to_numpy().astype(np.int64)).reshape(-1)[:9] > 0).all()
+
+
+def test_a_mean_over_straight_flight_and_the_middle_of_a_turn(tmp_path: Path):
+    table = flight(seconds=np.arange(8) * 15.0, longitude=179.99, temperature_degC=-40.0)
+    table["heading_deg"] = [359.0, 1, 359, 1, 0, 40, 80, 120]
+    table["wind_speed_kt"] = np.arange(8.0)
+    ds = read_reports(write(tmp_path / "a.csv", table), interval=60.0)
+    audit = json.loads(ds.attrs["reading_audit"])
+    assert (audit["dropped"], ds.sizes["report"]) == ({"averaged": 6}, 2)
+    np.testing.assert_allclose(ds["eastward_wind"] * 3600 / 1852, [1.5, 6.0], rtol=1e-5)
+    np.testing.assert_allclose(ds["reported_heading"] % 360, [0.0, 80.0], atol=1e-4)
+    middle = table["longitude"].iloc[[1, 2]].to_numpy() % 360
+    assert float(ds["longitude"][0]) % 360 == pytest.approx(middle.mean(), abs=1e-6)
+    assert ds["time"].to_numpy()[0] == np.datetime64("2009-01-05T12:00:22.5")

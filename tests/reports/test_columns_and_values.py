@@ -1,0 +1,161 @@
+"""Column names, units and mappings; times and flag codes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from airswing.errors import InputError
+from airswing.flags import ICING, PHASE, ROLL
+from airswing.reports import Audit
+from airswing.reports.columns import canonical_names, parse_mapping, sources, split_name
+from airswing.reports.values import FLAG_CODES, decode_flags, parse_times, possible
+
+PLAIN = ["tail", "time", "latitude", "longitude"]
+WIND = ["wind_direction_deg", "wind_speed_kt"]
+NOON = np.datetime64("2009-01-05T12:00:00", "ns")
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "si"),
+    [
+        ("pressure_altitude_ft", 1000.0, 304.8),
+        ("pressure_altitude_hft", 350.0, 10668.0),
+        ("pressure_hPa", 500.0, 50000.0),
+        ("pressure_mb", 500.0, 50000.0),
+        ("wind_speed_kt", 3600.0, 1852.0),
+        ("wind_speed_m_s", 7.0, 7.0),
+        ("wind_speed_km_h", 36.0, 10.0),
+        ("temperature_degC", -20.0, 253.15),
+        ("temperature_degF", 32.0, 273.15),
+        ("heading_rad", 3.141592653589793, 180.0),
+        ("true_airspeed_kt", 250.0, 250.0 * 1852.0 / 3600.0),
+    ],
+)
+def test_the_unit_at_the_end_of_a_name_is_understood(name: str, value: float, si: float):
+    levels = [] if name.startswith("pressure") else ["pressure_altitude_ft"]
+    rest = [other for other in WIND if other.split("_")[1] not in name or "wind" not in name]
+    found = sources([*PLAIN, *levels, *rest, name], {}, "x.csv")
+    source = found[split_name(name)[0].variable]
+    assert value * source.factor + source.offset == pytest.approx(si, rel=1e-12)
+
+
+@pytest.mark.parametrize("name", ["pressure_altitude", "wind_speed", "pressure_m", "speed_kt"])
+def test_a_name_without_a_fitting_unit_is_not_guessed(name: str):
+    assert split_name(name) is None
+
+
+def test_mapped_columns_take_the_users_unit_and_come_first():
+    for name in canonical_names():
+        ((_, source),) = parse_mapping({"theirs": name}).values()
+        assert source.column == "theirs"
+    mapping = parse_mapping(
+        {"WSPD": {"name": "wind_speed_kt", "unit": "m/s"}, "ALT": "pressure_altitude_m"}
+    )
+    found = sources([*PLAIN, "WSPD", "ALT", *WIND], mapping, "x.csv")
+    assert (found["wind_speed"].column, found["wind_speed"].factor) == ("WSPD", 1.0)
+    assert found["pressure_altitude"].factor == 1.0
+
+
+@pytest.mark.parametrize(
+    ("columns", "parts"),
+    [
+        ({"W": {"name": "wind_speed_kt", "unit": "hPa"}}, ["W", "hPa", "wind_speed_kt", "m/s"]),
+        ({"W": {"name": "wind_speed_kt", "unit": "smoots"}}, ["smoots", "wind_speed_kt"]),
+        ({"W": "wind_sped_kt"}, ["wind_sped_kt", "wind_speed_kt"]),
+        ({"W": {"name": "tail", "unit": "kt"}}, ["tail has no unit"]),
+        ({"W": {"nam": "tail"}}, ["{name: ..., unit: ...}"]),
+        ({"A": "wind_speed_kt", "B": "wind_speed_m_s"}, ["two columns", "A, B"]),
+        ({"wind_speed_kt": {"value": "fast"}}, ["is no number"]),
+    ],
+)
+def test_a_bad_mapping_is_refused_by_name(columns: dict[str, object], parts: list[str]):
+    with pytest.raises(InputError) as error:
+        parse_mapping(columns)
+    assert all(part in str(error.value) for part in parts)
+
+
+@pytest.mark.parametrize(
+    ("names", "mapping", "message"),
+    [
+        (["tail", "time", "lat", "longitude", *WIND, "pressure_hPa"], {}, "Nearest there: lat"),
+        ([*PLAIN, "wind_dir", "wind_speed_kt", "pressure_hPa"], {}, "Nearest there: wind_dir"),
+        ([*PLAIN, *WIND], {}, "neither pressure_altitude_ft nor pressure_hPa"),
+        ([*PLAIN, *WIND, "pressure_hPa"], {"W": "wind_speed_kt"}, "W: the mapped column is not"),
+        ([*PLAIN, "heading_deg", "ground_speed_kt", "pressure_hPa"], {}, "wind_direction_deg"),
+    ],
+)
+def test_an_absent_column_is_named_with_the_nearest(
+    names: list[str], mapping: dict[str, str], message: str
+):
+    with pytest.raises(InputError, match=message) as error:
+        sources(names, parse_mapping(mapping), "fleet.csv")
+    assert "fleet.csv" in str(error.value)
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        "2009-01-05T12:00:00Z",
+        "2009-01-05 12:00:00",
+        "2009-01-05T06:00:00-06:00",
+        " 2009-01-05T12:00:00.000Z ",
+        "20090105T120000Z",
+        "2009010512",
+        "200901051200",
+        "20090105120000",
+        "1231156800",
+        "1231156800000",
+        "2454837.0",
+        2009010512,
+        200901051200,
+        20090105120000,
+        1231156800,
+        1231156800000,
+        1231156800000000,
+        1231156800000000000,
+        2454837.0,
+        pd.Timestamp("2009-01-05T06:00:00-06:00"),
+    ],
+)
+def test_one_time_in_many_notations(value: object):
+    time, blank = parse_times(pd.Series([value]))
+    assert time[0] == NOON
+    assert not blank[0]
+
+
+def test_blank_and_unreadable_times_differ_and_rows_keep_their_notation():
+    values = ["", "  ", None, "noon", "05/01/2009 12:00", "2009-13-01", "2009-01-05T13:00+01:00"]
+    time, blank = parse_times(pd.Series(values))
+    assert np.isnat(time).tolist() == [True] * 6 + [False]
+    assert blank.tolist() == [True, True, True, False, False, False, False]
+    assert time[6] == NOON
+    fraction, _ = parse_times(pd.Series(["2009-01-05T12:00:00.25Z", "1231156800.25"]))
+    assert (fraction - NOON).tolist() == [250_000_000, 250_000_000]
+
+
+@pytest.mark.parametrize(
+    "value",
+    # elapsed seconds, a date, a modified Julian date, the far future
+    [0, 3600, 20240701, 54836.5, "2099-01-01T00:00:00Z", "1969-12-31T00:00Z", 2099010100],
+)
+def test_times_that_no_report_can_have_are_not_possible(value: object):
+    assert not possible(parse_times(pd.Series([value]))[0])[0]
+
+
+def test_flag_codes_are_decoded_and_counted():
+    def decoded(name: str, values: list[object]) -> tuple[list[int], Audit]:
+        audit = Audit()
+        return decode_flags(values, *FLAG_CODES[name], name=name, audit=audit).tolist(), audit
+
+    found, audit = decoded("roll_flag", ["G", "b", "N", "", "-", " G ", None, "Z", float("nan")])
+    names = ["good", "bad", "not_available", "missing", "missing", "good", *["missing"] * 3]
+    assert found == [ROLL[name] for name in names]
+    assert audit.flags["roll_flag"] == {"G": 2, "b": 1, "N": 1, "blank": 3, "-": 1, "Z": 1}
+    assert audit.repaired == {"roll_flag_unknown_code": 1}
+    found, _ = decoded("phase", ["ascent", "Cruise", "DESCENT", "", "hover"])
+    assert found == [PHASE[n] for n in ("ascent", "cruise", "descent", "unknown", "unknown")]
+    found, _ = decoded("icing", ["0", "1", 0.0, 1, 1.0, "", None, True, "2"])
+    names = ["off", "on", "off", "on", "on", "missing", "missing", "on", "missing"]
+    assert found == [ICING[name] for name in names]

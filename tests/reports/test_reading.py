@@ -1,0 +1,251 @@
+"""Finding files, recognising formats, clear refusals, and the two steps of reading."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import sys
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+from typer.testing import CliRunner
+
+from airswing import cli
+from airswing.config_file import load_config
+from airswing.errors import InputError
+from airswing.reports import Audit, assemble, expand, read_file, read_reports, reports_summary
+from airswing.reports.formats import unregister
+from tests.reports.tables import flight, row, write
+
+
+def notes_of(reports: xr.Dataset) -> str:
+    return " ".join(json.loads(reports.attrs["reading_audit"])["notes"])
+
+
+def test_read_reports_is_each_file_read_and_assembled(tmp_path: Path):
+    days = [flight(start=f"2009-01-0{day}T12:00", tail=f"N{day % 2}") for day in range(5, 9)]
+    paths = [write(tmp_path / f"{n}.csv", day) for n, day in enumerate(days)]
+    parts, audit = zip(*(read_file(path) for path in paths), strict=True)
+    assert [len(part) for part in parts] == [10] * 4
+    assert sum(one.kept for one in audit) == 40
+    whole = read_reports(paths)
+    xr.testing.assert_identical(assemble(parts[::-1]).drop_attrs(), whole.drop_attrs())
+    assert Audit.from_dict(audit[0].as_dict()) == audit[0]
+
+
+def test_flights_of_a_month_are_those_that_begin_in_it(tmp_path: Path):
+    table = pd.concat(
+        [
+            flight(start=start)
+            for start in ("2009-01-31T12:00", "2009-01-31T23:50", "2009-02-01T09:00")
+        ]
+    )
+    part, _ = read_file(write(tmp_path / "a.csv", table))
+    months = np.array(["2009-01", "2009-02", "2009-03"], "M8[M]").astype("M8[ns]")
+    audit = Audit(read=len(part))
+    january, february = (
+        assemble([part], begins=(months[k], months[k + 1]), audit=audit if k == 0 else None)
+        for k in range(2)
+    )
+    assert (january.sizes["report"], february.sizes["report"]) == (20, 10)
+    assert january["time"].to_numpy()[-1] > months[1]
+    assert january["flight"].to_numpy().tolist() == [0] * 10 + [1] * 10
+    assert audit.read == 20
+    assert assemble([part], begins=(months[2], months[2] + 1)).sizes["report"] == 0
+
+
+def test_no_file_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError) as error:
+        read_reports("reports/*.csv")
+    assert "reports/*.csv" in str(error.value) and str(tmp_path) in str(error.value)
+    with pytest.raises(InputError, match="names no file"):
+        read_reports([])
+    with pytest.raises(InputError, match=r"is a folder.*/\*"):
+        read_reports(tmp_path)
+    (tmp_path / "tail=N1").mkdir()
+    (tmp_path / "tail=N1" / "a.parquet").write_bytes(b"PAR1")
+    with pytest.raises(InputError, match=r"is a folder.*/\*\*/\*\.parquet"):
+        read_reports(tmp_path)
+
+
+def test_names_twice_names_with_brackets_and_broken_links(tmp_path: Path):
+    path = write(tmp_path / "a[1].csv", flight())
+    assert expand([path, str(path), str(tmp_path / "*.csv")]) == [path]
+    (tmp_path / "b.csv").symlink_to(tmp_path / "absent")
+    (left_out,) = json.loads(read_reports(tmp_path / "*.csv").attrs["reading_audit"])[
+        "files_skipped"
+    ]
+    assert left_out["file"] == str(tmp_path / "b.csv")
+    assert "cannot be opened" in left_out["reason"]
+
+
+def archive(folder: Path, name: str) -> bytes:
+    with zipfile.ZipFile(folder / "archive", "w") as file:
+        file.writestr(name, "x")
+    return (folder / "archive").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "is empty"),
+        (b"GRIB\x00\x00\x00\x01", "GRIB"),
+        (bytes(range(256)) * 4, "known format"),
+        (b"\x1f\x8bbroken", "cannot be opened"),
+        (b"CDF\x01garbage", "NetCDF"),
+        (b"BUFR\x00\x00\x10\x03" + b"x" * 40, "decoded"),
+        (b"<!DOCTYPE html><html>", "page of HTML.*download failed"),
+        (b"version https://git-lfs.github.com/spec/v1\noid sha256:a\n", "Git LFS pointer"),
+        (b"36, 1001\nSmith, J.\n", "ICARTT file.*36 lines"),
+        (b'{"type": "FeatureCollection"}', "JSON of no known layout"),
+        (b'<?xml version="1.0"?><kml/>', "XML"),
+        (b"\xfd7zXZ\x00\x00", "compressed with xz"),
+        (b"\x80\x04\x95" + b"x" * 40, "pickle"),
+        (b"SQLite format 3\x00", "SQLite"),
+        ("xl/workbook.xml", "Excel workbook"),
+        ("reports.csv", "zip archive"),
+    ],
+)
+@pytest.mark.parametrize("format", ["auto", "g1000"])
+def test_a_file_that_holds_no_reports_is_named(
+    tmp_path: Path, content: bytes | str, message: str, format: str
+):
+    path = tmp_path / "thing.csv"
+    path.write_bytes(content if isinstance(content, bytes) else archive(tmp_path, content))
+    with pytest.raises(InputError, match=message if format == "auto" else "thing") as error:
+        read_reports(path, format=format)
+    assert "thing.csv" in str(error.value)
+    assert "Iteration" not in str(error.value)
+
+
+def test_an_unknown_format_is_refused_and_a_table_that_names_one_is_not(tmp_path: Path):
+    path = write(tmp_path / "a.csv", flight(source="BUFR GRIB"))
+    with pytest.raises(InputError, match="auto, bufr, dart, flightradar24, g1000"):
+        read_reports(path, format="excel")
+    assert read_reports(path).sizes["report"] == 10
+
+
+def test_unreadable_files_are_skipped_and_counted_or_refused(tmp_path: Path):
+    write(tmp_path / "a.csv", flight())
+    write(tmp_path / "b.csv", flight(start="2009-01-06T12:00:00"))
+    (tmp_path / "bad.csv").write_bytes(b"\x00\x01\x02")
+    write(tmp_path / "short.csv", flight().drop(columns="latitude"))
+    broken = write(tmp_path / "half.csv", flight(tail="HALF"))
+    broken.write_bytes(broken.read_bytes() + b"\xff\xfe\xfd,,,,,,\n")
+    reports = read_reports(str(tmp_path / "*.csv"))
+    audit = json.loads(reports.attrs["reading_audit"])
+    assert (audit["files"], audit["reports_read"], audit["reports_kept"]) == (2, 20, 20)
+    assert reports["aircraft"].to_numpy().tolist() == ["N412XJ"]
+    skipped = {Path(entry["file"]).name: entry["reason"] for entry in audit["files_skipped"]}
+    assert set(skipped) == {"bad.csv", "short.csv", "half.csv"}
+    assert "latitude" in skipped["short.csv"]
+    with pytest.raises(InputError, match=r"bad\.csv"):
+        read_reports(str(tmp_path / "*.csv"), on_bad_file="fail")
+    with pytest.raises(InputError, match=r"none of the 2 report files.*bad\.csv"):
+        read_reports([tmp_path / "bad.csv", tmp_path / "short.csv"])
+    with pytest.raises(InputError, match="hPa"):  # a bad mapping is no fault of the files
+        read_reports(
+            tmp_path / "a.csv", columns={"wind_speed_kt": {"name": "wind_speed_kt", "unit": "hPa"}}
+        )
+
+
+def test_no_usable_report_says_why(tmp_path: Path):
+    with pytest.raises(InputError, match="2 reports read, dropped for: missing_tail 2"):
+        read_reports(write(tmp_path / "a.csv", [row(tail=""), row(tail="")]))
+    with pytest.raises(InputError, match="time_out_of_range 2; cannot be read: time such as 0"):
+        read_reports(write(tmp_path / "b.csv", [row(time=0), row(time=1)]), format="csv")
+
+
+def test_what_columns_lack_is_said(tmp_path: Path):
+    table = flight()
+    with pytest.raises(InputError, match=r"wind_speed_kt: holds no numbers \(found: '14 kt'\)"):
+        read_reports(write(tmp_path / "a.csv", table.assign(wind_speed_kt="14 kt")))
+    empty = table.assign(wind_speed_kt=np.nan, wind_direction_deg=np.nan)
+    assert "none of the 10 reports has a wind" in notes_of(
+        read_reports(write(tmp_path / "b.csv", empty))
+    )
+    kelvin = read_reports(write(tmp_path / "c.csv", table.assign(temperature_degC=250.0)))
+    assert "values of air_temperature are impossible" in notes_of(kelvin)
+    assert notes_of(read_reports(write(tmp_path / "d.csv", table))) == ""
+
+
+def test_two_aircraft_under_one_address_are_said(tmp_path: Path):
+    both = pd.concat([flight(flight="A"), flight(flight="B", longitude=10.0)])
+    reports = read_reports(write(tmp_path / "a.csv", both))
+    assert reports.sizes["report"] == 20
+    assert reports["flight"].to_numpy().tolist() == [0] * 10 + [1] * 10
+    assert "two aircraft seem to share one identifier" in notes_of(reports)
+
+
+def test_the_summary_of_a_file(tmp_path: Path, real: Callable[[str], Path]):
+    path = write(tmp_path / "a.csv", flight(longitude=-87.0, roll_flag=["G"] * 9 + [""]))
+    found = reports_summary(path)
+    assert (found["format"], found["reports"], found["aircraft"]) == ("csv", 10, 1)
+    assert (found["first"], found["last"]) == ("2009-01-05T12:00:00Z", "2009-01-05T12:27:00Z")
+    assert found["bounding_box"]["south"] == found["bounding_box"]["north"] == 41.5
+    assert found["columns"] == {"pressure": 10, "eastward_wind": 10, "roll_flag": 9}
+    assert found["flags"] == {"roll_flag": {"G": 9, "blank": 1}}
+    json.dumps(found)
+    found = reports_summary(real("reports/acars_19990209_14z.nc"))
+    assert (found["format"], found["reports"], found["aircraft"]) == ("madis", 2304, 298)
+    assert found["flags"]["rollFlag"] == {"B": 120, "G": 388, "N": 1796}
+
+
+MODULE = '''
+"""Winds as a station prints them: tail, minutes since 2009, place, feet, knots, degrees."""
+
+import pandas as pd
+
+from airswing.reports.formats import ReportFormat, register
+
+
+def read(path, mapping, audit):
+    names = ["tail", "minutes", "latitude", "longitude", "feet", "knots", "wind_direction"]
+    table = pd.read_csv(path, skiprows=1, names=names)
+    start = pd.Timestamp("2009-01-01")
+    table["time"] = start + pd.to_timedelta(table.pop("minutes"), unit="min")
+    table["pressure_altitude"] = 0.3048 * table.pop("feet")
+    table["wind_speed"] = table.pop("knots") * 1852 / 3600
+    yield table
+
+
+register(ReportFormat("printout", lambda start: start.startswith(b"%station"), read))
+'''
+
+
+@pytest.fixture
+def added(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """A format's file in a folder that is made part of the package's."""
+    folder = tmp_path / "formats"
+    folder.mkdir()
+    (folder / "station_printout.py").write_text(MODULE)
+    package = importlib.import_module("airswing.reports.formats")
+    monkeypatch.setattr(package, "__path__", [*package.__path__, str(folder)])
+    yield
+    unregister("printout")
+    sys.modules.pop("airswing.reports.formats.station_printout", None)
+
+
+def test_a_format_is_one_new_file(added: None, tmp_path: Path):
+    path = tmp_path / "any.name"
+    rows = [f"N9,{k},{40 + k / 10},-90,21000,{30 + k},270" for k in range(5)]
+    path.write_text("\n".join(["%station printout", *rows, ""]))
+    reports = read_reports(path)
+    assert reports["aircraft"].values.tolist() == ["N9"]
+    np.testing.assert_allclose(reports["eastward_wind"] * 3600 / 1852, [30, 31, 32, 33, 34], 1e-5)
+    assert read_reports(path, format="printout").equals(reports)
+    shown = CliRunner().invoke(cli.app, ["inspect", str(path)])
+    assert shown.exit_code == 0 and "printout" in shown.output
+    (tmp_path / "c.yaml").write_text(
+        f"reports: {{files: {path}, format: printout}}\n"
+        "references: {m: {files: m.grb}}\noutput: out\n"
+    )
+    assert load_config(tmp_path / "c.yaml").reports.format == "printout"
+    with pytest.raises(InputError, match="printout"):
+        read_reports(path, format="printed")
