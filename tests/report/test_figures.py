@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 
 import airswing.report as report
 from airswing.evaluation.innovations import innovation_statistics
+from airswing.report.gap import figures
 from airswing.report.html import embed, style
 from airswing.report.run.fleet import reading_reasons
 from tests.report import factories
@@ -42,7 +43,7 @@ FIGURES: dict[str, Callable[[], Figure]] = {
     "scrutiny": lambda: report.scrutiny_figure(factories.full_field_test()),
     "pairs": lambda: report.pair_differences_figure(factories.sensitivity()["pairs"]),
     "pair": lambda: report.aircraft_differences_figure(factories.sensitivity()["pairs"][0]),
-    "no slices": lambda: report.slices_figure([]),
+    "no slices": lambda: figures.slices_figure([]),
 }
 UNIT = re.compile(
     r"\((degree|kt|m/s|m²/s²|km|hPa|K|%|date|number)\)|degree|reports|probability|correlation|"
@@ -116,7 +117,7 @@ def test_a_sounding_shows_one_ascent_or_descent_by_pressure() -> None:
 
 
 def test_captions_are_escaped_in_the_page() -> None:
-    figure = report.slices_figure([])
+    figure = figures.slices_figure([])
     figure.say("a < b & c (n = 0)")  # type: ignore[attr-defined]
     html = embed.embedded(figure)
     assert "a &lt; b &amp; c" in html

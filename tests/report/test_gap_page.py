@@ -14,7 +14,7 @@ import airswing
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.result.schema import GapReport
 from airswing.products.netcdf import read_product
-from airswing.report import unknown_curve_figure, waterfall_figure, write_gap_page
+from airswing.report import write_gap_page
 from airswing.report.gap import figures
 from airswing.report.gap.gap_page import gap_figures
 from airswing.report.gap.in_notebook import ShownDiagnosis
@@ -324,7 +324,7 @@ def test_figures_can_be_drawn_and_count_what_they_show(name: str) -> None:
     ],
 )
 def test_curves_of_unexplained_errors(given: dict[str, Any]) -> None:
-    figure = unknown_curve_figure(place(**given))
+    figure = figures.unknown_curve_figure(place(**given))
     check_figure(figure)
     assert place_sentence(place(**given), {}).rstrip(".") in figure.caption  # type: ignore[attr-defined]
     if len(given.get("variables", ())) == 2:
@@ -374,7 +374,7 @@ def test_the_waterfall_falls_from_before_to_after() -> None:
         assert steps[0][2] == pytest.approx([6.8, 7.0])
         bars = [
             (p.get_x(), p.get_x() + p.get_width())  # type: ignore[attr-defined]
-            for p in waterfall_figure(gap).axes[0].patches
+            for p in figures.waterfall_figure(gap).axes[0].patches
         ]
         assert np.allclose(bars, [(0, 7.4), (7.4, 6.9), (6.9, 6.5), (0, 6.5), (0, 6.3)])
 

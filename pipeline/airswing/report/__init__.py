@@ -11,18 +11,6 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from airswing.report.gap.figures import aircraft_heading_figure as aircraft_heading_figure
-    from airswing.report.gap.figures import aircraft_time_figure as aircraft_time_figure
-    from airswing.report.gap.figures import autocorrelation_figure as autocorrelation_figure
-    from airswing.report.gap.figures import compass_effects_figure as compass_effects_figure
-    from airswing.report.gap.figures import evidence_figure as evidence_figure
-    from airswing.report.gap.figures import gap_map_figure as gap_map_figure
-    from airswing.report.gap.figures import phase_level_figure as phase_level_figure
-    from airswing.report.gap.figures import pit_figure as pit_figure
-    from airswing.report.gap.figures import probability_figure as probability_figure
-    from airswing.report.gap.figures import slices_figure as slices_figure
-    from airswing.report.gap.figures import unknown_curve_figure as unknown_curve_figure
-    from airswing.report.gap.figures import waterfall_figure as waterfall_figure
     from airswing.report.gap.gap_page import write_gap_page as write_gap_page
     from airswing.report.html.maps import level_maps_figure as level_maps_figure
     from airswing.report.html.maps import phase_maps_figure as phase_maps_figure
@@ -65,9 +53,6 @@ _MODULES = {
     "run.innovations": "innovation_figure innovation_histogram_figure "
     "innovation_series_figure sounding_figure",
     "run.page": "write_page",
-    "gap.figures": "aircraft_heading_figure aircraft_time_figure phase_level_figure "
-    "gap_map_figure slices_figure evidence_figure probability_figure unknown_curve_figure "
-    "waterfall_figure autocorrelation_figure pit_figure compass_effects_figure",
     "gap.gap_page": "write_gap_page",
 }
 _WHERE = {name: module for module, names in _MODULES.items() for name in names.split()}

@@ -70,18 +70,7 @@ def _reports(gap: Entry) -> str:
 
 
 def closure_steps(gap: Report | Entry) -> list[tuple[str, float, list[float] | None]]:
-    """Return name, disagreement afterwards (kt) and its 95 % interval for each closing step.
-
-    Parameters
-    ----------
-    gap : GapReport or mapping
-        A diagnosis, or the content of ``gap.json``.
-
-    Returns
-    -------
-    list of (str, float, list of float or None)
-        From ``waterfall``, else from ``by_effect`` of the closure, else all effects in one step.
-    """
+    """Return name, disagreement afterwards (kt) and its 95 % interval for each closing step."""
     gap = content_of(gap)
     steps: list[tuple[str, float, list[float] | None]] = []
     for before, entry in pairwise(gap.get("waterfall") or ()):
@@ -104,18 +93,7 @@ def closure_steps(gap: Report | Entry) -> list[tuple[str, float, list[float] | N
 
 @styled
 def waterfall_figure(gap: Report | Entry, *, units: Units = "kt") -> Figure:
-    """Draw how the disagreement falls with each effect, down to the noise floor.
-
-    Parameters
-    ----------
-    gap : GapReport or mapping
-        A diagnosis, or the content of ``gap.json``.
-    units : {"kt", "m/s"}, optional
-
-    Returns
-    -------
-    Figure
-    """
+    """Draw how the disagreement falls with each effect, down to the noise floor."""
     gap, factor = content_of(gap), shown_per_kt(units)
     steps = closure_steps(gap)
     before, floor = (
@@ -191,20 +169,7 @@ def _deviation_of(gap: Entry, tail: str) -> tuple[Floats, Floats]:
 
 @styled
 def compass_effects_figure(maps: xr.Dataset, gap: Report | Entry) -> Figure:
-    """Draw the heading error of the aircraft with compass effects, and those effects as a curve.
-
-    Parameters
-    ----------
-    maps : Dataset
-        ``gap.nc``: ``heading_map`` and its standard error (aircraft, octant), degrees.
-    gap : GapReport or mapping
-        A diagnosis, or the content of ``gap.json``.
-
-    Returns
-    -------
-    Figure
-        At most twelve aircraft.
-    """
+    """Draw the heading error of the aircraft with compass effects, and those effects as a curve."""
     gap = content_of(gap)
     known = [str(tail) for tail in maps["aircraft"].to_numpy()]
     found = {tail: _deviation_of(gap, tail) for tail in known}
@@ -247,18 +212,7 @@ def compass_effects_figure(maps: xr.Dataset, gap: Report | Entry) -> Figure:
 
 @styled
 def unknown_curve_figure(place: Entry | Any, *, units: Units = "kt") -> Figure:
-    """Draw the fitted curve or table of an error that no catalogue effect explains.
-
-    Parameters
-    ----------
-    place : mapping
-        One of ``unknown.where`` of ``gap.json``.
-    units : {"kt", "m/s"}, optional
-
-    Returns
-    -------
-    Figure
-    """
+    """Draw the fitted curve or table of an error that no catalogue effect explains."""
     curve = place["curve"]
     edges = [np.asarray(bounds, float) for bounds in curve.get("edges") or []]
     variables = [str(name) for name in curve.get("variables") or place.get("variables") or []]
@@ -325,17 +279,7 @@ def _set_ticks(axis: Axis, variable: str, edges: Floats) -> None:
 
 @styled
 def slices_figure(where: Sequence[Entry]) -> Figure:
-    """Draw the slices of the archive with the largest shares of the gap, at most 15.
-
-    Parameters
-    ----------
-    where : sequence of mapping
-        ``where`` or ``slices`` of ``gap.json``: ``share_of_gap`` (0 to 1), ``q_value``.
-
-    Returns
-    -------
-    Figure
-    """
+    """Draw the slices of the archive with the largest shares of the gap, at most 15."""
     rows = sorted(where, key=lambda entry: -entry["share_of_gap"])[:15]
     rows = [entry for entry in rows if entry["share_of_gap"] >= 0.005] or rows[:3]
     if not rows:
@@ -381,20 +325,7 @@ def _edges(centres: Floats) -> Floats:
 
 @styled
 def aircraft_heading_figure(maps: xr.Dataset, gap: Report | Entry) -> Figure:
-    """Draw the mean heading error by aircraft and magnetic heading.
-
-    Parameters
-    ----------
-    maps : Dataset
-        ``gap.nc``: ``heading_map`` and its standard error (aircraft, octant), degrees.
-    gap : GapReport or mapping
-        A diagnosis, or the content of ``gap.json``.
-
-    Returns
-    -------
-    Figure
-        Values are printed in cells beyond two standard errors; aircraft with effects are bold.
-    """
+    """Draw the mean heading error by aircraft and magnetic heading."""
     gap = content_of(gap)
     centres = np.asarray(maps["octant"].to_numpy(), float)
     shown = _cells(maps, "heading_map", "aircraft", "octant")
@@ -417,19 +348,7 @@ def aircraft_heading_figure(maps: xr.Dataset, gap: Report | Entry) -> Figure:
 
 @styled
 def aircraft_time_figure(maps: xr.Dataset, gap: Report | Entry) -> Figure:
-    """Draw the mean heading error by aircraft and week.
-
-    Parameters
-    ----------
-    maps : Dataset
-        ``gap.nc``: ``time_line`` (aircraft, week), degrees, and ``day``.
-    gap : GapReport or mapping
-        A diagnosis, or the content of ``gap.json``.
-
-    Returns
-    -------
-    Figure
-    """
+    """Draw the mean heading error by aircraft and week."""
     gap = content_of(gap)
     weeks = maps["day"].to_numpy().min() + maps["week"].to_numpy().astype("timedelta64[W]")
     shown = _cells(maps, "time_line", "aircraft", "week")
@@ -476,20 +395,7 @@ def _print_cells(
 
 @styled
 def phase_level_figure(maps: xr.Dataset, gap: Report | Entry, *, units: Units = "kt") -> Figure:
-    """Draw the mean residual by phase of flight and level, along and across the heading.
-
-    Parameters
-    ----------
-    maps : Dataset
-        ``gap.nc``: ``level_map_along`` and ``level_map_cross`` (phase, level), m/s.
-    gap : GapReport or mapping
-        A diagnosis, or the content of ``gap.json``.
-    units : {"kt", "m/s"}, optional
-
-    Returns
-    -------
-    Figure
-    """
+    """Draw the mean residual by phase of flight and level, along and across the heading."""
     gap, factor = content_of(gap), shown_per_m_s(units)
     across = factor * _cells(maps, "level_map_cross", "phase", "level")
     along = factor * _cells(maps, "level_map_along", "phase", "level")
@@ -527,20 +433,7 @@ def phase_level_figure(maps: xr.Dataset, gap: Report | Entry, *, units: Units = 
 
 @styled
 def gap_map_figure(maps: xr.Dataset, gap: Report | Entry, *, units: Units = "kt") -> Figure:
-    """Draw a map of the mean residual: length by colour, direction by arrows.
-
-    Parameters
-    ----------
-    maps : Dataset
-        ``gap.nc``: ``region_map_u`` and ``region_map_v`` (latitude, longitude), m/s.
-    gap : GapReport or mapping
-        A diagnosis, or the content of ``gap.json``.
-    units : {"kt", "m/s"}, optional
-
-    Returns
-    -------
-    Figure
-    """
+    """Draw a map of the mean residual: length by colour, direction by arrows."""
     gap, factor = content_of(gap), shown_per_m_s(units)
     lon, lat = (np.asarray(maps[name].to_numpy(), float) for name in ("longitude", "latitude"))
     u, v = (factor * _cells(maps, f"region_map_{way}", "latitude", "longitude") for way in "uv")
@@ -574,17 +467,7 @@ def gap_map_figure(maps: xr.Dataset, gap: Report | Entry, *, units: Units = "kt"
 
 @styled
 def evidence_figure(gap: Report | Entry) -> Figure:
-    """Draw the log Bayes factor of the best candidate of each effect, the 20 largest.
-
-    Parameters
-    ----------
-    gap : GapReport or mapping
-        A diagnosis, or the content of ``gap.json``.
-
-    Returns
-    -------
-    Figure
-    """
+    """Draw the log Bayes factor of the best candidate of each effect, the 20 largest."""
     gap = content_of(gap)
     best: dict[str, float] = {}
     for row in gap.get("evidence") or ():
@@ -617,19 +500,7 @@ def evidence_figure(gap: Report | Entry) -> Figure:
 
 @styled
 def probability_figure(gap: Report | Entry, tails: Sequence[str]) -> Figure:
-    """Draw the probability that each aircraft is affected by each effect found.
-
-    Parameters
-    ----------
-    gap : GapReport or mapping
-        A diagnosis, or the content of ``gap.json``.
-    tails : sequence of str
-        The aircraft, in the order of ``posterior`` of the evidence.
-
-    Returns
-    -------
-    Figure
-    """
+    """Draw the probability that each aircraft is affected by each effect found."""
     gap = content_of(gap)
     found: dict[str, list[float]] = {}
     for row in gap.get("evidence") or ():
@@ -663,17 +534,7 @@ def probability_figure(gap: Report | Entry, tails: Sequence[str]) -> Figure:
 
 @styled
 def autocorrelation_figure(gap: Report | Entry) -> Figure:
-    """Draw the autocovariance of residuals along flights, and the noise model.
-
-    Parameters
-    ----------
-    gap : GapReport or mapping
-        A diagnosis, or the content of ``gap.json``.
-
-    Returns
-    -------
-    Figure
-    """
+    """Draw the autocovariance of residuals along flights, and the noise model."""
     gap = content_of(gap)
     noise = gap.get("noise") or {}
     if not noise.get("distance_km"):
@@ -700,18 +561,7 @@ def autocorrelation_figure(gap: Report | Entry) -> Figure:
 
 @styled
 def pit_figure(maps: xr.Dataset) -> Figure:
-    """Draw the histogram of the probability integral transform (PIT) of held-out reports.
-
-    Parameters
-    ----------
-    maps : Dataset
-        ``gap.nc``: ``pit_count`` and ``pit_count_before`` (pit_bin), wind components in equal
-        classes of predicted probability, with and without the effects.
-
-    Returns
-    -------
-    Figure
-    """
+    """Draw the histogram of the probability integral transform (PIT) of held-out reports."""
     if "pit_count" not in maps:
         return empty_figure("No calibration on held-out reports")
     after, before = (maps[name].to_numpy() for name in ("pit_count", "pit_count_before"))
