@@ -139,7 +139,7 @@ def test_a_pool_against_its_member_is_no_test() -> None:
     first = found["pairs"][0]
     second = first | {"references": ["ruc+rtfdaa", "ruc"], "own_test": False}
     section = sensitivity_section(found | {"pairs": [first, second], "by_phase": []}, SHOW)
-    assert section.lead.startswith("All references agree within error or within a size that")
+    assert section.lead.startswith("No pair of references differs significantly and by a size")
     text = "".join(str(part) for part in section.parts)
     assert text.count("a pool and one of its members") == 1
     assert text.count(first["why"]) == 1
@@ -187,7 +187,7 @@ def monitored(events, told_before=0):
 def test_new_events_come_first_and_names_are_escaped(tmp_path):
     content = monitored(EVENTS, told_before=1)
     lead = monitoring_section(content, SHOW).lead
-    assert lead.startswith("New up to 2009-03-20: 1 wind disagreement rose, 1 no reports.")
+    assert lead.startswith("New up to 2009-03-20: wind disagreement rose (1), no reports (1).")
     assert lead.endswith("Another table is needed for N1.")
     text = write_monitoring_page(tmp_path / "monitoring.html", content).read_text()
     assert "2.0° rms, offset +2.0 ± 4.0°" in text and "× 1.62 ± 0.20" in text

@@ -116,7 +116,7 @@ def stability_figure(stability: Content, aircraft: Sequence[str] | None = None) 
     place_panels(figure, left=0.75, wspace=0.5)
     number = sum(len(changes.get(name, [])) for name in aircraft)
     return figure.say(
-        f"Fits by {stability['window']} with 95 % intervals, each from the reports of its window, "
+        f"Fits by {stability['window']} with 95 % intervals, each from the reports of its window "
         f"(n = {plural(len(aircraft), 'aircraft', 'aircraft')}); orange line and band: date of a "
         f"change of the compass and its 95 % interval ({number} found)."
     )
@@ -284,7 +284,7 @@ def monitoring_sentence(monitoring: Monitoring) -> str:
     """Return the new events by kind, and the aircraft that need another table."""
     new = monitoring.events[monitoring.told_before :]
     counts = [
-        f"{number} {words}"
+        f"{words} ({number})"
         for kind, (words, *_) in _KINDS.items()
         if (number := sum(one.kind == kind for one in new))
     ]

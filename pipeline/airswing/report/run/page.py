@@ -151,8 +151,8 @@ def write_page(
     if corrected is not None:
         sounding = sounding_figure(headings, corrected, fits, reference=reference, units=units)
     sections = [
-        monitoring_section(found.monitoring, show),
         _corrections_section(fits, reference, order, _links(folder, summary)),
+        monitoring_section(found.monitoring, show),
         _curves_section(headings, fits, reference, order, show),
         _fleet_section(headings, fits, apart, reference, order, show),
         innovations_section(found.innovations, sounding, reference, order, show),
