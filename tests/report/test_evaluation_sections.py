@@ -139,7 +139,7 @@ def test_a_pool_against_its_member_is_no_test() -> None:
     first = found["pairs"][0]
     second = first | {"references": ["ruc+rtfdaa", "ruc"], "own_test": False}
     section = sensitivity_section(found | {"pairs": [first, second], "by_phase": []}, SHOW)
-    assert section.lead.startswith("No pair of references differs significantly and by more")
+    assert section.lead.startswith("No two references differ significantly")
     text = "".join(str(part) for part in section.parts)
     assert text.count("a pool and one of its members") == 1
     assert text.count(first["why"]) == 1

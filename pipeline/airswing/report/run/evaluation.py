@@ -555,7 +555,7 @@ def sensitivity_section(sensitivity: Content | None, show: Figures) -> Section:
         return Section("sensitivity", title)
     apart = [pair for pair in pairs if pair.get("poolable") is False]
     if all(pair.get("poolable") for pair in pairs):
-        lead = "No pair of references differs significantly and by more than matters: pooling is possible."
+        lead = "No two references differ significantly by a size that matters: they can be pooled."
     elif apart:
         named = "; ".join(f"{pair_name(pair)} ({_why(pair)})" for pair in apart[:2])
         more = f", and {len(apart) - 2} more pairs" if len(apart) > 2 else ""
