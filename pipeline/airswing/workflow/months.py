@@ -278,7 +278,7 @@ class ReportArchive:
                 self._read(identity)
         frames, step = list(self._frames.values()), max(1, self.count // most)
         every = {
-            name: np.concatenate([frame[name].to_numpy() for frame in frames])[::step]
+            name: np.concatenate([frame[name].to_numpy()[::step] for frame in frames])
             for name in ("time", "latitude", "longitude", "pressure")
         }
         return xr.Dataset({name: ("report", values) for name, values in every.items()})
