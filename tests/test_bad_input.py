@@ -121,7 +121,7 @@ TABLES: dict[str, tuple[Change, tuple[str, ...]]] = {
     ),
     "decimal commas": (
         lambda t: t.assign(latitude=t["latitude"].map("{:.4f}".format).str.replace(".", ",")),
-        ("missing_position", "latitude such as", "decimal point"),
+        ("latitude", "44,3334", "numbers"),
     ),
     "header alone": (lambda t: t.iloc[:0], ("r.csv", "has a header but no reports")),
 }
