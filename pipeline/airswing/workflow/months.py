@@ -188,13 +188,16 @@ class ReportArchive:
         content = read_note(self._note)
         if content.get("key") != self._key:
             return {}
-        return {
-            (entry["path"], entry["size"], entry["changed"]): (
-                {int(day): (count, mark) for day, (count, mark) in entry["days"].items()},
-                Audit.from_dict(entry["audit"]),
-            )
-            for entry in content["files"]
-        }
+        try:
+            return {
+                (str(entry["path"]), int(entry["size"]), int(entry["changed"])): (
+                    {int(day): (int(n), int(mark)) for day, (n, mark) in entry["days"].items()},
+                    Audit.from_dict(entry["audit"]),
+                )
+                for entry in content["files"]
+            }
+        except (KeyError, TypeError, AttributeError, ValueError):  # damaged: all is read again
+            return {}
 
     def keep_notes(self) -> None:
         """Note the days of every file for the next run."""
@@ -407,17 +410,19 @@ class _Month:
     def _before(self, *, screening: bool) -> dict[str, Any]:
         """The note the month was made with, where it holds but for the screening; else empty."""
         before = read_note(self._note_path)
-        same = before and all(
-            [
-                before["reports"] == self.note["reports"],
-                before["settings"]["collocation"] == self.settings["collocation"],
-                not screening or before["settings"] == self.settings,
-                all(
-                    set(self.note["models"][n]) <= set(before["models"].get(n, ()))
-                    for n in self.models
-                ),
-            ]
-        )
+        try:
+            same = (
+                before["reports"] == self.note["reports"]
+                and before["settings"]["collocation"] == self.settings["collocation"]
+                and (not screening or before["settings"] == self.settings)
+                and isinstance(before["product"], str)
+                and all(
+                    set(files) <= set(before["models"].get(name, ()))
+                    for name, files in self.note["models"].items()
+                )
+            )
+        except (KeyError, TypeError, AttributeError):  # absent, or not a note of this version
+            return {}
         return before if same else {}
 
     def _readable(self, uuid: str) -> bool:
