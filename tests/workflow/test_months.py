@@ -151,7 +151,7 @@ def test_a_flight_over_the_end_of_a_month_is_whole_in_the_month_it_began_in(whol
 @pytest.mark.parametrize("change", ["late", "corrected", "withdrawn"])
 def test_late_corrected_and_withdrawn_reports_make_their_month_anew(archive, whole, change):
     kept_from(archive, whole)
-    (day,) = days(archive, "2009-02-12*")
+    day = min(days(archive, "2009-02-1*"))
     table = pd.read_parquet(day)
     if change == "late":
         moved = table.iloc[:30].assign(time=table["time"].iloc[:30] + pd.Timedelta("20 min"))
