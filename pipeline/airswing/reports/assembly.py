@@ -20,7 +20,7 @@ that reports nearly always are in order of time within each aircraft.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
 import numpy as np
 import pandas as pd
@@ -98,18 +98,8 @@ def assemble(
         As of :func:`airswing.reports.read.read_reports`, without its audit; aircraft without a
         report are left out, so that it may be empty.
     """
+    audit = Audit() if audit is None else audit
     columns, tails = _gathered(parts)
-    return assemble_columns(columns, tails, interval, begins, Audit() if audit is None else audit)
-
-
-def assemble_columns(
-    columns: Columns,
-    tails: NDArray[np.object_],
-    interval: float,
-    begins: tuple[np.datetime64, np.datetime64] | None,
-    audit: Audit,
-) -> xr.Dataset:
-    """As :func:`assemble`, of columns with ``tail`` and ``flight`` as numbers."""
     _take(columns, _order(columns))
     _drop_same_place(columns, audit, begins)
     _drop_conflicts(columns, audit, begins)
@@ -152,17 +142,6 @@ def assemble_columns(
     return describe(reports)
 
 
-def in_alphabetical_order(
-    labels: Sequence[str], codes: NDArray[np.integer]
-) -> tuple[NDArray[np.object_], NDArray[np.int32]]:
-    """Labels in alphabetical order, and codes (int32) that number them anew."""
-    names = np.array(list(labels), dtype=object)
-    order = np.argsort(names)
-    number = np.empty(names.size, dtype=np.int32)
-    number[order] = np.arange(names.size, dtype=np.int32)
-    return names[order], number[codes]
-
-
 def _gathered(parts: Iterable[pd.DataFrame]) -> tuple[Columns, NDArray[np.object_]]:
     """Columns of all parts with tails and labels as numbers in alphabetical order, and the tails.
 
@@ -187,7 +166,11 @@ def _numbered(
     """Labels that occur, in alphabetical order, and the number of each value's label."""
     together = pd.api.types.union_categoricals(list(columns), ignore_order=True)
     used, index = np.unique(np.asarray(together.codes), return_inverse=True)
-    return in_alphabetical_order([str(label) for label in together.categories[used]], index)
+    labels = np.array([str(label) for label in together.categories[used]], dtype=object)
+    order = np.argsort(labels)
+    number = np.empty(labels.size, dtype=np.int32)
+    number[order] = np.arange(labels.size, dtype=np.int32)
+    return labels[order], number[index]
 
 
 def _take(columns: Columns, index: NDArray[np.integer | np.bool_]) -> None:
