@@ -112,6 +112,9 @@ def _prepare() -> None:
     if parent is not None:
         threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+    # glibc keeps freed memory after a large block was freed: arrays of fields are then not
+    # returned to the system and requested again for each message (a third of the time)
+    bytes(31 << 20)
     with contextlib.suppress(ImportError, ValueError, OSError):
         import resource
 

@@ -14,6 +14,7 @@ import pytest
 from airswing.errors import InputError
 from airswing.lead_times import lead_condition
 from airswing.reference.catalogues import build_catalogue
+from airswing.reference import files
 from airswing.reference.grib import header_cache
 from tests.reference.builders import LAMBERT, LATLON, build, write
 
@@ -293,14 +294,14 @@ def test_a_damaged_cache_is_made_anew(tmp_path: Path) -> None:
 def test_unreadable_files_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     good = write(tmp_path / "a.grib", *profile())
     bad = write(tmp_path / "b.grib", *profile(when=(20090801, 1800)))
-    identify = header_cache.identify
+    identify = files._identify_file
 
     def refuse(path: str):
         if path == bad:
             raise PermissionError(13, "Permission denied")
         return identify(path)
 
-    monkeypatch.setattr("airswing.reference.files.identify_file", refuse)
+    monkeypatch.setattr("airswing.reference.files._identify_file", refuse)
     catalogue = build_catalogue([good, bad], name="x", cache_dir=tmp_path / "c")
     assert catalogue.skipped == [
         {"file": bad, "what": "file", "reason": "cannot be opened: Permission denied", "count": 1}

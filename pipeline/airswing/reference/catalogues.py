@@ -203,7 +203,7 @@ def _of_grib(
     for index, contents in enumerate(contents_of(sources, cache_dir)):
         path = sources[index].path
         if not isinstance(contents, FileContents):
-            reason = contents.strerror if isinstance(contents, OSError) else str(contents)
+            reason = contents.strerror if isinstance(contents, OSError) else contents.what
             skipped.append(skip(path, "file", f"cannot be read: {reason}"))
             continue
         count += contents.messages

@@ -30,16 +30,16 @@ from airswing.errors import InputError
 from airswing.model_formats import model_formats
 from airswing.products.named_files import none_found
 from airswing.reference.catalogue import ZARR_MARKS, Skipped, SourceFile, mark_of, skip
-from airswing.reference.grib.header_cache import identify as identify_file
 
 _KEPT_COPIES = 8
+_SAMPLE = 256  # bytes of start, middle and end that identify a file written again in place
 _MAGIC = ((b"CDF", "netcdf"), (b"\x89HDF", "netcdf"), (b"GRIB", "grib"))
 _COMPRESSED: tuple[tuple[bytes, Callable[[str], Any]], ...] = (
     (b"\x1f\x8b", gzip.open),
     (b"BZh", bz2.open),
     (b"\xfd7zXZ", lzma.open),
 )
-_FAILED = "the download failed; fetch the file again"
+_FAILED = "The download failed: fetch the file again"
 #: First bytes (lower case) of files that hold no model winds: what they are, and what to do.
 _FOREIGN = (
     (b"pk\x03\x04", "is a zip archive", "Unpack it first: unzip FILE"),
@@ -137,6 +137,19 @@ def _unreachable(url: str, error: Exception) -> InputError:
     )
 
 
+def _identify_file(path: str) -> SourceFile:
+    full = os.path.abspath(path)
+    descriptor = os.open(full, os.O_RDONLY)
+    try:
+        status = os.fstat(descriptor)
+        places = (0, status.st_size // 2, max(status.st_size - _SAMPLE, 0))
+        octets = b"".join(os.pread(descriptor, _SAMPLE, place) for place in places)
+    finally:
+        os.close(descriptor)
+    sample = hashlib.blake2b(octets, digest_size=12).hexdigest()
+    return SourceFile(full, status.st_size, status.st_mtime_ns, sample)
+
+
 def identify(path: str) -> SourceFile:
     """Identity of a file, a Zarr store or a URL.
 
@@ -148,7 +161,7 @@ def identify(path: str) -> SourceFile:
     if is_url(path):
         return SourceFile(path, 0, 0, "")
     if not os.path.isdir(path):
-        return identify_file(path)
+        return _identify_file(path)
     full = os.path.abspath(path)
     status = os.stat(mark_of(full))
     digest = hashlib.blake2b(digest_size=12)
@@ -195,8 +208,12 @@ def foreign(path: str) -> InputError | None:
             return InputError(
                 what, file=path, remedy=remedy.replace("FILE", os.path.basename(path))
             )
+    if os.path.getsize(path) == 0:
+        return InputError("is empty", file=path, remedy=_FAILED)
     if start[257:262] == b"ustar":
         return InputError("is a tar archive", file=path, remedy="Unpack it first: tar -xf")
+    if start and b"\0" not in start and start.isascii() and b"grib" not in start:
+        return InputError("is text, no model file", file=path, remedy="Give GRIB, NetCDF or Zarr")
     return None
 
 

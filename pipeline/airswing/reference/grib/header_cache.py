@@ -19,34 +19,21 @@ from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from pathlib import Path
 
+from airswing.errors import InputError
 from airswing.reference import grids, state
 from airswing.reference.catalogue import SourceFile
+from airswing.reference.files import local_path
 from airswing.reference.grib import grid_sections, headers
 from airswing.reference.grib.headers import FileContents
 
-_SAMPLE = 256  # bytes of start, middle and end that identify a file written again in place
 _NAME = "grib-headers-2.sqlite"
 _TOGETHER = 500  # entries of one transaction: each costs a write to the disk
 
 
-def identify(path: str) -> SourceFile:
-    """Identity of a file: path, size, modification time and a hash of a sample of its bytes."""
-    full = os.path.abspath(path)
-    descriptor = os.open(full, os.O_RDONLY)
-    try:
-        status = os.fstat(descriptor)
-        places = (0, status.st_size // 2, max(status.st_size - _SAMPLE, 0))
-        octets = b"".join(os.pread(descriptor, _SAMPLE, place) for place in places)
-    finally:
-        os.close(descriptor)
-    sample = hashlib.blake2b(octets, digest_size=12).hexdigest()
-    return SourceFile(full, status.st_size, status.st_mtime_ns, sample)
-
-
 def contents_of(
     files: Sequence[SourceFile], folder: str | os.PathLike[str] | None = None
-) -> Iterator[FileContents | OSError]:
-    """Contents of files in turn, from the cache or a scan; `OSError` if a file is unreadable.
+) -> Iterator[FileContents | OSError | InputError]:
+    """Contents of files in turn, from the cache or a scan; the error if a file is unreadable.
 
     Parameters
     ----------
@@ -64,8 +51,8 @@ def contents_of(
             known = _known(database, key)
             if known is None:
                 try:
-                    known = headers.scan_file(file.path)
-                except OSError as error:
+                    known = headers.scan_file(local_path(file.path))
+                except (OSError, InputError) as error:
                     yield error
                     continue
                 pending.append((key, zlib.compress(pickle.dumps(_plain(known)), 1)))

@@ -40,6 +40,7 @@ from airswing.reference.catalogue import (
     SourceFile,
     is_same,
 )
+from airswing.reference.files import local_path
 from airswing.reference.grib.decoding import (
     Job,
     KeyValue,
@@ -129,7 +130,7 @@ class GribReader:
             descriptor = -1
             try:
                 if is_same(file):
-                    descriptor = os.open(file.path, os.O_RDONLY)
+                    descriptor = os.open(local_path(file.path), os.O_RDONLY)
                 else:
                     self.problems[file.path, REPLACED] = None
             except OSError as error:

@@ -95,6 +95,7 @@ class Described:
     rows: list[Rows] = field(default_factory=list)
     skipped: Counter[tuple[str, str]] = field(default_factory=Counter)
     names: set[str] = field(default_factory=set)  # variables of components
+    notes: set[str] = field(default_factory=set)
 
 
 class Gathering:
@@ -136,6 +137,7 @@ class Gathering:
                     "be given under the reference",
                 ) from error
             self._names |= found.names
+            self._notes |= dict.fromkeys(sorted(found.notes))
             self.skipped += [skip(path, *key, count) for key, count in found.skipped.items()]
             for rows in found.rows:
                 self._tables.append(self._numbered(rows, number, part))
@@ -250,6 +252,8 @@ def describe_dataset(ds: xr.Dataset, naming: Naming, file: str) -> Described:
                 remedy=f"Name one in the configuration as {'uv'[one.number]}: NAME",
             )
         chosen[one.number, levels.native] = one
+        if levels.note:
+            found.notes.add(levels.note)
         found.rows.append(_rows(ds, one.name, one.number, axes, levels, naming, file))
         if levels.native:
             native.append(one.name)

@@ -43,6 +43,7 @@ class Levels(NamedTuple):
     a: Floats  # Pa; coefficients by level, NaN if pressure is a variable
     b: Floats
     surface: str = ""  # the surface pressure in the formula, empty if it is not named
+    note: str = ""  # what was assumed
 
 
 class OtherLevelsError(Exception):
@@ -77,6 +78,10 @@ def levels_of(ds: xr.Dataset, name: str, level: xr.DataArray, naming: Naming, fi
         factor = factor_of(units, "pressure")
         if factor is None and str(units or "").strip() in ("", "1") and naming.pressure is None:
             factor = _factor_by_values(key, values)
+            unit = "hPa" if factor == 100.0 else "Pa"
+            if factor is not None:
+                found = _isobaric(values * factor, key, file)
+                return found._replace(note=f"{key} has no units: taken as {unit} from its values")
         if factor is not None:
             return _isobaric(values * factor, key, file)
     pv = ds[name].attrs.get("GRIB_pv", ())
