@@ -17,7 +17,6 @@ from pathlib import Path
 
 SHORT = {
     "collocation": ["--hours", "24", "--repeats", "3"],
-    "gridded_collocation": ["--hours", "2"],
     "fit": ["--days", "120", "--repeats", "3"],
     "export": ["--reports", "1000000"],
     "page_share": ["--days", "20"],

@@ -24,7 +24,6 @@ ORDERS = {
     "pyproj, eccodes": "import pyproj\nimport eccodes\n",
     "eccodes, pyproj": "import eccodes\nimport pyproj\n",
     "airswing, eccodes": "import airswing\nimport eccodes\nimport pyproj\n",
-    "h5py, netCDF4": "import h5py\nimport netCDF4\nimport eccodes\n",
     "airswing's writer": "import airswing.products.netcdf\nimport eccodes\n",
     "cfgrib, airswing": "import cfgrib\nimport eccodes\nimport airswing\nimport pyproj\n",
 }

@@ -13,8 +13,8 @@ import pytest
 
 from airswing.errors import InputError
 from airswing.lead_times import lead_condition
-from airswing.reference.catalogues import build_catalogue
 from airswing.reference import files
+from airswing.reference.catalogues import build_catalogue
 from airswing.reference.grib import header_cache
 from tests.reference.builders import LAMBERT, LATLON, build, write
 

@@ -35,7 +35,7 @@ from airswing.reference.catalogue import Catalogue, ModelTime
 from airswing.reference.catalogues import catalogues_of
 from airswing.reference.grib.values import GribReader
 from airswing.reference.gridded.reading import DatasetReader
-from airswing.reference.planning import COLUMNS, Plan, Points, plan, points_of, schedule
+from airswing.reference.planning import COLUMNS, Plan, Points, Schedule, plan, points_of, schedule
 from airswing.reference.winds import Request, Winds, winds_at
 from airswing.vocabulary import describe
 
@@ -199,22 +199,24 @@ def _joined(points: Any, catalogue: Catalogue, options: _Options, *, lazy: bool)
         delayed(_Given(catalogue.given), pure=False, traverse=False) if catalogue.given else None
     )
     if lazy:
+        times = delayed(_schedule, pure=False)(points, valid, options)
+        places_of = delayed(_places_of, pure=False)
         needed = np.arange(valid.size)
     else:
-        times = schedule(points, valid, max_time_gap=options.max_time_gap, both=options.derivatives)
+        times, places_of = _schedule(points, valid, options), _places_of
         needed = np.flatnonzero(times.stop > times.start)
     batches = catalogue.batches(needed)
     sample = delayed(_sample_batch, pure=False)
     tasks = []
     for batch in batches:
         models = [catalogue.model_time(int(number)) for number in batch]
-        if lazy:
-            places = delayed(_places_of, pure=False)(points, valid, batch, options)
-        else:
-            places = _places_of(points, valid, batch, options)
-        tasks.append(sample(_Batch(models, options), places, given))
+        tasks.append(sample(_Batch(models, options), places_of(points, times, batch), given))
     used = np.concatenate([*batches, np.empty(0, dtype=np.int64)])
-    return delayed(_join, pure=False)(tasks, points, valid, leads, used, options)
+    return delayed(_join, pure=False)(tasks, points, times, valid, leads, used, options)
+
+
+def _schedule(points: Points, valid: NDArray[np.int64], options: _Options) -> Schedule:
+    return schedule(points, valid, max_time_gap=options.max_time_gap, both=options.derivatives)
 
 
 class _Batch:
@@ -231,11 +233,8 @@ class _Given:
         self.datasets = datasets
 
 
-def _places_of(
-    points: Points, valid: NDArray[np.int64], batch: NDArray[np.int64], options: _Options
-) -> list[Places]:
+def _places_of(points: Points, times: Schedule, batch: NDArray[np.int64]) -> list[Places]:
     """Places of the reports that each model time of a batch serves."""
-    times = schedule(points, valid, max_time_gap=options.max_time_gap, both=options.derivatives)
     runs = [slice(int(times.start[n]), int(times.stop[n])) for n in batch]
     return [(points.latitude[r], points.longitude[r], points.pressure[r]) for r in runs]
 
@@ -315,13 +314,13 @@ def sample_model_times(
 def _join(
     batches: list[list[Sample]],
     points: Points,
+    times: Schedule,
     valid: NDArray[np.int64],
     leads: NDArray[np.int64],
     used: NDArray[np.int64],
     options: _Options,
 ) -> _Joined:
     """Join the samples of one reference in time, in the order of the reports."""
-    times = schedule(points, valid, max_time_gap=options.max_time_gap, both=options.derivatives)
     samples = [sample for batch in batches for sample in batch]
     count = times.earlier.size
     first = np.full((9 if options.derivatives else 2, count), np.nan)

@@ -567,6 +567,11 @@ def _index_along(axis: Floats, values: Floats) -> Floats:
     """Fractional index of values on a monotonic axis, continued linearly at its ends."""
     if axis.size < 2:
         return np.where(np.isclose(values, axis[0]), 0.0, np.nan)
+    step = (axis[-1] - axis[0]) / (axis.size - 1)
+    if abs(axis[1] - axis[0] - step) <= 1e-9 * abs(step) and np.allclose(
+        axis, axis[0] + step * np.arange(axis.size), rtol=0.0, atol=1e-9 * abs(step)
+    ):
+        return np.asarray((values - axis[0]) / step)
     if axis[-1] < axis[0]:
         axis, values = -axis, -values
     k = np.clip(np.searchsorted(axis, values, side="right") - 1, 0, axis.size - 2)

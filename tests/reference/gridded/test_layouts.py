@@ -1,0 +1,278 @@
+"""Layouts of models in use: each gives the winds of the same Dataset in its plain form."""
+
+from __future__ import annotations
+
+import bz2
+import gzip
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import airswing
+from airswing.errors import InputError
+from airswing.reference.catalogues import build_catalogue
+from tests.reference.builders import LATLON, build, write
+from tests.reference.gridded.datasets import latlon, points, winds
+
+LAT, LON = np.array([45.3, 50.1, 55.7]), np.array([3.3, 8.8, 12.1])
+P = np.array([33000.0, 52000.0, 81000.0])
+
+
+def base() -> xr.Dataset:
+    """Winds that are linear in place and time, so that points and order do not matter."""
+    ds = latlon(latitude=np.arange(40.0, 61.0), longitude=np.arange(0.0, 21.0)).isel(time=[0])
+    x, y, z = ds.longitude, ds.latitude, np.log(ds.level)
+    ds["u"] = (ds.u * 0 + x - 0.5 * y + 3 * z).transpose(*ds.u.dims).assign_attrs(ds.u.attrs)
+    ds["v"] = (ds.v * 0 - x + 0.25 * y - 2 * z).transpose(*ds.v.dims).assign_attrs(ds.v.attrs)
+    return ds
+
+
+def found(ds: xr.Dataset | str, when: np.datetime64 | None = None, **naming: object) -> np.ndarray:
+    reports = points(LAT, LON, P)
+    if when is not None:
+        reports["time"] = ("report", np.full(P.size, when))
+    model = build_catalogue(ds, name="x", naming=naming)
+    return np.array(winds(airswing.collocate(reports, {"x": model})))
+
+
+EXPECTED = np.array(
+    [LON - 0.5 * LAT + 3 * np.log(P / 100), -LON + 0.25 * LAT - 2 * np.log(P / 100)]
+)
+
+
+def on(ds: xr.Dataset, x: float = 0.0, y: float = 0.0, *, flip: bool = False) -> xr.Dataset:
+    """v on points shifted by part of a grid length, under coordinates of its own."""
+    v = ds.v.interp(
+        longitude=ds.longitude.values + x,
+        latitude=ds.latitude.values + y,
+        kwargs={"fill_value": "extrapolate"},
+    )
+    v = v.isel(latitude=slice(None, None, -1)) if flip else v
+    v = v.rename(longitude="longitude_v", latitude="latitude_v")
+    for name in ("longitude", "latitude"):
+        v[f"{name}_v"].attrs = {"units": f"degrees_{'east' if name == 'longitude' else 'north'}"}
+    v.attrs = ds.v.attrs
+    return ds.drop_vars("v").assign(v=v)
+
+
+LAYOUTS: dict[str, Callable[[], xr.Dataset]] = {
+    "plain": base,
+    "u and v half a cell apart in x": lambda: on(base(), x=0.5),
+    "u and v half a cell apart in y": lambda: on(base(), y=0.5),
+    "u and v half a cell apart in both": lambda: on(base(), x=-0.5, y=0.5),
+    "v from north to south": lambda: on(base(), flip=True),
+    "levels without units in hPa": lambda: without_units(base()),
+    "levels without units in Pa": lambda: without_units(base(), 100.0),
+    "absolute time of CDO": lambda: absolute(base()),
+    "dimensions in another order": lambda: base().transpose("level", "longitude", ...),
+}
+
+
+def without_units(ds: xr.Dataset, scale: float = 1.0) -> xr.Dataset:
+    ds = ds.assign_coords(level=ds.level.values * scale)
+    ds["level"].attrs = {}
+    return ds
+
+
+def absolute(ds: xr.Dataset) -> xr.Dataset:
+    stamp = ds.time.values.astype("M8[s]")
+    day = stamp.astype("M8[D]")
+    written = [int(str(one).replace("-", "")) for one in day]
+    time = np.array(written) + (stamp - day) / np.timedelta64(86400, "s")
+    ds = ds.assign_coords(time=time)
+    ds["time"].attrs = {"units": "day as %Y%m%d.%f", "standard_name": "time"}
+    return ds
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_every_layout_gives_the_same_winds(layout: str) -> None:
+    np.testing.assert_allclose(found(LAYOUTS[layout]()), EXPECTED, atol=2e-3)
+
+
+def test_what_was_assumed_of_levels_is_in_the_notes() -> None:
+    notes = build_catalogue(without_units(base()), name="x").notes
+    assert notes == ["level has no units: taken as hPa from its values"]
+    with pytest.raises(InputError, match=r"end at 10 hPa.*units: \{level: hPa\}"):
+        build_catalogue(without_units(base()), name="x", naming={"units": {"level": "Pa"}})
+
+
+@pytest.mark.parametrize("written", ["timedelta", "hours", "no units"])
+@pytest.mark.parametrize("time", [None, "time"])
+def test_prediction_timedelta_is_the_lead(written: str, time: str | None) -> None:
+    """WeatherBench2: time is the run; naming it does not drop the leads."""
+    ds, start = base(), base().time.values[0]
+    leads = np.array([0, 6, 12])
+    ds = xr.concat([ds + 0 * lead for lead in leads], "prediction_timedelta")
+    for name, lead in ((n, i) for n in "uv" for i in range(3)):
+        ds[name][lead] += 5.0 * lead
+    steps = {"timedelta": leads * np.timedelta64(3_600_000_000_000, "ns")}.get(written, leads)
+    ds = ds.assign_coords(prediction_timedelta=steps)
+    ds["prediction_timedelta"].attrs = {"units": "hours"} if written == "hours" else {}
+    for name in "uv":
+        ds[name].attrs = {"units": "m/s"}
+    got = found(ds, when=start + np.timedelta64(12, "h"), **({"time": time} if time else {}))
+    np.testing.assert_allclose(got, EXPECTED + 10.0, atol=2e-3)
+
+
+def test_of_two_grids_with_equal_levels_the_one_around_the_reports_is_used(tmp_path: Path) -> None:
+    far = {**LATLON, "latitudeOfFirstGridPointInDegrees": -20.0}
+    far |= {"latitudeOfLastGridPointInDegrees": -40.0}
+    size = LATLON["Ni"] * LATLON["Nj"]
+    for order in ((far, LATLON), (LATLON, far)):
+        messages = [
+            build(keys, np.full(size, 1.0 if keys is far else 7.0), parameter=p, level=level)
+            for keys in order
+            for level in (300, 900)
+            for p in "uv"
+        ]
+        model = build_catalogue(
+            write(tmp_path / "x", *messages), name="x", cache_dir=tmp_path / "c"
+        )
+        assert any("2 grids with the same levels" in note for note in model.notes)
+        reports = points(LAT, LON + 5.0, P)
+        reports["time"] = ("report", np.full(P.size, model.times[0]))
+        np.testing.assert_allclose(winds(airswing.collocate(reports, {"x": model})), 7.0)
+
+
+@pytest.mark.parametrize(("surface", "edition"), [(150, 2), (102, 2), (103, 2), (104, 2), (103, 1)])
+def test_levels_of_any_type_with_a_pressure(surface: int, edition: int, tmp_path: Path) -> None:
+    size = LATLON["Ni"] * LATLON["Nj"]
+    messages = []
+    for number, pressure in enumerate((95000.0, 60000.0, 30000.0), 1):
+        for parameter, value in (("u", np.log(pressure)), ("v", 1.0), ("p", pressure)):
+            values = np.full(size, value) + 1e-3 * np.arange(size)
+            if edition == 2:
+                category, code = {"u": (2, 2), "v": (2, 3), "p": (3, 0)}[parameter]
+                extra = {"parameterCategory": category, "parameterNumber": code}
+                extra |= {"typeOfFirstFixedSurface": surface, "scaleFactorOfFirstFixedSurface": 0}
+                extra |= {"scaledValueOfFirstFixedSurface": number}
+                messages.append(build(LATLON, values, bits=24, extra=extra))
+            else:
+                message = bytearray(build(LATLON, values, edition=1, bits=24))
+                message[16] = {"u": 33, "v": 34, "p": 1}[parameter]
+                message[17], message[18:20] = surface, number.to_bytes(2, "big")
+                messages.append(bytes(message))
+    model = build_catalogue(write(tmp_path / "x", *messages), name="x", cache_dir=tmp_path)
+    reports = points(LAT, LON + 5.0, P)
+    reports["time"] = ("report", np.full(P.size, model.times[0]))
+    u, v = winds(airswing.collocate(reports, {"x": model}))
+    np.testing.assert_allclose(u, np.log(P), atol=0.2)
+    assert np.isfinite(v).all()
+
+
+def test_winds_at_10_m_are_no_profile(tmp_path: Path) -> None:
+    extra = {"typeOfFirstFixedSurface": 103, "scaleFactorOfFirstFixedSurface": 0}
+    extra |= {"scaledValueOfFirstFixedSurface": 10}
+    messages = [build(LATLON, parameter=p, extra=extra) for p in "uv"]
+    with pytest.raises(InputError, match=r"u not on pressure levels .level type 103"):
+        build_catalogue(write(tmp_path / "x", *messages), name="x", cache_dir=tmp_path)
+
+
+# keys of the configuration
+
+
+def test_keys_for_grib_are_honoured_or_refused_by_name(tmp_path: Path) -> None:
+    path = write(tmp_path / "x", *(build(LATLON, parameter=p) for p in "uv"))
+    for naming in ({"u": "U"}, {"units": {"u": "kt"}}, {"level": "lev"}, {"projection": "+proj=x"}):
+        (key,) = naming
+        with pytest.raises(InputError, match=rf"references\.x\.{key}: this key does not apply"):
+            build_catalogue(path, name="x", naming=naming, cache_dir=tmp_path)
+    with pytest.raises(InputError, match=r"references\.x\.winds: must be grid or earth"):
+        build_catalogue(path, name="x", naming={"winds": "north"}, cache_dir=tmp_path)
+    with pytest.raises(InputError, match="u: nonsense: no such variable"):
+        build_catalogue(base(), name="x", naming={"u": "nonsense"})
+
+
+# files
+
+
+@pytest.mark.parametrize("opener", [gzip.open, bz2.open])
+@pytest.mark.parametrize("kind", ["grib", "netcdf"])
+def test_compressed_files_are_read(
+    opener: Callable[..., object], kind: str, tmp_path: Path
+) -> None:
+    plain = tmp_path / "plain"
+    if kind == "netcdf":
+        base().to_netcdf(plain)
+    else:
+        values = np.arange(LATLON["Ni"] * LATLON["Nj"]) / 10.0
+        levels = [(n, p) for n in (300, 900) for p in "uv"]
+        write(plain, *(build(LATLON, values, parameter=p, level=n) for n, p in levels))
+    packed = tmp_path / "packed.gz"
+    with opener(packed, "wb") as file:  # type: ignore[attr-defined]
+        file.write(plain.read_bytes())
+    one, two = (
+        build_catalogue(str(path), name="x", cache_dir=tmp_path / "c") for path in (plain, packed)
+    )
+    reports = points(LAT, LON + 5.0, P)
+    reports["time"] = ("report", np.full(P.size, one.times[0]))
+    got = [np.array(winds(airswing.collocate(reports, {"x": model}))) for model in (one, two)]
+    assert np.isfinite(got[0]).all()
+    np.testing.assert_array_equal(*got)
+    packed.write_bytes(packed.read_bytes()[:-200])
+    with pytest.raises(InputError, match=r"cannot be decompressed|cannot be read|cannot be opened"):
+        build_catalogue(str(packed), name="x", cache_dir=tmp_path / "c", on_bad_file="fail")
+
+
+@pytest.mark.parametrize(
+    ("content", "expected"),
+    [
+        (b"PK\x03\x04rest", r"is a zip archive\. Unpack it first: unzip x\.nc"),
+        (b"<!DOCTYPE html><html>", "is a page of HTML"),
+        (b"\n<html>not found</html>", "is a page of HTML"),
+        (b"version https://git-lfs.github.com/spec/v1\n", "Git LFS pointer.*git lfs pull"),
+        (b'{"error": 404}', "is JSON"),
+        (b'<?xml version="1.0"?>', "is an XML document"),
+        (b"\x28\xb5\x2f\xfd0000", "compressed with zstandard"),
+        (b"BUFR00000", "is BUFR"),
+        (b"", "is empty"),
+        (b"time,lat\n", "is text"),
+    ],
+)
+def test_foreign_files_are_named(content: bytes, expected: str, tmp_path: Path) -> None:
+    path = tmp_path / "x.nc"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=expected) as caught:
+        build_catalogue(str(path), name="x")
+    assert str(path) in str(caught.value)
+    base().to_netcdf(tmp_path / "good.nc")
+    found = build_catalogue(str(tmp_path / "*.nc"), name="x")
+    assert len(found) == 1 and [Path(one["file"]).name for one in found.skipped] == ["x.nc"]
+
+
+def test_winds_in_a_group(tmp_path: Path) -> None:
+    ds = base()
+    ds.to_netcdf(tmp_path / "x.nc", group="model/levels")
+    model = build_catalogue(str(tmp_path / "x.nc"), name="x")
+    assert "winds of the group /model/levels" in model.notes
+    np.testing.assert_allclose(found(str(tmp_path / "x.nc")), EXPECTED, atol=2e-3)
+    ds.to_netcdf(tmp_path / "y.nc", group="model/levels")
+    ds.to_netcdf(tmp_path / "y.nc", group="other", mode="a")
+    with pytest.raises(InputError, match=r"winds in several groups.*group="):
+        build_catalogue(str(tmp_path / "y.nc"), name="x")
+
+
+@pytest.mark.parametrize("dimension", ["ncells", "nCells", "cell", "ncol", "values"])
+def test_unstructured_grids_are_named(dimension: str) -> None:
+    ds = base().stack({dimension: ("latitude", "longitude")}).reset_index(dimension)
+    with pytest.raises(InputError, match=r"unstructured grid.*cdo remapbil"):
+        build_catalogue(ds, name="x")
+
+
+def test_urls_are_read_through_fsspec(tmp_path: Path) -> None:
+    import fsspec
+
+    base().to_netcdf(tmp_path / "x.nc")
+    with fsspec.open("memory://models/x.nc", "wb") as file:
+        file.write((tmp_path / "x.nc").read_bytes())
+    np.testing.assert_allclose(found("memory://models/x.nc"), EXPECTED, atol=2e-3)
+    with pytest.raises(InputError, match=r"memory://models/absent\.nc: cannot be"):
+        build_catalogue("memory://models/absent.nc", name="x", on_bad_file="fail")
+
+
+def test_zarr_at_a_url() -> None:
+    base().to_zarr("memory://store.zarr", mode="w")
+    np.testing.assert_allclose(found("memory://store.zarr"), EXPECTED, atol=2e-3)

@@ -1,0 +1,141 @@
+"""Fields that look like winds and are no state of the atmosphere are refused by every reader."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from airswing.errors import InputError
+from airswing.reference.catalogues import build_catalogue
+from tests.reference.builders import LATLON, build, write
+from tests.reference.gridded.datasets import latlon
+
+SIZE = LATLON["Ni"] * LATLON["Nj"]
+
+
+def profile(change: Any = None, *, edition: int = 2, value: float = 10.0, **extra: int) -> bytes:
+    messages = [
+        build(LATLON, np.full(SIZE, value), edition=edition, parameter=p, level=level, extra=extra)
+        for level in (300, 700)
+        for p in "uv"
+    ]
+    return b"".join(messages if change is None else [change(one) for one in messages])
+
+
+def section_1(octets: dict[int, int], length: int = 52) -> Any:
+    """Change of a GRIB1 message: a longer section 1 with some octets, counted from 1."""
+
+    def change(message: bytes) -> bytes:
+        product = bytearray(message[8:36]) + bytes(length - 28)
+        product[:3] = length.to_bytes(3, "big")
+        for place, value in octets.items():
+            product[place - 1] = value
+        body = bytes(product) + message[36:]
+        return b"GRIB" + (8 + len(body)).to_bytes(3, "big") + b"\x01" + body
+
+    return change
+
+
+GRIB = {
+    "spread": profile(productDefinitionTemplateNumber=2, derivedForecast=4),
+    "standard deviation": profile(productDefinitionTemplateNumber=2, derivedForecast=2),
+    "probability": profile(productDefinitionTemplateNumber=5),
+    "percentile": profile(productDefinitionTemplateNumber=6),
+    "analysis error": profile(typeOfGeneratingProcess=7),
+    "climatology": profile(typeOfGeneratingProcess=9),
+    "increment": profile(typeOfGeneratingProcess=20),
+    "average": profile(productDefinitionTemplateNumber=8),
+    "average of edition 1": profile(section_1({21: 3}), edition=1),
+    "spread of ECMWF, edition 1": profile(section_1({5: 98, 41: 1, 43: 18}), edition=1),
+    "analysis error of ECMWF": profile(section_1({5: 98, 41: 1, 43: 13}), edition=1),
+    "monthly mean of ECMWF": profile(
+        section_1({5: 98, 41: 1, 43: 2, 44: 1071 // 256, 45: 1071 % 256}), edition=1
+    ),
+    "spread of NCEP, edition 1": profile(section_1({5: 7, 41: 1, 44: 11}), edition=1),
+}
+STATES = {
+    "mean": profile(productDefinitionTemplateNumber=2, derivedForecast=0),
+    "member": profile(productDefinitionTemplateNumber=1, perturbationNumber=3),
+    "analysis": profile(typeOfGeneratingProcess=0),
+    "member of ECMWF, edition 1": profile(section_1({5: 98, 41: 1, 43: 11, 50: 4}), edition=1),
+    "mean of NCEP, edition 1": profile(section_1({5: 7, 41: 1, 44: 2}), edition=1),
+}
+
+
+@pytest.mark.parametrize("engine", ["auto", "grib"])
+@pytest.mark.parametrize("name", GRIB)
+def test_grib_fields_that_are_no_state_are_refused(name: str, engine: str, tmp_path: Path) -> None:
+    path = write(tmp_path / "x.grib", GRIB[name])
+    with pytest.raises(InputError, match="no wind") as caught:
+        build_catalogue(path, name="x", engine=engine, cache_dir=tmp_path)
+    reasons = "no state of the atmosphere", "not instantaneous", "ensemble statistic"
+    assert any(reason in str(caught.value) for reason in reasons)
+
+
+def test_cfgrib_refuses_them_too(tmp_path: Path) -> None:
+    for name in ("spread", "analysis error of ECMWF"):
+        path = write(tmp_path / "x.grib", GRIB[name])
+        with pytest.raises(InputError, match=r"no mean|analysis error"):
+            build_catalogue(path, name="x", engine="cfgrib", cache_dir=tmp_path)
+
+
+@pytest.mark.parametrize("name", STATES)
+def test_states_are_used(name: str, tmp_path: Path) -> None:
+    path = write(tmp_path / "x.grib", STATES[name])
+    assert build_catalogue(path, name="x", cache_dir=tmp_path).levels(0).size == 2
+
+
+def test_of_a_mean_and_a_spread_the_mean_is_used(tmp_path: Path) -> None:
+    write(tmp_path / "mean.grib", STATES["mean"])
+    write(tmp_path / "spread.grib", GRIB["spread"])
+    found = build_catalogue(str(tmp_path / "*.grib"), name="x", cache_dir=tmp_path / "c")
+    assert [Path(file.path).name for file in found.model_time(0).files] == ["mean.grib"]
+    assert found.levels(0).size == 2
+
+
+def globe() -> xr.Dataset:
+    return latlon(latitude=np.arange(40.0, 61.0), longitude=np.arange(0.0, 21.0))
+
+
+def changed(**attrs: str) -> xr.Dataset:
+    ds = globe()
+    for name in "uv":
+        ds[name].attrs |= attrs
+    return ds
+
+
+DATASETS = {
+    "standard deviation over members": changed(cell_methods="realization: standard_deviation"),
+    "time mean": changed(cell_methods="time: mean"),
+    "maximum": changed(cell_methods="time: maximum (interval: 1 hour)"),
+    "standard error": changed(standard_name="eastward_wind standard_error"),
+    "long name": changed(long_name="ensemble spread of the wind"),
+    "data type": changed(GRIB_dataType="es"),
+    "step type": changed(GRIB_stepType="avg"),
+    "climatology": changed(long_name="u wind climatology"),
+    "percentile": globe().expand_dims(percentile=[90.0]),
+    "product type": globe().assign_attrs(product_type="ensemble_spread"),
+}
+
+
+@pytest.mark.parametrize("name", DATASETS)
+def test_variables_that_are_no_state_are_refused(name: str) -> None:
+    with pytest.raises(InputError, match="no state of the atmosphere"):
+        build_catalogue(DATASETS[name], name="x")
+
+
+@pytest.mark.parametrize(
+    "attrs",
+    [
+        {"cell_methods": "time: point"},
+        {"cell_methods": "area: mean time: point"},
+        {"cell_methods": "realization: mean"},
+        {"GRIB_dataType": "an", "GRIB_stepType": "instant"},
+    ],
+)
+def test_variables_that_are_states_are_used(attrs: dict[str, str]) -> None:
+    assert len(build_catalogue(changed(**attrs), name="x")) > 0
