@@ -45,6 +45,7 @@ from airswing.units import NORMAL_95
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
+Columns = dict[str, NDArray[Any]]
 
 SIGNIFICANCE = 0.02
 """Of each of the two tests, curves and winds: equal references pass both in 95 % of cases."""
@@ -139,19 +140,17 @@ def compare(
         begin = reports.stop
         columns = _columns(block, pools, region[reports], first)
         for low, high in zip(*row_bounds(block["row_size"].to_numpy()), strict=True):
-            rows = columns.of(slice(int(low), int(high)))
+            rows = {name: values[low:high] for name, values in columns.items()}
+            kept = rows["kept"]
             for sums in whole.values():
-                sums.add(rows, rows.kept, aircraft=number)
+                sums.add(rows, kept, aircraft=number)
             for pair in combinations(singles, 2):
                 for kind, name, chosen in _slices(rows, *pair):
                     part = slices.setdefault((kind, name, pair), PairSums(*pair, days))
                     part.add(rows, chosen)
             if hats.size:
-                u, v = (
-                    np.array([part[name][rows.kept] for name in singles])
-                    for part in (rows.u, rows.v)
-                )
-                hats += hat_sums(u, v, rows.day[rows.kept], days)
+                u, v = (np.array([rows[f"{way} {name}"][kept] for name in singles]) for way in "uv")
+                hats += hat_sums(u, v, rows["day"][kept], days)
             number += 1
     reports_used = next(iter(whole.values())).reports
     if not reports_used:
@@ -201,90 +200,59 @@ def regions_of(latitude: Floats, longitude: Floats) -> Ints:
     return np.asarray(3 * band + column, dtype=np.int64)
 
 
-@dataclass(frozen=True)
-class Columns:
-    """Plain columns of reports, radians and SI units; winds and lead times by reference."""
-
-    day: Ints  # from the first of the archive
-    season: Ints
-    region: Ints
-    phase: Ints
-    pressure: Floats
-    heading: Floats
-    magnetic: Floats
-    airspeed: Floats
-    kept: Mask
-    kept_any_phase: Mask
-    u: dict[str, Floats]
-    v: dict[str, Floats]
-    lead: dict[str, Floats]
-
-    def of(self, rows: slice) -> Columns:
-        """Some of the reports."""
-        found: dict[str, Any] = {}
-        for name in self.__dataclass_fields__:
-            one = getattr(self, name)
-            many = isinstance(one, dict)
-            found[name] = {key: v[rows] for key, v in one.items()} if many else one[rows]
-        return Columns(**found)
-
-
 def _columns(
     block: xr.Dataset, pools: Mapping[str, list[str]], region: Ints, first: int
 ) -> Columns:
+    """Plain columns of reports, radians and SI units; days from the first of the archive.
+
+    ``u``, ``v`` and ``lead`` are followed by the name of a reference or pool.
+    """
     time, screening = block["time"].to_numpy(), block["screening"].to_numpy()
-    winds = {name: reference_mean(block, members) for name, members in pools.items()}
-    heading, magnetic = (
-        np.radians(block[name].to_numpy().astype(float)) for name in ("heading", "magnetic_heading")
-    )
-    airspeed = block["airspeed"].to_numpy().astype(float)
-    known = np.isfinite(heading + magnetic + airspeed)
+    found: Columns = {
+        name: np.radians(block[name].to_numpy().astype(float))
+        for name in ("heading", "magnetic_heading")
+    }
+    found["airspeed"] = block["airspeed"].to_numpy().astype(float)
+    known = np.isfinite(sum(found.values()))
     # months count from January 1970: December, January and February are season 0
     month = time.astype("datetime64[M]").astype(np.int64)
-    u, v = (
-        {name: one[f"reference_{way}_wind"].to_numpy().astype(float) for name, one in winds.items()}
-        for way in COMPONENTS
-    )
-    return Columns(
-        day=time.astype("datetime64[D]").astype(np.int64) - first,
-        season=(month + 1) % 12 // 3,
-        region=region,
-        phase=block["phase"].to_numpy().astype(np.int64),
-        pressure=block["pressure"].to_numpy().astype(float),
-        heading=heading,
-        magnetic=magnetic,
-        airspeed=airspeed,
-        kept=(screening == 0) & known,
-        kept_any_phase=((screening & ~SCREENING["phase"]) == 0) & known,
-        u=u,
-        v=v,
-        lead={
-            name: member_mean(block["lead_time"].sel(reference=members)).to_numpy()
-            for name, members in pools.items()
-        },
-    )
+    found |= {
+        "day": time.astype("datetime64[D]").astype(np.int64) - first,
+        "season": (month + 1) % 12 // 3,
+        "region": region,
+        "phase": block["phase"].to_numpy(),
+        "pressure": block["pressure"].to_numpy(),
+        "kept": (screening == 0) & known,
+        "kept_any_phase": ((screening & ~SCREENING["phase"]) == 0) & known,
+    }
+    for name, members in pools.items():
+        winds = reference_mean(block, members)
+        for letter, way in zip("uv", COMPONENTS, strict=True):
+            found[f"{letter} {name}"] = winds[f"reference_{way}_wind"].to_numpy().astype(float)
+        found[f"lead {name}"] = member_mean(block["lead_time"].sel(reference=members)).to_numpy()
+    return found
 
 
 def _slices(rows: Columns, one: str, two: str) -> Iterator[tuple[str, str, Mask]]:
     """Slices of one aircraft's reports: kind, name and the reports in it."""
-    lead = np.fmax(rows.lead[one], rows.lead[two])
+    lead, kept = np.fmax(rows[f"lead {one}"], rows[f"lead {two}"]), rows["kept"]
     for name, chosen in (
         ("analysis to 1 h", lead <= 1.0),
         ("1 to 6 h", (lead > 1.0) & (lead <= 6.0)),
         ("over 6 h", lead > 6.0),
     ):
-        yield "by_lead_time", name, chosen & rows.kept
+        yield "by_lead_time", name, chosen & kept
     for name, code in PHASE.items():
-        yield "by_phase", name, (rows.phase == code) & rows.kept_any_phase
-    low, high = rows.pressure > 70000.0, rows.pressure <= 50000.0
+        yield "by_phase", name, (rows["phase"] == code) & rows["kept_any_phase"]
+    low, high = rows["pressure"] > 70000.0, rows["pressure"] <= 50000.0
     for name, chosen in (
         ("below 700 hPa", low),
         ("700 to 500 hPa", ~low & ~high),
         ("above 500 hPa", high),
     ):
-        yield "by_level", name, chosen & rows.kept
+        yield "by_level", name, chosen & kept
     for number, name in enumerate(_SEASONS):
-        yield "by_season", name, (rows.season == number) & rows.kept
+        yield "by_season", name, (rows["season"] == number) & kept
 
 
 class AircraftDifference(NamedTuple):
@@ -317,24 +285,23 @@ class PairSums:
 
         Parameters
         ----------
-        rows : Columns
-            Of one aircraft.
+        rows : dict of str to array, shape (report,)
+            Columns of one aircraft.
         chosen : array of bool, shape (report,)
         aircraft : int, optional
             Its number, where its difference is wanted.
         """
         if not chosen.any():
             return
-        du = rows.u[self.one][chosen] - rows.u[self.two][chosen]
-        dv = rows.v[self.one][chosen] - rows.v[self.two][chosen]
-        day = rows.day[chosen]
+        du, dv = ((rows[f"{way} {self.one}"] - rows[f"{way} {self.two}"])[chosen] for way in "uv")
+        day = rows["day"][chosen]
         self.reports += du.size
         self.distance += float(np.hypot(du, dv).sum())
-        self.regions += region_sums(du, dv, rows.region[chosen], day, self.days)
+        self.regions += region_sums(du, dv, rows["region"][chosen], day, self.days)
         if du.size < FEWEST_REPORTS:
             return
-        heading = rows.heading[chosen]
-        cross, along = paired_design(rows.magnetic[chosen], heading, rows.airspeed[chosen])
+        heading, magnetic = rows["heading"][chosen], rows["magnetic_heading"][chosen]
+        cross, along = paired_design(magnetic, heading, rows["airspeed"][chosen])
         # psi_err is n . (W_ref - W_rep) / V, and |V_A| - |V'_A| is h . (W_ref - W_rep)
         y_cross = du * np.cos(heading) - dv * np.sin(heading)
         y_along = du * np.sin(heading) + dv * np.cos(heading)
