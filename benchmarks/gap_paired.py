@@ -1,0 +1,354 @@
+"""Paired benchmark of the gap diagnosis: the same archives before and after a change.
+
+    python -m benchmarks.gap_paired prepare [--folder DIR] [--cases 48] [--seed 20261126] [--real DIR]
+    python -m benchmarks.gap_paired run NAME [--folder DIR] [--only CASE ...]
+    python -m benchmarks.gap_paired compare OLD NEW [--folder DIR]
+    python -m benchmarks.gap_paired show NAME [--folder DIR]
+
+``prepare`` draws archives with `airswing.synthetic.sealed` (single effects of 0.2 to 3.2 m/s, pairs,
+effects outside the catalogue, effects taken out of it, archives without an effect, the hard world
+and, with ``--real``, errors of a real sensor and a real forecast), makes their headings and stores
+the arrays of `airswing.gap.archive.frame.Frame` with the truth. ``run`` diagnoses every archive
+that has no result of that name yet and stores the content of ``gap.json``. ``compare`` scores two
+sets of results on the archives that both hold and prints every figure of both, the mean of the
+paired differences and its standard error. ``show`` prints one line an archive.
+
+The cache lies outside the repository, in the system's temporary folder unless ``--folder`` is given.
+The archives of the default seed are for development: figures that are published come from
+``airswing gap-check`` on another seed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import resource
+import shutil
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from airswing.blind_check.check_run import Plan
+from airswing.blind_check.scoring import score_case
+from airswing.gap.archive.frame import Frame
+from airswing.gap.effects import CATALOGUE
+from airswing.gap.result.schema import GapReport
+from airswing.synthetic.sealed.cases import Case, Size, plan_cases
+from airswing.synthetic.sealed.labels import Label
+
+SEED = 20261126
+CASES = 48
+NULLS = 8
+#: Archives of the development set: three and a half weeks of twelve aircraft, fields of 57 km.
+SIZE = Size(days=24, aircraft=12, sizes=(0.2, 0.4, 0.8, 1.6, 3.2), coarse=True)
+
+
+def default_folder() -> Path:
+    """Folder of the cache."""
+    return Path(tempfile.gettempdir()) / "airswing-gap-paired"
+
+
+# ------------------------------------------------------------------------------------ archives
+def drawn_cases(cases: int, seed: int, real: Path | None) -> list[Case]:
+    """Draw the cases, as the sealed check draws them."""
+    from airswing.blind_check.scoring import draws
+
+    rungs = Plan(real=real).played
+    return plan_cases(cases, seed=seed, size=SIZE, draws=draws(), rungs=rungs, nulls=NULLS)
+
+
+def prepare(folder: Path, cases: int, seed: int, real: Path | None) -> None:
+    """Write frames and truth of all cases; those already there are kept."""
+    from airswing.synthetic.sealed.sealed_archives import Archivist
+
+    folder.mkdir(parents=True, exist_ok=True)
+    worlds: dict[Any, list[Case]] = {}
+    for case in drawn_cases(cases, seed, real):
+        worlds.setdefault(case.world, []).append(case)
+    # one archive of every world in turn, so that a set that is cut short holds every kind
+    archivists = {world: Archivist(folder / "made", real) for world in worlds}
+    for turn in range(max(len(own) for own in worlds.values())):
+        for world, own in worlds.items():
+            if turn >= len(own) or (folder / f"{own[turn].name}.npz").exists():
+                continue
+            began = time.perf_counter()
+            case = own[turn]
+            label = archivists[world].write(case)
+            frame = headings_frame(folder / "made" / "cases" / case.name / "config.yaml")
+            shutil.rmtree(folder / "made" / "cases" / case.name)
+            write_frame(folder / f"{case.name}.npz", frame)
+            (folder / f"{case.name}.json").write_text(json.dumps(label, default=float))
+            spent = time.perf_counter() - began
+            print(f"{case.name} {case.kind} {label['focus']} {frame.size} {spent:.0f} s", flush=True)
+
+
+def headings_frame(config: Path) -> Frame:
+    """Make the headings of an archive and return its frame against the pool of references."""
+    from airswing.config_file import load_config
+    from airswing.workflow.gap_stage import gap_headings
+    from airswing.workflow.job import Job
+    from airswing.workflow.progress import Progress
+
+    settings = load_config(config)
+    headings = gap_headings(Job(settings, Progress(quiet=True))).load()
+    return Frame.from_headings(headings, reference=settings.pools()[settings.gap_reference()])
+
+
+def write_frame(path: Path, frame: Frame) -> None:
+    """Store a frame's arrays by name."""
+    np.savez_compressed(path, **{f.name: np.asarray(getattr(frame, f.name)) for f in fields(Frame)})
+
+
+def read_frame(path: Path) -> Frame:
+    """Read what `write_frame` stored."""
+    with np.load(path) as stored:
+        values: dict[str, Any] = {name: stored[name] for name in stored.files}
+    values["tails"] = tuple(str(name) for name in values["tails"])
+    for name in ("epoch", "reference_field"):
+        values[name] = float(values[name])
+    return Frame(**values)
+
+
+# ------------------------------------------------------------------------------------ diagnosis
+def labels(folder: Path) -> Iterator[Label]:
+    """Truth of all archives that are ready."""
+    for path in sorted(folder.glob("case_*.json")):
+        yield json.loads(path.read_text())
+
+
+def run(folder: Path, name: str, only: Sequence[str]) -> None:
+    """Diagnose the archives that have no result of this name, and wait for none."""
+    from airswing.gap.diagnose import diagnose
+
+    target = folder / "results" / name
+    target.mkdir(parents=True, exist_ok=True)
+    for label in labels(folder):
+        case = label["name"]
+        if (target / f"{case}.json").exists() or (only and case not in only):
+            continue
+        frame = read_frame(folder / f"{case}.npz")
+        catalogue = {k: v for k, v in CATALOGUE.items() if k not in label["without"]}
+        began = time.process_time()
+        try:
+            content: Mapping[str, object] = diagnose(frame, catalogue=catalogue).report.content()
+        except Exception as err:  # noqa: BLE001  a failed archive is a result
+            content = {"failure": f"{type(err).__name__}: {err}"}
+        spent = time.process_time() - began
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
+        text = json.dumps({"seconds": spent, "gigabytes": peak, "gap": content}, default=float)
+        (target / f"{case}.json").write_text(text)
+        print(line(folder, label, target), flush=True)
+
+
+# ------------------------------------------------------------------------------------ scores
+def scored(folder: Path, name: str) -> dict[str, tuple[Label, dict[str, Any], GapReport | None]]:
+    """Scores of all archives that have a result of this name."""
+    out = {}
+    for label in labels(folder):
+        path = folder / "results" / name / f"{label['name']}.json"
+        if path.exists():
+            out[label["name"]] = (label, *score(label, path))
+    return out
+
+
+def score(label: Label, path: Path) -> tuple[dict[str, Any], GapReport | None]:
+    """Score one result: the sealed check's figures, closure of all that is stated, time."""
+    stored = json.loads(path.read_text())
+    fleet = sorted(SIZE.tails)
+    if "failure" in stored["gap"]:
+        return {**score_case(label, None, failure=stored["gap"]["failure"], fleet=fleet)}, None
+    scratch = path.with_suffix(".gap")
+    scratch.write_text(json.dumps(stored["gap"]))
+    report = GapReport.read(scratch)
+    scratch.unlink()
+    found: dict[str, Any] = {**score_case(label, report, fleet=fleet)}
+    found["seconds"], found["gigabytes"] = stored["seconds"], stored["gigabytes"]
+    found["sigmas"] = parameter_sigmas(label, report)
+    return found, report
+
+
+def parameter_sigmas(label: Label, report: GapReport) -> list[float]:
+    """Errors of stated parameters over their standard errors, of all aircraft named rightly."""
+    out = []
+    for name in label["focus"]:
+        own = [effect for effect in label["effects"] if effect["name"] == name]
+        if len(own) != 1:
+            continue
+        for claim in (c for c in report.effects if c.name == name):
+            tails = own[0]["tails"]
+            each = claim.per_tail or {}
+            parts: list[Any] = [one for t, one in each.items() if tails is None or t in tails]
+            for one in parts or [claim]:
+                for key, true in own[0]["parameters"].items():
+                    error, value = (one.standard_errors or {}).get(key), one.parameters.get(key)
+                    if error and isinstance(value, int | float) and isinstance(true, int | float):
+                        off = float(value) - float(true)
+                        if key.endswith("phase_deg"):
+                            off = (off + 180.0) % 360.0 - 180.0
+                        out.append(off / error)
+    return out
+
+
+def figures(label: Label, found: Mapping[str, Any]) -> dict[str, float]:
+    """Figures of one archive; those that do not apply are left out."""
+    out: dict[str, float] = {"failed": float(bool(found["failure"]))}
+    if found["failure"]:
+        return out
+    kind = label["kind"]
+    out["log score"] = found["log_score"]
+    out["false name"] = float(bool(found["false_names"]))
+    if kind == "null":
+        out["null: any claim"] = float(found["detected"])
+    large = "" if label["size"] < 0.8 else " (0.8 m/s and more)"
+    if kind == "single":
+        out["single: first right"] = float(found["first_right"])
+        if large:
+            out["single: first right" + large] = float(found["first_right"])
+        out["single: in the set"] = float(bool(found["in_any_set"]))
+    if kind == "pair":
+        out["pair: both named"] = float(found["all_named"])
+        out["pair: first right"] = float(found["first_right"])
+    if kind in ("single", "pair"):
+        for key in ("precision", "recall", "parameter_error"):
+            if found.get(key) is not None:
+                out[f"named: {key}"] = found[key]
+        z = found["sigmas"]
+        if z:
+            out["parameters within two standard errors"] = float(np.mean(np.abs(z) < 2))
+    if label["outside"] is not None:
+        right = bool(found["unknown"] and found["unknown_first"] and found["variable_near"])
+        out["outside: raised"] = float(found["unknown"])
+        out["outside: right variable, no false name ahead"] = float(right)
+        if found["unknown"]:
+            for key in ("unknown_precision", "unknown_recall"):
+                if found.get(key) is not None:
+                    out[f"outside: {key}"] = found[key]
+    if kind == "removed":
+        out["removed: raised, no false name ahead"] = float(found["unknown_first"])
+    true = label["closure"]["before"] - label["closure"]["after"]
+    every = "unknown_closure_error" if label["outside"] is not None else "closure_error"
+    inside = "unknown_closure_covered" if label["outside"] is not None else "closure_covered"
+    if kind != "null" and kind != "removed":
+        out["closure: error, kt"] = found[every]
+        if abs(true) >= 0.05:
+            out["closure: relative error"] = found[every] / abs(true)
+        if found.get(inside) is not None and (found["claimed"] or found["unknown"]):
+            out["closure: interval holds"] = float(found[inside])
+    claims = [(c.probability, c.right) for c in found["claims"]]
+    if claims:
+        out["Brier score of claims"] = float(np.mean([(p - r) ** 2 for p, r in claims]))
+    out["seconds"], out["gigabytes"] = found["seconds"], found["gigabytes"]
+    return out
+
+
+def compare(folder: Path, old: str, new: str) -> None:
+    """Print every figure of two sets of results on the archives of both, and the paired change."""
+    before, after = scored(folder, old), scored(folder, new)
+    both = sorted(before.keys() & after.keys())
+    print(f"{len(both)} archives\n{'':52}{old:>10}{new:>10}{'change':>10}{'error':>8}{'n':>5}{'n':>5}")
+    a = {case: figures(*before[case][:2]) for case in both}
+    b = {case: figures(*after[case][:2]) for case in both}
+    keys = list(dict.fromkeys(key for case in both for key in [*a[case], *b[case]]))
+    for key in keys:
+        x = {c: a[c][key] for c in both if key in a[c]}
+        y = {c: b[c][key] for c in both if key in b[c]}
+        paired = np.array([y[c] - x[c] for c in x if c in y])
+        change = paired.mean() if paired.size else np.nan
+        error = paired.std(ddof=1) / np.sqrt(paired.size) if paired.size > 1 else np.nan
+        mean = [np.mean(list(one.values())) if one else np.nan for one in (x, y)]
+        print(f"{key:52}{mean[0]:10.3f}{mean[1]:10.3f}{change:10.3f}{error:8.3f}{len(x):5}{len(y):5}")
+    for name, of in ((old, before), (new, after)):
+        print(f"reliability of {name}:")
+        claims = [c for case in both if not of[case][1]["failure"] for c in of[case][1]["claims"]]
+        p, right = np.array([c.probability for c in claims]), np.array([c.right for c in claims])
+        for low, high in ((0.0, 0.7), (0.7, 0.9), (0.9, 0.99), (0.99, 1.01)):
+            chosen = (p >= low) & (p < high)
+            if chosen.any():
+                print(
+                    f"  stated {p[chosen].mean():.3f} right {right[chosen].mean():.3f}"
+                    f" ({chosen.sum()} claims)"
+                )
+
+
+def line(folder: Path, label: Label, target: Path) -> str:
+    """One archive's truth and what was found."""
+    found, report = score(label, target / f"{label['name']}.json")
+    truth = "; ".join(
+        f"{e['name']}{'' if e['tails'] is None else len(e['tails'])}" for e in label["effects"]
+    )
+    if label["outside"] is not None:
+        truth += f" {label['outside']['component']}:{'x'.join(label['outside']['variables'])}"
+    size = "+".join(f"{s:.1f}" for s in label["sizes"])
+    lead = f"{label['name']} {label['kind']:7} {label['world']:7} {truth} {size} {label['variant']}"
+    if report is None:
+        return f"{lead} | FAILED {found['failure']}"
+    claims = [f"{e.name}/{len(e.tails)} {e.probability:.2f}" for e in report.effects]
+    places = [
+        f"?{'x'.join(p.variables)}|{p.component}/{len(p.tails)}" for p in report.unknown.where
+    ]
+    true = label["closure"]["before"] - label["closure"]["after"]
+    every = "unknown_closure_stated" if label["outside"] is not None else "closure_stated"
+    marks = {
+        "single": "first_right",
+        "pair": "all_named",
+        "outside": "variable_near",
+        "removed": "unknown_first",
+    }
+    good = (
+        not found["detected"] if label["kind"] == "null" else bool(found[marks[label["kind"]]])
+    ) and not found["false_names"]
+    return (
+        f"{'ok  ' if good else 'MISS'} {lead} | {', '.join(claims + places) or 'nothing'}"
+        f" | closes {found[every]:.2f} of {true:.2f} kt, {found['seconds']:.0f} s"
+        f" {found['gigabytes']:.1f} GB"
+    )
+
+
+def show(folder: Path, name: str) -> None:
+    """Print one line an archive."""
+    for label in labels(folder):
+        target = folder / "results" / name
+        if (target / f"{label['name']}.json").exists():
+            print(line(folder, label, target))
+
+
+def main() -> int:
+    """Run what the command line asks for."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    commands = parser.add_subparsers(dest="command", required=True)
+    for command, names in (
+        ("prepare", ()),
+        ("run", ("name",)),
+        ("compare", ("old", "new")),
+        ("show", ("name",)),
+    ):
+        sub = commands.add_parser(command)
+        for argument in names:
+            sub.add_argument(argument)
+        sub.add_argument("--folder", type=Path, default=default_folder())
+        if command == "prepare":
+            sub.add_argument("--cases", type=int, default=CASES)
+            sub.add_argument("--seed", type=int, default=SEED)
+            sub.add_argument("--real", type=Path)
+        if command == "run":
+            sub.add_argument("--only", nargs="*", default=())
+    given = parser.parse_args()
+    if given.command == "prepare":
+        prepare(given.folder, given.cases, given.seed, given.real)
+    elif given.command == "run":
+        run(given.folder, given.name, given.only)
+    elif given.command == "compare":
+        compare(given.folder, given.old, given.new)
+    else:
+        show(given.folder, given.name)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

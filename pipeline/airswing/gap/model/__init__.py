@@ -1,0 +1,1 @@
+"""The statistical model: candidates, sums, scores, selection, closure (docs/gap.md)."""

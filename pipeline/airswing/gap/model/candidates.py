@@ -1,0 +1,380 @@
+"""Candidates of the model: effects of the catalogue and tables of one or two variables.
+
+A candidate is a group of design columns. Its raw columns X (n, 2, k) are multiplied by a matrix
+T (k, m) such that X T z, with z standard normal, is an effect of 1 m/s root mean square where it
+acts. The prior of every candidate is then N(0, s^2 I) with the same grid of scales s (m/s).
+
+* Names are the catalogue's effects in all their forms; edges in pressure are softened by half the
+  distance of model levels.
+* Tables have no physics: one variable of a report times one component of the wind error, linear
+  B-splines (hat functions) whose coefficients are correlated over `LENGTH` knots, so that a smooth
+  curve costs little. Tables of two variables are products of two coarser ones.
+
+No column contains the report's own noise: heading and airspeed are those of
+`airswing.gap.design.exogenous`, and tables of the reported wind are averaged over winds that might
+have been reported given the large-scale wind (Berkson's case: blurred, with unbiased coefficients).
+
+References
+----------
+Berkson, J. (1950). Are there two regressions? J. Am. Stat. Assoc. 45, 164-180.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.gap.archive.frame import Frame
+from airswing.gap.archive.reported_variables import KINDS, PERIOD, record
+from airswing.gap.archive.value_tables import change_of
+from airswing.gap.design.basis import plan_dictionary
+from airswing.gap.design.weather import climatology_columns
+from airswing.gap.effects.base import Effect
+
+Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
+Integers = NDArray[np.int64]
+
+#: Components of a table, in the names of the effect ``empirical``, and the size of one unit of its
+#: columns: degrees of heading and of wind direction, m/s along the heading and along the wind.
+COMPONENTS = ("heading_angle", "along_heading", "wind_angle", "along_wind")
+#: Knots of a curve, by variable: about the resolution that an archive of some weeks supports.
+KNOTS = {
+    "track": 12,
+    "drift": 8,
+    "airspeed": 10,
+    "altitude": 9,
+    "temperature": 8,
+    "bank": 5,
+    "acceleration": 6,
+    "turn": 6,
+    "hour": 8,
+    "date": 9,
+    "latitude": 7,
+    "longitude": 8,
+    "flight_time": 8,
+    "wind_speed": 8,
+    "wind_direction": 18,
+    "ground_speed": 8,
+}
+#: Cycles of a table of the magnetic heading: a flux valve's error holds five at most.
+CYCLES = 5
+#: Correlation length of neighbouring coefficients, in knots, and the share that is independent.
+LENGTH, FREE = 1.3, 0.1
+#: Shifts of ln p over which edges are softened: half the distance of model levels of 25 hPa.
+SOFT = np.linspace(-0.08, 0.08, 5)
+#: Quantiles between which knots lie: single values far out must not stretch the curve.
+INNER = (0.005, 0.995)
+#: Winds drawn to average a table of the reported wind over, and levels they are drawn within.
+DRAWS, LEVELS = 12, 8
+#: Every how many-th report the size of a candidate is measured on.
+SAMPLED = 7
+#: Cells of each variable in a table of two.
+PAIRED = 5
+
+
+@dataclass(frozen=True)
+class Group:
+    """A candidate: columns with a common prior.
+
+    Attributes
+    ----------
+    name : str
+        Effect of the catalogue, or ``variable|component`` of a table.
+    kind : {"name", "table", "dated", "nuisance"}
+        ``dated``: acts from a date on, which is searched for.
+    columns : slice
+        Raw columns.
+    transform : (k, m) float
+        T, see the module.
+    scopes : str
+        ``a`` each aircraft has coefficients of its own, ``f`` all have the same.
+    prior : float
+        Log prior weight.
+    form : tuple of int
+        Which coefficients of the effect the columns are.
+    reliability : float
+        Squared correlation of the columns with the true ones, measured on simulated archives.
+    """
+
+    name: str
+    kind: str
+    columns: slice
+    transform: Floats
+    scopes: str
+    prior: float
+    form: tuple[int, ...] = ()
+    reliability: float = 1.0
+
+    @property
+    def size(self) -> int:
+        """Number of coefficients m."""
+        return int(self.transform.shape[1])
+
+    @property
+    def named(self) -> bool:
+        """Whether it is an effect of the catalogue."""
+        return self.kind in ("name", "dated")
+
+    @property
+    def variables(self) -> tuple[str, ...]:
+        """Variables of a table."""
+        return tuple(self.name.partition("|")[0].split(" x "))
+
+    @property
+    def component(self) -> str:
+        """Component of a table."""
+        return self.name.partition("|")[2]
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Functions of one variable: how columns follow from its values."""
+
+    variable: str
+    knots: Floats
+
+    def functions(self, values: Floats) -> Floats:
+        """Functions at values, (n, k); zero where a value is unknown."""
+        if self.variable == "magnetic_heading":
+            angle = np.radians(np.nan_to_num(values))
+            waves = [f(j * angle) for j in range(1, CYCLES + 1) for f in (np.sin, np.cos)]
+            return np.stack([np.ones_like(angle), *waves], -1)
+        known = np.isfinite(values)
+        filled = np.where(known, values, self.knots[0])
+        if KINDS[self.variable][0] == "category":
+            out = (filled[:, None] == self.knots).astype(float)
+        elif KINDS[self.variable][0] == "circular":
+            period, count = PERIOD.get(self.variable, 360.0), self.knots.size
+            apart = np.abs(np.mod(filled, period)[:, None] / period * count - np.arange(count))
+            out = np.maximum(0.0, 1.0 - np.minimum(apart, count - apart))
+        else:
+            out = np.stack([np.interp(filled, self.knots, row) for row in np.eye(self.knots.size)], -1)
+        return np.asarray(out * known[:, None])
+
+    @property
+    def covariance(self) -> Floats:
+        """Prior covariance of the coefficients, (k, k)."""
+        if self.variable == "magnetic_heading":
+            # a cycle's amplitude falls off as the root of its number
+            falling = np.repeat(1.0 / np.sqrt(np.arange(1, CYCLES + 1)), 2)
+            return np.asarray(np.diag(np.r_[1.0, falling] ** 2))
+        if KINDS[self.variable][0] == "category":
+            return 0.5 * np.eye(self.knots.size) + 0.5
+        apart = np.abs(np.subtract.outer(np.arange(self.knots.size), np.arange(self.knots.size)))
+        if KINDS[self.variable][0] == "circular":
+            apart = np.minimum(apart, self.knots.size - apart)
+        return np.asarray((1 - FREE) * np.exp(-0.5 * (apart / LENGTH) ** 2) + FREE * np.eye(len(apart)))
+
+
+def curve_of(name: str, values: Floats, count: int | None = None) -> Curve:
+    """Curve of a variable with knots at quantiles of its values; ``count`` knots at most."""
+    number = count or KNOTS.get(name, 1)
+    if KINDS[name][0] == "category":
+        return Curve(name, np.unique(values[np.isfinite(values)]))
+    if KINDS[name][0] == "circular":
+        return Curve(name, np.arange(number) * PERIOD.get(name, 360.0) / number)
+    known = values[np.isfinite(values)]
+    at = np.unique(np.quantile(known, np.linspace(*INNER, number)))
+    spread, kept = float(np.ptp(at)), [float(at[0])]
+    for knot in at[1:]:
+        if knot - kept[-1] > 0.3 * spread / number:
+            kept.append(float(knot))
+    return Curve(name, np.array(kept))
+
+
+@dataclass
+class Table:
+    """A table as built: what evaluates its columns again on other reports."""
+
+    curves: tuple[Curve, ...]
+    component: str
+
+
+class Candidates:
+    """Raw columns, built in blocks, and the groups made of them.
+
+    Parameters
+    ----------
+    frame, context : Frame
+        Reports, and the same with exogenous heading, airspeed and large-scale wind.
+    effects : mapping
+        Name -> effect that is looked for.
+    tables : bool
+        Also look for what is not in the catalogue.
+    """
+
+    def __init__(
+        self, frame: Frame, context: Frame, effects: Mapping[str, Effect], *, tables: bool = True
+    ) -> None:
+        self.frame, self.context, self.effects = frame, context, effects
+        self.groups: list[Group] = []
+        self.tables: dict[str, Table] = {}
+        self._builders: dict[int, Callable[[], Singles]] = {}
+        self._pending: list[tuple[slice, Singles]] = []
+        self.width = 0
+        self.wind = np.stack([context.u_ref, context.v_ref], -1)
+        self.plan = plan_dictionary(context, effects)
+        self.variables = record(frame, context)
+        self._add_climatology()
+        self._add_names()
+        if tables:
+            self._drawn = self._likely_winds()
+            for name in self.variables:
+                self._add_tables(name, len(self.variables) * len(COMPONENTS))
+
+    # ------------------------------------------------------------------------------ what is built
+    def _block(self, build: Callable[[], Singles], columns: Singles) -> slice:
+        where = slice(self.width, self.width + columns.shape[2])
+        self._builders[where.start] = build
+        self._pending.append((where, columns))
+        self.width = where.stop
+        return where
+
+    def pending(self) -> list[tuple[slice, Singles]]:
+        """Columns built since the last call, to be summed; they are not kept."""
+        out, self._pending = self._pending, []
+        return out
+
+    def raw(self, where: slice) -> Singles:
+        """Raw columns (n, 2, k) of a group, built again."""
+        return self._builders[where.start]()
+
+    def _group(self, columns: Singles, group: Group, transform: Floats, pick: Sequence[int]) -> None:
+        """Add a group if it acts anywhere, scaled to 1 m/s rms where it acts."""
+        full = np.zeros((columns.shape[2], transform.shape[1]))
+        full[list(pick)] = transform
+        scaled = unit_size(columns, full)
+        if scaled is not None:
+            self.groups.append(replace(group, transform=scaled))
+
+    def _add_climatology(self) -> None:
+        def build() -> Singles:
+            return climatology_columns(self.context, self.plan).astype(np.float32)
+
+        columns = build()
+        size = 1 / np.sqrt((columns**2).sum(1).mean(0))
+        where = self._block(build, columns)
+        self.groups.append(Group("climatology", "nuisance", where, np.diag(size), "f", 0.0))
+
+    def _add_names(self) -> None:
+        usable = [e for e in self.effects.values() if e.kind in ("mean", "drift", "step")]
+        for effect in usable:
+            build = partial(self._effect_columns, effect)
+            columns = build()
+            where = self._block(build, columns)
+            forms = effect.alternatives or (tuple(range(columns.shape[2])),)
+            if effect.kind == "step":
+                forms = ((0,), (1, 2), (0, 1, 2))
+            weight = -np.log(2 * len(usable) * len(forms))
+            scopes = "f" if effect.scope in ("reference", "fleet") else "af"
+            for form in forms:
+                tied = np.eye(1) if len(form) == 1 else effect.tied(form)
+                kind = "dated" if effect.kind == "step" else "name"
+                group = Group(
+                    effect.name, kind, where, tied, scopes, weight, tuple(form), effect.told_share
+                )
+                self._group(columns, group, tied, form)
+                if effect.kind == "drift" and len(form) == columns.shape[2]:
+                    self._group(columns, replace(group, kind="dated"), tied, form)
+
+    def _effect_columns(self, effect: Effect) -> Singles:
+        raw = effect.softened_columns(self.context, SOFT)
+        return np.asarray(np.moveaxis(raw, 0, -1) * effect.column_scales, np.float32)
+
+    # --------------------------------------------------------------------------------- tables
+    def _likely_winds(self) -> Floats:
+        """Winds that might have been reported given the large-scale wind, (draws, n, 2)."""
+        rng = np.random.default_rng(0)
+        frame = self.frame
+        apart = np.stack([frame.u_rep, frame.v_rep], -1) - self.wind
+        level = np.argsort(np.argsort(frame.pressure)) * LEVELS // max(frame.size, 1)
+        out = np.empty((DRAWS, frame.size, 2))
+        for k in range(LEVELS):
+            here = np.flatnonzero(level == k)
+            if here.size:
+                out[:, here] = self.wind[here] + apart[here[rng.integers(0, here.size, (DRAWS, here.size))]]
+        return out
+
+    def _vectors(self, component: str, wind: Floats) -> Floats:
+        """Wind error (n, 2) of one unit of a component."""
+        context = self.context
+        return change_of(
+            component,
+            heading=context.heading,
+            airspeed=context.airspeed,
+            u=wind[:, 0],
+            v=wind[:, 1],
+        )
+
+    def columns_of(self, table: Table) -> Singles:
+        """Columns (n, 2, k) of a table."""
+        of_wind = {"wind_direction", "wind_speed"} & {c.variable for c in table.curves}
+        if not of_wind:
+            return self._product(table, self.wind, {})
+        total: Singles | float = 0.0
+        for wind in self._drawn:
+            drawn = {
+                "wind_direction": np.mod(np.degrees(np.arctan2(-wind[:, 0], -wind[:, 1])), 360.0),
+                "wind_speed": np.hypot(wind[:, 0], wind[:, 1]),
+            }
+            total = total + self._product(table, wind, drawn) / len(self._drawn)
+        return np.asarray(total, np.float32)
+
+    def _product(self, table: Table, wind: Floats, drawn: Mapping[str, Floats]) -> Singles:
+        functions = np.ones((self.frame.size, 1))
+        for curve in table.curves:
+            values = drawn.get(curve.variable)
+            values = self.variables[curve.variable].values if values is None else values
+            own = curve.functions(values)
+            functions = (functions[:, :, None] * own[:, None, :]).reshape(self.frame.size, -1)
+        vectors = self._vectors(table.component, wind)
+        return np.asarray(vectors[:, :, None] * functions[:, None, :], np.float32)
+
+    def _add_tables(self, name: str, number: int) -> None:
+        curve = curve_of(name, self.variables[name].values)
+        if curve.knots.size < 2 and name != "magnetic_heading":
+            return
+        for component in COMPONENTS:
+            self.add_table(Table((curve,), component), -float(np.log(2 * number)))
+
+    def add_table(self, table: Table, weight: float) -> Group | None:
+        """Add a table; None where it acts nowhere."""
+        columns = self.columns_of(table)
+        covariance = np.eye(1)
+        for curve in table.curves:
+            covariance = np.kron(covariance, curve.covariance)
+        label = " x ".join(curve.variable for curve in table.curves)
+        name = f"{label}|{table.component}"
+        root = np.linalg.cholesky(covariance + 1e-9 * np.eye(len(covariance)))
+        where = self._block(partial(self.columns_of, table), columns)
+        before = len(self.groups)
+        group = Group(name, "table", where, root, "af", weight)
+        self._group(columns, group, root, range(columns.shape[2]))
+        self.tables[name] = table
+        return self.groups[-1] if len(self.groups) > before else None
+
+    def paired(self, first: Group, second: str) -> Table:
+        """Table of a table's variable and a second one, with fewer knots of each."""
+        (name,) = first.variables
+        curves = tuple(
+            curve_of(v, self.variables[v].values, PAIRED + (KINDS[v][0] == "circular"))
+            for v in (name, second)
+        )
+        return Table(curves, first.component)
+
+
+def unit_size(columns: Singles, transform: Floats) -> Floats | None:
+    """Scale a transform so that X T z has 1 m/s rms where it acts; None where it acts nowhere."""
+    used = np.flatnonzero(transform.any(axis=1))
+    made = columns[::SAMPLED][:, :, used] @ transform[used].astype(np.float32)
+    energy = (made * made).sum(axis=(1, 2))
+    # some parts in a million of the largest: where hat functions end, an effect acts no more
+    if energy.size == 0 or not energy.max() > 1e-6:
+        return None
+    acting = energy > 1e-6 * energy.max()
+    return np.asarray(transform / np.sqrt(float(energy[acting].mean())))

@@ -1,0 +1,411 @@
+"""Log evidence of candidates: spike and slab over aircraft, a part all share, dates, exchanges.
+
+Given the terms in the model, a candidate has scores U_a and information G_a by aircraft, U_F and G_F
+of the fleet. Because the day fields absorb what all aircraft share, it is given back:
+U~_a = U_a + G_a T0 U_F with T0 = G_F^-1 - (sum_a G_a)^-1. Then
+
+    U~_a = G_a (theta_a + theta_F) + N(0, kappa G_a),
+
+    null       theta_F ~ N(0, T), T = T0 + (kappa_F - 1)+ G_F^-1 + L^2 I;  theta_a ~ N(0, m^2)
+    aircraft   theta_a ~ N(0, s^2 + m^2) for the affected, inclusion by a Beta(1, 1) prior on their share
+    fleet      theta_F ~ N(0, T + s^2 I)
+
+with s on a grid. A change at a date has the same common part theta_F on all days and a change
+theta_a after its date (joint information [[G, G_d], [G_d, G_d]]); without it an error of the whole
+fleet looks like a change of all aircraft on the first days. A common date means that each aircraft
+changes on its next day with flights.
+
+References
+----------
+Mitchell, T. J. and Beauchamp, J. J. (1988). Bayesian variable selection in linear regression. J. Am.
+Stat. Assoc. 83, 1023-1032 (spike and slab).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import gammaln, logsumexp
+
+from airswing.gap.model.candidates import Group
+from airswing.gap.model.terms import Model, Statistics
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+#: Scales of the slab, m/s rms where a candidate acts: a third of a knot to three times the noise.
+SCALES = np.array([0.3, 0.6, 1.2, 2.4, 4.8])
+#: L, m/s: what lasts in the reference's error and no number of days averages out. Root mean square
+#: of fleet coefficients of tables on simulated archives without an effect (`benchmarks.gap_paired
+#: spread`).
+LASTING = 0.15
+#: m, m/s: what no aircraft is free of; the same of single aircraft.
+SMALL = 0.04
+#: Shares of affected aircraft that the Beta prior is integrated over.
+SHARES = np.linspace(0.02, 0.98, 25)
+#: Days with flights that must lie on either side of a change.
+SIDES = 2
+
+
+@dataclass(frozen=True)
+class Found:
+    """Evidence of a candidate in one scope.
+
+    Attributes
+    ----------
+    evidence : float
+        Log Bayes factor against nothing, nats, integrated over scales and sets of aircraft.
+    scale : float
+        Most probable s, m/s.
+    tails : tuple of int
+        Aircraft more likely affected than not.
+    inclusion : (A,) float
+        Posterior probability of each.
+    start : mapping
+        First day in force of each affected aircraft, of a dated candidate.
+    """
+
+    evidence: float
+    scale: float
+    tails: tuple[int, ...]
+    inclusion: Floats
+    start: Mapping[int, int] = field(default_factory=dict)
+
+
+def common_variance(found: Statistics) -> tuple[Floats, Floats]:
+    """T and T0 of the module, (m, m)."""
+    m = found.score.shape[1]
+    given_back = found.fleet_inverse - np.linalg.inv(found.information.sum(axis=0) + found.ridge)
+    uneven = max(0.0, found.fleet_factor - 1.0) * found.fleet_inverse
+    whole = given_back + uneven + LASTING**2 * np.eye(m)
+    values, vectors = np.linalg.eigh((whole + whole.T) / 2)
+    # differences of inverses may come out below nothing by rounding
+    return (vectors * np.clip(values, LASTING**2, 1e6)) @ vectors.T, given_back
+
+
+class _Common:
+    """Integrates the common part: evidence of aircraft whose own part is integrated already.
+
+    An aircraft with its own part integrated is a Gaussian in the common part phi,
+    exp(l + j'phi - phi'J phi / 2).
+    """
+
+    def __init__(self, variance: Floats) -> None:
+        self.inverse = np.linalg.inv(variance)
+        self.log_det = np.linalg.slogdet(variance)[1]
+
+    def total(self, information: Floats, score: Floats, level: Floats) -> Floats:
+        """Log evidence of sums over aircraft (..., m, m), (..., m), (...)."""
+        precision = self.inverse + information
+        solved = np.linalg.solve(precision, score[..., None])[..., 0]
+        gain = 0.5 * (score * solved).sum(-1) - 0.5 * np.linalg.slogdet(precision)[1]
+        return np.asarray(level + gain - 0.5 * self.log_det)
+
+    def mean(self, information: Floats, score: Floats) -> Floats:
+        """Posterior mean of phi."""
+        return np.asarray(np.linalg.solve(self.inverse + information, score))
+
+
+def _at(level: Floats, score: Floats, information: Floats, phi: Floats) -> Floats:
+    """Log density of aircraft at a common part phi."""
+    return np.asarray(
+        level + score @ phi - 0.5 * np.einsum("i,...ij,j->...", phi, information, phi)
+    )
+
+
+def number_prior(aircraft: int) -> Floats:
+    """Log prior of each set of 0, 1, ... A aircraft under a uniform share."""
+    sizes = np.arange(aircraft + 1)
+    sets = gammaln(aircraft + 1) - gammaln(sizes + 1) - gammaln(aircraft - sizes + 1)
+    return np.asarray(-np.log(aircraft + 1) - sets)
+
+
+Parts = tuple[Floats, Floats, Floats]  # level (A,), score (A, m), information (A, m, m)
+
+
+def _nested(
+    common: _Common, null: Parts, slab: Parts, *, add: Floats, able: NDArray[np.bool_]
+) -> tuple[Floats, Floats]:
+    """Log evidence of the best set of each size, and each aircraft's gain given the common part."""
+    phi = common.mean(null[2].sum(axis=0), null[1].sum(axis=0))
+
+    def gain_at(phi: Floats) -> Floats:
+        apart = _at(*slab, phi) - _at(*null, phi) + add
+        return np.where(able, apart, -np.inf)
+
+    for _ in range(3):  # the order of the aircraft hangs on phi, which hangs on who is affected
+        inside = gain_at(phi) > 0
+        information = np.where(inside[:, None, None], slab[2], null[2]).sum(axis=0)
+        phi = common.mean(information, np.where(inside[:, None], slab[1], null[1]).sum(axis=0))
+    gain = gain_at(phi)
+    order = np.argsort(-gain)
+    order = order[np.isfinite(gain[order])]
+
+    def steps(x: Floats, y: Floats) -> Floats:
+        return np.concatenate([y.sum(0)[None], y.sum(0) + np.cumsum((x - y)[order], 0)])
+
+    level, score, information = (steps(x, y) for x, y in zip(slab, null, strict=True))
+    extra = np.r_[0.0, np.cumsum(add[order])]
+    return common.total(information, score, level) + extra, gain
+
+
+def static_evidence(found: Statistics, kappa: float, scopes: str) -> dict[str, Found]:
+    """Evidence of a candidate that acts on the whole archive, by scope.
+
+    Parameters
+    ----------
+    kappa : float
+        Noise factor of single aircraft.
+    scopes : str
+        ``a``, ``f`` or both.
+    """
+    aircraft, m = found.score.shape
+    variance, given_back = common_variance(found)
+    score = found.score + found.information @ (given_back @ found.score.sum(axis=0))
+    values, vectors = np.linalg.eigh(found.information)
+    values = np.maximum(values, 1e-8 * max(float(values.max()), 1e-12))
+    turned = np.einsum("aji,aj->ai", vectors, score)
+
+    def parts(variance: float) -> Parts:
+        """Each aircraft with a part of its own of this variance integrated."""
+        spread = kappa * values + variance * values**2
+        shrunk = values / (kappa + variance * values)
+        information = np.einsum("aij,aj,akj->aik", vectors, shrunk, vectors)
+        linear = np.einsum("aij,aj->ai", vectors, turned / (kappa + variance * values))
+        level = -0.5 * np.log(spread).sum(axis=1) - 0.5 * (turned**2 / spread).sum(axis=1)
+        return level, linear, information
+
+    common, null = _Common(variance), parts(SMALL**2)
+    sums = tuple(part.sum(axis=0) for part in null)
+    nothing = float(common.total(sums[2], sums[1], sums[0]))
+    out = {}
+    if "f" in scopes:
+        each = np.array(
+            [
+                float(_Common(variance + s**2 * np.eye(m)).total(sums[2], sums[1], sums[0]))
+                for s in SCALES
+            ]
+        )
+        evidence = float(logsumexp(each)) - np.log(SCALES.size) - nothing
+        best = float(SCALES[each.argmax()])
+        out["f"] = Found(evidence, best, tuple(range(aircraft)), np.ones(aircraft))
+    if "a" in scopes:
+        prior, able = number_prior(aircraft), np.ones(aircraft, bool)
+        made = [
+            _nested(common, null, parts(s**2 + SMALL**2), add=np.zeros(aircraft), able=able)
+            for s in SCALES
+        ]
+        each = np.array([by_size + prior for by_size, _ in made]) - nothing
+        weight = np.exp(logsumexp(each, axis=1) - logsumexp(each))
+        inclusion = sum(w * _inclusion(gain) for w, (_, gain) in zip(weight, made, strict=True))
+        evidence = float(logsumexp(each)) - np.log(SCALES.size)
+        best = float(SCALES[np.unravel_index(each.argmax(), each.shape)[0]])
+        chosen = tuple(int(a) for a in np.flatnonzero(np.asarray(inclusion) > 0.5))
+        out["a"] = Found(evidence, best, chosen, np.asarray(inclusion))
+    return out
+
+
+def _inclusion(gain: Floats) -> Floats:
+    """Probability that each aircraft is affected, given its gain, integrated over their share.
+
+    Aircraft are independent given their share; nested sets alone would favour none or all.
+    """
+    log_share, log_rest = np.log(SHARES)[:, None], np.log1p(-SHARES)[:, None]
+    each = np.logaddexp(log_rest, log_share + gain)
+    weight = np.exp(each.sum(axis=1) - logsumexp(each.sum(axis=1)))
+    return np.asarray(weight @ np.exp(log_share + gain - each))
+
+
+# ------------------------------------------------------------------------------------------- dates
+def dated_evidence(model: Model, group: Group, kappas: tuple[float, ...]) -> list[Found]:
+    """Evidence of a change at a date, each aircraft's own or one for all, for each noise factor."""
+    sums, t = model.sums, group.transform
+    by_day, _ = sums.information(group)
+    width = model.hessian.shape[0]
+    cross = np.zeros((sums.A, sums.D, width, group.size))
+    every = [model.base, *model.terms]
+    made = [model._columns(term) for term in every]
+    t32 = t.astype(np.float32)
+    for a, d, own in sums.cells:
+        values = sums.rows[own, group.columns] @ t32
+        first = sums.rows_of(a).start
+        for start, one in zip(model.offsets, made, strict=False):
+            if a in one.rows:
+                at, rows = one.rows[a]
+                cross[a, d, start + at] += rows[own.start - first : own.stop - first].T @ values
+    shared = np.einsum("adqk,km->adqm", sums.shared[..., group.columns], t, optimize=True)
+    cross -= np.einsum("dqi,adqm->adim", model.term_shared, shared, optimize=True)
+
+    def after(x: Floats) -> Floats:
+        return np.cumsum(x[:, ::-1], axis=1)[:, ::-1]
+
+    known = np.einsum("ij,adjm->adim", model.inverse_root, after(cross), optimize=True)
+    information = after(by_day) - np.einsum("adim,adin->admn", known, known, optimize=True)
+    score = after(model.day_score[:, :, group.columns] @ t)
+    flown = sums.flown
+    before = np.cumsum(flown, axis=1) - flown
+    left = np.cumsum(flown[:, ::-1], axis=1)[:, ::-1]
+    able = flown & (before >= SIDES) & (left >= SIDES)
+    statistics = model.statistics(group)
+    return [_dated(statistics, score, information, able, kappa) for kappa in kappas]
+
+
+def _next_day(able: NDArray[np.bool_]) -> Integers:
+    """Day on which each aircraft changes that is to change on a day, (A, D); -1 for none."""
+    out = np.full(able.shape, -1, np.int64)
+    later = np.full(able.shape[0], -1, np.int64)
+    for d in range(able.shape[1] - 1, -1, -1):
+        later = np.where(able[:, d], d, later)
+        out[:, d] = later
+    return out
+
+
+def _dated(
+    found: Statistics, score: Floats, information: Floats, able: NDArray[np.bool_], kappa: float
+) -> Found:
+    aircraft, days = able.shape
+    m = score.shape[-1]
+    variance, given_back = common_variance(found)
+    lifted = given_back @ found.score.sum(axis=0)
+    whole_score = (found.score + found.information @ lifted) / kappa
+    score = (score + information @ lifted) / kappa
+    whole, information = found.information / kappa, information / kappa
+    common, eye = _Common(variance), np.eye(m)
+
+    def with_small(information: Floats, score: Floats) -> Parts:
+        """An aircraft's own small undated part integrated."""
+        spread = eye + SMALL**2 * information
+        solved = np.linalg.solve(spread, score[..., None])[..., 0]
+        level = 0.5 * SMALL**2 * (score * solved).sum(-1) - 0.5 * np.linalg.slogdet(spread)[1]
+        return level, solved, np.linalg.solve(spread, information)
+
+    null = with_small(whole, whole_score)
+    sums = tuple(part.sum(axis=0) for part in null)
+    nothing = float(common.total(sums[2], sums[1], sums[0]))
+    prior, following = number_prior(aircraft), _next_day(able)
+    anywhere, dates = able.any(axis=1), np.maximum(able.sum(axis=1), 1)
+    rows = np.arange(aircraft)
+    own, shared, kept = [], [], []
+    for s in SCALES:
+        slab = information + eye / s**2
+        turned = np.linalg.solve(slab, information)
+        rest = whole[:, None] - information @ turned
+        linear = whole_score[:, None] - np.einsum("adij,adi->adj", turned, score)
+        change = 0.5 * (score * np.linalg.solve(slab, score[..., None])[..., 0]).sum(-1)
+        change -= 0.5 * np.linalg.slogdet(s**2 * slab)[1]
+        level, linear, rest = with_small(rest, linear)
+        level = level + change
+        by_date, gains = np.full(days, -np.inf), {}
+        for d in np.flatnonzero(able.any(axis=0)):
+            at = following[:, d]
+            picked = (level[rows, at], linear[rows, at], rest[rows, at])
+            nested, gain = _nested(common, null, picked, add=np.zeros(aircraft), able=at >= 0)
+            by_date[d] = logsumexp(nested + prior[: nested.size])
+            gains[d] = gain
+        shared.append(float(logsumexp(by_date)) - np.log(days) - nothing)
+        # dates of their own: each aircraft's best, with what the other dates add
+        phi = common.mean(sums[2], sums[1])
+        for _ in range(3):
+            density = _at(level, linear, rest, phi) - _at(*null, phi)[:, None]
+            density = np.where(able, density, -np.inf)
+            best = density.argmax(axis=1)
+            each = np.where(anywhere, logsumexp(density, axis=1) - np.log(dates), -np.inf)
+            inside = each > 0
+            picked = (level[rows, best], linear[rows, best], rest[rows, best])
+            phi = common.mean(
+                np.where(inside[:, None, None], picked[2], null[2]).sum(axis=0),
+                np.where(inside[:, None], picked[1], null[1]).sum(axis=0),
+            )
+        several = np.where(anywhere, each - density.max(axis=1), 0.0)
+        nested, gain = _nested(common, null, picked, add=several, able=anywhere)
+        own.append(float(logsumexp(nested + prior[: nested.size])) - nothing)
+        kept.append((by_date, gains, best, gain))
+    evidence = float(np.logaddexp(logsumexp(own), logsumexp(shared))) - np.log(2 * SCALES.size)
+    if max(shared) >= max(own):
+        k = int(np.argmax(shared))
+        by_date, gains, _, _ = kept[k]
+        day = int(by_date.argmax())
+        gain, start = gains[day], np.maximum(following[:, day], 0)
+    else:
+        k = int(np.argmax(own))
+        _, _, start, gain = kept[k]
+    inclusion = 1 / (1 + np.exp(-np.clip(gain, -30, 30)))
+    tails = tuple(int(a) for a in np.flatnonzero(inclusion > 0.5))
+    return Found(
+        evidence, float(SCALES[k]), tails, inclusion, {a: int(start[a]) for a in tails}
+    )
+
+
+# --------------------------------------------------------------------------------------- exchanges
+@dataclass(frozen=True)
+class Exchange:
+    """Two aircraft that exchanged identifiers on a day.
+
+    ``evidence`` is against no exchange, ``as_changes`` that of a change of either at that day with
+    coefficients of its own, both less the log number of pairs and days.
+    """
+
+    pair: tuple[int, int]
+    day: int
+    evidence: float
+    as_changes: float
+
+
+def exchange_evidence(model: Model, group: Group, kappa: float) -> Exchange | None:
+    """Evidence that two aircraft exchanged identifiers.
+
+    The deviations of either (columns of the group) are free whether or not they did, so that an
+    exchange has no parameter but pair and date.
+    """
+    sums, t = model.sums, group.transform
+    if sums.A < 2 or sums.D <= 2 * SIDES:
+        return None
+    by_day, _ = sums.information(group)
+    information = by_day / kappa
+    score = model.day_score[:, :, group.columns] @ t / kappa
+
+    def late(x: Floats) -> Floats:
+        return np.cumsum(x[:, ::-1], axis=1)[:, ::-1]
+
+    late_information, late_score = late(information), late(score)
+    early_information = information.sum(axis=1)[:, None] - late_information
+    early_score = score.sum(axis=1)[:, None] - late_score
+    eye = np.eye(group.size)
+
+    def evidence(information: Floats, score: Floats) -> Floats:
+        each = []
+        for s in SCALES:
+            spread = s**2 * information + eye
+            solved = np.linalg.solve(spread, score[..., None])[..., 0]
+            each.append(
+                0.5 * s**2 * (solved * score).sum(-1) - 0.5 * np.linalg.slogdet(spread)[1]
+            )
+        return np.asarray(logsumexp(each, axis=0) - np.log(SCALES.size))
+
+    whole = evidence(information.sum(axis=1), score.sum(axis=1))
+    crossed = evidence(
+        early_information[:, None] + late_information[None],
+        early_score[:, None] + late_score[None],
+    )
+    gain = crossed + crossed.transpose(1, 0, 2) - (whole[:, None] + whole[None])[..., None]
+    change = (
+        evidence(early_information, early_score)
+        + evidence(late_information, late_score)
+        - whole[:, None]
+    )
+    gain[:, :, :SIDES], gain[:, :, -SIDES:] = -np.inf, -np.inf
+    gain[np.arange(sums.A), np.arange(sums.A)] = -np.inf
+    i, j, d = (int(k) for k in np.unravel_index(gain.argmax(), gain.shape))
+    looked_at = np.log(sums.A * (sums.A - 1) / 2 * sums.D)
+    return Exchange(
+        (min(i, j), max(i, j)),
+        d,
+        float(gain[i, j, d]) - looked_at,
+        float(change[i, d] + change[j, d]) - looked_at,
+    )
+
+
+Progress = Callable[[str, float], None]

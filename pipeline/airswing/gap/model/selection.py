@@ -1,0 +1,202 @@
+"""Selection of terms: screen, exact contest, and replacement until nothing changes.
+
+1. Every candidate is scored in closed form (:mod:`airswing.gap.model.evidence`) with one noise factor
+   kappa for all, and passes a gate if its evidence by its *own* noise factor plus its log prior
+   exceeds `GATE`. Mixing the two factors in one ranking would make a change and a table of the date
+   replace each other for ever.
+2. The best of each name and the best tables are fitted jointly with all terms in the model and
+   ranked by exact marginal likelihood. The screening score of a fleet-wide candidate is limited by
+   T and hardly says which shape fits.
+3. A name represents a table where it holds at least `REPRESENTS` of the table's log evidence: its
+   columns are first-order and made of inferred context.
+4. After every addition each term is removed and contested again, until nothing changes.
+
+References
+----------
+Wang, G., Sarkar, A., Carbonetto, P. and Stephens, M. (2020). A simple new approach to variable
+selection in regression, with application to genetic fine mapping. J. R. Stat. Soc. B 82, 1273-1300
+(credible sets).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.gap.model.candidates import Group
+from airswing.gap.model.evidence import dated_evidence, number_prior, static_evidence
+from airswing.gap.model.terms import Model, Statistics, Term
+
+Floats = NDArray[np.float64]
+
+#: Log posterior odds from which a candidate may enter: probability 0.95.
+GATE = 3.0
+#: Share of a table's log evidence that a name must hold: a deviation of 5 degrees turns the heading
+#: its columns are evaluated at, an error of first order of (5 degrees)^2 / 2 = 0.4 % of the energy;
+#: ten times that for context that is inferred.
+REPRESENTS = 0.96
+#: Share below the best screening score within which candidates are contested, nats beyond it, and
+#: how many of each kind.
+CLOSE, MARGIN, NAMES, TABLES = 0.8, 10.0, 9, 6
+#: Most terms, and rounds of replacement after an addition.
+MOST, ROUNDS = 10, 3
+
+
+def screen(model: Model) -> list[Term]:
+    """All candidates given the terms in the model, best first; ``score`` holds the log prior."""
+    groups = [g for g in model.sums.candidates.groups if g.kind != "nuisance"]
+    statistics = [(g, model.statistics(g)) for g in groups]
+    # of tables and names that act always: the factor of a usual candidate
+    usual = [float(np.median(s.factor)) for g, s in statistics if g.kind != "dated"]
+    model.kappa = max(1.0, float(np.median(usual)))
+    out: list[Term] = []
+    for group, found in statistics:
+        factor = max(model.kappa, float(np.mean(found.factor)))
+        if group.kind == "dated":
+            ranked, gated = dated_evidence(model, group, (model.kappa, factor))
+            if gated.tails:
+                out.append(
+                    Term(
+                        group,
+                        "a",
+                        gated.tails,
+                        gated.scale,
+                        gated.start,
+                        ranked.evidence + group.prior,
+                        gated.evidence + group.prior,
+                        gated.inclusion,
+                    )
+                )
+            continue
+        out += _static(group, found, model.kappa, factor)
+    return sorted(out, key=lambda term: -term.score)
+
+
+def _static(group: Group, found: Statistics, kappa: float, factor: float) -> list[Term]:
+    ranked = static_evidence(found, kappa, group.scopes)
+    gated = ranked
+    if factor > kappa and any(r.evidence + group.prior > GATE for r in ranked.values()):
+        gated = static_evidence(found, factor, group.scopes)
+    return [
+        Term(
+            group,
+            scope,
+            one.tails,
+            one.scale,
+            {},
+            one.evidence + group.prior,
+            gated[scope].evidence + group.prior,
+            one.inclusion,
+        )
+        for scope, one in ranked.items()
+        if one.tails
+    ]
+
+
+def contest(
+    model: Model, terms: Sequence[Term], ranked: Sequence[Term], gate: float = GATE
+) -> list[Term]:
+    """Best candidates by exact marginal likelihood beside the terms, best first."""
+    able = [term for term in ranked if term.gate > gate]
+    if not able:
+        return []
+    least = able[0].score - CLOSE * abs(able[0].score) - MARGIN
+    short: list[Term] = []
+    seen: set[tuple[str, str, str]] = set()
+    for term in able:
+        kind = (term.group.name, term.scope, term.group.kind)
+        if term.score > least and kind not in seen:
+            seen.add(kind)
+            short.append(term)
+    names = [t for t in short if t.group.named][:NAMES]
+    tables = [t for t in short if not t.group.named][:TABLES]
+    short = names + tables
+    before = model.evidence(terms, model.kappa)
+    scored = []
+    for term in short:
+        exact = model.evidence([*terms, term], model.kappa) - before
+        scored.append(term.with_score(exact + term.group.prior + set_prior(model, term)))
+    scored.sort(key=lambda term: -term.score)
+    best = scored[0]
+    if not best.group.named:
+        represented = [t for t in scored if t.group.named and t.score > REPRESENTS * best.score]
+        if represented:
+            best = represented[0]
+    rivals = tuple(
+        (best.score - t.score, t.group.name, t.scope) for t in scored if t is not best
+    )
+    return [replace(best, rivals=rivals), *(t for t in scored if t is not best)]
+
+
+def set_prior(model: Model, term: Term) -> float:
+    """Log prior of a term's aircraft and dates."""
+    out = 0.0
+    if term.scope == "a":
+        out += float(number_prior(model.sums.A)[len(term.tails)])
+    return out - np.log(model.sums.D) * len(set(term.start.values()))
+
+
+def search(
+    model: Model,
+    *,
+    start: Sequence[Term] = (),
+    say: Callable[[str], None] = lambda text: None,
+) -> list[Term]:
+    """Add terms, and replace or remove them, until nothing changes."""
+    terms = list(start)
+    model.condition(terms)
+    if terms:
+        terms = revisit(model, terms, 1, say)
+    seen: set[frozenset[tuple[object, ...]]] = set()
+    for _ in range(MOST):
+        found = contest(model, terms, screen(model))
+        if not found:
+            break
+        say(f"+ {describe(found[0])}")
+        terms = [*terms, found[0]]
+        model.condition(terms)
+        if len(terms) > 1:
+            terms = revisit(model, terms, ROUNDS, say)
+        state = frozenset(term.label for term in terms)
+        if state in seen:
+            break
+        seen.add(state)
+    return terms
+
+
+def revisit(
+    model: Model, terms: list[Term], rounds: int, say: Callable[[str], None]
+) -> list[Term]:
+    """Remove each term and contest its place, until nothing changes."""
+    for _ in range(rounds):
+        changed = False
+        for term in list(terms):
+            rest = [other for other in terms if other is not term]
+            model.condition(rest)
+            found = contest(model, rest, screen(model))
+            if not found:
+                say(f"- {describe(term)}")
+                terms, changed = rest, True
+                continue
+            new = found[0]
+            if new.label != term.label:
+                say(f"~ {describe(term)} -> {describe(new)}")
+            changed |= new.key != term.key
+            terms = [new if other is term else other for other in terms]
+        model.condition(terms)
+        if not changed:
+            break
+    return terms
+
+
+def describe(term: Term) -> str:
+    """A term in one line."""
+    days = f" from day {sorted(set(term.start.values()))}" if term.start else ""
+    return (
+        f"{term.group.name}{list(term.group.form) or ''} {term.scope} {len(term.tails)} aircraft"
+        f"{days} score {term.score:.1f} gate {term.gate:.1f} s {term.scale}"
+        f" rivals {[(round(r[0], 1), r[1], r[2]) for r in term.rivals[:4]]}"
+    )

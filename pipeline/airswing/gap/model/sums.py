@@ -1,0 +1,192 @@
+"""Whitened columns and their sums by aircraft and day, with the days' common fields eliminated.
+
+The covariance of the residual is V = R + F Lambda F': R the noise along flights, which the
+recursion of `airswing.gap.noise.whitening` makes the identity, and F the fields that all aircraft
+of a day share (`airswing.gap.design.weather`), with coefficients N(0, Lambda) on each day. With
+M_d = F_d'F_d + Lambda^-1 and C_ad = M_d^-1/2 F_ad' Z_ad,
+
+    Z' V^-1 Z = Z'Z - C'C,
+
+so that all algebra of the model runs on sums by aircraft and day. Lambda is fitted by expectation
+maximisation on the residual alone.
+
+A day ends at the hour at which fewest reports are made, so that few flights cross it.
+
+Units: m/s; whitened values are dimensionless. Rows are kept in single precision, 2 (n p) numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.gap.archive.frame import Frame
+from airswing.gap.model.candidates import Candidates, Group, Singles
+from airswing.gap.noise.model import NoiseFit
+from airswing.gap.noise.whitening import whiten
+from airswing.units import DAY
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+#: Columns for which memory is set aside beyond those of the first call (tables of two variables).
+SPARE = 600
+#: Variance of the day fields that expectation maximisation starts from, m2 s-2, and its steps.
+START, STEPS = 0.5, 30
+
+
+def days_of(frame: Frame) -> tuple[Integers, Integers, float]:
+    """Days with reports, the index of each report's day, and the second of the day they end at."""
+    hour = np.bincount((np.mod(frame.time, DAY) // 3600).astype(np.int64), minlength=24)
+    three = np.convolve(np.r_[hour, hour[:2]], np.ones(3), "valid")
+    ends = (float(np.argmin(three)) + 1.5) * 3600.0
+    day = np.floor((frame.time - ends) / DAY).astype(np.int64)
+    days, index = np.unique(day, return_inverse=True)
+    return days, index, ends
+
+
+class Sums:
+    """Whitened rows of an archive by aircraft and day, and sums of their columns.
+
+    Attributes
+    ----------
+    days : (D,) int
+        Days since 1970, shifted by ``ends`` (s).
+    aircraft, day : (n,) int
+        Of each report, in the frame's order.
+    rows : (2 n, p) float32
+        Whitened columns, sorted by aircraft and day.
+    shared : (A, D, q, p) float32
+        C of the module.
+    """
+
+    def __init__(
+        self,
+        frame: Frame,
+        noise: NoiseFit,
+        candidates: Candidates,
+        fields: Floats,
+        residual: Floats,
+    ) -> None:
+        self.frame, self.noise, self.candidates = frame, noise, candidates
+        self.days, self.day, self.ends = days_of(frame)
+        self.aircraft = frame.aircraft
+        self.A, self.D, self.n = len(frame.tails), self.days.size, frame.size
+        self.order = np.lexsort((self.day, frame.aircraft))
+        key = (frame.aircraft * self.D + self.day)[self.order]
+        self.key = np.repeat(key, 2)
+        self.cuts = 2 * np.searchsorted(key, np.arange(self.A * self.D + 1))
+        self.day_of_row = self.key % self.D
+        self.cells = [
+            (i // self.D, i % self.D, slice(int(self.cuts[i]), int(self.cuts[i + 1])))
+            for i in range(self.A * self.D)
+            if self.cuts[i] < self.cuts[i + 1]
+        ]
+        self.flown = np.zeros((self.A, self.D), bool)
+        for a, d, _ in self.cells:
+            self.flown[a, d] = True
+        self.fields = self._sorted(fields)
+        self.set_residual(residual, first=True)
+        self.rows = np.empty((2 * self.n, candidates.width + SPARE), np.float32)
+        self.shared = np.zeros((self.A, self.D, self.fields.shape[1], self.rows.shape[1]), np.float32)
+        self.width = 0
+        self._grams: dict[tuple[int, int], tuple[Floats, Floats]] = {}
+        self._own: dict[int, tuple[Group, Floats, Floats]] = {}
+        self.extend()
+
+    def rows_of(self, aircraft: int) -> slice:
+        """Rows of an aircraft."""
+        return slice(int(self.cuts[aircraft * self.D]), int(self.cuts[(aircraft + 1) * self.D]))
+
+    def _sorted(self, columns: NDArray[np.floating]) -> Singles:
+        white = whiten(np.asarray(columns, np.float32), self.noise.order, self.noise.gains)
+        return np.ascontiguousarray(white[self.order]).reshape(2 * self.n, -1)
+
+    def set_residual(self, residual: Floats, *, first: bool = False) -> None:
+        """Take another residual (n, 2), m/s; the fields' variances are those of the first."""
+        self.residual = self._sorted(residual[:, :, None])[:, 0]
+        if first:
+            self._fit_fields()
+        self.inverse_residual = self.invert(self.residual)
+
+    def extend(self) -> None:
+        """Whiten and sum the candidates' columns built since the last call."""
+        for where, columns in self.candidates.pending():
+            if where.stop > self.rows.shape[1]:
+                raise MemoryError("no memory was set aside for further columns")
+            self.rows[:, where] = self._sorted(columns)
+            for a, d, own in self.cells:
+                self.shared[a, d, :, where] = self.root32[d] @ (
+                    self.fields[own].T @ self.rows[own, where]
+                )
+            self.width = where.stop
+
+    def _fit_fields(self) -> None:
+        """Variances of the day fields by expectation maximisation, and roots of M_d."""
+        q = self.fields.shape[1]
+        gram, score = np.zeros((self.D, q, q)), np.zeros((self.D, q))
+        for _, d, own in self.cells:
+            rows = self.fields[own].astype(float)
+            gram[d] += rows.T @ rows
+            score[d] += rows.T @ self.residual[own]
+        variance = np.full(q, START)
+        for _ in range(STEPS):
+            inverse = np.linalg.inv(gram + np.diag(1 / variance))
+            mean = np.einsum("dij,dj->di", inverse, score)
+            variance = (mean**2 + np.einsum("dii->di", inverse)).mean(axis=0)
+        self.field_variance = variance
+        self.root = np.linalg.inv(np.linalg.cholesky(gram + np.diag(1 / variance)))
+        self.root32 = self.root.astype(np.float32)
+
+    def invert(self, values: NDArray[np.floating]) -> NDArray[np.floating]:
+        """V^-1 times a vector over the rows."""
+        total = np.zeros((self.D, self.fields.shape[1]))
+        for _, d, own in self.cells:
+            total[d] += values[own] @ self.fields[own]
+        fitted = np.einsum("dji,djk,dk->di", self.root, self.root, total).astype(np.float32)
+        return np.asarray(values - np.einsum("nq,nq->n", self.fields, fitted[self.day_of_row]))
+
+    def scores(self, values: NDArray[np.floating]) -> Floats:
+        """Columns' products with a vector over the rows, by aircraft and day, (A, D, p)."""
+        out = np.zeros((self.A, self.D, self.width))
+        for a, d, own in self.cells:
+            out[a, d] = values[own] @ self.rows[own, : self.width]
+        return out
+
+    def information(self, group: Group) -> tuple[Floats, Floats]:
+        """Information about a group's coefficients: (A, D, m, m) of aircraft, (D, m, m) of all."""
+        known = self._own.get(id(group))
+        if known is not None:
+            return known[1], known[2]
+        by_aircraft, of_fleet = self._gram(group.columns)
+        t = group.transform
+        made = (
+            np.einsum("ki,adkl,lj->adij", t, by_aircraft, t, optimize=True),
+            np.einsum("ki,dkl,lj->dij", t, of_fleet, t, optimize=True),
+        )
+        self._own[id(group)] = (group, *made)
+        return made
+
+    def _gram(self, columns: slice) -> tuple[Floats, Floats]:
+        key = (columns.start, columns.stop)
+        if key not in self._grams:
+            k = columns.stop - columns.start
+            plain = np.zeros((self.A, self.D, k, k))
+            for a, d, own in self.cells:
+                rows = self.rows[own, columns]
+                plain[a, d] = rows.T @ rows
+            shared = self.shared[..., columns].astype(float)
+            whole = shared.sum(axis=0)
+            self._grams[key] = (
+                plain - np.einsum("adqi,adqj->adij", shared, shared, optimize=True),
+                plain.sum(axis=0) - np.einsum("dqi,dqj->dij", whole, whole, optimize=True),
+            )
+        return self._grams[key]
+
+    def cells_of(self, aircraft: int) -> Iterator[tuple[int, slice]]:
+        """Days of an aircraft with their rows."""
+        for a, d, own in self.cells:
+            if a == aircraft:
+                yield d, own

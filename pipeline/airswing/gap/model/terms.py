@@ -1,0 +1,283 @@
+"""Terms that are in the model, fitted jointly; and the statistics of every candidate given them.
+
+With X the columns of all terms and prior precision P (1 / s^2 of each coefficient),
+
+    H = X' V^-1 X + P,   theta = H^-1 X' V^-1 r,
+    log p(r) = const + h'H^-1 h / 2 - log det(H) / 2 + log det(P) / 2,
+
+h = X' V^-1 r; with a noise factor kappa both X' V^-1 X and h are divided by it. Given the terms, the
+score of a candidate Z is b_ad = Z_ad' V^-1 (r - X theta) and its information G - W'W, with
+W = H^-1/2 X' V^-1 Z.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.gap.model.candidates import Group
+from airswing.gap.model.sums import Sums
+
+Floats = NDArray[np.float64]
+
+#: Prior standard deviation of the reference's climatology, m/s: what weather models err by in the
+#: mean of a month at one place and level (bias of upper-air winds in radiosonde verification).
+CLIMATOLOGY = 0.6
+
+
+@dataclass(frozen=True)
+class Term:
+    """A candidate at work: on whom, since when, with which prior scale and evidence.
+
+    Attributes
+    ----------
+    group : Group
+    scope : {"a", "f"}
+    tails : tuple of int
+        Aircraft, by number.
+    scale : float
+        Prior standard deviation s, m/s where it acts.
+    start : mapping
+        Aircraft -> index of the first day it is in force; empty for the whole archive.
+    score : float
+        Log evidence with the log prior, nats: of the exact contest where it took part in one.
+    gate : float
+        The same by the candidate's own noise factor.
+    inclusion : (A,) float
+        Posterior probability of each aircraft.
+    rivals : tuple
+        (evidence it lies ahead, name, scope) of the other candidates of the contest.
+    """
+
+    group: Group
+    scope: str
+    tails: tuple[int, ...]
+    scale: float
+    start: Mapping[int, int] = field(default_factory=dict)
+    score: float = 0.0
+    gate: float = 0.0
+    inclusion: Floats | None = None
+    rivals: tuple[tuple[float, str, str], ...] = ()
+
+    @property
+    def key(self) -> tuple[object, ...]:
+        """What identifies its columns."""
+        return (
+            self.group.columns.start,
+            self.group.form,
+            self.group.kind,
+            self.scope,
+            self.tails,
+            tuple(sorted(self.start.items())),
+        )
+
+    @property
+    def label(self) -> tuple[str, str, tuple[int, ...]]:
+        """What identifies it without aircraft and dates."""
+        return self.group.name, self.scope, self.group.form
+
+    def with_score(self, score: float) -> Term:
+        """The term with another score."""
+        return replace(self, score=score)
+
+
+class _Columns:
+    """Columns of a term on the rows of each aircraft, and what they share with the day fields."""
+
+    def __init__(self, sums: Sums, term: Term) -> None:
+        m = term.group.size
+        transform = term.group.transform.astype(np.float32)
+        self.width = m if term.scope == "f" else m * len(term.tails)
+        self.rows: dict[int, tuple[NDArray[np.int64], NDArray[np.float32]]] = {}
+        self.shared = np.zeros((sums.D, sums.fields.shape[1], self.width))
+        for j, a in enumerate(term.tails):
+            own = sums.rows_of(a)
+            values = sums.rows[own, term.group.columns] @ transform
+            first = term.start.get(a, 0)
+            values[sums.day_of_row[own] < first] = 0.0
+            at = np.arange(m) if term.scope == "f" else np.arange(j * m, (j + 1) * m)
+            self.rows[a] = (at, values)
+            shared = np.einsum("dqk,km->dqm", sums.shared[a][:, :, term.group.columns], transform)
+            shared[:first] = 0.0
+            self.shared[:, :, at] += shared
+        self.score = np.zeros(self.width)
+        for a, (at, values) in self.rows.items():
+            self.score[at] += values.T @ sums.inverse_residual[sums.rows_of(a)]
+
+    def product(self, other: _Columns) -> Floats:
+        """X' V^-1 Y with the columns of another term."""
+        out = -np.einsum("dqi,dqj->ij", self.shared, other.shared, optimize=True)
+        for a in self.rows.keys() & other.rows.keys():
+            (i, x), (j, y) = self.rows[a], other.rows[a]
+            out[np.ix_(i, j)] += x.T @ y
+        return np.asarray(out)
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """Scores and information of a candidate given the terms in the model, by aircraft and day."""
+
+    score: Floats  # (A, m)
+    information: Floats  # (A, m, m)
+    fleet_information: Floats  # (m, m)
+    fleet_inverse: Floats
+    ridge: Floats  # (m, m)
+    factor: Floats  # (A,): noise factor of single aircraft
+    fleet_factor: float
+
+
+class Model:
+    """Terms that are conditioned on."""
+
+    def __init__(self, sums: Sums) -> None:
+        self.sums = sums
+        nuisance = next(g for g in sums.candidates.groups if g.kind == "nuisance")
+        self.base = Term(nuisance, "f", tuple(range(sums.A)), CLIMATOLOGY)
+        self._made: dict[tuple[object, ...], _Columns] = {}
+        self._products: dict[tuple[object, object], Floats] = {}
+        self.kappa = 1.0
+        self.condition([])
+
+    def forget(self) -> None:
+        """Drop columns of terms that are not in the model."""
+        kept = {term.key for term in (self.base, *self.terms)}
+        self._made = {key: made for key, made in self._made.items() if key in kept}
+        self._products = {
+            pair: made for pair, made in self._products.items() if set(pair) <= kept
+        }
+
+    def renew(self) -> None:
+        """Take up another residual of the sums."""
+        self._made, self._products = {}, {}
+        self.condition(self.terms)
+
+    def _columns(self, term: Term) -> _Columns:
+        if term.key not in self._made:
+            self._made[term.key] = _Columns(self.sums, term)
+        return self._made[term.key]
+
+    def _product(self, one: Term, other: Term) -> Floats:
+        pair = (one.key, other.key)
+        if pair not in self._products:
+            made = self._columns(one).product(self._columns(other))
+            self._products[pair], self._products[pair[::-1]] = made, made.T
+        return self._products[pair]
+
+    # ----------------------------------------------------------------------------------- the fit
+    def system(self, terms: Sequence[Term]) -> tuple[Floats, Floats, Floats]:
+        """X' V^-1 X, X' V^-1 r and the diagonal of P of the climatology and some terms."""
+        every = [self.base, *terms]
+        gram = np.block([[self._product(x, y) for y in every] for x in every])
+        score = np.concatenate([self._columns(x).score for x in every])
+        precision = np.concatenate(
+            [np.full(self._columns(x).width, 1 / x.scale**2) for x in every]
+        )
+        return gram, score, precision
+
+    def evidence(self, terms: Sequence[Term], kappa: float) -> float:
+        """Log marginal likelihood of terms with noise variance kappa, nats, but for a constant."""
+        gram, score, precision = self.system(terms)
+        root = np.linalg.cholesky(gram / kappa + np.diag(precision))
+        solved = np.linalg.solve(root, score / kappa)
+        return float(
+            0.5 * solved @ solved
+            - np.log(np.diag(root)).sum()
+            + 0.5 * np.log(precision).sum()
+        )
+
+    def condition(self, terms: Sequence[Term]) -> None:
+        """Fit terms, and take the candidates' statistics given them."""
+        sums = self.sums
+        self.terms = list(terms)
+        every = [self.base, *terms]
+        gram, score, precision = self.system(terms)
+        self.hessian = gram + np.diag(precision)
+        self.theta = np.linalg.solve(self.hessian, score)
+        made = [self._columns(x) for x in every]
+        self.offsets = np.cumsum([0] + [one.width for one in made])
+        fitted = np.zeros(2 * sums.n, np.float32)
+        width, p = int(self.offsets[-1]), sums.width
+        cross = np.zeros((sums.A, width, p), np.float32)
+        self.term_shared = np.concatenate([one.shared for one in made], axis=2)
+        flat = self.term_shared.astype(np.float32).reshape(-1, width)
+        for a in range(sums.A):
+            own = sums.rows_of(a)
+            cross[a] = -flat.T @ sums.shared[a, :, :, :p].reshape(-1, p)
+            for start, one in zip(self.offsets, made, strict=False):
+                if a in one.rows:
+                    at, values = one.rows[a]
+                    fitted[own] += values @ self.theta[start + at].astype(np.float32)
+                    cross[a, start + at] += values.T @ sums.rows[own, :p]
+        self.left = sums.inverse_residual - sums.invert(fitted)
+        self.day_score = sums.scores(self.left)
+        self.inverse_root = np.linalg.inv(np.linalg.cholesky(self.hessian)).astype(np.float32)
+        self.explained = np.einsum("ij,ajp->aip", self.inverse_root, cross, optimize=True)
+        self._whole_explained = self.explained.sum(axis=0)
+        self.forget()
+
+    # ------------------------------------------------------------------------------ one candidate
+    def statistics(self, group: Group) -> Statistics:
+        """Scores and information of a candidate, with its noise factors."""
+        by_day, fleet_by_day = self.sums.information(group)
+        t, m = group.transform, group.size
+        whole, fleet_whole = by_day.sum(axis=1), fleet_by_day.sum(axis=0)
+        known = self.explained[:, :, group.columns] @ t
+        information = whole - np.einsum("aim,ain->amn", known, known)
+        of_fleet = self._whole_explained[:, group.columns] @ t
+        fleet_information = fleet_whole - of_fleet.T @ of_fleet
+        day_score = self.day_score[:, :, group.columns] @ t
+        score = day_score.sum(axis=1)
+        ridge = 1e-7 * np.trace(whole.sum(axis=0)) / m * np.eye(m) + 1e-12 * np.eye(m)
+        # the aircraft's own fit, whose part in the scores of its days is no scatter of theirs
+        fit = np.linalg.solve(information + np.eye(m) / WIDE**2, score[..., None])[..., 0]
+        back = np.einsum("amn,an->am", np.linalg.solve(whole + ridge, information), fit)
+        apart = day_score - np.einsum("adij,aj->adi", by_day, back)
+        inverse = np.linalg.inv(information + ridge)
+        fleet_inverse = np.linalg.inv(fleet_information + ridge)
+        factor = np.maximum(*(_scatter(apart, by_day, inverse, ridge, n) for n in BLOCKS))
+        together = apart.sum(axis=0)[None]
+        fleet_factor = max(
+            _scatter(together, fleet_by_day[None], fleet_inverse[None], ridge, n)[0] for n in BLOCKS
+        )
+        return Statistics(
+            score, information, fleet_information, fleet_inverse, ridge, factor, float(fleet_factor)
+        )
+
+
+#: Prior scale, m/s, of the fit that is taken off before days' scores are compared.
+WIDE = 4.8
+#: Days in a cluster; the larger scatter counts: what lasts for days is seen in blocks of four.
+BLOCKS = (1, 4)
+
+
+def _scatter(score: Floats, by_day: Floats, inverse: Floats, ridge: Floats, block: int) -> Floats:
+    """Scatter of scores of blocks of days over what independent errors give, by aircraft.
+
+    Parameters
+    ----------
+    score : (A, D, m) float
+        Less what the aircraft's own fit explains.
+    by_day : (A, D, m, m) float
+        Information by day.
+    inverse : (A, m, m) float
+        Inverse of the information given the terms.
+    block : int
+        Days in a cluster.
+
+    Notes
+    -----
+    sum_d s_d' G^-1 s_d / (m - tr sum_d (G^-1 G_d)^2): the fit takes a part of every block's score.
+    """
+    cuts = np.arange(0, score.shape[1], block)
+    score = np.add.reduceat(score, cuts, axis=1)
+    by_day = np.add.reduceat(by_day, cuts, axis=1)
+    whole = by_day.sum(axis=1)
+    turned = np.linalg.solve(whole + ridge, by_day.swapaxes(0, 1)).swapaxes(0, 1)
+    product = np.einsum("aij,ajk->aik", inverse, whole)
+    own = np.einsum("aij,adjk,adki->a", product, turned, turned, optimize=True)
+    free = np.trace(product, axis1=1, axis2=2)
+    squared = np.einsum("adi,aij,adj->a", score, inverse, score, optimize=True)
+    return np.asarray(squared / np.maximum(free - own, 0.2 * free + 1e-12))

@@ -1,0 +1,364 @@
+"""From a fitted model to gap.json: names, unknowns, probabilities, closure.
+
+Terms of one name that act on the whole archive are one claim, whatever their scopes: the
+coefficients of an aircraft are the fleet's and its own. So are tables of one variable and component.
+
+The probability of a claim is ``1 / (1 + exp(-(CALIBRATION[0] + CALIBRATION[1] gate)))``, gate its log
+posterior odds in nats with its own noise factor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.gap.archive.reported_variables import CATEGORIES, KINDS, UNITS, Variable
+from airswing.gap.archive.value_tables import UNIT_OF
+from airswing.gap.effects import CATALOGUE, separated_by
+from airswing.gap.effects.base import Effect, Errors, Told
+from airswing.gap.model.candidates import Table
+from airswing.gap.model.closure import Closure, Step
+from airswing.gap.model.passes import Fitted
+from airswing.gap.model.terms import Term
+from airswing.gap.result.schema import (
+    ClosesEntry,
+    CurveEntry,
+    EffectEntry,
+    PlaceEntry,
+    RivalEntry,
+    TailEntry,
+)
+from airswing.units import DAY
+
+Floats = NDArray[np.float64]
+
+#: Intercept and slope of the log odds that a claim is right; `benchmarks.gap_paired calibrate`.
+CALIBRATION = (0.0, 0.3)
+LARGEST = 30.0  # nats
+#: Cells of a table of one variable and of two, by kind.
+CELLS = {"circular": (36, 12), "linear": (20, 8), "category": (3, 3)}
+#: Evidence of a rival behind the best, nats, within which 95 % of the posterior mass lies, times
+#: the noise factor.
+CREDIBLE = 3.0
+
+
+@dataclass(frozen=True)
+class Claim:
+    """Terms that are one statement: a name of the catalogue, or tables of one variable."""
+
+    terms: tuple[int, ...]
+    named: bool
+    score: float
+    gate: float
+
+
+def claims_of(terms: Sequence[Term]) -> list[Claim]:
+    """Claims of the terms, names first, the largest evidence first."""
+    merged: dict[tuple[object, ...], list[int]] = {}
+    for k, term in enumerate(terms):
+        key: tuple[object, ...] = (term.group.name, bool(term.start))
+        merged.setdefault(key, []).append(k)
+    out = [
+        Claim(
+            tuple(own),
+            terms[own[0]].group.named,
+            max(terms[k].score for k in own),
+            max(terms[k].gate for k in own),
+        )
+        for own in merged.values()
+    ]
+    return sorted(out, key=lambda claim: (not claim.named, -claim.score))
+
+
+def probability(gate: float) -> float:
+    """Probability that a claim is right, from its log posterior odds, nats."""
+    odds = CALIBRATION[0] + CALIBRATION[1] * gate
+    return float(1 / (1 + np.exp(-np.clip(odds, -LARGEST, LARGEST))))
+
+
+def coefficients(fitted: Fitted, claim: Claim) -> tuple[list[int], Floats, Floats]:
+    """Aircraft of a claim, their raw coefficients (t, k), and the covariances (t, k, k)."""
+    model, terms = fitted.model, fitted.model.terms
+    inverse = model.inverse_root.astype(float)
+    covariance = model.kappa * (inverse.T @ inverse)
+    tails = sorted({a for k in claim.terms for a in terms[k].tails})
+    k_raw = terms[claim.terms[0]].group.transform.shape[0]
+    maps = np.zeros((len(tails), k_raw, covariance.shape[0]))
+    for k in claim.terms:
+        term, start = terms[k], int(model.offsets[k + 1])
+        m = term.group.size
+        for row, a in enumerate(tails):
+            if a in term.tails:
+                at = start + (0 if term.scope == "f" else m * term.tails.index(a))
+                maps[row, :, at : at + m] += term.group.transform
+    values = maps @ model.theta
+    errors = np.einsum("tki,ij,tlj->tkl", maps, covariance, maps, optimize=True)
+    return tails, values, errors
+
+
+def effect_entry(
+    fitted: Fitted, claim: Claim, effects: Mapping[str, Effect], step: Step, share: float
+) -> EffectEntry:
+    """Entry of a named effect."""
+    terms = [fitted.model.terms[k] for k in claim.terms]
+    first = terms[0]
+    name = first.group.name
+    effect = effects[name]
+    tails, values, errors = coefficients(fitted, claim)
+    whole = all(term.scope == "f" for term in terms)
+    scales = np.asarray(effect.column_scales, float)
+    frame = fitted.frame
+    each = []
+    for value, error in zip(values, errors, strict=True):
+        start = _start(fitted, first)
+        counted = frame if start is None else replace(frame, epoch=start)
+        coefficient, spread = value * scales, error * np.outer(scales, scales)
+        if effect.kind == "drift" and start is not None:
+            # fitted from the archive's first report on, stated from the date on
+            turn = np.eye(scales.size)
+            turn[1, 0] = start - frame.epoch
+            coefficient, spread = turn @ coefficient, turn @ spread @ turn.T
+        each.append(effect.to_parameters(coefficient, spread, counted))
+        if whole:
+            break
+    names = [frame.tails[a] for a in tails]
+    per_tail = {t: TailEntry(p, e) for t, (p, e) in zip(names, each, strict=False)}
+    rivals = _rivals(terms, fitted.model.kappa)
+    size = np.concatenate([_sizes(fitted, k) for k in claim.terms])
+    return EffectEntry(
+        name=name,
+        probability=probability(claim.gate),
+        tails=names,
+        parameters=summary([p for p, _ in each]),
+        standard_errors=_typical([e for _, e in each]),
+        period=_period(fitted, first),
+        scope="reference" if effect.scope == "reference" else "fleet" if whole else "aircraft",
+        evidence_nats=round(claim.score, 2),
+        cluster_factor=round(float(fitted.model.kappa), 2),
+        size_m_s=float(np.median(size)),
+        per_tail=None if whole or len(each) < 2 else per_tail,
+        ambiguous_with=[rival.name for rival in rivals],
+        ambiguity=rivals,
+        share_of_gap=share,
+        held_out_energy=2.0 * claim.score,
+        closure=ClosesEntry(step.reduction, list(step.interval)),
+    )
+
+
+def _sizes(fitted: Fitted, k: int) -> Floats:
+    """Rms of a term where it acts, by aircraft, m/s."""
+    term, model = fitted.model.terms[k], fitted.model
+    own = model.theta[model.offsets[k + 1] : model.offsets[k + 2]].reshape(-1, term.group.size)
+    # the transform makes an effect of 1 m/s rms of a coefficient vector of length root m
+    return np.asarray(np.sqrt((own**2).sum(axis=1)))
+
+
+def _rivals(terms: Sequence[Term], kappa: float) -> list[RivalEntry]:
+    """Names within the credible set of a claim's contests."""
+    name = terms[0].group.name
+    behind: dict[str, float] = {}
+    for term in terms:
+        for apart, other, _ in term.rivals:
+            if other in CATALOGUE and other != name and apart < CREDIBLE * kappa:
+                behind[other] = min(apart, behind.get(other, np.inf))
+    return [
+        RivalEntry(other, behind[other], separated_by(other, name, otherwise="a longer record"))
+        for other in sorted(behind, key=behind.__getitem__)
+    ]
+
+
+def _start(fitted: Fitted, term: Term) -> float | None:
+    """First second a dated term is in force."""
+    if not term.start:
+        return None
+    sums = fitted.model.sums
+    return float(sums.days[min(term.start.values())]) * DAY + sums.ends
+
+
+def _period(fitted: Fitted, term: Term) -> list[str | None] | None:
+    start = _start(fitted, term)
+    if start is None:
+        return None
+    # the day that holds most of it
+    return [datetime.fromtimestamp(start + DAY / 2, UTC).strftime("%Y-%m-%d"), None]
+
+
+def summary(values: Sequence[Told]) -> Told:
+    """Median over aircraft of each parameter; a phase as the angle it is."""
+    if len(values) == 1:
+        return dict(values[0])
+    out: Told = {}
+    for name in values[0]:
+        column = [v[name] for v in values]
+        numbers = [x for x in column if isinstance(x, int | float)]
+        if len(numbers) < len(column):
+            out[name] = column[0]
+        elif name.startswith("phase"):
+            turn = np.exp(1j * np.radians(numbers)).mean()
+            out[name] = float(np.degrees(np.angle(turn)))
+        else:
+            out[name] = float(np.median(numbers))
+    return out
+
+
+def _typical(errors: Sequence[Errors]) -> Errors:
+    return {name: float(np.median([one[name] for one in errors])) for name in errors[0]}
+
+
+# ------------------------------------------------------------------------------------------ tables
+def place_entry(fitted: Fitted, claim: Claim, step: Step) -> PlaceEntry:
+    """Entry of a table."""
+    terms = [fitted.model.terms[k] for k in claim.terms]
+    group = terms[0].group
+    tails, values, _ = coefficients(fitted, claim)
+    frame = fitted.frame
+    whole = any(term.scope == "f" for term in terms) or len(tails) == len(frame.tails)
+    curve = table_curve(fitted, fitted.model.sums.candidates.tables[group.name], tails, values)
+    nearest, share = _nearest(terms)
+    size = np.concatenate([_sizes(fitted, k) for k in claim.terms])
+    alike = [n for t in terms for a, n, _ in t.rivals if "|" in n and a < 0.2 * abs(t.score)]
+    return PlaceEntry(
+        component=group.component,
+        variable=group.variables[0],
+        variables=list(group.variables),
+        group=group.name,
+        tails=[] if whole else [frame.tails[a] for a in tails],
+        scope="fleet" if whole else "aircraft",
+        evidence_nats=round(claim.score, 2),
+        size_m_s=float(np.median(size)),
+        curve=curve,
+        equally_good=list(dict.fromkeys(alike)),
+        closure=ClosesEntry(step.reduction, list(step.interval)),
+        held_out_energy=2.0 * claim.score,
+        probability=probability(claim.gate),
+        nearest_effect=nearest,
+        nearest_effect_share=share,
+        settled_by=SETTLED.get(group.variables[0], OTHERWISE),
+        title=shape_in_words(curve),
+    )
+
+
+def _nearest(terms: Sequence[Term]) -> tuple[str | None, float | None]:
+    """Named effect with the largest share of the evidence in the contest."""
+    best: tuple[str | None, float | None] = (None, None)
+    for term in terms:
+        for apart, name, _ in term.rivals:
+            share = (term.score - apart) / max(term.score, 1e-9)
+            if name in CATALOGUE and share > 0 and share > (best[1] or 0.0):
+                best = (name, float(min(share, 1.0)))
+    return best
+
+
+def table_curve(
+    fitted: Fitted, table: Table, tails: Sequence[int], values: Floats
+) -> CurveEntry:
+    """Values of a table in cells of its variables, of all aircraft and of each."""
+    variables = fitted.model.sums.candidates.variables
+    names = [curve.variable for curve in table.curves]
+    edges, centres = [], []
+    for name in names:
+        variable: Variable = variables[name]
+        own = variable.edges(CELLS[KINDS[name][0]][len(names) - 1])
+        edges.append([float(x) for x in own])
+        middle = 0.5 * (own[1:] + own[:-1])
+        if KINDS[name][0] == "category":
+            middle = np.arange(own.size - 1, dtype=float)
+        centres.append(middle)
+    functions = np.ones((1, 1))
+    for curve, middle in zip(table.curves, centres, strict=True):
+        own = curve.functions(middle)
+        functions = np.einsum("ij,kl->ikjl", functions, own).reshape(
+            functions.shape[0] * own.shape[0], -1
+        )
+    each = values @ functions.T
+    middle = each.mean(axis=0)
+    apart = float(np.abs(each - middle).max()) > 1e-9
+    frame_tails = fitted.frame.tails
+    return CurveEntry(
+        labels=_labels(names, edges),
+        m_s=[float(x) for x in middle],
+        unit=UNIT_OF[table.component],
+        variables=names,
+        variable_units=[UNITS[name] for name in names],
+        edges=edges,
+        values=[float(x) for x in middle],
+        per_tail={frame_tails[a]: [float(x) for x in row] for a, row in zip(tails, each, strict=True)}
+        if apart
+        else None,
+    )
+
+
+def _labels(names: Sequence[str], edges: Sequence[Sequence[float]]) -> list[str]:
+    out = [""]
+    for name, own in zip(names, edges, strict=True):
+        cells = (
+            list(CATEGORIES[name])
+            if name in CATEGORIES
+            else [f"{a:.4g} to {b:.4g}" for a, b in zip(own[:-1], own[1:], strict=True)]
+        )
+        out = [f"{one}; {cell}" if one else cell for one in out for cell in cells]
+    return out
+
+
+#: Share of a curve's variance that a simple shape must hold to be stated.
+SIMPLE = 0.9
+
+
+def shape_in_words(curve: CurveEntry) -> str | None:
+    """The curve as a simple shape, where one holds nearly all of its variance."""
+    if curve.variables is None or curve.edges is None or len(curve.variables) != 1:
+        return None
+    name, unit = curve.variables[0], (curve.variable_units or [""])[0]
+    if KINDS[name][0] != "linear":
+        return None
+    values, edges = np.asarray(curve.values, float), np.asarray(curve.edges[0], float)
+    x = 0.5 * (edges[1:] + edges[:-1])
+    total = float(((values - values.mean()) ** 2).sum())
+    if values.size < 4 or total <= 0:
+        return None
+    label = name.replace("_", " ")
+    slope, intercept = np.polyfit(x, values, 1)
+    if 1 - ((values - slope * x - intercept) ** 2).sum() / total > SIMPLE:
+        return f"linear in {label}: {slope:+.3g} {curve.unit} per {unit or 'unit'}"
+    best, at = -np.inf, 0
+    for k in range(1, values.size):
+        fit = np.r_[np.full(k, values[:k].mean()), np.full(values.size - k, values[k:].mean())]
+        share = 1 - ((values - fit) ** 2).sum() / total
+        if share > best:
+            best, at = share, k
+    if best > SIMPLE:
+        change = values[at:].mean() - values[:at].mean()
+        return f"a step of {change:+.3g} {curve.unit} at {label} {edges[at]:.4g} {unit}".rstrip()
+    peak = int(np.argmax(np.abs(values - np.median(values))))
+    near = np.abs(np.arange(values.size) - peak) <= max(1, values.size // 6)
+    away = values - np.median(values)
+    if (away[near] ** 2).sum() / (away**2).sum() > SIMPLE:
+        return f"a bump of {away[peak]:+.3g} {curve.unit} near {label} {x[peak]:.4g} {unit}".rstrip()
+    return None
+
+
+OTHERWISE = "another unit on the same routes, or these units on other routes"
+#: Measurement that would decide what an unknown is, by its variable.
+SETTLED = {
+    "magnetic_heading": "a compass swing of one of these aircraft on the ground and in flight",
+    "track": "the unit's raw heading and track on flights in both directions",
+    "wind_direction": "the raw air and ground vectors together with the computed wind",
+    "wind_speed": "the raw air and ground vectors together with the computed wind",
+    "temperature": "a recording of the unit's raw sensors through these temperatures",
+    "icing": "flights with de-icing switched on and off in clear air on every heading",
+    "ground_speed": "these legs flown in both directions next to another aircraft",
+    "drift": "the unit's raw heading and track on flights in both directions",
+    "airspeed": "a run at several airspeeds with a trailing cone or a second air data unit",
+    "altitude": "levels flown in both directions next to another aircraft or a radiosonde",
+    "hour": "the unit's clock and its data link compared with a GPS clock over a day",
+    "phase": "the unit's raw sensors through a climb, a cruise and a descent",
+    "acceleration": "a recording of the raw heading through speed changes on several headings",
+    "turn": "a recording of the raw heading through turns and for minutes after them",
+    "last_turn": "the raw heading on one course, turned into from either side",
+    "flight_time": "the unit's raw sensors through an hour of level flight on one course",
+    "bank": "a recording of the raw heading through steady turns in both directions",
+}
