@@ -1,77 +1,73 @@
-"""The diagnosis of an archive in one call: noise, sums, search, where, which, how far.
+"""The diagnosis of an archive in one call: model, closure, what no mean shows, checks, statement.
 
-Assumptions: those of the modules it calls, in the order of docs/gap.md. The search runs twice where
-effects are large: the second time on residuals linearised about the effects found first, with the
-noise fitted after taking them off.
+Order: the effects that can be tested (:mod:`airswing.gap.effects`); search by one statistical model
+(:mod:`airswing.gap.model`); effects that show in no mean (:mod:`airswing.gap.distribution`); closure
+on held-out days; statement as gap.json (:mod:`airswing.gap.result`) and gap.nc.
 
 Validity: at least two aircraft-weeks and some thousand reports for anything but "nothing found".
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.gap.archive.frame import Frame
-from airswing.gap.as_sent.in_turn import all_mended
-from airswing.gap.as_sent.mended import Mended
-from airswing.gap.checks.aliases import hidden_shares
-from airswing.gap.checks.assumptions import Checks, run_checks, with_aliases
-from airswing.gap.checks.refit_claims import Adjustment, make_adjustment
-from airswing.gap.closure.interval import with_interval
-from airswing.gap.closure.of_scatter import (
-    Reduction,
-    reduction_of,
-    with_scatter,
-)
-from airswing.gap.design.candidates import candidates
+from airswing.gap.checks.adjustment import Adjustment
+from airswing.gap.checks.assumptions import run_checks
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.effects.base import Effect
-from airswing.gap.evidence.gaussian import plain_probability
-from airswing.gap.evidence.localisation import slices
-from airswing.gap.evidence.terms import given_terms
-from airswing.gap.held_out.attenuation import readout_factors
-from airswing.gap.held_out.days_left_out import term_coefficients
-from airswing.gap.held_out.reduction import close, whole_coefficients
-from airswing.gap.in_no_mean import in_no_mean
 from airswing.gap.library_threads import one_library_thread
-from airswing.gap.names_and_unknowns import names_and_unknowns
-from airswing.gap.noise.residual_statistics import gross_errors
-from airswing.gap.passes import Pass, Progress, Search, of_view
-from airswing.gap.result.assembled import Findings, assemble
+from airswing.gap.model.closure import Step, close
+from airswing.gap.model.localisation import slices
+from airswing.gap.model.passes import Fitted, fit_model, is_sensor, without_errors
+from airswing.gap.model.terms import Model
 from airswing.gap.result.diagnosis_dataset import diagnosis_dataset
+from airswing.gap.result.report import Findings, assemble
 from airswing.gap.result.schema import EffectEntry, GapReport
-from airswing.gap.result.unknown_entries import with_unknowns
-from airswing.gap.scatter.second_moments import second_moments
-from airswing.gap.search.absorbed_by_unknown import folded
-from airswing.gap.search.cross_validated import Doubtful
-from airswing.gap.search.stepwise import Rules
-from airswing.gap.search.testability import absorbed, too_short
-from airswing.gap.sums.problem import Problem
-from airswing.gap.sums.whole_archive import Archive, held_archive
-from airswing.gap.taken_off.unknown_taken import Taken
+from airswing.gap.result.statement import claims_of
+from airswing.gap.distribution.coded_values import coded_effects
+from airswing.gap.distribution.gross_errors import outliers
+
+Floats = NDArray[np.float64]
+Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What `diagnose` found."""
+    """Result of `diagnose`.
 
-    report: GapReport  # the content of gap.json
-    dataset: xr.Dataset  # the content of gap.nc
-    adjustment: Adjustment  # what takes the effects beside the deviation off the winds
+    Attributes
+    ----------
+    report : GapReport
+        Content of gap.json.
+    dataset : Dataset
+        Content of gap.nc. Figures may use: ``heading_map``, ``level_map_cross``,
+        ``level_map_along``, ``region_map_u``, ``region_map_v``, ``time_line``, ``time_line_along``
+        (each with ``_standard_error``), ``effect``, ``log_evidence``, ``aircraft_probability``,
+        ``noise_distance``, ``noise_autocovariance``, ``noise_autocovariance_model``,
+        ``noise_level``, ``noise_level_factor``, ``pit_bin``, ``pit_count``, ``pit_count_before``.
+    adjustment : Adjustment
+        What removes the effects other than the deviation from the winds.
+    """
+
+    report: GapReport
+    dataset: xr.Dataset
+    adjustment: Adjustment
 
     def __repr__(self) -> str:
-        """Say in a few lines what is at work and how far it closes."""
         closure = self.report.closure
         unnamed = [" x ".join(place.variables) for place in self.report.unknown.where]
         return "\n".join(
             [
                 f"Diagnosis: {closure.before:.2f} kt before, {closure.after:.2f} kt after",
                 *(f"  {_line(effect)}" for effect in self.report.effects),
-                *(f"  without a name: {place}" for place in unnamed),
+                *(f"  unknown, by {place}" for place in unnamed),
             ]
         )
 
@@ -80,15 +76,6 @@ def _line(effect: EffectEntry) -> str:
     tails = effect.tails
     whom = "the fleet" if not tails else ", ".join(tails[:4]) + (" ..." if len(tails) > 4 else "")
     return f"{effect.name} ({whom}), probability {effect.probability:.2f}"
-
-
-def _asked(headings: xr.Dataset, reference: str | Sequence[str] | None) -> str | Sequence[str]:
-    """The reference asked for, or the first that the headings hold."""
-    if reference is not None:
-        return reference
-    if "reference" not in headings.coords or not headings.sizes["reference"]:
-        raise InputError("the headings hold no reference", field="reference")
-    return str(headings["reference"].to_numpy()[0])
 
 
 def usable_effects(
@@ -114,7 +101,7 @@ def usable_effects(
 
 
 def diagnose(
-    reports: xr.Dataset | Frame | Archive,
+    reports: xr.Dataset | Frame,
     *,
     reference: str | Sequence[str] | None = None,
     catalogue: Mapping[str, Effect] | None = None,
@@ -122,14 +109,12 @@ def diagnose(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> Diagnosis:
-    """Diagnose where an archive parts from its simulation, why, and how far that closes.
+    """Diagnose where an archive differs from its simulation, why, and how far that closes.
 
     Parameters
     ----------
-    reports : Dataset, Frame or Archive
-        Screened headings with the columns the gap needs; or reports against one reference, in
-        memory or to be read an aircraft at a time
-        (:func:`airswing.gap.sums.whole_archive.read_archive`).
+    reports : Dataset or Frame
+        Screened headings with the columns the gap needs, or reports against one reference.
     reference : str or sequence of str, optional
         Of a Dataset: which reference, or the members of a pool; the first when not given.
     catalogue : mapping, optional
@@ -152,148 +137,79 @@ def diagnose(
     """
     if isinstance(reports, xr.Dataset):
         reports = Frame.from_headings(reports, reference=_asked(reports, reference))
-    archive = held_archive(reports) if isinstance(reports, Frame) else reports
-    _check(archive)
-    tell = progress or (lambda stage, done: None)
+    flights = int(np.unique(reports.flight).size)
+    if reports.size < 200 or flights < 4:
+        raise InputError(
+            "too few reports for a diagnosis",
+            found=f"{reports.size} reports of {flights} flights",
+            remedy="at least 200 reports of four flights with model winds are needed",
+        )
+    say = progress or (lambda stage, done: None)
     with one_library_thread():
         return _diagnosed(
-            archive, CATALOGUE if catalogue is None else catalogue, dictionary, seed, tell
+            reports, CATALOGUE if catalogue is None else catalogue, dictionary, seed, say
         )
+
+
+def _asked(headings: xr.Dataset, reference: str | Sequence[str] | None) -> str | Sequence[str]:
+    if reference is not None:
+        return reference
+    if "reference" not in headings.coords or not headings.sizes["reference"]:
+        raise InputError("the headings hold no reference", field="reference")
+    return str(headings["reference"].to_numpy()[0])
 
 
 def _diagnosed(
-    archive: Archive,
+    frame: Frame,
     catalogue: Mapping[str, Effect],
     dictionary: bool,
     seed: int,
-    tell: Progress,
+    say: Progress,
 ) -> Diagnosis:
-    """Search, name, take unknowns off and search again, until nothing is left; then say so."""
-    effects, untestable = usable_effects(archive.view, catalogue)
-    search = Search(effects, Rules(), dictionary, seed, tell)
-    known_names = set(catalogue)
-    swaps = "tail_swap" in known_names and not archive.clock.short
-    mended = all_mended(archive.view, known_names) if dictionary else []
-    if mended:  # nothing is fitted to winds that are not the aircraft's own
-        archive = of_view(archive, mended[-1].lifted)
-    told = names_and_unknowns(archive, search, swaps=swaps)
-    final, again, swap = told.final, told.again, told.swap
-    problem, found = final.problem, final.standing.found
-    findings = _findings(final, told.search, again=again, names=known_names)
-    findings = _without_remnant(findings, told.taken, mended=mended)
-    findings = _with_doubtful(findings, told.doubtful)
-    findings = replace(findings, swap=swap, untestable=untestable | dict(findings.untestable))
-    report = assemble(problem, findings)
-    report = with_unknowns(
-        report, told.taken, problem=problem, found=found, whole=findings.whole, mended=mended
+    effects, untestable = usable_effects(frame, catalogue)
+    say("search", 0.0)
+    fitted = fit_model(
+        frame, effects, tables=dictionary, exchanges="tail_swap" in catalogue, seed=seed
     )
-    tell("checks", 0.0)
-    checks = run_checks(problem, found, findings.closure)
-    report = _with_rivals(checks.told(report), checks, problem, findings)
-    dataset = diagnosis_dataset(problem, found).assign(checks.histograms())
-    return Diagnosis(report, dataset, _adjustment(final, findings.factors))
+    say("closure", 0.0)
+    claims = claims_of(fitted.terms)
+    closure = close(fitted, [claim.terms for claim in claims], seed=seed)
+    say("distribution", 0.0)
+    coded = [m for m in coded_effects(fitted.frame) if m.name in catalogue]
+    gross = outliers(fitted.corrected, fitted.noise)
+    if gross is not None and "outliers" in catalogue:
+        coded.append(gross)
+    say("where", 0.0)
+    where = slices(Model(fitted.model.sums)) if dictionary else []
+    findings = Findings(fitted, effects, claims, closure, coded, where, untestable, seed)
+    report = assemble(findings)
+    say("checks", 0.0)
+    checks, histograms = run_checks(fitted, closure, seed=seed)
+    report = replace(report, **checks)
+    dataset = diagnosis_dataset(fitted).assign(histograms)
+    return Diagnosis(report, dataset, make_adjustment(fitted, effects))
 
 
-def _adjustment(final: Pass, factors: Mapping[str, float]) -> Adjustment:
-    """What takes the effects beside the deviation off the winds, by the fit to all days."""
-    found = final.standing.found
-    fitted = term_coefficients(found.given, found.terms)
-    return make_adjustment(
-        final.problem, found.terms, whole_coefficients(fitted, found.terms, factors)
-    )
+def make_adjustment(fitted: Fitted, effects: Mapping[str, Effect]) -> Adjustment:
+    """What removes the effects other than the deviation from the winds."""
+    frame = fitted.frame
+    sensor, report, reference = (np.zeros((frame.size, 2)) for _ in range(3))
+    names = []
+    for k, term in enumerate(fitted.terms):
+        name = term.group.name
+        if not term.group.named or effects[name].deviates:
+            continue
+        error = fitted.effect(k)
+        if is_sensor(term, effects):
+            sensor += error
+        elif effects[name].scope == "reference":
+            reference += error
+        else:
+            report += error
+        names.append(name)
+    corrected, _, _ = without_errors(frame, sensor)
+    change = corrected.residual - report - frame.residual
+    return Adjustment(frame.report, change, reference, tuple(dict.fromkeys(names)))
 
 
-def _with_rivals(
-    report: GapReport, checks: Checks, problem: Problem, findings: Findings
-) -> GapReport:
-    """Say of every name which others look like it."""
-    unseen = [name for name, reason in findings.hidden.items() if not reason.startswith("in part")]
-    hidden = hidden_shares(problem.base.stats, findings.found.terms, unseen)
-    told = with_aliases(report.effects, checks.shares, hidden)
-    return replace(report, effects=told, ambiguity={entry.name: entry.ambiguity for entry in told})
-
-
-def _without_remnant(
-    findings: Findings, taken: Sequence[Taken], *, mended: Sequence[Mended]
-) -> Findings:
-    """Leave out winds sent for others where that is what a table's cells left of its variable."""
-    told = {name for one in taken for name in one.unknown.grid.variables}
-    told |= {"wind_speed"} if mended else set()
-    if findings.sent is not None and told & set(findings.sent.telling):
-        return replace(findings, sent=None)
-    return findings
-
-
-def _with_doubtful(findings: Findings, name: Doubtful | None) -> Findings:
-    """Add a name that days tell but not beyond doubt, where it does not stand."""
-    stand = {term.candidate.name for term in findings.found.terms}
-    if name is None or not name.reason or name.term.candidate.name in stand:
-        return findings
-    return replace(findings, doubtful=(*findings.doubtful, name))
-
-
-def _findings(final: Pass, search: Search, *, again: bool, names: Collection[str]) -> Findings:
-    """Work out closure, where the gap lies, what shows in no mean, what cannot be tested."""
-    problem, standing = final.problem, final.standing
-    found, base, frame = standing.found, problem.base, problem.archive
-    search.tell("closure", 0.0)
-    means = folded(found.terms, standing.energy, standing.error)
-    stated = [k for k, t in enumerate(found.terms) if t.candidate.known and k not in means]
-    fitted = term_coefficients(found.given, found.terms)
-    factors, doubts = readout_factors(problem, found.terms, fitted, again=again)
-    closure = close(problem, [found.terms[k] for k in stated], factors=factors)
-    whole = closure
-    if len(stated) < len(found.terms):
-        whole = close(problem, found.terms, factors=factors)
-    closure = with_interval(closure, problem, found, known=stated, factors=factors, doubts=doubts)
-    bare = given_terms(base, [])
-    pool = candidates(base.stats.layout, search.effects, dictionary=False)
-    hidden = absorbed(base, bare, pool, search.effects)
-    named = {term.candidate.name for term in found.terms}
-    untestable = {name: reason for name, reason in hidden.items() if name not in named}
-    untestable |= too_short(base, search.effects)
-    search.tell("where", 0.0)
-    # what an effect switches on and off stands out from its neighbours, and is no gross error
-    calm = replace(problem.noise, gross=gross_errors(whole.residual, problem.noise.order))
-    moments = [
-        m
-        for m in second_moments(frame, calm)
-        if m.name in names and plain_probability(m.evidence) >= search.rules.probability
-    ]
-    scatter = {m.name: reduction_of(frame, whole.residual, m, calm.gross) for m in moments}
-    closure, whole = with_scatter(closure, scatter), with_scatter(whole, scatter)
-    jittery = sent = None
-    unnamed: dict[str, Reduction] = {}
-    if search.dictionary:
-        jittery, sent, unnamed = in_no_mean(problem, whole.residual, moments, calm.gross, search)
-    scatter |= unnamed
-    whole = with_scatter(whole, unnamed)
-    return Findings(
-        found=found,
-        closure=closure,
-        whole=whole,
-        where=slices(base, bare, problem.plan) if search.dictionary else [],
-        untestable=untestable,
-        hidden=hidden,
-        energy=(standing.energy, standing.error),
-        weighed=standing.weighed,
-        means=means,
-        factors=factors,
-        doubts=doubts,
-        swap=None,
-        moments=moments,
-        scatter=scatter,
-        jittery=jittery,
-        sent=sent,
-        doubtful=standing.doubtful,
-    )
-
-
-def _check(archive: Archive) -> None:
-    # less holds neither the noise along flights nor what flights differ by
-    if archive.reports < 200 or archive.flights < 4:
-        raise InputError(
-            "too few reports for a diagnosis",
-            found=f"{archive.reports} reports of {archive.flights} flights",
-            remedy="at least 200 reports of four flights with model winds are needed",
-        )
+__all__ = ["Diagnosis", "Step", "diagnose", "usable_effects"]

@@ -1,302 +1,228 @@
-"""The assumptions a diagnosis rests on, each with a check made on the archive at hand.
+"""The assumptions a diagnosis rests on, each with a check on the archive at hand.
 
-Assumptions: none of its own. Every check is made after the search, on what it left, and changes no
-verdict; a check that fails says which intervals and which claims deserve doubt.
-
-Validity: limits (:data:`LIMITS`) are of practical size, not significance: with 100,000 reports
-every model is wrong significantly.
+Every check is made after the search, on what it left, and changes no claim; a check that fails says
+which intervals and claims deserve doubt. Limits are of practical size, not of significance: with
+100,000 reports every model is significantly wrong.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.gap.checks.aliases import ALIAS, HIDDEN_ALIAS, MORE_REGION, alias_table
 from airswing.gap.checks.calibration import BINS, Calibration, calibrate
 from airswing.gap.checks.negative_control import Decoy, force_decoy
-from airswing.gap.design.weather import climatology_columns, slope_columns
 from airswing.gap.effects import separated_by
-from airswing.gap.evidence.terms import Term, all_columns
-from airswing.gap.held_out.days_left_out import folds_of_days
-from airswing.gap.held_out.reduction import Closure
+from airswing.gap.model.closure import Closure, fold_of_day, held_out_coefficients
+from airswing.gap.model.passes import Fitted
+from airswing.gap.model.terms import Term
 from airswing.gap.noise.model import NoiseFit
-from airswing.gap.result.schema import (
-    AliasEntry,
-    AssumptionEntry,
-    CalibrationPair,
-    EffectEntry,
-    GapReport,
-    RivalEntry,
-)
-from airswing.gap.search.stepwise import Found
-from airswing.gap.sums.elimination import Base, climatology, fits_by_fold
-from airswing.gap.sums.problem import Problem
+from airswing.gap.result.schema import AliasEntry, AssumptionEntry, CalibrationPair
 
 Floats = NDArray[np.float64]
 
-#: What is still taken for right: misfit of the autocovariance as a share of the variance,
-#: departure of the whitened spread from 1 and of a PIT bin from its share, correlation of
-#: neighbours, area under the classifier's curve, share of reports clipped, cluster factors of
-#: one aircraft and of the fleet.
+#: Limits of practical size: misfit of the autocovariance as a share of the variance; deviation of
+#: the whitened spread from 1 and of a PIT bin from its share; correlation of neighbours; area under
+#: the classifier's curve; share of reports set aside; noise factor of single aircraft.
 LIMITS = {
     "autocovariance": 0.1,
     "spread": 0.1,
     "pit": 0.25,
     "lag_one": 0.1,
     "auc": 0.6,
-    "clipped": 0.02,
-    "aircraft_factor": 2.0,
-    "fleet_factor": 8.0,
+    "gross": 0.02,
+    "factor": 2.0,
 }
+#: Share of energy in common from which two effects are listed.
+LISTED = 0.8
 
 
-@dataclass(frozen=True)
-class Checks:
-    """What the checks found."""
-
-    # after, before: with the effects found in the simulation, and without
-    after: Calibration
-    before: Calibration
-    decoy: Decoy
-    aliases: list[AliasEntry]  # pairs of effects with more than 0.8 of their energy in common
-    shares: dict[str, dict[str, float]]  # effect found -> other effect -> share of energy in common
-    assumptions: list[AssumptionEntry]
-
-    def told(self, report: GapReport) -> GapReport:
-        """Return a report with what the checks found."""
-        return replace(
-            report,
-            calibration=CalibrationPair(self.after.entry(), self.before.entry()),
-            decoy=self.decoy.entry(),
-            aliases=self.aliases,
-            assumptions=self.assumptions,
-        )
-
-    def histograms(self) -> dict[str, tuple[str, object]]:
-        """Return what ``gap.nc`` holds of them."""
-        return {
-            "pit_bin": ("pit_bin", np.arange(BINS) / BINS),
-            "pit_count": ("pit_bin", self.after.pit_count.astype(np.int32)),
-            "pit_count_before": ("pit_bin", self.before.pit_count.astype(np.int32)),
-        }
-
-
-def run_checks(problem: Problem, found: Found, closure: Closure) -> Checks:
+def run_checks(
+    fitted: Fitted, closure: Closure, *, seed: int = 0
+) -> tuple[dict[str, object], dict[str, tuple[str, object]]]:
     """Check what a diagnosis rests on.
-
-    Parameters
-    ----------
-    closure : Closure
-        Of what has a name.
-    """
-    frame, base, noise = problem.archive, problem.base, problem.noise
-    day, seed = problem.day, problem.seed
-    fold = folds_of_days(base.stats)[day]
-    steady = held_out_climatology(problem, found.terms)
-    after, before = (
-        calibrate(frame, residual - steady, noise=noise, day=day, seed=seed)
-        for residual in (closure.residual, frame.residual)
-    )
-    decoy = force_decoy(frame, closure.residual, noise=noise, day=day, fold=fold, seed=seed)
-    aliases, shares = alias_table(base, found.terms, problem.effects)
-    rows = assumptions(base=base, noise=noise, found=found, after=after, decoy=decoy)
-    return Checks(after, before, decoy, aliases, shares, rows)
-
-
-def held_out_climatology(problem: Problem, terms: Sequence[Term]) -> Floats:
-    """Error of the reference that no effect is blamed for, fitted to other weeks.
-
-    Parameters
-    ----------
-    terms : sequence of Term
-        Fitted beside it.
 
     Returns
     -------
-    (n, 2) float
-        m s-1.
+    entries : dict
+        Fields of `GapReport`: ``calibration``, ``decoy``, ``aliases``, ``assumptions``.
+    histograms : dict
+        Variables of gap.nc.
     """
-    base, context = problem.base, problem.context
-    fold = folds_of_days(base.stats)
-    number = len(climatology(base))
-    fits = fits_by_fold(base, all_columns(base, terms), fold)
-    theta = np.stack([without.coefficients[:number] for without, _ in fits])
-    columns = np.concatenate(
-        [climatology_columns(context, problem.plan), slope_columns(context)], axis=-1
+    sums, noise = fitted.model.sums, fitted.noise
+    fold = fold_of_day(sums.D)
+    steady = _held_out_climatology(fitted, fold)
+    after, before = (
+        calibrate(fitted.frame, residual - steady, noise=noise, day=sums.day, seed=seed)
+        for residual in (closure.residual, fitted.frame.residual)
     )
-    return np.asarray(np.einsum("ncq,nq->nc", columns, theta[fold[problem.day]]))
-
-
-def assumptions(
-    *, base: Base, noise: NoiseFit, found: Found, after: Calibration, decoy: Decoy
-) -> list[AssumptionEntry]:
-    """Every assumption with its check, the result in words, and whether it holds.
-
-    Parameters
-    ----------
-    base, noise, found, after, decoy :
-        Pieces of the diagnosis and its checks.
-    """
-    return [
+    decoy = force_decoy(
+        fitted.frame, closure.residual, noise=noise, day=sums.day, fold=fold[sums.day], seed=seed
+    )
+    rows = [
         _noise_row(noise),
         _calibration_row(after),
         _neighbours_row(after),
         _classifier_row(after),
-        _clipped_row(base),
-        *_cluster_rows(found),
+        _gross_row(noise),
+        _factor_row(fitted),
         _decoy_row(decoy),
+    ]
+    entries: dict[str, object] = {
+        "calibration": CalibrationPair(after.entry(), before.entry()),
+        "decoy": decoy.entry(),
+        "aliases": aliases(fitted),
+        "assumptions": rows,
+    }
+    histograms: dict[str, tuple[str, object]] = {
+        "pit_bin": ("pit_bin", np.arange(BINS) / BINS),
+        "pit_count": ("pit_bin", after.pit_count.astype(np.int32)),
+        "pit_count_before": ("pit_bin", before.pit_count.astype(np.int32)),
+    }
+    return entries, histograms
+
+
+def _held_out_climatology(fitted: Fitted, fold: NDArray[np.int64]) -> Floats:
+    """The reference's climatology as fitted to other days, (n, 2) m/s."""
+    model, sums = fitted.model, fitted.model.sums
+    width = model.base.group.size
+    theta = held_out_coefficients(model)[:, :width] @ model.base.group.transform.T
+    columns = sums.candidates.raw(model.base.group.columns)
+    return np.asarray(np.einsum("ncq,nq->nc", columns, theta[fold[sums.day]]))
+
+
+def aliases(fitted: Fitted) -> list[AliasEntry]:
+    """Pairs of effects whose whitened columns share energy on these flights.
+
+    The share of an effect's energy that another copies, tr(T' G_12 G_22^-1 G_21 T) / tr(T' G_11 T), on
+    the aircraft of the effect; day fields eliminated and climatology projected out.
+    """
+    model, sums = fitted.model, fitted.model.sums
+    found = [t for t in fitted.terms if t.group.named and not t.start]
+    names = [g for g in sums.candidates.groups if g.kind == "name"]
+    out: dict[tuple[str, str], float] = {}
+    for term in found:
+        own = _rows(fitted, term)
+        total = float((own * own).sum())
+        for group in names:
+            if group.name == term.group.name:
+                continue
+            other = _rows(fitted, Term(group, term.scope, term.tails, 1.0))
+            share = sum(
+                _copied(own[rows], other[rows]) for rows in (sums.rows_of(a) for a in term.tails)
+            ) / max(total, 1e-12)
+            key = (term.group.name, group.name)
+            out[key] = max(share, out.get(key, 0.0))
+    return [
+        AliasEntry(a, b, float(share), separated_by(a, b))
+        for (a, b), share in sorted(out.items(), key=lambda item: -item[1])
+        if share >= LISTED
     ]
 
 
-def _row(assumption: str, check: str, result: str, ok: bool) -> AssumptionEntry:
-    return AssumptionEntry(assumption, check, result, bool(ok))
+def _rows(fitted: Fitted, term: Term) -> Floats:
+    sums = fitted.model.sums
+    return sums.rows[:, term.group.columns] @ term.group.transform.astype(np.float32)
+
+
+def _copied(own: Floats, other: Floats) -> float:
+    """Energy of the first columns that the second ones copy."""
+    if not own.size:
+        return 0.0
+    gram = other.T @ other
+    ridge = 1e-6 * np.trace(gram) * np.eye(len(gram)) + 1e-12 * np.eye(len(gram))
+    cross = other.T @ own
+    return float((cross * np.linalg.solve(gram + ridge, cross)).sum())
 
 
 def _noise_row(noise: NoiseFit) -> AssumptionEntry:
     there = np.isfinite(noise.autocovariance) & (noise.pair_count > 100)
     misfit = np.abs(noise.autocovariance - noise.autocovariance_model)[there]
-    if not misfit.size or noise.autocovariance_model[0] <= 0:
-        text, worst = "too few pairs of reports to tell", float("nan")
-    else:
+    text, worst = "too few pairs of reports", float("nan")
+    if misfit.size and noise.autocovariance_model[0] > 0:
         worst = float(misfit.max() / noise.autocovariance_model[0])
         at = float(noise.distance_km[there][int(misfit.argmax())])
         text = f"largest misfit {100 * worst:.0f} % of the variance, at {at:.0f} km"
-    return _row(
+    return AssumptionEntry(
         "errors along a flight fall off with distance as the noise model says",
         "autocovariance against distance",
         text,
-        worst < LIMITS["autocovariance"],
+        bool(worst < LIMITS["autocovariance"]),
     )
 
 
 def _calibration_row(after: Calibration) -> AssumptionEntry:
-    number = after.pit_count.sum()
-    if not np.isfinite(after.spread):
-        return _row(
-            "the error predicted for a report has the right size and shape",
-            "PIT and CRPS of held-out reports",
-            "too few held-out reports to tell",
-            False,
+    text, ok = "too few held-out reports", False
+    if np.isfinite(after.spread):
+        share = after.pit_count * after.pit_count.size / max(int(after.pit_count.sum()), 1)
+        worst = float(np.abs(share - 1).max())
+        text = (
+            f"spread {after.spread:.2f} of the predicted, largest deviation of a PIT bin "
+            f"{100 * worst:.0f} %, CRPS {after.crps_m_s:.2f} m/s "
+            f"({after.crps_expected_m_s:.2f} m/s expected)"
         )
-    share = after.pit_count * after.pit_count.size / max(int(number), 1)
-    worst = float(np.abs(share - 1).max())
-    excess = after.crps_m_s / after.crps_expected_m_s - 1 if after.crps_expected_m_s else 0.0
-    return _row(
+        ok = abs(after.spread - 1) < LIMITS["spread"] and worst < LIMITS["pit"]
+    return AssumptionEntry(
         "the error predicted for a report has the right size and shape",
         "PIT and CRPS of held-out reports",
-        f"spread {after.spread:.2f} of the predicted, farthest PIT bin {100 * worst:.0f} % off, "
-        f"CRPS {after.crps_m_s:.2f} m/s, {abs(100 * excess):.0f} % "
-        f"{'over' if excess > 0 else 'under'} that expected",
-        abs(after.spread - 1) < LIMITS["spread"] and worst < LIMITS["pit"],
+        text,
+        bool(ok),
     )
 
 
 def _neighbours_row(after: Calibration) -> AssumptionEntry:
-    return _row(
-        "nothing is left between neighbours on a flight",
+    text = "too few neighbours"
+    if np.isfinite(after.lag_one):
+        text = f"{after.lag_one:.3f} ± {1.96 * after.lag_one_standard_error:.3f}"
+    return AssumptionEntry(
+        "neighbours on a flight are independent after whitening",
         "correlation of whitened held-out residuals at lag 1",
-        f"{after.lag_one:.3f} ± {after.lag_one_standard_error:.3f}"
-        if np.isfinite(after.lag_one)
-        else "too few neighbours to tell",
-        abs(after.lag_one) < LIMITS["lag_one"],
+        text,
+        bool(abs(after.lag_one) < LIMITS["lag_one"]),
     )
 
 
 def _classifier_row(after: Calibration) -> AssumptionEntry:
-    known = np.isfinite(after.auc)
-    text = (
-        f"area under the curve {after.auc:.2f} ± {after.auc_standard_error:.2f} (0.5: cannot)"
-        if known
-        else "too few flights to tell"
-    )
-    return _row(
-        "real flights cannot be told from flights of the improved simulation",
-        "linear classifier, judged on flights it has not seen",
+    text = "too few flights"
+    if np.isfinite(after.auc):
+        error = 1.96 * after.auc_standard_error
+        text = f"area under the curve {after.auc:.2f} ± {error:.2f} (0.5: no difference)"
+    return AssumptionEntry(
+        "real flights cannot be distinguished from flights of the improved simulation",
+        "linear classifier, judged on flights it was not trained on",
         text,
-        bool(known and after.auc < LIMITS["auc"]),
+        bool(after.auc < LIMITS["auc"]),
     )
 
 
-def _clipped_row(base: Base) -> AssumptionEntry:
-    stats = base.stats
-    number = max(float(stats.day_count.sum()), 1.0)
-    clipped, gross = float(stats.clipped.sum()) / number, float(stats.gross.sum()) / number
-    return _row(
-        "gross errors are few, and do not steer the fit",
-        "reports set aside or clipped at 5 standard deviations",
-        f"{100 * gross:.2f} % set aside, {100 * clipped:.2f} % clipped",
-        clipped + gross < LIMITS["clipped"],
+def _gross_row(noise: NoiseFit) -> AssumptionEntry:
+    share = float(noise.gross.mean())
+    return AssumptionEntry(
+        "gross errors are few and do not steer the fit",
+        "reports that differ from both neighbours by five standard deviations",
+        f"{100 * share:.2f} % set aside",
+        share < LIMITS["gross"],
     )
 
 
-def _cluster_rows(found: Found) -> list[AssumptionEntry]:
-    scores = [score for ranked in (*found.rivals, found.left) for score in ranked]
-    rows = []
-    for scope, who in (("aircraft", "of one aircraft"), ("fleet", "of the fleet")):
-        factors = [s.factor for s in scores if s.candidate.scope == scope and s.candidate.known]
-        if factors:
-            middle, most = (float(np.quantile(factors, q)) for q in (0.5, 0.9))
-            rows.append(
-                _row(
-                    f"days are independent enough for effects {who}",
-                    "scatter of daily scores over that of independent reports",
-                    f"factor {middle:.1f}, for one effect in ten over {most:.1f}; scores are "
-                    "divided by it",
-                    middle < LIMITS[f"{scope}_factor"],
-                )
-            )
-    return rows
+def _factor_row(fitted: Fitted) -> AssumptionEntry:
+    kappa = fitted.model.kappa
+    return AssumptionEntry(
+        "days are independent enough",
+        "scatter of daily scores over that of independent reports",
+        f"factor {kappa:.1f}, by which the noise variance is multiplied",
+        kappa < LIMITS["factor"],
+    )
 
 
 def _decoy_row(decoy: Decoy) -> AssumptionEntry:
-    # what rounds to nothing has no sign
     held, fitted, low, high = (
         round(kt, 3) + 0.0 for kt in (decoy.held_out, decoy.fitted, *decoy.held_out_ci)
     )
-    return _row(
-        "what an effect closes on held-out flights is no luck",
-        "a decoy, the deviation of other flights, forced in",
+    return AssumptionEntry(
+        "an effect that cannot be at work closes nothing on held-out flights",
+        "a placebo, the deviation evaluated at the headings of other flights",
         f"closes {held:+.3f} kt [{low:+.3f}, {high:+.3f}] on held-out flights "
         f"({fitted:+.3f} where it was fitted)",
         decoy.closes_nothing,
     )
-
-
-def with_aliases(
-    entries: Sequence[EffectEntry],
-    shares: Mapping[str, Mapping[str, float]],
-    hidden: Mapping[str, Mapping[str, float]] | None = None,
-) -> list[EffectEntry]:
-    """Write the share of energy in common to each entry's rivals, and add its aliases.
-
-    Parameters
-    ----------
-    entries : sequence of EffectEntry
-        Rivals get an ``alias_share``; effects of a share of
-        :data:`~airswing.gap.checks.aliases.ALIAS` and more are rivals however the evidence falls
-        out, because a model error of a few hundredths decides between them.
-    shares : mapping
-        Effect -> other effect -> share.
-    hidden : mapping, optional
-        The same of effects that weather takes up; from
-        :data:`~airswing.gap.checks.aliases.HIDDEN_ALIAS` they are rivals: silence does not exclude
-        them.
-    """
-    out = []
-    for entry in entries:
-        own = shares.get(entry.name, {})
-        unseen = (hidden or {}).get(entry.name, {})
-        told = {rival.name for rival in entry.ambiguity}
-        alike = {name: separated_by(entry.name, name) for name in own if own[name] >= ALIAS}
-        alike |= {name: MORE_REGION for name in unseen if unseen[name] >= HIDDEN_ALIAS}
-        rivals = [*entry.ambiguity]
-        rivals += [RivalEntry(name, None, data) for name, data in alike.items() if name not in told]
-        known = {**own, **unseen}
-        rivals = [replace(rival, alias_share=known.get(rival.name)) for rival in rivals]
-        names = [rival.name for rival in rivals]
-        out.append(replace(entry, ambiguity=rivals, ambiguous_with=names))
-    return out

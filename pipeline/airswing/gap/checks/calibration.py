@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm, rankdata
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.design.basis import unit_vectors
+from airswing.gap.design.weather import unit_vectors
 from airswing.gap.noise.model import NoiseFit
 from airswing.gap.noise.whitening import whiten
 from airswing.gap.result.schema import CalibrationEntry

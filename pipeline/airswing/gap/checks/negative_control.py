@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.design.basis import unit_vectors
-from airswing.gap.held_out.days_left_out import day_interval
+from airswing.gap.design.weather import unit_vectors
+from airswing.gap.model.closure import day_interval
 from airswing.gap.noise.model import NoiseFit
 from airswing.gap.noise.whitening import whiten
 from airswing.gap.result.schema import DecoyEntry

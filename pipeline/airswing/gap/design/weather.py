@@ -16,13 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.design.basis import DictionaryPlan
 from airswing.units import DAY
 
 Floats = NDArray[np.float64]
 
 
-def day_field_columns(frame: Frame, plan: DictionaryPlan) -> Floats:
+def day_field_columns(frame: Frame) -> Floats:
     """Columns of the day fields: u and v times {1, x, y, z} and the products of two of these.
 
     The weather a model misses reaches some hundred km and a part of the troposphere: fields linear
@@ -34,12 +33,12 @@ def day_field_columns(frame: Frame, plan: DictionaryPlan) -> Floats:
     -------
     (n, 2, 20) float
     """
-    x, y, z = _places(frame, plan)
+    x, y, z = _places(frame)
     squares = [x * x - 1, x * y, y * y - 1, x * z, y * z, z * z - 1]
     return _by_component(np.stack([np.ones_like(x), x, y, z, *squares], -1))
 
 
-def climatology_columns(frame: Frame, plan: DictionaryPlan) -> Floats:
+def climatology_columns(frame: Frame) -> Floats:
     """Columns of the reference's own climatology: u and v by height, region and hour.
 
     What a reference lacks over a region changes with height: without the products of three places,
@@ -49,7 +48,7 @@ def climatology_columns(frame: Frame, plan: DictionaryPlan) -> Floats:
     -------
     (n, 2, m) float
     """
-    x, y, z = _places(frame, plan)
+    x, y, z = _places(frame)
     angle = 2 * np.pi * frame.time / DAY
     flat = [x, y, x * y, x * x - 1, y * y - 1]
     terms = [np.ones(frame.size), z, z * z - 1, *flat, *(term * z for term in flat)]
@@ -57,34 +56,13 @@ def climatology_columns(frame: Frame, plan: DictionaryPlan) -> Floats:
     return _by_component(np.stack(terms, -1))
 
 
-def slope_columns(frame: Frame) -> Floats:
-    """Columns of the slope of reports on model winds: the wind and the wind turned by 90 degrees.
-
-    Parameters
-    ----------
-    frame : Frame
-        With the reference wind's large-scale part as reference wind.
-
-    Returns
-    -------
-    (n, 2, 2) float
-        m s-1 per unit of slope.
-    """
-    wind = np.stack([frame.u_ref, frame.v_ref], -1)
-    return np.stack([wind, np.stack([-wind[:, 1], wind[:, 0]], -1)], -1)
-
-
-def _places(frame: Frame, plan: DictionaryPlan) -> list[Floats]:
+def _places(frame: Frame) -> list[Floats]:
     """Longitude, latitude and ln p from the archive's middle, in units of its spread."""
-    named = {
-        "longitude": frame.longitude,
-        "latitude": frame.latitude,
-        "log_pressure": np.log(frame.pressure),
-    }
-    return [
-        np.clip((values - plan.centre[name][0]) / plan.centre[name][1], -3, 3)
-        for name, values in named.items()
-    ]
+    out = []
+    for values in (frame.longitude, frame.latitude, np.log(frame.pressure)):
+        spread = float(np.std(values))
+        out.append(np.clip((values - np.mean(values)) / (spread if spread > 0 else 1.0), -3, 3))
+    return out
 
 
 def _by_component(terms: Floats) -> Floats:
@@ -94,3 +72,9 @@ def _by_component(terms: Floats) -> Floats:
     out[:, 0, :k] = terms
     out[:, 1, k:] = terms
     return out
+
+
+def unit_vectors(heading: Floats) -> tuple[Floats, Floats]:
+    """Unit vectors to the right of the heading and along it, each (n, 2) of (u, v)."""
+    sine, cosine = np.sin(heading), np.cos(heading)
+    return np.stack([cosine, -sine], -1), np.stack([sine, cosine], -1)

@@ -31,7 +31,6 @@ from numpy.typing import NDArray
 from airswing.gap.archive.frame import Frame
 from airswing.gap.archive.reported_variables import KINDS, PERIOD, record
 from airswing.gap.archive.value_tables import change_of
-from airswing.gap.design.basis import plan_dictionary
 from airswing.gap.design.weather import climatology_columns
 from airswing.gap.effects.base import Effect
 
@@ -218,7 +217,6 @@ class Candidates:
         self._pending: list[tuple[slice, Singles]] = []
         self.width = 0
         self.wind = np.stack([context.u_ref, context.v_ref], -1)
-        self.plan = plan_dictionary(context, effects)
         self.variables = record(frame, context)
         self._add_climatology()
         self._add_names()
@@ -254,7 +252,7 @@ class Candidates:
 
     def _add_climatology(self) -> None:
         def build() -> Singles:
-            return climatology_columns(self.context, self.plan).astype(np.float32)
+            return climatology_columns(self.context).astype(np.float32)
 
         columns = build()
         size = 1 / np.sqrt((columns**2).sum(1).mean(0))

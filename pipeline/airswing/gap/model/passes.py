@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.design.basis import plan_dictionary
 from airswing.gap.design.exogenous import exogenous
 from airswing.gap.design.heading_uncertainty import heading_doubt
 from airswing.gap.design.weather import day_field_columns
@@ -94,7 +93,7 @@ def prepared(
         noise = fit_noise(quiet, flown(context, heading_doubt(frame, context)), seed=seed)
     residual = frame.residual if residual is None else residual
     candidates = Candidates(frame, context, effects, tables=tables)
-    fields = day_field_columns(context, plan_dictionary(context, effects))
+    fields = day_field_columns(context)
     sums = Sums(frame, noise, candidates, fields, residual)
     return Fitted(frame, frame, context, noise, residual, Model(sums), [])
 

@@ -192,6 +192,15 @@ class UnknownEntry:
 
 
 @dataclass(frozen=True)
+class EffectClosureEntry:
+    """What one claim, named or not, closes beside those before it, kt, with its 95 % interval."""
+
+    name: str
+    reduction: float
+    reduction_ci: Sequence[float]
+
+
+@dataclass(frozen=True)
 class ClosureEntry:
     """Disagreement on held-out reports without and with the effects, kt; intervals of 95 %.
 
@@ -206,6 +215,7 @@ class ClosureEntry:
     reduction: float
     reduction_ci: Sequence[float] | None
     could_hide_kt: float | None = field(default=None, metadata=LEFT_OUT)
+    by_effect: Sequence[EffectClosureEntry] | None = field(default=None, metadata=LEFT_OUT)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,181 @@
+"""Gross errors: single reports that stand out from both neighbours, more than would by chance.
+
+Assumptions: how many would without any, a simulated archive of the same paths, noise and coding
+tells, so that a rate which all aircraft share shows as one that a single aircraft has.
+
+Validity: at least 100 reports an aircraft. Units: m/s; shares of reports.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.gap.archive.frame import Frame
+from airswing.gap.noise.model import NoiseFit
+from airswing.gap.noise.residual_statistics import gross_errors
+from airswing.gap.distribution.verdict import Mask, Reduction, Verdict, against_chance, verdict_of
+from airswing.gap.simulation.forward import Coding, draw_noise
+from airswing.gap.effects.base import number
+from airswing.physics.robust_spread import robust_sd
+from airswing.units import KNOT
+
+Floats = NDArray[np.float64]
+
+LEAST_RATE = 0.002
+"""Share of gross errors from which they are worth a name: 0.1 kt at the usual size."""
+LEAST_CHANCE = 5e-4
+"""Share that stands out by chance at least: real noise has tails that a simulated one lacks."""
+DRAWS = 2
+"""Simulated archives from which the share that stands out by chance is counted."""
+JUMPING = 2.0
+"""The same share where headings come in coarse steps, over that of simulated ones: how often they
+jump hangs on how aircraft wander about a course, which the noise model does not know."""
+LEAST_SIZE = 6.0
+"""Standard deviation per component, m/s, under which what stands out is no gross error."""
+
+
+def outliers(frame: Frame, noise: NoiseFit) -> Verdict | None:
+    """Find aircraft with more gross errors than a simulated archive of the same paths has.
+
+    Parameters
+    ----------
+    noise : NoiseFit
+        Holds the reports taken for gross errors.
+    """
+    fleet = len(frame.tails)
+    count = np.bincount(frame.aircraft, minlength=fleet).astype(float)
+    hits = np.bincount(frame.aircraft, noise.gross, minlength=fleet).astype(float)
+    used = count >= 100
+    # of a handful a rate, and whose it is, is anybody's
+    if not used.any() or hits[used].sum() < 5:
+        return None
+    chance = np.maximum(simulated_rate(frame, noise), LEAST_CHANCE)
+    rate, gain = shared_rate(hits[used], count[used], chance[used])
+    struck = np.flatnonzero(used)[gain > 0]
+    if struck.size == 0 or rate < LEAST_RATE:
+        return None
+    size = _gross_size(frame, noise.gross & np.isin(frame.aircraft, struck))
+    if size < LEAST_SIZE:
+        return None  # an effect that is switched on and off, not an error of single reports
+    # gross errors of less than 5 m/s in both components pass for noise: those seen are scaled up by
+    # them, at most by a half
+    seen = 1.0 - float(np.clip(_inside(5.0 / size), 0, 0.6)) ** 2
+    counting = (rate + chance[struck]) / count[struck]
+    own = _shrunk(hits[struck] / count[struck] - chance[struck], counting, rate)
+    per_tail = {
+        frame.tails[a]: {"fraction": float(max(one, 0.0) / seen), "size_m_s": size}
+        for a, one in zip(struck, own, strict=True)
+    }
+    verdict = verdict_of("outliers", per_tail, None, [float(gain[gain > 0].sum())])
+    error = np.sqrt(np.median(counting))
+    verdict.standard_errors["fraction"] = float(error) / seen
+    return verdict
+
+
+def simulated_rate(frame: Frame, noise: NoiseFit, *, seed: int = 0) -> Floats:
+    """Share of each aircraft's reports that stand out where none errs grossly, (aircraft,).
+
+    Reports of the same paths through the same noise, coded as the unit codes: what coarse coding
+    and sparse neighbours make stand out is in it. Rare as they are, the fleet's mean counts as much
+    as an aircraft's own share; but headings in coarse steps jump at turns, which are not rare.
+    """
+    rng, coding = np.random.default_rng(seed), Coding.as_found(frame)
+    fleet = len(frame.tails)
+    hits = np.zeros(fleet)
+    for _ in range(DRAWS):
+        error = draw_noise(frame, noise.model, rng=rng)
+        u, v = coding.apply(frame.u_ref + error[:, 0], frame.v_ref + error[:, 1])
+        made = gross_errors(np.stack([u - frame.u_ref, v - frame.v_ref], -1), noise.order)
+        hits += np.bincount(frame.aircraft, made, minlength=fleet) / DRAWS
+    count = np.maximum(np.bincount(frame.aircraft, minlength=fleet), 1)
+    jumping = np.zeros(fleet, bool)
+    if coding.headings is not None:
+        jumping[frame.aircraft[coding.headings.step > 0.0]] = True
+    fine = ~jumping if not jumping.all() else jumping
+    common = hits[fine].sum() / count[fine].sum()
+    return np.asarray(np.maximum(np.where(jumping, JUMPING, 1.0) * hits / count, common))
+
+
+def shared_rate(hits: Floats, count: Floats, chance: Floats) -> tuple[float, Floats]:
+    """One rate of gross errors of those aircraft that have them, and what speaks for each.
+
+    Parameters
+    ----------
+    hits, count, chance : (m,) float
+        Hits and reports of each aircraft, and the share that chance gives.
+
+    Returns
+    -------
+    rate : float
+        Beyond chance; beginning with the clearest aircraft, that of a two-part mixture of Poisson
+        laws.
+    gain : (m,) float
+        Log likelihood ratio of each aircraft, that rate and chance against chance, nats.
+    """
+
+    def gain(rate: float) -> Floats:
+        return np.asarray(hits * np.log1p(rate / chance) - count * rate)
+
+    own = [against_chance(int(n), h / n, q) for h, n, q in zip(hits, count, chance, strict=True)]
+    first = int(np.argmax(own))
+    rate = float(max(hits[first] / count[first] - chance[first], 0.0))
+    # expectation maximisation of one rate settles within a dozen rounds
+    for _ in range(30):
+        share = 1 / (1 + np.exp(-np.clip(gain(rate), -50, 50)))
+        gross = hits * rate / (rate + chance)
+        rate = float((share @ gross) / (share @ count))
+    return rate, gain(rate)
+
+
+def _shrunk(rates: Floats, counting: Floats, common: float) -> Floats:
+    """Rates of single aircraft, drawn to the common one as far as counting alone scatters them.
+
+    Parameters
+    ----------
+    counting : (m,) float
+        Variance that counting gives each.
+    """
+    spread = max(float(np.mean((rates - common) ** 2 - counting)), 0.0)
+    return np.asarray(common + (rates - common) * spread / (spread + counting))
+
+
+def _inside(z: float) -> float:
+    """Probability that a standard normal value lies within z."""
+    # tanh form of the normal distribution, sqrt(2 / pi) and its cubic term: good to 0.0004
+    return float(np.tanh(z * 0.7979 * (1 + 0.044715 * z * z)))
+
+
+def _gross_size(frame: Frame, gross: NDArray[np.bool_]) -> float:
+    """Standard deviation per component of the gross errors, m/s."""
+    values = frame.residual[gross]
+    if values.shape[0] < 5:
+        return 20.0
+    ordinary = robust_sd(frame.residual, 0.0)
+    # at least 5 m/s: gross is what stands out by five standard deviations, each a metre a second
+    # or so
+    return float(np.sqrt(max(float(np.mean(values**2)) - ordinary**2, 25.0)))
+
+
+#: Relative error of a reduction from the shape of the errors' distribution.
+SHAPE_DOUBT = 0.08
+
+
+def reduction_of_gross(frame: Frame, residual: Floats, verdict: Verdict, gross: Mask) -> Reduction:
+    """Gross errors: as much longer as a normal error of their size makes the calm reports."""
+    rng = np.random.default_rng(0)
+    calm = np.isin(np.array(frame.tails)[frame.aircraft], verdict.tails) & ~gross
+    total, doubt = 0.0, 0.0
+    for tail, values in verdict.per_tail.items():
+        own = residual[calm & (frame.aircraft == frame.tails.index(tail))]
+        if own.size == 0:
+            continue
+        error = number(values["size_m_s"]) * rng.standard_normal(own.shape)
+        longer = float((np.hypot(*(own + error).T) - np.hypot(*own.T)).mean())
+        count = float((frame.aircraft == frame.tails.index(tail)).sum())
+        total += count * number(values["fraction"]) * longer
+        doubt += (count * longer) ** 2 * number(values["fraction"]) / count
+    kt = total / frame.size / KNOT
+    return Reduction(kt, float(np.hypot(np.sqrt(doubt) / frame.size / KNOT, SHAPE_DOUBT * kt)))
+
+
