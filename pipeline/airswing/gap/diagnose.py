@@ -20,19 +20,24 @@ from airswing.errors import InputError
 from airswing.gap.archive.frame import Frame
 from airswing.gap.checks.adjustment import Adjustment
 from airswing.gap.checks.assumptions import run_checks
+from airswing.gap.distribution.coded_values import coded_effects
+from airswing.gap.distribution.gross_errors import outliers
+from airswing.gap.distribution.scatter import Scatter, find_scatter
+from airswing.gap.distribution.sent_winds import SentWinds, find_sent_winds
+from airswing.gap.distribution.verdict import Verdict
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.effects.base import Effect
 from airswing.gap.library_threads import one_library_thread
-from airswing.gap.model.closure import Step, close
+from airswing.gap.model.closure import Closure, Step, close
 from airswing.gap.model.localisation import slices
 from airswing.gap.model.passes import Fitted, fit_model, is_sensor, without_errors
+from airswing.gap.model.selection import GATE
 from airswing.gap.model.terms import Model
+from airswing.gap.noise.residual_statistics import gross_errors
 from airswing.gap.result.diagnosis_dataset import diagnosis_dataset
-from airswing.gap.result.report import Findings, assemble
+from airswing.gap.result.report import STATED, Findings, assemble
 from airswing.gap.result.schema import EffectEntry, GapReport
-from airswing.gap.result.statement import claims_of
-from airswing.gap.distribution.coded_values import coded_effects
-from airswing.gap.distribution.gross_errors import outliers
+from airswing.gap.result.statement import claims_of, probability
 
 Floats = NDArray[np.float64]
 Progress = Callable[[str, float], None]
@@ -175,19 +180,52 @@ def _diagnosed(
     claims = claims_of(fitted.terms)
     closure = close(fitted, [claim.terms for claim in claims], seed=seed)
     say("distribution", 0.0)
-    coded = [m for m in coded_effects(fitted.frame) if m.name in catalogue]
-    gross = outliers(fitted.corrected, fitted.noise)
-    if gross is not None and "outliers" in catalogue:
-        coded.append(gross)
+    named, scatter, sent = _distribution(fitted, closure, catalogue, dictionary, seed)
     say("where", 0.0)
     where = slices(Model(fitted.model.sums)) if dictionary else []
-    findings = Findings(fitted, effects, claims, closure, coded, where, untestable, seed)
+    findings = Findings(
+        fitted, effects, claims, closure, named, scatter, sent, where, untestable, seed
+    )
     report = assemble(findings)
     say("checks", 0.0)
     checks, histograms = run_checks(fitted, closure, seed=seed)
     report = replace(report, **checks)
     dataset = diagnosis_dataset(fitted).assign(histograms)
     return Diagnosis(report, dataset, make_adjustment(fitted, effects))
+
+
+def _distribution(
+    fitted: Fitted, closure: Closure, catalogue: Mapping[str, Effect], dictionary: bool, seed: int
+) -> tuple[list[Verdict], Scatter | None, SentWinds | None]:
+    """What shows in no mean: effects with a name, scatter, winds sent otherwise."""
+    frame, rest = fitted.frame, closure.residual
+    named = [one for one in coded_effects(frame) if one.name in catalogue]
+    # with what moves means taken off: heavy tails of an effect are no gross errors
+    gross = gross_errors(rest, fitted.noise.order)
+    found = outliers(frame, rest, replace(fitted.noise, gross=gross))
+    if found is not None and "outliers" in catalogue:
+        named.append(found)
+    named = [one for one in named if probability(one.evidence) >= STATED]
+    if not dictionary:
+        return named, None, None
+    of_tail = {tail: a for a, tail in enumerate(frame.tails)}
+    coded = [of_tail[t] for one in named if one.name != "outliers" for t in one.tails]
+    erring = [of_tail[t] for one in named if one.name == "outliers" for t in one.tails]
+    left_out = gross & np.isin(frame.aircraft, erring)
+    sent = find_sent_winds(frame, rest, without=coded, gross=left_out, gate=GATE, seed=seed)
+    also = coded if sent is None else [*coded, *sent.tails]
+    scatter = find_scatter(
+        frame,
+        fitted.context,
+        rest,
+        fitted.noise,
+        fitted.model.sums.candidates.variables,
+        gross=left_out,
+        without=also,
+        gate=GATE,
+        seed=seed,
+    )
+    return named, scatter, sent
 
 
 def make_adjustment(fitted: Fitted, effects: Mapping[str, Effect]) -> Adjustment:

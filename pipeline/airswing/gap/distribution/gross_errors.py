@@ -35,11 +35,13 @@ LEAST_SIZE = 6.0
 """Standard deviation per component, m/s, under which what stands out is no gross error."""
 
 
-def outliers(frame: Frame, noise: NoiseFit) -> Verdict | None:
+def outliers(frame: Frame, residual: Floats, noise: NoiseFit) -> Verdict | None:
     """Find aircraft with more gross errors than a simulated archive of the same paths has.
 
     Parameters
     ----------
+    residual : (n, 2) float
+        With the effects that move means taken off, m/s.
     noise : NoiseFit
         Holds the reports taken for gross errors.
     """
@@ -55,7 +57,7 @@ def outliers(frame: Frame, noise: NoiseFit) -> Verdict | None:
     struck = np.flatnonzero(used)[gain > 0]
     if struck.size == 0 or rate < LEAST_RATE:
         return None
-    size = _gross_size(frame, noise.gross & np.isin(frame.aircraft, struck))
+    size = _gross_size(residual, noise.gross & np.isin(frame.aircraft, struck))
     if size < LEAST_SIZE:
         return None  # an effect that is switched on and off, not an error of single reports
     # gross errors of less than 5 m/s in both components pass for noise: those seen are scaled up by
@@ -146,12 +148,12 @@ def _inside(z: float) -> float:
     return float(np.tanh(z * 0.7979 * (1 + 0.044715 * z * z)))
 
 
-def _gross_size(frame: Frame, gross: NDArray[np.bool_]) -> float:
+def _gross_size(residual: Floats, gross: NDArray[np.bool_]) -> float:
     """Standard deviation per component of the gross errors, m/s."""
-    values = frame.residual[gross]
+    values = residual[gross]
     if values.shape[0] < 5:
         return 20.0
-    ordinary = robust_sd(frame.residual, 0.0)
+    ordinary = robust_sd(residual, 0.0)
     # at least 5 m/s: gross is what stands out by five standard deviations, each a metre a second
     # or so
     return float(np.sqrt(max(float(np.mean(values**2)) - ordinary**2, 25.0)))

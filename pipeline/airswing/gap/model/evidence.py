@@ -44,6 +44,18 @@ SCALES = np.array([0.3, 0.6, 1.2, 2.4, 4.8])
 LASTING = 0.15
 #: m, m/s: what no aircraft is free of; the same of single aircraft.
 SMALL = 0.04
+
+
+@dataclass(frozen=True)
+class Usual:
+    """What is usual of a quantity: its scales, and the sizes that are no effect."""
+
+    scales: Floats = field(default_factory=lambda: SCALES)
+    lasting: float = LASTING
+    small: float = SMALL
+
+
+WIND = Usual()
 #: Shares of affected aircraft that the Beta prior is integrated over.
 SHARES = np.linspace(0.02, 0.98, 25)
 #: Days with flights that must lie on either side of a change.
@@ -75,15 +87,15 @@ class Found:
     start: Mapping[int, int] = field(default_factory=dict)
 
 
-def common_variance(found: Statistics) -> tuple[Floats, Floats]:
+def common_variance(found: Statistics, lasting: float = LASTING) -> tuple[Floats, Floats]:
     """T and T0 of the module, (m, m)."""
     m = found.score.shape[1]
     given_back = found.fleet_inverse - np.linalg.inv(found.information.sum(axis=0) + found.ridge)
     uneven = max(0.0, found.fleet_factor - 1.0) * found.fleet_inverse
-    whole = given_back + uneven + LASTING**2 * np.eye(m)
+    whole = given_back + uneven + lasting**2 * np.eye(m)
     values, vectors = np.linalg.eigh((whole + whole.T) / 2)
     # differences of inverses may come out below nothing by rounding
-    return (vectors * np.clip(values, LASTING**2, 1e6)) @ vectors.T, given_back
+    return (vectors * np.clip(values, lasting**2, 1e6)) @ vectors.T, given_back
 
 
 class _Common:
@@ -152,7 +164,7 @@ def _nested(
     return common.total(information, score, level) + extra, gain
 
 
-def static_evidence(found: Statistics, kappa: float, scopes: str) -> dict[str, Found]:
+def static_evidence(found: Statistics, kappa: float, scopes: str, usual: Usual = WIND) -> dict[str, Found]:
     """Evidence of a candidate that acts on the whole archive, by scope.
 
     Parameters
@@ -161,9 +173,11 @@ def static_evidence(found: Statistics, kappa: float, scopes: str) -> dict[str, F
         Noise factor of single aircraft.
     scopes : str
         ``a``, ``f`` or both.
+    usual : Usual
+        Scales and usual sizes; those of the wind's mean by default.
     """
     aircraft, m = found.score.shape
-    variance, given_back = common_variance(found)
+    variance, given_back = common_variance(found, usual.lasting)
     score = found.score + found.information @ (given_back @ found.score.sum(axis=0))
     values, vectors = np.linalg.eigh(found.information)
     values = np.maximum(values, 1e-8 * max(float(values.max()), 1e-12))
@@ -178,7 +192,7 @@ def static_evidence(found: Statistics, kappa: float, scopes: str) -> dict[str, F
         level = -0.5 * np.log(spread).sum(axis=1) - 0.5 * (turned**2 / spread).sum(axis=1)
         return level, linear, information
 
-    common, null = _Common(variance), parts(SMALL**2)
+    common, null = _Common(variance), parts(usual.small**2)
     sums = tuple(part.sum(axis=0) for part in null)
     nothing = float(common.total(sums[2], sums[1], sums[0]))
     out = {}
@@ -186,23 +200,23 @@ def static_evidence(found: Statistics, kappa: float, scopes: str) -> dict[str, F
         each = np.array(
             [
                 float(_Common(variance + s**2 * np.eye(m)).total(sums[2], sums[1], sums[0]))
-                for s in SCALES
+                for s in usual.scales
             ]
         )
-        evidence = float(logsumexp(each)) - np.log(SCALES.size) - nothing
-        best = float(SCALES[each.argmax()])
+        evidence = float(logsumexp(each)) - np.log(usual.scales.size) - nothing
+        best = float(usual.scales[each.argmax()])
         out["f"] = Found(evidence, best, tuple(range(aircraft)), np.ones(aircraft))
     if "a" in scopes:
         prior, able = number_prior(aircraft), np.ones(aircraft, bool)
         made = [
-            _nested(common, null, parts(s**2 + SMALL**2), add=np.zeros(aircraft), able=able)
-            for s in SCALES
+            _nested(common, null, parts(s**2 + usual.small**2), add=np.zeros(aircraft), able=able)
+            for s in usual.scales
         ]
         each = np.array([by_size + prior for by_size, _ in made]) - nothing
         weight = np.exp(logsumexp(each, axis=1) - logsumexp(each))
         inclusion = sum(w * _inclusion(gain) for w, (_, gain) in zip(weight, made, strict=True))
-        evidence = float(logsumexp(each)) - np.log(SCALES.size)
-        best = float(SCALES[np.unravel_index(each.argmax(), each.shape)[0]])
+        evidence = float(logsumexp(each)) - np.log(usual.scales.size)
+        best = float(usual.scales[np.unravel_index(each.argmax(), each.shape)[0]])
         chosen = tuple(int(a) for a in np.flatnonzero(np.asarray(inclusion) > 0.5))
         out["a"] = Found(evidence, best, chosen, np.asarray(inclusion))
     return out

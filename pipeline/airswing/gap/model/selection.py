@@ -38,9 +38,8 @@ GATE = 3.0
 #: its columns are evaluated at, an error of first order of (5 degrees)^2 / 2 = 0.4 % of the energy;
 #: ten times that for context that is inferred.
 REPRESENTS = 0.96
-#: Share below the best screening score within which candidates are contested, nats beyond it, and
-#: how many of each kind.
-CLOSE, MARGIN, NAMES, TABLES = 0.8, 10.0, 9, 6
+#: Names and tables in a contest, the best of each by the screening score.
+NAMES, TABLES = 12, 6
 #: Most terms, and rounds of replacement after an addition.
 MOST, ROUNDS = 10, 3
 
@@ -103,12 +102,11 @@ def contest(
     able = [term for term in ranked if term.gate > gate]
     if not able:
         return []
-    least = able[0].score - CLOSE * abs(able[0].score) - MARGIN
     short: list[Term] = []
     seen: set[tuple[str, str, str]] = set()
     for term in able:
         kind = (term.group.name, term.scope, term.group.kind)
-        if term.score > least and kind not in seen:
+        if kind not in seen:
             seen.add(kind)
             short.append(term)
     names = [t for t in short if t.group.named][:NAMES]

@@ -247,6 +247,31 @@ class Model:
         )
 
 
+def noise_factor(score: Floats, by_day: Floats) -> Statistics:
+    """Statistics of a scalar regression: scores (A, D, m) and information (A, D, m, m) by day."""
+    m = score.shape[-1]
+    information, fleet = by_day.sum(axis=1), by_day.sum(axis=0)
+    ridge = 1e-7 * np.trace(information.sum(axis=0)) / m * np.eye(m) + 1e-12 * np.eye(m)
+    inverse = np.linalg.inv(information + ridge)
+    fleet_inverse = np.linalg.inv(information.sum(axis=0) + ridge)
+    fit = np.linalg.solve(information + np.eye(m), score.sum(axis=1)[..., None])[..., 0]
+    apart = score - np.einsum("adij,aj->adi", by_day, fit)
+    factor = np.maximum(*(_scatter(apart, by_day, inverse, ridge, n) for n in BLOCKS))
+    together = apart.sum(axis=0)[None]
+    fleet_factor = max(
+        _scatter(together, fleet[None], fleet_inverse[None], ridge, n)[0] for n in BLOCKS
+    )
+    return Statistics(
+        score.sum(axis=1),
+        information,
+        information.sum(axis=0),
+        fleet_inverse,
+        ridge,
+        factor,
+        float(fleet_factor),
+    )
+
+
 #: Prior scale, m/s, of the fit that is taken off before days' scores are compared.
 WIDE = 4.8
 #: Days in a cluster; the larger scatter counts: what lasts for days is seen in blocks of four.

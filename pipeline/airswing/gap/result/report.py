@@ -8,8 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.gap.archive.reported_variables import UNITS
 from airswing.gap.distribution.coded_values import reduction_of_coding
 from airswing.gap.distribution.gross_errors import reduction_of_gross
+from airswing.gap.distribution.scatter import Scatter, reduction_of_scatter
+from airswing.gap.distribution.sent_winds import SentWinds
 from airswing.gap.distribution.verdict import Reduction, Verdict
 from airswing.gap.effects.base import Effect
 from airswing.gap.model.closure import Closure, Step
@@ -19,6 +22,7 @@ from airswing.gap.result.schema import (
     ClosesEntry,
     ClosureEntry,
     CountsEntry,
+    CurveEntry,
     DisagreementEntry,
     EffectClosureEntry,
     EffectEntry,
@@ -28,6 +32,7 @@ from airswing.gap.result.schema import (
     PlaceEntry,
     SliceEntry,
     StepEntry,
+    StepsEntry,
     TailEntry,
     UnknownClosureEntry,
     UnknownEntry,
@@ -59,6 +64,8 @@ class Findings:
     claims: Sequence[Claim]
     closure: Closure
     distribution: Sequence[Verdict]
+    scatter: Scatter | None
+    sent: SentWinds | None
     where: Sequence[SliceEntry]
     untestable: Mapping[str, str]
     seed: int
@@ -101,8 +108,6 @@ def assemble(findings: Findings) -> GapReport:
         steps.append(("tail_swap", Step(0.0, (0.0, 0.0))))
     gross = gross_errors(closure.residual, fitted.noise.order)
     for verdict in findings.distribution:
-        if probability(verdict.evidence) < STATED:
-            continue
         reduction = (
             reduction_of_gross(frame, closure.residual, verdict, gross)
             if verdict.name == "outliers"
@@ -110,6 +115,9 @@ def assemble(findings: Findings) -> GapReport:
         )
         effects.append(_verdict_entry(verdict, reduction, total))
         steps.append((verdict.name, Step(reduction.kt, reduction.interval)))
+    for place, reduction in _unseen_in_means(findings, gross):
+        places.append(place)
+        steps.append((f"unknown: {place.variable}", Step(reduction.kt, reduction.interval)))
     effects.sort(key=lambda entry: -entry.held_out_energy)
     whole = _sum([step for _, step in steps], closure)
     unnamed = [step for name, step in steps if name.startswith("unknown: ")]
@@ -162,6 +170,90 @@ def assemble(findings: Findings) -> GapReport:
         seed=findings.seed,
         ambiguity={entry.name: entry.ambiguity for entry in effects},
     )
+
+
+def _unseen_in_means(
+    findings: Findings, gross: NDArray[np.bool_]
+) -> list[tuple[PlaceEntry, Reduction]]:
+    """Places of scatter and of winds sent otherwise."""
+    tails = findings.fitted.frame.tails
+    out = []
+    if findings.sent is not None:
+        found = findings.sent
+        curve = CurveEntry(
+            [f"{10 * k}" for k in range(36)], [100.0 * x for x in found.directions], unit="percent"
+        )
+        component, size = "reported_direction", 0.0
+        if found.speeds is not None and found.sent is not None:
+            component = "reported_speed"
+            size = float(np.sqrt(np.mean((found.sent - found.speeds) ** 2)))
+            curve = CurveEntry(
+                [f"{speed:.3g}" for speed in found.speeds],
+                _floats(found.sent),
+                unit="m/s",
+                variables=["wind_speed"],
+                variable_units=["m/s"],
+                edges=[_floats(found.speeds)],
+                values=_floats(found.sent),
+            )
+        place = _place(component, found.variable, found.tails, tails, found.evidence, size, curve)
+        if found.lattice is not None:
+            grid = found.lattice
+            steps = StepsEntry(grid.step, grid.below / KNOT, grid.share)
+            place = replace(place, steps=steps)
+        place = replace(place, settled_by="the unit's winds before coding and those it sends")
+        out.append((_closing(place, found.reduction), found.reduction))
+    if findings.scatter is not None:
+        one = findings.scatter
+        values = _floats(one.values)
+        labels = [tails[a] for a in one.tails]
+        curve = CurveEntry(labels, values)
+        if one.variable != "scatter":
+            edges = _floats(one.edges)
+            labels = [f"{a:.4g} to {b:.4g}" for a, b in zip(edges[:-1], edges[1:], strict=True)]
+            curve = CurveEntry(
+                labels,
+                values,
+                unit="m/s",
+                variables=[one.variable],
+                variable_units=[UNITS[one.variable]],
+                edges=[edges],
+                values=values,
+            )
+        size = float(np.median([value for value in values if value > 0]))
+        place = _place("scatter", one.variable, one.tails, tails, one.evidence, size, curve)
+        reduction = reduction_of_scatter(findings.closure.residual, one, gross)
+        out.append((_closing(place, reduction), reduction))
+    return out
+
+
+def _place(
+    component: str,
+    variable: str,
+    affected: Sequence[int],
+    tails: Sequence[str],
+    evidence: float,
+    size: float,
+    curve: CurveEntry,
+) -> PlaceEntry:
+    # three quarters of the fleet are taken for all of it: a cell may be met by few
+    whole = len(affected) >= 0.75 * len(tails)
+    return PlaceEntry(
+        component=component,
+        variable=variable,
+        variables=[variable],
+        group=f"{variable}|{component}",
+        tails=[] if whole else [tails[a] for a in affected],
+        scope="fleet" if whole else "aircraft",
+        evidence_nats=round(evidence, 2),
+        size_m_s=size,
+        curve=curve,
+        probability=probability(evidence),
+    )
+
+
+def _closing(place: PlaceEntry, reduction: Reduction) -> PlaceEntry:
+    return replace(place, closure=ClosesEntry(reduction.kt, list(reduction.interval)))
 
 
 def _sum(steps: Sequence[Step], closure: Closure) -> Step:

@@ -1,0 +1,270 @@
+"""Reports that scatter more than simulated ones: on some aircraft, or by what they record.
+
+What the other reports of a flight do not predict of a report is mostly its own: noise, coding, an
+instrument that jitters. The logarithm of its square, in units of what the noise model expects, less
+that of simulated archives of the same paths, noise and coding, is a scalar y of each report. A curve
+of y over a variable, on the fleet or on some aircraft, is a table as in the model of the mean: the
+same evidence (:func:`airswing.gap.model.evidence.static_evidence`), with the usual variation of log
+variance in place of that of the wind. Each aircraft has a level of its own; its level is compared
+with the fleet's.
+
+Larger scatter in turns is noise that all aircraft have: a common curve of the bank is removed first.
+
+References
+----------
+Harvey, A. C. (1976). Estimating regression models with multiplicative heteroscedasticity.
+Econometrica 44, 461-465 (logarithms of squares).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.gap.archive.frame import Frame
+from airswing.gap.archive.reported_variables import KINDS, Variable
+from airswing.gap.design.heading_uncertainty import heading_doubt
+from airswing.gap.distribution.verdict import Reduction, mean_reduction
+from airswing.gap.model.candidates import Curve, curve_of
+from airswing.gap.model.evidence import Found, Usual, static_evidence
+from airswing.gap.model.sums import days_of
+from airswing.gap.model.terms import Statistics, noise_factor
+from airswing.gap.noise.beside_neighbours import interpolation_errors
+from airswing.gap.noise.model import NoiseFit, flown, gains_beside
+from airswing.gap.simulation.forward import Coding, draw_noise
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+#: Simulated archives that the reports are compared with.
+DRAWS = 2
+#: Variance of the logarithm of an exponential variable (the squared length of two normal
+#: components), pi^2 / 6, with that of the mean of the simulated ones.
+LOG_VARIANCE = np.pi**2 / 6 * (1 + 1 / DRAWS)
+#: Variation of log variance that is no effect: over weather and routes, and of single aircraft;
+#: scales of an effect.
+NATURAL = Usual(np.array([0.3, 0.6, 1.2]), lasting=0.15, small=0.1)
+#: Least excess of ln sd of an aircraft over the fleet that is stated, and the usual spread.
+LEAST_EXCESS, LEAST_SPREAD = 0.15, 0.03
+#: Reports an aircraft must have, and aircraft a fleet, to compare their levels.
+LEAST_REPORTS, LEAST_AIRCRAFT = 200, 5
+#: Share of the mean square that is always left.
+LEAST_LEFT = 0.05
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """Reports that scatter more than simulated ones.
+
+    Attributes
+    ----------
+    tails : tuple of int
+        Aircraft.
+    variable : str
+        ``scatter`` where aircraft differ in their level only.
+    edges, values : (k + 1,), (k,) float
+        Excess standard deviation per component in cells of the variable, m/s.
+    sizes : (n,) float
+        The same of every report.
+    evidence : float
+        Log posterior odds, nats.
+    """
+
+    tails: tuple[int, ...]
+    variable: str
+    edges: Floats
+    values: Floats
+    sizes: Floats
+    evidence: float
+
+
+def log_squares(residual: Floats, noise: NoiseFit) -> tuple[Floats, Floats]:
+    """Log squared interpolation error over its expectation, and the expectation, (n,); NaN: masked."""
+    errors, precision = interpolation_errors(residual, noise.order, noise.gains)
+    square = 0.5 * (errors**2).sum(axis=1) * precision
+    known = (precision > 0) & (square > 0)
+    out = np.full(residual.shape[0], np.nan)
+    out[known] = np.log(square[known])
+    variance = np.full(residual.shape[0], np.nan)
+    variance[known] = 1 / precision[known]
+    return out, variance
+
+
+def excess_log_squares(
+    frame: Frame, context: Frame, residual: Floats, noise: NoiseFit, gross: NDArray[np.bool_], seed: int
+) -> tuple[Floats, Floats]:
+    """y of the module, and the variance that the noise model expects, (n,)."""
+    reports = flown(context, heading_doubt(frame, context))
+    noise = replace(noise, gains=gains_beside(noise, reports, ~gross), gross=gross)
+    real, variance = log_squares(residual, noise)
+    coding, rng = Coding.as_found(frame), np.random.default_rng(seed)
+    total = np.zeros(frame.size)
+    for _ in range(DRAWS):
+        error = draw_noise(context, noise.model, rng=rng)
+        u, v = coding.apply(frame.u_ref + error[:, 0], frame.v_ref + error[:, 1])
+        made, _ = log_squares(np.stack([u - frame.u_ref, v - frame.v_ref], -1), noise)
+        total += np.where(np.isfinite(made), made, 0.0) / DRAWS
+    return real - total, variance
+
+
+def find_scatter(
+    frame: Frame,
+    context: Frame,
+    residual: Floats,
+    noise: NoiseFit,
+    variables: Mapping[str, Variable],
+    *,
+    gross: NDArray[np.bool_],
+    without: Collection[int] = (),
+    gate: float,
+    seed: int = 0,
+) -> Scatter | None:
+    """Reports that scatter more than simulated ones, where the evidence passes the gate.
+
+    Parameters
+    ----------
+    residual : (n, 2) float
+        With the effects found taken off, m/s.
+    gross : (n,) bool
+        Reports left out: gross errors that have a name.
+    without : collection of int
+        Aircraft left out: their scatter has a name.
+    gate : float
+        Least log posterior odds, nats.
+    """
+    y, variance = excess_log_squares(frame, context, residual, noise, gross, seed)
+    y[np.isin(frame.aircraft, list(without))] = np.nan
+    known = np.isfinite(y)
+    if known.sum() < LEAST_REPORTS * 5:
+        return None
+    days, day, _ = days_of(frame)
+    y = y - _in_turns(frame, y, known)
+    best: tuple[float, str, Curve, Found] | None = None
+    number = 2 * max(len(variables), 1)
+    for name, variable in variables.items():
+        curve = curve_of(name, variable.values)
+        use = known & np.isfinite(variable.values)
+        if use.sum() < LEAST_REPORTS or (name != "magnetic_heading" and curve.knots.size < 2):
+            continue
+        functions = curve.functions(variable.values)
+        statistics = _statistics(y, functions, curve, frame.aircraft, day, days.size, use)
+        factor = max(1.0, float(np.mean(statistics.factor)))
+        for found in static_evidence(statistics, factor, "af", NATURAL).values():
+            score = found.evidence - np.log(number)
+            if found.tails and score > gate and (best is None or score > best[0]):
+                best = score, name, curve, found
+    if best is None:
+        return _by_aircraft(frame, y, variance, day, gate)
+    score, name, curve, found = best
+    return _sized(frame, y, variance, variables[name], found, score)
+
+
+def _in_turns(frame: Frame, y: Floats, known: NDArray[np.bool_]) -> Floats:
+    """Common curve of y over the size of the bank, (n,)."""
+    bank = np.abs(np.degrees(np.nan_to_num(frame.bank)))
+    edges = np.unique(np.quantile(bank[known], np.linspace(0, 1, 13)[1:-1]))
+    cell = np.searchsorted(edges, bank)
+    count = np.bincount(cell[known], minlength=edges.size + 1)
+    total = np.bincount(cell[known], y[known], minlength=edges.size + 1)
+    return np.asarray((total / np.maximum(count, 1))[cell])
+
+
+def _statistics(
+    y: Floats,
+    functions: Floats,
+    curve: Curve,
+    aircraft: Integers,
+    day: Integers,
+    days: int,
+    use: NDArray[np.bool_],
+) -> Statistics:
+    """Scores and information of a curve of y, with the level of each aircraft free."""
+    root = np.linalg.cholesky(curve.covariance + 1e-9 * np.eye(functions.shape[1]))
+    number, m = int(aircraft.max()) + 1, root.shape[1]
+    score = np.zeros((number, days, m))
+    gram = np.zeros((number, days, m, m))
+    values = functions @ root
+    for a in range(number):
+        own = np.flatnonzero(use & (aircraft == a))
+        if own.size < LEAST_REPORTS:
+            continue
+        rows = values[own] - values[own].mean(axis=0)
+        centred = y[own] - y[own].mean()
+        order = np.argsort(day[own], kind="stable")
+        cuts = np.searchsorted(day[own][order], np.arange(days + 1))
+        for d in range(days):
+            part = order[cuts[d] : cuts[d + 1]]
+            if part.size:
+                score[a, d] = rows[part].T @ centred[part] / LOG_VARIANCE
+                gram[a, d] = rows[part].T @ rows[part] / LOG_VARIANCE
+    return noise_factor(score, gram)
+
+
+def _sized(
+    frame: Frame, y: Floats, variance: Floats, variable: Variable, found: Found, evidence: float
+) -> Scatter | None:
+    """Excess over the quietest third of the cells, in m/s."""
+    edges = variable.edges(24 if KINDS[variable.name][0] != "category" else 3)
+    own = np.isin(frame.aircraft, found.tails) & np.isfinite(y)
+    cell = variable.cells(edges)
+    own &= cell >= 0
+    count = np.bincount(cell[own], minlength=edges.size - 1)
+    mean = np.bincount(cell[own], y[own], minlength=edges.size - 1) / np.maximum(count, 1)
+    used = np.flatnonzero(count >= 30)
+    if used.size < 2:
+        return None
+    quiet = float(np.median(np.sort(mean[used])[: max(used.size // 3, 1)]))
+    above = np.where(count >= 30, np.maximum(mean - quiet, 0.0), 0.0)
+    error = np.sqrt(LOG_VARIANCE / np.maximum(count, 1))
+    above[above < np.maximum(2 * error, 0.2 * above.max())] = 0.0
+    typical = np.bincount(cell[own], variance[own], minlength=edges.size - 1) / np.maximum(count, 1)
+    values = np.sqrt(np.expm1(np.minimum(above, 5.0)) * np.exp(max(quiet, 0.0)) * typical)
+    inside = np.isin(frame.aircraft, found.tails) & (cell >= 0)
+    sizes = np.where(inside, values[np.maximum(cell, 0)], 0.0)
+    if not sizes.any():
+        return None
+    return Scatter(found.tails, variable.name, edges, values, sizes, evidence)
+
+
+def _by_aircraft(
+    frame: Frame, y: Floats, variance: Floats, day: Integers, gate: float
+) -> Scatter | None:
+    """Aircraft whose reports scatter more than the fleet's, whatever they record."""
+    known = np.isfinite(y)
+    count = np.bincount(frame.aircraft[known], minlength=len(frame.tails))
+    total = np.bincount(frame.aircraft[known], y[known], minlength=len(frame.tails))
+    used = np.flatnonzero(count >= LEAST_REPORTS)
+    if used.size < LEAST_AIRCRAFT:
+        return None
+    level = total[used] / count[used]
+    ratio = 0.5 * (level - np.median(level))
+    spread = max(1.4826 * float(np.median(np.abs(ratio))), LEAST_SPREAD)
+    evidence = 0.5 * (ratio / spread) ** 2 - np.log(2 * used.size)
+    high = (ratio > LEAST_EXCESS) & (evidence > gate)
+    if not high.any():
+        return None
+    size = np.zeros(len(frame.tails))
+    for a, excess in zip(used[high], 2 * ratio[high], strict=True):
+        own = known & (frame.aircraft == a)
+        size[a] = np.sqrt(np.expm1(min(excess, 5.0)) * float(variance[own].mean()))
+    tails = tuple(int(a) for a in used[high])
+    best = float(evidence[high].max())
+    return Scatter(tails, "scatter", np.zeros(0), size[list(tails)], size[frame.aircraft], best)
+
+
+def reduction_of_scatter(residual: Floats, found: Scatter, gross: NDArray[np.bool_]) -> Reduction:
+    """How far the disagreement shrinks without the excess scatter.
+
+    Independent errors add in squares: reports of a cell would differ less by the root of the share
+    of the mean square that is left.
+    """
+    affected = (found.sizes > 0) & ~gross
+    longer = np.zeros(residual.shape[0])
+    for size in np.unique(found.sizes[affected]):
+        own = affected & (found.sizes == size)
+        share = 2 * size**2 / float((residual[own] ** 2).sum(axis=1).mean())
+        longer[own] = np.hypot(*residual[own].T) * (1 - np.sqrt(max(1 - share, LEAST_LEFT)))
+    return mean_reduction(longer[affected], affected)

@@ -1,0 +1,248 @@
+"""Speeds and directions that are sent too often or never: floors, ceilings, holes, coarse directions.
+
+Counts of reported speeds (classes of 2 kt) and directions (10 degrees) are compared with those of
+simulated reports: the reference wind plus the residual of another report of the same level, coded
+alike, so that the spread is right and nothing of coding, floors or faults of the original is left. A
+smooth ratio of the two is the weather's; a cell that differs from its neighbours is the unit's. The
+day is the unit of scatter. The evidence of the clearest cell is half its squared contrast less the
+log number of cells; regressions on the report's own wind are blind here, because its noise is on
+both sides.
+
+What the unit sends in place of each speed is the monotone map between the quantiles of simulated and
+reported speeds; the closure is what the map adds to the disagreement of simulated reports.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.gap.archive.direction_lattice import Lattice, lattice_of
+from airswing.gap.archive.frame import Frame
+from airswing.gap.distribution.verdict import Reduction
+from airswing.gap.effects.empirical import mapped_speed
+from airswing.gap.model.sums import days_of
+from airswing.gap.simulation.forward import Coding
+from airswing.units import KNOT
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+#: Simulated archives.
+DRAWS = 6
+#: Levels within which residuals are exchanged.
+LEVELS = 8
+#: Least simulated reports of a cell, and the least contrast of its log ratio: 15 % of its reports.
+LEAST_COUNT, LEAST_CONTRAST = 50.0, 0.15
+#: Quantiles of the map of speeds, and the least change that is one.
+QUANTILES, LEAST_CHANGE = 80, 1.0 * KNOT
+
+
+@dataclass(frozen=True)
+class SentWinds:
+    """Winds sent otherwise than simulated ones.
+
+    Attributes
+    ----------
+    variable : str
+        ``wind_speed`` or ``wind_direction``.
+    tails : tuple of int
+        Aircraft.
+    evidence : float
+        Log posterior odds, nats.
+    speeds, sent : (m,) float
+        Map of speeds, m/s; None where it is the identity.
+    directions : (36,) float
+        Reports in each ten degrees over simulated ones, less 1.
+    reduction : Reduction
+    lattice : Lattice or None
+        Steps of the directions of weak winds.
+    """
+
+    variable: str
+    tails: tuple[int, ...]
+    evidence: float
+    speeds: Floats | None
+    sent: Floats | None
+    directions: Floats
+    reduction: Reduction
+    lattice: Lattice | None
+
+
+def simulated_winds(frame: Frame, residual: Floats, rng: np.random.Generator) -> Floats:
+    """Reference winds plus the residual of another report of the same level, coded alike, (n, 2)."""
+    level = np.argsort(np.argsort(frame.pressure)) * LEVELS // frame.size
+    wind = np.stack([frame.u_ref, frame.v_ref], -1)
+    for k in range(LEVELS):
+        own = np.flatnonzero(level == k)
+        wind[own] += residual[rng.permutation(own)]
+    u, v = Coding.of_archive(frame).apply(wind[:, 0], wind[:, 1])
+    return np.stack([u, v], -1)
+
+
+def _cells(wind: Floats, top: int) -> dict[str, Integers]:
+    speed = np.hypot(*wind.T) / KNOT
+    direction = np.mod(np.degrees(np.arctan2(-wind[:, 0], -wind[:, 1])), 360.0)
+    return {
+        "wind_speed": np.clip(np.round(speed).astype(np.int64) // 2, 0, top),
+        "wind_direction": (direction // 10.0).astype(np.int64) % 36,
+    }
+
+
+def contrasts(real: Floats, simulated: Floats, periodic: bool) -> tuple[Floats, Floats]:
+    """Contrast of each cell with a smooth ratio: z by day, and the log ratio; (D, k) counts."""
+    total, expected = real.sum(axis=0), simulated.sum(axis=0)
+    k = total.size
+    used = expected > LEAST_COUNT
+    x = np.arange(k)
+    if periodic:
+        waves = [f(2 * np.pi * j * x / k) for j in (1, 2, 3) for f in (np.sin, np.cos)]
+        design = np.stack([np.ones(k), *waves], -1)
+    else:
+        design = np.polynomial.legendre.legvander(2 * x / max(k - 1, 1) - 1, min(6, k - 1))
+    ratio = np.log((total + 1) / (expected + 1))
+    weight = np.sqrt(np.where(used, expected, 0.0))
+    apart = ratio
+    for _ in range(8):  # cells far off must not bend the smooth ratio
+        smooth = design @ np.linalg.lstsq(design * weight[:, None], ratio * weight, rcond=None)[0]
+        apart = ratio - smooth
+        spread = 1.48 * np.median(np.abs(apart[used])) + 1e-3 if used.any() else 1.0
+        weight = np.sqrt(np.where(used, expected, 0.0))
+        weight = weight * np.minimum(1, 2 * spread / np.maximum(np.abs(apart), 1e-9))
+    differences = real - simulated * np.exp(smooth)
+    z = differences.sum(axis=0) / np.sqrt((differences**2).sum(axis=0) + 1)
+    return np.where(used, z, 0.0), np.where(used, apart, 0.0)
+
+
+def find_sent_winds(
+    frame: Frame,
+    residual: Floats,
+    *,
+    without: Collection[int] = (),
+    gross: NDArray[np.bool_],
+    gate: float,
+    seed: int = 0,
+) -> SentWinds | None:
+    """Winds sent otherwise than simulated ones, where the evidence passes the gate.
+
+    Parameters
+    ----------
+    residual : (n, 2) float
+        With the effects found taken off, m/s.
+    without : collection of int
+        Aircraft left out: their coding has a name.
+    """
+    rng = np.random.default_rng(seed)
+    days, day, _ = days_of(frame)
+    use = ~np.isin(frame.aircraft, list(without)) & ~gross
+    if days.size < 7 or use.sum() < 2000:
+        return None  # the scatter between days is not known
+    # reports as they are, without what moves means
+    real = np.stack([frame.u_rep, frame.v_rep], -1)
+    drawn = [simulated_winds(frame, residual, rng) for _ in range(DRAWS)]
+    top = int(np.quantile(np.hypot(*real.T) / KNOT, 0.95)) // 2 + 1
+    cells = [_cells(wind, top) for wind in (real, *drawn)]
+    best: tuple[float, str, int, int] | None = None
+    number, aircraft = days.size, len(frame.tails)
+    counted: dict[str, tuple[Floats, Floats]] = {}
+    for name, size in (("wind_speed", top + 1), ("wind_direction", 36)):
+        key = (frame.aircraft * number + day) * size
+        counts = [
+            np.bincount(key[use] + one[name][use], minlength=aircraft * number * size)
+            .reshape(aircraft, number, size)
+            .astype(float)
+            for one in cells
+        ]
+        own, made = counts[0], np.mean(counts[1:], axis=0)
+        if name == "wind_speed":  # calm and the open class at the end have no neighbours
+            own, made = own[:, :, 1:-1], made[:, :, 1:-1]
+        counted[name] = own, made
+        for a in (-1, *range(aircraft)):
+            one, other = (x.sum(axis=0) if a < 0 else x[a] for x in (own, made))
+            z, apart = contrasts(one, other, name == "wind_direction")
+            z = np.where(np.abs(apart) > LEAST_CONTRAST, z, 0.0)
+            # a sum over D days has tails of Student's law
+            evidence = 0.5 * number * np.log1p(z**2 / number)
+            k = int(np.argmax(evidence))
+            price = np.log(2.0 * size) + (0.0 if a < 0 else np.log(2.0 * aircraft))
+            score = float(evidence[k] - price)
+            if score > gate and (best is None or score > best[0]):
+                best = score, name, k, a
+    if best is None:
+        return None
+    score, name, k, a = best
+    tails = _aircraft_of(*counted[name], k, name == "wind_direction", a)
+    whole = np.isin(frame.aircraft, tails) & use
+    speeds, sent = _speed_map(real, drawn, whole)
+    count = [np.bincount(one["wind_direction"][whole], minlength=36) for one in cells]
+    directions = count[0] / np.maximum(np.mean(count[1:], axis=0), 1.0) - 1.0
+    changed = bool((speeds != sent).any())
+    reduction = Reduction(0.0, 0.0)
+    if name == "wind_speed" and changed:
+        reduction = _closure(frame, drawn, whole, speeds, sent, day)
+    return SentWinds(
+        name,
+        tails,
+        score,
+        speeds if name == "wind_speed" and changed else None,
+        sent if name == "wind_speed" and changed else None,
+        directions,
+        reduction,
+        lattice_of(*real[whole].T) if name == "wind_direction" else None,
+    )
+
+
+def _aircraft_of(
+    own: Floats, made: Floats, cell: int, periodic: bool, first: int
+) -> tuple[int, ...]:
+    """Aircraft that show the clearest cell as the clearest one does."""
+    signs = np.zeros(own.shape[0])
+    for a in range(own.shape[0]):
+        z, apart = contrasts(own[a], made[a], periodic)
+        signs[a] = z[cell] * min(1.0, abs(apart[cell]) / LEAST_CONTRAST)
+    top = first if first >= 0 else int(np.argmax(np.abs(signs)))
+    # two standard errors, and the sign of the clearest
+    has = np.sign(signs) == np.sign(signs[top])
+    has &= np.abs(signs) > max(2.0, 0.25 * abs(signs[top]))
+    has[top] = True
+    return tuple(int(a) for a in np.flatnonzero(has))
+
+
+def _speed_map(
+    real: Floats, drawn: list[Floats], whole: NDArray[np.bool_]
+) -> tuple[Floats, Floats]:
+    """Speeds and what is sent in their place, (m,) each, m/s."""
+    levels = (np.arange(QUANTILES) + 0.5) / QUANTILES
+    made = np.stack([np.quantile(np.hypot(*wind[whole].T), levels) for wind in drawn])
+    speeds = made.mean(axis=0)
+    sent = np.quantile(np.hypot(*real[whole].T), levels)
+    same = np.abs(sent - speeds) < LEAST_CHANGE
+    sent = np.maximum.accumulate(np.where(same, speeds, sent))
+    speeds = np.maximum.accumulate(speeds + 1e-6 * np.arange(QUANTILES))
+    return speeds, np.where(same, speeds, sent)
+
+
+def _closure(
+    frame: Frame,
+    drawn: list[Floats],
+    whole: NDArray[np.bool_],
+    speeds: Floats,
+    sent: Floats,
+    day: Integers,
+) -> Reduction:
+    """What the map adds to the disagreement of simulated reports, kt."""
+    reference = np.stack([frame.u_ref, frame.v_ref], -1)
+    added = np.zeros(frame.size)
+    for wind in drawn:
+        speed = np.hypot(*wind.T)
+        scale = mapped_speed(speed, speeds, sent) / np.maximum(speed, 1e-6)
+        after = np.hypot(*(scale[:, None] * wind - reference).T)
+        longer = np.where(whole, after - np.hypot(*(wind - reference).T), 0.0)
+        added += longer / len(drawn) / KNOT
+    by_day, count = np.bincount(day, added), np.bincount(day)
+    value = float(added.mean())
+    spread = float(np.sqrt(((by_day - value * count) ** 2).sum()) / frame.size)
+    return Reduction(value, float(np.hypot(spread, 0.16 * value)))
