@@ -1,20 +1,20 @@
 """Paired benchmark of the gap diagnosis: the same archives before and after a change.
 
-    python -m benchmarks.gap_paired prepare [--folder DIR] [--cases 48] [--seed 20261126] [--real DIR]
-    python -m benchmarks.gap_paired run NAME [--folder DIR] [--only CASE ...]
-    python -m benchmarks.gap_paired compare OLD NEW [--folder DIR]
-    python -m benchmarks.gap_paired show NAME [--folder DIR]
+    python -m benchmarks.gap_paired prepare [--folder DIR] [--cases 48] [--seed 20261126] [--real
+    DIR] python -m benchmarks.gap_paired run NAME [--folder DIR] [--only CASE ...] python -m
+    benchmarks.gap_paired compare OLD NEW [--folder DIR] python -m benchmarks.gap_paired show NAME
+    [--folder DIR]
 
-``prepare`` draws archives with `airswing.synthetic.sealed` (single effects of 0.2 to 3.2 m/s, pairs,
-effects outside the catalogue, effects taken out of it, archives without an effect, the hard world
-and, with ``--real``, errors of a real sensor and a real forecast), makes their headings and stores
-the arrays of `airswing.gap.archive.frame.Frame` with the truth. ``run`` diagnoses every archive
-that has no result of that name yet and stores the content of ``gap.json``. ``compare`` scores two
-sets of results on the archives that both hold and prints every figure of both, the mean of the
-paired differences and its standard error. ``show`` prints one line an archive.
+``prepare`` draws archives with `airswing.synthetic.sealed` (single effects of 0.2 to 3.2 m/s,
+pairs, effects outside the catalogue, effects taken out of it, archives without an effect, the hard
+world and, with ``--real``, errors of a real sensor and a real forecast), makes their headings and
+stores the arrays of `airswing.gap.archive.frame.Frame` with the truth. ``run`` diagnoses every
+archive that has no result of that name yet and stores the content of ``gap.json``. ``compare``
+scores two sets of results on the archives that both hold and prints every figure of both, the mean
+of the paired differences and its standard error. ``show`` prints one line an archive.
 
-The cache lies outside the repository, in the system's temporary folder unless ``--folder`` is given.
-The archives of the default seed are for development: figures that are published come from
+The cache lies outside the repository, in the system's temporary folder unless ``--folder`` is
+given. The archives of the default seed are for development: figures that are published come from
 ``airswing gap-check`` on another seed.
 """
 
@@ -34,11 +34,10 @@ from typing import Any
 
 import numpy as np
 
-from airswing.blind_check.check_run import Plan
-from airswing.blind_check.scoring import score_case
+from airswing.blind_check.check import Plan
+from airswing.blind_check.score import draws, score_case
 from airswing.gap.archive.frame import Frame
 from airswing.gap.effects import CATALOGUE
-from airswing.gap.result.schema import GapReport
 from airswing.synthetic.sealed.cases import Case, Size, plan_cases
 from airswing.synthetic.sealed.labels import Label
 
@@ -57,8 +56,6 @@ def default_folder() -> Path:
 # ------------------------------------------------------------------------------------ archives
 def drawn_cases(cases: int, seed: int, real: Path | None) -> list[Case]:
     """Draw the cases, as the sealed check draws them."""
-    from airswing.blind_check.scoring import draws
-
     rungs = Plan(real=real).played
     return plan_cases(cases, seed=seed, size=SIZE, draws=draws(), rungs=rungs, nulls=NULLS)
 
@@ -85,18 +82,20 @@ def prepare(folder: Path, cases: int, seed: int, real: Path | None) -> None:
             write_frame(folder / f"{case.name}.npz", frame)
             (folder / f"{case.name}.json").write_text(json.dumps(label, default=float))
             spent = time.perf_counter() - began
-            print(f"{case.name} {case.kind} {label['focus']} {frame.size} {spent:.0f} s", flush=True)
+            print(
+                f"{case.name} {case.kind} {label['focus']} {frame.size} {spent:.0f} s", flush=True
+            )
 
 
 def headings_frame(config: Path) -> Frame:
     """Make the headings of an archive and return its frame against the pool of references."""
     from airswing.config_file import load_config
-    from airswing.workflow.gap_stage import gap_headings
     from airswing.workflow.job import Job
+    from airswing.workflow.months import make_headings
     from airswing.workflow.progress import Progress
 
     settings = load_config(config)
-    headings = gap_headings(Job(settings, Progress(quiet=True))).load()
+    headings = make_headings(Job(settings, Progress(quiet=True))).load()
     return Frame.from_headings(headings, reference=settings.pools()[settings.gap_reference()])
 
 
@@ -128,16 +127,17 @@ def run(folder: Path, name: str, only: Sequence[str]) -> None:
 
     target = folder / "results" / name
     target.mkdir(parents=True, exist_ok=True)
-    for label in labels(folder):
-        case = label["name"]
-        if (target / f"{case}.json").exists() or (only and case not in only):
+    every = {label["name"]: label for label in labels(folder)}
+    for case in only or every:
+        label = every[case]
+        if (target / f"{case}.json").exists():
             continue
         frame = read_frame(folder / f"{case}.npz")
         catalogue = {k: v for k, v in CATALOGUE.items() if k not in label["without"]}
         began = time.process_time()
         try:
             content: Mapping[str, object] = diagnose(frame, catalogue=catalogue).report.content()
-        except Exception as err:  # noqa: BLE001  a failed archive is a result
+        except Exception as err:
             content = {"failure": f"{type(err).__name__}: {err}"}
         spent = time.process_time() - began
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
@@ -147,7 +147,9 @@ def run(folder: Path, name: str, only: Sequence[str]) -> None:
 
 
 # ------------------------------------------------------------------------------------ scores
-def scored(folder: Path, name: str) -> dict[str, tuple[Label, dict[str, Any], GapReport | None]]:
+def scored(
+    folder: Path, name: str
+) -> dict[str, tuple[Label, dict[str, Any], dict[str, Any] | None]]:
     """Scores of all archives that have a result of this name."""
     out = {}
     for label in labels(folder):
@@ -157,44 +159,39 @@ def scored(folder: Path, name: str) -> dict[str, tuple[Label, dict[str, Any], Ga
     return out
 
 
-def score(label: Label, path: Path) -> tuple[dict[str, Any], GapReport | None]:
-    """Score one result: the sealed check's figures, closure of all that is stated, time."""
+def score(label: Label, path: Path) -> tuple[dict[str, Any], dict[str, Any] | None]:
+    """Score one result: figures of the sealed check, log score, closure, time; and its gap.json."""
     stored = json.loads(path.read_text())
-    fleet = sorted(SIZE.tails)
-    if "failure" in stored["gap"]:
-        return {**score_case(label, None, failure=stored["gap"]["failure"], fleet=fleet)}, None
-    scratch = path.with_suffix(".gap")
-    scratch.write_text(json.dumps(stored["gap"]))
-    report = GapReport.read(scratch)
-    scratch.unlink()
-    found: dict[str, Any] = {**score_case(label, report, fleet=fleet)}
+    gap, fleet = stored["gap"], sorted(SIZE.tails)
+    if "failure" in gap:
+        return score_case(label, None, failure=gap["failure"], fleet=fleet), None
+    _with_joint_closure(gap)
+    found = score_case(label, gap, fleet=fleet)
+    found["log_score"] = log_score(label, gap)
     found["seconds"], found["gigabytes"] = stored["seconds"], stored["gigabytes"]
-    # older results state the closure of unknowns apart
-    found["by_effect"] = stored["gap"]["closure"].get("by_effect") is not None
-    found["sigmas"] = parameter_sigmas(label, report)
-    return found, report
+    return found, gap
 
 
-def parameter_sigmas(label: Label, report: GapReport) -> list[float]:
-    """Errors of stated parameters over their standard errors, of all aircraft named rightly."""
-    out = []
-    for name in label["focus"]:
-        own = [effect for effect in label["effects"] if effect["name"] == name]
-        if len(own) != 1:
-            continue
-        for claim in (c for c in report.effects if c.name == name):
-            tails = own[0]["tails"]
-            each = claim.per_tail or {}
-            parts: list[Any] = [one for t, one in each.items() if tails is None or t in tails]
-            for one in parts or [claim]:
-                for key, true in own[0]["parameters"].items():
-                    error, value = (one.standard_errors or {}).get(key), one.parameters.get(key)
-                    if error and isinstance(value, int | float) and isinstance(true, int | float):
-                        off = float(value) - float(true)
-                        if key.endswith("phase_deg"):
-                            off = (off + 180.0) % 360.0 - 180.0
-                        out.append(off / error)
-    return out
+def _with_joint_closure(gap: dict[str, Any]) -> None:
+    """Older results state the closure of names and unknowns apart: add them."""
+    closure, unknown = gap["closure"], gap["unknown"].get("closure")
+    if closure.get("by_effect") is None and unknown is not None:
+        closure["after"] -= unknown["reduction"]
+        ends = closure.get("reduction_ci") or [closure["reduction"]] * 2
+        closure["reduction_ci"] = [
+            a + b for a, b in zip(ends, unknown["reduction_ci"], strict=True)
+        ]
+
+
+def log_score(label: Label, gap: Mapping[str, Any]) -> float:
+    """Mean over the catalogue of log2 of the probability given to what is true; 0 is perfect."""
+    skip = {*label["background"], *label["without"]}
+    stated = {name: 0.0 for name in draws() if name not in skip}
+    for claim in gap["effects"]:
+        if claim["name"] in stated:
+            stated[claim["name"]] = max(stated[claim["name"]], claim["probability"])
+    right = [p if name in label["names"] else 1.0 - p for name, p in stated.items()]
+    return float(np.mean(np.log2(np.clip(right, 1e-3, 1 - 1e-3))))
 
 
 def figures(label: Label, found: Mapping[str, Any]) -> dict[str, float]:
@@ -212,7 +209,7 @@ def figures(label: Label, found: Mapping[str, Any]) -> dict[str, float]:
         out["single: first right"] = float(found["first_right"])
         if large:
             out["single: first right" + large] = float(found["first_right"])
-        out["single: in the set"] = float(bool(found["in_any_set"]))
+        out["single: in the set"] = float(bool(found["in_set"]))
     if kind == "pair":
         out["pair: both named"] = float(found["all_named"])
         out["pair: first right"] = float(found["first_right"])
@@ -220,29 +217,26 @@ def figures(label: Label, found: Mapping[str, Any]) -> dict[str, float]:
         for key in ("precision", "recall", "parameter_error"):
             if found.get(key) is not None:
                 out[f"named: {key}"] = found[key]
-        z = found["sigmas"]
+        z = found["standardised_errors"]
         if z:
             out["parameters within two standard errors"] = float(np.mean(np.abs(z) < 2))
     if label["outside"] is not None:
-        right = bool(found["unknown"] and found["unknown_first"] and found["variable_near"])
+        right = bool(found["unknown"] and found["unknown_first"] and found["variable_first"])
         out["outside: raised"] = float(found["unknown"])
         out["outside: right variable, no false name ahead"] = float(right)
         if found["unknown"]:
-            for key in ("unknown_precision", "unknown_recall"):
-                if found.get(key) is not None:
-                    out[f"outside: {key}"] = found[key]
+            for key in ("precision", "recall"):
+                out[f"outside: {key}"] = found[key]
     if kind == "removed":
-        out["removed: raised, no false name ahead"] = float(found["unknown_first"])
+        out["removed: raised, no false name"] = float(found["unknown"] and not found["false_names"])
     true = label["closure"]["before"] - label["closure"]["after"]
-    every = "closure_error" if found["by_effect"] or label["outside"] is None else "unknown_closure_error"
-    inside = every.replace("error", "covered")
-    if kind != "null" and kind != "removed":
-        out["closure: error, kt"] = found[every]
+    if kind not in ("null", "removed"):
+        out["closure: error, kt"] = found["closure_error"]
         if abs(true) >= 0.05:
-            out["closure: relative error"] = found[every] / abs(true)
-        if found.get(inside) is not None and (found["claimed"] or found["unknown"]):
-            out["closure: interval holds"] = float(found[inside])
-    claims = [(c.probability, c.right) for c in found["claims"]]
+            out["closure: relative error"] = found["closure_error"] / abs(true)
+        if found["closure_covered"] is not None and (found["claimed"] or found["unknown"]):
+            out["closure: interval holds"] = float(found["closure_covered"])
+    claims = [(p, right) for _, p, right in found["claims"]]
     if claims:
         out["Brier score of claims"] = float(np.mean([(p - r) ** 2 for p, r in claims]))
     out["seconds"], out["gigabytes"] = found["seconds"], found["gigabytes"]
@@ -253,7 +247,9 @@ def compare(folder: Path, old: str, new: str) -> None:
     """Print every figure of two sets of results on the archives of both, and the paired change."""
     before, after = scored(folder, old), scored(folder, new)
     both = sorted(before.keys() & after.keys())
-    print(f"{len(both)} archives\n{'':52}{old:>10}{new:>10}{'change':>10}{'error':>8}{'n':>5}{'n':>5}")
+    print(
+        f"{len(both)} archives\n{'':52}{old:>10}{new:>10}{'change':>10}{'error':>8}{'n':>5}{'n':>5}"
+    )
     a = {case: figures(*before[case][:2]) for case in both}
     b = {case: figures(*after[case][:2]) for case in both}
     keys = list(dict.fromkeys(key for case in both for key in [*a[case], *b[case]]))
@@ -264,11 +260,13 @@ def compare(folder: Path, old: str, new: str) -> None:
         change = paired.mean() if paired.size else np.nan
         error = paired.std(ddof=1) / np.sqrt(paired.size) if paired.size > 1 else np.nan
         mean = [np.mean(list(one.values())) if one else np.nan for one in (x, y)]
-        print(f"{key:52}{mean[0]:10.3f}{mean[1]:10.3f}{change:10.3f}{error:8.3f}{len(x):5}{len(y):5}")
+        print(
+            f"{key:52}{mean[0]:10.3f}{mean[1]:10.3f}{change:10.3f}{error:8.3f}{len(x):5}{len(y):5}"
+        )
     for name, of in ((old, before), (new, after)):
         print(f"reliability of {name}:")
         claims = [c for case in both if not of[case][1]["failure"] for c in of[case][1]["claims"]]
-        p, right = np.array([c.probability for c in claims]), np.array([c.right for c in claims])
+        p, right = np.array([c[1] for c in claims]), np.array([c[2] for c in claims])
         for low, high in ((0.0, 0.7), (0.7, 0.9), (0.9, 0.99), (0.99, 1.01)):
             chosen = (p >= low) & (p < high)
             if chosen.any():
@@ -280,7 +278,7 @@ def compare(folder: Path, old: str, new: str) -> None:
 
 def line(folder: Path, label: Label, target: Path) -> str:
     """One archive's truth and what was found."""
-    found, report = score(label, target / f"{label['name']}.json")
+    found, gap = score(label, target / f"{label['name']}.json")
     truth = "; ".join(
         f"{e['name']}{'' if e['tails'] is None else len(e['tails'])}" for e in label["effects"]
     )
@@ -288,28 +286,25 @@ def line(folder: Path, label: Label, target: Path) -> str:
         truth += f" {label['outside']['component']}:{'x'.join(label['outside']['variables'])}"
     size = "+".join(f"{s:.1f}" for s in label["sizes"])
     lead = f"{label['name']} {label['kind']:7} {label['world']:7} {truth} {size} {label['variant']}"
-    if report is None:
+    if gap is None:
         return f"{lead} | FAILED {found['failure']}"
-    claims = [f"{e.name}/{len(e.tails)} {e.probability:.2f}" for e in report.effects]
+    claims = [f"{e['name']}/{len(e['tails'])} {e['probability']:.2f}" for e in gap["effects"]]
     places = [
-        f"?{'x'.join(p.variables)}|{p.component}/{len(p.tails)}" for p in report.unknown.where
+        f"?{'x'.join(p['variables'])}|{p['component']}/{len(p['tails'])}"
+        for p in gap["unknown"]["where"]
     ]
-    true = label["closure"]["before"] - label["closure"]["after"]
-    joint = found["by_effect"] or label["outside"] is None
-    every = "closure_stated" if joint else "unknown_closure_stated"
-    marks = {
-        "single": "first_right",
-        "pair": "all_named",
-        "outside": "variable_near",
-        "removed": "unknown_first",
-    }
-    good = (
-        not found["detected"] if label["kind"] == "null" else bool(found[marks[label["kind"]]])
-    ) and not found["false_names"]
+    right = {
+        "null": not found["detected"],
+        "single": found["first_right"],
+        "pair": found["all_named"],
+        "outside": bool(found.get("variable_first")),
+        "removed": found["unknown"],
+    }[label["kind"]]
+    good = right and not found["false_names"]
     return (
         f"{'ok  ' if good else 'MISS'} {lead} | {', '.join(claims + places) or 'nothing'}"
-        f" | closes {found[every]:.2f} of {true:.2f} kt, {found['seconds']:.0f} s"
-        f" {found['gigabytes']:.1f} GB"
+        f" | closes {found['closure_stated']:.2f} of {found['closure_true']:.2f} kt,"
+        f" {found['seconds']:.0f} s {found['gigabytes']:.1f} GB"
     )
 
 

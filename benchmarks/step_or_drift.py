@@ -18,17 +18,17 @@ import sys
 from dataclasses import dataclass
 
 import numpy as np
-from tests.gap.toy import make_frame
-
 from airswing.gap.design.candidates import candidates
-from airswing.gap.diagnose import usable_effects
-from airswing.gap.effects import CATALOGUE
 from airswing.gap.evidence.terms import Term, given_terms
 from airswing.gap.passes import Search, run_pass
 from airswing.gap.search.candidate_ranking import evaluate_named
 from airswing.gap.search.step_or_drift import as_it_goes
 from airswing.gap.search.stepwise import Rules
 from airswing.gap.sums.whole_archive import held_archive
+from tests.gap.toy import make_frame
+
+from airswing.gap.diagnose import usable_effects
+from airswing.gap.effects import CATALOGUE
 
 CHANGING = {n: CATALOGUE[n] for n in ("compass_offset", "compass_step", "compass_drift")}
 #: A drift has the mean square of a step at this multiple of its size: from the first day that of a

@@ -1,8 +1,8 @@
 """The diagnosis of an archive in one call: model, closure, what no mean shows, checks, statement.
 
 Order: the effects that can be tested (:mod:`airswing.gap.effects`); search by one statistical model
-(:mod:`airswing.gap.model`); effects that show in no mean (:mod:`airswing.gap.distribution`); closure
-on held-out days; statement as gap.json (:mod:`airswing.gap.result`) and gap.nc.
+(:mod:`airswing.gap.model`); effects that show in no mean (:mod:`airswing.gap.distribution`);
+closure on held-out days; statement as gap.json (:mod:`airswing.gap.result`) and gap.nc.
 
 Validity: at least two aircraft-weeks and some thousand reports for anything but "nothing found".
 """
@@ -189,7 +189,13 @@ def _diagnosed(
     report = assemble(findings)
     say("checks", 0.0)
     checks, histograms = run_checks(fitted, closure, seed=seed)
-    report = replace(report, **checks)
+    report = replace(
+        report,
+        calibration=checks.calibration,
+        decoy=checks.decoy,
+        aliases=checks.aliases,
+        assumptions=checks.assumptions,
+    )
     dataset = diagnosis_dataset(fitted).assign(histograms)
     return Diagnosis(report, dataset, make_adjustment(fitted, effects))
 

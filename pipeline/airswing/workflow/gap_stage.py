@@ -11,21 +11,19 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
 import xarray as xr
 
 from airswing.errors import InputError
 from airswing.products.netcdf import write_product
-from airswing.products.ragged import blocks, joined, some_reports
 from airswing.products.whole_files import write_json
 from airswing.workflow.job import Job
 from airswing.workflow.months import make_headings
 
 if TYPE_CHECKING:
-    from airswing.gap.checks.refit_claims import Adjustment
+    from airswing.gap.archive.frame import Frame
+    from airswing.gap.checks.adjustment import Adjustment
     from airswing.gap.effects import ActiveEffect, Effect
     from airswing.gap.result.schema import ClaimsEntry, GapReport
-    from airswing.gap.sums.whole_archive import Archive
 
 GAP_JSON, GAP_PRODUCT, GAP_EFFECTS = "gap.json", "gap.nc", "effects.yaml"
 
@@ -82,26 +80,24 @@ def diagnosis(
     InputError
         If an effect to do without is unknown, or what the diagnosis starts from cannot be read.
     """
+    from airswing.gap.archive.sample import sampled
     from airswing.gap.diagnose import diagnose
     from airswing.gap.result.effect_entries import active_effects, not_known, unknown_not_known
     from airswing.gap.simulation.effects_file import write_effects
-    from airswing.gap.sums.whole_archive import held_archive
     from airswing.report.gap.gap_page import write_gap_page
     from airswing.workflow.gap_start import read_start, starting_point
 
     config = job.config
     # before anything is read: a mistyped file must not cost the hour that headings may take
     asked = read_start(job, known=known, simulated=simulated)
-    headings = make_headings(job)
+    archive = make_headings(job)
     with job.progress.stage("read") as stage:
-        archive = _archive(job, headings, held=bool(asked.known or asked.simulated))
-        stage.note = f"{archive.reports:,} reports, {archive.view.size:,} held in memory"
-    start = starting_point(job, archive.view, asked, effects_of=_effects_of_archive)
-    # something was taken off the reports in memory: sums of the file's would have it still
-    if start.frame is not archive.view:
-        archive = held_archive(start.frame, workers=archive.workers)
+        headings = sampled(archive)
+        frame = _frame(job, headings)
+        stage.note = f"{archive.sizes['report']:,} reports, {frame.size:,} diagnosed"
+    start = starting_point(job, frame, asked, effects_of=_effects_of_archive)
     with job.progress.stage("diagnose") as stage:
-        found = diagnose(archive, catalogue=_catalogue(without), progress=stage.enter)
+        found = diagnose(start.frame, catalogue=_catalogue(without), progress=stage.enter)
         # effects of scatter cannot be taken off the reports: those the simulation has are found
         # again
         effects = not_known(found.report.effects, start.known)
@@ -112,10 +108,11 @@ def diagnosis(
         effects=effects,
         unknown=unknown_not_known(found.report.unknown, start.known),
         reference=config.gap_reference(),
-        headings_uuid=headings.attrs["uuid"],
+        headings_uuid=archive.attrs["uuid"],
         known=start.told or None,
         simulation=start.simulation,
-        claims=_claims(job, *_seen(headings, archive, found.adjustment)),
+        claims=_claims(job, headings, found.adjustment),
+        counts=replace(found.report.counts, reports=archive.sizes["report"]),
     )
     write_json(job.output / GAP_JSON, report.content())
     write_effects([*start.known, *active_effects(report)], job.output / GAP_EFFECTS)
@@ -125,7 +122,7 @@ def diagnosis(
         title="Gap between reported and simulated winds: maps, evidence and statistics",
         config_json=config.model_dump_json(),
         sources=[*config.reports.files, *config.references],
-        source_uuids=[headings.attrs["uuid"]],
+        source_uuids=[archive.attrs["uuid"]],
     )
     with job.progress.stage("page") as stage:
         stage.note = str(
@@ -136,52 +133,29 @@ def diagnosis(
 
 def _effects_of_archive(job: Job) -> list[ActiveEffect]:
     """Diagnose another archive (a simulation's) for what it has."""
+    from airswing.gap.archive.sample import sampled
     from airswing.gap.diagnose import diagnose
     from airswing.gap.result.effect_entries import active_effects
 
-    archive = _archive(job, make_headings(job), held=False)
+    frame = _frame(job, sampled(make_headings(job)))
     with job.progress.stage("diagnose the simulation") as stage:
-        found = active_effects(diagnose(archive, progress=stage.enter).report)
+        found = active_effects(diagnose(frame, progress=stage.enter).report)
         stage.note = f"{len(found)} effects"
     return found
 
 
-def _archive(job: Job, headings: xr.Dataset, *, held: bool) -> Archive:
-    """Reports as the diagnosis takes them; all in memory where something is changed in them."""
-    from airswing.gap.sums.whole_archive import VIEW, read_archive
+def _frame(job: Job, headings: xr.Dataset) -> Frame:
+    """Reports of headings against the gap's reference or pool."""
+    from airswing.gap.archive.frame import Frame
 
     config = job.config
-    return read_archive(
-        headings,
-        reference=config.pools()[config.gap_reference()],
-        phases=config.gap.phases,
-        workers=job.progress.threads,
-        most=max(VIEW, headings.sizes["report"]) if held else VIEW,
-    )
-
-
-def _seen(
-    headings: xr.Dataset, archive: Archive, adjustment: Adjustment
-) -> tuple[xr.Dataset, Adjustment]:
-    """Headings of the reports that are held in memory, and what is taken off them."""
-    if archive.whole:
-        return headings, adjustment
-    chosen = np.zeros(headings.sizes["report"], dtype=bool)
-    # by blocks: an archive larger than memory is never whole
-    chosen[archive.view.report] = True
-    parts, start = [], 0
-    for block in blocks(headings):
-        stop = start + block.sizes["report"]
-        parts.append(some_reports(block, chosen[start:stop]))
-        start = stop
-    # ranks: the reports kept are numbered anew from 0
-    order = np.argsort(np.argsort(adjustment.report))
-    return joined(parts), replace(adjustment, report=order)
+    reference = config.pools()[config.gap_reference()]
+    return Frame.from_headings(headings, reference=reference, phases=config.gap.phases)
 
 
 def _claims(job: Job, headings: xr.Dataset, adjustment: Adjustment) -> ClaimsEntry:
     """Review the deviations and the field test with the effects beside the deviation off."""
-    from airswing.gap.checks.refit_claims import review_claims
+    from airswing.gap.checks.adjustment import review_claims
 
     config = job.config
     test = config.field_test

@@ -7,6 +7,8 @@ which intervals and claims deserve doubt. Limits are of practical size, not of s
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,7 +19,7 @@ from airswing.gap.model.closure import Closure, fold_of_day, held_out_coefficien
 from airswing.gap.model.passes import Fitted
 from airswing.gap.model.terms import Term
 from airswing.gap.noise.model import NoiseFit
-from airswing.gap.result.schema import AliasEntry, AssumptionEntry, CalibrationPair
+from airswing.gap.result.schema import AliasEntry, AssumptionEntry, CalibrationPair, DecoyEntry
 
 Floats = NDArray[np.float64]
 
@@ -37,15 +39,25 @@ LIMITS = {
 LISTED = 0.8
 
 
+@dataclass(frozen=True)
+class Checks:
+    """Entries of gap.json on what a diagnosis rests on."""
+
+    calibration: CalibrationPair
+    decoy: DecoyEntry
+    aliases: list[AliasEntry]
+    assumptions: list[AssumptionEntry]
+
+
 def run_checks(
     fitted: Fitted, closure: Closure, *, seed: int = 0
-) -> tuple[dict[str, object], dict[str, tuple[str, object]]]:
+) -> tuple[Checks, dict[str, tuple[str, object]]]:
     """Check what a diagnosis rests on.
 
     Returns
     -------
-    entries : dict
-        Fields of `GapReport`: ``calibration``, ``decoy``, ``aliases``, ``assumptions``.
+    checks : Checks
+        Fields of `GapReport`.
     histograms : dict
         Variables of gap.nc.
     """
@@ -68,18 +80,15 @@ def run_checks(
         _factor_row(fitted),
         _decoy_row(decoy),
     ]
-    entries: dict[str, object] = {
-        "calibration": CalibrationPair(after.entry(), before.entry()),
-        "decoy": decoy.entry(),
-        "aliases": aliases(fitted),
-        "assumptions": rows,
-    }
+    checks = Checks(
+        CalibrationPair(after.entry(), before.entry()), decoy.entry(), aliases(fitted), rows
+    )
     histograms: dict[str, tuple[str, object]] = {
         "pit_bin": ("pit_bin", np.arange(BINS) / BINS),
         "pit_count": ("pit_bin", after.pit_count.astype(np.int32)),
         "pit_count_before": ("pit_bin", before.pit_count.astype(np.int32)),
     }
-    return entries, histograms
+    return checks, histograms
 
 
 def _held_out_climatology(fitted: Fitted, fold: NDArray[np.int64]) -> Floats:
@@ -94,10 +103,10 @@ def _held_out_climatology(fitted: Fitted, fold: NDArray[np.int64]) -> Floats:
 def aliases(fitted: Fitted) -> list[AliasEntry]:
     """Pairs of effects whose whitened columns share energy on these flights.
 
-    The share of an effect's energy that another copies, tr(T' G_12 G_22^-1 G_21 T) / tr(T' G_11 T), on
-    the aircraft of the effect; day fields eliminated and climatology projected out.
+    The share of an effect's energy that another copies, tr(T' G_12 G_22^-1 G_21 T) / tr(T' G_11 T),
+    on the aircraft of the effect; day fields eliminated and climatology projected out.
     """
-    model, sums = fitted.model, fitted.model.sums
+    sums = fitted.model.sums
     found = [t for t in fitted.terms if t.group.named and not t.start]
     names = [g for g in sums.candidates.groups if g.kind == "name"]
     out: dict[tuple[str, str], float] = {}
@@ -122,7 +131,8 @@ def aliases(fitted: Fitted) -> list[AliasEntry]:
 
 def _rows(fitted: Fitted, term: Term) -> Floats:
     sums = fitted.model.sums
-    return sums.rows[:, term.group.columns] @ term.group.transform.astype(np.float32)
+    rows = sums.rows[:, term.group.columns] @ term.group.transform.astype(np.float32)
+    return np.asarray(rows, np.float64)
 
 
 def _copied(own: Floats, other: Floats) -> float:

@@ -9,13 +9,13 @@ coded coarsely.
 
 Validity: at least 100 reports an aircraft. Steps in knots, degrees and minutes of arc.
 
-Reductions by simulation extrapolation: the same rounding added once and twice more shows how much it
-lengthens the disagreement, and, extrapolated backwards, how much it has done already.
+Reductions by simulation extrapolation: the same rounding added once and twice more shows how much
+it lengthens the disagreement, and, extrapolated backwards, how much it has done already.
 
 References
 ----------
-Cook, J. R. and Stefanski, L. A. (1994). Simulation-extrapolation estimation in parametric measurement
-error models. J. Am. Stat. Assoc. 89, 1314-1328.
+Cook, J. R. and Stefanski, L. A. (1994). Simulation-extrapolation estimation in parametric
+measurement error models. J. Am. Stat. Assoc. 89, 1314-1328.
 """
 
 from __future__ import annotations
@@ -28,7 +28,6 @@ from numpy.typing import NDArray
 
 from airswing.gap.archive.frame import Frame
 from airswing.gap.archive.heading_lattice import heading_lattices
-from airswing.gap.effects.base import Told, number
 from airswing.gap.distribution.verdict import (
     Mask,
     Reduction,
@@ -37,6 +36,7 @@ from airswing.gap.distribution.verdict import (
     mean_reduction,
     verdict_of,
 )
+from airswing.gap.effects.base import Told, number
 from airswing.physics.triangle import direction_in_degrees
 from airswing.units import KNOT
 
@@ -224,7 +224,12 @@ LEAST_LEFT = 0.05
 
 def coded_effects(frame: Frame) -> list[Verdict]:
     """All effects of coding in an archive."""
-    found = (wind_coding(frame), position_coding(frame), heading_coding(frame), whole_minutes(frame))
+    found = (
+        wind_coding(frame),
+        position_coding(frame),
+        heading_coding(frame),
+        whole_minutes(frame),
+    )
     return [one for one in found if one is not None]
 
 
@@ -274,7 +279,9 @@ def _without_wind_coding(
     return mean_reduction(_backwards(residual[affected], error), affected)
 
 
-def _without_heading_coding(frame: Frame, residual: Floats, verdict: Verdict, gross: Mask) -> Reduction:
+def _without_heading_coding(
+    frame: Frame, residual: Floats, verdict: Verdict, gross: Mask
+) -> Reduction:
     """Coarse headings: across the heading V^2 step^2 / 12 of the mean square would be missing."""
     right = np.stack([np.cos(frame.heading), -np.sin(frame.heading)], -1)
     across = (residual * right).sum(axis=1)
@@ -300,5 +307,3 @@ def _backwards(residual: Floats, error: Callable[[], Floats]) -> Floats:
     twice = once + error()
     length = [np.hypot(*values.T) for values in (residual, once, twice)]
     return np.asarray(2.0 * (length[1] - length[0]) - (length[2] - length[1]))
-
-

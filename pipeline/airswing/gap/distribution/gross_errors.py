@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.archive.frame import Frame
+from airswing.gap.distribution.verdict import Mask, Reduction, Verdict, against_chance, verdict_of
+from airswing.gap.effects.base import number
 from airswing.gap.noise.model import NoiseFit
 from airswing.gap.noise.residual_statistics import gross_errors
-from airswing.gap.distribution.verdict import Mask, Reduction, Verdict, against_chance, verdict_of
 from airswing.gap.simulation.forward import Coding, draw_noise
-from airswing.gap.effects.base import number
 from airswing.physics.robust_spread import robust_sd
 from airswing.units import KNOT
 
@@ -179,5 +179,3 @@ def reduction_of_gross(frame: Frame, residual: Floats, verdict: Verdict, gross: 
         doubt += (count * longer) ** 2 * number(values["fraction"]) / count
     kt = total / frame.size / KNOT
     return Reduction(kt, float(np.hypot(np.sqrt(doubt) / frame.size / KNOT, SHAPE_DOUBT * kt)))
-
-

@@ -2,13 +2,14 @@
 
 What the other reports of a flight do not predict of a report is mostly its own: noise, coding, an
 instrument that jitters. The logarithm of its square, in units of what the noise model expects, less
-that of simulated archives of the same paths, noise and coding, is a scalar y of each report. A curve
-of y over a variable, on the fleet or on some aircraft, is a table as in the model of the mean: the
-same evidence (:func:`airswing.gap.model.evidence.static_evidence`), with the usual variation of log
-variance in place of that of the wind. Each aircraft has a level of its own; its level is compared
-with the fleet's.
+that of simulated archives of the same paths, noise and coding, is a scalar y of each report. A
+curve of y over a variable, on the fleet or on some aircraft, is a table as in the model of the
+mean: the same evidence (:func:`airswing.gap.model.evidence.static_evidence`), with the usual
+variation of log variance in place of that of the wind. Each aircraft has a level of its own; its
+level is compared with the fleet's.
 
-Larger scatter in turns is noise that all aircraft have: a common curve of the bank is removed first.
+Larger scatter in turns is noise that all aircraft have: a common curve of the bank is removed
+first.
 
 References
 ----------
@@ -82,7 +83,7 @@ class Scatter:
 
 
 def log_squares(residual: Floats, noise: NoiseFit) -> tuple[Floats, Floats]:
-    """Log squared interpolation error over its expectation, and the expectation, (n,); NaN: masked."""
+    """Log squared interpolation error over its expectation, and that, (n,); NaN where masked."""
     errors, precision = interpolation_errors(residual, noise.order, noise.gains)
     square = 0.5 * (errors**2).sum(axis=1) * precision
     known = (precision > 0) & (square > 0)
@@ -94,9 +95,14 @@ def log_squares(residual: Floats, noise: NoiseFit) -> tuple[Floats, Floats]:
 
 
 def excess_log_squares(
-    frame: Frame, context: Frame, residual: Floats, noise: NoiseFit, gross: NDArray[np.bool_], seed: int
+    frame: Frame,
+    context: Frame,
+    residual: Floats,
+    noise: NoiseFit,
+    gross: NDArray[np.bool_],
+    seed: int,
 ) -> tuple[Floats, Floats]:
-    """y of the module, and the variance that the noise model expects, (n,)."""
+    """Y of the module, and the variance that the noise model expects, (n,)."""
     reports = flown(context, heading_doubt(frame, context))
     noise = replace(noise, gains=gains_beside(noise, reports, ~gross), gross=gross)
     real, variance = log_squares(residual, noise)

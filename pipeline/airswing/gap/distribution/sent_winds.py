@@ -1,15 +1,15 @@
-"""Speeds and directions that are sent too often or never: floors, ceilings, holes, coarse directions.
+"""Speeds and directions that are sent too often or never: floors, ceilings, holes, steps.
 
 Counts of reported speeds (classes of 2 kt) and directions (10 degrees) are compared with those of
 simulated reports: the reference wind plus the residual of another report of the same level, coded
-alike, so that the spread is right and nothing of coding, floors or faults of the original is left. A
-smooth ratio of the two is the weather's; a cell that differs from its neighbours is the unit's. The
-day is the unit of scatter. The evidence of the clearest cell is half its squared contrast less the
-log number of cells; regressions on the report's own wind are blind here, because its noise is on
-both sides.
+alike, so that the spread is right and nothing of coding, floors or faults of the original is left.
+A smooth ratio of the two is the weather's; a cell that differs from its neighbours is the unit's.
+The day is the unit of scatter. The evidence of the clearest cell is half its squared contrast less
+the log number of cells; regressions on the report's own wind are blind here, because its noise is
+on both sides.
 
-What the unit sends in place of each speed is the monotone map between the quantiles of simulated and
-reported speeds; the closure is what the map adds to the disagreement of simulated reports.
+What the unit sends in place of each speed is the monotone map between the quantiles of simulated
+and reported speeds; the closure is what the map adds to the disagreement of simulated reports.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ class SentWinds:
 
 
 def simulated_winds(frame: Frame, residual: Floats, rng: np.random.Generator) -> Floats:
-    """Reference winds plus the residual of another report of the same level, coded alike, (n, 2)."""
+    """Reference winds plus the residual of another report of its level, coded alike, (n, 2)."""
     level = np.argsort(np.argsort(frame.pressure)) * LEVELS // frame.size
     wind = np.stack([frame.u_ref, frame.v_ref], -1)
     for k in range(LEVELS):

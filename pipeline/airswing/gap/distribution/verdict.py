@@ -1,7 +1,7 @@
 """An effect that shows in no mean: on whom, since when, how surely, and what it closes.
 
-The evidence is a log likelihood ratio of the clearest aircraft against chance, less the logarithm of
-the number of aircraft and steps that were tried.
+The evidence is a log likelihood ratio of the clearest aircraft against chance, less the logarithm
+of the number of aircraft and steps that were tried.
 """
 
 from __future__ import annotations

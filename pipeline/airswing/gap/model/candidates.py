@@ -152,7 +152,9 @@ class Curve:
             apart = np.abs(np.mod(filled, period)[:, None] / period * count - np.arange(count))
             out = np.maximum(0.0, 1.0 - np.minimum(apart, count - apart))
         else:
-            out = np.stack([np.interp(filled, self.knots, row) for row in np.eye(self.knots.size)], -1)
+            out = np.stack(
+                [np.interp(filled, self.knots, row) for row in np.eye(self.knots.size)], -1
+            )
         return np.asarray(out * known[:, None])
 
     @property
@@ -167,7 +169,9 @@ class Curve:
         apart = np.abs(np.subtract.outer(np.arange(self.knots.size), np.arange(self.knots.size)))
         if KINDS[self.variable][0] == "circular":
             apart = np.minimum(apart, self.knots.size - apart)
-        return np.asarray((1 - FREE) * np.exp(-0.5 * (apart / LENGTH) ** 2) + FREE * np.eye(len(apart)))
+        return np.asarray(
+            (1 - FREE) * np.exp(-0.5 * (apart / LENGTH) ** 2) + FREE * np.eye(len(apart))
+        )
 
 
 def curve_of(name: str, values: Floats, count: int | None = None) -> Curve:
@@ -242,7 +246,9 @@ class Candidates:
         """Raw columns (n, 2, k) of a group, built again."""
         return self._builders[where.start]()
 
-    def _group(self, columns: Singles, group: Group, transform: Floats, pick: Sequence[int]) -> None:
+    def _group(
+        self, columns: Singles, group: Group, transform: Floats, pick: Sequence[int]
+    ) -> None:
         """Add a group if it acts anywhere, scaled to 1 m/s rms where it acts."""
         full = np.zeros((columns.shape[2], transform.shape[1]))
         full[list(pick)] = transform
@@ -295,7 +301,9 @@ class Candidates:
         for k in range(LEVELS):
             here = np.flatnonzero(level == k)
             if here.size:
-                out[:, here] = self.wind[here] + apart[here[rng.integers(0, here.size, (DRAWS, here.size))]]
+                out[:, here] = (
+                    self.wind[here] + apart[here[rng.integers(0, here.size, (DRAWS, here.size))]]
+                )
         return out
 
     def _vectors(self, component: str, wind: Floats) -> Floats:
@@ -314,14 +322,15 @@ class Candidates:
         of_wind = {"wind_direction", "wind_speed"} & {c.variable for c in table.curves}
         if not of_wind:
             return self._product(table, self.wind, {})
-        total: Singles | float = 0.0
+        total = np.zeros((self.frame.size, 2, 1), np.float32)
         for wind in self._drawn:
             drawn = {
                 "wind_direction": np.mod(np.degrees(np.arctan2(-wind[:, 0], -wind[:, 1])), 360.0),
                 "wind_speed": np.hypot(wind[:, 0], wind[:, 1]),
             }
-            total = total + self._product(table, wind, drawn) / len(self._drawn)
-        return np.asarray(total, np.float32)
+            part = self._product(table, wind, drawn)
+            total = np.asarray(total + part / len(self._drawn), np.float32)
+        return total
 
     def _product(self, table: Table, wind: Floats, drawn: Mapping[str, Floats]) -> Singles:
         functions = np.ones((self.frame.size, 1))
@@ -343,12 +352,13 @@ class Candidates:
     def add_table(self, table: Table, weight: float) -> Group | None:
         """Add a table; None where it acts nowhere."""
         columns = self.columns_of(table)
-        covariance = np.eye(1)
+        covariance: Floats = np.eye(1)
         for curve in table.curves:
-            covariance = np.kron(covariance, curve.covariance)
+            covariance = np.asarray(np.kron(covariance, curve.covariance), np.float64)
         label = " x ".join(curve.variable for curve in table.curves)
         name = f"{label}|{table.component}"
-        root = np.linalg.cholesky(covariance + 1e-9 * np.eye(len(covariance)))
+        spread = covariance + 1e-9 * np.eye(len(covariance))
+        root: Floats = np.asarray(np.linalg.cholesky(spread), np.float64)
         where = self._block(partial(self.columns_of, table), columns)
         before = len(self.groups)
         group = Group(name, "table", where, root, "af", weight)

@@ -74,7 +74,11 @@ def held_out_coefficients(model: Model) -> Floats:
     gram, score = np.zeros((FOLDS, width, width)), np.zeros((FOLDS, width))
     for a in range(sums.A):
         own = sums.rows_of(a)
-        inside = [(s + one.rows[a][0], one.rows[a][1]) for s, one in zip(model.offsets, made, strict=False) if a in one.rows]
+        inside = [
+            (s + one.rows[a][0], one.rows[a][1])
+            for s, one in zip(model.offsets, made, strict=False)
+            if a in one.rows
+        ]
         at = np.concatenate([where for where, _ in inside])
         rows = np.concatenate([values for _, values in inside], axis=1)
         of_row = fold[sums.day_of_row[own]]
@@ -100,7 +104,7 @@ def held_out_effects(fitted: Fitted) -> list[Floats]:
     """What each term does to every report by the fit to other days, (n, 2) each, m/s."""
     model = fitted.model
     fold = fold_of_day(model.sums.D)[model.sums.day]
-    theta = held_out_coefficients(model)
+    theta: Floats = held_out_coefficients(model)
     out = []
     for k in range(len(model.terms)):
         effect = np.zeros((model.sums.n, 2))
@@ -119,7 +123,7 @@ def close(fitted: Fitted, claims: Sequence[Sequence[int]], *, seed: int = 0) -> 
     claims : sequence of sequence of int
         Terms of each claim, in the order in which they are taken off.
     """
-    model, sums = fitted.model, fitted.model.sums
+    sums = fitted.model.sums
     effects = held_out_effects(fitted)
     before = np.hypot(*fitted.frame.residual.T) / KNOT
     residual = fitted.residual
@@ -162,15 +166,16 @@ def _coefficient_doubt(
     base = [term_effect(model, k, model.theta)[some] for k in range(len(model.terms))]
     residual = fitted.residual[some]
     out = []
-    shifts = [rng.standard_normal(root.shape[1]) @ root.T for _ in range(COEFFICIENTS)]
+    shifts: list[Floats] = [
+        np.asarray(rng.standard_normal(root.shape[1]) @ root.T, np.float64)
+        for _ in range(COEFFICIENTS)
+    ]
     moved = [
         [term_effect(model, k, shift)[some] for k in range(len(model.terms))] for shift in shifts
     ]
-    for claim in [*claims, [k for claim in claims for k in claim]]:
+    for claim in [*claims, [k for one in claims for k in one]]:
         rest = residual - sum((base[k] for k in claim), np.zeros_like(residual))
-        gains = [
-            float(np.hypot(*(rest - sum(one[k] for k in claim)).T).mean()) for one in moved
-        ]
+        gains = [float(np.hypot(*(rest - sum(one[k] for k in claim)).T).mean()) for one in moved]
         out.append(float(np.std(gains)) / KNOT)
     return out
 

@@ -1,14 +1,14 @@
 """Log evidence of candidates: spike and slab over aircraft, a part all share, dates, exchanges.
 
-Given the terms in the model, a candidate has scores U_a and information G_a by aircraft, U_F and G_F
-of the fleet. Because the day fields absorb what all aircraft share, it is given back:
-U~_a = U_a + G_a T0 U_F with T0 = G_F^-1 - (sum_a G_a)^-1. Then
+Given the terms in the model, a candidate has scores U_a and information G_a by aircraft, U_F and
+G_F of the fleet. Because the day fields absorb what all aircraft share, it is given back: U~_a =
+U_a + G_a T0 U_F with T0 = G_F^-1 - (sum_a G_a)^-1. Then
 
     U~_a = G_a (theta_a + theta_F) + N(0, kappa G_a),
 
     null       theta_F ~ N(0, T), T = T0 + (kappa_F - 1)+ G_F^-1 + L^2 I;  theta_a ~ N(0, m^2)
-    aircraft   theta_a ~ N(0, s^2 + m^2) for the affected, inclusion by a Beta(1, 1) prior on their share
-    fleet      theta_F ~ N(0, T + s^2 I)
+    aircraft   theta_a ~ N(0, s^2 + m^2) for the affected, inclusion by a Beta(1, 1) prior on their
+    share fleet      theta_F ~ N(0, T + s^2 I)
 
 with s on a grid. A change at a date has the same common part theta_F on all days and a change
 theta_a after its date (joint information [[G, G_d], [G_d, G_d]]); without it an error of the whole
@@ -17,14 +17,15 @@ changes on its next day with flights.
 
 References
 ----------
-Mitchell, T. J. and Beauchamp, J. J. (1988). Bayesian variable selection in linear regression. J. Am.
-Stat. Assoc. 83, 1023-1032 (spike and slab).
+Mitchell, T. J. and Beauchamp, J. J. (1988). Bayesian variable selection in linear regression. J.
+Am. Stat. Assoc. 83, 1023-1032 (spike and slab).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +34,7 @@ from scipy.special import gammaln, logsumexp
 from airswing.gap.model.candidates import Group
 from airswing.gap.model.terms import Model, Statistics
 
-Floats = NDArray[np.float64]
+Floats = NDArray[Any]
 Integers = NDArray[np.int64]
 
 #: Scales of the slab, m/s rms where a candidate acts: a third of a knot to three times the noise.
@@ -164,7 +165,9 @@ def _nested(
     return common.total(information, score, level) + extra, gain
 
 
-def static_evidence(found: Statistics, kappa: float, scopes: str, usual: Usual = WIND) -> dict[str, Found]:
+def static_evidence(
+    found: Statistics, kappa: float, scopes: str, usual: Usual = WIND
+) -> dict[str, Found]:
     """Evidence of a candidate that acts on the whole archive, by scope.
 
     Parameters
@@ -294,7 +297,7 @@ def _dated(
         spread = eye + SMALL**2 * information
         solved = np.linalg.solve(spread, score[..., None])[..., 0]
         level = 0.5 * SMALL**2 * (score * solved).sum(-1) - 0.5 * np.linalg.slogdet(spread)[1]
-        return level, solved, np.linalg.solve(spread, information)
+        return level, np.asarray(solved), np.asarray(np.linalg.solve(spread, information))
 
     null = with_small(whole, whole_score)
     sums = tuple(part.sum(axis=0) for part in null)
@@ -312,11 +315,14 @@ def _dated(
         change -= 0.5 * np.linalg.slogdet(s**2 * slab)[1]
         level, linear, rest = with_small(rest, linear)
         level = level + change
-        by_date, gains = np.full(days, -np.inf), {}
-        for d in np.flatnonzero(able.any(axis=0)):
+        by_date = np.full(days, -np.inf)
+        gains: dict[int, Floats] = {}
+        for d in (int(k) for k in np.flatnonzero(able.any(axis=0))):
             at = following[:, d]
             picked = (level[rows, at], linear[rows, at], rest[rows, at])
-            nested, gain = _nested(common, null, picked, add=np.zeros(aircraft), able=at >= 0)
+            nested, gain = _nested(
+                common, null, picked, add=np.zeros(aircraft), able=np.asarray(at >= 0)
+            )
             by_date[d] = logsumexp(nested + prior[: nested.size])
             gains[d] = gain
         shared.append(float(logsumexp(by_date)) - np.log(days) - nothing)
@@ -348,9 +354,7 @@ def _dated(
         _, _, start, gain = kept[k]
     inclusion = 1 / (1 + np.exp(-np.clip(gain, -30, 30)))
     tails = tuple(int(a) for a in np.flatnonzero(inclusion > 0.5))
-    return Found(
-        evidence, float(SCALES[k]), tails, inclusion, {a: int(start[a]) for a in tails}
-    )
+    return Found(evidence, float(SCALES[k]), tails, inclusion, {a: int(start[a]) for a in tails})
 
 
 # --------------------------------------------------------------------------------------- exchanges
@@ -394,9 +398,7 @@ def exchange_evidence(model: Model, group: Group, kappa: float) -> Exchange | No
         for s in SCALES:
             spread = s**2 * information + eye
             solved = np.linalg.solve(spread, score[..., None])[..., 0]
-            each.append(
-                0.5 * s**2 * (solved * score).sum(-1) - 0.5 * np.linalg.slogdet(spread)[1]
-            )
+            each.append(0.5 * s**2 * (solved * score).sum(-1) - 0.5 * np.linalg.slogdet(spread)[1])
         return np.asarray(logsumexp(each, axis=0) - np.log(SCALES.size))
 
     whole = evidence(information.sum(axis=1), score.sum(axis=1))

@@ -35,7 +35,7 @@ KNOWN = 1e-3
 
 
 def false_discovery(p_values: Sequence[float]) -> Floats:
-    """q values of Benjamini and Hochberg, (n,)."""
+    """Q values of Benjamini and Hochberg, (n,)."""
     p = np.asarray(p_values, float)
     order = np.argsort(p)
     raised = p[order] * p.size / np.arange(1, p.size + 1)

@@ -213,7 +213,7 @@ def term_effect(model: Model, k: int, theta: Floats) -> Floats:
 
 
 def without_errors(frame: Frame, effect: Floats) -> tuple[Frame, Floats, Floats]:
-    """Take a sensor effect (n, 2) off exactly: the corrected frame, the turn (rad) and airspeed (m/s)."""
+    """Remove a sensor effect (n, 2) exactly: corrected frame, turn (rad), airspeed error (m/s)."""
     sine, cosine = np.sin(frame.heading), np.cos(frame.heading)
     turn = -(effect[:, 0] * cosine - effect[:, 1] * sine) / np.maximum(frame.airspeed, 1.0)
     faster = -(effect[:, 0] * sine + effect[:, 1] * cosine)

@@ -1,6 +1,7 @@
 """Selection of terms: screen, exact contest, and replacement until nothing changes.
 
-1. Every candidate is scored in closed form (:mod:`airswing.gap.model.evidence`) with one noise factor
+1. Every candidate is scored in closed form (:mod:`airswing.gap.model.evidence`) with one noise
+factor
    kappa for all, and passes a gate if its evidence by its *own* noise factor plus its log prior
    exceeds `GATE`. Mixing the two factors in one ranking would make a change and a table of the date
    replace each other for ever.
@@ -123,9 +124,7 @@ def contest(
         represented = [t for t in scored if t.group.named and t.score > REPRESENTS * best.score]
         if represented:
             best = represented[0]
-    rivals = tuple(
-        (best.score - t.score, t.group.name, t.scope) for t in scored if t is not best
-    )
+    rivals = tuple((best.score - t.score, t.group.name, t.scope) for t in scored if t is not best)
     return [replace(best, rivals=rivals), *(t for t in scored if t is not best)]
 
 
@@ -134,7 +133,7 @@ def set_prior(model: Model, term: Term) -> float:
     out = 0.0
     if term.scope == "a":
         out += float(number_prior(model.sums.A)[len(term.tails)])
-    return out - np.log(model.sums.D) * len(set(term.start.values()))
+    return out - float(np.log(model.sums.D)) * len(set(term.start.values()))
 
 
 def search(
@@ -165,9 +164,7 @@ def search(
     return terms
 
 
-def revisit(
-    model: Model, terms: list[Term], rounds: int, say: Callable[[str], None]
-) -> list[Term]:
+def revisit(model: Model, terms: list[Term], rounds: int, say: Callable[[str], None]) -> list[Term]:
     """Remove each term and contest its place, until nothing changes."""
     for _ in range(rounds):
         changed = False

@@ -90,7 +90,9 @@ class Sums:
         self.fields = self._sorted(fields)
         self.set_residual(residual, first=True)
         self.rows = np.empty((2 * self.n, candidates.width + SPARE), np.float32)
-        self.shared = np.zeros((self.A, self.D, self.fields.shape[1], self.rows.shape[1]), np.float32)
+        self.shared = np.zeros(
+            (self.A, self.D, self.fields.shape[1], self.rows.shape[1]), np.float32
+        )
         self.width = 0
         self._grams: dict[tuple[int, int], tuple[Floats, Floats]] = {}
         self._own: dict[int, tuple[Group, Floats, Floats]] = {}

@@ -5,9 +5,9 @@ With X the columns of all terms and prior precision P (1 / s^2 of each coefficie
     H = X' V^-1 X + P,   theta = H^-1 X' V^-1 r,
     log p(r) = const + h'H^-1 h / 2 - log det(H) / 2 + log det(P) / 2,
 
-h = X' V^-1 r; with a noise factor kappa both X' V^-1 X and h are divided by it. Given the terms, the
-score of a candidate Z is b_ad = Z_ad' V^-1 (r - X theta) and its information G - W'W, with
-W = H^-1/2 X' V^-1 Z.
+h = X' V^-1 r; with a noise factor kappa both X' V^-1 X and h are divided by it. Given the terms,
+the score of a candidate Z is b_ad = Z_ad' V^-1 (r - X theta) and its information G - W'W, with W =
+H^-1/2 X' V^-1 Z.
 """
 
 from __future__ import annotations
@@ -145,9 +145,7 @@ class Model:
         """Drop columns of terms that are not in the model."""
         kept = {term.key for term in (self.base, *self.terms)}
         self._made = {key: made for key, made in self._made.items() if key in kept}
-        self._products = {
-            pair: made for pair, made in self._products.items() if set(pair) <= kept
-        }
+        self._products = {pair: made for pair, made in self._products.items() if set(pair) <= kept}
 
     def renew(self) -> None:
         """Take up another residual of the sums."""
@@ -172,9 +170,7 @@ class Model:
         every = [self.base, *terms]
         gram = np.block([[self._product(x, y) for y in every] for x in every])
         score = np.concatenate([self._columns(x).score for x in every])
-        precision = np.concatenate(
-            [np.full(self._columns(x).width, 1 / x.scale**2) for x in every]
-        )
+        precision = np.concatenate([np.full(self._columns(x).width, 1 / x.scale**2) for x in every])
         return gram, score, precision
 
     def evidence(self, terms: Sequence[Term], kappa: float) -> float:
@@ -183,9 +179,7 @@ class Model:
         root = np.linalg.cholesky(gram / kappa + np.diag(precision))
         solved = np.linalg.solve(root, score / kappa)
         return float(
-            0.5 * solved @ solved
-            - np.log(np.diag(root)).sum()
-            + 0.5 * np.log(precision).sum()
+            0.5 * solved @ solved - np.log(np.diag(root)).sum() + 0.5 * np.log(precision).sum()
         )
 
     def condition(self, terms: Sequence[Term]) -> None:
@@ -195,7 +189,7 @@ class Model:
         every = [self.base, *terms]
         gram, score, precision = self.system(terms)
         self.hessian = gram + np.diag(precision)
-        self.theta = np.linalg.solve(self.hessian, score)
+        self.theta: Floats = np.asarray(np.linalg.solve(self.hessian, score), np.float64)
         made = [self._columns(x) for x in every]
         self.offsets = np.cumsum([0] + [one.width for one in made])
         fitted = np.zeros(2 * sums.n, np.float32)

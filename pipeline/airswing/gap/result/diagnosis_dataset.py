@@ -1,7 +1,7 @@
 """Content of gap.nc: maps of the residual, evidence of the effects, and noise.
 
-Maps are means of the residual in bins with standard errors clustered by flight. Winds in m/s, angles
-in degrees, distances in km, levels in hPa.
+Maps are means of the residual in bins with standard errors clustered by flight. Winds in m/s,
+angles in degrees, distances in km, levels in hPa.
 """
 
 from __future__ import annotations

@@ -12,7 +12,6 @@ from dataclasses import replace
 from airswing.gap.effects import CATALOGUE, ActiveEffect
 from airswing.gap.effects.empirical import UNTOLD
 from airswing.gap.result.schema import EffectEntry, GapReport, PlaceEntry, UnknownEntry
-from airswing.gap.result.term_tables import COMPONENT
 from airswing.gap.simulation.effects_file import parse_effects
 from airswing.products.whole_files import plain
 
@@ -40,7 +39,7 @@ def _of_place(place: PlaceEntry) -> list[dict[str, object]]:
     if curve.edges is None:
         return []
     parameters = {
-        "component": COMPONENT.get(place.component, place.component),
+        "component": place.component,
         "variables": curve.variables,
         "edges": curve.edges,
     }
@@ -96,7 +95,7 @@ def unknown_not_known(unknown: UnknownEntry, effects: Sequence[ActiveEffect]) ->
     """
     told = [one.parameters for one in effects if one.name == "empirical"]
     known = {str(t["component"]) for t in told} & set(UNTOLD)
-    left = [p for p in unknown.where if COMPONENT.get(p.component, p.component) not in known]
+    left = [p for p in unknown.where if p.component not in known]
     if len(left) == len(unknown.where):
         return unknown
     return replace(unknown, present=bool(left), where=left, closure=None)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,8 +76,8 @@ def could_hide(disagreement: float, reports: int) -> float:
     """Reduction (kt) by an error outside the catalogue that would not be stated.
 
     An error of rms s on a share f of n reports has E = n f s^2 / (2 sigma^2) nats and closes
-    m f s^2 / (4 sigma^2) = m E / (2 n) of a mean disagreement m, with m = sigma sqrt(pi / 2) for two
-    normal components.
+    m f s^2 / (4 sigma^2) = m E / (2 n) of a mean disagreement m, with m = sigma sqrt(pi / 2) for
+    two normal components.
     """
     if disagreement <= 0.0 or reports <= 0:
         return 0.0
@@ -135,9 +136,7 @@ def assemble(findings: Findings) -> GapReport:
     return GapReport(
         gap=DisagreementEntry(before, before - whole.reduction, float(np.exp(-max(best, 0.0)))),
         where=[row for row in findings.where if row.q_value < 0.05][:20],
-        effects=[
-            replace(e, share_of_energy=max(e.held_out_energy, 0.0) / energy) for e in effects
-        ],
+        effects=[replace(e, share_of_energy=max(e.held_out_energy, 0.0) / energy) for e in effects],
         unknown=UnknownEntry(bool(places), places, _unknown_closure(before - named, unnamed)),
         closure=ClosureEntry(
             before=before,
@@ -210,7 +209,7 @@ def _unseen_in_means(
         curve = CurveEntry(labels, values)
         if one.variable != "scatter":
             edges = _floats(one.edges)
-            labels = [f"{a:.4g} to {b:.4g}" for a, b in zip(edges[:-1], edges[1:], strict=True)]
+            labels = [f"{a:.4g} to {b:.4g}" for a, b in pairwise(edges)]
             curve = CurveEntry(
                 labels,
                 values,

@@ -1,10 +1,11 @@
 """From a fitted model to gap.json: names, unknowns, probabilities, closure.
 
 Terms of one name that act on the whole archive are one claim, whatever their scopes: the
-coefficients of an aircraft are the fleet's and its own. So are tables of one variable and component.
+coefficients of an aircraft are the fleet's and its own. So are tables of one variable and
+component.
 
-The probability of a claim is ``1 / (1 + exp(-(CALIBRATION[0] + CALIBRATION[1] gate)))``, gate its log
-posterior odds in nats with its own noise factor.
+The probability of a claim is ``1 / (1 + exp(-(CALIBRATION[0] + CALIBRATION[1] gate)))``, gate its
+log posterior odds in nats with its own noise factor.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +23,7 @@ from airswing.gap.archive.value_tables import UNIT_OF
 from airswing.gap.effects import CATALOGUE, separated_by
 from airswing.gap.effects.base import Effect, Errors, Told
 from airswing.gap.model.candidates import Table
-from airswing.gap.model.closure import Closure, Step
+from airswing.gap.model.closure import Step
 from airswing.gap.model.passes import Fitted
 from airswing.gap.model.terms import Term
 from airswing.gap.result.schema import (
@@ -253,9 +255,7 @@ def _nearest(terms: Sequence[Term]) -> tuple[str | None, float | None]:
     return best
 
 
-def table_curve(
-    fitted: Fitted, table: Table, tails: Sequence[int], values: Floats
-) -> CurveEntry:
+def table_curve(fitted: Fitted, table: Table, tails: Sequence[int], values: Floats) -> CurveEntry:
     """Values of a table in cells of its variables, of all aircraft and of each."""
     variables = fitted.model.sums.candidates.variables
     names = [curve.variable for curve in table.curves]
@@ -286,7 +286,9 @@ def table_curve(
         variable_units=[UNITS[name] for name in names],
         edges=edges,
         values=[float(x) for x in middle],
-        per_tail={frame_tails[a]: [float(x) for x in row] for a, row in zip(tails, each, strict=True)}
+        per_tail={
+            frame_tails[a]: [float(x) for x in row] for a, row in zip(tails, each, strict=True)
+        }
         if apart
         else None,
     )
@@ -298,7 +300,7 @@ def _labels(names: Sequence[str], edges: Sequence[Sequence[float]]) -> list[str]
         cells = (
             list(CATEGORIES[name])
             if name in CATEGORIES
-            else [f"{a:.4g} to {b:.4g}" for a, b in zip(own[:-1], own[1:], strict=True)]
+            else [f"{a:.4g} to {b:.4g}" for a, b in pairwise(own)]
         )
         out = [f"{one}; {cell}" if one else cell for one in out for cell in cells]
     return out
@@ -337,7 +339,9 @@ def shape_in_words(curve: CurveEntry) -> str | None:
     near = np.abs(np.arange(values.size) - peak) <= max(1, values.size // 6)
     away = values - np.median(values)
     if (away[near] ** 2).sum() / (away**2).sum() > SIMPLE:
-        return f"a bump of {away[peak]:+.3g} {curve.unit} near {label} {x[peak]:.4g} {unit}".rstrip()
+        return (
+            f"a bump of {away[peak]:+.3g} {curve.unit} near {label} {x[peak]:.4g} {unit}".rstrip()
+        )
     return None
 
 

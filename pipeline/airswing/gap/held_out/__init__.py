@@ -1,1 +1,0 @@
-"""What terms explain of weeks that had no part in them."""

@@ -1,1 +1,0 @@
-"""Which effects are at work: the search over candidates."""

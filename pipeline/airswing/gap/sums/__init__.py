@@ -1,1 +1,0 @@
-"""Sums over the reports, and the algebra on them."""
