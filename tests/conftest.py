@@ -152,8 +152,15 @@ def gap_product(
 @pytest.fixture
 def names_only(monkeypatch: pytest.MonkeyPatch) -> None:
     """Diagnoses look for nothing without a name: most of their time, where a test is not of it."""
-    monkeypatch.setattr("airswing.gap.names_and_unknowns.MOST_UNKNOWNS", 0)
-    monkeypatch.setattr("airswing.gap.in_no_mean._sent_otherwise", lambda *_: None)
+    from airswing.gap import diagnose as stages
+
+    fit_model = stages.fit_model
+
+    def without_tables(*args: object, **options: object) -> object:
+        return fit_model(*args, **{**options, "tables": False})  # type: ignore[arg-type]
+
+    monkeypatch.setattr(stages, "fit_model", without_tables)
+    monkeypatch.setattr(stages, "slices", lambda *_: [])
 
 
 @pytest.fixture

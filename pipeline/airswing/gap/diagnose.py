@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.gap.archive.frame import Frame
-from airswing.gap.checks.adjustment import Adjustment
+from airswing.gap.checks.refit_claims import Adjustment
 from airswing.gap.checks.assumptions import run_checks
 from airswing.gap.distribution.coded_values import coded_effects
 from airswing.gap.distribution.gross_errors import outliers

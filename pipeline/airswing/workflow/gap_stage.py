@@ -21,7 +21,7 @@ from airswing.workflow.months import make_headings
 
 if TYPE_CHECKING:
     from airswing.gap.archive.frame import Frame
-    from airswing.gap.checks.adjustment import Adjustment
+    from airswing.gap.checks.refit_claims import Adjustment
     from airswing.gap.effects import ActiveEffect, Effect
     from airswing.gap.result.schema import ClaimsEntry, GapReport
 
@@ -155,7 +155,7 @@ def _frame(job: Job, headings: xr.Dataset) -> Frame:
 
 def _claims(job: Job, headings: xr.Dataset, adjustment: Adjustment) -> ClaimsEntry:
     """Review the deviations and the field test with the effects beside the deviation off."""
-    from airswing.gap.checks.adjustment import review_claims
+    from airswing.gap.checks.refit_claims import review_claims
 
     config = job.config
     test = config.field_test

@@ -266,6 +266,8 @@ def dated_evidence(model: Model, group: Group, kappas: tuple[float, ...]) -> lis
     before = np.cumsum(flown, axis=1) - flown
     left = np.cumsum(flown[:, ::-1], axis=1)[:, ::-1]
     able = flown & (before >= SIDES) & (left >= SIDES)
+    if not able.any():
+        return [Found(-np.inf, float(SCALES[0]), (), np.zeros(sums.A)) for _ in kappas]
     statistics = model.statistics(group)
     return [_dated(statistics, score, information, able, kappa) for kappa in kappas]
 
@@ -332,14 +334,16 @@ def _dated(
             density = _at(level, linear, rest, phi) - _at(*null, phi)[:, None]
             density = np.where(able, density, -np.inf)
             best = density.argmax(axis=1)
-            each = np.where(anywhere, logsumexp(density, axis=1) - np.log(dates), -np.inf)
+            each = np.full(aircraft, -np.inf)
+            each[anywhere] = logsumexp(density[anywhere], axis=1) - np.log(dates[anywhere])
             inside = each > 0
             picked = (level[rows, best], linear[rows, best], rest[rows, best])
             phi = common.mean(
                 np.where(inside[:, None, None], picked[2], null[2]).sum(axis=0),
                 np.where(inside[:, None], picked[1], null[1]).sum(axis=0),
             )
-        several = np.where(anywhere, each - density.max(axis=1), 0.0)
+        several = np.zeros(aircraft)
+        several[anywhere] = each[anywhere] - density[anywhere].max(axis=1)
         nested, gain = _nested(common, null, picked, add=several, able=anywhere)
         own.append(float(logsumexp(nested + prior[: nested.size])) - nothing)
         kept.append((by_date, gains, best, gain))

@@ -8,11 +8,15 @@ import numpy as np
 import pytest
 from tests.gap.toy import make_frame, noise_of
 
-from airswing.gap.closure.of_scatter import reduction_of
 from airswing.gap.design.exogenous import exogenous
-from airswing.gap.evidence.gaussian import plain_probability
 from airswing.gap.noise.residual_statistics import gross_errors
-from airswing.gap.scatter.gross_rates import outliers, shared_rate, simulated_rate
+from airswing.gap.distribution.gross_errors import (
+    outliers,
+    reduction_of_gross,
+    shared_rate,
+    simulated_rate,
+)
+from airswing.gap.result.statement import probability
 from airswing.units import KNOT
 
 
@@ -36,12 +40,12 @@ def struck(archive, aircraft, share, size=20.0):
 @pytest.mark.parametrize("share", [0.01, 0.03])
 def test_a_share_is_found_whoever_has_it(archive, aircraft, share):
     made, noise = struck(archive, aircraft, share)
-    found = outliers(made, noise)
+    found = outliers(made, made.residual, noise)
     assert found.tails == tuple(made.tails[a] for a in aircraft)
-    assert plain_probability(found.evidence) > 0.9
+    assert probability(found.evidence) > 0.9
     count = share * np.isin(made.aircraft, aircraft).sum()
     assert found.parameters["fraction"] == pytest.approx(share, abs=3 * share / np.sqrt(count))
-    reduction = reduction_of(made, made.residual, found, noise.gross)
+    reduction = reduction_of_gross(made, made.residual, found, noise.gross)
     frame, _ = archive
     true = (np.hypot(*made.residual.T).mean() - np.hypot(*frame.residual.T).mean()) / KNOT
     assert reduction.interval[0] < true < reduction.interval[1]
@@ -49,13 +53,14 @@ def test_a_share_is_found_whoever_has_it(archive, aircraft, share):
 
 def test_nothing_is_found_where_nobody_errs(archive):
     frame, noise = archive
-    assert outliers(frame, replace(noise, gross=gross_errors(frame.residual, noise.order))) is None
+    calm = replace(noise, gross=gross_errors(frame.residual, noise.order))
+    assert outliers(frame, frame.residual, calm) is None
 
 
 def test_scatter_of_a_metre_a_second_is_no_gross_error(archive):
     made, noise = struck(archive, [1, 2], 0.3, size=2.5)
     assert noise.gross.mean() > 0.002
-    assert outliers(made, noise) is None
+    assert outliers(made, made.residual, noise) is None
 
 
 def test_a_simulated_archive_stands_out_as_often_as_the_real_one(archive):
