@@ -10,6 +10,7 @@ import pytest
 import yaml
 from tests.conftest import STRUCK
 from typer.testing import CliRunner
+from xarray import Dataset
 
 from airswing import cli
 from airswing.cli import app
@@ -17,7 +18,6 @@ from airswing.config_file import load_config
 from airswing.gap.archive.frame import Frame
 from airswing.gap.result.schema import GapReport
 from airswing.gap.simulation.effects_file import read_effects
-from airswing.gap.sums.whole_archive import held_archive
 from airswing.report.gap.words import start_words, verdict
 from airswing.workflow import Job, gap_stage
 from airswing.workflow.gap_start import read_start, starting_point
@@ -170,8 +170,9 @@ def test_bad_input_is_one_message_and_nothing_written(
     archive, tmp_path, option, content, message, monkeypatch, frame, capsys
 ):
     _, own = frame
-    monkeypatch.setattr(gap_stage, "make_headings", lambda job: None)
-    monkeypatch.setattr(gap_stage, "_archive", lambda *a, **k: held_archive(own))
+    monkeypatch.setattr(gap_stage, "make_headings", lambda job: Dataset(coords={"report": []}))
+    monkeypatch.setattr("airswing.gap.archive.sample.sampled", lambda headings: headings)
+    monkeypatch.setattr(gap_stage, "_frame", lambda *_: own)
     file = tmp_path / ("bad.yaml" if option == "--known" else "bad.csv")
     if content is not None:
         file.write_text(content)

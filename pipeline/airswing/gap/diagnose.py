@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.gap.archive.frame import Frame
-from airswing.gap.checks.refit_claims import Adjustment
 from airswing.gap.checks.assumptions import run_checks
+from airswing.gap.checks.refit_claims import Adjustment
 from airswing.gap.distribution.coded_values import coded_effects
 from airswing.gap.distribution.gross_errors import outliers
 from airswing.gap.distribution.scatter import Scatter, find_scatter
@@ -27,12 +27,10 @@ from airswing.gap.distribution.sent_winds import SentWinds, find_sent_winds
 from airswing.gap.distribution.verdict import Verdict
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.effects.base import Effect
-from airswing.gap.library_threads import one_library_thread
 from airswing.gap.model.closure import Closure, Step, close
 from airswing.gap.model.localisation import slices
 from airswing.gap.model.passes import Fitted, fit_model, is_sensor, without_errors
-from airswing.gap.model.selection import GATE
-from airswing.gap.model.terms import Model
+from airswing.gap.model.terms import GATE, Model
 from airswing.gap.noise.residual_statistics import gross_errors
 from airswing.gap.result.diagnosis_dataset import diagnosis_dataset
 from airswing.gap.result.report import STATED, Findings, assemble
@@ -150,10 +148,7 @@ def diagnose(
             remedy="at least 200 reports of four flights with model winds are needed",
         )
     say = progress or (lambda stage, done: None)
-    with one_library_thread():
-        return _diagnosed(
-            reports, CATALOGUE if catalogue is None else catalogue, dictionary, seed, say
-        )
+    return _diagnosed(reports, CATALOGUE if catalogue is None else catalogue, dictionary, seed, say)
 
 
 def _asked(headings: xr.Dataset, reference: str | Sequence[str] | None) -> str | Sequence[str]:

@@ -5,6 +5,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from airswing.gap.scatter.gross_rates import outliers
+from airswing.gap.taken_off.remainders import is_remainder
 from tests.gap.toy import make_frame, noise_of
 
 from airswing.gap.archive.heading_lattice import (
@@ -12,16 +14,29 @@ from airswing.gap.archive.heading_lattice import (
     heading_lattices,
     step_cosines,
 )
-from airswing.gap.archive.other_winds import without
 from airswing.gap.design.exogenous import exogenous
 from airswing.gap.design.heading_uncertainty import heading_doubt, rounding_of_headings
 from airswing.gap.diagnose import diagnose
+from airswing.gap.distribution.coded_values import heading_coding
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.noise.residual_statistics import gross_errors
-from airswing.gap.scatter.coded_values import heading_coding
-from airswing.gap.scatter.gross_rates import outliers
 from airswing.gap.simulation.forward import Coding
-from airswing.gap.taken_off.remainders import is_remainder
+
+
+def without(frame, wind):
+    """Frame whose reported winds are others, with the heading and airspeed they imply."""
+    u, v = frame.u_ref + wind[:, 0], frame.v_ref + wind[:, 1]
+    air_u, air_v = frame.ground_u - u, frame.ground_v - v
+    heading = np.mod(np.arctan2(air_u, air_v), 2 * np.pi)
+    declination = frame.heading - frame.magnetic_heading
+    return replace(
+        frame,
+        u_rep=u,
+        v_rep=v,
+        heading=heading,
+        airspeed=np.hypot(air_u, air_v),
+        magnetic_heading=np.mod(heading - declination, 2 * np.pi),
+    )
 
 
 @pytest.fixture(scope="module")

@@ -9,13 +9,13 @@ import pytest
 from tests.gap.toy import make_frame, noise_of
 
 from airswing.gap.design.exogenous import exogenous
-from airswing.gap.noise.residual_statistics import gross_errors
 from airswing.gap.distribution.gross_errors import (
     outliers,
     reduction_of_gross,
     shared_rate,
     simulated_rate,
 )
+from airswing.gap.noise.residual_statistics import gross_errors
 from airswing.gap.result.statement import probability
 from airswing.units import KNOT
 

@@ -69,7 +69,7 @@ SOFT = np.linspace(-0.08, 0.08, 5)
 #: Quantiles between which knots lie: single values far out must not stretch the curve.
 INNER = (0.005, 0.995)
 #: Winds drawn to average a table of the reported wind over, and levels they are drawn within.
-DRAWS, LEVELS = 12, 8
+DRAWS, LEVELS = 6, 8
 #: Every how many-th report the size of a candidate is measured on.
 SAMPLED = 7
 #: Cells of each variable in a table of two.
@@ -365,6 +365,27 @@ class Candidates:
         self._group(columns, group, root, range(columns.shape[2]))
         self.tables[name] = table
         return self.groups[-1] if len(self.groups) > before else None
+
+    def add_product(self, table: Group, curve: Floats, name: str) -> Group | None:
+        """Add products of a table's fitted curve with functions of another variable."""
+        columns = self.raw(table.columns) @ curve.astype(np.float32)
+        other = curve_of(name, self.variables[name].values, PAIRED)
+        functions = other.functions(self.variables[name].values)[:, : 2 * PAIRED - 1]
+        made = np.asarray(columns[:, :, None] * functions[:, None, :], np.float32)
+        unit = np.eye(made.shape[2])
+        where = self._block(lambda: made, made)
+        before = len(self.groups)
+        group = Group(f"{table.name} x {name}", "probe", where, unit, "af", 0.0)
+        self._group(made, group, unit, range(made.shape[2]))
+        return self.groups[-1] if len(self.groups) > before else None
+
+    def forget(self, groups: Sequence[Group]) -> None:
+        """Remove groups; the last columns built are free again where they are theirs."""
+        gone = {id(group) for group in groups}
+        self.groups = [group for group in self.groups if id(group) not in gone]
+        for group in groups:
+            self._builders.pop(group.columns.start, None)
+        self.width = max(group.columns.stop for group in self.groups)
 
     def paired(self, first: Group, second: str) -> Table:
         """Table of a table's variable and a second one, with fewer knots of each."""

@@ -23,16 +23,16 @@ Am. Stat. Assoc. 83, 1023-1032 (spike and slab).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaln, logsumexp
+from scipy.special import logsumexp
 
 from airswing.gap.model.candidates import Group
-from airswing.gap.model.terms import Model, Statistics
+from airswing.gap.model.terms import Model, Statistics, number_prior
 
 Floats = NDArray[Any]
 Integers = NDArray[np.int64]
@@ -127,13 +127,6 @@ def _at(level: Floats, score: Floats, information: Floats, phi: Floats) -> Float
     return np.asarray(
         level + score @ phi - 0.5 * np.einsum("i,...ij,j->...", phi, information, phi)
     )
-
-
-def number_prior(aircraft: int) -> Floats:
-    """Log prior of each set of 0, 1, ... A aircraft under a uniform share."""
-    sizes = np.arange(aircraft + 1)
-    sets = gammaln(aircraft + 1) - gammaln(sizes + 1) - gammaln(aircraft - sizes + 1)
-    return np.asarray(-np.log(aircraft + 1) - sets)
 
 
 Parts = tuple[Floats, Floats, Floats]  # level (A,), score (A, m), information (A, m, m)
@@ -237,8 +230,13 @@ def _inclusion(gain: Floats) -> Floats:
 
 
 # ------------------------------------------------------------------------------------------- dates
-def dated_evidence(model: Model, group: Group, kappas: tuple[float, ...]) -> list[Found]:
-    """Evidence of a change at a date, each aircraft's own or one for all, for each noise factor."""
+def dated_evidence(
+    model: Model, group: Group, kappas: tuple[float, float], least: float
+) -> tuple[Found, Found]:
+    """Evidence of a change at a date, each aircraft's own or one for all, for two noise factors.
+
+    The second is worked out only where the evidence by the first is ``least`` or more.
+    """
     sums, t = model.sums, group.transform
     by_day, _ = sums.information(group)
     width = model.hessian.shape[0]
@@ -267,9 +265,13 @@ def dated_evidence(model: Model, group: Group, kappas: tuple[float, ...]) -> lis
     left = np.cumsum(flown[:, ::-1], axis=1)[:, ::-1]
     able = flown & (before >= SIDES) & (left >= SIDES)
     if not able.any():
-        return [Found(-np.inf, float(SCALES[0]), (), np.zeros(sums.A)) for _ in kappas]
+        nothing = Found(-np.inf, float(SCALES[0]), (), np.zeros(sums.A))
+        return nothing, nothing
     statistics = model.statistics(group)
-    return [_dated(statistics, score, information, able, kappa) for kappa in kappas]
+    ranked = _dated(statistics, score, information, able, kappas[0])
+    if ranked.evidence < least or kappas[0] == kappas[1]:
+        return ranked, ranked
+    return ranked, _dated(statistics, score, information, able, kappas[1])
 
 
 def _next_day(able: NDArray[np.bool_]) -> Integers:
@@ -305,7 +307,8 @@ def _dated(
     sums = tuple(part.sum(axis=0) for part in null)
     nothing = float(common.total(sums[2], sums[1], sums[0]))
     prior, following = number_prior(aircraft), _next_day(able)
-    anywhere, dates = able.any(axis=1), np.maximum(able.sum(axis=1), 1)
+    dates = np.maximum(able.sum(axis=1), 1)
+    anywhere: NDArray[np.bool_] = np.asarray(able.sum(axis=1) > 0)
     rows = np.arange(aircraft)
     own, shared, kept = [], [], []
     for s in SCALES:
@@ -322,9 +325,7 @@ def _dated(
         for d in (int(k) for k in np.flatnonzero(able.any(axis=0))):
             at = following[:, d]
             picked = (level[rows, at], linear[rows, at], rest[rows, at])
-            nested, gain = _nested(
-                common, null, picked, add=np.zeros(aircraft), able=np.asarray(at >= 0)
-            )
+            nested, gain = _nested(common, null, picked, add=np.zeros(aircraft), able=at >= 0)
             by_date[d] = logsumexp(nested + prior[: nested.size])
             gains[d] = gain
         shared.append(float(logsumexp(by_date)) - np.log(days) - nothing)
@@ -426,6 +427,3 @@ def exchange_evidence(model: Model, group: Group, kappa: float) -> Exchange | No
         float(gain[i, j, d]) - looked_at,
         float(change[i, d] + change[j, d]) - looked_at,
     )
-
-
-Progress = Callable[[str, float], None]

@@ -23,9 +23,9 @@ from airswing.gap.design.weather import day_field_columns
 from airswing.gap.effects.base import Effect
 from airswing.gap.model.candidates import Candidates
 from airswing.gap.model.evidence import Exchange, exchange_evidence
-from airswing.gap.model.selection import GATE, describe, search, set_prior
+from airswing.gap.model.selection import search
 from airswing.gap.model.sums import Sums
-from airswing.gap.model.terms import Model, Term
+from airswing.gap.model.terms import GATE, Model, Term, set_prior
 from airswing.gap.noise.model import NoiseFit, fit_noise, flown
 
 Floats = NDArray[np.float64]
@@ -252,14 +252,15 @@ def _linearised(
     residual[:, 0] += -context.airspeed * turn * cosine - faster * sine
     residual[:, 1] += context.airspeed * turn * sine - faster * cosine
     again = prepared(corrected, effects, tables=tables, seed=seed, residual=residual, less=rest)
-    groups = {(g.name, g.form, g.kind): g for g in again.model.sums.candidates.groups}
+    candidates = again.model.sums.candidates
+    for term in fitted.terms:
+        if len(term.group.variables) == 2:
+            table = fitted.model.sums.candidates.tables[term.group.name]
+            candidates.add_table(table, term.group.prior)
+    again.model.sums.extend()
+    groups = {(g.name, g.form, g.kind): g for g in candidates.groups}
     known = [(t, groups.get((t.group.name, t.group.form, t.group.kind))) for t in fitted.terms]
     start: Sequence[Term] = [replace(t, group=g) for t, g in known if g is not None]
     again.terms = search(again.model, start=start, say=say)
     again.frame, again.exchange = fitted.frame, fitted.exchange
     return again
-
-
-def told(fitted: Fitted) -> list[str]:
-    """The terms in a line each."""
-    return [describe(term) for term in fitted.terms]

@@ -28,13 +28,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.model.candidates import Group
-from airswing.gap.model.evidence import dated_evidence, number_prior, static_evidence
-from airswing.gap.model.terms import Model, Statistics, Term
+from airswing.gap.model.evidence import dated_evidence, static_evidence
+from airswing.gap.model.refinement import refined
+from airswing.gap.model.terms import GATE, Model, Statistics, Term, describe, set_prior
 
 Floats = NDArray[np.float64]
 
-#: Log posterior odds from which a candidate may enter: probability 0.95.
-GATE = 3.0
 #: Share of a table's log evidence that a name must hold: a deviation of 5 degrees turns the heading
 #: its columns are evaluated at, an error of first order of (5 degrees)^2 / 2 = 0.4 % of the energy;
 #: ten times that for context that is inferred.
@@ -47,7 +46,7 @@ MOST, ROUNDS = 10, 3
 
 def screen(model: Model) -> list[Term]:
     """All candidates given the terms in the model, best first; ``score`` holds the log prior."""
-    groups = [g for g in model.sums.candidates.groups if g.kind != "nuisance"]
+    groups = [g for g in model.sums.candidates.groups if g.kind not in ("nuisance", "probe")]
     statistics = [(g, model.statistics(g)) for g in groups]
     # of tables and names that act always: the factor of a usual candidate
     usual = [float(np.median(s.factor)) for g, s in statistics if g.kind != "dated"]
@@ -56,7 +55,7 @@ def screen(model: Model) -> list[Term]:
     for group, found in statistics:
         factor = max(model.kappa, float(np.mean(found.factor)))
         if group.kind == "dated":
-            ranked, gated = dated_evidence(model, group, (model.kappa, factor))
+            ranked, gated = dated_evidence(model, group, (model.kappa, factor), GATE - group.prior)
             if gated.tails:
                 out.append(
                     Term(
@@ -128,14 +127,6 @@ def contest(
     return [replace(best, rivals=rivals), *(t for t in scored if t is not best)]
 
 
-def set_prior(model: Model, term: Term) -> float:
-    """Log prior of a term's aircraft and dates."""
-    out = 0.0
-    if term.scope == "a":
-        out += float(number_prior(model.sums.A)[len(term.tails)])
-    return out - float(np.log(model.sums.D)) * len(set(term.start.values()))
-
-
 def search(
     model: Model,
     *,
@@ -155,6 +146,7 @@ def search(
         say(f"+ {describe(found[0])}")
         terms = [*terms, found[0]]
         model.condition(terms)
+        terms = refined(model, terms, found[0], say)
         if len(terms) > 1:
             terms = revisit(model, terms, ROUNDS, say)
         state = frozenset(term.label for term in terms)
@@ -171,7 +163,10 @@ def revisit(model: Model, terms: list[Term], rounds: int, say: Callable[[str], N
         for term in list(terms):
             rest = [other for other in terms if other is not term]
             model.condition(rest)
-            found = contest(model, rest, screen(model))
+            ranked = screen(model)
+            if len(term.group.variables) == 2:
+                ranked.append(_as_it_is(model, terms, rest, term))
+            found = contest(model, rest, ranked)
             if not found:
                 say(f"- {describe(term)}")
                 terms, changed = rest, True
@@ -181,17 +176,17 @@ def revisit(model: Model, terms: list[Term], rounds: int, say: Callable[[str], N
                 say(f"~ {describe(term)} -> {describe(new)}")
             changed |= new.key != term.key
             terms = [new if other is term else other for other in terms]
+            if new.label != term.label:
+                model.condition(terms)
+                terms = refined(model, terms, new, say)
         model.condition(terms)
         if not changed:
             break
     return terms
 
 
-def describe(term: Term) -> str:
-    """A term in one line."""
-    days = f" from day {sorted(set(term.start.values()))}" if term.start else ""
-    return (
-        f"{term.group.name}{list(term.group.form) or ''} {term.scope} {len(term.tails)} aircraft"
-        f"{days} score {term.score:.1f} gate {term.gate:.1f} s {term.scale}"
-        f" rivals {[(round(r[0], 1), r[1], r[2]) for r in term.rivals[:4]]}"
-    )
+def _as_it_is(model: Model, terms: Sequence[Term], rest: Sequence[Term], term: Term) -> Term:
+    """A table of two variables as a candidate for its own place."""
+    gain = model.evidence(terms, model.kappa) - model.evidence(rest, model.kappa)
+    score = gain + term.group.prior + set_prior(model, term)
+    return replace(term, score=score, gate=score / model.kappa)

@@ -115,15 +115,18 @@ class Sums:
 
     def extend(self) -> None:
         """Whiten and sum the candidates' columns built since the last call."""
-        for where, columns in self.candidates.pending():
+        pending = self.candidates.pending()
+        # columns of groups that were forgotten are overwritten
+        first = min([self.width, *(where.start for where, _ in pending)])
+        self._grams = {key: made for key, made in self._grams.items() if key[1] <= first}
+        for where, columns in pending:
             if where.stop > self.rows.shape[1]:
                 raise MemoryError("no memory was set aside for further columns")
             self.rows[:, where] = self._sorted(columns)
-            for a, d, own in self.cells:
-                self.shared[a, d, :, where] = self.root32[d] @ (
-                    self.fields[own].T @ self.rows[own, where]
-                )
-            self.width = where.stop
+        self.width = self.candidates.width
+        new = slice(first, self.width)
+        for a, d, own in self.cells:
+            self.shared[a, d, :, new] = self.root32[d] @ (self.fields[own].T @ self.rows[own, new])
 
     def _fit_fields(self) -> None:
         """Variances of the day fields by expectation maximisation, and roots of M_d."""
@@ -160,7 +163,7 @@ class Sums:
     def information(self, group: Group) -> tuple[Floats, Floats]:
         """Information about a group's coefficients: (A, D, m, m) of aircraft, (D, m, m) of all."""
         known = self._own.get(id(group))
-        if known is not None:
+        if known is not None and known[0] is group:
             return known[1], known[2]
         by_aircraft, of_fleet = self._gram(group.columns)
         t = group.transform

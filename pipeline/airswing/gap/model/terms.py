@@ -17,12 +17,15 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import gammaln
 
 from airswing.gap.model.candidates import Group
 from airswing.gap.model.sums import Sums
 
 Floats = NDArray[np.float64]
 
+#: Log posterior odds from which a candidate may enter: probability 0.95.
+GATE = 3.0
 #: Prior standard deviation of the reference's climatology, m/s: what weather models err by in the
 #: mean of a month at one place and level (bias of upper-air winds in radiosonde verification).
 CLIMATOLOGY = 0.6
@@ -82,6 +85,31 @@ class Term:
     def with_score(self, score: float) -> Term:
         """The term with another score."""
         return replace(self, score=score)
+
+
+def set_prior(model: Model, term: Term) -> float:
+    """Log prior of a term's aircraft and dates."""
+    out = 0.0
+    if term.scope == "a":
+        out += float(number_prior(model.sums.A)[len(term.tails)])
+    return out - float(np.log(model.sums.D)) * len(set(term.start.values()))
+
+
+def describe(term: Term) -> str:
+    """A term in one line."""
+    days = f" from day {sorted(set(term.start.values()))}" if term.start else ""
+    return (
+        f"{term.group.name}{list(term.group.form) or ''} {term.scope} {len(term.tails)} aircraft"
+        f"{days} score {term.score:.1f} gate {term.gate:.1f} s {term.scale}"
+        f" rivals {[(round(r[0], 1), r[1], r[2]) for r in term.rivals[:4]]}"
+    )
+
+
+def number_prior(aircraft: int) -> Floats:
+    """Log prior of each set of 0, 1, ... A aircraft under a uniform share."""
+    sizes = np.arange(aircraft + 1)
+    sets = gammaln(aircraft + 1) - gammaln(sizes + 1) - gammaln(aircraft - sizes + 1)
+    return np.asarray(-np.log(aircraft + 1) - sets)
 
 
 class _Columns:
