@@ -28,7 +28,6 @@ SHORT = {
     "recovery": ["--archives", "2"],
     "evaluation_coverage": ["--seeds", "20"],
     "gap_statistics": ["--reports", "1000000", "--aircraft", "6"],
-    "step_or_drift": ["--archives", "30"],
 }
 LONG = {
     "fleet": ["--aircraft", "600", "1200", "2400", "6000"],

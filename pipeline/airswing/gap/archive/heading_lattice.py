@@ -7,7 +7,7 @@ routes and winds spread others evenly. The same over flights says how sure that 
 on a few courses may lie anywhere.
 
 Validity: ten flights of an aircraft and more. On the 80 archives of a blind check, days among them,
-the mean was 0.15 at most for steps to 5 degrees, 0.18 for 10 (``benchmarks.gap_kinds --look``).
+the mean was 0.15 at most for steps to 5 degrees, 0.18 for 10.
 
 Source: Mardia & Jupp (2000), Directional Statistics, ch. 2 (mean resultant length).
 

@@ -37,8 +37,9 @@ from airswing.gap.model.terms import Model, Statistics, number_prior
 Floats = NDArray[Any]
 Integers = NDArray[np.int64]
 
-#: Scales of the slab, m/s rms where a candidate acts: a third of a knot to three times the noise.
-SCALES = np.array([0.3, 0.6, 1.2, 2.4, 4.8])
+#: Scales of the slab, m/s rms where a candidate acts, from half a knot to three times the noise in
+#: steps of three: half a step off costs 0.1 nat a coefficient.
+SCALES = np.array([0.3, 0.9, 2.7])
 #: L, m/s: what lasts in the reference's error and no number of days averages out. Root mean square
 #: of fleet coefficients of tables on simulated archives without an effect (`benchmarks.gap_paired
 #: spread`).

@@ -41,7 +41,7 @@ REPRESENTS = 0.96
 #: Names and tables in a contest, the best of each by the screening score.
 NAMES, TABLES = 12, 6
 #: Most terms, and rounds of replacement after an addition.
-MOST, ROUNDS = 10, 3
+MOST, ROUNDS = 8, 2
 
 
 def screen(model: Model) -> list[Term]:

@@ -295,7 +295,7 @@ def noise_factor(score: Floats, by_day: Floats) -> Statistics:
 
 
 #: Prior scale, m/s, of the fit that is taken off before days' scores are compared.
-WIDE = 4.8
+WIDE = 2.7
 #: Days in a cluster; the larger scatter counts: what lasts for days is seen in blocks of four.
 BLOCKS = (1, 4)
 

@@ -4,7 +4,7 @@ Assumptions: the residual of each wind component is g(p) times the sum of an Orn
 process in distance (and ln p) along the flight and white noise; u and v are independent and alike,
 or parts along and across the heading are, each with a factor.
 g is piecewise linear in ln p and has mean square 1 over the reports. What flights of one day
-share is a separate part, estimated from the day sums (:mod:`airswing.gap.sums.accumulate`). Sensor
+share is a separate part, estimated from the day sums (:mod:`airswing.gap.model.sums`). Sensor
 effects that are smooth functions of heading are removed by a per-aircraft regression first, so a
 badly deviating aircraft does not pass for a noisy model.
 

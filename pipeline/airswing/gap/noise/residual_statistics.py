@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 MOST_LAGS = 30  # largest difference of position on a flight
 LEVELS = 5  # at equal counts of reports
 #: Factor from which errors along and across the heading differ: weather's are alike, a scattering
-#: compass errs across it (``benchmarks.gap_kinds --look`` prints across over along).
+#: compass errs across it only.
 UNLIKE = 1.1
 #: Distances (m) at which the autocovariance along the flight is tabulated.
 DISTANCE_EDGES = np.array([0, 10, 25, 50, 75, 100, 150, 200, 300, 400, 600, 900]) * 1e3

@@ -5,7 +5,7 @@ Assumptions: within one flight the error of a wind component is a first-order au
 multiplied by a factor that depends on the level only, and where errors along and across the
 heading differ (a compass scatters across it alone) by one of the direction. Flights are
 independent of each other here (what they share is handled by the day fields of
-:mod:`airswing.gap.sums.elimination`). For such errors the Kalman recursion of one state gives the
+:mod:`airswing.gap.model.sums`). For such errors the Kalman recursion of one state gives the
 exact Cholesky whitening in linear time: the innovation divided by its standard deviation is white.
 The gains depend on the geometry alone, so the same recursion whitens residuals and design columns.
 

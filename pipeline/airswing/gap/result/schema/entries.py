@@ -110,9 +110,8 @@ class MeanEntry:
 class EffectEntry:
     """An effect of the catalogue that is at work.
 
-    ``parameters`` are medians over aircraft where ``per_tail`` has several. ``closure`` is told of
-    effects of scatter alone, which are no step of the waterfall. ``weighed`` is what the
-    probability was made of (`airswing.gap.search.belief`).
+    ``parameters`` are medians over aircraft where ``per_tail`` has several. ``closure`` is what the
+    effect closes beside those before it.
     """
 
     name: str
