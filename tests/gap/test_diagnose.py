@@ -165,3 +165,23 @@ def test_missing_context_is_untestable_not_guessed(quiet):
 def test_too_few_reports_are_refused(quiet):
     with pytest.raises(InputError, match="too few reports"):
         diagnose(quiet.take(slice(0, 100)))
+
+
+def test_an_error_of_the_whole_fleet_is_no_change_of_all_aircraft():
+    def error(context):
+        return np.full(context["time"].size, np.radians(1.5))
+
+    frame = make_frame(seed=9, aircraft=6, days=12, noise=0.3, heading_error=error)
+    report = diagnose(frame, catalogue=SMALL, dictionary=False).report
+    assert [effect.name for effect in report.effects] == ["compass_offset"]
+    assert report.effects[0].scope == "fleet"
+    assert report.effects[0].parameters["offset_deg"] == pytest.approx(1.5, abs=0.3)
+
+
+def test_headings_without_derivatives_of_the_reference_are_refused():
+    from tests.gap.frames import headings_dataset
+
+    ds = headings_dataset()
+    ds = ds.drop_vars([name for name in ds if "tendency" in name or "derivative" in name])
+    with pytest.raises(InputError, match="derivatives"):
+        diagnose(ds, reference=str(ds["reference"].values[0]))

@@ -139,6 +139,12 @@ def diagnose(
         Fewer than 200 reports or fewer than four flights.
     """
     if isinstance(reports, xr.Dataset):
+        if "reference_eastward_wind_tendency" not in reports:
+            raise InputError(
+                "the headings hold no derivatives of the reference wind",
+                field="reference_eastward_wind_tendency",
+                remedy="collocate with derivatives=True; without them four effects cannot be found",
+            )
         reports = Frame.from_headings(reports, reference=_asked(reports, reference))
     flights = int(np.unique(reports.flight).size)
     if reports.size < 200 or flights < 4:

@@ -5,7 +5,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from airswing.gap.scatter.gross_rates import outliers
 from airswing.gap.taken_off.remainders import is_remainder
 from tests.gap.toy import make_frame, noise_of
 
@@ -18,6 +17,7 @@ from airswing.gap.design.exogenous import exogenous
 from airswing.gap.design.heading_uncertainty import heading_doubt, rounding_of_headings
 from airswing.gap.diagnose import diagnose
 from airswing.gap.distribution.coded_values import heading_coding
+from airswing.gap.distribution.gross_errors import outliers
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.noise.residual_statistics import gross_errors
 from airswing.gap.simulation.forward import Coding
@@ -138,7 +138,9 @@ def test_gross_errors_are_told_beyond_what_jumps(plain, step, share, told):
     error = hit[:, None] * rng.normal(0, 15, (frame.size, 2))
     frame = replace(frame, u_rep=frame.u_rep + error[:, 0], v_rep=frame.v_rep + error[:, 1])
     noise = noise_of(plain, exogenous(plain))
-    found = outliers(frame, replace(noise, gross=gross_errors(frame.residual, noise.order)))
+    found = outliers(
+        frame, frame.residual, replace(noise, gross=gross_errors(frame.residual, noise.order))
+    )
     if not told:
         assert found is None
     else:

@@ -47,7 +47,7 @@ DRAWS = 2
 LOG_VARIANCE = np.pi**2 / 6 * (1 + 1 / DRAWS)
 #: Variation of log variance that is no effect: over weather and routes, and of single aircraft;
 #: scales of an effect.
-NATURAL = Usual(np.array([0.3, 0.6, 1.2]), lasting=0.15, small=0.1)
+NATURAL, LASTING = Usual(np.array([0.3, 0.6, 1.2]), small=0.1), 0.15
 #: Least excess of ln sd of an aircraft over the fleet that is stated, and the usual spread.
 LEAST_EXCESS, LEAST_SPREAD = 0.15, 0.03
 #: Reports an aircraft must have, and aircraft a fleet, to compare their levels.
@@ -206,7 +206,7 @@ def _statistics(
             if part.size:
                 score[a, d] = rows[part].T @ centred[part] / LOG_VARIANCE
                 gram[a, d] = rows[part].T @ rows[part] / LOG_VARIANCE
-    return noise_factor(score, gram)
+    return replace(noise_factor(score, gram), lasting=LASTING**2)
 
 
 def _sized(

@@ -112,7 +112,7 @@ def contrasts(real: Floats, simulated: Floats, periodic: bool) -> tuple[Floats, 
         spread = 1.48 * np.median(np.abs(apart[used])) + 1e-3 if used.any() else 1.0
         weight = np.sqrt(np.where(used, expected, 0.0))
         weight = weight * np.minimum(1, 2 * spread / np.maximum(np.abs(apart), 1e-9))
-    differences = real - simulated * np.exp(smooth)
+    differences = real - simulated * np.exp(np.clip(smooth, -5.0, 5.0))
     z = differences.sum(axis=0) / np.sqrt((differences**2).sum(axis=0) + 1)
     return np.where(used, z, 0.0), np.where(used, apart, 0.0)
 

@@ -33,6 +33,7 @@ from airswing.gap.archive.reported_variables import KINDS, PERIOD, record
 from airswing.gap.archive.value_tables import change_of
 from airswing.gap.design.weather import climatology_columns
 from airswing.gap.effects.base import Effect
+from airswing.gap.effects.forms import HeadingEffect
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -98,6 +99,8 @@ class Group:
         Which coefficients of the effect the columns are.
     reliability : float
         Squared correlation of the columns with the true ones, measured on simulated archives.
+    part : {"heading", "airspeed", "wind"}
+        What it is an error of.
     """
 
     name: str
@@ -108,6 +111,7 @@ class Group:
     prior: float
     form: tuple[int, ...] = ()
     reliability: float = 1.0
+    part: str = "wind"
 
     @property
     def size(self) -> int:
@@ -280,7 +284,15 @@ class Candidates:
                 tied = np.eye(1) if len(form) == 1 else effect.tied(form)
                 kind = "dated" if effect.kind == "step" else "name"
                 group = Group(
-                    effect.name, kind, where, tied, scopes, weight, tuple(form), effect.told_share
+                    effect.name,
+                    kind,
+                    where,
+                    tied,
+                    scopes,
+                    weight,
+                    tuple(form),
+                    effect.told_share,
+                    _part_of(effect),
                 )
                 self._group(columns, group, tied, form)
                 if effect.kind == "drift" and len(form) == columns.shape[2]:
@@ -361,7 +373,9 @@ class Candidates:
         root: Floats = np.asarray(np.linalg.cholesky(spread), np.float64)
         where = self._block(partial(self.columns_of, table), columns)
         before = len(self.groups)
-        group = Group(name, "table", where, root, "af", weight)
+        parts = {"heading_angle": "heading", "along_heading": "airspeed"}
+        part = parts.get(table.component, "wind")
+        group = Group(name, "table", where, root, "af", weight, part=part)
         self._group(columns, group, root, range(columns.shape[2]))
         self.tables[name] = table
         return self.groups[-1] if len(self.groups) > before else None
@@ -395,6 +409,12 @@ class Candidates:
             for v in (name, second)
         )
         return Table(curves, first.component)
+
+
+def _part_of(effect: Effect) -> str:
+    if effect.stage != "sensor":
+        return "wind"
+    return "heading" if isinstance(effect, HeadingEffect) else "airspeed"
 
 
 def unit_size(columns: Singles, transform: Floats) -> Floats | None:

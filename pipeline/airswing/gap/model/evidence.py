@@ -40,20 +40,15 @@ Integers = NDArray[np.int64]
 #: Scales of the slab, m/s rms where a candidate acts, from half a knot to three times the noise in
 #: steps of three: half a step off costs 0.1 nat a coefficient.
 SCALES = np.array([0.3, 0.9, 2.7])
-#: L, m/s: what lasts in the reference's error and no number of days averages out. Root mean square
-#: of fleet coefficients of tables on simulated archives without an effect (`benchmarks.gap_paired
-#: spread`).
-LASTING = 0.15
 #: m, m/s: what no aircraft is free of; the same of single aircraft.
 SMALL = 0.04
 
 
 @dataclass(frozen=True)
 class Usual:
-    """What is usual of a quantity: its scales, and the sizes that are no effect."""
+    """Scales of an effect, and the size that no aircraft is free of."""
 
     scales: Floats = field(default_factory=lambda: SCALES)
-    lasting: float = LASTING
     small: float = SMALL
 
 
@@ -89,15 +84,16 @@ class Found:
     start: Mapping[int, int] = field(default_factory=dict)
 
 
-def common_variance(found: Statistics, lasting: float = LASTING) -> tuple[Floats, Floats]:
+def common_variance(found: Statistics) -> tuple[Floats, Floats]:
     """T and T0 of the module, (m, m)."""
     m = found.score.shape[1]
     given_back = found.fleet_inverse - np.linalg.inv(found.information.sum(axis=0) + found.ridge)
     uneven = max(0.0, found.fleet_factor - 1.0) * found.fleet_inverse
-    whole = given_back + uneven + lasting**2 * np.eye(m)
+    lasting = max(found.lasting + float(np.mean(found.remainder)), 1e-6)
+    whole = given_back + uneven + lasting * np.eye(m)
     values, vectors = np.linalg.eigh((whole + whole.T) / 2)
     # differences of inverses may come out below nothing by rounding
-    return (vectors * np.clip(values, lasting**2, 1e6)) @ vectors.T, given_back
+    return (vectors * np.clip(values, lasting, 1e6)) @ vectors.T, given_back
 
 
 class _Common:
@@ -174,14 +170,16 @@ def static_evidence(
         Scales and usual sizes; those of the wind's mean by default.
     """
     aircraft, m = found.score.shape
-    variance, given_back = common_variance(found, usual.lasting)
+    variance, given_back = common_variance(found)
     score = found.score + found.information @ (given_back @ found.score.sum(axis=0))
     values, vectors = np.linalg.eigh(found.information)
     values = np.maximum(values, 1e-8 * max(float(values.max()), 1e-12))
     turned = np.einsum("aji,aj->ai", vectors, score)
 
-    def parts(variance: float) -> Parts:
-        """Each aircraft with a part of its own of this variance integrated."""
+    small = usual.small**2 + np.broadcast_to(found.remainder, aircraft)[:, None]
+
+    def parts(variance: Floats) -> Parts:
+        """Each aircraft with a part of its own of these variances (A, 1) integrated."""
         spread = kappa * values + variance * values**2
         shrunk = values / (kappa + variance * values)
         information = np.einsum("aij,aj,akj->aik", vectors, shrunk, vectors)
@@ -189,7 +187,7 @@ def static_evidence(
         level = -0.5 * np.log(spread).sum(axis=1) - 0.5 * (turned**2 / spread).sum(axis=1)
         return level, linear, information
 
-    common, null = _Common(variance), parts(usual.small**2)
+    common, null = _Common(variance), parts(small)
     sums = tuple(part.sum(axis=0) for part in null)
     nothing = float(common.total(sums[2], sums[1], sums[0]))
     out = {}
@@ -206,7 +204,7 @@ def static_evidence(
     if "a" in scopes:
         prior, able = number_prior(aircraft), np.ones(aircraft, bool)
         made = [
-            _nested(common, null, parts(s**2 + usual.small**2), add=np.zeros(aircraft), able=able)
+            _nested(common, null, parts(s**2 + small), add=np.zeros(aircraft), able=able)
             for s in usual.scales
         ]
         each = np.array([by_size + prior for by_size, _ in made]) - nothing
@@ -275,7 +273,7 @@ def dated_evidence(
     return ranked, _dated(statistics, score, information, able, kappas[1])
 
 
-def _next_day(able: NDArray[np.bool_]) -> Integers:
+def next_day(able: NDArray[np.bool_]) -> Integers:
     """Day on which each aircraft changes that is to change on a day, (A, D); -1 for none."""
     out = np.full(able.shape, -1, np.int64)
     later = np.full(able.shape[0], -1, np.int64)
@@ -296,18 +294,20 @@ def _dated(
     score = (score + information @ lifted) / kappa
     whole, information = found.information / kappa, information / kappa
     common, eye = _Common(variance), np.eye(m)
+    small = SMALL**2 + np.broadcast_to(found.remainder, aircraft)
 
     def with_small(information: Floats, score: Floats) -> Parts:
-        """An aircraft's own small undated part integrated."""
-        spread = eye + SMALL**2 * information
+        """An aircraft's own small undated part integrated; (A, ..., m, m), (A, ..., m)."""
+        own = small.reshape(-1, *[1] * (score.ndim - 2))
+        spread = eye + own[..., None, None] * information
         solved = np.linalg.solve(spread, score[..., None])[..., 0]
-        level = 0.5 * SMALL**2 * (score * solved).sum(-1) - 0.5 * np.linalg.slogdet(spread)[1]
+        level = 0.5 * own * (score * solved).sum(-1) - 0.5 * np.linalg.slogdet(spread)[1]
         return level, np.asarray(solved), np.asarray(np.linalg.solve(spread, information))
 
     null = with_small(whole, whole_score)
     sums = tuple(part.sum(axis=0) for part in null)
     nothing = float(common.total(sums[2], sums[1], sums[0]))
-    prior, following = number_prior(aircraft), _next_day(able)
+    prior, following = number_prior(aircraft), next_day(able)
     dates = np.maximum(able.sum(axis=1), 1)
     anywhere: NDArray[np.bool_] = np.asarray(able.sum(axis=1) > 0)
     rows = np.arange(aircraft)
