@@ -52,7 +52,7 @@ class ColdSoak(OneCoefficient, HeadingEffect):
         places=("temperature",),
         fault=freeze,
     )
-    told_apart_by: ClassVar[Mapping[str, str]] = {"compass_offset": "flights in warm air"}
+    distinguished_by: ClassVar[Mapping[str, str]] = {"compass_offset": "flights in warm air"}
     physics = "The sensor's housing turns in its mount as it cools."
     source = "Made for this test."
     parameters = (

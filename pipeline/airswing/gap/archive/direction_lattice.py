@@ -49,8 +49,8 @@ def lattice_of(u: Floats, v: Floats) -> Lattice | None:
         on = np.abs(turn - step * np.round(turn / step)) < 0.75  # they come in whole degrees
         # a margin of 0.75 either way holds 1.5 of every step by chance; neither end has a logarithm
         share, chance = np.clip(np.cumsum(on) / number, 1e-9, 1 - 1e-9), 1.5 / step
-        told = share * np.log(share / chance) + (1 - share) * np.log((1 - share) / (1 - chance))
-        gain = np.where(share > ON_LATTICE, number * told, 0.0)
+        gained = share * np.log(share / chance) + (1 - share) * np.log((1 - share) / (1 - chance))
+        gain = np.where(share > ON_LATTICE, number * gained, 0.0)
         if gain.size and gain.max() > most:
             last = int(np.argmax(gain))
             most, beyond = float(gain[last]), (share[last] - chance) / (1 - chance)

@@ -3,7 +3,7 @@
 Assumptions: a flight begins with its first report; what was flown before the first one received
 is not known, so that where receivers miss climbs the time is short by as much.
 
-Validity: reports of whole flights; of reports that are not told apart by flights it is not known.
+Validity: reports of whole flights; of reports without flight numbers it is unknown.
 Minutes.
 """
 

@@ -294,9 +294,9 @@ def _build(
         )
     for name in REPORT_FIELDS:
         values[name] = values[name][keep]
-    told = ("acceleration", "pressure", "phase", "flight", "time", "latitude", "longitude")
+    motion = ("acceleration", "pressure", "phase", "flight", "time", "latitude", "longitude")
     # of the reports kept: it looks at neighbours, and one left out is none
-    values["acceleration"] = acceleration_at_reports(*(values[name] for name in told))
+    values["acceleration"] = acceleration_at_reports(*(values[name] for name in motion))
     # after what is left out: drifts count from the first report that is used
     start = float(values["time"].min()) if epoch is None else float(epoch)
     if reference_field is None:

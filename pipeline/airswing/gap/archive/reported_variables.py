@@ -57,7 +57,7 @@ KINDS: dict[str, tuple[str, int]] = {
 PERIOD = {"hour": 24.0}
 #: Variables that hold the noise of the report itself.
 OF_THE_REPORT = ("wind_direction", "wind_speed")
-#: Units in which curves are told.
+#: Units in which curves are stated.
 UNITS = {
     "magnetic_heading": "degree",
     "track": "degree",
@@ -114,7 +114,7 @@ class Variable:
         inner = inner[(inner > low + 0.005 * spread) & (inner < high)]
         if inner.size > 1:
             inner = inner[np.r_[True, np.diff(inner) > 0.005 * spread]]
-        # where nearly all are alike (turns, banks) that leaves next to none: the rest is told apart
+        # where nearly all are alike (turns, banks) that leaves next to none: the rest is divided
         if inner.size + 1 < WORTH_CELLS * count and spread > 0.0:
             inner = _edges_of_few(np.sort(known), count, 0.005 * spread)
         return np.asarray(np.r_[low, inner, high], np.float64)

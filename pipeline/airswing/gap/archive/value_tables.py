@@ -126,10 +126,10 @@ def table_values(
         Indicated heading, rad.
     """
     turned = heading - frame.heading
-    told = replace(
+    changed = replace(
         frame, u_rep=u, v_rep=v, heading=heading, magnetic_heading=frame.magnetic_heading + turned
     )
-    cells = grid.cells(tuple(values_of(told, told, name) for name in grid.variables))
+    cells = grid.cells(tuple(values_of(changed, changed, name) for name in grid.variables))
     return np.where(cells >= 0, np.asarray(table)[np.maximum(cells, 0)], 0.0)
 
 

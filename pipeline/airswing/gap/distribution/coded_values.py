@@ -36,7 +36,7 @@ from airswing.gap.distribution.verdict import (
     mean_reduction,
     verdict_of,
 )
-from airswing.gap.effects.base import Told, number
+from airswing.gap.effects.base import Stated, number
 from airswing.physics.triangle import direction_in_degrees
 from airswing.units import KNOT
 
@@ -115,7 +115,7 @@ def wind_coding(frame: Frame) -> Verdict | None:
     speed = np.hypot(frame.u_rep, frame.v_rep) / KNOT
     direction = direction_in_degrees(frame.u_rep, frame.v_rep)
     moving = speed > 3.0
-    per_tail: dict[str, Told] = {}
+    per_tail: dict[str, Stated] = {}
     evidence: list[float] = []
     start: list[float] = []
     for a, tail in enumerate(frame.tails):
@@ -150,7 +150,7 @@ def _usual(values: Floats, frequent: int) -> NDArray[np.bool_]:
 
 def position_coding(frame: Frame) -> Verdict | None:
     """Find aircraft whose positions come in steps coarser than the fleet's."""
-    per_tail: dict[str, Told] = {}
+    per_tail: dict[str, Stated] = {}
     evidence: dict[str, float] = {}
     steps = []
     for a, tail in enumerate(frame.tails):
@@ -168,15 +168,15 @@ def position_coding(frame: Frame) -> Verdict | None:
             evidence[tail] = lattice_evidence(60.0 * frame.latitude[own], min(found), base=0.1)
     common = float(np.median(steps)) if steps else 0.1
     if common < 1.0:
-        # what all send in is their format, and told of none
+        # what all send in is their format and no effect
         per_tail = {t: v for t, v in per_tail.items() if number(v["step"]) > 1.2 * common}
-    told = [evidence[tail] for tail in per_tail]
-    return verdict_of("position_coding", per_tail, None, told) if per_tail else None
+    found = [evidence[tail] for tail in per_tail]
+    return verdict_of("position_coding", per_tail, None, found) if per_tail else None
 
 
 def heading_coding(frame: Frame) -> Verdict | None:
     """Find aircraft whose headings come in coarse steps."""
-    per_tail: dict[str, Told] = {}
+    per_tail: dict[str, Stated] = {}
     evidence = []
     for tail, found in zip(frame.tails, heading_lattices(frame), strict=True):
         if found is not None:

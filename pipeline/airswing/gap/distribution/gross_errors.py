@@ -54,20 +54,20 @@ def outliers(frame: Frame, residual: Floats, noise: NoiseFit) -> Verdict | None:
         return None
     chance = np.maximum(simulated_rate(frame, noise), LEAST_CHANCE)
     rate, gain = shared_rate(hits[used], count[used], chance[used])
-    struck = np.flatnonzero(used)[gain > 0]
-    if struck.size == 0 or rate < LEAST_RATE:
+    affected = np.flatnonzero(used)[gain > 0]
+    if affected.size == 0 or rate < LEAST_RATE:
         return None
-    size = _gross_size(residual, noise.gross & np.isin(frame.aircraft, struck))
+    size = _gross_size(residual, noise.gross & np.isin(frame.aircraft, affected))
     if size < LEAST_SIZE:
         return None  # an effect that is switched on and off, not an error of single reports
     # gross errors of less than 5 m/s in both components pass for noise: those seen are scaled up by
     # them, at most by a half
     seen = 1.0 - float(np.clip(_inside(5.0 / size), 0, 0.6)) ** 2
-    counting = (rate + chance[struck]) / count[struck]
-    own = _shrunk(hits[struck] / count[struck] - chance[struck], counting, rate)
+    counting = (rate + chance[affected]) / count[affected]
+    own = _shrunk(hits[affected] / count[affected] - chance[affected], counting, rate)
     per_tail = {
         frame.tails[a]: {"fraction": float(max(one, 0.0) / seen), "size_m_s": size}
-        for a, one in zip(struck, own, strict=True)
+        for a, one in zip(affected, own, strict=True)
     }
     verdict = verdict_of("outliers", per_tail, None, [float(gain[gain > 0].sum())])
     error = np.sqrt(np.median(counting))

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.gap.effects.base import Told
+from airswing.gap.effects.base import Stated
 from airswing.gap.result.schema.entries import Parameter as Value
 from airswing.units import KNOT, NORMAL_95
 
@@ -29,7 +29,7 @@ class Verdict:
 
     name: str
     tails: tuple[str, ...]
-    parameters: Told
+    parameters: Stated
     standard_errors: dict[str, float]
     per_tail: Mapping[str, Mapping[str, Value]]  # tail -> parameters
     period: list[str | None] | None

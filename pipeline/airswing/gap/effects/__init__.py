@@ -52,6 +52,6 @@ def effect_named(name: str) -> Effect | None:
 def separated_by(effect: str, other: str, *, otherwise: str = "other flights") -> str:
     """Data that would tell two effects apart, in words, as the file of either of them says."""
     for own, rival in ((effect, other), (other, effect)):
-        if own in CATALOGUE and rival in CATALOGUE[own].told_apart_by:
-            return CATALOGUE[own].told_apart_by[rival]
+        if own in CATALOGUE and rival in CATALOGUE[own].distinguished_by:
+            return CATALOGUE[own].distinguished_by[rival]
     return otherwise

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from airswing.flags import PHASE
 from airswing.gap.archive.frame import Frame
-from airswing.gap.effects.base import Errors, FloatArray, Parameter, Told, number
+from airswing.gap.effects.base import Errors, FloatArray, Parameter, Stated, number
 from airswing.gap.effects.forms import DEGREE, HeadingEffect, standard_error
 from airswing.physics.atmosphere import GRAVITY
 from airswing.synthetic.sealed.draws import Draw, Signed, sign
@@ -80,7 +80,7 @@ class AccelerationError(HeadingEffect):
     confused_with = ("hard_iron: where climb and descent are not sampled alike",)
     column_names = ("amplitude", "by_phase")
     alternatives = ((0,), (1,))
-    told_share = 0.76  # of the true acceleration, by the generator
+    reliability = 0.76  # of the true acceleration, by the generator
 
     @property
     def column_scales(self) -> FloatArray:
@@ -102,10 +102,10 @@ class AccelerationError(HeadingEffect):
 
     def to_parameters(
         self, coefficients: FloatArray, covariance: FloatArray, frame: Frame
-    ) -> tuple[Told, Errors]:
+    ) -> tuple[Stated, Errors]:
         """See `Effect.to_parameters`; of the form with the larger coefficient."""
         k = int(np.argmax(np.abs(coefficients)))
-        values: Told = {
+        values: Stated = {
             "amplitude_deg": float(coefficients[k]) / DEGREE,
             "by_phase": k == 1 or None,
         }

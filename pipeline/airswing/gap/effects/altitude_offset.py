@@ -48,7 +48,7 @@ class AltitudeOffset(OneCoefficient, WindEffect):
         "time_lag: where climb and shear always go together",
     )
     column_names = ("offset",)
-    told_share = 0.9  # of the true shear, by the generator
+    reliability = 0.9  # of the true shear, by the generator
 
     def columns(self, frame: Frame) -> FloatArray:
         """See `Effect.columns`: shear by ln p times the lapse of ln p with height."""

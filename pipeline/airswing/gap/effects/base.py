@@ -39,7 +39,7 @@ Scope = Literal["aircraft", "fleet", "reference", "pair"]
 Kind = Literal["mean", "step", "drift", "swap", "second_moment"]
 Stage = Literal["identity", "atmosphere", "sensor", "report"]
 Parameters = dict[str, object]  # as a person or a file gives them
-Told = dict[str, Value]  # as the diagnosis tells them
+Stated = dict[str, Value]  # as the diagnosis tells them
 Errors = dict[str, float]
 
 LEAST_SPREAD = 2e-3
@@ -129,11 +129,11 @@ class Effect(ABC):
     alternatives: ClassVar[tuple[tuple[int, ...], ...]] = ()
     # part of the effect's energy that its columns carry: a little less than 1, for the heading in
     # turns is that of chords; less where more of the context is inferred (bank, acceleration)
-    told_share: ClassVar[float] = 0.99
+    reliability: ClassVar[float] = 0.99
     # what it is, in plain words; the name with its underscores gone where not given
     title: ClassVar[str] = ""
     # other effect -> the data that would tell the two apart
-    told_apart_by: ClassVar[Mapping[str, str]] = {}
+    distinguished_by: ClassVar[Mapping[str, str]] = {}
     # it is the deviation that the product corrects, or a change of it
     deviates: ClassVar[bool] = False
     draw: ClassVar[Draw | None] = None  # how the blind check draws it; None leaves it out
@@ -202,7 +202,7 @@ class Effect(ABC):
     @abstractmethod
     def to_parameters(
         self, coefficients: FloatArray, covariance: FloatArray, frame: Frame
-    ) -> tuple[Told, Errors]:
+    ) -> tuple[Stated, Errors]:
         """Return parameters in the catalogue's units, standard errors by the delta method.
 
         Parameters

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.effects.base import Errors, FloatArray, Parameter, Told, number
+from airswing.gap.effects.base import Errors, FloatArray, Parameter, Stated, number
 from airswing.gap.effects.forms import DEGREE, HeadingEffect, standard_error
 from airswing.synthetic.sealed.draws import Draw, Signed
 from airswing.units import DAY
@@ -69,9 +69,9 @@ class CompassDrift(HeadingEffect):
 
     def to_parameters(
         self, coefficients: FloatArray, covariance: FloatArray, frame: Frame
-    ) -> tuple[Told, Errors]:
+    ) -> tuple[Stated, Errors]:
         """See `Effect.to_parameters`."""
-        values: Told = {
+        values: Stated = {
             p.name: float(c) / p.si for p, c in zip(self.parameters, coefficients, strict=True)
         }
         errors = {

@@ -27,7 +27,7 @@ class CompassStep(OffsetAndCycle):
         places=("date", "time"),
         read_from=(("across", "date"),),
     )
-    told_apart_by: ClassVar[Mapping[str, str]] = {
+    distinguished_by: ClassVar[Mapping[str, str]] = {
         "compass_drift": "a longer record before and after the change",
         "compass_offset": "a longer record before and after the change",
         "hard_iron": "a longer record before and after the change",

@@ -9,7 +9,15 @@ from typing import ClassVar
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.effects.base import Errors, FloatArray, Parameter, Parameters, State, Told, number
+from airswing.gap.effects.base import (
+    Errors,
+    FloatArray,
+    Parameter,
+    Parameters,
+    State,
+    Stated,
+    number,
+)
 from airswing.gap.effects.forms import HeadingEffect, known, standard_error
 from airswing.gap.effects.secular import (
     declination_change,
@@ -44,7 +52,7 @@ class DeclinationError(HeadingEffect):
         compared=("mean_deg",),
         read_from=(("across", "longitude"),),
     )
-    told_apart_by: ClassVar[Mapping[str, str]] = {
+    distinguished_by: ClassVar[Mapping[str, str]] = {
         "compass_offset": "flights over a larger region, where the declination varies",
     }
     physics = (
@@ -85,14 +93,14 @@ class DeclinationError(HeadingEffect):
 
     def to_parameters(
         self, coefficients: FloatArray, covariance: FloatArray, frame: Frame
-    ) -> tuple[Told, Errors]:
+    ) -> tuple[Stated, Errors]:
         """See `Effect.to_parameters`; of the age or of the factor, whichever is larger."""
         aged, factor = np.array([coefficients[0], coefficients[2]]), float(coefficients[1])
         old = abs(aged[0] / self.column_scales[0]) >= abs(factor / self.column_scales[1])
         used = [0, 2] if old else [1]
         per_unit = known(self.basis(frame)[used]).mean(axis=1)
         mean_error = float(np.sqrt(per_unit @ covariance[np.ix_(used, used)] @ per_unit))
-        values: Told = {"epoch_year": None, "factor": None}
+        values: Stated = {"epoch_year": None, "factor": None}
         values["mean_deg"] = float(np.degrees(coefficients[used] @ per_unit))
         errors = {"mean_deg": float(np.degrees(mean_error))}
         if old:

@@ -20,7 +20,7 @@ ROUNDS = 8
 #: Rounds in which the wind before a table is found: a change of 20 % settles to a millionth.
 ROUNDS_BACK = 12
 #: Components of which a report does not tell what it was before.
-UNTOLD = ("scatter", "reported_speed")
+IRREVERSIBLE = ("scatter", "reported_speed")
 
 
 class Empirical(MomentEffect):
@@ -80,7 +80,7 @@ class Empirical(MomentEffect):
             Exact but within a hair of an edge of a variable that the table itself moves.
         """
         component = str(values["component"])
-        if component in UNTOLD:
+        if component in IRREVERSIBLE:
             return state
         grid, table = grid_of(values), np.asarray(values["values"], np.float64)
         sent = u, v = state.report_u, state.report_v

@@ -23,7 +23,7 @@ from airswing.gap.effects.base import (
     Parameters,
     Stage,
     State,
-    Told,
+    Stated,
     number,
 )
 from airswing.physics.atmosphere import (
@@ -49,7 +49,7 @@ class OneCoefficient(Effect):
 
     def to_parameters(
         self, coefficients: FloatArray, covariance: FloatArray, frame: Frame
-    ) -> tuple[Told, Errors]:
+    ) -> tuple[Stated, Errors]:
         """See `Effect.to_parameters`: a change of unit."""
         name, unit = self.parameters[0].name, self.parameters[0].si
         value, error = float(coefficients[0]), standard_error(covariance)
@@ -78,7 +78,7 @@ class MomentEffect(Effect):
 
     def to_parameters(
         self, coefficients: FloatArray, covariance: FloatArray, frame: Frame
-    ) -> tuple[Told, Errors]:
+    ) -> tuple[Stated, Errors]:
         """See `Effect.to_parameters`: nothing; the test that finds the effect states it."""
         return {}, {}
 
@@ -147,7 +147,7 @@ class OffsetAndCycle(HeadingEffect):
 
     def to_parameters(
         self, coefficients: FloatArray, covariance: FloatArray, frame: Frame
-    ) -> tuple[Told, Errors]:
+    ) -> tuple[Stated, Errors]:
         """See `Effect.to_parameters`."""
         cycle = amplitude_phase(coefficients[1:], np.asarray(covariance)[1:, 1:])
         (amplitude, phase), (error, phase_error) = cycle

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.effects.base import Errors, FloatArray, Parameter, Told, number
+from airswing.gap.effects.base import Errors, FloatArray, Parameter, Stated, number
 from airswing.gap.effects.forms import HeadingEffect, amplitude_phase, cycles, sine_cosine
 from airswing.synthetic.sealed.draws import Cycle, Draw
 
@@ -69,7 +69,7 @@ class HardIron(HeadingEffect):
 
     def to_parameters(
         self, coefficients: FloatArray, covariance: FloatArray, frame: Frame
-    ) -> tuple[Told, Errors]:
+    ) -> tuple[Stated, Errors]:
         """See `Effect.to_parameters`."""
         (amplitude, phase), (error, phase_error) = amplitude_phase(coefficients, covariance)
         return (

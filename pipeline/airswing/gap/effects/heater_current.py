@@ -18,7 +18,7 @@ from airswing.gap.effects.base import (
     Parameter,
     Parameters,
     State,
-    Told,
+    Stated,
     absent_context,
     number,
 )
@@ -81,13 +81,13 @@ class HeaterCurrent(OffsetAndCycle):
         places=("icing", "temperature"),
         read_from=(("across", "icing"),),
     )
-    told_apart_by: ClassVar[Mapping[str, str]] = {
+    distinguished_by: ClassVar[Mapping[str, str]] = {
         "compass_offset": "the icing flag, on and off on each heading",
     }
     physics = (
         "The direct current of electric de-icing makes a magnetic field fixed in the aircraft; the "
         "compass deviates while it flows. Its one cycle grows as 1/H like any hard iron, which "
-        "cannot be told within one region; it is stated as it stands there. A heater that a "
+        "cannot be seen within one region; the amplitude is that of the region. A heater that a "
         "thermostat switches is on between two temperatures, whatever the icing flag says."
     )
     source = "FAA AC 43.13-1B, 12-37 (compass swing with electrical loads on and off)."
@@ -112,7 +112,7 @@ class HeaterCurrent(OffsetAndCycle):
     alternatives = _subsets()
     # a band of temperature, sent in whole degrees, is known at its edges to half of one: by the
     # generator ten degrees of it hold nine tenths
-    told_share = 0.93
+    reliability = 0.93
     confused_with = (
         "hard_iron, compass_offset: where icing protection is on most of the time",
         "errors of airspeed in icing: along the heading, so apart where headings vary",
@@ -173,7 +173,7 @@ class HeaterCurrent(OffsetAndCycle):
 
     def to_parameters(
         self, coefficients: FloatArray, covariance: FloatArray, frame: Frame
-    ) -> tuple[Told, Errors]:
+    ) -> tuple[Stated, Errors]:
         """See `Effect.to_parameters`: of the flag's columns, or of the warmest edge in use."""
         used = np.flatnonzero(np.reshape(coefficients, (-1, 3)).any(axis=1))
         first = int(used[0]) if used.size else 0

@@ -18,7 +18,7 @@ from airswing.gap.effects.base import (
     Parameter,
     Parameters,
     State,
-    Told,
+    Stated,
     number,
 )
 from airswing.gap.effects.forms import standard_error
@@ -27,7 +27,7 @@ from airswing.synthetic.sealed.draws import Draw, sign
 if TYPE_CHECKING:
     import pandas as pd
 
-LEVELS = (850.0, 700.0, 600.0, 500.0, 400.0, 300.0, 250.0)
+LEVELS = tuple(float(level) for level in range(850, 200, -50))
 """hPa at which a bias may begin; each makes a candidate above and one below."""
 
 
@@ -127,7 +127,7 @@ class ReferenceSpeedBias(Effect):
 
     def to_parameters(
         self, coefficients: FloatArray, covariance: FloatArray, frame: Frame
-    ) -> tuple[Told, Errors]:
+    ) -> tuple[Stated, Errors]:
         """See `Effect.to_parameters`; of the candidate with the largest coefficient.
 
         A coefficient c is the fraction by which reports fall short: bias = 1 / (1 - c) - 1.
@@ -135,7 +135,7 @@ class ReferenceSpeedBias(Effect):
         k = int(np.argmax(np.abs(coefficients)))
         left = 1.0 - float(coefficients[k])
         side, _, level = self.column_names[k].partition("_")
-        values: Told = {"bias_percent": 100.0 * (1.0 / left - 1.0)}
+        values: Stated = {"bias_percent": 100.0 * (1.0 / left - 1.0)}
         values["above_hPa"] = float(level) if side == "above" else None
         values["below_hPa"] = float(level) if side == "below" else None
         return values, {"bias_percent": 100.0 * standard_error(covariance, k) / left**2}

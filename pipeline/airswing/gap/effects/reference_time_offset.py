@@ -44,7 +44,7 @@ class ReferenceTimeOffset(OneCoefficient, WindEffect):
     needs = ("dudt",)
     # by the generator: fields of the right time close twice what the tendency tells where they are
     # an hour off (small waves are others by then), no more where they are a quarter off
-    told_share = 0.55
+    reliability = 0.55
     confused_with = (
         "time_lag: where the wind's change along the path is its change in time",
         "a model whose waves move too fast or too slowly",

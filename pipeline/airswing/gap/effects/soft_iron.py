@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.effects.base import Errors, FloatArray, Parameter, Told, number
+from airswing.gap.effects.base import Errors, FloatArray, Parameter, Stated, number
 from airswing.gap.effects.forms import (
     DEGREE,
     HeadingEffect,
@@ -28,7 +28,7 @@ class SoftIron(HeadingEffect):
     draw = Draw(
         Cycle(), ("amplitude_deg",), on_real_data=True, compared=("amplitude_deg", "phase_deg")
     )
-    told_apart_by: ClassVar[Mapping[str, str]] = {
+    distinguished_by: ClassVar[Mapping[str, str]] = {
         "hard_iron": "headings in more compass points",
     }
     physics = (
@@ -58,7 +58,7 @@ class SoftIron(HeadingEffect):
 
     def to_parameters(
         self, coefficients: FloatArray, covariance: FloatArray, frame: Frame
-    ) -> tuple[Told, Errors]:
+    ) -> tuple[Stated, Errors]:
         """See `Effect.to_parameters`."""
         (amplitude, phase), (error, phase_error) = amplitude_phase(coefficients, covariance)
         return (

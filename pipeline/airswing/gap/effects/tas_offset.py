@@ -20,7 +20,7 @@ class TasOffset(OneCoefficient):
     name = "tas_offset"
     title = "airspeed wrong by an amount"
     draw = Draw(Signed("offset_m_s"), ("offset_m_s",), on_real_data=True, compared=("offset_m_s",))
-    told_apart_by: ClassVar[Mapping[str, str]] = {
+    distinguished_by: ClassVar[Mapping[str, str]] = {
         "tas_scale": "reports over a wider range of airspeeds",
     }
     physics = (

@@ -8,7 +8,15 @@ from dataclasses import replace
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.effects.base import Errors, FloatArray, Parameter, Parameters, State, Told, number
+from airswing.gap.effects.base import (
+    Errors,
+    FloatArray,
+    Parameter,
+    Parameters,
+    State,
+    Stated,
+    number,
+)
 from airswing.gap.effects.forms import OneCoefficient, airspeed_derivative, standard_error
 from airswing.synthetic.sealed.draws import Draw, Signed
 
@@ -54,7 +62,7 @@ class TasScale(OneCoefficient):
 
     def to_parameters(
         self, coefficients: FloatArray, covariance: FloatArray, frame: Frame
-    ) -> tuple[Told, Errors]:
+    ) -> tuple[Stated, Errors]:
         """See `Effect.to_parameters`; a coefficient is the error over the INDICATED airspeed."""
         left = 1.0 - float(coefficients[0])
         error = 100.0 * standard_error(covariance) / left**2

@@ -28,7 +28,7 @@ class TimeLag(OneCoefficient, WindEffect):
     name = "time_lag"
     title = "wind older than its position and time"
     draw = Draw(_late, ("offset_s",), compared=("offset_s",))
-    told_apart_by: ClassVar[Mapping[str, str]] = {
+    distinguished_by: ClassVar[Mapping[str, str]] = {
         "altitude_offset": "both climbs and descents through the same shear",
         "reference_time_offset": "flights against the motion of the weather",
     }
@@ -48,7 +48,7 @@ class TimeLag(OneCoefficient, WindEffect):
         "reference_time_offset: where the wind's change along the path is its change in time",
     )
     column_names = ("offset",)
-    told_share = 0.93  # of the true change along the path, by the generator
+    reliability = 0.93  # of the true change along the path, by the generator
 
     def columns(self, frame: Frame) -> FloatArray:
         """See `Effect.columns`: minus the change of the wind along the path."""

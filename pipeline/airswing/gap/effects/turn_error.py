@@ -56,7 +56,7 @@ class TurnError(OneCoefficient, HeadingEffect):
     needs = ("magnetic_heading", "bank", "dip")
     confused_with = ("noise of the ground velocity: bank is inferred from the turning track",)
     column_names = ("amplitude",)
-    told_share = 0.75  # of the true bank, by the generator
+    reliability = 0.75  # of the true bank, by the generator
 
     def basis(self, frame: Frame) -> FloatArray:
         """Return bank tan(dip) cos(m), (1, n)."""

@@ -291,7 +291,7 @@ class Candidates:
                     scopes,
                     weight,
                     tuple(form),
-                    effect.told_share,
+                    effect.reliability,
                     _part_of(effect),
                 )
                 self._group(columns, group, tied, form)

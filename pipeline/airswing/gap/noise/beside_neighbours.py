@@ -71,10 +71,10 @@ def even_interpolation_errors(
         state[: after.size] = decay[:, None] * back
         information[: after.size] = decay**2 * weight_back
         weight, gain = gains.weight[now], gains.gain[now]
-        told = weight[:, None] * white[now]
-        score[now] = told + gain[:, None] * state
+        own = weight[:, None] * white[now]
+        score[now] = own + gain[:, None] * state
         precision[now] = weight**2 + gain**2 * information
-        back = (1 - gain)[:, None] * state - told
+        back = (1 - gain)[:, None] * state - own
         weight_back = weight**2 + (1 - gain) ** 2 * information
     score *= gains.scale[:, None]
     precision *= gains.scale**2

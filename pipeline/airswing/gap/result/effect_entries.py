@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from airswing.gap.effects import CATALOGUE, ActiveEffect
-from airswing.gap.effects.empirical import UNTOLD
+from airswing.gap.effects.empirical import IRREVERSIBLE
 from airswing.gap.result.schema import EffectEntry, GapReport, PlaceEntry, UnknownEntry
 from airswing.gap.simulation.effects_file import parse_effects
 from airswing.products.whole_files import plain
@@ -72,8 +72,8 @@ def not_known(entries: Sequence[EffectEntry], effects: Sequence[ActiveEffect]) -
         if kind != "second_moment" or not own:
             out.append(entry)
             continue
-        told = {tail for one in own for tail in one.tails or entry.tails}
-        left = [tail for tail in entry.tails if tail not in told]
+        known = {tail for one in own for tail in one.tails or entry.tails}
+        left = [tail for tail in entry.tails if tail not in known]
         each = {t: v for t, v in (entry.per_tail or {}).items() if t in left}
         if left:
             out.append(replace(entry, tails=left, per_tail=each))
@@ -93,9 +93,9 @@ def unknown_not_known(unknown: UnknownEntry, effects: Sequence[ActiveEffect]) ->
     UnknownEntry
         Without the closure of all of them where one is left out.
     """
-    told = [one.parameters for one in effects if one.name == "empirical"]
-    known = {str(t["component"]) for t in told} & set(UNTOLD)
-    left = [p for p in unknown.where if p.component not in known]
+    known = [one.parameters for one in effects if one.name == "empirical"]
+    components = {str(t["component"]) for t in known} & set(IRREVERSIBLE)
+    left = [p for p in unknown.where if p.component not in components]
     if len(left) == len(unknown.where):
         return unknown
     return replace(unknown, present=bool(left), where=left, closure=None)

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from airswing.gap.archive.reported_variables import CATEGORIES, KINDS, UNITS, Variable
 from airswing.gap.archive.value_tables import UNIT_OF
 from airswing.gap.effects import CATALOGUE, separated_by
-from airswing.gap.effects.base import Effect, Errors, Told
+from airswing.gap.effects.base import Effect, Errors, Stated
 from airswing.gap.model.candidates import Table
 from airswing.gap.model.closure import Step
 from airswing.gap.model.passes import Fitted
@@ -189,11 +189,11 @@ def _period(fitted: Fitted, term: Term) -> list[str | None] | None:
     return [datetime.fromtimestamp(start + DAY / 2, UTC).strftime("%Y-%m-%d"), None]
 
 
-def summary(values: Sequence[Told]) -> Told:
+def summary(values: Sequence[Stated]) -> Stated:
     """Median over aircraft of each parameter; a phase as the angle it is."""
     if len(values) == 1:
         return dict(values[0])
-    out: Told = {}
+    out: Stated = {}
     for name in values[0]:
         column = [v[name] for v in values]
         numbers = [x for x in column if isinstance(x, int | float)]

@@ -256,17 +256,17 @@ def prepared(active: ActiveEffect, frame: Frame, seed: np.random.SeedSequence) -
     return Work(effect, active, effect.complete(active.parameters), seed)
 
 
-def struck_by(work: Work, state: State, frame: Frame) -> NDArray[np.bool_]:
+def affected_reports(work: Work, state: State, frame: Frame) -> NDArray[np.bool_]:
     """Reports the effect strikes, (n,): the physical airframes named, within the period."""
-    struck = np.ones(frame.size, dtype=np.bool_)
+    affected = np.ones(frame.size, dtype=np.bool_)
     if work.active.tails is not None:
-        struck &= np.isin(state.airframe, [frame.tails.index(t) for t in work.active.tails])
+        affected &= np.isin(state.airframe, [frame.tails.index(t) for t in work.active.tails])
     start, end = work.active.period or (None, None)
     if start is not None:
-        struck &= frame.time >= start
+        affected &= frame.time >= start
     if end is not None:
-        struck &= frame.time < end
-    return struck
+        affected &= frame.time < end
+    return affected
 
 
 def apply_stage(state: State, frame: Frame, work: Sequence[Work], stage: Stage | str) -> State:
@@ -282,11 +282,11 @@ def apply_stage(state: State, frame: Frame, work: Sequence[Work], stage: Stage |
     for item in work:
         if item.effect.stage != stage:
             continue
-        struck = struck_by(item, state, frame)
+        affected = affected_reports(item, state, frame)
         after = item.effect.apply(state, item.counted_from(frame), item.values, item.rng())
         state = State(
             **{
-                f.name: np.where(struck, getattr(after, f.name), getattr(state, f.name))
+                f.name: np.where(affected, getattr(after, f.name), getattr(state, f.name))
                 for f in fields(State)
             }
         )

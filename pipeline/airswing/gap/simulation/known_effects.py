@@ -8,7 +8,7 @@ it would indicate as ``V``, and the wind it would have sent differs by
 time that is off) is put into the reference wind; exchanged identifiers are given back. A table of
 what nobody could name (``empirical``) is taken off the wind sent, in rounds. Effects of scatter
 (coding, gross errors, a floor of the speeds sent) cannot be taken off report by report: they stay,
-and are not told again.
+and are not stated again.
 
 Units: those of `airswing.gap.archive.frame` and of the catalogue's parameters.
 
@@ -31,7 +31,7 @@ from airswing.flags import published
 from airswing.gap.archive.frame import Frame
 from airswing.gap.effects import EMPIRICAL, ActiveEffect, State
 from airswing.gap.simulation.effects_file import read_effects
-from airswing.gap.simulation.forward import Work, apply_stage, prepared, struck_by
+from airswing.gap.simulation.forward import Work, affected_reports, apply_stage, prepared
 from airswing.physics.triangle import bearing, wrap_positive, wrap_signed
 
 __all__ = ["effects_of_fits", "read_known", "take_off_known"]
@@ -198,10 +198,10 @@ def _before_tables(frame: Frame, work: Sequence[Work]) -> Frame:
         return frame
     state = _start(frame)
     for one in reversed(tables):
-        struck = struck_by(one, state, frame)
+        affected = affected_reports(one, state, frame)
         before = EMPIRICAL.undo(state, frame, one.values)
-        u = np.where(struck, before.report_u, state.report_u)
-        v = np.where(struck, before.report_v, state.report_v)
+        u = np.where(affected, before.report_u, state.report_u)
+        v = np.where(affected, before.report_v, state.report_v)
         state = replace(state, report_u=u, report_v=v)
     u, v = state.report_u, state.report_v
     # heading and airspeed move by as much as the air vector: they need not close its triangle

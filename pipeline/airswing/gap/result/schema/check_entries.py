@@ -104,7 +104,7 @@ class ClaimsEntry:
 
 @dataclass(frozen=True)
 class KnownEntry:
-    """Effects a diagnosis was told, taken off the reports; ``effects`` as in effects.yaml."""
+    """Known effects that were removed from the reports; ``effects`` as in effects.yaml."""
 
     source: str
     effects: Sequence[Mapping[str, object]]

@@ -76,7 +76,7 @@ class ClosesEntry:
 
 @dataclass(frozen=True)
 class RivalEntry:
-    """An effect that could not be told from one found, and what data would tell.
+    """An effect that cannot be distinguished from one found, and what data would distinguish them.
 
     ``difference_nats`` is the evidence it lies behind; None of one that looks alike whatever the
     evidence. ``alias_share`` is the energy of the columns in common, 0 to 1.
@@ -203,7 +203,7 @@ class EffectClosureEntry:
 class ClosureEntry:
     """Disagreement on held-out reports without and with the effects, kt; intervals of 95 %.
 
-    ``could_hide_kt``: what an error outside the catalogue could close without being told.
+    ``could_hide_kt``: what an error outside the catalogue could close without being stated.
     """
 
     before: float
