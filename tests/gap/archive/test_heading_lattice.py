@@ -1,11 +1,9 @@
 """Headings in coarse steps are told by their lattice; courses that repeat are none."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from airswing.gap.taken_off.remainders import is_remainder
 from tests.gap.toy import make_frame, noise_of
 
 from airswing.gap.archive.heading_lattice import (
@@ -158,13 +156,3 @@ def test_aircraft_with_coarse_headings_have_less_say(plain):
     assert np.sqrt(more[own].mean()) == pytest.approx(
         np.radians(10.0) / np.sqrt(12.0) * frame.airspeed[own].mean(), rel=0.1
     )
-
-
-def test_what_coarse_headings_leave_is_no_unknown():
-    def one(size, tails):
-        return SimpleNamespace(run=0.0, tails=tails, size=size)
-
-    rounding = np.array([0.0, 6.0, 6.0])
-    assert is_remainder(one(4.0, (1, 2)), [], rounding)
-    assert not is_remainder(one(4.5, (1, 2)), [], rounding)
-    assert not is_remainder(one(1.5, (0, 1)), [], rounding)

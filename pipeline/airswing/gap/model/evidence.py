@@ -266,7 +266,7 @@ def dated_evidence(
     if not able.any():
         nothing = Found(-np.inf, float(SCALES[0]), (), np.zeros(sums.A))
         return nothing, nothing
-    statistics = model.statistics(group)
+    statistics = model.with_usual(group, model.statistics(group))
     ranked = _dated(statistics, score, information, able, kappas[0])
     if ranked.evidence < least or kappas[0] == kappas[1]:
         return ranked, ranked

@@ -38,6 +38,9 @@ Floats = NDArray[np.float64]
 #: its columns are evaluated at, an error of first order of (5 degrees)^2 / 2 = 0.4 % of the energy;
 #: ten times that for context that is inferred.
 REPRESENTS = 0.96
+#: Standard error of a coefficient, m/s, up to which it says what is usual; fewest of them; median
+#: of chi squared with one degree of freedom.
+KNOWN_TO, FEW, CHI_SQUARED_MEDIAN = 0.15, 20, 0.455
 #: Names and tables in a contest, the best of each by the screening score.
 NAMES, TABLES = 12, 6
 #: Most terms, and rounds of replacement after an addition.
@@ -51,6 +54,8 @@ def screen(model: Model) -> list[Term]:
     # of tables and names that act always: the factor of a usual candidate
     usual = [float(np.median(s.factor)) for g, s in statistics if g.kind != "dated"]
     model.kappa = max(1.0, float(np.median(usual)))
+    model.usual = usual_sizes(statistics, model.kappa)
+    statistics = [(g, model.with_usual(g, s)) for g, s in statistics]
     out: list[Term] = []
     for group, found in statistics:
         factor = max(model.kappa, float(np.mean(found.factor)))
@@ -72,6 +77,59 @@ def screen(model: Model) -> list[Term]:
             continue
         out += _static(group, found, model.kappa, factor)
     return sorted(out, key=lambda term: -term.score)
+
+
+def usual_sizes(
+    statistics: Sequence[tuple[Group, Statistics]], kappa: float
+) -> dict[str, tuple[float, float]]:
+    """Variances of what no aircraft and no fleet is free of, by part, from the bulk of tables.
+
+    With coefficients theta of variance v by their noise, the variance m^2 for which the median of
+    theta^2 / (v + m^2) is that of chi squared; over all tables, aircraft and directions, of which
+    an effect concerns few. Directions that are hardly known say nothing of it.
+
+    Returns
+    -------
+    dict
+        Part -> (variance of single aircraft, variance of the fleet), m2 s-2.
+    """
+    out = {}
+    for part in ("heading", "airspeed", "wind"):
+        own = [found for group, found in statistics if group.kind == "table" and group.part == part]
+        aircraft = [_directions(s.information, s.score, kappa) for s in own]
+        fleet = [
+            _directions(
+                s.fleet_information[None],
+                s.score.sum(axis=0)[None],
+                max(1.0, s.fleet_factor),
+            )
+            for s in own
+        ]
+        out[part] = _median_variance(aircraft), _median_variance(fleet)
+    return out
+
+
+def _directions(information: Floats, score: Floats, factor: float) -> tuple[Floats, Floats]:
+    """Squared coefficients along the axes of the information, and their variances."""
+    values, vectors = np.linalg.eigh(information)
+    turned = np.einsum("aji,aj->ai", vectors, score)
+    known = values > factor / KNOWN_TO**2
+    return (turned[known] / values[known]) ** 2, factor / values[known]
+
+
+def _median_variance(parts: Sequence[tuple[Floats, Floats]]) -> float:
+    squares = np.concatenate([square for square, _ in parts]) if parts else np.zeros(0)
+    noise = np.concatenate([variance for _, variance in parts]) if parts else np.zeros(0)
+    if squares.size < FEW:
+        return 0.0
+    low, high = 0.0, 1.0
+    for _ in range(30):
+        middle = 0.5 * (low + high)
+        if np.median(squares / (noise + middle)) > CHI_SQUARED_MEDIAN:
+            low = middle
+        else:
+            high = middle
+    return float(low)
 
 
 def _static(group: Group, found: Statistics, kappa: float, factor: float) -> list[Term]:

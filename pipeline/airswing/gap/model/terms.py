@@ -178,6 +178,7 @@ class Model:
         self._made: dict[tuple[object, ...], _Columns] = {}
         self._products: dict[tuple[object, object], Floats] = {}
         self.kappa = 1.0
+        self.usual: dict[str, tuple[float, float]] = {}
         self.condition([])
 
     def forget(self) -> None:
@@ -286,6 +287,13 @@ class Model:
             float(fleet_factor),
             LASTING["wind" if group.part == "wind" else "aircraft"] ** 2,
             self._remainder(group),
+        )
+
+    def with_usual(self, group: Group, found: Statistics) -> Statistics:
+        """Statistics with the sizes that are usual in this archive where those are larger."""
+        aircraft, fleet = self.usual.get(group.part, (0.0, 0.0))
+        return replace(
+            found, remainder=found.remainder + aircraft, lasting=max(found.lasting, fleet)
         )
 
     def _remainder(self, group: Group) -> Floats:
