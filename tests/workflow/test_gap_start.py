@@ -74,8 +74,8 @@ def test_what_is_known_is_not_told_again(archive, collocated, tmp_path):
     assert found["gap"]["mean_vector_disagreement_kt"] == pytest.approx(
         told["disagreement_with_kt"], abs=0.05
     )
-    assert "Beyond 1 known effect of" in result.output
-    assert "Beyond 1 known effect of" in (tmp_path / "out" / "gap" / "index.html").read_text()
+    assert "1 known effect of" in result.output
+    assert "1 known effect of" in (tmp_path / "out" / "gap" / "index.html").read_text()
     both = read_effects(tmp_path / "out" / "effects.yaml")
     assert [one.name for one in both] == ["hard_iron", "tas_scale"]
 

@@ -252,8 +252,10 @@ def make_adjustment(fitted: Fitted, effects: Mapping[str, Effect]) -> Adjustment
         else:
             report += error
         names.append(name)
-    corrected, _, _ = without_errors(frame, sensor)
-    change = corrected.residual - report - frame.residual
+    change = -report
+    if sensor.any():
+        corrected, _, _ = without_errors(frame, sensor)
+        change = corrected.residual - report - frame.residual
     return Adjustment(frame.report, change, reference, tuple(dict.fromkeys(names)))
 
 

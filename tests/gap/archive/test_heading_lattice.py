@@ -116,7 +116,7 @@ def test_what_was_met_is_sent_in_the_steps_found(plain, true_north):
 def test_jumps_between_steps_are_no_gross_errors_and_no_scatter(plain):
     made = diagnose(stepped(plain, 15.0, [1])).report
     assert [effect.name for effect in made.effects] == ["heading_coding"]
-    assert made.unknown.where == []
+    assert not [place for place in made.unknown.where if place.component == "scatter"]
 
 
 @pytest.mark.parametrize(

@@ -47,7 +47,7 @@ DRAWS = 2
 LOG_VARIANCE = np.pi**2 / 6 * (1 + 1 / DRAWS)
 #: Variation of log variance that is no effect: over weather and routes, and of single aircraft;
 #: scales of an effect.
-NATURAL, LASTING = Usual(np.array([0.3, 0.6, 1.2]), small=0.1), 0.15
+NATURAL, LASTING = Usual(np.array([0.3, 0.6, 1.2]), small=0.2), 0.2
 #: Least excess of ln sd of an aircraft over the fleet that is stated, and the usual spread.
 LEAST_EXCESS, LEAST_SPREAD = 0.15, 0.03
 #: Reports an aircraft must have, and aircraft a fleet, to compare their levels.

@@ -41,7 +41,7 @@ Integers = NDArray[np.int64]
 #: steps of three: half a step off costs 0.1 nat a coefficient.
 SCALES = np.array([0.3, 0.9, 2.7])
 #: m, m/s: what no aircraft is free of; the same of single aircraft.
-SMALL = 0.04
+SMALL = 0.06
 
 
 @dataclass(frozen=True)
@@ -53,6 +53,8 @@ class Usual:
 
 
 WIND = Usual()
+#: Posterior probability from which an aircraft is stated as affected.
+INCLUDED = 0.75
 #: Shares of affected aircraft that the Beta prior is integrated over.
 SHARES = np.linspace(0.02, 0.98, 25)
 #: Days with flights that must lie on either side of a change.
@@ -70,7 +72,7 @@ class Found:
     scale : float
         Most probable s, m/s.
     tails : tuple of int
-        Aircraft more likely affected than not.
+        Aircraft affected with the probability `INCLUDED` and more.
     inclusion : (A,) float
         Posterior probability of each.
     start : mapping
@@ -212,7 +214,7 @@ def static_evidence(
         inclusion = sum(w * _inclusion(gain) for w, (_, gain) in zip(weight, made, strict=True))
         evidence = float(logsumexp(each)) - np.log(usual.scales.size)
         best = float(usual.scales[np.unravel_index(each.argmax(), each.shape)[0]])
-        chosen = tuple(int(a) for a in np.flatnonzero(np.asarray(inclusion) > 0.5))
+        chosen = tuple(int(a) for a in np.flatnonzero(np.asarray(inclusion) > INCLUDED))
         out["a"] = Found(evidence, best, chosen, np.asarray(inclusion))
     return out
 
@@ -359,7 +361,7 @@ def _dated(
         k = int(np.argmax(own))
         _, _, start, gain = kept[k]
     inclusion = 1 / (1 + np.exp(-np.clip(gain, -30, 30)))
-    tails = tuple(int(a) for a in np.flatnonzero(inclusion > 0.5))
+    tails = tuple(int(a) for a in np.flatnonzero(inclusion > INCLUDED))
     return Found(evidence, float(SCALES[k]), tails, inclusion, {a: int(start[a]) for a in tails})
 
 

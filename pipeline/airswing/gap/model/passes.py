@@ -75,6 +75,7 @@ def prepared(
     noise: NoiseFit | None = None,
     residual: Floats | None = None,
     less: Floats | float = 0.0,
+    indicated: Floats | None = None,
 ) -> Fitted:
     """Build candidates and sums of an archive; nothing is searched yet.
 
@@ -86,8 +87,13 @@ def prepared(
         Instead of reported minus reference wind.
     less : (n, 2) float, optional
         Taken off the residual before the noise is fitted.
+    indicated : (n,) float, optional
+        Indicated magnetic heading, of which errors of the heading are functions, where that of the
+        frame is a corrected one, rad.
     """
     context = exogenous(frame)
+    if indicated is not None:
+        context = replace(context, magnetic_heading=indicated)
     if noise is None:
         quiet = frame.residual - less
         noise = fit_noise(quiet, flown(context, heading_doubt(frame, context)), seed=seed)
@@ -251,7 +257,15 @@ def _linearised(
     residual = corrected.residual.copy()
     residual[:, 0] += -context.airspeed * turn * cosine - faster * sine
     residual[:, 1] += context.airspeed * turn * sine - faster * cosine
-    again = prepared(corrected, effects, tables=tables, seed=seed, residual=residual, less=rest)
+    again = prepared(
+        corrected,
+        effects,
+        tables=tables,
+        seed=seed,
+        residual=residual,
+        less=rest,
+        indicated=fitted.context.magnetic_heading,
+    )
     candidates = again.model.sums.candidates
     for term in fitted.terms:
         if len(term.group.variables) == 2:

@@ -27,8 +27,8 @@ Floats = NDArray[np.float64]
 #: L, m/s: what lasts in the reference's error and no number of days averages out, in the frame of
 #: the wind and in that of the aircraft, where it averages over headings. Root mean square of fleet
 #: coefficients beyond their noise on simulated archives without an effect: 0.00 to 0.02 and, of
-#: errors along the wind, 0.03 to 0.07; 95 % quantiles 0.05 and 0.11.
-LASTING = {"wind": 0.1, "aircraft": 0.05}
+#: errors along the wind, 0.03 to 0.07.
+LASTING = {"wind": 0.07, "aircraft": 0.03}
 #: Reliability from which columns count as exact.
 EXACT = 0.95
 #: Log posterior odds from which a candidate may enter: probability 0.95.
@@ -285,16 +285,19 @@ class Model:
             ridge,
             factor,
             float(fleet_factor),
-            LASTING["wind" if group.part == "wind" else "aircraft"] ** 2,
+            self.lasting(group),
             self._remainder(group),
         )
 
     def with_usual(self, group: Group, found: Statistics) -> Statistics:
         """Statistics with the sizes that are usual in this archive where those are larger."""
-        aircraft, fleet = self.usual.get(group.part, (0.0, 0.0))
-        return replace(
-            found, remainder=found.remainder + aircraft, lasting=max(found.lasting, fleet)
-        )
+        aircraft, _ = self.usual.get(group.part, (0.0, 0.0))
+        return replace(found, remainder=found.remainder + aircraft, lasting=self.lasting(group))
+
+    def lasting(self, group: Group) -> float:
+        """L^2 of a candidate: what is usual in this archive, at least `LASTING`, m2 s-2."""
+        least = LASTING["wind" if group.part == "wind" else "aircraft"] ** 2
+        return max(least, self.usual.get(group.part, (0.0, 0.0))[1])
 
     def _remainder(self, group: Group) -> Floats:
         """Variance that inexact columns of terms of the same part leave, by aircraft, m2 s-2.

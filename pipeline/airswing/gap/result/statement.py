@@ -22,6 +22,7 @@ from airswing.gap.archive.reported_variables import CATEGORIES, KINDS, UNITS, Va
 from airswing.gap.archive.value_tables import UNIT_OF
 from airswing.gap.effects import CATALOGUE, separated_by
 from airswing.gap.effects.base import Effect, Errors, Stated
+from airswing.gap.effects.forms import WindEffect
 from airswing.gap.model.candidates import Table
 from airswing.gap.model.closure import Step
 from airswing.gap.model.passes import Fitted
@@ -41,6 +42,8 @@ Floats = NDArray[np.float64]
 #: Intercept and slope of the log odds that a claim is right; `benchmarks.gap_paired calibrate`.
 CALIBRATION = (0.0, 0.3)
 LARGEST = 30.0  # nats
+#: Share of the largest coefficients of a claim from which an aircraft has it.
+SMALL_SHARE = 0.25
 #: Cells of a table of one variable and of two, by kind.
 CELLS = {"circular": (36, 12), "linear": (20, 8), "category": (3, 3)}
 #: Evidence of a rival behind the best, nats, within which 95 % of the posterior mass lies, times
@@ -62,7 +65,7 @@ def claims_of(terms: Sequence[Term]) -> list[Claim]:
     """Claims of the terms, names first, the largest evidence first."""
     merged: dict[tuple[object, ...], list[int]] = {}
     for k, term in enumerate(terms):
-        key: tuple[object, ...] = (term.group.name, bool(term.start))
+        key: tuple[object, ...] = (term.group.name, term.group.form, bool(term.start))
         merged.setdefault(key, []).append(k)
     out = [
         Claim(
@@ -98,12 +101,23 @@ def coefficients(fitted: Fitted, claim: Claim) -> tuple[list[int], Floats, Float
                 at = start + (0 if term.scope == "f" else m * term.tails.index(a))
                 maps[row, :, at : at + m] += term.group.transform
     values = maps @ model.theta
+    if len({terms[k].scope for k in claim.terms}) > 1:
+        # a part that all have, small compared with that of some aircraft, is none of the others'
+        # effect
+        size = np.linalg.norm(values, axis=1)
+        kept = np.flatnonzero(size > SMALL_SHARE * size.max())
+        tails, values, maps = [tails[row] for row in kept], values[kept], maps[kept]
     errors = np.einsum("tki,ij,tlj->tkl", maps, covariance, maps, optimize=True)
+    for k in claim.terms:
+        if terms[k].scope == "f":
+            # what lasts in the reference's error is in the coefficients of the whole fleet
+            root = terms[k].group.transform
+            errors = errors + model.lasting(terms[k].group) * (root @ root.T)
     return tails, values, errors
 
 
 def effect_entry(
-    fitted: Fitted, claim: Claim, effects: Mapping[str, Effect], step: Step, share: float
+    fitted: Fitted, claim: Claim, effects: Mapping[str, Effect], step: Step, share_of_gap: float
 ) -> EffectEntry:
     """Entry of a named effect."""
     terms = [fitted.model.terms[k] for k in claim.terms]
@@ -112,6 +126,12 @@ def effect_entry(
     effect = effects[name]
     tails, values, errors = coefficients(fitted, claim)
     whole = all(term.scope == "f" for term in terms)
+    # noise in inferred gradients of the wind shrinks coefficients by the reliability of the columns
+    share = first.group.reliability
+    if isinstance(effect, WindEffect):
+        values, errors = values / share, errors / share**2
+    doubt = 0.5 * (1 - share)
+    errors = errors + doubt**2 * np.einsum("ti,tj->tij", values, values)
     scales = np.asarray(effect.column_scales, float)
     frame = fitted.frame
     each = []
@@ -145,7 +165,7 @@ def effect_entry(
         per_tail=None if whole or len(each) < 2 else per_tail,
         ambiguous_with=[rival.name for rival in rivals],
         ambiguity=rivals,
-        share_of_gap=share,
+        share_of_gap=share_of_gap,
         held_out_energy=2.0 * claim.score,
         closure=ClosesEntry(step.reduction, list(step.interval)),
     )
