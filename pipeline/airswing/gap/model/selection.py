@@ -181,8 +181,36 @@ def contest(
         represented = [t for t in scored if t.group.named and t.score > REPRESENTS * best.score]
         if represented:
             best = represented[0]
-    rivals = tuple((best.score - t.score, t.group.name, t.scope) for t in scored if t is not best)
-    return [replace(best, rivals=rivals), *(t for t in scored if t is not best)]
+    best = _without_idle(model, terms, best, before)
+    rivals = tuple(
+        (best.score - t.score, t.group.name, t.scope) for t in scored if t.label != best.label
+    )
+    return [replace(best, rivals=rivals), *(t for t in scored if t.label != best.label)]
+
+
+def _without_idle(model: Model, terms: Sequence[Term], term: Term, before: float) -> Term:
+    """A term without the aircraft that raise its exact evidence by their absence.
+
+    The screening score gives the fleet's part back approximately: beside an effect of several m/s
+    on one aircraft it includes others.
+    """
+    if term.scope != "a":
+        return term
+    for _ in term.tails:
+        if len(term.tails) < 2:
+            return term
+        options = []
+        for a in term.tails:
+            left = tuple(b for b in term.tails if b != a)
+            start = {b: day for b, day in term.start.items() if b != a}
+            other = replace(term, tails=left, start=start)
+            exact = model.evidence([*terms, other], model.kappa) - before
+            options.append(other.with_score(exact + other.group.prior + set_prior(model, other)))
+        best = max(options, key=lambda one: one.score)
+        if best.score <= term.score:
+            return term
+        term = best
+    return term
 
 
 def search(
