@@ -255,7 +255,8 @@ def make_adjustment(fitted: Fitted, effects: Mapping[str, Effect]) -> Adjustment
     change = -report
     if sensor.any():
         corrected, _, _ = without_errors(frame, sensor)
-        change = corrected.residual - report - frame.residual
+        moved = sensor.any(axis=1)
+        change[moved] += (corrected.residual - frame.residual)[moved]
     return Adjustment(frame.report, change, reference, tuple(dict.fromkeys(names)))
 
 

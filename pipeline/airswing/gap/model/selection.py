@@ -53,7 +53,7 @@ def screen(model: Model) -> list[Term]:
     statistics = [(g, model.statistics(g)) for g in groups]
     # of tables and names that act always: the factor of a usual candidate
     usual = [float(np.median(s.factor)) for g, s in statistics if g.kind != "dated"]
-    model.kappa = max(1.0, float(np.median(usual)))
+    model.kappa = max(1.0, float(np.median(usual))) if usual else 1.0
     model.usual = usual_sizes(statistics, model.kappa)
     statistics = [(g, model.with_usual(g, s)) for g, s in statistics]
     out: list[Term] = []
