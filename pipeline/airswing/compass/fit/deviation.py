@@ -330,11 +330,11 @@ def _observations(
     errors, speeds, known = (columns[name][members].astype(np.float64) for name in _PER_REFERENCE)
     masks = used & np.isfinite(errors + speeds)
     used = masks.any(axis=0)
-    number = np.cumsum(np.diff(flight[used], prepend=-1) != 0) - 1
-    first = np.flatnonzero(np.diff(number, prepend=-1))
-    days = time[used][first].astype("datetime64[D]").astype(np.int64)
+    begins = np.ones(np.count_nonzero(used), dtype=np.bool_)
+    begins[1:] = flight[used][1:] != flight[used][:-1]
+    days = time[used][begins].astype("datetime64[D]").astype(np.int64)
     flights = np.zeros(used.size, dtype=np.int64)
-    flights[used] = number
+    flights[used] = np.cumsum(begins) - 1
     gain, mean = _gain(columns.get("horizontal_field"), used)
     angle = np.radians(argument.astype(np.float64))
     heading = np.radians(columns["heading"].astype(np.float64))
