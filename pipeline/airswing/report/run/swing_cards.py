@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from airswing.errors import InputError
 from airswing.flags import STATUS, published
 from airswing.products.whole_files import atomic
-from airswing.report.html.style import INK, RC, SOFT, Units, plural, styled
+from airswing.report.html.style import INK, RC, SOFT, Units, garbage_collection_rare, plural, styled
 from airswing.report.run.heading_error import bias_words, draw_heading_error
 from airswing.report.run.selection import (
     FORMULA,
@@ -120,6 +120,7 @@ def write_swing_cards(
     with (
         atomic(Path(path)) as temporary,
         matplotlib.rc_context(RC),
+        garbage_collection_rare(),
         PdfPages(temporary, metadata=metadata) as pages,
     ):
         for name in chosen:
