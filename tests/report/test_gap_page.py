@@ -71,6 +71,10 @@ MAPS = gap_factories.maps()
             "10.3 → 7.0 kt.",
         ),
         (
+            content(places=[place(component="scatter", variables=["scatter"], tails=["N403"])]),
+            "Unexplained scatter on N403 accounts for the gap: 8.3 → 6.3 kt.",
+        ),
+        (
             content(),
             "No missing effect found: noise of reports and reference explains the gap of 8.3 kt.",
         ),

@@ -275,8 +275,8 @@ def headline(gap: Report | Entry, *, units: Units = "kt") -> str:
         )
     claims = [_claim(effect, fleet) for effect in effects]
     for place in places:
-        variables = place.get("variables") or [place["variable"]]
-        text = f"an unexplained error by {' and '.join(variables)}".replace("_", " ")
+        text = _unexplained(place)
+        text = text if place["component"] == "scatter" else f"an {text}"
         claims.append(text if effects else f"{text} on {who_text(place, fleet, brief=True)}")
     several = len(claims) > 1
     if len(claims) > 2:
@@ -288,6 +288,14 @@ def headline(gap: Report | Entry, *, units: Units = "kt") -> str:
     of = f"{100 * share:.0f} % of the gap" if share < 0.95 else "the gap"
     text = joined(claims)
     return f"{text[0].upper()}{text[1:]} {verb} {of}: {levels}."
+
+
+def _unexplained(place: Entry) -> str:
+    """Return ``unexplained error by temperature``, or ``unexplained scatter``."""
+    variables = " and ".join(place.get("variables") or [place["variable"]]).replace("_", " ")
+    if place["component"] != "scatter":
+        return f"unexplained error by {variables}"
+    return "unexplained scatter" + (f" by {variables}" if variables != "scatter" else "")
 
 
 def _claim(effect: Entry, fleet: int) -> str:
@@ -391,9 +399,10 @@ def effect_sentence(effect: Entry, gap: Entry, *, units: Units = "kt") -> str:
 def place_sentence(place: Entry, gap: Entry, *, units: Units = "kt") -> str:
     """Return an unexplained error: variable, component, shape, aircraft, closure, nearest name."""
     fleet = int((gap.get("counts") or {}).get("aircraft") or 0)
-    variables = " and ".join(place.get("variables") or [place["variable"]]).replace("_", " ")
-    component = COMPONENTS.get(place["component"], place["component"].replace("_", " "))
-    text = f"Unexplained error by {variables}, {component}, on {who_text(place, fleet)}"
+    text = _unexplained(place)
+    if place["component"] != "scatter":
+        text += f", {COMPONENTS.get(place['component'], place['component'].replace('_', ' '))},"
+    text = f"{text[0].upper()}{text[1:]} on {who_text(place, fleet)}"
     details = [place["title"]] if place.get("title") else []
     if place.get("closure"):
         details.append(f"closes {closure_text(place['closure'], units=units)}")
