@@ -238,36 +238,6 @@ def full_field_test(seed: int = 5) -> dict[str, Any]:
     return found
 
 
-def profiles(seed: int = 6) -> xr.Dataset:
-    """Return an error profile Dataset: three references, four phases, eight layers."""
-    rng = np.random.default_rng(seed)
-    reference = [*REFERENCES, POOL]
-    dims = ("reference", "state", "flight_phase", "layer")
-    shape = (len(reference), 2, 4, 8)
-    base = np.array([4.0, 3.0])[None, :, None, None] + np.linspace(0, 1, 8)
-    edges = np.array([1100.0, 900.0, 800.0, 700.0, 600.0, 500.0, 400.0, 300.0, 200.0]) * 100
-    number = rng.integers(200, 3000, (shape[0], 1, *shape[2:])) * np.ones((1, 2, 1, 1), int)
-    number[:, :, 0] = 0
-    values = {}
-    for name, factor in (("eastward", 1.0), ("northward", 1.0), ("direction", 4.0)):
-        noisy = factor * (base + rng.normal(0, 0.1, shape))
-        values[f"{name}_rms"] = (dims, np.where(number > 0, noisy, np.nan))
-        values[f"{name}_rms_standard_error"] = (dims, np.full(shape, 0.08 * factor))
-    return xr.Dataset(
-        {
-            **values,
-            "profile_count": (dims, number),
-            "layer_bottom_pressure": ("layer", edges[:-1]),
-            "layer_top_pressure": ("layer", edges[1:]),
-        },
-        coords={
-            "reference": reference,
-            "state": ["reported", "corrected"],
-            "flight_phase": ["unknown", "ascent", "cruise", "descent"],
-        },
-    )
-
-
 def sensitivity(aircraft: int = 6, seed: int = 7) -> dict[str, Any]:
     """Return a comparison of three references in the shape of sensitivity.json."""
     rng = np.random.default_rng(seed)
