@@ -350,11 +350,14 @@ def _correct(headings: xr.Dataset, fit: xr.Dataset, *, method: str, scaled: bool
     if scaled:  # an offset comes without one
         scale = np.nan_to_num(fit["airspeed_scale"].to_numpy()[row])
         scale_error = np.nan_to_num(fit["airspeed_scale_standard_error"].to_numpy()[row])
-    heading_error = np.radians(_known(headings, "heading_standard_error")[done])
-    ground = _known(headings, "ground_velocity_error")[done]
+    heading_error = np.radians(_known(headings, "heading_standard_error", "report")[done])
+    ground = _known(headings, "ground_velocity_error", "report")[done]
     # the mean of both components is known: what is not across the heading is along it
     along = np.sqrt(np.maximum(2.0 * ground**2 - (speed * heading_error) ** 2, 0.0))
-    steps = [_known(headings, f"wind_{name}_resolution")[owner] for name in ("speed", "direction")]
+    steps = [
+        _known(headings, f"wind_{name}_resolution", "aircraft")[owner]
+        for name in ("speed", "direction")
+    ]
     standard_error = correction_error(
         speed,
         np.radians(error),
@@ -411,8 +414,8 @@ def _gain(
     return gain
 
 
-def _known(headings: xr.Dataset, name: str) -> Array:
+def _known(headings: xr.Dataset, name: str, dim: str) -> Array:
     """Values of a variable, zero where they are unknown."""
     if name not in headings:
-        return np.zeros(max(headings.sizes["report"], headings.sizes["aircraft"]))
+        return np.zeros(headings.sizes[dim])
     return np.nan_to_num(headings[name].to_numpy().astype(np.float64))
