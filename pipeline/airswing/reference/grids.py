@@ -13,8 +13,9 @@ Assumptions and validity
   and columns.
 * Latitudes are used as written, on the sphere or ellipsoid of the projection: models have no
   other datum.
-* The direction of an `AxesGrid` is that of true north in its plane, by central difference (error
-  below 1e-9 rad). Where a projection is not conformal the x direction would differ.
+* The direction of an `AxesGrid` is that of true north in its plane, by the cone constant of conic
+  and polar projections, else by central difference (error below 1e-9 rad). Where a projection is
+  not conformal the x direction would differ.
 * Cells of a `PointsGrid` are quadrilaterals; the index inside one is that of the bilinear map of
   its corners' unit vectors: equal to the projection's to better than 1e-6 grid lengths for cells
   of a few kilometres, 1e-4 for 50 km. A grid that closes on itself has no value between its last
@@ -128,6 +129,12 @@ class Frame:
         """
         if self.north_up:
             return np.zeros_like(latitude)
+        cone = _cone(self.proj) if self.kind == "projected" else None
+        if cone is not None:
+            return np.asarray(cone[0] * np.radians(wrap_degrees(longitude - cone[1])))
+        return self._numeric_convergence(latitude, longitude)
+
+    def _numeric_convergence(self, latitude: Floats, longitude: Floats) -> Floats:
         north, south = np.minimum(latitude + _NORTH_STEP, 90.0), latitude - _NORTH_STEP
         (x1, y1), (x0, y0) = self.xy(north, longitude), self.xy(south, longitude)
         dx, dy = x1 - x0, y1 - y0
@@ -137,6 +144,23 @@ class Frame:
 
 
 LONGITUDE_LATITUDE = Frame()
+
+
+@lru_cache(maxsize=64)
+def _cone(proj: str) -> tuple[float, float] | None:
+    """Cone constant and central meridian (degrees) of a conic or polar projection, else None.
+
+    There the convergence is the cone constant times the longitude from the central meridian
+    (Snyder 1987, equation 14-4; 1 for polar stereographic projections).
+    """
+    found = {key: value for key, _, value in (w.partition("=") for w in proj.split())}
+    kind, centre = found.get("+proj", found.get("proj")), found.get("+lat_0", found.get("lat_0"))
+    if kind != "lcc" and not (kind == "stere" and abs(float(centre or 0.0)) == 90.0):
+        return None
+    meridian = float(found.get("+lon_0", found.get("lon_0", "0")))
+    latitude = np.array([-45.0 if centre is not None and float(centre) < 0.0 else 45.0])
+    quarter = Frame("projected", proj)._numeric_convergence(latitude, np.array([meridian + 90.0]))
+    return float(quarter[0]) / (np.pi / 2.0), meridian
 
 
 def rotated_frame(pole_latitude: float, pole_longitude: float, turned: float = 0.0) -> Frame:
@@ -194,8 +218,10 @@ def _frame(text: str) -> Frame:
 
 def _plain(value: object) -> object:
     """Attribute values as PROJ takes them: no numpy scalars, a list of one as a number."""
+    if isinstance(value, np.ndarray | list | tuple) and np.size(value) == 1:
+        value = np.ravel(value)[0]
     if isinstance(value, np.ndarray):
-        return value.tolist() if value.size > 1 else value.ravel()[0].item()
+        return value.tolist()
     return value.item() if isinstance(value, np.generic) else value
 
 
