@@ -8,13 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
 from benchmarks.fuzz.seeds import bufr_file
 
 from airswing.guarded import WorkerEndedError, guarded
 from airswing.products.ragged import aircraft_of_report
-from airswing.reports import read_file, read_reports
+from airswing.reports import Audit, assemble, read_file, read_reports
 from airswing.reports.formats.bufr import decode_messages
 
 eccodes = pytest.importorskip("eccodes")
@@ -44,8 +45,15 @@ def decoded(path: Path, keys: tuple[str, ...]) -> list[dict[str, Any]]:
 
 
 @pytest.fixture(scope="module")
-def amdar(real: Callable[[str], Path]) -> xr.Dataset:
-    return read_reports(real(AMDAR))
+def amdar_file(real: Callable[[str], Path]) -> tuple[pd.DataFrame, Audit]:
+    return read_file(real(AMDAR))
+
+
+@pytest.fixture(scope="module")
+def amdar(amdar_file: tuple[pd.DataFrame, Audit]) -> xr.Dataset:
+    frame, counts = amdar_file
+    audit = Audit.from_dict(counts.as_dict())
+    return assemble([frame], audit=audit).assign_attrs(reading_audit=audit.as_json())
 
 
 @pytest.fixture(scope="module")
@@ -133,8 +141,10 @@ def test_the_real_file_agrees_with_eccodes_report_by_report(
     )
 
 
-def test_phases_of_the_real_file(real: Callable[[str], Path], messages: list[dict[str, Any]]):
-    frame, audit = read_file(real(AMDAR))
+def test_phases_of_the_real_file(
+    amdar_file: tuple[pd.DataFrame, Audit], messages: list[dict[str, Any]]
+):
+    frame, audit = amdar_file
     given = [m["phaseOfAircraftFlight"] for m in messages if tail_of(m)]
     for phase, codes in {1: (5,), 2: (3, 4), 3: (6,)}.items():
         assert int((frame["phase"] == phase).sum()) == sum(code in codes for code in given)

@@ -179,6 +179,16 @@ def test_messages_of_one_aircraft_are_merged(tmp_path: Path, kind: str):
     assert set(frame["flight"].astype(str).iloc[1:29]) == {"KLM1"}
 
 
+def test_a_recording_that_ends_within_a_line(tmp_path: Path):
+    path = saved(tmp_path, "jsonl")
+    path.write_text(path.read_text()[:-20])
+    frame, audit = read_file(path)
+    assert (len(frame), audit.dropped["ragged_row"]) == (58, 1)
+    path.write_text('{"icao24": "4840d6", ')
+    with pytest.raises(InputError, match="no decoded Mode-S messages"):
+        read_file(path)
+
+
 def test_values_too_far_away_in_time_are_not_taken(tmp_path: Path):
     table = messages().query("icao24 == '4840d6'")
     late = table["latitude"].notna() & (table["timestamp"] > table["timestamp"].min() + 30)

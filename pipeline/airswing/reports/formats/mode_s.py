@@ -34,19 +34,14 @@ _NEEDED = next(layout for layout in LAYOUTS if layout.messages).signature
 
 
 def _read_messages(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
-    content = content_of(path).decode("utf-8", "replace").strip()
-    messages: object
+    content = content_of(path).decode("utf-8", "replace")
     try:
-        if content.startswith("["):
-            messages = json.loads(content)
-        else:
-            try:
-                messages = [json.loads(line) for line in content.splitlines() if line.strip()]
-            except ValueError:  # an object over several lines
-                messages = [json.loads(content)]
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"cannot be read as JSON: {error}", file=path) from error
-    rows = [message for message in _as_list(messages) if isinstance(message, Mapping)]
+        document = json.loads(content)
+    except (ValueError, RecursionError):
+        document = [_parsed(line) for line in content.splitlines() if line.strip()]
+    messages = document if isinstance(document, list) else [document]
+    rows = [message for message in messages if isinstance(message, Mapping)]
+    audit.drop("ragged_row", len(messages) - len(rows), unread=True)
     if len(rows) == 1 and isinstance(rows[0].get("icao24"), Mapping | list):
         table = pd.DataFrame({key: pd.Series(rows[0].get(key)) for key in _KEYS if key in rows[0]})
     else:
@@ -63,8 +58,12 @@ def _read_messages(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.Dat
     yield merged(to_raw(table, found, audit), audit)
 
 
-def _as_list(messages: object) -> list[object]:
-    return messages if isinstance(messages, list) else [messages]
+def _parsed(line: str) -> object:
+    """A line as JSON, None where it is none: a recording may end in the middle of a line."""
+    try:
+        return json.loads(line)
+    except (ValueError, RecursionError):
+        return None
 
 
 def _flat(message: Mapping[str, object]) -> dict[str, object]:
