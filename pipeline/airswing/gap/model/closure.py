@@ -60,13 +60,17 @@ class Closure:
 
 
 def fold_of_day(days: int) -> Integers:
-    """Group of each day, (D,)."""
+    """Group of each day, (D,); single days in turn where there are few."""
+    if days < FOLDS * BLOCK:
+        return np.asarray(np.arange(days) % min(FOLDS, days))
     return np.asarray((np.arange(days) // BLOCK) % FOLDS)
 
 
 def held_out_coefficients(model: Model) -> Floats:
-    """Coefficients fitted without each group of days, (FOLDS, m)."""
+    """Coefficients fitted without each group of days, (FOLDS, m); those of one day are of all."""
     sums = model.sums
+    if sums.D < 2:
+        return np.tile(model.theta, (FOLDS, 1))
     every = [model.base, *model.terms]
     made = [model._columns(term) for term in every]
     width = int(model.offsets[-1])

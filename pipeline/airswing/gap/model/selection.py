@@ -54,7 +54,6 @@ def screen(model: Model) -> list[Term]:
     # of tables and names that act always: the factor of a usual candidate
     usual = [float(np.median(s.factor)) for g, s in statistics if g.kind != "dated"]
     model.kappa = max(1.0, float(np.median(usual))) if usual else 1.0
-    model.usual = usual_sizes(statistics, model.kappa)
     statistics = [(g, model.with_usual(g, s)) for g, s in statistics]
     out: list[Term] = []
     for group, found in statistics:
@@ -223,6 +222,7 @@ def search(
     terms = list(start)
     model.condition(terms)
     if terms:
+        learn_usual(model)
         terms = revisit(model, terms, 1, say)
     seen: set[frozenset[tuple[object, ...]]] = set()
     for _ in range(MOST):
@@ -233,13 +233,19 @@ def search(
         terms = [*terms, found[0]]
         model.condition(terms)
         terms = refined(model, terms, found[0], say)
-        if len(terms) > 1:
-            terms = revisit(model, terms, ROUNDS, say)
+        learn_usual(model)
+        terms = revisit(model, terms, ROUNDS, say)
         state = frozenset(term.label for term in terms)
         if state in seen:
             break
         seen.add(state)
     return terms
+
+
+def learn_usual(model: Model) -> None:
+    """Estimate the usual sizes with all terms in the model: an effect must not pass for usual."""
+    groups = [g for g in model.sums.candidates.groups if g.kind == "table"]
+    model.usual = usual_sizes([(g, model.statistics(g)) for g in groups], model.kappa)
 
 
 def revisit(model: Model, terms: list[Term], rounds: int, say: Callable[[str], None]) -> list[Term]:
