@@ -194,12 +194,12 @@ def test_headings_of_the_other_kind_are_named_and_not_refused(
 
 def test_the_status_and_the_sentence():
     fits = xr.Dataset(
-        {"status": (("reference", "aircraft"), np.array([[0, 1, 4, 0]], dtype=np.int8))},
-        coords={"reference": ["ruc"], "aircraft": ["A", "B", "C", "E"]},
+        {"status": (("reference", "aircraft"), np.array([[0, 1, 4, 7, 0]], dtype=np.int8))},
+        coords={"reference": ["ruc"], "aircraft": ["A", "B", "C", "D", "E"]},
     )
     marked = with_implausible(fits, plausibility(archive(scaled("speed", KNOT))))
     bad = STATUS["implausible_reports"]
-    assert marked["status"].values.tolist() == [[bad, 1, bad, 0]]
+    assert marked["status"].values.tolist() == [[bad, 1, bad, bad, 0]]
     assert marked["status"].dtype == np.int8
     (sentence,) = plausibility_warnings(marked)
     assert "wind speeds of all aircraft" in sentence and "m/s read as kt" in sentence

@@ -561,13 +561,15 @@ def with_implausible(fits: xr.Dataset, findings: Sequence[Finding]) -> xr.Datase
     Returns
     -------
     Dataset
-        Status ``implausible_reports`` where the fit would be published; attribute
-        ``implausible_reports`` holds the findings as JSON.
+        Status ``implausible_reports`` where the fit would be published or does not improve the
+        winds; attribute ``implausible_reports`` holds the findings as JSON.
     """
     tails = {tail for finding in findings if finding.refused for tail in finding.aircraft}
     named = xr.DataArray([str(t) in tails for t in fits["aircraft"].to_numpy()], dims="aircraft")
-    published_too = xr.DataArray(published(fits["status"]), dims=fits["status"].dims)
-    status = fits["status"].where(~(named & published_too), STATUS["implausible_reports"])
+    # Winds that a correction does not improve are a consequence of implausible reports.
+    judged = published(fits["status"]) | (fits["status"] == STATUS["no_improvement"]).to_numpy()
+    affected = named & xr.DataArray(judged, dims=fits["status"].dims)
+    status = fits["status"].where(~affected, STATUS["implausible_reports"])
     return fits.assign(status=status.astype(fits["status"].dtype)).assign_attrs(
         implausible_reports=json.dumps([asdict(finding) for finding in findings])
     )
