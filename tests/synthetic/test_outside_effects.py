@@ -1,4 +1,4 @@
-"""Effects nobody thought of: shapes and components by hand, draws, and how near a name comes."""
+"""Effects outside the catalogue: shapes, components, draws, share of named effects."""
 
 from __future__ import annotations
 
@@ -12,10 +12,9 @@ from airswing.synthetic.outside_effects import (
     COMPONENTS,
     SCATTER,
     VARIABLES,
-    outside_change,
+    effect_change,
     part_values,
     report_variables,
-    scatter_change,
 )
 from airswing.synthetic.sealed.cases import ALIKE, OUTSIDE_SHAPES, draw_outside
 from airswing.synthetic.sealed.draws import Occasion
@@ -23,6 +22,7 @@ from airswing.synthetic.sealed.outside import MOST_NAMED, carried_by, named_shar
 
 KNOT = 1852.0 / 3600.0
 START = datetime(2009, 3, 1)
+RNG = np.random.default_rng(0)
 TAILS = [f"N{401 + k}" for k in range(14)]
 
 
@@ -90,7 +90,7 @@ def test_every_component_has_the_stated_size_where_it_acts_and_its_direction(com
     variables, u, v = surroundings()
     chosen = np.arange(u.size) % 2 == 0
     one = effect([part("hour", "sector", at=0.3, width=0.2)], component, size=0.4)
-    change = outside_change(one, u, v, variables, chosen)
+    change = effect_change(one, u, v, variables, chosen, RNG)
     acts = np.any(change != 0, axis=1)
     assert not acts[~chosen].any() and acts.any()
     assert np.sqrt((change[acts] ** 2).sum(1).mean()) == pytest.approx(0.4, rel=0.02)
@@ -114,7 +114,7 @@ def test_scatter_by_hand():
     here, rng = np.ones(4, bool), np.random.default_rng(0)
 
     def speeds(**values):
-        change = scatter_change({"parts": [], **values}, u, v, variables, here, rng)
+        change = effect_change({"parts": [], **values}, u, v, variables, here, rng)
         return np.hypot(u + change[:, 0], v + change[:, 1]) / KNOT
 
     assert speeds(kind="floor", limit_kt=8.0)[:3] == pytest.approx([8, 10, 40])
@@ -122,7 +122,7 @@ def test_scatter_by_hand():
     assert speeds(kind="hole", between_kt=[9.0, 20.0])[:3] == pytest.approx([2, 9, 40])
     turned = KNOT * 10 * np.stack([np.sin(np.radians([20.0, 50.0])), np.cos(np.radians([20, 50]))])
     lattice = {"kind": "lattice", "parts": [], "limit_kt": 20.0, "direction_step_deg": 45.0}
-    change = scatter_change(lattice, *turned, {}, np.ones(2, bool), rng)
+    change = effect_change(lattice, *turned, {}, np.ones(2, bool), rng)
     moved = np.degrees(np.arctan2(turned[0] + change[:, 0], turned[1] + change[:, 1]))
     assert moved == pytest.approx([0.0, 45.0], abs=1e-9)
 
@@ -132,11 +132,11 @@ def test_jitter_and_gross_errors_act_where_they_should_and_as_often():
     here, rng = np.ones(u.size, bool), np.random.default_rng(0)
     where = [part("hour", "sector", at=0.5, width=0.25)]
     jitter = {"kind": "jitter", "parts": where, "size_m_s": 2.0}
-    change = scatter_change(jitter, u, v, variables, here, rng)
+    change = effect_change(jitter, u, v, variables, here, rng)
     acts = np.any(change != 0, axis=1)
     assert acts.mean() == pytest.approx(0.5, abs=0.02)
     assert np.sqrt((change[acts] ** 2).sum(1).mean()) == pytest.approx(2.0, rel=0.03)
-    gross = scatter_change(
+    gross = effect_change(
         {"kind": "gross", "parts": [], "fraction": 0.05}, u, v, variables, here, rng
     )
     assert np.any(gross != 0, axis=1).mean() == pytest.approx(0.05, abs=0.005)
@@ -148,7 +148,7 @@ def test_unknown_variables_shapes_and_components_are_refused():
     with pytest.raises(ValueError, match="no shape star"):
         part_values(part("hour", "star"), {"hour": np.zeros(2)})
     with pytest.raises(ValueError, match="no component up"):
-        outside_change(effect([part()], "up"), np.zeros(1), np.zeros(1), {}, np.ones(1, bool))
+        effect_change(effect([part()], "up"), np.zeros(1), np.zeros(1), {}, np.ones(1, bool), RNG)
 
 
 @pytest.mark.parametrize("shape", OUTSIDE_SHAPES)
@@ -162,13 +162,9 @@ def test_draws_are_what_they_say_and_make_a_change(shape):
         names = [p["variable"] for p in chosen["parts"]]
         assert set(names) <= set(VARIABLES) and len(set(names)) == len(names)
         assert not any(len(set(names) & group) > 1 for group in ALIKE)
-        here = np.ones(u.size, bool)
-        if shape == "scatter":
-            assert chosen["kind"] in SCATTER
-            change = scatter_change(chosen, u, v, variables, here, rng)
-        else:
+        change = effect_change(chosen, u, v, variables, np.ones(u.size, bool), rng)
+        if shape != "scatter":
             assert len(names) == (2 if shape in ("product", "threshold") else 1)
-            change = outside_change(chosen, u, v, variables, here)
         assert np.isfinite(change).all()
         scope = "all" if one["tails"] is None else "one" if len(one["tails"]) == 1 else "some"
         seen.update([scope, chosen["component"], *names, "late" if one["period"] else "always"])
@@ -198,7 +194,7 @@ def test_what_has_a_name_is_recognised_and_a_sector_of_wind_is_not():
     iron = (variables["airspeed"] * 0.01 * np.sin(variables["magnetic_heading"] + 0.7))[:, None]
     assert named_share(iron * across, variables, u, v, aircraft) == pytest.approx(1.0, abs=1e-9)
     turned = effect([part("wind_direction", "sector", at=0.7, width=0.05)], "direction")
-    change = outside_change(turned, u, v, variables, aircraft < 2)
+    change = effect_change(turned, u, v, variables, aircraft < 2, RNG)
     assert named_share(change, variables, u, v, aircraft) < MOST_NAMED
     assert named_share(np.zeros_like(change), variables, u, v, aircraft) == 0.0
 

@@ -59,7 +59,7 @@ def test_the_twin_is_compared_on_the_same_reports_whatever_their_order():
     both = twin_closure(made, twin)
     assert both["before"] == pytest.approx(both["after"], rel=1e-12)
     twin.loc[twin["speed"] > 20, "temperature_qc"] = "fail"
-    fewer = twin_closure(made, twin)  # what one of them does not use counts in neither
+    fewer = twin_closure(made, twin)  # a report excluded from one counts in neither
     assert fewer["before"] == pytest.approx(fewer["after"], rel=1e-12)
     assert fewer["before"] != pytest.approx(both["before"], rel=1e-3)
 
@@ -89,17 +89,12 @@ def record(seconds=3000, noise=0.5, seed=0):
     )
 
 
-def test_what_a_record_leaves_is_its_noise_and_not_its_deviation():
-    left = np.degrees(sensor_record(record(noise=0.5)).heading_error)
-    assert left.std() == pytest.approx(0.5, rel=0.06)
-    silent = sensor_record(record(noise=0.0))
+def test_residuals_of_a_record_are_its_noise_without_its_deviation():
+    noisy, silent = sensor_record(record(noise=0.5)), sensor_record(record(noise=0.0))
+    assert np.degrees(noisy.heading_error).std() == pytest.approx(0.5, rel=0.06)
     assert np.degrees(np.abs(silent.heading_error)).max() < 0.06
-
-
-def test_a_record_leaves_nothing_that_lasts_at_a_heading():
-    one = sensor_record(record(noise=0.5))
-    bins = (np.mod(one.magnetic, 2 * np.pi) / (2 * np.pi) * 36).astype(int)
-    for error in (one.heading_error, one.airspeed_error):
+    bins = (np.mod(noisy.magnetic, 2 * np.pi) / (2 * np.pi) * 36).astype(int)
+    for error in (noisy.heading_error, noisy.airspeed_error):
         means = np.bincount(bins, error) / np.bincount(bins)
         assert np.abs(means).max() < 1e-12
 
@@ -168,7 +163,7 @@ def test_an_outside_case_takes_the_first_draw_that_no_name_explains(tmp_path):
 
 
 def test_a_case_on_a_real_run_knows_what_its_effects_close(real, tmp_path):
-    """Six degrees at some 135 m/s are 27 kt across every wind, besides the error of the run."""
+    """Six degrees at some 135 m/s are 27 kt across every wind; the run adds its error."""
     data = real("grib/wrf_ruc13_g212").parents[1]
     effect = {"name": "compass_offset", "parameters": {"offset_deg": 6.0}, "tails": None}
     closure = write_model_case(tmp_path, data, [effect], World(4, "model", 1, 2))

@@ -32,28 +32,33 @@ def plan_cases(*args, **options):
     return plan(*args, draws=DRAWS, **options)
 
 
-def test_plan_deals_rungs_nulls_and_effects_evenly():
-    planned = plan_cases(160, seed=3, size=Size())
+@pytest.fixture(scope="module")
+def planned():
+    return plan_cases(240, seed=3, size=Size())
+
+
+def nulls_of(planned):
+    return [case.world for case in planned if case.kind == "null"]
+
+
+def test_plan_deals_rungs_nulls_and_effects_evenly(planned):
     rungs = Counter(case.rung for case in planned)
-    assert rungs == {rung: round(160 * share) for rung, share in RUNGS.items()}
+    assert rungs == {rung: round(240 * share) for rung, share in RUNGS.items()}
     for rung, count in rungs.items():
-        nulls = sum(case.kind == "null" for case in planned if case.rung == rung)
-        assert nulls == count // 4
+        assert len(nulls_of([case for case in planned if case.rung == rung])) == count // 4
     singles = Counter(case.drawn[0].name for case in planned if case.rung == 1 and case.drawn)
     assert set(singles) == set(DRAWS)
     assert max(singles.values()) - min(singles.values()) <= 1
 
 
-@pytest.mark.parametrize("rungs", [(1,), (1, 2), (1, 2, 3, 4, 5)])
-def test_no_two_nulls_are_the_same_archive(rungs):
-    planned = plan_cases(100, seed=4, size=Size(), rungs=rungs)
-    nulls = [case.world for case in planned if case.kind == "null"]
-    assert len(nulls) > 20
-    assert len(set(nulls)) == len(nulls)
+@pytest.mark.parametrize("options", [{"rungs": (1,)}, {"rungs": (1, 2)}, {}, {"nulls": 60}])
+def test_no_two_nulls_are_the_same_archive(options):
+    nulls = nulls_of(plan_cases(100, seed=4, size=Size(), **options))
+    assert len(set(nulls)) == len(nulls) == options.get("nulls", len(nulls)) > 20
+    assert not nulls_of(plan_cases(20, seed=5, size=Size(), nulls=0))
 
 
-def test_some_worlds_have_two_weeks_nulls_among_them():
-    planned = plan_cases(120, seed=7, size=Size())
+def test_some_worlds_have_two_weeks_nulls_among_them(planned):
     short = [case for case in planned if case.world.kind == "short"]
     assert {case.world.days for case in short} == {14, 15}
     assert {case.rung for case in short} == {1, 4}
@@ -61,25 +66,28 @@ def test_some_worlds_have_two_weeks_nulls_among_them():
     assert not any(c.world.kind == "short" for c in plan_cases(120, seed=7, size=Size.fast()))
 
 
-def test_plan_repeats_with_its_seed_and_differs_with_another():
-    assert plan_cases(30, seed=5, size=Size()) == plan_cases(30, seed=5, size=Size())
-    assert plan_cases(30, seed=5, size=Size()) != plan_cases(30, seed=6, size=Size())
+def test_plan_repeats_with_its_seed_and_differs_with_another(planned):
+    assert planned == plan_cases(240, seed=3, size=Size())
+    assert planned != plan_cases(240, seed=6, size=Size())
 
 
-def test_pairs_hold_two_different_effects_and_removed_ones_are_left_out_of_the_diagnosis():
-    planned = plan_cases(120, seed=2, size=Size())
-    pairs = [case for case in planned if case.kind == "pair"]
-    removed = [case for case in planned if case.kind == "removed"]
-    outside = [case for case in planned if case.kind == "outside"]
-    assert pairs and removed and outside
+def test_kinds_and_variants_of_cases(planned):
+    pairs, removed, outside = (
+        [case for case in planned if case.kind == kind] for kind in ("pair", "removed", "outside")
+    )
+    assert removed and outside
     assert all(len({part.name for part in case.drawn}) == 2 for case in pairs)
     assert all(case.without == (case.drawn[0].name,) for case in removed)
     assert all(case.without == () and case.drawn[0].name == "outside" for case in outside)
+    assert {"fleet", "form", "last week"} <= {case.variant for case in planned if case.rung == 1}
+    same = [case for case in pairs if case.variant == "same aircraft"]
+    assert 5 < len(same) < len(pairs) - 5
+    assert all(case.drawn[0].tails == case.drawn[1].tails for case in same)
 
 
 @pytest.mark.slow
-def test_background_of_the_hard_world_is_as_small_as_it_says():
-    world = World(71, "default", 6, 1, True)  # what is measured is on the first aircraft alone
+def test_background_of_the_hard_world_has_the_stated_size():
+    world = World(71, "default", 6, 1, True)  # all effects measured are on the first aircraft
     tails = [f"N{401 + index}" for index in range(8)]
     effects = small_effects(tails, 71, days=6.0)
     for name in {effect["name"] for effect in effects} - {"outliers"}:
@@ -101,7 +109,7 @@ def test_the_generator_takes_every_draw(name):
         assert known is None or set(chosen["parameters"]) <= known
 
 
-def test_variants_are_what_they_say():
+def test_variants():
     assert set(draw("hard_iron", variant="fleet").tails) == set(TAILS)
     assert draw("heater_current", variant="form").effects[0]["parameters"]["between_degC"]
     assert draw("acceleration_error", variant="form").effects[0]["parameters"]["by_phase"] is True
@@ -112,22 +120,6 @@ def test_variants_are_what_they_say():
         assert 2 <= 40 - (datetime.fromisoformat(chosen["period"][0]) - START).days <= 6
     assert draw("compass_offset", among=["N403"]).tails == ("N403",)
     assert draw("declination_error", among=["N403"]).tails is None
-
-
-def test_the_plan_holds_every_variant_and_pairs_on_the_same_aircraft():
-    planned = plan_cases(400, seed=5, size=Size(), rungs=(1, 3))
-    assert {"fleet", "form", "last week"} <= {case.variant for case in planned if case.rung == 1}
-    same = [case for case in planned if case.variant == "same aircraft"]
-    apart = [case for case in planned if case.variant == "apart"]
-    assert len(same) > 15 and len(apart) > 15
-    assert all(case.drawn[0].tails == case.drawn[1].tails for case in same)
-
-
-def test_as_many_nulls_as_are_asked_for():
-    planned = plan_cases(100, seed=5, size=Size(), nulls=60)
-    nulls = [case.world for case in planned if case.kind == "null"]
-    assert len(planned) == 100 and len(nulls) == len(set(nulls)) == 60
-    assert not any(c.kind == "null" for c in plan_cases(20, seed=5, size=Size(), nulls=0))
 
 
 def test_scaling_multiplies_sizes_and_leaves_phases():

@@ -1,7 +1,8 @@
 """The stated truth against the units' errors, and the fit's equation against the generator.
 
-The generator knows no deviation curve (fields, iron and a sensing plane), the fit no iron: where
-the reference is the true wind and nothing is rounded, what they disagree on is the fit's error.
+The generator has no formula of a deviation curve, only fields, iron and a sensing plane; the fit
+has no iron. With the true wind as reference and without rounding, their difference is the error of
+the fit.
 """
 
 from __future__ import annotations

@@ -37,7 +37,7 @@ ERRORS = "observation_errors.nc"
 
 @dataclass(frozen=True)
 class Request:
-    """What is exported, where to and how."""
+    """Arguments of one export, as every format takes them."""
 
     corrected: xr.Dataset  # corrected reports, in memory or opened lazily
     path: Path  # file or folder to write
@@ -181,7 +181,7 @@ def product_of_run(request: Request, name: str, *, why: str) -> xr.Dataset:
     name : str
         Name of the product: a file ``NAME.nc`` or a folder of months.
     why : str
-        What it is needed for; part of the message.
+        Reason for the need; part of the message.
 
     Raises
     ------

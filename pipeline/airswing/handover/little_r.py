@@ -1,8 +1,8 @@
 """LITTLE_R: reports as OBSPROC reads them on their way to WRFDA, and OBSGRID.
 
 Layout of var/obsproc/src/module_decoded.F90 of WRF 4.7: a header of 600 characters, a line of 200
-a level, an end record and a trailer of three counts. What the readers make of a value decides how
-it is written:
+a level, an end record and a trailer of three counts. The rules of the readers decide how a value is
+written:
 
 * the wind counts as speed and direction only, the direction in (0.001, 360] degrees and the speed
   at least 0.1 m/s: north is 360, and a weaker wind is raised to 0.1 m/s in its direction;
@@ -44,7 +44,7 @@ LEAST_DIRECTION = 0.00101  # degrees; OBSPROC takes smaller ones as missing
 _NO_VALUE = "-888888.00000      0"
 # Latitude, longitude, identifier, name, platform, source, elevation; counts of fields, errors,
 # warnings, order, duplicates; sounding, bogus, discarded; seconds since a date and a Julian day
-# that nobody reads, the date, 13 surface values.
+# that no reader uses, the date, 13 surface values.
 _HEAD = (
     f"{'':20}{'':20}{'':40}{'':40}{'':40}{'':40}{'0.00000':>20}"
     f"{'':10}{0:10}{0:10}{'':10}{0:10}{'T':>10}{'F':>10}{'F':>10}{-888888:10}{-888888:10}"

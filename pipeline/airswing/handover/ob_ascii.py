@@ -2,7 +2,7 @@
 
 Layout of var/da/da_obs_io/da_read_obs_ascii.inc of WRF 4.7 (``ob_format = 2``): a header that ends
 one line after the formats, then a line of information, one of surface values and a line a level.
-What the reader makes of a value decides how it is written:
+The rules of the reader decide how a value is written:
 
 * the error of the speed weighs both components; that of the direction counts only with
   ``wind_sd_tamdar`` or ``wind_sd_airep``. Every error is positive and has its decimal point, also
@@ -114,13 +114,13 @@ def _encode(records: Records, *, errors: WindErrors) -> bytes | memoryview:
     speed, direction = speed_and_direction(rows["u"], rows["v"], least=0.0005)
     error = errors.of(rows)
     put_number(level, _PRESSURE, 12, rows["pressure"], decimals=3)
-    for column, values, own_error in (
+    for column, values, value_error in (
         (_SPEED, speed, error),
         # The angle of the component error across the wind.
         (_DIRECTION, direction, np.degrees(np.arctan2(error, speed))),
     ):
         put_number(level, column, 12, values, decimals=3)
-        written = np.clip(own_error, LEAST_ERROR, LARGEST_ERROR)
+        written = np.clip(value_error, LEAST_ERROR, LARGEST_ERROR)
         put_number(level, column + _ERROR, 7, written, decimals=2)
     known = np.isfinite(rows["temperature"])
     put_number(level, _TEMPERATURE, 12, rows["temperature"], decimals=3, where=known)

@@ -1,7 +1,7 @@
 """OBS_DOMAIN: reports as WRF's observation nudging reads them.
 
 Layout of subroutine in4dob, share/wrf_fddaobs_in.F of WRF 4.7 (formats 101 to 104): four lines a
-report, a line a level, no header. What the reader makes of a value decides how it is written:
+report, a line a level, no header. The rules of the reader decide how a value is written:
 
 * quality 129 on both components marks the wind as earth-relative, and WRF rotates it to its grid;
   any other number marks it as grid-relative. Quality admits a report or not; there is no error;
@@ -36,12 +36,12 @@ from airswing.handover.fixed_columns import (
 )
 from airswing.handover.platforms import CODES, PLATFORMS
 from airswing.handover.records import Records, write_records
-from airswing.handover.selection import SoundingLimits, selected_rows
+from airswing.handover.selection import selected_rows
 
 HIGHEST = 8000.0  # Pa; WRF takes no wind at this pressure and above
 CALM = 0.001  # m/s; smallest component the format holds
-NUDGED = SoundingLimits(largest_step=20_000.0, least_depth=15_000.0)
-"""Pa: default of ``obs_max_sndng_gap`` (20 cbar), and twice the reach of a single level."""
+LARGEST_STEP = 20_000.0  # Pa between levels; default of ``obs_max_sndng_gap`` (20 cbar)
+LEAST_DEPTH = 15_000.0  # Pa; twice the reach of a single level
 _EARTH_RELATIVE = 129.0
 _HEAD = (
     f" {'':14}\n"
@@ -70,7 +70,9 @@ def write(request: Request) -> dict[str, Any]:
             found=f"domain {domain}",
             remedy=f"Name it OBS_DOMAIN{domain}01 or give --domain {match[1]}",
         )
-    selected = selected_rows(request, above=HIGHEST, limits=NUDGED)
+    selected = selected_rows(
+        request, above=HIGHEST, largest_step=LARGEST_STEP, least_depth=LEAST_DEPTH
+    )
     result = write_records(request, selected, f"OBS_DOMAIN{domain}01", _encode)
     result["max_obs"] = max(file["levels"] for file in result["files"]) + 2
     result["notes"] += [

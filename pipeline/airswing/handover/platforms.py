@@ -1,4 +1,4 @@
-"""Identifiers and platforms of the aircraft as the target systems know them.
+"""Identifiers and platforms of the aircraft in the target systems.
 
 The platform comes from the configuration (``handover: {aircraft: {AMDAR: ["EU*"]}}``, then
 ``platform``), else from the reports (FSL/MADIS files name the data stream of each report, BUFR

@@ -67,7 +67,7 @@ APPLIED = (CORRECTION["corrected"], CORRECTION["already_corrected"])
 """Codes of ``correction_applied`` of winds that count as corrected."""
 _REQUIRED = ("time", "latitude", "longitude", "screening", "phase", "flight")
 _POLE = 89.999  # degrees; nearer to a pole a reader cannot rotate a wind direction
-# s since 1970; OBSPROC knows years that begin with 19 or 20.
+# s since 1970; OBSPROC accepts years that begin with 19 or 20.
 _FIRST_TIME, _END_TIME = (
     int(np.datetime64(year, "s").astype(np.int64)) for year in ("1900", "2100")
 )
@@ -99,17 +99,9 @@ def wind_names(request: Request) -> tuple[str, str]:
     return names
 
 
-@dataclass(frozen=True)
-class SoundingLimits:
-    """What a target system makes of a report of many levels."""
-
-    largest_step: float = np.inf  # Pa between levels; a sounding is split at a larger one
-    least_depth: float = 0.0  # Pa; a shallower sounding is written as single levels
-
-
 @dataclass
 class Selected:
-    """Reports to export, and what was left out or moved."""
+    """Reports to export, and counts of those left out or moved."""
 
     rows: Rows  # of `ROW`
     order: NDArray[np.int64]  # of the rows by time, report and descending pressure
@@ -123,7 +115,8 @@ def selected_rows(
     request: Request,
     *,
     above: float = 0.0,
-    limits: SoundingLimits | None = None,
+    largest_step: float = np.inf,
+    least_depth: float = 0.0,
 ) -> Selected:
     """Select the reports of an archive and put them in order of time.
 
@@ -131,8 +124,10 @@ def selected_rows(
     ----------
     above : float, default 0
         Pa; reports at this pressure and lower ones are left out as ``above_80_hPa``.
-    limits : SoundingLimits, optional
-        Of the target system, for joined soundings.
+    largest_step : float, default infinite
+        Pa; a joined sounding is split at a larger step between levels.
+    least_depth : float, default 0
+        Pa; a shallower sounding is written as single levels.
 
     Raises
     ------
@@ -151,7 +146,7 @@ def selected_rows(
         rows["aircraft"] = aircraft_of_report(block) + first_aircraft
         first_aircraft += block.sizes["aircraft"]
         reasons = _reasons(rows, block, request)
-        # Rounded as it is written: WRF compares what it reads.
+        # Rounded as written, since WRF compares the value in the file.
         reasons.append(("above_80_hPa", np.round(rows["pressure"], 3) <= above))
         # A report is counted under the first reason that holds.
         code = np.select([bad for _, bad in reasons], list(range(1, len(reasons) + 1)), 0)
@@ -163,7 +158,7 @@ def selected_rows(
         rows["report"] = np.arange(filled, filled + rows.size)
         if request.soundings and rows.size:
             flight = block["flight"].to_numpy()[chosen]
-            _join_soundings(rows, flight, limits or SoundingLimits(), found)
+            _join_soundings(rows, flight, largest_step, least_depth, found)
         found.rows[filled : filled + rows.size] = rows
         filled += rows.size
     if not filled:
@@ -211,7 +206,7 @@ def _all_rows(block: xr.Dataset, request: Request) -> Rows:
 
 
 def _reasons(rows: Rows, block: xr.Dataset, request: Request) -> list[tuple[str, Mask]]:
-    """Reasons for leaving a report out, in the order they are asked for."""
+    """Reasons for leaving a report out, in the order they are tested."""
     from airswing.reports.cleaning import LIMITS
 
     speed = np.hypot(rows["u"], rows["v"])
@@ -260,14 +255,19 @@ MOST_LEVELS = 1000
 
 
 def _join_soundings(
-    rows: Rows, flight: NDArray[np.int64], limits: SoundingLimits, found: Selected
+    rows: Rows,
+    flight: NDArray[np.int64],
+    largest_step: float,
+    least_depth: float,
+    found: Selected,
 ) -> None:
     """Give the levels of each sounding one report number, place and time, in place.
 
     A sounding is a run of reports of one flight in ascent or in descent without a gap over
-    `LARGEST_GAP`. It has the place and time of its middle report, since the readers know one for
-    all levels. A second report at the same pressure (level flight), a run of one report, and what
-    ``limits`` exclude stay single reports. Rows are whole aircraft in order of aircraft and time.
+    `LARGEST_GAP`. It has the place and time of its middle report, since the formats hold one for
+    all levels. A second report at the same pressure (level flight), a run of one report, and a
+    sounding of less than ``least_depth`` remain single reports. Rows are whole aircraft in order of
+    aircraft and time.
     """
     run = _runs(rows, flight)
     order = np.lexsort((np.arange(rows.size), -rows["pressure"], run))
@@ -277,13 +277,13 @@ def _join_soundings(
     repeated = np.r_[False, (np.diff(run) == 0) & (step < LEAST_STEP)]
     members, run = members[~repeated], run[~repeated]
     pressure = rows["pressure"][members]
-    parted = np.r_[False, (np.diff(run) == 0) & (-np.diff(pressure) > limits.largest_step)]
+    parted = np.r_[False, (np.diff(run) == 0) & (-np.diff(pressure) > largest_step)]
     found.soundings["split"] += int(np.count_nonzero(parted))
     run = run + np.cumsum(parted)
     begins = np.flatnonzero(np.diff(run, prepend=-1))
     levels = np.diff(begins, append=members.size)
     depth = pressure[begins] - pressure[begins + levels - 1]
-    shallow = (levels > 1) & (depth < limits.least_depth)
+    shallow = (levels > 1) & (depth < least_depth)
     found.soundings["shallow"] += int(np.count_nonzero(shallow))
     found.soundings["joined"] += int(np.count_nonzero((levels > 1) & ~shallow))
     members = members[np.lexsort((members, run))]  # in order of time within a sounding

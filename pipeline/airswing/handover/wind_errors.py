@@ -48,7 +48,6 @@ TAMDARS = (
 )
 """hPa, m/s: ends of the steps of WRFDA's table for TAMDAR; constant beyond."""
 AIREPS = 3.6  # m/s at all levels; WRFDA uses it for AMDAR and ACARS too
-_ROWS_AT_ONCE = 1_000_000
 
 
 def known_errors(request: Request, *, required: bool = False) -> xr.Dataset | None:
@@ -120,7 +119,7 @@ class WindErrors:
             self._tops = known["layer_top_pressure"].to_numpy().astype(np.float64)
             by_name = known[BY_AIRCRAFT].to_series().reindex(aircraft)
             self._aircraft = np.square(by_name.to_numpy(dtype=np.float64))
-        cell, q = self._cell(rows), _correction_variance(rows)
+        cell, q = self._cell(rows), rows["error"] ** 2 / 2.0
         by_aircraft = rows["aircraft"], len(aircraft)
         self._q_of_cell = _means(q, cell, self._base.size)
         self._q_of_aircraft = _means(q, *by_aircraft)
@@ -138,20 +137,12 @@ class WindErrors:
 
     def of(self, rows: Rows) -> Array:
         """Error of a wind component of every report, m/s."""
-        return np.concatenate(
-            [
-                self._of(rows[first : first + _ROWS_AT_ONCE])
-                for first in range(0, rows.size, _ROWS_AT_ONCE)
-            ]
-        )
-
-    def _of(self, rows: Rows) -> Array:
         cell, aircraft = self._cell(rows), rows["aircraft"]
-        base, q = self._base.ravel()[cell], _correction_variance(rows)
+        base, q = self._base.ravel()[cell], rows["error"] ** 2 / 2.0
         excess = self.aircraft_excess[aircraft]
-        added = 0.0 if not self._corrected else np.nan_to_num(q)
-        table = table_error(rows["pressure"], self._platform[aircraft]) ** 2 + added
+        table = table_error(rows["pressure"], self._platform[aircraft]) ** 2
         if self._corrected:
+            table = table + np.nan_to_num(q)
             unknown = np.isnan(self._aircraft[aircraft])
             mean = np.where(unknown, self._q_of_cell[cell], self._q_of_aircraft[aircraft])
             excess = np.nan_to_num(excess) + np.nan_to_num(q - mean)
@@ -169,11 +160,6 @@ def bounded(base: Array, excess: Array | float) -> Array:
     """Variance from its base and an excess (0 where NaN), not below the least, (m/s)2."""
     least = np.maximum(LEAST_SHARE * base, LEAST**2)
     return np.maximum(base + np.nan_to_num(excess), least)
-
-
-def _correction_variance(rows: Rows) -> Array:
-    """Share of a component in the variance of the correction; NaN where that is unknown."""
-    return np.asarray(rows["error"] ** 2 / 2.0)
 
 
 def _means(values: Array, group: NDArray[np.integer], groups: int) -> Array:

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timedelta
 from pathlib import Path
-from typing import TypedDict, Unpack
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -45,35 +45,9 @@ from airswing.synthetic.truth import (
 Effects = Sequence[Mapping[str, object]]
 LEVELS = (1000, 950, 900, 850, 800, 750, 700, 650, 600, 550, 500, 450, 400, 350)
 """hPa."""
-EDITIONS = {"ruc": (1, "grb"), "rtfdaa": (2, "grb2"), "rr": (2, "grb2")}
+EDITIONS = {"ruc": (1, "grb"), "rtfdaa": (2, "grb2")}
 """GRIB edition and suffix of each model: both editions, so that every archive reads both."""
-_GRID_RELATIVE = {"ruc": True, "rtfdaa": True, "rr": False}
 _PHASES = np.array(["", "ascent", "cruise", "descent"])
-
-
-class Options(TypedDict, total=False):
-    """Fields of `Scenario` other than its effects."""
-
-    days: int
-    aircraft: int
-    seed: int
-    world: str
-    network: str
-    start: datetime
-    references: tuple[str, ...]
-    columns: int
-    rows: int
-    spacing_km: float
-    levels: tuple[int, ...]
-    interval_hours: int
-    lead_hours: int
-    legs_per_day: float
-    shuttles: int
-    climb_seconds: float
-    cruise_seconds: float
-    coding: Coding
-    field_test: tuple[int, tuple[str, ...]] | None
-    packing: Mapping[str, str]
 
 
 @dataclass(frozen=True)
@@ -103,7 +77,6 @@ class Scenario:
     coding: Coding = field(default_factory=Coding)
     # (day number, tails): from that day these aircraft apply their 8-point table
     field_test: tuple[int, tuple[str, ...]] | None = None
-    packing: Mapping[str, str] = field(default_factory=dict)  # ecCodes packing type by model
 
     @property
     def tails(self) -> list[str]:
@@ -121,13 +94,8 @@ class Scenario:
         )
 
 
-@dataclass(frozen=True)
-class Simulated:
-    """One archive in memory."""
-
-    reports: pd.DataFrame  # of `airswing.synthetic.observe.observe`
-    references: dict[str, GriddedReference]
-    faults: list[Fault]
+Simulated = tuple[pd.DataFrame, dict[str, GriddedReference], list[Fault]]
+"""Reports (see `airswing.synthetic.observe.observe`), models by name, and faults of an archive."""
 
 
 def simulate(scenario: Scenario) -> Simulated:
@@ -178,16 +146,15 @@ def simulate(scenario: Scenario) -> Simulated:
                 world,
                 scenario.grid(radius),
                 names=names,
-                grid_relative=_GRID_RELATIVE,
                 levels=np.array(scenario.levels, float),
                 hours=np.arange(first, last + 1e-6, interval),
                 changes=reference_changes(faults, scenario.references),
             )
-    return Simulated(reports, references, faults)
+    return reports, references, faults
 
 
 def simulate_arrays(
-    *, effects: Effects = (), derivatives: bool = True, **options: Unpack[Options]
+    *, effects: Effects = (), derivatives: bool = True, **options: Any
 ) -> pd.DataFrame:
     """An archive as one table with the models' winds, without writing a file.
 
@@ -216,10 +183,10 @@ def simulate_arrays(
         likewise for v; ``convergence`` (radians), the angle from grid to earth.
     """
     scenario = Scenario(effects=effects, **options)
-    made = simulate(scenario)
-    frame = finished(made.reports, scenario.start)
-    add_winds(frame, made.references, derivatives=derivatives)
-    grid = next(iter(made.references.values())).grid
+    reports, references, _ = simulate(scenario)
+    frame = finished(reports, scenario.start)
+    add_winds(frame, references, derivatives=derivatives)
+    grid = next(iter(references.values())).grid
     frame["convergence"] = grid.convergence(frame["longitude"].to_numpy())
     return frame
 
@@ -284,7 +251,7 @@ def write_archive(
     truth: str | Path | None = None,
     output: str | None = None,
     thinned: Mapping[str, float] | None = None,
-    **options: Unpack[Options],
+    **options: Any,
 ) -> Path:
     """Write an archive: reports, GRIB, a configuration, and the truth next to them.
 
@@ -319,31 +286,30 @@ def write_archive(
     if effects is None:
         effects = fleet_deviations(scenario.tails, scenario.seed)
     scenario = replace(scenario, effects=effects)
-    made = simulate(scenario)
-    frame = finished(made.reports, scenario.start)
+    reports, references, faults = simulate(scenario)
+    frame = finished(reports, scenario.start)
     for tail, share in (thinned or {}).items():
         flights = frame["flight"][frame["tail"] == tail].unique()
         kept = flights[: max(1, int(share * flights.size))]
         frame = frame[(frame["tail"] != tail) | frame["flight"].isin(kept)]
     write_reports(root / "reports", frame, phases=phases)
-    for name, stored in made.references.items():
+    for name, stored in references.items():
         write_reference(
             root / name,
             stored,
             start=scenario.start,
             edition=EDITIONS[name][0],
             lead_hours=scenario.lead_hours,
-            packing=scenario.packing.get(name, "grid_simple"),
             times_per_file=times_per_file,
         )
     where = str(root.resolve())
-    config = _config(where, scenario, made, output or f"{where}/results")
+    config = _config(where, scenario, list(references), output or f"{where}/results")
     target = root / "config.yaml"
     target.write_text(yaml.safe_dump(config, sort_keys=False), encoding="utf-8")
-    usual = float(made.reports["horizontal"].median())
+    usual = float(reports["horizontal"].median())
     save_truth(
         Path(truth) if truth is not None else root / "truth",
-        truth_record(frame, made.faults, scenario.tails, effects, usual_field=usual),
+        truth_record(frame, faults, scenario.tails, effects, usual_field=usual),
         seed=scenario.seed,
         start=scenario.start,
         corrected=scenario.field_test and list(scenario.field_test[1]),
@@ -351,15 +317,13 @@ def write_archive(
     return target
 
 
-def _config(folder: str, scenario: Scenario, made: Simulated, output: str) -> dict[str, object]:
+def _config(folder: str, scenario: Scenario, names: list[str], output: str) -> dict[str, object]:
     config: dict[str, object] = {
         "reports": {"files": f"{folder}/reports/*.csv"},
-        "references": {
-            name: {"files": f"{folder}/{name}/*.{EDITIONS[name][1]}"} for name in made.references
-        },
+        "references": {name: {"files": f"{folder}/{name}/*.{EDITIONS[name][1]}"} for name in names},
     }
-    if len(made.references) > 1:
-        config["pool"] = {"+".join(made.references): list(made.references)}
+    if len(names) > 1:
+        config["pool"] = {"+".join(names): names}
     if scenario.interval_hours > 1:
         config["collocation"] = {"max_time_gap": f"{scenario.interval_hours} h"}
     if scenario.field_test is not None:

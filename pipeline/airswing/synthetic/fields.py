@@ -4,8 +4,8 @@ Assumes a tangent Lambert cone on a sphere (6367470 m in GRIB1, 6371229 m in GRI
 WRF files of 2009), regular times and isobaric levels of whole hPa. Winds are kept as they are
 written: along the grid or the earth, rounded to the packing's decimal. Sampling is bilinear on the
 grid, linear in ln p and in time, without extrapolation; winds are rotated to true east and north at
-the points. GRIB1 is RUC-like (NCEP, simple packing), GRIB2 RTFDAA-like (simple or other packing);
-a message holds one component on one level, rows from the south-west corner.
+the points. GRIB1 is RUC-like (NCEP, simple packing), GRIB2 RTFDAA-like; all
+have simple packing; a message holds one component on one level, rows from the south-west corner.
 
 Units: degrees and m for grids, hPa, hours since the start of the archive, m/s.
 """
@@ -28,8 +28,6 @@ GRIB1_RADIUS = 6367470.0
 GRIB2_RADIUS = 6371229.0
 """Earth radius of GRIB2, m (WMO code table 3.2, value 6)."""
 _DECIMALS = 1  # of m/s that are kept
-# Bits of packings that take no number of decimals: steps of 0.03 to 0.1 m/s for winds.
-_FIXED_BITS = {"grid_complex_spatial_differencing": 10, "grid_complex": 10, "grid_ccsds": 10}
 
 
 @dataclass(frozen=True)
@@ -149,7 +147,6 @@ def build_references(
     grid: LambertGrid,
     *,
     names: tuple[str, ...],
-    grid_relative: dict[str, bool],
     levels: Array,
     hours: Array,
     changes: dict[str, ReferenceChange] | None = None,
@@ -158,8 +155,6 @@ def build_references(
 
     Parameters
     ----------
-    grid_relative : dict
-        By name, whether components are along the grid.
     levels : array, shape (L,)
         hPa.
     hours : array, shape (T,)
@@ -187,10 +182,8 @@ def build_references(
                 acts &= levels > change.below_hpa
             factor = np.where(acts, 1.0 + change.speed_percent / 100.0, 1.0).astype(np.float32)
             wind = wind * factor[:, None, None]
-        flag = grid_relative[name]
-        if abs(change.unrotated) == 1.0:
-            flag = change.unrotated < 0
-        turn = (1.0 if flag else 0.0) + change.unrotated
+        flag = change.unrotated != 1.0
+        turn = float(flag) + change.unrotated
         if turn != 0.0:
             # To axes turned by the angle: the inverse of eastward = cos u + sin v.
             cosine = np.cos(turn * angle).astype(np.float32)
@@ -294,97 +287,43 @@ def _corners(wind: Fields, lows: list[NDArray[np.int64]]) -> Array:
     return found
 
 
-class MessageWriter:
-    """Writes GRIB messages of one grid from templates, one a component.
+def _template(grid: LambertGrid, *, edition: int, grid_relative: bool, component: int) -> int:
+    """EcCodes handle of a message on a grid, of u (component 0) or v (1)."""
+    import eccodes
 
-    Parameters
-    ----------
-    edition : int
-        1 or 2.
-    grid_relative : bool
-        Flag: components are along the grid.
-    packing : str
-        ecCodes' packing type, such as ``grid_simple`` or ``grid_ccsds``.
-    """
-
-    def __init__(
-        self, grid: LambertGrid, *, edition: int, grid_relative: bool, packing: str = "grid_simple"
-    ) -> None:
-        import eccodes
-
-        self._templates = []
-        self._bits = _FIXED_BITS.get(packing)
-        for component in (0, 1):
-            keys: dict[str, float | int | str] = {"centre": 7}  # NCEP
-            if edition == 1:
-                keys["generatingProcessIdentifier"] = 105
-            keys |= {
-                "gridType": "lambert",
-                "Nx": grid.columns,
-                "Ny": grid.rows,
-                "latitudeOfFirstGridPointInDegrees": grid.first_latitude,
-                "longitudeOfFirstGridPointInDegrees": grid.first_longitude % 360.0,
-                "LoVInDegrees": grid.orientation % 360.0,
-                "DxInMetres": int(grid.spacing),
-                "DyInMetres": int(grid.spacing),
-                "Latin1InDegrees": grid.standard_parallel,
-                "Latin2InDegrees": grid.standard_parallel,
-                "latitudeOfSouthernPoleInDegrees": -90.0,
-                "longitudeOfSouthernPoleInDegrees": 0.0,
-                "projectionCentreFlag": 0,
-                "iScansNegatively": 0,
-                "jScansPositively": 1,
-                "jPointsAreConsecutive": 0,
-            }
-            if edition == 2:
-                keys |= {"shapeOfTheEarth": 6, "LaDInDegrees": grid.standard_parallel}
-            keys |= {"uvRelativeToGrid": int(grid_relative), "typeOfLevel": "isobaricInhPa"}
-            if edition == 1:
-                keys |= {"table2Version": 2, "indicatorOfParameter": 33 + component}
-            else:
-                keys |= {"discipline": 0, "parameterCategory": 2}
-                keys["parameterNumber"] = 2 + component
-            if self._bits is None:
-                keys |= {"bitsPerValue": 0, "decimalPrecision": _DECIMALS}
-            handle = eccodes.codes_grib_new_from_samples(f"GRIB{edition}")
-            for key, value in keys.items():
-                eccodes.codes_set(handle, key, value)
-            if packing != "grid_simple":
-                eccodes.codes_set_values(handle, np.arange(grid.rows * grid.columns, dtype=float))
-                eccodes.codes_set(handle, "packingType", packing)
-            self._templates.append(handle)
-
-    def message(
-        self, values: Fields, *, component: int, level: float, base: datetime, lead: int
-    ) -> bytes:
-        """Encode one message: u (component 0) or v (1) in m/s (rows, columns) on a level in hPa.
-
-        ``base`` is the start of the forecast (UTC), ``lead`` its length in hours.
-        """
-        import eccodes
-
-        handle = self._templates[component]
-        keys = {
-            "dataDate": base.year * 10000 + base.month * 100 + base.day,
-            "dataTime": base.hour * 100 + base.minute,
-            "endStep": lead,
-            "level": int(level),
-        }
-        # Encoding lowers the bits of the handle it leaves behind.
-        keys |= (
-            {"decimalPrecision": _DECIMALS} if self._bits is None else {"bitsPerValue": self._bits}
-        )
-        for key, value in keys.items():
-            eccodes.codes_set(handle, key, value)
-        eccodes.codes_set_values(handle, values.astype(np.float64).ravel())
-        return bytes(eccodes.codes_get_message(handle))
-
-    def close(self) -> None:
-        """Release the templates."""
-        import eccodes
-
-        for handle in self._templates:
-            eccodes.codes_release(handle)
+    keys: dict[str, float | int | str] = {"centre": 7}  # NCEP
+    if edition == 1:
+        keys["generatingProcessIdentifier"] = 105
+    keys |= {
+        "gridType": "lambert",
+        "Nx": grid.columns,
+        "Ny": grid.rows,
+        "latitudeOfFirstGridPointInDegrees": grid.first_latitude,
+        "longitudeOfFirstGridPointInDegrees": grid.first_longitude % 360.0,
+        "LoVInDegrees": grid.orientation % 360.0,
+        "DxInMetres": int(grid.spacing),
+        "DyInMetres": int(grid.spacing),
+        "Latin1InDegrees": grid.standard_parallel,
+        "Latin2InDegrees": grid.standard_parallel,
+        "latitudeOfSouthernPoleInDegrees": -90.0,
+        "longitudeOfSouthernPoleInDegrees": 0.0,
+        "projectionCentreFlag": 0,
+        "iScansNegatively": 0,
+        "jScansPositively": 1,
+        "jPointsAreConsecutive": 0,
+    }
+    if edition == 2:
+        keys |= {"shapeOfTheEarth": 6, "LaDInDegrees": grid.standard_parallel}
+    keys |= {"uvRelativeToGrid": int(grid_relative), "typeOfLevel": "isobaricInhPa"}
+    if edition == 1:
+        keys |= {"table2Version": 2, "indicatorOfParameter": 33 + component}
+    else:
+        keys |= {"discipline": 0, "parameterCategory": 2, "parameterNumber": 2 + component}
+    keys |= {"bitsPerValue": 0, "decimalPrecision": _DECIMALS}
+    handle: int = eccodes.codes_grib_new_from_samples(f"GRIB{edition}")
+    for key, value in keys.items():
+        eccodes.codes_set(handle, key, value)
+    return handle
 
 
 def write_reference(
@@ -394,7 +333,6 @@ def write_reference(
     start: datetime,
     edition: int,
     lead_hours: int,
-    packing: str = "grid_simple",
     times_per_file: int = 1,
 ) -> list[Path]:
     """Write the fields of one model as GRIB files.
@@ -409,8 +347,6 @@ def write_reference(
         1 or 2.
     lead_hours : int
         Length of every forecast.
-    packing : str
-        ecCodes' packing type.
     times_per_file : int
         Valid times in one file.
 
@@ -419,31 +355,38 @@ def write_reference(
     list of Path
         In order of time.
     """
+    import eccodes
+
     directory.mkdir(parents=True, exist_ok=True)
-    writer = MessageWriter(
-        stored.grid, edition=edition, grid_relative=stored.grid_relative, packing=packing
-    )
+    flag = stored.grid_relative
+    templates = [
+        _template(stored.grid, edition=edition, grid_relative=flag, component=component)
+        for component in (0, 1)
+    ]
     bases = [start + timedelta(hours=float(hour) - lead_hours) for hour in stored.hours]
-    files = []
+    files: list[Path] = []
     try:
-        for first in range(0, stored.hours.size, times_per_file):
-            stem = f"{stored.name}_{bases[first]:%Y%m%d%H}_f{lead_hours:02d}"
-            path = directory / f"{stem}.{'grb' if edition == 1 else 'grb2'}"
-            with path.open("wb") as sink:
-                for step in range(first, min(first + times_per_file, stored.hours.size)):
-                    for index, level in enumerate(stored.levels):
-                        for component in (0, 1):
-                            values = stored.wind[step, component, index]
-                            sink.write(
-                                writer.message(
-                                    values,
-                                    component=component,
-                                    level=float(level),
-                                    base=bases[step],
-                                    lead=lead_hours,
-                                )
-                            )
-            files.append(path)
+        for step, base in enumerate(bases):
+            if step % times_per_file == 0:
+                stem = f"{stored.name}_{base:%Y%m%d%H}_f{lead_hours:02d}"
+                files.append(directory / f"{stem}.{'grb' if edition == 1 else 'grb2'}")
+                files[-1].unlink(missing_ok=True)
+            with files[-1].open("ab") as sink:
+                for index, component in np.ndindex(stored.levels.size, 2):
+                    handle = templates[component]
+                    keys = {
+                        "dataDate": base.year * 10000 + base.month * 100 + base.day,
+                        "dataTime": base.hour * 100 + base.minute,
+                        "endStep": lead_hours,
+                        "level": int(stored.levels[index]),
+                        "decimalPrecision": _DECIMALS,  # encoding changes that of the handle
+                    }
+                    for key, value in keys.items():
+                        eccodes.codes_set(handle, key, value)
+                    values = stored.wind[step, component, index].astype(np.float64)
+                    eccodes.codes_set_values(handle, values.ravel())
+                    sink.write(eccodes.codes_get_message(handle))
     finally:
-        writer.close()
+        for handle in templates:
+            eccodes.codes_release(handle)
     return files

@@ -42,29 +42,19 @@ _MAX_BANK = np.radians(14.0)
 _CLIMB, _DESCENT = 6.0, 6.5  # m/s: 1,200 and 1,300 feet a minute
 
 
-def _places(text: str) -> Places:
-    """Code to latitude and longitude, degrees."""
-    rows = (row.split() for row in text.split(","))
-    return {code: (float(latitude), float(longitude)) for code, latitude, longitude in rows}
-
-
-_GREAT_LAKES = _places(
+_AIRPORTS = (
     "MSP 44.88 -93.22, DTW 42.21 -83.35, ORD 41.98 -87.90, MKE 42.95 -87.90, "
     "CLE 41.41 -81.85, IND 39.72 -86.29, CVG 39.05 -84.66, DSM 41.53 -93.66, "
     "DLH 46.84 -92.19, MQT 46.35 -87.40, TVC 44.74 -85.58, GRB 44.48 -88.13, "
     "CWA 44.78 -89.67, MLI 41.45 -90.51, SBN 41.71 -86.32, CMH 40.00 -82.89, "
     "LAN 42.78 -84.59, RST 43.91 -92.50, CIU 46.25 -84.47, PIA 40.66 -89.69, "
     "INL 48.57 -93.40, STL 38.75 -90.37, APN 45.08 -83.56, BUF 42.94 -78.73, "
-    "PIT 40.49 -80.23, HIB 47.39 -92.84, EAU 44.87 -91.48 "
+    "PIT 40.49 -80.23, HIB 47.39 -92.84, EAU 44.87 -91.48"
 )
-_CONTINENTAL = _places(
-    "ATL 33.64 -84.43, DEN 39.86 -104.67, DFW 32.90 -97.04, SEA 47.45 -122.31, "
-    "LAX 33.94 -118.41, BOS 42.36 -71.01, JFK 40.64 -73.78, MIA 25.79 -80.29, "
-    "SLC 40.79 -111.98, PHX 33.43 -112.01, IAH 29.98 -95.34, MSP 44.88 -93.22, "
-    "ORD 41.98 -87.90, MEM 35.04 -89.98, BIL 45.81 -108.54, MCI 39.30 -94.71, "
-    "RDU 35.88 -78.79, BNA 36.12 -86.68, ABQ 35.04 -106.61, OKC 35.39 -97.60, "
-    "TPA 27.98 -82.53 "
-)
+_GREAT_LAKES: Places = {
+    code: (float(latitude), float(longitude))
+    for code, latitude, longitude in (row.split() for row in _AIRPORTS.split(","))
+}
 _LOWER_LAKES = "DTW ORD MKE CLE IND CVG TVC GRB CWA MLI SBN CMH LAN PIA APN"
 
 
@@ -87,9 +77,6 @@ NETWORKS = {
         ("DTW", "ORD", "MKE"),
         (230, 620),
         (42.3, -86.2),
-    ),
-    "continental": Network(
-        _CONTINENTAL, ("ATL", "DEN", "DFW", "ORD", "SLC", "MEM"), (500, 1900), (38.5, -96.5)
     ),
 }
 

@@ -15,7 +15,6 @@ Units: SI and radians; kt and degrees where a name says so.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -119,43 +118,35 @@ def report_variables(
     }
 
 
-@dataclass(frozen=True)
-class _Place:
-    """A variable as a fraction of its turn or range, and its distance to where the part is."""
-
-    value: Array
-    distance: Array  # signed; the short way round where the variable is cyclic
-    cyclic: bool
+Place = tuple[Array, Array, bool]
+"""A variable as a fraction of its turn or range, its signed distance to where the part is (the
+short way round where it is cyclic), and whether it is cyclic."""
 
 
-def _place(values: Array, name: str, at: float) -> _Place:
+def _place(values: Array, name: str, at: float) -> Place:
     """Variable in [0, 1], and ``at``, a fraction of the turn or a quantile, on it."""
     if name in CYCLIC:
         value = np.mod(values / CYCLIC[name], 1.0)
-        return _Place(value, np.mod(value - at + 0.5, 1.0) - 0.5, True)
+        return value, np.mod(value - at + 0.5, 1.0) - 0.5, True
     # The outermost reports would stretch the scale of places and widths.
     low, middle, high = np.quantile(values, [0.02, at, 0.98])
     width = max(high - low, 1e-12)
     clipped = np.clip((values - low) / width, 0.0, 1.0)
-    return _Place(clipped, clipped - float(np.clip((middle - low) / width, 0.0, 1.0)), False)
+    return clipped, clipped - float(np.clip((middle - low) / width, 0.0, 1.0)), False
 
 
-def _linear(place: _Place, width: float) -> Array:
-    if place.cyclic:
-        return np.asarray(np.sin(2 * np.pi * place.distance))
-    return 2.0 * (place.value - 0.5)
-
-
-_FORMS: dict[str, Callable[[_Place, float], Array]] = {
+_FORMS: dict[str, Callable[[Array, Array, bool, float], Array]] = {
     # 1 beyond the place; half a turn of a cyclic variable
-    "step": lambda place, width: np.asarray(place.distance > 0.0, np.float64),
-    "sector": lambda place, width: np.asarray(np.abs(place.distance) < width, np.float64),
-    "hinge": lambda place, width: np.maximum(place.distance, 0.0) * (2.0 if place.cyclic else 1.0),
-    "bump": lambda place, width: np.asarray(np.exp(-0.5 * (place.distance / width) ** 2)),
+    "step": lambda value, away, cyclic, width: np.asarray(away > 0.0, np.float64),
+    "sector": lambda value, away, cyclic, width: np.asarray(np.abs(away) < width, np.float64),
+    "hinge": lambda value, away, cyclic, width: np.maximum(away, 0.0) * (2.0 if cyclic else 1.0),
+    "bump": lambda value, away, cyclic, width: np.asarray(np.exp(-0.5 * (away / width) ** 2)),
     # a ramp from -1 to 1 that starts again every width
-    "saw": lambda place, width: np.asarray(2.0 * np.mod(place.distance / width, 1.0) - 1.0),
+    "saw": lambda value, away, cyclic, width: 2.0 * np.mod(away / width, 1.0) - 1.0,
     # one wave of a turn, or a ramp over the range
-    "linear": _linear,
+    "linear": lambda value, away, cyclic, width: (
+        np.asarray(np.sin(2 * np.pi * away)) if cyclic else 2.0 * (value - 0.5)
+    ),
 }
 
 
@@ -181,7 +172,7 @@ def part_values(part: Value, variables: Variables) -> Array:
     if part["shape"] not in _FORMS:
         raise ValueError(f"no shape {part['shape']}")
     place = _place(values, name, number(part["at"]))
-    return _FORMS[str(part["shape"])](place, number(part.get("width", 0.1)))
+    return _FORMS[str(part["shape"])](*place, number(part.get("width", 0.1)))
 
 
 def parts_of(parameters: Value) -> Sequence[Value]:
@@ -217,21 +208,10 @@ def component_axes(
     return (north, -east) if component in across else (east, north)
 
 
-def outside_change(
+def _mean_effect(
     parameters: Value, u: Array, v: Array, variables: Variables, chosen: Mask
-) -> Array:
-    """Change (n, 2), m/s, that an effect makes to the wind a unit computed.
-
-    Parameters
-    ----------
-    parameters : mapping
-        ``component`` (of `COMPONENTS`), ``parts`` (see `part_values`), ``size_m_s`` (root mean
-        square of the change where the effect acts), ``sign`` (1 or -1).
-    u, v : array, shape (n,)
-        Wind as computed, m/s.
-    chosen : array of bool, shape (n,)
-        Reports of its aircraft and period.
-    """
+) -> Winds:
+    """Wind changed by an effect on the mean."""
     component = str(parameters["component"])
     if component not in COMPONENTS:
         raise ValueError(f"no component {component}")
@@ -240,95 +220,50 @@ def outside_change(
     lever = np.hypot(u, v) if component in ("speed", "direction") else np.ones_like(u)
     size = float(np.sqrt(np.mean((shape * lever)[here] ** 2))) if here.any() else 0.0
     if size <= 0.0:
-        return np.zeros((u.size, 2))
+        return u, v
     amount = number(parameters["sign"]) * number(parameters["size_m_s"]) / size * shape
     if component == "speed":
         factor = np.maximum(1.0 + amount, 0.0)
-        new = u * factor, v * factor
-    elif component == "direction":
+        return u * factor, v * factor
+    if component == "direction":
         sine, cosine = np.sin(amount), np.cos(amount)
-        new = cosine * u + sine * v, cosine * v - sine * u
-    else:
-        across = ("across_heading", "across_wind")
-        east, north = component_axes(component, u, v, variables["heading"], across=across)
-        new = u + amount * east, v + amount * north
-    return np.stack([new[0] - u, new[1] - v], axis=-1)
+        return cosine * u + sine * v, cosine * v - sine * u
+    across = ("across_heading", "across_wind")
+    east, north = component_axes(component, u, v, variables["heading"], across=across)
+    return u + amount * east, v + amount * north
 
 
-def _with_speed(u: Array, v: Array, changed: Callable[[Array], Array]) -> Winds:
-    speed = np.hypot(u, v)
-    factor = changed(speed) / np.maximum(speed, 1e-9)
-    return u * factor, v * factor
+SCATTER = ("floor", "ceiling", "hole", "lattice", "jitter", "gross")
+"""Effects of scatter: least and largest speed, speeds that are never sent, weak winds in a few
+directions only, noise, and winds of any direction in place of a fraction of the reports."""
 
 
-def _floor(u: Array, v: Array, value: Value, rng: np.random.Generator) -> Winds:
-    return _with_speed(u, v, lambda speed: np.maximum(speed, number(value["limit_kt"]) * KNOT))
-
-
-def _ceiling(u: Array, v: Array, value: Value, rng: np.random.Generator) -> Winds:
-    return _with_speed(u, v, lambda speed: np.minimum(speed, number(value["limit_kt"]) * KNOT))
-
-
-def _hole(u: Array, v: Array, value: Value, rng: np.random.Generator) -> Winds:
-    """The nearer edge of an interval of speeds that is never sent."""
-    low, high = (number(edge) * KNOT for edge in listed(value["between_kt"]))
-
-    def edges(speed: Array) -> Array:
+def _scattered(value: Value, u: Array, v: Array, rng: np.random.Generator) -> Winds:
+    """Wind that an effect of scatter sends where it acts."""
+    kind, speed = str(value["kind"]), np.hypot(u, v)
+    if kind == "jitter":
+        noise = rng.normal(0.0, number(value["size_m_s"]) / np.sqrt(2.0), (2, u.size))
+        return u + noise[0], v + noise[1]
+    if kind == "gross":
+        hit = rng.uniform(size=u.size) < number(value["fraction"])
+        turn = rng.uniform(0.0, 2 * np.pi, u.size)
+        wild = (speed + 10.0) * np.sin(turn), (speed + 10.0) * np.cos(turn)
+        return np.where(hit, wild[0], u), np.where(hit, wild[1], v)
+    if kind == "lattice":
+        direction, step = np.arctan2(u, v), np.radians(number(value["direction_step_deg"]))
+        weak = speed < number(value["limit_kt"]) * KNOT
+        rounded = np.where(weak, np.round(direction / step) * step, direction)
+        return speed * np.sin(rounded), speed * np.cos(rounded)
+    if kind == "hole":
+        # The nearer edge of an interval of speeds.
+        low, high = (number(edge) * KNOT for edge in listed(value["between_kt"]))
         nearer = np.where(speed - low < high - speed, low, high)
-        return np.where((speed > low) & (speed < high), nearer, speed)
-
-    return _with_speed(u, v, edges)
-
-
-def _lattice(u: Array, v: Array, value: Value, rng: np.random.Generator) -> Winds:
-    """Weak winds in a few directions only."""
-    speed, direction = np.hypot(u, v), np.arctan2(u, v)
-    step = np.radians(number(value["direction_step_deg"]))
-    weak = speed < number(value["limit_kt"]) * KNOT
-    rounded = np.where(weak, np.round(direction / step) * step, direction)
-    return speed * np.sin(rounded), speed * np.cos(rounded)
-
-
-def _jitter(u: Array, v: Array, value: Value, rng: np.random.Generator) -> Winds:
-    noise = rng.normal(0.0, number(value["size_m_s"]) / np.sqrt(2.0), (2, u.size))
-    return u + noise[0], v + noise[1]
-
-
-def _gross(u: Array, v: Array, value: Value, rng: np.random.Generator) -> Winds:
-    """A wind of any direction in place of a fraction of the reports."""
-    hit = rng.uniform(size=u.size) < number(value["fraction"])
-    turn = rng.uniform(0.0, 2 * np.pi, u.size)
-    speed = np.hypot(u, v) + 10.0
-    return np.where(hit, speed * np.sin(turn), u), np.where(hit, speed * np.cos(turn), v)
-
-
-SCATTER: dict[str, Callable[[Array, Array, Value, np.random.Generator], Winds]] = {
-    "floor": _floor,
-    "ceiling": _ceiling,
-    "hole": _hole,
-    "lattice": _lattice,
-    "jitter": _jitter,
-    "gross": _gross,
-}
-"""Effects of scatter: the wind they send where they act."""
-
-
-def scatter_change(
-    parameters: Value,
-    u: Array,
-    v: Array,
-    variables: Variables,
-    chosen: Mask,
-    rng: np.random.Generator,
-) -> Array:
-    """Change (n, 2), m/s, that an effect of scatter makes; arguments as `outside_change`.
-
-    ``parameters`` have ``kind`` (of `SCATTER`), its values, and ``parts`` where it acts on some
-    reports only.
-    """
-    here = where_it_acts(parameters, variables, chosen)
-    new = SCATTER[str(parameters["kind"])](u, v, parameters, rng)
-    return np.where(here[:, None], np.stack([new[0] - u, new[1] - v], axis=-1), 0.0)
+        changed = np.where((speed > low) & (speed < high), nearer, speed)
+    else:
+        limit = number(value["limit_kt"]) * KNOT
+        changed = np.maximum(speed, limit) if kind == "floor" else np.minimum(speed, limit)
+    factor = changed / np.maximum(speed, 1e-9)
+    return u * factor, v * factor
 
 
 def effect_change(
@@ -339,7 +274,25 @@ def effect_change(
     chosen: Mask,
     rng: np.random.Generator,
 ) -> Array:
-    """Change (n, 2), m/s, of an effect on the mean or of scatter."""
-    if "kind" in parameters:
-        return scatter_change(parameters, u, v, variables, chosen, rng)
-    return outside_change(parameters, u, v, variables, chosen)
+    """Change (n, 2), m/s, that an effect makes to the wind a unit computed.
+
+    Parameters
+    ----------
+    parameters : mapping
+        Of an effect on the mean ``component`` (of `COMPONENTS`), ``parts`` (see `part_values`),
+        ``size_m_s`` (root mean square of the change where the effect acts), ``sign`` (1 or -1); of
+        an effect of scatter ``kind`` (of `SCATTER`), its values, and ``parts`` where it acts on
+        some reports only.
+    u, v : array, shape (n,)
+        Wind as computed, m/s.
+    chosen : array of bool, shape (n,)
+        Reports of its aircraft and period.
+    rng : Generator
+        Of an effect of scatter.
+    """
+    if "kind" not in parameters:
+        new = _mean_effect(parameters, u, v, variables, chosen)
+        return np.stack([new[0] - u, new[1] - v], axis=-1)
+    new = _scattered(parameters, u, v, rng)
+    here = where_it_acts(parameters, variables, chosen)
+    return np.where(here[:, None], np.stack([new[0] - u, new[1] - v], axis=-1), 0.0)

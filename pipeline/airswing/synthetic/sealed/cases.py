@@ -375,7 +375,7 @@ def _part(rng: np.random.Generator, variable: str, shape: str) -> dict[str, obje
 
 def _scatter(rng: np.random.Generator, size: float) -> dict[str, object]:
     """An effect that changes no mean."""
-    kind = str(rng.choice(list(SCATTER)))
+    kind = str(rng.choice(SCATTER))
     values: dict[str, object] = {"kind": kind, "shape": "scatter", "component": "scatter"}
     values["parts"] = []
     if kind == "floor":

@@ -24,6 +24,7 @@ from collections.abc import Sequence
 from dataclasses import astuple, dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -31,7 +32,6 @@ import yaml
 
 from airswing.synthetic.archive import (
     EDITIONS,
-    Options,
     Scenario,
     add_winds,
     simulate,
@@ -55,9 +55,9 @@ _CALIBRATION_DAYS = 5  # a strength is a mean over flights: a few days give it
 _ACROSS = ("across_heading", "heading_angle", "cross", "scatter")
 # Rounding is no part of the strength of an effect.
 _EXACT = Coding(direction_deg=0.001, speed_kt=0.001, position_arcmin=0.001)
-_COARSE: Options = {"columns": 32, "rows": 25, "spacing_km": 57.0, "interval_hours": 2}
+_COARSE: dict[str, Any] = {"columns": 32, "rows": 25, "spacing_km": 57.0, "interval_hours": 2}
 # Fields that cost next to nothing, where only the reports are wanted.
-_NO_FIELDS: Options = {
+_NO_FIELDS: dict[str, Any] = {
     "columns": 3,
     "rows": 3,
     "spacing_km": 600.0,
@@ -65,7 +65,7 @@ _NO_FIELDS: Options = {
     "interval_hours": 6,
 }
 # Fields good enough to measure a strength.
-_THIN_FIELDS: Options = {
+_THIN_FIELDS: dict[str, Any] = {
     "columns": 16,
     "rows": 12,
     "spacing_km": 120.0,
@@ -74,11 +74,10 @@ _THIN_FIELDS: Options = {
 }
 
 
-def generator_options(world: World) -> Options:
+def generator_options(world: World) -> dict[str, Any]:
     """Options of `simulate_arrays` and `write_archive` for a world."""
-    fields: Options = _COARSE if world.coarse else {}
     return {
-        **fields,
+        **(_COARSE if world.coarse else {}),
         "days": world.days,
         "aircraft": world.aircraft,
         "seed": world.seed,
@@ -141,7 +140,7 @@ def _calibration(short: World) -> pd.DataFrame:
 
 
 def _calibrating(short: World, effects: Effects) -> pd.DataFrame:
-    options: Options = {**generator_options(short), **_THIN_FIELDS, "coding": _EXACT}
+    options: dict[str, Any] = {**generator_options(short), **_THIN_FIELDS, "coding": _EXACT}
     return simulate_arrays(effects=effects, derivatives=False, **options)
 
 
@@ -156,7 +155,7 @@ def _always(effect: Injected) -> Injected:
 @functools.lru_cache(maxsize=2)
 def _fields(world: World, on_models: str) -> dict[str, GriddedReference]:
     """Gridded models of a world under some effects on them (JSON)."""
-    return simulate(Scenario(effects=json.loads(on_models), **generator_options(world))).references
+    return simulate(Scenario(effects=json.loads(on_models), **generator_options(world)))[1]
 
 
 def _on_models(effects: Effects) -> str:
@@ -168,7 +167,11 @@ def simulated(world: World, effects: Effects, *, coding: Coding | None = None) -
 
     As `airswing.synthetic.simulate_arrays`, with fields built once for all cases of a world.
     """
-    options: Options = {**generator_options(world), **_NO_FIELDS, "coding": coding or Coding()}
+    options: dict[str, Any] = {
+        **generator_options(world),
+        **_NO_FIELDS,
+        "coding": coding or Coding(),
+    }
     frame = simulate_arrays(effects=effects, derivatives=False, **options)
     add_winds(frame, _fields(world, _on_models(effects)))
     return frame
