@@ -276,3 +276,52 @@ def test_urls_are_read_through_fsspec(tmp_path: Path) -> None:
 def test_zarr_at_a_url() -> None:
     base().to_zarr("memory://store.zarr", mode="w")
     np.testing.assert_allclose(found("memory://store.zarr"), EXPECTED, atol=2e-3)
+
+
+# WRF
+
+LOW = np.array([60000.0, 52000.0, 81000.0])
+
+
+def wrf_winds(ds: xr.Dataset, folder: Path) -> np.ndarray:
+    path = folder / f"{len(list(folder.iterdir()))}.nc"  # the one before is still open
+    ds.to_netcdf(path)
+    model = build_catalogue(str(path), name="wrf")
+    names = ("XLAT", "XLONG") if "XLAT" in ds else ("XLAT_M", "XLONG_M")
+    lat, lon = (ds[n].values[0, [20, 25, 28], [18, 24, 30]] + 0.02 for n in names)
+    reports = points(lat, lon, LOW)
+    reports["time"] = ("report", np.full(3, model.times[0]))
+    return np.array(winds(airswing.collocate(reports, {"wrf": model})))
+
+
+def test_files_of_wrf_in_several_layouts(real: Callable[[str], Path], tmp_path: Path) -> None:
+    whole = xr.open_dataset(
+        real("models/wrfpython_ci_test_file.nc"), decode_times=False, engine="netcdf4"
+    ).isel(Time=[0])
+    whole = whole[["Times", "XTIME", "U", "V", "P", "PB", "XLAT", "XLONG"]].load()
+    for name in whole.variables:
+        whole[name].encoding = {}
+    expected = wrf_winds(whole, tmp_path)
+    assert np.isfinite(expected).all()
+    start = str(whole.attrs["START_DATE"]).replace("_", " ")
+    minutes = whole.drop_vars("Times")
+    minutes["XTIME"].attrs["units"] = f"minutes since {start}"
+    np.testing.assert_array_equal(wrf_winds(minutes, tmp_path), expected)
+    # met_em: unequal names, a full pressure, the ground as the first level
+    pressure = (whole.P + whole.PB).rename("PRES")
+    met = whole.rename(U="UU", V="VV", XLAT="XLAT_M", XLONG="XLONG_M").drop_vars(["P", "PB"])
+    met = xr.concat(
+        [met.assign(PRES=pressure).isel(bottom_top=[k]) for k in [5, *range(14)]],
+        "bottom_top",
+        data_vars="minimal",
+    ).rename(bottom_top="num_metgrid_levels")
+    np.testing.assert_allclose(wrf_winds(met, tmp_path), expected, atol=1e-5)
+    # winds on pressure levels at mass points, linear in ln p
+    levels = np.array([20000.0, 50000.0, 90000.0], dtype="f4")
+    shape = (1, 3, whole.sizes["south_north"], whole.sizes["west_east"])
+    dims = ("Time", "num_press_levels_stag", "south_north", "west_east")
+    field = np.broadcast_to(np.log(levels)[None, :, None, None], shape)
+    plain = whole.drop_vars(["U", "V", "P", "PB"])
+    plain["U_PL"], plain["V_PL"] = (dims, field.copy()), (dims, -field)
+    plain["P_PL"] = (dims[:2], levels[None])
+    np.testing.assert_allclose(wrf_winds(plain, tmp_path), [np.log(LOW), -np.log(LOW)], atol=1e-4)
