@@ -257,6 +257,7 @@ def _linearised(
     residual = corrected.residual.copy()
     residual[:, 0] += -context.airspeed * turn * cosine - faster * sine
     residual[:, 1] += context.airspeed * turn * sine - faster * cosine
+    fitted.model.sums.release()
     again = prepared(
         corrected,
         effects,

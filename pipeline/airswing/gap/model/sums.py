@@ -32,7 +32,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 #: Columns for which memory is set aside beyond those of the first call (tables of two variables).
-SPARE = 600
+SPARE = 400
 #: Variance of the day fields that expectation maximisation starts from, m2 s-2, and its steps.
 START, STEPS = 0.5, 30
 
@@ -119,7 +119,8 @@ class Sums:
         # columns of groups that were forgotten are overwritten
         first = min([self.width, *(where.start for where, _ in pending)])
         self._grams = {key: made for key, made in self._grams.items() if key[1] <= first}
-        for where, columns in pending:
+        while pending:
+            where, columns = pending.pop(0)
             if where.stop > self.rows.shape[1]:
                 raise MemoryError("no memory was set aside for further columns")
             self.rows[:, where] = self._sorted(columns)
@@ -127,6 +128,12 @@ class Sums:
         new = slice(first, self.width)
         for a, d, own in self.cells:
             self.shared[a, d, :, new] = self.root32[d] @ (self.fields[own].T @ self.rows[own, new])
+
+    def release(self) -> None:
+        """Free the memory of the rows; only what was fitted can be used from then on."""
+        self.rows = np.empty((0, 0), np.float32)
+        self.shared = np.empty((0, 0, 0, 0), np.float32)
+        self._grams, self._own = {}, {}
 
     def _fit_fields(self) -> None:
         """Variances of the day fields by expectation maximisation, and roots of M_d."""
