@@ -1,8 +1,8 @@
-"""Registry of further kinds of model files, in addition to GRIB, NetCDF, wrfout and Zarr.
+"""Further kinds of model files beside GRIB, NetCDF, WRF and Zarr.
 
-Assumes that a kind is recognised by the first bytes or the path of a file, and that its winds form
-a Dataset with CF attributes. A new kind is one new file in ``reference/gridded/formats`` that calls
-`register`; the engine names, `auto`, the messages and `inspect` then include it.
+A kind is recognised by a file's path or first bytes, and its winds are opened as a Dataset with CF
+attributes (or the configuration names what is missing). A new kind is one new file in
+``reference/gridded/formats`` that calls `register`; engines, messages and `inspect` then have it.
 """
 
 from __future__ import annotations

@@ -1,13 +1,13 @@
-"""The fleet's own wind: a field laid through the winds of all aircraft, as a reference for each.
+"""A wind field fitted to the winds of all aircraft of a fleet, as a reference for each of them.
 
 Assumptions
 -----------
-Each component of the wind is multilinear between nodes in latitude, longitude, ln p and time, bent
-no more than the reports ask for (second differences are penalised); an aircraft's own offset of
-heading and error of airspeed are unknowns beside the field, so that none draws the field to itself:
-what aircraft on other headings say of the same air tells an offset from the wind. An offset that
-all share is told by headings spread over the compass alone. Robust weights (Huber). Valid for hours
-to a day and some hundred kilometres, where no model is at hand; a model is better elsewhere.
+Each component of the wind is multilinear between nodes in latitude, longitude, ln p and time, with
+penalised second differences. A heading offset and an airspeed scale of each aircraft are unknowns
+of the same fit, so that no aircraft draws the field to itself: winds reported on other headings in
+the same air separate an offset from the wind. An offset common to all aircraft is determined only
+if headings cover the compass. Robust weights (Huber). Valid for hours to a day and some hundred
+kilometres where no model is available; a model is better elsewhere.
 
 SI units; degrees for places.
 
@@ -36,19 +36,19 @@ Floats = NDArray[np.float64]
 STEPS = (0.7, 1.1, 0.15, 1800.0)  # Node distances: degrees of latitude and longitude, ln p, s
 # Of one fit: the equations of all nodes and aircraft are solved together.
 MOST_NODES, MOST_REPORTS = 2500, 100_000
-BEND = 6.0  # Weight of a bend: m/s of wind error that a second difference of 1 m/s stands for
-# What is expected of an aircraft: offset of its compass in radians, scale of its airspeed.
+BEND = 6.0  # weight of a second difference of 1 m/s, as m/s of wind error
+# Prior standard deviations: heading offset in radians, airspeed scale.
 OFFSET_SPREAD, SCALE_SPREAD = np.radians(2.0), 0.01
-NOISE = 4.0  # m/s: a report's error about the field, gusts and all
-# Standard errors from which on a report weighs less, and how often that is judged again.
+NOISE = 4.0  # m/s, standard error of a report about the field, with gusts
+# Standard errors beyond which a report has less weight, and number of iterations.
 HUBER, ROUNDS = 1.5, 4
-# Of fewer, an aircraft's own compass is much of the wind it is then judged by.
+# with fewer aircraft the compass of one determines much of the field it is compared with
 FEWEST_AIRCRAFT = 5
 
 
 @dataclass(frozen=True)
 class _Winds:
-    """Winds of the fleet; `across`, `along`: what an offset and an airspeed scale do to them."""
+    """Winds of the fleet; `across`, `along`: their change by an offset and an airspeed scale."""
 
     place: Floats
     wind: Floats
@@ -58,7 +58,7 @@ class _Winds:
 
 
 def fleet_wind(reports: xr.Dataset | Iterable[xr.Dataset]) -> xr.Dataset:
-    """Lay a wind field through the winds of a fleet.
+    """Fit a wind field to the winds of a fleet.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def _gathered(blocks: Iterable[xr.Dataset]) -> _Winds:
             remedy=f"{FEWEST_AIRCRAFT} or more are needed, or a model",
         )
     sine, cosine = np.sin(np.radians(heading)), np.cos(np.radians(heading))
-    # wind = ground vector - air vector: turning or stretching that vector moves it so
+    # wind = ground vector - air vector: its change if the air vector is turned or stretched
     across = np.stack([-airspeed * cosine, airspeed * sine])
     along = np.stack([-airspeed * sine, -airspeed * cosine])
     return _Winds(place, wind, across, along, number)
@@ -158,16 +158,16 @@ def _nodes(place: Floats) -> list[Floats]:
     while True:
         counts = np.maximum(np.ceil((high - low) / spread).astype(int) + 1, 2)
         if np.prod(counts) <= MOST_NODES:
-            # the farthest reports lie within the outer nodes, not on them
-            room = np.maximum(1e-6 * np.abs(high), 1e-3)
-            ends = zip(low - room, high + room, counts, strict=True)
+            # the outermost reports lie between nodes, not on them
+            margin = np.maximum(1e-6 * np.abs(high), 1e-3)
+            ends = zip(low - margin, high + margin, counts, strict=True)
             return [np.linspace(start, stop, count) for start, stop, count in ends]
         # coarser little by little until the nodes are few enough
         spread = spread * 1.15
 
 
 def _field(data: _Winds, axes: list[Floats]) -> Floats:
-    """Both components at the nodes, shape (2, nodes); offsets and scales beside them."""
+    """Both components at the nodes, shape (2, nodes)."""
     basis = _basis(data.place, axes)
     nodes, owners = basis.shape[1], int(data.aircraft.max()) + 1
     rows = np.arange(data.aircraft.size)
@@ -185,14 +185,14 @@ def _field(data: _Winds, axes: list[Floats]) -> Floats:
     prior = sparse.block_diag([smooth, smooth, sparse.diags(spread)], format="csr")
     middle = np.median(data.wind, axis=1)
     right = (data.wind - middle[:, np.newaxis]).ravel()
-    # an aircraft heard often counts no more than its share: its errors are not independent
-    heard = np.bincount(data.aircraft)[data.aircraft]
-    plain = np.tile(1.0 / np.sqrt(heard / np.median(heard)), 2)
+    # an aircraft with many reports counts no more than its share: its errors are not independent
+    reports = np.bincount(data.aircraft)[data.aircraft]
+    plain = np.tile(1.0 / np.sqrt(reports / np.median(reports)), 2)
     weight, found = plain, np.zeros(design.shape[1])
     for _ in range(ROUNDS):
         normal = (design.T @ sparse.diags(weight) @ design + prior).tocsc()
         found = spsolve(normal, design.T @ (weight * right))
-        # Huber's weights by the median of what is left, which outliers do not move.
+        # Huber's weights by the median residual, which outliers do not change
         rest = np.abs(right - design @ found)
         # the median of a normal variable's size is 0.6745 of its standard deviation
         limit = HUBER * max(float(np.median(rest)) / 0.6745, 1e-6)
@@ -224,7 +224,7 @@ def _bends(sizes: list[int]) -> sparse.csr_matrix:
         if size > 2:
             own = sparse.diags([1.0, -2.0, 1.0], [0, 1, 2], shape=(size - 2, size))
         else:
-            # two nodes have no curvature: their difference is held instead, less firmly
+            # two nodes have no curvature: their difference is penalised, with less weight
             own = sparse.diags([-0.3, 0.3], [0, 1], shape=(size - 1, size))
         each = [own if k == j else sparse.identity(n) for j, n in enumerate(sizes)]
         parts.append(reduce(sparse.kron, each))
