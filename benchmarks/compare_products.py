@@ -71,6 +71,20 @@ def reports_of(folder: Path, product: str) -> xr.Dataset:
     return whole.isel(report=order)
 
 
+def matched(before: xr.Dataset, after: xr.Dataset) -> tuple[xr.Dataset, xr.Dataset]:
+    """The reports that both hold, by aircraft, time and position, in the same order."""
+    keys = [
+        pd.MultiIndex.from_arrays(
+            [ds["aircraft"].values, ds["time"].values, ds["latitude"].values.round(6)]
+        )
+        for ds in (before, after)
+    ]
+    both = keys[0].intersection(keys[1])
+    return before.isel(report=keys[0].get_indexer(both)), after.isel(
+        report=keys[1].get_indexer(both)
+    )
+
+
 def largest(before: xr.DataArray, after: xr.DataArray) -> float:
     """The largest absolute difference; infinite where one has a value and the other has none."""
     a, b = np.asarray(before.values, float), np.asarray(after.values, float)
@@ -98,18 +112,17 @@ def ratio(before: xr.DataArray, after: xr.DataArray) -> float:
 def of_reports(before: Path, after: Path) -> Iterator[Difference]:
     """Differences of headings and corrected winds."""
     a, b = reports_of(before, "headings"), reports_of(after, "headings")
-    yield Difference("reports", abs(a.sizes["report"] - b.sizes["report"]), 0)
-    if a.sizes["report"] != b.sizes["report"]:
-        return
+    alone = abs(a.sizes["report"] - b.sizes["report"])
+    yield Difference("reports", alone, 0, "in one of the two alone" if alone else "")
+    a, b = matched(a, b)
     b = b.sel(reference=a["reference"])
-    yield Difference("report times (s)", largest(*(d["time"].astype(float) for d in (a, b))), 0.0)
     for name in ("reference_eastward_wind", "reference_northward_wind"):
         yield Difference(name, largest(a[name], b[name]), WIND, missing(a[name], b[name]))
     wrapped = (b["heading_error"] - a["heading_error"] + 180.0) % 360.0 - 180.0
     yield Difference("heading_error", float(np.abs(wrapped).max()), ANGLE)
     changed = int((a["screening"].values != b["screening"].values).sum())
     yield Difference("screening", changed, 0, "reports screened otherwise")
-    a, b = reports_of(before, "corrected"), reports_of(after, "corrected")
+    a, b = matched(reports_of(before, "corrected"), reports_of(after, "corrected"))
     for name in ("corrected_eastward_wind", "corrected_northward_wind"):
         yield Difference(name, largest(a[name], b[name]), CORRECTED, missing(a[name], b[name]))
     name = "corrected_wind_standard_error"
