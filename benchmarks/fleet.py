@@ -192,9 +192,9 @@ def after_the_fit(aircraft: int, folder: Path) -> dict[str, Callable[[], Any]]:
     from airswing.compass.table import add_tables
     from airswing.compass.tables_csv import write_tables_csv
     from airswing.evaluation.comparison import compare
-    from airswing.evaluation.error_profiles import error_profiles
     from airswing.evaluation.field_test import field_test
     from airswing.evaluation.held_out import virtual_field_test
+    from airswing.evaluation.innovations import error_profiles
     from airswing.evaluation.monitoring import find_events, fit_by_window, watch_compasses
     from airswing.evaluation.observation_errors import observation_errors
     from airswing.evaluation.ranking import rank_aircraft

@@ -22,7 +22,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 import airswing
-from airswing.evaluation.error_profiles import STATES, profile_cells
+from airswing.evaluation.innovations import CELLS, STATES, profile_cells
 from airswing.evaluation.observation_errors import FLIGHT_PHASES, observation_errors
 from airswing.flags import CORRECTION, PHASE
 from airswing.products.ragged import aircraft_of_report
@@ -70,7 +70,7 @@ def truth(
     prefix = "corrected_" if state == "corrected" else ""
     names = [f"{prefix}{way}_wind" for way in ("eastward", "northward")]
     square = 0.5 * ((np.stack([corrected[name] for name in names]) - wind) ** 2).sum(axis=0)
-    cell, cells = profile_cells(headings)
+    cell, cells = profile_cells(headings), CELLS
     good = (cell >= 0) & np.isfinite(square)
     good &= np.isfinite(headings["reference_eastward_wind"].to_numpy()).all(axis=0)
     applied = [CORRECTION[name] for name in ("corrected", "no_correction_needed")]

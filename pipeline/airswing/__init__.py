@@ -27,10 +27,10 @@ if TYPE_CHECKING:  # for editors and mypy; at run time each is imported on first
     from airswing.compass.table import add_tables as add_tables
     from airswing.config_file import load_config as load_config
     from airswing.evaluation.comparison import compare as compare
-    from airswing.evaluation.error_profiles import error_profiles as error_profiles
     from airswing.evaluation.field_test import field_test as field_test
     from airswing.evaluation.held_out import cross_validate as cross_validate
     from airswing.evaluation.held_out import virtual_field_test as virtual_field_test
+    from airswing.evaluation.innovations import error_profiles as error_profiles
     from airswing.evaluation.innovations import innovation_statistics as innovation_statistics
     from airswing.evaluation.monitoring import find_events as find_events
     from airswing.evaluation.monitoring import watch_compasses as watch_compasses
@@ -69,7 +69,7 @@ _STAGES = {
     "fit_deviation": "airswing.compass.fit.deviation",
     "add_tables": "airswing.compass.table",
     "correct": "airswing.compass.correction",
-    "error_profiles": "airswing.evaluation.error_profiles",
+    "error_profiles": "airswing.evaluation.innovations",
     "field_test": "airswing.evaluation.field_test",
     "innovation_statistics": "airswing.evaluation.innovations",
     "rank_aircraft": "airswing.evaluation.ranking",

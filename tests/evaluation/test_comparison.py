@@ -21,7 +21,7 @@ from airswing.evaluation.comparison import (
     solved,
     verdict,
 )
-from airswing.evaluation.design import paired_design
+from airswing.evaluation.disagreement import paired_design
 from airswing.products.ragged import aircraft_of_report
 from tests.compass.flown import Setting
 from tests.evaluation.archives import LASTING_ERRORS as SETTING

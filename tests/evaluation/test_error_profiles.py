@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 from airswing.evaluation.disagreement import disagreement_sums, measures_of, reference_mean
-from airswing.evaluation.error_profiles import error_profiles
+from airswing.evaluation.innovations import error_profiles
 from airswing.flags import PHASE, SCREENING
 from airswing.vocabulary import describe
 

@@ -11,7 +11,7 @@ import xarray as xr
 
 from airswing.config import Handover
 from airswing.errors import InputError
-from airswing.evaluation.error_profiles import LEVEL_EDGES_HPA
+from airswing.evaluation.innovations import LEVEL_EDGES_HPA
 from airswing.handover.export import export
 from airswing.handover.obs_errors import LEVELS, changed_table
 from airswing.handover.reject_list import read_reject_list

@@ -18,11 +18,11 @@ Kernels in radians and m/s; results in degrees and m/s.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import combinations, pairwise
 from math import comb
-from typing import Any, NamedTuple, Unpack
+from typing import Any, Unpack
 
 import numpy as np
 import xarray as xr
@@ -32,8 +32,7 @@ from scipy import special  # not scipy.stats, whose import takes longer than a s
 from airswing.compass.fit.acceptance import FitOptions
 from airswing.compass.fit.deviation import fit_deviation
 from airswing.errors import InputError
-from airswing.evaluation.design import paired_design
-from airswing.evaluation.disagreement import member_mean, reference_mean
+from airswing.evaluation.disagreement import member_mean, paired_design, reference_mean
 from airswing.evaluation.held_out import only
 from airswing.evaluation.results import Content
 from airswing.flags import PHASE, SCREENING
@@ -167,7 +166,9 @@ def compare(
         "pairs": [
             {
                 **_judged(sums, barred),
-                "aircraft": [_aircraft_entry(one, fits, *pair) for one in sums.aircraft],
+                "aircraft": [
+                    _aircraft_entry(*one, fits.sel(reference=list(pair))) for one in sums.aircraft
+                ],
                 "own_test": set(pair) <= set(singles),
             }
             for pair, sums in whole.items()
@@ -233,34 +234,23 @@ def _columns(
     return found
 
 
-def _slices(rows: Columns, one: str, two: str) -> Iterator[tuple[str, str, Mask]]:
+def _slices(rows: Columns, one: str, two: str) -> list[tuple[str, str, Mask]]:
     """Slices of one aircraft's reports: kind, name and the reports in it."""
     lead, kept = np.fmax(rows[f"lead {one}"], rows[f"lead {two}"]), rows["kept"]
-    for name, chosen in (
-        ("analysis to 1 h", lead <= 1.0),
-        ("1 to 6 h", (lead > 1.0) & (lead <= 6.0)),
-        ("over 6 h", lead > 6.0),
-    ):
-        yield "by_lead_time", name, chosen & kept
-    for name, code in PHASE.items():
-        yield "by_phase", name, (rows["phase"] == code) & rows["kept_any_phase"]
     low, high = rows["pressure"] > 70000.0, rows["pressure"] <= 50000.0
-    for name, chosen in (
-        ("below 700 hPa", low),
-        ("700 to 500 hPa", ~low & ~high),
-        ("above 500 hPa", high),
-    ):
-        yield "by_level", name, chosen & kept
-    for number, name in enumerate(_SEASONS):
-        yield "by_season", name, (rows["season"] == number) & kept
-
-
-class AircraftDifference(NamedTuple):
-    """Difference of one aircraft's coefficients between two references."""
-
-    number: int  # of the aircraft
-    values: Floats  # (5,): radians
-    influence: Floats  # (day, 5): change of the values by each day
+    return [
+        ("by_lead_time", "analysis to 1 h", (lead <= 1.0) & kept),
+        ("by_lead_time", "1 to 6 h", (lead > 1.0) & (lead <= 6.0) & kept),
+        ("by_lead_time", "over 6 h", (lead > 6.0) & kept),
+        *(
+            ("by_phase", name, (rows["phase"] == code) & rows["kept_any_phase"])
+            for name, code in PHASE.items()
+        ),
+        ("by_level", "below 700 hPa", low & kept),
+        ("by_level", "700 to 500 hPa", ~low & ~high & kept),
+        ("by_level", "above 500 hPa", high & kept),
+        *(("by_season", name, (rows["season"] == k) & kept) for k, name in enumerate(_SEASONS)),
+    ]
 
 
 @dataclass
@@ -273,7 +263,8 @@ class PairSums:
     reports: int = 0
     distance: float = 0.0  # summed wind vector difference, m/s
     counted: int = 0  # aircraft in ``common``
-    aircraft: list[AircraftDifference] = field(default_factory=list)
+    # number, coefficients (5,) in radians, and their change by each day (day, 5)
+    aircraft: list[tuple[int, Floats, Floats]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self.regions = np.zeros((3, REGIONS, self.days))
@@ -310,7 +301,7 @@ class PairSums:
         self.counted += 1
         if aircraft is not None and days.size >= FEWEST_DAYS:
             values, influence = solved(equations)
-            self.aircraft.append(AircraftDifference(aircraft, values[:5], influence[:, :5]))
+            self.aircraft.append((aircraft, values[:5], influence[:, :5]))
 
 
 def equations_by_day(
@@ -650,45 +641,41 @@ def verdict(fleet: Content, regions: list[Content], barred: set[str]) -> Content
     }
 
 
-def _aircraft_entry(part: AircraftDifference, fits: xr.Dataset, one: str, two: str) -> Content:
-    """Differences of one aircraft in degrees, with 95 % intervals."""
-    covariance = part.influence.T @ part.influence
-    degrees, error = np.degrees(part.values), np.degrees(np.sqrt(np.diag(covariance)))
-    half = NORMAL_95 * error
-    pair = fits.isel(aircraft=part.number).sel(reference=[one, two])
+def _aircraft_entry(number: int, values: Floats, influence: Floats, fits: xr.Dataset) -> Content:
+    """Differences of one aircraft in degrees, with 95 % intervals; fits of both references."""
+
+    def bounds(value: float, error: float) -> list[float]:
+        return [value - NORMAL_95 * error, value + NORMAL_95 * error]
+
+    covariance = influence.T @ influence
+    difference = _by_name(np.degrees(values))
+    error = _by_name(np.degrees(np.sqrt(np.diag(covariance))))
+    pair = fits.isel(aircraft=number)
     change = {name: float(-np.diff(pair[name])[0]) for name in ("offset", "amplitude", "phase")}
     change["phase"] = float(wrap_degrees(change["phase"]))
     # B = amplitude cos(phase), C = amplitude sin(phase): the delta method
     phase, amplitude = np.radians(float(pair["phase"].mean())), float(pair["amplitude"].mean())
-    along = np.array([np.cos(phase), np.sin(phase)])
-    around = np.degrees(np.array([-np.sin(phase), np.cos(phase)]) / amplitude)
+    gradients = {
+        "offset": np.array([1.0, 0.0, 0.0]),
+        "amplitude": np.array([0.0, np.cos(phase), np.sin(phase)]),
+        "phase": np.degrees(np.array([0.0, -np.sin(phase), np.cos(phase)]) / amplitude),
+    }
     block = np.degrees(np.degrees(covariance))[:3, :3]
-    errors = {
-        "offset": np.sqrt(block[0, 0]),
-        "amplitude": np.sqrt(along @ block[1:, 1:] @ along),
-        "phase": np.sqrt(around @ block[1:, 1:] @ around),
-    }
-    return {
+    entry: Content = {
         "aircraft": str(pair["aircraft"].item()),
-        "p_value": wald(part.values, covariance, len(part.influence)),
-        "difference": _by_name(degrees),
-        "standard_error": _by_name(error),
-        "ci": {
-            name: [float(value - wide), float(value + wide)]
-            for name, value, wide in zip(NAMES, degrees, half, strict=True)
-        },
-        **{
-            name: {
-                "difference": value,
-                "standard_error": float(errors[name]),
-                "ci": [
-                    value - NORMAL_95 * float(errors[name]),
-                    value + NORMAL_95 * float(errors[name]),
-                ],
-            }
-            for name, value in change.items()
-        },
+        "p_value": wald(values, covariance, len(influence)),
+        "difference": difference,
+        "standard_error": error,
+        "ci": {name: bounds(difference[name], error[name]) for name in NAMES},
     }
+    for name, gradient in gradients.items():
+        wide = float(np.sqrt(gradient @ block @ gradient))
+        entry[name] = {
+            "difference": change[name],
+            "standard_error": wide,
+            "ci": bounds(change[name], wide),
+        }
+    return entry
 
 
 def hat_sums(u: Floats, v: Floats, day: Ints, days: int) -> Floats:

@@ -14,8 +14,13 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from airswing.physics.compass_deviation import deviation_basis
+
+Floats = NDArray[np.float64]
 FloatArray = NDArray[np.floating]
 _Winds = TypeVar("_Winds", xr.DataArray, xr.Dataset)
+WINDS = ("eastward_wind", "northward_wind", "reference_eastward_wind", "reference_northward_wind")
+CORRECTED_WINDS = ("corrected_eastward_wind", "corrected_northward_wind")
 MIN_DIRECTION_WIND = 5.0
 """Reference wind, m/s, below which the direction has no meaning: it is mostly that of the error."""
 
@@ -163,3 +168,25 @@ def member_mean(values: _Winds) -> _Winds:
     A report outside one model's grid or hours still has the wind of the other model.
     """
     return values.mean("reference", skipna=True)
+
+
+def paired_design(
+    magnetic_heading: Floats, heading: Floats, airspeed: Floats
+) -> tuple[Floats, Floats]:
+    """Design of the joint fit, across and along the heading.
+
+    Parameters
+    ----------
+    magnetic_heading, heading : arrays of float, shape (report,), radians
+    airspeed : array of float, shape (report,), m/s
+
+    Returns
+    -------
+    cross, along : arrays of float, shape (report, 8)
+        Columns A, B, C, D, E (radians), airspeed scale, and the bias b_u, b_v (m/s); rows in
+        m/s (docs/method.md: cross-track V psi_err, along-track |V_A| - |V'_A|).
+    """
+    zero, sine, cosine = np.zeros_like(heading), np.sin(heading), np.cos(heading)
+    cross = [*(airspeed * deviation_basis(magnetic_heading)), zero, cosine, -sine]
+    along = [zero, zero, zero, zero, zero, airspeed, sine, cosine]
+    return np.column_stack(cross), np.column_stack(along)

@@ -26,8 +26,13 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
-from airswing.evaluation.disagreement import disagreement_sums, measures_of, reference_mean
-from airswing.evaluation.resampling import Floats, day_weights, interval, permutation_test
+from airswing.evaluation.disagreement import (
+    WINDS,
+    disagreement_sums,
+    measures_of,
+    reference_mean,
+)
+from airswing.evaluation.resampling import Floats, day_weights, interval, permutation_test, ratio
 from airswing.evaluation.results import Content
 from airswing.flags import ROLL, SCREENING, TEMPERATURE_QC
 from airswing.products.findings import findings
@@ -35,7 +40,6 @@ from airswing.products.ragged import aircraft_of_report, blocks, time_span
 from airswing.units import KNOT
 
 GROUPS, WINDOWS = ("controls", "corrected"), ("before", "during")
-_WINDS = ("eastward_wind", "northward_wind", "reference_eastward_wind", "reference_northward_wind")
 _NEVER = ("no_ground_vector", "no_reference", "missing_wind", "wind_qc", "gross_error")
 _MOST_NULL_EFFECTS = 500  # enough for the histogram of the page
 _Numbers = TypeVar("_Numbers", float, Floats)
@@ -96,18 +100,12 @@ class DaySums:
                     weights[:, days] @ part[members][:, days].sum(0)
                     for part in (self.count, self.total)
                 )
-                with np.errstate(invalid="ignore"):
-                    found[:, i, j] = np.where(count > 0, total / np.maximum(count, 1e-9), np.nan)
+                found[:, i, j] = ratio(total, count)
         return found
 
-    def levels(self) -> tuple[Floats, Floats]:
-        """Mean disagreement of each aircraft before and during the test; NaN without a report."""
-        with np.errstate(invalid="ignore", divide="ignore"):
-            before, during = (
-                self.total[:, days].sum(1) / self.count[:, days].sum(1)
-                for days in (~self.during, self.during)
-            )
-        return before, during
+    def levels(self, *periods: NDArray[np.bool_]) -> list[Floats]:
+        """Mean disagreement of each aircraft over chosen days; NaN without a report."""
+        return [ratio(self.total[:, days].sum(1), self.count[:, days].sum(1)) for days in periods]
 
     def bootstrap(self, *, draws: int, seed: int) -> Floats:
         """Draw the means again, whole days within each window: (draw, group, window)."""
@@ -186,7 +184,7 @@ def field_test(
     sums = {key: np.zeros((2, names.size, days.size)) for key in pools}
     components = np.zeros((11, 4))
     first = 0
-    for block in blocks(headings, [*_WINDS, "time", "screening", "heading", *dict(required)]):
+    for block in blocks(headings, [*WINDS, "time", "screening", "heading", *dict(required)]):
         aircraft = aircraft_of_report(block) + first
         first += block.sizes["aircraft"]
         day = block["time"].to_numpy().astype("datetime64[D]").astype(np.int64)
@@ -194,11 +192,11 @@ def field_test(
         chosen &= (block["screening"].to_numpy() & sum(SCREENING[name] for name in _NEVER)) == 0
         for name, (code, wanted) in required:
             chosen &= (block[name].to_numpy() == code) == wanted
-        u, v = (block[name].to_numpy()[chosen] for name in _WINDS[:2])
+        u, v = (block[name].to_numpy()[chosen] for name in WINDS[:2])
         place = aircraft[chosen] * days.size + day[chosen] - max(int(low), begin)
         for key, members in pools.items():
             model = reference_mean(block, members)
-            model_u, model_v = (model[name].to_numpy()[chosen] for name in _WINDS[2:])
+            model_u, model_v = (model[name].to_numpy()[chosen] for name in WINDS[2:])
             difference = np.hypot(u - model_u, v - model_v) / KNOT
             good = np.isfinite(difference)
             for table, values in zip(sums[key], (good * 1.0, difference), strict=True):
@@ -278,7 +276,7 @@ def _reductions(sums: DaySums, *, draws: int, seed: int) -> Content:
 
 def _checks(sums: DaySums, names: NDArray[np.str_], *, draws: int, seed: int) -> Content:
     """Permutation test, regression to the mean, matched controls, and the aircraft."""
-    before, during = sums.levels()
+    before, during = sums.levels(~sums.during, sums.during)
     good = np.isfinite(before) & np.isfinite(during)
     first, second, group = before[good], during[good], sums.corrected[good]
     effect, p_value, null = permutation_test(
@@ -347,8 +345,7 @@ def regression_to_the_mean(sums: DaySums) -> Content:
     days = np.flatnonzero(~sums.during)
     half = np.zeros((2, sums.during.size), dtype=bool)
     half[0, days[: days.size // 2]] = half[1, days[days.size // 2 :]] = True
-    with np.errstate(invalid="ignore", divide="ignore"):
-        early, late = (sums.total[:, one].sum(1) / sums.count[:, one].sum(1) for one in half)
+    early, late = sums.levels(*half)
     good = np.isfinite(early) & np.isfinite(late)
     number = int(sums.corrected.sum())
     if good.sum() <= number:

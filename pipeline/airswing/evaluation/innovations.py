@@ -1,46 +1,131 @@
-"""Statistics of the innovations: observation minus reference, by aircraft, phase and level.
+"""Innovations (observation minus reference): error profiles, and statistics by aircraft.
 
-The innovation of a report is its wind less the reference's wind at the same place and time. The
-usual statistics (bias, standard deviation, root mean square; for example Drüe et al. 2008, Q. J. R.
-Meteorol. Soc. 134, 229-239, for AMDAR winds) are given of the wind speed, the wind direction and
-both components, as reported and as corrected.
+The innovation of a report is its wind less the reference's wind at the same place and time. All
+results are by phase of flight and layer of pressure, as reported and as corrected, and contain the
+errors of the reference. A pool is the mean of its members.
 
-Assumes that every report counts alike; the innovations of one flight share the reference's error,
-so that a standard error from the count alone would be too small. Direction innovations are taken
-the shorter way round, where the reference wind is 5 m/s or more. A pool is the mean of its members.
+*Error profiles*: rms of both components and of the direction over the fleet. Standard errors are
+clustered by flight: the reports of one flight have the model's error in common.
+
+*Statistics*: bias, standard deviation and root mean square (for example Drüe et al. 2008, Q. J. R.
+Meteorol. Soc. 134, 229-239, for AMDAR winds) of the speed, the direction and both components.
+Every report counts alike; a standard error from the count alone would be too small.
+
+Direction innovations are taken the shorter way round, where the reference wind is 5 m/s or more.
 m/s, degrees.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from airswing.evaluation.disagreement import innovations, reference_mean
-from airswing.evaluation.error_profiles import (
-    CELLS,
-    LEVEL_EDGES_HPA,
-    STATES,
-    profile_cells,
-)
-from airswing.flags import PHASE
+from airswing.evaluation.disagreement import CORRECTED_WINDS, WINDS, innovations, reference_mean
+from airswing.evaluation.resampling import SUMS, cluster_sums, clustered_mean, ratio
+from airswing.flags import PHASE, SCREENING
 from airswing.products.ragged import aircraft_of_report, blocks, time_span
 
 Floats = NDArray[np.float64]
 
+STATES = ("reported", "corrected")
+LEVEL_EDGES_HPA = (1100.0, 900.0, 800.0, 700.0, 600.0, 500.0, 400.0, 300.0, 200.0)
+"""Edges of the layers from the ground up (those of the error table of WRFDA, merged)."""
+LAYER_PRESSURES = {
+    "layer_bottom_pressure": ("layer", np.array(LEVEL_EDGES_HPA[:-1]) * 100.0),
+    "layer_top_pressure": ("layer", np.array(LEVEL_EDGES_HPA[1:]) * 100.0),
+}
+"""Variables of every product by layer, Pa."""
+CELLS = len(PHASE) * (len(LEVEL_EDGES_HPA) - 1)
+"""Phases of flight times layers."""
+_UNUSABLE = ("no_reference", "missing_wind", "wind_qc", "gross_error", "no_ground_vector")
 QUANTITIES = ("speed", "direction", "eastward", "northward")
 HISTOGRAM_EDGES = np.arange(-20.0, 21.0)
-"""Edges of the classes of a component's innovation, m/s; what lies beyond is in the last class."""
-_WINDS = (
-    "eastward_wind",
-    "northward_wind",
-    "reference_eastward_wind",
-    "reference_northward_wind",
-)
-_CORRECTED = ("corrected_eastward_wind", "corrected_northward_wind")
+"""Edges of the classes of a component's innovation, m/s; larger ones are in the last class."""
+
+
+def error_profiles(
+    headings: xr.Dataset, corrected: xr.Dataset, *, pools: Mapping[str, list[str]]
+) -> xr.Dataset:
+    """Profile the wind error by phase of flight and layer, as reported and as corrected.
+
+    Parameters
+    ----------
+    headings : Dataset
+        Screened headings (``report``), in memory or lazy.
+    corrected : Dataset
+        Corrected winds of the same reports.
+    pools : mapping of str to list of str
+        Members of each reference and pool.
+
+    Returns
+    -------
+    Dataset
+        ``eastward_rms``, ``northward_rms`` (m/s), ``direction_rms`` (degrees) with
+        ``*_standard_error`` (reference, state, flight_phase, layer), ``profile_count`` and
+        ``profile_flights``.
+    """
+    quantities = ("eastward", "northward", "direction")
+    sums = np.zeros((len(pools), len(STATES), len(quantities), SUMS, CELLS))
+    names = (*WINDS, "pressure", "phase", "flight", "screening")
+    pairs = zip(blocks(headings, names), blocks(corrected, CORRECTED_WINDS), strict=True)
+    for block, better in pairs:
+        cell = profile_cells(block)
+        flight = block["flight"].to_numpy().astype(np.int64)
+        for i, j, found in _innovations_by_state(block, better, pools):
+            for k, name in enumerate(quantities):
+                good = np.isfinite(found[name]) & (cell >= 0)
+                squares = found[name][good] ** 2
+                sums[i, j, k] += cluster_sums(squares, cell[good], flight[good], CELLS)
+    sums = sums.reshape(*sums.shape[:-1], len(PHASE), -1)
+    mean, error = clustered_mean(np.moveaxis(sums, 3, 0))
+    rms = np.sqrt(mean)
+    error = ratio(error, 2.0 * rms)  # the delta method
+    dims = ("reference", "state", "flight_phase", "layer")
+    ds = xr.Dataset(
+        LAYER_PRESSURES,
+        coords={"reference": list(pools), "state": list(STATES), "flight_phase": list(PHASE)},
+    )
+    for k, name in enumerate(quantities):
+        ds[f"{name}_rms"] = dims, rms[:, :, k]
+        ds[f"{name}_rms_standard_error"] = dims, error[:, :, k]
+    for name, place in (("profile_count", 0), ("profile_flights", 2)):
+        ds[name] = dims, sums[:, :, 0, place].astype(np.int32)
+    return ds
+
+
+def profile_cells(headings: xr.Dataset) -> NDArray[np.int64]:
+    """Phase and layer of every report as one number, -1 where it does not count.
+
+    Parameters
+    ----------
+    headings : Dataset
+        With ``pressure`` (Pa), ``phase`` and ``screening``.
+
+    Returns
+    -------
+    array of int, shape (report,)
+        Phase times the number of layers, plus the layer from the ground up; below :data:`CELLS`.
+    """
+    usable = (headings["screening"].to_numpy() & sum(SCREENING[name] for name in _UNUSABLE)) == 0
+    layers = len(LEVEL_EDGES_HPA) - 1
+    # the level falls as the pressure rises: digitize on the negated edges
+    layer = np.digitize(-headings["pressure"].to_numpy() / 100.0, -np.array(LEVEL_EDGES_HPA)) - 1
+    phase = headings["phase"].to_numpy().astype(np.int64)
+    cell = np.where(usable & (layer >= 0) & (layer < layers), phase * layers + layer, -1)
+    return np.asarray(cell, dtype=np.int64)
+
+
+def _innovations_by_state(
+    block: xr.Dataset, corrected: xr.Dataset, pools: Mapping[str, list[str]]
+) -> Iterator[tuple[int, int, dict[str, Floats]]]:
+    """Number of the reference, number of the state, and innovations of a block."""
+    for i, members in enumerate(pools.values()):
+        model = [reference_mean(block, members)[name].to_numpy() for name in WINDS[2:]]
+        for j, (source, pair) in enumerate(((block, WINDS[:2]), (corrected, CORRECTED_WINDS))):
+            yield i, j, innovations(*(source[name].to_numpy() for name in pair), *model)
 
 
 def innovation_statistics(
@@ -79,36 +164,29 @@ def innovation_statistics(
     classes = HISTOGRAM_EDGES.size - 1
     histogram = np.zeros((*shape[:2], classes * classes), np.int64)
     begin = 0
-    names = (*_WINDS, "pressure", "phase", "screening", "time")
-    pairs = zip(blocks(headings, names), blocks(corrected, _CORRECTED), strict=True)
+    names = (*WINDS, "pressure", "phase", "screening", "time")
+    pairs = zip(blocks(headings, names), blocks(corrected, CORRECTED_WINDS), strict=True)
     for block, better in pairs:
         aircraft = slice(begin, begin + block.sizes["aircraft"])
         begin = aircraft.stop
-        cell, _ = profile_cells(block)
-        row = aircraft_of_report(block)
+        cell, row = profile_cells(block), aircraft_of_report(block)
         day = (block["time"].to_numpy().astype("datetime64[D]") - first).astype(np.int64)
-        for i, members in enumerate(pools.values()):
-            model = [reference_mean(block, members)[name].to_numpy() for name in _WINDS[2:]]
-            for j, (source, pair) in enumerate(((block, _WINDS[:2]), (better, _CORRECTED))):
-                found = innovations(*(source[name].to_numpy() for name in pair), *model)
-                for name, values in found.items():
-                    good = np.isfinite(values) & (cell >= 0)
-                    moments = [values[good] ** power for power in (0, 1, 2)]
-                    for table, place, size, number in (
-                        (cells[name], cell, CELLS, 3),
-                        (daily[name], day, days.size, 2),
-                    ):
-                        key = row[good] * size + place[good]
-                        for power in range(number):
-                            table[power, i, j, aircraft] = np.bincount(
-                                key, moments[power], block.sizes["aircraft"] * size
-                            ).reshape(-1, size)
-                good = np.isfinite(found["eastward"]) & (cell >= 0)
-                east, north = (
-                    np.clip(np.digitize(found[name][good], HISTOGRAM_EDGES) - 1, 0, classes - 1)
-                    for name in ("eastward", "northward")
-                )
-                histogram[i, j] += np.bincount(east * classes + north, minlength=classes**2)
+        for i, j, found in _innovations_by_state(block, better, pools):
+            for name, values in found.items():
+                good = np.isfinite(values) & (cell >= 0)
+                moments = [values[good] ** power for power in (0, 1, 2)]
+                for table, place in ((cells[name], cell), (daily[name], day)):
+                    part = table[:, i, j, aircraft]
+                    key = row[good] * part.shape[-1] + place[good]
+                    for power in range(len(table)):
+                        flat = np.bincount(key, moments[power], part[power].size)
+                        part[power] = flat.reshape(part[power].shape)
+            good = np.isfinite(found["eastward"]) & (cell >= 0)
+            east, north = (
+                np.clip(np.digitize(found[name][good], HISTOGRAM_EDGES) - 1, 0, classes - 1)
+                for name in ("eastward", "northward")
+            )
+            histogram[i, j] += np.bincount(east * classes + north, minlength=classes**2)
     dims = ("reference", "state", "aircraft", "flight_phase", "layer")
     ds = xr.Dataset(
         coords={
@@ -125,16 +203,13 @@ def innovation_statistics(
         moments = list(cells[name].reshape(3, *shape, len(PHASE), -1))
         for kind, statistic in _statistics(*moments).items():
             ds[f"innovation_{name}_{kind}"] = dims, statistic
-        ds[f"daily_innovation_{name}"] = (*dims[:3], "day"), _ratio(daily[name][1], daily[name][0])
+        ds[f"daily_innovation_{name}"] = (*dims[:3], "day"), ratio(daily[name][1], daily[name][0])
     ds["daily_innovation_count"] = (*dims[:3], "day"), daily["eastward"][0].astype(np.int32)
     ds["innovation_histogram"] = (
         (*dims[:2], "eastward_class", "northward_class"),
         histogram.reshape(*shape[:2], classes, classes),
     )
-    edges = np.array(LEVEL_EDGES_HPA) * 100.0
-    return ds.assign(
-        layer_bottom_pressure=("layer", edges[:-1]), layer_top_pressure=("layer", edges[1:])
-    )
+    return ds.assign(LAYER_PRESSURES)
 
 
 def combined(statistics: xr.Dataset, over: Iterable[str]) -> xr.Dataset:
@@ -173,17 +248,11 @@ def combined(statistics: xr.Dataset, over: Iterable[str]) -> xr.Dataset:
 
 def _statistics(count: Floats, total: Floats, squares: Floats) -> dict[str, NDArray[np.generic]]:
     """Bias, standard deviation (n - 1), root mean square and count from moments."""
-    bias, square = _ratio(total, count), _ratio(squares, count)
-    variance = _ratio(np.maximum(square - bias**2, 0.0) * count, count - 1.0)
+    bias, square = ratio(total, count), ratio(squares, count)
+    variance = ratio(np.maximum(square - bias**2, 0.0) * count, count - 1.0)
     return {
         "bias": bias,
         "standard_deviation": np.sqrt(variance),
         "rms": np.sqrt(square),
         "count": count.astype(np.int64),
     }
-
-
-def _ratio(total: Floats, number: Floats) -> Floats:
-    found = np.full(np.shape(total), np.nan)
-    np.divide(total, number, out=found, where=number > 0)
-    return found

@@ -22,7 +22,7 @@ or where the estimated covariance is not significant and the interval of the hat
 one. Intervals (95 %) are a bootstrap over blocks of days, of the reported winds over aircraft too.
 
 A cell is a phase of flight in a layer of pressure (those of
-:mod:`airswing.evaluation.error_profiles`). A report counts where it has a reported wind, a
+:mod:`airswing.evaluation.innovations`). A report counts where it has a reported wind, a
 corrected one and every reference. Of archives too large to pair, whole days are taken, evenly
 spread. m/s, m2/s2, degrees, Pa, seconds.
 """
@@ -39,8 +39,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from airswing.evaluation.disagreement import reference_mean
-from airswing.evaluation.error_profiles import CELLS, LEVEL_EDGES_HPA, STATES, profile_cells
+from airswing.evaluation.disagreement import CORRECTED_WINDS, WINDS, reference_mean
 from airswing.evaluation.error_separation import (
     FEWEST_DAYS,
     Crossed,
@@ -51,7 +50,14 @@ from airswing.evaluation.error_separation import (
     neighbouring_pairs,
     separate,
 )
-from airswing.evaluation.resampling import day_weights, interval, widened
+from airswing.evaluation.innovations import (
+    CELLS,
+    LAYER_PRESSURES,
+    LEVEL_EDGES_HPA,
+    STATES,
+    profile_cells,
+)
+from airswing.evaluation.resampling import day_weights, interval, ratio, widened
 from airswing.flags import CORRECTION, PHASE
 from airswing.products.ragged import aircraft_of_report, blocks
 
@@ -82,19 +88,7 @@ USED = {
 """Wind errors that assimilation systems use for aircraft, constant beyond the ends."""
 _SPEED_BINS = 100  # of 1 m/s, for the median speed of a layer
 _LAYERS = len(LEVEL_EDGES_HPA) - 1
-_NAMES = (
-    "eastward_wind",
-    "northward_wind",
-    "reference_eastward_wind",
-    "reference_northward_wind",
-    "latitude",
-    "longitude",
-    "pressure",
-    "time",
-    "phase",
-    "screening",
-)
-_CORRECTED = ("corrected_eastward_wind", "corrected_northward_wind", "correction_applied")
+_NAMES = (*WINDS, "latitude", "longitude", "pressure", "time", "phase", "screening")
 _APPLIED = [CORRECTION[name] for name in ("corrected", "already_corrected", "no_correction_needed")]
 _PAIRED = ("latitude", "longitude", "pressure", "time", "aircraft", "cell", "day", "east", "north")
 
@@ -200,7 +194,11 @@ def disagreements(
     keys, sums, kept = [], [], []
     speeds = np.zeros((CELLS, _SPEED_BINS))
     first = 0
-    blocks_of_both = zip(blocks(headings, _NAMES), blocks(corrected, _CORRECTED), strict=True)
+    blocks_of_both = zip(
+        blocks(headings, _NAMES),
+        blocks(corrected, (*CORRECTED_WINDS, "correction_applied")),
+        strict=True,
+    )
     for block, better in blocks_of_both:
         columns, of_each = _columns(block, better, members, pool, days)
         columns["aircraft"] = columns["aircraft"] + first
@@ -245,16 +243,16 @@ def _columns(
     days: NDArray[np.datetime64],
 ) -> tuple[dict[str, NDArray[Any]], Floats]:
     """Usable reports of a block, and their disagreement with each reference."""
-    cell, _ = profile_cells(block)
+    cell = profile_cells(block)
     model = reference_mean(block, pool)
     time = block["time"].to_numpy()
     before, after, pooled, *single = (
         np.array([source[name].to_numpy() for name in names], dtype=np.float64)
         for source, names in (
-            (block, _NAMES[:2]),
-            (better, _CORRECTED[:2]),
-            (model, _NAMES[2:4]),
-            *((block.sel(reference=member), _NAMES[2:4]) for member in members),
+            (block, WINDS[:2]),
+            (better, CORRECTED_WINDS),
+            (model, WINDS[2:]),
+            *((block.sel(reference=member), WINDS[2:]) for member in members),
         )
     )
     good = (cell >= 0) & ~np.isnat(time)
@@ -405,14 +403,14 @@ def _separation(
     classes[order] = np.arange(found.number) * count // found.number
     by_class = np.zeros((CELLS, count))
     np.add.at(by_class.T, classes, flown)
-    amplitude = _ratio(
+    amplitude = ratio(
         found.by("cell", "day", "corrected").sum(axis=1), found.reports_by_day.sum(axis=1)
     )
     parts = separate(near_pairs(found, classes), by_class, np.nan_to_num(amplitude), weights)
     if parts is None:
         return None
-    fleet = _ratio((parts.by_cell * number).sum(-1), number.sum(-1))
-    mean = _ratio(squares @ weights.T, found.by("aircraft", "day", "number") @ weights.T)
+    fleet = ratio((parts.by_cell * number).sum(-1), number.sum(-1))
+    mean = ratio(squares @ weights.T, found.by("aircraft", "day", "number") @ weights.T)
     more = np.nan_to_num((mean - mean[-1:]).transpose(2, 0, 1), nan=0.0)
     aircraft = parts.by_class[:, classes][:, None] + more
     aircraft[..., flown.sum(axis=1) == 0] = np.nan
@@ -442,9 +440,9 @@ def _hat(
     if pair is None:
         return None
     total = weights @ found.by("cell", "day", f"product {pair}").T
-    cells = _ratio(total, number) - covariance
+    cells = ratio(total, number) - covariance
     cells[:, found.reports_by_day.sum(axis=1) < FEWEST_REPORTS] = np.nan
-    fleet = _ratio(total.sum(-1), number.sum(-1)) - covariance
+    fleet = ratio(total.sum(-1), number.sum(-1)) - covariance
     none = np.full((len(weights), len(STATES), found.number), np.nan)
     return _Variances(*_of_states(cells, fleet, added), none)
 
@@ -476,8 +474,8 @@ def _labelled(
 ) -> xr.Dataset:
     """Standard errors with intervals, on their dimensions."""
     draws, states = len(number), len(STATES)
-    none = _Variances(*(np.full((draws, states, one), np.nan) for one in (CELLS, 1, found.number)))
-    none = _Variances(none.cells, none.fleet[..., 0], none.aircraft)
+    shapes = ((draws, states, CELLS), (draws, states), (draws, states, found.number))
+    none = _Variances(*(np.full(shape, np.nan) for shape in shapes))
     known = {name: methods[name] or none for name in METHODS}
     tables = {name: _table(one.cells, number) for name, one in known.items()}
     fleet = known[preferred].fleet
@@ -512,7 +510,7 @@ def _labelled(
             ends = interval(np.nan_to_num(drawn[1:], nan=0.0))
             bounds = np.where(np.isfinite(drawn[0]), ends, np.nan)
         data[f"{name}_interval"] = ((*dims, "bound"), np.moveaxis(bounds, 0, -1))
-    # a cell's own error, else that of its layer, else that of the fleet
+    # the error of the cell, else that of its layer, else that of the fleet
     table, fleet_error = _root(tables[preferred][0]), _root(fleet)[0]
     layer = np.where(np.isfinite(table[:1]), table[:1], fleet_error)
     data["observation_error_filled"] = (cell, np.where(np.isfinite(table), table, layer))
@@ -532,7 +530,7 @@ def _table(cells: Floats, number: Floats) -> Floats:
     shape = (len(number), len(PHASE), _LAYERS)
     cells = np.moveaxis(cells, 1, 2).reshape(*shape, -1)
     weight = number.reshape(shape)[..., None] * np.isfinite(cells)
-    whole = _ratio((np.nan_to_num(cells) * weight).sum(axis=1), weight.sum(axis=1))
+    whole = ratio((np.nan_to_num(cells) * weight).sum(axis=1), weight.sum(axis=1))
     total = number.reshape(shape).sum(axis=1)[..., None]
     whole = np.where(weight.sum(axis=1) >= KNOWN_SHARE * total, whole, np.nan)
     return np.stack([whole, *(cells[:, PHASE[name]] for name in FLIGHT_PHASES[1:])], axis=1)
@@ -540,7 +538,7 @@ def _table(cells: Floats, number: Floats) -> Floats:
 
 def _context(found: Disagreements) -> dict[str, Any]:
     """Counts, rms disagreement, median speed, and the errors that assimilation systems use."""
-    edges = np.array(LEVEL_EDGES_HPA) * 100.0
+    bottom, top = (values for _, values in LAYER_PRESSURES.values())
     by_cell = np.array(
         [
             np.bincount(found.key[2], found.sums[name], CELLS).reshape(len(PHASE), _LAYERS)
@@ -555,15 +553,11 @@ def _context(found: Disagreements) -> dict[str, Any]:
         "observation_count": (("flight_phase", "layer"), counted.astype(np.int64)),
         "disagreement_rms": (
             ("flight_phase", "layer", "state"),
-            np.sqrt(_ratio(np.stack(squares, axis=-1), counted[..., None])),
+            np.sqrt(ratio(np.stack(squares, axis=-1), counted[..., None])),
         ),
         "median_wind_speed": ("layer", np.where(speeds[:, -1] > 0, median, np.nan)),
-        "layer_bottom_pressure": ("layer", edges[:-1]),
-        "layer_top_pressure": ("layer", edges[1:]),
-        **{
-            f"{name}_error": ("layer", used_error(name, 0.5 * (edges[:-1] + edges[1:])))
-            for name in USED
-        },
+        **LAYER_PRESSURES,
+        **{f"{name}_error": ("layer", used_error(name, 0.5 * (bottom + top))) for name in USED},
     }
 
 
@@ -575,9 +569,4 @@ def _root(variance: Floats) -> Floats:
 def _gain(variance: Floats) -> Floats:
     """Number of reported winds that have the weight of a corrected one: ratio of variances."""
     before, after = variance[..., 0], variance[..., -1]
-    return _ratio(np.maximum(before, 0.0), np.maximum(after, 0.0))
-
-
-def _ratio(total: Floats, number: Floats) -> Floats:
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(np.where(number > 0, total / number, np.nan))
+    return ratio(np.maximum(before, 0.0), np.maximum(after, 0.0))

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from airswing.compass.correction import corrected_wind, curve_standard_error
 from airswing.errors import InputError
-from airswing.evaluation.disagreement import reference_mean
+from airswing.evaluation.disagreement import WINDS, reference_mean
 from airswing.evaluation.resampling import Floats, cluster_sums, clustered_mean
 from airswing.evaluation.results import Content
 from airswing.flags import STATUS, published
@@ -33,7 +33,6 @@ from airswing.units import KNOT
 MOST_REPORTS = 4000
 """Reports of an aircraft that the interval is drawn over; the gain itself uses all."""
 DRAWS = 300
-_WINDS = ("eastward_wind", "northward_wind", "reference_eastward_wind", "reference_northward_wind")
 
 
 def expected_gain(
@@ -168,13 +167,13 @@ def rank_aircraft(
     entries: list[Content] = []
     ranked: list[Content] = []
     drawn: list[Floats] = []
-    names = [*_WINDS, "heading", argument, "airspeed", "time", "screening"]
+    names = [*WINDS, "heading", argument, "airspeed", "time", "screening"]
     for block in blocks(headings, names):
         model = reference_mean(block, pools[reference])
         columns = np.array(
             [
-                *(block[name].to_numpy() for name in _WINDS[:2]),
-                *(model[name].to_numpy() for name in _WINDS[2:]),
+                *(block[name].to_numpy() for name in WINDS[:2]),
+                *(model[name].to_numpy() for name in WINDS[2:]),
                 np.radians(block["heading"].to_numpy()),
                 np.radians(block[argument].to_numpy()),
                 block["airspeed"].to_numpy(),

@@ -97,6 +97,12 @@ def interval(drawn: Floats) -> Floats:
     return np.asarray(np.percentile(drawn, [2.5, 97.5], axis=0))
 
 
+def ratio(total: Floats, number: Floats) -> Floats:
+    """Mean ``total / number``, NaN where the number is zero."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(np.where(number > 0, total / number, np.nan))
+
+
 def cluster_sums(values: Floats, group: Ints, cluster: Ints, groups: int) -> Floats:
     """Sums behind the means of groups.
 

@@ -37,17 +37,22 @@ def interval_cost(reports: xr.Dataset, catalogue: Catalogue) -> list[Content]:
 
     Returns
     -------
-    list of IntervalCost
+    list of dict
         For each interval ``interval_h``, ``reports``, ``rms_vector_difference_m_s`` over all of
         them, ``reports_at_middle`` and ``rms_vector_difference_at_middle_m_s``; empty where the
         reference is not hourly.
     """
-    if not _hourly(catalogue):
+    steps = np.diff(catalogue.valid)
+    if steps.size <= 3 or np.median(steps) > _HOUR:
         return []
     chosen = _some(reports, catalogue)
     if not chosen.sizes["report"]:
         return []
-    thinned = {f"{hours}": _thinned(catalogue, hours) for hours in _INTERVALS_H}
+    # the times at whole multiples of an interval since midnight UTC
+    thinned = {
+        f"{hours}": catalogue.at_times(np.flatnonzero(catalogue.valid % (hours * _HOUR) == 0))
+        for hours in _INTERVALS_H
+    }
     kept = {name: one for name, one in thinned.items() if len(one) > 1}
     gap = max(_INTERVALS_H) * 3600.0
     winds = collocate(chosen, {"whole": catalogue, **kept}, max_time_gap=gap).compute()
@@ -73,17 +78,6 @@ def interval_cost(reports: xr.Dataset, catalogue: Catalogue) -> list[Content]:
 
 def _rms(values: NDArray[np.float64]) -> float | None:
     return round(float(np.sqrt(np.mean(values**2))), 4) if values.size else None
-
-
-def _hourly(catalogue: Catalogue) -> bool:
-    """Whether most of a reference's times are an hour or less apart."""
-    steps = np.diff(catalogue.valid)
-    return bool(steps.size > 3 and np.median(steps) <= _HOUR)
-
-
-def _thinned(catalogue: Catalogue, hours: int) -> Catalogue:
-    """The times at whole multiples of an interval since midnight UTC."""
-    return catalogue.at_times(np.flatnonzero(catalogue.valid % (hours * _HOUR) == 0))
 
 
 def _some(reports: xr.Dataset, catalogue: Catalogue) -> xr.Dataset:

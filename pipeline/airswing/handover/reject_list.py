@@ -345,7 +345,7 @@ def list_statistics(
         screening; by name of the criterion (state, aircraft), reported first.
     """
     from airswing.evaluation.disagreement import reference_mean
-    from airswing.evaluation.error_profiles import profile_cells
+    from airswing.evaluation.innovations import profile_cells
     from airswing.products.ragged import aircraft_of_report, blocks
 
     needed = [*_WINDS, *(f"reference_{name}" for name in _WINDS), "pressure", "phase", "screening"]
@@ -356,7 +356,7 @@ def list_statistics(
     )
     parts: list[dict[str, Floats]] = []
     for block, other in pairs:
-        cell, _ = profile_cells(block)
+        cell = profile_cells(block)
         model = reference_mean(block, list(members))
         u_ref, v_ref = (model[f"reference_{name}"].to_numpy() for name in _WINDS)
         reported = [block[name].to_numpy() for name in _WINDS]

@@ -84,7 +84,7 @@ def make_evaluation(
 
 def make_profiles(job: Job, headings: xr.Dataset, corrected: xr.Dataset) -> xr.Dataset:
     """Wind errors by phase of flight and level: ``error_profiles.nc``."""
-    from airswing.evaluation.error_profiles import error_profiles
+    from airswing.evaluation.innovations import error_profiles
 
     with job.progress.stage("profiles"):
         profiles = error_profiles(headings, corrected, pools=job.config.pools())

@@ -112,7 +112,14 @@ class CompassWatch:
                 entry["statistic"] = first.statistic
                 entry["p_value"] = self.false_changes(first.statistic)
                 if self._stated(first):
-                    entry["changes"] = [self._change(one) for one in self._steps(series, scale)]
+                    entry["changes"] = [
+                        {
+                            "date": date_of(one.day),
+                            **step_numbers(one),
+                            "p_value": self.false_changes(one.statistic),
+                        }
+                        for one in self._steps(series, scale)
+                    ]
             found.append(entry)
         return found
 
@@ -164,13 +171,6 @@ class CompassWatch:
             weight[here], right[here] = noise.weights(normal[here], right[here])
         common = self.tested.common[rows].astype(np.float64)
         return day, weight, right - np.einsum("nij,nj->ni", weight, common)
-
-    def _change(self, step: Step) -> Content:
-        return {
-            "date": date_of(step.day),
-            **step_numbers(step),
-            "p_value": self.false_changes(step.statistic),
-        }
 
 
 def step_numbers(step: Step) -> Content:

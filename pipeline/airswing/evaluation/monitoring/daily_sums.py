@@ -24,8 +24,13 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from airswing.evaluation.design import paired_design
-from airswing.evaluation.disagreement import member_mean, reference_mean
+from airswing.evaluation.disagreement import (
+    CORRECTED_WINDS,
+    WINDS,
+    member_mean,
+    paired_design,
+    reference_mean,
+)
 from airswing.flags import is_corrected
 from airswing.products.ragged import aircraft_of_report, blocks, row_bounds
 
@@ -41,8 +46,6 @@ GROSS = 8.0
 """Robust standard deviations from a first fit beyond which a report is left out."""
 LEAST = 0.3
 """m/s: smaller differences are taken as this, so that rounding does not enter the logarithm."""
-_WINDS = ("eastward_wind", "northward_wind", "reference_eastward_wind", "reference_northward_wind")
-_CORRECTED = ("corrected_eastward_wind", "corrected_northward_wind", "correction_applied")
 
 
 @dataclass(frozen=True)
@@ -239,17 +242,21 @@ def wind_days(
         Corrected winds of the same reports, used where a correction was applied.
     """
     parts = []
-    better = None if corrected is None else blocks(corrected, _CORRECTED)
+    better = (
+        None if corrected is None else blocks(corrected, (*CORRECTED_WINDS, "correction_applied"))
+    )
     first = 0
-    for block in blocks(headings, [*_WINDS, "time", "screening"]):
+    for block in blocks(headings, [*WINDS, "time", "screening"]):
         model = reference_mean(block, members)
-        u, v = (block[name].to_numpy() for name in _WINDS[:2])
+        u, v = (block[name].to_numpy() for name in WINDS[:2])
         if better is not None:
             winds = next(better)
             applied = is_corrected(winds["correction_applied"].to_numpy())
-            u = np.where(applied, winds["corrected_eastward_wind"].to_numpy(), u)
-            v = np.where(applied, winds["corrected_northward_wind"].to_numpy(), v)
-        model_u, model_v = (model[name].to_numpy() for name in _WINDS[2:])
+            u, v = (
+                np.where(applied, winds[name].to_numpy(), wind)
+                for name, wind in zip(CORRECTED_WINDS, (u, v), strict=True)
+            )
+        model_u, model_v = (model[name].to_numpy() for name in WINDS[2:])
         difference = np.hypot(u - model_u, v - model_v)
         used = (block["screening"].to_numpy() == 0) & np.isfinite(difference)
         day = block["time"].to_numpy().astype("datetime64[D]").astype(np.int64)

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.evaluation.disagreement import reference_mean
-from airswing.evaluation.error_profiles import LEVEL_EDGES_HPA, profile_cells
+from airswing.evaluation.innovations import LEVEL_EDGES_HPA, profile_cells
 from airswing.handover.forecasts.correcting import DIMS, TIME
 from airswing.handover.selection import APPLIED
 from airswing.physics.triangle import wrap_degrees
@@ -373,7 +373,7 @@ def _reports(
     block: xr.Dataset, corrected: xr.Dataset, members: list[str], region: float
 ) -> pd.DataFrame:
     """Box, layer, day and winds of the reports that count."""
-    cell, _ = profile_cells(block)
+    cell = profile_cells(block)
     model = reference_mean(block, members)
     table = pd.DataFrame(
         {
