@@ -35,7 +35,7 @@ from airswing.gap.noise.residual_statistics import gross_errors
 from airswing.gap.result.diagnosis_dataset import diagnosis_dataset
 from airswing.gap.result.report import STATED, Findings, assemble
 from airswing.gap.result.schema import EffectEntry, GapReport
-from airswing.gap.result.statement import claims_of, probability
+from airswing.gap.result.statement import claims_of
 
 Floats = NDArray[np.float64]
 Progress = Callable[[str, float], None]
@@ -212,7 +212,7 @@ def _distribution(
     found = outliers(frame, rest, replace(fitted.noise, gross=gross))
     if found is not None and "outliers" in catalogue:
         named.append(found)
-    named = [one for one in named if probability(one.evidence) >= STATED]
+    named = [one for one in named if one.evidence >= STATED]
     if not dictionary:
         return named, None, None
     of_tail = {tail: a for a, tail in enumerate(frame.tails)}

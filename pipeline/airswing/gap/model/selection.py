@@ -41,6 +41,8 @@ REPRESENTS = 0.96
 #: Standard error of a coefficient, m/s, up to which it says what is usual; fewest of them; median
 #: of chi squared with one degree of freedom.
 KNOWN_TO, FEW, CHI_SQUARED_MEDIAN = 0.15, 20, 0.455
+#: Days below which what all aircraft share cannot be separated from the weather of those days.
+DAYS = 3
 #: Names and tables in a contest, the best of each by the screening score.
 NAMES, TABLES = 12, 6
 #: Most terms, and rounds of replacement after an addition.
@@ -74,7 +76,7 @@ def screen(model: Model) -> list[Term]:
                     )
                 )
             continue
-        out += _static(group, found, model.kappa, factor)
+        out += _static(group, found, model.kappa, factor, model.sums.D)
     return sorted(out, key=lambda term: -term.score)
 
 
@@ -131,11 +133,14 @@ def _median_variance(parts: Sequence[tuple[Floats, Floats]]) -> float:
     return float(low)
 
 
-def _static(group: Group, found: Statistics, kappa: float, factor: float) -> list[Term]:
-    ranked = static_evidence(found, kappa, group.scopes)
+def _static(group: Group, found: Statistics, kappa: float, factor: float, days: int) -> list[Term]:
+    scopes = group.scopes if days >= DAYS else group.scopes.replace("f", "")
+    if not scopes:
+        return []
+    ranked = static_evidence(found, kappa, scopes)
     gated = ranked
     if factor > kappa and any(r.evidence + group.prior > GATE for r in ranked.values()):
-        gated = static_evidence(found, factor, group.scopes)
+        gated = static_evidence(found, factor, scopes)
     return [
         Term(
             group,
@@ -174,6 +179,9 @@ def contest(
     for term in short:
         exact = model.evidence([*terms, term], model.kappa) - before
         scored.append(term.with_score(exact + term.group.prior + set_prior(model, term)))
+    scored = [term for term in scored if term.score > gate]
+    if not scored:
+        return []
     scored.sort(key=lambda term: -term.score)
     best = scored[0]
     if not best.group.named:

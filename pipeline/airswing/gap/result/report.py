@@ -52,8 +52,8 @@ Floats = NDArray[np.float64]
 #: Evidence of independent reports, nats, below which an error outside the catalogue may stay
 #: unstated, and the size that every fleet has, m/s: see `could_hide`.
 STATED_FROM, EVERY_FLEET = 2000.0, 0.2
-#: Probability from which an effect that shows in no mean is stated.
-STATED = 0.9
+#: Evidence, nats, from which an effect that shows in no mean is stated: odds of a thousand.
+STATED = 7.0
 
 
 @dataclass(frozen=True)
