@@ -1,4 +1,4 @@
-"""Small archives of corrected reports, in memory: what the exports are held against."""
+"""Small archives of corrected reports, in memory, for tests of the exports."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SECOND = np.timedelta64(1, "s")
 
 
 def corrected(sizes: dict[str, int], **columns: Any) -> xr.Dataset:
-    """Corrected reports of some aircraft, every one fit to be handed over unless columns say else.
+    """Corrected reports of some aircraft, all fit for export unless columns say otherwise.
 
     ``sizes`` are reports by aircraft; a column is one value for all reports, or one for each.
     """

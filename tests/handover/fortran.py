@@ -1,7 +1,7 @@
-"""Formatted reading as Fortran does it: fixed columns, blanks are nothing, points may be implied.
+"""Formatted reading as in Fortran: fixed columns, blanks ignored, points may be implied.
 
 Real fields without a point or an exponent have the format's decimals implied; blank fields are 0;
-what is no number at all is an error, asterisks among it. A short line is filled up with blanks and
+text that is not a number is an error, also asterisks. A short line is filled up with blanks and
 an end of line of DOS is no part of it (as gfortran reads).
 """
 
@@ -13,11 +13,11 @@ import numpy as np
 
 
 class ReadError(ValueError):
-    """What IOSTAT > 0, or the crash of a reader without IOSTAT, means."""
+    """IOSTAT > 0, or the crash of a reader without IOSTAT."""
 
 
 class FileEndError(EOFError):
-    """What IOSTAT < 0 means."""
+    """IOSTAT < 0."""
 
 
 def real(field: str, decimals: int) -> float:

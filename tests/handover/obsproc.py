@@ -1,6 +1,6 @@
 """LITTLE_R as OBSPROC reads it (var/obsproc/src/module_decoded.F90 and what follows it there).
 
-Written for tests: the same columns, the same rules for what is lost, merged, replaced or rejected,
+Written for tests: the same columns, the same rules for losing, merging, replacing and rejecting,
 for aircraft reports in 3D-Var mode. The domain is left out.
 """
 
@@ -110,7 +110,7 @@ def _measurements(lines: Lines) -> list[dict[str, tuple[float, int]]]:
 def processed(
     text: str, begin: datetime, analysis: datetime, end: datetime
 ) -> list[dict[str, Any]]:
-    """What reaches ob.ascii, in order of time, aircraft of the three kinds alone."""
+    """Reports that reach ob.ascii, in order of time, of the three kinds of aircraft."""
     kept = []
     for report in raw(text):
         moment = _moment(report["date"])
@@ -155,7 +155,7 @@ def _joined(levels: list[dict[str, tuple[float, int]]]) -> list[dict[str, tuple[
 
 
 def _without_duplicates(reports: list[dict[str, Any]], analysis: datetime) -> list[dict[str, Any]]:
-    """Merge what is of one place and time; of one place keep what is nearest to the analysis."""
+    """Merge reports of one place and time; of one place keep the nearest to the analysis."""
     groups: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
     for report in reports:
         key = (report["id"], report["name"], report["platform"][3:6])

@@ -1,4 +1,4 @@
-"""What cannot be exported ends in one message and status 2, with nothing half-written."""
+"""A failed export ends in one message and status 2, with nothing half-written."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def test_without_a_product_the_run_is_named(folder, monkeypatch, capsys):
     assert status == 2 and "corrected.nc" in err and "airswing run" in err
 
 
-def test_the_command_writes_and_tells(folder, monkeypatch, capsys):
+def test_the_command_writes_and_reports(folder, monkeypatch, capsys):
     words = ("--to", "ob_ascii", "-o", "w/", "--window", "2 min", "--quiet")
     status, out, err = call(monkeypatch, capsys, *words, "--json")
     assert (status, err) == (0, "")

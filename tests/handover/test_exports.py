@@ -1,8 +1,8 @@
-"""What is exported is what the systems' readers understand: nothing lost, nothing gained.
+"""The readers of the target systems get every exported report and no other.
 
-The archives hold what archives hold: calms, winds from due north, missing temperatures, reports at
-one place and time, the antimeridian, midnight at the end of the year, winds above 80 hPa, values
-that are none or impossible.
+The archives contain calms, winds from due north, missing temperatures, reports at one place and
+time, the antimeridian, midnight at the end of the year, winds above 80 hPa, and missing and
+impossible values.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ STEP = {"obs_domain": 1e-3, "little_r": 1e-4, "ob_ascii": 6e-3}
 
 
 def understood(to, path):
-    """What the reader of a format makes of a file: one entry a wind."""
+    """Winds in a file as the reader of its format gives them."""
     text = path.read_text()
     if to == "obs_domain":
         return _of_nudging(wrf_nudging.raw(text))
@@ -241,7 +241,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("to", FORMATS)
-def test_one_report_for_every_reason_to_stay_out(tmp_path, to):
+def test_one_report_for_every_reason_to_leave_it_out(tmp_path, to):
     count = len(BAD) + 3
     columns = {
         name: corrected({"N1": count})[name].to_numpy()
@@ -270,19 +270,18 @@ def test_winds_that_wrf_would_not_take_stay_out_of_obs_domain(tmp_path):
     assert airswing.export(ds, to="ob_ascii", path=tmp_path / "g")["reports"] == 3
 
 
-def test_a_pressure_altitude_stands_in_for_the_pressure(tmp_path):
-    ds = corrected({"N1": 2}, pressure=[np.nan, 40000.0])
-    ds["pressure_altitude"] = ("report", np.array([5574.44, 7185.4]))
-    airswing.export(ds, to="ob_ascii", path=tmp_path / "f")
-    found = understood("ob_ascii", tmp_path / "f")
-    assert [one["p"] for one in found] == pytest.approx([50000.0, 40000.0], abs=1.0)
-
-
 @pytest.mark.parametrize("to", FORMATS)
-def test_an_impossible_temperature_is_missing(tmp_path, to):
-    ds = corrected({"N1": 3}, air_temperature=[20.0, np.inf, 258.15])
+def test_pressure_altitude_replaces_a_missing_pressure_and_bad_temperatures_are_missing(
+    tmp_path, to
+):
+    ds = corrected(
+        {"N1": 3}, pressure=[np.nan, 40000.0, 50000.0], air_temperature=[20.0, np.inf, 258.15]
+    )
+    ds["pressure_altitude"] = ("report", np.array([5574.44, 7185.4, 0.0]))
     airswing.export(ds, to=to, path=tmp_path / "f")
-    temperatures = [one["t"] for one in understood(to, tmp_path / "f")]
+    found = understood(to, tmp_path / "f")
+    assert [one["p"] for one in found] == pytest.approx([50000.0, 40000.0, 50000.0], abs=1.0)
+    temperatures = [one["t"] for one in found]
     assert temperatures == pytest.approx([-888888.0, -888888.0, 258.15], abs=1e-3)
 
 
@@ -368,7 +367,7 @@ def test_soundings_that_the_nudging_would_ignore(tmp_path, pressure, phase, size
     assert result["reports"] == 1 or phase == "descent"
 
 
-def test_how_far_soundings_move_their_reports_is_said(tmp_path):
+def test_the_notes_give_how_far_soundings_move_reports(tmp_path):
     """By hand: 7 reports, 0.25 degrees of latitude and 3 minutes apart."""
     ds = profile(
         np.linspace(900, 400, 7),
@@ -485,7 +484,7 @@ def test_the_platform_follows_the_source(tmp_path, platform, code):
 
 @pytest.mark.parametrize("to", FORMATS)
 def test_aircraft_by_number(tmp_path, to):
-    """What is a number stays it; 0000751 and 751 are two aircraft, and the first has the number."""
+    """A name that is a number keeps it; of 0000751 and 751 the first has the number."""
     names = ["0000751", "00002", "123456", "751", "N751A", "X"]
     ds = corrected(dict.fromkeys(names, 1))
     result = airswing.export(
@@ -499,7 +498,7 @@ def test_aircraft_by_number(tmp_path, to):
 
 
 @pytest.mark.parametrize("to", FORMATS)
-def test_what_one_constant_corrected_stays_out_unless_accepted(tmp_path, to):
+def test_winds_corrected_by_one_constant_are_left_out_unless_accepted(tmp_path, to):
     ds = corrected({"N1": 2, "N2": 3})
     ds["correction_applied"][2:] = CORRECTION["offset_only"]
     result = airswing.export(ds, to=to, path=tmp_path / "f")

@@ -46,21 +46,21 @@ def pairs(errors, *, first="2009-01-01", step="1D", leads=(12.0,), variable="air
     )
 
 
-def test_as_good_as_the_filter_of_others(real):
+def test_as_good_as_a_published_filter(real):
     raw = pairs_from_tables([real("stations/verif_raw.txt")])
-    theirs = pairs_from_tables([real("stations/verif_kf.txt")])
-    ours = correct_forecasts(raw)
+    public = pairs_from_tables([real("stations/verif_kf.txt")])
+    here = correct_forecasts(raw)
     spread = {
         "raw": float((raw["forecast"] - raw["observation"]).std()),
-        "theirs": float((theirs["forecast"] - theirs["observation"]).std()),
-        "ours": float((ours["corrected_forecast"] - ours["observation"]).std()),
+        "public": float((public["forecast"] - public["observation"]).std()),
+        "here": float((here["corrected_forecast"] - here["observation"]).std()),
     }
     assert (raw.sizes["lead"], raw.sizes[TIME]) == (25, 61)
     assert spread["raw"] == pytest.approx(2.67, abs=0.005)
-    assert spread["theirs"] == pytest.approx(1.17, abs=0.005)
-    assert spread["ours"] < 1.03 * spread["theirs"]
-    assert int(ours["ratio_chosen"][0]) == 1
-    assert int(ours["held_out"].sum()) in (30, 31)
+    assert spread["public"] == pytest.approx(1.17, abs=0.005)
+    assert spread["here"] < 1.03 * spread["public"]
+    assert int(here["ratio_chosen"][0]) == 1
+    assert int(here["held_out"].sum()) in (30, 31)
 
 
 def test_command_writes_product_and_page(real, tmp_path):
@@ -126,7 +126,7 @@ def test_ratio_is_chosen_on_the_first_part_of_the_days():
     assert found["ratio"].item() == 0.4
 
 
-def test_what_the_filter_would_make_worse_is_left_as_it_is(tmp_path):
+def test_a_variable_the_filter_would_make_worse_is_unchanged(tmp_path):
     rng = np.random.default_rng(4)
     noise = pairs(rng.normal(size=(1, 60, 1)))
     biased = pairs(rng.normal(size=(1, 60, 1)) + 2.0, variable="wind_speed")
@@ -197,7 +197,7 @@ def test_scores_of_stations_have_intervals_by_days():
 
 
 def test_the_last_pairs_are_a_better_rival_on_series_with_gaps():
-    """Three days of every ten have a pair: the mean of seven days often knows nothing."""
+    """Three days of every ten have a pair: the mean of seven days is often missing."""
     rng = np.random.default_rng(6)
     errors = 2.0 + rng.normal(size=(40, 120, 1))
     errors[:, np.arange(120) % 10 >= 3] = np.nan
@@ -219,7 +219,7 @@ def test_a_gross_error_of_one_station_does_not_set_the_axes():
     assert left.get_xlim()[1] < 6.0 and right.get_ylim() == (-1.05, 1.05)
 
 
-def test_wind_speed_is_never_below_none():
+def test_wind_speed_is_never_negative():
     found = correct_forecasts(pairs(np.linspace(0, 300, 40)[None, ::-1, None]))
     low = found.assign_coords(variable=["wind_speed"])
     low = correct_forecasts(low[["forecast", "observation"]] - 280.0)
@@ -232,7 +232,7 @@ def wrf(real):
 
 
 def test_grib_at_grid_points_is_the_grids_value_turned_to_true_north(real):
-    """Against cfgrib's values and pyproj's meridian convergence, both independent of ours."""
+    """Against cfgrib's values and pyproj's meridian convergence, both independent."""
     from pyproj import Proj
 
     files = wrf(real)
@@ -372,7 +372,7 @@ def test_grib_forecasts_meet_observations(real, tmp_path):
         ("just some words\nthat are no table at all\n", "not a table"),
     ],
 )
-def test_bad_tables_are_told(tmp_path, text, what):
+def test_bad_tables_are_refused(tmp_path, text, what):
     file = tmp_path / "pairs.csv"
     file.write_text(text)
     with pytest.raises(InputError, match=what) as error:
@@ -380,7 +380,7 @@ def test_bad_tables_are_told(tmp_path, text, what):
     assert str(file) in str(error.value) and len(str(error.value)) < 2000
 
 
-def test_stations_of_which_nothing_can_be_used(tmp_path):
+def test_stations_without_a_usable_observation(tmp_path):
     file = tmp_path / "stations.csv"
     file.write_text("id,lat,lon,time,temperature_degC\nA,400,0,2009-01-01,3\n")
     with pytest.raises(InputError, match="no observation can be used"):

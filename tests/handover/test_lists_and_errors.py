@@ -1,4 +1,4 @@
-"""Reject list, error table and JEDI tables: what changes is right, all else is as it was."""
+"""Reject list, error table and JEDI tables: changes are right, the rest is unchanged."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ def run(folder, fleet, *, pressure=50000.0):
     sizes = dict.fromkeys(fleet, 300)
     winds = {"eastward_wind": [], "northward_wind": []}
     winds |= {f"corrected_{name}": [] for name in list(winds)}
-    for reported, mended in fleet.values():
-        for prefix, degrees in (("", reported), ("corrected_", mended)):
+    for reported, after in fleet.values():
+        for prefix, degrees in (("", reported), ("corrected_", after)):
             u, v = turned(degrees)
             winds[f"{prefix}eastward_wind"].append(u)
             winds[f"{prefix}northward_wind"].append(v)
@@ -134,7 +134,7 @@ def test_a_turboprop_comes_off_the_real_list(real, tmp_path):
     json.dumps(done)
 
 
-def test_lines_that_are_none_stay_as_they_are_and_blanks_match_nothing(tmp_path):
+def test_other_lines_are_unchanged_and_blank_identifiers_are_filled(tmp_path):
     rows = [
         "00000751  - W -      MDC00001  300 SAAB ( bias_DIR )\n",
         "00000752  T W - 9999          772  -0.8   0.9   1.8   3.1  13 SAAB ( std_T bias_DIR )\r\n",
@@ -142,7 +142,7 @@ def test_lines_that_are_none_stay_as_they_are_and_blanks_match_nothing(tmp_path)
         "00000755  - W -      --------  100 SAAB ( std_T )\n",
         "00000756  - W -      --------  100 SAAB ( bias_DIR rms_W bias_X )\n",
         "; a remark\n",
-        "what is this line?\n",
+        "another line\n",
         "\n",
         "N1        - X -\n",
         "00000754  - - R    1 --------  100 SAAB ( bias_RH )",
@@ -171,7 +171,7 @@ def test_lines_that_are_none_stay_as_they_are_and_blanks_match_nothing(tmp_path)
 
 
 @pytest.mark.parametrize("number", [500, 501])
-def test_more_than_gsi_has_room_for_is_told(tmp_path, number):
+def test_more_entries_than_gsi_holds_are_noted(tmp_path, number):
     base = tmp_path / "list"
     rows = [f"{place:08d}  - W -      --------  100 SAAB ( bias_DIR )\n" for place in range(number)]
     base.write_text(HEADER + "".join(rows) + "90000000  T - -      --------\n")
@@ -192,7 +192,7 @@ def test_more_than_gsi_has_room_for_is_told(tmp_path, number):
         (";\n" * 16 + "00000751  - W -      MDC00001\n", "no criterion of wind"),
     ],
 )
-def test_what_is_no_list_is_refused(tmp_path, text, what):
+def test_other_files_are_no_reject_list(tmp_path, text, what):
     base = tmp_path / "list"
     base.write_text(text)
     with pytest.raises(InputError, match=what) as error:
@@ -270,7 +270,7 @@ def test_a_folder_gets_a_table_for_each_phase_and_reported_winds_are_worse(tmp_p
     assert dict(zip(LEVELS, cruise["UV", "AIREPS"], strict=False))[1000] == 1.0
 
 
-def test_what_is_no_error_table_is_refused(tmp_path):
+def test_other_files_are_no_error_table(tmp_path):
     product = run(tmp_path, {"A": (9.0, 0.0)})
     base = tmp_path / "base.txt"
     base.write_text("no table\n")

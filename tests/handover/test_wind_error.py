@@ -71,69 +71,56 @@ def test_the_table_is_the_one_obsproc_gave_its_reports():
     assert len(set(error)) >= 5
 
 
-def test_errors_by_leg_and_layer(tmp_path):
-    """Corrections as uncertain as each other change nothing; an ascent has no row."""
+LEGS = {
+    "pressure": [109000.0, 70000.0, 39999.0, 19000.0, 90000.0, 39999.0],
+    "phase": [PHASE[name] for name in ("cruise",) * 4 + ("descent", "ascent")],
+    "corrected_wind_standard_error": 0.4,
+}
+N2 = {"pressure": [50000.0, 90000.0], "corrected_wind_standard_error": [0.4, 0.2]}
+
+
+@pytest.mark.parametrize(
+    ("sizes", "columns", "winds", "by_hand"),
+    [
+        # Corrections of equal uncertainty change nothing; an ascent has no row.
+        ({"N1": 6}, LEGS, "corrected", [1.5, 1.2, 0.95, 0.95, 1.0, 0.9]),
+        ({"N1": 6}, LEGS, "reported", [2.0, 1.6, 1.9, 1.9, 3.0, 1.8]),
+        # 1.2 m/s of the cell holds (0.2^2 + 1.0^2) / 4 = 0.26 of uncertain corrections.
+        (
+            {"N1": 1, "X": 1},
+            {"corrected_wind_standard_error": [0.2, 1.0]},
+            "corrected",
+            np.sqrt([1.44 - 0.26 + 0.02, 1.44 - 0.26 + 0.5]),
+        ),
+        # N2 flew cells of 1.44 and 2.25 and has 1.69 itself, 0.155 less than these. Of its
+        # corrections, half the squares are 0.08 and 0.02, on the mean 0.05.
+        ({"N2": 2}, N2, "corrected", np.sqrt([1.44 - 0.155 + 0.03, 2.25 - 0.155 - 0.03])),
+        ({"N2": 2}, N2, "reported", np.sqrt(np.array([2.56, 4.0]) + 36.0 - 3.28)),
+        # A variance clipped at zero counts; half of the base of 1.2 m/s is the least.
+        ({"N3": 2}, {"corrected_wind_standard_error": 0.4}, "corrected", [0.6, 0.6]),
+        ({"N1": 3}, {"corrected_wind_standard_error": [0, 0, 6]}, "corrected", [0.6, 0.6]),
+        # No error is below 0.5 m/s.
+        (
+            {"N1": 3},
+            {
+                "corrected_wind_standard_error": [0, 0, 6],
+                "pressure": 30000.0,
+                "phase": PHASE["descent"],
+            },
+            "corrected",
+            [0.5, 0.5],
+        ),
+        # A unit that corrects itself has the error of its cell.
+        ({"N1": 2}, {"corrected_wind_standard_error": [0.5, np.nan]}, "corrected", [1.2, 1.2]),
+    ],
+)
+def test_errors_by_hand(tmp_path, sizes, columns, winds, by_hand):
     write_known(tmp_path)
-    ds = corrected(
-        {"N1": 6},
-        pressure=[109000.0, 70000.0, 39999.0, 19000.0, 90000.0, 39999.0],
-        phase=[PHASE[name] for name in ("cruise",) * 4 + ("descent", "ascent")],
-        corrected_wind_standard_error=0.4,
-    )
-    found = errors(tmp_path, ds)
-    assert found == pytest.approx([1.5, 1.2, 0.95, 0.95, 1.0, 0.9], abs=0.006)
-    found = errors(tmp_path, ds, winds="reported")
-    assert found == pytest.approx([2.0, 1.6, 1.9, 1.9, 3.0, 1.8], abs=0.006)
+    found = errors(tmp_path, corrected(sizes, **columns), winds=winds)
+    assert found[: len(by_hand)] == pytest.approx(by_hand, abs=0.006)
 
 
-def test_a_compass_hardly_known_weighs_less(tmp_path):
-    """By hand: 1.2 m/s of the cell holds (0.2^2 + 1.0^2) / 4 = 0.26 of uncertain corrections."""
-    write_known(tmp_path)
-    ds = corrected({"N1": 1, "X": 1}, corrected_wind_standard_error=[0.2, 1.0])
-    by_hand = np.sqrt([1.44 - 0.26 + 0.02, 1.44 - 0.26 + 0.5])
-    assert errors(tmp_path, ds) == pytest.approx(by_hand, abs=0.006)
-
-
-def test_an_aircraft_has_its_own_error(tmp_path):
-    """By hand: N2 flew cells of 1.44 and 2.25 and has 1.69 itself, 0.155 less than these.
-
-    Of its corrections, half the squares are 0.08 and 0.02, on the mean 0.05.
-    """
-    write_known(tmp_path)
-    ds = corrected({"N2": 2}, pressure=[50000.0, 90000.0], corrected_wind_standard_error=[0.4, 0.2])
-    by_hand = np.sqrt([1.44 - 0.155 + 0.03, 2.25 - 0.155 - 0.03])
-    assert errors(tmp_path, ds) == pytest.approx(by_hand, abs=0.006)
-    by_hand = np.sqrt(np.array([2.56, 4.0]) + 36.0 - 3.28)
-    assert errors(tmp_path, ds, winds="reported") == pytest.approx(by_hand, abs=0.006)
-
-
-def test_an_error_of_zero_is_an_estimate(tmp_path):
-    """A variance clipped at zero counts; half of the base of 1.2 m/s is the least."""
-    write_known(tmp_path)
-    ds = corrected({"N3": 2}, corrected_wind_standard_error=0.4)
-    assert errors(tmp_path, ds) == pytest.approx([0.6, 0.6], abs=0.006)
-
-
-def test_no_error_falls_below_half_its_cells_nor_half_a_metre_a_second(tmp_path):
-    write_known(tmp_path)
-    ds = corrected({"N1": 3}, corrected_wind_standard_error=[0.0, 0.0, 6.0])
-    assert errors(tmp_path, ds)[:2] == pytest.approx([0.6, 0.6])
-    ds = corrected(
-        {"N1": 3},
-        corrected_wind_standard_error=[0.0, 0.0, 6.0],
-        pressure=30000.0,
-        phase=PHASE["descent"],
-    )
-    assert errors(tmp_path, ds)[:2] == pytest.approx([0.5, 0.5])
-
-
-def test_a_unit_that_corrects_itself_has_the_error_of_its_cell(tmp_path):
-    write_known(tmp_path)
-    ds = corrected({"N1": 2}, corrected_wind_standard_error=[0.5, np.nan])
-    assert errors(tmp_path, ds) == pytest.approx([1.2, 1.2], abs=0.006)
-
-
-def test_a_product_that_tells_no_errors_is_refused(tmp_path):
+def test_a_product_without_errors_is_refused(tmp_path):
     write_known(tmp_path, "observation_error_filled")
     write_product(corrected({"N1": 2}), tmp_path / "corrected.nc", title="test")
     with pytest.raises(InputError, match=r"observation_errors.nc: observation_error_filled"):
@@ -141,7 +128,7 @@ def test_a_product_that_tells_no_errors_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize("winds", ["corrected", "reported"])
-def test_a_product_that_knows_no_error_is_not_said_to_be_its_source(tmp_path, winds):
+def test_a_product_without_finite_errors_is_not_named_as_source(tmp_path, winds):
     write_known(tmp_path, known=np.full_like(KNOWN, np.nan))
     ds = corrected({"N1": 2}, pressure=50000.0, corrected_wind_standard_error=0.0)
     write_product(ds, tmp_path / "corrected.nc", title="test")
@@ -149,7 +136,7 @@ def test_a_product_that_knows_no_error_is_not_said_to_be_its_source(tmp_path, wi
         tmp_path / "corrected.nc", to="ob_ascii", path=tmp_path / "f", winds=winds
     )
     assert result["errors_from"] == "WRFDA's table"
-    assert "observation_errors.nc knows none of these" in result["notes"][0]
+    assert "observation_errors.nc holds none for these" in result["notes"][0]
     assert ("uncertainty of each correction" in result["notes"][0]) == (winds == "corrected")
     (first, *_), _ = wrfda.read((tmp_path / "f").read_text())
     assert first["levels"][0]["error"] == pytest.approx(2.9)

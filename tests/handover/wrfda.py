@@ -1,6 +1,6 @@
 """ob.ascii as WRFDA reads it (var/da/da_obs_io/da_read_obs_ascii.inc, da_scan_obs_ascii.inc).
 
-Written for tests: the same columns, the same rules for what is used, lost or fatal.
+Written for tests: the same columns, rules for using and losing reports, and fatal errors.
 """
 
 from __future__ import annotations

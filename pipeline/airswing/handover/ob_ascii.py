@@ -79,7 +79,7 @@ def write(request: Request) -> dict[str, Any]:
     result["notes"] += [
         f"errors of the winds from {errors.source}"
         + ", with the uncertainty of each correction" * (request.winds == "corrected")
-        + f" ({ERRORS} knows none of these)" * unknown,
+        + f" ({ERRORS} holds none for these)" * unknown,
         "WRFDA namelist: ob_format = 2; its gross check rejects a component that departs from the "
         "first guess by more than max_error_uv (5.0) times the report's error",
     ]

@@ -1,4 +1,4 @@
-"""Atmosphere of the sample archives: a true wind, and models that know it imperfectly.
+"""Atmosphere of the sample archives: a true wind, and models with errors.
 
 Assumptions
 -----------

@@ -6,7 +6,7 @@ The flux valve is a vector instrument. The earth's field (H, declination, Z) is 
 airframe by the true magnetic heading, distorted by soft iron (a matrix) and hard iron (a constant
 vector), then seen in the plane of a pendulous sensing element along the apparent vertical:
 acceleration or bank tilts the plane and admits the vertical field. Indicated heading = angle of
-what is sensed + misalignment + the declination the unit has stored. Wind = GPS ground velocity -
+the sensed vector + misalignment + the declination stored in the unit. Wind = GPS ground velocity -
 indicated airspeed along the indicated heading. No formula of a deviation curve is used: curves
 follow from the vectors. Heading error = indicated - true; with hard iron p,
 sin(error) = -(p_f sin m + p_r cos m) / H exactly, m the indicated magnetic heading.
@@ -201,7 +201,7 @@ class Fault:
 
 @dataclass
 class Setting:
-    """Surroundings of the unit at every report, each (n,), and what faults change there."""
+    """Surroundings of the unit at every report, each (n,), and the effect of faults."""
 
     tail: NDArray[np.int64]  # index of the aircraft
     hours: Array

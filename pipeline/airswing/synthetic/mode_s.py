@@ -1,10 +1,10 @@
 """Sample of ERA5 as NetCDF with aircraft that report their magnetic heading (Mode S).
 
 Assumes a compass with psi_ind = psi + A + B sin m + C cos m. The model's wind is linear in place,
-ln p and time, so that interpolation adds no error; the true wind is that plus an error of each
-flight and gusts. Reports are those of Mode-S registers 5,0 and 6,0
-with their resolution, every ten seconds, in the columns of `traffic`; the NetCDF file is packed
-in 16 bits as the Climate Data Store packed it. Valid for middle latitudes; over the sphere.
+ln p and time, so that interpolation adds no error; the true wind is the model's plus an error of
+each flight and gusts. Reports are those of Mode-S registers 5,0 and 6,0 with their resolution,
+every ten seconds, in the columns of `traffic`; the NetCDF file is packed in 16 bits as by the
+Climate Data Store. Valid for middle latitudes; over the sphere.
 """
 
 from __future__ import annotations
@@ -76,9 +76,9 @@ def write_mode_s(
     place.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(seed)
     hours = 2 * flights + 2
-    _era5(south, hours).to_netcdf(
-        place / "era5.nc", encoding={name: _packed() for name in ("u", "v")}
-    )
+    packing = {"dtype": "int16", "scale_factor": 0.002, "add_offset": 10.0, "_FillValue": -32767}
+    packing |= {"zlib": True, "complevel": 1}
+    _era5(south, hours).to_netcdf(place / "era5.nc", encoding={"u": packing, "v": packing})
     start = pd.Timestamp(START).to_pydatetime()
     field = EarthField(start, hours / 24.0, (south, south + 8.0, WEST, WEST + 12.0))
     tables = []
@@ -89,13 +89,6 @@ def write_mode_s(
             tables.append(_flight(name, curve, heading, begin, field, rng, (south, WEST)))
     pd.concat(tables).to_csv(place / "mode_s.csv", index=False)
     return AIRCRAFT
-
-
-def _packed() -> dict[str, object]:
-    return {"dtype": "int16", "scale_factor": 0.002, "add_offset": 10.0, "_FillValue": -32767} | {
-        "zlib": True,
-        "complevel": 1,
-    }
 
 
 def _era5(south: float, hours: int) -> xr.Dataset:

@@ -1,4 +1,4 @@
-"""From the exact state of the flights to what the units report.
+"""From the exact state of the flights to the reports of the units.
 
 Assumptions: the GPS ground velocity is exact; airspeed and heading carry white noise; a lagging
 unit works from the state of some seconds ago; reports are coded in whole steps of position,
@@ -10,7 +10,7 @@ Units: SI, degrees for places, hours since the start; coded values in the canoni
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 import pandas as pd
@@ -41,7 +41,7 @@ Wind = Callable[[Flights, Array, Array, Array, Array], Array]
 
 @dataclass(frozen=True)
 class Coding:
-    """Steps a unit can express, and its noise."""
+    """Steps of the coded values, and the noise of a unit."""
 
     direction_deg: float = 1.0
     speed_kt: float = 1.0
@@ -71,33 +71,10 @@ class Units:
     correction: Correction | None = None
 
 
-TRUTH = {
-    "true_u": "u",
-    "true_v": "v",
-    "true_heading": "heading",
-    "true_airspeed": "airspeed",
-    "true_latitude": "latitude",
-    "true_longitude": "longitude",
-    "true_altitude": "altitude",
-    "ground_u": "east",
-    "ground_v": "north",
-    "bank": "bank",
-    "acceleration": "acceleration",
-    "declination": "declination",
-    "horizontal": "horizontal",
-}
+_EXACT = ("u", "v", "heading", "airspeed", "latitude", "longitude", "altitude")
+TRUTH = {f"true_{name}": name for name in _EXACT} | {"ground_u": "east", "ground_v": "north"}
+TRUTH |= {name: name for name in ("bank", "acceleration", "declination", "horizontal")}
 """Columns of the exact state."""
-_SETTING = (
-    "hours",
-    "latitude",
-    "longitude",
-    "altitude",
-    "declination",
-    "horizontal",
-    "down",
-    "acceleration",
-    "bank",
-)
 
 
 def observe(
@@ -110,7 +87,7 @@ def observe(
     field: EarthField,
     units: Units,
 ) -> pd.DataFrame:
-    """What the units report, with the truth in further columns.
+    """Compute the reports of the units, with the truth in further columns.
 
     Parameters
     ----------
@@ -151,7 +128,7 @@ def observe(
         phase=flown.phase[step, flight].astype(np.int64),
         box=tuple(map(float, box)),  # type: ignore[arg-type]
         magnetic=used["heading"] - used["declination"],
-        **{name: used[name] for name in _SETTING},
+        **{part.name: used[part.name] for part in fields(Setting) if part.name in used},
     )
     apply_unit_faults(setting, faults, tails)
     heading, airspeed = _indicated(used, setting, seed, units)

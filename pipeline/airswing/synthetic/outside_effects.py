@@ -39,7 +39,7 @@ COMPONENTS = (
     "speed",
     "direction",
 )
-"""What is changed: body axes and wind axes (m/s), speed (relative), direction (radians)."""
+"""Changed component: body and wind axes (m/s), speed (relative), direction (radians)."""
 CYCLIC: dict[str, float] = {
     "magnetic_heading": 2 * np.pi,
     "heading": 2 * np.pi,

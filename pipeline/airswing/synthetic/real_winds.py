@@ -16,10 +16,10 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import yaml
@@ -42,8 +42,7 @@ _LOWEST = 350
 _TRIES = 60
 
 
-@dataclass(frozen=True)
-class _Message:
+class _Message(NamedTuple):
     """One wind component of one level and time."""
 
     base: datetime
@@ -64,11 +63,8 @@ def _messages(path: Path) -> tuple[list[_Message], LambertGrid | None]:
             def key(name: str, handle: int = handle) -> Any:
                 return eccodes.codes_get(handle, name)
 
-            try:
-                name, level = key("shortName"), int(key("level"))
-                isobaric = key("typeOfLevel") == "isobaricInhPa"
-                if name not in ("u", "v") or not isobaric or level < _LOWEST:
-                    continue
+            name, level = key("shortName"), int(key("level"))
+            if name in ("u", "v") and key("typeOfLevel") == "isobaricInhPa" and level >= _LOWEST:
                 grid = grid or LambertGrid(
                     key("latitudeOfFirstGridPointInDegrees"),
                     (key("longitudeOfFirstGridPointInDegrees") + 180.0) % 360.0 - 180.0,
@@ -82,18 +78,12 @@ def _messages(path: Path) -> tuple[list[_Message], LambertGrid | None]:
                 values = eccodes.codes_get_values(handle).astype(np.float32)
                 if key("bitmapPresent"):
                     values[values == np.float32(key("missingValue"))] = np.nan
+                values = values.reshape(grid.rows, grid.columns)
                 stamp = f"{key('dataDate'):08d}{key('dataTime'):04d}"
-                found.append(
-                    _Message(
-                        base=datetime.strptime(stamp, "%Y%m%d%H%M"),
-                        lead=int(key("endStep")),
-                        level=level,
-                        component=0 if name == "u" else 1,
-                        values=values.reshape(grid.rows, grid.columns),
-                    )
-                )
-            finally:
-                eccodes.codes_release(handle)
+                base = datetime.strptime(stamp, "%Y%m%d%H%M")
+                lead = int(key("endStep"))
+                found.append(_Message(base, lead, level, "uv".index(name), values))
+            eccodes.codes_release(handle)
     return found, grid
 
 
@@ -158,10 +148,7 @@ def _filled(stored: GriddedReference) -> GriddedReference:
         if gap.any() and not gap.all():
             nearest = distance_transform_edt(gap, return_distances=False, return_indices=True)
             wind[index] = wind[index][tuple(nearest)]
-    wind = np.nan_to_num(wind)
-    return GriddedReference(
-        stored.name, stored.grid, stored.levels, stored.hours, wind, stored.grid_relative
-    )
+    return replace(stored, wind=np.nan_to_num(wind))
 
 
 class RealAir:
@@ -257,7 +244,7 @@ def write_archive(
     """Write the reports of one day flown through a real run, and a configuration for them.
 
     The configuration names two references: ``cycle_00``, every file of the first cycle, and
-    ``cycle_12``, the later analysis with the longer leads of the first cycle around it.
+    ``cycle_12``, the later analysis with the last four files of the first cycle.
 
     Parameters
     ----------
@@ -296,17 +283,9 @@ def write_archive(
     write_reports(root / "reports", frame)
     files = sorted(str(path.resolve()) for path in source.iterdir() if path.is_file())
     target = root / "config.yaml"
-    config = _config(root, files, start, output)
-    target.write_text(yaml.safe_dump(config, sort_keys=False), encoding="utf-8")
-    record = truth_record(frame, faults, tails, effects)
-    save_truth(root / "truth", record, seed=seed, start=start)
-    return target
-
-
-def _config(root: Path, files: list[str], start: datetime, output: str | None) -> dict[str, object]:
     first = [name for name in files if f"{start:%Y%m%d%H}" in Path(name).name]
     later = [name for name in files if name not in first]
-    return {
+    config = {
         "reports": {"files": f"{root.resolve()}/reports/*.csv"},
         "references": {
             "cycle_00": {"files": first},
@@ -314,6 +293,10 @@ def _config(root: Path, files: list[str], start: datetime, output: str | None) -
         },
         "output": output or f"{root.resolve()}/results",
     }
+    target.write_text(yaml.safe_dump(config, sort_keys=False), encoding="utf-8")
+    record = truth_record(frame, faults, tails, effects)
+    save_truth(root / "truth", record, seed=seed, start=start)
+    return target
 
 
 if __name__ == "__main__":

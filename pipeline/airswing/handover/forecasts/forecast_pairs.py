@@ -108,11 +108,11 @@ def read_table(path: Path, columns: Mapping[str, str]) -> tuple[pd.DataFrame, di
             file=path,
             found=f"{len(names)} names, a line of {len(rows[0])} values",
         )
-    given = {theirs.strip().strip('"').lower(): ours for theirs, ours in columns.items()}
-    for theirs, key in zip(columns, given, strict=True):
+    given = {name.strip().strip('"').lower(): known for name, known in columns.items()}
+    for name, key in zip(columns, given, strict=True):
         if key not in names:
             raise InputError(
-                "no such column", file=path, field=theirs, found="columns " + ", ".join(names)
+                "no such column", file=path, field=name, found="columns " + ", ".join(names)
             )
     table = pd.DataFrame(whole, columns=names, dtype=object).rename(columns=given)
     again = table.columns[table.columns.duplicated()]
@@ -140,7 +140,7 @@ def column(table: pd.DataFrame, names: Sequence[str], *, file: Path) -> pd.Serie
             f"no column {' or '.join(names)}",
             file=file,
             found="columns " + ", ".join(map(str, table.columns)),
-            remedy="Name it under columns, as `their name: our name`",
+            remedy="Name it under columns, as `name in the table: known name`",
         )
     return found
 

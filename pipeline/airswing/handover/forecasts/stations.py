@@ -1,4 +1,4 @@
-"""Near-surface forecasts at stations from GRIB, paired with what was observed there.
+"""Near-surface forecasts at stations from GRIB, paired with observations.
 
 Assumes instantaneous fields of temperature at 2 m and wind at 10 m on grids that
 :mod:`airswing.reference.grids` places; a field that is no state of the atmosphere
@@ -249,7 +249,7 @@ def forecasts_at_stations(
         ``variable, station, forecast_reference_time, lead`` (h), ``forecast``; variables are
         ``air_temperature``, ``eastward_wind``, ``northward_wind`` and ``wind_speed``.
     dict of str to int
-        What was left out, by reason.
+        Counts of fields left out, by reason.
 
     Raises
     ------
@@ -356,13 +356,13 @@ def _at_stations(
 ) -> _Field | None:
     """One field at the stations; None where it is another variable."""
     if edition == 1:
-        # Octet 10 of section 1: 105 is a height above ground (GRIB1 table 3).
+        # Byte 10 of section 1: 105 is a height above ground (GRIB1 table 3).
         product, section = sections[1], sections.get(2)
         if section is None or product[9] != 105:
             return None
     else:
         product, section = sections[4], sections[3]
-        # Octets 10, 11 and 23 of section 4: category, number, and 103 for a height above ground
+        # Bytes 10, 11 and 23 of section 4: category, number, and 103 for a height above ground
         # (GRIB2 code table 4.5).
         if (product[9], product[10]) not in _NUMBERS or product[22] != 103:
             return None

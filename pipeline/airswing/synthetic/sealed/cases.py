@@ -13,7 +13,7 @@ Effects, their variants and sizes are dealt like cards, every effect as often as
 of one rung share worlds, so that fields are not written for each; names are dealt last and carry no
 information. An outside effect is dealt as several draws: the first is taken that no name explains
 on its archive, two times in three the first of those that closes a tenth of a knot (many close
-less, and nobody would miss them). Pairs of variables that determine each other (heading and track)
+less, which is no loss if missed). Pairs of variables that determine each other (heading and track)
 are not multiplied, and what the catalogue names (a heading error that steps or grows with the date,
 or acts while icing protection is on) is not drawn. The size of a scatter effect is measured on the
 archive.

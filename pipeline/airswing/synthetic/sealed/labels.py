@@ -1,7 +1,7 @@
 """Labels of sealed cases: their keys, and their seal.
 
-Assumes labels as `airswing.synthetic.sealed.sealed_archives.Archivist.write` makes them. Whoever
-diagnoses reads only the archives; the digest (SHA-256 of the file of labels, byte for byte), which
+Assumes labels as `airswing.synthetic.sealed.sealed_archives.Archivist.write` makes them. A
+diagnosis reads only the archives; the digest (SHA-256 of the file of labels, byte for byte), which
 is published before any diagnosis, proves afterwards that the labels were not changed. Sizes in m/s
 root mean square where an effect acts, disagreements in kt.
 """

@@ -7,10 +7,10 @@ aircraft gives the share of the change they explain. A variable carries what the
 explain of the signed size of the change.
 
 An effect is fit for a case when it changes reports by `LEAST_SIZE` and more, its sum of squares
-exceeds `LEAST_ENERGY`, and named effects explain less than `MOST_NAMED` of it: else whoever names
-them would be right. The least energy is what a single known curve needs to be four standard errors
-from zero in winds that err by 2.4 m/s along correlated flights (four reports to one independent
-value).
+exceeds `LEAST_ENERGY`, and named effects explain less than `MOST_NAMED` of it: otherwise a
+diagnosis that names them would be right. The least energy makes a single known curve four standard
+errors, with errors of the winds of 2.4 m/s along correlated flights (four reports to one
+independent value).
 
 Valid for a few hundred reports an aircraft. Units: m/s, radians, kt for a closure.
 """

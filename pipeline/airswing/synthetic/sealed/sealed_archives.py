@@ -179,7 +179,7 @@ def simulated(world: World, effects: Effects, *, coding: Coding | None = None) -
 
 @dataclass
 class Archivist:
-    """Writes the archives of a check and keeps what they share."""
+    """Writes the archives of a check and keeps the parts they share."""
 
     root: Path  # folder of the check; archives go to ``cases``, fields to ``winds``
     real: Path | None = None  # folder with real data for rung 5
@@ -219,7 +219,7 @@ class Archivist:
             "names": list(dict.fromkeys(name for part in drawn for name in part.names)),
             "effects": effects,
             "without": list(case.without),
-            # The tails of a real record are heavy: whoever names them is right.
+            # The tails of a real record are heavy: a diagnosis that names them is right.
             "background": ["outliers"] if case.world.kind in ("hard", "sensor") else [],
             # The record turns the heading of every aircraft: an effect across it is not false.
             "background_components": list(_ACROSS) if case.world.kind == "sensor" else [],
@@ -230,8 +230,8 @@ class Archivist:
     def _fit_draw(self, case: Case) -> tuple[tuple[Drawn, ...], OutsideTruth]:
         """First draw of an outside effect that is fit, and its truth.
 
-        Of a case that shall be worth closing, the first that is fit and closes `WORTH_KT`, or that
-        closes most. Where none is fit (rare), the one that named effects explain least.
+        Of a case with ``worth``, the first that is fit and closes `WORTH_KT`, or the one with the
+        largest closure. Where none is fit (rare), the one that named effects explain least.
         """
         bare = self._without(case.world)
         wind = innovation(bare)
