@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 
 from airswing.errors import InputError
 from airswing.flags import STATUS
-from airswing.report import swing_card_figure, write_swing_cards
-from airswing.report.run.swing_cards import steer
+from airswing.report.run.swing_cards import steer, swing_card_figure, write_swing_cards
 from tests.report import factories
 
 HEADINGS = factories.headings(aircraft=3, reports=120)

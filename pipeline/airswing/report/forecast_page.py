@@ -29,6 +29,8 @@ from airswing.report.html.document import (
 )
 from airswing.report.html.embed import embedded
 from airswing.report.html.style import INK, SOFT, blank, new_figure, plural, series_style, styled
+from airswing.report.run.reading_warnings import tally
+from airswing.report.run.selection import number_text, range_text
 from airswing.version import __version__
 
 NAMES = {
@@ -43,15 +45,7 @@ _PERIODS = {"held_out": "held out", "all": "all days"}
 
 
 def write_forecast_page(directory: Path, corrected: xr.Dataset) -> Path:
-    """Write ``index.html`` of corrected forecasts; return its path.
-
-    Parameters
-    ----------
-    directory : Path
-        Its folder, next to ``postprocessed.nc``.
-    corrected : Dataset
-        Forecasts and scores, as ``postprocessed.nc`` holds them.
-    """
+    """Write ``index.html`` of corrected forecasts; return its path."""
     sections = [_scores_section(corrected), _figures_section(corrected), _notes_section(corrected)]
     first, last = corrected[TIME].to_numpy()[[0, -1]]
     text = document(
@@ -100,7 +94,11 @@ def _scores_section(corrected: xr.Dataset) -> Section:
             number = int(corrected["pair_count"].sel(variable=variable, period=period))
             for method in METHODS:
                 chosen = corrected.sel(variable=variable, period=period, correction=method)
-                cells = [_cell(chosen, name) for name in SCORES]
+                cells = [
+                    number_text(chosen[name])
+                    + range_text(chosen[f"{name}_interval"].to_numpy().tolist())
+                    for name in SCORES
+                ]
                 shown = [str(variable).replace("_", " "), words, NAMES[method], *cells]
                 rows.append(Row([*shown, f"{number:,}"], doubt=period == "all"))
     columns = [
@@ -120,16 +118,6 @@ def _scores_section(corrected: xr.Dataset) -> Section:
     )
     lead = "Every method is judged on the same pairs; nothing observed after a start corrects it."
     return Section("scores", "Scores", lead, [table(columns, rows, caption=caption)])
-
-
-def _cell(chosen: xr.Dataset, name: str) -> str:
-    value = float(chosen[name])
-    low, high = (float(bound) for bound in chosen[f"{name}_interval"])
-    if not np.isfinite(value):
-        return "-"
-    if not np.isfinite(low) or low == high:
-        return f"{value:.2f}"
-    return f"{value:.2f} ({low:.2f} to {high:.2f})"
 
 
 def _figures_section(corrected: xr.Dataset) -> Section:
@@ -171,7 +159,7 @@ def _notes_section(corrected: xr.Dataset) -> Section:
         lines.append(f"{str(name).replace('_', ' ')}: {what}")
     judged = int(corrected["held_out"].sum())
     lines.append(f"{plural(judged, 'start')} of {corrected.sizes[TIME]:,} held out")
-    for reason, number in _left_out(corrected).items():
+    for reason, number in tally(corrected, "lines_left_out").items():
         lines.append(f"left out: {reason} ({number:,})")
     text = paragraph(
         "The filter follows a bias that wanders (Delle Monache et al. 2006, J. Geophys. Res. 111, "
@@ -179,13 +167,6 @@ def _notes_section(corrected: xr.Dataset) -> Section:
     )
     product = listing([link("../postprocessed.nc", "postprocessed.nc: forecasts and scores")])
     return Section("notes", "Method", "", [text, listing(lines), product])
-
-
-def _left_out(corrected: xr.Dataset) -> dict[str, int]:
-    import json
-
-    counts = corrected.attrs.get("lines_left_out", {})
-    return dict(json.loads(counts) if isinstance(counts, str) else counts)
 
 
 def _with_unit(text: str, ds: xr.Dataset, variable: str) -> str:
@@ -196,14 +177,7 @@ def _with_unit(text: str, ds: xr.Dataset, variable: str) -> str:
 
 @styled
 def by_lead_figure(scored: xr.Dataset, variable: str) -> Figure:
-    """Draw bias, centred rms and skill against lead for every method.
-
-    Parameters
-    ----------
-    scored : Dataset
-        Of :func:`airswing.handover.forecasts.correcting.score_forecasts`, with
-        ``variable_units``.
-    """
+    """Draw bias, centred rms and skill against lead for every method."""
     chosen = scored.sel(variable=variable, period="held_out")
     figure = new_figure(3.4)
     panels = figure.subplots(1, 3, sharex=True)
@@ -241,11 +215,6 @@ def time_line_figure(corrected: xr.Dataset, variable: str, station: str) -> Figu
     """Draw the daily error of one station before and after, the mean over lead times.
 
     The axis reaches 3 times the 90th percentile of the errors: single gross errors are cut.
-
-    Parameters
-    ----------
-    corrected : Dataset
-        Of :func:`airswing.handover.forecasts.correcting.correct_forecasts`.
     """
     chosen = corrected.sel(variable=variable, station=station).isel({TIME: slice(-LONGEST, None)})
     figure = new_figure(2.8)

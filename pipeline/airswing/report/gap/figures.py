@@ -20,8 +20,6 @@ from numpy.typing import NDArray
 
 from airswing.report.gap.words import (
     Entry,
-    Report,
-    content_of,
     number,
     p_text,
     place_sentence,
@@ -69,33 +67,15 @@ def _reports(gap: Entry) -> str:
 # --- what, and how far -----------------------------------------------------------------------
 
 
-def closure_steps(gap: Report | Entry) -> list[tuple[str, float, list[float] | None]]:
-    """Return name, disagreement afterwards (kt) and its 95 % interval for each closing step."""
-    gap = content_of(gap)
-    steps: list[tuple[str, float, list[float] | None]] = []
-    for before, entry in pairwise(gap.get("waterfall") or ()):
-        if entry.get("step_ci") is not None:
-            interval = sorted(before["kt"] - bound for bound in entry["step_ci"])
-            steps.append((entry["label"], entry["kt"], interval))
-    level = number(gap["closure"]["before"])
-    for row in () if steps else gap["closure"].get("by_effect") or ():
-        low, high = row["reduction_ci"]
-        steps.append((row["name"], level - row["reduction"], [level - high, level - low]))
-        level -= row["reduction"]
-    if not steps:
-        names = [
-            *(e["name"] for e in gap["effects"]),
-            *("unknown" for _ in gap["unknown"]["where"]),
-        ]
-        steps = [(" + ".join(names[:2]), gap["closure"]["after"], gap["closure"].get("ci"))]
-    return steps
-
-
 @styled
-def waterfall_figure(gap: Report | Entry, *, units: Units = "kt") -> Figure:
+def waterfall_figure(gap: Entry, *, units: Units = "kt") -> Figure:
     """Draw how the disagreement falls with each effect, down to the noise floor."""
-    gap, factor = content_of(gap), shown_per_kt(units)
-    steps = closure_steps(gap)
+    factor = shown_per_kt(units)
+    steps = [
+        (step["label"], step["kt"], [before["kt"] - end for end in step["step_ci"]])
+        for before, step in pairwise(gap.get("waterfall") or ())
+        if step["step_ci"] is not None
+    ]
     before, floor = (
         factor * number(value)
         for value in (gap["closure"]["before"], gap["gap"].get("noise_floor_kt"))
@@ -111,9 +91,8 @@ def waterfall_figure(gap: Report | Entry, *, units: Units = "kt") -> Figure:
         colour = BLUE if level <= previous else ORANGE
         axes.barh(row, level - previous, left=previous, color=colour, height=0.62)
         axes.plot([previous, previous], [row - 1.31, row + 0.31], color=SOFT, linewidth=0.8)
-        ends = [factor * bound for bound in interval or []]
-        if ends:
-            axes.plot(ends, [row, row], color=INK, linewidth=1.2, zorder=4)
+        ends = [factor * bound for bound in interval]
+        axes.plot(ends, [row, row], color=INK, linewidth=1.2, zorder=4)
         left = min([level, previous, *ends])
         _label(axes, f"{level - previous:+.2f}", left, row, side="right")
         previous = level
@@ -168,9 +147,8 @@ def _deviation_of(gap: Entry, tail: str) -> tuple[Floats, Floats]:
 
 
 @styled
-def compass_effects_figure(maps: xr.Dataset, gap: Report | Entry) -> Figure:
+def compass_effects_figure(maps: xr.Dataset, gap: Entry) -> Figure:
     """Draw the heading error of the aircraft with compass effects, and those effects as a curve."""
-    gap = content_of(gap)
     known = [str(tail) for tail in maps["aircraft"].to_numpy()]
     found = {tail: _deviation_of(gap, tail) for tail in known}
     tails = [tail for tail in known if np.any(found[tail][0])][:12]
@@ -324,9 +302,8 @@ def _edges(centres: Floats) -> Floats:
 
 
 @styled
-def aircraft_heading_figure(maps: xr.Dataset, gap: Report | Entry) -> Figure:
+def aircraft_heading_figure(maps: xr.Dataset, gap: Entry) -> Figure:
     """Draw the mean heading error by aircraft and magnetic heading."""
-    gap = content_of(gap)
     centres = np.asarray(maps["octant"].to_numpy(), float)
     shown = _cells(maps, "heading_map", "aircraft", "octant")
     error = _cells(maps, "heading_map_standard_error", "aircraft", "octant")
@@ -347,9 +324,8 @@ def aircraft_heading_figure(maps: xr.Dataset, gap: Report | Entry) -> Figure:
 
 
 @styled
-def aircraft_time_figure(maps: xr.Dataset, gap: Report | Entry) -> Figure:
+def aircraft_time_figure(maps: xr.Dataset, gap: Entry) -> Figure:
     """Draw the mean heading error by aircraft and week."""
-    gap = content_of(gap)
     weeks = maps["day"].to_numpy().min() + maps["week"].to_numpy().astype("timedelta64[W]")
     shown = _cells(maps, "time_line", "aircraft", "week")
     figure, axes = _aircraft_grid(maps, np.arange(weeks.size, dtype=float), shown, gap)
@@ -394,9 +370,9 @@ def _print_cells(
 
 
 @styled
-def phase_level_figure(maps: xr.Dataset, gap: Report | Entry, *, units: Units = "kt") -> Figure:
+def phase_level_figure(maps: xr.Dataset, gap: Entry, *, units: Units = "kt") -> Figure:
     """Draw the mean residual by phase of flight and level, along and across the heading."""
-    gap, factor = content_of(gap), shown_per_m_s(units)
+    factor = shown_per_m_s(units)
     across = factor * _cells(maps, "level_map_cross", "phase", "level")
     along = factor * _cells(maps, "level_map_along", "phase", "level")
     level = np.asarray(maps["level"].to_numpy(), float)
@@ -432,9 +408,9 @@ def phase_level_figure(maps: xr.Dataset, gap: Report | Entry, *, units: Units = 
 
 
 @styled
-def gap_map_figure(maps: xr.Dataset, gap: Report | Entry, *, units: Units = "kt") -> Figure:
+def gap_map_figure(maps: xr.Dataset, gap: Entry, *, units: Units = "kt") -> Figure:
     """Draw a map of the mean residual: length by colour, direction by arrows."""
-    gap, factor = content_of(gap), shown_per_m_s(units)
+    factor = shown_per_m_s(units)
     lon, lat = (np.asarray(maps[name].to_numpy(), float) for name in ("longitude", "latitude"))
     u, v = (factor * _cells(maps, f"region_map_{way}", "latitude", "longitude") for way in "uv")
     filled = np.isfinite(u) & np.isfinite(v)
@@ -466,14 +442,13 @@ def gap_map_figure(maps: xr.Dataset, gap: Report | Entry, *, units: Units = "kt"
 
 
 @styled
-def evidence_figure(gap: Report | Entry) -> Figure:
+def evidence_figure(gap: Entry) -> Figure:
     """Draw the log Bayes factor of the best candidate of each effect, the 20 largest."""
-    gap = content_of(gap)
     best: dict[str, float] = {}
     for row in gap.get("evidence") or ():
-        nats = number(row.get("tempered_nats"))
-        if row.get("known") and np.isfinite(nats):
-            best[row["name"]] = max(nats, best.get(row["name"], -np.inf))
+        log_factor = number(row.get("tempered_nats"))
+        if row.get("known") and np.isfinite(log_factor):
+            best[row["name"]] = max(log_factor, best.get(row["name"], -np.inf))
     best = dict(sorted(best.items(), key=lambda item: -item[1])[:20])
     if not best:
         return empty_figure("No effect of the catalogue could be tested")
@@ -499,9 +474,8 @@ def evidence_figure(gap: Report | Entry) -> Figure:
 
 
 @styled
-def probability_figure(gap: Report | Entry, tails: Sequence[str]) -> Figure:
+def probability_figure(gap: Entry, tails: Sequence[str]) -> Figure:
     """Draw the probability that each aircraft is affected by each effect found."""
-    gap = content_of(gap)
     found: dict[str, list[float]] = {}
     for row in gap.get("evidence") or ():
         if row["instead_of"] == row["name"] and row["scope"] == "aircraft":
@@ -533,9 +507,8 @@ def probability_figure(gap: Report | Entry, tails: Sequence[str]) -> Figure:
 
 
 @styled
-def autocorrelation_figure(gap: Report | Entry) -> Figure:
+def autocorrelation_figure(gap: Entry) -> Figure:
     """Draw the autocovariance of residuals along flights, and the noise model."""
-    gap = content_of(gap)
     noise = gap.get("noise") or {}
     if not noise.get("distance_km"):
         return empty_figure("No noise model")

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,6 @@ from airswing.report.gap.words import (
     Entry,
     Report,
     caution_lines,
-    closure_of,
     closure_text,
     content_of,
     headline,
@@ -124,27 +124,14 @@ def write_gap_page(
 def gap_figures(
     gap: Report | Entry, maps: xr.Dataset, *, units: Units = "kt"
 ) -> dict[str, Callable[[], Figure]]:
-    """Return functions that draw the figures of a diagnosis, by name; those without data omitted.
-
-    Parameters
-    ----------
-    gap : GapReport or mapping
-        A diagnosis, or the content of ``gap.json``.
-    maps : Dataset
-        Content of ``gap.nc``.
-    units : {"kt", "m/s"}, optional
-
-    Returns
-    -------
-    dict of str to callable
-    """
+    """Return functions that draw the figures of a diagnosis that have data, by name."""
     content = content_of(gap)
     found: dict[str, Callable[[], Figure]] = {}
     compass = {"compass_offset", "hard_iron", "soft_iron"}
     if "heading_map" in maps and compass & {effect["name"] for effect in content["effects"]}:
         found["compass_effects"] = lambda: draw.compass_effects_figure(maps, content)
     for place, entry in enumerate(content["unknown"]["where"], 1):
-        found[f"unknown_{place}"] = _drawing_of(entry, units)
+        found[f"unknown_{place}"] = partial(draw.unknown_curve_figure, entry, units=units)
     if content["effects"] or content["unknown"]["where"]:
         found["waterfall"] = lambda: draw.waterfall_figure(content, units=units)
     found["slices"] = lambda: draw.slices_figure(content.get("where") or ())
@@ -168,10 +155,6 @@ def gap_figures(
     return found
 
 
-def _drawing_of(place: Entry, units: Units) -> Callable[[], Figure]:
-    return lambda: draw.unknown_curve_figure(place, units=units)
-
-
 def _shown(names: Sequence[str], gap: Entry, maps: xr.Dataset, show: Figures) -> list[Markup]:
     known = gap_figures(gap, maps, units=show.units)
     return [show(name, known[name](), dpi=120) for name in names if name in known]
@@ -183,12 +166,12 @@ def _facts(gap: Entry, units: Units) -> list[tuple[str, str]]:
     found = bool(gap["effects"] or gap["unknown"]["where"])
     facts = [(f"{factor * before:.2f} {units}", "disagreement of reports and simulation")]
     if found:
-        interval = range_text([factor * number(end) for end in closure.get("ci") or ()] or None)
+        interval = range_text(closure.get("ci"), factor=factor)
         facts = [
             (levels_text(before, after, units=units), f"with the effects found{interval}"),
             (
                 closure_text(closure, units=units).split(" (")[0],
-                f"reduction{range_text(_times(closure.get('reduction_ci'), factor))}",
+                f"reduction{range_text(closure.get('reduction_ci'), factor=factor)}",
             ),
         ]
     floor = number(gap["gap"].get("noise_floor_kt"))
@@ -196,10 +179,6 @@ def _facts(gap: Entry, units: Units) -> list[tuple[str, str]]:
         facts.append((f"{factor * floor:.2f} {units}", "noise floor"))
     p_value = p_text(gap["gap"].get("significance")).removeprefix("= ")
     return [*facts, (p_value, "p value of the gap")]
-
-
-def _times(interval: Sequence[float | None] | None, factor: float) -> list[float] | None:
-    return None if interval is None else [factor * number(end) for end in interval]
 
 
 def _what_section(gap: Entry, maps: xr.Dataset, show: Figures) -> Section:
@@ -217,7 +196,7 @@ def _what_section(gap: Entry, maps: xr.Dataset, show: Figures) -> Section:
                     parameters_text(effect, units=units) or "-",
                     period_text(effect) or "always",
                     f"{number(effect['probability']):.2f}",
-                    closure_text(closure_of(effect, gap), units=units),
+                    closure_text(effect.get("closure"), units=units),
                     f"{100 * number(effect.get('share_of_gap')):.0f} %",
                     joined([plain_name(name) for name in effect["ambiguous_with"]]) or "-",
                 ]
@@ -264,7 +243,7 @@ def _what_section(gap: Entry, maps: xr.Dataset, show: Figures) -> Section:
 def _closure_section(gap: Entry, show: Figures) -> Section:
     closure, units, factor = gap["closure"], show.units, shown_per_kt(show.units)
     before, after = factor * number(closure["before"]), factor * number(closure["after"])
-    interval = range_text(_times(closure.get("ci"), factor)) or " (no interval from one day)"
+    interval = range_text(closure.get("ci"), factor=factor) or " (no interval from one day)"
     text = (
         f"On {'held-out' if closure.get('held_out') else 'the same'} flights the disagreement is "
         f"{before:.2f} {units} without and {after:.2f} {units}{interval} with all effects stated."
@@ -347,7 +326,7 @@ def _claims_section(gap: Entry, units: Units) -> Section:
         before, after = (
             factor * number(test[key]) for key in ("reduction_kt", "reduction_kt_after")
         )
-        interval = range_text(_times(test.get("reduction_ci_kt"), factor))
+        interval = range_text(test.get("reduction_ci_kt"), factor=factor)
         parts.append(
             paragraph(
                 f"Field test: the adjusted reduction of {before:.2f} {units}{interval} becomes "
@@ -421,7 +400,7 @@ def _calibration(gap: Entry, units: Units) -> list[Markup]:
     if placebo := gap.get("decoy"):
         scale = shown_per_kt(units)
         reduction = scale * number(placebo["reduction_kt"])
-        interval = range_text(_times(placebo.get("reduction_ci_kt"), scale))
+        interval = range_text(placebo.get("reduction_ci_kt"), factor=scale)
         parts.append(
             paragraph(
                 f"Placebo: effects with the same columns but random dates and aircraft close "

@@ -14,7 +14,6 @@ from airswing.gap.diagnose import Diagnosis
 from airswing.gap.diagnose import diagnose as _diagnose
 from airswing.report.gap.gap_page import gap_figures
 from airswing.report.gap.words import (
-    closure_of,
     closure_text,
     headline,
     plain_name,
@@ -43,7 +42,7 @@ class ShownDiagnosis(Diagnosis):
                     plain_name(effect["name"]),
                     who_text(effect, fleet),
                     f"{effect['probability']:.2f}",
-                    closure_text(closure_of(effect, gap)),
+                    closure_text(effect.get("closure")),
                 ]
             )
             for effect in gap["effects"]  # type: ignore[attr-defined]

@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
-from itertools import pairwise
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -117,22 +116,7 @@ def _shown(name: str, units: Units) -> tuple[str, str, float]:
 def parameter_text(
     name: str, value: object, error: float | None = None, *, units: Units = "kt"
 ) -> str:
-    """Return a parameter with its 95 % interval: ``amplitude 3.9 ± 0.4°``.
-
-    Parameters
-    ----------
-    name : str
-        As in ``gap.json``, with its unit at the end.
-    value : object
-    error : float, optional
-        Standard error.
-    units : {"kt", "m/s"}, optional
-        Unit of speeds.
-
-    Returns
-    -------
-    str
-    """
+    """Return a parameter with its 95 % interval: ``amplitude 3.9 ± 0.4°``."""
     label, unit, factor = _shown(name, units)
     if isinstance(value, bool) or not isinstance(value, int | float):
         return f"{label} {value}"
@@ -147,22 +131,10 @@ def parameter_text(
 
 
 def parameters_text(effect: Entry, *, units: Units = "kt", brief: bool = False) -> str:
-    """Return all parameters of an effect in one line.
+    """Return all parameters of an effect in one line; `brief` omits the conditions (``at_...``).
 
     If the values of single aircraft differ by more than their errors, their range replaces the
     median; phases, which have no range, are then omitted.
-
-    Parameters
-    ----------
-    effect : mapping
-        One of ``effects``, or one of its ``per_tail``.
-    units : {"kt", "m/s"}, optional
-    brief : bool, optional
-        Omit the conditions that a parameter is valid at (``at_...``).
-
-    Returns
-    -------
-    str
     """
     errors = effect.get("standard_errors") or {}
     each = [entry["parameters"] for entry in (effect.get("per_tail") or {}).values()]
@@ -203,21 +175,7 @@ def period_text(effect: Entry) -> str:
 
 
 def who_text(effect: Entry, aircraft: int = 0, *, brief: bool = False) -> str:
-    """Return which aircraft an effect acts on, or the reference.
-
-    Parameters
-    ----------
-    effect : mapping
-        One of ``effects`` or of ``unknown.where``.
-    aircraft : int, optional
-        Number of all aircraft.
-    brief : bool, optional
-        Count more than two aircraft in place of naming them.
-
-    Returns
-    -------
-    str
-    """
+    """Return which of `aircraft` an effect acts on; `brief` counts more than two of them."""
     names = effect.get("tails") or []
     if effect.get("scope") == "reference" or str(effect.get("name")).startswith("reference_"):
         return "the reference"
@@ -249,18 +207,7 @@ def levels_text(before: float, after: float, *, units: Units = "kt") -> str:
 
 
 def headline(gap: Report | Entry, *, units: Units = "kt") -> str:
-    """Return the result of a diagnosis in at most 25 words, with its closure.
-
-    Parameters
-    ----------
-    gap : GapReport or mapping
-        A diagnosis, or the content of ``gap.json``.
-    units : {"kt", "m/s"}, optional
-
-    Returns
-    -------
-    str
-    """
+    """Return the result of a diagnosis in at most 25 words, with its closure."""
     gap = content_of(gap)
     effects, places = gap["effects"], (gap.get("unknown") or {}).get("where") or []
     closure, counts = gap["closure"], gap.get("counts") or {}
@@ -306,20 +253,7 @@ def _claim(effect: Entry, fleet: int) -> str:
 
 
 def start_words(known: Sequence[Entry] | None, simulation: Entry | None = None) -> str:
-    """Return what a diagnosis compared the reports with; empty for a perfect instrument.
-
-    Parameters
-    ----------
-    known : sequence of mapping or None
-        ``known`` of ``gap.json``: effects that the simulation already has.
-    simulation : mapping, optional
-        ``simulation`` of ``gap.json``: reports simulated elsewhere.
-
-    Returns
-    -------
-    str
-        Whole sentences, each followed by a blank.
-    """
+    """Return what a diagnosis compared the reports with; empty for a perfect instrument."""
     out = []
     if simulation:
         text = f"Compared with the simulation in {simulation['source']}"
@@ -341,42 +275,14 @@ def start_words(known: Sequence[Entry] | None, simulation: Entry | None = None) 
 
 
 def verdict(gap: Report | Entry, *, units: Units = "kt") -> str:
-    """Return the result of a diagnosis as text: headline, then a line for every finding.
-
-    Parameters
-    ----------
-    gap : GapReport or mapping
-        A diagnosis, or the content of ``gap.json``.
-    units : {"kt", "m/s"}, optional
-
-    Returns
-    -------
-    str
-    """
+    """Return the result of a diagnosis as text: headline, then a line for every finding."""
     gap = content_of(gap)
-    start = start_words(*_start(gap))
+    start = start_words(gap.get("known"), gap.get("simulation"))
     lines = [start + headline(gap, units=units)]
     lines += [f"  {effect_sentence(effect, gap, units=units)}" for effect in gap["effects"]]
     lines += [f"  {place_sentence(place, gap, units=units)}" for place in gap["unknown"]["where"]]
     lines += [f"  {line}" for line in caution_lines(gap, units=units)]
     return "\n".join(lines)
-
-
-def _start(gap: Entry) -> tuple[Sequence[Entry] | None, Entry | None]:
-    return gap.get("known"), gap.get("simulation")
-
-
-def closure_of(effect: Entry, gap: Entry) -> Entry | None:
-    """Return the closure of an effect, from the effect, ``by_effect`` or the waterfall."""
-    if effect.get("closure"):
-        return dict(effect["closure"])
-    for row in gap["closure"].get("by_effect") or ():
-        if row["name"] == effect["name"]:
-            return dict(row)
-    for before, step in pairwise(gap.get("waterfall") or ()):
-        if step["label"] == effect["name"]:
-            return {"reduction": before["kt"] - step["kt"], "reduction_ci": step.get("step_ci")}
-    return None
 
 
 def effect_sentence(effect: Entry, gap: Entry, *, units: Units = "kt") -> str:
@@ -387,7 +293,7 @@ def effect_sentence(effect: Entry, gap: Entry, *, units: Units = "kt") -> str:
         period_text(effect),
         f"probability {number(effect['probability']):.2f}",
     ]
-    closes = closure_text(closure_of(effect, gap), units=units)
+    closes = closure_text(effect.get("closure"), units=units)
     if closes != "-":
         details.append(f"closes {closes}")
     elif number(effect.get("share_of_gap")) >= 0.005:

@@ -57,22 +57,7 @@ def _environment() -> Environment:
 def table(
     columns: Sequence[Column], rows: Iterable[Row], *, caption: str = "", sortable: bool = False
 ) -> Markup:
-    """Return a table as HTML.
-
-    Parameters
-    ----------
-    columns : sequence of Column
-    rows : iterable of Row
-    caption : str, optional
-        Text below the table.
-    sortable : bool, optional
-        A click on a column's title sorts the rows; a long table has a search field for its text
-        columns.
-
-    Returns
-    -------
-    Markup
-    """
+    """Return a table with a text below it; a sortable one can be searched if it is long."""
     text = (
         _environment()
         .get_template("table.html")
@@ -127,29 +112,7 @@ def document(
     warnings: Sequence[str] = (),
     footer: Sequence[str] = (),
 ) -> str:
-    """Return a whole page as HTML.
-
-    Parameters
-    ----------
-    title : str
-        Title of the window.
-    kicker : str
-        The line above the headline: the subject of the page.
-    headline : str
-        The result in a sentence.
-    sections : sequence of Section
-        Those without parts are omitted.
-    facts : sequence of (number, words), optional
-        The few numbers that matter most.
-    warnings : sequence of str, optional
-        What a reader must know before using the result.
-    footer : sequence of str, optional
-        Version and conventions.
-
-    Returns
-    -------
-    str
-    """
+    """Return a whole page as HTML; sections without parts are omitted."""
     return (
         _environment()
         .get_template("page.html")

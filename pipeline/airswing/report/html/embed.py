@@ -18,27 +18,7 @@ _COLOURS = 256
 
 
 def embedded(figure: Figure, file: Path | None = None, *, dpi: float = PAGE_DPI) -> Markup:
-    """Return an HTML figure with its image inside the page and its caption below.
-
-    Parameters
-    ----------
-    figure : Figure
-        Its ``caption``, where it has one, is shown and is the alternative text.
-    file : Path, optional
-        Where the same image is written as a file, in a folder next to the page; the image on the
-        page links to it.
-    dpi : float, optional
-        Pixels an inch.
-
-    Returns
-    -------
-    Markup
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
-    """
+    """Return an HTML figure: the image, a link to the same image in `file`, and the caption."""
     content = png_bytes(figure, dpi=dpi, colours=_COLOURS)
     address = f"data:image/png;base64,{base64.b64encode(content).decode('ascii')}"
     width = round(float(figure.get_figwidth()) * 96)
@@ -58,15 +38,7 @@ def embedded(figure: Figure, file: Path | None = None, *, dpi: float = PAGE_DPI)
 
 @dataclass(frozen=True)
 class Figures:
-    """Places the figures of a page and writes each as a PNG file into a folder next to it.
-
-    Attributes
-    ----------
-    folder : Path or None
-        Folder of the files; without it no file is written.
-    units : {"kt", "m/s"}
-        Unit of the speeds on the page.
-    """
+    """Places the figures of a page and writes each as a PNG file into a folder, if there is one."""
 
     folder: Path | None = None
     units: Units = "kt"

@@ -97,18 +97,7 @@ def _unwrap_around(longitude: Floats, middle: float) -> Floats:
 
 
 def middle_longitude(longitude: ArrayLike) -> float:
-    """Return the middle of the shortest arc that contains all longitudes.
-
-    Parameters
-    ----------
-    longitude : array (n,)
-        Degrees east; NaN is ignored.
-
-    Returns
-    -------
-    float
-        Degrees in [-180, 180).
-    """
+    """Return the middle of the shortest arc that contains all longitudes, in [-180, 180)."""
     values = np.asarray(longitude, float)
     values = np.unique(np.round(values[np.isfinite(values)] % 360.0, 1))
     if values.size == 0:
@@ -121,19 +110,7 @@ def middle_longitude(longitude: ArrayLike) -> float:
 
 
 def view_of(longitude: ArrayLike, latitude: ArrayLike, *, margin: float = 0.06) -> View:
-    """Return the map limits that contain all points, at least two degrees wide and high.
-
-    Parameters
-    ----------
-    longitude, latitude : array (n,)
-        Degrees; NaN is ignored.
-    margin : float, optional
-        Fraction of the extent added on each side.
-
-    Returns
-    -------
-    View
-    """
+    """Return the map limits that contain all points, at least two degrees wide and high."""
     lat = np.asarray(latitude, float)
     lat = lat[np.isfinite(lat)]
     middle = middle_longitude(longitude)
@@ -192,15 +169,7 @@ def _degree_label(positive: str, negative: str, *, wraps: bool) -> FuncFormatter
 
 
 def draw_map(axes: Axes, view: View, *, ticks: int = 6) -> None:
-    """Draw the outline in a panel and set its limits, aspect and degree labels.
-
-    Parameters
-    ----------
-    axes : matplotlib Axes
-        The panel.
-    ticks : int, optional
-        About how many degree labels along x.
-    """
+    """Draw the outline in a panel and set its limits, aspect and degree labels."""
     for name, look in LAYERS.items():
         drawn = LineCollection(lines_in(view, name), zorder=1.5, **look)
         axes.add_collection(drawn, autolim=False)
@@ -303,17 +272,7 @@ def _draw_places(
 
 @styled
 def reports_figure(headings: xr.Dataset) -> Figure:
-    """Draw a map of every report.
-
-    Parameters
-    ----------
-    headings : Dataset
-        With ``latitude``, ``longitude`` (report) and ``aircraft``.
-
-    Returns
-    -------
-    Figure
-    """
+    """Draw a map of every report."""
 
     def known(block: xr.Dataset) -> NDArray[np.int64]:
         finite = np.isfinite(block["longitude"].to_numpy() + block["latitude"].to_numpy())
@@ -359,17 +318,7 @@ def _panels(places: _Places, labels: Sequence[str], columns: int) -> CaptionedFi
 
 @styled
 def phase_maps_figure(headings: xr.Dataset) -> Figure:
-    """Draw a map of the reports of each phase of flight.
-
-    Parameters
-    ----------
-    headings : Dataset
-        With ``latitude``, ``longitude``, ``phase`` (report).
-
-    Returns
-    -------
-    Figure
-    """
+    """Draw a map of the reports of each phase of flight."""
     order = ("ascent", "cruise", "descent", "unknown")
     place = np.full(max(PHASE.values()) + 1, -1)
     place[[PHASE[name] for name in order]] = range(len(order))
@@ -386,17 +335,7 @@ def phase_maps_figure(headings: xr.Dataset) -> Figure:
 
 @styled
 def level_maps_figure(headings: xr.Dataset) -> Figure:
-    """Draw a map of the reports of each pressure layer.
-
-    Parameters
-    ----------
-    headings : Dataset
-        With ``latitude``, ``longitude``, ``pressure`` (Pa) (report).
-
-    Returns
-    -------
-    Figure
-    """
+    """Draw a map of the reports of each pressure layer."""
 
     def layer(block: xr.Dataset) -> NDArray[np.int64]:
         pressure = np.asarray(block["pressure"].to_numpy(), float) / 100.0

@@ -111,20 +111,7 @@ class CaptionedFigure(Figure):
 
 
 def png_bytes(figure: Figure, *, dpi: float = 110, colours: int | None = None) -> bytes:
-    """Return a figure as the bytes of a PNG file.
-
-    Parameters
-    ----------
-    figure : Figure
-    dpi : float, optional
-        Pixels an inch.
-    colours : int, optional
-        Reduce the image to a palette, which takes a quarter of the bytes.
-
-    Returns
-    -------
-    bytes
-    """
+    """Return a figure as a PNG file; a palette of `colours` takes a quarter of the bytes."""
     stream = io.BytesIO()
     with matplotlib.rc_context(RC):
         figure.set_dpi(dpi)
@@ -204,19 +191,7 @@ def styled(function: Callable[P, R]) -> Callable[P, R]:
 def new_figure(
     height: float, *, width: float = FULL_WIDTH, constrained: bool = True
 ) -> CaptionedFigure:
-    """Return an empty captioned figure.
-
-    Parameters
-    ----------
-    height, width : float
-        Inches.
-    constrained : bool, optional
-        Let matplotlib arrange the panels; otherwise the caller places them.
-
-    Returns
-    -------
-    CaptionedFigure
-    """
+    """Return an empty figure, sizes in inches; without `constrained` the caller places panels."""
     return CaptionedFigure(
         figsize=(width, height), dpi=120, layout="constrained" if constrained else None
     )

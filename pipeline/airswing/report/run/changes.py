@@ -76,19 +76,7 @@ def days_since_1970(days: ArrayLike) -> NDArray[np.float64]:
 
 @styled
 def stability_figure(stability: Content, aircraft: Sequence[str] | None = None) -> Figure:
-    """Draw each aircraft's offset and amplitude by calendar window, with the dates of changes.
-
-    Parameters
-    ----------
-    stability : mapping
-        Content of ``stability.json``.
-    aircraft : sequence of str, optional
-        By default those that changed, at most ten; at least two aircraft.
-
-    Returns
-    -------
-    Figure
-    """
+    """Draw each aircraft's offset and amplitude by calendar window, with the dates of changes."""
     changes = {entry["aircraft"]: entry["changes"] for entry in stability["changes"]}
     windows = [entry for entry in stability["windows"] if entry["status"] == "ok"]
     fitted = {entry["aircraft"] for entry in windows}
@@ -188,17 +176,7 @@ def stability_section(stability: Content | None, show: Figures) -> Section:
 
 @styled
 def timeline_figure(monitoring: Monitoring) -> Figure:
-    """Draw the events of the fleet by date, one row an aircraft, the latest first.
-
-    Parameters
-    ----------
-    monitoring : Monitoring
-        Content of ``events.json``.
-
-    Returns
-    -------
-    Figure
-    """
+    """Draw the events of the fleet by date, one row an aircraft, the latest first."""
     events = sorted(monitoring.events, key=lambda one: (one.noticed, one.date), reverse=True)
     names = list(dict.fromkeys(one.aircraft or _FLEET for one in events))
     shown = names[:MOST_EVENT_ROWS]
@@ -254,21 +232,7 @@ def monitoring_section(monitoring: Monitoring | None, show: Figures) -> Section:
 
 
 def write_monitoring_page(path: Path, monitoring: Monitoring, *, units: Units = "kt") -> Path:
-    """Write the section on events as a separate page.
-
-    Parameters
-    ----------
-    path : Path
-        HTML file.
-    monitoring : Monitoring
-        Content of ``events.json``.
-    units : {"kt", "m/s"}, optional
-
-    Returns
-    -------
-    Path
-        The file.
-    """
+    """Write the section on events as a separate page."""
     text = document(
         title="airswing: monitoring of the fleet",
         kicker=f"Monitoring of {plural(len(monitoring.states), 'aircraft', 'aircraft')}  ·  up to "
@@ -335,9 +299,6 @@ def _event_size(event: Event) -> str:
 def _states_table(monitoring: Monitoring, units: Units) -> Markup:
     factor = shown_per_kt(units)
 
-    def speed(value: float | None) -> str:
-        return number_text(None if value is None else factor * value)
-
     def ratio(past: float | None, now: float | None) -> float:
         return (now or 0.0) / past if past else 0.0
 
@@ -354,8 +315,8 @@ def _states_table(monitoring: Monitoring, units: Units) -> Markup:
             [
                 one.aircraft,
                 one.last_day + (" (no reports since)" if one.silent else ""),
-                speed(one.disagreement_kt),
-                speed(one.past_disagreement_kt),
+                number_text(one.disagreement_kt, factor=factor),
+                number_text(one.past_disagreement_kt, factor=factor),
                 {None: "-", False: "no", True: "yes"}[one.tables_differ],
                 number_text(one.table_difference_deg),
             ]

@@ -47,17 +47,12 @@ from airswing.report.html.style import (
     thousands,
 )
 from airswing.report.run.fleet import rows_axis
-from airswing.report.run.selection import number_text, range_text
+from airswing.report.run.selection import number_text, range_text, scaled
 from airswing.units import NORMAL_95
 
 Floats = NDArray[np.float64]
 # Rows of a figure; the products contain all aircraft.
 _MOST_ROWS = 40
-
-
-def _scaled(interval: Sequence[float | None] | None, factor: float) -> list[float]:
-    """Return an interval in the unit that is shown; NaN where JSON has null."""
-    return [float("nan") if end is None else factor * end for end in interval or (None, None)]
 
 
 # --- field test ------------------------------------------------------------------------------
@@ -85,7 +80,7 @@ def field_test_figure(field_test: Content, *, units: Units = "kt") -> Figure:
         values = [factor * float(entry[f"{name}_kt"]) for entry in groups.values()]
         left.plot(values, range(len(groups)), marker, color=colour, markersize=7, label=name)
         for row, (value, entry) in enumerate(zip(values, groups.values(), strict=True)):
-            interval = _scaled(entry.get(f"{name}_ci_kt"), factor)
+            interval = scaled(entry.get(f"{name}_ci_kt"), factor)
             left.plot(interval, [row + shift] * 2, color=colour, linewidth=1.3)
             right_of = (entry["before_kt"] > entry["during_kt"]) == (name == "before")
             left.annotate(
@@ -109,7 +104,7 @@ def field_test_figure(field_test: Content, *, units: Units = "kt") -> Figure:
             ends = field_test.get(f"adjusted_reduction{key}_ci_kt")
             entries.append((f"adjusted, {label}", change, ends, BLUE))
     for row, (_, value, interval, colour) in enumerate(entries):
-        right.plot(_scaled(interval, factor), [row, row], color=colour, linewidth=1.6)
+        right.plot(scaled(interval, factor), [row, row], color=colour, linewidth=1.6)
         right.plot(factor * value, row, "o", color=colour, markersize=6)
         label_style = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}
         right.annotate(
@@ -140,18 +135,7 @@ def field_test_figure(field_test: Content, *, units: Units = "kt") -> Figure:
 
 @styled
 def scrutiny_figure(field_test: Content, *, units: Units = "kt") -> Figure:
-    """Draw each aircraft before against during, and the effect among permuted groups.
-
-    Parameters
-    ----------
-    field_test : mapping
-        Content of ``field_test.json`` with ``by_aircraft`` and ``permutation``.
-    units : {"kt", "m/s"}, optional
-
-    Returns
-    -------
-    Figure
-    """
+    """Draw each aircraft before against during, and the effect among permuted groups."""
     figure = new_figure(3.7)
     left, right = figure.subplots(1, 2)
     number = _each_aircraft(left, field_test.get("by_aircraft", []), units)
@@ -217,8 +201,8 @@ def field_test_section(field_test: Content | None, show: Figures) -> Section:
     units, factor = show.units, shown_per_kt(show.units)
 
     def amount(key: str) -> str:
-        interval = _scaled(field_test.get(f"{key}_ci_kt"), factor)
-        return f"{factor * float(field_test[f'{key}_kt']):.2f} {units}{range_text(interval)}"
+        interval = range_text(field_test.get(f"{key}_ci_kt"), factor=factor)
+        return f"{factor * float(field_test[f'{key}_kt']):.2f} {units}{interval}"
 
     lead = (
         f"Reduction of the corrected aircraft beyond the controls: {amount('adjusted_reduction')}"
@@ -237,8 +221,8 @@ def field_test_section(field_test: Content | None, show: Figures) -> Section:
                 name,
                 entry["aircraft"],
                 *(
-                    number_text(factor * float(entry[f"{key}_kt"]))
-                    + range_text(_scaled(entry.get(f"{key}_ci_kt"), factor))
+                    number_text(entry[f"{key}_kt"], factor=factor)
+                    + range_text(entry.get(f"{key}_ci_kt"), factor=factor)
                     for key in titles
                 ),
                 f"{int(entry.get('reports_before', 0)):,}",
@@ -275,7 +259,7 @@ def _field_test_lines(field_test: Content, units: Units) -> list[str]:
             f"aircraft improved by {factor * matched:+.2f} {units} on average."
         )
     if (predicted := field_test.get("predicted_reduction_kt")) is not None:
-        interval = range_text(_scaled(field_test.get("predicted_reduction_ci_kt"), factor))
+        interval = range_text(field_test.get("predicted_reduction_ci_kt"), factor=factor)
         lines.append(
             f"Predicted from the fits before the test: {factor * predicted:.2f} {units}{interval}."
         )
@@ -287,18 +271,7 @@ def _field_test_lines(field_test: Content, units: Units) -> list[str]:
 
 @styled
 def ranking_figure(ranking: Sequence[Content], *, units: Units = "kt") -> Figure:
-    """Draw the expected reduction of the disagreement from correcting each aircraft.
-
-    Parameters
-    ----------
-    ranking : sequence of mapping
-        From :func:`airswing.evaluation.ranking.rank_aircraft`.
-    units : {"kt", "m/s"}, optional
-
-    Returns
-    -------
-    Figure
-    """
+    """Draw the expected reduction of the disagreement from correcting each aircraft."""
     known = [(gain, entry) for entry in ranking if (gain := entry["expected_gain_kt"]) is not None]
     shown = known[:_MOST_ROWS]
     if not shown:
@@ -307,7 +280,7 @@ def ranking_figure(ranking: Sequence[Content], *, units: Units = "kt") -> Figure
     figure = new_figure(1.1 + 0.26 * max(len(shown), 2))
     axes = figure.add_subplot()
     for row, (gain, entry) in enumerate(shown):
-        interval = _scaled(entry["expected_gain_ci_kt"], factor)
+        interval = scaled(entry["expected_gain_ci_kt"], factor)
         axes.plot(interval, [row, row], color=BLUE, linewidth=1.6)
         axes.plot(factor * gain, row, "o", color=BLUE, markersize=5.5)
     axes.axvline(0.0, color=INK, linewidth=0.8)
@@ -324,18 +297,7 @@ def ranking_figure(ranking: Sequence[Content], *, units: Units = "kt") -> Figure
 
 @styled
 def prediction_figure(virtual: Content, *, units: Units = "kt") -> Figure:
-    """Draw predicted against realised reduction of each aircraft on reports not used in the fit.
-
-    Parameters
-    ----------
-    virtual : mapping
-        Content of ``virtual_field_test.json``: ``later`` and ``held_out``.
-    units : {"kt", "m/s"}, optional
-
-    Returns
-    -------
-    Figure
-    """
+    """Draw predicted against realised reduction of each aircraft on reports not used in the fit."""
     figure = new_figure(3.8)
     parts = {
         "Later reports": virtual.get("later"),
@@ -392,8 +354,7 @@ def ranking_section(
 
     def amount(value: float | None, interval: Sequence[float] | None) -> str:
         factor = shown_per_kt(units)
-        number = number_text(None if value is None else factor * value)
-        return f"{number} {units}{range_text(_scaled(interval, factor))}"
+        return f"{number_text(value, factor=factor)} {units}{range_text(interval, factor=factor)}"
 
     gain = amount(first["expected_gain_kt"], first["expected_gain_ci_kt"])
     lead = (
@@ -496,20 +457,9 @@ def pair_differences_figure(pairs: Sequence[Content]) -> Figure:
 
 @styled
 def aircraft_differences_figure(pair: Content) -> Figure:
-    """Draw the difference of offset and amplitude of each aircraft between two references.
-
-    Parameters
-    ----------
-    pair : mapping
-        One of ``pairs`` of ``sensitivity.json``: ``aircraft`` with ``offset`` and ``amplitude``,
-        each with a ``difference`` and its ``ci`` (degree).
-
-    Returns
-    -------
-    Figure
-    """
+    """Draw the difference of offset and amplitude of each aircraft between two references."""
     known = [entry for entry in pair.get("aircraft", []) if entry.get("amplitude")]
-    rows = sorted(known, key=lambda entry: -abs(_finite(entry["amplitude"]["difference"])))
+    rows = sorted(known, key=lambda entry: -abs(entry["amplitude"]["difference"] or 0.0))
     rows = rows[:_MOST_ROWS]
     if not rows:
         return empty_figure("No aircraft has enough reports against both references")
@@ -526,13 +476,9 @@ def aircraft_differences_figure(pair: Content) -> Figure:
     )
 
 
-def _finite(value: float | None) -> float:
-    return 0.0 if value is None else value
-
-
 def _differences(axes: Axes, title: str, rows: Sequence[Content]) -> None:
     value = np.array([entry["difference"] for entry in rows], float)
-    low, high = np.array([_scaled(entry["ci"], 1.0) for entry in rows]).T
+    low, high = np.array([scaled(entry["ci"], 1.0) for entry in rows]).T
     includes_zero = ~((low > 0) | (high < 0))
     colours = np.where(includes_zero, SOFT, VERMILION).tolist()
     y = np.arange(len(rows))
@@ -599,16 +545,12 @@ def _pair_table(pairs: Sequence[Content], caption: str, units: Units) -> Markup:
             _why(pair),
             number_text(pair["fleet"].get("curve_rms_deg")),
             f"{p_value:.2g}" if known else "-",
-            number_text(_times(pair.get("mean_vector_difference_m_s"), shown_per_m_s(units))),
+            number_text(pair.get("mean_vector_difference_m_s"), factor=shown_per_m_s(units)),
             f"{int(pair.get('reports', 0)):,}",
         ]
         first = [pair.get("slice", "")] if sliced else []
         rows.append(Row([*first, *cells], doubt=pair.get("poolable") is None))
     return table(columns, rows, caption=caption)
-
-
-def _times(value: float | None, factor: float) -> float | None:
-    return None if value is None else factor * value
 
 
 def _why(pair: Content) -> str:
@@ -626,7 +568,7 @@ def _three_way(found: Sequence[Content], units: Units) -> list[Markup]:
                 corner["reference"],
                 "negative variance"
                 if (rms := corner.get("component_rms")) is None
-                else number_text(factor * rms),
+                else number_text(rms, factor=factor),
                 f"{int(entry['reports']):,}",
             ]
         )
@@ -665,18 +607,7 @@ _USED_ELSEWHERE = {
 
 @styled
 def report_errors_figure(errors: xr.Dataset, *, units: Units = "kt") -> Figure:
-    """Draw the observation error by layer for each phase of flight, with errors used elsewhere.
-
-    Parameters
-    ----------
-    errors : Dataset
-        ``observation_errors.nc``.
-    units : {"kt", "m/s"}, optional
-
-    Returns
-    -------
-    Figure
-    """
+    """Draw the observation error by layer for each phase of flight, with errors used elsewhere."""
     known = {
         phase: int(errors["observation_error"].sel(flight_phase=phase).notnull().any("state").sum())
         for phase in _PHASES
@@ -752,18 +683,7 @@ def report_errors_section(errors: xr.Dataset | None, show: Figures) -> Section:
 
 
 def worth_sentence(errors: xr.Dataset, *, units: Units = "kt") -> str:
-    """Return a sentence on the observation error and on the weight of a corrected report.
-
-    Parameters
-    ----------
-    errors : Dataset
-        ``observation_errors.nc``.
-    units : {"kt", "m/s"}, optional
-
-    Returns
-    -------
-    str
-    """
+    """Return a sentence on the observation error and on the weight of a corrected report."""
     value = shown_per_m_s(units) * errors["fleet_observation_error"]
     before, after = (float(value.sel(state=state)) for state in ("reported", "corrected"))
     text = (
@@ -783,9 +703,10 @@ def _methods_table(errors: xr.Dataset, units: Units) -> Markup:
         chosen = errors.sel(way=method)
         cells = []
         for state in ("reported", "corrected"):
-            value = factor * chosen["fleet_observation_error_by_method"].sel(state=state)
-            ends = factor * chosen["fleet_observation_error_by_method_interval"].sel(state=state)
-            cells.append(number_text(value) + range_text(ends.to_numpy().tolist()))
+            value = chosen["fleet_observation_error_by_method"].sel(state=state)
+            ends = chosen["fleet_observation_error_by_method_interval"].sel(state=state)
+            text = number_text(value, factor=factor)
+            cells.append(text + range_text(ends.to_numpy().tolist(), factor=factor))
         rows.append(Row([words, *cells], doubt=method != errors.attrs.get("method")))
     columns = [Column("method", "words")]
     columns += [Column(f"{state} ({units})") for state in ("reported", "corrected")]

@@ -34,12 +34,10 @@ from airswing.report.html.style import (
 )
 from airswing.report.run.page_numbers import (
     BeforeAfter,
-    disagreement,
     kept_reports,
     screening_audit,
 )
 from airswing.report.run.reading_warnings import tally
-from airswing.report.run.selection import headline_reference, tails
 from airswing.units import NORMAL_95
 
 
@@ -52,21 +50,8 @@ def rows_axis(axes: Axes, names: Sequence[str]) -> None:
 
 
 @styled
-def fleet_figure(fits: xr.Dataset, aircraft: Sequence[str] | None = None) -> Figure:
-    """Draw amplitude and offset of each aircraft's deviation against every reference.
-
-    Parameters
-    ----------
-    fits : Dataset
-        ``amplitude``, ``offset`` and their standard errors, ``status``.
-    aircraft : sequence of str, optional
-        Identifiers from top to bottom; all by default.
-
-    Returns
-    -------
-    Figure
-    """
-    names = list(aircraft or tails(fits))
+def fleet_figure(fits: xr.Dataset, names: Sequence[str]) -> Figure:
+    """Draw amplitude and offset of each aircraft's deviation against every reference."""
     figure = new_figure(1.3 + max(0.24 * len(names), 1.2))
     left, right = figure.subplots(1, 2, sharey=True)
     for axes, quantity in ((left, "amplitude"), (right, "offset")):
@@ -122,38 +107,6 @@ def _draw_quantity(axes: Axes, fits: xr.Dataset, quantity: str) -> None:
     axes.set_xlim(0.0 if quantity == "amplitude" else min(low - margin, 0.0), max(high + margin, 0))
 
 
-def disagreement_figure(
-    headings: xr.Dataset,
-    corrected: xr.Dataset,
-    fits: xr.Dataset,
-    reference: str | None = None,
-    aircraft: Sequence[str] | None = None,
-    *,
-    units: Units = "kt",
-) -> Figure:
-    """Draw the wind disagreement of each aircraft before and after the correction.
-
-    Parameters
-    ----------
-    headings, corrected, fits : Dataset
-        Products of docs/formats.md.
-    reference : str, optional
-        Reference or pool; by default the first pool, else the first reference.
-    aircraft : sequence of str, optional
-        Identifiers; all by default. Aircraft that were not corrected are omitted.
-    units : {"kt", "m/s"}, optional
-
-    Returns
-    -------
-    Figure
-    """
-    reference = reference or headline_reference(fits, headings)
-    found = disagreement(headings, corrected, fits, reference)
-    return before_after_figure(
-        found, tails(headings), aircraft or tails(headings), reference, units=units
-    )
-
-
 @styled
 def before_after_figure(
     found: BeforeAfter,
@@ -163,22 +116,9 @@ def before_after_figure(
     *,
     units: Units = "kt",
 ) -> Figure:
-    """Draw :func:`disagreement_figure` from computed numbers.
+    """Draw the disagreement of each corrected aircraft before and after, the largest gain first.
 
-    Parameters
-    ----------
-    found : BeforeAfter
-        Of the aircraft `known`.
-    known : sequence of str
-    aircraft : sequence of str
-        Those to draw.
-    reference : str
-        Its name.
-    units : {"kt", "m/s"}, optional
-
-    Returns
-    -------
-    Figure
+    `found` has the numbers of the aircraft `known`, of which `aircraft` are drawn.
     """
     place = {name: row for row, name in enumerate(known)}
     rows = [place[name] for name in aircraft if found.number[place[name]] > 0]
@@ -203,8 +143,7 @@ def before_after_figure(
     right.tick_params(labelleft=False)
     for axes in (left, right):
         rows_axis(axes, [known[row] for row in rows])
-    handles, labels = left.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper left", ncols=2)
+    figure.legend(*left.get_legend_handles_labels(), loc="outside upper left", ncols=2)
     better = int((reduction > half).sum())
     return figure.say(
         f"Mean length of the difference between reported and {reference} wind before and after "
@@ -214,49 +153,18 @@ def before_after_figure(
     )
 
 
-def reading_reasons(ds: xr.Dataset) -> tuple[dict[str, int], dict[str, int]]:
-    """Return the counts of reports dropped and repaired on reading, by reason.
-
-    Parameters
-    ----------
-    ds : Dataset
-        With the attribute ``reading_audit`` (JSON or mapping), if reading left one.
-
-    Returns
-    -------
-    dropped, repaired : dict of str to int
-        Largest first; empty without the attribute.
-    """
-    audit = tally(ds, "reading_audit")
-    counts = (audit.get("dropped", {}), audit.get("repaired", {}))
-    dropped, repaired = (
-        {
-            str(name): int(number)
-            for name, number in sorted(one.items(), key=lambda item: -int(item[1]))
-            if int(number) > 0
-        }
-        for one in counts
-    )
-    return dropped, repaired
-
-
 @styled
 def audit_figure(headings: xr.Dataset) -> Figure:
-    """Draw how many reports each rule left out, on reading and on screening.
-
-    Parameters
-    ----------
-    headings : Dataset
-        With ``screening`` (report) and the attribute ``reading_audit`` (JSON), if present.
-
-    Returns
-    -------
-    Figure
-    """
-    rules, (dropped, repaired) = screening_audit(headings), reading_reasons(headings)
+    """Draw how many reports each rule left out, on reading and on screening."""
+    rules, reading = screening_audit(headings), tally(headings, "reading_audit")
     total, kept = headings.sizes["report"], kept_reports(headings)
-    reasons = [(name, number, SOFT) for name, number in dropped.items()]
-    reasons += [(f"repaired: {name}", number, FAINT) for name, number in repaired.items()]
+    dropped, repaired = reading.get("dropped", {}), reading.get("repaired", {})
+    reasons = [
+        (before + name, number, colour)
+        for before, counts, colour in (("", dropped, SOFT), ("repaired: ", repaired, FAINT))
+        for name, number in sorted(counts.items(), key=lambda item: -item[1])
+        if number
+    ]
     figure = new_figure(1.5 + 0.32 * max(len(rules), len(reasons), 1))
     left, right = figure.subplots(1, 2, width_ratios=(1.25, 1) if reasons else (1, 0.001))
     lines = max(len(rules), len(reasons))

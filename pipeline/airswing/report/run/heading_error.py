@@ -51,7 +51,6 @@ from airswing.report.run.selection import (
     rows_of,
     status_words,
     table_error,
-    tails,
     used,
 )
 from airswing.units import NORMAL_95
@@ -287,30 +286,12 @@ def heading_error_figure(
 def heading_errors_figure(
     headings: xr.Dataset,
     fits: xr.Dataset,
-    aircraft: Sequence[str] | None = None,
-    reference: str | None = None,
+    names: Sequence[str],
+    reference: str,
     *,
     units: Units = "kt",
 ) -> Figure:
-    """Draw small panels of the heading error of several aircraft on one scale.
-
-    Parameters
-    ----------
-    headings, fits : Dataset
-        As for :func:`heading_error_figure`.
-    aircraft : sequence of str, optional
-        Identifiers; all by default.
-    reference : str, optional
-        Reference or pool; by default the first pool, else the first reference.
-    units : {"kt", "m/s"}, optional
-        Unit of the speeds in the caption.
-
-    Returns
-    -------
-    Figure
-    """
-    reference = reference or headline_reference(fits, headings)
-    names = list(aircraft or tails(fits))
+    """Draw small panels of the heading error of several aircraft on one scale."""
     points = [compass_points(headings, fits, name, reference) for name in names]
     found = [one_fit(fits, name, reference) for name in names]
     limits = [error_limit(p[1], curve_of(fit, _GRID)) for p, fit in zip(points, found, strict=True)]
@@ -370,21 +351,8 @@ def _rose(axes: Axes, middle: tuple[float, float], counts: NDArray[np.int64]) ->
 
 
 @styled
-def coverage_figure(headings: xr.Dataset, aircraft: Sequence[str] | None = None) -> Figure:
-    """Draw a rose of the magnetic headings of each aircraft's screened reports.
-
-    Parameters
-    ----------
-    headings : Dataset
-        With ``magnetic_heading``, ``screening`` (report) and ``row_size``.
-    aircraft : sequence of str, optional
-        Identifiers; all by default.
-
-    Returns
-    -------
-    Figure
-    """
-    names = list(aircraft or tails(headings))
+def coverage_figure(headings: xr.Dataset, names: Sequence[str]) -> Figure:
+    """Draw a rose of the magnetic headings of each aircraft's screened reports."""
     columns = min(8, max(len(names), 3))
     rows = -(-len(names) // columns)
     pitch_x, pitch_y = 2.45, 3.0

@@ -8,8 +8,8 @@ as reported, as corrected and in the reference.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -27,7 +27,6 @@ from airswing.report.html.style import (
     DENSITY,
     INK,
     ORANGE,
-    SOFT,
     CaptionedFigure,
     Units,
     count_ticks,
@@ -43,19 +42,18 @@ from airswing.report.run.changes import date_axis, days_since_1970
 from airswing.report.run.fleet import rows_axis
 from airswing.report.run.selection import (
     by_amplitude,
-    headline_reference,
     members,
     number_text,
     pooled,
     rows_of,
     tails,
 )
-from airswing.units import ZERO_CELSIUS
 
 Floats = NDArray[np.float64]
 _QUANTITIES = ("speed", "direction", "eastward", "northward")
-_PHASES = ("ascent", "cruise", "descent")
 _CELLS = ("aircraft", "flight_phase", "layer")
+# Names of rows, and by (quantity, kind) arrays (state, row).
+_Cells = tuple[list[str], dict[tuple[str, str], Floats]]
 _STATES = (("reported", ORANGE, "o"), ("corrected", BLUE, "D"))
 # Aircraft in the figures.
 _MOST_SERIES, _MOST_AIRCRAFT = 7, 20
@@ -68,42 +66,8 @@ def _unit(quantity: str, units: Units) -> tuple[str, float]:
     return ("degree", 1.0) if quantity == "direction" else (units, shown_per_m_s(units))
 
 
-def innovation_figure(
-    statistics: xr.Dataset, reference: str | None = None, *, units: Units = "kt"
-) -> Figure:
-    """Draw bias and standard deviation of the innovations by aircraft, phase of flight and layer.
-
-    Parameters
-    ----------
-    statistics : Dataset
-        ``innovation_statistics.nc``.
-    reference : str, optional
-        Reference or pool; the first by default.
-    units : {"kt", "m/s"}, optional
-
-    Returns
-    -------
-    Figure
-        A panel a quantity; the markers are biases, the lines reach one standard deviation to
-        either side. At most 20 aircraft, those with most reports.
-    """
-    reference = reference or str(statistics["reference"].to_numpy()[0])
-    cells = {by: _cells_by(statistics, reference, by) for by in _CELLS}
-    return _draw_innovations(cells, reference, units)
-
-
-class _Cells(NamedTuple):
-    """Statistics of some rows: by (quantity, kind), arrays (state, row)."""
-
-    names: list[str]
-    values: dict[tuple[str, str], Floats]
-
-    def of(self, quantity: str, kind: str) -> Floats:
-        return self.values[quantity, kind]
-
-
 def _cells_by(statistics: xr.Dataset, reference: str, by: str) -> _Cells:
-    """Return the statistics by aircraft, phase of flight or layer, rows with reports alone."""
+    """Return the rows with reports by aircraft, phase of flight or layer."""
     found = combined(statistics.sel(reference=reference), [dim for dim in _CELLS if dim != by])
     names = [str(name) for name in found[by].to_numpy()] if by in found.coords else []
     if by == "layer":
@@ -115,18 +79,23 @@ def _cells_by(statistics: xr.Dataset, reference: str, by: str) -> _Cells:
         for kind in ("bias", "standard_deviation", "rms", "count")
     }
     keep = np.flatnonzero(values["speed", "count"][0])
-    return _Cells([names[k] for k in keep], {key: one[:, keep] for key, one in values.items()})
+    return [names[k] for k in keep], {key: one[:, keep] for key, one in values.items()}
 
 
 @styled
-def _draw_innovations(cells: Mapping[str, _Cells], reference: str, units: Units) -> Figure:
-    aircraft = cells["aircraft"]
-    number = int(aircraft.of("speed", "count")[0].sum())
+def innovation_figure(statistics: xr.Dataset, reference: str, *, units: Units = "kt") -> Figure:
+    """Draw bias and standard deviation of the innovations by aircraft, phase of flight and layer.
+
+    Markers are biases, lines reach one standard deviation to either side. At most 20 aircraft,
+    those with most reports.
+    """
+    (aircraft, values), *others = (_cells_by(statistics, reference, by) for by in _CELLS)
+    reports = values["speed", "count"][0]
+    number = int(reports.sum())
     if not number:
         return empty_figure("No report with a phase, a layer and a reference wind")
-    order = np.argsort(-aircraft.of("speed", "count")[0], kind="stable")[:_MOST_AIRCRAFT]
-    rows = [aircraft.names[k] for k in order]
-    rows += [*cells["flight_phase"].names, *cells["layer"].names]
+    order = np.argsort(-reports, kind="stable")[:_MOST_AIRCRAFT]
+    rows = [aircraft[k] for k in order] + [name for names, _ in others for name in names]
     figure = new_figure(1.1 + 0.2 * len(rows), constrained=False)
     panels = figure.subplots(1, len(_QUANTITIES), sharey=True)
     for axes, quantity in zip(panels, _QUANTITIES, strict=True):
@@ -136,9 +105,8 @@ def _draw_innovations(cells: Mapping[str, _Cells], reference: str, units: Units)
                 factor
                 * np.concatenate(
                     [
-                        aircraft.of(quantity, kind)[index][order],
-                        cells["flight_phase"].of(quantity, kind)[index],
-                        cells["layer"].of(quantity, kind)[index],
+                        values[quantity, kind][index][order],
+                        *(other[quantity, kind][index] for _, other in others),
                     ]
                 )
                 for kind in ("bias", "standard_deviation")
@@ -149,10 +117,8 @@ def _draw_innovations(cells: Mapping[str, _Cells], reference: str, units: Units)
         axes.axvline(0.0, color=INK, linewidth=0.8)
         axes.set_xlabel(f"{quantity} ({unit})")
     rows_axis(panels[0], rows)
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="upper right", ncols=2)
-    longest = max(map(len, rows))
-    place_panels(figure, left=0.2 + 0.085 * longest, top=0.35, wspace=0.12)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="upper right", ncols=2)
+    place_panels(figure, left=0.2 + 0.085 * max(map(len, rows)), top=0.35, wspace=0.12)
     return figure.say(
         f"Innovations (observation minus {reference}) of wind speed, direction and components by "
         "aircraft, phase of flight and layer: bias (marker) and one standard deviation to either "
@@ -163,23 +129,9 @@ def _draw_innovations(cells: Mapping[str, _Cells], reference: str, units: Units)
 
 @styled
 def innovation_histogram_figure(
-    statistics: xr.Dataset, reference: str | None = None, *, units: Units = "kt"
+    statistics: xr.Dataset, reference: str, *, units: Units = "kt"
 ) -> Figure:
-    """Draw the histogram of the wind vector innovation, as reported and corrected.
-
-    Parameters
-    ----------
-    statistics : Dataset
-        ``innovation_statistics.nc``.
-    reference : str, optional
-        Reference or pool; the first by default.
-    units : {"kt", "m/s"}, optional
-
-    Returns
-    -------
-    Figure
-    """
-    reference = reference or str(statistics["reference"].to_numpy()[0])
+    """Draw the histogram of the wind vector innovation, as reported and corrected."""
     counts = statistics["innovation_histogram"].sel(reference=reference)
     number = int(counts.sel(state="reported").sum())
     if not number:
@@ -215,30 +167,13 @@ def innovation_histogram_figure(
 @styled
 def innovation_series_figure(
     statistics: xr.Dataset,
-    reference: str | None = None,
-    aircraft: Sequence[str] | None = None,
+    reference: str,
+    names: Sequence[str],
     *,
     units: Units = "kt",
 ) -> Figure:
-    """Draw the daily mean innovation of wind speed and direction, a line an aircraft.
-
-    Parameters
-    ----------
-    statistics : Dataset
-        ``innovation_statistics.nc``.
-    reference : str, optional
-        Reference or pool; the first by default.
-    aircraft : sequence of str, optional
-        By default the first seven.
-    units : {"kt", "m/s"}, optional
-
-    Returns
-    -------
-    Figure
-    """
-    reference = reference or str(statistics["reference"].to_numpy()[0])
-    names = list(aircraft or tails(statistics)[:_MOST_SERIES])
-    chosen = statistics.sel(reference=reference, aircraft=names)
+    """Draw the daily mean innovation of wind speed and direction, a line an aircraft."""
+    chosen = statistics.sel(reference=reference, aircraft=list(names))
     day = days_since_1970(statistics["day"].to_numpy())
     number = int(chosen["daily_innovation_count"].sel(state="reported").sum())
     if not number:
@@ -257,8 +192,7 @@ def innovation_series_figure(
             axes.set_title(f"{quantity}, {state}")
         panels[0].set_ylabel(f"innovation ({unit})")
     date_axis(grid[-1, 0])
-    handles, labels = grid[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="lower center", ncols=7)
+    figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="lower center", ncols=7)
     place_panels(figure, left=0.65, bottom=0.75, wspace=0.2, hspace=0.4)
     return figure.say(
         f"Daily mean innovation (observation minus {reference}) of wind speed and direction, as "
@@ -267,23 +201,24 @@ def innovation_series_figure(
     )
 
 
-def _innovation_table(cells: _Cells, by: str, reference: str, units: Units) -> Markup:
+def _innovation_table(statistics: xr.Dataset, by: str, reference: str, units: Units) -> Markup:
+    cells = _cells_by(statistics, reference, by)
     columns = [Column(by.replace("_", " "), "words"), Column("", "words")]
     for quantity in _QUANTITIES:
         unit = _unit(quantity, units)[0].replace("degree", "°")
         columns += [Column(f"{quantity} {kind} ({unit})") for kind in ("bias", "SD", "rms")]
     columns.append(Column("reports"))
     rows = []
-    for k, name in enumerate(cells.names):
+    for k, name in enumerate(cells[0]):
         for index, (state, *_) in enumerate(_STATES):
             row = [name, state]
             for quantity in _QUANTITIES:
                 digits, factor = (1 if quantity == "direction" else 2), _unit(quantity, units)[1]
                 row += [
-                    number_text(factor * cells.of(quantity, kind)[index, k], digits=digits)
+                    number_text(factor * cells[1][quantity, kind][index, k], digits=digits)
                     for kind in ("bias", "standard_deviation", "rms")
                 ]
-            rows.append(Row([*row, f"{int(cells.of('speed', 'count')[index, k]):,}"]))
+            rows.append(Row([*row, f"{int(cells[1]['speed', 'count'][index, k]):,}"]))
     return table(columns, rows, caption=f"Observation minus {reference}, screened reports.")
 
 
@@ -292,36 +227,18 @@ def sounding_figure(
     headings: xr.Dataset,
     corrected: xr.Dataset,
     fits: xr.Dataset,
+    reference: str,
     *,
-    flight: int | None = None,
-    reference: str | None = None,
     units: Units = "kt",
-    skew_t: bool = False,
 ) -> Figure:
-    """Draw the winds of an ascent or descent: reported, corrected and of the reference.
+    """Draw winds as reported, corrected and of the reference on an ascent or descent.
 
-    Parameters
-    ----------
-    headings, corrected, fits : Dataset
-        Products of docs/formats.md, the same reports in the same order.
-    flight : int, optional
-        Number of the flight (variable ``flight``). By default the ascent or descent with the most
-        reports of the aircraft with the largest deviation.
-    reference : str, optional
-        Reference or pool; by default the first pool, else the first reference.
-    units : {"kt", "m/s"}, optional
-    skew_t : bool, optional
-        A skew T-log p diagram (MetPy) of the reported temperature with wind barbs, in place of
-        profiles of speed and direction.
-
-    Returns
-    -------
-    Figure
+    It is the one with the most reports of the aircraft with the largest deviation.
     """
-    reference = reference or headline_reference(fits, headings)
-    reports, corrections, name = _sounding_reports(headings, corrected, fits, flight, reference)
-    if reports is None or corrections is None:
+    found = _sounding_reports(headings, corrected, fits, reference)
+    if found is None:
         return empty_figure("No ascent or descent has enough reports for a sounding")
+    reports, corrections, name = found
     chosen = members(headings, fits, reference)
     pressure = reports["pressure"].to_numpy() / 100.0
     winds = {
@@ -334,11 +251,7 @@ def sounding_figure(
         ],
     }
     colours = dict(zip(winds, (ORANGE, BLUE, INK), strict=True))
-    temperature = reports["air_temperature"].to_numpy() if "air_temperature" in reports else None
-    if skew_t and temperature is not None and np.isfinite(temperature).any():
-        figure = _skew_t(pressure, temperature - ZERO_CELSIUS, winds, colours)
-    else:
-        figure = _wind_profiles(pressure, winds, colours, units)
+    figure = _wind_profiles(pressure, winds, colours, units)
     first = np.datetime_as_string(reports["time"].to_numpy().min(), "m").replace("T", " ")
     return figure.say(
         f"Sounding of {name} on {first} UTC: wind as reported, corrected, and of {reference} "
@@ -347,13 +260,9 @@ def sounding_figure(
 
 
 def _sounding_reports(
-    headings: xr.Dataset,
-    corrected: xr.Dataset,
-    fits: xr.Dataset,
-    flight: int | None,
-    reference: str,
-) -> tuple[xr.Dataset | None, xr.Dataset | None, str]:
-    """Return the reports of one ascent or descent, by pressure, with their corrected winds."""
+    headings: xr.Dataset, corrected: xr.Dataset, fits: xr.Dataset, reference: str
+) -> tuple[xr.Dataset, xr.Dataset, str] | None:
+    """Return the reports of one ascent or descent, by pressure, their corrections and aircraft."""
     climbing = [PHASE["ascent"], PHASE["descent"]]
     for name in by_amplitude(fits, reference):
         rows = rows_of(headings, name)
@@ -361,32 +270,20 @@ def _sounding_reports(
         number, phase = keys["flight"].to_numpy(), keys["phase"].to_numpy()
         wind = corrected["corrected_eastward_wind"].isel(report=rows).to_numpy()
         usable = np.isin(phase, climbing) & np.isfinite(wind)
-        if flight is not None:
-            usable &= number == flight
         labels, counts = np.unique(
             np.stack([number[usable], phase[usable]]), axis=1, return_counts=True
         )
-        if counts.size and (flight is not None or counts.max() >= _SOUNDING_REPORTS):
+        if counts.size and counts.max() >= _SOUNDING_REPORTS:
             best = labels[:, int(np.argmax(counts))]
             picked = np.flatnonzero(usable & (number == best[0]) & (phase == best[1]))
-            names = [
-                one
-                for one in (
-                    "time",
-                    "pressure",
-                    "air_temperature",
-                    "eastward_wind",
-                    "northward_wind",
-                )
-                if one in headings
-            ]
+            names = ["time", "pressure", "eastward_wind", "northward_wind"]
             names += ["reference_eastward_wind", "reference_northward_wind"]
             reports = headings[names].isel(report=rows.start + picked).load()
             corrections = corrected[["corrected_eastward_wind", "corrected_northward_wind"]]
             corrections = corrections.isel(report=rows.start + picked).load()
             order = np.argsort(-reports["pressure"].to_numpy())
             return reports.isel(report=order), corrections.isel(report=order), name
-    return None, None, ""
+    return None
 
 
 def _wind_profiles(
@@ -428,50 +325,7 @@ def _wind_profiles(
     panels[2].set_xlabel(f"barbs (10 {units})")
     panels[0].set_ylim(float(pressure.max()) + 40.0, float(pressure.min()) - 25.0)
     panels[0].set_ylabel("pressure (hPa)")
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper left", ncols=3)
-    return figure
-
-
-def _skew_t(
-    pressure: Floats,
-    celsius: Floats,
-    winds: dict[str, list[Floats]],
-    colours: dict[str, str],
-) -> CaptionedFigure:
-    # Imported here: MetPy takes seconds to import.
-    from metpy.plots import SkewT
-    from metpy.units import units as unit
-
-    figure = new_figure(6.4, constrained=False)
-    diagram = SkewT(figure, rotation=45, rect=(0.08, 0.09, 0.70, 0.86), aspect="auto")
-    diagram.plot(pressure * unit.hPa, celsius * unit.degC, color=SOFT, linewidth=1.8)
-    every = max(1, -(-pressure.size // 20))
-    for place, (label, (u, v)) in enumerate(winds.items()):
-        diagram.plot_barbs(
-            pressure[::every] * unit.hPa,
-            (u[::every] * unit("m/s")).to("kt"),
-            (v[::every] * unit("m/s")).to("kt"),
-            xloc=1.06 + 0.11 * place,
-            color=colours[label],
-            length=5.5,
-            linewidth=0.7,
-        )
-        diagram.ax.text(
-            1.06 + 0.11 * place,
-            1.01,
-            label,
-            color=colours[label],
-            fontsize=8,
-            ha="center",
-            transform=diagram.ax.transAxes,
-        )
-    diagram.ax.set_ylim(1000, min(float(pressure.min()) - 20.0, 500.0))
-    diagram.ax.set_xlim(-40, 40)
-    diagram.ax.set_xlabel("temperature (°C)")
-    diagram.ax.set_ylabel("pressure (hPa)")
-    diagram.plot_dry_adiabats(linewidth=0.5, alpha=0.4)
-    diagram.plot_moist_adiabats(linewidth=0.5, alpha=0.4)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper left", ncols=3)
     return figure
 
 
@@ -482,24 +336,7 @@ def innovations_section(
     aircraft: Sequence[str],
     show: Figures,
 ) -> Section:
-    """Return the section on the innovations.
-
-    Parameters
-    ----------
-    statistics : Dataset or None
-        ``innovation_statistics.nc``.
-    sounding : Figure or None
-        Of :func:`sounding_figure`.
-    reference : str
-        Reference or pool of the headline.
-    aircraft : sequence of str
-        In the order of the page; the first have a time series.
-    show : Figures
-
-    Returns
-    -------
-    Section
-    """
+    """Return the section on the innovations."""
     title, parts, units = "Innovations (observation minus reference)", [], show.units
     lead = ""
     if statistics is not None:
@@ -508,9 +345,9 @@ def innovations_section(
         whole = combined(statistics.sel(reference=chosen), _CELLS)
         lead = _lead(whole, chosen, units)
         names = [name for name in aircraft if name in tails(statistics)][:_MOST_SERIES]
-        cells = {by: _cells_by(statistics, chosen, by) for by in _CELLS}
-        parts.append(show("innovations", _draw_innovations(cells, chosen, units), dpi=120))
-        tables = [_innovation_table(cells[by], by, chosen, units) for by in _CELLS]
+        figure = innovation_figure(statistics, chosen, units=units)
+        parts.append(show("innovations", figure, dpi=120))
+        tables = [_innovation_table(statistics, by, chosen, units) for by in _CELLS]
         parts.append(folded("Tables by aircraft, phase of flight and layer", tables))
         histogram = innovation_histogram_figure(statistics, chosen, units=units)
         parts.append(folded("Histogram", [show("innovation_histogram", histogram)]))

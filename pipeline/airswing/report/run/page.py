@@ -149,7 +149,7 @@ def write_page(
     order = by_amplitude(fits, reference)
     sounding = None
     if corrected is not None:
-        sounding = sounding_figure(headings, corrected, fits, reference=reference, units=units)
+        sounding = sounding_figure(headings, corrected, fits, reference, units=units)
     sections = [
         _corrections_section(fits, reference, order, _links(folder, summary)),
         monitoring_section(found.monitoring, show),

@@ -55,15 +55,7 @@ class BeforeAfter(NamedTuple):
 def compared(
     headings: xr.Dataset, corrected: xr.Dataset, chosen: list[str]
 ) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-    """Return the disagreement of each report before and after (kt), and which reports count.
-
-    Parameters
-    ----------
-    headings, corrected : Dataset
-        In memory, the same reports.
-    chosen : list of str
-        References whose mean is the reference wind.
-    """
+    """Return the disagreement of each report before and after (kt), and which reports count."""
     u, v = (pooled(headings, chosen, f"reference_{way}_wind") for way in ("eastward", "northward"))
     before, after = (
         np.hypot(
@@ -165,24 +157,7 @@ def offsets_only(fits: xr.Dataset, reference: str) -> Floats:
 def headline(
     fits: xr.Dataset, total: Total | None, reference: str, *, per_kt: float = 1.0, units: str = "kt"
 ) -> str:
-    """Return the headline of a run, at most 25 words.
-
-    Parameters
-    ----------
-    fits : Dataset
-    total : Total or None
-        Disagreement of the fleet; None without corrected winds.
-    reference : str
-        Reference or pool.
-    per_kt : float, optional
-        The unit that is shown in one knot.
-    units : str, optional
-        Symbol of that unit.
-
-    Returns
-    -------
-    str
-    """
+    """Return the headline of a run, at most 25 words."""
     sizes, constants = amplitudes(fits, reference), offsets_only(fits, reference)
     fitted, fleet = sizes.size + constants.size, fits.sizes["aircraft"]
     implausible = int(

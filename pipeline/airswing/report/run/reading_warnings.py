@@ -43,20 +43,9 @@ def tally(ds: xr.Dataset, name: Literal["reading_audit"]) -> AuditContent: ...
 @overload
 def tally(ds: xr.Dataset, name: Literal["reference_audit"]) -> dict[str, ReferenceAudit]: ...
 @overload
-def tally(ds: xr.Dataset, name: Literal["screened_out"]) -> dict[str, int]: ...
+def tally(ds: xr.Dataset, name: Literal["screened_out", "lines_left_out"]) -> dict[str, int]: ...
 def tally(ds: xr.Dataset, name: str) -> Mapping[str, object]:
-    """Return an audit from an attribute.
-
-    Parameters
-    ----------
-    name : str
-        ``reading_audit``, ``reference_audit`` or ``screened_out``.
-
-    Returns
-    -------
-    dict
-        Empty if the attribute is absent or not JSON.
-    """
+    """Return an audit from an attribute (JSON or mapping), empty if there is none."""
     stored = ds.attrs.get(name, {})
     try:
         return dict(json.loads(stored) if isinstance(stored, str) else stored)
@@ -65,18 +54,7 @@ def tally(ds: xr.Dataset, name: str) -> Mapping[str, object]:
 
 
 def reading_warnings(audit: AuditContent) -> list[str]:
-    """Return warnings on the reports that were read.
-
-    Parameters
-    ----------
-    audit : AuditContent
-        Content of ``reading_audit``.
-
-    Returns
-    -------
-    list of str
-        One line each; empty without a finding.
-    """
+    """Return warnings on the reports that were read, from ``reading_audit``; a line each."""
     lines = []
     skipped, groups = audit.get("files_skipped", []), audit.get("similar_tails", [])
     if skipped:
@@ -112,33 +90,14 @@ def reading_warnings(audit: AuditContent) -> list[str]:
 
 
 def model_warnings(skipped: Sequence[LeftOut]) -> list[str]:
-    """Return warnings on model files and messages that were left out.
-
-    Parameters
-    ----------
-    skipped : sequence of mapping
-        ``{"file", "what", "reason", "count"}``.
-
-    Returns
-    -------
-    list of str
-        One line a reason, without messages that are no wind on levels.
-    """
+    """Return what was left out of model files, without messages that are no wind on levels."""
     return model_reasons([entry for entry in skipped if entry["what"] != _EXPECTED])
 
 
 def unread(problems: Iterable[tuple[object, str, str]]) -> list[LeftOut]:
-    """Count the messages that could not be decoded, by file and reason.
+    """Count (valid time, file, reason) of messages not decoded, the most frequent first.
 
-    Parameters
-    ----------
-    problems : iterable of (valid time, file, reason)
-        From the collocation; a reason begins with the position of its message.
-
-    Returns
-    -------
-    list of {"file", "what", "reason", "count"}
-        As ``skipped`` of a catalogue; the most frequent first, at most 200.
+    A reason begins with the position of its message, which is removed. At most 200 entries.
     """
     counts = Counter((file, _PLACE.sub("", reason)) for _, file, reason in problems)
     often = sorted(counts.items(), key=lambda one: (-one[1], one[0]))[:_ENTRIES_KEPT]
@@ -149,18 +108,7 @@ def unread(problems: Iterable[tuple[object, str, str]]) -> list[LeftOut]:
 
 
 def reference_warnings(audits: Mapping[str, ReferenceAudit]) -> list[str]:
-    """Return warnings on the model files and messages of every reference.
-
-    Parameters
-    ----------
-    audits : mapping of str to mapping
-        ``reference_audit`` of the headings.
-
-    Returns
-    -------
-    list of str
-        One line a reason.
-    """
+    """Return warnings on the model files of every reference, from ``reference_audit``."""
     return [
         f"{name}: {line}"
         for name, audit in audits.items()
@@ -170,18 +118,7 @@ def reference_warnings(audits: Mapping[str, ReferenceAudit]) -> list[str]:
 
 
 def model_reasons(skipped: Sequence[LeftOut]) -> list[str]:
-    """Return what was left out of model files, a line a reason.
-
-    Parameters
-    ----------
-    skipped : sequence of mapping
-        ``{"file", "what", "reason", "count"}``.
-
-    Returns
-    -------
-    list of str
-        One line a reason, the most files first.
-    """
+    """Return what was left out of model files, a line a reason, the most files first."""
     files: dict[tuple[str, str], list[str]] = defaultdict(list)
     counts: dict[tuple[str, str], int] = defaultdict(int)
     for entry in skipped:

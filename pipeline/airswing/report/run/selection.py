@@ -117,13 +117,7 @@ def compass_points(
 
 
 def one_fit(fits: xr.Dataset, aircraft: str | int, reference: str) -> xr.Dataset:
-    """Return the fit of one aircraft against one reference or pool.
-
-    Raises
-    ------
-    InputError
-        If the aircraft or the reference was not fitted.
-    """
+    """Return the fit of one aircraft against one reference or pool, or raise InputError."""
     names = [str(name) for name in fits["reference"].to_numpy()]
     if reference not in names:
         raise InputError(
@@ -205,9 +199,9 @@ def status_words(code: SupportsInt) -> str:
     return names.get(int(code), f"status {int(code)}")
 
 
-def number_text(value: SupportsFloat | None, *, digits: int = 2) -> str:
-    """Return a number with fixed digits, or a dash where there is none."""
-    number = float("nan") if value is None else float(value)
+def number_text(value: SupportsFloat | None, *, digits: int = 2, factor: float = 1.0) -> str:
+    """Return `factor` times a number with fixed digits, or a dash where there is none."""
+    number = float("nan") if value is None else factor * float(value)
     return f"{number:.{digits}f}" if np.isfinite(number) else "-"
 
 
@@ -219,11 +213,17 @@ def interval_text(value: float, half: float, *, digits: int = 2, sign: bool = Fa
     return number + (f" ± {half:.{digits}f}" if np.isfinite(half) else "")
 
 
-def range_text(interval: Sequence[float | None] | None, *, digits: int = 2) -> str:
-    """Return `` (low to high)`` with a leading blank; empty where the interval is not known."""
-    low, high = (float("nan") if end is None else float(end) for end in interval or (None, None))
-    known = np.isfinite(low) and np.isfinite(high)
-    return f" ({low:.{digits}f} to {high:.{digits}f})" if known else ""
+def scaled(interval: Sequence[float | None] | None, factor: float) -> list[float]:
+    """Return `factor` times an interval; NaN where JSON has null."""
+    return [float("nan") if end is None else factor * end for end in interval or (None, None)]
+
+
+def range_text(
+    interval: Sequence[float | None] | None, *, digits: int = 2, factor: float = 1.0
+) -> str:
+    """Return `factor` times an interval, `` (low to high)``; empty where it is not known."""
+    low, high = scaled(interval, factor)
+    return f" ({low:.{digits}f} to {high:.{digits}f})" if np.isfinite(low + high) else ""
 
 
 def fit_words(fit: xr.Dataset) -> str:

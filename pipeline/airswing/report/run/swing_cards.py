@@ -8,6 +8,7 @@ depends on its input alone: the date on the card is that of the fits.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -137,38 +138,21 @@ def write_swing_cards(
 def swing_card_figure(
     headings: xr.Dataset,
     fits: xr.Dataset,
-    aircraft: str | int,
-    reference: str | None = None,
+    aircraft: str,
+    reference: str,
     *,
     units: Units = "kt",
 ) -> Figure:
-    """Draw the swing card of one aircraft, an A4 page.
-
-    Parameters
-    ----------
-    headings, fits : Dataset
-        As for :func:`write_swing_cards`.
-    aircraft : str or int
-        Identifier or position.
-    reference : str, optional
-        Reference or pool; by default the first pool, else the first reference.
-    units : {"kt", "m/s"}, optional
-        Unit of speeds.
-
-    Returns
-    -------
-    Figure
-    """
-    reference = reference or headline_reference(fits, headings)
+    """Draw the swing card of one aircraft, an A4 page."""
     fit = one_fit(fits, aircraft, reference)
-    name = str(fit["aircraft"].to_numpy())
     figure = Figure(figsize=_A4)
-    figure.text(0.08, 0.955, f"Compass deviation card  {name}", fontsize=16, weight="bold")
+    figure.text(0.08, 0.955, f"Compass deviation card  {aircraft}", fontsize=16, weight="bold")
     figure.text(
         0.08, 0.935, "Magnetic compass, swung in flight. All angles in degrees.", color=SOFT
     )
-    _lines(figure, 0.08, 0.915, [label for label, _ in _facts(fit, headings, reference)], SOFT)
-    _lines(figure, 0.22, 0.915, [value for _, value in _facts(fit, headings, reference)], INK)
+    labels, values = zip(*_facts(fit, headings, reference), strict=True)
+    _lines(figure, 0.08, 0.915, labels, SOFT)
+    _lines(figure, 0.22, 0.915, values, INK)
     figure.text(0.08, 0.795, _advice(fit), fontsize=12, weight="bold", va="top")
     heading, error = compass_points(headings, fits, aircraft, reference)
     axes = figure.add_axes((0.11, 0.53, 0.82, 0.235))
@@ -185,9 +169,9 @@ def swing_card_figure(
         bias_words(fits, reference, units).strip(),
     ]
     _lines(figure, 0.08, 0.2, words, INK, fontsize=8)
-    for x, label in ((0.08, "Checked by"), (0.39, "Date"), (0.62, "Signature")):
+    fields = ((0.08, 0.35, "Checked by"), (0.39, 0.58, "Date"), (0.62, 0.93, "Signature"))
+    for x, right, label in fields:
         figure.text(x, 0.06, label, fontsize=8, color=SOFT)
-        right = {0.08: 0.35, 0.39: 0.58, 0.62: 0.93}[x]
         rule = matplotlib.lines.Line2D([x, right], [0.075, 0.075], color=INK, linewidth=0.8)
         figure.add_artist(rule)
     return figure
@@ -224,7 +208,7 @@ def _advice(fit: xr.Dataset) -> str:
 
 
 def _lines(
-    figure: Figure, x: float, top: float, lines: list[str], color: str, *, fontsize: float = 9
+    figure: Figure, x: float, top: float, lines: Sequence[str], color: str, *, fontsize: float = 9
 ) -> None:
     text = "\n".join(lines)
     figure.text(x, top, text, color=color, fontsize=fontsize, va="top", linespacing=1.5)
@@ -262,10 +246,9 @@ def _unit_table(axes: Axes, fit: xr.Dataset) -> None:
 
 
 def _steering(axes: Axes, error: Floats) -> None:
-    held = steer(error, CARD_HEADINGS)
     names = {0: "N", 90: "E", 180: "S", 270: "W"}
     aims = [names.get(int(aim), f"{aim:03.0f}") for aim in CARD_HEADINGS]
-    steered = [f"{np.rint(one) % 360:03.0f}" for one in held]
+    steered = [f"{np.rint(one) % 360:03.0f}" for one in steer(error, CARD_HEADINGS)]
     half = len(aims) // 2
     _columns(
         axes,
