@@ -1,4 +1,4 @@
-"""Further kinds of model files beside GRIB, NetCDF, WRF and Zarr.
+"""Further kinds of model files, in addition to GRIB, NetCDF, WRF and Zarr.
 
 A kind is recognised by a file's path or first bytes, and its winds are opened as a Dataset with CF
 attributes (or the configuration names what is missing). A new kind is one new file in

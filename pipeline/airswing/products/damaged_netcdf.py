@@ -184,7 +184,7 @@ class _Header:
 
 
 def _extent(header: _Header) -> tuple[int, int]:
-    """Octets that the variables reach to, and the count of records."""
+    """Bytes that the variables reach to, and the count of records."""
     records = header.count()
     sizes = []
     for _ in range(header.entries(_DIMENSION)):

@@ -254,8 +254,8 @@ class Catalogue:
             keys = np.unique(table[["file", "part", "offset", "index", "level_index"]])
             size = self.grids[int(self.grid_numbers[number])].size
             return keys.size, 4 * size * keys.size, 0
-        octets = int(np.unique(table[["file", "offset", "length"]])["length"].sum())
-        return int(table.size), octets, int(table["sparse"].sum())
+        n_bytes = int(np.unique(table[["file", "offset", "length"]])["length"].sum())
+        return int(table.size), n_bytes, int(table["sparse"].sum())
 
     @property
     def fingerprint(self) -> str:

@@ -69,14 +69,14 @@ class Sample(NamedTuple):
     """Winds of one model time at its reports.
 
     `table` is (2 or 9, report), see :func:`airswing.reference.winds.winds_at`; `problems` lists
-    (file, reason) of what could not be read; `decoded` counts messages or chunks, `octets` their
+    (file, reason) of what could not be read; `decoded` counts messages or chunks, `bytes` their
     bytes, `seconds` the time that reading and decoding took.
     """
 
     table: Floats
     problems: tuple[tuple[str, str], ...]
     decoded: int
-    octets: int = 0
+    n_bytes: int = 0
     seconds: float = 0.0
 
 
@@ -307,7 +307,7 @@ def sample_model_times(
         reader.close()
     problems = tuple(reader.problems)
     samples = [Sample(tables[number], problems, 0) for number in range(len(work))]
-    samples[0] = Sample(tables[0], problems, reader.decoded, reader.octets, reader.seconds)
+    samples[0] = Sample(tables[0], problems, reader.decoded, reader.n_bytes, reader.seconds)
     return samples
 
 
@@ -333,7 +333,7 @@ def _join(
         after = (times.earlier[run] == number - 1) & times.later[run]
         first[:, run][:, before] = sample.table[:, before]
         second[:, run][:, after] = sample.table[:, after]
-        account += [len(sample.problems), sample.decoded, sample.octets, sample.seconds]
+        account += [len(sample.problems), sample.decoded, sample.n_bytes, sample.seconds]
         problems |= {(int(valid[number]), file, reason) for file, reason in sample.problems}
     weight = times.weight
     # at a valid time itself the later field need not exist: NaN times zero is NaN

@@ -4,7 +4,7 @@ Assumptions and validity
 ------------------------
 * The kind of a file is that of its first bytes, never of its name.
 * gzip, bzip2 and xz files are decompressed to a temporary file, which is removed when no longer
-  used; a few are kept. Nothing is written beside the data.
+  used; a few are kept. Nothing is written into the data folder.
 * URLs (``s3://``, ``gs://``, ``https://`` ...) are read through fsspec, if it and the package of
   the protocol are installed: Zarr stores in place, other files by a temporary copy. Their content
   is taken to be unchanged for the time of a run.
@@ -143,10 +143,10 @@ def _identify_file(path: str) -> SourceFile:
     try:
         status = os.fstat(descriptor)
         places = (0, status.st_size // 2, max(status.st_size - _SAMPLE, 0))
-        octets = b"".join(os.pread(descriptor, _SAMPLE, place) for place in places)
+        n_bytes = b"".join(os.pread(descriptor, _SAMPLE, place) for place in places)
     finally:
         os.close(descriptor)
-    sample = hashlib.blake2b(octets, digest_size=12).hexdigest()
+    sample = hashlib.blake2b(n_bytes, digest_size=12).hexdigest()
     return SourceFile(full, status.st_size, status.st_mtime_ns, sample)
 
 

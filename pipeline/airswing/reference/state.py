@@ -58,7 +58,7 @@ def grib1_statistic(product: bytes) -> str:
         return f"no state of the atmosphere: {name} (MARS type {product[42]})"
     if centre == 98 and product[40:41] and int.from_bytes(product[43:45], "big") in _MARS_MEANS:
         return "no state of the atmosphere: mean of a month"
-    # NCEP: octet 41 says ensemble, octet 44 which product of it (1: full field or mean, 2: mean)
+    # NCEP: byte 41 says ensemble, byte 44 which product of it (1: full field or mean, 2: mean)
     if centre == 7 and len(product) >= 44 and product[40] == 1 and product[43] not in (1, 2):
         return f"ensemble statistic that is no mean (product {product[43]})"
     return ""
@@ -75,7 +75,7 @@ def grib2_statistic(product: bytes) -> str:
         return f"product template 4.{template}"
     if process in _PROCESSES:
         return f"no state of the atmosphere: {_PROCESSES[process]} (generating process {process})"
-    # octet 35, code table 4.7: unweighted and weighted mean of all members
+    # byte 35, code table 4.7: unweighted and weighted mean of all members
     if template == DERIVED and len(product) > 34 and product[34] not in (0, 1):
         name = _DERIVED.get(product[34], "")
         return f"ensemble statistic that is no mean: {name} (code {product[34]})".replace(

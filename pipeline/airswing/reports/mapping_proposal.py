@@ -7,9 +7,9 @@ the entry for a person to confirm:
 * of several time columns the one with the most possible times of reports;
 * the unit of a speed by comparison with the speed between successive positions, else with the
   other speeds of the table;
-* a heading beside ground speed, track and airspeed is magnetic, because Mode-S and recorders report
-  the compass; a heading without track and airspeed is the track (OpenSky, Flightradar24), and a
-  plain ``speed`` as fast as an aircraft is the ground speed.
+* a heading in a table with ground speed, track and airspeed is magnetic, because Mode-S and
+  recorders report the compass; a heading without track and airspeed is the track (OpenSky,
+  Flightradar24), and a plain ``speed`` as fast as an aircraft is the ground speed.
 """
 
 from __future__ import annotations
@@ -149,7 +149,7 @@ def propose_mapping(path: str | Path) -> ProposedMapping | None:
 
 
 def _motion(table: pd.DataFrame, found: dict[str, str], remarks: dict[str, str]) -> None:
-    """Decide what a plain heading and a plain speed are by the columns beside them."""
+    """Decide what a plain heading and a plain speed are by the other columns."""
     airspeed = bool(found.keys() & {"true_airspeed", "indicated_airspeed", "mach"})
     speed, direction = found.get("wind_speed"), found.get("wind_direction")
     plain = "ground_speed" not in found and speed is not None and speed.lower() == "speed"
@@ -288,7 +288,7 @@ def _unit_of_speed(
     name: str, table: pd.DataFrame, found: Mapping[str, str], speed: float
 ) -> tuple[str, str]:
     """Unit of a speed by that between positions, else by the other speeds of the table."""
-    please_check = "kt or m/s cannot be told from the name: please check"
+    please_check = "kt or m/s cannot be decided from the name: please check"
     if name not in _AIRBORNE:
         return "kt", please_check
     values = _numbers(table[found[name]])

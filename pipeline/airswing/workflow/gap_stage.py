@@ -63,12 +63,12 @@ def diagnosis(
     Parameters
     ----------
     without : sequence of str, optional
-        Effects of the catalogue to do without, as if nobody knew them.
+        Effects to withhold from the catalogue.
     known : Path, optional
-        ``effects.yaml`` or ``fits.nc``: what the simulation has already. The gap told is what is
-        left, and ``effects.yaml`` then holds both.
+        ``effects.yaml`` or ``fits.nc``: effects that the simulation already contains. The diagnosis
+        concerns the remaining gap, and ``effects.yaml`` then holds both.
     simulated : str, optional
-        Reports that a simulation made elsewhere, in place of a perfect instrument's.
+        Reports of another simulation, in place of those of a perfect instrument.
 
     Returns
     -------
@@ -98,8 +98,7 @@ def diagnosis(
     start = starting_point(job, frame, asked, effects_of=_effects_of_archive)
     with job.progress.stage("diagnose") as stage:
         found = diagnose(start.frame, catalogue=_catalogue(without), progress=stage.enter)
-        # effects of scatter cannot be taken off the reports: those the simulation has are found
-        # again
+        # Effects of scatter cannot be removed from the reports, so known ones are found again.
         effects = not_known(found.report.effects, start.known)
         names = [effect.name for effect in effects]
         stage.note = ", ".join(names) or "no effect missing"
@@ -109,7 +108,7 @@ def diagnosis(
         unknown=unknown_not_known(found.report.unknown, start.known),
         reference=config.gap_reference(),
         headings_uuid=archive.attrs["uuid"],
-        known=start.told or None,
+        known=start.known_entries or None,
         simulation=start.simulation,
         claims=_claims(job, headings, found.adjustment),
         counts=replace(found.report.counts, reports=archive.sizes["report"]),
@@ -132,7 +131,7 @@ def diagnosis(
 
 
 def _effects_of_archive(job: Job) -> list[ActiveEffect]:
-    """Diagnose another archive (a simulation's) for what it has."""
+    """Diagnose the archive of a simulation and return its effects."""
     from airswing.gap.archive.sample import sampled
     from airswing.gap.diagnose import diagnose
     from airswing.gap.result.effect_entries import active_effects
@@ -154,7 +153,7 @@ def _frame(job: Job, headings: xr.Dataset) -> Frame:
 
 
 def _claims(job: Job, headings: xr.Dataset, adjustment: Adjustment) -> ClaimsEntry:
-    """Review the deviations and the field test with the effects beside the deviation off."""
+    """Repeat the deviations and the field test without the effects other than deviation."""
     from airswing.gap.checks.refit_claims import review_claims
 
     config = job.config
@@ -171,13 +170,13 @@ def _claims(job: Job, headings: xr.Dataset, adjustment: Adjustment) -> ClaimsEnt
         stage.note = (
             f"{reviewed.stay} of {reviewed.of} fits stay within their interval"
             if adjustment.names
-            else "nothing beside the deviation to take off"
+            else "no effect other than the deviation to remove"
         )
     return reviewed
 
 
 def _catalogue(without: Sequence[str]) -> dict[str, Effect]:
-    """Return the catalogue but for the effects named."""
+    """Return the catalogue without the named effects."""
     from airswing.gap.effects import CATALOGUE
 
     for name in without:

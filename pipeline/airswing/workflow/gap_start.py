@@ -1,13 +1,14 @@
-"""What a diagnosis starts from: the perfect instrument, known effects, or another's simulation.
+"""Starting point of a diagnosis: the perfect instrument, known effects, or another simulation.
 
-Assumptions: known effects are taken off the reports (`airswing.gap.simulation.known_effects`), so
-the gap told is what is left. Reports of a simulation made elsewhere are matched by aircraft and
-time where it flew the archive's paths, and their wind stands in place of the reference's
-(`airswing.gap.simulation.other_simulation`). Where it flew other paths, it is diagnosed as the
-archive is, against model winds at its own places, and what it has is known of the archive: effects
-of the whole fleet, and those of aircraft that fly in both.
+Assumptions: known effects are removed from the reports (`airswing.gap.simulation.known_effects`),
+so that the diagnosis concerns the remaining gap. Reports of another simulation that follows the
+paths of the archive are matched by aircraft and time, and their wind replaces the wind of the
+reference (`airswing.gap.simulation.other_simulation`). A
+simulation on other paths is diagnosed like an archive, against model winds at its positions, and
+its effects are known effects of the archive: those of the whole fleet, and those of aircraft that
+are in both.
 
-Validity: a simulation on other paths must be long enough for a diagnosis of its own. Unit: kt.
+Validity: a simulation on other paths must be long enough for a diagnosis. Unit: kt.
 """
 
 from __future__ import annotations
@@ -41,12 +42,12 @@ _SIMULATION_FOLDER = ".simulation"
 
 @dataclass(frozen=True)
 class Start:
-    """Reports as a diagnosis takes them, and what it starts from."""
+    """Reports for a diagnosis, and the effects that were removed from them."""
 
     frame: Frame
-    known: list[ActiveEffect] = field(default_factory=list)  # taken off
-    told: list[KnownEntry] = field(default_factory=list)
-    # what ``gap.json`` tells of it; nothing for the perfect instrument
+    known: list[ActiveEffect] = field(default_factory=list)  # removed from the reports
+    known_entries: list[KnownEntry] = field(default_factory=list)  # for ``gap.json``
+    # entry of ``gap.json``; None for the perfect instrument
     simulation: SimulationEntry | None = None
 
 
@@ -57,7 +58,7 @@ def disagreement_kt(frame: Frame) -> float:
 
 @dataclass(frozen=True)
 class Asked:
-    """What a diagnosis shall start from, read and checked before the archive is."""
+    """Requested starting point, read and checked before the archive is read."""
 
     known: list[ActiveEffect] | None = None
     known_file: Path | None = None
@@ -67,20 +68,19 @@ class Asked:
 
 
 def read_start(job: Job, *, known: Path | None = None, simulated: str | None = None) -> Asked:
-    """Read what a diagnosis shall start from.
+    """Read the requested starting point.
 
     Parameters
     ----------
     known : Path, optional
-        ``effects.yaml`` or ``fits.nc``: what the simulation has.
+        ``effects.yaml`` or ``fits.nc``: effects that the simulation contains.
     simulated : str, optional
-        Reports that a simulation made: a file, a glob, or the configuration of an archive of its
-        own.
+        Simulated reports: a file, a glob, or the configuration of a separate archive.
 
     Raises
     ------
     InputError
-        A file is missing or holds something else.
+        If a file is missing or has other content.
     """
     effects, reports, section = None, None, None
     if known is not None:
@@ -95,7 +95,7 @@ def read_start(job: Job, *, known: Path | None = None, simulated: str | None = N
 def starting_point(
     job: Job, frame: Frame, asked: Asked, *, effects_of: Callable[[Job], list[ActiveEffect]]
 ) -> Start:
-    """Return what a diagnosis starts from.
+    """Return the starting point of a diagnosis.
 
     Parameters
     ----------
@@ -104,12 +104,12 @@ def starting_point(
     asked : Asked
         From `read_start`.
     effects_of : callable
-        Diagnoses the archive of a job: for a simulation on other paths.
+        Diagnoses the archive of a job; used for a simulation on other paths.
 
     Raises
     ------
     InputError
-        An effect acts on an aircraft, or by a context, that the archive does not have.
+        If an effect needs an aircraft or a variable that the archive does not have.
     """
     start = Start(frame)
     start = _against(job, start, asked, effects_of)
@@ -120,7 +120,7 @@ def starting_point(
 
 
 def _without(start: Start, effects: Sequence[ActiveEffect], source: str, *, strict: bool) -> Start:
-    """Take effects off; those of aircraft that are not in the archive are refused or left out."""
+    """Remove effects; those of aircraft that are not in the archive are refused or left out."""
     from airswing.gap.result.schema import KnownEntry
     from airswing.gap.simulation.effects_file import plain_effects
     from airswing.gap.simulation.known_effects import take_off_known
@@ -132,14 +132,16 @@ def _without(start: Start, effects: Sequence[ActiveEffect], source: str, *, stri
         raise InputError(
             err.what, file=source, field=err.field, found=err.found, remedy=err.remedy
         ) from err
-    told = KnownEntry(
+    entry = KnownEntry(
         source=source,
         effects=plain_effects(own),
         left_out=len(effects) - len(own),
         disagreement_without_kt=disagreement_kt(start.frame),
         disagreement_with_kt=disagreement_kt(left),
     )
-    return replace(start, frame=left, known=[*start.known, *own], told=[*start.told, told])
+    return replace(
+        start, frame=left, known=[*start.known, *own], known_entries=[*start.known_entries, entry]
+    )
 
 
 def _of_archive(effects: Sequence[ActiveEffect], tails: Sequence[str]) -> list[ActiveEffect]:
@@ -155,7 +157,7 @@ def _of_archive(effects: Sequence[ActiveEffect], tails: Sequence[str]) -> list[A
 def _against(
     job: Job, start: Start, asked: Asked, effects_of: Callable[[Job], list[ActiveEffect]]
 ) -> Start:
-    """Put a simulation made elsewhere, if any, in place of the perfect instrument."""
+    """Replace the perfect instrument by another simulation, if there is one."""
     from airswing.gap.result.schema import SimulationEntry
     from airswing.gap.simulation.other_simulation import (
         match_reports,
@@ -170,7 +172,7 @@ def _against(
         matched = match_reports(start.frame, reports)
         number = int(matched.found.sum())
         stage.note = f"{number:,} of {start.frame.size:,} reports are in the simulation"
-    told = SimulationEntry(
+    entry = SimulationEntry(
         source=simulated,
         reports=matched.simulated,
         matched=number,
@@ -178,17 +180,17 @@ def _against(
         matched_by="aircraft and time",
     )
     if same_paths(matched):
-        return Start(with_simulated_wind(start.frame, matched), simulation=told)
+        return Start(with_simulated_wind(start.frame, matched), simulation=entry)
     other = job_of_simulation(job, simulated, section)
     effects = effects_of(other)
     shutil.rmtree(other.output, ignore_errors=True)
     shared = set(start.frame.tails) & {str(name) for name in reports["aircraft"].values}
-    told = replace(told, matched_by="distribution", aircraft_in_both=sorted(shared))
-    return _without(Start(start.frame, simulation=told), effects, simulated, strict=False)
+    entry = replace(entry, matched_by="distribution", aircraft_in_both=sorted(shared))
+    return _without(Start(start.frame, simulation=entry), effects, simulated, strict=False)
 
 
 def _read(job: Job, simulated: str) -> tuple[xr.Dataset, Reports]:
-    """Read the simulation's reports; by the archive's names of columns where they are its."""
+    """Read simulated reports, with the column mapping of the archive where it is needed."""
     from airswing.config_file import load_config
     from airswing.reports import read_reports
 
@@ -210,12 +212,12 @@ def _read(job: Job, simulated: str) -> tuple[xr.Dataset, Reports]:
 
 
 def job_of_simulation(job: Job, simulated: str, reports: Reports) -> Job:
-    """Return the job that diagnoses a simulation on paths of its own.
+    """Return the job that diagnoses a simulation on other paths.
 
     Parameters
     ----------
     job : Job
-        Of the archive; its references are used unless the simulation has its own.
+        Of the archive; its references are used unless the simulation has others.
     simulated : str
         Reports, or the configuration of an archive.
     reports : Reports

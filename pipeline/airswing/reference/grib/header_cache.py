@@ -1,8 +1,8 @@
 """Headers of GRIB files, kept between runs in the user's cache folder.
 
 An entry is valid for a file's path, size, modification time and a sample of its bytes, and for the
-code that read it. Nothing is written beside the data. A cache that cannot be read or written costs
-time, not the run: one warning is given, and a damaged one is replaced.
+code that read it. Nothing is written into the data folder. A cache that cannot be read or written
+costs time, not the run: one warning is given, and a damaged one is replaced.
 """
 
 from __future__ import annotations

@@ -62,7 +62,7 @@ _NATIVE_2 = (102, 103, 104, 105, 107, 111, 113, 118, 119, 150)
 #: GRIB2: sections that may follow a section (WMO FM 92 table 1).
 _NEXT = {0: (1,), 1: (2, 3), 2: (3,), 3: (4,), 4: (5,), 5: (6,), 6: (7,), 7: (2, 3, 4)}
 _SHORTEST = {1: 21, 3: 14, 4: 34, 5: 11, 6: 6}  # bytes of every section of a number
-#: GRIB2: bytes of sections 4 and 5 by template; templates with R, E and D at octets 12 to 19.
+#: GRIB2: bytes of sections 4 and 5 by template; templates with R, E and D at bytes 12 to 19.
 _LENGTHS_4 = {0: 34, 1: 37, 2: 36, 60: 37}
 _LENGTHS_5 = {0: 21, 2: 47, 3: 49, 4: 12, 40: 23, 41: 21, 42: 25, 40000: 23, 40010: 21}
 _SCALED = (0, 2, 3, 40, 41, 42, 40000, 40010)
@@ -316,7 +316,7 @@ def single_fields(message: bytes, edition: int) -> Iterator[tuple[bytes, dict[in
 def _scan_grib1(window: Window, start: int, length: int, contents: FileContents) -> None:
     contents.parts += 1
     product = window.get(start + 8, max(28, min(unsigned(window.get(start + 8, 3), 0, 3), 80)))
-    # octets 4, 5 and 9; NCEP (centre 7) has another table 128
+    # bytes 4, 5 and 9; NCEP (centre 7) has another table 128
     table, centre, parameter = product[3], product[4], product[8]
     kind = None
     if table == 128 and centre != 7:
@@ -337,7 +337,7 @@ def _scan_grib1(window: Window, start: int, length: int, contents: FileContents)
 def _grib1_field(
     window: Window, start: int, length: int, kind: int, product: bytes, contents: FileContents
 ) -> Field:
-    # octets 10 to 12: level; 18 to 21: unit, P1, P2 and time range (code table 5)
+    # bytes 10 to 12: level; 18 to 21: unit, P1, P2 and time range (code table 5)
     surface, level = product[9], float(unsigned(product, 10, 2))
     level_kind = _level_kind(kind, surface, _NATIVE_1, _HYBRID_1)
     if surface in (104, 106, 108, 110):  # layers: the value of the upper boundary
@@ -351,7 +351,7 @@ def _grib1_field(
     if unit not in _UNITS_1:
         raise SkippedError("wind", f"forecast time unit {unit}")
     lead = {0: first, 1: 0, 10: first * 256 + second}[indicator] * _UNITS_1[unit]
-    # octets 25 and 13 to 17: year 100 of a century is its last
+    # bytes 25 and 13 to 17: year 100 of a century is its last
     year = (product[24] - 1) * 100 + product[12]
     valid = _valid_time(_reference_time(year, *product[13:17], 0), lead)
     # ECMWF's local section: number of the ensemble member
@@ -366,20 +366,20 @@ def _grib1_field(
     size, bitmap = read_grid(1, section).size, -1
     if product[7] & 0x40:
         head = window.get(at, 6)
-        octets, predefined = unsigned(head, 0, 3), unsigned(head, 4, 2)
-        if len(head) < 6 or octets < 6 or at + octets > end:
+        n_bytes, predefined = unsigned(head, 0, 3), unsigned(head, 4, 2)
+        if len(head) < 6 or n_bytes < 6 or at + n_bytes > end:
             raise GarbageError
         if predefined:
             raise SkippedError("message", f"predefined bitmap {predefined}")
-        if not 0 <= octets - 6 - (size + 7) // 8 <= PADDING:
+        if not 0 <= n_bytes - 6 - (size + 7) // 8 <= PADDING:
             raise _damaged("a bitmap of another size than its grid")
-        bitmap, at = at + 6, at + octets
-    # section 4: length in octets 1-3, flags in the upper half of 4, E in 5-6, R in 7-10, bits in 11
+        bitmap, at = at + 6, at + n_bytes
+    # section 4: length in bytes 1-3, flags in the upper half of 4, E in 5-6, R in 7-10, bits in 11
     data = window.get(at, 11)
     if len(data) < 11 or at + 11 > end:
         raise GarbageError
-    octets, packing, bits = unsigned(data, 0, 3), data[3] >> 4, data[10]
-    stop = end if length >= LARGE and octets < _LARGE_UNIT else at + octets
+    n_bytes, packing, bits = unsigned(data, 0, 3), data[3] >> 4, data[10]
+    stop = end if length >= LARGE and n_bytes < _LARGE_UNIT else at + n_bytes
     if not at + 11 <= stop <= end:
         raise GarbageError
     if packing & 0x8:
@@ -440,7 +440,7 @@ def _scan_grib2(window: Window, start: int, length: int, contents: FileContents)
         if number == 7:
             contents.parts += 1
             product = window.get(sections[4], 37)
-            # octets 10 and 11: category and number (code table 4.2 of discipline 0)
+            # bytes 10 and 11: category and number (code table 4.2 of discipline 0)
             parameter = (discipline, product[9], product[10])
             kind = {(0, 2, 2): U, (0, 2, 3): V, (0, 3, 0): PRESSURE}.get(parameter)
             if kind is None:
@@ -467,7 +467,7 @@ def _grib2_field(
     last_bitmap: int,
     contents: FileContents,
 ) -> Field:
-    # octets 23 to 28 and 29: the first fixed surface, its scaled value; type of the second
+    # bytes 23 to 28 and 29: the first fixed surface, its scaled value; type of the second
     surface, second = product[22], product[28]
     level_kind = _level_kind(kind, surface, _NATIVE_2, _HYBRID_2)
     level = signed(product, 24, 4) * 10.0 ** -signed(product, 23, 1)
@@ -483,7 +483,7 @@ def _grib2_field(
     if unit not in _UNITS_2:
         raise SkippedError("wind", f"forecast time unit {unit}")
     lead = signed(product, 18, 4) * _UNITS_2[unit]
-    stamp = window.get(sections[1], 19)  # octets 13-14 year, then month, day, hour, minute, second
+    stamp = window.get(sections[1], 19)  # bytes 13-14 year, then month, day, hour, minute, second
     valid = _valid_time(_reference_time(unsigned(stamp, 12, 2), *stamp[14:19]), lead)
     section = window.get(sections[3], unsigned(window.get(sections[3], 4), 0, 4))
     grid = contents.grid_number(2, section)
@@ -495,8 +495,8 @@ def _grib2_field(
     if indicator != 255 and bitmap < 0:
         raise SkippedError("message", f"predefined bitmap {indicator}")
     if bitmap >= 0:
-        octets = unsigned(window.get(bitmap, 4), 0, 4) - 6
-        if not 0 <= octets - (size + 7) // 8 <= PADDING:
+        n_bytes = unsigned(window.get(bitmap, 4), 0, 4) - 6
+        if not 0 <= n_bytes - (size + 7) // 8 <= PADDING:
             raise _damaged("a bitmap of another size than its grid")
     numbered = template not in (FORECAST, DERIVED) and product[35] != 255
     found = Field(
@@ -591,12 +591,12 @@ def _check_level(pressure: float) -> None:
         raise _damaged(f"pressure level of {pressure / 100.0:g} hPa")
 
 
-def _check_length(octets: int, bits: int, values: int) -> None:
+def _check_length(n_bytes: int, bits: int, values: int) -> None:
     """Compare the length of a simply packed data section with the number of its values."""
     needed = (bits * values + 7) // 8
-    if octets < needed:
+    if n_bytes < needed:
         raise _damaged("data section too short for its grid")
-    if octets > needed + PADDING and bits:
+    if n_bytes > needed + PADDING and bits:
         raise _damaged("data section longer than its grid and its bits a value need")
 
 

@@ -76,7 +76,7 @@ class GribReader:
     def __init__(self, *, sparse: bool = True) -> None:
         self.sparse = sparse
         self.problems: dict[tuple[str, str], None] = {}
-        self.decoded = self.octets = 0
+        self.decoded = self.n_bytes = 0
         self.seconds = 0.0
         self._descriptors: dict[SourceFile, int] = {}
 
@@ -144,7 +144,7 @@ class GribReader:
     ) -> Floats:
         """Values at the wanted points if those at the probes are credible."""
         self.decoded += 1
-        self.octets += int(row["length"])
+        self.n_bytes += int(row["length"])
         size, kind = math.prod(shape), int(row["kind"])
         if values.size == size:  # its header allows credible values only
             return values.reshape(shape)
@@ -256,10 +256,10 @@ def read_bytes(descriptor: int, start: int, length: int, *, spare: int = 0) -> b
     UnreadableMessageError
         If the file ends before.
     """
-    octets = os.pread(descriptor, length + spare, start)
-    if len(octets) < length:
-        raise UnreadableMessageError(f"file ends {length - len(octets)} bytes early")
-    return octets + bytes(length + spare - len(octets))
+    content = os.pread(descriptor, length + spare, start)
+    if len(content) < length:
+        raise UnreadableMessageError(f"file ends {length - len(content)} bytes early")
+    return content + bytes(length + spare - len(content))
 
 
 def sparse_values(descriptor: int, row: np.void, size: int, points: Ints) -> Floats:
@@ -327,17 +327,17 @@ def _present(bitmap: bytes, size: int) -> int:
 @lru_cache(maxsize=16)
 def _counts(bitmap: bytes) -> tuple[NDArray[np.uint8], Ints]:
     """Bytes of a bitmap and the number of present points before each."""
-    octets = np.frombuffer(bitmap, dtype=np.uint8)
-    before = np.zeros(octets.size + 1, dtype=np.int64)
-    np.cumsum(np.bitwise_count(octets), out=before[1:])
-    return octets, before
+    n_bytes = np.frombuffer(bitmap, dtype=np.uint8)
+    before = np.zeros(n_bytes.size + 1, dtype=np.int64)
+    np.cumsum(np.bitwise_count(n_bytes), out=before[1:])
+    return n_bytes, before
 
 
 def _rank(bitmap: bytes, points: Ints) -> tuple[NDArray[np.bool_], Ints]:
     """Whether points are present, and the number of present points before each."""
-    octets, before = _counts(bitmap)
+    n_bytes, before = _counts(bitmap)
     place, bit = points >> 3, (points & 7).astype(np.uint8)
-    octet = octets[place]
+    octet = n_bytes[place]
     present = (octet >> (np.uint8(7) - bit)) & np.uint8(1)
     earlier = octet & ~(np.uint8(0xFF) >> bit)  # bits of the byte before this one
     return present.astype(bool), before[place] + np.bitwise_count(earlier)

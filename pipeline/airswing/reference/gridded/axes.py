@@ -180,7 +180,7 @@ def _horizontal(
     ]
     y = named[0] if named[0] is not None else found["y"]
     x = named[1] if named[1] is not None else found["x"]
-    # by axis first: a projected grid has y and x beside the latitudes and longitudes of its points
+    # by axis first: a projected grid has y and x and also latitudes and longitudes of points
     if y is None or x is None or y.ndim != 1 or x.ndim != 1:
         y = named[0] if named[0] is not None else found["latitude"]
         x = named[1] if named[1] is not None else found["longitude"]

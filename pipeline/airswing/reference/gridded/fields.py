@@ -441,7 +441,7 @@ def _is_projected(axes: Axes, units: Sequence[object]) -> bool:
 
 
 def _points(ds: xr.Dataset, axes: Axes) -> PointsGrid | None:
-    """The grid of latitudes and longitudes of every point beside projected coordinates."""
+    """The grid by latitude and longitude of every point, where projected axes exist too."""
     found: dict[str, NDArray[np.float64]] = {}
     for key, one in ds.variables.items():
         if one.dims != (axes.y_dim, axes.x_dim):

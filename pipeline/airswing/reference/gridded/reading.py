@@ -54,7 +54,7 @@ class DatasetReader:
     def __init__(self, given: Mapping[str, xr.Dataset]) -> None:
         self.given = given
         self.problems: dict[tuple[str, str], None] = {}
-        self.decoded = self.octets = 0
+        self.decoded = self.n_bytes = 0
         self.seconds = 0.0
         self._known: dict[SourceFile, list[xr.Dataset] | None] = {}
 
@@ -124,7 +124,7 @@ class DatasetReader:
         for together in chunks.values():
             for name in stored.names:
                 try:
-                    self.octets += _add(datasets[part].variables[name], stored, together)
+                    self.n_bytes += _add(datasets[part].variables[name], stored, together)
                     self.decoded += 1
                 except Exception as error:  # each backend raises its own
                     reason = f"{type(error).__name__}: {' '.join(str(error).split())[:200]}"
