@@ -22,7 +22,7 @@ LASTING_ERRORS = Setting(
     flights_a_day=3,
     reports_a_flight=5,
 )
-"""Two references whose errors last for days, over eight aircraft of no bias of their own."""
+"""Two references whose errors last for days, over eight aircraft without a bias."""
 
 
 def day_number(ds: xr.Dataset) -> np.ndarray:
@@ -30,7 +30,7 @@ def day_number(ds: xr.Dataset) -> np.ndarray:
 
 
 def flown(deviation: np.ndarray, setting: Setting, seed: int) -> xr.Dataset:
-    """Headings of a fleet with known deviations (aircraft, 5), degrees, in places of its own."""
+    """Headings of a fleet with known deviations (aircraft, 5), degrees, with places."""
     return placed(fly(deviation, setting, seed)[0], seed)
 
 
@@ -113,17 +113,17 @@ def references(
     persistence: float = 0.5,
     regional: dict[str, float] | None = None,
 ) -> xr.Dataset:
-    """Headings against references of equal truth: own errors, persistent from day to day.
+    """Headings against references of equal truth; the errors of each persist from day to day.
 
     ``regional`` adds an eastward bias (m/s) to a reference west of 88 W.
     """
     ds, _ = fleet(seed, setting, amplitude=4.0)
     day = day_number(ds)
     for k, name in enumerate(ds["reference"].to_numpy()):
-        own = persistent_error(
+        error = persistent_error(
             seed + 1000 * (k + 1), setting.days, size=size, persistence=persistence
         )
         west = ds["longitude"].to_numpy() < -88.0
         bias = (regional or {}).get(str(name), 0.0)
-        ds = moved(ds, str(name), own[day, 0] + bias * west, own[day, 1])
+        ds = moved(ds, str(name), error[day, 0] + bias * west, error[day, 1])
     return ds

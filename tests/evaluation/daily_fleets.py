@@ -1,7 +1,7 @@
-"""Made fleets as sums of days: what thousands of aircraft-years tell, without their reports.
+"""Simulated fleets as daily sums: thousands of aircraft-years without their reports.
 
 Legs of flights with the errors of a reference that last (for the fleet, for a region, for a
-flight), of heavy tails where asked, each aircraft with a noise of its own, routes that turn.
+flight), of heavy tails where asked, a noise level for each aircraft, routes that turn.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Simulated field tests with a known answer, shared by tests and benchmarks.
 
 The wind error of a report is the sum of a day's model error shared by the fleet, the flight's,
-white noise, and a vector of fixed length per aircraft that stands for the compass error; the
+white noise, and a vector of fixed length per aircraft that represents the compass error; the
 expected mean magnitude is then that of a Rice distribution.
 """
 
@@ -62,13 +62,13 @@ def simulate_fleet(
     pieces, true = [], {key: [] for key in ("cb", "cd", "kb", "kd")}
     for aircraft in range(number):
         flight = np.repeat(np.arange(sum(days) * flights), reports)
-        own = rng.normal(size=(flight.max() + 1, 2))[flight]
+        of_flight = rng.normal(size=(flight.max() + 1, 2))[flight]
         white = rng.normal(size=(day.size, 2))
         first, last = compass_kt[:2] if treated[aircraft] else compass_kt[2:]
         size = np.where(during, last, first) * spread[aircraft]
         angle = rng.uniform(0, 2 * np.pi, day.size)
         compass = size[:, None] * np.column_stack([np.sin(angle), np.cos(angle)])
-        pieces.append(sd[:, None] * (shared + own + white) + compass)
+        pieces.append(sd[:, None] * (shared + of_flight + white) + compass)
         name = "c" if treated[aircraft] else "k"
         true[name + "b"].append(
             rice.mean(first * spread[aircraft] / noise_kt[0], scale=noise_kt[0])

@@ -91,37 +91,11 @@ def test_means_by_hand_and_blocks_of_aircraft_make_no_difference(monkeypatch):
     )
 
 
-def test_one_day_of_a_window_has_nothing_to_draw():
-    sums = DaySums(
-        np.ones((2, 3)),
-        np.array([[4.0, 6.0, 5.0], [1.0, 3.0, 7.0]]),
-        np.array([True, False]),
-        np.array([False, False, True]),
-    )
-    drawn = sums.bootstrap(draws=50, seed=0)
-    assert np.allclose(drawn[:, :, 1], [7.0, 5.0])
-    assert drawn[:, 1, 0].std() > 0.5
-    assert [level.tolist() for level in sums.levels(~sums.during, sums.during)] == [
-        [5.0, 2.0],
-        [5.0, 7.0],
-    ]
-
-
-@pytest.mark.parametrize("step", [None, 0.5])
-def test_each_corrected_aircraft_is_compared_with_the_control_nearest_before(step):
-    rng = np.random.default_rng(6)
-    before, during = rng.normal(7, 1, 40), rng.normal(6, 1, 40)
-    if step:
-        before = np.round(before / step) * step
-    corrected = rng.random(40) < 0.4
-    found = matched_controls(before, during, corrected)
-    change, distance = [], []
-    for level, later in zip(before[corrected], during[corrected], strict=True):
-        nearest = min(range((~corrected).sum()), key=lambda k: abs(before[~corrected][k] - level))
-        distance.append(abs(before[~corrected][nearest] - level))
-        change.append(level - later - (before - during)[~corrected][nearest])
-    assert found["adjusted_reduction_kt"] == pytest.approx(np.mean(change))
-    assert found["mean_distance_kt"] == pytest.approx(np.mean(distance))
+def test_each_corrected_aircraft_is_compared_with_the_control_nearest_before():
+    """Levels 9 and 6 are matched with the controls at 8 and 5, whose change is 1 and -1."""
+    before, during = np.array([9.0, 6.0, 8.0, 5.0]), np.array([5.0, 4.0, 7.0, 6.0])
+    found = matched_controls(before, during, np.array([True, True, False, False]))
+    assert found == {"adjusted_reduction_kt": 3.0, "mean_distance_kt": 1.0}
 
 
 def test_the_worst_of_the_first_half_fall_by_themselves():
@@ -134,12 +108,6 @@ def test_the_worst_of_the_first_half_fall_by_themselves():
     assert found["rule"].startswith("the 2 aircraft")
     none = DaySums(np.ones((4, 6)), total, np.ones(4, bool), during)
     assert "too few" in regression_to_the_mean(none)["why"]
-
-
-def test_regression_to_the_mean_shows_where_the_worst_were_chosen():
-    fleet = simulate_fleet(3, days=(10, 10), flights=1, reports=2, compass_kt=(2, 2, 2, 2))
-    spurious = run(fleet)["regression_to_the_mean"]["spurious_reduction_kt"]
-    assert spurious > 0.5  # nothing was corrected: choosing the worst alone makes this
 
 
 @pytest.mark.parametrize(

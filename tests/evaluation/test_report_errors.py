@@ -46,10 +46,10 @@ def test_neighbours_by_hand():
     assert sorted(squares) == pytest.approx([0.25 * (4 + 1), 0.25 * (9 + 1)])
 
 
-def made(seed, *, days=30, aircraft=8, references=(("a", 2.0),), shared=0.0, own=0.5, far=False):
-    """Aircraft over one place in smooth errors of references: own is the reports' true error."""
+def made(seed, *, days=30, aircraft=8, references=(("a", 2.0),), shared=0.0, size=0.5, far=False):
+    """Aircraft over one place in smooth errors of references: size is the reports' true error."""
     rng = np.random.default_rng(seed)
-    meet, size = 12, days * 12
+    meet, number = 12, days * 12
     day = np.repeat(np.arange(days), meet)
     waves = rng.normal(size=(len(references) + 1, 2, days, 6, 3))
 
@@ -65,20 +65,20 @@ def made(seed, *, days=30, aircraft=8, references=(("a", 2.0),), shared=0.0, own
 
     rng_angle = rng.uniform(0, 2 * np.pi, (len(references) + 1, 6))
     columns = {name: [] for name in ("x", "y", "t", "day")}
-    for number in range(aircraft):
-        offset = 500.0 * number if far else 0.0
-        columns["x"].append(rng.uniform(-40, 40, size) + offset)
-        columns["y"].append(rng.uniform(-40, 40, size))
-        columns["t"].append(np.tile(np.arange(meet) * 1.5, days) + rng.uniform(0, 0.5, size))
+    for k in range(aircraft):
+        offset = 500.0 * k if far else 0.0
+        columns["x"].append(rng.uniform(-40, 40, number) + offset)
+        columns["y"].append(rng.uniform(-40, 40, number))
+        columns["t"].append(np.tile(np.arange(meet) * 1.5, days) + rng.uniform(0, 0.5, number))
         columns["day"].append(day)
     x, y, t = (np.concatenate(columns[name]) for name in ("x", "y", "t"))
     day_of = np.concatenate(columns["day"])
     common = np.sqrt(shared) * field(len(references), x, y, t)
     winds = [spread * field(k, x, y, t) + common for k, (_, spread) in enumerate(references)]
-    noise = own * rng.normal(size=(2, x.size))
-    fault = np.repeat(rng.normal(0, 2.0, (2, aircraft)), size, axis=1)
+    noise = size * rng.normal(size=(2, x.size))
+    fault = np.repeat(rng.normal(0, 2.0, (2, aircraft)), number, axis=1)
     time = np.datetime64("2009-01-01", "ns") + (day_of * 86400e9 + t * 3600e9).astype(int)
-    one, sizes = ("report",), np.full(aircraft, size)
+    one, sizes = ("report",), np.full(aircraft, number)
     headings = xr.Dataset(
         {
             "latitude": (one, 40.0 + y / 111.2),
@@ -156,14 +156,14 @@ def test_references_with_correlated_errors_are_recognised():
     assert hat.item() > 0.9
     low, high = found["reference_error_covariance_interval"].to_numpy()
     assert 0.3 < low < found["reference_error_covariance"].item() < high < 2.0
-    told = observation_errors(
+    assumed = observation_errors(
         headings,
         corrected,
         pools=pools,
         reference="a+b",
         covariance=found["reference_error_covariance"].item(),
     )
-    taken = told["fleet_observation_error_by_method"].sel(
+    taken = assumed["fleet_observation_error_by_method"].sel(
         way="three_cornered_hat", state="corrected"
     )
     assert taken.item() == pytest.approx(
@@ -189,18 +189,14 @@ def test_what_could_not_be_corrected_does_not_count():
         pools={"a": ["a"]},
         reference="a",
     )
-    own = found["aircraft_observation_error"].sel(state="corrected").to_numpy()
-    assert np.isnan(own[0]) and np.isfinite(own[1:]).all()
+    errors = found["aircraft_observation_error"].sel(state="corrected").to_numpy()
+    assert np.isnan(errors[0]) and np.isfinite(errors[1:]).all()
     assert int(found["observation_count"].sel(flight_phase="all").sum()) == (applied == 0).sum()
 
 
 def test_errors_that_assimilation_systems_use():
-    assert used_error("wrfda_tamdar", [10_000, 20_000, 70_000, 100_000]).tolist() == [
-        3.6,
-        3.2,
-        2.7,
-        2.3,
-    ]
+    errors = used_error("wrfda_tamdar", [10_000, 20_000, 70_000, 100_000])
+    assert errors.tolist() == [3.6, 3.2, 2.7, 2.3]
     assert used_error("wrfda_tamdar", 17_500) == pytest.approx(3.4)
     assert used_error("nam_tamdar", 70_000) == 4.80
 
@@ -289,11 +285,11 @@ def simulated():
 def test_a_simulated_archive_against_its_truth(simulated, tmp_path):
     headings, corrected, wind = simulated
     found = observation_errors(headings, corrected, pools=archive.POOLS, reference="ruc+rtfdaa")
-    for state, share in (("reported", 0.1), ("corrected", 0.1)):
+    for state in ("reported", "corrected"):
         true, _ = archive.truth(headings, corrected, wind, state)
-        own = found.sel(state=state)
-        assert own["fleet_observation_error"].item() == pytest.approx(true, rel=share)
-        low, high = own["fleet_observation_error_interval"].to_numpy()
+        part = found.sel(state=state)
+        assert part["fleet_observation_error"].item() == pytest.approx(true, rel=0.1)
+        low, high = part["fleet_observation_error_interval"].to_numpy()
         assert low < true < high
     assert found.attrs["method"] == "separation"
     write_product(found, tmp_path / "observation_errors.nc", title="errors")
@@ -311,5 +307,5 @@ def test_a_simulated_archive_against_its_truth(simulated, tmp_path):
     assert "Too few reports near each other in ascent and descent." in cruise.caption
     shown = figure.axes[1].containers[-1].lines[0].get_ydata()
     bottom, top = (product[f"layer_{end}_pressure"].to_numpy() for end in ("bottom", "top"))
-    # Each state lies 4 hPa beside the middle of its layer.
+    # the states are drawn 4 hPa above and below the middle of the layer
     assert np.abs(shown[:, None] - (bottom + top) / 200.0).min(axis=1) == pytest.approx(4.0)

@@ -64,14 +64,6 @@ def test_clustered_mean_agrees_with_a_loop_and_parts_add_up():
     np.testing.assert_allclose(parts[0] + parts[1], sums, rtol=1e-12)
 
 
-def test_a_clustered_error_by_hand():
-    """Two clusters with sums of deviations +2 and -2: sqrt(2 (4 + 4)) / 4 = 1."""
-    values, one = np.array([1.0, 1.0, -1.0, -1.0]), np.zeros(4, dtype=np.int64)
-    for cluster, error in (([0, 0, 1, 1], 1.0), ([0, 1, 0, 1], 0.0), ([0, 0, 0, 0], np.nan)):
-        sums = cluster_sums(values, one, np.array(cluster), 1)
-        np.testing.assert_equal(clustered_mean(sums)[1], [error])
-
-
 @pytest.mark.parametrize("chosen", ["at random", "as the worst"])
 def test_the_permutation_test_has_its_size_however_the_aircraft_were_chosen(chosen):
     rng, rejected, repeats = np.random.default_rng(5), 0, 400

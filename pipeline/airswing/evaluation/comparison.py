@@ -267,6 +267,7 @@ class PairSums:
     aircraft: list[tuple[int, Floats, Floats]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
+        # (3, region, day): reports, and their summed differences eastward and northward
         self.regions = np.zeros((3, REGIONS, self.days))
         # (day, 5, 6): equations of the difference that the fleet has in common
         self.common = np.zeros((self.days, 5, 6))
@@ -288,7 +289,9 @@ class PairSums:
         day = rows["day"][chosen]
         self.reports += du.size
         self.distance += float(np.hypot(du, dv).sum())
-        self.regions += region_sums(du, dv, rows["region"][chosen], day, self.days)
+        cell = rows["region"][chosen] * self.days + day
+        sums = [np.bincount(cell, part, REGIONS * self.days) for part in (None, du, dv)]
+        self.regions += np.reshape(sums, self.regions.shape)
         if du.size < FEWEST_REPORTS:
             return
         heading, magnetic = rows["heading"][chosen], rows["magnetic_heading"][chosen]
@@ -436,26 +439,6 @@ def persistent_covariance(influence: Floats, day: Ints) -> Floats:
     return np.asarray(plain * np.outer(wider, wider))
 
 
-def region_sums(du: Floats, dv: Floats, region: Ints, day: Ints, days: int) -> Floats:
-    """Sums behind :func:`regional_bias`; those of parts of an archive add up.
-
-    Parameters
-    ----------
-    du, dv : arrays of float, shape (report,), m/s
-    region, day : arrays of int, shape (report,)
-        From 0.
-    days : int
-
-    Returns
-    -------
-    array, shape (3, region, day)
-        Reports, and their summed differences eastward and northward.
-    """
-    cell = region * days + day
-    found = [np.bincount(cell, weights=part, minlength=REGIONS * days) for part in (None, du, dv)]
-    return np.array(found, dtype=np.float64).reshape(3, REGIONS, days)
-
-
 def regional_bias(sums: Floats) -> list[Content]:
     """Mean wind difference of two references by region, and relative to the other regions.
 
@@ -468,7 +451,7 @@ def regional_bias(sums: Floats) -> list[Content]:
     Parameters
     ----------
     sums : array, shape (3, region, day)
-        Of :func:`region_sums`.
+        Reports, and their summed differences eastward and northward, m/s.
 
     Returns
     -------
@@ -481,7 +464,10 @@ def regional_bias(sums: Floats) -> list[Content]:
     seen = np.flatnonzero(number.any(axis=0))
     block = np.zeros(number.shape[1], dtype=np.int64)
     if seen.size:
-        block[seen] = day_blocks(seen)
+        # five days outlast the weather's memory; under six blocks Student's quantile is wide, and
+        # beyond twelve it is hardly narrower
+        length = int(np.ptp(seen)) + 1
+        block[seen] = (seen - seen[0]) * int(np.clip(length // 5, 6, 12)) // length
     found: list[Content] = []
     for region in np.flatnonzero(number.any(axis=1)):
         here = number[region]
@@ -516,25 +502,6 @@ def regional_bias(sums: Floats) -> list[Content]:
         for name in tests:
             entry[f"{name}_adjusted_p_value"] = next(adjusted)
     return found
-
-
-def day_blocks(day: Ints) -> Ints:
-    """Number the periods of days that are taken as independent of each other.
-
-    Parameters
-    ----------
-    day : array of int, shape (n,)
-
-    Returns
-    -------
-    array of int, shape (n,)
-        6 to 12 periods of equal length, of five days where that many fit.
-    """
-    first, length = int(day.min()), int(np.ptp(day)) + 1
-    # five days outlast the weather's memory; under six blocks Student's quantile is wide, and
-    # beyond twelve it is hardly narrower
-    number = int(np.clip(length // 5, 6, 12))
-    return np.asarray((day - first) * number // length)
 
 
 def _block_mean(total: Floats, number: Floats, block: Ints) -> tuple[float, float, float]:

@@ -360,15 +360,20 @@ def regression_to_the_mean(sums: DaySums) -> Content:
     }
 
 
-def _require_groups(names: NDArray[np.str_], corrected: list[str], controls: list[str]) -> None:
-    unknown = [name for name in [*corrected, *controls] if name not in set(names)]
-    if unknown:
+def require_aircraft(names: NDArray[np.str_], chosen: list[str], field: str) -> None:
+    """Raise InputError for a group without aircraft, or with one that the archive does not hold."""
+    unknown = [name for name in chosen if name not in set(names)]
+    if unknown or not chosen:
         raise InputError(
             "a group names an aircraft the archive does not hold",
-            field="field_test",
-            found=", ".join(unknown[:5]),
+            field=field,
+            found=", ".join(unknown[:5]) or "no aircraft",
             remedy=f"Known aircraft: {', '.join(sorted(names)[:20])}",
         )
+
+
+def _require_groups(names: NDArray[np.str_], corrected: list[str], controls: list[str]) -> None:
+    require_aircraft(names, [*corrected, *controls], "field_test")
     both = sorted(set(corrected) & set(controls))
     if both or not corrected or not controls:
         raise InputError(

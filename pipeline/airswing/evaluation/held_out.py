@@ -25,6 +25,7 @@ from airswing.compass.fit.deviation import fit_deviation
 from airswing.compass.table import add_tables
 from airswing.errors import InputError
 from airswing.evaluation.disagreement import reference_mean
+from airswing.evaluation.field_test import require_aircraft
 from airswing.evaluation.ranking import rank_aircraft, require_reference
 from airswing.evaluation.resampling import Floats, day_weights, interval
 from airswing.evaluation.results import Content
@@ -139,7 +140,6 @@ def virtual_field_test(
     pools: Mapping[str, list[str]],
     reference: str,
     corrected: list[str] | None = None,
-    fits: xr.Dataset | None = None,
     draws: int = 1000,
     seed: int = 0,
     **fit_options: Unpack[TableOptions],
@@ -158,9 +158,6 @@ def virtual_field_test(
         Key of ``pools`` of the fit and the comparison.
     corrected : list of str, optional
         Aircraft that get the correction, the others being controls; all by default.
-    fits : Dataset, optional
-        Of the reports before the date, with tables, where ``headings`` has but the last of them;
-        made when not given.
     draws, seed : int
         Of the bootstrap.
     **fit_options
@@ -180,14 +177,8 @@ def virtual_field_test(
         If an aircraft or the reference is unknown, or a period has no screened report.
     """
     names = headings["aircraft"].to_numpy().astype(str)
-    unknown = [name for name in corrected or [] if name not in set(names)]
-    if unknown or corrected == []:
-        raise InputError(
-            "a group names an aircraft the archive does not hold",
-            field="corrected",
-            found=", ".join(unknown[:5]) or "no aircraft",
-            remedy=f"Known aircraft: {', '.join(sorted(names)[:20])}",
-        )
+    if corrected is not None:
+        require_aircraft(names, corrected, "corrected")
     require_reference(pools, reference)
     treated = np.ones(names.size, bool) if corrected is None else np.isin(names, corrected)
     early = headings["time"].to_numpy() < np.datetime64(learned_until)
@@ -202,8 +193,7 @@ def virtual_field_test(
                 remedy="Choose a date inside the archive",
             )
     learned = only(headings, early)
-    if fits is None:
-        fits = fitted(learned, pools, reference, **fit_options)
+    fits = fitted(learned, pools, reference, **fit_options)
     ranking = rank_aircraft(learned, fits, pools=pools, reference=reference, seed=seed)
     before, after, done = disagreements(headings, fits, pools[reference], reference)
     aircraft = aircraft_of_report(headings)
@@ -331,7 +321,7 @@ def cross_validate(
     -------
     dict
         ``held_out`` of ``virtual_field_test.json``: as :func:`virtual_field_test` without groups,
-        and ``in_sample_gain_kt``: gain of the fit of all flights on its own reports.
+        and ``in_sample_gain_kt``: gain of the fit of all flights on the reports it was fitted to.
 
     Raises
     ------

@@ -132,7 +132,11 @@ def test_two_changes_of_one_compass_are_both_stated():
 
 def test_a_fit_whose_period_contains_a_change_says_so(changed):
     ds, entries = changed
-    fits = add_changes(fit_deviation(ds), entries)
+    plain = fit_deviation(ds)
+    fits = add_changes(plain, entries)
+    assert noted_changes(fits) == entries
+    with pytest.raises(InputError, match="which compasses changed"):
+        noted_changes(plain)
     assert fits["change_count"].to_numpy().tolist() == [0, 1, 0]
     assert np.isnat(fits["change_date"].to_numpy()).tolist() == [True, False, True]
     assert fits["change_date_low"][1] <= fits["change_date"][1] <= fits["change_date_high"][1]
@@ -140,15 +144,7 @@ def test_a_fit_whose_period_contains_a_change_says_so(changed):
     lines = change_warnings(fits)
     assert len(lines) == 1
     assert all(word in lines[0] for word in ("N001", "2008-08-05", "covers both states"))
-    assert change_warnings(fit_deviation(ds)) == []
-
-
-def test_the_changes_are_noted_beside_the_fits_as_they_were_found(changed):
-    ds, entries = changed
-    fits = fit_deviation(ds)
-    assert noted_changes(add_changes(fits, entries)) == entries
-    with pytest.raises(InputError, match="which compasses changed"):
-        noted_changes(fits)
+    assert change_warnings(plain) == []
 
 
 def test_too_few_days_have_no_p_value():
@@ -168,9 +164,9 @@ def test_too_few_days_have_no_p_value():
 def test_windows_are_those_of_the_calendar_and_use_their_own_reports(changed, window, firsts):
     ds, _ = changed
     found = fit_by_window(ds, pools={"ruc": ["ruc"]}, reference="ruc", window=window)
-    own = [entry for entry in found if entry["aircraft"] == "N001"]
-    assert [entry["window"] for entry in own] == firsts
-    assert sum(entry["reports"] for entry in own) == ds.sizes["report"] // 3
+    entries = [entry for entry in found if entry["aircraft"] == "N001"]
+    assert [entry["window"] for entry in entries] == firsts
+    assert sum(entry["reports"] for entry in entries) == ds.sizes["report"] // 3
 
 
 def test_a_window_with_too_few_reports_has_its_status(changed):

@@ -75,11 +75,11 @@ def test_states_hold_the_disagreement_of_the_winds_and_the_tables(changed, monit
         ds[f"{name}_wind"].to_numpy() - ds[f"reference_{name}_wind"].to_numpy()[0]
         for name in ("eastward", "northward")
     )
-    own = aircraft_of_report(ds) == 4
+    n004 = aircraft_of_report(ds) == 4
     late = ds["time"].to_numpy() >= np.datetime64("2008-07-01") + np.timedelta64(38, "D")
     state = monitored.states[4]
-    assert state.disagreement_kt == pytest.approx(np.hypot(du, dv)[own & late].mean() / KNOT)
-    assert state.past_disagreement_kt == pytest.approx(np.hypot(du, dv)[own & ~late].mean() / KNOT)
+    assert state.disagreement_kt == pytest.approx(np.hypot(du, dv)[n004 & late].mean() / KNOT)
+    assert state.past_disagreement_kt == pytest.approx(np.hypot(du, dv)[n004 & ~late].mean() / KNOT)
     assert (state.first_day, state.last_day, state.silent) == ("2008-07-01", "2008-08-14", False)
     assert state.tables_differ is False and state.table_difference_deg == 0.0
     np.testing.assert_allclose(

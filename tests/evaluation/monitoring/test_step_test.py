@@ -11,7 +11,6 @@ from scipy.stats import multivariate_normal, norm
 from scipy.stats import t as student
 from tests.evaluation.daily_fleets import World, daily_sums, watched
 
-from airswing.evaluation.monitoring import step_test
 from airswing.evaluation.monitoring.fleet_watch import (
     COMPASS,
     common_part,
@@ -44,17 +43,6 @@ def test_the_ratio_is_that_of_the_two_normal_laws():
     ).logpdf(score)
     inside, outside = _marginal(weight[None], score[None], level[None])
     assert _mixture(inside, outside, shape[None])[0] == pytest.approx(expected, rel=1e-9)
-
-
-def test_the_ratio_of_one_unknown_by_hand():
-    """Three days of weight 1 at 2 each, variance 1 of the level: W~ = 3 / 4, s~ = 6 / 4.
-
-    A step of variance 4: 0.5 x 1.5^2 / (1 / 4 + 3 / 4) - 0.5 ln(1 + 4 x 3 / 4).
-    """
-    weight, score = _marginal(np.array([[[3.0]]]), np.array([[6.0]]), np.eye(1)[None])
-    assert (weight.item(), score.item()) == (0.75, 1.5)
-    ratio = _mixture(weight, score, np.array([[2.0]]))[0]
-    assert ratio == pytest.approx(1.125 - 0.5 * np.log(4.0))
 
 
 def test_a_days_weight_is_the_inverse_of_its_two_errors():
@@ -138,18 +126,6 @@ def test_a_fleet_without_a_change_has_no_alarm():
     watch = watched(world, aircraft=30, days=180, seed=21)
     assert watch.tested.alarms == []
     assert not any(entry["changes"] for entry in watch.changes)
-
-
-def test_with_many_degrees_of_freedom_the_ratio_is_that_of_normal_errors(monkeypatch):
-    monkeypatch.setattr(step_test, "FREEDOM", 1e9)
-    rng = np.random.default_rng(2)
-    root = rng.normal(size=(4, 2, 3))
-    weight = np.einsum("nki,nkj->nij", root, root)  # two headings a day: singular
-    score = np.einsum("nij,j->ni", weight, [1.0, -0.5, 0.4])
-    level, shapes = np.diag([0.2, 0.1, 0.3]), np.array([[1.5, 0.0, 0.0], [1.5, 1.0, 0.5]])
-    one = _marginal(weight.sum(0)[None], score.sum(0)[None], level[None])
-    found = _student_ratio(weight, score, level, shapes)[0]
-    assert found == pytest.approx(_mixture(*one, shapes)[0], abs=1e-6)
 
 
 def test_the_ratio_of_student_errors_is_that_of_the_integrals():
