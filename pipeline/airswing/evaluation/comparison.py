@@ -57,7 +57,7 @@ REGIONS = 9
 FEWEST_REPORTS, FEWEST_DAYS = 50, 10
 """Below these an aircraft has no difference: eight coefficients leave no scatter to so few days."""
 FEWEST_OF_SLICE, FEWEST_OF_HAT = 500, 100
-"""Reports of a slice that has its own verdict, and of three references."""
+"""Fewest reports of a slice that is tested, and of a triple of references."""
 _LAG = 3  # days that a weather situation, and with it a model's error, lasts
 _MIN_REGION_DAYS = 10
 _HAT_PAIRS = ((0, 1), (0, 2), (1, 2))

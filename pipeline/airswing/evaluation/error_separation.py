@@ -17,7 +17,7 @@ over blocks of days. Cells are weighted as reports are, not as pairs are.
 *Reported winds.* Their error variance exceeds that of the corrected winds by the mean square of
 what the correction changed, c (reported minus corrected), which is known exactly, plus twice the
 mean of c d, d being the corrected wind's disagreement. The mean of c d contains what c has in
-common with the corrected wind's own error, which belongs to it, and with the reference's error,
+common with the error of the corrected wind, which belongs to it, and with the reference's error,
 which does not: the error of the estimate. Part of the reference's error lasts for months and is
 common to all aircraft, and a few aircraft with large deviations make most of c; neither days nor
 aircraft are independent, and the variance is that of both clusters less that of their intersection,

@@ -8,7 +8,7 @@ read at a time, so that memory holds one row an aircraft and day whatever the nu
 the airspeed scale and the bias b_u, b_v of the reference's wind (m/s). The higher harmonics absorb
 what A to E leave of a curve; without them it looks like a change wherever an aircraft turns to
 other headings. A row holds the normal matrix and the right side of a day. The errors of a flight's
-reports are correlated (the reference's error is common to them): each flight has a bias of its own,
+reports are correlated (the reference's error is common to them): each flight has a bias,
 a random effect that is eliminated.
 
 *Wind.* A row holds the number of reports and the sums of the wind vector difference from the
