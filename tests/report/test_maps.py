@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from importlib.resources import files
-
 import numpy as np
 import pytest
 import xarray as xr
@@ -29,13 +27,6 @@ def test_lines_pass_where_the_earth_has_them(layer: str, longitude: float, latit
     assert np.hypot(*(points - [longitude, latitude]).T).min() < 0.4
 
 
-def test_the_outline_is_small_and_has_no_coast_inside_a_continent() -> None:
-    points = np.concatenate(maps.lines()["coast"])
-    assert np.hypot(*(points - [-98.0, 40.0]).T).min() > 5.0
-    stored = files("airswing.report.html").joinpath("data/outline.npz")
-    assert len(stored.read_bytes()) < 400_000
-
-
 def test_views_across_the_antimeridian_are_narrow_and_lines_split_at_the_seam() -> None:
     view = maps.view_of([175.0, 179.0, -178.0, -175.0], [50.0, 52.0, 53.0, 51.0])
     assert view.east - view.west < 20
@@ -58,13 +49,6 @@ def test_every_point_lies_in_its_view(longitude: list[float], south: float, heig
     assert np.all((x >= view.west - 0.1) & (x <= view.east + 0.1))
     assert np.all((latitude >= view.south - 1e-9) & (latitude <= view.north + 1e-9))
     assert view.east - view.west <= 360.0
-
-
-@pytest.mark.parametrize(
-    ("longitude", "middle"), [([10.0, 20.0], 15.0), ([170.0, -170.0], -180.0), ([], 0.0)]
-)
-def test_middle_longitude(longitude: list[float], middle: float) -> None:
-    assert maps.middle_longitude(longitude) == pytest.approx(middle)
 
 
 def test_large_archives_are_thinned_evenly_and_counted_in_full(

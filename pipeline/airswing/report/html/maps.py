@@ -16,6 +16,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.resources import files
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -36,8 +37,6 @@ from airswing.report.html.style import (
     FULL_WIDTH,
     MANY,
     SOFT,
-    CaptionedFigure,
-    blank,
     count_ticks,
     new_figure,
     plural,
@@ -186,8 +185,8 @@ def draw_map(axes: Axes, view: View, *, ticks: int = 6) -> None:
         spine.set_visible(True)
 
 
-# Top and bottom of each layer.
-_LEVELS_HPA = ((0, 400), (400, 600), (600, 800), (800, 1100))
+# Boundaries of the layers.
+_LEVELS_HPA = (0, 400, 600, 800, 1100)
 
 MOST_DRAWN = 500_000  # Reports a map draws at most
 
@@ -296,24 +295,24 @@ def reports_figure(headings: xr.Dataset) -> Figure:
     )
 
 
-def _panels(places: _Places, labels: Sequence[str], columns: int) -> CaptionedFigure:
+def _panels(
+    headings: xr.Dataset, places: _Places, labels: Sequence[str], columns: int, what: str
+) -> Figure:
     view = view_of(places.longitude, places.latitude)
     rows = -(-len(labels) // columns)
     figure = new_figure(_height(view, columns, rows))
     masks = [places.group == number for number in range(len(labels))]
-    dense = max((int(mask.sum()) for mask in masks), default=0) > MANY
+    dense = max(int(mask.sum()) for mask in masks) > MANY
     grid = figure.subplots(rows, columns, squeeze=False).ravel()
     for axes, label, mask, count in zip(grid, labels, masks, places.counts, strict=False):
         axes.set_title(f"{label}  (n = {thousands(count)})")
-        if mask.any():
-            shown = places.longitude[mask], places.latitude[mask]
-            _draw_places(axes, view, *shown, size=2.5, cells=40, dense=dense)
-        else:
-            draw_map(axes, view, ticks=3)
+        shown = places.longitude[mask], places.latitude[mask]
+        _draw_places(axes, view, *shown, size=2.5, cells=40, dense=dense and mask.any())
+        if not mask.any():
             axes.text(0.5, 0.5, "no reports", transform=axes.transAxes, ha="center")
-    for axes in grid[len(labels) :]:
-        blank(axes, "")
-    return figure
+    return figure.say(
+        f"The reports by {what} (n = {thousands(headings.sizes['report'])}).{places.words()}"
+    )
 
 
 @styled
@@ -323,14 +322,8 @@ def phase_maps_figure(headings: xr.Dataset) -> Figure:
     place = np.full(max(PHASE.values()) + 1, -1)
     place[[PHASE[name] for name in order]] = range(len(order))
     places = _places(headings, ["phase"], lambda block: place[block["phase"].to_numpy()], 4)
-    names = [name for name in order if name != "unknown" or places.counts[3]]
-    figure = _panels(places, names, len(names))
-    counts = zip(names, places.counts, strict=False)
-    shares = ", ".join(f"{name} {thousands(int(count))}" for name, count in counts)
-    return figure.say(
-        f"The reports by phase of flight: {shares} "
-        f"(n = {thousands(headings.sizes['report'])}).{places.words()}"
-    )
+    names = order if places.counts[3] else order[:3]
+    return _panels(headings, places, names, len(names), "phase of flight")
 
 
 @styled
@@ -338,21 +331,12 @@ def level_maps_figure(headings: xr.Dataset) -> Figure:
     """Draw a map of the reports of each pressure layer."""
 
     def layer(block: xr.Dataset) -> NDArray[np.int64]:
-        pressure = np.asarray(block["pressure"].to_numpy(), float) / 100.0
-        found = np.full(pressure.size, -1, dtype=np.int64)
-        for number, (top, bottom) in enumerate(_LEVELS_HPA):
-            found[(pressure >= top) & (pressure < bottom)] = number
-        return found
+        found = np.searchsorted(_LEVELS_HPA, block["pressure"].to_numpy() / 100.0, "right") - 1
+        return np.where(found < len(_LEVELS_HPA) - 1, found, -1)
 
-    places = _places(headings, ["pressure"], layer, len(_LEVELS_HPA))
     names = [
-        f"{top:.0f}-{bottom:.0f} hPa" if top else f"above {bottom:.0f} hPa"
-        for top, bottom in _LEVELS_HPA
+        f"{top}-{bottom} hPa" if top else f"above {bottom} hPa"
+        for top, bottom in pairwise(_LEVELS_HPA)
     ]
-    figure = _panels(places, names, 2)
-    counts = zip(names, places.counts, strict=True)
-    shares = "; ".join(f"{name} {thousands(count)}" for name, count in counts)
-    return figure.say(
-        f"The reports by layer: {shares} (n = {thousands(headings.sizes['report'])})."
-        f"{places.words()}"
-    )
+    places = _places(headings, ["pressure"], layer, len(names))
+    return _panels(headings, places, names, 2, "layer")

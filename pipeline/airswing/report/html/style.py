@@ -21,9 +21,6 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colorbar import Colorbar
 from matplotlib.figure import Figure
-from matplotlib.layout_engine import LayoutEngine
-from matplotlib.transforms import Bbox
-from numpy.typing import NDArray
 from PIL import Image
 
 from airswing.units import KNOT
@@ -116,50 +113,13 @@ def png_bytes(figure: Figure, *, dpi: float = 110, colours: int | None = None) -
     with matplotlib.rc_context(RC):
         figure.set_dpi(dpi)
         canvas = FigureCanvasAgg(figure)
-        engine = figure.get_layout_engine()
-        if engine is not None:
-            _arrange(figure, engine)
         canvas.draw()  # type: ignore[no-untyped-call]
-        figure.set_layout_engine(engine)
         pixels = np.asarray(canvas.buffer_rgba())  # type: ignore[no-untyped-call]
         image = Image.fromarray(pixels).convert("RGB")
     if colours is not None:
         image = image.quantize(colours, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
     image.save(stream, "png", dpi=(dpi, dpi))
     return stream.getvalue()
-
-
-def _arrange(figure: Figure, engine: LayoutEngine) -> None:
-    """Run the layout once; what measuring text costs is a third of a page's time otherwise.
-
-    matplotlib's constrained layout measures every panel in both of its passes and asks each spine,
-    which measures every tick again. Here the decorations of a panel are measured in the first pass
-    and moved with the panel in the second.
-    """
-    for axes in figure.axes:
-        for spine in axes.spines.values():
-            spine.set_in_layout(False)
-        vars(axes)["get_tightbbox"] = _measured_once(axes)
-    try:
-        engine.execute(figure)
-    finally:
-        for axes in figure.axes:
-            del vars(axes)["get_tightbbox"]
-    figure.set_layout_engine(None)
-
-
-def _measured_once(axes: Axes) -> Callable[..., Bbox | None]:
-    measure = axes.get_tightbbox
-    margins: list[NDArray[np.float64] | None] = []
-
-    def known(*args: object, **options: object) -> Bbox | None:
-        if not margins:
-            box = measure(*args, **options)  # type: ignore[arg-type]
-            margins.append(None if box is None else np.subtract(box.extents, axes.bbox.extents))
-        axes.apply_aspect()
-        return None if margins[0] is None else Bbox.from_extents(*(margins[0] + axes.bbox.extents))
-
-    return known
 
 
 @contextlib.contextmanager

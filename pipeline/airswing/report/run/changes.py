@@ -75,16 +75,18 @@ def days_since_1970(days: ArrayLike) -> NDArray[np.float64]:
 
 
 @styled
-def stability_figure(stability: Content, aircraft: Sequence[str] | None = None) -> Figure:
-    """Draw each aircraft's offset and amplitude by calendar window, with the dates of changes."""
+def stability_figure(stability: Content) -> Figure:
+    """Draw each aircraft's offset and amplitude by calendar window, with the dates of changes.
+
+    Aircraft that changed, at least two and at most ten.
+    """
     changes = {entry["aircraft"]: entry["changes"] for entry in stability["changes"]}
     windows = [entry for entry in stability["windows"] if entry["status"] == "ok"]
     fitted = {entry["aircraft"] for entry in windows}
-    if aircraft is None:
-        known = [name for name in changes if changes[name] or name in fitted]
-        known.sort(key=lambda name: (not changes[name], name not in fitted, name))
-        changed = sum(bool(changes[name]) for name in known)
-        aircraft = known[: min(max(changed, FEWEST_AIRCRAFT), MOST_AIRCRAFT)]
+    known = [name for name in changes if changes[name] or name in fitted]
+    known.sort(key=lambda name: (not changes[name], name not in fitted, name))
+    changed = sum(bool(changes[name]) for name in known)
+    aircraft = known[: min(max(changed, FEWEST_AIRCRAFT), MOST_AIRCRAFT)]
     if not aircraft:
         return empty_figure("No calendar window has enough reports for a fit")
     figure = new_figure(0.9 + 1.05 * len(aircraft), constrained=False)

@@ -363,19 +363,18 @@ def ranking_section(
     )
     parts = [show("ranking", ranking_figure(ranking, units=units))]
     lines = []
-    found: Sequence[tuple[str, Content]] = []
-    if virtual:
-        later, held_out = virtual.get("later"), virtual.get("held_out")
-        if later and "why" not in later:
-            found = [*found, (f"Fitted up to {later['learned_until']}, applied afterwards", later)]
-        if held_out and "why" not in held_out:
-            words = f"Cross-validation over flights ({held_out['folds']} parts)"
-            found = [*found, (words, held_out)]
-    for words, part in found:
-        if part["realised_gain_kt"] is not None and part["predicted_gain_kt"] is not None:
-            realised = amount(part["realised_gain_kt"], part["realised_gain_ci_kt"])
-            predicted = amount(part["predicted_gain_kt"], part["predicted_gain_ci_kt"])
-            lines.append(f"{words}: realised reduction {realised}, predicted {predicted}.")
+    for key, words in (
+        ("later", "Fitted up to {learned_until}, applied afterwards"),
+        ("held_out", "Cross-validation over flights ({folds} parts)"),
+    ):
+        part = (virtual or {}).get(key)
+        if part and "why" not in part:
+            gains = [part[f"{kind}_gain_kt"] for kind in ("realised", "predicted")]
+            if None not in gains:
+                realised = amount(gains[0], part["realised_gain_ci_kt"])
+                predicted = amount(gains[1], part["predicted_gain_ci_kt"])
+                words = words.format_map(part)
+                lines.append(f"{words}: realised reduction {realised}, predicted {predicted}.")
     if virtual and lines:
         inner = [show("virtual_field_test", prediction_figure(virtual, units=units))]
         parts.append(listing(lines))
@@ -404,10 +403,6 @@ def verdict_word(pair: Content) -> str:
     if pair.get("poolable") is None:
         return "undecided"
     return "poolable" if pair["poolable"] else "not poolable"
-
-
-def _verdict_colour(pair: Content) -> str:
-    return {"undecided": SOFT, "poolable": BLUE, "not poolable": VERMILION}[verdict_word(pair)]
 
 
 @styled
@@ -444,7 +439,7 @@ def pair_differences_figure(pairs: Sequence[Content]) -> Figure:
         [f"{s}{pair_name(p)}\n{verdict_word(p)}" for s, p in zip(slices, shown, strict=True)],
     )
     for label, pair in zip(axes.get_yticklabels(), shown, strict=True):
-        label.set_color(_verdict_colour(pair))
+        label.set_color({None: SOFT, True: BLUE, False: VERMILION}[pair.get("poolable")])
     figure.legend(loc="outside upper right", ncols=len(COEFFICIENTS))
     reports = max(int(pair.get("reports", 0)) for pair in shown)
     aircraft = max(int(pair["fleet"].get("aircraft", 0)) for pair in shown)

@@ -52,26 +52,6 @@ class BeforeAfter(NamedTuple):
     total: Total
 
 
-def compared(
-    headings: xr.Dataset, corrected: xr.Dataset, chosen: list[str]
-) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-    """Return the disagreement of each report before and after (kt), and which reports count."""
-    u, v = (pooled(headings, chosen, f"reference_{way}_wind") for way in ("eastward", "northward"))
-    before, after = (
-        np.hypot(
-            ds[f"{prefix}eastward_wind"].to_numpy() - u,
-            ds[f"{prefix}northward_wind"].to_numpy() - v,
-        )
-        / KNOT
-        for ds, prefix in ((headings, ""), (corrected, "corrected_"))
-    )
-    keep = used(headings) & np.isfinite(before) & np.isfinite(after)
-    # Reports without a correction have the same disagreement twice and would dilute the gain.
-    if "correction_applied" in corrected:
-        keep &= is_corrected(corrected["correction_applied"].to_numpy())
-    return before, after, keep
-
-
 def disagreement(
     headings: xr.Dataset, corrected: xr.Dataset, fits: xr.Dataset, reference: str
 ) -> BeforeAfter:
@@ -93,7 +73,18 @@ def disagreement(
     parts = []
     pairs = zip(blocks(headings, _WINDS), blocks(corrected, _CORRECTED), strict=True)
     for block, better in pairs:
-        before, after, keep = compared(block, better, chosen)
+        u, v = (pooled(block, chosen, f"reference_{way}_wind") for way in ("eastward", "northward"))
+        before, after = (
+            np.hypot(
+                ds[f"{prefix}eastward_wind"].to_numpy() - u,
+                ds[f"{prefix}northward_wind"].to_numpy() - v,
+            )
+            / KNOT
+            for ds, prefix in ((block, ""), (better, "corrected_"))
+        )
+        # Reports without a correction have the same disagreement twice and would dilute the gain.
+        keep = used(block) & is_corrected(better["correction_applied"].to_numpy())
+        keep &= np.isfinite(before) & np.isfinite(after)
         row, flight = aircraft_of_report(block)[keep], block["flight"].to_numpy()[keep]
         parts.append(
             [
