@@ -110,7 +110,7 @@ def test_known_before_counts_the_days_to_the_valid_time():
     np.testing.assert_array_equal(found, [[0.0, 1.0, 2.0, 3.0], [0.0, 0.0, 1.0, 0.0]])
 
 
-def test_it_is_the_optimum_of_its_own_model():
+def test_the_filter_is_optimal_for_the_assumed_model():
     rng = np.random.default_rng(7)
     walk = np.cumsum(rng.normal(0.0, math.sqrt(0.1), (400, 200)), axis=1)
     errors = walk + rng.normal(size=walk.shape)

@@ -63,7 +63,7 @@ def test_real_numbers_as_fortran_has_them(field, decimals, value):
 
 
 @pytest.mark.parametrize("field", ["*******", "N751A", "1.2.3", "-", "."])
-def test_what_is_no_number(field):
+def test_text_that_is_not_a_number(field):
     with pytest.raises(ReadError):
         real(field, 3)
 
@@ -88,7 +88,7 @@ def test_values_are_read_as_wrf_and_obsproc_read_them(reader, name, made):
             assert_same(dict(zip(reader.NAMES, pairs, strict=True)), level)
 
 
-def test_little_r_becomes_what_obsproc_made_of_it():
+def test_little_r_is_processed_as_by_obsproc():
     text = golden("obs.test.little_r").read_text()
     found = obsproc.processed(text, datetime(2008, 7, 15, 11), NOON, datetime(2008, 7, 15, 13))
     golden_records, whole = wrfda.read(golden("obsproc_ob.ascii").read_text())

@@ -36,7 +36,7 @@ def test_without_faults_and_noise_the_true_wind_comes_back() -> None:
     assert np.abs(frame["v"] - frame["true_v"]).max() < 1e-6
 
 
-def test_coding_and_noise_cost_what_they_should(month: pd.DataFrame) -> None:
+def test_coding_and_noise_have_the_expected_error(month: pd.DataFrame) -> None:
     """0.7 m/s along, 0.3 degrees of some 115 m/s across, coding 0.15-0.2: near 1 m/s vector."""
     error = np.hypot(month["u"] - month["true_u"], month["v"] - month["true_v"])
     assert 0.8 < np.sqrt(np.mean(error**2)) < 1.2

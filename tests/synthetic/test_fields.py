@@ -165,7 +165,7 @@ def messages(path: Path) -> list[dict[str, object]]:
 
 @pytest.mark.parametrize("edition", [1, 2])
 @pytest.mark.parametrize("flag", [True, False])
-def test_eccodes_reads_what_was_written(tmp_path: Path, edition: int, flag: bool) -> None:
+def test_eccodes_reads_the_written_fields(tmp_path: Path, edition: int, flag: bool) -> None:
     made = fields(edition, flag=flag)
     paths = write_reference(tmp_path, made, start=START, edition=edition, lead_hours=2)
     assert len(paths) == 4

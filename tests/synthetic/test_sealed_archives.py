@@ -117,7 +117,7 @@ def test_real_noise_comes_from_the_same_heading_and_repeats():
     pd.testing.assert_frame_equal(out, with_real_sensor(frame, [marked], seed=1))
 
 
-def test_gross_errors_close_what_they_add(tmp_path):
+def test_closure_of_gross_errors_is_their_contribution(tmp_path):
     pair = (drawn("outliers", None, fraction=0.04), drawn("tas_offset", None, offset_m_s=1.0))
     archivist = Archivist(tmp_path)
     alone = archivist.write(Case("case_1", 1, "single", TINY, pair[:1], (0.8,)))
@@ -162,7 +162,7 @@ def test_an_outside_case_takes_the_first_draw_that_no_name_explains(tmp_path):
     assert label["closure"]["before"] > label["closure"]["after"]
 
 
-def test_a_case_on_a_real_run_knows_what_its_effects_close(real, tmp_path):
+def test_closure_of_a_case_on_a_real_run(real, tmp_path):
     """Six degrees at some 135 m/s are 27 kt across every wind; the run adds its error."""
     data = real("grib/wrf_ruc13_g212").parents[1]
     effect = {"name": "compass_offset", "parameters": {"offset_deg": 6.0}, "tails": None}

@@ -64,7 +64,7 @@ _LEVEL = (
 # with 11 blanks after every third.
 _PRESSURE, _SPEED, _DIRECTION, _TEMPERATURE = 1, 24, 47, 104
 _QUALITY, _ERROR = 12, 16  # from the first column of a value to those of its quality and its error
-# What F7.2 holds with a blank before it; an error of zero would be infinite weight.
+# Range of F7.2 with a blank before it; an error of zero would have infinite weight.
 LEAST_ERROR, LARGEST_ERROR = 0.01, 999.99
 
 

@@ -59,7 +59,7 @@ _QUALITY = 12  # from the first column of a value to that of its quality
 def write(request: Request) -> dict[str, Any]:
     """Write reports for WRF's observation nudging.
 
-    ``max_obs`` of the result is what the namelist needs, since WRF stops where it holds more.
+    ``max_obs`` of the result is for the namelist; WRF stops at more observations than that.
     """
     domain = request.settings.domain
     match = re.fullmatch(r"OBS_DOMAIN(\d)01", request.path.name)

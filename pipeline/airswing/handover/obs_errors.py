@@ -145,7 +145,7 @@ def _changed_line(line: str, number: int, errors: dict[int, float]) -> str:
 
 
 def _notes(known: xr.Dataset, winds: str) -> list[str]:
-    """Describe what a small error does in WRFDA."""
+    """Describe the effect of a small error in WRFDA."""
     error = float(known["fleet_observation_error"])
     number = known["observation_count"].sel(flight_phase="all")
     square = known["disagreement_rms"].sel(flight_phase="all") ** 2

@@ -45,7 +45,7 @@ def names_of(corrected: xr.Dataset) -> list[str]:
 
 
 def identifiers(corrected: xr.Dataset, settings: Handover) -> list[str]:
-    """Identifier of every aircraft as it is written: its name, or a number of five digits.
+    """Identifier of every aircraft in the files: its name, or a number of five digits.
 
     An aircraft whose name is a number keeps it; the others get the numbers that are free.
 

@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -96,14 +96,10 @@ class Judged:
 
     def content(self) -> dict[str, Any]:
         """Values for JSON."""
-        return {
-            "name": self.name,
-            "reports": self.reports,
+        return asdict(self) | {
             "winds_a_day": round(self.winds_a_day, 1),
             "reported": {name: round(value, 2) for name, value in self.reported.items()},
             "corrected": {name: round(value, 2) for name, value in self.corrected.items()},
-            "reported_fails": self.reported_fails,
-            "corrected_fails": self.corrected_fails,
         }
 
 

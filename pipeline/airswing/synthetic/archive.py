@@ -158,7 +158,7 @@ def simulate_arrays(
 ) -> pd.DataFrame:
     """An archive as one table with the models' winds, without writing a file.
 
-    The models' winds are what an exact reader of the files would find: the same packed grids,
+    The models' winds are those of an exact reader of the files: the same packed grids,
     bilinear, linear in ln p and in time, rotated to true east and north.
 
     Parameters

@@ -97,7 +97,7 @@ def centred_grid(
 ) -> LambertGrid:
     """Grid whose middle is at a place (degrees), with spacing and earth radius in m.
 
-    The first point is rounded to 0.001 degree, which is what a GRIB1 header can hold.
+    The first point is rounded to 0.001 degree, the resolution of a GRIB1 header.
     """
     probe = LambertGrid(latitude, longitude, columns, rows, spacing, radius=radius)
     x, y = probe.projection(longitude, latitude)

@@ -25,7 +25,6 @@ import numpy as np
 from numpy.typing import NDArray
 from pyproj import Geod
 
-from airswing.physics.atmosphere import pressure_from_altitude
 from airswing.synthetic.atmosphere import Array, stream
 
 Places = dict[str, tuple[float, float]]
@@ -177,10 +176,6 @@ class Flown:
         low = where.astype(int)
         first = values[low, flight]
         return np.asarray(first + (values[low + 1, flight] - first) * (where - low))
-
-    def pressure(self, step: NDArray[np.int64], flight: NDArray[np.int64]) -> Array:
-        """Pressure at whole steps, Pa."""
-        return pressure_from_altitude(self.altitude[step, flight])
 
     def acceleration(self, flight: NDArray[np.int64], step: Array) -> tuple[Array, Array]:
         """Eastward and northward acceleration over the ground, m s-2."""

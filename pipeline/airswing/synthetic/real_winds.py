@@ -267,7 +267,7 @@ def write_archive(
     flown = tour(air.run_wind, aircraft=aircraft, seed=seed)
     flight, step = report_steps(flown, climb_seconds=60.0, cruise_seconds=60.0)
     latitude, longitude = flown.latitude[step, flight], flown.longitude[step, flight]
-    air.draw(flight, latitude, longitude, flown.pressure(step, flight))
+    air.draw(flight, latitude, longitude, pressure_from_altitude(flown.altitude[step, flight]))
     box = (latitude.min(), latitude.max(), longitude.min(), longitude.max())
     earth = EarthField(start, 1.0, box)
     reports = observe(

@@ -1,1 +1,1 @@
-"""Forecasts corrected after the fact by what the model got wrong on the days before."""
+"""Forecasts corrected by the errors of the model on earlier days."""

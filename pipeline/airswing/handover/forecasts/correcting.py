@@ -16,7 +16,7 @@ blocks of start days, with all stations and lead times of a day drawn together.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
@@ -90,7 +90,9 @@ def correct_forecasts(
     pairs = pairs.sortby(TIME).transpose(*DIMS)
     errors = pairs["forecast"] - pairs["observation"]
     errors = errors.where(np.isfinite(errors)).transpose(..., TIME)
-    held_out = _held_out(pairs[TIME].to_numpy(), training)
+    day = pairs[TIME].to_numpy().astype("datetime64[D]")
+    days = np.unique(day)
+    held_out = np.asarray(day >= days[min(round(training * days.size), days.size - 1)])
     chosen, by_data = _ratios(errors, held_out, ratio)
     biases = {
         "kalman": _known_bias(errors, kalman_bias, chosen).where(chosen > 0.0, 0.0),
@@ -110,13 +112,6 @@ def correct_forecasts(
         ratio=chosen,
         ratio_chosen=("variable", by_data.astype(np.int8)),
     ).assign_coords(valid_time=(pairs[TIME] + hours).astype("datetime64[ns]"))
-
-
-def _held_out(starts: NDArray[np.datetime64], training: float) -> NDArray[np.bool_]:
-    """Whether a start is on one of the days that judge, which follow those that choose."""
-    day = starts.astype("datetime64[D]")
-    days = np.unique(day)
-    return np.asarray(day >= days[min(round(training * days.size), days.size - 1)])
 
 
 def _ratios(
@@ -148,7 +143,11 @@ def _known_bias(
     days_ahead = np.maximum(np.ceil(errors["lead"].to_numpy() / 24.0 - 1e-9), 1.0)
     ahead = xr.DataArray(days_ahead.astype(np.int64), dims="lead")
     parts: list[xr.DataArray] = []
-    for chosen, place in _daily(starts):
+    day = starts.astype("datetime64[D]")
+    hour = (starts - day).astype(np.int64)
+    for one in np.unique(hour):
+        chosen = np.flatnonzero(hour == one)
+        place = (day[chosen] - day[chosen[0]]).astype(np.int64)
         # Errors on every day from the first to the last, NaN on those without a start.
         source = np.full(int(place[-1]) + 1, -1)
         source[place] = chosen
@@ -172,17 +171,6 @@ def _along_time(
         output_dtypes=[np.float64],
     )
     return found
-
-
-def _daily(
-    starts: NDArray[np.datetime64],
-) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
-    """Starts of one hour of the day, and the day of each counted from the first."""
-    day = starts.astype("datetime64[D]")
-    hour = (starts - day).astype(np.int64)
-    for one in np.unique(hour):
-        chosen = np.flatnonzero(hour == one)
-        yield chosen, (day[chosen] - day[chosen[0]]).astype(np.int64)
 
 
 def score_forecasts(corrected: xr.Dataset) -> xr.Dataset:

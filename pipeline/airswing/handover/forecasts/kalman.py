@@ -90,7 +90,7 @@ def _filtered(errors: Floats, ratio: Floats) -> Floats:
 
 
 def running_mean(errors: Floats, days: int) -> Floats:
-    """Mean of the errors (..., day) known on the last days, the day among them; NaN if none is."""
+    """Mean of the errors (..., day) on the last days, including the day; NaN without any."""
     known = np.isfinite(errors)
     total = np.cumsum(np.where(known, errors, 0.0), axis=-1)
     number = np.cumsum(known, axis=-1)

@@ -138,7 +138,8 @@ def pairs_at_stations(
             "no observation meets a forecast",
             file=observations[0],
             field="postprocess.stations.files",
-            found=_spans(table, observed),
+            found=f"forecasts valid {_valid(table).min()} to {_valid(table).max()}, observations "
+            f"{observed['time'].min()} to {observed['time'].max()}",
             remedy="Check the stations' places and times (UTC)",
         )
     paired = paired.merge(places, on="station", how="left")
@@ -146,14 +147,6 @@ def pairs_at_stations(
     found = on_axes(paired)
     found.attrs["lines_left_out"] = {reason: n for reason, n in left_out.items() if n}
     return found
-
-
-def _spans(table: pd.DataFrame, observed: pd.DataFrame) -> str:
-    valid = _valid(table)
-    return (
-        f"forecasts valid {valid.min()} to {valid.max()}, observations "
-        f"{observed['time'].min()} to {observed['time'].max()}"
-    )
 
 
 def _valid(table: pd.DataFrame) -> pd.Series:
@@ -321,7 +314,7 @@ def _variables(
 def _fields_of(
     path: str, latitude: Floats, longitude: Floats, skipped: Skipped
 ) -> Iterator[_Field]:
-    """Fields of one file at the stations; what cannot be read is counted."""
+    """Fields of one file at the stations; unreadable messages are counted."""
     try:
         descriptor = os.open(path, os.O_RDONLY)
     except OSError as err:

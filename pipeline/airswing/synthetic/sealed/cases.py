@@ -14,8 +14,8 @@ of one rung share worlds, so that fields are not written for each; names are dea
 information. An outside effect is dealt as several draws: the first is taken that no name explains
 on its archive, two times in three the first of those that closes a tenth of a knot (many close
 less, which is no loss if missed). Pairs of variables that determine each other (heading and track)
-are not multiplied, and what the catalogue names (a heading error that steps or grows with the date,
-or acts while icing protection is on) is not drawn. The size of a scatter effect is measured on the
+are not multiplied, and effects of the catalogue (a heading error that steps or grows with the date,
+or acts while icing protection is on) are not drawn. The size of a scatter effect is measured on the
 archive.
 
 Units: m/s for sizes; kt and degrees where a name says so.
@@ -43,7 +43,7 @@ from airswing.synthetic.sealed.labels import Injected
 RUNGS: dict[int, float] = {1: 0.35, 2: 0.1, 3: 0.15, 4: 0.3, 5: 0.1}
 """Share of the cases on each rung."""
 SHORT_RUNGS, SHORT_DAYS = (1, 4), (14, 15)
-"""Rungs of which every fourth world is short: what seems to last is weather there."""
+"""Rungs of which every fourth world is short: weather looks like a lasting error there."""
 START = datetime(2009, 3, 1)
 OUTSIDE_SHAPES = (*SHAPES, "product", "threshold", "scatter")
 """Shapes of outside effects: of one variable, of two, and those that change no mean."""
@@ -86,7 +86,7 @@ class Size:
 
 @dataclass(frozen=True)
 class World:
-    """What several cases share."""
+    """Fleet, length and model fields, shared by several cases."""
 
     seed: int
     # "default", "short" (the same for two weeks), "hard", "sensor" (errors of a real flux valve) or
@@ -349,7 +349,7 @@ def _variable(
     """A variable that makes sense with the shape, the component and the other variable."""
     able = [name for name in VARIABLES if name not in FLAGS or flags or shape == "step"]
     if component == "across_heading":
-        # Such a shape of the date is what the catalogue calls a step or a drift.
+        # The catalogue has such a shape of the date as a step or a drift.
         dated = shape in ("step", "hinge", "sector")
         able = [name for name in able if name != "icing" and not (dated and name == "date")]
     for group in ALIKE:

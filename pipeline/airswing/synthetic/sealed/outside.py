@@ -3,8 +3,8 @@
 Assumptions: the change is known report by report (the archive against its twin). Named effects are
 written here once more, apart from the diagnosis: errors of heading by one and two cycles, by icing,
 date, acceleration and bank, errors of airspeed, a wind too strong or turned; least squares by
-aircraft gives the share of the change they explain. A variable carries what the means over its bins
-explain of the signed size of the change.
+aircraft gives the share of the change they explain. A variable carries the share of the
+signed size of the change that the means over its bins explain.
 
 An effect is fit for a case when it changes reports by `LEAST_SIZE` and more, its sum of squares
 exceeds `LEAST_ENERGY`, and named effects explain less than `MOST_NAMED` of it: otherwise a
@@ -174,7 +174,7 @@ def carried_by(size: Array, variables: Mapping[str, Array]) -> dict[str, float]:
     found = {}
     for name, values in variables.items():
         bins = _bins(np.asarray(values, np.float64), name)
-        # Energy of the means of bins: what the best step function of the variable explains.
+        # Energy of the means of bins: that of the best step function of the variable.
         energy = np.bincount(bins, size) ** 2 / np.maximum(np.bincount(bins), 1)
         found[name] = float(energy.sum()) / total if total > 0.0 else 0.0
     return found
