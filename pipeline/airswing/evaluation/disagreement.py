@@ -126,19 +126,13 @@ def measures_of(sums: NDArray[np.float64]) -> dict[str, float]:
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = sums[1:9] / sums[0]
         direction = np.degrees(np.sqrt(sums[10] / sums[9]))
+    names = ("mean_vector", "vector_rms", "eastward_rms", "northward_rms", "along_rms", "cross_rms")
     return {
         "reports": int(sums[0]),
-        "mean_vector": float(mean[0]),
         **{
-            name: float(np.sqrt(value))
-            for name, value in zip(
-                ("vector_rms", "eastward_rms", "northward_rms", "along_rms", "cross_rms"),
-                mean[1:6],
-                strict=True,
-            )
+            name: float(np.sqrt(value) if name.endswith("rms") else value)
+            for name, value in zip((*names, "eastward_mean", "northward_mean"), mean, strict=True)
         },
-        "eastward_mean": float(mean[6]),
-        "northward_mean": float(mean[7]),
         "direction_rms_deg": float(direction),
     }
 
