@@ -1,6 +1,6 @@
 """Directions of weak winds that are sent in coarse steps.
 
-Assumptions: up to a speed, directions lie on multiples of one step beside whole degrees; chance
+Assumptions: up to a speed, directions lie on multiples of one step or on whole degrees; chance
 puts one and a half whole degrees of every step there. Of all steps and speeds that one is taken
 whose reports would be the greatest surprise by chance.
 

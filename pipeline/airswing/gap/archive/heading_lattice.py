@@ -40,7 +40,7 @@ class HeadingLattice:
 
     step: float  # degrees
     true_north: bool  # whether they are counted from it; from magnetic north else
-    evidence: float  # nats, against headings that are spread evenly
+    evidence: float  # log likelihood ratio against headings that are spread evenly
 
 
 def heading_lattice_of(frame: Frame, aircraft: int) -> HeadingLattice | None:

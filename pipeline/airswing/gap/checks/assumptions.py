@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.checks.calibration import BINS, Calibration, calibrate
-from airswing.gap.checks.negative_control import Decoy, force_decoy
+from airswing.gap.checks.negative_control import Placebo, fitted_placebo
 from airswing.gap.effects import separated_by
 from airswing.gap.model.closure import Closure, fold_of_day, held_out_coefficients
 from airswing.gap.model.passes import Fitted
@@ -68,7 +68,7 @@ def run_checks(
         calibrate(fitted.frame, residual - steady, noise=noise, day=sums.day, seed=seed)
         for residual in (closure.residual, fitted.frame.residual)
     )
-    decoy = force_decoy(
+    placebo = fitted_placebo(
         fitted.frame, closure.residual, noise=noise, day=sums.day, fold=fold[sums.day], seed=seed
     )
     rows = [
@@ -78,10 +78,10 @@ def run_checks(
         _classifier_row(after),
         _gross_row(noise),
         _factor_row(fitted),
-        _decoy_row(decoy),
+        _placebo_row(placebo),
     ]
     checks = Checks(
-        CalibrationPair(after.entry(), before.entry()), decoy.entry(), aliases(fitted), rows
+        CalibrationPair(after.entry(), before.entry()), placebo.entry(), aliases(fitted), rows
     )
     histograms: dict[str, tuple[str, object]] = {
         "pit_bin": ("pit_bin", np.arange(BINS) / BINS),
@@ -225,14 +225,14 @@ def _factor_row(fitted: Fitted) -> AssumptionEntry:
     )
 
 
-def _decoy_row(decoy: Decoy) -> AssumptionEntry:
+def _placebo_row(placebo: Placebo) -> AssumptionEntry:
     held, fitted, low, high = (
-        round(kt, 3) + 0.0 for kt in (decoy.held_out, decoy.fitted, *decoy.held_out_ci)
+        round(kt, 3) + 0.0 for kt in (placebo.held_out, placebo.fitted, *placebo.held_out_ci)
     )
     return AssumptionEntry(
         "an effect that cannot be at work closes nothing on held-out flights",
         "a placebo, the deviation evaluated at the headings of other flights",
         f"closes {held:+.3f} kt [{low:+.3f}, {high:+.3f}] on held-out flights "
         f"({fitted:+.3f} where it was fitted)",
-        decoy.closes_nothing,
+        placebo.closes_nothing,
     )

@@ -1,11 +1,11 @@
 """A cause that cannot be at work, forced in: it must close nothing on held-out flights.
 
-Assumptions: the decoy is a compass deviation of one cycle in the magnetic heading of *another*
+Assumptions: the placebo is a compass deviation of one cycle in the magnetic heading of *another*
 flight, drawn anew for each flight, report by report in order. It has the size, the spread and the
 correlation along the flight of a real deviation's columns, and none of its cause. It is fitted to
 each aircraft on some weeks, without any gate of evidence, and taken off the others.
 
-Validity: whatever the decoy closes on the weeks it was fitted to is luck; what it closes on the
+Validity: whatever the placebo closes on the weeks it was fitted to is luck; what it closes on the
 others measures the luck left in the closure of this archive. Each draw has two coefficients an
 aircraft, so a small loss is expected, not a gain.
 
@@ -30,14 +30,14 @@ from airswing.units import KNOT
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-#: Prior standard deviation of the decoy's coefficients, rad: that of a deviation.
+#: Prior standard deviation of the placebo's coefficients, rad: that of a deviation.
 PRIOR = np.radians(2.0)
-DRAWS = 4  # decoys; what they close is averaged
+DRAWS = 4  # placebos; what they close is averaged
 
 
 @dataclass(frozen=True)
-class Decoy:
-    """Reduction of the mean vector disagreement by a decoy, kt."""
+class Placebo:
+    """Reduction of the mean vector disagreement by a placebo, kt."""
 
     fitted: float  # on the flights it was fitted to
     held_out: float  # on the others
@@ -61,7 +61,7 @@ class Decoy:
         )
 
 
-def force_decoy(
+def fitted_placebo(
     frame: Frame,
     residual: Floats,
     *,
@@ -69,13 +69,13 @@ def force_decoy(
     day: Integers,
     fold: Integers,
     seed: int = 0,
-) -> Decoy:
-    """Fit decoys to a residual on all folds but one, and measure on that one.
+) -> Placebo:
+    """Fit placebos to a residual on all folds but one, and measure on that one.
 
     Parameters
     ----------
     residual : (n, 2) float
-        What the decoy is to explain, m s-1.
+        What the placebo is to explain, m s-1.
     day : (n,) int
         Index of each report's day.
     fold : (n,) int
@@ -86,16 +86,16 @@ def force_decoy(
     before = np.hypot(*residual.T)
     inside, outside = np.zeros((2, frame.size))
     for _ in range(DRAWS):
-        columns = decoy_columns(frame, rng)
+        columns = placebo_columns(frame, rng)
         white = np.asarray(whiten(columns, noise.order, noise.gains))
-        own, other = decoy_errors(columns, white, target, frame.aircraft, fold)
+        own, other = placebo_errors(columns, white, target, frame.aircraft, fold)
         inside += (before - np.hypot(*(residual - own).T)) / DRAWS
         outside += (before - np.hypot(*(residual - other).T)) / DRAWS
     interval = day_interval(outside / KNOT, day, seed)
-    return Decoy(float(inside.mean()) / KNOT, float(outside.mean()) / KNOT, interval, DRAWS)
+    return Placebo(float(inside.mean()) / KNOT, float(outside.mean()) / KNOT, interval, DRAWS)
 
 
-def decoy_columns(frame: Frame, rng: np.random.Generator) -> Floats:
+def placebo_columns(frame: Frame, rng: np.random.Generator) -> Floats:
     """Columns (n, 2, 2) of one cycle in the magnetic heading of other flights, m s-1 per rad."""
     order = np.lexsort((frame.time, frame.flight))
     _, start, number, count = np.unique(
@@ -112,7 +112,7 @@ def decoy_columns(frame: Frame, rng: np.random.Generator) -> Floats:
     return np.asarray(-(frame.airspeed[:, None] * cross)[:, :, None] * cycle[:, None, :])
 
 
-def decoy_errors(
+def placebo_errors(
     columns: Floats, white: Floats, target: Floats, aircraft: Integers, fold: Integers
 ) -> tuple[Floats, Floats]:
     """Wind errors (n, 2) of columns fitted to each aircraft on all folds, and on all but its own.

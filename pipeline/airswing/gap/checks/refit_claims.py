@@ -117,7 +117,7 @@ def review_claims(
     Returns
     -------
     ClaimsEntry
-        Without fits where the diagnosis found nothing beside the deviation.
+        Without fits where the diagnosis found nothing but the deviation.
     """
     names = list(adjustment.names)
     if not names:

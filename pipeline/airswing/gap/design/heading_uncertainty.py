@@ -1,7 +1,7 @@
 """What an uncertain heading at the report adds to the noise of its residual.
 
 Assumptions: a column of the deviation is evaluated at the heading the archive holds. Where that
-heading is off by eps (beside a turn: `airswing.physics.turns`), the column misses the error the
+heading is off by eps (near a turn: `airswing.physics.turns`), the column misses the error the
 unit made by about airspeed x deviation x eps, at random from report to report. The miss is white
 noise of that report, and is added to the noise the residual is whitened with. So is the rounding of
 headings that come in coarse steps, which would pass for errors of many kinds: it stays the same

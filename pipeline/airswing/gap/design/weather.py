@@ -2,8 +2,8 @@
 
 Assumptions: what the aircraft of one day share is a field of that day, curved in place and height;
 what lasts over the archive is the reference's climatology by height, region and hour, and the slope
-of reports on model winds, which model error alone makes flatter than 1. All are fitted beside
-whatever else is asked.
+of reports on model winds, which model error alone makes flatter than 1. All are fitted
+together with the effects.
 
 Validity: the archive's own region; places are in units of its spread and clipped at three of them.
 

@@ -55,7 +55,7 @@ LEAST_SHARE = 0.15
 
 
 def lattice_evidence(values: Floats, step: float, *, base: float) -> float:
-    """Log likelihood ratio of values on a lattice against chance, nats."""
+    """Log likelihood ratio of values on a lattice against chance."""
     on, chance = _on_lattice(values, step, base=base)
     return against_chance(values.size, on, chance)
 
@@ -64,7 +64,7 @@ def _on_lattice(values: Floats, step: float, *, base: float) -> tuple[float, flo
     """Share of values on a lattice, and what chance puts there."""
     offset = np.abs(values - step * np.round(values / step))
     # under half the finest coding: what is rounded to it lies on the lattice or a whole one
-    # beside it
+    # next to it
     tolerance = min(0.25 * base, 0.05 * step)
     return float((offset <= tolerance).mean()), min(0.98, max(base, 2 * tolerance) / step)
 

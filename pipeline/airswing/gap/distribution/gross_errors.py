@@ -113,7 +113,7 @@ def shared_rate(hits: Floats, count: Floats, chance: Floats) -> tuple[float, Flo
         Beyond chance; beginning with the clearest aircraft, that of a two-part mixture of Poisson
         laws.
     gain : (m,) float
-        Log likelihood ratio of each aircraft, that rate and chance against chance, nats.
+        Log likelihood ratio of each aircraft, that rate and chance against chance.
     """
 
     def gain(rate: float) -> Floats:

@@ -33,8 +33,8 @@ from airswing.gap.model.candidates import Curve, curve_of
 from airswing.gap.model.evidence import Found, Usual, static_evidence
 from airswing.gap.model.sums import days_of
 from airswing.gap.model.terms import Statistics, noise_factor
-from airswing.gap.noise.beside_neighbours import interpolation_errors
-from airswing.gap.noise.model import NoiseFit, flown, gains_beside
+from airswing.gap.noise.model import NoiseFit, flown, gains_without
+from airswing.gap.noise.neighbours import interpolation_errors
 from airswing.gap.simulation.forward import Coding, draw_noise
 
 Floats = NDArray[np.float64]
@@ -71,7 +71,7 @@ class Scatter:
     sizes : (n,) float
         The same of every report.
     evidence : float
-        Log posterior odds, nats.
+        Log posterior odds.
     """
 
     tails: tuple[int, ...]
@@ -104,7 +104,7 @@ def excess_log_squares(
 ) -> tuple[Floats, Floats]:
     """Y of the module, and the variance that the noise model expects, (n,)."""
     reports = flown(context, heading_doubt(frame, context))
-    noise = replace(noise, gains=gains_beside(noise, reports, ~gross), gross=gross)
+    noise = replace(noise, gains=gains_without(noise, reports, ~gross), gross=gross)
     real, variance = log_squares(residual, noise)
     coding, rng = Coding.as_found(frame), np.random.default_rng(seed)
     total = np.zeros(frame.size)
@@ -139,7 +139,7 @@ def find_scatter(
     without : collection of int
         Aircraft left out: their scatter has a name.
     gate : float
-        Least log posterior odds, nats.
+        Least log posterior odds.
     """
     y, variance = excess_log_squares(frame, context, residual, noise, gross, seed)
     y[np.isin(frame.aircraft, list(without))] = np.nan

@@ -52,7 +52,7 @@ class SentWinds:
     tails : tuple of int
         Aircraft.
     evidence : float
-        Log posterior odds, nats.
+        Log posterior odds.
     speeds, sent : (m,) float
         Map of speeds, m/s; None where it is the identity.
     directions : (36,) float

@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 TRIED = float(np.log(100.0))
-"""Log number of aircraft and steps among which the clearest is sought, nats."""
+"""Log number of aircraft and steps among which the clearest is sought."""
 
 
 @dataclass(frozen=True)
@@ -33,11 +33,11 @@ class Verdict:
     standard_errors: dict[str, float]
     per_tail: Mapping[str, Mapping[str, Value]]  # tail -> parameters
     period: list[str | None] | None
-    evidence: float  # nats
+    evidence: float  # log likelihood ratio
 
 
 def against_chance(count: int, share: float, chance: float) -> float:
-    """Log likelihood ratio of a share of ``count`` draws against the share by chance, nats.
+    """Log likelihood ratio of a share of ``count`` draws against the share by chance.
 
     ``count`` times the Kullback-Leibler divergence of the two Bernoulli laws; 0 for a share not
     above chance.

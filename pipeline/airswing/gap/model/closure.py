@@ -32,7 +32,7 @@ ROUNDING = 0.005
 
 @dataclass(frozen=True)
 class Step:
-    """What one claim closes beside those before it, and the interval of that, kt."""
+    """Closure of one claim in addition to the claims before it, with its interval, kt."""
 
     reduction: float
     interval: tuple[float, float]

@@ -68,7 +68,7 @@ class Found:
     Attributes
     ----------
     evidence : float
-        Log Bayes factor against nothing, nats, integrated over scales and sets of aircraft.
+        Log Bayes factor against no effect, integrated over scales and sets of aircraft.
     scale : float
         Most probable s, m/s.
     tails : tuple of int
@@ -291,9 +291,9 @@ def _dated(
     aircraft, days = able.shape
     m = score.shape[-1]
     variance, given_back = common_variance(found)
-    lifted = given_back @ found.score.sum(axis=0)
-    whole_score = (found.score + found.information @ lifted) / kappa
-    score = (score + information @ lifted) / kappa
+    returned = given_back @ found.score.sum(axis=0)
+    whole_score = (found.score + found.information @ returned) / kappa
+    score = (score + information @ returned) / kappa
     whole, information = found.information / kappa, information / kappa
     common, eye = _Common(variance), np.eye(m)
     small = SMALL**2 + np.broadcast_to(found.remainder, aircraft)

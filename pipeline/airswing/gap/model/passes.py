@@ -188,7 +188,7 @@ def _with_exchange(
 
 
 def total_evidence(fitted: Fitted, kappa: float) -> float:
-    """Log evidence of all terms against none with their log prior, nats."""
+    """Log evidence of all terms against none with their log prior."""
     model = fitted.model
     prior = sum(t.group.prior + set_prior(model, t) for t in fitted.terms)
     return model.evidence(fitted.terms, kappa) - model.evidence([], kappa) + prior

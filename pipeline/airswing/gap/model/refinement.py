@@ -16,7 +16,7 @@ from airswing.gap.model.candidates import Group
 from airswing.gap.model.evidence import static_evidence
 from airswing.gap.model.terms import GATE, Model, Term, describe, set_prior
 
-#: Evidence of a table, nats, from which a second variable is sought.
+#: Log evidence of a table from which a second variable is sought.
 LEAST = 30.0
 
 

@@ -160,7 +160,7 @@ def _static(group: Group, found: Statistics, kappa: float, factor: float, days: 
 def contest(
     model: Model, terms: Sequence[Term], ranked: Sequence[Term], gate: float = GATE
 ) -> list[Term]:
-    """Best candidates by exact marginal likelihood beside the terms, best first."""
+    """Best candidates by exact marginal likelihood together with the terms, best first."""
     able = [term for term in ranked if term.gate > gate]
     if not able:
         return []
@@ -198,8 +198,8 @@ def contest(
 def _without_idle(model: Model, terms: Sequence[Term], term: Term, before: float) -> Term:
     """A term without the aircraft that raise its exact evidence by their absence.
 
-    The screening score gives the fleet's part back approximately: beside an effect of several m/s
-    on one aircraft it includes others.
+    The screening score gives the fleet's part back approximately: with an effect of several m/s on
+    one aircraft it includes others.
     """
     if term.scope != "a":
         return term

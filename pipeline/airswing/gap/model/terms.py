@@ -53,7 +53,7 @@ class Term:
     start : mapping
         Aircraft -> index of the first day it is in force; empty for the whole archive.
     score : float
-        Log evidence with the log prior, nats: of the exact contest where it took part in one.
+        Log evidence with the log prior: of the exact contest where it took part in one.
     gate : float
         The same by the candidate's own noise factor.
     inclusion : (A,) float
@@ -214,7 +214,7 @@ class Model:
         return gram, score, precision
 
     def evidence(self, terms: Sequence[Term], kappa: float) -> float:
-        """Log marginal likelihood of terms with noise variance kappa, nats, but for a constant."""
+        """Log marginal likelihood of terms with noise variance kappa, up to a constant."""
         gram, score, precision = self.system(terms)
         root = np.linalg.cholesky(gram / kappa + np.diag(precision))
         solved = np.linalg.solve(root, score / kappa)

@@ -207,10 +207,10 @@ def fitted_gains(fit: NoiseFit, residual: Floats, reports: Flown) -> NoiseFit:
         remove_smooth_effects(residual, reports.aircraft, reports.heading, reports.airspeed), order
     )
     fit = replace(fit, order=order, gross=gross)
-    return replace(fit, gains=gains_beside(fit, reports, ~gross))
+    return replace(fit, gains=gains_without(fit, reports, ~gross))
 
 
-def gains_beside(fit: NoiseFit, reports: Flown, keep: NDArray[np.bool_]) -> Gains:
+def gains_without(fit: NoiseFit, reports: Flown, keep: NDArray[np.bool_]) -> Gains:
     """Gains of a fitted model on the reports of its order, some of them left out.
 
     Parameters

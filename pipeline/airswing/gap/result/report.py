@@ -49,10 +49,10 @@ from airswing.units import KNOT
 
 Floats = NDArray[np.float64]
 
-#: Evidence of independent reports, nats, below which an error outside the catalogue may stay
+#: Log evidence of independent reports below which an error outside the catalogue may stay
 #: unstated, and the size that every fleet has, m/s: see `could_hide`.
 STATED_FROM, EVERY_FLEET = 2000.0, 0.2
-#: Evidence, nats, from which an effect that shows in no mean is stated: odds of a thousand.
+#: Log evidence from which an effect that shows in no mean is stated: odds of a thousand.
 STATED = 7.0
 
 
@@ -75,9 +75,9 @@ class Findings:
 def could_hide(disagreement: float, reports: int) -> float:
     """Reduction (kt) by an error outside the catalogue that would not be stated.
 
-    An error of rms s on a share f of n reports has E = n f s^2 / (2 sigma^2) nats and closes
-    m f s^2 / (4 sigma^2) = m E / (2 n) of a mean disagreement m, with m = sigma sqrt(pi / 2) for
-    two normal components.
+    An error of rms s on a share f of n reports has log evidence E = n f s^2 / (2 sigma^2) and
+    closes m f s^2 / (4 sigma^2) = m E / (2 n) of a mean disagreement m, with m = sigma sqrt(pi / 2)
+    for two normal components.
     """
     if disagreement <= 0.0 or reports <= 0:
         return 0.0

@@ -5,7 +5,7 @@ coefficients of an aircraft are the fleet's and its own. So are tables of one va
 component.
 
 The probability of a claim is ``1 / (1 + exp(-(c0 + c1 ln(1 + gate))))``, gate its
-log posterior odds in nats with its own noise factor.
+log posterior odds with its own noise factor.
 """
 
 from __future__ import annotations
@@ -43,12 +43,12 @@ Floats = NDArray[np.float64]
 #: the claims on the development archives of `benchmarks.gap_paired` (32 of 37 right: known to a
 #: tenth).
 CALIBRATION = (-0.4, 0.5)
-LARGEST = 30.0  # nats
+LARGEST = 30.0  # log odds
 #: Share of the largest coefficients of a claim from which an aircraft has it.
 SMALL_SHARE = 0.25
 #: Cells of a table of one variable and of two, by kind.
 CELLS = {"circular": (36, 12), "linear": (20, 8), "category": (3, 3)}
-#: Evidence of a rival behind the best, nats, within which 95 % of the posterior mass lies, times
+#: Log evidence of a rival behind the best within which 95 % of the posterior mass lies, times
 #: the noise factor.
 CREDIBLE = 3.0
 
@@ -82,7 +82,7 @@ def claims_of(terms: Sequence[Term]) -> list[Claim]:
 
 
 def probability(gate: float) -> float:
-    """Probability that a claim is right, from its log posterior odds, nats."""
+    """Probability that a claim is right, from its log posterior odds."""
     odds = CALIBRATION[0] + CALIBRATION[1] * np.log1p(max(gate, 0.0))
     return float(1 / (1 + np.exp(-np.clip(odds, -LARGEST, LARGEST))))
 

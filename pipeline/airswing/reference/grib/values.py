@@ -337,7 +337,7 @@ def _rank(bitmap: bytes, points: Ints) -> tuple[NDArray[np.bool_], Ints]:
     """Whether points are present, and the number of present points before each."""
     n_bytes, before = _counts(bitmap)
     place, bit = points >> 3, (points & 7).astype(np.uint8)
-    octet = n_bytes[place]
-    present = (octet >> (np.uint8(7) - bit)) & np.uint8(1)
-    earlier = octet & ~(np.uint8(0xFF) >> bit)  # bits of the byte before this one
+    chosen = n_bytes[place]
+    present = (chosen >> (np.uint8(7) - bit)) & np.uint8(1)
+    earlier = chosen & ~(np.uint8(0xFF) >> bit)  # bits of the byte before this one
     return present.astype(bool), before[place] + np.bitwise_count(earlier)

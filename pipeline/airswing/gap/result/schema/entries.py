@@ -111,7 +111,7 @@ class EffectEntry:
     """An effect of the catalogue that is at work.
 
     ``parameters`` are medians over aircraft where ``per_tail`` has several. ``closure`` is what the
-    effect closes beside those before it.
+    effect closes in addition to those before it.
     """
 
     name: str
@@ -173,7 +173,7 @@ class PlaceEntry:
 
 @dataclass(frozen=True)
 class UnknownClosureEntry:
-    """What all unknowns close beside what has a name, kt."""
+    """Closure of all unknowns in addition to the named effects, kt."""
 
     before: float
     after: float
@@ -192,7 +192,7 @@ class UnknownEntry:
 
 @dataclass(frozen=True)
 class EffectClosureEntry:
-    """What one claim, named or not, closes beside those before it, kt, with its 95 % interval."""
+    """Closure of one claim in addition to the claims before it, kt, with its 95 % interval."""
 
     name: str
     reduction: float
@@ -241,7 +241,7 @@ class StepEntry:
 
 @dataclass(frozen=True)
 class EvidenceEntry:
-    """Evidence of one candidate in place of a term found, or (None) beside all of them."""
+    """Evidence of one candidate in place of a term, or (None) in addition to all terms."""
 
     instead_of: str | None
     name: str
@@ -256,7 +256,7 @@ class EvidenceEntry:
 
 @dataclass(frozen=True)
 class NoiseEntry:
-    """The fitted noise model, and the measured autocovariance beside it, m2 s-2."""
+    """The fitted noise model, and the measured autocovariance, m2 s-2."""
 
     correlated_sd_m_s: float
     white_sd_m_s: float

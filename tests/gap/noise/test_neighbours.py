@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from airswing.gap.noise.beside_neighbours import (
+from airswing.gap.noise.neighbours import (
     even_interpolation_errors,
     evened,
     interpolation_errors,
