@@ -92,11 +92,7 @@ def content(*effects: dict[str, Any], **changes: Any) -> dict[str, Any]:
     none = [0.01] * 14
     row = {"scope": "aircraft", "known": True, "posterior": none}
     return {
-        "gap": {
-            "mean_vector_disagreement_kt": 8.31,
-            "noise_floor_kt": 6.2,
-            "significance": 1e-9,
-        },
+        "gap": {"mean_vector_disagreement_kt": 8.31, "noise_floor_kt": 6.2, "significance": 1e-9},
         "where": [slice_entry("aircraft", ["N401", "N402"], 0.71, 2e-4)],
         "slices": [slice_entry("level", ["above 400 hPa"], 0.03, 0.3)],
         "effects": list(effects),

@@ -1,4 +1,4 @@
-"""Every figure: a caption with its number, units on its axes, nothing left behind, and content."""
+"""Every figure has a caption with its number, units on its axes, and the right content."""
 
 from __future__ import annotations
 

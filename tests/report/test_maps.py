@@ -38,9 +38,7 @@ def test_views_across_the_antimeridian_are_narrow_and_lines_split_at_the_seam() 
 
 
 @given(
-    st.lists(st.floats(-180, 179.9), min_size=1, max_size=8),
-    st.floats(-80, 80),
-    st.floats(0, 8),
+    st.lists(st.floats(-180, 179.9), min_size=1, max_size=8), st.floats(-80, 80), st.floats(0, 8)
 )
 def test_every_point_lies_in_its_view(longitude: list[float], south: float, height: float) -> None:
     latitude = np.linspace(south, min(south + height, 90), len(longitude))

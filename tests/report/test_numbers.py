@@ -90,13 +90,6 @@ def test_the_table_is_minus_its_correction_unless_the_sign_says_otherwise() -> N
     assert flipped.tolist() == (-error).tolist()
 
 
-def test_interval_of_a_constant() -> None:
-    fit = selection.one_fit(factories.fits(), 0, "ruc")
-    fit["deviation_covariance"][:] = np.diag([0.04, 0, 0, 0, 0])
-    half = selection.curve_half_width(fit, np.array([0.0, 77.0]))
-    assert half.tolist() == pytest.approx([1.959964 * 0.2] * 2)
-
-
 def test_a_table_within_its_error_needs_no_correction() -> None:
     fits = factories.fits()
     assert not selection.needs_no_correction(selection.one_fit(fits, 0, "ruc"))

@@ -1,4 +1,4 @@
-"""What did not come in: said by reason, with the file, and nothing where all came in."""
+"""Warnings name what was left out by reason and file; complete input causes none."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def test_model_files_by_reason_the_most_files_first():
     ]
 
 
-def test_what_every_file_holds_beside_winds_is_no_warning():
+def test_messages_without_wind_cause_no_warning():
     assert model_warnings(SKIPPED) == model_reasons([SKIPPED[0], SKIPPED[3]])
 
 

@@ -1,4 +1,4 @@
-"""Figures of a gap diagnosis: what, how far, where, and the statistics behind it.
+"""Figures of a gap diagnosis: closure, effects, location and statistics of the gap.
 
 Each takes the content of ``gap.json`` (or a part of it) or ``gap.nc`` with its maps: means of the
 residual (reported minus simulated) in cells, NaN (white) with fewer than two flights.
@@ -18,14 +18,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter
 from numpy.typing import NDArray
 
-from airswing.report.gap.words import (
-    Entry,
-    number,
-    p_text,
-    place_sentence,
-    plain_name,
-    slice_words,
-)
+from airswing.report.gap.words import Entry, number, p_text, place_sentence, plain_name, slice_words
 from airswing.report.html.maps import draw_map, view_of
 from airswing.report.html.style import (
     BLUE,
@@ -54,17 +47,14 @@ Floats = NDArray[np.float64]
 _OCTANTS = {"compass_offset": 0, "hard_iron": 1, "soft_iron": 2}
 # Fraction of a colour scale's half width beyond which a cell is too dark for dark text.
 _DARK = 0.62
-_CATEGORIES = {
-    "phase": ("ascent", "cruise", "descent"),
-    "icing": ("off", "on"),
-}
+_CATEGORIES = {"phase": ("ascent", "cruise", "descent"), "icing": ("off", "on")}
 
 
 def _reports(gap: Entry) -> str:
     return f"n = {plural(int(gap['counts']['reports']), 'report')}"
 
 
-# --- what, and how far -----------------------------------------------------------------------
+# --- closure and effects -----------------------------------------------------------------------
 
 
 @styled
@@ -252,7 +242,7 @@ def _set_ticks(axis: Axis, variable: str, edges: Floats) -> None:
         axis.set_ticks(np.arange(0.0, 361.0, 90.0))
 
 
-# --- where -----------------------------------------------------------------------------------
+# --- location -----------------------------------------------------------------------------------
 
 
 @styled

@@ -1,4 +1,4 @@
-"""The page of a gap diagnosis: what is missing, how far it closes, where, and the statistics.
+"""The page of a gap diagnosis: missing effects, closure, location and statistics of the gap.
 
 Takes the content of ``gap.json`` (docs/formats.md) and the maps of ``gap.nc``. Whatever a file of
 another version lacks is omitted. ± and ranges in brackets are 95 % intervals throughout.
@@ -51,12 +51,7 @@ from airswing.report.html.document import (
     table,
 )
 from airswing.report.html.embed import Figures
-from airswing.report.html.style import (
-    Units,
-    garbage_collection_rare,
-    shown_per_kt,
-    shown_per_m_s,
-)
+from airswing.report.html.style import Units, garbage_collection_rare, shown_per_kt, shown_per_m_s
 from airswing.report.run.selection import interval_text, number_text, range_text
 from airswing.units import NORMAL_95
 from airswing.version import __version__

@@ -13,12 +13,7 @@ from matplotlib.figure import Figure
 from airswing.gap.diagnose import Diagnosis
 from airswing.gap.diagnose import diagnose as _diagnose
 from airswing.report.gap.gap_page import gap_figures
-from airswing.report.gap.words import (
-    closure_text,
-    headline,
-    plain_name,
-    who_text,
-)
+from airswing.report.gap.words import closure_text, headline, plain_name, who_text
 from airswing.report.html.document import Column, Row, table
 
 P = ParamSpec("P")

@@ -364,7 +364,7 @@ COMPONENTS = {
 
 
 #: How values of a variable are written.
-_SAID: Mapping[str, Callable[[float], str]] = {
+_VALUE_FORMATS: Mapping[str, Callable[[float], str]] = {
     "altitude": lambda x: f"{1000.0 * math.exp(-x):.0f} hPa",
     "temperature": lambda x: f"{x - ZERO_CELSIUS:.0f} °C",
     "airspeed": lambda x: f"{x:.0f} m/s",
@@ -388,7 +388,7 @@ def value_words(variable: str, value: str) -> str:
         text = f"{wave['wave']} {times}heading"
         return f"{wave['where']} {text}" if wave["where"] else text
     try:
-        return _SAID[variable](float(value)) if variable in _SAID else value
+        return _VALUE_FORMATS[variable](float(value)) if variable in _VALUE_FORMATS else value
     except ValueError:
         return value
 

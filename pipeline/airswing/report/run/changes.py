@@ -248,7 +248,7 @@ def write_monitoring_page(path: Path, monitoring: Monitoring, *, units: Units = 
 
 def monitoring_sentence(monitoring: Monitoring) -> str:
     """Return the new events by kind, and the aircraft that need another table."""
-    new = monitoring.events[monitoring.told_before :]
+    new = monitoring.new_events
     counts = [
         f"{words} ({number})"
         for kind, (words, *_) in _KINDS.items()
@@ -262,7 +262,7 @@ def monitoring_sentence(monitoring: Monitoring) -> str:
 
 
 def _events_table(monitoring: Monitoring, events: list[Event]) -> Markup:
-    new = len(events) - monitoring.told_before
+    new = len(monitoring.new_events)
     rows = [
         Row(
             [

@@ -18,15 +18,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from airswing.evaluation.results import Content
-from airswing.report.html.document import (
-    Column,
-    Row,
-    Section,
-    folded,
-    heading,
-    listing,
-    table,
-)
+from airswing.report.html.document import Column, Row, Section, folded, heading, listing, table
 from airswing.report.html.embed import Figures
 from airswing.report.html.style import (
     BLUE,
@@ -435,8 +427,7 @@ def pair_differences_figure(pairs: Sequence[Content]) -> Figure:
     axes.set_xlabel("difference of the coefficient (degree)")
     slices = [f"{pair['slice']}: " if pair.get("slice") else "" for pair in shown]
     rows_axis(
-        axes,
-        [f"{s}{pair_name(p)}\n{verdict_word(p)}" for s, p in zip(slices, shown, strict=True)],
+        axes, [f"{s}{pair_name(p)}\n{verdict_word(p)}" for s, p in zip(slices, shown, strict=True)]
     )
     for label, pair in zip(axes.get_yticklabels(), shown, strict=True):
         label.set_color({None: SOFT, True: BLUE, False: VERMILION}[pair.get("poolable")])

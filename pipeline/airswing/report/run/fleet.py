@@ -32,11 +32,7 @@ from airswing.report.html.style import (
     styled,
     thousands,
 )
-from airswing.report.run.page_numbers import (
-    BeforeAfter,
-    kept_reports,
-    screening_audit,
-)
+from airswing.report.run.page_numbers import BeforeAfter, kept_reports, screening_audit
 from airswing.report.run.reading_warnings import tally
 from airswing.units import NORMAL_95
 

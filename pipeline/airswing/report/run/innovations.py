@@ -40,14 +40,7 @@ from airswing.report.html.style import (
 )
 from airswing.report.run.changes import date_axis, days_since_1970
 from airswing.report.run.fleet import rows_axis
-from airswing.report.run.selection import (
-    by_amplitude,
-    members,
-    number_text,
-    pooled,
-    rows_of,
-    tails,
-)
+from airswing.report.run.selection import by_amplitude, members, number_text, pooled, rows_of, tails
 
 Floats = NDArray[np.float64]
 _QUANTITIES = ("speed", "direction", "eastward", "northward")
@@ -166,11 +159,7 @@ def innovation_histogram_figure(
 
 @styled
 def innovation_series_figure(
-    statistics: xr.Dataset,
-    reference: str,
-    names: Sequence[str],
-    *,
-    units: Units = "kt",
+    statistics: xr.Dataset, reference: str, names: Sequence[str], *, units: Units = "kt"
 ) -> Figure:
     """Draw the daily mean innovation of wind speed and direction, a line an aircraft."""
     chosen = statistics.sel(reference=reference, aircraft=list(names))
@@ -337,8 +326,8 @@ def innovations_section(
     show: Figures,
 ) -> Section:
     """Return the section on the innovations."""
-    title, parts, units = "Innovations (observation minus reference)", [], show.units
-    lead = ""
+    title, parts, lead = "Innovations (observation minus reference)", [], ""
+    units = show.units
     if statistics is not None:
         known = [str(name) for name in statistics["reference"].to_numpy()]
         chosen = reference if reference in known else known[0]
@@ -352,9 +341,8 @@ def innovations_section(
         histogram = innovation_histogram_figure(statistics, chosen, units=units)
         parts.append(folded("Histogram", [show("innovation_histogram", histogram)]))
         series = innovation_series_figure(statistics, chosen, names, units=units)
-        parts.append(
-            folded("Daily means by aircraft", [show("innovation_series", series, dpi=120)])
-        )
+        shown = show("innovation_series", series, dpi=120)
+        parts.append(folded("Daily means by aircraft", [shown]))
     if sounding is not None:
         parts.append(folded("A sounding", [show("sounding", sounding)]))
     return Section("innovations", title, lead, parts)

@@ -183,7 +183,6 @@ def write_page(
 
 
 def _links(folder: Path, summary: Mapping[str, object]) -> list[Markup]:
-    """Return links to the products in the output folder and to further files."""
     found = [
         link(f"../{name}", label)
         for name, label in PRODUCTS.items()

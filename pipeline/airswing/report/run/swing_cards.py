@@ -136,12 +136,7 @@ def write_swing_cards(
 
 @styled
 def swing_card_figure(
-    headings: xr.Dataset,
-    fits: xr.Dataset,
-    aircraft: str,
-    reference: str,
-    *,
-    units: Units = "kt",
+    headings: xr.Dataset, fits: xr.Dataset, aircraft: str, reference: str, *, units: Units = "kt"
 ) -> Figure:
     """Draw the swing card of one aircraft, an A4 page."""
     fit = one_fit(fits, aircraft, reference)
