@@ -66,10 +66,22 @@ def fold_of_day(days: int) -> Integers:
     return np.asarray((np.arange(days) // BLOCK) % FOLDS)
 
 
+def is_held_out(days: int) -> bool:
+    """Whether an archive of so many days is closed on days that its fit does not use.
+
+    In shorter ones a group of days is half of the reports or more: the fit to the others has so
+    large an error that it says nothing about the closure.
+    """
+    return days > BLOCK
+
+
 def held_out_coefficients(model: Model) -> Floats:
-    """Coefficients fitted without each group of days, (FOLDS, m); those of one day are of all."""
+    """Coefficients fitted without each group of days, (FOLDS, m).
+
+    Of an archive that is not held out (:func:`is_held_out`) they are those of all days.
+    """
     sums = model.sums
-    if sums.D < 2:
+    if not is_held_out(sums.span):
         return np.tile(model.theta, (FOLDS, 1))
     every = [model.base, *model.terms]
     made = [model._columns(term) for term in every]

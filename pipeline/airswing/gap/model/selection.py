@@ -76,7 +76,7 @@ def screen(model: Model) -> list[Term]:
                     )
                 )
             continue
-        out += _static(group, found, model.kappa, factor, model.sums.D)
+        out += _static(group, found, model.kappa, factor, model.sums.span)
     return sorted(out, key=lambda term: -term.score)
 
 
@@ -134,7 +134,11 @@ def _median_variance(parts: Sequence[tuple[Floats, Floats]]) -> float:
 
 
 def _static(group: Group, found: Statistics, kappa: float, factor: float, days: int) -> list[Term]:
-    scopes = group.scopes if days >= DAYS else group.scopes.replace("f", "")
+    scopes = group.scopes
+    if days < DAYS:
+        if not group.named:
+            return []
+        scopes = scopes.replace("f", "")
     if not scopes:
         return []
     ranked = static_evidence(found, kappa, scopes)

@@ -54,6 +54,8 @@ class Sums:
     ----------
     days : (D,) int
         Days since 1970, shifted by ``ends`` (s).
+    span : int
+        Days from the first to the last report.
     aircraft, day : (n,) int
         Of each report, in the frame's order.
     rows : (2 n, p) float32
@@ -72,6 +74,8 @@ class Sums:
     ) -> None:
         self.frame, self.noise, self.candidates = frame, noise, candidates
         self.days, self.day, self.ends = days_of(frame)
+        # Reports of one calendar day may lie in two of the days that end at the quiet hour.
+        self.span = int(np.ceil(np.ptp(frame.time) / DAY))
         self.aircraft = frame.aircraft
         self.A, self.D, self.n = len(frame.tails), self.days.size, frame.size
         self.order = np.lexsort((self.day, frame.aircraft))

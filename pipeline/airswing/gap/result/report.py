@@ -16,7 +16,7 @@ from airswing.gap.distribution.scatter import Scatter, reduction_of_scatter
 from airswing.gap.distribution.sent_winds import SentWinds
 from airswing.gap.distribution.verdict import Reduction, Verdict
 from airswing.gap.effects.base import Effect
-from airswing.gap.model.closure import Closure, Step
+from airswing.gap.model.closure import Closure, Step, is_held_out
 from airswing.gap.model.passes import Fitted
 from airswing.gap.noise.residual_statistics import gross_errors
 from airswing.gap.result.schema import (
@@ -143,7 +143,7 @@ def assemble(findings: Findings) -> GapReport:
             after=before - whole.reduction,
             ci=[before - high, before - low],
             fraction_of_excess=excess,
-            held_out=True,
+            held_out=is_held_out(fitted.model.sums.span),
             reduction=whole.reduction,
             reduction_ci=[low, high],
             could_hide_kt=hidden,
