@@ -1,9 +1,11 @@
-"""Processes of their own, forked from one that has the package imported: quick to begin and end."""
+"""Separate processes, forked from one that has the package imported: quick to start and to end."""
 
 from __future__ import annotations
 
 import multiprocessing
 import os
+import sys
+import traceback
 from collections.abc import Callable
 from multiprocessing.process import BaseProcess
 
@@ -12,7 +14,7 @@ _SERVER.set_forkserver_preload(["airswing.workflow", "matplotlib.figure"])
 
 
 def forked(function: Callable[..., object], *given: object, **options: object) -> BaseProcess:
-    """Begin a function of a module of tests in a process of its own."""
+    """Start a function of a test module in a process of its own."""
     process = _SERVER.Process(target=_within, args=(os.environ.copy(), function, given, options))
     process.start()
     return process
@@ -21,5 +23,16 @@ def forked(function: Callable[..., object], *given: object, **options: object) -
 def _within(
     environment: dict[str, str], function: Callable[..., object], given: tuple, options: dict
 ) -> None:
-    os.environ.update(environment)  # the server's is that of when it began
-    function(*given, **options)
+    os.environ.update(environment)  # that of the server is from its start
+    code = 0
+    try:
+        function(*given, **options)
+    except SystemExit as ended:
+        code = ended.code if isinstance(ended.code, int) else 0
+    except BaseException:
+        traceback.print_exc()
+        code = 1
+    sys.stdout.flush()
+    sys.stderr.flush()
+    # A process of multiprocessing would wait at its end for the workers of the decoding pool.
+    os._exit(code)

@@ -353,7 +353,7 @@ def _header_cache(run: Path, pick: random.Random, folder: Path) -> str:
 
     cache = folder / "cache"
     shutil.copytree(run / "cache", cache)
-    victim = cache / "grib-headers.sqlite"
+    victim = next(cache.glob("grib-headers*.sqlite"))
     victim.write_bytes(mutated("cache", victim.read_bytes(), b"SQLite format 3\0" * 9, pick))
     files = str(run / "ruc" / "*")
 

@@ -134,7 +134,7 @@ def test_a_simulation_on_other_paths_is_known_by_what_it_has(archive, frame, tmp
     told = start.simulation
     assert told.matched == 0 and told.matched_by == "distribution"
     assert told.aircraft_in_both == [f"N{k}" for k in range(401, 406)]
-    assert start.told[0].left_out == 1
+    assert start.known_entries[0].left_out == 1
     assert start.frame.airspeed == pytest.approx(own.airspeed - 1.0, abs=1e-9)
     assert "flew other paths" in start_words(None, asdict(start.simulation))
 
@@ -149,7 +149,7 @@ def test_an_archive_against_itself_has_no_gap(archive, frame):
 def test_nothing_given_is_the_perfect_instrument(frame):
     job, own = frame
     start = begin(job, own)
-    assert start.frame is own and not start.told and start_words([]) == ""
+    assert start.frame is own and not start.known_entries and start_words([]) == ""
 
 
 @pytest.mark.parametrize(

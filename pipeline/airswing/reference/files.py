@@ -202,7 +202,10 @@ def foreign(path: str) -> InputError | None:
     """The error for a file that cannot hold model winds by its first bytes; None for others."""
     if is_url(path) or os.path.isdir(path):
         return None
-    start = first_bytes(path).lstrip(b" \r\n\t\xef\xbb\xbf").lower()
+    content = first_bytes(path)
+    if any(further.tells(path, content) for further in model_formats().values()):
+        return None
+    start = content.lstrip(b" \r\n\t\xef\xbb\xbf").lower()
     for magic, what, remedy in _FOREIGN:
         if start.startswith(magic):
             return InputError(

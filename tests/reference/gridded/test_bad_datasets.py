@@ -112,7 +112,7 @@ def test_damaged_files_are_named_and_skipped(tmp_path: Path) -> None:
     (tmp_path / "empty.nc").write_bytes(b"")
     found = airswing.build_catalogue(str(tmp_path / "*.nc"), name="m")
     assert sorted(Path(one["file"]).name for one in found.skipped) == ["empty.nc", "short.nc"]
-    with pytest.raises(InputError, match="cannot be opened"):
+    with pytest.raises(InputError, match="is empty"):
         airswing.build_catalogue(str(tmp_path / "*.nc"), name="m", on_bad_file="fail")
     with pytest.raises(InputError, match=r"short\.nc"):
         airswing.build_catalogue(str(tmp_path / "short.nc"), name="m")
