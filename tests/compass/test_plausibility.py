@@ -194,7 +194,11 @@ def test_headings_of_the_other_kind_are_named_and_not_refused(
 
 def test_the_status_and_the_sentence():
     fits = xr.Dataset(
-        {"status": (("reference", "aircraft"), np.array([[0, 1, 4, 7, 0]], dtype=np.int8))},
+        {
+            "status": (("reference", "aircraft"), np.array([[0, 1, 4, 7, 0]], dtype=np.int8)),
+            "residual_rms_before": (("reference", "aircraft"), np.full((1, 5), 4.0)),
+            "residual_rms_after": (("reference", "aircraft"), np.full((1, 5), 3.9)),
+        },
         coords={"reference": ["ruc"], "aircraft": ["A", "B", "C", "D", "E"]},
     )
     marked = with_implausible(fits, plausibility(archive(scaled("speed", KNOT))))
@@ -204,6 +208,22 @@ def test_the_status_and_the_sentence():
     (sentence,) = plausibility_warnings(marked)
     assert "wind speeds of all aircraft" in sentence and "m/s read as kt" in sentence
     assert plausibility_warnings(with_implausible(fits, [])) == []
+
+
+def test_a_deviation_that_explains_the_heading_error_is_no_wrong_unit():
+    """Six degrees of deviation change the speeds of light winds as a wrong unit would."""
+    aircraft = ("reference", "aircraft")
+    fits = xr.Dataset(
+        {
+            "status": (aircraft, np.zeros((1, 5), dtype=np.int8)),
+            "residual_rms_before": (aircraft, np.full((1, 5), 4.0)),
+            "residual_rms_after": (aircraft, np.array([[1.0, 2.7, 2.9, 3.9, 4.0]])),
+        },
+        coords={"reference": ["ruc"], "aircraft": ["A", "B", "C", "D", "E"]},
+    )
+    marked = with_implausible(fits, plausibility(archive(scaled("speed", KNOT))))
+    bad = STATUS["implausible_reports"]
+    assert marked["status"].values.tolist()[0][:4] == [0, 0, bad, bad]
 
 
 @pytest.mark.parametrize(

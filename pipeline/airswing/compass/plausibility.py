@@ -568,7 +568,11 @@ def with_implausible(fits: xr.Dataset, findings: Sequence[Finding]) -> xr.Datase
     named = xr.DataArray([str(t) in tails for t in fits["aircraft"].to_numpy()], dims="aircraft")
     # Winds that a correction does not improve are a consequence of implausible reports.
     judged = published(fits["status"]) | (fits["status"] == STATUS["no_improvement"]).to_numpy()
-    affected = named & xr.DataArray(judged, dims=fits["status"].dims)
+    # A large deviation changes the reported winds, too. Where it explains most of the variance of
+    # the heading error, the compass causes the difference of the winds and not a wrong unit.
+    explained = 1.0 - (fits["residual_rms_after"] / fits["residual_rms_before"]) ** 2
+    by_compass = (fits["status"] == STATUS["ok"]) & (explained > 0.5)
+    affected = named & xr.DataArray(judged, dims=fits["status"].dims) & ~by_compass
     status = fits["status"].where(~affected, STATUS["implausible_reports"])
     return fits.assign(status=status.astype(fits["status"].dtype)).assign_attrs(
         implausible_reports=json.dumps([asdict(finding) for finding in findings])
