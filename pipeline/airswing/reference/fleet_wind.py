@@ -21,7 +21,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import reduce
-from pathlib import Path
 
 import numpy as np
 import xarray as xr
@@ -100,12 +99,6 @@ def fleet_wind(reports: xr.Dataset | Iterable[xr.Dataset]) -> xr.Dataset:
         },
         attrs={"Conventions": "CF-1.11", "title": "Wind field of the fleet's own reports"},
     )
-
-
-def write_fleet_wind(reports: Iterable[xr.Dataset], path: Path) -> Path:
-    """Write :func:`fleet_wind` as NetCDF."""
-    fleet_wind(reports).to_netcdf(path)
-    return path
 
 
 def _gathered(blocks: Iterable[xr.Dataset]) -> _Winds:

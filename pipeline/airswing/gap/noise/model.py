@@ -193,23 +193,6 @@ def fit_noise(residual: Floats, reports: Flown, *, seed: int = 0) -> NoiseFit:
     return NoiseFit(model, order, gains, centre / 1e3, covariance, fitted, count, gross)
 
 
-def fitted_gains(fit: NoiseFit, residual: Floats, reports: Flown) -> NoiseFit:
-    """Gains of reports the noise was not fitted to: the fitted model, their own gross errors.
-
-    Parameters
-    ----------
-    fit : NoiseFit
-        Of a sample of the archive.
-    residual : (n, 2) float
-    """
-    order = flight_order(reports.flight, reports.time)
-    gross = gross_errors(
-        remove_smooth_effects(residual, reports.aircraft, reports.heading, reports.airspeed), order
-    )
-    fit = replace(fit, order=order, gross=gross)
-    return replace(fit, gains=gains_without(fit, reports, ~gross))
-
-
 def gains_without(fit: NoiseFit, reports: Flown, keep: NDArray[np.bool_]) -> Gains:
     """Gains of a fitted model on the reports of its order, some of them left out.
 
