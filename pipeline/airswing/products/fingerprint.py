@@ -87,6 +87,8 @@ def code_digest(*modules: str, package: Path = PACKAGE) -> str:
     for path in sorted(seen):
         digest.update(f"{path.relative_to(package)}\0".encode())
         digest.update(path.read_bytes())
+        if (table := path.with_suffix(".csv")).is_file():  # of the vocabulary
+            digest.update(table.read_bytes())
     # 128 bits distinguish versions; whole digests make attributes long
     return digest.hexdigest()[:32]
 
