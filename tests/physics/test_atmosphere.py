@@ -66,7 +66,7 @@ def test_round_trip(altitude: float) -> None:
     assert back == pytest.approx(altitude, abs=1e-6)
 
 
-def test_what_has_no_value_gives_none() -> None:
+def test_values_without_physical_meaning_give_nan() -> None:
     found = altitude_from_pressure(np.array([0.0, -5.0, np.nan, 50000.0]))
     assert np.isnan(found[:3]).all() and np.isfinite(found[3])
     assert np.isnan(pressure_from_altitude(np.nan))

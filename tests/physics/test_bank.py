@@ -47,7 +47,7 @@ def test_mean_bank_comes_from_the_angle_turned_and_the_time_flagged():
     assert np.nanmax(np.abs(found[~banked])) < 0.2 * LIMIT
 
 
-def test_without_flags_the_track_is_all_there_is():
+def test_without_flags_the_bank_is_that_of_the_track():
     seen, _, flight, time, latitude, longitude = flown(flights=3)
     flag = np.zeros(flight.size, int)
     found = bank_at_reports(seen, flag, flight, time, latitude=latitude, longitude=longitude)

@@ -1,4 +1,4 @@
-"""The interpolated field against IGRF itself, a second model, and the values the domain states."""
+"""The interpolated field against IGRF itself, a second model and known values."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from datetime import datetime
 import numpy as np
 import pytest
 
-from airswing.physics.geomagnetism import FieldLattice, GeomagneticField
+from airswing.physics.geomagnetism import GeomagneticField, geomagnetic_field
 
 ppigrf = pytest.importorskip("ppigrf")
 
@@ -15,8 +15,7 @@ MID_2009 = float(np.datetime64("2009-07-01", "s").astype(np.int64))
 
 
 def field_at(latitude, longitude, height=3000.0, seconds=MID_2009) -> GeomagneticField:
-    arguments = (latitude, longitude, height, seconds)
-    return FieldLattice.covering(*arguments).at(*arguments)
+    return geomagnetic_field(latitude, longitude, height, seconds)
 
 
 @pytest.mark.parametrize(
@@ -105,29 +104,23 @@ def test_one_reports_field_does_not_depend_on_the_others() -> None:
     latitude, longitude = rng.uniform(-89.9, 89.9, size), rng.uniform(150.0, 210.0, size)
     height = rng.uniform(0.0, 13000.0, size)
     seconds = rng.uniform(1.2e9, 1.3e9, size)
-    whole = FieldLattice.covering(latitude, longitude, height, seconds).at(
-        latitude, longitude, height, seconds
-    )
+    whole = geomagnetic_field(latitude, longitude, height, seconds)
     for part in (slice(0, 1), slice(5, 12), slice(40_000, 40_777), slice(65_000, size)):
         arguments = latitude[part], longitude[part], height[part], seconds[part]
-        alone = FieldLattice.covering(*arguments).at(*arguments)
+        alone = geomagnetic_field(*arguments)
         for name in GeomagneticField._fields:
             np.testing.assert_array_equal(getattr(alone, name), getattr(whole, name)[part])
 
 
-def test_what_cannot_be_placed_has_no_field() -> None:
+def test_unknown_places_and_times_outside_the_epochs_have_no_field() -> None:
     latitude = np.array([np.nan, 45.0, 45.0, 91.0, 45.0])
     longitude = np.array([10.0, np.nan, 10.0, 10.0, 10.0])
     seconds = np.array([MID_2009, MID_2009, np.nan, MID_2009, 3.0e9])
     found = field_at(latitude, longitude, 3000.0, seconds)
     assert np.isnan(found.declination).all()
     assert np.isnan(found.horizontal).all()
-    lattice = FieldLattice.covering(45.0, 10.0, 0.0, MID_2009)
-    assert np.isfinite(lattice.at(45.0, 10.0, 0.0, MID_2009).dip)
-    assert np.isnan(lattice.at(-45.0, 170.0, 0.0, MID_2009).dip), "outside the covered tiles"
-    assert np.isnan(lattice.at(45.0, 10.0, 0.0, MID_2009 + 4e8).dip), "outside the epochs"
-    empty = FieldLattice.covering([], [], [], [])
-    assert empty.at([], [], [], []).declination.shape == (0,)
+    assert np.isfinite(field_at(45.0, 10.0).dip)
+    assert geomagnetic_field([], [], [], []).declination.shape == (0,)
 
 
 def test_shapes_broadcast() -> None:

@@ -1,4 +1,4 @@
-"""Ground vectors: paths flown exactly, then rounded; the stated errors against the found ones."""
+"""Ground vectors of paths flown exactly, then rounded; stated against actual errors."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 import xarray as xr
 from pyproj import Geod
 
-from airswing.physics.track import GroundTrack, Resolution, ground_track
+from airswing.physics.track import GroundTrack, ground_track
 from airswing.physics.triangle import along_cross, bearing
 
 GEOD = Geod(ellps="WGS84")
@@ -31,14 +31,14 @@ def straight(
 
 
 def tracked(lat: Any, lon: Any, seconds: Any, **options: Any) -> GroundTrack:
-    steps = Resolution(options.pop("position", 0.0), options.pop("tick", 0.0))
-    altitude = options.pop("altitude", np.zeros(np.shape(lat)))
-    flight = options.pop("flight", np.zeros(np.shape(lat), dtype=int))
-    return ground_track(lat, lon, seconds, altitude, flight, steps, **options)
+    given = {"position_step": 0.0, "time_step": 0.0, **options}
+    altitude = given.pop("altitude", np.zeros(np.shape(lat)))
+    flight = given.pop("flight", np.zeros(np.shape(lat), dtype=int))
+    return ground_track(lat, lon, seconds, altitude, flight, **given)
 
 
 @pytest.mark.parametrize("azimuth", [0.0, 45.0, 90.0, 135.0, 180.0, 225.0, 270.0, 315.0])
-def test_a_geodesic_flown_steadily_gives_its_own_azimuth_at_every_fix(azimuth: float) -> None:
+def test_a_geodesic_flown_steadily_gives_its_azimuth_at_every_fix(azimuth: float) -> None:
     seconds = np.array([0.0, 165.0, 330.0, 400.0, 700.0])
     lat, lon, expected = straight(45.0, -93.0, azimuth + 1e-9, 128.6, seconds)
     found = tracked(lat, lon, seconds)
@@ -104,7 +104,7 @@ def test_flights_do_not_touch_and_a_lone_report_has_no_value() -> None:
     lat, lon, _ = straight(45.0, -93.0, 70.0, 130.0, seconds)
     flight = np.array([4, 4, 4, 9, 2, 2])
     found = tracked(lat, lon, seconds, flight=flight)
-    assert np.isnan(found.eastward[3]) and np.isnan(found.error[3])
+    assert np.isnan(found.eastward[3]) and np.isnan(found.cross_error[3])
     np.testing.assert_array_equal(found.before, [0, 1, 1, 0, 0, 1])
     np.testing.assert_array_equal(found.after, [1, 1, 0, 0, 1, 0])
     alone = tracked(lat[4:], lon[4:], seconds[4:])
@@ -118,7 +118,7 @@ def test_no_time_no_velocity_and_broken_chords() -> None:
     assert np.isnan(found.eastward[[1, 2]]).all(), "two fixes at one time"
     assert np.isfinite(found.eastward[[0, 3, 4, 5, 6, 7]]).all()
     assert found.after[5] == 0 and found.before[6] == 0, "no chord over 56 minutes"
-    assert np.isfinite(found.error[np.isfinite(found.eastward)]).all()
+    assert np.isfinite(found.along_error[np.isfinite(found.eastward)]).all()
     # one fix a degree off: neither of its chords is an aircraft's
     bad = np.arange(6) * 165.0
     lat, lon, _ = straight(45.0, -93.0, 70.0, 130.0, bad)
@@ -166,8 +166,8 @@ def rounded_flights(
     scale = np.array([111319.49, 110574.28])  # metres a degree on the WGS84 equator
     lon, lat = np.moveaxis(place / scale, -1, 0)
     arguments = {
-        "latitude": (np.round(lat / position) * position).ravel(),
-        "longitude": (np.round(lon / position) * position).ravel(),
+        "lat": (np.round(lat / position) * position).ravel(),
+        "lon": (np.round(lon / position) * position).ravel(),
         "seconds": (np.floor(seconds / tick) * tick).ravel(),
         "altitude": np.zeros(seconds.size),
         "flight": np.repeat(np.arange(flights), fixes),
@@ -192,9 +192,7 @@ def test_one_chord_of_tenths_of_a_minute(leg: float, rms_degrees: float) -> None
     arguments, east, north = rounded_flights(
         leg, position=TENTH_MINUTE, tick=1e-3, flights=3000, fixes=2
     )
-    found = ground_track(
-        **arguments, resolution=Resolution(TENTH_MINUTE, 0.0), acceleration_density=0.0
-    )
+    found = tracked(**arguments, position_step=TENTH_MINUTE, acceleration_density=0.0)
     assert np.all(found.before + found.after == 1)
     _, cross = misses(found, east, north, np.isfinite(found.eastward))
     at_42_north = np.sqrt(
@@ -211,7 +209,7 @@ def test_one_chord_of_whole_minutes(leg: float, share: float) -> None:
     arguments, east, north = rounded_flights(
         leg, position=1e-6, tick=60.0, flights=6000, fixes=2, spread=0.25
     )
-    found = ground_track(**arguments, resolution=Resolution(0.0, 60.0), acceleration_density=0.0)
+    found = tracked(**arguments, time_step=60.0, acceleration_density=0.0)
     along, _ = misses(found, east, north, np.isfinite(found.eastward))
     assert rms(along) / (250 * KNOT) == pytest.approx(share, abs=0.02)
     assert np.mean(along) > 0.0, "one over a rounded time is too large on average"
@@ -228,14 +226,14 @@ def test_one_chord_of_whole_minutes(leg: float, share: float) -> None:
         (420.0, 0.01, 60.0, 0.65),
     ],
 )
-def test_stated_errors_are_the_found_ones_and_widening_pays(
+def test_stated_errors_are_the_actual_ones_and_widening_lowers_them(
     leg: float, position: float, tick: float, gain: float
 ) -> None:
     density = 0.011
     arguments, east, north = rounded_flights(leg, position=position, tick=tick, density=density)
-    options = {"resolution": Resolution(position, tick), "acceleration_density": density}
-    wide = ground_track(**arguments, **options)
-    plain = ground_track(**arguments, **options, widen=False)
+    steps = {"position_step": position, "time_step": tick}
+    wide = tracked(**arguments, **steps, acceleration_density=density)
+    plain = tracked(**arguments, **steps, acceleration_density=density, widen=False)
     centred = (wide.before > 0) & (wide.after > 0)
     ends = (wide.before > 0) ^ (wide.after > 0)
     assert ends.sum() == 2 * 150 and centred.sum() == 38 * 150
@@ -258,7 +256,7 @@ def test_no_window_reaches_over_a_turn() -> None:
     north = np.minimum(along, corner)
     east = np.maximum(along - corner, 0.0)
     lat, lon = north / 110574.28, east / 111319.49
-    found = tracked(lat, lon, seconds, position=TENTH_MINUTE, tick=1.0)
+    found = tracked(lat, lon, seconds, position_step=TENTH_MINUTE, time_step=1.0)
     reach = np.arange(size)
     assert np.all((reach + found.after)[reach < 10] <= 10)
     assert np.all((reach - found.before)[reach > 10] >= 10)
@@ -272,7 +270,7 @@ def test_no_window_reaches_over_a_turn() -> None:
     assert found.after[3] > 1, "but it does widen on the straight"
 
 
-def test_a_research_aircrafts_own_ground_velocity(real: Callable[[str], Path]) -> None:
+def test_ground_velocity_of_a_research_aircraft(real: Callable[[str], Path]) -> None:
     """One position a minute of a jet at 225 m/s against its GPS velocity at those instants."""
     with xr.open_dataset(real("heading/ncar_gv_20131001.nc"), engine="netcdf4") as ds:
         flight = ds[["LATC", "LONC", "GGVEW", "GGVNS"]].load()

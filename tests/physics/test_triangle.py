@@ -120,13 +120,6 @@ def test_wraps_stay_in_range_and_keep_the_angle(angle: float) -> None:
         assert turns == pytest.approx(round(float(turns)), abs=1e-9)
 
 
-@given(speeds, angles)
-def test_wind_round_trip(speed: float, direction: float) -> None:
-    back, angle = triangle.wind_from_direction(*triangle.wind_components(speed, direction))
-    assert back == pytest.approx(speed)
-    assert abs(triangle.wrap_signed(angle - direction)) < 1e-9
-
-
 @given(speeds, angles, angles)
 def test_along_cross_round_trip_and_length(speed: float, direction: float, heading: float) -> None:
     vector = triangle.vector_from_bearing(speed, direction)

@@ -1,4 +1,4 @@
-"""Headings beside turns against flights whose heading is known at every second."""
+"""Headings near turns against flights whose heading is known at every second."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ def flown(heading, *, interval=60, wind=(0.0, 0.0), noise=0.0, seed=0):
         leg.append(np.r_[np.diff(fix) / interval, np.nan])
     error = np.full(at.size, np.sqrt(2.0) * noise / interval)
     centred = [0.5 * (np.r_[np.nan, part[:-1]] + part) for part in leg]
-    for part, own in zip(centred, leg, strict=True):
-        part[0], part[-1] = own[0], own[-2]
+    for part, chord in zip(centred, leg, strict=True):
+        part[0], part[-1] = chord[0], chord[-2]
     one = np.ones(at.size)
     return {
         "leg": (*leg, error),
@@ -39,7 +39,7 @@ def flown(heading, *, interval=60, wind=(0.0, 0.0), noise=0.0, seed=0):
     }
 
 
-def looked_at(made, **options):
+def estimated(made, **options):
     values = [made[name] for name in ("leg", "wind", "straight", "seconds", "flight")]
     return near_turns(*values, **options)
 
@@ -48,9 +48,9 @@ def turn(begin, end, degrees, *, seconds=900):
     return np.radians(np.interp(np.arange(seconds), [begin, end], [0.0, degrees]))
 
 
-def test_a_turn_within_a_leg_stands_between_its_two_reports():
+def test_a_turn_within_a_leg_is_between_its_two_reports():
     made = flown(turn(435, 465, 60.0), interval=60, wind=(12.0, -5.0))
-    found = looked_at(made)
+    found = estimated(made)
     assert {6, 7, 8, 9} <= set(found.report)
     off = wrap_signed(found.heading - made["truth"][found.report])
     assert np.degrees(np.abs(off)).max() < 3.0
@@ -59,23 +59,23 @@ def test_a_turn_within_a_leg_stands_between_its_two_reports():
     assert np.degrees(np.abs(wrap_signed(made["parabola"] - made["truth"]))).max() > 10.0
 
 
-def test_a_turn_across_a_report_is_divided_by_the_square_roots_of_what_it_does_to_both_legs():
+def test_a_turn_across_a_report_is_divided_between_both_legs():
     # 40 s before the report at 480 s, 20 s after it: 60 of 90 degrees are made there
     made = flown(turn(440, 500, 90.0))
-    found = looked_at(made)
+    found = estimated(made)
     at = np.flatnonzero(found.report == 8)[0]
     assert np.degrees(found.heading[at]) == pytest.approx(60.0, abs=6.0)
     assert np.degrees(found.heading_error[at]) < 15.0
 
 
 @pytest.mark.parametrize(("flag", "low", "high"), [("good", 0.0, 12.0), ("bad", 5.0, 60.0)])
-def test_the_roll_flag_tells_whether_the_turn_had_begun(flag, low, high):
+def test_the_roll_flag_shows_whether_the_turn_had_begun(flag, low, high):
     made = flown(turn(470, 510, 60.0), noise=50.0, seed=3)
     roll = np.full(15, ROLL["good"])
     roll[8] = ROLL[flag]
-    found = looked_at(made, roll_flag=roll)
-    told = np.degrees(wrap_signed(found.heading[found.report == 8]))[0]
-    assert low - 3.0 < told < high
+    found = estimated(made, roll_flag=roll)
+    heading = np.degrees(wrap_signed(found.heading[found.report == 8]))[0]
+    assert low - 3.0 < heading < high
 
 
 def test_turns_of_all_sizes_are_found_within_their_standard_error():
@@ -87,7 +87,7 @@ def test_turns_of_all_sizes_are_found_within_their_standard_error():
         size = rng.uniform(20.0, 120.0) * rng.choice([-1, 1])
         lasts = np.radians(abs(size)) * SPEED / (9.80665 * np.tan(bank))
         made = flown(turn(begin, begin + lasts, size), noise=50.0, seed=seed, wind=(20.0, 10.0))
-        found = looked_at(made)
+        found = estimated(made)
         inside = (found.report > 1) & (found.report < 13)
         off = wrap_signed(found.heading - made["truth"][found.report])[inside]
         error.append(off)
@@ -99,22 +99,22 @@ def test_turns_of_all_sizes_are_found_within_their_standard_error():
     assert np.mean(np.concatenate(beyond)) < 0.05
 
 
-def test_straight_flight_is_left_alone_but_for_its_ends():
+def test_straight_flight_is_unchanged_except_at_its_ends():
     made = flown(turn(0, 1, 0.0) + 0.7, wind=(5.0, 5.0))
-    found = looked_at(made)
+    found = estimated(made)
     np.testing.assert_array_equal(found.report, [0, 14])
     np.testing.assert_allclose(found.heading, 0.7, atol=np.radians(0.1))
     np.testing.assert_allclose(found.airspeed, SPEED, rtol=1e-3)
 
 
-def test_what_is_found_of_a_flight_does_not_depend_on_the_flights_beside_it():
+def test_the_estimate_of_a_flight_does_not_depend_on_other_flights():
     one, two = flown(turn(400, 460, 70.0), noise=50.0), flown(turn(300, 330, -40.0), noise=50.0)
     parts = ("leg", "wind", "straight")
     both = {name: tuple(map(np.concatenate, zip(one[name], two[name]))) for name in parts}  # noqa: B905
     both["seconds"] = np.r_[one["seconds"], two["seconds"] + 5000.0]
     both["flight"] = np.r_[one["flight"], two["flight"] + 1]
-    alone, together = looked_at(two), looked_at(both)
-    own = together.report >= 15
-    np.testing.assert_array_equal(together.report[own] - 15, alone.report)
+    alone, together = estimated(two), estimated(both)
+    later = together.report >= 15
+    np.testing.assert_array_equal(together.report[later] - 15, alone.report)
     for name in ("heading", "airspeed", "heading_error", "airspeed_error"):
-        np.testing.assert_array_equal(getattr(together, name)[own], getattr(alone, name))
+        np.testing.assert_array_equal(getattr(together, name)[later], getattr(alone, name))

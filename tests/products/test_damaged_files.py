@@ -17,7 +17,7 @@ def classic(path: Path, kind: str, records: int = 7) -> Path:
     with netCDF4.Dataset(path, "w", format=kind) as file:  # type: ignore[arg-type]
         file.createDimension("time", None)
         file.createDimension("x", 5)
-        file.title = "three octets"
+        file.title = "three words"
         file.createVariable("x", "f8", ("x",))[:] = np.arange(5.0)
         for name, numbers in (("a", "i2"), ("b", "f4")):
             file.createVariable(name, numbers, ("time", "x"))[:] = np.ones((records, 5))
@@ -44,7 +44,7 @@ def test_a_count_of_records_that_is_not_there_is_refused(kind: str, tmp_path: Pa
         require_sound(path)
 
 
-def test_one_variable_of_records_stands_without_padding(tmp_path: Path):
+def test_one_variable_of_records_has_no_padding(tmp_path: Path):
     path = tmp_path / "a.nc"
     with netCDF4.Dataset(path, "w", format="NETCDF3_CLASSIC") as file:
         file.createDimension("time", None)

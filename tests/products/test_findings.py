@@ -1,4 +1,4 @@
-"""What `compare`, `field_test` and `export` give shows itself in a few lines and is a dict."""
+"""Results of `compare`, `field_test` and `export`: a dict with a short ``repr``."""
 
 from __future__ import annotations
 

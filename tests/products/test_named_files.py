@@ -1,4 +1,4 @@
-"""What is said where a pattern names no file."""
+"""Errors for a pattern that names no file."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def test_a_folder_that_may_not_be_read_is_named(closed, pattern, find):
         find(str(closed / pattern) if pattern else str(closed))
 
 
-def test_an_open_folder_without_such_a_file_is_no_matter_of_permission(tmp_path):
+def test_a_readable_folder_without_such_a_file(tmp_path):
     (tmp_path / "a.grb2").write_bytes(b"GRIB")
     assert "no file found" in str(none_found(tmp_path / "b*.grb2", "files"))
     assert f"such as {tmp_path}/*.grb2" in str(none_found(tmp_path, "files"))

@@ -46,7 +46,7 @@ def test_round_trip_with_names_units_and_provenance(tmp_path, reports):
 
 @pytest.mark.parametrize("names", [["007", "N412"], ["", ""], ["Å\u00e9", "long, with a space"]])
 def test_names_are_characters_of_one_length(tmp_path, names):
-    """The HDF5 library crashes on a file with strings of any length opened twice (`is_text`)."""
+    """The HDF5 library crashes on strings of variable length (netcdf-c 2510)."""
     aircraft = xr.Dataset(coords={"aircraft": np.array(names, dtype=object)})
     path = write_product(aircraft, tmp_path / "x.nc", title="t")
     with netCDF4.Dataset(path) as file:
@@ -108,21 +108,21 @@ def test_plain_turns_not_a_number_into_none():
     assert plain(value) == {"a": None, "b": [0, 1], "c": [True, [1.5]]}
 
 
-def test_every_variable_says_what_it_is():
+def test_every_variable_is_described():
     for name, entry in VARIABLES.items():
         assert entry.name == name and entry.long_name and isinstance(entry.dims, tuple)
         if entry.dtype.startswith("f"):
             assert entry.units or "variable_units" in entry.long_name
 
 
-def test_the_two_phases_are_told_apart():
+def test_the_phase_of_flight_and_of_the_curve_are_distinguished():
     assert lookup("phase", ("report",)).flags is not None
     assert lookup("phase", ("reference", "aircraft")).units == "degree"
     ds = describe(xr.Dataset({"phase": (("reference", "aircraft"), [[1.0]])}))
     assert ds["phase"].attrs["units"] == "degree"
 
 
-def test_a_heading_that_rounds_up_to_a_whole_turn_is_north():
+def test_a_heading_rounded_to_360_is_north():
     ds = xr.Dataset({"heading": ("report", [359.9999, 359.99, np.nan, 0.0])})
     np.testing.assert_array_equal(
         as_stored(ds)["heading"], np.array([0.0, 359.990234375, np.nan, 0.0], dtype="f4")

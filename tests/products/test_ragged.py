@@ -1,4 +1,4 @@
-"""Ragged rows: where each aircraft's reports stand."""
+"""Ragged arrays: the reports of each aircraft."""
 
 from __future__ import annotations
 

@@ -297,7 +297,7 @@ def _write_world(output: Path, real: Path | None, cases: Sequence[Case]) -> list
 
 def _discard_other_code(output: Path) -> None:
     """Remove diagnoses that another version of the code has made in this folder."""
-    note, code = output / "diagnosed" / "code.txt", code_digest("airswing.workflow.gap_stage")
+    note, code = output / "diagnosed" / "code.txt", code_digest()
     if not note.exists() or note.read_text(encoding="utf-8") != code:
         shutil.rmtree(output / "diagnosed", ignore_errors=True)
         note.parent.mkdir(parents=True)

@@ -9,8 +9,20 @@ V_A = V_G - V_W,reported: it is derived and needs no heading column.
 
 The ground velocity comes from chords between fixes (`airswing.physics.track`); where the path
 turns, from the legs around it (`airswing.physics.turns`); where an aircraft reports true heading
-and airspeed that agree with its fixes, from these (`airswing.compass.ground_vector`). In all cases
-V_G = V_A + W holds.
+and airspeed that agree with its fixes, from these: V_G = V_A + V_W is then the velocity of its GPS
+at the report, without the rounding of positions and times. In all cases V_G = V_A + V_W holds.
+
+Test of reported headings
+-------------------------
+A column named heading is in some archives a track or a magnetic heading. It is therefore compared
+with the chords, aircraft by aircraft, over reports with both. The reported heading must differ from
+the heading that the chords imply by less than 1.5 degrees in the median absolute value and by less
+than 0.6 degrees in the signed median (a magnetic heading differs by the declination, which would
+become part of coefficient A), each plus the effect of rounding, and by no more than it differs from
+the track (a track column agrees with the track to its rounding); airspeeds must differ by less than
+3 m/s in the median. With fewer than 20 reports the chords are used. Where an aircraft passes,
+single reports that differ from their chord by more than 15 m/s plus five standard errors keep the
+chord.
 
 Standard errors
 ---------------
@@ -20,8 +32,6 @@ to the indicated heading, ``heading_error_standard_error`` to psi_err, to first 
 both air vectors, so that an error of it nearly cancels. Errors of the model and of the coding of
 the wind are not included; the fit estimates that scatter.
 
-Laziness
---------
 On dask-backed Datasets nothing is computed: blocks of whole aircraft are derived when they are
 asked for, with the same result for any chunks (`airswing.compass.whole_aircraft`).
 """
@@ -31,22 +41,23 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from airswing.compass.ground_vector import Evidence, choose_ground_vector
 from airswing.compass.whole_aircraft import map_aircraft
 from airswing.errors import InputError
 from airswing.flags import GROUND_VECTOR_SOURCE, REPORTED_HEADING_USE
 from airswing.physics import triangle
-from airswing.physics.geomagnetism import FieldLattice
-from airswing.physics.track import ACCELERATION_DENSITY, GroundTrack, Resolution, ground_track
+from airswing.physics.geomagnetism import geomagnetic_field
+from airswing.physics.track import ACCELERATION_DENSITY, GroundTrack, ground_track
 from airswing.physics.turns import near_turns
 from airswing.products.ragged import aircraft_of_report
 from airswing.reports.resolution import DIRECTION_STEPS, SPEED_STEPS, lattice_step
 from airswing.vocabulary import VARIABLES, describe
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 
 _NEEDED = (
     "time",
@@ -58,33 +69,27 @@ _NEEDED = (
     "flight",
     "row_size",
 )
-DERIVED = (
-    "ground_eastward_velocity",
-    "ground_northward_velocity",
-    "ground_speed",
-    "track",
-    "ground_velocity_error",
-    "turn",
-    "longitudinal_acceleration",
-    "climb_rate",
-    "bank",
-    "heading",
-    "heading_standard_error",
-    "airspeed",
-    "magnetic_heading",
-    "declination",
-    "horizontal_field",
-    "dip",
-    "heading_error",
-    "heading_error_standard_error",
-    "airspeed_error",
-    "ground_vector_source",
-    "reported_heading_use",
-)
-"""Variables that are added to the reports and the winds."""
+_WIND_NAMES = ("reference_eastward_wind", "reference_northward_wind")
 LARGEST_ERROR = float(np.pi / np.sqrt(3.0))
 """Radians: standard error of an unknown angle, uniform over the circle."""
-_WIND_NAMES = ("reference_eastward_wind", "reference_northward_wind")
+FEWEST = 20
+"""Reports below which an aircraft's columns are not tested."""
+# Radians, in the median absolute value, in addition to the effect of rounding.
+MAX_HEADING_DIFFERENCE = float(np.radians(1.5))
+# Radians: half a degree is the effect of cutting instead of rounding to whole degrees.
+MAX_HEADING_BIAS = float(np.radians(0.6))
+# m/s, each in addition to the effect of the errors of both.
+MAX_AIRSPEED_DIFFERENCE, MAX_VECTOR_DIFFERENCE = 3.0, 15.0
+MEDIAN_OF_NORMAL = 0.6745  # median absolute value of a normal variable of unit variance
+
+
+class GroundVector(NamedTuple):
+    """Ground velocity of each report and its standard errors, arrays of shape (report,), m s-1."""
+
+    eastward: Array
+    northward: Array
+    along_error: Array  # along and across the velocity itself
+    cross_error: Array
 
 
 def derive_headings(
@@ -110,13 +115,13 @@ def derive_headings(
     Returns
     -------
     Dataset
-        Reports and winds with the variables `DERIVED`: ``ground_speed, track,
-        ground_eastward_velocity, ground_northward_velocity, ground_velocity_error, turn,
-        longitudinal_acceleration, climb_rate, bank, heading, heading_standard_error,
-        magnetic_heading, airspeed, declination, horizontal_field, dip, ground_vector_source``
-        (report), ``heading_error, heading_error_standard_error, airspeed_error`` (reference,
-        report) and ``reported_heading_use`` (aircraft); angles in degrees. Dask-backed where the
-        reports or the winds are.
+        Reports and winds with ``ground_speed, track, ground_eastward_velocity,
+        ground_northward_velocity, ground_velocity_error, turn, longitudinal_acceleration,
+        climb_rate, bank, heading, heading_standard_error, magnetic_heading, airspeed, declination,
+        horizontal_field, dip, ground_vector_source`` (report), ``heading_error,
+        heading_error_standard_error, airspeed_error`` (reference, report) and
+        ``reported_heading_use`` (aircraft); angles in degrees. Dask-backed where the reports or
+        the winds are.
 
     Raises
     ------
@@ -127,51 +132,6 @@ def derive_headings(
     ----------
     Jacobs et al. 2010, steps a-c and equation 3.
     """
-    _check(reports, winds)
-    # Both hold the reports' coordinates, and comparing them would load dask arrays.
-    merged = reports.merge(winds, compat="override", combine_attrs="override")
-    merged.attrs = {**winds.attrs, **reports.attrs}
-    return map_aircraft(_derive, merged, acceleration_density=acceleration_density, widen=widen)
-
-
-class _Motion(NamedTuple):
-    """Motion as the reports alone show it; arrays of shape (report,), m s-1 and radians."""
-
-    ground: Evidence
-    path: GroundTrack
-    air_east: Array
-    air_north: Array
-
-
-def _derive(ds: xr.Dataset, *, acceleration_density: float, widen: bool) -> xr.Dataset:
-    total = int(ds["row_size"].sum())
-    if total != ds.sizes["report"]:
-        raise InputError(
-            "row_size does not add up to the reports",
-            field="row_size",
-            found=f"{total} for {ds.sizes['report']} reports",
-        )
-    motion = _motion(ds, acceleration_density, widen)
-    derived: dict[str, tuple[tuple[str, ...], NDArray[Any]]] = {
-        name: (("report",), values)
-        for name, values in (_report_columns(motion) | _field_columns(ds, motion)).items()
-    }
-    derived["ground_vector_source"] = (("report",), _source(motion))
-    codes = [REPORTED_HEADING_USE[str(why)] for why in motion.ground.reason]
-    derived["reported_heading_use"] = (("aircraft",), np.array(codes))
-    names = ("heading_error", "heading_error_standard_error", "airspeed_error")
-    east, north = (ds[name].transpose("reference", "report").to_numpy() for name in _WIND_NAMES)
-    for name, values in zip(names, _compare(east, north, motion), strict=True):
-        derived[name] = (("reference", "report"), values)
-    # of the type they have on disk, so that a stage run from the product gives the same bits
-    typed = {
-        name: (dims, values.astype(VARIABLES[name].dtype))
-        for name, (dims, values) in derived.items()
-    }
-    return describe(ds.assign(typed))
-
-
-def _check(reports: xr.Dataset, winds: xr.Dataset) -> None:
     for name in _NEEDED:
         if name not in reports:
             raise InputError("the reports lack a variable", field=name)
@@ -185,6 +145,93 @@ def _check(reports: xr.Dataset, winds: xr.Dataset) -> None:
             found=f"{winds.sizes.get('report')} winds for {reports.sizes['report']} reports",
             remedy="Collocate these reports again",
         )
+    # Both hold the reports' coordinates, and comparing them would load dask arrays.
+    merged = reports.merge(winds, compat="override", combine_attrs="override")
+    merged.attrs = {**winds.attrs, **reports.attrs}
+    return map_aircraft(_derive, merged, acceleration_density=acceleration_density, widen=widen)
+
+
+def _derive(ds: xr.Dataset, *, acceleration_density: float, widen: bool) -> xr.Dataset:
+    """Add the derived variables to the reports of some aircraft, in memory."""
+    total = int(ds["row_size"].sum())
+    if total != ds.sizes["report"]:
+        raise InputError(
+            "row_size does not add up to the reports",
+            field="row_size",
+            found=f"{total} for {ds.sizes['report']} reports",
+        )
+    aircraft, flight = aircraft_of_report(ds), ds["flight"].to_numpy()
+    latitude, longitude, altitude, *wind = (
+        _column(ds, name)
+        for name in (
+            "latitude",
+            "longitude",
+            "pressure_altitude",
+            "eastward_wind",
+            "northward_wind",
+        )
+    )
+    time = ds["time"].to_numpy().astype("datetime64[ns]")
+    seconds = np.where(np.isnat(time), np.nan, time.astype(np.int64) / 1e9)
+    path = ground_track(
+        latitude,
+        longitude,
+        seconds,
+        altitude,
+        flight,
+        position_step=_resolution(ds, "position_resolution", aircraft),
+        time_step=_resolution(ds, "time_resolution", aircraft),
+        acceleration_density=acceleration_density,
+        widen=widen,
+    )
+    roll_flag = ds["roll_flag"].to_numpy() if "roll_flag" in ds else None
+    chord = _corrected_in_turns(path, (wind[0], wind[1]), seconds, flight, roll_flag)
+    ground, from_reported, use = _choose_ground_vector(ds, chord, (wind[0], wind[1]), aircraft)
+    air = triangle.air_vector(ground.eastward, ground.northward, *wind)
+    heading = triangle.bearing(*air)
+    field = geomagnetic_field(latitude, longitude, np.nan_to_num(altitude), seconds)
+    by_report = {
+        "ground_eastward_velocity": ground.eastward,
+        "ground_northward_velocity": ground.northward,
+        "ground_speed": np.hypot(ground.eastward, ground.northward),
+        "track": np.degrees(triangle.bearing(ground.eastward, ground.northward)),
+        # of a component: half of the mean square of the vector
+        "ground_velocity_error": np.sqrt(0.5 * (ground.along_error**2 + ground.cross_error**2)),
+        "turn": np.degrees(path.turn),
+        "longitudinal_acceleration": path.longitudinal_acceleration,
+        "climb_rate": path.climb_rate,
+        "bank": np.degrees(path.bank),
+        "heading": np.degrees(heading),
+        "heading_standard_error": np.degrees(_heading_error(ground, air)),
+        "airspeed": np.hypot(*air),
+        "magnetic_heading": np.degrees(triangle.wrap_positive(heading - field.declination)),
+        "declination": np.degrees(field.declination),
+        "horizontal_field": field.horizontal,
+        "dip": np.degrees(field.dip),
+        "ground_vector_source": _source(ground, from_reported, path),
+    }
+    derived: dict[str, tuple[tuple[str, ...], NDArray[Any]]] = {
+        name: (("report",), values) for name, values in by_report.items()
+    }
+    derived["reported_heading_use"] = (("aircraft",), use)
+    east, north = (
+        ds[name].transpose("reference", "report").to_numpy().astype(np.float64)
+        for name in _WIND_NAMES
+    )
+    implied = triangle.air_vector(ground.eastward, ground.northward, east, north)
+    by_reference = {
+        "heading_error": np.degrees(triangle.heading_error(*air, *implied)),
+        "heading_error_standard_error": np.degrees(_difference_error(ground, air, implied)),
+        "airspeed_error": triangle.airspeed_error(*air, *implied),
+    }
+    for name, values in by_reference.items():
+        derived[name] = (("reference", "report"), values)
+    # in the type of the product, so that a stage gives the same bits from memory and from a file
+    typed = {
+        name: (dims, values.astype(VARIABLES[name].dtype))
+        for name, (dims, values) in derived.items()
+    }
+    return describe(ds.assign(typed))
 
 
 def _column(ds: xr.Dataset, name: str) -> Array:
@@ -194,171 +241,166 @@ def _column(ds: xr.Dataset, name: str) -> Array:
     return np.asarray(ds[name].to_numpy(), dtype=np.float64)
 
 
-def _seconds(ds: xr.Dataset) -> Array:
-    """Times in seconds since 1970; NaN where unknown."""
-    time = ds["time"].to_numpy().astype("datetime64[ns]")
-    return np.asarray(np.where(np.isnat(time), np.nan, time.astype(np.int64) / 1e9))
-
-
-def _resolution(ds: xr.Dataset, name: str, aircraft: NDArray[np.int64]) -> Array:
+def _resolution(ds: xr.Dataset, name: str, aircraft: Index) -> Array:
     """Resolution of each report's aircraft; 0 where it is unknown."""
     if name not in ds:
         return np.zeros(aircraft.size)
     return np.nan_to_num(np.asarray(ds[name].to_numpy(), dtype=np.float64))[aircraft]
 
 
-def _motion(ds: xr.Dataset, acceleration_density: float, widen: bool) -> _Motion:
-    aircraft, seconds, flight = aircraft_of_report(ds), _seconds(ds), ds["flight"].to_numpy()
-    path = ground_track(
-        _column(ds, "latitude"),
-        _column(ds, "longitude"),
-        seconds,
-        _column(ds, "pressure_altitude"),
-        flight,
-        Resolution(
-            _resolution(ds, "position_resolution", aircraft),
-            _resolution(ds, "time_resolution", aircraft),
-        ),
-        acceleration_density=acceleration_density,
-        widen=widen,
-    )
-    wind = _column(ds, "eastward_wind"), _column(ds, "northward_wind")
-    chord = path.eastward, path.northward, path.along_error, path.cross_error
-    turning = near_turns(
-        (path.leg_eastward, path.leg_northward, path.leg_error),
-        wind,
-        chord,
-        seconds,
-        flight,
-        roll_flag=ds["roll_flag"].to_numpy() if "roll_flag" in ds else None,
-    )
-    air = triangle.vector_from_bearing(turning.airspeed, turning.heading)
-    of_legs = (
-        air[0] + wind[0][turning.report],
-        air[1] + wind[1][turning.report],
-        turning.airspeed_error,
-        # an error of the heading is one of the ground vector across it
-        turning.airspeed * turning.heading_error,
-    )
-    chord = chord[0].copy(), chord[1].copy(), chord[2].copy(), chord[3].copy()
-    for values, better in zip(chord, of_legs, strict=True):
-        values[turning.report] = better
-    ground = _chosen(ds, chord, wind, aircraft)
-    return _Motion(ground, path, *triangle.air_vector(ground.eastward, ground.northward, *wind))
-
-
-def _chosen(
-    ds: xr.Dataset,
-    chord: tuple[Array, Array, Array, Array],
+def _corrected_in_turns(
+    path: GroundTrack,
     wind: tuple[Array, Array],
-    aircraft: NDArray[np.int64],
-) -> Evidence:
-    """Ground vector from fixes, or from reported heading and airspeed."""
+    seconds: Array,
+    flight: NDArray[np.integer],
+    roll_flag: NDArray[np.integer] | None,
+) -> GroundVector:
+    """Ground vector from the fixes; near turns from the legs around them."""
+    chord = GroundVector(
+        path.eastward.copy(), path.northward.copy(), path.along_error, path.cross_error.copy()
+    )
+    legs = path.leg_eastward, path.leg_northward, path.leg_error
+    turning = near_turns(legs, wind, chord, seconds, flight, roll_flag=roll_flag)
+    rows = turning.report
+    east, north = triangle.vector_from_bearing(turning.airspeed, turning.heading)
+    chord.eastward[rows] = east + wind[0][rows]
+    chord.northward[rows] = north + wind[1][rows]
+    chord.along_error[rows] = turning.airspeed_error
+    # an error of the heading is one of the ground vector across it
+    chord.cross_error[rows] = turning.airspeed * turning.heading_error
+    return chord
+
+
+def _choose_ground_vector(
+    ds: xr.Dataset, chord: GroundVector, wind: tuple[Array, Array], aircraft: Index
+) -> tuple[GroundVector, NDArray[np.bool_], NDArray[np.int8]]:
+    """Use reported heading and airspeed where they agree with the chords.
+
+    Returns
+    -------
+    ground : GroundVector
+    from_reported : array of bool, shape (report,)
+    use : array of int, shape (aircraft,)
+        Codes of `REPORTED_HEADING_USE`.
+    """
     number = ds.sizes["aircraft"]
-    airspeed, heading = _column(ds, "reported_airspeed"), _column(ds, "reported_heading")
+    airspeed, degrees = _column(ds, "reported_airspeed"), _column(ds, "reported_heading")
     # some columns hold zero where a value is absent
-    airspeed = np.where(airspeed > 0.0, airspeed, np.nan)
-    speed_step, heading_step = (
+    airspeed, heading = np.where(airspeed > 0.0, airspeed, np.nan), np.radians(degrees)
+    air = triangle.vector_from_bearing(airspeed, heading)
+    vector = air[0] + wind[0], air[1] + wind[1]
+    known = np.isfinite(vector[0] + vector[1])
+    use = _judge_reported_heading(chord, wind, air, known, aircraft, number)
+    # Rounding of airspeed, heading and wind, along and across the ground vector: uniform over a
+    # step, whose variance is a twelfth of its square.
+    speed_step, degree_step = (
         np.nan_to_num(lattice_step(values, aircraft, number, steps))[aircraft]
-        for values, steps in ((airspeed, SPEED_STEPS), (heading, DIRECTION_STEPS))
+        for values, steps in ((airspeed, SPEED_STEPS), (degrees, DIRECTION_STEPS))
     )
-    return choose_ground_vector(
-        chord,
-        wind,
-        (airspeed, np.radians(heading)),
-        (
-            speed_step,
-            np.radians(heading_step),
-            _resolution(ds, "wind_speed_resolution", aircraft),
-        ),
-        aircraft,
-        number,
-        derived=_column(ds, "wind_source") > 0,
+    along_air = speed_step / np.sqrt(12.0)
+    cross_air = np.radians(degree_step) / np.sqrt(12.0) * airspeed
+    wind_variance = _resolution(ds, "wind_speed_resolution", aircraft) ** 2 / 12.0
+    ahead = triangle.vector_from_bearing(1.0, heading)
+    cosine, sine = triangle.along_cross(*ahead, triangle.bearing(*vector))
+    along = np.sqrt((along_air * cosine) ** 2 + (cross_air * sine) ** 2 + wind_variance)
+    cross = np.sqrt((along_air * sine) ** 2 + (cross_air * cosine) ** 2 + wind_variance)
+    # a larger difference is a gross error of one of the two
+    apart = np.hypot(vector[0] - chord.eastward, vector[1] - chord.northward)
+    explained = np.hypot(chord.along_error, chord.cross_error) + np.hypot(along, cross)
+    agrees = ~(apart > MAX_VECTOR_DIFFERENCE + 5.0 * explained)
+    # a wind that was derived from heading, airspeed and ground vector goes with that vector
+    derived = _column(ds, "wind_source") > 0
+    chosen = known & (derived | ((use == REPORTED_HEADING_USE["used"])[aircraft] & agrees))
+    ground = GroundVector(
+        *(
+            np.where(chosen, reported, from_fixes)
+            for reported, from_fixes in zip((*vector, along, cross), chord, strict=True)
+        )
     )
+    return ground, chosen, use
 
 
-def _source(motion: _Motion) -> NDArray[np.int8]:
-    """Codes of `GROUND_VECTOR_SOURCE`."""
-    ground, path = motion.ground, motion.path
-    one_sided = (path.before == 0) | (path.after == 0)
-    widened = np.maximum(path.before, path.after) > 1
-    code = {name: np.int8(value) for name, value in GROUND_VECTOR_SOURCE.items()}
-    return np.select(
-        [~np.isfinite(ground.eastward), ground.from_reported, one_sided, widened],
-        [code["none"], code["reported"], code["one_sided_chord"], code["widened_chord"]],
-        code["chord"],
-    )
+def _judge_reported_heading(
+    chord: GroundVector,
+    wind: tuple[Array, Array],
+    air: tuple[Array, Array],
+    known: NDArray[np.bool_],
+    aircraft: Index,
+    number: int,
+) -> NDArray[np.int8]:
+    """Code of `REPORTED_HEADING_USE` of each aircraft; see the module."""
+    present = np.bincount(aircraft, weights=known, minlength=number)
+    implied = chord.eastward - wind[0], chord.northward - wind[1]
+    turned = triangle.angle_of_vector(*implied, *air)
+    off_track = np.abs(triangle.angle_of_vector(chord.eastward, chord.northward, *air))
+    speed = np.hypot(*implied)
+    both = np.isfinite(turned)
 
+    def median(values: Array) -> Array:
+        found = pd.Series(np.where(both, values, np.nan)).groupby(aircraft).median()
+        return np.asarray(found.reindex(range(number)), dtype=np.float64)
 
-def _report_columns(motion: _Motion) -> dict[str, Array]:
-    ground, path = motion.ground, motion.path
-    return {
-        "ground_eastward_velocity": ground.eastward,
-        "ground_northward_velocity": ground.northward,
-        "ground_speed": triangle.speed_of_vector(ground.eastward, ground.northward),
-        "track": np.degrees(triangle.bearing(ground.eastward, ground.northward)),
-        # of a component: half of the mean square of the vector
-        "ground_velocity_error": np.sqrt(0.5 * (ground.along_error**2 + ground.cross_error**2)),
-        "turn": np.degrees(path.turn),
-        "longitudinal_acceleration": path.longitudinal_acceleration,
-        "climb_rate": path.climb_rate,
-        "bank": np.degrees(path.bank),
-        "heading": np.degrees(triangle.bearing(motion.air_east, motion.air_north)),
-        "heading_standard_error": _heading_error(motion),
-        "airspeed": triangle.speed_of_vector(motion.air_east, motion.air_north),
-    }
-
-
-def _heading_error(motion: _Motion) -> Array:
-    """Standard error of the indicated heading, degrees: that of the ground vector across it."""
-    ground = motion.ground
-    track = triangle.bearing(ground.eastward, ground.northward)
-    along, cross = triangle.along_cross(motion.air_east, motion.air_north, track)
-    speed = triangle.speed_of_vector(motion.air_east, motion.air_north)
-    # components along and across the track, turned across the heading
+    # two standard errors of rounding, as a median of absolute values
+    noise = MEDIAN_OF_NORMAL * 2.0
     with np.errstate(divide="ignore", invalid="ignore"):
-        across = np.hypot(cross * ground.along_error, along * ground.cross_error) / speed
-        # first order is meaningless beyond the error of an unknown angle
-        return np.asarray(np.degrees(np.minimum(across / speed, LARGEST_ERROR)))
-
-
-def _field_columns(ds: xr.Dataset, motion: _Motion) -> dict[str, Array]:
-    place = (
-        _column(ds, "latitude"),
-        _column(ds, "longitude"),
-        np.nan_to_num(_column(ds, "pressure_altitude")),
-        _seconds(ds),
-    )
-    field = FieldLattice.covering(*place).at(*place)
-    heading = triangle.bearing(motion.air_east, motion.air_north)
-    return {
-        "magnetic_heading": np.degrees(triangle.wrap_positive(heading - field.declination)),
-        "declination": np.degrees(field.declination),
-        "horizontal_field": field.horizontal,
-        "dip": np.degrees(field.dip),
+        angle_noise = median(chord.cross_error / speed)
+    angle_allowed = MAX_HEADING_DIFFERENCE + noise * angle_noise
+    speed_allowed = MAX_AIRSPEED_DIFFERENCE + noise * median(chord.along_error)
+    heading_apart, track_apart = median(np.abs(turned)), median(off_track)
+    judged = np.bincount(aircraft, weights=both, minlength=number)
+    # a median's standard error is 1.25 sigma / sqrt(n); a few of them for correlated noise
+    bias_allowed = MAX_HEADING_BIAS + 5.0 * angle_noise / np.sqrt(np.maximum(judged, 1.0))
+    # negated, so that NaN counts as biased; likewise below
+    biased = ~(np.abs(median(turned)) <= bias_allowed)
+    fast = ~(median(np.abs(np.hypot(*air) - speed)) <= speed_allowed)
+    nearer_track = track_apart < heading_apart
+    reasons = {
+        "absent": present == 0,
+        "too_few": judged < FEWEST,
+        "heading_is_track": nearer_track & (track_apart < 0.5 * MAX_HEADING_DIFFERENCE),
+        "heading_differs": ~(heading_apart <= angle_allowed) | nearer_track | biased,
+        "airspeed_differs": fast,
     }
+    codes = [REPORTED_HEADING_USE[name] for name in reasons]
+    found = np.select(list(reasons.values()), codes, REPORTED_HEADING_USE["used"])
+    return np.asarray(found, dtype=np.int8)
 
 
-def _compare(wind_east: Array, wind_north: Array, motion: _Motion) -> tuple[Array, Array, Array]:
-    """Heading error and its standard error (degrees), airspeed error (m s-1), (reference, report).
+def _source(
+    ground: GroundVector, from_reported: NDArray[np.bool_], path: GroundTrack
+) -> NDArray[np.int64]:
+    """Codes of `GROUND_VECTOR_SOURCE`."""
+    sources = {
+        "none": ~np.isfinite(ground.eastward),
+        "reported": from_reported,
+        "one_sided_chord": (path.before == 0) | (path.after == 0),
+        "widened_chord": np.maximum(path.before, path.after) > 1,
+    }
+    codes = [GROUND_VECTOR_SOURCE[name] for name in sources]
+    return np.select(list(sources.values()), codes, GROUND_VECTOR_SOURCE["chord"])
+
+
+def _heading_error(ground: GroundVector, air: tuple[Array, Array]) -> Array:
+    """Standard error of the indicated heading, radians: that of the ground vector across it."""
+    track = triangle.bearing(ground.eastward, ground.northward)
+    along, cross = triangle.along_cross(*air, track)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        across = np.hypot(cross * ground.along_error, along * ground.cross_error)
+        # first order is meaningless beyond the error of an unknown angle
+        return np.asarray(np.minimum(across / (air[0] ** 2 + air[1] ** 2), LARGEST_ERROR))
+
+
+def _difference_error(
+    ground: GroundVector, air: tuple[Array, Array], implied: tuple[Array, Array]
+) -> Array:
+    """Standard error of the heading error, radians, (reference, report).
 
     The heading of a vector V turns by n.dV/|V|, n its right-hand normal. An error dV of the ground
     velocity enters both air vectors, so that the difference of the two n/|V| is left.
     """
-    ground = motion.ground
-    air = motion.air_east, motion.air_north
-    implied = triangle.air_vector(
-        ground.eastward,
-        ground.northward,
-        wind_east.astype(np.float64),
-        wind_north.astype(np.float64),
-    )
-    error = triangle.heading_error(*air, *implied)
     used, other = air[0] ** 2 + air[1] ** 2, implied[0] ** 2 + implied[1] ** 2
     with np.errstate(divide="ignore", invalid="ignore"):
         slope = air[1] / used - implied[1] / other, implied[0] / other - air[0] / used
     track = triangle.bearing(ground.eastward, ground.northward)
     along, cross = triangle.along_cross(*slope, track)
-    standard_error = np.hypot(along * ground.along_error, cross * ground.cross_error)
-    speed_error = triangle.airspeed_error(*air, *implied)
-    return np.degrees(error), np.degrees(standard_error), speed_error
+    return np.asarray(np.hypot(along * ground.along_error, cross * ground.cross_error))

@@ -70,18 +70,16 @@ class GroundTrack(NamedTuple):
     eastward: Array  # ground velocity, m s-1
     northward: Array
     # Standard errors along and across the track, m s-1: rounding of positions (both) and times
-    # (along), and the random walk of the velocity inside the window; root mean square of the two,
-    # the standard error of one component.
+    # (along), and the random walk of the velocity inside the window.
     along_error: Array
     cross_error: Array
-    error: Array
     # Change of track between the two chords, radians, positive to the right; of speed, over the
     # time between their middles, m s-2.
     turn: Array
     longitudinal_acceleration: Array
     climb_rate: Array  # m s-1
     bank: Array  # of a coordinated turn at that rate of turn, radians, positive to the right
-    # How many fixes back and forward the window reaches; 0 on the missing side of a flight's
+    # Number of fixes that the window reaches back and forward; 0 on the missing side of a flight's
     # end, and both 0 where there is no value.
     before: NDArray[np.int8]
     after: NDArray[np.int8]
@@ -105,14 +103,8 @@ class _Fixes(NamedTuple):
     distance: Array  # of the chord to the next fix, m
     forward: Array  # its azimuth at this fix, radians
     backward: Array  # azimuth at the next fix back to this one, radians
+    duration: Array  # of the chord to the next fix, s
     segment: Index  # number of the unbroken run of fixes
-
-
-class Resolution(NamedTuple):
-    """Steps of what is reported: each a scalar or of shape (report,)."""
-
-    position: ArrayLike  # of latitude and longitude, degrees
-    time: ArrayLike  # seconds
 
 
 def ground_track(
@@ -121,8 +113,9 @@ def ground_track(
     seconds: ArrayLike,
     altitude: ArrayLike,
     flight: ArrayLike,
-    resolution: Resolution,
     *,
+    position_step: ArrayLike,
+    time_step: ArrayLike,
     acceleration_density: float = ACCELERATION_DENSITY,
     widen: bool = True,
 ) -> GroundTrack:
@@ -138,8 +131,8 @@ def ground_track(
         Pressure altitude, m.
     flight : array_like of int, shape (report,)
         Number of the flight; its reports are consecutive.
-    resolution : Resolution
-        Steps of position and time.
+    position_step, time_step : array_like, scalar or shape (report,)
+        Resolution of the positions (degrees) and of the times (s); NaN counts as zero.
     acceleration_density : float
         Spectral density of each component's acceleration, m2 s-3.
     widen : bool
@@ -153,35 +146,43 @@ def ground_track(
     ----------
     Jacobs et al. 2010 step a, with the chords centred at the report.
     """
-    fixes = _make_fixes(latitude, longitude, seconds, altitude, flight, resolution)
-    before, after = _neighbours(fixes)
+    lat, lon, when, height = (
+        np.asarray(value, dtype=np.float64).reshape(-1)
+        for value in (latitude, longitude, seconds, altitude)
+    )
+    step, tick = (
+        np.broadcast_to(np.nan_to_num(np.asarray(value, np.float64)), lat.shape)
+        for value in (position_step, time_step)
+    )
+    fixes = _make_fixes(lat, lon, when, height, np.asarray(flight).reshape(-1), step, tick)
+    # the plain window: one fix each way, none where there is no chord of any duration
+    linked = _same(fixes.segment, 1)
+    after = (linked & (fixes.duration > 0.0)).astype(np.int64)
+    before = np.zeros_like(after)
+    before[1:] = after[:-1]
+    # a fix at the same time as its neighbour has no plain window
+    stuck = linked & (fixes.duration == 0.0)
+    stuck[1:] |= stuck[:-1].copy()
+    before[stuck], after[stuck] = 0, 0
     if widen:
         _widen(fixes, before, after, acceleration_density)
     return _motion(fixes, before, after, acceleration_density)
 
 
 def _make_fixes(
-    latitude: ArrayLike,
-    longitude: ArrayLike,
-    seconds: ArrayLike,
-    altitude: ArrayLike,
-    flight: ArrayLike,
-    resolution: Resolution,
+    lat: Array,
+    lon: Array,
+    when: Array,
+    height: Array,
+    number: NDArray[np.integer],
+    step: Array,
+    tick: Array,
 ) -> _Fixes:
-    lat, lon, when, height = (
-        np.asarray(value, dtype=np.float64).reshape(-1)
-        for value in (latitude, longitude, seconds, altitude)
-    )
-    number = np.asarray(flight).reshape(-1)
-    # an unknown step is taken as zero
-    step = np.broadcast_to(np.nan_to_num(np.asarray(resolution.position, np.float64)), lat.shape)
-    tick = np.broadcast_to(np.nan_to_num(np.asarray(resolution.time, np.float64)), lat.shape)
-    distance, forward, backward = (np.full(lat.shape, np.nan) for _ in range(3))
+    distance, forward, backward, duration = (np.full(lat.shape, np.nan) for _ in range(4))
     placed = np.isfinite(lat) & np.isfinite(lon) & np.isfinite(when)
     # only chords within a flight: geodesics take most of the time
     pair = np.flatnonzero((number[1:] == number[:-1]) & placed[1:] & placed[:-1])
     forward[pair], backward[pair], distance[pair] = _geodesic(lat, lon, pair, pair + 1)
-    duration = np.full(lat.shape, np.nan)
     duration[:-1] = np.diff(when)
     # rounding may change the duration by one step and the distance by two
     slack = 2.0 * METRES_PER_DEGREE * step
@@ -202,6 +203,7 @@ def _make_fixes(
         distance,
         forward,
         backward,
+        duration,
         segment.astype(np.int64),
     )
 
@@ -221,20 +223,6 @@ def _same(segment: Index, offset: int) -> Mask:
         linked = segment[here] == segment[there]
         found[here if offset > 0 else there] = linked
     return found
-
-
-def _neighbours(fixes: _Fixes) -> tuple[Index, Index]:
-    """The plain window: one fix each way, none where there is no chord of any duration."""
-    duration = np.full(fixes.seconds.shape, np.nan)
-    duration[:-1] = np.diff(fixes.seconds)
-    after = (_same(fixes.segment, 1) & (duration > 0.0)).astype(np.int64)
-    before = np.zeros_like(after)
-    before[1:] = after[:-1]
-    # a fix at the same time as its neighbour has no plain window
-    stuck = _same(fixes.segment, 1) & (duration == 0.0)
-    stuck[1:] |= stuck[:-1].copy()
-    before[stuck], after[stuck] = 0, 0
-    return before, after
 
 
 def _variances(before: Array, after: Array, density: float) -> tuple[Array, Array]:
@@ -257,10 +245,6 @@ def _variances(before: Array, after: Array, density: float) -> tuple[Array, Arra
         wander = density / 3.0 * np.where(both, before * after / total, total)
     moving = total > 0.0
     return np.where(moving, gain, np.inf), np.where(moving, wander, 0.0)
-
-
-def _arms(seconds: Array, before: Index, after: Index, here: Index) -> tuple[Array, Array]:
-    return seconds[here] - seconds[here - before], seconds[here + after] - seconds[here]
 
 
 def _local_speed(fixes: _Fixes) -> Array:
@@ -297,8 +281,10 @@ def _widen(fixes: _Fixes, before: Index, after: Index, density: float) -> None:
     speed = _local_speed(fixes)
     # an error of time moves a fix along the track alone: half of it is a component's
     noise = fixes.position_variance + 0.5 * speed**2 * fixes.time_variance
-    everyone = np.arange(fixes.seconds.size)
-    gain, wander = _variances(*_arms(fixes.seconds, before, after, everyone), density)
+    everyone, when = np.arange(fixes.seconds.size), fixes.seconds
+    gain, wander = _variances(
+        when - when[everyone - before], when[everyone + after] - when, density
+    )
     # rounding falls as 1/t^2, the random walk grows as t: below this the plain window is the best
     here = np.flatnonzero(np.isfinite(noise) & (noise * gain > 0.5 * wander))
     bends = _bends(fixes)
@@ -315,8 +301,8 @@ def _widen(fixes: _Fixes, before: Index, after: Index, density: float) -> None:
         allowed = behind.get(back, anyone) & ahead.get(front, anyone)
         allowed &= straight if max(back, front) > 1 else anyone
         place = np.flatnonzero(allowed if both else allowed & ~centred)
-        one = fixes.seconds[here[place]] - fixes.seconds[here[place] - back]
-        two = fixes.seconds[here[place] + front] - fixes.seconds[here[place]]
+        one = when[here[place]] - when[here[place] - back]
+        two = when[here[place] + front] - when[here[place]]
         gain, wander = _variances(one, two, density)
         cost = noise[here[place]] * gain + wander
         timed = (one > 0.0) & (two > 0.0) if both else one + two > 0.0
@@ -346,7 +332,8 @@ def _motion(fixes: _Fixes, before: Index, after: Index, density: float) -> Groun
         share = np.where(after == 0, 1.0, arm_2 / (arm_1 + arm_2))
         share = np.where(before == 0, 0.0, share)
     east, north, climb = (
-        _blend(share, one, two)
+        # of two chords either may be absent
+        np.select([share == 1.0, share == 0.0], [one, two], share * one + (1.0 - share) * two)
         for one, two in ((east_1, east_2), (north_1, north_2), (climb_1, climb_2))
     )
     gain, wander = _variances(arm_1, arm_2, density)
@@ -360,40 +347,26 @@ def _motion(fixes: _Fixes, before: Index, after: Index, density: float) -> Groun
     turn = wrap_signed(bearing(east_2, north_2) - bearing(east_1, north_1))
     speed_1, speed_2 = np.hypot(east_1, north_1), np.hypot(east_2, north_2)
     rate = np.hypot(east, north) * turn / interval
+    # Legs to the next fix. A geodesic's azimuth changes on the way (convergence of meridians): the
+    # middle has half of it.
+    sound = _same(fixes.segment, 1) & (fixes.duration > 0.0)
+    bend = wrap_signed(fixes.backward + np.pi - fixes.forward)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        leg_speed = np.where(sound, fixes.distance / fixes.duration, np.nan)
+        leg_error = np.sqrt(2.0 * fixes.position_variance) / fixes.duration
     return GroundTrack(
         east,
         north,
         np.sqrt(np.where(np.isfinite(east), along, np.nan)),
         np.sqrt(np.where(np.isfinite(east), cross, np.nan)),
-        np.sqrt(np.where(np.isfinite(east), 0.5 * (along + cross), np.nan)),
         turn,
         (speed_2 - speed_1) / interval,
         climb,
         np.arctan(rate / GRAVITY),
         before.astype(np.int8),
         after.astype(np.int8),
-        *_legs(fixes),
-    )
-
-
-def _legs(fixes: _Fixes) -> tuple[Array, Array, Array]:
-    """Mean velocity of every chord to the next fix, and its standard error across."""
-    duration = np.full(fixes.seconds.shape, np.nan)
-    duration[:-1] = np.diff(fixes.seconds)
-    sound = _same(fixes.segment, 1) & (duration > 0.0)
-    # a geodesic's azimuth turns on the way (convergence of meridians): the middle has half of it
-    bend = wrap_signed(fixes.backward + np.pi - fixes.forward)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        speed = np.where(sound, fixes.distance / duration, np.nan)
-        error = np.where(sound, np.sqrt(2.0 * fixes.position_variance) / duration, np.nan)
-    east, north = vector_from_bearing(speed, fixes.forward + 0.5 * bend)
-    return east, north, error
-
-
-def _blend(share: Array, one: Array, two: Array) -> Array:
-    """Weighted mean of two chords of which either may be absent."""
-    return np.asarray(
-        np.where(share == 1.0, one, np.where(share == 0.0, two, share * one + (1.0 - share) * two))
+        *vector_from_bearing(leg_speed, fixes.forward + 0.5 * bend),
+        np.where(sound, leg_error, np.nan),
     )
 
 

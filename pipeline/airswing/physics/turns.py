@@ -93,15 +93,6 @@ class _Legs(NamedTuple):
     roll: Index
 
 
-class _Known(NamedTuple):
-    """Heading (rad), airspeed and their errors at each report, assuming straight flight."""
-
-    heading: Array
-    airspeed: Array
-    heading_error: Array
-    airspeed_error: Array
-
-
 def near_turns(
     leg: tuple[Array, Array, Array],
     wind: tuple[Array, Array],
@@ -121,8 +112,8 @@ def near_turns(
     wind : two ndarrays, shape (report,)
         Eastward and northward reported wind, m s-1.
     straight : four ndarrays, shape (report,)
-        Eastward and northward ground velocity at each report as of straight flight, and its
-        standard errors along and across, m s-1.
+        Eastward and northward ground velocity at each report assuming straight flight, and its
+        standard errors along and across the track, m s-1.
     seconds : ndarray, shape (report,)
         Ascending within a flight.
     flight : ndarray of int, shape (report,)
@@ -136,63 +127,43 @@ def near_turns(
     """
     size = seconds.size
     roll = np.zeros(size, np.int64) if roll_flag is None else np.asarray(roll_flag, np.int64)
-    legs = _air_legs(leg, wind, seconds, np.asarray(flight, np.int64), roll)
-    air = straight[0] - wind[0], straight[1] - wind[1]
-    speed = np.hypot(*air)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        known = _Known(np.arctan2(*air), speed, straight[3] / speed, straight[2])
-    index = np.flatnonzero(_in_question(legs) & np.isfinite(speed) & (speed > 0.0))
-    parts = [
-        _found(index[start : start + ROWS], legs, known) for start in range(0, index.size, ROWS)
-    ]
-    if not parts:
-        none = np.zeros(0)
-        return NearTurns(index, none, none, none, none)
-    return NearTurns(index, *(np.concatenate(values) for values in zip(*parts, strict=True)))
-
-
-def _air_legs(
-    leg: tuple[Array, Array, Array],
-    wind: tuple[Array, Array],
-    seconds: Array,
-    flight: Index,
-    roll: Index,
-) -> _Legs:
-    """Mean air vector of each leg: ground vector minus the mean of the reported winds."""
-    air = []
-    for part, blown in zip(leg[:2], wind, strict=True):
-        mean = np.full(seconds.size, np.nan)
-        mean[:-1] = part[:-1] - 0.5 * (blown[:-1] + blown[1:])
-        air.append(mean)
+    # mean air vector of each leg: ground vector minus the mean of the reported winds
+    air = np.full((2, size), np.nan)
+    for mean, ground, blown in zip(air, leg[:2], wind, strict=True):
+        mean[:-1] = ground[:-1] - 0.5 * (blown[:-1] + blown[1:])
     speed = np.hypot(*air)
     with np.errstate(divide="ignore", invalid="ignore"):
         error = np.hypot(leg[2], WANDER) / speed
-    sound = np.isfinite(error)
-    direction = np.where(sound, np.arctan2(*air), np.nan)
-    return _Legs(direction, speed, error, seconds, flight, roll)
+    direction = np.where(np.isfinite(error), np.arctan2(*air), np.nan)
+    legs = _Legs(direction, speed, error, seconds, np.asarray(flight, np.int64), roll)
+    east, north = straight[0] - wind[0], straight[1] - wind[1]
+    airspeed = np.hypot(east, north)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        known = np.arctan2(east, north), airspeed, straight[3] / airspeed, straight[2]
+    index = np.flatnonzero(_near_turn(legs) & np.isfinite(airspeed) & (airspeed > 0.0))
+    if not index.size:
+        return NearTurns(index, *(np.zeros(0) for _ in range(4)))
+    parts = []
+    for start in range(0, index.size, ROWS):
+        rows = index[start : start + ROWS]
+        parts.append(_estimates(rows, legs, tuple(values[rows] for values in known)))
+    return NearTurns(index, *(np.concatenate(values) for values in zip(*parts, strict=True)))
 
 
-def _in_question(legs: _Legs) -> Mask:
+def _near_turn(legs: _Legs) -> Mask:
     """Reports next to a bend of the path or banked, and the first and last of every flight."""
     size = legs.seconds.size
     bend = np.zeros(size, bool)
-    if size > 1:
-        error = 3.0 * np.hypot(legs.error[1:], legs.error[:-1]) + SEEN
-        change = np.abs(wrap_signed(np.diff(legs.direction)))
-        bend[1:] = np.nan_to_num(change) > np.nan_to_num(error, nan=np.inf)
+    error = 3.0 * np.hypot(legs.error[1:], legs.error[:-1]) + SEEN
+    change = np.abs(wrap_signed(np.diff(legs.direction)))
+    bend[1:] = np.nan_to_num(change) > np.nan_to_num(error, nan=np.inf)
     near = bend.copy()
     near[1:] |= bend[:-1]
     near[:-1] |= bend[1:]
-    linked = _linked(legs)
+    # number of adjacent legs of each report, 0 to 2
+    linked = np.isfinite(legs.direction).astype(np.int64)
+    linked[1:] += linked[:-1].copy()
     return np.asarray(((near | (legs.roll == ROLL["bad"])) & (linked > 0)) | (linked == 1))
-
-
-def _linked(legs: _Legs) -> Index:
-    """Number of adjacent legs of each report, 0 to 2."""
-    after = np.isfinite(legs.direction).astype(np.int64)
-    before = np.zeros_like(after)
-    before[1:] = after[:-1]
-    return after + before
 
 
 class _Window(NamedTuple):
@@ -239,26 +210,20 @@ def _window(index: Index, legs: _Legs) -> _Window:
             here = np.where(there[:, k], direction[:, k], last)
             turned = turned + wrap_signed(here - last)
             off[:, k], last = turned, here
-    speed = np.where(there, legs.speed[leg], 0.0)
-    roll = np.where(same, legs.roll[fix], ROLL["missing"])
-    error = np.where(there, legs.error[leg], 1.0)
-    made = _Window(there, _times(fix, there, legs), base, off, error, speed, roll)
-    spread = error**2 + (MISFIT * made.seen[:, None]) ** 2
-    return made._replace(weight=np.where(there, 1.0 / spread, 0.0))
-
-
-def _times(fix: Index, there: Mask, legs: _Legs) -> Array:
-    """Times of the fixes from the middle one, in steps of a mean leg where there is none."""
-    times = legs.seconds[fix] - legs.seconds[fix[:, REACH]][:, None]
-    number = np.maximum(there.sum(axis=1), 1)
-    mean = np.where(there, np.diff(times, axis=1), 0.0).sum(axis=1) / number
-    # s: of a single fix there is no leg
-    mean = np.where(mean > 0.0, mean, 60.0)
+    # times of the fixes from the report's, in steps of a mean leg where there is no fix
+    times = legs.seconds[fix] - legs.seconds[index][:, None]
+    total = np.where(there, np.diff(times, axis=1), 0.0).sum(axis=1)
+    mean = total / np.maximum(there.sum(axis=1), 1)
+    mean = np.where(mean > 0.0, mean, 60.0)  # s: of a single fix there is no leg
     for k in range(REACH):
         after, before = REACH + k, REACH - 1 - k
         times[:, after + 1] = np.where(there[:, after], times[:, after + 1], times[:, after] + mean)
         times[:, before] = np.where(there[:, before], times[:, before], times[:, before + 1] - mean)
-    return times
+    speed = np.where(there, legs.speed[leg], 0.0)
+    roll = np.where(same, legs.roll[fix], ROLL["missing"])
+    made = _Window(there, times, base, off, np.zeros(leg.shape), speed, roll)
+    spread = np.where(there, legs.error[leg], 1.0) ** 2 + (MISFIT * made.seen[:, None]) ** 2
+    return made._replace(weight=np.where(there, 1.0 / spread, 0.0))
 
 
 class _Turns:
@@ -343,7 +308,9 @@ def _fitted(window: _Window, turns: _Turns) -> _Fitted:
     misfit = syy - before * sy - turn * sgy
     log = -0.5 * (misfit + np.log(determinant)) - np.float32(np.log(TURN))
     log += _prior(window, turns, turn)
-    none = -0.5 * (syy - sy * sy / s + np.log(s))[:, 0] + np.log(_odds(window))
+    inside = window.there[:, REACH - 1] & window.there[:, REACH]
+    none = -0.5 * (syy - sy * sy / s + np.log(s))[:, 0]
+    none += np.log(np.where(inside, STRAIGHT, STRAIGHT_AT_END))
     flags = window.roll[:, REACH - 1 : REACH + 2] == ROLL["bad"]
     none = none + WRONG_FLAG * flags.sum(axis=1)
     # subtracted before the exponential, which would underflow
@@ -358,12 +325,6 @@ def _fitted(window: _Window, turns: _Turns) -> _Fitted:
     lattice = np.where(within, (turn / turns.length * step) ** 2 / np.float32(12.0), 0.0)
     variance = (sgg - 2.0 * gone * sg + gone * gone * s) / determinant + lattice
     return _Fitted(turn, before + turn * gone, variance, chance / total[:, None], level / total)
-
-
-def _odds(window: _Window) -> Array:
-    """Prior odds against a turn."""
-    whole = window.there[:, REACH - 1] & window.there[:, REACH]
-    return np.where(whole, STRAIGHT, STRAIGHT_AT_END)
 
 
 def _prior(window: _Window, turns: _Turns, turn: Single) -> Single:
@@ -381,30 +342,27 @@ def _prior(window: _Window, turns: _Turns, turn: Single) -> Single:
     return np.asarray(log, dtype=np.float32)
 
 
-def _found(index: Index, legs: _Legs, known: _Known) -> tuple[Array, Array, Array, Array]:
-    """Heading, airspeed and their standard errors at some reports."""
+def _estimates(index: Index, legs: _Legs, known: tuple[Array, ...]) -> tuple[Array, ...]:
+    """Heading, airspeed and their standard errors at some reports.
+
+    ``known`` holds the same four of straight flight.
+    """
     window = _window(index, legs)
     turns = _Turns(window)
     fit = _fitted(window, turns)
-    straight = wrap_signed(known.heading[index] - window.base)
-    mean = (fit.probability * fit.off).sum(axis=1) + fit.straight * straight
-    spread = (fit.probability * ((fit.off - mean[:, None]) ** 2 + fit.variance)).sum(axis=1)
-    error = known.heading_error[index] ** 2 + (straight - mean) ** 2
-    variance = spread + fit.straight * error
-    variance += (SHAPE * window.seen * (1.0 - fit.straight)) ** 2
-    turned = 1.0 - fit.straight
+    known_heading, known_speed, known_heading_error, known_speed_error = known
+    straight, turned = fit.straight, 1.0 - fit.straight
+    apart = wrap_signed(known_heading - window.base)
+    mean = (fit.probability * fit.off).sum(axis=1) + straight * apart
+    variance = (fit.probability * ((fit.off - mean[:, None]) ** 2 + fit.variance)).sum(axis=1)
+    variance += straight * (known_heading_error**2 + (apart - mean) ** 2)
+    variance += (SHAPE * window.seen * turned) ** 2
     speed, speed_error = _airspeed(window, turns, fit)
-    airspeed = turned * speed + fit.straight * known.airspeed[index]
-    apart = turned * (speed_error**2 + (speed - airspeed) ** 2)
-    apart += fit.straight * (
-        known.airspeed_error[index] ** 2 + (known.airspeed[index] - airspeed) ** 2
-    )
-    return (
-        np.mod(window.base + mean, 2.0 * np.pi),
-        airspeed,
-        np.sqrt(variance),
-        np.sqrt(apart),
-    )
+    airspeed = turned * speed + straight * known_speed
+    speed_variance = turned * (speed_error**2 + (speed - airspeed) ** 2)
+    speed_variance += straight * (known_speed_error**2 + (known_speed - airspeed) ** 2)
+    heading = np.mod(window.base + mean, 2.0 * np.pi)
+    return heading, airspeed, np.sqrt(variance), np.sqrt(speed_variance)
 
 
 def _airspeed(window: _Window, turns: _Turns, fit: _Fitted) -> tuple[Array, Array]:

@@ -18,8 +18,6 @@ Assumptions and validity
 from __future__ import annotations
 
 import math
-import os
-import struct
 from pathlib import Path
 from typing import BinaryIO
 
@@ -38,19 +36,19 @@ DAMAGE = (
 """What the libraries raise on a file whose bytes contradict each other."""
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _SOUND: set[tuple[str, int, int]] = set()
-# Bytes of a value by type.
+# Bytes of a value by the type's code in the header.
 _SIZES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 4, 6: 8, 7: 1, 8: 2, 9: 4, 10: 8, 11: 8}
-# Tags of the header's three lists (NetCDF classic format specification).
+# Tags of the header's three lists.
 _DIMENSION, _VARIABLE, _ATTRIBUTE = 10, 11, 12
-_MOST = 100_000  # Entries of a list; no file has as many
-# Bytes: the last variable may lack its padding to a multiple of four.
-_PADDING = 3
+_MOST = 100_000  # entries of a list, more than any file has
+_MOST_DIMENSIONS = 1024  # NC_MAX_VAR_DIMS of the library
+_PADDING = 3  # bytes: the last variable may lack its padding to a multiple of four
 # Number of records where the writer did not state it.
 _STREAMING = (0xFFFFFFFF, 0xFFFFFFFFFFFFFFFF)
 
 
-class _ShortError(Exception):
-    """The header does not hold what it says."""
+class _HeaderError(Exception):
+    """The header contradicts itself or ends early."""
 
 
 def require_sound(path: Path) -> None:
@@ -71,16 +69,16 @@ def require_sound(path: Path) -> None:
         _require_whole(path)
     elif start == _HDF5 and _identity(path) not in _SOUND:
         try:
-            wrong = guarded(_described, str(path.absolute()))
+            fault = guarded(_fault, str(path.absolute()))
         except WorkerEndedError:
-            wrong = "opening it ends the process, or does not end"
-        if wrong:
-            raise InputError("cannot be opened: a damaged NetCDF file", file=path, found=wrong)
-        _SOUND.add(_identity(path))
+            fault = "opening it ends the process, or does not end"
+        if fault:
+            raise InputError("cannot be opened: a damaged NetCDF file", file=path, found=fault)
+        written_here(path)
 
 
 def written_here(path: Path) -> None:
-    """Note that this process has written a file, whole."""
+    """Note that this process has written or checked a file; it is not checked again."""
     _SOUND.add(_identity(path))
 
 
@@ -89,8 +87,8 @@ def _identity(path: Path) -> tuple[str, int, int]:
     return str(path.absolute()), status.st_size, status.st_mtime_ns
 
 
-def _described(path: str) -> str:
-    """Open a NetCDF-4 file and look at every description in it; what is wrong, or nothing."""
+def _fault(path: str) -> str:
+    """Open a NetCDF-4 file and read every description in it; message of the first error."""
     import netCDF4
 
     try:
@@ -111,12 +109,11 @@ def _described(path: str) -> str:
 
 def _require_whole(path: Path) -> None:
     """Refuse a classic file whose header describes more than the file holds."""
-    size = os.stat(path).st_size
+    size = path.stat().st_size
     with path.open("rb") as file:
-        file.seek(3)
         try:
-            needed, records = _extent(_Header(file))
-        except (_ShortError, struct.error) as error:
+            needed, records = _extent(file)
+        except _HeaderError as error:
             raise InputError(
                 "cannot be opened: damaged, its NetCDF header does not hold together",
                 file=path,
@@ -131,90 +128,70 @@ def _require_whole(path: Path) -> None:
         )
 
 
-class _Header:
-    """Numbers and names of a header, one after the other."""
+def _extent(file: BinaryIO) -> tuple[int, int]:
+    """Bytes that the variables of a classic file reach to, and the number of records."""
 
-    def __init__(self, file: BinaryIO) -> None:
-        self._file = file
-        self.version = self._read(1)[0]
-        # classic, 64-bit offset, and CDF-5
-        if self.version not in (1, 2, 5):
-            raise _ShortError(f"format {self.version}")
-
-    def _read(self, count: int) -> bytes:
-        found = self._file.read(count)
-        if len(found) < count:
-            raise _ShortError("it ends in its header")
+    def read(length: int) -> bytes:
+        found = file.read(length)
+        if len(found) < length:
+            raise _HeaderError("it ends in its header")
         return found
 
-    def word(self) -> int:
-        return int(struct.unpack(">I", self._read(4))[0])
+    def number(wide: bool) -> int:
+        return int.from_bytes(read(8 if wide else 4), "big")
 
-    def count(self) -> int:
-        """A count or a length: of eight bytes from CDF-5 on."""
-        return self._double() if self.version == 5 else self.word()
+    def count(most: int | None = None) -> int:
+        found = number(version == 5)
+        if most is not None and found > most:
+            raise _HeaderError(f"a list of {found:,} entries")
+        return found
 
-    def offset(self) -> int:
-        """Place in the file: of eight bytes from CDF-2 on."""
-        return self._double() if self.version != 1 else self.word()
+    def skip(length: int) -> None:  # names and values are padded to four bytes
+        read(length + -length % 4)
 
-    def _double(self) -> int:
-        return int(struct.unpack(">Q", self._read(8))[0])
+    def entries(tag: int) -> range:
+        kind, length = number(wide=False), count(_MOST)
+        if kind not in (0, tag) or (kind == 0 and length):
+            raise _HeaderError("a list of another kind than should follow")
+        return range(length)
 
-    def skip(self, length: int) -> None:
-        """Pass over a name or values, with their padding to four bytes."""
-        if length > _MOST * 100:
-            raise _ShortError(f"a text of {length:,} bytes")
-        self._read(length + -length % 4)
+    def value_size() -> int:
+        kind = number(wide=False)
+        if kind not in _SIZES:
+            raise _HeaderError(f"values of type {kind}")
+        return _SIZES[kind]
 
-    def entries(self, tag: int) -> int:
-        """How many entries a list has."""
-        found, count = self.word(), self.count()
-        if found not in (0, tag) or (found == 0 and count) or count > _MOST:
-            raise _ShortError("a list of another kind than should follow")
-        return count
+    def attributes() -> None:
+        for _ in entries(_ATTRIBUTE):
+            skip(count(_MOST))
+            each = value_size()
+            skip(each * count(100 * _MOST))
 
-    def attributes(self) -> None:
-        for _ in range(self.entries(_ATTRIBUTE)):
-            self.skip(self.count())
-            kind, count = self.word(), self.count()
-            if kind not in _SIZES:
-                raise _ShortError(f"values of type {kind}")
-            self.skip(_SIZES[kind] * count)
-
-
-def _extent(header: _Header) -> tuple[int, int]:
-    """Bytes that the variables reach to, and the count of records."""
-    records = header.count()
-    sizes = []
-    for _ in range(header.entries(_DIMENSION)):
-        header.skip(header.count())
-        sizes.append(header.count())
-    header.attributes()
-    end, record, first = 0, [], []
-    for _ in range(header.entries(_VARIABLE)):
-        header.skip(header.count())
-        dims = [header.count() for _ in range(_few(header.count()))]
-        header.attributes()
-        kind, _, begin = header.word(), header.count(), header.offset()
-        if kind not in _SIZES or any(number >= len(sizes) for number in dims):
-            raise _ShortError("a variable of no known type or dimension")
-        shape = [sizes[number] for number in dims]
+    version = read(4)[3]
+    if version not in (1, 2, 5):  # classic, 64-bit offset, CDF-5
+        raise _HeaderError(f"format {version}")
+    records, sizes = count(), []
+    for _ in entries(_DIMENSION):
+        skip(count(_MOST))
+        sizes.append(count())
+    attributes()
+    end, record_sizes, begins = 0, [], []
+    for _ in entries(_VARIABLE):
+        skip(count(_MOST))
+        dims = [count() for _ in range(count(_MOST_DIMENSIONS))]
+        attributes()
+        each, _, begin = value_size(), count(), number(version != 1)
+        if any(dim >= len(sizes) for dim in dims):
+            raise _HeaderError("a variable of an unknown dimension")
+        shape = [sizes[dim] for dim in dims]
         if shape and shape[0] == 0:  # the record dimension
-            record.append(_SIZES[kind] * math.prod(shape[1:]))
-            first.append(begin)
+            record_sizes.append(each * math.prod(shape[1:]))
+            begins.append(begin)
         else:
-            end = max(end, begin + _SIZES[kind] * math.prod(shape))
-    if record and records and records not in _STREAMING:
+            end = max(end, begin + each * math.prod(shape))
+    if record_sizes and records and records not in _STREAMING:
         # A single variable of records has no padding between them.
-        stride = record[0] if len(record) == 1 else sum(one + -one % 4 for one in record)
-        last = max(begin + length for begin, length in zip(first, record, strict=True))
-        end = max(end, last + (records - 1) * stride)
+        padded = record_sizes if len(begins) == 1 else [size + -size % 4 for size in record_sizes]
+        last = max(begin + size for begin, size in zip(begins, record_sizes, strict=True))
+        end = max(end, last + (records - 1) * sum(padded))
     return end, records
-
-
-def _few(count: int) -> int:
-    # NC_MAX_VAR_DIMS of the library: more is damage
-    if count > 1024:
-        raise _ShortError(f"a variable of {count:,} dimensions")
-    return count

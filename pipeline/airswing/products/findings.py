@@ -1,4 +1,4 @@
-"""What a stage found, as its JSON file holds it, and how a notebook shows it.
+"""Result of a stage: a mapping, as its JSON file holds it, with a short ``repr``.
 
 Assumes plain values, lists and mappings of them.
 """
@@ -9,14 +9,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import TypeVar, cast
 
 Content = TypeVar("Content", bound=Mapping[str, object])
-_MOST, _WIDTH = 6, 100  # of a list named in a line, and letters of the line
+_MOST, _WIDTH = 6, 100  # entries of a list in a line; characters of a line
 
 
 class Findings(dict[str, object]):
-    """A mapping that shows what is in it, a line a key, and not all of it."""
+    """A mapping whose ``repr`` has one line a key and abbreviates long values."""
 
     def __repr__(self) -> str:
-        # Judgements by pair, level and season of two references are tens of thousands of letters.
         lines = (f"{key}: {_short(value)}" for key, value in self.items())
         return "\n".join(
             line if len(line) <= _WIDTH else line[: _WIDTH - 3] + "..." for line in lines
@@ -24,16 +23,16 @@ class Findings(dict[str, object]):
 
 
 def findings(content: Content) -> Content:
-    """What a stage found, with the names it has in its file, shown as :class:`Findings` are."""
-    # A TypedDict is a dict with certain keys, and this is one with the very same.
+    """Return a stage's result as :class:`Findings`, typed as before."""
+    # a TypedDict with the same keys
     return cast(Content, Findings(content))
 
 
 def _short(value: object) -> str:
     if isinstance(value, Mapping):
-        if any(isinstance(one, Mapping | list) for one in value.values()):
+        if any(isinstance(entry, Mapping | list) for entry in value.values()):
             return _some(value)
-        return _some(f"{key} {_short(one)}" for key, one in value.items()) or "none"
+        return _some(f"{key} {_short(entry)}" for key, entry in value.items()) or "none"
     if isinstance(value, Sequence) and not isinstance(value, str):
         first = value[0] if value else None
         if isinstance(first, Mapping):

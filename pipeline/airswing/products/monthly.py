@@ -13,8 +13,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import dask.array as da
@@ -27,15 +26,14 @@ from airswing.products.ragged import aircraft_groups
 FLIGHTS = "flight_total"
 """Attribute of a month: how many flights it has."""
 _TALLIES = ("screened_out", "reading_audit", "reference_audit")
-_EXTREMES: dict[str, Callable[[list[Any]], Any]] = {
-    "time_coverage_start": min,
-    "time_coverage_end": max,
-    "geospatial_lat_min": min,
-    "geospatial_lat_max": max,
-    "geospatial_lon_min": min,
-    "geospatial_lon_max": max,
-}
-COVERAGE = tuple(_EXTREMES)
+COVERAGE = (
+    "time_coverage_start",
+    "time_coverage_end",
+    "geospatial_lat_min",
+    "geospatial_lat_max",
+    "geospatial_lon_min",
+    "geospatial_lon_max",
+)
 """Attributes of the time and space that a product covers (ACDD 1.3)."""
 
 
@@ -79,14 +77,13 @@ def joined_months(months: Sequence[xr.Dataset]) -> xr.Dataset:
     flights = np.cumsum([0, *(int(month.attrs.get(FLIGHTS, 0)) for month in months[:-1])])
     columns: dict[str, xr.Variable] = {}
     for name, variable in first.variables.items():
+        parts = [month.variables[name] for month in months]
         if "report" in variable.dims:
-            parts = [month.variables[name] for month in months]
-            lazy = _lazy(
-                parts, counts, flights if name == "flight" else None, attributes["uuid"], str(name)
-            )
+            added = flights if name == "flight" else None
+            token = f"months-{attributes['uuid']}-{name}"
+            lazy = _reports_by_aircraft(parts, counts, added, token)
             columns[str(name)] = xr.Variable(variable.dims, lazy, variable.attrs)
         elif name != "aircraft" and "aircraft" in variable.dims:
-            parts = [month.variables[name] for month in months]
             columns[str(name)] = _last_values(parts, places, aircraft.size)
     row_size = counts.sum(axis=0).astype(np.int32)
     columns["row_size"] = xr.Variable("aircraft", row_size, first["row_size"].attrs)
@@ -96,74 +93,56 @@ def joined_months(months: Sequence[xr.Dataset]) -> xr.Dataset:
     return rest.assign({name: columns[name] for name in order}).assign_coords(aircraft=coordinate)
 
 
-def _lazy(
+def _reports_by_aircraft(
     parts: Sequence[xr.Variable],
     counts: NDArray[np.int64],
     added: NDArray[np.int64] | None,
-    *identity: object,
+    token: str,
 ) -> da.Array:
-    """One variable of reports over all months, (..., report), in chunks of whole aircraft."""
+    """One variable of all months, (..., report), in lazy chunks of whole aircraft.
+
+    ``counts`` (month, aircraft) are numbers of reports, ``added`` (month,) is added to the values.
+    """
+    stop = np.cumsum(counts, axis=1)
+    start = stop - counts
     groups = aircraft_groups(counts.sum(axis=0))
-    start = np.cumsum(counts, axis=1) - counts
-    stop = start + counts
-    pieces = [
-        (
-            [
-                slice(*map(int, rows))
-                for rows in zip(start[:, group.start], stop[:, group.stop - 1], strict=True)
-            ],
-            counts[:, group],
-        )
-        for group in groups
-    ]
-    sizes = tuple(int(part.sum()) for _, part in pieces)
     outer = parts[0].shape[:-1]
     dtype = np.result_type(*(part.dtype for part in parts))
+
+    def chunk(block_id: tuple[int, ...]) -> NDArray[np.generic]:
+        group = groups[block_id[-1]]
+        values = [
+            part[..., low[group.start] : high[group.stop - 1]].to_numpy()
+            for part, low, high in zip(parts, start, stop, strict=True)
+        ]
+        if added is not None:
+            values = [part + more for part, more in zip(values, added.astype(dtype), strict=True)]
+        owner = np.concatenate([np.repeat(np.arange(row.size), row) for row in counts[:, group]])
+        order = np.argsort(owner, kind="stable")
+        return np.concatenate(values, axis=-1)[..., order].astype(dtype)
+
+    sizes = tuple(int(counts[:, group].sum()) for group in groups)
     lazy: da.Array = da.map_blocks(
-        partial(_rows_of_block, parts=parts, pieces=pieces, added=added, dtype=dtype),
+        chunk,
         chunks=(*((size,) for size in outer), sizes),
         dtype=dtype,
         meta=np.empty((0,) * (len(outer) + 1), dtype),
-        name="-".join(["months", *map(str, identity)]),
+        name=token,
     )
     return lazy
-
-
-def _rows_of_block(
-    *,
-    parts: Sequence[xr.Variable],
-    pieces: Sequence[tuple[list[slice], NDArray[np.int64]]],
-    added: NDArray[np.int64] | None,
-    dtype: np.dtype[np.generic],
-    block_id: tuple[int, ...],
-) -> NDArray[np.generic]:
-    """Reports of one chunk of aircraft, by aircraft and month."""
-    slices, counts = pieces[block_id[-1]]
-    found = []
-    for number, (part, rows) in enumerate(zip(parts, slices, strict=True)):
-        if rows.start < rows.stop:
-            values = part[..., rows].to_numpy()
-            found.append(values if added is None else values + added[number].astype(dtype))
-    if len(found) < 2:
-        return found[0].astype(dtype) if found else np.empty((*parts[0].shape[:-1], 0), dtype)
-    owner = np.concatenate([np.repeat(np.arange(month.size), month) for month in counts])
-    return np.concatenate(found, axis=-1)[..., np.argsort(owner, kind="stable")].astype(dtype)
 
 
 def _last_values(
     parts: Sequence[xr.Variable], places: Sequence[NDArray[np.int64]], aircraft: int
 ) -> xr.Variable:
     """Value of every aircraft in the last month that has it."""
-    dims = parts[0].dims
-    axis = dims.index("aircraft")
-    kind = np.result_type(*(part.dtype for part in parts))
-    values = np.zeros(
-        [aircraft if dim == "aircraft" else parts[0].sizes[dim] for dim in dims], kind
-    )
-    by_aircraft = np.moveaxis(values, axis, 0)
+    axis = parts[0].dims.index("aircraft")
+    shape = list(parts[0].shape)
+    shape[axis] = aircraft
+    values = np.zeros(shape, np.result_type(*(part.dtype for part in parts)))
     for part, place in zip(parts, places, strict=True):
-        by_aircraft[place] = np.moveaxis(part.to_numpy(), axis, 0)
-    return xr.Variable(dims, values, parts[0].attrs)
+        np.moveaxis(values, axis, 0)[place] = np.moveaxis(part.to_numpy(), axis, 0)
+    return xr.Variable(parts[0].dims, values, parts[0].attrs)
 
 
 def _attributes(months: Sequence[xr.Dataset]) -> dict[str, object]:
@@ -176,29 +155,26 @@ def _attributes(months: Sequence[xr.Dataset]) -> dict[str, object]:
     for name in (FLIGHTS, "kept_reports"):
         if name in found:
             found[name] = sum(int(month.attrs.get(name, 0)) for month in months)
-    for name, choose in _EXTREMES.items():
+    for name in COVERAGE:
         values = [month.attrs[name] for month in months if name in month.attrs]
         if values:
-            found[name] = choose(values)
+            found[name] = min(values) if name.endswith(("_start", "_min")) else max(values)
     for name in _TALLIES:
         if name in found:
             found[name] = json.dumps(_summed([json.loads(month.attrs[name]) for month in months]))
     return found
 
 
-def _summed(parts: Sequence[object]) -> object:
+def _summed(parts: Sequence[Any]) -> object:
     """Tallies of several months: counts summed, lists joined, else the last value."""
-    tallies = [part for part in parts if isinstance(part, Mapping)]
-    if len(tallies) == len(parts):
-        names = dict.fromkeys(name for part in tallies for name in part)
-        return {name: _summed([part[name] for part in tallies if name in part]) for name in names}
-    counts = [part for part in parts if isinstance(part, int)]
-    if len(counts) == len(parts):
-        return sum(counts)
+    if all(isinstance(part, Mapping) for part in parts):
+        names = dict.fromkeys(name for part in parts for name in part)
+        return {name: _summed([part[name] for part in parts if name in part]) for name in names}
+    if all(isinstance(part, int) for part in parts):
+        return sum(parts)
     full = [part for part in parts if part]
-    lists = [part for part in full if isinstance(part, list) and isinstance(part[0], dict)]
-    if len(lists) == len(full):
-        return [entry for part in lists for entry in part]
+    if all(isinstance(part, list) and isinstance(part[0], dict) for part in full):
+        return [entry for part in full for entry in part]
     return parts[-1]
 
 

@@ -1,4 +1,4 @@
-"""Why a pattern names no file: said in one way wherever files are looked for."""
+"""Error for a path or pattern that names no file."""
 
 from __future__ import annotations
 
@@ -10,17 +10,18 @@ from airswing.errors import InputError
 
 
 def none_found(pattern: str | os.PathLike[str], field: str) -> InputError:
-    """The error where a path or pattern names no file.
+    """Return the error for a path or pattern that names no file.
 
     Parameters
     ----------
     pattern : path-like
-        As looked for: with the home folder spelt out.
+        With the home folder expanded.
     field : str
-        Of the configuration.
+        Key of the configuration.
     """
     text = os.fspath(pattern)
-    if (closed := _closed(Path(text))) is not None:
+    closed = _unreadable_folder(Path(text))
+    if closed is not None:
         return InputError(
             "the folder may not be read: permission denied",
             file=closed,
@@ -28,36 +29,30 @@ def none_found(pattern: str | os.PathLike[str], field: str) -> InputError:
             found=f"pattern {text!r}",
             remedy="Its owner can let you list and enter it",
         )
-    folder = os.path.isdir(text)
+    folder = Path(text)
+    if folder.is_dir():
+        first = next((path for path in sorted(folder.rglob("*")) if path.is_file()), folder / "*")
+        below = folder if first.parent == folder else folder / "**"
+        what, remedy = "is a folder", f"Name the files in it, such as {below}/*{first.suffix}"
+    else:
+        what = "no file found"
+        remedy = "Check the pattern; relative paths start at the current directory"
     return InputError(
-        "is a folder" if folder else "no file found",
-        field=field,
-        found=f"pattern {text!r} in folder {os.getcwd()}",
-        remedy=f"Name the files in it, such as {_files_of(Path(text))}"
-        if folder
-        else "Check the pattern; relative paths start at the current directory",
+        what, field=field, found=f"pattern {text!r} in folder {os.getcwd()}", remedy=remedy
     )
 
 
-def _closed(path: Path) -> Path | None:
-    """The folder on the way to a pattern's files that this user may not list or enter."""
+def _unreadable_folder(path: Path) -> Path | None:
+    """Folder on the path to a pattern's files that this user may not list or enter."""
     while glob.has_magic(str(path)):
         path = path.parent
     try:
         path.stat()
-        if os.path.isdir(path):
+        if path.is_dir():
             os.scandir(path).close()
     except PermissionError:
-        # a folder that may be listed but not entered hides what is in it: the last that is seen
+        # of a folder that may be listed but not entered, the last path that can be seen
         return next(folder for folder in (path, *path.parents) if os.path.exists(folder))
     except OSError:
         return None
     return None
-
-
-def _files_of(folder: Path) -> str:
-    """A pattern for the files of a folder, after the first of them."""
-    found = (path for path in sorted(folder.rglob("*")) if path.is_file())
-    first = next(found, folder / "*")
-    below = folder if first.parent == folder else folder / "**"
-    return str(below / f"*{first.suffix}")

@@ -41,7 +41,7 @@ _TIME_ATTRIBUTES = {
 }
 COORDINATES = ("time", "latitude", "longitude", "pressure_altitude")
 """Coordinates of a report, as its data variables name them."""
-# Bytes a variable; the library's default of 16 MiB is hundreds of megabytes a product.
+# Bytes for each variable; the library's default of 16 MiB adds up to hundreds of megabytes.
 _CHUNK_CACHE = 2**20
 REPORTS_A_CHUNK = 32_768
 """Few enough that one aircraft's part of a month is read without much of the others'."""
@@ -57,43 +57,28 @@ PRODUCTS = (
 )
 """NetCDF products of a run, as :func:`open_results` names them."""
 _MAKE = "Run the stage that makes it, or `airswing run`"
-STORED_STEP = {
-    "reference_eastward_wind": 2.0**-10,
-    "reference_northward_wind": 2.0**-10,
-    "ground_speed": 2.0**-10,
-    "ground_eastward_velocity": 2.0**-10,
-    "ground_northward_velocity": 2.0**-10,
-    "ground_velocity_error": 2.0**-10,
-    "airspeed": 2.0**-10,
-    "airspeed_error": 2.0**-10,
-    "climb_rate": 2.0**-10,
-    "longitudinal_acceleration": 2.0**-14,
-    "track": 2.0**-10,
-    "turn": 2.0**-10,
-    "bank": 2.0**-10,
-    "heading": 2.0**-10,
-    "heading_standard_error": 2.0**-6,
-    "magnetic_heading": 2.0**-10,
-    "heading_error": 2.0**-10,
-    "heading_error_standard_error": 2.0**-10,
-    "declination": 2.0**-10,
-    "dip": 2.0**-10,
-    "horizontal_field": 2.0**-4,
-    "reference_eastward_wind_tendency": 2.0**-24,
-    "reference_northward_wind_tendency": 2.0**-24,
-    "reference_eastward_wind_lnp_derivative": 2.0**-8,
-    "reference_northward_wind_lnp_derivative": 2.0**-8,
-    "reference_eastward_wind_x_derivative": 2.0**-27,
-    "reference_northward_wind_x_derivative": 2.0**-27,
-    "reference_eastward_wind_y_derivative": 2.0**-27,
-    "reference_northward_wind_y_derivative": 2.0**-27,
-    "grid_convergence": 2.0**-10,
+_NAMES_BY_STEP = {
+    2.0**-4: "horizontal_field",
+    2.0**-6: "heading_standard_error",
+    2.0**-8: "reference_eastward_wind_lnp_derivative reference_northward_wind_lnp_derivative",
+    2.0**-10: (
+        "reference_eastward_wind reference_northward_wind ground_speed ground_eastward_velocity "
+        "ground_northward_velocity ground_velocity_error airspeed airspeed_error climb_rate track "
+        "turn bank heading magnetic_heading heading_error heading_error_standard_error declination "
+        "dip grid_convergence"
+    ),
+    2.0**-14: "longitudinal_acceleration",
+    2.0**-24: "reference_eastward_wind_tendency reference_northward_wind_tendency",
+    2.0**-27: (
+        "reference_eastward_wind_x_derivative reference_northward_wind_x_derivative "
+        "reference_eastward_wind_y_derivative reference_northward_wind_y_derivative"
+    ),
 }
-"""Step that derived variables of every report are rounded to before they are written, in their
-unit: about a thousandth of a degree or of a metre a second, far below what they are known to. The
-bits so left zero halve the file. What was reported is written as it came."""
-
-# Those of them that run from 0 to, but not including, 360 degrees.
+STORED_STEP = {name: step for step, names in _NAMES_BY_STEP.items() for name in names.split()}
+"""Step to which derived variables of every report are rounded before they are written, in their
+unit: about a thousandth of a degree or of a metre a second, far below their errors. Rounding halves
+the file. Reported variables are written unchanged."""
+# Rounded variables in the range from 0 to, but not including, 360 degrees.
 DIRECTIONS = ("heading", "magnetic_heading", "track")
 
 
@@ -118,7 +103,7 @@ def write_product(
         The configuration the product was made with, as JSON; its section ``metadata`` is written
         as global attributes.
     sources : sequence of str, optional
-        What went in, one phrase each.
+        Descriptions of the input data.
     source_uuids : sequence of str, optional
         Identifiers of the products this one was made from.
 
@@ -137,12 +122,16 @@ def write_product(
     path = Path(path)
     ds = describe(ds).drop_encoding()
     ds.attrs = {
-        **{key: _attribute(value) for key, value in ds.attrs.items()},
+        **{
+            # NetCDF attributes hold no mappings
+            key: json.dumps(plain(value)) if isinstance(value, (Mapping, list, bool)) else value
+            for key, value in ds.attrs.items()
+        },
         **_provenance(title, config_json, sources, source_uuids),
     }
     if "report" in ds.dims and "row_size" in ds:
         ds = _as_trajectories(ds)
-    _use_small_chunk_cache()
+    netCDF4.set_chunk_cache(size=_CHUNK_CACHE)
     with atomic(path) as temporary:
         ds = _with_plain_times(ds)
         encoding = {name: _encoding(ds[name]) for name in ds.variables}
@@ -152,7 +141,7 @@ def write_product(
 
 
 def _as_trajectories(ds: xr.Dataset) -> xr.Dataset:
-    """Attributes of the contiguous ragged form, and the time and space that the reports cover."""
+    """Add the attributes of the contiguous ragged form and of the time and space covered."""
     ds = ds.assign_attrs(featureType="trajectory")
     ds["row_size"].attrs["sample_dimension"] = "report"
     ds["aircraft"].attrs["cf_role"] = "trajectory_id"
@@ -174,7 +163,7 @@ def _as_trajectories(ds: xr.Dataset) -> xr.Dataset:
 def as_stored(ds: xr.Dataset) -> xr.Dataset:
     """Give every variable the precision it is written with: its type, and `STORED_STEP`.
 
-    What follows from a Dataset in memory is then the same as what follows from its product.
+    A stage then gives the same result from a Dataset in memory as from its product.
 
     Parameters
     ----------
@@ -190,7 +179,7 @@ def as_stored(ds: xr.Dataset) -> xr.Dataset:
             # a power of two: scaling loses nothing
             values = np.rint(variable.data * (1.0 / step)) * step
             if name in DIRECTIONS:
-                values = values % 360.0  # what rounds up to a whole turn is north
+                values = values % 360.0  # a value rounded up to 360 is north
             attrs = {**variable.attrs, "stored_step": step}
             changed[name] = xr.Variable(variable.dims, values.astype(dtype), attrs)
         elif dtype.startswith("f") and variable.dtype != dtype:
@@ -328,17 +317,17 @@ def product_path(folder: Path, name: str) -> Path:
 
 
 def _opened(path: Path) -> xr.Dataset:
-    """One file, opened lazily and checked; CF coordinates of reports stay data variables."""
+    """Open one file lazily and check it; CF coordinates of reports stay data variables."""
     if not path.exists():
         raise InputError("no such product", file=path, remedy=_MAKE)
-    _use_small_chunk_cache()
+    netCDF4.set_chunk_cache(size=_CHUNK_CACHE)
     try:
         require_sound(path)
         ds = xr.open_dataset(
             path, engine="netcdf4", decode_timedelta=False, decode_coords=False, cache=False
         )
-        # Every product has one; a file of the same name may be another program's.
-        damaged = _damage(ds) if "uuid" in ds.attrs else ""
+        # Every product has a uuid; a file of the same name may come from another program.
+        damaged = _damaged_entry(ds) if "uuid" in ds.attrs else ""
     except DAMAGE as err:
         raise InputError(
             "not a product airswing can read", file=path, found=err, remedy="Make it again"
@@ -359,8 +348,8 @@ def _opened(path: Path) -> xr.Dataset:
     return ds
 
 
-def _damage(ds: xr.Dataset) -> str:
-    """Name of what is not as airswing writes it; empty where all is."""
+def _damaged_entry(ds: xr.Dataset) -> str:
+    """Name of an attribute or variable that airswing does not write so; empty if there is none."""
     for key in ("title", "uuid", "history", "airswing_version"):
         if not isinstance(ds.attrs.get(key), str):
             return key
@@ -379,18 +368,8 @@ def _damage(ds: xr.Dataset) -> str:
     return ""
 
 
-def _use_small_chunk_cache() -> None:
-    """Let the NetCDF library keep few chunks of each variable of files opened from now on."""
-    netCDF4.set_chunk_cache(size=_CHUNK_CACHE)
-
-
-def _attribute(value: object) -> object:
-    """NetCDF attributes hold no mappings: those become JSON."""
-    return json.dumps(plain(value)) if isinstance(value, (Mapping, list, bool)) else value
-
-
 def _with_plain_times(ds: xr.Dataset) -> xr.Dataset:
-    """Turn times into milliseconds: xarray cannot encode a variable whose times are all missing."""
+    """Times as milliseconds: xarray cannot encode a variable whose times are all missing."""
     missing = np.iinfo(np.int64).min
     for name in [name for name in ds.variables if np.issubdtype(ds[name].dtype, np.datetime64)]:
         values = ds[name].to_numpy().astype("datetime64[ms]")
@@ -401,11 +380,11 @@ def _with_plain_times(ds: xr.Dataset) -> xr.Dataset:
 
 
 def _encoding(variable: xr.DataArray) -> dict[str, object]:
-    """How a variable is stored.
+    """Encoding of a variable.
 
-    Names are rows of characters. Strings of no fixed length would be read the same, but the HDF5
-    library crashes, or reports a broken file, when a file with such a variable is opened twice in
-    one process (netcdf-c issue 2510, HDF5 issue 5359, still so in HDF5 2.2.0).
+    Names are stored as characters. With strings of variable length the HDF5 library crashes, or
+    reports a broken file, when the file is opened twice in one process (netcdf-c issue 2510, HDF5
+    issue 5359, present in HDF5 2.2.0).
     """
     entry = lookup(str(variable.name), variable.dims)
     if entry.dtype == "str" or variable.dtype.kind in "OUT":

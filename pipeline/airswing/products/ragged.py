@@ -1,11 +1,8 @@
-"""Ragged reports: many aircraft end to end on one axis, looked at some whole aircraft at a time.
+"""Contiguous ragged arrays: reports of many aircraft on one dimension.
 
-Assumes the CF contiguous ragged form: reports of one aircraft follow each other, in the order of
-the ``aircraft`` dimension, and ``row_size`` counts them.
-
-Archives larger than memory are worked through block by block: :func:`blocks` gives some whole
-aircraft at a time, read from the file where the Dataset was opened lazily and views where it is in
-memory, so that one way of working serves both.
+Assumes the CF contiguous ragged form: the reports of one aircraft are consecutive, in the order of
+the ``aircraft`` dimension, and ``row_size`` counts them. Archives larger than memory are read in
+blocks of whole aircraft (:func:`blocks`).
 """
 
 from __future__ import annotations
@@ -24,11 +21,11 @@ def row_bounds(row_size: NDArray[np.integer]) -> tuple[NDArray[np.int64], NDArra
 
 
 BLOCK_REPORTS = 200_000
-"""Reports worked on at a time, where no single aircraft has more."""
+"""Reports of a block, where no single aircraft has more."""
 
 
 def aircraft_groups(row_size: NDArray[np.integer], limit: int = BLOCK_REPORTS) -> list[slice]:
-    """Consecutive aircraft with at most so many reports together, one aircraft at least."""
+    """Group consecutive aircraft: at most ``limit`` reports in a group, or a single aircraft."""
     found: list[slice] = []
     total = 0
     for number, size in enumerate(np.asarray(row_size).tolist()):
@@ -44,14 +41,14 @@ def aircraft_groups(row_size: NDArray[np.integer], limit: int = BLOCK_REPORTS) -
 def blocks(
     ds: xr.Dataset, names: Sequence[str] | None = None, *, limit: int | None = None
 ) -> Iterator[xr.Dataset]:
-    """Work through an archive some whole aircraft at a time.
+    """Iterate over an archive in blocks of whole aircraft.
 
     Parameters
     ----------
     ds : Dataset
         Ragged, in memory or opened lazily; without ``row_size`` the reports of one aircraft.
     names : sequence of str, optional
-        Variables that are needed, where they are there; ``row_size`` always is. All by default.
+        Variables to read, where they exist, besides ``row_size``; all by default.
     limit : int, optional
         Reports of a block; `BLOCK_REPORTS` by default.
 
@@ -78,13 +75,13 @@ def time_span(ds: xr.Dataset) -> tuple[np.datetime64, np.datetime64]:
 
 
 def some_reports(ds: xr.Dataset, chosen: NDArray[np.bool_]) -> xr.Dataset:
-    """Keep some reports (a mask) of every aircraft, in memory; one may be left without any."""
+    """Select reports by a mask (report,), in memory; an aircraft may keep no report."""
     size = np.bincount(aircraft_of_report(ds)[chosen], minlength=ds.sizes["aircraft"])
     return ds.isel(report=np.flatnonzero(chosen)).assign(row_size=("aircraft", size))
 
 
 def joined(parts: Sequence[xr.Dataset]) -> xr.Dataset:
-    """Put blocks of whole aircraft together again, with the attributes of the first."""
+    """Concatenate blocks of whole aircraft, with the attributes of the first."""
     found = parts[0].drop_vars(
         [name for name, v in parts[0].variables.items() if {"report", "aircraft"} & set(v.dims)]
     )

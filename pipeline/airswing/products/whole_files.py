@@ -1,8 +1,8 @@
-"""Files written whole or not at all, through a kill at any moment and through a loss of power.
+"""Files written whole or not at all, also if the process is killed or the power is lost.
 
-Assumes that the file system renames atomically within a folder, and that what it reports as flushed
-is on the disk. A file is written under another name, flushed and renamed; then its folder is
-flushed. Where the disk is full or not writable the earlier file stays.
+Assumes that the file system renames atomically within a folder and has written to the disk what it
+reports as flushed. A file is written under a temporary name, flushed and renamed; then its folder
+is flushed. If the disk is full or not writable, the earlier file stays.
 """
 
 from __future__ import annotations
@@ -23,68 +23,48 @@ from airswing.errors import InputError
 
 @contextlib.contextmanager
 def made_folder(folder: Path) -> Iterator[None]:
-    """Make a folder and those above it; take away what was made if the block fails."""
-    missing = [one for one in (folder, *folder.parents) if not one.exists()]
+    """Make a folder and its parents; remove the new ones if the block fails."""
+    missing = [path for path in (folder, *folder.parents) if not path.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
         yield
     except BaseException:
-        for one in missing:
-            with contextlib.suppress(OSError):  # not empty: somebody else's by now
-                one.rmdir()
+        for path in missing:
+            with contextlib.suppress(OSError):  # not empty: another process uses it
+                path.rmdir()
         raise
 
 
 @contextlib.contextmanager
-def replacing(path: Path, *, lasting: bool = True) -> Iterator[Path]:
+def atomic(path: Path) -> Iterator[Path]:
     """Give a temporary name to write to, and rename it to ``path`` when the block ends well.
 
     Parameters
     ----------
     path : Path
         Of the finished file; its folder is made when absent.
-    lasting : bool, default True
-        Flush the folder too; else the file may be missing after a loss of power.
-    """
-    path = Path(path)
-    # In the same folder, since a rename is atomic within one file system only; hidden, so that no
-    # pattern of products matches it.
-    temporary = path.with_name(f".{path.name}.{os.getpid()}-{uuid.uuid4().hex[:8]}.part")
-    with made_folder(path.parent):
-        try:
-            yield temporary
-            # Before the rename: a file that outlives the power must not have
-            # unwritten bytes.
-            _flush(temporary)
-            os.replace(temporary, path)
-            if lasting:
-                with contextlib.suppress(OSError):  # some systems cannot flush a folder
-                    _flush(path.parent)
-        finally:
-            with contextlib.suppress(OSError):
-                temporary.unlink(missing_ok=True)
-
-
-def _flush(path: Path) -> None:
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
-
-
-@contextlib.contextmanager
-def atomic(path: Path) -> Iterator[Path]:
-    """As :func:`replacing`; a file that cannot be written is an `InputError`.
 
     Raises
     ------
     InputError
         If the folder cannot be written to or the disk is full.
     """
+    path = Path(path)
+    # In the same folder, because a rename is atomic within one file system only; hidden, so that
+    # no pattern of products matches it.
+    temporary = path.with_name(f".{path.name}.{os.getpid()}-{uuid.uuid4().hex[:8]}.part")
     try:
-        with replacing(path) as temporary:
-            yield temporary
+        with made_folder(path.parent):
+            try:
+                yield temporary
+                # before the rename, so that no file survives a loss of power without its content
+                _flush(temporary)
+                os.replace(temporary, path)
+                with contextlib.suppress(OSError):  # some systems cannot flush a folder
+                    _flush(path.parent)
+            finally:
+                with contextlib.suppress(OSError):
+                    temporary.unlink(missing_ok=True)
     except (OSError, RuntimeError) as err:
         # The NetCDF and HDF5 libraries report a full disk as a RuntimeError.
         message = re.search(r"error message = '([^']*)'", str(err))
@@ -98,8 +78,16 @@ def atomic(path: Path) -> Iterator[Path]:
         ) from err
 
 
+def _flush(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
 def require_writable(folder: Path) -> None:
-    """Make sure products can be written to a folder, before hours are spent on them."""
+    """Check that a folder can be written to; InputError if not."""
     with atomic(Path(folder) / ".writable") as temporary:
         temporary.touch()
     (Path(folder) / ".writable").unlink()
@@ -118,7 +106,7 @@ def write_json(path: Path, content: Mapping[str, object]) -> Path:
 
 
 def read_note(path: Path) -> dict[str, Any]:
-    """A JSON note of an earlier run; empty where there is none that is whole."""
+    """Read the JSON file of an earlier run; empty if it is absent or damaged."""
     try:
         found = json.loads(path.read_text())
     except (OSError, ValueError):
@@ -127,9 +115,9 @@ def read_note(path: Path) -> dict[str, Any]:
 
 
 def plain(value: object) -> object:
-    """Turn numpy and pandas values, nested in mappings, sequences and arrays, into what JSON holds.
+    """Convert numpy and pandas values, also nested, to JSON types.
 
-    Not-a-number becomes None; what is none of these its text.
+    NaN and infinities become None; objects of other types become text.
     """
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
@@ -137,7 +125,7 @@ def plain(value: object) -> object:
         return [plain(item) for item in value.tolist()]
     if isinstance(value, (list, tuple, set)):
         return [plain(item) for item in value]
-    # Before float: numpy's doubles are floats too, and their item is the plain one.
+    # before float: numpy's doubles are floats too
     if isinstance(value, np.generic):
         return plain(value.item())
     if isinstance(value, float) and not np.isfinite(value):

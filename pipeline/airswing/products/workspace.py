@@ -1,7 +1,7 @@
-"""The folder one run writes to: one run at a time, and no half-written file of an earlier one.
+"""Lock of an output folder: one run at a time, and no partial file of an earlier one.
 
 Assumes a file system that locks files for this machine. Where it cannot (some network file
-systems, Windows), a second run into the same folder is not refused, and leftovers stay.
+systems, Windows), a second run into the same folder is not refused, and partial files stay.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ from pathlib import Path
 
 from airswing.errors import InputError
 
-LOCK, HALF_WRITTEN = ".running", "*.part"
+LOCK, PARTIAL = ".running", "*.part"
 
 
 @contextlib.contextmanager
 def workspace(folder: Path) -> Iterator[None]:
-    """Hold an output folder for one run, and clear what a killed run left half-written.
+    """Lock an output folder for one run, and remove partial files of a killed run.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ def workspace(folder: Path) -> Iterator[None]:
     Raises
     ------
     InputError
-        If another run holds the folder, or it cannot be made or written to.
+        If another run uses the folder, or it cannot be made or written to.
     """
     folder = Path(folder)
     try:
@@ -42,34 +42,27 @@ def workspace(folder: Path) -> Iterator[None]:
             remedy="Choose another folder with --output",
         ) from err
     try:
-        if _hold(descriptor, folder):
-            # Only with the lock held: a temporary file of a run under way looks the
-            # same.
-            for left in folder.rglob(HALF_WRITTEN):
+        try:
+            import fcntl
+
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as err:
+            raise InputError(
+                "another run is writing to this folder",
+                file=folder,
+                remedy="Wait for its end or choose another folder with --output",
+            ) from err
+        except (ImportError, OSError):
+            pass  # files cannot be locked here
+        else:
+            # only with the lock: temporary files of a running process look the same
+            for left in folder.rglob(PARTIAL):
                 left.unlink(missing_ok=True)
         try:
             yield
         finally:
             (folder / LOCK).unlink(missing_ok=True)
-            # not empty: then it stays
-            with contextlib.suppress(OSError):
+            with contextlib.suppress(OSError):  # not empty
                 folder.rmdir()
     finally:
         os.close(descriptor)
-
-
-def _hold(descriptor: int, folder: Path) -> bool:
-    """Lock the folder; False where files cannot be locked. A lock ends with its process."""
-    try:
-        import fcntl
-
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError as err:
-        raise InputError(
-            "another run is writing to this folder",
-            file=folder,
-            remedy="Wait for its end or choose another folder with --output",
-        ) from err
-    except (ImportError, OSError):
-        return False
-    return True

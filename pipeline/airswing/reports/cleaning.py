@@ -55,7 +55,7 @@ from airswing.physics.atmosphere import (
     pressure_from_altitude,
     standard_temperature,
 )
-from airswing.physics.geomagnetism import FieldLattice
+from airswing.physics.geomagnetism import geomagnetic_field
 from airswing.physics.triangle import (
     direction_in_degrees,
     vector_from_bearing,
@@ -273,8 +273,8 @@ def declination(latitude: Array, longitude: Array, altitude: Array, seconds: Arr
     seconds : array, shape (n,)
         Since 1970.
     """
-    place = (latitude, longitude, np.nan_to_num(altitude), seconds)
-    return np.asarray(np.degrees(FieldLattice.covering(*place).at(*place).declination))
+    field = geomagnetic_field(latitude, longitude, np.nan_to_num(altitude), seconds)
+    return np.asarray(np.degrees(field.declination))
 
 
 def _true_heading(values: dict[str, Array], seconds: Array) -> Array:

@@ -24,8 +24,6 @@ from airswing.workflow.progress import Progress
 if TYPE_CHECKING:
     from distributed import Client
 
-WORKERS_CODE = "airswing.reference.collocate"
-"""What workers run; its source must be the same everywhere."""
 CONNECT_TIMEOUT = "15s"
 _AGAIN = "then run the same command again: finished months are kept"
 
@@ -126,8 +124,8 @@ def require_same_code(client: Client) -> None:
     InputError
         Naming the workers.
     """
-    here = code_digest(WORKERS_CODE)
-    answers = client.run(code_digest, WORKERS_CODE, on_error="return")
+    here = code_digest()
+    answers = client.run(code_digest, on_error="return")
     # a worker that was lost meanwhile (OSError) does no work
     other = [
         worker

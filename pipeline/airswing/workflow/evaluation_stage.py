@@ -226,7 +226,7 @@ def virtual_of_month(
     made = months.get("made", [])
     names = sorted([*made, *months.get("kept", [])])
     config = job.config.model_dump(exclude={"compute", "output", "metadata"})
-    note = {"settings": fingerprint(config, code_digest(__name__)), "months": names}
+    note = {"settings": fingerprint(config, code_digest()), "months": names}
     path, noted = job.output / VIRTUAL, job.notes / VIRTUAL
     kept = not job.fresh and set(made) <= set(names[-1:]) and read_note(noted) == note
     if kept and path.exists():

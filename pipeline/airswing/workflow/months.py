@@ -123,7 +123,7 @@ def _settings(job: Job) -> dict[str, str]:
     reports = config.reports.model_dump(exclude={"files"})
     return {
         "collocation": fingerprint(
-            reports, references, config.collocation.model_dump(), code_digest(__name__)
+            reports, references, config.collocation.model_dump(), code_digest()
         ),
         "screening": fingerprint(config.model_dump(include={"screening", "field_test"})),
     }
@@ -150,9 +150,7 @@ class ReportArchive:
 
         self._asked = job.config.reports
         self._note = job.notes / "reports.json"
-        self._key = fingerprint(
-            self._asked.model_dump(exclude={"files"}), code_digest("airswing.reports.read")
-        )
+        self._key = fingerprint(self._asked.model_dump(exclude={"files"}), code_digest())
         self._frames: dict[Identity, pd.DataFrame] = {}
         self.files: dict[Identity, Days] = {}
         self.audit, self.bytes_read = Audit(), 0

@@ -15,7 +15,7 @@ import numpy as np
 from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import FloatArray
 from airswing.gap.effects.forms import known
-from airswing.physics.geomagnetism import FieldLattice
+from airswing.physics.geomagnetism import geomagnetic_field
 from airswing.physics.triangle import wrap_signed
 from airswing.units import DAY
 
@@ -93,9 +93,7 @@ def _change(
     """Declination of one decimal year minus that of another, rad."""
     height = np.full(latitude.shape, HEIGHT)
     then, there = (
-        FieldLattice.covering(latitude, longitude, height, seconds)
-        .at(latitude, longitude, height, seconds)
-        .declination
+        geomagnetic_field(latitude, longitude, height, seconds).declination
         for seconds in ((np.clip(year, FIRST, LAST) - 1970.0) * YEAR for year in (old, now))
     )
     return wrap_signed(then - there)
