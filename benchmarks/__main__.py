@@ -17,21 +17,15 @@ from pathlib import Path
 
 SHORT = {
     "collocation": ["--hours", "24", "--repeats", "3"],
-    "fit": ["--days", "120", "--repeats", "3"],
     "export": ["--reports", "1000000"],
-    "page_share": ["--days", "20"],
     "fault_drill": ["--kills", "6", "--days", "40", "--aircraft", "3"],
     "year": ["--share", "0.05"],
     "coverage": ["--fleets", "40"],
     "fleet": ["--aircraft", "150", "300", "600"],
     "monitoring": ["--years", "100", "--fleets", "2"],
-    "recovery": ["--archives", "2"],
-    "evaluation_coverage": ["--seeds", "20"],
-    "gap_statistics": ["--reports", "1000000", "--aircraft", "6"],
 }
 LONG = {
     "fleet": ["--aircraft", "600", "1200", "2400", "6000"],
-    "gap_statistics": ["--reports", "10000000", "--aircraft", "60", "--month"],
 }
 """Arguments by benchmark; none are given where it has no entry."""
 

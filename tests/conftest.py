@@ -1,4 +1,4 @@
-"""Shared fixtures: the real data beside the repository, and hypothesis profiles."""
+"""Shared fixtures: real data next to the repository, a small archive, hypothesis profiles."""
 
 from __future__ import annotations
 
@@ -30,23 +30,18 @@ LONGEST = (
     "gap/test_diagnose.py",
     "workflow/test_months.py",
     "report/gap/test_gap_page.py",
-    "gap/witness/test_unknowns.py",
     "workflow/test_gap_start.py",
-    "gap/witness/test_learned.py",
     "test_cli.py",
     "test_fuzz.py",
     "workflow/test_compute.py",
     "test_workflow.py",
-    "blind_check/test_check.py",
-    "gap/search/test_candidate_ranking.py",
-    "gap/search/test_excess_scatter.py",
     "test_batch.py",
 )
-"""Files whose tests take longest, first: at the end one worker would wait for them."""
+"""Files whose tests take longest; they begin first, so that no worker waits for them at the end."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Put the longest files first; workers take whole files, for what their fixtures make."""
+    """Put the longest files first; a worker takes whole files, for the sake of their fixtures."""
     folder = Path(__file__).parent
     places = {folder / name: number for number, name in enumerate(LONGEST)}
     items.sort(
@@ -68,7 +63,7 @@ def real() -> Callable[[str], Path]:
 
 
 def _once(factory: pytest.TempPathFactory, name: str, make: Callable[[Path], None]) -> Path:
-    """Folder that the first worker that asks for it makes, for all tests of the run."""
+    """Folder for all tests of the run, made by the first worker that needs it."""
     shared = factory.getbasetemp()
     if "PYTEST_XDIST_WORKER" in os.environ:
         shared = shared.parent  # the run's own
@@ -82,16 +77,16 @@ def _once(factory: pytest.TempPathFactory, name: str, make: Callable[[Path], Non
     return folder
 
 
-#: What is wrong in `gap_archive`, as an effects file has it.
-STRUCK = (
+EFFECTS = (
     ("hard_iron", "N401", {"amplitude_deg": 6.0, "phase_deg": 40.0}),
     ("tas_scale", "N403", {"scale_percent": 3.0}),
 )
+"""Effects in the reports of `gap_archive`: name, aircraft, parameters."""
 
 
 @pytest.fixture(scope="session")
 def gap_archive(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Configuration of a small archive, its products of collocation made: see `STRUCK`."""
+    """Configuration of a small archive with `EFFECTS`, whose headings are made."""
     return _once(tmp_path_factory, "gap_archive", _make_gap_archive) / "cases/case/config.yaml"
 
 
@@ -102,14 +97,14 @@ def _make_gap_archive(folder: Path) -> None:
     from airswing.workflow import make_headings
 
     class AsDrawn(Archivist):
-        """Effects at the strength they are given here."""
+        """Effects with the parameters of `EFFECTS`."""
 
         def _strengthened(self, drawn, size, world):  # type: ignore[no-untyped-def]
             return drawn
 
     drawn = tuple(
         Drawn(name, ({"name": name, "tails": [tail], "period": None, "parameters": values},))
-        for name, tail, values in STRUCK
+        for name, tail, values in EFFECTS
     )
     world = World(11, "default", 14, 6, coarse=True)
     AsDrawn(folder).write(Case("case", 3, "pair", world, drawn, (1.0, 1.0)))
@@ -126,7 +121,7 @@ def _job(config: Path, output: Path | None = None) -> Job:
 
 @pytest.fixture(scope="session")
 def collocated(gap_archive: Path) -> Callable[[Path], Path]:
-    """Give a folder the products of collocation of `gap_archive`, so that they are not made."""
+    """Copies the headings of `gap_archive` into a folder."""
 
     def given(folder: Path) -> Path:
         shutil.copytree(gap_archive.parent / "results", folder, dirs_exist_ok=True)
@@ -151,7 +146,7 @@ def gap_product(
 
 @pytest.fixture
 def names_only(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Diagnoses look for nothing without a name: most of their time, where a test is not of it."""
+    """Diagnoses without unknown effects, which take most of their time."""
     from airswing.gap import diagnose as stages
 
     fit_model = stages.fit_model
@@ -165,7 +160,7 @@ def names_only(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def no_gap_page(monkeypatch: pytest.MonkeyPatch) -> None:
-    """``airswing gap`` without its page: a fifth of its time, where a test is of its numbers."""
+    """``airswing gap`` without its page, which takes a fifth of its time."""
     monkeypatch.setattr(
         "airswing.report.gap.gap_page.write_gap_page", lambda folder, **_: folder / "index.html"
     )
@@ -173,7 +168,7 @@ def no_gap_page(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(scope="module")
 def blank_cards() -> Iterator[None]:
-    """Swing cards are an empty file: drawing them takes longer than all else of a small run."""
+    """Swing cards are an empty file; to draw them takes longer than the rest of a small run."""
 
     def blank(fits: object, headings: object, path: Path, **_: object) -> int:
         Path(path).touch()

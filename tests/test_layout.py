@@ -7,7 +7,7 @@ import pytest
 
 PACKAGE = Path(__file__).resolve().parents[1] / "pipeline" / "airswing"
 #: Modules of the package's top level that users enter by; they may import from everywhere.
-ENTRANCES = {"__init__", "__main__", "cli", "cli_options"}
+ENTRANCES = {"__init__", "__main__", "cli"}
 
 #: Every folder may import from those before it. First: the modules of the package's top level.
 ORDER = (

@@ -15,37 +15,57 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 import typer
 from typer.core import TyperCommand
 
-from airswing.cli_options import (
-    CheckOptions,
-    ConfigPath,
-    ExportOptions,
-    Fresh,
-    GapOptions,
-    Json,
-    Output,
-    OutputPath,
-    Quiet,
-    Resume,
-    Scheduler,
-    Written,
-    takes,
-)
+from airswing.version import __version__
 
 if TYPE_CHECKING:
     from airswing.workflow import Job
 
 T = TypeVar("T")
 
+
+def _text(given: str) -> str:
+    # An empty path would be the current directory; scripts give one where a variable is unset.
+    if not given.strip():
+        raise typer.BadParameter("an empty path names nothing")
+    return given
+
+
+def _path(given: str) -> Path:
+    return Path(_text(given))
+
+
+ConfigPath = Annotated[
+    Path, typer.Argument(metavar="CONFIG", help="Configuration (YAML).", parser=_path)
+]
+Output = Annotated[
+    Path | None, typer.Option(help="Folder for the products.", metavar="DIR", parser=_path)
+]
+OutputPath = Annotated[
+    Path | None,
+    typer.Option("-o", "--output", help="Folder or file to write.", metavar="PATH", parser=_path),
+]
+Written = Annotated[
+    Path,
+    typer.Option("-o", "--output", help="File to write.", metavar="FILE", parser=_path),
+]
+Fresh = Annotated[bool, typer.Option("--fresh", help="Make every month anew.")]
+# What a run does anyway; accepted since scripts of earlier versions give it.
+Resume = Annotated[bool, typer.Option("--resume", hidden=True)]
+Scheduler = Annotated[
+    str | None, typer.Option(help="Address of a dask scheduler.", metavar="ADDRESS")
+]
+Quiet = Annotated[bool, typer.Option("--quiet", help="Results and errors alone, no progress.")]
+Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
+
 app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
-    help="Swing the compass of an aircraft from its archive of wind reports and model winds.",
 )
 
-# What shells give for a command that SIGINT ended: 128 + 2.
+# Exit status of a command that SIGINT ended: 128 + 2.
 _INTERRUPTED = 130
-# Faults of the disk or the folders that no code of ours can mend: bad input, not a defect.
+# Faults of the disk or the folders: bad input, not a defect of airswing.
 _NOT_OURS = (
     errno.ENOSPC,
     errno.EDQUOT,
@@ -68,6 +88,22 @@ _NOT_OURS = (
 )
 # Base of every error in how a command was called; typer exports it neither by name nor by type.
 _USAGE_ERROR: Any = typer.BadParameter.__base__
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        print(f"airswing {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _common(
+    version: Annotated[
+        bool,
+        typer.Option("--version", help="Print the version.", is_eager=True, callback=_version),
+    ] = False,
+) -> None:
+    """Swing the compass of an aircraft from its archive of wind reports and model winds."""
 
 
 def _job(
@@ -247,31 +283,68 @@ class _WithFormats(TyperCommand):
 
 
 @app.command(cls=_WithFormats)
-@takes(ExportOptions)
-def export(options: ExportOptions) -> None:
-    """Hand over the corrected winds: to WRF, WRFDA, GSI or JEDI."""
+def export(
+    config: ConfigPath,
+    to: Annotated[str, typer.Option(help="What to write; see below.", metavar="FORMAT")],
+    output: Annotated[  # text, since a slash at its end asks for a folder
+        str,
+        typer.Option(
+            "-o", "--output", help="File or folder to write.", metavar="PATH", parser=_text
+        ),
+    ],
+    winds: Annotated[str, typer.Option(help="corrected or reported.")] = "corrected",
+    window: Annotated[
+        str | None, typer.Option(help="Write a folder for each window, such as '1 h'.")
+    ] = None,
+    soundings: Annotated[
+        bool, typer.Option("--soundings", help="Join ascents and descents into one report each.")
+    ] = False,
+    domain: Annotated[int | None, typer.Option(help="Nest of WRF, for OBS_DOMAIN.")] = None,
+    platform: Annotated[
+        str | None, typer.Option(help="TAMDAR, AMDAR, ACARS or AIREP; else by source.")
+    ] = None,
+    identifiers: Annotated[
+        str | None, typer.Option(help="tail, or number: five digits an aircraft.")
+    ] = None,
+    base: Annotated[
+        Path | None,
+        typer.Option(help="Reject list or error table to change.", metavar="FILE"),
+    ] = None,
+    start: Annotated[str | None, typer.Option(help="First time (ISO 8601, UTC).")] = None,
+    end: Annotated[str | None, typer.Option(help="End of the period, excluded.")] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace existing files.")] = False,
+    quiet: Quiet = False,
+    json: Json = False,
+) -> None:
+    """Export the corrected winds for WRF, WRFDA, GSI or JEDI."""
     from airswing import workflow
     from airswing.config_file import with_handover
     from airswing.handover.export import as_text
-    from airswing.handover.export import export as hand_over
+    from airswing.handover.export import export as write_export
     from airswing.products.netcdf import product_path
 
-    job = _job(options.config, quiet=options.quiet)
-    asked = ("domain", "platform", "identifiers", "base", "start", "end")
-    given = {name: getattr(options, name) for name in asked}
+    job = _job(config, quiet=quiet)
+    given = {
+        "domain": domain,
+        "platform": platform,
+        "identifiers": identifiers,
+        "base": base,
+        "start": start,
+        "end": end,
+    }
     with job.progress.stage("export") as stage:
-        result = hand_over(
+        result = write_export(
             product_path(job.output, workflow.CORRECTED),
-            to=options.to,
-            path=options.output,
-            winds=options.winds,  # type: ignore[arg-type]
-            window=options.window,
-            soundings=options.soundings,
-            overwrite=options.overwrite,
+            to=to,
+            path=output,
+            winds=winds,  # type: ignore[arg-type]
+            window=window,
+            soundings=soundings,
+            overwrite=overwrite,
             settings=with_handover(job.config, given),
         )
         stage.note = f"{len(result['files']):,} files"
-    _print(result, as_json=options.json, text=as_text(result))
+    _print(result, as_json=json, text=as_text(result))
 
 
 @app.command()
@@ -279,68 +352,98 @@ def simulate(
     config: ConfigPath,
     output: Written,
     effects: Annotated[Path | None, typer.Option(help="Effects file (YAML).")] = None,
-    seed: Annotated[int, typer.Option(help="Seed of everything random.")] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of all random numbers.")] = 0,
     quiet: Quiet = False,
 ) -> None:
     """Simulate the reports forward: what the units should have sent."""
-    from airswing.workflow import gap_stage as gap_workflow
+    from airswing.workflow.gap_stage import simulation
 
     job = _job(config, quiet=quiet)
-    print(_alone(job, lambda job: gap_workflow.simulation(job, effects, output, seed=seed)))
+    print(_alone(job, lambda job: simulation(job, effects, output, seed=seed)))
 
 
 @app.command()
-@takes(GapOptions)
-def gap(options: GapOptions) -> None:
+def gap(
+    config: ConfigPath,
+    output: Output = None,
+    resume: Resume = True,
+    scheduler: Scheduler = None,
+    without: Annotated[
+        list[str] | None,
+        typer.Option(help="Effect to leave out of the catalogue.", metavar="EFFECT"),
+    ] = None,
+    known: Annotated[
+        Path | None,
+        typer.Option(
+            help="Effects that the simulation contains: effects.yaml, or a run's fits.nc.",
+            metavar="FILE",
+        ),
+    ] = None,
+    simulated: Annotated[
+        str | None,
+        typer.Option(
+            help="Reports of another simulation (file, glob, or its configuration).",
+            metavar="REPORTS",
+        ),
+    ] = None,
+    quiet: Quiet = False,
+    json: Json = False,
+) -> None:
     """Diagnose the gap to the simulation: where, which effect, how far it closes."""
     from airswing.report.gap.words import verdict
-    from airswing.workflow import gap_stage as gap_workflow
+    from airswing.workflow.gap_stage import diagnosis
 
-    job = _job(
-        options.config,
-        output=options.output,
-        quiet=options.quiet,
-        scheduler=options.scheduler,
-    )
+    job = _job(config, output=output, quiet=quiet, scheduler=scheduler)
     result = _alone(
         job,
-        lambda job: gap_workflow.diagnosis(
-            job,
-            without=options.without or (),
-            known=options.known,
-            simulated=options.simulated,
-        ),
+        lambda job: diagnosis(job, without=without or (), known=known, simulated=simulated),
     )
     text = f"{verdict(result, units=job.config.units)}\npage: {job.output / 'gap' / 'index.html'}"
-    _print(result.content(), as_json=options.json, text=text)
+    _print(result.content(), as_json=json, text=text)
 
 
 @app.command(name="gap-check")
-@takes(CheckOptions)
-def gap_check(options: CheckOptions) -> None:
+def gap_check(
+    cases: Annotated[int, typer.Option(help="Number of cases.", min=1)] = 60,
+    seed: Annotated[int, typer.Option(help="Seed of all random numbers.")] = 1,
+    output: Annotated[
+        Path,
+        typer.Option(
+            help="Folder of archives, labels, diagnoses and scores.", metavar="DIR", parser=_path
+        ),
+    ] = Path("results/gap_check"),
+    workers: Annotated[
+        int, typer.Option(help="Archives written and diagnosed at a time.", min=1)
+    ] = 1,
+    nulls: Annotated[
+        int | None, typer.Option(help="Cases without an effect; a quarter by default.", min=0)
+    ] = None,
+    so_far: Annotated[
+        bool, typer.Option("--so-far", help="Score the diagnosed cases without diagnosing more.")
+    ] = False,
+    fast: Annotated[bool, typer.Option("--fast", help="Small archives, clear effects.")] = False,
+    real: Annotated[
+        Path | None,
+        typer.Option(help="Folder with real data; rung 5 needs it.", metavar="DIR"),
+    ] = None,
+    rung: Annotated[
+        list[int] | None, typer.Option(help="Rung to run; all by default.", min=1, max=5)
+    ] = None,
+    quiet: Quiet = False,
+    json: Json = False,
+) -> None:
     """Test the gap diagnosis on sealed archives with known effects."""
     from airswing.blind_check import Plan, targets, write_report
     from airswing.blind_check import gap_check as check_diagnosis
     from airswing.products.whole_files import require_writable
     from airswing.workflow.progress import Progress
 
-    require_writable(options.output)
-    plan = Plan(
-        options.cases,
-        options.seed,
-        options.fast,
-        options.nulls,
-        tuple(options.rung) if options.rung else None,
-        real=options.real,
-    )
+    require_writable(output)
+    plan = Plan(cases, seed, fast, nulls, tuple(rung) if rung else None, real=real)
     check = check_diagnosis(
-        options.output,
-        plan,
-        workers=options.workers,
-        so_far=options.so_far,
-        say=Progress(quiet=options.quiet).say,
+        output, plan, workers=workers, so_far=so_far, say=Progress(quiet=quiet).say
     )
-    report = write_report(options.output, check, command=plan.command)
+    report = write_report(output, check, command=plan.command)
     reached = targets(check.scores)
     summary = {
         "digest": check.digest,
@@ -348,7 +451,7 @@ def gap_check(options: CheckOptions) -> None:
         "settings": check.settings,
     }
     text = f"{reached.to_string(index=False, float_format='%.3g')}\nreport: {report}"
-    _print(summary, as_json=options.json, text=text)
+    _print(summary, as_json=json, text=text)
 
 
 @app.command()
@@ -369,7 +472,7 @@ def sample(
     directory: Annotated[Path, typer.Argument(metavar="DIR", help="Folder to write to.")],
     days: Annotated[int, typer.Option(help="Length of the archive.", min=1)] = 30,
     aircraft: Annotated[int, typer.Option(help="Number of aircraft.", min=1)] = 10,
-    seed: Annotated[int, typer.Option(help="Seed of everything random.")] = 1,
+    seed: Annotated[int, typer.Option(help="Seed of all random numbers.")] = 1,
 ) -> None:
     """Write a sample archive (GRIB and reports) and the file of its known truth.
 
@@ -386,7 +489,7 @@ def inspect(
     files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="What to look into.")],
     json: Json = False,
 ) -> None:
-    """Say what GRIB files, report files or products hold."""
+    """Print the content of GRIB files, report files or products."""
     from airswing.workflow.inspection import as_text, inspect_file
 
     found = [inspect_file(file) for file in files]
@@ -426,7 +529,7 @@ def main() -> None:
 
 
 def _not_ours(err: OSError | RuntimeError) -> str | None:
-    """What to say of a fault of the disk, a folder or a damaged file; None of a defect of ours."""
+    """Message for a fault of the disk, a folder or a damaged file; None for a defect."""
     from airswing.errors import shortened
 
     if isinstance(err, OSError) and err.errno in _NOT_OURS:

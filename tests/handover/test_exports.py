@@ -14,11 +14,14 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from metpy.calc import wind_components
+from metpy.units import units
 
 import airswing
 from airswing.config import Handover
 from airswing.flags import CORRECTION, PHASE, PLATFORM, SCREENING
 from airswing.handover.export import as_text
+from airswing.handover.records import fixed, lines, speed_and_direction
 from airswing.products.netcdf import write_product
 from tests.handover import obsproc, wrf_nudging, wrfda
 from tests.handover.archives import corrected
@@ -27,6 +30,42 @@ EPOCH = datetime(1970, 1, 1)
 FORMATS = ("obs_domain", "little_r", "ob_ascii")
 STEP = {"obs_domain": 1e-3, "little_r": 1e-4, "ob_ascii": 6e-3}
 """m/s of a component that a format's rounding may cost: direction to 0.001 degree at 150 m/s."""
+
+
+@pytest.mark.parametrize(
+    ("value", "field", "decimals", "text"),
+    [
+        (-888888.0, "%11.3f", 3, "-888888.000"),
+        (-0.0004, "%9.3f", 3, "    0.000"),  # some readers stop at -0
+        (-12.5, "%8.2f", 2, "  -12.50"),
+        (9.9996, "%8.3f", 3, "  10.000"),
+        (100000.0, "%5.0f", 0, None),
+        (-888888.0, "%10.3f", 3, None),
+        (np.nan, "%11.3f", 3, None),
+        (np.inf, "%11.3f", 3, None),
+        (9999.9999, "%8.3f", 3, None),
+    ],
+)
+def test_numbers_fill_their_columns_or_are_refused(value, field, decimals, text):
+    if text is None:
+        with pytest.raises(ValueError, match=r"columns|finite"):
+            lines(f"|{field}|", [fixed([1.0, value], decimals)])
+    else:
+        assert lines(f"|{field}|", [fixed([value], decimals)]) == [f"|{text}|"]
+
+
+def test_speed_and_direction_give_the_components_again():
+    rng = np.random.default_rng(1)
+    u, v = rng.normal(0.0, 20.0, (2, 500))
+    u[:9], v[:9] = [0, -9, -9, -9, 0, 9, 9, 9, -0.0], [-9, -9, 0, 9, 9, 9, 0, -9, -5]
+    speed, direction = speed_and_direction(u, v)
+    assert ((direction > 0.0) & (direction <= 360.0)).all()
+    assert direction[[0, 8]].tolist() == [360.0, 360.0]
+    back = wind_components(speed * units("m/s"), direction * units.degree)
+    np.testing.assert_allclose([part.magnitude for part in back], [u, v], atol=1e-9)
+    assert speed_and_direction([0.0], [0.0]) == (0.0, 360.0)
+    _, direction = speed_and_direction([-1e-5, 1e-5], [-1.0, -1.0], least=0.001)
+    assert direction[0] == 360.0 and direction[1] > 359.999
 
 
 def understood(to, path):

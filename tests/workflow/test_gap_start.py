@@ -8,7 +8,7 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 import yaml
-from tests.conftest import STRUCK
+from tests.conftest import EFFECTS
 from typer.testing import CliRunner
 from xarray import Dataset
 
@@ -25,7 +25,7 @@ from airswing.workflow.progress import Progress
 
 IRON, SCALE = (
     {"name": name, "tails": [tail], "period": None, "parameters": values}
-    for name, tail, values in STRUCK
+    for name, tail, values in EFFECTS
 )
 
 

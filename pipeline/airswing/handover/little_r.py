@@ -27,34 +27,37 @@ from typing import Any
 import numpy as np
 
 from airswing.handover.export import Request
-from airswing.handover.fixed_columns import (
-    line_starts,
-    lines_of,
-    put_number,
-    put_text,
-    put_time,
-    speed_and_direction,
-)
 from airswing.handover.platforms import CODES, PLATFORMS
-from airswing.handover.records import Records, write_records
+from airswing.handover.records import (
+    MISSING,
+    Records,
+    dates,
+    fixed,
+    joined,
+    lines,
+    speed_and_direction,
+    write_records,
+)
 from airswing.handover.selection import selected_rows
 
 SLOWEST = 0.10001  # m/s; OBSPROC takes slower winds as missing
 LEAST_DIRECTION = 0.00101  # degrees; OBSPROC takes smaller ones as missing
 _NO_VALUE = "-888888.00000      0"
-# Latitude, longitude, identifier, name, platform, source, elevation; counts of fields, errors,
+# Latitude, longitude, identifier, name, platform, source, elevation; numbers of fields, errors,
 # warnings, order, duplicates; sounding, bogus, discarded; seconds since a date and a Julian day
 # that no reader uses, the date, 13 surface values.
-_HEAD = (
-    f"{'':20}{'':20}{'':40}{'':40}{'':40}{'':40}{'0.00000':>20}"
-    f"{'':10}{0:10}{0:10}{'':10}{0:10}{'T':>10}{'F':>10}{'F':>10}{-888888:10}{-888888:10}"
-    f"{'':20}{_NO_VALUE * 13}\n"
+_BEFORE = (
+    f"%20.5f%20.5f%-40s%-40s%-40s%-40s{'0.00000':>20}"
+    f"%10d{0:10}{0:10}%10d{0:10}{'T':>10}{'F':>10}{'F':>10}{-888888:10}{-888888:10}"
+    f"{'':6}%14s{_NO_VALUE * 13}\n"
 )
-_LEVEL = f"{_NO_VALUE * 10}\n"
-# First columns in a level: ten pairs of a value (F13.5) and its quality (I7).
-_PRESSURE, _HEIGHT_QUALITY, _TEMPERATURE, _SPEED, _DIRECTION = 1, 34, 41, 81, 101
-_TAIL = f"{'-777777.00000      0' * 2}{'':13}      0{_NO_VALUE * 7}\n{'':7}{0:7}{0:7}\n"
-_END, _TRAILER = line_starts(_TAIL)
+# Pairs of a value (F13.5) and its quality (I7): pressure, height, temperature, dew point, speed,
+# direction, u, v, humidity, thickness.
+_LEVEL = (
+    f"%13.5f      0-888888.00000%7d%13.5f      0{_NO_VALUE}%13.5f      0%13.5f      0"
+    f"{_NO_VALUE * 4}\n"
+)
+_AFTER = f"{'-777777.00000      0' * 2}%13.5f      0{_NO_VALUE * 7}\n%7d{0:7}{0:7}\n"
 
 
 def write(request: Request) -> dict[str, Any]:
@@ -74,31 +77,29 @@ def write(request: Request) -> dict[str, Any]:
     return result
 
 
-def _encode(records: Records, *, winds: str) -> bytes | memoryview:
-    heads = records.heads
-    head = lines_of(_HEAD, heads.size)
-    put_number(head, 1, 20, heads["latitude"], decimals=5)
-    put_number(head, 21, 20, heads["longitude"], decimals=5)
-    put_text(head, 41, records.identifiers[heads["aircraft"]])
-    put_text(head, 81, records.names())
-    put_text(head, 121, records.texts([CODES[name] for name in PLATFORMS], 40))
-    put_text(head, 161, records.texts([f"airswing {winds} {name}" for name in PLATFORMS], 40))
-    put_number(head, 221, 10, records.size)
-    put_number(head, 251, 10, records.number)
-    # The date has columns 321 to 340, its fourteen digits at their end.
-    put_time(head, 327, heads["time"], pattern="yyyymmddhhmmss")
-    tail = lines_of(_TAIL, heads.size)
-    put_number(tail, _END + 41, 13, records.size, decimals=5)
-    put_number(tail, _TRAILER + 1, 7, records.size)
-
-    rows = records.levels
-    level = lines_of(_LEVEL, rows.size)
-    speed, direction = speed_and_direction(rows["u"], rows["v"], least=LEAST_DIRECTION)
-    known = np.isfinite(rows["temperature"])
-    put_number(level, _PRESSURE, 13, rows["pressure"], decimals=5)
-    put_number(level, _TEMPERATURE, 13, rows["temperature"], decimals=5, where=known)
-    put_number(level, _SPEED, 13, np.maximum(speed, SLOWEST), decimals=5)
-    put_number(level, _DIRECTION, 13, direction, decimals=5)
-    tamdar = records.platform[rows["aircraft"]] == PLATFORMS.index("TAMDAR")
-    put_number(level, _HEIGHT_QUALITY, 7, np.where(tamdar, 0, 1))
-    return records.joined(head, level, tail)
+def _encode(records: Records, *, winds: str) -> bytes:
+    places, levels, size = records.places, records.levels, records.size.tolist()
+    before = [
+        fixed(places["latitude"], 5),
+        fixed(places["longitude"], 5),
+        records.aircraft(),
+        records.names(),
+        records.by_platform([CODES[name] for name in PLATFORMS]),
+        records.by_platform([f"airswing {winds} {name}" for name in PLATFORMS]),
+        size,
+        records.number.tolist(),
+        dates(places["time"], separators=False),
+    ]
+    speed, direction = speed_and_direction(levels["u"], levels["v"], least=LEAST_DIRECTION)
+    tamdar = records.platform[levels["aircraft"]] == PLATFORMS.index("TAMDAR")
+    temperature = levels["temperature"]
+    columns = [
+        fixed(levels["pressure"], 5),
+        np.where(tamdar, 0, 1).tolist(),
+        fixed(np.where(np.isnan(temperature), MISSING, temperature), 5),
+        fixed(np.maximum(speed, SLOWEST), 5),
+        fixed(direction, 5),
+    ]
+    return joined(
+        records, lines(_BEFORE, before), lines(_LEVEL, columns), lines(_AFTER, [size, size])
+    )

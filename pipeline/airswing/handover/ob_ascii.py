@@ -21,15 +21,17 @@ from typing import Any
 import numpy as np
 
 from airswing.handover.export import ERRORS, Request
-from airswing.handover.fixed_columns import (
-    lines_of,
-    put_number,
-    put_text,
-    put_time,
-    speed_and_direction,
-)
 from airswing.handover.platforms import CODES, PLATFORMS
-from airswing.handover.records import Records, write_records
+from airswing.handover.records import (
+    MISSING,
+    Records,
+    dates,
+    fixed,
+    joined,
+    lines,
+    speed_and_direction,
+    write_records,
+)
 from airswing.handover.selection import selected_rows
 from airswing.handover.wind_errors import WindErrors, known_errors
 
@@ -48,22 +50,18 @@ _FORMATS = (
     "EACH_FMT = (3(F12.3,I4,F7.2),11X,3(F12.3,I4,F7.2),11X,3(F12.3,I4,F7.2))\n"
     f"#{78 * '-'}#\n"
 )
-_HEAD = (
-    f"{'':12} {'':19} {'':40} {'':6}{'':12}{'':11}{'':12}{'':11}{' -888888.000':12}{'':11}{'':6}"
-    f"{'':40}\n"
+_GAP = f"{'':11}"
+_BEFORE = (
+    f"%-12s %19s %-40s %6d%12.3f{_GAP}%12.3f{_GAP} -888888.000{_GAP}{'':6}%-40s\n"
     " -888888.000 -88 200.00 -888888.000 -88  0.200\n"
 )
-_GAP = f"{'':11}"
-# Errors other than that of the wind are those of var/obsproc/obserr.txt: 200 Pa, 1 K, 10 %.
+# Value, quality and error by EACH_FMT. Errors other than that of the wind are those of
+# var/obsproc/obserr.txt: 200 Pa, 1 K, 10 %.
 _LEVEL = (
-    f"{'':12}{0:4} 200.00{'':12}{0:4}{'':7}{'':12}{0:4}{'':7}{_GAP}"
-    f" -888888.000 -88  10.00 -888888.000 -88   1.00 -888888.000 -88   1.00{_GAP}"
+    f"%12.3f   0 200.00%12.3f   0%7.2f%12.3f   0%7.2f{_GAP}"
+    f" -888888.000 -88  10.00%12.3f%4d   1.00 -888888.000 -88   1.00{_GAP}"
     " -888888.000 -88  10.00\n"
 )
-# First columns in the line of a level, by EACH_FMT: a value takes 12, its quality 4, its error 7,
-# with 11 blanks after every third.
-_PRESSURE, _SPEED, _DIRECTION, _TEMPERATURE = 1, 24, 47, 104
-_QUALITY, _ERROR = 12, 16  # from the first column of a value to those of its quality and its error
 # Range of F7.2 with a blank before it; an error of zero would have infinite weight.
 LEAST_ERROR, LARGEST_ERROR = 0.01, 999.99
 
@@ -97,32 +95,30 @@ def _header(numbers: dict[str, int]) -> bytes:
     return "\n".join([total, *lines, _FORMATS]).encode("ascii")
 
 
-def _encode(records: Records, *, errors: WindErrors) -> bytes | memoryview:
-    heads = records.heads
-    head = lines_of(_HEAD, heads.size)
-    put_text(head, 1, records.texts([CODES[name][:12] for name in PLATFORMS], 12))
-    put_time(head, 14, heads["time"], pattern="yyyy-mm-dd_hh:mm:ss")
-    put_text(head, 34, records.names())
-    put_number(head, 75, 6, records.size)
-    put_number(head, 81, 12, heads["latitude"], decimals=3)
-    put_number(head, 104, 12, heads["longitude"], decimals=3)
-    put_text(head, 156, records.identifiers[heads["aircraft"]])
-
-    rows = records.levels
-    level = lines_of(_LEVEL, rows.size)
+def _encode(records: Records, *, errors: WindErrors) -> bytes:
+    places, levels = records.places, records.levels
+    before = [
+        records.by_platform([CODES[name][:12] for name in PLATFORMS]),
+        dates(places["time"], separators=True),
+        records.names(),
+        records.size.tolist(),
+        fixed(places["latitude"], 3),
+        fixed(places["longitude"], 3),
+        records.aircraft(),
+    ]
     # A smaller direction would be written as 0.000.
-    speed, direction = speed_and_direction(rows["u"], rows["v"], least=0.0005)
-    error = errors.of(rows)
-    put_number(level, _PRESSURE, 12, rows["pressure"], decimals=3)
-    for column, values, value_error in (
-        (_SPEED, speed, error),
-        # The angle of the component error across the wind.
-        (_DIRECTION, direction, np.degrees(np.arctan2(error, speed))),
-    ):
-        put_number(level, column, 12, values, decimals=3)
-        written = np.clip(value_error, LEAST_ERROR, LARGEST_ERROR)
-        put_number(level, column + _ERROR, 7, written, decimals=2)
-    known = np.isfinite(rows["temperature"])
-    put_number(level, _TEMPERATURE, 12, rows["temperature"], decimals=3, where=known)
-    put_number(level, _TEMPERATURE + _QUALITY, 4, 0, where=known)
-    return records.joined(head, level)
+    speed, direction = speed_and_direction(levels["u"], levels["v"], least=0.0005)
+    error = errors.of(levels)
+    # The angle of the component error across the wind.
+    angle = np.degrees(np.arctan2(error, speed))
+    missing = np.isnan(levels["temperature"])
+    columns = [
+        fixed(levels["pressure"], 3),
+        fixed(speed, 3),
+        fixed(np.clip(error, LEAST_ERROR, LARGEST_ERROR), 2),
+        fixed(direction, 3),
+        fixed(np.clip(angle, LEAST_ERROR, LARGEST_ERROR), 2),
+        fixed(np.where(missing, MISSING, levels["temperature"]), 3),
+        np.where(missing, -88, 0).tolist(),
+    ]
+    return joined(records, lines(_BEFORE, before), lines(_LEVEL, columns))

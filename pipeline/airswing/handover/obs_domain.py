@@ -26,34 +26,30 @@ import numpy as np
 
 from airswing.errors import InputError
 from airswing.handover.export import Request
-from airswing.handover.fixed_columns import (
-    MISSING,
-    line_starts,
-    lines_of,
-    put_number,
-    put_text,
-    put_time,
-)
 from airswing.handover.platforms import CODES, PLATFORMS
-from airswing.handover.records import Records, write_records
+from airswing.handover.records import (
+    MISSING,
+    Records,
+    dates,
+    fixed,
+    joined,
+    lines,
+    write_records,
+)
 from airswing.handover.selection import selected_rows
 
 HIGHEST = 8000.0  # Pa; WRF takes no wind at this pressure and above
 CALM = 0.001  # m/s; smallest component the format holds
 LARGEST_STEP = 20_000.0  # Pa between levels; default of ``obs_max_sndng_gap`` (20 cbar)
 LEAST_DEPTH = 15_000.0  # Pa; twice the reach of a single level
-_EARTH_RELATIVE = 129.0
-_HEAD = (
-    f" {'':14}\n"
-    f"  {'':9} {'':9} \n"
-    f"  {'':40}   {'':40}   \n"
-    f"  {'':16}  {'':16}  -888888.     T     F  {'':5}\n"
+_BEFORE = " %14s\n  %9.4f %9.4f \n  %-40s   %-40s   \n  %-16s  %-16s  -888888.     T     F  %5d\n"
+# Format 104: pairs of value and quality of pressure, height, temperature, u, v and humidity.
+_NONE = "-888888.000 -888888.000 "
+_EARTH_RELATIVE = "    129.000 "
+_LEVEL = (
+    f" %11.3f       0.000 {_NONE}%11.3f %11.3f %11.3f {_EARTH_RELATIVE}%11.3f {_EARTH_RELATIVE}"
+    f"{_NONE}\n"
 )
-_TIME, _PLACE, _NAMES, _KIND = line_starts(_HEAD)
-_LEVEL = " " + 6 * "-888888.000 -888888.000 " + "\n"
-# Format 104: a blank, then pairs of value and quality (F11.3) with a blank after each.
-_PRESSURE, _HEIGHT, _TEMPERATURE, _EAST, _NORTH, _HUMIDITY = range(2, 146, 24)
-_QUALITY = 12  # from the first column of a value to that of its quality
 
 
 def write(request: Request) -> dict[str, Any]:
@@ -81,34 +77,27 @@ def write(request: Request) -> dict[str, Any]:
     return result
 
 
-def _encode(records: Records) -> bytes | memoryview:
-    heads = records.heads
-    head = lines_of(_HEAD, heads.size)
-    put_time(head, _TIME + 2, heads["time"], pattern="yyyymmddhhmmss")
-    put_number(head, _PLACE + 3, 9, heads["latitude"], decimals=4)
-    put_number(head, _PLACE + 13, 9, heads["longitude"], decimals=4)
-    put_text(head, _NAMES + 3, records.identifiers[heads["aircraft"]])
-    put_text(head, _NAMES + 46, records.names())
+def _encode(records: Records) -> bytes:
+    places, levels = records.places, records.levels
     codes = [CODES["AIREP" if name == "ACARS" else name] for name in PLATFORMS]
-    put_text(head, _KIND + 3, records.texts(codes, 16))
-    put_text(head, _KIND + 21, records.texts(list(PLATFORMS), 16))
-    put_number(head, _KIND + 61, 5, records.size)
-
-    rows = records.levels
-    level = lines_of(_LEVEL, rows.size)
+    before = [
+        dates(places["time"], separators=False),
+        fixed(places["latitude"], 4),
+        fixed(places["longitude"], 4),
+        records.aircraft(),
+        records.names(),
+        records.by_platform(codes),
+        records.by_platform(PLATFORMS),
+        records.size.tolist(),
+    ]
     # Rounded to the three decimals of the format.
-    calm = np.hypot(np.round(rows["u"], 3), np.round(rows["v"], 3)) == 0.0
-    missing = np.isnan(rows["temperature"])
-    for column, values, quality in (
-        (_PRESSURE, rows["pressure"], np.zeros(rows.size)),
-        (
-            _TEMPERATURE,
-            np.where(missing, MISSING, rows["temperature"]),
-            np.where(missing, MISSING, 0.0),
-        ),
-        (_EAST, np.where(calm, CALM, rows["u"]), np.full(rows.size, _EARTH_RELATIVE)),
-        (_NORTH, np.where(calm, 0.0, rows["v"]), np.full(rows.size, _EARTH_RELATIVE)),
-    ):
-        put_number(level, column, 11, values, decimals=3)
-        put_number(level, column + _QUALITY, 11, quality, decimals=3)
-    return records.joined(head, level)
+    calm = np.hypot(np.round(levels["u"], 3), np.round(levels["v"], 3)) == 0.0
+    missing = np.isnan(levels["temperature"])
+    columns = [
+        fixed(levels["pressure"], 3),
+        fixed(np.where(missing, MISSING, levels["temperature"]), 3),
+        np.where(missing, MISSING, 0.0).tolist(),
+        fixed(np.where(calm, CALM, levels["u"]), 3),
+        fixed(np.where(calm, 0.0, levels["v"]), 3),
+    ]
+    return joined(records, lines(_BEFORE, before), lines(_LEVEL, columns))

@@ -1,37 +1,39 @@
 """Reports written to files in order of time, one file for each time window.
 
-Assumes a format that encodes a batch of reports as bytes. Files are written in a temporary folder
-next to their target and renamed when all are complete.
+A format is two or three printf templates: the lines before the levels of a report, the line of a
+level, and the lines after the levels. All fields have fixed columns as in the Fortran formats of
+the readers. Files are written in a temporary folder next to their target and renamed when all are
+complete.
 """
 
 from __future__ import annotations
 
 import os
+import re
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from airswing.errors import InputError
 from airswing.flags import PHASE
 from airswing.handover.export import Request, refuse_existing
-from airswing.handover.fixed_columns import Lines, lines_of, put_number, put_text, text_table
-from airswing.handover.platforms import (
-    LONGEST_IDENTIFIER,
-    PLATFORMS,
-    identifiers,
-    names_of,
-    platforms,
-)
+from airswing.handover.platforms import PLATFORMS, identifiers, names_of, platforms
 from airswing.handover.selection import Rows, Selected
+from airswing.physics.triangle import direction_in_degrees
 from airswing.products.whole_files import made_folder
 
-# So few that their lines stay in the processor's cache.
-REPORTS_AT_ONCE = 10_000
+Array = NDArray[np.float64]
+
+MISSING = -888888.0
+"""Missing value of the formats of WRF, OBSPROC and WRFDA."""
+REPORTS_AT_ONCE = 10_000  # more take more memory and no less time
+_FIELD = re.compile(r"%-?(\d+)(?:\.\d+)?[dfs]")
+_PHASES = {code: name for name, code in PHASE.items()}
 
 
 @dataclass(frozen=True)
@@ -42,52 +44,113 @@ class Records:
     first: NDArray[np.int64]  # first level of each report
     size: NDArray[np.int64]  # levels of each report
     number: NDArray[np.int64]  # of the report in the export, from 1
-    identifiers: Lines  # (aircraft, 40)
-    platform: NDArray[np.int8]  # (aircraft,), index of `PLATFORMS`
+    identifiers: Sequence[str]  # by aircraft
+    platform: NDArray[np.int8]  # index of `PLATFORMS`, by aircraft
 
     @property
-    def heads(self) -> Rows:
-        """First level of each report."""
+    def places(self) -> Rows:
+        """First level of each report, with the report's place and time."""
         return self.levels[self.first]
 
-    def names(self) -> Lines:
-        """Names (report, 40), no two alike, since readers merge or drop reports of equal names.
+    def aircraft(self) -> list[str]:
+        """Identifier of each report's aircraft."""
+        return [self.identifiers[number] for number in self.places["aircraft"]]
 
-        They begin with a word that no reader takes for a type of report (WRF looks for ``ACARS``
-        and others there).
+    def names(self) -> list[str]:
+        """A unique name of 40 characters for each report; readers merge or drop equal names.
+
+        It begins with a word that no reader takes for a type of report (WRF looks for ``ACARS`` and
+        others there).
         """
-        lines = lines_of(f"{'airswing':<40}", self.first.size)
-        put_number(lines, 10, 10, self.number)
-        put_text(lines, 21, text_table(list(PHASE), 20)[self.heads["phase"]])
-        return lines
+        phases = (_PHASES[code] for code in self.places["phase"].tolist())
+        numbers = self.number.tolist()
+        pairs = zip(numbers, phases, strict=True)
+        return [f"airswing {number:10d} {phase:<20}" for number, phase in pairs]
 
-    def texts(self, by_platform: list[str], width: int) -> Lines:
-        """Text of each report's platform (report, width), given one text a platform."""
-        table = text_table(by_platform, width)
-        return np.asarray(table[self.platform[self.heads["aircraft"]]])
+    def by_platform(self, texts: Sequence[str]) -> list[str]:
+        """Text of each report's platform, given one for each of `PLATFORMS`."""
+        return [texts[code] for code in self.platform[self.places["aircraft"]].tolist()]
 
-    def joined(self, head: Lines, level: Lines, tail: Lines | None = None) -> bytes | memoryview:
-        """Bytes of the reports: each its head, its levels, its tail, all (lines, columns)."""
-        tail = np.empty((head.shape[0], 0), np.uint8) if tail is None else tail
-        if (self.size == 1).all():
-            return np.concatenate([head, level, tail], axis=1).reshape(-1).data
-        # Reports of equal size form one array; a record is one item, so that they can be
-        # joined in order without a loop over lines.
-        pieces = np.empty(self.size.size, dtype=object)
-        for size in np.unique(self.size).tolist():
-            chosen = np.flatnonzero(self.size == size)
-            inner = level[self.first[chosen][:, np.newaxis] + np.arange(size)]
-            parts = [head[chosen], inner.reshape(chosen.size, -1), tail[chosen]]
-            whole = np.ascontiguousarray(np.concatenate(parts, axis=1))
-            pieces[chosen] = whole.view(f"V{whole.shape[1]}").ravel().tolist()
-        return b"".join(pieces.tolist())
+
+def fixed(values: ArrayLike, decimals: int) -> list[float]:
+    """Finite numbers, rounded, without a negative zero (some readers stop at -0)."""
+    numbers = np.round(np.asarray(values, dtype=np.float64), decimals) + 0.0
+    if not np.isfinite(numbers).all():
+        raise ValueError("a number is not finite")
+    return list(numbers.tolist())
+
+
+def dates(seconds: NDArray[np.int64], *, separators: bool) -> list[str]:
+    """``yyyy-mm-dd_hh:mm:ss``, or the fourteen digits alone, of seconds since 1970 (UTC)."""
+    texts = np.datetime_as_string(seconds.astype("datetime64[s]")).tolist()
+    if separators:
+        return [text.replace("T", "_") for text in texts]
+    return ["".join([t[:4], t[5:7], t[8:10], t[11:13], t[14:16], t[17:]]) for t in texts]
+
+
+def lines(template: str, columns: Sequence[Sequence[object]]) -> list[str]:
+    """Text of fixed columns, one for each place in the batch.
+
+    Parameters
+    ----------
+    template : str
+        In printf style.
+    columns : sequence of sequence
+        Values of each field, each as long as the batch.
+
+    Raises
+    ------
+    ValueError
+        If a value does not fit into its field: Fortran would write asterisks, which no reader
+        accepts.
+    """
+    found = [template % values for values in zip(*columns, strict=True)]
+    width = len(_FIELD.sub(lambda field: " " * int(field[1]), template))
+    if any(len(text) != width for text in found):
+        raise ValueError("a value does not fit into its columns")
+    return found
+
+
+def joined(
+    records: Records, before: list[str], levels: list[str], after: list[str] | None = None
+) -> bytes:
+    """Bytes of the reports: the text before the levels, that of each level, that after them."""
+    ends = records.first + records.size
+    parts = zip(records.first.tolist(), ends.tolist(), strict=True)
+    whole = ["".join([text, *levels[i:j]]) for text, (i, j) in zip(before, parts, strict=True)]
+    if after is not None:
+        whole = [one + end for one, end in zip(whole, after, strict=True)]
+    return "".join(whole).encode("ascii")
+
+
+def speed_and_direction(u: ArrayLike, v: ArrayLike, *, least: float = 0.0) -> tuple[Array, Array]:
+    """Speed and direction of the wind as the formats require them.
+
+    Parameters
+    ----------
+    u, v : array_like, shape (n,)
+        Components towards east and north, m/s.
+    least : float, default 0
+        Degrees; a direction that is no larger is written as 360, since readers take 0 as missing.
+
+    Returns
+    -------
+    speed : array, shape (n,)
+        m/s.
+    direction : array, shape (n,)
+        Degrees from which the wind blows, in (0, 360]; 360 for a calm.
+    """
+    east, north = np.asarray(u, dtype=np.float64), np.asarray(v, dtype=np.float64)
+    speed = np.hypot(east, north)
+    direction = direction_in_degrees(east, north)
+    return speed, np.where((speed == 0.0) | (direction <= least), 360.0, direction)
 
 
 def write_records(
     request: Request,
     selected: Selected,
     file_name: str,
-    encode: Callable[[Records], bytes | memoryview],
+    encode: Callable[[Records], bytes],
     *,
     header: Callable[[dict[str, int]], bytes] = lambda numbers: b"",
 ) -> dict[str, Any]:
@@ -114,61 +177,60 @@ def write_records(
         If a file exists already or cannot be written.
     """
     rows, order = selected.rows, selected.order
-    written = identifiers(request.corrected, request.settings)
-    fleet = text_table(written, LONGEST_IDENTIFIER), platforms(request.corrected, request.settings)
+    fleet = identifiers(request.corrected, request.settings)
+    platform = platforms(request.corrected, request.settings)
     # First level of each report among the ordered rows, and the window of each report.
     first = np.flatnonzero(np.diff(rows["report"][order], prepend=-1))
-    heads = order[first]
+    bounds = np.append(first, order.size)
+    places = rows[["time", "aircraft"]][order[first]]
     begin = 0 if request.settings.start is None else int(request.settings.start.timestamp())
     window = np.zeros(first.size, dtype=np.int64)
     if request.window is not None:
-        window = (rows["time"][heads] - begin) // int(request.window)
+        window = (places["time"] - begin) // int(request.window)
     windows, starts = np.unique(window, return_index=True)
     ends = [*starts[1:].tolist(), first.size]
     targets = [_target(request, file_name, begin, int(one)) for one in windows]
     refuse_existing(request, *targets)
     files: list[dict[str, Any]] = []
-    bounds = np.append(first, order.size)
     totals = np.zeros(len(PLATFORMS), dtype=np.int64)
+    folder = request.path.parent
     try:
         with (
-            made_folder(request.path.parent),
-            tempfile.TemporaryDirectory(
-                prefix=".airswing-export-", dir=request.path.parent
-            ) as temporary,
+            made_folder(folder),
+            tempfile.TemporaryDirectory(prefix=".airswing-export-", dir=folder) as temporary,
         ):
             for start, end, target in zip(starts.tolist(), ends, targets, strict=True):
-                aircraft = rows["aircraft"][heads[start:end]]
-                numbers = np.bincount(fleet[1][aircraft], minlength=len(PLATFORMS))
+                of_platform = platform[places["aircraft"][start:end]]
+                numbers = np.bincount(of_platform, minlength=len(PLATFORMS))
                 totals += numbers
                 with (Path(temporary) / str(len(files))).open("wb") as stream:
                     stream.write(header(dict(zip(PLATFORMS, numbers.tolist(), strict=True))))
                     for low in range(start, end, REPORTS_AT_ONCE):
                         edges = bounds[low : min(low + REPORTS_AT_ONCE, end) + 1]
-                        levels = rows[order[edges[0] : edges[-1]]]
-                        number = np.arange(low + 1, low + edges.size)
-                        stream.write(
-                            encode(
-                                Records(
-                                    levels, edges[:-1] - edges[0], np.diff(edges), number, *fleet
-                                )
-                            )
+                        records = Records(
+                            levels=rows[order[edges[0] : edges[-1]]],
+                            first=edges[:-1] - edges[0],
+                            size=np.diff(edges),
+                            number=np.arange(low + 1, low + edges.size),
+                            identifiers=fleet,
+                            platform=platform,
                         )
+                        stream.write(encode(records))
                     stream.flush()
                     os.fsync(stream.fileno())  # before the rename
-                times = rows["time"][heads[[start, end - 1]]]
+                times = places["time"][[start, end - 1]].astype("datetime64[s]")
                 files.append(
                     {
                         "path": str(target),
                         "reports": end - start,
                         "levels": int(bounds[end] - bounds[start]),
-                        "first_time": f"{np.datetime64(int(times[0]), 's')}Z",
-                        "last_time": f"{np.datetime64(int(times[1]), 's')}Z",
+                        "first_time": f"{times[0]}Z",
+                        "last_time": f"{times[1]}Z",
                     }
                 )
-            for number_of_file, target in enumerate(targets):
+            for number, target in enumerate(targets):
                 target.parent.mkdir(parents=True, exist_ok=True)
-                os.replace(Path(temporary) / str(number_of_file), target)
+                os.replace(Path(temporary) / str(number), target)
     except OSError as err:
         raise InputError(
             "cannot write the export; nothing was changed",
@@ -185,7 +247,7 @@ def write_records(
         "notes": _sounding_notes(selected) if request.soundings else [],
     }
     if request.settings.identifiers == "number":
-        account["identifiers"] = dict(zip(names_of(request.corrected), written, strict=True))
+        account["identifiers"] = dict(zip(names_of(request.corrected), fleet, strict=True))
     return account
 
 

@@ -22,6 +22,7 @@ from airswing.flags import STATUS
 from airswing.report.run.page_numbers import disagreement, kept_reports
 from airswing.report.run.reading_warnings import reading_warnings, reference_warnings, tally
 from airswing.units import NORMAL_95
+from airswing.workflow.job import main_reference, months_text
 from airswing.workflow.progress import Accounts
 
 
@@ -72,7 +73,7 @@ def summarise(
         ``reports``, ``aircraft``, ``status`` counts, ``disagreement_kt`` before and after, and
         one entry per aircraft under ``fits``.
     """
-    main = next(iter([*config.pool, *config.references]))
+    main = main_reference(config)
     chosen = fits.sel(reference=main)
     apart = disagreement(headings, corrected, fits, main)
     names = {code: name for name, code in STATUS.items()}
@@ -136,6 +137,8 @@ def as_text(summary: Summary, output: Path) -> str:
     ]
     lines += ["", *summary.get("warnings", [])] if summary.get("warnings") else []
     lines += ["", summary["watched"]] if summary.get("watched") else []
+    months = summary.get("months")
+    lines += ["", months_text(months)] if months else []
     lines += [
         "",
         f"mean wind vector disagreement of the corrected reports: {change['before']:.2f} kt "

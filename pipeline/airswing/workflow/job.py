@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -66,6 +67,17 @@ class Job:
             sources=[*self.config.reports.files, *self.config.references],
             source_uuids=[source.attrs["uuid"] for source in sources],
         )
+
+
+def months_text(months: Mapping[str, Sequence[str]]) -> str:
+    """Months that a run made and those it kept, as one line."""
+
+    def listed(names: Sequence[str]) -> str:
+        if len(names) < 5:
+            return ", ".join(names) or "none"
+        return f"{len(names)}, {names[0]} to {names[-1]}"
+
+    return f"months made: {listed(months['made'])}; kept: {listed(months['kept'])}"
 
 
 def main_reference(config: Config) -> str:

@@ -38,7 +38,7 @@ from airswing.products.netcdf import as_stored, open_product, read_product
 from airswing.products.ragged import BLOCK_REPORTS
 from airswing.products.whole_files import read_note, write_json
 from airswing.report.run.reading_warnings import model_warnings, reading_warnings, tally, unread
-from airswing.workflow.job import CORRECTED, HEADINGS, Job
+from airswing.workflow.job import CORRECTED, HEADINGS, Job, months_text
 
 if TYPE_CHECKING:
     from airswing.reference.catalogue import Catalogue
@@ -100,18 +100,13 @@ def make_headings(job: Job) -> xr.Dataset:
             "reports have no wind, the next run reads them again"
         )
     kept = [month.name for month in months if month not in wanted]
-    job.progress.say(f"months made: {_listed(made)}; kept: {_listed(kept)}")
+    months_now = {"made": made, "kept": kept}
+    job.progress.say(months_text(months_now))
     headings = open_product(job.output / HEADINGS)
     audit = archive.audit_of(headings)
     headings.attrs["reading_audit"] = audit.as_json()
-    headings.attrs["months"] = json.dumps({"made": made, "kept": kept})
+    headings.attrs["months"] = json.dumps(months_now)
     return headings
-
-
-def _listed(months: Sequence[str]) -> str:
-    if not months:
-        return "none"
-    return ", ".join(months) if len(months) < 5 else f"{len(months)}, {months[0]} to {months[-1]}"
 
 
 def _settings(job: Job) -> dict[str, str]:
