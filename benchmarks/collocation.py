@@ -28,7 +28,7 @@ import xarray as xr
 
 import airswing  # noqa: F401  (imports pyproj before eccodes)
 from airswing.guarded import guarded
-from airswing.reference.catalogues import build_catalogue
+from airswing.reference.catalogue import build_catalogue
 from airswing.reference.collocate import collocate
 
 NI, NJ = 451, 337

@@ -115,7 +115,7 @@ def worker_lost(folder: Path, long: bool) -> Outcome:
 
 def file_changes(folder: Path, long: bool) -> Outcome:
     """A model file is replaced between the catalogue and the reading."""
-    from airswing.reference.catalogues import build_catalogue
+    from airswing.reference.catalogue import build_catalogue
     from airswing.reference.collocate import collocate
     from airswing.reports import read_reports
 
@@ -149,7 +149,7 @@ def clock_changes(folder: Path, long: bool) -> Outcome:
 
 def small_files(folder: Path, long: bool) -> Outcome:
     """Very many small model files."""
-    from airswing.reference.catalogues import build_catalogue
+    from airswing.reference.catalogue import build_catalogue
 
     archive(folder)
     sound = sorted((folder / "ruc").iterdir())[0].read_bytes()

@@ -18,8 +18,7 @@ from airswing import cli
 from airswing.config_file import load_config
 from airswing.errors import LONGEST, ConfigError, InputError
 from airswing.gap.simulation.effects_file import read_effects
-from airswing.reference.catalogue import Catalogue
-from airswing.reference.catalogues import build_catalogue
+from airswing.reference.catalogue import Catalogue, build_catalogue
 from airswing.reference.collocate import collocate
 from airswing.reference.grib.headers import scan_file
 from airswing.reports import read_reports

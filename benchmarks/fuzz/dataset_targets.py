@@ -53,7 +53,7 @@ def damaged_dataset(kind: str, source: Path, other: bytes, pick: random.Random, 
 
 def collocated(path: Path, places: xr.Dataset, folder: Path, pick: random.Random) -> xr.Dataset:
     """Winds of a damaged file or store at reports, as the command gets them."""
-    from airswing.reference.catalogues import build_catalogue
+    from airswing.reference.catalogue import build_catalogue
     from airswing.reference.collocate import collocate
     from airswing.workflow.inspection import inspect_file
 

@@ -44,6 +44,9 @@ from benchmarks.fuzz.seeds import GRIBS, KEPT, PRODUCTS, TABLES, TEXTS, WHEN, re
 
 from airswing.errors import LONGEST, AirswingError
 
+if TYPE_CHECKING:
+    from airswing.reference.catalogue import Catalogue
+
 MAX_WIND = 150.0
 COMMAND_SECONDS = 120
 COMPARED = 0.2
@@ -181,7 +184,7 @@ def _grib(path: Path, folder: Path, pick: random.Random) -> None:
 
 def _winds(path: Path, cache: Path, pick: random.Random | None = None) -> tuple[Any, Any]:
     """u and v at the reports, one way or another."""
-    from airswing.reference.catalogues import build_catalogue
+    from airswing.reference.catalogue import build_catalogue
     from airswing.reference.collocate import collocate
 
     catalogue = build_catalogue(str(path), name="ref", cache_dir=cache)
@@ -349,7 +352,7 @@ def _resumed(config: Path, truth: dict[str, Any]) -> None:
 
 
 def _header_cache(run: Path, pick: random.Random, folder: Path) -> str:
-    from airswing.reference.catalogues import build_catalogue
+    from airswing.reference.catalogue import build_catalogue
 
     cache = folder / "cache"
     shutil.copytree(run / "cache", cache)
@@ -359,17 +362,22 @@ def _header_cache(run: Path, pick: random.Random, folder: Path) -> str:
 
     def work() -> None:
         found = build_catalogue(files, name="ruc", cache_dir=cache)
-        if found.fingerprint != _fingerprint(files, run / "cache"):
+        if _content(found) != _content_of(files, run / "cache"):
             raise FoundError("silent", "another catalogue from a damaged cache")
 
     return _refusable(work)
 
 
 @functools.cache
-def _fingerprint(files: str, cache: Path) -> str:
-    from airswing.reference.catalogues import build_catalogue
+def _content_of(files: str, cache: Path) -> bytes:
+    from airswing.reference.catalogue import build_catalogue
 
-    return build_catalogue(files, name="ruc", cache_dir=cache).fingerprint
+    return _content(build_catalogue(files, name="ruc", cache_dir=cache))
+
+
+def _content(catalogue: Catalogue) -> bytes:
+    rows = catalogue.valid, catalogue.leads, catalogue.bounds, catalogue.u, catalogue.v
+    return b"".join(one.tobytes() for one in rows)
 
 
 def _command(pick: random.Random, seeds: dict[str, Path], folder: Path) -> str:

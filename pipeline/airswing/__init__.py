@@ -47,7 +47,7 @@ if TYPE_CHECKING:  # for editors and mypy; at run time each is imported on first
     from airswing.products.netcdf import read_product as read_product
     from airswing.products.netcdf import write_product as write_product
     from airswing.products.ragged import aircraft_reports as aircraft_reports
-    from airswing.reference.catalogues import build_catalogue as build_catalogue
+    from airswing.reference.catalogue import build_catalogue as build_catalogue
     from airswing.reference.collocate import collocate as collocate
     from airswing.reference.fleet_wind import fleet_wind as fleet_wind
     from airswing.report.gap.in_notebook import diagnose as diagnose
@@ -60,7 +60,7 @@ if TYPE_CHECKING:  # for editors and mypy; at run time each is imported on first
 # Public names and their modules, which are imported on first use.
 _STAGES = {
     "read_reports": "airswing.reports.read",
-    "build_catalogue": "airswing.reference.catalogues",
+    "build_catalogue": "airswing.reference.catalogue",
     "collocate": "airswing.reference.collocate",
     "fleet_wind": "airswing.reference.fleet_wind",
     "derive_headings": "airswing.compass.headings",

@@ -14,16 +14,15 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from airswing.reference.catalogue import HYBRID, ISOBARIC, PRESSURE, U, V
-from airswing.reference.grib.decoding import UnreadableMessageError
 from airswing.reference.grib.grid_sections import read_grid
 from airswing.reference.grib.headers import MAX_BITS, FileContents, ibm_float, scan_file
 from airswing.reference.grib.values import (
+    UnreadableMessageError,
     decode_guarded,
     field_message,
-    field_values,
     sparse_values,
 )
+from airswing.reference.profiles import HYBRID, ISOBARIC, PRESSURE, U, V
 from tests.reference.builders import LAMBERT, LATLON, POLAR, build, write
 
 WRF = "grib/wrf_ruc13_g212/"
@@ -37,6 +36,17 @@ REAL_FILES = [
 SIZE = LATLON["Ni"] * LATLON["Nj"]
 EVERY = np.arange(SIZE)
 PLANE = 10.0 + 8.0 * np.sin(np.arange(LAMBERT["Nx"] * LAMBERT["Ny"]) / 9.0)
+
+
+def field_values(path: str, row: np.void, size: int, points: np.ndarray) -> np.ndarray:
+    """Values of a field at some points, as the reader takes them."""
+    with open(path, "rb") as file:
+        if row["sparse"]:
+            return sparse_values(file.fileno(), row, size, points)
+        (found,) = decode_guarded([(field_message(file.fileno(), row), size, points)])
+    if isinstance(found, str):
+        raise UnreadableMessageError(found)
+    return found
 
 
 def isobaric(contents: FileContents) -> list[Any]:

@@ -8,7 +8,7 @@ import pytest
 import xarray as xr
 
 from airswing.errors import InputError
-from airswing.reference.planning import plan, require_overlap
+from airswing.reference.collocate import overlap, require_overlap
 from tests.reference.test_collocate import hourly, reports
 
 
@@ -23,7 +23,7 @@ from tests.reference.test_collocate import hourly, reports
 def test_no_overlap_is_told_with_both_spans(ds: xr.Dataset, said: str, tmp_path: Path) -> None:
     catalogue = hourly(tmp_path)
     with pytest.raises(InputError, match=said):
-        require_overlap(plan(ds, {"m": catalogue}))
+        require_overlap(overlap(ds, {"m": catalogue}))
 
 
 @pytest.mark.parametrize(
@@ -38,4 +38,4 @@ def test_no_overlap_is_told_with_both_spans(ds: xr.Dataset, said: str, tmp_path:
 def test_what_is_too_little_is_said(hours: tuple, levels: tuple, said: str, tmp_path: Path) -> None:
     catalogue = hourly(tmp_path, hours, levels=levels)
     with pytest.raises(InputError, match=said):
-        require_overlap(plan(reports([0.5, 2.5], pressure=45000.0), {"m": catalogue}))
+        require_overlap(overlap(reports([0.5, 2.5], pressure=45000.0), {"m": catalogue}))

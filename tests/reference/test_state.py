@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 
 from airswing.errors import InputError
-from airswing.reference.catalogues import build_catalogue
+from airswing.reference.catalogue import build_catalogue
 from tests.reference.builders import LATLON, build, write
 from tests.reference.gridded.datasets import latlon
 

@@ -14,10 +14,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pyproj import Proj
 
-from airswing.reference.catalogue import ModelTime
-from airswing.reference.catalogues import build_catalogue
+from airswing.reference.catalogue import build_catalogue
 from airswing.reference.collocate import Sample, sample_model_times
 from airswing.reference.grids import LONGITUDE_LATITUDE, AxesGrid
+from airswing.reference.profiles import ModelTime
 from airswing.reference.winds import bilinear, corners, level_brackets
 from airswing.units import MODEL_EARTH_RADIUS as EARTH_RADIUS
 from tests.reference.builders import LAMBERT, LATLON, MERCATOR, POLAR, ROTATED, build, write

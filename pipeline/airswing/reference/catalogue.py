@@ -5,6 +5,10 @@ member and grid, with the pressure of each level where levels are not isobaric.
 
 Assumptions and validity
 ------------------------
+* All files of one reference are read in one way, which their content decides. GRIB files on grids
+  or levels that the header scanner does not know are opened by cfgrib, which is slower. What was
+  refused because it is no state of the atmosphere, or because it contradicts itself, is not tried
+  again. Where both can read a file they give the same winds.
 * A level with u but no v (or v but no u) is no wind; nor is a native level without a pressure.
 * u and v (and pressure) may lie on grids that are shifted against each other by up to a grid
   length, or stored in another order: each is then interpolated on its own points.
@@ -18,110 +22,55 @@ Assumptions and validity
 
 from __future__ import annotations
 
-import hashlib
 import os
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple, TypedDict
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
-from airswing.lead_times import Wanted
-from airswing.reference.grids import Grid, are_shifted
-
-Table = NDArray[np.void]
-Floats = NDArray[np.float64]
-
-U, V, PRESSURE, SURFACE = 0, 1, 2, 3
-"""Kinds of field; SURFACE is the surface pressure of hybrid levels."""
-ISOBARIC, HYBRID = 0, 1
-"""Kinds of level; further ones are GRIB level types."""
-GIVEN = "given"
-"""Engine of Datasets given in Python."""
-NOT_OPENED, REPLACED = "cannot be opened", "replaced since it was catalogued"
-ZARR_MARKS = (".zmetadata", ".zgroup", "zarr.json")
-
-
-class SourceFile(NamedTuple):
-    """A file as the catalogue saw it; `sample` is a hash of parts of its content."""
-
-    path: str
-    size: int
-    mtime_ns: int
-    sample: str
-
-
-class LeftOut(TypedDict):
-    """A part of a model file that gave no wind: file, kind of part, reason, and how often."""
-
-    file: str
-    what: str
-    reason: str
-    count: int
-
-
-Skipped = list[LeftOut]
-
-
-class StoredField(NamedTuple):
-    """How the fields of one variable of a Dataset are read."""
-
-    names: tuple[str, ...]  # variables, summed
-    dims: tuple[str, ...]
-    outer: tuple[tuple[str, int], ...]  # dimensions that a row's `index` counts, and their sizes
-    level: str  # dimension of the levels (empty without), of rows and of columns
-    y: str
-    x: str
-    shape: tuple[int, ...]
-    chunks: tuple[tuple[int, ...], ...]  # start of every chunk along each dimension, and the end
-    scale: float = 1.0  # to SI units
-    # "x" or "y": points lie half a grid length before the grid's along this axis, and one more
-    # follows the last: the mean of two neighbours counts
-    stagger: str = ""
-    exponential: bool = False  # the logarithm is stored
-    either: str = ""  # dimension along which the first value that is not missing counts
-
-
-#: `index` counts the fields of a variable over its outer dimensions, `level_index` its levels; the
-#: value of a pressure is ``a + b * field``. `offset` numbers the stored field.
-ROW_DTYPE = np.dtype(
-    [
-        *[(name, "i4") for name in ("file", "offset", "member", "grid", "points")],
-        *[(name, "i4") for name in ("index", "level_index")],
-        *[(name, "i2") for name in ("part", "kind", "level_kind")],
-        *[(name, "f8") for name in ("level", "a", "b")],
-        *[(name, "i8") for name in ("valid", "lead")],
-    ]
+from airswing.lead_times import Wanted, lead_condition
+from airswing.model_formats import model_formats
+from airswing.reference.files import (
+    LeftOut,
+    Skipped,
+    SourceFile,
+    find_files,
+    identified,
+    is_lost_file,
+    kind_of,
+    skip,
+)
+from airswing.reference.grib.grid_sections import read_grid
+from airswing.reference.grib.header_cache import contents_of
+from airswing.reference.grib.headers import FIELD_DTYPE, FileContents
+from airswing.reference.grib.values import GribReader, probes_of
+from airswing.reference.gridded.fields import Gathering
+from airswing.reference.gridded.naming import Naming
+from airswing.reference.gridded.opening import ENGINES, engine_of, opened
+from airswing.reference.gridded.reading import DatasetReader
+from airswing.reference.grids import Floats, Grid
+from airswing.reference.profiles import (
+    GIVEN,
+    HYBRID,
+    ISOBARIC,
+    PRESSURE,
+    ModelTime,
+    StoredField,
+    Table,
+    on_one_grid,
 )
 
+__all__ = ["Catalogue", "LeftOut", "build_catalogue", "catalogues_of", "is_lost_file"]
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ModelTime:
-    """The wind profile of one valid time, small enough to send to another process.
-
-    Rows of u, v and pressure are those of the catalogue, one a level; isobaric levels by increasing
-    pressure. `pressure` is empty for isobaric levels.
-    """
-
-    valid: int  # ns since 1970
-    lead: int  # s
-    grids: tuple[Grid, Grid, Grid]  # of u, v and pressure
-    native: bool  # levels have a pressure field
-    u: Table
-    v: Table
-    pressure: Table
-    files: tuple[SourceFile, ...]  # as the rows' ``file`` numbers them
-    stored: tuple[StoredField, ...] = ()  # as the rows' ``offset`` numbers them; empty for GRIB
-    engine: str = "grib"
-
-    @property
-    def grid(self) -> Grid:
-        """Grid of u."""
-        return self.grids[0]
+_SAME = 0.1  # m/s or Pa: copies in another packing differ by less
+_COMPARED = 20  # duplicates of one pair of files whose values are compared
+FALL_BACK = "opened by cfgrib, which is slower: the header scanner found {what}"
+_PROFILE = ("valid", "lead", "member", "level_kind", "grid")
+_FIELD = (*_PROFILE, "level", "kind")
 
 
 @dataclass(eq=False, repr=False)
@@ -178,8 +127,6 @@ class Catalogue:
         for table in tables:
             table["file"] = np.searchsorted(used, table["file"])
         return ModelTime(
-            valid=int(self.valid[number]),
-            lead=int(self.leads[number]),
             grids=(grids[0], grids[1], grids[-1] if native else grids[0]),
             native=native,
             u=tables[0],
@@ -235,7 +182,7 @@ class Catalogue:
         keys[:, 0], keys[:, 1], keys[:, 2] = first["file"], first["part"], first["offset"]
         for offset in np.unique(first["offset"]):
             mine, stored = first["offset"] == offset, self.stored[int(offset)]
-            for column, (dim, place) in enumerate(outer_places(stored, first["index"][mine])[:3]):
+            for column, (dim, place) in enumerate(stored.outer_places(first["index"][mine])[:3]):
                 starts = stored.chunks[stored.dims.index(dim)]
                 keys[mine, 3 + column] = np.searchsorted(starts, place, side="right")
         _, group = np.unique(keys, axis=0, return_inverse=True)
@@ -243,81 +190,273 @@ class Catalogue:
         parts = np.split(numbers[order], np.flatnonzero(np.diff(np.ravel(group)[order])) + 1)
         return sorted(parts, key=lambda part: int(part[0]))
 
-    def reading(self, number: int, needed: NDArray[np.bool_]) -> tuple[int, int, int]:
-        """Fields, bytes and fields read at single points that some levels of a time need."""
-        rows = self.rows(number)
-        tables = [self.u[rows][needed], self.v[rows][needed]]
-        if self.level_kinds[number] != ISOBARIC and needed.any():
-            tables.append(self.pressure[rows])
-        table = np.concatenate(tables)
-        if self.stored:
-            keys = np.unique(table[["file", "part", "offset", "index", "level_index"]])
-            size = self.grids[int(self.grid_numbers[number])].size
-            return keys.size, 4 * size * keys.size, 0
-        n_bytes = int(np.unique(table[["file", "offset", "length"]])["length"].sum())
-        return int(table.size), n_bytes, int(table["sparse"].sum())
 
-    @property
-    def fingerprint(self) -> str:
-        """Hash of everything that collocation depends on."""
-        digest = hashlib.blake2b(digest_size=16)
-        known = (self.name, self.lead, self.files, self.grids, self.stored, self.engine)
-        digest.update(repr(known).encode())
-        for array in (self.valid, self.leads, self.bounds, self.u, self.v, self.pressure):
-            digest.update(np.ascontiguousarray(array).tobytes())
-        return digest.hexdigest()
+def build_catalogue(
+    files: str | os.PathLike[str] | Sequence[str] | xr.Dataset,
+    *,
+    name: str,
+    engine: str = "auto",
+    lead: str = "any",
+    member: int | None = None,
+    naming: Naming | Mapping[str, object] | None = None,
+    cache_dir: str | os.PathLike[str] | None = None,
+    on_bad_file: str = "skip",
+) -> Catalogue:
+    """Catalogue the winds of a model: of files of one kind, or of a Dataset.
 
-    def changed(self) -> Skipped:
-        """Files that vanished or were replaced since the catalogue was built."""
-        result: Skipped = []
-        for file in self.files if self.engine != GIVEN else ():
-            try:
-                if not is_same(file):
-                    result.append(skip(file.path, "file", REPLACED))
-            except OSError:
-                result.append(skip(file.path, "file", "vanished since it was catalogued"))
-        return result
+    Parameters
+    ----------
+    files : str, sequence of str, or Dataset
+        Paths, glob patterns or URLs of GRIB or NetCDF files or Zarr stores; or a Dataset with CF
+        winds. Files may be compressed with gzip, bzip2 or xz.
+    name : str
+        Name of the reference.
+    engine : {"auto", "grib", "cfgrib", "netcdf", "zarr", "wrf"}
+        How files are opened; ``auto``: by their content.
+    lead : str
+        ``any``, ``analysis`` or a comparison such as ``>= 1 h``.
+    member : int, optional
+        Number of the ensemble member whose winds count; by default the lowest.
+    naming : Naming or mapping, optional
+        What a Dataset does not say itself: names of variables and coordinates, units, projection,
+        direction of the winds. Of these GRIB files take ``winds`` only.
+    cache_dir : path-like, optional
+        Folder for the cache of GRIB headers; by default the user's cache folder.
+    on_bad_file : {"skip", "fail"}
+        Whether damaged files and unusable content are skipped (named and counted) or refused.
+
+    Returns
+    -------
+    Catalogue
+        With `skipped` and `notes` about what was not used and which choices were made.
+
+    Raises
+    ------
+    InputError
+        No file found, no usable wind at all, files of several kinds, a key that does not apply, or
+        bad input under ``on_bad_file="fail"``.
+    """
+    if on_bad_file not in ("skip", "fail"):
+        raise InputError("must be skip or fail", field="on_bad_file", found=on_bad_file)
+    lead_condition(lead)  # a fault of it is reported before any file is read
+    engines = [*ENGINES, *model_formats()]
+    if engine not in engines:
+        raise InputError(
+            "no such engine",
+            field=f"references.{name}.engine",
+            found=engine,
+            remedy="Engines are " + ", ".join(engines),
+        )
+    if isinstance(naming, Mapping):
+        naming = Naming(**naming)  # type: ignore[arg-type]
+    naming = naming or Naming()
+    if naming.winds not in (None, "grid", "earth"):
+        raise InputError(
+            "must be grid or earth", field=f"references.{name}.winds", found=naming.winds
+        )
+    skipped: Skipped = []
+    wanted = Wanted(lead, member)
+    if isinstance(files, xr.Dataset):
+        from dask.base import tokenize
+
+        path = f"Dataset {name}"
+        source = SourceFile(path, 0, 0, str(tokenize(files)))
+        return _of_datasets({source: files}, [source], GIVEN, naming, wanted, name, skipped)
+    if not isinstance(files, str | os.PathLike) and not (
+        isinstance(files, Sequence) and all(isinstance(one, str | os.PathLike) for one in files)
+    ):
+        raise TypeError(
+            f"build_catalogue takes paths, patterns, URLs or a Dataset, not {type(files).__name__}"
+            ": "
+            f'build_catalogue("{name}/*.grb", name="{name}")'
+        )
+    sources = identified(find_files(files, name), name, skipped)
+    if on_bad_file == "fail":
+        _refuse(skipped)
+    used = _engine(sources, name) if engine == "auto" else engine
+    if used != "grib":
+        return _of_datasets(None, sources, used, naming, wanted, name, skipped, on_bad_file)
+    odd = [key for key in naming.given() if key != "winds"]
+    if odd:
+        raise InputError(
+            "this key does not apply to GRIB, whose messages describe themselves",
+            field=f"references.{name}.{odd[0]}",
+            remedy="Remove it, or give engine: cfgrib to have it applied",
+        )
+    try:
+        return _of_grib(sources, naming, wanted, name, skipped, cache_dir, on_bad_file)
+    except InputError as refused:
+        technical = any(_may_be_read_by_cfgrib(one["what"], one["reason"]) for one in skipped)
+        if engine == "grib" or not technical or not refused.what.startswith("no wind on"):
+            raise
+        try:
+            found = _of_datasets(None, sources, "cfgrib", naming, wanted, name, [], on_bad_file)
+        except InputError as second:
+            raise (second if "no grid of rows" in second.what else refused) from second
+        found.notes.insert(0, FALL_BACK.format(what=refused.found))
+        return found
 
 
-def outer_places(
-    stored: StoredField, index: NDArray[np.integer]
-) -> list[tuple[str, NDArray[np.int64]]]:
-    """Outer dimensions of a stored field and the indices along them of rows' `index`."""
-    shape = tuple(size for _, size in stored.outer)
-    if not shape:
-        return []
-    places = np.unravel_index(np.asarray(index), shape)
-    return [(dim, np.asarray(place)) for (dim, _), place in zip(stored.outer, places, strict=True)]
+def _may_be_read_by_cfgrib(what: str, reason: str) -> bool:
+    """Whether a refusal is about an unknown grid, level or bitmap, not about what the field is."""
+    return what == "grid" or reason.startswith(("hybrid level", "predefined bitmap"))
 
 
-def mark_of(path: str) -> str:
-    """File whose size and time stand for a file or a Zarr store."""
-    if os.path.isdir(path):
-        marks = (os.path.join(path, mark) for mark in ZARR_MARKS)
-        return next((mark for mark in marks if os.path.isfile(mark)), path)
-    return path
+def _engine(sources: Sequence[SourceFile], name: str) -> str:
+    """The engine of all files; damaged ones are left to the reader."""
+    kinds: dict[str, str] = {}
+    for source in sources:
+        try:
+            kind = kind_of(source.path)
+        except (OSError, InputError):
+            continue
+        if kind:
+            kinds.setdefault(kind, source.path)
+    if len(kinds) > 1:
+        raise InputError(
+            "files of several kinds under one reference",
+            field=f"references.{name}.files",
+            found="; ".join(f"{kind}: {path}" for kind, path in sorted(kinds.items())),
+            remedy="Give each kind a reference of its own, or narrow the pattern",
+        )
+    for kind, path in kinds.items():
+        return engine_of(path) if kind == "netcdf" else kind
+    return "grib"  # damaged content is counted and named by the scanner
 
 
-def is_same(file: SourceFile) -> bool:
-    """Whether a file has the size and time it was catalogued with; `OSError` if it is gone."""
-    if "://" in file.path:
-        return True
-    status = os.stat(mark_of(file.path))
-    return (status.st_size, status.st_mtime_ns) == (file.size, file.mtime_ns)
+def _of_grib(
+    sources: list[SourceFile],
+    naming: Naming,
+    wanted: Wanted,
+    name: str,
+    skipped: Skipped,
+    cache_dir: str | os.PathLike[str] | None,
+    on_bad_file: str,
+) -> Catalogue:
+    numbers: dict[Grid, int] = {}
+    tables, count = [np.empty(0, dtype=FIELD_DTYPE)], 0
+    for index, contents in enumerate(contents_of(sources, cache_dir)):
+        path = sources[index].path
+        if not isinstance(contents, FileContents):
+            reason = contents.strerror if isinstance(contents, OSError) else contents.what
+            skipped.append(skip(path, "file", f"cannot be read: {reason}"))
+            continue
+        count += contents.messages
+        skipped += [skip(path, *key, n) for key, n in contents.skipped.items()]
+        table = contents.table()
+        table["file"] = index
+        known = [numbers.setdefault(read_grid(*one), len(numbers)) for one in contents.grids]
+        if known:
+            table["grid"] = np.asarray(known, dtype="i4")[table["grid"]]
+        tables.append(table)
+    grids: tuple[Grid, ...] = tuple(numbers)
+    notes = []
+    if naming.winds:
+        along = naming.winds == "grid"
+        if any(grid.wind_along_grid != along and not grid.north_up for grid in grids):
+            notes.append(f"winds: {naming.winds} used in place of the flag of the messages")
+        grids = tuple(grid.directed(along and not grid.north_up) for grid in grids)
+    table = on_one_grid(np.concatenate(tables), grids)
+    reader = GribReader()
+    try:
+        pairs = _paired(table, sources, skipped, _comparison(reader, sources, grids))
+    finally:
+        reader.close()
+    if on_bad_file == "fail":
+        _refuse(skipped)
+    found = _selected(name, wanted, sources, grids, pairs, skipped, count)
+    found.notes += notes
+    return found
 
 
-def is_lost_file(reason: str) -> bool:
-    """Whether a problem is a file that vanished or changed, which may be there at the next run."""
-    return reason.startswith((NOT_OPENED, REPLACED))
+def _of_datasets(
+    given: Mapping[SourceFile, xr.Dataset] | None,
+    sources: list[SourceFile],
+    engine: str,
+    naming: Naming,
+    wanted: Wanted,
+    name: str,
+    skipped: Skipped,
+    on_bad_file: str = "skip",
+) -> Catalogue:
+    gathered = Gathering(naming, skipped)
+    for number, source in enumerate(sources):
+        try:
+            parts = [given[source]] if given is not None else opened(source, engine)
+            gathered.add(number, parts, source.path)
+        except InputError as error:
+            # a file that cannot be opened is left out if there are others
+            of_one_file = len(sources) > 1 and error.what.startswith("cannot be ")
+            if on_bad_file == "fail" or not of_one_file:
+                raise
+            skipped.append(skip(source.path, "file", f"{error.what} ({error.found})"))
+    table, grids, stored = gathered.table(), gathered.grids(), tuple(gathered.stored)
+    datasets = {} if given is None else {one.path: ds for one, ds in given.items()}
+    compare = _comparison(DatasetReader(datasets), sources, grids, stored, engine)
+    pairs = _paired(table, sources, skipped, compare)
+    if on_bad_file == "fail":
+        _refuse(skipped)
+    found = _selected(name, wanted, sources, grids, pairs, skipped, int(table.size))
+    found.notes += gathered.notes(found.grid_numbers)
+    for one in (found, *found.alternatives):
+        one.given, one.stored, one.engine = datasets, stored, engine
+    return found
 
 
-def skip(file: str, what: str, reason: str, count: int = 1) -> LeftOut:
-    """One entry of `Catalogue.skipped`."""
-    return {"file": file, "what": what, "reason": reason, "count": count}
+def _comparison(
+    reader: GribReader | DatasetReader,
+    sources: Sequence[SourceFile],
+    grids: Sequence[Grid],
+    stored: tuple[StoredField, ...] = (),
+    engine: str = "grib",
+) -> Callable[[Table], bool]:
+    """Function that says whether rows of one field have other values, at some of its points."""
+    compared: Counter[tuple[int, ...]] = Counter()
+
+    def differ(rows: Table) -> bool:
+        files = tuple(np.unique(rows["file"]).tolist())
+        compared[files] += 1
+        if len(files) > 1 and compared[files] > _COMPARED:
+            return False
+        grid, native = grids[int(rows["points"][0])], bool(rows["level_kind"][0] != ISOBARIC)
+        model = ModelTime((grid,) * 3, native, rows, rows, rows, tuple(sources), stored, engine)
+        points = probes_of(grid.size)
+        values = reader.answer([model], [[(row, points.copy()) for row in rows]])[0]
+        first, *others = (np.nan_to_num(one) for one in values)
+        return any(bool(np.abs(one - first).max() > _SAME) for one in others)
+
+    return differ
 
 
-_PROFILE = ("valid", "lead", "member", "level_kind", "grid")
-_FIELD = (*_PROFILE, "level", "kind")
+def catalogues_of(references: object) -> dict[str, Catalogue]:
+    """Catalogues of references, some of which may be given as Datasets.
+
+    Raises
+    ------
+    TypeError
+        If they are no mapping of names to catalogues or Datasets, with the right call.
+    InputError
+        Without any.
+    """
+    right = 'collocate(reports, {"ruc": build_catalogue("ruc/*.grb", name="ruc")})'
+    if isinstance(references, Catalogue | xr.Dataset):
+        raise TypeError(f"references are a mapping from names: {right}")
+    if not isinstance(references, Mapping):
+        kind = type(references).__name__
+        raise TypeError(f"references are a mapping from names, not a {kind}: {right}")
+    if not references:
+        raise InputError("no reference given", field="references")
+    found = {}
+    for name, one in references.items():
+        if isinstance(one, xr.Dataset):
+            one = build_catalogue(one, name=str(name))
+        if not isinstance(one, Catalogue):
+            raise TypeError(
+                f"reference {name!r} is a {type(one).__name__}, not a catalogue or a Dataset: "
+                f"{right}"
+            )
+        found[str(name)] = one
+    return found
 
 
 def _changes(table: Table, names: Sequence[str]) -> NDArray[np.bool_]:
@@ -330,7 +469,7 @@ def _changes(table: Table, names: Sequence[str]) -> NDArray[np.bool_]:
     return first
 
 
-def paired(
+def _paired(
     table: Table,
     sources: Sequence[SourceFile],
     skipped: Skipped,
@@ -378,28 +517,6 @@ def paired(
     return table[u[both]], table[v[both]], table[np.maximum(pressure[both], 0)], notes
 
 
-def on_one_grid(table: Table, grids: Sequence[Grid]) -> Table:
-    """Give v and pressure the grid number of u if they lie on points shifted against u's.
-
-    The number of a row's own grid is kept in ``points``.
-    """
-    table["points"] = table["grid"]
-    known: dict[tuple[int, int], bool] = {}
-
-    def shifted(one: int, other: int) -> bool:
-        if (one, other) not in known:
-            known[one, other] = are_shifted(grids[one], grids[other])
-        return known[one, other]
-
-    numbers = {kind: np.unique(table["grid"][table["kind"] == kind]).tolist() for kind in range(4)}
-    for kind in (V, PRESSURE, SURFACE):
-        mine = table["kind"] == kind
-        for number in set(numbers[kind]) - set(numbers[U]):
-            target = next((one for one in numbers[U] if shifted(one, number)), number)
-            table["grid"][mine & (table["points"] == number)] = target
-    return table
-
-
 def _without_duplicates(
     table: Table,
     sources: Sequence[SourceFile],
@@ -441,7 +558,7 @@ def _without_duplicates(
     return table[keep], notes
 
 
-def refuse(skipped: Skipped) -> None:
+def _refuse(skipped: Skipped) -> None:
     """Refuse damaged files and messages, unknown grids and u without v (``on_bad_file="fail"``).
 
     Raises
@@ -458,7 +575,7 @@ def refuse(skipped: Skipped) -> None:
             )
 
 
-def selected(
+def _selected(
     name: str,
     wanted: Wanted,
     sources: Sequence[SourceFile],
@@ -467,7 +584,7 @@ def selected(
     skipped: Skipped,
     count: int,
 ) -> Catalogue:
-    """Catalogue of one profile a valid time, of the levels of :func:`paired`.
+    """Catalogue of one profile a valid time, of the levels of :func:`_paired`.
 
     Raises
     ------
@@ -475,67 +592,56 @@ def selected(
         If there is none.
     """
     u, v, pressure, notes = pairs
-    starts = np.flatnonzero(_changes(u, _PROFILE))
-    sizes = np.diff(np.append(starts, u.size))
-    profiles = u[starts]
+    bounds = np.append(np.flatnonzero(_changes(u, _PROFILE)), u.size)
+    profiles, sizes = u[bounds[:-1]], np.diff(bounds)
+    everything = Catalogue(
+        name=name,
+        lead=wanted.lead,
+        files=tuple(sources),
+        grids=tuple(grids),
+        valid=profiles["valid"].astype(np.int64),
+        leads=profiles["lead"].astype(np.int64),
+        members=profiles["member"].astype(np.int64),
+        grid_numbers=profiles["grid"].astype(np.int64),
+        level_kinds=profiles["level_kind"].astype(np.int64),
+        bounds=bounds.astype(np.int64),
+        u=u,
+        v=v,
+        pressure=pressure,
+        skipped=skipped,
+        notes=notes,
+        messages=count,
+    )
     # one level of heights with a pressure (10 m) is no profile
     usable = (sizes > 1) | (profiles["level_kind"] <= HYBRID)
-    starts, sizes, profiles = starts[usable], sizes[usable], profiles[usable]
-    meeting = np.flatnonzero(wanted.of(profiles))
+    meeting = np.flatnonzero(usable & wanted.of(profiles))
     if meeting.size == 0:
-        raise no_winds(name, wanted, profiles, skipped, sources)
-    starts, sizes, profiles = starts[meeting], sizes[meeting], profiles[meeting]
+        raise _no_winds(name, wanted, profiles[usable], skipped, sources)
     # best first within each valid time; lexsort takes its last key first
     native = profiles["level_kind"] != ISOBARIC
     keys = [profiles["lead"], profiles["member"], native, profiles["valid"]]
-    order = np.lexsort([profiles["grid"], profiles["level_kind"], -sizes, *keys])
-    first = _changes(profiles[order], ("valid",))
+    keys = [profiles["grid"], profiles["level_kind"], -sizes, *keys]
+    order = meeting[np.lexsort([key[meeting] for key in keys])]
+    ordered = profiles[order]
+    first = _changes(ordered, ("valid",))
+    time = np.cumsum(first) - 1  # number of the valid time of each
     best = order[first]
-    _note_choices(profiles[order], sizes[order], first, notes)
-
-    def catalogue(chosen: NDArray[np.int64], others: tuple[Catalogue, ...]) -> Catalogue:
-        rows = np.concatenate([np.arange(starts[n], starts[n] + sizes[n]) for n in chosen])
-        columns = {c: profiles[c][chosen].astype(np.int64) for c in _PROFILE}
-        return Catalogue(
-            name=name,
-            lead=wanted.lead,
-            files=tuple(sources),
-            grids=tuple(grids),
-            valid=columns["valid"],
-            leads=columns["lead"],
-            members=columns["member"],
-            grid_numbers=columns["grid"],
-            level_kinds=columns["level_kind"],
-            bounds=np.concatenate([[0], np.cumsum(sizes[chosen])]).astype(np.int64),
-            u=u[rows],
-            v=v[rows],
-            pressure=pressure[rows],
-            skipped=skipped,
-            notes=notes,
-            messages=count,
-            alternatives=others,
-        )
-
+    _note_choices(ordered, sizes[order], first, notes)
     # profiles that differ from the best by their grid alone
-    equal = ("valid", "lead", "member", "level_kind")
-    position = np.repeat(
-        np.arange(best.size), np.diff(np.append(np.flatnonzero(first), len(order)))
-    )
-    tied = sizes[order] == sizes[best[position]]
-    for column in equal:
-        tied &= profiles[column][order] == profiles[column][best[position]]
-    tied &= profiles["grid"][order] != profiles["grid"][best[position]]
+    tied = (sizes[order] == sizes[best[time]]) & (ordered["grid"] != profiles["grid"][best[time]])
+    for column in ("lead", "member", "level_kind"):
+        tied &= ordered[column] == profiles[column][best[time]]
     others = []
-    for number in np.unique(profiles["grid"][order[tied]]):
-        mine, chosen = tied & (profiles["grid"][order] == number), best.copy()
-        chosen[position[mine]] = order[mine]
-        others.append(catalogue(chosen, ()))
+    for number in np.unique(ordered["grid"][tied]):
+        mine, chosen = tied & (ordered["grid"] == number), best.copy()
+        chosen[time[mine]] = order[mine]
+        others.append(everything.at_times(chosen))
     if others:
         notes.append(
             f"{len(others) + 1} grids with the same levels: the one that contains more of the "
             "reports is used"
         )
-    return catalogue(best, tuple(others))
+    return replace(everything.at_times(best), alternatives=tuple(others))
 
 
 def _note_choices(
@@ -560,7 +666,7 @@ def _note_choices(
     ]
 
 
-def no_winds(
+def _no_winds(
     name: str, wanted: Wanted, profiles: Table, skipped: Skipped, sources: Sequence[SourceFile]
 ) -> InputError:
     """The error for files without a wind that can be used."""

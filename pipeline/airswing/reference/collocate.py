@@ -21,6 +21,7 @@ from __future__ import annotations
 import json
 import logging
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple
 
 import dask.array as da
@@ -31,19 +32,18 @@ from dask.base import is_dask_collection
 from dask.delayed import delayed
 from numpy.typing import NDArray
 
-from airswing.reference.catalogue import Catalogue, ModelTime
-from airswing.reference.catalogues import catalogues_of
+from airswing.errors import InputError
+from airswing.reference.catalogue import Catalogue, catalogues_of
 from airswing.reference.grib.values import GribReader
 from airswing.reference.gridded.reading import DatasetReader
-from airswing.reference.planning import COLUMNS, Plan, Points, Schedule, plan, points_of, schedule
+from airswing.reference.grids import Floats, Ints
+from airswing.reference.profiles import ISOBARIC, ModelTime
 from airswing.reference.winds import Request, Winds, winds_at
 from airswing.vocabulary import describe
 
-__all__ = ["Plan", "collocate", "plan"]
-
-Floats = NDArray[np.float64]
 Places = tuple[Floats, Floats, Floats]
 """Latitudes, longitudes (degrees) and pressures (Pa) of reports."""
+COLUMNS = ("time", "latitude", "longitude", "pressure")
 
 _WINDS = ("reference_eastward_wind", "reference_northward_wind", "lead_time")
 DERIVATIVES = (
@@ -63,6 +63,81 @@ ACCOUNT = ("unread_messages", "decoded_messages", "decoded_bytes", "decoding_sec
 PROBLEMS = "problems"
 """What could not be read, by reference: sets of (valid time, file, reason)."""
 _LOG = logging.getLogger("airswing.reference")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Points:
+    """Times and places of reports, in order of time, without those that have no time."""
+
+    order: Ints  # place of each in the Dataset
+    time: Ints  # ns since 1970
+    latitude: Floats  # degrees
+    longitude: Floats
+    pressure: Floats  # Pa
+    size: int  # reports in the Dataset
+
+
+def points_of(reports: xr.Dataset) -> Points:
+    """Times and places of reports, sorted by time.
+
+    Raises
+    ------
+    InputError
+        If a column is missing.
+    """
+    absent = [name for name in COLUMNS if name not in reports.variables]
+    if absent:
+        raise InputError("reports lack " + ", ".join(absent), field="reports")
+    time = np.asarray(reports["time"].values).astype("datetime64[ns]")
+    known = np.flatnonzero(~np.isnat(time))
+    order = known[np.argsort(time[known].astype(np.int64), kind="stable")]
+    latitude, longitude, pressure = (
+        np.ascontiguousarray(np.asarray(reports[name].values)[order], dtype=np.float64)
+        for name in COLUMNS[1:]
+    )
+    return Points(order, time[order].astype(np.int64), latitude, longitude, pressure, time.size)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Schedule:
+    """Reports that each model time serves, with their weights."""
+
+    earlier: Ints  # model time at or before each report, -1 if it has no model
+    weight: Floats  # of the model time after, 0 to 1; 0 exactly at a valid time
+    later: NDArray[np.bool_]  # whether the model time after is needed
+    start: Ints  # run of reports that each model time serves
+    stop: Ints
+
+
+def schedule(points: Points, valid: Ints, *, max_time_gap: float, both: bool = False) -> Schedule:
+    """Assign reports to model times, whose valid times (ns since 1970) increase.
+
+    Parameters
+    ----------
+    max_time_gap : float
+        Longest time between two bracketing valid times, s.
+    both : bool
+        Use the model time after also at a valid time, if there is one in reach (time derivatives
+        need it).
+    """
+    count = valid.size
+    earlier = np.searchsorted(valid, points.time, side="right") - 1
+    steps = np.diff(valid)
+    near = np.append(steps <= round(max_time_gap * 1e9), False)
+    exact = (earlier >= 0) & (valid[earlier] == points.time)
+    bracketed = (earlier >= 0) & (earlier < count - 1) & near[earlier]
+    later = bracketed & (~exact | both)
+    step = np.append(steps, 1)[earlier]
+    weight = np.where(later & ~exact, (points.time - valid[earlier]) / step, 0.0)
+    earlier = np.where(exact | bracketed, earlier, -1)
+    start = np.searchsorted(points.time, valid, side="left")
+    stop = np.searchsorted(points.time, valid, side="right")
+    after = np.searchsorted(points.time, np.append(valid[1:], valid[-1:]), side="left")
+    previous, side = np.append(valid[:1], valid[:-1]), "left" if both else "right"
+    before = np.searchsorted(points.time, previous, side=side)  # type: ignore[call-overload]
+    stop = np.where(near, after, stop)
+    start = np.where(np.concatenate([[False], near[:-1]]), before, start)
+    return Schedule(earlier, weight, later, start, np.maximum(stop, start))
 
 
 class Sample(NamedTuple):
@@ -364,3 +439,152 @@ def _problems(joined: _Joined) -> NDArray[np.object_]:
     found = np.empty((), dtype=object)
     found[()] = joined.problems
     return found
+
+
+@dataclass(frozen=True, slots=True)
+class Overlap:
+    """Reports within the times, grid and levels of a reference, and the others by reason."""
+
+    reference: str
+    reports: int
+    matched: int
+    without_time: int  # the first reason that applies
+    outside_grid: int
+    outside_levels: int
+    report_times: tuple[str, str]  # first and last
+    model_span: tuple[str, str]
+    # south, north, west, east, degrees; of the grids' outlines for the model
+    report_box: tuple[float, float, float, float]
+    model_box: tuple[float, float, float, float]
+    model_levels: tuple[float, ...] = ()  # highest and lowest pressure level, hPa
+
+    def as_dict(self) -> dict[str, object]:
+        """Plain dictionary, ready for JSON."""
+        return asdict(self)
+
+
+def overlap(
+    reports: xr.Dataset,
+    catalogues: Mapping[str, Catalogue | xr.Dataset],
+    *,
+    max_time_gap: float = 10800.0,
+) -> dict[str, Overlap]:
+    """Which reports have a model, before anything is decoded.
+
+    Parameters
+    ----------
+    reports : Dataset
+        With `time`, `latitude`, `longitude` (degrees), `pressure` (Pa) by ``report``.
+    max_time_gap : float
+        Longest time between two bracketing valid times, s.
+
+    Returns
+    -------
+    dict of str to Overlap
+        By reference.
+    """
+    points = points_of(reports)
+    return {
+        name: _overlap(
+            name, model.for_places(points.latitude, points.longitude), points, max_time_gap
+        )
+        for name, model in catalogues_of(catalogues).items()
+    }
+
+
+def _overlap(name: str, model: Catalogue, points: Points, max_time_gap: float) -> Overlap:
+    times = schedule(points, model.valid, max_time_gap=max_time_gap)
+    timed, pressure = times.earlier >= 0, points.pressure
+    placed, between = np.zeros((2, points.time.size), dtype=bool)
+    for number in np.unique(times.earlier[timed]).tolist():
+        mine = times.earlier == number
+        grid, levels = model.grids[int(model.grid_numbers[number])], model.levels(number)
+        placed[mine] = grid.contains(points.latitude[mine], points.longitude[mine])
+        between[mine] = np.isfinite(pressure[mine])
+        if model.level_kinds[number] == ISOBARIC:
+            between[mine] &= (pressure[mine] >= levels[0]) & (pressure[mine] <= levels[-1])
+    known = np.isfinite(points.latitude) & np.isfinite(points.longitude)
+    box = [
+        float(limit(place[known])) if known.any() else np.nan
+        for place in (points.latitude, points.longitude)
+        for limit in (np.min, np.max)
+    ]
+    isobaric = np.repeat(model.level_kinds == ISOBARIC, np.diff(model.bounds))
+    levels = model.u["level"][isobaric] / 100.0
+    outlines = np.array([model.grids[int(n)].outline() for n in np.unique(model.grid_numbers)])
+    low, high = outlines.min(axis=0), outlines.max(axis=0)
+    matched = int((placed & between).sum())
+    return Overlap(
+        reference=name,
+        reports=points.size,
+        matched=matched,
+        without_time=points.size - int(timed.sum()),
+        outside_grid=int((timed & ~placed).sum()),
+        outside_levels=int(placed.sum()) - matched,
+        report_times=_span(points.time),
+        model_span=_span(model.valid),
+        report_box=tuple(round(x, 2) for x in box),  # type: ignore[arg-type]
+        model_box=tuple(round(float(x), 2) for x in (low[0], high[1], low[2], high[3])),  # type: ignore[arg-type]
+        model_levels=(float(levels.min()), float(levels.max())) if levels.size else (),
+    )
+
+
+def _span(time: Ints) -> tuple[str, str]:
+    if time.size == 0:
+        return ("", "")
+    ends = time[[0, -1]].astype("datetime64[ns]").astype("datetime64[m]")
+    return (f"{ends[0]}Z", f"{ends[1]}Z")
+
+
+def require_overlap(overlaps: Mapping[str, Overlap]) -> None:
+    """Refuse references that serve no report at all.
+
+    Raises
+    ------
+    InputError
+        With the times, places or levels of reports and model.
+    """
+    for name, one in overlaps.items():
+        if one.matched:
+            continue
+        field = f"references.{name}"
+        if one.without_time == one.reports:
+            raise _untimed(one, field)
+        if one.outside_levels == 0:
+            raise InputError(
+                "no overlap in space between reports and model winds",
+                field=field,
+                found=f"reports {_place(one.report_box)}, model {_place(one.model_box)}",
+            )
+        levels = " to ".join(f"{level:g}" for level in dict.fromkeys(one.model_levels))
+        raise InputError(
+            "no report lies between the model's levels",
+            field=field,
+            found=f"{one.outside_levels} reports above the highest or below the lowest level "
+            f"({levels} hPa)",
+            remedy="Check the unit of the reports' altitude or pressure column, and of the levels"
+            if len(set(one.model_levels)) > 1
+            else "Winds are interpolated between levels: two are needed",
+        )
+
+
+def _untimed(one: Overlap, field: str) -> InputError:
+    """No report has a model time on both sides: the spans are apart, or the gaps too wide."""
+    reports, model = one.report_times, one.model_span
+    apart = reports[1] < model[0] or model[1] < reports[0]
+    if apart or not all((*reports, *model)):
+        what = "no overlap in time between reports and model winds"
+    elif model[0] == model[1]:
+        what = "the model has a single valid time; a report needs one before and one after it"
+    else:
+        what = "no report lies between two model times that are close enough together"
+    return InputError(
+        what,
+        field=field,
+        found=f"reports {' to '.join(reports)}, model {' to '.join(model)}",
+        remedy="Two valid times around a report may be at most max_time_gap apart",
+    )
+
+
+def _place(box: tuple[float, float, float, float]) -> str:
+    return f"latitude {box[0]:g} to {box[1]:g}, longitude {box[2]:g} to {box[3]:g}"

@@ -20,17 +20,19 @@ import gzip
 import hashlib
 import lzma
 import os
+import re
 import shutil
 import tempfile
 from collections.abc import Callable, Sequence
 from functools import lru_cache
-from typing import IO, Any
+from typing import IO, Any, NamedTuple, TypedDict
 
 from airswing.errors import InputError
 from airswing.model_formats import model_formats
 from airswing.products.named_files import none_found
-from airswing.reference.catalogue import ZARR_MARKS, Skipped, SourceFile, mark_of, skip
 
+NOT_OPENED, REPLACED = "cannot be opened", "replaced since it was catalogued"
+_ZARR_MARKS = (".zmetadata", ".zgroup", "zarr.json")
 _KEPT_COPIES = 8
 _SAMPLE = 256  # bytes of start, middle and end that identify a file written again in place
 _MAGIC = ((b"CDF", "netcdf"), (b"\x89HDF", "netcdf"), (b"GRIB", "grib"))
@@ -40,23 +42,60 @@ _COMPRESSED: tuple[tuple[bytes, Callable[[str], Any]], ...] = (
     (b"\xfd7zXZ", lzma.open),
 )
 _FAILED = "The download failed: fetch the file again"
-#: First bytes (lower case) of files that hold no model winds: what they are, and what to do.
-_FOREIGN = (
+_BLANK = b" \r\n\t\xef\xbb\xbf"
+#: First bytes (lower case) of files that hold neither winds nor reports, and what to do.
+_UNREADABLE = (
     (b"pk\x03\x04", "is a zip archive", "Unpack it first: unzip FILE"),
     (b"<!doctype html", "is a page of HTML", _FAILED),
     (b"<html", "is a page of HTML", _FAILED),
     (b"<?xml", "is an XML document", _FAILED),
     (b"<error", "is an XML document", _FAILED),
     (b"version https://git-lfs", "is a Git LFS pointer", "Fetch its content with git lfs pull"),
-    (b"bufr", "is BUFR", "BUFR holds reports: give it under reports"),
     (b"\x28\xb5\x2f\xfd", "is compressed with zstandard", "Decompress it first: unzstd FILE"),
     (b"7z\xbc\xaf", "is a 7-Zip archive", "Unpack it first"),
     (b"\x0e\x03\x13\x01", "is HDF4", "Convert it to NetCDF first"),
     (b"%pdf", "is a PDF document", "Give GRIB, NetCDF or Zarr"),
+)
+#: The same of files that may hold reports.
+_REPORTS = (
+    (b"bufr", "is BUFR", "BUFR holds reports: give it under reports"),
     (b"par1", "is Parquet", "Parquet holds reports: give it under reports"),
     (b"{", "is JSON", "Open a kerchunk reference with xarray and give the Dataset"),
     (b"[", "is JSON", "Give GRIB, NetCDF or Zarr"),
 )
+#: First line of ICARTT files (ESDS-RFC-029): number of header lines and file format index.
+_ICARTT = re.compile(rb"\d+\s*,\s*(1001|2110|2310)\b")
+
+
+class SourceFile(NamedTuple):
+    """A file as the catalogue saw it; `sample` is a hash of parts of its content."""
+
+    path: str
+    size: int
+    mtime_ns: int
+    sample: str
+
+
+class LeftOut(TypedDict):
+    """A part of a model file that gave no wind: file, kind of part, reason, and how often."""
+
+    file: str
+    what: str
+    reason: str
+    count: int
+
+
+Skipped = list[LeftOut]
+
+
+def skip(file: str, what: str, reason: str, count: int = 1) -> LeftOut:
+    """One entry of a list of what is left out."""
+    return {"file": file, "what": what, "reason": reason, "count": count}
+
+
+def is_lost_file(reason: str) -> bool:
+    """Whether a problem is a file that vanished or changed, which may be there at the next run."""
+    return reason.startswith((NOT_OPENED, REPLACED))
 
 
 def is_url(path: str) -> bool:
@@ -68,7 +107,21 @@ def is_zarr(path: str) -> bool:
     """Whether a folder is a Zarr store; of URLs by their ending."""
     if is_url(path):
         return path.rstrip("/").endswith(".zarr")
-    return any(os.path.isfile(os.path.join(path, mark)) for mark in ZARR_MARKS)
+    return any(os.path.isfile(os.path.join(path, mark)) for mark in _ZARR_MARKS)
+
+
+def _dated(path: str) -> str:
+    """File whose size and time count for a file or a Zarr store."""
+    marks = (os.path.join(path, mark) for mark in _ZARR_MARKS)
+    return next((mark for mark in marks if os.path.isfile(mark)), path)
+
+
+def is_same(file: SourceFile) -> bool:
+    """Whether a file has the size and time it was catalogued with; `OSError` if it is gone."""
+    if is_url(file.path):
+        return True
+    status = os.stat(_dated(file.path))
+    return (status.st_size, status.st_mtime_ns) == (file.size, file.mtime_ns)
 
 
 def find_files(files: str | os.PathLike[str] | Sequence[str], name: str) -> list[str]:
@@ -125,29 +178,15 @@ def _urls(pattern: str) -> list[str]:
 
 def _unreachable(url: str, error: Exception) -> InputError:
     protocol = url.split("://")[0]
-    package = {"s3": "s3fs", "gs": "gcsfs", "gcs": "gcsfs", "https": "fsspec[http]"}.get(protocol)
-    missing = isinstance(error, ImportError)
+    package = {"s3": "s3fs", "gs": "gcsfs", "gcs": "gcsfs", "https": "aiohttp", "http": "aiohttp"}
     return InputError(
         "cannot be opened",
         file=url,
         found=f"{type(error).__name__}: {error}",
-        remedy=f"Reading {protocol}:// needs: pip install {package or 'fsspec'}"
-        if missing
-        else None,
+        remedy=f"Reading {protocol}:// needs: pip install fsspec {package.get(protocol, '')}"
+        if isinstance(error, ImportError)
+        else "Check the address",
     )
-
-
-def _identify_file(path: str) -> SourceFile:
-    full = os.path.abspath(path)
-    descriptor = os.open(full, os.O_RDONLY)
-    try:
-        status = os.fstat(descriptor)
-        places = (0, status.st_size // 2, max(status.st_size - _SAMPLE, 0))
-        n_bytes = b"".join(os.pread(descriptor, _SAMPLE, place) for place in places)
-    finally:
-        os.close(descriptor)
-    sample = hashlib.blake2b(n_bytes, digest_size=12).hexdigest()
-    return SourceFile(full, status.st_size, status.st_mtime_ns, sample)
 
 
 def identify(path: str) -> SourceFile:
@@ -160,17 +199,22 @@ def identify(path: str) -> SourceFile:
     """
     if is_url(path):
         return SourceFile(path, 0, 0, "")
-    if not os.path.isdir(path):
-        return _identify_file(path)
     full = os.path.abspath(path)
-    status = os.stat(mark_of(full))
     digest = hashlib.blake2b(digest_size=12)
-    for folder, folders, names in os.walk(full):
-        folders.sort()
-        for name in sorted(names):
-            file = os.path.join(folder, name)
-            entry = os.stat(file)
-            digest.update(repr((file[len(full) :], entry.st_size, entry.st_mtime_ns)).encode())
+    if os.path.isdir(full):
+        status = os.stat(_dated(full))
+        for folder, folders, names in os.walk(full):
+            folders.sort()
+            for name in sorted(names):
+                file = os.path.join(folder, name)
+                entry = os.stat(file)
+                digest.update(repr((file[len(full) :], entry.st_size, entry.st_mtime_ns)).encode())
+    else:
+        with open(full, "rb") as opened:
+            status = os.fstat(opened.fileno())
+            for place in (0, status.st_size // 2, max(status.st_size - _SAMPLE, 0)):
+                opened.seek(place)
+                digest.update(opened.read(_SAMPLE))
     return SourceFile(full, status.st_size, status.st_mtime_ns, digest.hexdigest())
 
 
@@ -182,56 +226,96 @@ def identified(paths: Sequence[str], name: str, skipped: Skipped) -> list[Source
     InputError
         If none is left.
     """
-    sources, refused = [], []
+    sources: list[SourceFile] = []
+    refused: list[InputError] = []
     for path in paths:
         try:
-            refusal = foreign(path)
-            if refusal is None:
-                sources.append(identify(path))
-                continue
-            refused.append(refusal)
-            skipped.append(skip(path, "file", refusal.what))
+            require_model_file(path)
+            sources.append(identify(path))
+        except InputError as error:
+            refused.append(error)
+            skipped.append(skip(path, "file", error.what))
         except OSError as error:
-            skipped.append(skip(path, "file", f"cannot be opened: {error.strerror or error}"))
+            skipped.append(skip(path, "file", f"{NOT_OPENED}: {error.strerror or error}"))
     if refused and not sources:
         raise refused[0]
     return sources
 
 
-def foreign(path: str) -> InputError | None:
-    """The error for a file that cannot hold model winds by its first bytes; None for others."""
-    if is_url(path) or os.path.isdir(path):
-        return None
+def require_model_file(path: str) -> None:
+    """Refuse a file that cannot hold model winds by its first bytes.
+
+    Raises
+    ------
+    InputError
+        With the kind of the file, and what to do with it.
+    OSError
+        If it cannot be opened.
+    """
+    if is_zarr(path) or os.path.isdir(path):
+        return
     content = first_bytes(path)
     if any(further.tells(path, content) for further in model_formats().values()):
-        return None
-    start = content.lstrip(b" \r\n\t\xef\xbb\xbf").lower()
-    for magic, what, remedy in _FOREIGN:
+        return
+    refusal = unreadable(path, content)
+    if refusal is not None:
+        raise refusal
+    start = content.lstrip(_BLANK).lower()
+    what, remedy = next(
+        (entry[1:] for entry in _REPORTS if start.startswith(entry[0])),
+        ("is text, no model file", "Give GRIB, NetCDF or Zarr"),
+    )
+    if _ICARTT.match(start):
+        what = "is ICARTT, measurements of an aircraft"
+        remedy = "Model winds come as GRIB, NetCDF or Zarr; measurements go under reports"
+    binary = not start.isascii() or b"\0" in start or b"grib" in start
+    if start and (not binary or "text" not in what):
+        raise InputError(what, file=path, remedy=remedy)
+
+
+def unreadable(path: str, content: bytes) -> InputError | None:
+    """The error for a file that holds neither winds nor reports by its first bytes, else None."""
+    start = content.lstrip(_BLANK).lower()
+    for magic, what, remedy in _UNREADABLE:
         if start.startswith(magic):
-            return InputError(
-                what, file=path, remedy=remedy.replace("FILE", os.path.basename(path))
-            )
-    if os.path.getsize(path) == 0:
+            remedy = remedy.replace("FILE", os.path.basename(path))
+            return InputError(what, file=path, remedy=remedy)
+    if content[257:262] == b"ustar":
+        return InputError("is a tar archive", file=path, remedy="Unpack it first with tar -xf")
+    if not content and not is_url(path) and not os.path.getsize(path):
         return InputError("is empty", file=path, remedy=_FAILED)
-    if start[257:262] == b"ustar":
-        return InputError("is a tar archive", file=path, remedy="Unpack it first: tar -xf")
-    if start and b"\0" not in start and start.isascii() and b"grib" not in start:
-        return InputError("is text, no model file", file=path, remedy="Give GRIB, NetCDF or Zarr")
     return None
 
 
+def _open(path: str) -> IO[bytes]:
+    """A file or a URL, opened to read."""
+    if not is_url(path):
+        return open(path, "rb")
+    try:
+        import fsspec
+
+        return fsspec.open(path, "rb").open()  # type: ignore[no-any-return]
+    except Exception as error:  # fsspec and its protocols raise many kinds
+        raise _unreachable(path, error) from error
+
+
 def first_bytes(path: str, length: int = 1024) -> bytes:
-    """First bytes of a file, decompressed; empty if they are damaged."""
-    with open(path, "rb") as file:
+    """First bytes of a file or a URL, decompressed; empty if they are damaged."""
+    with _open(path) as file:
         start = file.read(length)
-    for magic, opener in _COMPRESSED:
-        if start.startswith(magic):
-            try:
-                with opener(path) as file:
-                    return bytes(file.read(length))
-            except (OSError, EOFError, lzma.LZMAError):
-                return b""
-    return start
+        opener = _opener(start)
+        if opener is None:
+            return start
+        try:
+            file.seek(0)
+            with opener(file) as content:
+                return bytes(content.read(length))
+        except (OSError, EOFError, ValueError, lzma.LZMAError):
+            return b""
+
+
+def _opener(start: bytes) -> Callable[[Any], Any] | None:
+    return next((opener for magic, opener in _COMPRESSED if start.startswith(magic)), None)
 
 
 def kind_of(path: str) -> str:
@@ -246,7 +330,7 @@ def kind_of(path: str) -> str:
         return "zarr"
     if os.path.isdir(path):
         return ""
-    start = first_bytes(local_path(path))
+    start = first_bytes(path)
     for further in model_formats().values():
         if further.tells(path, start):
             return further.name
@@ -263,46 +347,36 @@ def local_path(path: str) -> str:
         If a compressed file is damaged or a URL cannot be read.
     """
     if is_url(path):
-        return str(_download(path).name)
-    try:
-        with open(path, "rb") as file:
-            start = file.read(8)
-        status = os.stat(path)
-    except IsADirectoryError:
+        return str(_copy(path, 0, 0).name)
+    if os.path.isdir(path):
         return path
-    if any(start.startswith(magic) for magic, _ in _COMPRESSED):
-        return str(_decompressed(path, status.st_size, status.st_mtime_ns).name)
-    return path
+    with open(path, "rb") as file:
+        start, status = file.read(8), os.fstat(file.fileno())
+    if _opener(start) is None:
+        return path
+    return str(_copy(path, status.st_size, status.st_mtime_ns).name)
 
 
 @lru_cache(maxsize=_KEPT_COPIES)
-def _decompressed(path: str, size: int, mtime_ns: int) -> IO[bytes]:
-    copy = tempfile.NamedTemporaryFile(prefix="airswing-")  # noqa: SIM115  (lives in the cache)
+def _copy(path: str, size: int, mtime_ns: int) -> IO[bytes]:
+    """A temporary copy of a URL or a compressed file, decompressed; it lives in the cache."""
+    copy = tempfile.NamedTemporaryFile(prefix="airswing-")  # noqa: SIM115
     try:
-        with open(path, "rb") as file:
-            start = file.read(8)
-        opener = next(opener for magic, opener in _COMPRESSED if start.startswith(magic))
-        with opener(path) as file:
+        with _open(path) as file:
             shutil.copyfileobj(file, copy, 1 << 20)
+        copy.seek(0)
+        opener = _opener(copy.read(8))
+        copy.seek(0)
+        if opener is not None:
+            plain = tempfile.NamedTemporaryFile(prefix="airswing-")  # noqa: SIM115
+            with copy, opener(copy) as content:
+                shutil.copyfileobj(content, plain, 1 << 20)
+            copy = plain
+    except InputError:
+        raise
     except (OSError, EOFError, lzma.LZMAError) as error:
-        copy.close()
         raise InputError(
             "cannot be decompressed", file=path, found=error, remedy="Fetch the file again"
         ) from error
-    copy.flush()
-    return copy
-
-
-@lru_cache(maxsize=_KEPT_COPIES)
-def _download(url: str) -> IO[bytes]:
-    copy = tempfile.NamedTemporaryFile(prefix="airswing-")  # noqa: SIM115  (lives in the cache)
-    try:
-        import fsspec
-
-        with fsspec.open(url, "rb") as file:
-            shutil.copyfileobj(file, copy, 1 << 20)
-    except Exception as error:  # fsspec and its protocols raise many kinds
-        copy.close()
-        raise _unreachable(url, error) from error
     copy.flush()
     return copy

@@ -30,9 +30,9 @@ import json
 import threading
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -40,7 +40,7 @@ from pyproj import CRS, Proj
 from pyproj.exceptions import CRSError
 
 from airswing.errors import InputError
-from airswing.physics.triangle import wrap_degrees, wrap_signed
+from airswing.physics.triangle import wrap_degrees
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
@@ -232,7 +232,6 @@ class Grid:
     nj: int
     wind_along_grid: bool  # wind components point along the grid, not to true east and north
     periodic: bool  # the column after the last is the first
-    columns_in_a_turn: float  # columns in a full turn of longitude; 0 if columns are no meridians
     key: str  # short hash of the positions of the grid points
     north_up: bool = False  # the grid's y direction is true north everywhere
     name: str = "points"
@@ -334,7 +333,7 @@ class AxesGrid(Grid):
 
     def directed(self, along: bool) -> AxesGrid:
         """The same grid with wind components along it or not."""
-        return AxesGrid(self.frame, self.x, self.y, along, self.by_column, self.alternate)
+        return replace(self, wind_along_grid=along)
 
     @cached_property
     def _columns(self) -> Floats:
@@ -349,15 +348,6 @@ class AxesGrid(Grid):
         span = abs(float(self._columns[-1] - self._columns[0]))
         step = span / (self.ni - 1)
         return abs(span + step - 360.0) < _FULL_CIRCLE * step
-
-    @property
-    def columns_in_a_turn(self) -> float:  # type: ignore[override]
-        """Columns in a full turn of longitude, 0 if columns are no meridians."""
-        if not self.frame.meridional or self.ni < 2:
-            return 0.0
-        if self.periodic:
-            return float(self.ni)
-        return 360.0 * (self.ni - 1) / abs(float(self._columns[-1] - self._columns[0]))
 
     def plane(self, latitude: Floats, longitude: Floats) -> tuple[Floats, Floats]:
         """Fractional indices (n,) along x and y of places (n,) in degrees, also outside."""
@@ -414,7 +404,6 @@ class PointsGrid(Grid):
     """
 
     periodic = False
-    columns_in_a_turn = 0.0
 
     def __init__(
         self,
@@ -431,12 +420,13 @@ class PointsGrid(Grid):
         self.wind_along_grid = wind_along_grid
         self.nj, self.ni = (int(n) for n in latitude.shape)
 
-    def __reduce__(self) -> tuple[object, ...]:
-        return _points_grid, (self.latitude, self.longitude, self.turned, self.wind_along_grid)
-
     def directed(self, along: bool) -> PointsGrid:
         """The same grid with wind components along it or not."""
-        return _points_grid(self.latitude, self.longitude, self.turned, along)
+        return PointsGrid(self.latitude, self.longitude, turned=self.turned, wind_along_grid=along)
+
+    def __getstate__(self) -> dict[str, object]:
+        derived = ("_vectors", "_directions", "_tree")  # large, and made again where needed
+        return {name: value for name, value in self.__dict__.items() if name not in derived}
 
     @cached_property
     def key(self) -> str:  # type: ignore[override]
@@ -456,11 +446,8 @@ class PointsGrid(Grid):
         """(nj, ni) unit complex numbers whose argument turns grid components to true ones."""
         if self.turned is not None:
             return np.asarray(np.exp(1j * self.turned))
-        if self.ni > 2:
-            along = np.asarray(np.gradient(self._vectors, axis=1, edge_order=2))
-        else:
-            along = np.asarray(np.gradient(self._vectors, axis=1))
-        along = along.reshape(-1, 3)
+        order: Literal[1, 2] = 2 if self.ni > 2 else 1
+        along = np.asarray(np.gradient(self._vectors, axis=1, edge_order=order)).reshape(-1, 3)
         east, north = _east_north(self._vectors.reshape(-1, 3))
         found = (along * east).sum(1) - 1j * (along * north).sum(1)
         return np.asarray((found / np.abs(found)).reshape(self.nj, self.ni))
@@ -535,12 +522,6 @@ class PointsGrid(Grid):
         return _box(self.latitude, self.longitude)
 
 
-def _points_grid(
-    latitude: Floats, longitude: Floats, turned: Floats | None, along: bool
-) -> PointsGrid:
-    return PointsGrid(latitude, longitude, turned=turned, wind_along_grid=along)
-
-
 def through_points(frame: Frame, latitude: Floats, longitude: Floats) -> AxesGrid | None:
     """Grid of a projection whose points (nj, ni), degrees, are known and whose axes are not.
 
@@ -571,17 +552,6 @@ def are_shifted(one: Grid, other: Grid) -> bool:
     steps = np.repeat([(box[1] - box[0]) / rows, (box[3] - box[2]) / columns], 2)
     same_size = abs(one.ni - other.ni) <= 1 and abs(one.nj - other.nj) <= 1
     return same_size and bool((np.abs(box - outline) <= 1.5 * steps + 1e-3).all())
-
-
-def shortest_columns(grid: Grid, steps: Floats) -> Floats:
-    """Differences of column indices, across the seam of a full circle the short way."""
-    turn = grid.columns_in_a_turn
-    return np.asarray(np.mod(steps + turn / 2.0, turn) - turn / 2.0) if turn else steps
-
-
-def shortest_angle(angle: Floats) -> Floats:
-    """Differences of directions (rad), the short way round."""
-    return np.asarray(wrap_signed(angle))
 
 
 def as_floats(values: ArrayLike) -> Floats:

@@ -8,13 +8,13 @@ from collections import Counter
 import numpy as np
 
 from airswing.errors import InputError
-from airswing.reference.catalogue import HYBRID, ISOBARIC, PRESSURE, Catalogue, U
-from airswing.reference.catalogues import build_catalogue
+from airswing.reference.catalogue import Catalogue, build_catalogue
 from airswing.reference.files import local_path
 from airswing.reference.grib.grid_sections import read_grid
 from airswing.reference.grib.headers import FileContents, off_levels, scan_file
 from airswing.reference.gridded.opening import engine_of
 from airswing.reference.grids import AxesGrid
+from airswing.reference.profiles import HYBRID, ISOBARIC, PRESSURE, U
 
 _PACKINGS = {
     1: {0: "simple", 4: "second order", 8: "spherical harmonics"},

@@ -29,11 +29,12 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.reference.grids import Floats, Grid, Ints, shortest_angle, shortest_columns
+from airswing.physics.triangle import wrap_signed
+from airswing.reference.grids import Floats, Grid, Ints
 from airswing.units import MODEL_EARTH_RADIUS
 
 if TYPE_CHECKING:
-    from airswing.reference.catalogue import ModelTime
+    from airswing.reference.profiles import ModelTime
 
 Request = list[tuple[np.void, Ints]]
 """Rows of fields and the points (any shape) at which their values are needed."""
@@ -271,7 +272,10 @@ def _true_slopes(
         slopes = []
         for grid, column, cell in zip(grids, columns, cells, strict=False):
             (i1, j1), (i0, j0) = grid.plane(*ahead), grid.plane(*behind)
-            di, dj = shortest_columns(grid, i1 - i0) / distance, (j1 - j0) / distance
+            di, dj = i1 - i0, (j1 - j0) / distance
+            if grid.periodic:  # the short way across the seam
+                di = np.mod(di + grid.ni / 2.0, grid.ni) - grid.ni / 2.0
+            di = di / distance
             x, y = cell.x, cell.y
             by_i = _weighted(column, (y - 1, 1 - y, -y, y))
             by_j = _weighted(column, (x - 1, -x, 1 - x, x))
@@ -279,7 +283,7 @@ def _true_slopes(
         turning = np.zeros_like(lat)
         if grids[0].wind_along_grid:
             turned = grids[0].convergence(*ahead) - grids[0].convergence(*behind)
-            turning = shortest_angle(turned) / distance
+            turning = wrap_signed(turned) / distance
         u, v = _rotated(slopes[0], slopes[1], angle)
         result += [u + wind[1] * turning, v - wind[0] * turning]
     return result

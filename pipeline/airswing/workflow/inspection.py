@@ -27,20 +27,23 @@ def inspect_file(path: Path) -> dict[str, object]:
     path = Path(path)
     if path.is_dir():
         return {"file": str(path), "kind": "model winds", **_winds(path)}
+    from airswing.reference.files import first_bytes, local_path, unreadable
+
     try:
-        with open(path, "rb") as opened:
-            start = opened.read(4096)
+        start = first_bytes(str(path), 4096)
+        refusal = unreadable(str(path), start)
     except OSError as err:
         raise InputError("cannot open the file", file=path, found=err.strerror) from err
-    if not start:
-        raise InputError("the file is empty", file=path)
     if any(one.tells(str(path), start) for one in model_formats().values()):
         return {"file": str(path), "kind": "model winds", **_winds(path)}
+    if refusal is not None and b"[Content_Types].xml" not in start:  # of an Excel workbook
+        raise refusal
     if start.startswith((b"CDF", b"\x89HDF")):
-        product = _product(path)
+        local = Path(local_path(str(path)))
+        product = _product(local)
         if product is not None:
             return {"file": str(path), "kind": "product"} | product
-        if _holds_winds(path):
+        if _holds_winds(local):
             return {"file": str(path), "kind": "model winds", **_winds(path)}
     elif b"GRIB" in start and b"\x00" in start:  # text may speak of GRIB
         from airswing.reference.inspection import inspect_grib

@@ -313,7 +313,7 @@ def catalogues(job: Job) -> dict[str, Catalogue]:
     -------
     dict of str to Catalogue
     """
-    from airswing.reference.catalogues import build_catalogue
+    from airswing.reference.catalogue import build_catalogue
 
     found = {}
     with job.progress.stage("catalogue") as stage:
@@ -354,16 +354,16 @@ def _files_between(model: Catalogue, start: np.datetime64, stop: np.datetime64) 
 
 def _require_overlap(job: Job, archive: ReportArchive, models: Mapping[str, Catalogue]) -> None:
     """Refuse reports and models that never meet, before hours of reading."""
-    from airswing.reference.planning import plan, require_overlap
+    from airswing.reference.collocate import overlap, require_overlap
 
     if not models:
         return
     gap = job.config.collocation.max_time_gap
     for most in (_CHECKED_FIRST, archive.count):
-        plans = plan(archive.places(most), models, max_time_gap=gap)
-        if all(one.matched for one in plans.values()):
+        overlaps = overlap(archive.places(most), models, max_time_gap=gap)
+        if all(one.matched for one in overlaps.values()):
             return
-    require_overlap(plans)
+    require_overlap(overlaps)
 
 
 @dataclass(eq=False)
@@ -509,11 +509,9 @@ class _Month:
 
     def _winds(self, reports: xr.Dataset) -> tuple[xr.Dataset, dict[str, Any]]:
         """Model winds at the reports, in memory, and counts of each reference."""
-        from airswing.reference.catalogue import is_lost_file
-        from airswing.reference.catalogues import build_catalogue
-        from airswing.reference.collocate import ACCOUNT, PROBLEMS, collocate
+        from airswing.reference.catalogue import build_catalogue, is_lost_file
+        from airswing.reference.collocate import ACCOUNT, PROBLEMS, collocate, overlap
         from airswing.reference.fleet_wind import fleet_wind
-        from airswing.reference.planning import plan
 
         asked = self.job.config.collocation
         models = {
@@ -523,13 +521,7 @@ class _Month:
             for name in self.job.config.references
         }
         with self.job.progress.stage(f"collocate {self.name}") as stage:
-            plans = plan(
-                reports,
-                models,
-                max_time_gap=asked.max_time_gap,
-                derivatives=True,
-                sparse=asked.sparse,
-            )
+            overlaps = overlap(reports, models, max_time_gap=asked.max_time_gap)
             winds = collocate(
                 reports,
                 models,
@@ -541,15 +533,15 @@ class _Month:
             stage.messages = int(winds["decoded_messages"].sum())
             stage.bytes_read = int(winds["decoded_bytes"].sum())
             stage.decoding = float(winds["decoding_seconds"].sum())
-            stage.reports = max(one.matched for one in plans.values())
-            matched = ", ".join(f"{name} {one.matched:,}" for name, one in plans.items())
+            stage.reports = max(one.matched for one in overlaps.values())
+            matched = ", ".join(f"{name} {one.matched:,}" for name, one in overlaps.items())
             stage.note = f"reports within the model: {matched}"
         problems = dict(zip(models, winds[PROBLEMS].to_numpy(), strict=True))
         self.lost = len(
             {file for met in problems.values() for _, file, why in met if is_lost_file(why)}
         )
         audits = {
-            name: plans[name].as_dict()
+            name: overlaps[name].as_dict()
             | {"notes": model.notes, "skipped": model.skipped}
             | {"unread_messages": len(problems[name]), "unread": unread(problems[name])}
             for name, model in models.items()

@@ -62,7 +62,7 @@ def append_winds(
     --------
     >>> found = airswing.append_winds(track, {"ruc": "ruc/*.grb"})  # doctest: +SKIP
     """
-    from airswing.reference.catalogues import build_catalogue
+    from airswing.reference.catalogue import build_catalogue
     from airswing.reference.collocate import collocate
 
     places = _places(table, columns or {})

@@ -13,7 +13,7 @@ import xarray as xr
 
 import airswing
 from airswing.errors import InputError
-from airswing.reference.catalogues import build_catalogue
+from airswing.reference.catalogue import build_catalogue
 from tests.reference.builders import LATLON, build, write
 from tests.reference.gridded.datasets import latlon, points, winds
 

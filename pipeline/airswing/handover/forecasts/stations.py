@@ -39,10 +39,14 @@ from airswing.handover.forecasts.forecast_pairs import (
     read_table,
     times,
 )
-from airswing.reference.grib.decoding import KeyValue, UnreadableMessageError
 from airswing.reference.grib.grid_sections import read_grid
 from airswing.reference.grib.headers import GarbageError, Window, single_fields, whole_messages
-from airswing.reference.grib.values import decode_guarded, read_keys
+from airswing.reference.grib.values import (
+    KeyValue,
+    UnreadableMessageError,
+    decode_guarded,
+    read_keys,
+)
 from airswing.reference.grids import Grid, UnplaceableGridError
 from airswing.reference.state import grib1_statistic, grib2_statistic
 from airswing.reference.winds import bilinear, corners

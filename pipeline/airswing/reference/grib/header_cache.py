@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import io
 import os
 import pickle
 import sqlite3
@@ -19,10 +20,11 @@ from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from pathlib import Path
 
+import numpy as np
+
 from airswing.errors import InputError
 from airswing.reference import grids, state
-from airswing.reference.catalogue import SourceFile
-from airswing.reference.files import local_path
+from airswing.reference.files import SourceFile, local_path
 from airswing.reference.grib import grid_sections, headers
 from airswing.reference.grib.headers import FileContents
 
@@ -40,29 +42,23 @@ def contents_of(
     folder : path-like, optional
         Folder of the cache; by default ``AIRSWING_CACHE``, else the system's cache folder.
     """
-    path = Path(folder) if folder is not None else _default_folder()
-    database = _opened(path)
-    pending: list[tuple[str, bytes]] = []
+    cache = _Cache(Path(folder) if folder is not None else _default_folder())
     try:
         for file in files:
             key = hashlib.blake2b(
                 "\0".join([*map(str, file), _code_version()]).encode(), digest_size=16
             ).hexdigest()
-            known = _known(database, key)
-            if known is None:
+            contents = cache.get(key)
+            if contents is None:
                 try:
-                    known = headers.scan_file(local_path(file.path))
+                    contents = headers.scan_file(local_path(file.path))
                 except (OSError, InputError) as error:
                     yield error
                     continue
-                pending.append((key, zlib.compress(pickle.dumps(_plain(known)), 1)))
-                if len(pending) >= _TOGETHER:
-                    database = _write(database, path, pending)
-            yield known
+                cache.put(key, contents)
+            yield contents
     finally:
-        database = _write(database, path, pending)
-        if database is not None:
-            database.close()
+        cache.close()
 
 
 def _default_folder() -> Path:
@@ -83,102 +79,100 @@ def _code_version() -> str:
     return digest.hexdigest()
 
 
-def _plain(contents: FileContents) -> tuple[object, ...]:
-    """Contents as tuples and bytes, which unpickle without any class."""
-    skipped = [(*key, count) for key, count in contents.skipped.items()]
-    table = contents.table().tobytes()
-    return table, contents.grids, skipped, contents.messages, contents.parts
-
-
 class _TuplesOnly(pickle.Unpickler):
     def find_class(self, module: str, name: str) -> object:
         raise pickle.UnpicklingError(f"{module}.{name} in the cache")
 
 
-def _known(database: sqlite3.Connection | None, key: str) -> FileContents | None:
-    """Contents by the cache; None if they are unknown or damaged."""
-    if database is None:
-        return None
-    try:
-        row = database.execute("SELECT content FROM files WHERE key = ?", (key,)).fetchone()
-        if row is None:
-            return None
-        import io
+class _Cache:
+    """Contents of files by key, in a database; without one if it cannot be opened."""
 
-        import numpy as np
-
-        table, grids_, skipped, messages, parts = _TuplesOnly(
-            io.BytesIO(zlib.decompress(row[0]))
-        ).load()
-        rows = np.frombuffer(table, dtype=headers.FIELD_DTYPE)
-        found = FileContents(grids=grids_, messages=messages, parts=parts)
-        found.fields = [headers.Field(*one) for one in rows.tolist()]
-        found.skipped.update({(what, why): count for what, why, count in skipped})
-    except (sqlite3.Error, zlib.error, pickle.UnpicklingError, ValueError, TypeError, EOFError):
-        return None
-    return found
-
-
-def _opened(folder: Path) -> sqlite3.Connection | None:
-    """The database, a new one if it is damaged, one to read if the folder cannot be written."""
-    path = folder / _NAME
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
+    def __init__(self, folder: Path) -> None:
+        self.path = folder / _NAME
+        self.pending: list[tuple[str, bytes]] = []
+        self.database: sqlite3.Connection | None = None
         try:
-            return _prepared(path)
-        except sqlite3.OperationalError:
-            raise
+            folder.mkdir(parents=True, exist_ok=True)
+            self._open()
+        except (OSError, sqlite3.OperationalError) as error:
+            self._warn(error)
+            # immutable: a folder that cannot be written takes no lock file either
+            with contextlib.suppress(OSError, sqlite3.Error):
+                address = f"{self.path.absolute().as_uri()}?mode=ro&immutable=1"
+                self.database = sqlite3.connect(address, uri=True)
         except sqlite3.DatabaseError as error:
-            return _anew(path, error)
-    except (OSError, sqlite3.Error) as error:
-        _warn(folder, error)
-    try:
-        # immutable: a folder that cannot be written takes no lock file either
-        database = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)
-        database.execute("SELECT key FROM files LIMIT 1")
-    except (OSError, sqlite3.Error):
-        return None
-    return database
+            self._replace(error)
 
+    def _open(self) -> None:
+        self.database = sqlite3.connect(self.path, timeout=30.0)
+        self.database.execute("PRAGMA synchronous=OFF")  # everything can be read again
+        self.database.execute("PRAGMA journal_mode=TRUNCATE")  # a kill leaves the database whole
+        self.database.execute(
+            "CREATE TABLE IF NOT EXISTS files (key TEXT PRIMARY KEY, content BLOB)"
+        )
 
-def _prepared(path: Path) -> sqlite3.Connection:
-    database = sqlite3.connect(path, timeout=30.0)
-    database.execute("PRAGMA synchronous=OFF")  # everything can be read again
-    database.execute("PRAGMA journal_mode=TRUNCATE")  # a kill leaves the database whole
-    database.execute("CREATE TABLE IF NOT EXISTS files (key TEXT PRIMARY KEY, content BLOB)")
-    return database
+    def _replace(self, error: sqlite3.Error) -> None:
+        warnings.warn(
+            f"{self.path} is damaged ({error}): GRIB headers are read again", stacklevel=3
+        )
+        try:
+            for old in (self.path, self.path.with_name(f"{_NAME}-journal")):
+                old.unlink(missing_ok=True)
+            self._open()
+        except (OSError, sqlite3.Error):
+            self.database = None
 
+    def _warn(self, error: Exception) -> None:
+        warnings.warn(
+            f"cache folder {self.path.parent} cannot be written ({error}): GRIB headers will be "
+            "read again by the next run",
+            stacklevel=3,
+        )
 
-def _anew(path: Path, error: sqlite3.Error) -> sqlite3.Connection:
-    warnings.warn(f"{path} is damaged ({error}): GRIB headers are read again", stacklevel=2)
-    for old in (path, path.with_name(f"{path.name}-journal")):
-        old.unlink(missing_ok=True)
-    return _prepared(path)
+    def get(self, key: str) -> FileContents | None:
+        """Contents by key; None if they are unknown or damaged."""
+        if self.database is None:
+            return None
+        try:
+            row = self.database.execute(
+                "SELECT content FROM files WHERE key = ?", (key,)
+            ).fetchone()
+            if row is None:
+                return None
+            plain = _TuplesOnly(io.BytesIO(zlib.decompress(row[0]))).load()
+            table, sections, skipped, messages, parts = plain
+            found = FileContents(grids=sections, messages=messages, parts=parts)
+            rows = np.frombuffer(table, dtype=headers.FIELD_DTYPE)
+            found.fields = [headers.Field(*one) for one in rows.tolist()]
+            found.skipped.update({(what, why): count for what, why, count in skipped})
+        except (sqlite3.Error, zlib.error, pickle.UnpicklingError, ValueError, TypeError, EOFError):
+            return None
+        return found
 
+    def put(self, key: str, contents: FileContents) -> None:
+        """Keep contents, as tuples and bytes, which unpickle without any class."""
+        skipped = [(*reason, count) for reason, count in contents.skipped.items()]
+        table = contents.table().tobytes()
+        plain = (table, contents.grids, skipped, contents.messages, contents.parts)
+        self.pending.append((key, zlib.compress(pickle.dumps(plain), 1)))
+        if len(self.pending) >= _TOGETHER:
+            self._write()
 
-def _write(
-    database: sqlite3.Connection | None, folder: Path, pending: list[tuple[str, bytes]]
-) -> sqlite3.Connection | None:
-    """Write what is pending; the database, replaced if it is damaged."""
-    if database is None or not pending:
-        return database
-    try:
-        with database:
-            database.executemany("INSERT OR REPLACE INTO files VALUES (?, ?)", pending)
-    except sqlite3.OperationalError as error:  # read-only, locked or a full disk
-        if "readonly" not in str(error):
-            _warn(folder, error)
-    except sqlite3.DatabaseError as error:
-        database.close()
-        with contextlib.suppress(OSError, sqlite3.Error):
-            database = _anew(folder / _NAME, error)
-    pending.clear()
-    return database
+    def _write(self) -> None:
+        if self.database is not None and self.pending:
+            try:
+                with self.database:
+                    command = "INSERT OR REPLACE INTO files VALUES (?, ?)"
+                    self.database.executemany(command, self.pending)
+            except sqlite3.OperationalError as error:  # read-only, locked or a full disk
+                if "readonly" not in str(error):
+                    self._warn(error)
+            except sqlite3.DatabaseError as error:
+                self._replace(error)
+        self.pending.clear()
 
-
-def _warn(folder: Path, error: Exception) -> None:
-    warnings.warn(
-        f"cache folder {folder} cannot be written ({error}): GRIB headers will be read again by "
-        "the next run",
-        stacklevel=3,
-    )
+    def close(self) -> None:
+        """Write what is pending and close the database."""
+        self._write()
+        if self.database is not None:
+            self.database.close()

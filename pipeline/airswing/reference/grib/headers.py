@@ -34,9 +34,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.reference.catalogue import HYBRID, ISOBARIC, PRESSURE, U, V
 from airswing.reference.grib.grid_sections import read_grid
 from airswing.reference.grids import UnplaceableGridError
+from airswing.reference.profiles import HYBRID, ISOBARIC, PRESSURE, U, V
 from airswing.reference.state import DERIVED, FORECAST, grib1_statistic, grib2_statistic
 from airswing.reference.winds import MAX_WIND
 

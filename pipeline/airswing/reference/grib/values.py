@@ -23,6 +23,7 @@ Assumptions and validity
 
 from __future__ import annotations
 
+import contextlib
 import math
 import os
 import time
@@ -33,22 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.guarded import WorkerEndedError, guarded
-from airswing.reference.catalogue import (
-    NOT_OPENED,
-    PRESSURE,
-    REPLACED,
-    ModelTime,
-    SourceFile,
-    is_same,
-)
-from airswing.reference.files import local_path
-from airswing.reference.grib.decoding import (
-    Job,
-    KeyValue,
-    UnreadableMessageError,
-    decode_all,
-    keys_of,
-)
+from airswing.reference.files import NOT_OPENED, REPLACED, SourceFile, is_same, local_path
 from airswing.reference.grib.headers import (
     MAX_BITS,
     PADDING,
@@ -57,11 +43,20 @@ from airswing.reference.grib.headers import (
     single_fields,
 )
 from airswing.reference.grids import Floats, Ints
+from airswing.reference.profiles import PRESSURE, ModelTime
 from airswing.reference.winds import Request
 
 MAX_SPREAD = 60.0  # m/s, standard deviation
 _PROBES = 256
 _CHANGED = "not the message the catalogue saw"
+_ABSENT = 1e300  # ecCodes is asked to put it where a point is missing; no field holds it
+Job = tuple[bytes, int, Ints | None]
+"""Arguments of :func:`decode`."""
+KeyValue = int | float | str
+
+
+class UnreadableMessageError(Exception):
+    """A message without usable values; the text gives the reason."""
 
 
 class GribReader:
@@ -93,36 +88,31 @@ class GribReader:
 
     def _values(self, model: ModelTime, wanted: Request) -> list[Floats]:
         found: list[Floats] = [np.full(points.shape, np.nan) for _, points in wanted]
-        whole: list[tuple[int, np.void, Ints, bytes]] = []
+        whole: list[tuple[int, Job]] = []
         began = time.perf_counter()
         for number, (row, points) in enumerate(wanted):
-            file = model.files[int(row["file"])]
-            descriptor = self._descriptor(file)
+            descriptor = self._descriptor(model.files[int(row["file"])])
             if descriptor < 0:
                 continue
             size = model.grids[int(row["kind"])].size
-            probes = _probes(row, size)
-            places = np.concatenate([points.ravel(), probes]) if probes.size else points.ravel()
+            places = np.concatenate([points.ravel(), _probes(row, size)])
             try:
                 if self.sparse and row["sparse"]:
                     values = sparse_values(descriptor, row, size, places)
+                    found[number] = self._credible(model, row, points.shape, values)
                 else:
-                    whole.append((number, row, places, field_message(descriptor, row)))
-                    continue
-                found[number] = self._credible(file, row, points.shape, values)
+                    whole.append((number, (field_message(descriptor, row), size, places)))
             except (UnreadableMessageError, OSError, MemoryError) as error:
-                self._note(file, row, str(error) or "not enough memory to decode it")
-        if whole:
-            jobs = [(one[3], model.grids[int(one[1]["kind"])].size, one[2]) for one in whole]
-            for (number, row, _, _), result in zip(whole, decode_guarded(jobs), strict=True):
-                file = model.files[int(row["file"])]
+                self._note(model, row, str(error) or "not enough memory to decode it")
+        decoded = decode_guarded([job for _, job in whole]) if whole else []
+        for (number, _), result in zip(whole, decoded, strict=True):
+            row = wanted[number][0]
+            try:
                 if isinstance(result, str):
-                    self._note(file, row, result)
-                    continue
-                try:
-                    found[number] = self._credible(file, row, found[number].shape, result)
-                except UnreadableMessageError as error:
-                    self._note(file, row, str(error))
+                    raise UnreadableMessageError(result)
+                found[number] = self._credible(model, row, found[number].shape, result)
+            except UnreadableMessageError as error:
+                self._note(model, row, str(error))
         self.seconds += time.perf_counter() - began
         return found
 
@@ -140,7 +130,7 @@ class GribReader:
         return self._descriptors[file]
 
     def _credible(
-        self, file: SourceFile, row: np.void, shape: tuple[int, ...], values: Floats
+        self, model: ModelTime, row: np.void, shape: tuple[int, ...], values: Floats
     ) -> Floats:
         """Values at the wanted points if those at the probes are credible."""
         self.decoded += 1
@@ -163,32 +153,13 @@ class GribReader:
         with np.errstate(invalid="ignore"):
             impossible = (wanted < low) | (wanted > high)
         if impossible.any():
-            self._note(file, row, "impossible values left out")
+            self._note(model, row, "impossible values left out")
             wanted = np.where(impossible, np.nan, wanted)
         return wanted
 
-    def _note(self, file: SourceFile, row: np.void, reason: str) -> None:
-        self.problems[file.path, f"message at {int(row['offset'])}: {reason}"] = None
-
-
-def field_values(path: str, row: np.void, size: int, points: Ints) -> Floats:
-    """Values of one field of a file at points (n,), NaN where missing.
-
-    Raises
-    ------
-    UnreadableMessageError, OSError
-        If it cannot be read.
-    """
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        if row["sparse"]:
-            return sparse_values(descriptor, row, size, points)
-        found = decode_guarded([(field_message(descriptor, row), size, points)])[0]
-    finally:
-        os.close(descriptor)
-    if isinstance(found, str):
-        raise UnreadableMessageError(found)
-    return found
+    def _note(self, model: ModelTime, row: np.void, reason: str) -> None:
+        path = model.files[int(row["file"])].path
+        self.problems[path, f"message at {int(row['offset'])}: {reason}"] = None
 
 
 def field_message(descriptor: int, row: np.void) -> bytes:
@@ -226,6 +197,74 @@ def read_keys(message: bytes, names: Sequence[str]) -> dict[str, KeyValue]:
         return guarded(keys_of, message, list(names))
     except (WorkerEndedError, ValueError) as error:
         raise UnreadableMessageError(f"not decodable: {error}") from error
+
+
+def decode(message: bytes, size: int, points: Ints | None = None) -> Floats:
+    """Values of a message of one field by ecCodes in this process, NaN where missing.
+
+    Parameters
+    ----------
+    size : int
+        Number of points of its grid.
+    points : (n,) int array, optional
+        Places in the list of values; by default all.
+
+    Raises
+    ------
+    UnreadableMessageError
+        If it cannot be decoded, or has another number of values.
+    """
+    import eccodes
+
+    try:
+        handle = eccodes.codes_new_from_message(message)
+    except eccodes.CodesInternalError as error:
+        raise UnreadableMessageError(f"not decodable: {error}") from error
+    try:
+        if eccodes.codes_get_long(handle, "bitmapPresent"):
+            eccodes.codes_set(handle, "missingValue", _ABSENT)
+        if (stated := eccodes.codes_get_size(handle, "values")) != size:
+            raise UnreadableMessageError(f"{stated} values on a grid of {size} points")
+        values = np.asarray(eccodes.codes_get_values(handle), dtype=np.float64)
+    except (eccodes.CodesInternalError, MemoryError, ValueError) as error:
+        raise UnreadableMessageError(f"not decodable: {error}") from error
+    finally:
+        eccodes.codes_release(handle)
+    if values.size != size:
+        raise UnreadableMessageError(f"{values.size} values on a grid of {size} points")
+    if points is not None:
+        values = values[points]
+    values[values == _ABSENT] = np.nan
+    return values
+
+
+def decode_all(jobs: list[Job]) -> list[Floats | str]:
+    """Values of several messages, or the reason for none."""
+    found: list[Floats | str] = []
+    for job in jobs:
+        try:
+            found.append(decode(*job))
+        except UnreadableMessageError as error:
+            found.append(str(error))
+    return found
+
+
+def keys_of(message: bytes, names: list[str]) -> dict[str, KeyValue]:
+    """Values of keys of a message, without those it has not; `ValueError` if it is none."""
+    import eccodes
+
+    found: dict[str, KeyValue] = {}
+    try:
+        handle = eccodes.codes_new_from_message(message)
+    except eccodes.CodesInternalError as error:
+        raise ValueError(str(error)) from None
+    try:
+        for name in names:
+            with contextlib.suppress(eccodes.CodesInternalError):
+                found[name] = eccodes.codes_get(handle, name)
+    finally:
+        eccodes.codes_release(handle)
+    return found
 
 
 def _probes(row: np.void, size: int) -> Ints:

@@ -27,8 +27,7 @@ from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.guarded import WorkerEndedError, guarded
-from airswing.reference.catalogue import SourceFile
-from airswing.reference.files import local_path
+from airswing.reference.files import SourceFile, local_path
 from airswing.reference.grib.grid_sections import MAX_POINTS, read_grid
 from airswing.reference.grib.headers import GarbageError, Window, single_fields, whole_messages
 from airswing.reference.grids import AxesGrid, UnplaceableGridError

@@ -21,19 +21,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
-from airswing.reference.catalogue import (
-    HYBRID,
-    ISOBARIC,
-    PRESSURE,
-    ROW_DTYPE,
-    SURFACE,
-    Catalogue,
-    Skipped,
-    StoredField,
-    Table,
-    on_one_grid,
-    skip,
-)
+from airswing.reference.files import Skipped, skip
 from airswing.reference.gridded.axes import (
     Axes,
     axes_of,
@@ -66,6 +54,16 @@ from airswing.reference.grids import (
     PointsGrid,
     frame_of,
     through_points,
+)
+from airswing.reference.profiles import (
+    HYBRID,
+    ISOBARIC,
+    PRESSURE,
+    ROW_DTYPE,
+    SURFACE,
+    StoredField,
+    Table,
+    on_one_grid,
 )
 from airswing.reference.state import variable_statistic
 from airswing.units import MODEL_EARTH_RADIUS
@@ -191,10 +189,10 @@ class Gathering:
             )
         return known.pop() if known else True  # models write components along their grids
 
-    def notes(self, found: Catalogue) -> list[str]:
+    def notes(self, used: NDArray[np.int64]) -> list[str]:
         """Direction of the winds on each grid that is used, and the evidence."""
         notes = dict(self._notes)
-        for number in np.unique(found.grid_numbers):
+        for number in np.unique(used):
             grid, known = self._places[int(number)], self._along.get(int(number), {})
             if grid.north_up:
                 continue

@@ -22,8 +22,7 @@ import xarray as xr
 from airswing.errors import InputError
 from airswing.model_formats import model_formats
 from airswing.products.damaged_netcdf import require_sound
-from airswing.reference.catalogue import SourceFile
-from airswing.reference.files import identify, is_url, kind_of, local_path
+from airswing.reference.files import SourceFile, identify, is_url, kind_of, local_path
 from airswing.reference.gridded.naming import Naming, components
 from airswing.reference.gridded.wrf import is_wrf
 

@@ -17,19 +17,10 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
-from airswing.reference.catalogue import (
-    GIVEN,
-    NOT_OPENED,
-    PRESSURE,
-    REPLACED,
-    ModelTime,
-    SourceFile,
-    StoredField,
-    is_same,
-    outer_places,
-)
+from airswing.reference.files import NOT_OPENED, REPLACED, SourceFile, is_same
 from airswing.reference.gridded.opening import opened
 from airswing.reference.grids import Floats, Ints
+from airswing.reference.profiles import GIVEN, PRESSURE, ModelTime, StoredField
 from airswing.reference.winds import Request
 
 
@@ -134,7 +125,7 @@ class DatasetReader:
 
 
 def _piece(stored: StoredField, row: np.void, points: Ints, columns: int, target: Floats) -> _Piece:
-    at = {dim: int(place) for dim, place in outer_places(stored, row["index"])}
+    at = {dim: int(place) for dim, place in stored.outer_places(row["index"])}
     if stored.level:
         at[stored.level] = int(row["level_index"])
     j, i = np.divmod(points, columns)
