@@ -39,33 +39,63 @@ _MARS_MEANS = (1043, 1070, 1071, 1072, 1073, 1080, 1097, 1221, 1242, 1243)
 _DATA_TYPES = {"ea", "ef", "es", "ep", "fp", "cl", "pd", "pb", "ses", "wes", "fcmean", "fcstdev"}
 _DATA_TYPES |= {"4i", "me", "cs", "taes", "efi", "sot", "hcmean", "ssd", "svar"}
 _WORDS = re.compile(
-    r"\b(spread|std|sd|stdev|stddev|standard deviations?|variance|covariance|probabilit\w*"
-    r"|percentiles?|quantiles?|median|climatolog\w*|climate mean|anomal\w*|increments?"
-    r"|uncertaint\w*|errors?|tendency|exceedance|monthly mean|daily mean|time mean)\b",
+    r"\b(spread|sprd|spr|std|sd|stdev|stdv|stddev|standard deviations?|variances?|covariances?"
+    r"|probabilit\w*|prob|percentiles?|quantiles?|deciles?|terciles?|quartiles?|median|[pq]\d\d"
+    r"|climatolog\w*|climate means?|clim|normals|long term mean|anomal\w*|anoms?|departures?"
+    r"|increments?|uncertaint\w*|errors?|err|rms|rmse|tendenc\w*|exceedance|time averaged?"
+    r"|(monthly|daily|hourly|seasonal|annual|time) (means?|averages?)"
+    r"|(means?|averages?) (monthly|daily|hourly|seasonal|annual))\b",
     re.I,
 )
-_STATISTIC_DIMENSIONS = re.compile(r"(quantile|percentile|probability|threshold)s?$", re.I)
-_HORIZONTAL = ("area", "lat", "latitude", "lon", "longitude", "x", "y", "realization", "number")
+#: The same in the title of a file, which also says what is compared or contained.
+_TITLE_WORDS = re.compile(
+    r"\b(ensemble spread|standard deviations?|percentiles?|quantiles?|probabilit\w*"
+    r"|climatolog(y|ies|ical)|long term means?|anomal\w*|analysis increments?|analysis errors?"
+    r"|time averaged?|(monthly|daily) (means?|averages?))\b",
+    re.I,
+)
+_STATISTIC_DIMENSIONS = re.compile(
+    r"(quantile|percentile|probability|threshold|ensemble_statistic|statistic)s?$", re.I
+)
+_MEMBERS = ("realization", "number", "ensemble", "ens", "member", "members")
+_HORIZONTAL = ("area", "lat", "latitude", "lon", "longitude", "x", "y")
 
 
-def grib1_statistic(product: bytes) -> str:
-    """Reason why a field of GRIB1 is no state, from its section 1; empty if it is one."""
+def grib_statistic(edition: int, sections: Mapping[int, bytes]) -> str:
+    """Reason why a field of GRIB is no state, from its sections; empty if it is one.
+
+    Parameters
+    ----------
+    sections : mapping of int to bytes
+        By number: 1 of edition 1; 1, 4 and, if there is one, 2 of edition 2.
+    """
+    return _grib1(sections[1]) if edition == 1 else _grib2(sections)
+
+
+def _grib1(product: bytes) -> str:
     centre, indicator = product[4], product[20]
     if indicator not in (0, 1, 10):
         return f"not instantaneous: {_RANGES.get(indicator, 'time range')} (indicator {indicator})"
-    if centre == 98 and len(product) >= 43 and product[40] and product[42] not in _MARS_STATES:
-        name = _MARS_NAMES.get(product[42], "statistic")
-        return f"no state of the atmosphere: {name} (MARS type {product[42]})"
-    if centre == 98 and product[40:41] and int.from_bytes(product[43:45], "big") in _MARS_MEANS:
-        return "no state of the atmosphere: mean of a month"
+    if centre == 98 and len(product) >= 45 and product[40]:
+        return _mars(product[42], int.from_bytes(product[43:45], "big"))
     # NCEP: byte 41 says ensemble, byte 44 which product of it (1: full field or mean, 2: mean)
     if centre == 7 and len(product) >= 44 and product[40] == 1 and product[43] not in (1, 2):
         return f"ensemble statistic that is no mean (product {product[43]})"
     return ""
 
 
-def grib2_statistic(product: bytes) -> str:
-    """Reason why a field of GRIB2 is no state, from its section 4; empty if it is one."""
+def _mars(kind: int, stream: int) -> str:
+    """Reason by ECMWF's type and stream, in its local sections."""
+    if kind not in _MARS_STATES:
+        name = _MARS_NAMES.get(kind, "statistic")
+        return f"no state of the atmosphere: {name} (MARS type {kind})"
+    if stream in _MARS_MEANS:
+        return f"no state of the atmosphere: mean of a month (MARS stream {stream})"
+    return ""
+
+
+def _grib2(sections: Mapping[int, bytes]) -> str:
+    identification, local, product = sections[1], sections.get(2, b""), sections[4]
     template, process = int.from_bytes(product[7:9], "big"), product[11]
     if template in _TEMPLATES:
         return f"no state of the atmosphere: {_TEMPLATES[template]} (product template 4.{template})"
@@ -78,9 +108,11 @@ def grib2_statistic(product: bytes) -> str:
     # byte 35, code table 4.7: unweighted and weighted mean of all members
     if template == DERIVED and len(product) > 34 and product[34] not in (0, 1):
         name = _DERIVED.get(product[34], "")
-        return f"ensemble statistic that is no mean: {name} (code {product[34]})".replace(
-            ":  ", " "
-        )
+        return f"ensemble statistic that is no mean: {name or 'other'} (code {product[34]})"
+    if identification[20:21] == b"\x08":  # type of data, code table 1.4
+        return "no state of the atmosphere: event probability (type of data 8)"
+    if int.from_bytes(identification[5:7], "big") == 98 and len(local) >= 13:
+        return _mars(int.from_bytes(local[9:11], "big"), int.from_bytes(local[11:13], "big"))
     return ""
 
 
@@ -99,9 +131,12 @@ def variable_statistic(
     dataset : mapping
         Attributes of the Dataset.
     """
-    for dimension, method in re.findall(r"(\w+)\s*:\s*(\w+)", str(attrs.get("cell_methods", ""))):
-        if method != "point" and not (method == "mean" and dimension.lower() in _HORIZONTAL):
-            return f"{dimension}: {method}"
+    methods = re.sub(r"\([^)]*\)", " ", str(attrs.get("cell_methods", "")))
+    for names, method in re.findall(r"((?:\w+\s*:\s*)+)(\w+)", methods):
+        dimensions = [one for one in re.split(r"[:\s]+", names.lower()) if one]
+        spatial = all(one in _MEMBERS + _HORIZONTAL for one in dimensions)
+        if method != "point" and not (method == "mean" and spatial):
+            return f"{' '.join(dimensions)}: {method}"
     step, kind = str(attrs.get("GRIB_stepType", "")), str(attrs.get("GRIB_dataType", ""))
     if step not in ("", "instant", "point"):
         return step
@@ -115,9 +150,17 @@ def variable_statistic(
             return key
         if "climatology" in others:
             return "climatology"
-    described = (name, attrs.get("long_name"), attrs.get("statistic"), attrs.get("product_type"))
-    for text in (*described, dataset.get("product_type"), dataset.get("statistic")):
-        found = _WORDS.search(re.sub(r"[_\W]+", " ", str(text or "")))
-        if found:
+    if re.match(r"(long term )?mean\b", str(attrs.get("statistic", "")), re.I):
+        return f"statistic {attrs['statistic']}"  # of NOAA PSL: over time; else "Ensemble Mean"
+    described = [name, *(attrs.get(key) for key in ("long_name", "statistic", "product_type"))]
+    described += [dataset.get(key) for key in ("product_type", "statistic")]
+    titles = [value for key, value in dataset.items() if str(key).lower() in ("title", "product")]
+    for text, words in [
+        *((one, _WORDS) for one in described),
+        *((t, _TITLE_WORDS) for t in titles),
+    ]:
+        # words in names are joined by underscores or by capital letters
+        plain = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", str(text or ""))
+        if found := words.search(re.sub(r"[_\W]+", " ", plain)):
             return found[0]
     return ""

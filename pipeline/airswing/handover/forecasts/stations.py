@@ -48,7 +48,7 @@ from airswing.reference.grib.values import (
     read_keys,
 )
 from airswing.reference.grids import Grid, UnplaceableGridError
-from airswing.reference.state import grib1_statistic, grib2_statistic
+from airswing.reference.state import grib_statistic
 from airswing.reference.winds import bilinear, corners
 from airswing.units import KNOT, ZERO_CELSIUS
 
@@ -367,7 +367,7 @@ def _at_stations(
     name = _WANTED.get((str(keys.get("shortName")), _whole(keys, "level")))
     if name is None or keys.get("stepType") != "instant":
         return None
-    reason = grib1_statistic(product) if edition == 1 else grib2_statistic(product)
+    reason = grib_statistic(edition, sections)
     if reason:
         raise UnreadableMessageError(reason)
     start, valid = (_stamp(keys, kind) for kind in ("data", "validity"))

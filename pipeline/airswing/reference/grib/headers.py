@@ -37,7 +37,7 @@ from numpy.typing import NDArray
 from airswing.reference.grib.grid_sections import read_grid
 from airswing.reference.grids import UnplaceableGridError
 from airswing.reference.profiles import HYBRID, ISOBARIC, PRESSURE, U, V
-from airswing.reference.state import DERIVED, FORECAST, grib1_statistic, grib2_statistic
+from airswing.reference.state import DERIVED, FORECAST, grib_statistic
 from airswing.reference.winds import MAX_WIND
 
 MAX_PRESSURE = 120_000.0  # Pa
@@ -345,7 +345,7 @@ def _grib1_field(
     if surface == ISOBARIC_TYPE:
         level *= 100.0
         _check_level(level)
-    if reason := grib1_statistic(product):
+    if reason := grib_statistic(1, {1: product}):
         raise SkippedError("wind", reason)
     unit, first, second, indicator = product[17:21]
     if unit not in _UNITS_1:
@@ -475,7 +475,9 @@ def _grib2_field(
         raise SkippedError("wind", f"{'uvp'[kind]} of a layer (level types {surface}, {second})")
     if surface == ISOBARIC_TYPE:
         _check_level(level)
-    if reason := grib2_statistic(product):
+    local = window.get(sections[2], 13) if 2 in sections else b""
+    reason = grib_statistic(2, {1: window.get(sections[1], 21), 2: local, 4: product})
+    if reason:
         raise SkippedError("wind", reason)
     template, unit = unsigned(product, 7, 2), product[17]
     if unsigned(product, 0, 4) < _LENGTHS_4[template]:

@@ -31,7 +31,7 @@ from airswing.reference.files import SourceFile, local_path
 from airswing.reference.grib.grid_sections import MAX_POINTS, read_grid
 from airswing.reference.grib.headers import GarbageError, Window, single_fields, whole_messages
 from airswing.reference.grids import AxesGrid, UnplaceableGridError
-from airswing.reference.state import grib1_statistic, grib2_statistic
+from airswing.reference.state import grib_statistic
 
 GRID, SKIPPED = "airswing_grid", "airswing_skipped"
 """Encodings of a Dataset: the grid as its grid section has it; what could not be read."""
@@ -154,11 +154,7 @@ def _variables(
             message = os.pread(descriptor, length, start)
             try:
                 for single, sections in single_fields(message, edition):
-                    reason = (
-                        grib1_statistic(sections[1])
-                        if edition == 1
-                        else grib2_statistic(sections[4])
-                    )
+                    reason = grib_statistic(edition, sections)
                     one = Message(eccodes.codes_new_from_message(single))
                     keys = {key: one.get(key) for key in _KEYS}
                     if not _may_matter(keys):
