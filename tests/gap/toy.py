@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.noise.model import NoiseFit, fit_noise, flown
+from airswing.gap.noise.model import NoiseFit, fit_noise
 
 AIRPORTS = np.array(
     [
@@ -118,7 +118,7 @@ def make_frame(
 
 def noise_of(frame: Frame, columns: Frame | None = None) -> NoiseFit:
     """Noise of an archive; heading and airspeed of ``columns`` where given."""
-    return fit_noise(frame.residual, flown(frame if columns is None else columns))
+    return fit_noise(frame.residual, frame if columns is None else columns)
 
 
 def _paths(rng: np.random.Generator, aircraft: int, days: int) -> dict[str, Any]:

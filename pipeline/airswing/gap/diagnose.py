@@ -31,7 +31,7 @@ from airswing.gap.model.closure import Closure, Step, close
 from airswing.gap.model.localisation import slices
 from airswing.gap.model.passes import Fitted, fit_model, is_sensor, without_errors
 from airswing.gap.model.terms import GATE, Model
-from airswing.gap.noise.residual_statistics import gross_errors
+from airswing.gap.noise.model import gross_errors
 from airswing.gap.result.diagnosis_dataset import diagnosis_dataset
 from airswing.gap.result.report import STATED, Findings, assemble
 from airswing.gap.result.schema import EffectEntry, GapReport

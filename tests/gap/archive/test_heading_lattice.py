@@ -17,7 +17,7 @@ from airswing.gap.diagnose import diagnose
 from airswing.gap.distribution.coded_values import heading_coding
 from airswing.gap.distribution.gross_errors import outliers
 from airswing.gap.effects import CATALOGUE
-from airswing.gap.noise.residual_statistics import gross_errors
+from airswing.gap.noise.model import gross_errors
 from airswing.gap.simulation.forward import Coding
 
 

@@ -1,12 +1,19 @@
-"""The noise fit recovers the parameters it was given and keeps effects out of the noise."""
+"""The noise fit recovers the simulated parameters and is insensitive to sensor effects."""
 
 from __future__ import annotations
+
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from airswing.gap.noise.model import Flown, fit_noise
-from airswing.gap.noise.residual_statistics import autocovariance
+from airswing.gap.noise.model import (
+    autocovariance,
+    fit_noise,
+    gross_errors,
+    level_factors,
+    remove_smooth_effects,
+)
 from airswing.gap.noise.whitening import flight_order, whiten
 
 
@@ -36,8 +43,7 @@ def flown_archive(seed: int = 0, flights: int = 900) -> dict[str, np.ndarray]:
 
 
 def fitted(data):
-    reports = {name: values for name, values in data.items() if name != "residual"}
-    return fit_noise(data["residual"], Flown(**reports))
+    return fit_noise(data["residual"], SimpleNamespace(**data))
 
 
 def test_parameters_recovered_and_innovations_white():
@@ -54,7 +60,7 @@ def test_parameters_recovered_and_innovations_white():
     np.testing.assert_allclose(fit.autocovariance[good], fit.autocovariance_model[good], atol=0.5)
 
 
-def test_large_deviation_of_one_aircraft_does_not_pass_for_noise():
+def test_large_deviation_of_one_aircraft_is_not_noise():
     data = flown_archive(1)
     error = np.radians(8) * np.sin(data["heading"]) * (data["aircraft"] == 2) * 110
     cross = np.stack([np.cos(data["heading"]), -np.sin(data["heading"])], -1)
@@ -64,8 +70,8 @@ def test_large_deviation_of_one_aircraft_does_not_pass_for_noise():
     assert fit.gross.mean() < 1e-3
 
 
-def test_the_model_meets_pairs_that_climbed_as_they_did():
-    """Correlation of the model over a pair: by the way flown and by all the levels passed."""
+def test_autocovariance_of_pairs_that_changed_level():
+    """The correlation of a pair depends on the distance and on all changes of level between."""
     flight, time = np.zeros(3, int), np.arange(3.0)
     residual = np.array([[1.0, 0.0], [2.0, 0.0], [4.0, 2.0]])
     distance, step = np.array([np.inf, 30e3, 40e3]), np.array([np.inf, 0.1, 0.2])
@@ -74,7 +80,7 @@ def test_the_model_meets_pairs_that_climbed_as_they_did():
         distance,
         step,
         flight_order(flight, time),
-        decay=lambda way, climb: np.exp(-way / 100e3 - climb / 0.5),
+        decay=lambda distance, step: np.exp(-distance / 100e3 - step / 0.5),
     )
     np.testing.assert_array_equal(count[[0, 3, 4]], [3, 2, 1])
     assert covariance[3] == pytest.approx((0.5 * 2.0 + 0.5 * 8.0) / 2)
@@ -82,10 +88,11 @@ def test_the_model_meets_pairs_that_climbed_as_they_did():
     assert correlation[4] == pytest.approx(np.exp(-0.7 - 0.6))
 
 
-def test_a_compass_that_scatters_makes_errors_across_the_heading_larger():
+def test_larger_scatter_across_the_heading():
     data = flown_archive(2)
-    alike = fitted(data)
-    assert alike.model.along == alike.model.across == 1.0 and alike.gains.evened is None
+    isotropic = fitted(data)
+    assert isotropic.model.along == isotropic.model.across == 1.0
+    assert isotropic.gains.direction is None
     beam = np.stack([np.cos(data["heading"]), -np.sin(data["heading"])], -1)
     across = (data["residual"] * beam).sum(axis=1)
     data["residual"] = data["residual"] + 0.8 * across[:, None] * beam
@@ -98,3 +105,34 @@ def test_a_compass_that_scatters_makes_errors_across_the_heading_larger():
     nose = beam @ np.array([[0, 1], [-1, 0]])
     for part in (beam, nose):
         assert (white * part).sum(axis=1).std() == pytest.approx(1.0, abs=0.04)
+
+
+def test_gross_errors_are_single_reports_not_long_departures():
+    data = flown_archive(2, flights=300)
+    first = np.flatnonzero(data["flight"] == 50)
+    residual = data["residual"].copy()
+    residual[first] += 15.0
+    residual[first[3]] += 25.0
+    found = np.flatnonzero(gross_errors(residual, flight_order(data["flight"], data["time"])))
+    assert set(first) & set(found) == {first[3]}
+
+
+def test_level_factors_follow_the_spread():
+    rng = np.random.default_rng(3)
+    log_pressure = np.linspace(np.log(2e4), np.log(9e4), 10_000)
+    residual = rng.normal(size=(10_000, 2))
+    residual[:4000] *= 2.0  # two of the five levels
+    nodes, factors = level_factors(residual, log_pressure)
+    assert nodes.size == 5 and (np.diff(nodes) > 0).all()
+    np.testing.assert_allclose(factors[:2] / factors[2:4], 2.0, rtol=0.1)
+    assert np.mean(factors**2) == pytest.approx(1.0)
+    nodes, factors = level_factors(residual, np.full(10_000, 11.0))
+    assert nodes.tolist() == [11.0] and factors.tolist() == [1.0]
+
+
+def test_smooth_effects_hardly_change_pure_noise():
+    data = flown_archive(4, flights=200)
+    out = remove_smooth_effects(
+        data["residual"], data["aircraft"], data["heading"], data["airspeed"]
+    )
+    assert out.std() == pytest.approx(data["residual"].std(), rel=0.05)

@@ -1,4 +1,4 @@
-"""The recursion is the Cholesky whitening of the same covariance, and leaves white noise."""
+"""Whitening and interpolation errors against the full covariance matrix of the same reports."""
 
 from __future__ import annotations
 
@@ -8,84 +8,93 @@ import numpy as np
 import pytest
 
 from airswing.gap.noise.whitening import (
-    Evened,
+    DirectionFactors,
     flight_order,
     flight_steps,
+    interpolation_errors,
     kalman_gains,
     take_gains,
     whiten,
 )
 
-
-def _covariance(position: np.ndarray, *, signal: float, white: float, length: float) -> np.ndarray:
-    gap = np.abs(position[:, None] - position[None, :])
-    return signal**2 * np.exp(-gap / length) + white**2 * np.eye(position.size)
+LENGTH = 150.0
+SIGNAL, WHITE = 2.1, 0.5
 
 
-def _steps(position: np.ndarray) -> np.ndarray:
-    return np.r_[np.inf, np.diff(position)]
-
-
-def test_one_flight_equals_cholesky_whitening():
-    rng = np.random.default_rng(0)
-    position = np.cumsum(rng.uniform(5, 60, 12))
-    order = flight_order(np.zeros(12, int), np.arange(12.0))
-    decay = np.exp(-_steps(position) / 150)
+def flights(keep=None, *, anisotropic=False):
+    """Three flights in any order: order, gains and covariance (2 n, 2 n) of east and north."""
+    rng = np.random.default_rng(4)
+    flight = np.repeat([7, 3, 9], [5, 7, 1])
+    keep = np.ones(13, bool) if keep is None else keep
+    step = np.where(np.r_[True, flight[1:] != flight[:-1]], np.inf, rng.uniform(5, 60, 13))
+    order = flight_order(flight, np.arange(13.0))
+    level = rng.uniform(0.8, 1.3, 13)
     gains = kalman_gains(
-        order, decay, np.ones(12), np.ones(12, bool), correlated_sd=2.3, white_sd=0.9
+        order, np.exp(-step / LENGTH), level, keep, correlated_sd=SIGNAL, white_sd=WHITE
     )
-    values = rng.normal(size=(12, 3))
-    factor = np.linalg.cholesky(_covariance(position, signal=2.3, white=0.9, length=150))
-    np.testing.assert_allclose(
-        whiten(values, order, gains), np.linalg.solve(factor, values), atol=1e-12
-    )
+    position = np.cumsum(np.where(np.isfinite(step), step, 0.0))
+    gap = np.abs(position[:, None] - position)
+    signal = np.where(flight[:, None] == flight, SIGNAL**2 * np.exp(-gap / LENGTH), 0.0)
+    covariance = (signal + WHITE**2 * np.eye(13)) * level[:, None] * level
+    covariance = np.kron(covariance, np.eye(2))
+    if anisotropic:
+        heading = rng.uniform(0, 2 * np.pi, 13)
+        factors = DirectionFactors.from_heading(heading, 0.7, 1.2)
+        gains = replace(gains, direction=factors.inverse)
+        root = np.zeros((13, 2, 13, 2))
+        for i, a in enumerate(heading):
+            along, across = np.array([np.sin(a), np.cos(a)]), np.array([np.cos(a), -np.sin(a)])
+            root[i, :, i] = 0.7 * np.outer(along, along) + 1.2 * np.outer(across, across)
+        root = root.reshape(26, 26)
+        covariance = root @ covariance @ root
+    return flight, order, gains, covariance
 
 
-def test_masked_report_equals_whitening_without_it():
-    rng = np.random.default_rng(1)
-    position = np.cumsum(rng.uniform(5, 60, 9))
-    keep = np.ones(9, bool)
-    keep[4] = False
-    order = flight_order(np.zeros(9, int), np.arange(9.0))
-    gains = kalman_gains(
-        order, np.exp(-_steps(position) / 150), np.ones(9), keep, correlated_sd=2.0, white_sd=1.0
-    )
-    values = rng.normal(size=(9, 1))
-    out = whiten(values, order, gains)
-    factor = np.linalg.cholesky(_covariance(position[keep], signal=2.0, white=1.0, length=150))
-    np.testing.assert_allclose(out[keep], np.linalg.solve(factor, values[keep]), atol=1e-12)
-    assert out[4, 0] == 0
+MASKED = np.isin(np.arange(13), [2, 8])
 
 
-def test_flights_do_not_touch_each_other_whatever_their_order():
-    rng = np.random.default_rng(2)
-    flight = np.repeat([7, 3, 9], [4, 6, 1])
-    time = np.r_[np.arange(4.0), np.arange(6.0), 0.0]
-    order = flight_order(flight, time)
-    assert sorted(order.index) == list(range(11))
-    assert list(np.diff(order.starts)) == [3, 2, 2, 2, 1, 1]
-    decay = np.full(11, 0.8)
-    gains = kalman_gains(
-        order, decay, np.ones(11), np.ones(11, bool), correlated_sd=2.0, white_sd=1.0
-    )
-    values = rng.normal(size=(11, 2))
-    whole = whiten(values, order, gains)
+@pytest.mark.parametrize("anisotropic", [False, True])
+@pytest.mark.parametrize("columns", [3, 40])  # above 32 columns the memory layout is another
+@pytest.mark.parametrize("keep", [None, ~MASKED])
+def test_whitening_is_that_of_the_full_covariance(keep, columns, anisotropic):
+    _, order, gains, covariance = flights(keep, anisotropic=anisotropic)
+    values = np.random.default_rng(1).normal(size=(13, 2, columns))
+    white = whiten(values, order, gains)
+    kept = np.ones(13, bool) if keep is None else keep
+    assert not white[~kept].any()
+    both = np.repeat(kept, 2)
+    flat, white = values.reshape(26, -1)[both], white.reshape(26, -1)[both]
+    expected = flat.T @ np.linalg.solve(covariance[np.ix_(both, both)], flat)
+    np.testing.assert_allclose(white.T @ white, expected, rtol=1e-10, atol=1e-10)
+
+
+@pytest.mark.parametrize("anisotropic", [False, True])
+@pytest.mark.parametrize("keep", [None, ~MASKED])
+def test_interpolation_errors_are_those_of_the_inverse_covariance(keep, anisotropic):
+    _, order, gains, covariance = flights(keep, anisotropic=anisotropic)
+    values = np.random.default_rng(2).normal(size=(13, 2))
+    errors, precision = interpolation_errors(values, order, gains)
+    kept = np.ones(13, bool) if keep is None else keep
+    assert not errors[~kept].any() and not precision[~kept].any()
+    both = np.repeat(kept, 2)
+    inverse = np.linalg.inv(covariance[np.ix_(both, both)])
+    score = (inverse @ values.ravel()[both]).reshape(-1, 2)
+    blocks = [inverse[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] for i in range(kept.sum())]
+    expected = [np.linalg.solve(block, row) for block, row in zip(blocks, score, strict=True)]
+    np.testing.assert_allclose(errors[kept], expected, atol=1e-10)
+    if not anisotropic:
+        np.testing.assert_allclose(precision[kept], [b[0, 0] for b in blocks], rtol=1e-10)
+
+
+def test_flights_are_independent():
+    flight, order, gains, _ = flights()
+    assert list(np.diff(order.starts)) == [3, 2, 2, 2, 2, 1, 1]
+    values = np.random.default_rng(3).normal(size=(13, 2))
+    white = whiten(values, order, gains)
     for number in (7, 3, 9):
-        own = np.flatnonzero(flight == number)
-        alone = whiten(values[own], flight_order(flight[own], time[own]), take_gains(gains, own))
-        np.testing.assert_allclose(whole[own], alone)
-
-
-def test_level_factor_divides_out():
-    order = flight_order(np.zeros(5, int), np.arange(5.0))
-    keep, decay = np.ones(5, bool), np.full(5, 0.7)
-    level = np.array([1.0, 2.0, 0.5, 1.5, 1.0])
-    values = np.arange(5.0)[:, None]
-    one = kalman_gains(order, decay, np.ones(5), keep, correlated_sd=2.0, white_sd=1.0)
-    two = kalman_gains(order, decay, level, keep, correlated_sd=2.0, white_sd=1.0)
-    np.testing.assert_allclose(
-        whiten(values * level[:, None], order, two), whiten(values, order, one)
-    )
+        rows = np.flatnonzero(flight == number)
+        part = flight_order(flight[rows], rows.astype(float))
+        np.testing.assert_allclose(white[rows], whiten(values[rows], part, take_gains(gains, rows)))
 
 
 def test_flight_steps_by_hand():
@@ -98,39 +107,14 @@ def test_flight_steps_by_hand():
     assert step[1] == pytest.approx(np.log(9 / 8))
 
 
-def test_errors_larger_across_the_heading_are_whitened_by_their_whole_covariance():
-    """Energies r' V^-1 x with V the covariance of east and north of all reports together."""
-    rng = np.random.default_rng(5)
-    position, heading = np.cumsum(rng.uniform(5, 60, 8)), rng.uniform(0, 2 * np.pi, 8)
-    order = flight_order(np.zeros(8, int), np.arange(8.0))
-    level = rng.uniform(0.8, 1.3, 8)
-    alike = kalman_gains(
-        order,
-        np.exp(-_steps(position) / 150),
-        level,
-        np.ones(8, bool),
-        correlated_sd=2.0,
-        white_sd=0.5,
-    )
-    uneven = Evened(np.stack([np.sin(heading), np.cos(heading)]), 0.6, 1.3)
-    gains = replace(alike, evened=uneven.inverse)
-    values = rng.normal(size=(8, 2, 3))
-    white = whiten(values, order, gains).reshape(16, 3)
-    root = np.zeros((8, 2, 8, 2))
-    for i, a in enumerate(heading):
-        nose, beam = np.array([np.sin(a), np.cos(a)]), np.array([np.cos(a), -np.sin(a)])
-        root[i, :, i] = level[i] * (0.6 * np.outer(nose, nose) + 1.3 * np.outer(beam, beam))
-    root = root.reshape(16, 16)
-    covariance = _covariance(position, signal=2.0, white=0.5, length=150)
-    covariance = root @ np.kron(covariance, np.eye(2)) @ root
-    flat = values.reshape(16, 3)
-    np.testing.assert_allclose(
-        white.T @ white, flat.T @ np.linalg.solve(covariance, flat), rtol=1e-10
-    )
-    back = gains.evened.by_report(uneven.by_report(values))
+def test_direction_factors_of_a_subset_and_their_inverse():
+    _, _, gains, _ = flights(anisotropic=True)
+    values = np.random.default_rng(5).normal(size=(13, 2, 3))
+    factors = gains.direction
+    back = factors.inverse.scale_reports(factors.scale_reports(values))
     np.testing.assert_allclose(back, values, atol=1e-14)
     some = np.array([1, 4])
     np.testing.assert_allclose(
-        take_gains(gains, some).evened.by_report(values[some]),
-        gains.evened.by_report(values)[some],
+        take_gains(gains, some).direction.scale_reports(values[some]),
+        factors.scale_reports(values)[some],
     )

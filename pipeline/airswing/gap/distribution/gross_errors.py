@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from airswing.gap.archive.frame import Frame
 from airswing.gap.distribution.verdict import Mask, Reduction, Verdict, against_chance, verdict_of
 from airswing.gap.effects.base import number
-from airswing.gap.noise.model import NoiseFit
-from airswing.gap.noise.residual_statistics import gross_errors
+from airswing.gap.noise.model import NoiseFit, gross_errors
 from airswing.gap.simulation.forward import Coding, draw_noise
 from airswing.physics.robust_spread import robust_sd
 from airswing.units import KNOT

@@ -33,8 +33,8 @@ from airswing.gap.model.candidates import Curve, curve_of
 from airswing.gap.model.evidence import Found, Usual, static_evidence
 from airswing.gap.model.sums import days_of
 from airswing.gap.model.terms import Statistics, noise_factor
-from airswing.gap.noise.model import NoiseFit, flown, gains_without
-from airswing.gap.noise.neighbours import interpolation_errors
+from airswing.gap.noise.model import NoiseFit, gains_without
+from airswing.gap.noise.whitening import interpolation_errors
 from airswing.gap.simulation.forward import Coding, draw_noise
 
 Floats = NDArray[np.float64]
@@ -103,8 +103,8 @@ def excess_log_squares(
     seed: int,
 ) -> tuple[Floats, Floats]:
     """Y of the module, and the variance that the noise model expects, (n,)."""
-    reports = flown(context, heading_doubt(frame, context))
-    noise = replace(noise, gains=gains_without(noise, reports, ~gross), gross=gross)
+    gains = gains_without(noise, context, ~gross, heading_doubt(frame, context))
+    noise = replace(noise, gains=gains, gross=gross)
     real, variance = log_squares(residual, noise)
     coding, rng = Coding.as_found(frame), np.random.default_rng(seed)
     total = np.zeros(frame.size)

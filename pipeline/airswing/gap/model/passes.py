@@ -26,7 +26,7 @@ from airswing.gap.model.evidence import Exchange, exchange_evidence
 from airswing.gap.model.selection import search
 from airswing.gap.model.sums import Sums
 from airswing.gap.model.terms import GATE, Model, Term, set_prior
-from airswing.gap.noise.model import NoiseFit, fit_noise, flown
+from airswing.gap.noise.model import NoiseFit, fit_noise
 
 Floats = NDArray[np.float64]
 Say = Callable[[str], None]
@@ -96,7 +96,7 @@ def prepared(
         context = replace(context, magnetic_heading=indicated)
     if noise is None:
         quiet = frame.residual - less
-        noise = fit_noise(quiet, flown(context, heading_doubt(frame, context)), seed=seed)
+        noise = fit_noise(quiet, context, heading_doubt(frame, context), seed=seed)
     residual = frame.residual if residual is None else residual
     candidates = Candidates(frame, context, effects, tables=tables)
     fields = day_field_columns(context)

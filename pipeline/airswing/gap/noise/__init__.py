@@ -1,1 +1,1 @@
-"""Noise of the wind residual along flights, and the whitening by it."""
+"""Covariance of the wind residual along flights, and whitening by it."""

@@ -1,285 +1,419 @@
-"""Noise of the wind residual along flights, estimated from the residuals themselves.
+"""Noise of the wind residual along flights, estimated from the residuals.
 
 Assumptions: the residual of each wind component is g(p) times the sum of an Ornstein-Uhlenbeck
-process in distance (and ln p) along the flight and white noise; u and v are independent and alike,
-or parts along and across the heading are, each with a factor.
-g is piecewise linear in ln p and has mean square 1 over the reports. What flights of one day
-share is a separate part, estimated from the day sums (:mod:`airswing.gap.model.sums`). Sensor
-effects that are smooth functions of heading are removed by a per-aircraft regression first, so a
-badly deviating aircraft does not pass for a noisy model.
+process in distance (and ln p) along the flight and white noise. Components u and v, or along and
+across the heading (each with a factor), are independent and equally distributed. The factor g is
+piecewise linear in ln p and has mean square 1 over the reports. Errors shared by the flights of a
+day are a separate part, estimated from the day sums (:mod:`airswing.gap.model.sums`). Sensor
+effects that are smooth functions of heading are removed first by a regression for each aircraft,
+so that the deviation of an aircraft is not counted as noise.
 
-Validity: flights of three reports and more; at least some hundred reports. Gross errors are single
-reports that stand out from *both* neighbours: a screening on the size of the residual itself would
-remove the very effects that are looked for.
+Validity: flights of three reports or more; some hundred reports. Gross errors are single reports
+that differ from *both* neighbours: a screening on the size of the residual would also remove the
+effects that the diagnosis looks for.
 
-Source: method of moments on the autocovariance for the start, then maximum likelihood by the exact
-recursion of :mod:`airswing.gap.noise.whitening`.
+Source: maximum likelihood by the exact recursion of :mod:`airswing.gap.noise.whitening`
+(Jones 1980, Technometrics 22, 389-395).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from airswing.gap.noise.residual_statistics import (
-    autocovariance,
-    direction_factors,
-    gross_errors,
-    level_factors,
-    remove_smooth_effects,
-)
+from airswing.gap.archive.frame import Frame
 from airswing.gap.noise.whitening import (
-    Evened,
+    DirectionFactors,
     FlightOrder,
     Gains,
     flight_order,
     flight_steps,
     kalman_gains,
+    neighbour_pairs,
     whiten_blocks,
 )
 from airswing.physics.robust_spread import robust_sd
 
 Floats = NDArray[np.float64]
+Booleans = NDArray[np.bool_]
 
-# Reports the likelihood is maximised on: it is evaluated some hundred times.
-MOST_REPORTS = 24_000
+#: Reports on which the likelihood, which is evaluated about a hundred times, is maximised.
+LIKELIHOOD_REPORTS = 24_000
+#: Largest lag of the autocovariance, in reports of a flight.
+LARGEST_LAG = 30
+#: Number of levels with equal counts of reports.
+LEVELS = 5
+#: Ratio of the standard deviations along and across the heading from which they are modelled as
+#: different; errors of the reference are isotropic, those of a compass are across the heading.
+ANISOTROPIC = 1.1
+#: Distances at which the autocovariance along the flight is tabulated, m.
+DISTANCE_EDGES = np.array([0, 10, 25, 50, 75, 100, 150, 200, 300, 400, 600, 900]) * 1e3
 
 
 @dataclass(frozen=True)
 class NoiseModel:
-    """Parameters of the residual's noise."""
+    """Parameters of the noise of the residual."""
 
-    # correlated_sd, white_sd: standard deviation per component of the two parts at g = 1, m s-1
+    # standard deviation per component of the two parts at g = 1, m s-1
     correlated_sd: float
     white_sd: float
     length: float  # e-folding distance of the correlated part, m
     height: float  # e-folding change of ln p of the correlated part
-    # level_nodes, level_factors: (m,): g at nodes of ln p; constant outside
+    # (m,): nodes of ln p and g at the nodes; g is constant outside
     level_nodes: Floats
     level_factors: Floats
-    # factors of errors along and across the heading, their mean square 1
+    # factors on errors along and across the heading, with mean square 1
     along: float = 1.0
     across: float = 1.0
 
     def factor(self, log_pressure: Floats) -> Floats:
-        """Level factor g at the given ln p, dimensionless."""
+        """Return the level factor g at values of ln p, dimensionless."""
         return np.interp(log_pressure, self.level_nodes, self.level_factors)
 
     def decay(self, distance: Floats, step: Floats) -> Floats:
-        """Correlation of the correlated part over a distance (m) and a step of ln p."""
+        """Return the correlation of the correlated part over distances (m) and steps of ln p."""
         return np.exp(-distance / self.length - step / self.height)
 
-    def uneven(self, heading: Floats) -> Evened | None:
-        """What makes errors that are alike in all directions those of headings (rad, (n,)).
+    def direction_factors(self, heading: Floats) -> DirectionFactors | None:
+        """Return the scaling from isotropic errors to those at headings, (n,) rad.
 
-        None where they are alike.
+        None where the errors are isotropic.
         """
         if self.along == self.across:
             return None
-        return Evened.about(heading, self.along, self.across)
+        return DirectionFactors.from_heading(heading, self.along, self.across)
 
 
 @dataclass(frozen=True)
 class NoiseFit:
-    """A noise model with what it was fitted to."""
+    """A fitted noise model, its whitening gains, and the measured autocovariance."""
 
     model: NoiseModel
     order: FlightOrder
     gains: Gains
-    # distance_km, autocovariance, autocovariance_model, pair_count: (m,): autocovariance along
-    # flights against distance, m2 s-2, data and model
+    # (m,): autocovariance along flights against distance, measured and of the model, m2 s-2
     distance_km: Floats
     autocovariance: Floats
     autocovariance_model: Floats
     pair_count: Floats
-    gross: NDArray[np.bool_]  # (n,): reports taken for gross errors
+    gross: Booleans  # (n,): reports set aside as gross errors
 
 
-def _likelihood(
-    values: Floats,
-    order: FlightOrder,
-    distance: Floats,
-    step: Floats,
-    keep: NDArray[np.bool_],
-    parameters: Floats,
-) -> float:
-    """Minus log likelihood of standardised residuals, squared innovations winsorised at 4 sd.
-
-    Of reports that lie in the order of their flights already, values (2, n).
-    """
-    signal, white, length, height = np.exp(parameters)
-    decay = np.exp(-distance / length - step / height)
-    gains = kalman_gains(
-        order, decay, np.ones(distance.size), keep, correlated_sd=signal, white_sd=white
-    )
-    innovation = values.copy()
-    whiten_blocks(innovation, order.starts, gains)
-    weight = gains.weight[keep]
-    return float(
-        # four standard deviations: gross errors that were not seen must not widen the noise
-        0.5 * np.minimum(innovation[:, keep] ** 2, 16.0).sum()
-        - values.shape[0] * np.log(weight).sum()
-    )
-
-
-@dataclass(frozen=True)
-class Flown:
-    """Where and how reports were flown, as the noise needs it."""
-
-    aircraft: NDArray[np.integer]  # (n,)
-    flight: NDArray[np.integer]  # (n,)
-    time: Floats  # (n,): s
-    # latitude, longitude: (n,): degrees
-    latitude: Floats
-    longitude: Floats
-    pressure: Floats  # (n,): Pa
-    heading: Floats  # (n,): rad, true
-    airspeed: Floats  # (n,): m s-1
-    # (n,): further white error of each report (see :mod:`airswing.physics.turns`), m s-1
-    doubt: Floats | None = None
-
-
-def flown(frame: object, doubt: Floats | None = None) -> Flown:
-    """Columns of a frame that the noise needs.
-
-    Parameters
-    ----------
-    frame : Frame
-        With the heading and airspeed that design columns are made of.
-    doubt : (n,) float, optional
-        Further white error of each report, m s-1.
-    """
-    names = [one.name for one in fields(Flown) if one.name != "doubt"]
-    return Flown(**{name: getattr(frame, name) for name in names}, doubt=doubt)
-
-
-def fit_noise(residual: Floats, reports: Flown, *, seed: int = 0) -> NoiseFit:
-    """Fit the noise model and return the whitening gains of every report.
+def fit_noise(
+    residual: Floats, frame: Frame, extra_sd: Floats | None = None, *, seed: int = 0
+) -> NoiseFit:
+    """Fit the noise model and compute the whitening gains of every report.
 
     Parameters
     ----------
     residual : (n, 2) float
         Reported minus simulated wind (u, v), m s-1.
+    frame : Frame
+        Reports, with the heading and airspeed from which design columns are computed.
+    extra_sd : (n,) float, optional
+        Standard deviation of a further white error of each report, m s-1.
     seed : int
-        Of the draw of whole flights, until `MOST_REPORTS` enter the likelihood.
+        Seed of the draw of whole flights for the likelihood.
+
+    Returns
+    -------
+    NoiseFit
     """
-    order = flight_order(reports.flight, reports.time)
-    log_pressure = np.log(reports.pressure)
-    distance, step = flight_steps(reports.latitude, reports.longitude, log_pressure, order)
-    smooth = remove_smooth_effects(residual, reports.aircraft, reports.heading, reports.airspeed)
+    order = flight_order(frame.flight, frame.time)
+    log_pressure = np.log(frame.pressure)
+    distance, step = flight_steps(frame.latitude, frame.longitude, log_pressure, order)
+    smooth = remove_smooth_effects(residual, frame.aircraft, frame.heading, frame.airspeed)
     gross = gross_errors(smooth, order)
     nodes, factors = level_factors(smooth[~gross], log_pressure[~gross])
     values = smooth / np.interp(log_pressure, nodes, factors)[:, None]
-    along, across = direction_factors(smooth[~gross], reports.heading[~gross])
+    along, across = _direction_ratio(smooth[~gross], frame.heading[~gross])
     if along != across:
-        evened = Evened.about(reports.heading, 1 / along, 1 / across)
-        values = np.ascontiguousarray(evened.by_report(values))
-    chosen = _draw_flights(reports.flight, MOST_REPORTS, seed)
-    model = _maximise(values, chosen, reports.flight, reports.time, distance, step, ~gross)
-    model = replace(model, level_nodes=nodes, level_factors=factors, along=along, across=across)
-    gains = _gains(model, order, distance, step, reports, ~gross)
-    centre, covariance, correlation, count = autocovariance(
+        isotropic = DirectionFactors.from_heading(frame.heading, 1 / along, 1 / across)
+        values = np.ascontiguousarray(isotropic.scale_reports(values))
+    chosen = _draw_flights(frame.flight, LIKELIHOOD_REPORTS, seed)
+    part_order = flight_order(frame.flight[chosen], frame.time[chosen])
+    signal, white, length, height = _maximise(
+        values[chosen], part_order, distance[chosen], step[chosen], ~gross[chosen]
+    )
+    model = NoiseModel(signal, white, length, height, nodes, factors, along, across)
+    gains = _gains(model, order, frame, ~gross, extra_sd)
+    centre, covariance, correlation, pairs = autocovariance(
         np.where(gross[chosen, None], 0.0, values[chosen]),
         distance[chosen],
         step[chosen],
-        flight_order(reports.flight[chosen], reports.time[chosen]),
+        part_order,
         decay=model.decay,
     )
     fitted = model.correlated_sd**2 * correlation
     fitted[0] = model.correlated_sd**2 + model.white_sd**2
-    return NoiseFit(model, order, gains, centre / 1e3, covariance, fitted, count, gross)
+    return NoiseFit(model, order, gains, centre / 1e3, covariance, fitted, pairs, gross)
 
 
-def gains_without(fit: NoiseFit, reports: Flown, keep: NDArray[np.bool_]) -> Gains:
-    """Gains of a fitted model on the reports of its order, some of them left out.
+def gains_without(
+    fit: NoiseFit, frame: Frame, keep: Booleans, extra_sd: Floats | None = None
+) -> Gains:
+    """Compute the gains of a fitted model with some reports treated as missing.
 
     Parameters
     ----------
+    fit : NoiseFit
+        From :func:`fit_noise`.
+    frame : Frame
+        The reports of the fit.
     keep : (n,) bool
         False: the report is treated as missing.
+    extra_sd : (n,) float, optional
+        As in :func:`fit_noise`.
+
+    Returns
+    -------
+    Gains
     """
-    log_pressure = np.log(reports.pressure)
-    distance, step = flight_steps(reports.latitude, reports.longitude, log_pressure, fit.order)
-    return _gains(fit.model, fit.order, distance, step, reports, keep)
+    return _gains(fit.model, fit.order, frame, keep, extra_sd)
 
 
 def _gains(
-    model: NoiseModel,
-    order: FlightOrder,
-    distance: Floats,
-    step: Floats,
-    reports: Flown,
-    keep: NDArray[np.bool_],
+    model: NoiseModel, order: FlightOrder, frame: Frame, keep: Booleans, extra_sd: Floats | None
 ) -> Gains:
-    """Gains of a model on reports."""
+    log_pressure = np.log(frame.pressure)
+    distance, step = flight_steps(frame.latitude, frame.longitude, log_pressure, order)
     gains = kalman_gains(
         order,
         model.decay(distance, step),
-        model.factor(np.log(reports.pressure)),
+        model.factor(log_pressure),
         keep,
         correlated_sd=model.correlated_sd,
         white_sd=model.white_sd,
-        doubt=reports.doubt,
+        extra_sd=extra_sd,
     )
-    uneven = model.uneven(reports.heading)
-    return gains if uneven is None else replace(gains, evened=uneven.inverse)
+    direction = model.direction_factors(frame.heading)
+    return gains if direction is None else replace(gains, direction=direction.inverse)
 
 
 def _draw_flights(flight: NDArray[np.integer], most: int, seed: int) -> NDArray[np.int64]:
-    """Reports of randomly drawn whole flights, about ``most`` of them."""
+    """Return the reports of randomly drawn whole flights, about ``most`` of them."""
     if flight.size <= most:
         return np.arange(flight.size)
     numbers = np.unique(flight)
-    share = most / flight.size
-    kept = np.random.default_rng(seed).random(numbers.size) < share
+    kept = np.random.default_rng(seed).random(numbers.size) < most / flight.size
     return np.flatnonzero(kept[np.searchsorted(numbers, flight)])
 
 
 def _maximise(
-    values: Floats,
-    chosen: NDArray[np.int64],
-    flight: NDArray[np.integer],
-    time: Floats,
-    distance: Floats,
-    step: Floats,
-    keep: NDArray[np.bool_],
-) -> NoiseModel:
-    """Maximum likelihood of the four parameters on the chosen flights."""
-    order = flight_order(flight[chosen], time[chosen])
-    # an archive made without any noise: the logarithms below stay finite
-    spread = max(robust_sd(values[chosen].ravel()), 1e-3)
-    # from a usual flight: most of the scatter correlated, over 150 km; in logarithms none turns
-    # negative
+    values: Floats, order: FlightOrder, distance: Floats, step: Floats, keep: Booleans
+) -> Floats:
+    """Return correlated_sd, white_sd, length and height of maximum likelihood, (4,)."""
+    # at least 1 mm/s, for finite logarithms in an archive without any noise
+    spread = max(robust_sd(values.ravel()), 1e-3)
+    # most of the scatter is correlated over about 150 km; logarithms keep parameters positive
     start = np.log([0.9 * spread, 0.4 * spread, 150e3, 0.7])
     bounds = np.log(
         [[0.1 * spread, 5 * spread], [0.05 * spread, 2 * spread], [10e3, 2000e3], [0.05, 20.0]]
     )
-    # laid out in the order once, not at each of some hundred likelihoods
-    laid, place = chosen[order.index], replace(order, index=np.arange(chosen.size))
-    own = values[laid].T.copy(), place, distance[laid], step[laid], keep[laid]
+    # reordered once, not in each likelihood
+    index, order = order.index, replace(order, index=np.arange(distance.size))
+    values, keep = values[index].T.copy(), keep[index]
+    distance, step = distance[index], step[index]
+    level_factor = np.ones(distance.size)
 
     def cost(parameters: Floats) -> float:
-        # the simplex knows no bounds: beyond them the cost is that of the edge and a wall
+        # the simplex method has no bounds: beyond them the cost is that of the edge and a penalty
         inside = np.clip(parameters, bounds[:, 0], bounds[:, 1])
-        return _likelihood(*own, inside) + 1e3 * float(((parameters - inside) ** 2).sum())
+        signal, white, length, height = np.exp(inside)
+        decay = np.exp(-distance / length - step / height)
+        gains = kalman_gains(order, decay, level_factor, keep, correlated_sd=signal, white_sd=white)
+        innovation = values.copy()
+        whiten_blocks(innovation, order.starts, gains)
+        # winsorised at four standard deviations: undetected gross errors must not widen the noise
+        misfit = 0.5 * np.minimum(innovation[:, keep] ** 2, 16.0).sum()
+        misfit -= values.shape[0] * np.log(gains.weight[keep]).sum()
+        return float(misfit + 1e3 * float(((parameters - inside) ** 2).sum()))
 
-    best = minimize(
-        cost,
-        start,
-        method="Nelder-Mead",
-        # a third of a nat is less than the reports of the fit can tell, and a likelihood costs a
-        # pass
-        options={"maxfev": 160, "xatol": 0.01, "fatol": 0.3, "initial_simplex": _simplex(start)},
+    # initial steps of 0.35 in each logarithm: the default steps are shares of the values, which
+    # vanish for a logarithm near 0. A third of a nat is below the resolution of the reports.
+    simplex = np.vstack([start, start + 0.35 * np.eye(start.size)])
+    options = {"maxfev": 160, "xatol": 0.01, "fatol": 0.3, "initial_simplex": simplex}
+    best = minimize(cost, start, method="Nelder-Mead", options=options)
+    return np.asarray(np.exp(np.clip(best.x, bounds[:, 0], bounds[:, 1])))
+
+
+def gross_errors(residual: Floats, order: FlightOrder) -> Booleans:
+    """Mark single reports that differ from both neighbours of their flight.
+
+    A report is marked when it differs by more than five robust standard deviations from the median
+    of itself and its two neighbours (at the ends of a flight, the two nearest reports).
+
+    Parameters
+    ----------
+    residual : (n, 2) float
+        Residual (u, v), m s-1.
+    order : FlightOrder
+        Order of the reports along flights.
+
+    Returns
+    -------
+    (n,) bool
+    """
+    n = residual.shape[0]
+    before, after = np.full((2, n), -1, np.int64)
+    for previous, now in neighbour_pairs(order):
+        before[now], after[previous] = previous, now
+    first = np.where(before >= 0, before, after[np.maximum(after, 0)])
+    second = np.where(after >= 0, after, before[np.maximum(before, 0)])
+    known = (first >= 0) & (second >= 0) & (first != second)
+    departure = np.zeros((n, 2))
+    stack = np.stack([residual, residual[first], residual[second]])
+    departure[known] = (residual - np.median(stack, axis=0))[known]
+    # reports that are the median themselves have departure 0 and do not enter the spread
+    sizes = np.abs(departure[known])
+    sizes = sizes[sizes > 0]
+    # half of the values of a normal distribution are within 0.6745 standard deviations
+    spread = np.median(sizes) / 0.6745 if sizes.size else 1.0
+    return np.asarray((np.abs(departure) > 5.0 * spread).any(axis=1) & known)
+
+
+def remove_smooth_effects(
+    residual: Floats, aircraft: NDArray[np.integer], heading: Floats, airspeed: Floats
+) -> Floats:
+    """Remove a regression on heading harmonics and airspeed terms for each aircraft.
+
+    Parameters
+    ----------
+    residual : (n, 2) float
+        m s-1.
+    aircraft : (n,) int
+        Index of the aircraft.
+    heading : (n,) float
+        rad.
+    airspeed : (n,) float
+        m s-1.
+
+    Returns
+    -------
+    (n, 2) float
+        Residual of the regression, m s-1, for the estimate of the noise.
+    """
+    out = residual.copy()
+    for a in np.unique(aircraft):
+        rows = np.flatnonzero(aircraft == a)
+        design = _smooth_columns(heading[rows], airspeed[rows])
+        values = residual[rows].ravel()
+        # a wide bound: the scatter still includes the errors that vary with the heading
+        bound = 8 * robust_sd(values) + 1e-12
+        used = design * (np.abs(values - np.median(values)) < bound)
+        # minimum-norm solution: the columns are collinear for an aircraft on one heading
+        coefficients = np.linalg.lstsq(used @ design.T, used @ values, rcond=1e-13)[0]
+        out[rows] -= (coefficients @ design).reshape(-1, 2)
+    return out
+
+
+def _smooth_columns(heading: Floats, airspeed: Floats) -> Floats:
+    """Columns, (8, 2 n), of a heading error of two cycles, an airspeed factor and a wind."""
+    sine, cosine = np.sin(heading), np.cos(heading)
+    across, along = np.stack([cosine, -sine], -1), np.stack([sine, cosine], -1)
+    harmonics = np.stack(
+        [np.ones(heading.size), sine, cosine, 2.0 * sine * cosine, cosine**2 - sine**2]
     )
-    found = np.exp(np.clip(best.x, bounds[:, 0], bounds[:, 1]))
-    return NoiseModel(found[0], found[1], found[2], found[3], np.zeros(1), np.ones(1))
+    out = np.empty((8, heading.size, 2))
+    out[:5] = harmonics[:, :, None] * across
+    out[5] = along
+    out[:6] *= airspeed[:, None] / 100.0  # of the order of 1, for a well-conditioned system
+    out[6], out[7] = (1.0, 0.0), (0.0, 1.0)
+    return out.reshape(8, -1)
 
 
-def _simplex(start: Floats) -> Floats:
-    """Start simplex: steps of a third in each logarithm."""
-    # the simplex method's own steps are shares of the values: one near 0, in logarithms, would
-    # stand still
-    return np.vstack([start, start + 0.35 * np.eye(start.size)])
+def level_factors(residual: Floats, log_pressure: Floats) -> tuple[Floats, Floats]:
+    """Estimate the robust standard deviation by level relative to that of all reports.
+
+    Parameters
+    ----------
+    residual : (n, 2) float
+        m s-1.
+    log_pressure : (n,) float
+        ln of pressure.
+
+    Returns
+    -------
+    level_nodes, level_factors : (m,) float
+        Median ln p of each level, and its factor (mean square 1 over the reports).
+    """
+    edges = np.unique(np.quantile(log_pressure, np.linspace(0, 1, LEVELS + 1)))
+    if edges.size < 3:
+        return np.array([float(np.median(log_pressure))]), np.ones(1)
+    level = np.clip(np.searchsorted(edges, log_pressure, "right") - 1, 0, edges.size - 2)
+    centre = np.array([np.median(log_pressure[level == k]) for k in range(edges.size - 1)])
+    sd = np.array([robust_sd(residual[level == k].ravel()) for k in range(edges.size - 1)])
+    # at most 25 times the weight of others, where few reports of a level agree by chance
+    sd = np.maximum(sd, 0.2 * sd.max() + 1e-9)
+    reports = np.bincount(level, minlength=edges.size - 1)
+    return centre, sd / np.sqrt(np.average(sd**2, weights=reports))
+
+
+def _direction_ratio(residual: Floats, heading: Floats) -> tuple[float, float]:
+    """Robust standard deviations along and across the heading, with mean square 1."""
+    unit = np.stack([np.sin(heading), np.cos(heading)], -1)
+    parts = (residual * unit).sum(axis=1), residual[:, 0] * unit[:, 1] - residual[:, 1] * unit[:, 0]
+    along, across = (max(robust_sd(part), 1e-9) for part in parts)
+    if max(along, across) < ANISOTROPIC * min(along, across):
+        return 1.0, 1.0
+    mean = float(np.hypot(along, across) / np.sqrt(2.0))
+    return along / mean, across / mean
+
+
+def autocovariance(
+    residual: Floats,
+    distance: Floats,
+    step: Floats,
+    order: FlightOrder,
+    *,
+    decay: Callable[[Floats, Floats], Floats],
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Compute the autocovariance along flights against distance, and a model's correlation.
+
+    Parameters
+    ----------
+    residual : (n, 2) float
+        m s-1.
+    distance, step : (n,) float
+        Distance (m) and absolute change of ln p since the previous report of the flight.
+    order : FlightOrder
+        Order of the reports along flights.
+    decay : callable
+        Correlation of the model over a distance and a change of ln p. It is averaged over the
+        pairs, most of which also changed level.
+
+    Returns
+    -------
+    centre, covariance, correlation, pairs : (m,) float
+        Mean distance of the pairs (m), mean product of the two components (m2 s-2), mean
+        correlation of the model, number of pairs. The first entry is distance zero.
+    """
+    along, climbed = np.zeros((2, residual.shape[0]))
+    blocks = [order.index[a:b] for a, b in zip(order.starts[:-1], order.starts[1:], strict=True)]
+    for previous, now in neighbour_pairs(order):
+        along[now] = along[previous] + distance[now]
+        climbed[now] = climbed[previous] + step[now]
+    bins = DISTANCE_EDGES.size - 1
+    product, reach, correlation, pairs = np.zeros((4, bins + 1))
+    correlation[0] = pairs[0] = float(residual.shape[0])
+    product[0] = 0.5 * float((residual**2).sum())
+    for j in range(1, len(blocks)):
+        for lag in range(1, min(j, LARGEST_LAG) + 1):
+            now, last = blocks[j], blocks[j - lag][: blocks[j].size]
+            gap = along[now] - along[last]
+            where = np.searchsorted(DISTANCE_EDGES, gap, "right") - 1
+            inside = (where >= 0) & (where < bins)
+            columns = (
+                (product, 0.5 * (residual[now] * residual[last]).sum(axis=1)[inside]),
+                (correlation, decay(gap[inside], (climbed[now] - climbed[last])[inside])),
+                (reach, gap[inside]),
+                (pairs, np.ones(int(inside.sum()))),
+            )
+            for total, weights in columns:
+                total[1:] += np.bincount(where[inside], weights, minlength=bins)
+    with np.errstate(invalid="ignore"):
+        return reach / pairs, product / pairs, correlation / pairs, pairs

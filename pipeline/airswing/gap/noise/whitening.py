@@ -1,20 +1,20 @@
-"""Exact one-step whitening of values along flights.
+"""Exact one-step whitening of vectors along flights, and leave-one-out errors.
 
 Assumptions: within one flight the error of a wind component is a first-order autoregressive
-(Ornstein-Uhlenbeck) process in the distance flown and in ln p, plus independent errors; both are
-multiplied by a factor that depends on the level only, and where errors along and across the
-heading differ (a compass scatters across it alone) by one of the direction. Flights are
-independent of each other here (what they share is handled by the day fields of
-:mod:`airswing.gap.model.sums`). For such errors the Kalman recursion of one state gives the
-exact Cholesky whitening in linear time: the innovation divided by its standard deviation is white.
-The gains depend on the geometry alone, so the same recursion whitens residuals and design columns.
+(Ornstein-Uhlenbeck) process in the distance flown and in ln p, plus independent errors. Both are
+multiplied by a factor of the level, and by factors along and across the heading where these differ
+(a compass scatters across the heading only). Flights are independent of each other; the errors
+that they share are modelled by the day fields of :mod:`airswing.gap.model.sums`. For such errors
+the Kalman recursion of one state is the exact Cholesky whitening in linear time: the innovation
+divided by its standard deviation is white. The gains depend on the geometry alone, so that one
+recursion whitens residuals and design columns.
 
-Validity: any spacing of reports; gaps of any length (the state then forgets). Units: metres, ln p
-without unit, metres per second. All work is vectorised over flights: one loop over the position of
-a report in its flight.
+Validity: whole flights with any spacing of reports. Units: m, m s-1; ln p is dimensionless. The
+work is vectorised over flights, in a loop over the position of a report in its flight.
 
-Source: Kalman (1960); the state-space form of an Ornstein-Uhlenbeck process plus white noise is
-that of Jones (1980), Technometrics 22, 389-395.
+Source: Kalman (1960); Jones (1980), Technometrics 22, 389-395 (state space form of an
+Ornstein-Uhlenbeck process with white noise); de Jong (1988), Biometrika 75, 594-600 (backward
+recursion of the leave-one-out errors).
 """
 
 from __future__ import annotations
@@ -29,79 +29,73 @@ from airswing.physics.great_circle import central_angle
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-#: Values a report over which each is whitened report after report: numpy loops over short stretches
-#: of every column else, and moving them there and back costs less.
-FEW = 32
-# Rounder than units.EARTH_RADIUS, by 1.4 in a million: lengths of the noise are stated on it.
-SPHERE = 6.371e6
+#: Columns of a report above which values are transposed for the recursion: numpy works on
+#: contiguous rows of many columns faster than on short stretches of every column.
+FEW_COLUMNS = 32
+#: Radius of the sphere on which the correlation length of the noise is defined, m.
+SPHERE_RADIUS = 6.371e6
 
 
 @dataclass(frozen=True)
 class FlightOrder:
-    """Reports arranged by their position in the flight."""
+    """Reports ordered by their position in the flight."""
 
-    # (n,): reports in the order: first reports of all flights (longest flight first), then second
-    # reports, and so on
+    # (n,): first reports of all flights (longest flight first), then second reports, and so on
     index: Integers
-    # (m + 1,): block ``j`` is ``index[starts[j]:starts[j + 1]]``: the ``j``-th reports of the
-    # flights that are longer than ``j``
+    # (m + 1,): block j, index[starts[j]:starts[j + 1]], holds the reports at position j of the
+    # flights that have more than j reports
     starts: Integers
 
 
 @dataclass(frozen=True)
-class Evened:
-    """Factors on vectors along and across the heading: E = a I + (b - a) h h', symmetric."""
+class DirectionFactors:
+    """Scaling of vectors along and across the heading, E = a I + (b - a) h h'."""
 
-    nose: Floats  # (2, n): h, unit vector (east, north) of each report's heading
+    heading_vector: Floats  # (2, n): h, unit vector (east, north) of each report's heading
     along: float  # b
     across: float  # a
 
     @classmethod
-    def about(cls, heading: Floats, along: float, across: float) -> Evened:
-        """Of headings, (n,) rad."""
+    def from_heading(cls, heading: Floats, along: float, across: float) -> DirectionFactors:
+        """Return the scaling for headings, (n,) rad."""
         return cls(np.stack([np.sin(heading), np.cos(heading)]), along, across)
 
-    def of(self, values: NDArray[np.floating]) -> NDArray[np.floating]:
-        """Vectors (..., 2, n) evened."""
-        nose = self.nose.astype(values.dtype)
-        part = values[..., 0, :] * nose[0] + values[..., 1, :] * nose[1]
-        part *= self.along - self.across
+    def scale(self, values: NDArray[np.floating]) -> NDArray[np.floating]:
+        """Scale vectors of shape (..., 2, n)."""
+        unit = self.heading_vector.astype(values.dtype)
+        projection = values[..., 0, :] * unit[0] + values[..., 1, :] * unit[1]
+        projection *= self.along - self.across
         out = self.across * values
-        out[..., 0, :] += part * nose[0]
-        out[..., 1, :] += part * nose[1]
+        out[..., 0, :] += projection * unit[0]
+        out[..., 1, :] += projection * unit[1]
         return np.asarray(out, values.dtype)
 
-    def by_report(self, values: NDArray[np.floating]) -> NDArray[np.floating]:
-        """Vectors (n, 2, ...) evened."""
-        last = np.moveaxis(values, (0, 1), (-1, -2))
-        return np.moveaxis(self.of(last), (-1, -2), (0, 1))
+    def scale_reports(self, values: NDArray[np.floating]) -> NDArray[np.floating]:
+        """Scale vectors of shape (n, 2, ...)."""
+        scaled = self.scale(np.moveaxis(values, (0, 1), (-1, -2)))
+        return np.moveaxis(scaled, (-1, -2), (0, 1))
 
     @property
-    def inverse(self) -> Evened:
-        """What undoes it."""
-        return Evened(self.nose, 1.0 / self.along, 1.0 / self.across)
-
-    def take(self, index: Integers) -> Evened:
-        """Those of some reports."""
-        return Evened(self.nose[:, index], self.along, self.across)
+    def inverse(self) -> DirectionFactors:
+        """The inverse scaling."""
+        return DirectionFactors(self.heading_vector, 1.0 / self.along, 1.0 / self.across)
 
 
 @dataclass(frozen=True)
 class Gains:
-    """Coefficients of the whitening recursion, one per report, in the reports' own order."""
+    """Coefficients of the whitening recursion, one per report, in the order of the reports."""
 
-    # (n,): correlation of the state with that at the flight's previous report; 0 at the first
+    # (n,): correlation of the state with that at the previous report; 0 at the first of a flight
     decay: Floats
     gain: Floats  # (n,): Kalman gain; 0 where the report is masked
-    # (n,): 1 over the standard deviation of the innovation, 0 where masked; s m-1 (values are first
-    # divided by nothing: the level factor is contained)
-    weight: Floats
-    scale: Floats  # (n,): 1 over the level factor, which multiplies values before the recursion
-    evened: Evened | None = None  # how errors along and across the heading are made alike
+    weight: Floats  # (n,): inverse standard deviation of the innovation, s m-1; 0 where masked
+    scale: Floats  # (n,): inverse of the level factor, applied before the recursion
+    # scaling that makes errors isotropic, applied first; None where they are isotropic
+    direction: DirectionFactors | None = None
 
 
 def flight_order(flight: NDArray[np.integer], time: Floats) -> FlightOrder:
-    """Arrange reports by position in their flight.
+    """Order reports by their position in the flight.
 
     Parameters
     ----------
@@ -109,56 +103,25 @@ def flight_order(flight: NDArray[np.integer], time: Floats) -> FlightOrder:
         Flight number of each report, unique over the archive.
     time : (n,) float
         Time of each report, s.
-    """
-    n = flight.size
-    by_flight = np.lexsort((time, flight))
-    sorted_flight = flight[by_flight]
-    first = (
-        np.flatnonzero(np.r_[True, sorted_flight[1:] != sorted_flight[:-1]])
-        if n
-        else (np.zeros(0, np.int64))
-    )
-    length = np.diff(np.r_[first, n])
-    position = np.arange(n) - np.repeat(first, length)
-    rank_of_flight = np.empty(first.size, np.int64)
-    rank_of_flight[np.argsort(-length, kind="stable")] = np.arange(first.size)
-    order = np.lexsort((np.repeat(rank_of_flight, length), position))
-    counts = np.bincount(position, minlength=1 if n else 0) if n else np.zeros(0, np.int64)
-    return FlightOrder(by_flight[order], np.r_[0, np.cumsum(counts)].astype(np.int64))
-
-
-def flight_steps(
-    latitude: Floats, longitude: Floats, log_pressure: Floats, order: FlightOrder
-) -> tuple[Floats, Floats]:
-    """Distance flown and change of ln p since the previous report of the same flight.
-
-    Parameters
-    ----------
-    latitude, longitude : (n,) float
-        Position, degrees.
-    log_pressure : (n,) float
-        ln of pressure.
-    order : FlightOrder
-        Arrangement from :func:`flight_order`.
 
     Returns
     -------
-    distance : (n,) float
-        Great-circle distance on a sphere of 6371 km, m; infinite at the first report of a flight.
-    step : (n,) float
-        Absolute change of ln p; infinite at the first report.
+    FlightOrder
     """
-    distance = np.full(latitude.size, np.inf)
-    step = np.full(latitude.size, np.inf)
-    lat, lon = np.radians(latitude), np.radians(longitude)
-    for before, now in _neighbours(order):
-        distance[now] = SPHERE * central_angle(lat[before], lon[before], lat[now], lon[now])
-        step[now] = np.abs(log_pressure[now] - log_pressure[before])
-    return distance, step
+    n = flight.size
+    if not n:
+        return FlightOrder(np.zeros(0, np.int64), np.zeros(1, np.int64))
+    by_flight = np.lexsort((time, flight))
+    _, first, length = np.unique(flight[by_flight], return_index=True, return_counts=True)
+    position = np.arange(n) - np.repeat(first, length)
+    length_rank = np.empty(first.size, np.int64)
+    length_rank[np.argsort(-length, kind="stable")] = np.arange(first.size)
+    order = np.lexsort((np.repeat(length_rank, length), position))
+    return FlightOrder(by_flight[order], np.r_[0, np.cumsum(np.bincount(position))])
 
 
-def _neighbours(order: FlightOrder) -> list[tuple[Integers, Integers]]:
-    """Pairs (previous report, this report) for every block but the first."""
+def neighbour_pairs(order: FlightOrder) -> list[tuple[Integers, Integers]]:
+    """Return the pairs (previous report, report) of every block but the first."""
     starts = order.starts
     return [
         (
@@ -169,6 +132,35 @@ def _neighbours(order: FlightOrder) -> list[tuple[Integers, Integers]]:
     ]
 
 
+def flight_steps(
+    latitude: Floats, longitude: Floats, log_pressure: Floats, order: FlightOrder
+) -> tuple[Floats, Floats]:
+    """Return distance and change of ln p since the previous report of the same flight.
+
+    Parameters
+    ----------
+    latitude, longitude : (n,) float
+        Position, degrees.
+    log_pressure : (n,) float
+        ln of pressure.
+    order : FlightOrder
+        From :func:`flight_order`.
+
+    Returns
+    -------
+    distance : (n,) float
+        Great-circle distance, m; infinite at the first report of a flight.
+    step : (n,) float
+        Absolute change of ln p; infinite at the first report of a flight.
+    """
+    distance, step = np.full((2, latitude.size), np.inf)
+    lat, lon = np.radians(latitude), np.radians(longitude)
+    for before, now in neighbour_pairs(order):
+        distance[now] = SPHERE_RADIUS * central_angle(lat[before], lon[before], lat[now], lon[now])
+        step[now] = np.abs(log_pressure[now] - log_pressure[before])
+    return distance, step
+
+
 def kalman_gains(
     order: FlightOrder,
     decay: Floats,
@@ -177,30 +169,36 @@ def kalman_gains(
     *,
     correlated_sd: float,
     white_sd: float,
-    doubt: Floats | None = None,
+    extra_sd: Floats | None = None,
 ) -> Gains:
-    """Gains of the whitening recursion.
+    """Compute the gains of the whitening recursion.
 
     Parameters
     ----------
+    order : FlightOrder
+        From :func:`flight_order`.
     decay : (n,) float
-        Correlation of the correlated part with that at the previous report; any value at a
-        flight's first report.
+        Correlation of the correlated part with that at the previous report; not used at the first
+        report of a flight.
     level_factor : (n,) float
         Factor on both standard deviations.
     keep : (n,) bool
         False: the report is treated as missing.
     correlated_sd, white_sd : float
         Standard deviations of the two parts at level factor 1, m s-1.
-    doubt : (n,) float, optional
-        Further white error of each report, m s-1.
+    extra_sd : (n,) float, optional
+        Standard deviation of a further white error of each report, m s-1.
+
+    Returns
+    -------
+    Gains
     """
     n, index = decay.size, order.index
     used = np.where(np.isfinite(decay), decay, 0.0).astype(float)
     signal, white = correlated_sd**2, np.full(n, white_sd**2)
-    if doubt is not None:
-        white += (doubt / level_factor) ** 2
-    # a flight's first report has nothing before it: the process starts from its own variance
+    if extra_sd is not None:
+        white += (extra_sd / level_factor) ** 2
+    # the process starts from its stationary variance at the first report of a flight
     used[index[: order.starts[1]] if n else index] = 0.0
     phi2, white, kept = used[index] ** 2, white[index], keep[index]  # blocks are then slices
     before, total = np.empty(n), np.empty(n)
@@ -220,13 +218,26 @@ def kalman_gains(
     return Gains(used, gain, weight, 1.0 / level_factor)
 
 
+def take_gains(gains: Gains, index: Integers) -> Gains:
+    """Return the gains of some reports, (m,) int, that make up whole flights."""
+    direction = gains.direction
+    if direction is not None:
+        unit = direction.heading_vector[:, index]
+        direction = DirectionFactors(unit, direction.along, direction.across)
+    return Gains(
+        gains.decay[index], gains.gain[index], gains.weight[index], gains.scale[index], direction
+    )
+
+
 def whiten(values: NDArray[np.floating], order: FlightOrder, gains: Gains) -> NDArray[np.floating]:
-    """Whiten values along flights.
+    """Whiten vectors along flights.
 
     Parameters
     ----------
     values : (n, 2, ...) float
         Vectors (east, north) by report: residuals, or design columns in the trailing dimensions.
+    order : FlightOrder
+        From :func:`flight_order`.
     gains : Gains
         Coefficients of these n reports, from :func:`kalman_gains`.
 
@@ -243,52 +254,85 @@ def whiten(values: NDArray[np.floating], order: FlightOrder, gains: Gains) -> ND
 
 
 def whiten_blocks(values: NDArray[np.floating], starts: Integers, gains: Gains) -> None:
-    """Whiten values that lie in the order of :class:`FlightOrder` already, in place.
+    """Whiten, in place, vectors that are in the order of a :class:`FlightOrder`.
 
     Parameters
     ----------
     values : (..., 2, n) float
-        Overwritten. The last axis is that of the reports, the one before it of east and north.
+        Vectors (east, north); overwritten. The last axis is that of the reports.
     starts : (m + 1,) int
         Blocks of the order.
     gains : Gains
-        Of the n reports, in the same order.
+        Coefficients of the n reports, in the same order.
     """
-    if gains.evened is not None:
-        values[...] = gains.evened.of(values)
-    many = values[..., :1].size > FEW
-    whole = values
-    if many:
+    if gains.direction is not None:
+        values[...] = gains.direction.scale(values)
+    transposed = values[..., :1].size > FEW_COLUMNS
+    target = values
+    if transposed:
         values = np.ascontiguousarray(values.reshape(-1, values.shape[-1]).T).T
     kind = values.dtype
     decay, gain = gains.decay.astype(kind), gains.gain.astype(kind)
     values *= gains.scale.astype(kind)
     widest = int(starts[1]) if starts.size > 1 else 0
-    state = np.zeros_like(values[..., :widest])  # lies in memory as the values do
-    room = np.empty_like(state)
+    states = np.zeros_like(values[..., :widest])  # same memory layout as the values
+    increments = np.empty_like(states)
     for first, stop in zip(starts[:-1].tolist(), starts[1:].tolist(), strict=True):
-        now, before, added = (
-            values[..., first:stop],
-            *(x[..., : stop - first] for x in (state, room)),
-        )
-        before *= decay[first:stop]
-        now -= before
-        np.multiply(now, gain[first:stop], out=added)
-        before += added
+        innovation = values[..., first:stop]
+        state, increment = states[..., : stop - first], increments[..., : stop - first]
+        state *= decay[first:stop]
+        innovation -= state
+        np.multiply(innovation, gain[first:stop], out=increment)
+        state += increment
     values *= gains.weight.astype(kind)
-    if many:
-        whole[...] = values.reshape(whole.shape)
+    if transposed:
+        target[...] = values.reshape(target.shape)
 
 
-def take_gains(gains: Gains, index: Integers) -> Gains:
-    """Gains of a subset of reports made of whole flights.
+def interpolation_errors(values: Floats, order: FlightOrder, gains: Gains) -> tuple[Floats, Floats]:
+    """Return the values minus their expectation given all other reports of the flight.
+
+    With V the covariance of a flight's errors, the error of report i given all others is
+    [V^-1 r]_i / [V^-1]_ii, with variance 1 / [V^-1]_ii. It is computed in linear time by the
+    whitening recursion and its adjoint, which runs backward along the flight.
 
     Parameters
     ----------
-    index : (m,) int
-        The reports to keep.
+    values : (n, 2) float
+        Vectors (east, north), m s-1.
+    order : FlightOrder
+        From :func:`flight_order`.
+    gains : Gains
+        Coefficients of the n reports.
+
+    Returns
+    -------
+    errors : (n, 2) float
+        m s-1; 0 at masked reports.
+    precision : (n,) float
+        Inverse variance of each error under the noise model, mean over directions, s2 m-2; 0 at
+        masked reports.
     """
-    evened = None if gains.evened is None else gains.evened.take(index)
-    return Gains(
-        gains.decay[index], gains.gain[index], gains.weight[index], gains.scale[index], evened
-    )
+    white = whiten(values, order, gains)
+    score, precision = np.zeros_like(white), np.zeros(values.shape[0])
+    adjoint: Floats = np.zeros((0, values.shape[1]))
+    adjoint_weight: Floats = np.zeros(0)
+    blocks = [order.index[a:b] for a, b in zip(order.starts[:-1], order.starts[1:], strict=True)]
+    for now, after in zip(blocks[::-1], [np.zeros(0, np.int64), *blocks[:0:-1]], strict=True):
+        decay = gains.decay[after]
+        state, information = np.zeros((now.size, values.shape[1])), np.zeros(now.size)
+        state[: after.size] = decay[:, None] * adjoint
+        information[: after.size] = decay**2 * adjoint_weight
+        weight, gain = gains.weight[now], gains.gain[now]
+        weighted = weight[:, None] * white[now]
+        score[now] = weighted + gain[:, None] * state
+        precision[now] = weight**2 + gain**2 * information
+        adjoint = (1 - gain)[:, None] * state - weighted
+        adjoint_weight = weight**2 + (1 - gain) ** 2 * information
+    score *= gains.scale[:, None]
+    precision *= gains.scale**2
+    known = (precision > 0) & (gains.weight > 0)
+    errors = np.divide(score, precision[:, None], out=np.zeros_like(score), where=known[:, None])
+    if gains.direction is not None:
+        errors = np.asarray(gains.direction.inverse.scale_reports(errors))
+    return errors, np.where(known, precision, 0.0)

@@ -18,7 +18,7 @@ from airswing.gap.distribution.verdict import Reduction, Verdict
 from airswing.gap.effects.base import Effect
 from airswing.gap.model.closure import Closure, Step, is_held_out
 from airswing.gap.model.passes import Fitted
-from airswing.gap.noise.residual_statistics import gross_errors
+from airswing.gap.noise.model import gross_errors
 from airswing.gap.result.schema import (
     ClosesEntry,
     ClosureEntry,

@@ -28,7 +28,7 @@ from airswing.gap.archive.frame import Frame
 from airswing.gap.archive.heading_lattice import HeadingSteps
 from airswing.gap.effects import CATALOGUE, ActiveEffect, Effect, State, effect_named
 from airswing.gap.effects.base import Parameters, Stage, absent_context
-from airswing.gap.noise.whitening import Evened
+from airswing.gap.noise.whitening import DirectionFactors
 from airswing.physics.triangle import (
     bearing,
     wind_components,
@@ -61,8 +61,8 @@ class NoiseLike(Protocol):
     def decay(self, distance: FloatArray, step: FloatArray) -> FloatArray:
         """Return the correlation over a distance (m) and a step of ln p."""
 
-    def uneven(self, heading: FloatArray) -> Evened | None:
-        """Return what errors along and across headings (rad) have more or less than others."""
+    def direction_factors(self, heading: FloatArray) -> DirectionFactors | None:
+        """Return the scaling of errors along and across headings (rad)."""
 
 
 @dataclass(frozen=True)
@@ -218,8 +218,9 @@ def draw_noise(frame: Frame, noise: NoiseLike, *, rng: np.random.Generator) -> F
     white = rng.standard_normal((frame.size, 2))
     both = noise.correlated_sd * correlated + noise.white_sd * white
     out = np.empty((frame.size, 2))
-    uneven = noise.uneven(path.heading)
-    both = both if uneven is None else np.asarray(uneven.by_report(both), np.float64)
+    direction = noise.direction_factors(path.heading)
+    if direction is not None:
+        both = np.asarray(direction.scale_reports(both), np.float64)
     out[order] = noise.factor(log_pressure)[:, None] * both
     return out
 
