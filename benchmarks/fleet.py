@@ -189,8 +189,7 @@ def after_the_fit(aircraft: int, folder: Path) -> dict[str, Callable[[], Any]]:
     """Every stage after the fit, of a fleet with few reports each; the page shows the others."""
     from airswing.compass.correction import correct
     from airswing.compass.fit.deviation import fit_deviation
-    from airswing.compass.table import add_tables
-    from airswing.compass.tables_csv import write_tables_csv
+    from airswing.compass.table import add_tables, write_tables_csv
     from airswing.evaluation.comparison import compare
     from airswing.evaluation.field_test import field_test
     from airswing.evaluation.held_out import virtual_field_test

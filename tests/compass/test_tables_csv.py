@@ -4,8 +4,7 @@ import pytest
 
 import airswing  # noqa: F401
 from airswing.compass.fit.deviation import fit_deviation
-from airswing.compass.table import NODES, add_tables
-from airswing.compass.tables_csv import write_tables_csv
+from airswing.compass.table import NODES, add_tables, write_tables_csv
 from airswing.errors import InputError
 from tests.compass.flown import Setting, fly
 

@@ -14,9 +14,9 @@ are known. A unit's table is the same at all places and is applied unscaled.
 
 Standard error
 --------------
-Of the corrected wind as a vector, against the report that an aircraft with a right compass would
-have sent. The correction adds V (e^(-i delta) - 1) along the heading, of length V delta. Its errors
-are independent and add in quadrature:
+Of the corrected wind as a vector, relative to the report of an aircraft without compass error. The
+correction adds V (e^(-i delta) - 1) along the heading, of length V delta. Its errors are
+independent and add in quadrature:
 
 * the curve: V times its standard error at the heading, and V times the difference of the unit's
   table from the curve at this heading and field, which is known;
@@ -43,7 +43,12 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from airswing.compass.table import error_from_table, table_slope, unit_interpolation
+from airswing.compass.table import (
+    curve_standard_error,
+    error_from_table,
+    table_slope,
+    unit_interpolation,
+)
 from airswing.compass.whole_aircraft import map_aircraft
 from airswing.errors import InputError
 from airswing.flags import CORRECTION, SCREENING, STATUS, is_corrected, published
@@ -132,28 +137,6 @@ def corrected_wind(
     )
 
 
-def curve_standard_error(covariance: ArrayLike, heading: ArrayLike, gain: ArrayLike = 1.0) -> Array:
-    """Standard error of a deviation curve.
-
-    Parameters
-    ----------
-    covariance : array_like, shape (n, 5, 5) or (5, 5)
-        degree2.
-    heading : array_like, shape (n,)
-        Indicated magnetic heading, degrees.
-    gain : array_like, shape (n,), default 1
-        Factor of the one-cycle part (B, C).
-
-    Returns
-    -------
-    array, shape (n,)
-        Degrees.
-    """
-    basis = deviation_basis(np.radians(heading), gain)
-    product = np.einsum("...ij,j...->i...", np.asarray(covariance, dtype=np.float64), basis)
-    return np.asarray(np.sqrt(np.maximum((product * basis).sum(axis=0), 0.0)))
-
-
 def correction_error(
     airspeed: ArrayLike,
     deviation: ArrayLike,
@@ -187,25 +170,15 @@ def correction_error(
     array, shape (n,)
         m/s.
     """
-    speed, delta, steep, of_curve, of_heading, of_speed, rounding = (
-        np.asarray(part, dtype=np.float64)
-        for part in (
-            airspeed,
-            deviation,
-            slope,
-            curve_error,
-            heading_error,
-            airspeed_error,
-            coding,
-        )
-    )
-    chord = 2.0 * (1.0 - np.exp(-0.5 * of_heading**2))
-    angle = of_curve**2 + (delta**2 + steep**2) * chord
-    return np.asarray(np.sqrt(speed**2 * angle + (delta * of_speed) ** 2 + rounding))
+    chord = 2.0 * (1.0 - np.exp(-0.5 * np.square(heading_error)))
+    angle = np.square(curve_error) + (np.square(deviation) + np.square(slope)) * chord
+    along = np.square(np.multiply(deviation, airspeed_error))
+    variance = np.square(airspeed) * angle + along + np.asarray(coding, dtype=np.float64)
+    return np.asarray(np.sqrt(variance))
 
 
 def coding_variance(speed: ArrayLike, speed_step: ArrayLike, direction_step: ArrayLike) -> Array:
-    """Variance between a corrected and a right report from rounding both, as vectors.
+    """Variance of the vector difference of two reports of the same wind from their rounding.
 
     Parameters
     ----------
@@ -219,8 +192,8 @@ def coding_variance(speed: ArrayLike, speed_step: ArrayLike, direction_step: Arr
     array, shape (n,)
         m2/s2: a uniform error has a twelfth of its step squared; twice, for two reports.
     """
-    arc = np.asarray(speed, dtype=np.float64) * np.asarray(direction_step, dtype=np.float64)
-    return np.asarray((np.asarray(speed_step, dtype=np.float64) ** 2 + arc**2) / 6.0)
+    arc = np.multiply(speed, direction_step)
+    return np.asarray((np.square(speed_step) + np.square(arc)) / 6.0)
 
 
 def correct(
@@ -259,163 +232,126 @@ def correct(
     InputError
         If the reference has no fits or the tables are missing.
     """
-    place = chosen_reference(fits, reference)
+    names = [str(name) for name in fits["reference"].to_numpy()]
+    single = int(fits.attrs.get("reference_count", len(names)))
+    chosen = names[single if single < len(names) else 0] if reference is None else reference
+    if chosen not in names:
+        raise InputError(
+            "no fit against this reference",
+            field="reference",
+            found=chosen,
+            remedy=f"Fitted: {', '.join(names)}",
+        )
     if method == "table" and "table_correction" not in fits:
         raise InputError(
             "the fits hold no tables",
             field="table_correction",
             remedy="Call add_tables first, or use method='curve'",
         )
-    fit = fits.isel(reference=place)
+    fit = fits.isel(reference=names.index(chosen))
     read = headings[[name for name in NEEDED if name in headings]]
     found = map_aircraft(_correct, read, fit, method=method, scaled=apply_airspeed_scale)
     kept = headings[[name for name in KEPT if name in headings]]
     ds = kept.assign({str(name): found[name] for name in found.data_vars})
-    ds.attrs.update(correction_reference=str(fit["reference"].item()), correction_method=method)
+    ds.attrs.update(correction_reference=chosen, correction_method=method)
     return describe(ds)
-
-
-def chosen_reference(fits: xr.Dataset, reference: str | None) -> int:
-    """Return the place of a reference among the fits.
-
-    Parameters
-    ----------
-    fits : Dataset
-    reference : str or None
-        None: the first pool, without pools the first reference.
-
-    Raises
-    ------
-    InputError
-        If there is no fit against this reference.
-    """
-    names = [str(name) for name in fits["reference"].to_numpy()]
-    single = int(fits.attrs.get("reference_count", len(names)))
-    wanted = names[single if single < len(names) else 0] if reference is None else reference
-    if wanted not in names:
-        raise InputError(
-            "no fit against this reference",
-            field="reference",
-            found=wanted,
-            remedy=f"Fitted: {', '.join(names)}",
-        )
-    return names.index(wanted)
 
 
 def _correct(headings: xr.Dataset, fit: xr.Dataset, *, method: str, scaled: bool) -> xr.Dataset:
     """Corrected winds of the reports of some aircraft, in memory."""
     place = {str(name): k for k, name in enumerate(fit["aircraft"].to_numpy())}
-    rows = [place.get(str(name), -1) for name in headings["aircraft"].to_numpy()]
-    owner = aircraft_of_report(headings)
-    row = np.array(rows, dtype=np.int64)[owner]
-    column = {
-        name: headings[name].to_numpy().astype(np.float64)
-        for name in ("eastward_wind", "northward_wind", "airspeed", "heading", "magnetic_heading")
-    }
-    u, v = column["eastward_wind"], column["northward_wind"]
+    fitted = [place.get(str(name), -1) for name in headings["aircraft"].to_numpy()]
+    aircraft = aircraft_of_report(headings)
+    row = np.array(fitted, dtype=np.int64)[aircraft]
     magnetic = fit.attrs.get("abscissa", "magnetic") == "magnetic"
-    argument = column["magnetic_heading" if magnetic else "heading"]
-    flag = _flags(headings, column, argument, fit, row)
+    argument_name = "magnetic_heading" if magnetic else "heading"
+    names = ("eastward_wind", "northward_wind", "airspeed", "heading", argument_name)
+    columns = [headings[name].to_numpy().astype(np.float64) for name in names]
+    flag = _flags(headings, columns, fit, row)
     done = is_corrected(flag)
-    found = {
-        "corrected_eastward_wind": u.copy(),
-        "corrected_northward_wind": v.copy(),
-        "corrected_heading": column["heading"].copy(),
-        "corrected_wind_standard_error": np.full(row.size, np.nan),
-    }
-    # reports that are corrected, from here on
-    row, m, owner = row[done], argument[done], owner[done]
-    u, v, speed, heading = (
-        column[name][done] for name in ("eastward_wind", "northward_wind", "airspeed", "heading")
-    )
-    gain = _gain(headings, fit, done, row)
+    # from here on only the reports that are corrected
+    u, v, speed, heading, argument = (values[done] for values in columns)
+    row, aircraft = row[done], aircraft[done]
+
+    def known(name: str, by_aircraft: bool = False) -> Array:
+        """Values of a variable, zero where they are unknown."""
+        if name not in headings:
+            return np.zeros(row.size)
+        values = np.nan_to_num(headings[name].to_numpy().astype(np.float64))
+        return values[aircraft] if by_aircraft else values[done]
+
+    gain = np.ones(row.size)
+    if "mean_horizontal_field" in fit:
+        field, mean = known("horizontal_field"), fit["mean_horizontal_field"].to_numpy()[row]
+        np.divide(mean, field, out=gain, where=np.isfinite(mean) & (field > 0))
     coefficients = fit["deviation"].to_numpy()[row]
     coefficients[:, 1:3] *= gain[:, np.newaxis]
-    angle = np.radians(m)
+    angle = np.radians(argument)
     error = (coefficients.T * deviation_basis(angle)).sum(axis=0)
     slope = deviation_slope(np.radians(coefficients), angle)
-    doubt = np.empty(row.size)
-    starts = np.flatnonzero(np.diff(owner, prepend=-1))
+    curve_error = np.empty(row.size)
+    starts = np.flatnonzero(np.diff(aircraft, prepend=-1))
     # one covariance matrix for each aircraft, not for each report
     for begin, end in pairwise([*starts, row.size]):
         covariance = fit["deviation_covariance"].to_numpy()[row[begin]]
-        doubt[begin:end] = curve_standard_error(covariance, m[begin:end], gain[begin:end])
+        part = slice(begin, end)
+        curve_error[part] = curve_standard_error(covariance, argument[part], gain[part])
     if method == "table":
         table = error_from_table(fit).to_numpy()[row]
-        from_table = unit_interpolation(table, m)
+        from_table = unit_interpolation(table, argument)
         # the difference of table and curve is known but stays: the unit would not remove it
-        doubt, error = np.hypot(doubt, from_table - error), from_table
-        slope = table_slope(table, m)
+        curve_error, error = np.hypot(curve_error, from_table - error), from_table
+        slope = table_slope(table, argument)
     scale, scale_error = np.zeros(row.size), np.zeros(row.size)
     if scaled:  # an offset comes without one
         scale = np.nan_to_num(fit["airspeed_scale"].to_numpy()[row])
         scale_error = np.nan_to_num(fit["airspeed_scale_standard_error"].to_numpy()[row])
-    heading_error = np.radians(_known(headings, "heading_standard_error", "report")[done])
-    ground = _known(headings, "ground_velocity_error", "report")[done]
+    heading_error = np.radians(known("heading_standard_error"))
     # the mean of both components is known: what is not across the heading is along it
-    along = np.sqrt(np.maximum(2.0 * ground**2 - (speed * heading_error) ** 2, 0.0))
-    steps = [
-        _known(headings, f"wind_{name}_resolution", "aircraft")[owner]
-        for name in ("speed", "direction")
-    ]
+    along = 2.0 * known("ground_velocity_error") ** 2 - (speed * heading_error) ** 2
     standard_error = correction_error(
         speed,
         np.radians(error),
         slope,
-        curve_error=np.hypot(np.radians(doubt), scale_error),
+        curve_error=np.hypot(np.radians(curve_error), scale_error),
         heading_error=heading_error,
-        airspeed_error=along,
-        coding=coding_variance(np.hypot(u, v), steps[0], np.radians(steps[1])),
+        airspeed_error=np.sqrt(np.maximum(along, 0.0)),
+        coding=coding_variance(
+            np.hypot(u, v),
+            known("wind_speed_resolution", by_aircraft=True),
+            np.radians(known("wind_direction_resolution", by_aircraft=True)),
+        ),
     )
+    found = {
+        "corrected_eastward_wind": columns[0].copy(),
+        "corrected_northward_wind": columns[1].copy(),
+        "corrected_heading": columns[3].copy(),
+        "corrected_wind_standard_error": np.full(done.size, np.nan),
+    }
     u, v = corrected_wind(u, v, speed, np.radians(heading), np.radians(error), scale)
-    values = (u, v, np.mod(heading - error, 360.0), standard_error)
-    for name, part in zip(found, values, strict=True):
-        found[name][done] = part
+    corrected = u, v, np.mod(heading - error, 360.0), standard_error
+    for values, part in zip(found.values(), corrected, strict=True):
+        values[done] = part
     ds = xr.Dataset({name: ("report", values) for name, values in found.items()})
     return ds.assign(correction_applied=("report", flag))
 
 
 def _flags(
-    headings: xr.Dataset,
-    column: dict[str, Array],
-    argument: Array,
-    fit: xr.Dataset,
-    row: NDArray[np.int64],
+    headings: xr.Dataset, columns: list[Array], fit: xr.Dataset, row: NDArray[np.int64]
 ) -> NDArray[np.int8]:
     """Codes of `CORRECTION`; of several reasons the one that is hardest to remove."""
     status = np.append(fit["status"].to_numpy(), STATUS["too_few_reports"])[row]
-    has_heading = np.isfinite(argument + column["airspeed"] + column["heading"])
-    has_wind = np.isfinite(column["eastward_wind"] + column["northward_wind"])
+    u, v, speed, heading, argument = columns
     by_unit = np.zeros(row.size, dtype=bool)
     if "screening" in headings:
         by_unit = (headings["screening"].to_numpy() & SCREENING["field_test"]) > 0
     reasons = {
-        "missing_wind": ~has_wind,
+        "missing_wind": ~np.isfinite(u + v),
         "already_corrected": by_unit,
         "no_fit": ~published(status),
         "no_correction_needed": status == STATUS["no_correction_needed"],
-        "no_heading": ~has_heading,
+        "no_heading": ~np.isfinite(argument + speed + heading),
         "offset_only": status == STATUS["offset_only"],
     }
     codes = [CORRECTION[name] for name in reasons]
     return np.select(list(reasons.values()), codes, CORRECTION["corrected"]).astype(np.int8)
-
-
-def _gain(
-    headings: xr.Dataset, fit: xr.Dataset, done: NDArray[np.bool_], row: NDArray[np.int64]
-) -> Array:
-    """Mean field of the fit over that of each report; one where either is unknown."""
-    gain = np.ones(row.size)
-    if "horizontal_field" not in headings or "mean_horizontal_field" not in fit:
-        return gain
-    field = headings["horizontal_field"].to_numpy()[done].astype(np.float64)
-    mean = fit["mean_horizontal_field"].to_numpy()[row]
-    np.divide(mean, field, out=gain, where=np.isfinite(mean) & (field > 0))
-    return gain
-
-
-def _known(headings: xr.Dataset, name: str, dim: str) -> Array:
-    """Values of a variable, zero where they are unknown."""
-    if name not in headings:
-        return np.zeros(headings.sizes[dim])
-    return np.nan_to_num(headings[name].to_numpy().astype(np.float64))

@@ -18,15 +18,16 @@ from __future__ import annotations
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from airswing.compass.fit.sandwich import Array
 from airswing.flags import published
 from airswing.products.ragged import aircraft_of_report, blocks
 
-COMMON, OWN = 1.0, 0.7
-"""Degrees: mean of a fleet's offsets as a standard deviation, and scatter between aircraft."""
-EVIDENCE = float(np.log(100.0))  # Log odds from which on it is said
+Array = NDArray[np.float64]
+
+FLEET_MEAN, SCATTER = 1.0, 0.7
+"""Degrees: standard deviation of the mean offset of a fleet, and scatter between its aircraft."""
+EVIDENCE = float(np.log(100.0))  # log odds from which on a warning is given
 _WORDS = {
     "magnetic_for_true": (
         "minus the declination",
@@ -43,40 +44,40 @@ _WORDS = {
 
 
 def mean_declination(headings: xr.Dataset) -> Array:
-    """Mean declination (aircraft,) of the reports that count, degrees; NaN without a report."""
-    total, count = declination_sums(headings)
-    found: Array = np.divide(total, count, out=np.full(total.size, np.nan), where=count > 0)
-    return found
-
-
-def declination_sums(headings: xr.Dataset) -> tuple[Array, Array]:
-    """Sum of the declination over each aircraft's reports that count, and how many they are."""
-    found = []
+    """Mean declination (aircraft,) of the reports used, degrees; NaN without a report."""
+    found: list[Array] = []
     for block in blocks(headings, ["declination", "screening"]):
         value = block["declination"].to_numpy().astype(np.float64)
-        kept = np.isfinite(value) & (block["screening"].to_numpy() == 0)
-        own, size = aircraft_of_report(block)[kept], block.sizes["aircraft"]
-        count = np.bincount(own, minlength=size)
-        total = np.bincount(own, weights=value[kept], minlength=size)
-        found.append((total, count.astype(np.float64)))
-    totals, counts = zip(*found, strict=True)
-    return np.concatenate(totals), np.concatenate(counts)
+        used = np.isfinite(value) & (block["screening"].to_numpy() == 0)
+        aircraft, number = aircraft_of_report(block)[used], block.sizes["aircraft"]
+        count = np.bincount(aircraft, minlength=number)
+        total = np.bincount(aircraft, weights=value[used], minlength=number)
+        found.append(np.divide(total, count, out=np.full(number, np.nan), where=count > 0))
+    return np.concatenate(found)
 
 
 def taken_for(offset: ArrayLike, standard_error: ArrayLike, declination: ArrayLike) -> str:
-    """What a fleet's headings were taken for, by offsets, their errors and declinations (degrees).
+    """Whether the headings of a fleet are of another kind than assumed.
 
-    ``magnetic_for_true``, ``true_for_magnetic``, or empty: as they should be, or not known.
+    Parameters
+    ----------
+    offset, standard_error, declination : array_like, shape (aircraft,)
+        Offsets of the headings, their standard errors and the mean declinations, degrees.
+
+    Returns
+    -------
+    str
+        ``magnetic_for_true``, ``true_for_magnetic``, or empty: as assumed, or not known.
     """
     error, wide, angle = (
-        np.asarray(one, dtype=np.float64) for one in (offset, standard_error, declination)
+        np.asarray(values, dtype=np.float64) for values in (offset, standard_error, declination)
     )
     if not error.size:
         return ""
-    # Offsets share a mean of variance COMMON^2 and scatter by OWN^2 about it.
-    inverse = np.linalg.inv(np.diag(OWN**2 + wide**2) + COMMON**2)
+    # offsets share a mean of variance FLEET_MEAN^2 and scatter by SCATTER^2 about it
+    inverse = np.linalg.inv(np.diag(SCATTER**2 + wide**2) + FLEET_MEAN**2)
     odds = {
-        # Log likelihood ratio: the same covariance with the declination taken off.
+        # log likelihood ratio: the same covariance with the declination subtracted
         name: 0.5 * float(error @ inverse @ error - rest @ inverse @ rest)
         for name, rest in (
             ("magnetic_for_true", error + angle),
@@ -88,7 +89,15 @@ def taken_for(offset: ArrayLike, standard_error: ArrayLike, declination: ArrayLi
 
 
 def heading_kind_warnings(fits: xr.Dataset, reference: str) -> list[str]:
-    """One sentence where a fleet's offsets are those of headings of the other kind, or none."""
+    """Return one sentence if the offsets of a fleet are those of the other kind of heading.
+
+    Parameters
+    ----------
+    fits : Dataset
+        With ``mean_declination`` (aircraft).
+    reference : str
+        Whose fits to use.
+    """
     known_from_reports = '"reported_heading"' in str(fits.attrs.get("implausible_reports", ""))
     if "mean_declination" not in fits or known_from_reports:
         return []

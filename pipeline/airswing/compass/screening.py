@@ -23,7 +23,7 @@ Keywords in SI and radians, like the configuration; the Dataset in degrees, like
 from __future__ import annotations
 
 from collections.abc import Collection
-from typing import Literal, TypedDict, Unpack
+from typing import Literal
 
 import numpy as np
 import xarray as xr
@@ -36,31 +36,10 @@ from airswing.products.ragged import aircraft_of_report
 from airswing.units import KNOT
 from airswing.vocabulary import describe
 
-MAX_INNOVATION = 40.0  # m s-1
-MAX_INNOVATION_SHARE = 1.0 / 3.0  # Of the airspeed
-AIRSPEEDS = (25.0, 350.0)  # m s-1: outside it no aircraft that reports winds flies
+MAX_INNOVATION, MAX_INNOVATION_SHARE = 40.0, 1.0 / 3.0  # m s-1; share of the airspeed
+AIRSPEEDS = (25.0, 350.0)  # m s-1: the range of aircraft that report winds
 # Of the ground speed: a single chord of two whole minutes has 0.27, of three 0.15.
 MAX_GROUND_VELOCITY_ERROR = 0.15
-
-
-class Limits(TypedDict, total=False):
-    """Numbers a report must keep to; `LIMITS` where not given."""
-
-    max_turn: float  # largest change of track at the report, radians
-    min_ground_speed: float  # m s-1
-    # largest standard error of the ground velocity, as a share of the ground speed
-    max_ground_velocity_error: float
-    # gross errors: vector difference, m s-1, from any reference a report has (a third of its
-    # airspeed where that is more)
-    max_innovation: float
-
-
-LIMITS: Limits = {
-    "max_turn": float(np.radians(10.0)),
-    "min_ground_speed": 80.0 * KNOT,
-    "max_ground_velocity_error": MAX_GROUND_VELOCITY_ERROR,
-    "max_innovation": MAX_INNOVATION,
-}
 
 
 def screen(
@@ -70,22 +49,32 @@ def screen(
     roll: Literal["reject_bad", "require_good", "ignore"] = "reject_bad",
     temperature_qc: Literal["reject_fail", "require_pass", "ignore"] = "reject_fail",
     wind_qc: Literal["reject_fail", "require_pass", "ignore"] = "reject_fail",
-    **limits: Unpack[Limits],
+    max_turn: float = float(np.radians(10.0)),
+    min_ground_speed: float = 80.0 * KNOT,
+    max_ground_velocity_error: float = MAX_GROUND_VELOCITY_ERROR,
+    max_innovation: float = MAX_INNOVATION,
 ) -> xr.Dataset:
-    """Mark the reports that the fit should not use, and why.
+    """Mark the reports that the fit should not use, with the reasons.
 
     Parameters
     ----------
     headings : Dataset
-        Of `airswing.compass.headings.derive_headings`.
+        From `airswing.compass.headings.derive_headings`.
     phases : collection of str
         Phases of flight to use: ``ascent``, ``cruise``, ``descent``, ``unknown``.
     roll : {"reject_bad", "require_good", "ignore"}
         Roll flag. Requiring "good" drops every carrier that reports no roll.
     temperature_qc, wind_qc : {"reject_fail", "require_pass", "ignore"}
         The quality flags of the source.
-    **limits
-        Numbers a report must keep to, as in :class:`Limits`.
+    max_turn : float
+        Largest change of track at the report, radians.
+    min_ground_speed : float
+        m s-1.
+    max_ground_velocity_error : float
+        Largest standard error of the ground velocity, as a share of the ground speed.
+    max_innovation : float
+        Gross errors: largest vector difference, m s-1, from any reference that a report has (or a
+        third of its airspeed, if that is more).
 
     Returns
     -------
@@ -98,20 +87,36 @@ def screen(
     ConfigError
         On an unknown phase or policy.
     """
-    bounds = Limits(**{**LIMITS, **limits})
+    for name in phases:
+        if name not in PHASE:
+            raise ConfigError(
+                "no such phase of flight",
+                field="screening.phases",
+                found=name,
+                remedy=f"Known: {', '.join(PHASE)}",
+            )
+    wind = headings["eastward_wind"], headings["northward_wind"]
+    reference = headings["reference_eastward_wind"], headings["reference_northward_wind"]
+    speed, error, airspeed = (
+        headings[name] for name in ("ground_speed", "ground_velocity_error", "airspeed")
+    )
+    # missing references are ignored by the maximum
+    farthest = ((wind[0] - reference[0]) ** 2 + (wind[1] - reference[1]) ** 2).max("reference")
+    allowed = (MAX_INNOVATION_SHARE * airspeed.fillna(0.0)).clip(min=max_innovation)
+    slow, fast = AIRSPEEDS
     rules = {
-        "phase": ~headings["phase"].isin(_phase_codes(phases)),
-        "roll": _judged(headings, "roll_flag", ROLL, roll, {"reject_bad": "bad"}),
-        "temperature_qc": _judged(
-            headings, "temperature_qc", TEMPERATURE_QC, temperature_qc, {"reject_fail": "fail"}
-        ),
-        "wind_qc": _judged(headings, "wind_qc", WIND_QC, wind_qc, {"reject_fail": "fail"}),
-        "turn": np.abs(headings["turn"]) > np.degrees(bounds["max_turn"]),
-        "ground_speed": headings["ground_speed"] < bounds["min_ground_speed"],
-        "no_ground_vector": _no_ground_vector(headings, bounds["max_ground_velocity_error"]),
-        "no_reference": _no_reference(headings),
-        "missing_wind": headings["eastward_wind"].isnull() | headings["northward_wind"].isnull(),
-        "gross_error": _gross_error(headings, bounds["max_innovation"]),
+        "phase": ~headings["phase"].isin([PHASE[name] for name in phases]),
+        "roll": _rejected(headings, "roll_flag", ROLL, roll),
+        "temperature_qc": _rejected(headings, "temperature_qc", TEMPERATURE_QC, temperature_qc),
+        "wind_qc": _rejected(headings, "wind_qc", WIND_QC, wind_qc),
+        "turn": np.abs(headings["turn"]) > np.degrees(max_turn),
+        "ground_speed": speed < min_ground_speed,
+        "no_ground_vector": speed.isnull()
+        | error.isnull()
+        | (error > max_ground_velocity_error * speed),
+        "no_reference": (reference[0].isnull() | reference[1].isnull()).all("reference"),
+        "missing_wind": wind[0].isnull() | wind[1].isnull(),
+        "gross_error": (farthest > allowed**2) | (airspeed < slow) | (airspeed > fast),
     }
     bits = xr.zeros_like(headings["phase"], dtype=np.int32)
     for name, broken in rules.items():
@@ -212,61 +217,23 @@ _MEANINGS = {
 }
 
 
-def _phase_codes(phases: Collection[str]) -> list[int]:
-    for name in phases:
-        if name not in PHASE:
-            raise ConfigError(
-                "no such phase of flight",
-                field="screening.phases",
-                found=name,
-                remedy=f"Known: {', '.join(PHASE)}",
-            )
-    return [PHASE[name] for name in phases]
-
-
-def _judged(
-    headings: xr.Dataset,
-    name: str,
-    codes: dict[str, int],
-    policy: str,
-    rejecting: dict[str, str],
-) -> xr.DataArray:
-    """Reports that a flag leaves out under a policy; an absent flag variable is all missing."""
-    requiring = {"require_good": "good", "require_pass": "pass"}
+def _rejected(headings: xr.Dataset, name: str, codes: dict[str, int], policy: str) -> xr.DataArray:
+    """Reports that a flag rejects under a policy; an absent variable is missing everywhere."""
     flag = headings.get(name)
     if flag is None:
         flag = xr.zeros_like(headings["phase"])  # 0 is "missing" in every table of codes
+    action, _, word = policy.partition("_")
     if policy == "ignore":
         return xr.zeros_like(flag, dtype=bool)
-    if policy in rejecting:
-        return flag == codes[rejecting[policy]]
-    if policy in requiring and requiring[policy] in codes:
-        return flag != codes[requiring[policy]]
+    # roll flags are "good" or "bad", quality flags "pass" or "fail"
+    good, bad = ("good", "bad") if "good" in codes else ("pass", "fail")
+    if (action, word) == ("reject", bad):
+        return flag == codes[bad]
+    if (action, word) == ("require", good):
+        return flag != codes[good]
     raise ConfigError(
         "no such screening policy",
         field=f"screening.{name.removesuffix('_flag')}",
         found=policy,
-        remedy=f"Known: {', '.join([*rejecting, *requiring, 'ignore'])}",
+        remedy=f"Known: reject_{bad}, require_{good}, ignore",
     )
-
-
-def _no_ground_vector(headings: xr.Dataset, largest: float) -> xr.DataArray:
-    speed = headings["ground_speed"]
-    absent = speed.isnull() | headings["ground_velocity_error"].isnull()
-    return absent | (headings["ground_velocity_error"] > largest * speed)
-
-
-def _no_reference(headings: xr.Dataset) -> xr.DataArray:
-    east, north = headings["reference_eastward_wind"], headings["reference_northward_wind"]
-    return (east.isnull() | north.isnull()).all("reference")
-
-
-def _gross_error(headings: xr.Dataset, largest: float) -> xr.DataArray:
-    east = headings["eastward_wind"] - headings["reference_eastward_wind"]
-    north = headings["northward_wind"] - headings["reference_northward_wind"]
-    airspeed = headings["airspeed"]
-    allowed = (MAX_INNOVATION_SHARE * airspeed.fillna(0.0)).clip(min=largest)
-    # missing references are ignored by the maximum
-    farthest = (east**2 + north**2).max("reference")
-    slow, fast = AIRSPEEDS
-    return (farthest > allowed**2) | (airspeed < slow) | (airspeed > fast)

@@ -1,4 +1,4 @@
-"""The 8-point correction table that a unit's firmware holds, and the firmware's interpolation.
+"""The 8-point correction table of a unit's firmware, its interpolation, and its CSV file.
 
 Assumptions
 -----------
@@ -25,9 +25,11 @@ Jacobs et al. 2010 (seed paper), steps e and f.
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
@@ -36,6 +38,7 @@ from airswing.errors import InputError
 from airswing.flags import STATUS
 from airswing.physics.compass_deviation import deviation_basis
 from airswing.products.ragged import aircraft_of_report
+from airswing.products.whole_files import atomic
 from airswing.vocabulary import describe
 
 Array = NDArray[np.float64]
@@ -68,6 +71,28 @@ def deviation_curve(coefficients: ArrayLike, heading: ArrayLike) -> Array:
     return np.asarray(np.asarray(coefficients, dtype=np.float64) @ basis)
 
 
+def curve_standard_error(covariance: ArrayLike, heading: ArrayLike, gain: ArrayLike = 1.0) -> Array:
+    """Standard error of a deviation curve.
+
+    Parameters
+    ----------
+    covariance : array_like, shape (n, 5, 5) or (5, 5)
+        degree2.
+    heading : array_like, shape (n,)
+        Indicated magnetic heading, degrees.
+    gain : array_like, shape (n,), default 1
+        Factor of the one-cycle part (B, C).
+
+    Returns
+    -------
+    array, shape (n,)
+        Degrees.
+    """
+    basis = deviation_basis(np.radians(heading), gain)
+    product = np.einsum("...ij,j...->i...", np.asarray(covariance, dtype=np.float64), basis)
+    return np.asarray(np.sqrt(np.maximum((product * basis).sum(axis=0), 0.0)))
+
+
 def unit_interpolation(table: ArrayLike, heading: ArrayLike) -> Array:
     """Interpolate in a table as the unit does.
 
@@ -83,35 +108,24 @@ def unit_interpolation(table: ArrayLike, heading: ArrayLike) -> Array:
     array, shape (n,)
         Degrees; NaN where the heading or a node is NaN.
     """
-    values = np.asarray(table, dtype=np.float64)
-    nodes = values.shape[-1]
-    place = np.mod(np.asarray(heading, dtype=np.float64), 360.0) * (nodes / 360.0)
-    known = np.isfinite(place)
-    lower = np.where(known, np.floor(place), 0).astype(np.int64) % nodes
-    share = place - np.floor(place)
-    upper = (lower + 1) % nodes
-    if values.ndim == 1:
-        return np.asarray(values[lower] * (1 - share) + values[upper] * share)
-    row = np.arange(values.shape[0])
-    return np.asarray(values[row, lower] * (1 - share) + values[row, upper] * share)
+    lower, upper, share = _nodes_around(table, heading)
+    return np.asarray(lower * (1 - share) + upper * share)
 
 
 def table_slope(table: ArrayLike, heading: ArrayLike) -> Array:
-    """Slope of tables, shape (n,), degrees per degree.
+    """Slope of tables, shape (n,), degrees per degree; arguments as of `unit_interpolation`."""
+    lower, upper, _ = _nodes_around(table, heading)
+    return np.asarray((upper - lower) * np.shape(table)[-1] / 360.0)
 
-    Parameters
-    ----------
-    table : array_like, shape (n, node)
-        Nodes evenly spaced from 0 degrees.
-    heading : array_like, shape (n,)
-        Degrees.
-    """
+
+def _nodes_around(table: ArrayLike, heading: ArrayLike) -> tuple[Array, Array, Array]:
+    """Values at the nodes below and above each heading; its distance from the lower, in steps."""
     values = np.asarray(table, dtype=np.float64)
     nodes = values.shape[-1]
-    step = 360.0 / nodes
-    lower = np.floor(np.mod(np.asarray(heading, dtype=np.float64), 360.0) / step).astype(np.int64)
-    row = np.arange(values.shape[0])
-    return np.asarray((values[row, (lower + 1) % nodes] - values[row, lower % nodes]) / step)
+    place = np.mod(np.asarray(heading, dtype=np.float64), 360.0) * (nodes / 360.0)
+    lower = np.where(np.isfinite(place), np.floor(place), 0).astype(np.int64) % nodes
+    row = () if values.ndim == 1 else (np.arange(values.shape[0]),)
+    return values[*row, lower], values[*row, (lower + 1) % nodes], place - np.floor(place)
 
 
 def _project_curve(error: Array, weight: Array) -> Array:
@@ -256,3 +270,55 @@ def error_from_table(fits: xr.Dataset) -> xr.DataArray:
     """Return the heading error (..., aircraft, node) of the tables, degrees, indicated - true."""
     sign = SIGNS[fits.attrs.get("table_sign", "subtract_error")]
     return sign * fits["table_correction"]
+
+
+def write_tables_csv(fits: xr.Dataset, path: str | Path) -> Path:
+    """Write the table of every aircraft as CSV, one row a node.
+
+    Parameters
+    ----------
+    fits : Dataset
+        With tables (:func:`add_tables`).
+    path : str or path
+
+    Returns
+    -------
+    Path
+        The path written. A refused fit has rows with its status and without numbers.
+
+    Raises
+    ------
+    InputError
+        If the fits hold no tables or the file cannot be written.
+    """
+    if "table_correction" not in fits:
+        raise InputError(
+            "the fits hold no tables", field="table_correction", remedy="Call add_tables first"
+        )
+    dims = "reference", "aircraft"
+    covariance = fits["deviation_covariance"].transpose(*dims, ...).to_numpy()
+    correction = fits["table_correction"].transpose(*dims, "node").to_numpy() + 0.0
+    status = fits["status"].transpose(*dims).to_numpy()
+    names = {code: name for name, code in STATUS.items()}
+    shape = correction.shape
+
+    def column(values: ArrayLike, axis: int) -> NDArray[np.object_]:
+        sizes = [-1 if k == axis else 1 for k in range(3)]
+        return np.broadcast_to(np.asarray(values, object).reshape(sizes), shape).ravel()
+
+    basis = deviation_basis(np.radians(NODES))
+    variance = np.einsum("in,raij,jn->ran", basis, covariance, basis)
+    table = pd.DataFrame(
+        {
+            "aircraft": column(fits["aircraft"].to_numpy(), 1),
+            "reference": column(fits["reference"].to_numpy(), 0),
+            "status": [names[code] for code in np.repeat(status.ravel(), NODES.size)],
+            "heading_deg": column([f"{node:g}" for node in NODES], 2),
+            "table_correction_deg": correction.ravel(),
+            "standard_error_deg": np.sqrt(np.maximum(variance, 0.0)).ravel(),
+            "sign": str(fits.attrs.get("table_sign", "subtract_error")),
+        }
+    )
+    with atomic(Path(path)) as temporary:
+        table.to_csv(temporary, index=False, float_format="%.3f", lineterminator="\r\n")
+    return Path(path)

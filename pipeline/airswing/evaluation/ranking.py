@@ -20,7 +20,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from airswing.compass.correction import corrected_wind, curve_standard_error
+from airswing.compass.correction import corrected_wind
+from airswing.compass.table import curve_standard_error
 from airswing.errors import InputError
 from airswing.evaluation.disagreement import WINDS, reference_mean
 from airswing.evaluation.resampling import Floats, cluster_sums, clustered_mean

@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from airswing.compass.fit.kernel import Reports, fit_aircraft
+from airswing.compass.fit.kernel import fit_aircraft
 from airswing.compass.fit.sandwich import (
     degrees_of_freedom,
     group_sums,
     influences,
     inverse_root,
 )
+from airswing.compass.fleet.blocks import Reports
 from airswing.physics.compass_deviation import deviation_basis, deviation_slope
 
 THETA = (1.0, 8.0, -6.0, 1.5, -1.0, 0.02, 0.6, -0.5)  # degrees, 1, m/s

@@ -8,8 +8,7 @@ from tests.compass.flown import Setting, fly
 
 from airswing.compass.correction import correct, curve_standard_error
 from airswing.compass.fit.deviation import fit_deviation
-from airswing.compass.table import add_tables
-from airswing.compass.tables_csv import write_tables_csv
+from airswing.compass.table import add_tables, write_tables_csv
 from airswing.flags import CORRECTION, STATUS, published
 from airswing.gap.simulation.known_effects import effects_of_fits
 

@@ -11,8 +11,7 @@ from tests.evaluation.archives import fleet, with_change
 
 from airswing.compass.correction import correct
 from airswing.compass.fit.deviation import fit_deviation
-from airswing.compass.table import add_tables
-from airswing.compass.tables_csv import write_tables_csv
+from airswing.compass.table import add_tables, write_tables_csv
 from airswing.errors import InputError
 from airswing.evaluation.monitoring import (
     UnitTable,

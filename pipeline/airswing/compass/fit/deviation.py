@@ -42,8 +42,9 @@ from airswing.compass.fit.acceptance import (
     condition_number,
     publish,
 )
-from airswing.compass.fit.kernel import AircraftFit, Reports, fit_aircraft
+from airswing.compass.fit.kernel import AircraftFit, fit_aircraft
 from airswing.compass.fit.offset_alone import MIN_FLIGHTS, STRETCH
+from airswing.compass.fleet.blocks import Reports
 from airswing.compass.whole_aircraft import aircraft_batches, is_lazy, lazy_dataset, single_task
 from airswing.errors import InputError
 from airswing.flags import STATUS

@@ -18,10 +18,10 @@ variances; flights and days are the clusters for all members together.
 Method
 ------
 Gauss-Newton steps with Tukey's weights of the standardised vector residual (iteratively reweighted
-least squares), so that gross errors have weight zero. The variances come from medians of a sample
-of about `MIDDLE` reports, on which the first steps are made too; passes over all reports follow
-with these variances until a step is below `FINAL_STEP` clustered standard errors. Covariances are
-clustered by flight and by day (`airswing.compass.fit.sandwich`).
+least squares), so that gross errors have weight zero. The variances come from medians of the
+residuals, anew at each step until a step is below `LARGEST_STEP` clustered standard errors; further
+steps follow with these variances, until a step is as small again. Covariances are clustered by
+flight and by day (`airswing.compass.fit.sandwich`).
 
 Units and validity
 ------------------
@@ -37,10 +37,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from airswing.compass.fit.sandwich import (
     MANY,
@@ -51,7 +49,7 @@ from airswing.compass.fit.sandwich import (
     influences,
     inverse_root,
 )
-from airswing.compass.fleet.blocks import SLOPES, Blocks, sum_blocks
+from airswing.compass.fleet.blocks import SLOPES, Blocks, Reports, sum_blocks
 
 COMPASS = 5
 """Each parameter vector begins with A, B, C, D, E, then s, then b_u and b_v of each member."""
@@ -61,49 +59,15 @@ CUT_2D, CUT_1D = 5.0, 4.685
 """Tukey's constants: 95 % efficiency for a normal vector (two components) and a scalar."""
 MEDIAN_CHI2 = 0.4549
 """Median of the square of a standard normal variable."""
-THIN, MIDDLE = 1000, 4000
-"""Reports of the samples that give the starting point and the variances."""
-START_STEP = 15.0
-"""Standard errors of the sample, reports taken as independent, below which a step ends the start:
-a Newton step with robust weights leaves 2 to 3 % of itself, less than the error of the sample."""
-FINAL_STEP = 3.0
-"""Clustered standard errors below which a step ends the passes: what is left of it is below a tenth
-of the standard error."""
-START_STEPS, PASSES = 25, 12
-"""Largest numbers of steps; both loops end earlier by the size of the step."""
+LARGEST_STEP = 3.0
+"""Clustered standard errors below which a step ends the iteration: a Newton step with robust
+weights leaves 2 to 3 % of itself, here less than a tenth of the standard error."""
+MOST_STEPS = 40
+"""Limit of the number of steps; five to ten are usual."""
 ENOUGH = 2e-6
-"""Radians: a step as small as this ends the passes whatever the standard error."""
+"""Radians: a step as small as this ends the iteration whatever the standard error."""
 FOLDS = 10
 """Parts of the days that are held out in turn (`airswing.compass.fit.held_out`)."""
-
-
-@dataclass(frozen=True)
-class Reports:
-    """Reports of one aircraft against one reference, sorted by flight; arrays of shape (n,).
-
-    Angles in radians, speeds in m s-1; without values that are not finite.
-    """
-
-    basis: Array  # (5, n): of the deviation, see `deviation_basis`
-    heading: Array  # indicated true heading
-    heading_error: Array  # against the reference
-    airspeed: Array
-    implied: Array  # airspeed that the reference implies
-    variance: Array  # known variance of a component of the residual, m2 s-2
-    flight: Index  # number of the flight within the aircraft, not decreasing
-    latitude: Array  # degrees
-    longitude: Array
-    pressure: Array  # Pa
-    time: NDArray[np.datetime64]
-
-    def take(self, index: slice | Index) -> Reports:
-        """Return some of the reports."""
-        return Reports(*(getattr(self, name)[..., index] for name in self.__dataclass_fields__))
-
-    @cached_property
-    def opens(self) -> Index:
-        """First report of each flight."""
-        return np.flatnonzero(np.diff(self.flight, prepend=-1))
 
 
 @dataclass(frozen=True)
@@ -120,12 +84,11 @@ class HeldOut:
     """Sums over each fold of days, for the disagreement with the reference of held-out reports.
 
     The squared vector disagreement after a correction by ``delta = x'theta``, with the reference's
-    bias b removed, is ``before - 2 offset'b + weight b'b - 2 theta'(linear - bias b) +
+    bias b removed, is a constant plus ``-2 offset'b + weight b'b - 2 theta'(linear - bias b) +
     theta' square theta + O(delta^3)``, summed with the robust weights of the fit.
     """
 
     weight: Array  # (folds,)
-    before: Array  # (folds,), m2 s-2
     linear: Array  # (folds, 5)
     square: Array  # (folds, 5, 5)
     bias: Array  # (folds, 5, 2)
@@ -184,13 +147,7 @@ class _Pass:
     """
 
     def __init__(
-        self,
-        reports: Reports,
-        theta: Array,
-        scatter: Scatter | None,
-        *,
-        joint: bool,
-        parted: bool = True,
+        self, reports: Reports, theta: Array, scatter: Scatter | None, *, joint: bool
     ) -> None:
         s, b_u, b_v = theta[COMPASS:]
         deviation = theta[:COMPASS] @ reports.basis
@@ -204,7 +161,7 @@ class _Pass:
                 reports.implied * np.cos(self.rest) - speed + b_u * self.sine + b_v * self.cosine,
             ]
         )
-        self.scatter = scatter or _robust_scatter(self.residual, reports.variance, parted=parted)
+        self.scatter = scatter or _robust_scatter(self.residual, reports.variance)
         known = self.scatter.part * reports.variance
         self.weight = np.stack(
             [1.0 / (self.scatter.cross + known), 1.0 / (self.scatter.along + known)]
@@ -230,20 +187,13 @@ class _Pass:
 
     def flight_scores(self, reports: Reports, flights: int) -> Array:
         """Return the score of each flight, shape (flights, 8)."""
-        found = np.zeros((flights, LOCAL))
         each = self.weighted[0] * self.residual[0] + self.weighted[1] * self.residual[1]
-        opens = reports.opens
-        found[reports.flight[opens]] = -np.add.reduceat(each, opens, axis=1).T
-        return found
+        return -group_sums(each.T, reports.flight, flights)
 
     def flight_normals(self, reports: Reports, flights: int) -> Array:
         """Return the normal matrix of each flight, shape (flights, 8, 8)."""
-        found = np.zeros((flights, LOCAL, LOCAL))
-        edges = np.append(reports.opens, reports.flight.size)
-        for begin, end in pairwise(edges.tolist()):
-            for weighted, design in zip(self.weighted, self.design, strict=True):
-                found[reports.flight[begin]] += weighted[:, begin:end] @ design[:, begin:end].T
-        return found
+        each = np.einsum("kin,kjn->nij", np.stack(self.weighted), self.design, optimize=False)
+        return group_sums(each, reports.flight, flights)
 
     def block_rows(self, reports: Reports) -> Array:
         """Return what is summed over blocks, shape (15, n).
@@ -265,32 +215,28 @@ class _Pass:
 
     def held_out(self, reports: Reports, fold: Index) -> HeldOut:
         """Return the sums of each fold; ``fold`` (n,) is that of each report."""
-        order, counts = np.argsort(fold, kind="stable"), np.bincount(fold, minlength=FOLDS)
-        opens = np.cumsum(counts) - counts
-        product = reports.airspeed * reports.implied * self.tukey
+        heading, speed = reports.heading, reports.airspeed * self.tukey
+        product = speed * reports.implied
         sine = product * np.sin(reports.heading_error)
         cosine = product * np.cos(reports.heading_error)
-        apart = (reports.airspeed - reports.implied) ** 2 * self.tukey + 2.0 * (product - cosine)
-        heading, speed = reports.heading, reports.airspeed * self.tukey
-        toward = heading - reports.heading_error
+        toward, other = heading - reports.heading_error, reports.implied * self.tukey
         # V_A - V'_A, of which the bias is a part
         difference = np.stack(
             [
-                speed * np.sin(heading) - reports.implied * self.tukey * np.sin(toward),
-                speed * np.cos(heading) - reports.implied * self.tukey * np.cos(toward),
+                speed * np.sin(heading) - other * np.sin(toward),
+                speed * np.cos(heading) - other * np.cos(toward),
             ]
         )
         normal = np.stack([speed * np.cos(heading), -speed * np.sin(heading)])
         found = HeldOut(
             np.bincount(fold, weights=self.tukey, minlength=FOLDS).astype(np.float64),
-            np.bincount(fold, weights=apart, minlength=FOLDS).astype(np.float64),
             np.zeros((FOLDS, COMPASS)),
             np.zeros((FOLDS, COMPASS, COMPASS)),
             np.zeros((FOLDS, COMPASS, 2)),
             np.zeros((FOLDS, 2)),
         )
-        for k, (begin, count) in enumerate(zip(opens, counts, strict=True)):
-            rows = order[begin : begin + count]
+        for k in range(FOLDS):
+            rows = np.flatnonzero(fold == k)
             basis = reports.basis[:, rows]
             found.linear[k] = basis @ sine[rows]
             found.square[k] = (basis * cosine[rows]) @ basis.T
@@ -299,37 +245,30 @@ class _Pass:
         return found
 
 
-def _robust_scatter(residual: Array, variance: Array, *, parted: bool) -> Scatter:
+def _robust_scatter(residual: Array, variance: Array) -> Scatter:
     """Return the variances of the residual from medians, which gross errors do not change.
 
     ``part``, the share of the known variance that the residuals show, comes from the halves of low
-    and high known variance; it is 0 where not ``parted``, which is enough for a start.
+    and high known variance.
     """
     cross, along = residual**2
     part, known = 0.0, 0.0
-    if parted and variance.size > 1:
-        middle = _median(variance)
-        below = variance < middle
-        if not below.any():  # more than half of the reports have the lowest variance
-            below = variance <= middle
-        small = float(variance[below].mean())
-        spread = float(variance[~below].mean()) - small if not below.all() else 0.0
-        if spread > 1e-9:
-            above, along, cross = _median(cross[~below]), along[below], cross[below]
-            part = min(max((above - _median(cross)) / MEDIAN_CHI2 / spread, 0.0), 1.0)
-            known = part * small
-    along_total, cross_total = _median(along) / MEDIAN_CHI2, _median(cross) / MEDIAN_CHI2
+    middle = np.median(variance)
+    # more than half of the reports may have the lowest variance
+    below = variance < middle if (variance < middle).any() else variance <= middle
+    small = float(variance[below].mean())
+    spread = float(variance[~below].mean()) - small if not below.all() else 0.0
+    if spread > 1e-9:
+        above, along, cross = np.median(cross[~below]), along[below], cross[below]
+        part = min(max(float(above - np.median(cross)) / MEDIAN_CHI2 / spread, 0.0), 1.0)
+        known = part * small
+    along_total, cross_total = (float(np.median(each)) / MEDIAN_CHI2 for each in (along, cross))
     # the known variance may be overstated: a tenth at least is left to the wind
     return Scatter(
         max(along_total - known, 0.1 * along_total, 1e-6),
         max(cross_total - known, 0.1 * cross_total, 1e-6),
         part,
     )
-
-
-def _median(values: Array) -> float:
-    middle = values.size // 2
-    return float(np.partition(values, middle)[middle])
 
 
 def fit_aircraft(
@@ -371,36 +310,44 @@ def fit_aircraft(
     flights, theta = flight_day.size, np.zeros(size)
     day_number, day = np.unique(flight_day, return_inverse=True)
 
-    middle = [part.take(slice(None, None, max(part.flight.size // MIDDLE, 1))) for part in members]
-    thin = [part.take(slice(None, None, max(part.flight.size // THIN, 1))) for part in middle]
-    theta, _ = _start(thin, theta, free, joint=joint, hold=False)
-    theta, scatters = _start(middle, theta, free, joint=joint, hold=True)
-    for _ in range(PASSES):
+    places = [
+        np.array([*range(COMPASS + 1), COMPASS + 1 + 2 * k, COMPASS + 2 + 2 * k])
+        for k in range(len(members))
+    ]
+    scatters: list[Scatter | None] = [None] * len(members)
+    for number in range(MOST_STEPS):
         passes = [
-            _Pass(part, theta[_place(k)], scatters[k], joint=joint)
-            for k, part in enumerate(members)
+            _Pass(part, theta[place], scatter, joint=joint)
+            for part, place, scatter in zip(members, places, scatters, strict=True)
         ]
-        normal, score, kappa = _joined(passes, size)
-        step = solve(normal[square], score[free]) / kappa
-        scores = np.zeros((flights, size))
-        for k, (part, one) in enumerate(zip(members, passes, strict=True)):
-            scores[:, _place(k)] += one.flight_scores(part, flights)
+        held = scatters[0] is not None
+        normal, score, scores = np.zeros((size, size)), np.zeros(size), np.zeros((flights, size))
+        for part, one, place in zip(members, passes, places, strict=True):
+            normal[np.ix_(place, place)] += one.normal
+            score[place] += one.score
+            scores[:, place] += one.flight_scores(part, flights)
+        total = sum(one.total for one in passes)
+        # about 0.8 for normal errors; near zero or negative where almost all residuals are gross
+        kappa = max(sum(one.slope for one in passes) / total, 0.2) if total else 1.0
+        # far from the solution most weights are zero, and the step would overshoot
+        step = solve(normal[square], score[free]) / (kappa if held else max(kappa, 0.6))
         half = solve(normal[square], scores[:, free].T @ scores[:, free])
         spread = np.sqrt(np.maximum(np.diagonal(solve(normal[square], half.T)), 0.0)) / kappa
-        converged = bool(np.all(np.abs(step) <= FINAL_STEP * spread + ENOUGH))
+        small = bool(np.all(np.abs(step) <= LARGEST_STEP * spread + ENOUGH))
         before = theta.copy()
         theta[free] += step
-        if converged:
+        if small and held:
             break
-    total = sum(one.total for one in passes)
+        if small and number:
+            scatters = [one.scatter for one in passes]
+    converged = small and held
     if not total:
         return None
 
     normals = None
     if min(flights, day_number.size) < MANY:
         every = np.zeros((flights, size, size))
-        for k, (part, one) in enumerate(zip(members, passes, strict=True)):
-            place = _place(k)
+        for part, one, place in zip(members, passes, places, strict=True):
             every[:, place[:, np.newaxis], place] += one.flight_normals(part, flights)
         normals = every[:, free[:, np.newaxis], free]
     # at the solution the scores add up to zero but for the last step
@@ -438,7 +385,7 @@ def fit_aircraft(
             one.held_out(part, fold[part.flight]) for part, one in zip(members, passes, strict=True)
         ],
         fold=fold,
-        scatters=scatters,
+        scatters=[one.scatter for one in passes],
     )
     if not with_blocks:
         return found
@@ -448,53 +395,13 @@ def fit_aircraft(
             one.block_rows(part),
             float((one.weight[0] ** 2 * (one.residual**2).sum(axis=0)).sum()),
             part,
-            before[_place(k)[SLOPES:]],
+            before[place[SLOPES:]],
             move,
             kappa,
         )
-        for k, (part, one) in enumerate(zip(members, passes, strict=True))
+        for part, one, place in zip(members, passes, places, strict=True)
     ]
     return replace(found, blocks=blocks)
-
-
-def _start(
-    few: list[Reports], theta: Array, free: Index, *, joint: bool, hold: bool
-) -> tuple[Array, list[Scatter]]:
-    """Make steps on a sample, with variances anew at each step or (``hold``) those of the first."""
-    theta = theta.copy()
-    scatters: list[Scatter] = []
-    for number in range(START_STEPS):
-        known = scatters if hold and scatters else [None] * len(few)
-        passes = [
-            _Pass(part, theta[_place(k)], one, joint=joint, parted=hold)
-            for k, (part, one) in enumerate(zip(few, known, strict=True))
-        ]
-        scatters = [one.scatter for one in passes]
-        normal, score, kappa = _joined(passes, theta.size)
-        # far from the solution most weights are zero, kappa is small and the step would overshoot
-        step = solve(normal[np.ix_(free, free)], score[free]) / max(kappa, 0.6)
-        theta[free] += step
-        small = np.all(np.abs(step) * np.sqrt(np.diagonal(normal)[free]) < START_STEP)
-        if small and (hold or number):
-            break
-    return theta, scatters
-
-
-def _place(member: int) -> Index:
-    """Places of a member's parameters among all."""
-    return np.array([*range(COMPASS + 1), COMPASS + 1 + 2 * member, COMPASS + 2 + 2 * member])
-
-
-def _joined(passes: list[_Pass], size: int) -> tuple[Array, Array, float]:
-    """Normal matrix and score of all parameters, and kappa."""
-    normal, score = np.zeros((size, size)), np.zeros(size)
-    for k, one in enumerate(passes):
-        place = _place(k)
-        normal[np.ix_(place, place)] += one.normal
-        score[place] += one.score
-    total, slope = sum(one.total for one in passes), sum(one.slope for one in passes)
-    # about 0.8 for normal errors; near zero or negative where almost all residuals are gross
-    return normal, score, max(slope / total, 0.2) if total > 0 else 1.0
 
 
 def solve(normal: Array, score: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Sums of reports over short parts of a flight: what the fit of the fleet knows of the reports.
+"""Reports of an aircraft, and their sums over short parts of a flight for the fit of the fleet.
 
 Assumes that the error of the reference hardly changes over a block (about 200 km, half the distance
 between the nodes of the field), so that its reports can be placed at the middle one. The sums are
@@ -17,7 +17,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +29,7 @@ LENGTH = 240e3
 DURATIONS = (1800, 1200, 900, 600)
 """Seconds that a block may last, all of them parts of a segment."""
 FASTEST = tuple(LENGTH / seconds for seconds in DURATIONS[:-1])
-"""m/s: median airspeed up to which each but the last is used."""
+"""m/s: median airspeeds up to which these durations are used; beyond them the last."""
 SEGMENT_SECONDS = 6 * 3600
 """Time over which a passing error of the reference is taken as constant."""
 SLOPES = 6
@@ -39,37 +38,33 @@ LEAST_WEIGHT = 0.3
 """Weight, in reports, below which a block is left out: gross errors."""
 
 
-class Placed(Protocol):
-    """Reports of one aircraft with their places, sorted by flight; arrays of shape (n,)."""
+@dataclass(frozen=True)
+class Reports:
+    """Reports of one aircraft against one reference, sorted by flight; arrays of shape (n,).
 
-    @property
-    def flight(self) -> Index:
-        """Number of the flight within the aircraft."""
+    Angles in radians, speeds in m s-1; all values finite.
+    """
 
-    @property
-    def airspeed(self) -> Array:
-        """m/s."""
+    basis: Array  # (5, n): of the deviation, see `deviation_basis`
+    heading: Array  # indicated true heading
+    heading_error: Array  # against the reference
+    airspeed: Array
+    implied: Array  # airspeed that the reference implies
+    variance: Array  # known variance of a component of the residual, m2 s-2
+    flight: Index  # number of the flight within the aircraft, not decreasing
+    latitude: Array  # degrees
+    longitude: Array
+    pressure: Array  # Pa
+    time: NDArray[np.datetime64]
 
-    @property
-    def latitude(self) -> Array:
-        """Degrees."""
-
-    @property
-    def longitude(self) -> Array:
-        """Degrees."""
-
-    @property
-    def pressure(self) -> Array:
-        """Pa."""
-
-    @property
-    def time(self) -> NDArray[np.datetime64]:
-        """UTC."""
+    def take(self, index: slice | Index) -> Reports:
+        """Return some of the reports."""
+        return Reports(*(getattr(self, name)[..., index] for name in self.__dataclass_fields__))
 
 
 @dataclass(frozen=True)
 class Blocks:
-    """Sums of one aircraft's reports against one reference, at its own fit without bias.
+    """Sums of one aircraft's reports against one reference, at its fit without bias.
 
     The rows of ``sums`` are the weight (a report has one on average); the weighted residual,
     reference minus corrected wind, eastward and northward; its derivatives by A to E and the
@@ -113,7 +108,7 @@ class Blocks:
 
 
 def sum_blocks(
-    rows: Array, square: float, reports: Placed, bias: Array, step: Array, kappa: float
+    rows: Array, square: float, reports: Reports, bias: Array, step: Array, kappa: float
 ) -> Blocks:
     """Sum one aircraft's reports against one reference by block.
 
@@ -123,8 +118,7 @@ def sum_blocks(
         Weight, weighted residual and weighted derivatives of each report, as in :class:`Blocks`.
     square : float
         Sum over all reports of the square of weight times residual.
-    reports : Placed
-        Sorted by flight.
+    reports : Reports
     bias : array, shape (2,)
         Bias of the reference that was removed from the residual, m/s: it is added again.
     step : array, shape (6,)
@@ -137,10 +131,15 @@ def sum_blocks(
     -------
     Blocks
     """
-    middle = (reports.flight.size - 1) // 2
-    median = np.partition(reports.airspeed, middle)[middle]
-    seconds = DURATIONS[int(np.searchsorted(FASTEST, median))]
-    start, segment, opens = _edges(reports.flight, reports.time, seconds)
+    seconds = DURATIONS[int(np.searchsorted(FASTEST, np.median(reports.airspeed)))]
+    # a block begins where the number of its interval or the flight changes, a piece where the
+    # segment or the flight does
+    flight, time = reports.flight, reports.time.astype("datetime64[s]").astype(np.int64)
+    number = time // seconds
+    start = _changes(number, flight)
+    segment = number[start] // (SEGMENT_SECONDS // seconds)
+    opens = np.zeros(start.size, dtype=np.int32)
+    opens[_changes(segment, flight[start])] = 1
     stop = np.append(start[1:], reports.flight.size)
     count, at = stop - start, (start + stop) // 2
     sums = np.add.reduceat(rows, start, axis=1)
@@ -167,16 +166,8 @@ def sum_blocks(
     )
 
 
-def _edges(
-    flight: Index, time: NDArray[np.datetime64], seconds: int
-) -> tuple[Index, Index, NDArray[np.bool_]]:
-    """First report of each block, its segment, and whether it is the first of its piece."""
-    ticks = np.array(seconds, dtype="timedelta64[s]").astype(time.dtype.str.replace("M8", "m8"))
-    number = time.view(np.int64) // int(ticks.astype(np.int64))
-    change = np.ones(number.size, dtype=np.bool_)
-    change[1:] = (number[1:] != number[:-1]) | (flight[1:] != flight[:-1])
-    start = np.flatnonzero(change)
-    segment = number[start] // (SEGMENT_SECONDS // seconds)
-    opens = np.ones(start.size, dtype=np.bool_)
-    opens[1:] = (segment[1:] != segment[:-1]) | (flight[start][1:] != flight[start][:-1])
-    return start, segment, opens
+def _changes(first: Index, second: Index) -> Index:
+    """Places where one of two arrays differs from its value before, and 0."""
+    change = np.ones(first.size, dtype=np.bool_)
+    change[1:] = (first[1:] != first[:-1]) | (second[1:] != second[:-1])
+    return np.flatnonzero(change)

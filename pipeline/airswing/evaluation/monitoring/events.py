@@ -29,8 +29,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from airswing.compass.correction import curve_standard_error
-from airswing.compass.table import NODES, SIGNS, error_from_table
+from airswing.compass.table import NODES, SIGNS, curve_standard_error, error_from_table
 from airswing.errors import InputError
 from airswing.evaluation.monitoring.changes import (
     CompassWatch,

@@ -15,8 +15,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from airswing.compass.correction import curve_standard_error
-from airswing.compass.table import deviation_curve
+from airswing.compass.table import curve_standard_error, deviation_curve
 from airswing.errors import InputError
 from airswing.evaluation.disagreement import member_mean
 from airswing.flags import STATUS, published
