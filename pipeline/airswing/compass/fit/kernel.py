@@ -59,9 +59,9 @@ CUT_2D, CUT_1D = 5.0, 4.685
 """Tukey's constants: 95 % efficiency for a normal vector (two components) and a scalar."""
 MEDIAN_CHI2 = 0.4549
 """Median of the square of a standard normal variable."""
-LARGEST_STEP = 3.0
+LARGEST_STEP = 0.3
 """Clustered standard errors below which a step ends the iteration: a Newton step with robust
-weights leaves 2 to 3 % of itself, here less than a tenth of the standard error."""
+weights leaves 2 to 3 % of itself, here a hundredth of the standard error."""
 MOST_STEPS = 40
 """Limit of the number of steps; five to ten are usual."""
 ENOUGH = 2e-6
