@@ -17,9 +17,11 @@ from airswing.compass.plausibility import (
 )
 from airswing.flags import STATUS
 from airswing.physics.atmosphere import pressure_from_altitude, standard_temperature
+from airswing.reports import Audit
 from airswing.units import FOOT, KNOT, ZERO_CELSIUS
 
 AIRCRAFT, FLIGHTS, REPORTS = 4, 6, 40
+Function = Callable[[np.ndarray], np.ndarray]
 Change = Callable[[dict[str, np.ndarray]], dict[str, np.ndarray]]
 
 
@@ -46,10 +48,12 @@ def archive(change: Change = dict, *, temperature: bool = True) -> xr.Dataset:
         "reported_airspeed": airspeed * (1 + rng.normal(0, 0.01, size)),
         "reported_heading": np.degrees(course) % 360.0,
         "ground": ground,
+        "reference": reference,
     }
     fields = {**fields, **change(fields)}
     if not temperature:
         fields["air_temperature"] = np.full(size, np.nan)
+    reference = fields["reference"]
     turn = np.radians(fields["direction"])
     columns = {
         "time": (np.datetime64("2009-01-05", "ns") + (seconds * 1e9).astype("m8[ns]")),
@@ -61,7 +65,7 @@ def archive(change: Change = dict, *, temperature: bool = True) -> xr.Dataset:
         "ground_eastward_velocity": fields["ground"].real,
         "ground_northward_velocity": fields["ground"].imag,
         "declination": np.full(size, -14.0),
-        "wind_source": np.zeros(size),
+        "wind_source": fields.get("wind_source", np.zeros(size)),
     }
     names = ("pressure_altitude", "air_temperature", "reported_airspeed", "reported_heading")
     columns |= {name: fields[name] for name in names}
@@ -76,11 +80,37 @@ def archive(change: Change = dict, *, temperature: bool = True) -> xr.Dataset:
     )
 
 
+def speed_and_direction(fields: dict[str, np.ndarray]) -> np.ndarray:
+    turn = np.radians(fields["direction"])
+    return -fields["speed"] * (np.sin(turn) + 1j * np.cos(turn))
+
+
+def triangle(
+    heading: Function = np.asarray, track: Function = np.asarray, ground: float = 1.0
+) -> Change:
+    """Winds derived from headings, airspeeds and ground vectors with a mistake in one of them."""
+
+    def change(fields: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        reported = heading(fields["reported_heading"])
+        moved = track(np.degrees(np.pi / 2 - np.angle(fields["ground"])) % 360.0)
+        wind = ground * np.abs(fields["ground"]) * np.exp(1j * np.radians(90 - moved))
+        wind = wind - fields["reported_airspeed"] * np.exp(1j * np.radians(90 - reported))
+        wind[(np.abs(wind) > 150.0) | (moved > 360.0)] = np.nan  # as on reading
+        return {
+            "speed": np.abs(wind),
+            "direction": np.degrees(np.arctan2(-wind.real, -wind.imag)) % 360.0,
+            "reported_heading": reported,
+            "wind_source": np.ones(wind.size),
+        }
+
+    return change
+
+
 def scaled(name: str, factor: float) -> Change:
     return lambda fields: {name: factor * fields[name]}
 
 
-def turned(function: Callable[[np.ndarray], np.ndarray]) -> Change:
+def turned(function: Function) -> Change:
     return lambda fields: {"direction": function(fields["direction"])}
 
 
@@ -98,6 +128,13 @@ def test_sound_reports_are_plausible():
         (scaled("speed", 3.6), "wind_speed", "values in km/h read as m/s"),
         (scaled("speed", 10.0), "wind_speed", "values in tenths"),
         (turned(np.radians), "wind_direction", "radians"),
+        (turned(lambda angle: angle / 0.9), "wind_direction", "grads"),
+        (triangle(heading=np.radians), "reported_heading", "radians"),
+        (triangle(heading=lambda angle: angle / 0.9), "reported_heading", "grads"),
+        (triangle(heading=lambda angle: angle + 180.0), "reported_heading", "opposite"),
+        (triangle(track=np.radians), "track", "radians"),
+        (triangle(track=lambda angle: angle / 0.9), "track", "grads"),
+        (triangle(ground=KNOT), "ground_speed", "values in m/s read as kt"),
         (turned(lambda angle: angle / 10.0), "wind_direction", "tens of degrees"),
         (turned(lambda angle: (angle + 180.0) % 360.0), "wind_direction", "opposite"),
         (turned(lambda angle: (90.0 - angle) % 360.0), "wind_direction", "exchanged"),
@@ -194,11 +231,7 @@ def test_headings_of_the_other_kind_are_named_and_not_refused(
 
 def test_the_status_and_the_sentence():
     fits = xr.Dataset(
-        {
-            "status": (("reference", "aircraft"), np.array([[0, 1, 4, 7, 0]], dtype=np.int8)),
-            "residual_rms_before": (("reference", "aircraft"), np.full((1, 5), 4.0)),
-            "residual_rms_after": (("reference", "aircraft"), np.full((1, 5), 3.9)),
-        },
+        {"status": (("reference", "aircraft"), np.array([[0, 1, 4, 7, 0]], dtype=np.int8))},
         coords={"reference": ["ruc"], "aircraft": ["A", "B", "C", "D", "E"]},
     )
     marked = with_implausible(fits, plausibility(archive(scaled("speed", KNOT))))
@@ -210,20 +243,31 @@ def test_the_status_and_the_sentence():
     assert plausibility_warnings(with_implausible(fits, [])) == []
 
 
-def test_a_deviation_that_explains_the_heading_error_is_no_wrong_unit():
-    """Six degrees of deviation change the speeds of light winds as a wrong unit would."""
-    aircraft = ("reference", "aircraft")
-    fits = xr.Dataset(
-        {
-            "status": (aircraft, np.zeros((1, 5), dtype=np.int8)),
-            "residual_rms_before": (aircraft, np.full((1, 5), 4.0)),
-            "residual_rms_after": (aircraft, np.array([[1.0, 2.7, 2.9, 3.9, 4.0]])),
-        },
-        coords={"reference": ["ruc"], "aircraft": ["A", "B", "C", "D", "E"]},
-    )
-    marked = with_implausible(fits, plausibility(archive(scaled("speed", KNOT))))
-    bad = STATUS["implausible_reports"]
-    assert marked["status"].values.tolist()[0][:4] == [0, 0, bad, bad]
+@pytest.mark.parametrize("amplitude", [25.0, 30.0])
+@pytest.mark.parametrize("strength", [1.0, 0.3])
+def test_a_large_deviation_and_weak_winds_are_no_wrong_unit(amplitude: float, strength: float):
+    def deviated(fields: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        wind = strength * speed_and_direction(fields)
+        air = fields["ground"] - wind
+        heading = np.pi / 2 - np.angle(air)
+        turned = fields["ground"] - air * np.exp(-1j * np.radians(amplitude) * np.sin(heading))
+        return {
+            "speed": np.abs(turned),
+            "direction": np.degrees(np.arctan2(-turned.real, -turned.imag)) % 360.0,
+            "reference": strength * fields["reference"],
+            "reported_heading": np.full(wind.size, np.nan),
+        }
+
+    assert plausibility(archive(deviated)) == []
+
+
+def test_values_that_were_impossible_on_reading():
+    made = archive(lambda fields: {"air_temperature": np.full(fields["speed"].size, np.nan)})
+    audit = Audit(read=960, mistakes={"air_temperature": "values in K read as degrees Celsius"})
+    audit.repair("air_temperature_out_of_range", 960)
+    (finding,) = plausibility(made.assign_attrs(reading_audit=audit.as_json()))
+    assert (finding.quantity, finding.share) == ("air_temperature", 1.0)
+    assert "values in K" in str(finding)
 
 
 @pytest.mark.parametrize(

@@ -164,6 +164,7 @@ def test_flights_of_one_aircraft_are_contiguous(tmp_path: Path):
     both = pd.concat([flight(flight="A"), flight(flight="B", longitude=10.0)])
     ds, audit = read(tmp_path, both.sort_values("time"))
     assert audit["dropped"] == {}
+    assert ds["aircraft"].to_numpy().tolist() == ["N412XJ-1", "N412XJ-2"]
     assert ds["flight"].to_numpy().tolist() == [0] * 10 + [1] * 10
     assert (np.diff(ds["time"].to_numpy().astype(np.int64)).reshape(-1)[:9] > 0).all()
 

@@ -174,11 +174,20 @@ def test_what_columns_lack_is_said(tmp_path: Path):
     assert notes_of(read_reports(write(tmp_path / "d.csv", table))) == ""
 
 
-def test_two_aircraft_under_one_address_are_said(tmp_path: Path):
-    both = pd.concat([flight(flight="A"), flight(flight="B", longitude=10.0)])
-    reports = read_reports(write(tmp_path / "a.csv", both))
-    assert reports.sizes["report"] == 20
-    assert reports["flight"].to_numpy().tolist() == [0] * 10 + [1] * 10
+@pytest.mark.parametrize("labels", [("KLM12", "BAW7"), ("", "BAW7"), ("", "")])
+def test_two_aircraft_under_one_address_are_separated(tmp_path: Path, labels: tuple[str, str]):
+    """Three days of two aircraft; on one day each flies alone, on another they meet in place."""
+    days = [
+        flight(flight=label, longitude=east + place, start=f"2009-01-0{day}T{clock}:00:{second}")
+        for label, east, second in zip(labels, (-87.0, 10.0), ("00", "40"), strict=True)
+        for day, clock, place in ((5, "12", 0.0), (5, "15", 4.0), (6, "12", 2.0))
+    ]
+    alone = flight(flight=labels[0], longitude=-86.0, start="2009-01-08T12:00:00")
+    reports = read_reports(write(tmp_path / "a.csv", pd.concat([*days, alone])))
+    assert reports["aircraft"].values.tolist() == ["N412XJ-1", "N412XJ-2"]
+    assert reports["row_size"].values.tolist() == [40, 30]
+    assert (reports["longitude"].values[:40] < -80.0).all()
+    assert set(np.diff(reports["flight"])) == {0, 1}
     assert "two aircraft seem to share one identifier" in notes_of(reports)
 
 

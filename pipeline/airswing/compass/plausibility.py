@@ -9,31 +9,45 @@ Tests
 -----
 Of each aircraft with at least 100 reports and 3 flights (at most 2,000 reports, evenly spread), and
 of all other aircraft together, because the errors of one flight are alike. Let w be the reported
-wind, r the reference wind, g the ground velocity.
+wind, r the reference wind, g the ground velocity, c the wind w after removal of a deviation curve
+A to E fitted to the directions of ``g - w`` and ``g - r``.
 
+* Impossible values: more than half of a quantity's values are beyond their physical limits.
+* Position: the median speed between positions above 3,000 m is below 20 m/s.
 * Altitude and temperature: the median of ``|T - T_ISA(z)|`` is above 18 K, or T changes by less
   than 0.55 or more than 1.5 times T_ISA; and under one mistake of z or T neither is so and the
   median is below 12 K and less than half. Without temperatures: more than 30 % of the airspeeds
   ``|g - r|`` exceed 195 m/s calibrated airspeed (380 kt; no airliner is certified for more than
-  365 kt).
-* Ground speed: the median of ``|g|`` over the speed between positions is outside 0.8 to 1.25.
+  365 kt), or 95 % of the reports are below 600 m at airspeeds above 80 m/s.
+* Ground speed: the median of its ratio to the speed between positions is outside 0.8 to 1.25.
+  Where the wind is derived, the ground vector as reported is the sum of the wind and the air vector
+  as reported.
+* Track, heading: the mean square of ``sin(angle / 2)`` between the track and the direction between
+  positions, or the heading and ``g - r`` less a deviation curve, is at least `RATIO` times smaller
+  under one mistake; or the mean cosine of the angle is below 0.7 and no mistake explains it.
 * Airspeed: the median of ``TAS / |g - r|`` is outside 0.8 to 1.25, or is that of indicated
   airspeeds.
-* Heading: the mean cosine of the angle between heading and ``g - r`` is below 0.7.
+* Headings that are tracks: 90 % of the headings are within 0.3 degrees of the reported track, where
+  the reference implies drift angles of 2 degrees (root mean square) and more.
 * Kind of heading: the offsets of the headings from ``g - r`` are minus the declination (magnetic
   headings mapped as true) or the declination (the reverse), by the odds of
   :mod:`airswing.compass.heading_kind`. This is said, but the fits are kept, because an offset that
   is constant over the area of flight is corrected like any other.
-* Ground velocity in winds: the regression of ``w - r`` on g is beyond 0.2 on either side. A compass
-  error acts across g only, and an airspeed scale error of 5 % gives 0.05.
-* Wind speed: regression of w on r gives the lower bound of the scale of w, that of r on w the upper
-  bound (each is attenuated by the noise of the other). Implausible where 1 is outside by more than
-  a quarter; mistakes of less than that (mph for kt) remain unnoticed.
-* Wind direction: the vector correlation of w and r is below 0.6, and above 0.75 (and 0.3 more)
-  under one mistake; or the directions reach only a part of the circle where the reference's do not;
-  or the correlation is below 0.2 over 200 reports.
+* Wind direction: ``|w - r|^2`` under one mistake is on average at least `RATIO` times smaller than
+  ``|c - r|^2``; or the directions reach only a part of the circle where the reference's do not,
+  and agree with it there in direction and speed; or the vector correlation of c and r is below
+  0.2 over 200 reports.
+* Wind speed: regression of the component of w along g on that of r gives the lower bound of the
+  scale of w, that of r on w the upper bound (each is attenuated by the noise of the other).
+  Implausible where 1 is outside by more than a quarter; mistakes of less than that (mph for kt)
+  remain unnoticed. A compass error acts across g only, and an error of the airspeed adds a constant
+  along g, so that neither looks like a wrong unit.
 
-The last three need reference winds of at least 5 m/s (root mean square; 8 m/s for "unrelated").
+The wind tests need reference winds of at least 5 m/s (root mean square; 8 m/s for "unrelated").
+
+Calibration
+-----------
+`RATIO`: see ``python -m benchmarks.units``.
 
 Validity
 --------
@@ -47,6 +61,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -56,29 +71,34 @@ from airswing.compass.heading_kind import taken_for
 from airswing.flags import STATUS, WIND_SOURCE, published
 from airswing.physics.airspeed import airspeed_from_calibrated
 from airswing.physics.atmosphere import pressure_from_altitude, standard_temperature
-from airswing.physics.great_circle import central_angle
 from airswing.physics.triangle import wrap_degrees
 from airswing.products.ragged import blocks, row_bounds
 from airswing.units import EARTH_RADIUS, FOOT, KNOT, ZERO_CELSIUS
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-Sample = Mapping[str, Array]
+Sample = Mapping[str, NDArray[Any]]
 
 FEWEST, MOST = 30, 2000  # reports: needed for a test, and used of an aircraft
 FEWEST_OF_AIRCRAFT, FEWEST_FLIGHTS = 100, 3  # for an aircraft to be judged by itself
 FASTEST_CALIBRATED = 195.0  # m/s, 380 kt
-_NEEDED = (
+RATIO = 2.0
+"""By which a mistake of an angle must reduce the mean square difference (see Calibration)."""
+LARGEST_DEVIATION = 45.0  # degrees: validity of the fit
+SAME_COLUMN = 2.0 / 3.0
+"""Share of the aircraft from which on a finding holds for all, because a column has one unit."""
+HIGH, SLOWEST = 3000.0, 20.0  # m, m/s: no aircraft flies so slowly at such altitudes
+LOWEST, FASTEST_LOW = 600.0, 80.0  # m, m/s: no aircraft flies all its reports so low and so fast
+_VECTORS = {
+    "wind": ("eastward_wind", "northward_wind"),
+    "reference": ("reference_eastward_wind", "reference_northward_wind"),
+    "ground": ("ground_eastward_velocity", "ground_northward_velocity"),
+}
+_NUMBERS = (
     "time",
     "latitude",
     "longitude",
     "flight",
-    "eastward_wind",
-    "northward_wind",
-    "reference_eastward_wind",
-    "reference_northward_wind",
-    "ground_eastward_velocity",
-    "ground_northward_velocity",
     "pressure_altitude",
     "air_temperature",
     "reported_airspeed",
@@ -86,8 +106,9 @@ _NEEDED = (
     "declination",
     "wind_source",
 )
-_SAMPLED = (*_NEEDED, "chord_speed")
+_NEEDED = (*_NUMBERS, *(name for pair in _VECTORS.values() for name in pair))
 _KMH = 1.0 / 3.6  # m/s
+
 _SPEED_MISTAKES = {
     "values in m/s read as kt": KNOT,
     "values in kt read as m/s": 1.0 / KNOT,
@@ -110,23 +131,32 @@ _TEMPERATURE_MISTAKES: dict[str, Callable[[Array], Array]] = {
     ),
     "minus signs missing": lambda kelvin: ZERO_CELSIUS - np.abs(kelvin - ZERO_CELSIUS),
 }
-# Of a direction in degrees: what it would be without the mistake.
-_DIRECTION_MISTAKES: dict[str, Callable[[Array], Array]] = {
+# Of an angle in degrees: what it would be without the mistake.
+_ANGLE_MISTAKES: dict[str, Callable[[Array], Array]] = {
     "values in radians read as degrees": np.degrees,
+    "values in grads read as degrees": lambda angle: 0.9 * angle,
     "values in tens of degrees read as degrees": lambda angle: 10.0 * angle,
     "opposite directions": lambda angle: angle + 180.0,
     "angles anticlockwise from east, or exchanged components": lambda angle: 90.0 - angle,
     "angles anticlockwise from north": lambda angle: -angle,
 }
 _NAMES = {
+    "position": "positions",
+    "pressure": "pressures",
     "pressure_altitude": "pressure altitudes",
     "air_temperature": "temperatures",
-    "reported_airspeed": "true airspeeds",
+    "reported_airspeed": "airspeeds",
+    "indicated_airspeed": "indicated airspeeds",
+    "mach": "Mach numbers",
     "reported_heading": "headings",
+    "magnetic_heading": "magnetic headings",
     "ground_speed": "ground speeds",
+    "track": "tracks",
     "ground_velocity": "ground speeds or tracks",
     "wind_speed": "wind speeds",
     "wind_direction": "wind directions",
+    "eastward_wind": "eastward winds",
+    "northward_wind": "northward winds",
 }
 
 
@@ -137,8 +167,8 @@ class Finding:
     Attributes
     ----------
     quantity : str
-        ``wind_speed, wind_direction, pressure_altitude, air_temperature, reported_airspeed,
-        reported_heading, ground_speed`` or ``ground_velocity``.
+        A variable of the reports, or ``position, wind_speed, wind_direction, ground_speed, track,
+        ground_velocity``.
     likely : str
         The likely mistake, empty where none explains the values.
     evidence : str
@@ -178,7 +208,8 @@ def plausibility(headings: xr.Dataset, *, references: Sequence[str] | None = Non
     ----------
     headings : Dataset
         Headings of every report (``headings/``), in memory or lazy. Screened reports count too,
-        because implausible ones are screened out.
+        because implausible ones are screened out. Values that are impossible were removed on
+        reading; they are counted in its attribute ``reading_audit``.
     references : sequence of str, optional
         References whose mean wind is used; by default all.
 
@@ -211,27 +242,43 @@ def plausibility(headings: xr.Dataset, *, references: Sequence[str] | None = Non
                 note([tail], sample)
     if few:
         # Errors of one flight are alike: such aircraft are judged together.
-        note(few, {name: np.concatenate([one[name] for one in few.values()]) for name in _SAMPLED})
-    findings = []
-    for group in found.values():
-        tails = {tail for tail, _ in group}
-        first = group[0][1]
-        if first.factor:
-            factor = float(np.median([finding.factor for _, finding in group]))
-            likely = _speed_mistake(factor)
-            first = replace(
-                _scaled(first.quantity, factor),
-                likely=" or ".join(filter(None, (likely, first.likely))),
-            )
-        kept = tuple(tail for tail in aircraft if tail in tails)
-        findings.append(replace(first, aircraft=kept, share=len(kept) / len(aircraft)))
-    findings += _kind_of_heading(offsets, len(aircraft))
+        every = next(iter(few.values()))
+        note(few, {name: np.concatenate([one[name] for one in few.values()]) for name in every})
+    findings = [_of_fleet(group, aircraft) for group in found.values()]
+    findings += _impossible(headings, aircraft)
+    if not any(finding.quantity in ("reported_heading", "track") for finding in findings):
+        findings += _kind_of_heading(offsets, len(aircraft))
     return sorted(findings, key=lambda finding: -len(finding.aircraft))
+
+
+def _of_fleet(group: Sequence[tuple[str, Finding]], aircraft: Sequence[str]) -> Finding:
+    """One finding of those of one quantity and mistake."""
+    tails, first = {tail for tail, _ in group}, group[0][1]
+    if first.factor:
+        factor = float(np.median([finding.factor for _, finding in group]))
+        likely = " or ".join(filter(None, (_speed_mistake(factor), first.likely)))
+        first = replace(_scaled(first.quantity, factor), likely=likely)
+    if len(tails) > SAME_COLUMN * len(aircraft):
+        tails = set(aircraft)
+    kept = tuple(tail for tail in aircraft if tail in tails)
+    return replace(first, aircraft=kept, share=len(kept) / len(aircraft))
+
+
+def _impossible(headings: xr.Dataset, aircraft: Sequence[str]) -> list[Finding]:
+    """Quantities of which most values were removed on reading, with the mistake found there."""
+    audit = json.loads(headings.attrs.get("reading_audit", "{}"))
+    found = []
+    for name, likely in audit.get("mistakes", {}).items():
+        number, kept = audit["repaired"].get(f"{name}_out_of_range", 0), audit["reports_kept"]
+        if name in _NAMES and number > 0.5 * kept:
+            evidence = f"{number:,} of {kept:,} values are impossible"
+            found.append(Finding(name, likely, evidence, 0.0, tuple(aircraft), 1.0))
+    return found
 
 
 def _samples(block: xr.Dataset, members: list[int]) -> Iterable[tuple[str, Sample]]:
     size = block.sizes["report"]
-    columns: dict[str, Array] = {}
+    columns: dict[str, NDArray[Any]] = {}
     for name in _NEEDED:
         values = block[name].to_numpy() if name in block else np.full(size, np.nan)
         if values.ndim == 2:
@@ -242,7 +289,9 @@ def _samples(block: xr.Dataset, members: list[int]) -> Iterable[tuple[str, Sampl
         if name == "time":
             values = values.astype("datetime64[ns]").astype(np.int64) / 1e9
         columns[name] = values.astype(np.float64)
-    columns["chord_speed"] = _chord_speed(columns)
+    for name, (east, north) in _VECTORS.items():
+        columns[name] = columns.pop(east) + 1j * columns.pop(north)
+    columns["chord"] = _chord(columns)
     tails = np.atleast_1d(block["aircraft"].to_numpy())
     bounds = row_bounds(block["row_size"].to_numpy())
     for tail, start, stop in zip(tails, *bounds, strict=True):
@@ -250,15 +299,27 @@ def _samples(block: xr.Dataset, members: list[int]) -> Iterable[tuple[str, Sampl
         yield str(tail), {name: values[start:stop:step] for name, values in columns.items()}
 
 
-def _chord_speed(columns: Sample) -> Array:
-    """Speed (m s-1) from each position to the next of its flight, 20 to 900 s later; else NaN."""
+def _chord(columns: Mapping[str, Array]) -> Complex:
+    """Velocity (m s-1) from each position to the next of its flight, 20 to 900 s later."""
     gap = np.diff(columns["time"])
     same = (np.diff(columns["flight"]) == 0) & (gap >= 20.0) & (gap <= 900.0)
-    phi, lam = np.radians(columns["latitude"]), np.radians(columns["longitude"])
-    distance = EARTH_RADIUS * central_angle(phi[:-1], lam[:-1], phi[1:], lam[1:])
-    speed = np.full(columns["time"].size, np.nan)
-    speed[:-1][same] = distance[same] / gap[same]
-    return speed
+    phi = np.radians(columns["latitude"])
+    east = np.radians(wrap_degrees(np.diff(columns["longitude"])))
+    east *= np.cos(0.5 * (phi[1:] + phi[:-1]))
+    velocity = np.full(phi.size, np.nan, dtype=np.complex128)
+    step = EARTH_RADIUS * (east + 1j * np.diff(phi))
+    velocity[:-1][same] = step[same] / gap[same]
+    return velocity
+
+
+def _direction(vector: Complex) -> Array:
+    """Direction (degrees clockwise from north) to which vectors point."""
+    return np.asarray(np.degrees(np.arctan2(vector.real, vector.imag)))
+
+
+def _vector(length: Array, direction: Array) -> Complex:
+    """Vectors of a length that point to a direction (degrees clockwise from north)."""
+    return np.asarray(length * np.exp(1j * np.radians(90.0 - direction)))
 
 
 def findings_of(sample: Sample) -> list[Finding]:
@@ -267,31 +328,37 @@ def findings_of(sample: Sample) -> list[Finding]:
     Parameters
     ----------
     sample : mapping of arrays, shape (report,)
-        The variables of ``headings`` that the tests use (m s-1, m, K, degrees), reference winds of
-        one reference; NaN where absent.
+        The variables of ``headings`` that the tests use (m s-1, m, K, degrees); complex (eastward +
+        1j northward) ``wind``, ``reference``, ``ground`` and ``chord``; NaN where absent.
 
     Returns
     -------
     list of Finding
         Without aircraft. A mistake that explains others is named alone.
     """
+    if wrong := _position_findings(sample):
+        return wrong
     levels = _level_findings(sample)
     if wrong := _ground_findings(sample):
         return levels + wrong
     motion = [*_airspeed_findings(sample), *_heading_findings(sample)]
     # Wrong levels have other reference winds, and winds are derived from headings and airspeeds.
-    derived = bool(np.any(sample["wind_source"] > WIND_SOURCE["reported"]))
-    if levels or (motion and derived):
+    if levels or (motion and _derived(sample).any()):
         return levels + motion
-    return motion + _wind_findings(sample, derived=derived)
+    return motion + _wind_findings(sample)
 
 
-def _air(sample: Sample) -> tuple[Array, Array]:
-    """Air velocity as the reference implies it (eastward, northward)."""
-    return (
-        sample["ground_eastward_velocity"] - sample["reference_eastward_wind"],
-        sample["ground_northward_velocity"] - sample["reference_northward_wind"],
-    )
+def _derived(sample: Sample) -> NDArray[np.bool_]:
+    return np.asarray(sample["wind_source"] > WIND_SOURCE["reported"])
+
+
+def _position_findings(sample: Sample) -> list[Finding]:
+    speed = np.abs(sample["chord"])[sample["pressure_altitude"] > HIGH]
+    speed = speed[np.isfinite(speed)]
+    if speed.size < FEWEST or np.median(speed) > SLOWEST:
+        return []
+    evidence = f"the median speed between them at high level is {np.median(speed) / KNOT:.0f} kt"
+    return [Finding("position", "latitudes and longitudes in radians read as degrees", evidence)]
 
 
 def _level_findings(sample: Sample) -> list[Finding]:
@@ -299,27 +366,32 @@ def _level_findings(sample: Sample) -> list[Finding]:
     known = np.isfinite(altitude) & np.isfinite(kelvin)
     if np.count_nonzero(known) >= FEWEST:
         return _against_standard_atmosphere(altitude[known], kelvin[known])
-    speed = np.hypot(*_air(sample))
+    # Wrong levels may lie outside the reference's, which leaves the ground speed.
+    air = sample["ground"] - sample["reference"]
+    speed = np.abs(np.where(np.isnan(air), sample["ground"], air))
     known = np.isfinite(altitude) & np.isfinite(speed)
     if np.count_nonzero(known) < FEWEST:
         return []
+    altitude, speed = altitude[known], speed[known]
 
     def too_fast(factor: float) -> float:
-        pressure = pressure_from_altitude(np.clip(factor * altitude[known], -700.0, 20_000.0))
-        kelvin = standard_temperature(np.clip(factor * altitude[known], -700.0, 20_000.0))
-        return float(
-            np.mean(speed[known] > airspeed_from_calibrated(FASTEST_CALIBRATED, pressure, kelvin))
+        level = np.clip(factor * altitude, -700.0, 20_000.0)
+        limit = airspeed_from_calibrated(
+            FASTEST_CALIBRATED, pressure_from_altitude(level), standard_temperature(level)
         )
+        return float(np.mean(speed > limit))
 
-    if too_fast(1.0) <= 0.3:
+    low = np.quantile(altitude, 0.95) < LOWEST and np.median(speed) > FASTEST_LOW
+    if too_fast(1.0) <= 0.3 and not low:
         return []
-    likely = next(
-        (name for name, f in _ALTITUDE_MISTAKES.items() if f > 1.0 and too_fast(f) < 0.05), ""
-    )
+    if low:
+        likely = "flight levels read as ft"
+    else:
+        rises = (name for name, f in _ALTITUDE_MISTAKES.items() if f > 1.0 and too_fast(f) < 0.05)
+        likely = next(rises, "")
     evidence = (
         f"{too_fast(1.0):.0%} of the airspeeds are beyond any aircraft's limit at these altitudes "
-        f"(median {np.median(speed[known]) / KNOT:.0f} kt at "
-        f"{np.median(altitude[known]) / FOOT:,.0f} ft)"
+        f"(median {np.median(speed) / KNOT:.0f} kt at {np.median(altitude) / FOOT:,.0f} ft)"
     )
     return [Finding("pressure_altitude", likely, evidence)]
 
@@ -380,19 +452,62 @@ def _scaled(quantity: str, factor: float) -> Finding:
     return Finding(quantity, "", f"they are {factor:.2f} times {of_what}", factor)
 
 
+def _reported_ground(sample: Sample) -> Complex:
+    """Ground velocity as reported, in rows whose wind is derived from it; as derived without."""
+    derived = _derived(sample)
+    if not derived.any():
+        return np.asarray(sample["ground"])
+    air = _vector(sample["reported_airspeed"], sample["reported_heading"])
+    return np.where(derived, sample["wind"] + air, np.nan)
+
+
 def _ground_findings(sample: Sample) -> list[Finding]:
-    chord = sample["chord_speed"]
-    speed = np.hypot(sample["ground_eastward_velocity"], sample["ground_northward_velocity"])
-    known = np.isfinite(speed) & (chord > 20.0)
+    chord, ground = sample["chord"], _reported_ground(sample)
+    known = np.isfinite(ground) & (np.abs(chord) > 20.0)
     if np.count_nonzero(known) < FEWEST:
         return []
-    factor = float(np.median(speed[known] / chord[known]))
-    return [] if 0.8 <= factor <= 1.25 else [_scaled("ground_speed", factor)]
+    chord, ground = chord[known], ground[known]
+    factor = float(np.median(np.abs(ground) / np.abs(chord)))
+    found = [] if 0.8 <= factor <= 1.25 else [_scaled("ground_speed", factor)]
+    return found + _angle_findings(
+        "track", _direction(ground) % 360.0, _direction(chord), curve=False
+    )
+
+
+def _angle_findings(quantity: str, angle: Array, expected: Array, *, curve: bool) -> list[Finding]:
+    """Angles (degrees) that agree with what is expected of them under a mistake alone."""
+
+    def apart(angle: Array) -> float:
+        difference = wrap_degrees(angle - expected)
+        if curve:
+            difference = difference - _curve(difference, angle)
+        return float(np.mean(np.sin(np.radians(difference / 2.0)) ** 2))
+
+    agreement = float(np.mean(np.cos(np.radians(angle - expected))))
+    trials = {name: apart(corrected(angle)) for name, corrected in _ANGLE_MISTAKES.items()}
+    best = min(trials, key=lambda name: trials[name])
+    explained = apart(angle) > RATIO * trials[best]
+    if not explained and agreement >= 0.7:
+        return []
+    evidence = (
+        f"they lie between {np.quantile(angle % 360.0, 0.01):.0f} and "
+        f"{np.quantile(angle % 360.0, 0.99):.0f} degrees and do not agree with the "
+        + ("headings of ground velocity and reference wind" if curve else "positions")
+    )
+    return [Finding(quantity, best if explained else "", evidence)]
+
+
+def _curve(difference: Array, heading: Array) -> Array:
+    """Deviation curve A to E (degrees) fitted to differences of headings, at most 45 degrees."""
+    m = np.radians(heading)
+    design = np.stack([np.ones(m.size), np.sin(m), np.cos(m), np.sin(2 * m), np.cos(2 * m)], axis=1)
+    coefficients = np.linalg.lstsq(design, difference, rcond=1e-6)[0]
+    return np.clip(design @ coefficients, -LARGEST_DEVIATION, LARGEST_DEVIATION)
 
 
 def _airspeed_findings(sample: Sample) -> list[Finding]:
     reported = np.where(sample["reported_airspeed"] > 0.0, sample["reported_airspeed"], np.nan)
-    implied = np.hypot(*_air(sample))
+    implied = np.abs(sample["ground"] - sample["reference"])
     known = np.isfinite(reported) & (implied > 20.0)
     if np.count_nonzero(known) < FEWEST:
         return []
@@ -409,32 +524,28 @@ def _airspeed_findings(sample: Sample) -> list[Finding]:
 
 
 def _heading_findings(sample: Sample) -> list[Finding]:
-    heading = sample["reported_heading"]
-    air = np.degrees(np.arctan2(*_air(sample)))
+    heading, air = sample["reported_heading"], _direction(sample["ground"] - sample["reference"])
     known = np.isfinite(heading) & np.isfinite(air)
     if np.count_nonzero(known) < FEWEST:
         return []
-    heading, air = heading[known], air[known]
-
-    def agreement(angle: Array) -> float:
-        return float(np.mean(np.cos(np.radians(angle - air))))
-
-    if agreement(heading) >= 0.7:
+    if found := _angle_findings("reported_heading", heading[known], air[known], curve=True):
+        return found
+    track = _direction(_reported_ground(sample))
+    known &= _derived(sample) & np.isfinite(track)
+    if np.count_nonzero(known) < FEWEST:
         return []
-    trials = {
-        name: agreement(corrected(heading)) for name, corrected in _DIRECTION_MISTAKES.items()
-    }
-    best = max(trials, key=lambda name: trials[name])
-    evidence = (
-        f"they lie between {np.quantile(heading, 0.01):.0f} and {np.quantile(heading, 0.99):.0f} "
-        "degrees and do not agree with the headings of ground velocity and reference wind"
-    )
-    return [Finding("reported_heading", best if trials[best] > 0.9 else "", evidence)]
+    drift = wrap_degrees(track - air)[known]
+    same = float(np.mean(np.abs(wrap_degrees(heading - track)[known]) < 0.3))
+    if same < 0.9 or np.sqrt(np.mean(drift**2)) < 2.0:
+        return []
+    evidence = f"{same:.0%} of them equal the tracks"
+    return [Finding("reported_heading", "tracks mapped as headings", evidence)]
 
 
 def _heading_offset(sample: Sample) -> tuple[float, float, float] | None:
     """Offset of the headings from the reference's, its standard error and the declination."""
-    apart = wrap_degrees(sample["reported_heading"] - np.degrees(np.arctan2(*_air(sample))))
+    air = _direction(sample["ground"] - sample["reference"])
+    apart = wrap_degrees(sample["reported_heading"] - air)
     known = np.isfinite(apart) & np.isfinite(sample["declination"])
     if np.count_nonzero(known) < FEWEST:
         return None
@@ -475,77 +586,91 @@ def _kind_of_heading(
     return [Finding("reported_heading", likely, evidence, 0.0, tails, share, refused=False)]
 
 
-def _winds(sample: Sample) -> tuple[Complex, Complex]:
-    """Reported and reference wind (eastward + 1j northward) where both are known."""
-    reported = sample["eastward_wind"] + 1j * sample["northward_wind"]
-    reference = sample["reference_eastward_wind"] + 1j * sample["reference_northward_wind"]
-    known = np.isfinite(reported) & np.isfinite(reference)
-    return reported[known], reference[known]
-
-
-def _motion_in_winds(sample: Sample, *, derived: bool) -> list[Finding]:
-    """Winds that hold a part of the ground velocity."""
-    ground = sample["ground_eastward_velocity"] + 1j * sample["ground_northward_velocity"]
-    apart = (sample["eastward_wind"] - sample["reference_eastward_wind"]) + 1j * (
-        sample["northward_wind"] - sample["reference_northward_wind"]
-    )
-    known = np.isfinite(ground) & np.isfinite(apart) & (np.abs(ground) > 20.0)
-    if np.count_nonzero(known) < FEWEST:
+def _wind_findings(sample: Sample) -> list[Finding]:
+    wind, reference, ground = sample["wind"], sample["reference"], sample["ground"]
+    known = np.isfinite(wind) & np.isfinite(reference) & np.isfinite(ground)
+    known &= np.abs(ground) > 20.0
+    wind, reference, ground = wind[known], reference[known], ground[known]
+    strength = float(np.sqrt(np.mean(np.abs(reference) ** 2))) if wind.size else 0.0
+    if wind.size < FEWEST or strength < 5.0 or not np.any(wind):
         return []
-    part = float(
-        np.sum((apart[known] * ground[known].conj()).real) / np.sum(np.abs(ground[known]) ** 2)
-    )
-    if abs(part) <= 0.2:
-        return []
-    evidence = f"winds contain {part:+.2f} times the ground velocity"
-    return [Finding("ground_velocity" if derived else "wind_speed", "", evidence)]
-
-
-def _wind_findings(sample: Sample, *, derived: bool) -> list[Finding]:
-    reported, reference = _winds(sample)
-    strength = float(np.sqrt(np.mean(np.abs(reference) ** 2))) if reference.size else 0.0
-    if reported.size < FEWEST or strength < 5.0 or not np.any(reported):
-        return []
-
-    def correlation(wind: Complex) -> float:
-        product = np.sum((wind * reference.conj()).real)
-        return float(product / np.sqrt(np.sum(np.abs(wind) ** 2) * np.sum(np.abs(reference) ** 2)))
-
-    agreement = correlation(reported)
-    if agreement >= 0.6:
-        ratio = float(np.sqrt(np.mean(np.abs(reported) ** 2))) / strength
-        # The scale is between the two regressions, agreement * ratio and ratio / agreement.
-        if agreement * ratio / 1.25 <= 1.0 <= ratio / agreement * 1.25:
-            return []
-        finding = _scaled("wind_speed", ratio)
+    derived = bool(_derived(sample).any())
+    if not derived and (wrong := _wind_directions(wind, reference, ground)):
+        return wrong
+    if factor := _scale_along(wind, reference, ground, sample["flight"][known]):
+        finding = _scaled("wind_speed", factor)
         if np.count_nonzero(np.isfinite(sample["air_temperature"])) >= FEWEST:
             return [finding]
-        levels = "altitudes in m read as ft" if ratio > 1.0 else "altitudes in ft read as m"
+        levels = "altitudes in m read as ft" if factor > 1.0 else "altitudes in ft read as m"
         return [replace(finding, likely=levels)]
-    if motion := _motion_in_winds(sample, derived=derived):
-        return motion
-    direction = np.degrees(np.arctan2(-reported.real, -reported.imag)) % 360.0
-    speed = np.abs(reported)
-    trials = {}
-    for name, corrected in _DIRECTION_MISTAKES.items():
-        angle = np.radians(corrected(direction))
-        trials[name] = correlation(-speed * (np.sin(angle) + 1j * np.cos(angle)))
-    best = max(trials, key=lambda name: trials[name])
-    low, high = (float(value) for value in np.quantile(direction, [0.01, 0.99]))
-    of_reference = np.degrees(np.arctan2(-reference.real, -reference.imag)) % 360.0
-    outside = float(np.mean((of_reference < low - 20.0) | (of_reference > high + 20.0)))
-    evidence = (
-        f"they lie between {low:.0f} and {high:.0f} degrees, and the correlation with the "
-        f"reference's is {agreement:.2f}"
-    )
-    explained = trials[best] >= 0.75 and trials[best] - agreement >= 0.3
-    if explained and (trials[best] >= 0.9 or outside < 0.15):
-        return [Finding("wind_direction", best, evidence)]
-    if outside >= 0.15 and high - low <= 270.0:
-        return [Finding("wind_direction", "a part of the circle missing", evidence)]
-    if agreement < 0.2 and reported.size >= 200 and strength >= 8.0:
-        return [Finding("wind_direction", "", evidence)]
+    agreement = _agreement(_less_deviation(wind, reference, ground), reference)
+    if agreement < 0.2 and wind.size >= 200 and strength >= 8.0:
+        evidence = f"their correlation with the reference's winds is {agreement:.2f}"
+        return [Finding("ground_velocity" if derived else "wind_direction", "", evidence)]
     return []
+
+
+def _less_deviation(wind: Complex, reference: Complex, ground: Complex) -> Complex:
+    """Winds without what a deviation of the compass explains of their difference."""
+    air = ground - wind
+    heading = _direction(air)
+    error = wrap_degrees(heading - _direction(ground - reference))
+    turned = air * np.exp(1j * np.radians(_curve(error, heading)))
+    return np.asarray(ground - turned)
+
+
+def _wind_directions(wind: Complex, reference: Complex, ground: Complex) -> list[Finding]:
+    def apart(wind: Complex) -> float:
+        corrected = _less_deviation(wind, reference, ground)
+        return float(np.mean(np.abs(corrected - reference) ** 2))
+
+    comes_from, speed = _direction(-wind) % 360.0, np.abs(wind)
+    trials = {
+        name: apart(-_vector(speed, corrected(comes_from)))
+        for name, corrected in _ANGLE_MISTAKES.items()
+    }
+    best = min(trials, key=lambda name: trials[name])
+    low, high = (float(value) for value in np.quantile(comes_from, [0.01, 0.99]))
+    evidence = f"they lie between {low:.0f} and {high:.0f} degrees"
+    if apart(wind) > RATIO * trials[best]:
+        return [Finding("wind_direction", best, f"{evidence} and contradict the reference's")]
+    of_reference = _direction(-reference) % 360.0
+    share = float(np.mean((of_reference < low - 20.0) | (of_reference > high + 20.0)))
+    inside = (of_reference >= low) & (of_reference <= high)
+    # Inside winds agree; a mistake of the direction leaves the speeds as they are.
+    scale = float(np.sqrt(np.mean(speed**2) / np.mean(np.abs(reference) ** 2)))
+    if share < 0.15 or high - low > 270.0 or not 0.8 <= scale <= 1.25:
+        return []
+    if np.count_nonzero(inside) < FEWEST or _agreement(wind[inside], reference[inside]) < 0.6:
+        return []
+    missing = f"{evidence}, {share:.0%} of the reference's do not"
+    return [Finding("wind_direction", "a part of the circle missing", missing)]
+
+
+def _agreement(one: Complex, other: Complex) -> float:
+    """Vector correlation about zero."""
+    product = float(np.sum((one * other.conj()).real))
+    return product / float(np.linalg.norm(one) * np.linalg.norm(other))
+
+
+def _scale_along(wind: Complex, reference: Complex, ground: Complex, flight: Array) -> float:
+    """Scale of the winds by their components along the ground velocity; 0 where it may be one."""
+    along = ground.conj() / np.abs(ground)
+    ours, theirs = ((vector * along).real for vector in (wind, reference))
+    ours, theirs = ours - ours.mean(), theirs - theirs.mean()
+    if np.std(theirs) < 3.0 or not np.any(ours):
+        return 0.0
+    number = np.unique(flight, return_inverse=True)[1]
+
+    def lower_bound(one: Array, other: Array) -> float:
+        """Slope of the regression of one on other, less three standard errors by flight."""
+        slope = float(one @ other / (other @ other))
+        influence = np.bincount(number, weights=(one - slope * other) * other)
+        return slope - 3.0 * float(np.linalg.norm(influence) / (other @ other))
+
+    if max(lower_bound(ours, theirs), lower_bound(theirs, ours)) <= 1.25:
+        return 0.0
+    return float(np.std(ours) / np.std(theirs))
 
 
 def with_implausible(fits: xr.Dataset, findings: Sequence[Finding]) -> xr.Dataset:
@@ -568,11 +693,7 @@ def with_implausible(fits: xr.Dataset, findings: Sequence[Finding]) -> xr.Datase
     named = xr.DataArray([str(t) in tails for t in fits["aircraft"].to_numpy()], dims="aircraft")
     # Winds that a correction does not improve are a consequence of implausible reports.
     judged = published(fits["status"]) | (fits["status"] == STATUS["no_improvement"]).to_numpy()
-    # A large deviation changes the reported winds, too. Where it explains most of the variance of
-    # the heading error, the compass causes the difference of the winds and not a wrong unit.
-    explained = 1.0 - (fits["residual_rms_after"] / fits["residual_rms_before"]) ** 2
-    by_compass = (fits["status"] == STATUS["ok"]) & (explained > 0.5)
-    affected = named & xr.DataArray(judged, dims=fits["status"].dims) & ~by_compass
+    affected = named & xr.DataArray(judged, dims=fits["status"].dims)
     status = fits["status"].where(~affected, STATUS["implausible_reports"])
     return fits.assign(status=status.astype(fits["status"].dtype)).assign_attrs(
         implausible_reports=json.dumps([asdict(finding) for finding in findings])

@@ -11,16 +11,26 @@ a profile whose levels take time to climb through) or if their flight labels dif
 are a conflict and the more complete stays. Reports of one time that are kept follow the climb or
 descent around them.
 
+Two aircraft under one identifier
+---------------------------------
+Flights of one identifier that fly for half of their time while another flies are of two aircraft.
+All flights of such an identifier are then divided into sequences that one aircraft can have flown:
+each flight, in order of time, continues the sequence that has ended and whose callsigns have the
+same operator (leading letters), of these the one that ended nearest; a sequence that ended too far
+away to be there in time is not continued. The sequences become aircraft of their own, numbered from
+west to east (``4840D6-1``, ``4840D6-2``). The numbers are those of one call, in a run of one month;
+where the two aircraft do not fly at the same time within it, they remain one.
+
 Order
 -----
 Aircraft in alphabetical order, within an aircraft flights in order of their first reports, within a
-flight time. Flights of one aircraft overlap only where two aircraft report under one identifier, so
-that reports nearly always are in order of time within each aircraft.
+flight time.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from itertools import takewhile
 
 import numpy as np
 import pandas as pd
@@ -30,7 +40,13 @@ from numpy.typing import NDArray
 from airswing.flags import PHASE, PLATFORM
 from airswing.physics.triangle import direction_in_degrees, wrap_degrees
 from airswing.reports.audit import Audit
-from airswing.reports.flights import Columns, derive_flight, derive_phase, seconds_since_1970
+from airswing.reports.flights import (
+    Columns,
+    derive_flight,
+    derive_phase,
+    seconds_since_1970,
+    step_distance,
+)
 from airswing.reports.resolution import resolutions
 from airswing.units import METRES_PER_DEGREE
 from airswing.vocabulary import describe
@@ -41,6 +57,7 @@ STRAIGHT = 10.0  # degrees of heading within which an interval of averaging coun
 _SAME_PLACE, _SAME_ALTITUDE = 1e-4, 15.0  # degrees, m
 _TREND_GAP = 1200.0  # s: reports farther away show no climb or descent
 _FEWEST_OVERLAPPING = 5  # reports of a flight that overlaps another; fewer are wrong positions
+_AIRPORT = 100_000.0  # m: how far from the last report of a flight the next may begin at once
 _OUTPUT = (
     "latitude",
     "longitude",
@@ -99,7 +116,7 @@ def assemble(
         report are left out, so that it may be empty.
     """
     audit = Audit() if audit is None else audit
-    columns, tails = _gathered(parts)
+    columns, tails, labels = _gathered(parts)
     _take(columns, _order(columns))
     _drop_same_place(columns, audit, begins)
     _drop_conflicts(columns, audit, begins)
@@ -112,10 +129,11 @@ def assemble(
         kept = ((start >= begins[0]) & (start < begins[1]))[number]
         _take(columns, kept)
         flight = flight[kept]
-    audit.repair("same_identifier_at_two_places", _overlapping(columns, flight))
     audit.repair("flight_derived", int(np.count_nonzero(columns["flight"] < 0)))
-    columns["flight"] = np.unique(flight, return_inverse=True)[1].astype(np.int32)
-    _take(columns, np.lexsort((columns["flight"], columns["tail"])))
+    tails = _separate(columns, flight, tails, labels, audit)
+    order = np.lexsort((flight, columns["tail"]))
+    _take(columns, order)
+    columns["flight"] = _number_of_run(columns["tail"], flight[order])
     present, columns["tail"] = np.unique(columns["tail"], return_inverse=True)
     derived = derive_phase(columns, columns["flight"])
     unknown = columns["phase"] == PHASE["unknown"]
@@ -142,8 +160,10 @@ def assemble(
     return describe(reports)
 
 
-def _gathered(parts: Iterable[pd.DataFrame]) -> tuple[Columns, NDArray[np.object_]]:
-    """Columns of all parts with tails and labels as numbers in alphabetical order, and the tails.
+def _gathered(
+    parts: Iterable[pd.DataFrame],
+) -> tuple[Columns, NDArray[np.object_], NDArray[np.object_]]:
+    """Columns of all parts with tails and labels as numbers in alphabetical order, and the names.
 
     A report without a flight label has the number -1.
     """
@@ -156,8 +176,9 @@ def _gathered(parts: Iterable[pd.DataFrame]) -> tuple[Columns, NDArray[np.object
     tails, columns["tail"] = _numbered(frame["tail"] for frame in frames)
     labels, flight = _numbered(frame["flight"] for frame in frames)
     # The blank label comes first in alphabetical order.
-    columns["flight"] = flight - np.int32(labels.size > 0 and labels[0] == "")
-    return columns, tails
+    blank = int(labels.size > 0 and labels[0] == "")
+    columns["flight"] = flight - np.int32(blank)
+    return columns, tails, labels[blank:]
 
 
 def _numbered(
@@ -296,19 +317,79 @@ def _apart(
     return north, wrap_degrees(east), np.abs(up)
 
 
-def _overlapping(columns: Columns, flight: NDArray[np.int32]) -> int:
-    """Reports of flights that fly for half of their time while another of the aircraft flies."""
-    order = np.argsort(flight, kind="stable")
-    starts = np.flatnonzero(np.r_[True, np.diff(flight[order]) != 0][: flight.size])
-    number = np.diff(np.r_[starts, flight.size])
-    long = number >= _FEWEST_OVERLAPPING
-    starts, number = starts[long], number[long]
-    seconds, tail = seconds_since_1970(columns["time"])[order], columns["tail"][order][starts]
-    begin, end = seconds[starts], seconds[starts + number - 1]
-    common = np.minimum(end[1:], end[:-1]) - begin[1:]
-    shorter = np.minimum((end - begin)[1:], (end - begin)[:-1])
-    overlaps = (tail[1:] == tail[:-1]) & (common > 0.5 * shorter)
-    return int(np.minimum(number[1:], number[:-1])[overlaps].sum())
+def _number_of_run(*keys: NDArray[np.integer]) -> NDArray[np.int32]:
+    """Number, from 0, of the run of equal keys that each report is in."""
+    new = np.zeros(keys[0].size, dtype=bool)
+    for key in keys:
+        new[1:] |= np.diff(key) != 0
+    return np.cumsum(new).astype(np.int32)
+
+
+def _separate(
+    columns: Columns,
+    flight: NDArray[np.int32],
+    tails: NDArray[np.object_],
+    labels: NDArray[np.object_],
+    audit: Audit,
+) -> NDArray[np.object_]:
+    """Make aircraft that share an identifier aircraft of their own, in place; the new tails."""
+    flown = pd.Series(np.arange(flight.size)).groupby(flight).agg(["first", "last", "size"])
+    seconds = seconds_since_1970(columns["time"])
+    flown = flown.assign(
+        tail=columns["tail"][flown["first"]],
+        begin=seconds[flown["first"]],
+        end=seconds[flown["last"]],
+        label=pd.Series(columns["flight"]).groupby(flight).max(),
+    )
+    flown = flown[flown["size"] >= _FEWEST_OVERLAPPING]
+    before = flown.groupby("tail").shift()
+    common = np.minimum(flown["end"], before["end"]) - flown["begin"]
+    shorter = np.minimum(flown["end"] - flown["begin"], before["end"] - before["begin"])
+    overlaps = common > 0.5 * shorter
+    smaller = np.minimum(flown["size"], before["size"])
+    audit.repair("same_identifier_at_two_places", int(smaller[overlaps].sum()))
+    names = list(tails)
+    for tail in flown.loc[overlaps, "tail"].unique().tolist():
+        of_tail = flown[flown["tail"] == tail]
+        sequence = _sequences(of_tail, columns, labels)
+        east = pd.Series(columns["longitude"][of_tail["first"]]).groupby(sequence).mean()
+        place = (east.rank(method="first").astype(int) - 1 + len(names)).to_numpy()[sequence]
+        names += [f"{tails[tail]}-{k + 1}" for k in range(east.size)]
+        inside = np.flatnonzero(columns["tail"] == tail)
+        # Flights of few reports are wrong positions.
+        new = pd.Series(place, of_tail.index).reindex(flight[inside], fill_value=place[0])
+        columns["tail"][inside] = new
+    order = np.argsort(names)
+    columns["tail"] = np.argsort(order).astype(np.int32)[columns["tail"]]
+    return np.array(names, dtype=object)[order]
+
+
+def _sequences(
+    flown: pd.DataFrame, columns: Columns, labels: NDArray[np.object_]
+) -> NDArray[np.int64]:
+    """Number the sequences of flights of one identifier that one aircraft can have flown."""
+    operator = [
+        "" if code < 0 else "".join(takewhile(str.isalpha, labels[code]))
+        for code in flown["label"].tolist()
+    ]
+    ends: list[tuple[int, float, str]] = []  # of each sequence the last report
+    number = []
+    for flight, whose in zip(flown.itertuples(), operator, strict=True):
+        candidates = []
+        for sequence, (last, end, theirs) in enumerate(ends):
+            away = float(
+                step_distance(
+                    columns["latitude"][[last, flight.first]],
+                    columns["longitude"][[last, flight.first]],
+                )[0]
+            )
+            gap = flight.begin - end
+            if gap >= 0.0 and away <= FASTEST * gap + _AIRPORT:
+                candidates.append((whose != theirs, away, sequence))
+        chosen = min(candidates, default=(False, 0.0, len(ends)))[2]
+        ends[chosen : chosen + 1] = [(flight.last, flight.end, whose)]
+        number.append(chosen)
+    return np.array(number)
 
 
 def _average(

@@ -31,6 +31,7 @@ class AuditContent(TypedDict, total=False):
     files: int
     files_skipped: list[dict[str, str]]
     examples: dict[str, str]
+    mistakes: dict[str, str]
     similar_tails: list[list[str]]
     remarks: list[str]
     notes: list[str]
@@ -56,6 +57,8 @@ class Audit:
         ``file`` and ``reason`` of each file that could not be read.
     examples : dict
         The first value that could not be read, by column.
+    mistakes : dict
+        The likely mistake of the unit of a quantity of which most values are impossible.
     similar_tails : list of list of str
         Aircraft identifiers that differ only in case or blanks; they are kept apart.
     remarks : list of str
@@ -70,6 +73,7 @@ class Audit:
     formats: Counter[str] = field(default_factory=Counter)
     files_skipped: list[dict[str, str]] = field(default_factory=list)
     examples: dict[str, str] = field(default_factory=dict)
+    mistakes: dict[str, str] = field(default_factory=dict)
     similar_tails: list[list[str]] = field(default_factory=list)
     remarks: list[str] = field(default_factory=list)
 
@@ -103,6 +107,10 @@ class Audit:
         """Add the number of reports of each code of one flag field."""
         self.flags.setdefault(name, Counter()).update(counts)
 
+    def likely(self, name: str) -> str:
+        """Return the likely mistake of a quantity in brackets, or nothing."""
+        return f" ({self.mistakes[name]})" if name in self.mistakes else ""
+
     def notes(self) -> list[str]:
         """Sentences that a user should see beyond the counts of dropped reports."""
         notes = list(self.remarks)
@@ -117,12 +125,13 @@ class Audit:
                 cause = "a column it is derived from" if name == "derived_wind" else "its column"
                 notes.append(
                     f"{number:,} of the {self.kept:,} values of {name} are impossible and are not "
-                    f"used: the unit of {cause} is likely another"
+                    f"used: the unit of {cause} is likely another{self.likely(name)}"
                 )
         if flights := self.repaired["same_identifier_at_two_places"]:
             notes.append(
-                f"two aircraft seem to share one identifier in {flights:,} reports: their flights "
-                "are separated by callsign and position, but their compasses are fitted as one"
+                f"two aircraft seem to share one identifier in {flights:,} reports: they are "
+                "separated by callsign and position, and numbered from west to east "
+                "(TAIL-1, TAIL-2)"
             )
         return notes
 
@@ -139,6 +148,7 @@ class Audit:
             "files": sum(self.formats.values()),
             "files_skipped": self.files_skipped,
             "examples": self.examples,
+            "mistakes": self.mistakes,
             "similar_tails": self.similar_tails,
             "remarks": self.remarks,
             "notes": self.notes(),
@@ -160,6 +170,7 @@ class Audit:
             formats=Counter(content["formats"]),
             files_skipped=list(content["files_skipped"]),
             examples=dict(content["examples"]),
+            mistakes=dict(content.get("mistakes", {})),
             similar_tails=[list(group) for group in content.get("similar_tails", [])],
             remarks=list(content.get("remarks", [])),
         )
@@ -175,6 +186,7 @@ class Audit:
             self.codes(name, counts)
         self.files_skipped += other.files_skipped
         self.examples = other.examples | self.examples
+        self.mistakes = other.mistakes | self.mistakes
         self.similar_tails += other.similar_tails
         for sentence in other.remarks:
             self.remark(sentence)

@@ -64,6 +64,7 @@ from airswing.physics.triangle import (
 )
 from airswing.reports.audit import Audit
 from airswing.reports.values import Column, possible
+from airswing.units import FOOT, KNOT, ZERO_CELSIUS
 
 Array = NDArray[np.float64]
 
@@ -79,6 +80,8 @@ FLAGS = {
 """Flag columns and their value for missing."""
 
 LIMITS = {
+    "latitude": (-90.0, 90.0),
+    "longitude": (-180.0, 360.0),
     "wind_speed": (0.0, 150.0),
     "wind_direction": (0.0, 360.0),
     "air_temperature": (150.0, 340.0),
@@ -97,11 +100,48 @@ LIMITS = {
 }
 """Lowest and highest possible value by column, in SI (degrees for angles)."""
 
+# Usual mistakes of a unit that make values impossible: factor and offset that correct them.
+_Mistakes = dict[str, tuple[float, float]]
+_OF_POSITION: _Mistakes = {
+    "values in tenths of degrees": (0.1, 0.0),
+    "values in hundredths of degrees": (0.01, 0.0),
+    "values in minutes of arc": (1.0 / 60.0, 0.0),
+    "values in seconds of arc": (1.0 / 3600.0, 0.0),
+    **{f"values in 1e-{n} degrees": (10.0**-n, 0.0) for n in range(3, 8)},
+}
+_OF_ANGLE: _Mistakes = {name: _OF_POSITION[name] for name in list(_OF_POSITION)[:2]}
+_OF_SPEED: _Mistakes = {
+    "values in kt read as m/s": (KNOT, 0.0),
+    "values in km/h read as m/s": (1.0 / 3.6, 0.0),
+    "values in tenths": (0.1, 0.0),
+}
+_MISTAKES: dict[str, _Mistakes] = {
+    **dict.fromkeys(("latitude", "longitude"), _OF_POSITION),
+    **dict.fromkeys(("wind_speed", "eastward_wind", "northward_wind"), _OF_SPEED),
+    **dict.fromkeys(("ground_speed", "reported_airspeed", "indicated_airspeed"), _OF_SPEED),
+    **dict.fromkeys(("wind_direction", "reported_heading", "magnetic_heading", "track"), _OF_ANGLE),
+    "air_temperature": {
+        "values in K read as degrees Celsius": (1.0, -ZERO_CELSIUS),
+        "values in degrees Celsius read as K": (1.0, ZERO_CELSIUS),
+        "values in tenths of degrees Celsius": (0.1, 0.9 * ZERO_CELSIUS),
+    },
+    "pressure": {
+        "values in hPa read as Pa": (100.0, 0.0),
+        "values in Pa read as hPa": (0.01, 0.0),
+    },
+    "pressure_altitude": {
+        "values in ft read as m": (FOOT, 0.0),
+        "values in ft read as flight levels": (0.01, 0.0),
+        "values in m read as flight levels": (0.01 / FOOT, 0.0),
+    },
+    "mach": {"values in percent": (0.01, 0.0), "values in thousandths": (1e-3, 0.0)},
+}
 _ANGLES = ("wind_direction", "reported_heading", "magnetic_heading", "track")
 _KEPT = ("air_temperature", "reported_airspeed", "reported_heading")
 _FOR_DERIVED_WIND = ("magnetic_heading", "ground_speed", "track", "indicated_airspeed", "mach")
 # Names are padded with NULs (fixed-width fields) and no-break spaces (spreadsheets).
 _PADDING = string.whitespace + "\xa0\x00"
+_MANY = 0.5  # share of impossible values from which on the mistake is looked for
 _ORIGIN = 1e-6  # degrees: a position nearer to 0 N 0 E than this is an unset one
 
 
@@ -126,6 +166,11 @@ def clean(raw: pd.DataFrame, audit: Audit) -> pd.DataFrame:
     time = raw["time"].to_numpy(dtype="datetime64[ns]")
     latitude = raw["latitude"].to_numpy(dtype=np.float64)
     longitude = raw["longitude"].to_numpy(dtype=np.float64)
+    beyond = {}
+    for name, values in (("latitude", latitude), ("longitude", longitude)):
+        low, high = LIMITS[name]
+        beyond[name] = (values < low) | (values > high)
+        _name_mistake(name, values, beyond[name], audit)
     blank = raw["time_blank"].to_numpy() if "time_blank" in raw else np.isnat(time)
     keep = np.ones(len(raw), dtype=bool)
     for reason, bad in (
@@ -134,8 +179,8 @@ def clean(raw: pd.DataFrame, audit: Audit) -> pd.DataFrame:
         ("unparsable_time", np.isnat(time) & ~blank),
         ("time_out_of_range", ~possible(time)),
         ("missing_position", ~np.isfinite(latitude) | ~np.isfinite(longitude)),
-        ("latitude_out_of_range", np.abs(latitude) > 90.0),
-        ("longitude_out_of_range", (longitude < -180.0) | (longitude > 360.0)),
+        ("latitude_out_of_range", beyond["latitude"]),
+        ("longitude_out_of_range", beyond["longitude"]),
     ):
         audit.drop(reason, int(np.count_nonzero(keep & bad)))
         keep &= ~bad
@@ -183,8 +228,27 @@ def _number(raw: pd.DataFrame, name: str, audit: Audit) -> Array:
     with np.errstate(invalid="ignore"):
         bad = (values < low) | (values > high) | np.isinf(values)
     audit.repair(f"{name}_out_of_range", int(np.count_nonzero(bad)))
+    _name_mistake(name, values, bad, audit)
     values[bad] = np.nan
     return values
+
+
+def _name_mistake(name: str, values: Array, bad: NDArray[np.bool_], audit: Audit) -> None:
+    """Name the mistake under which values, of which many are impossible, all become possible.
+
+    One value that stands for missing ones (9999) is no mistake of the unit.
+    """
+    low, high = LIMITS[name]
+    if np.count_nonzero(bad) < _MANY * np.count_nonzero(np.isfinite(values)):
+        return
+    wrong = values[bad & np.isfinite(values)]
+    if wrong.size < 2 or np.ptp(wrong) == 0.0:
+        return
+    for likely, (factor, offset) in _MISTAKES[name].items():
+        corrected = factor * values + offset
+        if np.mean((corrected < low) | (corrected > high)) < 0.02:
+            audit.mistakes.setdefault(name, likely)
+            return
 
 
 def _levels(raw: pd.DataFrame, audit: Audit) -> dict[str, Array]:

@@ -89,6 +89,15 @@ def read_file(
         if format != "auto" and (refusal := refusal_of(first_bytes(path), path)) is not None:
             raise refusal from error
         raise
+    for name in ("latitude", "longitude"):
+        # A wrong unit leaves some values possible and wrong.
+        if (dropped := audit.dropped[f"{name}_out_of_range"]) > 0.5 * audit.read:
+            raise InputError(
+                f"{dropped:,} of {audit.read:,} values are impossible{audit.likely(name)}",
+                file=path,
+                field=name,
+                remedy="Positions are in degrees north and east; map the column with its unit",
+            )
     if len(pieces) == 1:
         return pieces[0], audit
     labels = {
@@ -255,7 +264,10 @@ def expand(files: str | Path | Iterable[str | Path]) -> list[Path]:
 
 def none_usable(audit: Audit) -> InputError:
     """Return the error that says why no report is usable."""
-    reasons = ", ".join(f"{reason} {n}" for reason, n in audit.dropped.most_common())
+    reasons = ", ".join(
+        f"{reason} {n}{audit.likely(reason.removesuffix('_out_of_range'))}"
+        for reason, n in audit.dropped.most_common()
+    )
     unread = ", ".join(f"{name} such as {value}" for name, value in audit.examples.items())
     return InputError(
         "no usable report",

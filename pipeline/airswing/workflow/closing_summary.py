@@ -19,7 +19,7 @@ from airswing.compass.plausibility import plausibility_warnings
 from airswing.config import Config
 from airswing.evaluation.monitoring import change_warnings
 from airswing.flags import STATUS
-from airswing.report.run.page_numbers import disagreement, kept_reports
+from airswing.report.run.page_numbers import disagreement, kept_reports, screening_warnings
 from airswing.report.run.reading_warnings import reading_warnings, reference_warnings, tally
 from airswing.units import NORMAL_95
 from airswing.workflow.job import main_reference, months_text
@@ -91,6 +91,7 @@ def summarise(
         "disagreement_kt": {"before": apart.total.before, "after": apart.total.after},
         "warnings": [
             *plausibility_warnings(fits),
+            *screening_warnings(headings),
             *reading_warnings(tally(headings, "reading_audit")),
             *reference_warnings(tally(headings, "reference_audit")),
             *heading_kind_warnings(fits, main),

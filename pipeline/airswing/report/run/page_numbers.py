@@ -127,6 +127,18 @@ def screening_audit(headings: xr.Dataset) -> list[Rule]:
     return sorted((rule for rule in rules if rule.together), key=lambda rule: -rule.together)
 
 
+def screening_warnings(headings: xr.Dataset) -> list[str]:
+    """Return a warning where screening kept less than a third of the reports, or none."""
+    kept, number = kept_reports(headings), headings.sizes["report"]
+    if 3 * kept >= number:
+        return []
+    first = screening_audit(headings)[0]
+    return [
+        f"screening kept {kept:,} of {number:,} reports ({kept / number:.0%}): the rule "
+        f"{first.name} left out most, {first.together:,} ({first.alone:,} of them alone)"
+    ]
+
+
 def kept_reports(headings: xr.Dataset) -> int:
     """Return the number of reports that passed every screening rule."""
     return sum(int(used(block).sum()) for block in blocks(headings, ["screening"]))
