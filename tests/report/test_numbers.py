@@ -116,6 +116,10 @@ def test_screening_counts_together_and_alone() -> None:
     headings["screening"][:] = [turn, turn, turn | roll, roll, 0, 0, 0, 0, 0, 0]
     assert page_numbers.screening_audit(headings) == [("turn", 3, 2), ("roll", 2, 1)]
     assert page_numbers.kept_reports(headings) == 6
+    assert page_numbers.screening_warnings(headings) == []
+    headings["screening"][:] = [turn] * 7 + [roll | turn, 0, 0]
+    (warning,) = page_numbers.screening_warnings(headings)
+    assert "kept 2 of 10 reports (20%): the rule turn left out most, 8 (7 of them" in warning
 
 
 def test_unknown_names_are_refused_with_the_known_ones() -> None:

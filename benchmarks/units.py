@@ -1,0 +1,224 @@
+"""Plausibility of reports: a wrong unit in every column, and sound archives, by number.
+
+    airswing sample /tmp/units/11 --days 25 --aircraft 8 --seed 11
+    python -m benchmarks.units /tmp/units/11 [...]
+
+Each case changes one column of a sample archive: the winds as reported, or headings, airspeeds and
+ground vectors of the same flights (with winds derived from them). A line a case: what is said, and
+how many fits would be published. The last lines count, for several values of `plausibility.RATIO`,
+the cases with a mistake that are named for all aircraft and leave no fit published, and the sound
+ones (deviations of 25 degrees and weak winds among them) without a finding.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from airswing import collocate, derive_headings
+from airswing.compass import plausibility
+from airswing.compass.fit.deviation import fit_deviation
+from airswing.compass.screening import screen
+from airswing.errors import InputError
+from airswing.flags import published
+from airswing.physics.airspeed import airspeed_from_calibrated
+from airswing.physics.atmosphere import pressure_from_altitude, standard_temperature
+from airswing.reference.catalogues import build_catalogue
+from airswing.reports import read_reports
+from airswing.units import FOOT, KNOT
+
+RATIOS = (1.2, 1.5, 2.0, 3.0, 5.0)
+Change = Callable[["pd.Series[float]"], object]
+WINDS: dict[str, dict[str, Change]] = {
+    "wind_speed_kt": {
+        "m/s": lambda v: (KNOT * v).round(),
+        "km/h": lambda v: (1.852 * v).round(),
+        "kt as m/s": lambda v: v / KNOT,
+        "tenths": lambda v: 10 * v,
+    },
+    "wind_direction_deg": {
+        "radians": np.radians,
+        "grads": lambda v: (v / 0.9).round(),
+        "tens": lambda v: (v / 10).round(),
+        "to": lambda v: (v + 180) % 360,
+        "from east": lambda v: (90 - v) % 360,
+    },
+    "pressure_altitude_ft": {
+        "m": lambda v: (FOOT * v).round(),
+        "flight levels": lambda v: (v / 100).round(),
+        "ft as m": lambda v: v / FOOT,
+        "ft as flight levels": lambda v: 100 * v,
+    },
+    "temperature_degC": {
+        "K": lambda v: v + 273.15,
+        "F": lambda v: 1.8 * v + 32,
+        "degC as K": lambda v: v - 273.15,
+    },
+    "latitude": {"tenths": lambda v: 10 * v},
+    "longitude": {"tenths": lambda v: 10 * v},
+}
+_SPEED: dict[str, Change] = {
+    "m/s": lambda v: KNOT * v,
+    "km/h": lambda v: 1.852 * v,
+    "kt as m/s": lambda v: v / KNOT,
+}
+_ANGLE: dict[str, Change] = {
+    "radians": np.radians,
+    "grads": lambda v: v / 0.9,
+    "opposite": lambda v: (v + 180) % 360,
+}
+TRIANGLE: dict[str, dict[str, Change]] = {
+    **{f"{name}_kt": _SPEED for name in ("true_airspeed", "ground_speed")},
+    **{name: _ANGLE for name in ("heading_deg", "track_deg")},
+    "mach": {"percent": lambda v: 100 * v, "thousandths": lambda v: 1000 * v},
+    "indicated_airspeed_kt": {name: _SPEED[name] for name in ("m/s", "km/h")},
+}
+
+
+def triangle(headings: xr.Dataset) -> pd.DataFrame:
+    """Headings, airspeeds and ground vectors of an archive of winds."""
+    ground, wind = (
+        headings[f"{east}"].to_numpy() + 1j * headings[f"{north}"].to_numpy()
+        for east, north in (
+            ("ground_eastward_velocity", "ground_northward_velocity"),
+            ("eastward_wind", "northward_wind"),
+        )
+    )
+    air, level = ground - wind, headings["pressure_altitude"].to_numpy().astype(float)
+    pressure, kelvin = pressure_from_altitude(level), standard_temperature(level)
+    table = pd.DataFrame(
+        {
+            "tail": np.repeat(headings["aircraft"].values, headings["row_size"].values),
+            "flight": headings["flight"].values.astype(str),
+            **{name: headings[name].values for name in ("time", "latitude", "longitude")},
+            "pressure_altitude_ft": (level / FOOT).round(),
+            "heading_deg": (90 - np.degrees(np.angle(air))) % 360,
+            "true_airspeed_kt": np.abs(air) / KNOT,
+            "mach": np.abs(air) / (20.0468 * np.sqrt(kelvin)),
+            "indicated_airspeed_kt": np.abs(air)
+            / airspeed_from_calibrated(100.0, pressure, kelvin)
+            * (100.0 / KNOT),
+            "track_deg": (90 - np.degrees(np.angle(ground))) % 360,
+            "ground_speed_kt": np.abs(ground) / KNOT,
+        }
+    )
+    return table[np.isfinite(ground) & np.isfinite(air)]
+
+
+def deviated(headings: xr.Dataset, amplitude: float, strength: float) -> xr.Dataset:
+    """Headings of compasses with a deviation (degrees), in winds of other strength."""
+    changed = headings.copy()
+    reference = {
+        name: strength * headings[name]
+        for name in ("reference_eastward_wind", "reference_northward_wind")
+    }
+    difference = [
+        (headings[name] - headings[f"reference_{name}"]).to_numpy()[0]
+        for name in ("eastward_wind", "northward_wind")
+    ]
+    changed.update(reference)
+    wind = [
+        changed[f"reference_{name}"].to_numpy()[0] + other
+        for name, other in zip(("eastward_wind", "northward_wind"), difference, strict=True)
+    ]
+    ground = headings["ground_eastward_velocity"] + 1j * headings["ground_northward_velocity"]
+    air = ground.to_numpy() - (wind[0] + 1j * wind[1])
+    error = np.radians(amplitude) * np.cos(np.angle(air))
+    turned = ground.to_numpy() - air * np.exp(-1j * error)
+    changed["eastward_wind"][:], changed["northward_wind"][:] = turned.real, turned.imag
+    return changed
+
+
+class Archive:
+    """A sample archive and its reference; headings of changed tables of it."""
+
+    def __init__(self, folder: Path) -> None:
+        files = sorted((folder / "reports").glob("*.csv"))
+        self.winds = pd.concat([pd.read_csv(path, dtype={"flight": str}) for path in files])
+        self.model = build_catalogue([str(folder / "ruc/*.grb")], name="ruc")
+        self._known: dict[int, xr.Dataset] = {}
+        self.sound = self.headings(self.winds)
+        self.triangle = triangle(self.sound)
+
+    def headings(self, table: pd.DataFrame) -> xr.Dataset:
+        """Headings of a table; winds of the model are sampled once for equal places."""
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "reports.csv"
+            table.to_csv(path, index=False)
+            reports = read_reports(path)
+        place = [reports[name].values for name in ("time", "latitude", "pressure_altitude")]
+        key = hash(b"".join(values.tobytes() for values in place))
+        if key not in self._known:
+            self._known[key] = collocate(reports, {"ruc": self.model}).compute()
+        return derive_headings(reports, self._known[key])
+
+    def cases(self) -> dict[str, tuple[bool, Callable[[], xr.Dataset]]]:
+        """Whether a case has a mistake, and its headings, by name."""
+        cases = {
+            f"{table} {column} {name}": (True, partial(self._changed, table, column, change))
+            for table, columns in (("winds", WINDS), ("triangle", TRIANGLE))
+            for column, changes in columns.items()
+            for name, change in changes.items()
+        }
+        for amplitude in (0.0, 15.0, 25.0):
+            for strength in (1.0, 0.3):
+                name = f"deviation {amplitude:.0f} winds {strength}"
+                cases[name] = False, partial(deviated, self.sound, amplitude, strength)
+        for column in ("true_airspeed_kt", "mach", "indicated_airspeed_kt"):
+            name = f"triangle {column}"
+            cases[name] = False, partial(self._changed, "triangle", column, lambda v: v)
+        return cases
+
+    def _changed(self, name: str, column: str, change: Change) -> xr.Dataset:
+        table = self.winds if name == "winds" else self.triangle
+        airspeeds = {"true_airspeed_kt", "mach", "indicated_airspeed_kt"}
+        used = column if column in airspeeds else "true_airspeed_kt"
+        table = table.drop(columns=airspeeds.intersection(table) - {used})
+        return self.headings(table.assign(**{column: change(table[column])}))
+
+
+def judged(headings: xr.Dataset) -> tuple[list[plausibility.Finding], int]:
+    """Findings, and fits published."""
+    phases = ("ascent", "cruise", "descent", "unknown")
+    findings = plausibility.plausibility(headings)
+    fits = fit_deviation(screen(headings, phases=phases)).compute()
+    fits = plausibility.with_implausible(fits, findings)
+    return findings, int(published(fits["status"]).sum())
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folders", nargs="+", type=Path)
+    named, silent = dict.fromkeys(RATIOS, 0), dict.fromkeys(RATIOS, 0)
+    wrong = sound = 0
+    usual = plausibility.RATIO
+    for folder in parser.parse_args().folders:
+        for name, (mistake, make) in Archive(folder).cases().items():
+            wrong, sound = wrong + mistake, sound + (not mistake)
+            try:
+                headings = make()
+            except InputError as error:
+                print(f"{folder.name} {name}: refused, {error.what}", flush=True)
+                named = {ratio: number + mistake for ratio, number in named.items()}
+                continue
+            findings, fits = judged(headings)
+            print(f"{folder.name} {name}: {fits} fits; {'; '.join(map(str, findings))}", flush=True)
+            for ratio in RATIOS:
+                plausibility.RATIO = ratio
+                said = [one for one in plausibility.plausibility(headings) if one.refused]
+                named[ratio] += mistake and any(one.likely and one.share == 1.0 for one in said)
+                silent[ratio] += not mistake and not said
+            plausibility.RATIO = usual
+    for ratio in RATIOS:
+        print(f"ratio {ratio}: {named[ratio]} of {wrong} named, {silent[ratio]} of {sound} silent")
+
+
+if __name__ == "__main__":
+    main()
