@@ -30,7 +30,7 @@ from airswing.errors import InputError
 from airswing.flags import published
 from airswing.physics.airspeed import airspeed_from_calibrated
 from airswing.physics.atmosphere import pressure_from_altitude, standard_temperature
-from airswing.reference.catalogues import build_catalogue
+from airswing.reference.catalogue import build_catalogue
 from airswing.reports import read_reports
 from airswing.units import FOOT, KNOT
 
