@@ -502,7 +502,8 @@ def _curve(difference: Array, heading: Array) -> Array:
     m = np.radians(heading)
     design = np.stack([np.ones(m.size), np.sin(m), np.cos(m), np.sin(2 * m), np.cos(2 * m)], axis=1)
     coefficients = np.linalg.lstsq(design, difference, rcond=1e-6)[0]
-    return np.clip(design @ coefficients, -LARGEST_DEVIATION, LARGEST_DEVIATION)
+    curve = np.clip(design @ coefficients, -LARGEST_DEVIATION, LARGEST_DEVIATION)
+    return np.asarray(curve, dtype=np.float64)
 
 
 def _airspeed_findings(sample: Sample) -> list[Finding]:

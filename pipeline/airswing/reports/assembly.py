@@ -372,22 +372,18 @@ def _sequences(
         "" if code < 0 else "".join(takewhile(str.isalpha, labels[code]))
         for code in flown["label"].tolist()
     ]
-    ends: list[tuple[int, float, str]] = []  # of each sequence the last report
+    ends: list[tuple[int, float, str]] = []  # of each sequence the last report, its time, whose
     number = []
-    for flight, whose in zip(flown.itertuples(), operator, strict=True):
+    columns_of = (flown[name].tolist() for name in ("first", "last", "begin", "end"))
+    for first, last, begin, end, whose in zip(*columns_of, operator, strict=True):
         candidates = []
-        for sequence, (last, end, theirs) in enumerate(ends):
-            away = float(
-                step_distance(
-                    columns["latitude"][[last, flight.first]],
-                    columns["longitude"][[last, flight.first]],
-                )[0]
-            )
-            gap = flight.begin - end
-            if gap >= 0.0 and away <= FASTEST * gap + _AIRPORT:
-                candidates.append((whose != theirs, away, sequence))
+        for sequence, (before, ended, theirs) in enumerate(ends):
+            pair = [before, first]
+            away = step_distance(columns["latitude"][pair], columns["longitude"][pair])[0]
+            if begin >= ended and away <= FASTEST * (begin - ended) + _AIRPORT:
+                candidates.append((whose != theirs, float(away), sequence))
         chosen = min(candidates, default=(False, 0.0, len(ends)))[2]
-        ends[chosen : chosen + 1] = [(flight.last, flight.end, whose)]
+        ends[chosen : chosen + 1] = [(last, end, whose)]
         number.append(chosen)
     return np.array(number)
 
