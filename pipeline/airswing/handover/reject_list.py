@@ -25,9 +25,10 @@ import re
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
@@ -39,9 +40,6 @@ from airswing.handover.export import (
 )
 from airswing.handover.platforms import names_of
 from airswing.handover.selection import APPLIED
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 Floats = NDArray[np.float64]
 
@@ -126,7 +124,7 @@ def write(request: Request) -> dict[str, Any]:
     refuse_existing(request, target)
     fleet = judge(request, current.criteria)
     by_name = {_plain(judged.name): judged for judged in fleet}
-    lines: list[bytes] = [current.header]
+    lines = [current.header]
     removed: list[dict[str, Any]] = []
     kept: list[dict[str, Any]] = []
     for entry in current.entries:
@@ -301,96 +299,91 @@ def _entry(line: bytes) -> Entry:
 
 
 def judge(request: Request, criteria: dict[str, float]) -> list[Judged]:
-    """Apply the criteria of wind to every aircraft of the archive, as reported and corrected."""
-    from airswing.products.ragged import time_span
+    """Apply the criteria of wind to every aircraft of the archive, as reported and as corrected.
 
-    wanted = [name for name in WIND_CRITERIA if name in criteria]
+    Both states are judged on the same reports: those that passed the screening and were corrected.
+    Reports are compared with the mean of the references the correction was fitted against.
+    """
+    from airswing.evaluation.disagreement import reference_mean
+    from airswing.evaluation.innovations import profile_cells
+    from airswing.products.ragged import aircraft_of_report, blocks, time_span
+
+    aircraft = names_of(request.corrected)
+    needed = [*_WINDS, *(f"reference_{name}" for name in _WINDS), "pressure", "phase", "screening"]
+    better = [*(f"corrected_{name}" for name in _WINDS), "correction_applied"]
+    parts, first_aircraft = [], 0
     with product_of_run(
         request, "headings", why="it holds the model winds the criteria are applied to"
     ) as headings:
         known = [str(name) for name in headings["reference"].to_numpy()]
         members = [name for name in correction_members(request.corrected) if name in known]
-        found = list_statistics(headings, request.corrected, members or known[:1])
         first, last = time_span(headings)
+        for block, other in zip(
+            blocks(headings, needed), blocks(request.corrected, better), strict=True
+        ):
+            model = reference_mean(block, members or known[:1])
+            u, v = (model[f"reference_{name}"].to_numpy() for name in _WINDS)
+            reported = [block[name].to_numpy() for name in _WINDS]
+            corrected = [other[f"corrected_{name}"].to_numpy() for name in _WINDS]
+            known_cell = profile_cells(block) >= 0
+            usable = known_cell & np.isfinite(u) & np.isfinite(reported[0])
+            applied = np.isin(other["correction_applied"].to_numpy(), APPLIED)
+            row = pd.Index(aircraft_of_report(block) + first_aircraft)
+            table = pd.DataFrame(
+                _differences("reported", reported, (u, v))
+                | _differences("corrected", corrected, (u, v)),
+                index=row,
+            )
+            good = table[usable & applied & np.isfinite(corrected[0])].groupby(level=0)
+            mean, spread = good.mean(), good.std(ddof=0)
+            found = {"bias": mean, "std": spread, "rms": (mean**2 + spread**2) ** 0.5}
+            found["reports"] = good.size().rename("good").to_frame()
+            found["reports"]["usable"] = row[usable].value_counts()
+            # Aircraft are whole in a block.
+            parts.append(
+                pd.concat(found, axis=1).reindex(
+                    first_aircraft + np.arange(block.sizes["aircraft"])
+                )
+            )
+            first_aircraft += block.sizes["aircraft"]
     days = max((last - first) / np.timedelta64(1, "D"), 1.0)
+    statistics = pd.concat(parts)
+    number = statistics["reports"].fillna(0)
+    wanted = {one: one.split("_") for one in WIND_CRITERIA if one in criteria}
     judged = []
-    for place, name in enumerate(names_of(request.corrected)):
-        values = [{one: float(found[one][state, place]) for one in wanted} for state in (0, 1)]
-        fails = [[one for one in wanted if abs(part[one]) > criteria[one]] for part in values]
-        number, usable = int(found["number"][place]), float(found["usable"][place] / days)
-        judged.append(Judged(name, number, usable, values[0], values[1], fails[0], fails[1]))
+    for place, name in enumerate(aircraft):
+        values: dict[str, dict[str, float]] = {}
+        fails: dict[str, list[str]] = {}
+        for state in ("reported", "corrected"):
+            values[state] = {
+                one: float(statistics[kind, f"{what} {state}"].iloc[place])
+                for one, (kind, what) in wanted.items()
+            }
+            fails[state] = [one for one in wanted if abs(values[state][one]) > criteria[one]]
+        judged.append(
+            Judged(
+                name=name,
+                reports=int(number["good"].iloc[place]),
+                winds_a_day=float(number["usable"].iloc[place] / days),
+                reported=values["reported"],
+                corrected=values["corrected"],
+                reported_fails=fails["reported"],
+                corrected_fails=fails["corrected"],
+            )
+        )
     return judged
 
 
-def list_statistics(
-    headings: xr.Dataset, corrected: xr.Dataset, members: Sequence[str]
+def _differences(
+    state: str, wind: Sequence[Floats], reference: Sequence[Floats]
 ) -> dict[str, Floats]:
-    """Statistics of every aircraft, of the same reports as reported and as corrected.
-
-    Parameters
-    ----------
-    headings, corrected : Dataset
-        Of one run, in the same order.
-    members : sequence of str
-        References whose mean the reports are compared with.
-
-    Returns
-    -------
-    dict of str to array
-        ``number`` (aircraft,): corrected reports; ``usable`` (aircraft,): reports that passed the
-        screening; by name of the criterion (state, aircraft), reported first.
-    """
-    from airswing.evaluation.disagreement import reference_mean
-    from airswing.evaluation.innovations import profile_cells
-    from airswing.products.ragged import aircraft_of_report, blocks
-
-    needed = [*_WINDS, *(f"reference_{name}" for name in _WINDS), "pressure", "phase", "screening"]
-    pairs = zip(
-        blocks(headings, needed),
-        blocks(corrected, [*(f"corrected_{name}" for name in _WINDS), "correction_applied"]),
-        strict=True,
-    )
-    parts: list[dict[str, Floats]] = []
-    for block, other in pairs:
-        cell = profile_cells(block)
-        model = reference_mean(block, list(members))
-        u_ref, v_ref = (model[f"reference_{name}"].to_numpy() for name in _WINDS)
-        reported = [block[name].to_numpy() for name in _WINDS]
-        better = [other[f"corrected_{name}"].to_numpy() for name in _WINDS]
-        usable = (cell >= 0) & np.isfinite(u_ref) & np.isfinite(reported[0])
-        good = usable & np.isin(other["correction_applied"].to_numpy(), APPLIED)
-        good &= np.isfinite(better[0])
-        row, aircraft = aircraft_of_report(block), block.sizes["aircraft"]
-        states = [
-            _statistics(u[good], v[good], u_ref[good], v_ref[good], row[good], aircraft)
-            for u, v in (reported, better)
-        ]
-        part = {name: np.stack([state[name] for state in states]) for name in states[0]}
-        for name, chosen in (("number", good), ("usable", usable)):
-            part[name] = np.bincount(row[chosen], minlength=aircraft).astype(np.float64)
-        parts.append(part)
-    return {name: np.concatenate([part[name] for part in parts], axis=-1) for name in parts[0]}
-
-
-def _statistics(
-    u: Floats, v: Floats, u_ref: Floats, v_ref: Floats, row: NDArray[np.int64], aircraft: int
-) -> dict[str, Floats]:
-    """Statistics of one state of the wind by aircraft; NaN without reports."""
+    """Differences of speed (m/s), direction (degrees, clockwise) and vector (m/s)."""
     from airswing.evaluation.disagreement import MIN_DIRECTION_WIND
 
-    speed = np.hypot(u, v) - np.hypot(u_ref, v_ref)
-    # Clockwise from the direction of the reference to that of the report.
+    (u, v), (u_ref, v_ref) = wind, reference
     turned = np.degrees(np.arctan2(u * v_ref - v * u_ref, u * u_ref + v * v_ref))
-    turned = np.where(np.hypot(u_ref, v_ref) >= MIN_DIRECTION_WIND, turned, np.nan)
-    found: dict[str, Floats] = {}
-    for name, values in (("S", speed), ("DIR", turned), ("W", np.hypot(u - u_ref, v - v_ref))):
-        known = np.isfinite(values)
-        number = np.bincount(row[known], minlength=aircraft)
-        kept = np.where(known, values, 0.0).astype(np.float64)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            mean = np.bincount(row, weights=kept, minlength=aircraft) / number
-            square = np.bincount(row, weights=kept**2, minlength=aircraft) / number
-        found[f"bias_{name}"] = mean
-        found[f"std_{name}"] = np.sqrt(np.maximum(square - mean**2, 0.0))
-        found[f"rms_{name}"] = np.sqrt(square)
-    return found
+    return {
+        f"S {state}": np.hypot(u, v) - np.hypot(u_ref, v_ref),
+        f"DIR {state}": np.where(np.hypot(u_ref, v_ref) >= MIN_DIRECTION_WIND, turned, np.nan),
+        f"W {state}": np.hypot(u - u_ref, v - v_ref),
+    }

@@ -35,34 +35,20 @@ if TYPE_CHECKING:
 Rows = NDArray[np.void]
 Mask = NDArray[np.bool_]
 
+_FROM = {
+    "latitude": "latitude",
+    "longitude": "longitude",
+    "pressure": "pressure",
+    "temperature": "air_temperature",
+    "error": "corrected_wind_standard_error",
+    "phase": "phase",
+}
 ROW = np.dtype(
-    [("time", "i8"), ("report", "i8")]
-    + [
-        (name, "f8")
-        for name in ("pressure", "latitude", "longitude", "temperature", "u", "v", "error")
-    ]
-    + [("aircraft", "i4"), ("phase", "i1")]
+    [("time", "i8"), ("report", "i8"), ("aircraft", "i4"), ("phase", "i1")]
+    + [(name, "f8") for name in (*_FROM, "u", "v") if name != "phase"]
 )
-"""One wind: s since 1970, number of its report (equal for the levels of a sounding), Pa, degrees,
-K, m/s, standard error of the correction (vector, m/s), index of the aircraft, flight phase."""
-NEEDED = (
-    "time",
-    "latitude",
-    "longitude",
-    "pressure",
-    "pressure_altitude",
-    "air_temperature",
-    "eastward_wind",
-    "northward_wind",
-    "corrected_eastward_wind",
-    "corrected_northward_wind",
-    "corrected_wind_standard_error",
-    "correction_applied",
-    "screening",
-    "phase",
-    "flight",
-)
-"""Variables that are read where they exist."""
+"""One wind: s since 1970, number of its report (equal for the levels of a sounding), index of the
+aircraft, flight phase; degrees, Pa, K, standard error of the correction (vector, m/s), m/s."""
 APPLIED = (CORRECTION["corrected"], CORRECTION["already_corrected"])
 """Codes of ``correction_applied`` of winds that count as corrected."""
 _REQUIRED = ("time", "latitude", "longitude", "screening", "phase", "flight")
@@ -71,32 +57,14 @@ _POLE = 89.999  # degrees; nearer to a pole a reader cannot rotate a wind direct
 _FIRST_TIME, _END_TIME = (
     int(np.datetime64(year, "s").astype(np.int64)) for year in ("1900", "2100")
 )
-_PLACE = ("latitude", "longitude")
 _NO_TIME = np.iinfo(np.int64).min
 
-
-def wind_names(request: Request) -> tuple[str, str]:
-    """Names of the wind components to export.
-
-    Raises
-    ------
-    InputError
-        If the Dataset lacks a variable that is needed.
-    """
-    prefix = "corrected_" if request.winds == "corrected" else ""
-    names = f"{prefix}eastward_wind", f"{prefix}northward_wind"
-    applied = ("correction_applied",) if prefix else ()
-    for name in (*names, *applied, *_REQUIRED):
-        if name not in request.corrected.variables:
-            raise InputError(
-                "the reports lack a variable that the export needs",
-                field=name,
-                remedy="Export the corrected product of a run, or the result of airswing.correct "
-                "for screened headings",
-            )
-    if not {"pressure", "pressure_altitude"} & set(request.corrected.variables):
-        raise InputError("the reports have no level", field="pressure")
-    return names
+LARGEST_GAP = 600
+"""s between reports of one sounding; in a climb reports are seconds to a few minutes apart."""
+LEAST_STEP = 2.0
+"""Pa between levels; OBSPROC merges levels less than 1 Pa apart."""
+MOST_LEVELS = 1000
+"""WRFDA cuts reports of more than 1001 levels."""
 
 
 @dataclass
@@ -136,62 +104,65 @@ def selected_rows(
     """
     from airswing.products.ragged import aircraft_of_report, blocks
 
-    wind_names(request)
-    found = Selected(
-        np.empty(request.corrected.sizes["report"], ROW), np.zeros(0, int), Counter(), Counter()
-    )
-    filled = first_aircraft = 0
-    for block in blocks(request.corrected, NEEDED):
-        rows = _all_rows(block, request)
+    prefix = "corrected_" if request.winds == "corrected" else ""
+    winds = f"{prefix}eastward_wind", f"{prefix}northward_wind"
+    _require(request, *winds, *_REQUIRED, *(("correction_applied",) if prefix else ()))
+    size = request.corrected.sizes["report"]
+    selected = Selected(np.empty(size, ROW), np.zeros(0, int), Counter(), Counter())
+    number_of_rows = first_aircraft = 0
+    names = (*_REQUIRED, *winds, *_FROM.values(), "pressure_altitude", "correction_applied")
+    for block in blocks(request.corrected, tuple(dict.fromkeys(names))):
+        rows = _all_rows(block, winds)
         rows["aircraft"] = aircraft_of_report(block) + first_aircraft
         first_aircraft += block.sizes["aircraft"]
         reasons = _reasons(rows, block, request)
         # Rounded as written, since WRF compares the value in the file.
-        reasons.append(("above_80_hPa", np.round(rows["pressure"], 3) <= above))
-        # A report is counted under the first reason that holds.
-        code = np.select([bad for _, bad in reasons], list(range(1, len(reasons) + 1)), 0)
-        for number, name in enumerate([name for name, _ in reasons], start=1):
-            if count := int(np.count_nonzero(code == number)):
-                found.left_out[name] += count
-        chosen = np.flatnonzero(code == 0)
-        rows = rows[chosen]
-        rows["report"] = np.arange(filled, filled + rows.size)
+        reasons["above_80_hPa"] = np.round(rows["pressure"], 3) <= above
+        left = np.ones(rows.size, dtype=bool)
+        for reason, bad in reasons.items():  # a report counts under the first reason that holds
+            selected.left_out[reason] += int(np.count_nonzero(left & bad))
+            left &= ~bad
+        rows = rows[left]
+        rows["report"] = np.arange(number_of_rows, number_of_rows + rows.size)
         if request.soundings and rows.size:
-            flight = block["flight"].to_numpy()[chosen]
-            _join_soundings(rows, flight, largest_step, least_depth, found)
-        found.rows[filled : filled + rows.size] = rows
-        filled += rows.size
-    if not filled:
-        reasons_text = ", ".join(f"{reason} {n:,}" for reason, n in found.left_out.items())
+            flight = block["flight"].to_numpy()[left]
+            _join_soundings(rows, flight, largest_step, least_depth, selected)
+        selected.rows[number_of_rows : number_of_rows + rows.size] = rows
+        number_of_rows += rows.size
+    selected.left_out = +selected.left_out
+    if not number_of_rows:
+        counts = ", ".join(f"{reason} {n:,}" for reason, n in selected.left_out.items())
         raise InputError(
             "no report is left to export",
-            found=reasons_text or "no reports",
+            found=counts or "no reports",
             remedy="See the reasons: fit more aircraft, choose another period, or --winds reported",
         )
-    rows = found.rows = found.rows[:filled]
-    found.order = np.lexsort((-rows["pressure"], rows["report"], rows["time"]))
-    return found
+    rows = selected.rows = selected.rows[:number_of_rows]
+    selected.order = np.lexsort((-rows["pressure"], rows["report"], rows["time"]))
+    return selected
 
 
-def _all_rows(block: xr.Dataset, request: Request) -> Rows:
+def _require(request: Request, *names: str) -> None:
+    for name in names:
+        if name not in request.corrected.variables:
+            raise InputError(
+                "the reports lack a variable that the export needs",
+                field=name,
+                remedy="Export the corrected product of a run, or the result of airswing.correct "
+                "for screened headings",
+            )
+    if not {"pressure", "pressure_altitude"} & set(request.corrected.variables):
+        raise InputError("the reports have no level", field="pressure")
+
+
+def _all_rows(block: xr.Dataset, winds: tuple[str, str]) -> Rows:
     from airswing.reports.cleaning import LIMITS
 
-    east, north = wind_names(request)
     rows = np.zeros(block.sizes["report"], dtype=ROW)
     time = block["time"].to_numpy().astype("datetime64[ms]").astype(np.int64)
     # To the nearest second: no format holds parts of one.
     rows["time"] = np.where(time == _NO_TIME, time, (time + 500) // 1000)
-    columns = {
-        "latitude": "latitude",
-        "longitude": "longitude",
-        "temperature": "air_temperature",
-        "u": east,
-        "v": north,
-        "pressure": "pressure",
-        "error": "corrected_wind_standard_error",
-        "phase": "phase",
-    }
-    for name, variable in columns.items():
+    for name, variable in (_FROM | dict(zip("uv", winds, strict=True))).items():
         rows[name] = block[variable].to_numpy() if variable in block else np.nan
     if "pressure_altitude" in block:
         unknown = np.isnan(rows["pressure"])
@@ -205,53 +176,42 @@ def _all_rows(block: xr.Dataset, request: Request) -> Rows:
     return rows
 
 
-def _reasons(rows: Rows, block: xr.Dataset, request: Request) -> list[tuple[str, Mask]]:
-    """Reasons for leaving a report out, in the order they are tested."""
+def _reasons(rows: Rows, block: xr.Dataset, request: Request) -> dict[str, Mask]:
+    """Reasons for leaving reports out, in the order in which they count."""
     from airswing.reports.cleaning import LIMITS
 
-    speed = np.hypot(rows["u"], rows["v"])
-    low, high = LIMITS["pressure"]
     start, end = request.settings.start, request.settings.end
     accepted = request.settings.accept
-    time = rows["time"]
-    found = [
-        ("no_time", time == _NO_TIME),
-        ("impossible_time", (time < _FIRST_TIME) | (time >= _END_TIME)),
-    ]
+    time, pressure = rows["time"], rows["pressure"]
+    found = {
+        "no_time": time == _NO_TIME,
+        "impossible_time": (time < _FIRST_TIME) | (time >= _END_TIME),
+    }
     if start is not None:
-        found.append(("before_the_period", time < start.timestamp()))
+        found["before_the_period"] = time < start.timestamp()
     if end is not None:
-        found.append(("after_the_period", time >= end.timestamp()))
+        found["after_the_period"] = time >= end.timestamp()
     with np.errstate(invalid="ignore"):
-        found += [
-            ("no_position", ~(np.abs(rows["latitude"]) <= 90.0) | np.isnan(rows["longitude"])),
-            ("at_a_pole", np.abs(rows["latitude"]) > _POLE),
-            ("no_wind", np.isnan(speed)),
-            ("impossible_wind", speed > LIMITS["wind_speed"][1]),
-            ("no_level", np.isnan(rows["pressure"])),
-            ("impossible_level", (rows["pressure"] < low) | (rows["pressure"] > high)),
-        ]
+        latitude, speed = np.abs(rows["latitude"]), np.hypot(rows["u"], rows["v"])
+        low, high = LIMITS["pressure"]
+        found |= {
+            "no_position": ~(latitude <= 90.0) | np.isnan(rows["longitude"]),
+            "at_a_pole": latitude > _POLE,
+            "no_wind": np.isnan(speed),
+            "impossible_wind": speed > LIMITS["wind_speed"][1],
+            "no_level": np.isnan(pressure),
+            "impossible_level": (pressure < low) | (pressure > high),
+        }
     if request.winds == "corrected":
         applied = block["correction_applied"].to_numpy()
-        found += [
-            (f"not_corrected_{name}", applied == code)
-            for name, code in CORRECTION.items()
-            if code not in APPLIED and name not in accepted
-        ]
+        for name, code in CORRECTION.items():
+            if code not in APPLIED and name not in accepted:
+                found[f"not_corrected_{name}"] = applied == code
     screening = block["screening"].to_numpy()
-    return found + [
-        (f"screened_out_{name}", (screening & bit) > 0)
-        for name, bit in SCREENING.items()
-        if name not in accepted
-    ]
-
-
-LARGEST_GAP = 600
-"""s between reports of one sounding; in a climb reports are seconds to a few minutes apart."""
-LEAST_STEP = 2.0
-"""Pa between levels; OBSPROC merges levels less than 1 Pa apart."""
-MOST_LEVELS = 1000
-"""WRFDA cuts reports of more than 1001 levels."""
+    for name, bit in SCREENING.items():
+        if name not in accepted:
+            found[f"screened_out_{name}"] = (screening & bit) > 0
+    return found
 
 
 def _join_soundings(
@@ -259,7 +219,7 @@ def _join_soundings(
     flight: NDArray[np.int64],
     largest_step: float,
     least_depth: float,
-    found: Selected,
+    selected: Selected,
 ) -> None:
     """Give the levels of each sounding one report number, place and time, in place.
 
@@ -278,23 +238,28 @@ def _join_soundings(
     members, run = members[~repeated], run[~repeated]
     pressure = rows["pressure"][members]
     parted = np.r_[False, (np.diff(run) == 0) & (-np.diff(pressure) > largest_step)]
-    found.soundings["split"] += int(np.count_nonzero(parted))
+    selected.soundings["split"] += int(np.count_nonzero(parted))
     run = run + np.cumsum(parted)
     begins = np.flatnonzero(np.diff(run, prepend=-1))
     levels = np.diff(begins, append=members.size)
     depth = pressure[begins] - pressure[begins + levels - 1]
     shallow = (levels > 1) & (depth < least_depth)
-    found.soundings["shallow"] += int(np.count_nonzero(shallow))
-    found.soundings["joined"] += int(np.count_nonzero((levels > 1) & ~shallow))
+    selected.soundings["shallow"] += int(np.count_nonzero(shallow))
+    selected.soundings["joined"] += int(np.count_nonzero((levels > 1) & ~shallow))
     members = members[np.lexsort((members, run))]  # in order of time within a sounding
     middle = np.repeat(members[begins + (levels - 1) // 2], levels)
     moved = np.repeat(~shallow, levels)
     members, middle = members[moved], middle[moved]
     if members.size:
-        places = (np.radians(rows[name][part]) for part in (members, middle) for name in _PLACE)
-        found.farthest = max(found.farthest, EARTH_RADIUS * float(central_angle(*places).max()))
+        places = (
+            np.radians(rows[name][part])
+            for part in (members, middle)
+            for name in ("latitude", "longitude")
+        )
+        moved_by = EARTH_RADIUS * float(central_angle(*places).max())
+        selected.farthest = max(selected.farthest, moved_by)
         waiting = np.abs(rows["time"][members] - rows["time"][middle])
-        found.longest = max(found.longest, float(waiting.max()))
+        selected.longest = max(selected.longest, float(waiting.max()))
     for name in ("report", "time", "latitude", "longitude"):
         rows[name][members] = rows[name][middle]
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -59,6 +59,7 @@ VARIABLES = {
 """Short names of variables; other names are kept."""
 LEAD_HOURS = 24.0
 """Lead time of pairs at flight levels: the bias of a day is known on the next."""
+_VALUES = ("forecast", "observation")
 _KEYS = ["variable", "station", TIME, "lead"]
 _MISSING = ["-999", "-999.0", "-999.00", "NA", "nan", "NaN", "null", ""]
 _COMMENT = re.compile(r"#\s*(variable|units)\s*:\s*(.*?)\s*$", re.IGNORECASE)
@@ -108,13 +109,13 @@ def read_table(path: Path, columns: Mapping[str, str]) -> tuple[pd.DataFrame, di
             file=path,
             found=f"{len(names)} names, a line of {len(rows[0])} values",
         )
-    given = {name.strip().strip('"').lower(): known for name, known in columns.items()}
-    for name, key in zip(columns, given, strict=True):
-        if key not in names:
+    mapped = {name.strip().strip('"').lower(): known for name, known in columns.items()}
+    for name in mapped:
+        if name not in names:
             raise InputError(
                 "no such column", file=path, field=name, found="columns " + ", ".join(names)
             )
-    table = pd.DataFrame(whole, columns=names, dtype=object).rename(columns=given)
+    table = pd.DataFrame(whole, columns=names, dtype=object).rename(columns=mapped)
     again = table.columns[table.columns.duplicated()]
     if len(again):
         raise InputError(
@@ -145,17 +146,19 @@ def column(table: pd.DataFrame, names: Sequence[str], *, file: Path) -> pd.Serie
     return found
 
 
-def numbers(values: Iterable[object]) -> Floats:
-    """Read numbers; NaN where missing, over 1e30 (fill values) or not a number."""
-    series = pd.Series(list(values), dtype=object).map(lambda text: str(text).strip())
-    read = pd.to_numeric(series.where(~series.isin(_MISSING)), errors="coerce")
+def numbers(values: pd.Series | None, index: pd.Index) -> Floats:
+    """Read numbers; NaN where missing, over 1e30 (fill values), not a number, or no column."""
+    if values is None:
+        return np.full(len(index), np.nan)
+    text = values.str.strip()
+    read = pd.to_numeric(text.where(~text.isin(_MISSING)), errors="coerce")
     found = read.to_numpy(dtype=np.float64)
     return np.where(np.abs(found) < 1e30, found, np.nan)
 
 
-def times(values: Iterable[object]) -> Times:
+def times(values: pd.Series) -> Times:
     """Read times in UTC: ISO 8601, yyyymmdd[HH[MM[SS]]] or seconds since 1970; else NaT."""
-    codes, labels = pd.factorize(pd.Series(list(values), dtype=object))
+    codes, labels = pd.factorize(values)  # a time is read once
     read = [_time(str(label).strip()) for label in labels]
     return np.array([*read, np.datetime64("NaT")], dtype="datetime64[ns]")[codes]
 
@@ -176,6 +179,13 @@ def _time(text: str) -> np.datetime64:
         return np.datetime64("NaT", "ns")
     plain = stamp.tz_convert("UTC").tz_localize(None) if stamp.tz is not None else stamp
     return np.datetime64(plain if _FIRST <= plain <= _LAST else "NaT", "ns")
+
+
+def places(table: pd.DataFrame) -> dict[str, Floats]:
+    """Latitude, longitude and altitude of each line, NaN where there is no such column."""
+    return {
+        name: numbers(optional_column(table, known), table.index) for name, known in PLACES.items()
+    }
 
 
 def pairs_from_tables(
@@ -246,13 +256,13 @@ def _part(
             "lead": lead,
             "variable": names.map(lambda name: VARIABLES.get(name.lower(), name)),
             "units": unit if unit is not None else units or _cf_units(comments.get("units", "")),
-            "forecast": numbers(column(raw, ("forecast", "fcst", "fc"), file=file)),
-            "observation": numbers(column(raw, ("observation", "obs", "observed"), file=file)),
+            "forecast": numbers(column(raw, ("forecast", "fcst", "fc"), file=file), raw.index),
+            "observation": numbers(
+                column(raw, ("observation", "obs", "observed"), file=file), raw.index
+            ),
+            **places(raw),
         }
     )
-    for name, known in PLACES.items():
-        place = optional_column(raw, known)
-        table[name] = np.nan if place is None else numbers(place)
     timeless = table[TIME].isna() | ~np.isfinite(table["lead"]) | (table["lead"] < 0.0)
     nameless = table["station"].map(lambda text: str(text).strip() == "") & ~timeless
     left_out["no start or lead that can be read"] += int(timeless.sum())
@@ -265,13 +275,13 @@ def _starts_and_leads(raw: pd.DataFrame, file: Path) -> tuple[Times, Floats]:
     """Start and lead time (h), of which one may be given by the valid time."""
     start, lead = optional_column(raw, START), optional_column(raw, LEAD)
     if start is not None and lead is not None:
-        return times(start), numbers(lead)
+        return times(start), numbers(lead, raw.index)
     valid = times(column(raw, VALID, file=file))
     if start is not None:
         begun = times(start)
         hours = (valid - begun) / np.timedelta64(1, "h")
         return begun, np.where(np.isnat(valid) | np.isnat(begun), np.nan, hours)
-    ahead = numbers(column(raw, LEAD, file=file))
+    ahead = numbers(column(raw, LEAD, file=file), raw.index)
     steps = np.nan_to_num(ahead * 3.6e12).astype("timedelta64[ns]")
     return np.where(np.isfinite(ahead), valid - steps, np.datetime64("NaT")), ahead
 
@@ -292,7 +302,7 @@ def on_axes(table: pd.DataFrame) -> xr.Dataset:
     shape = tuple(len(axis) for axis in axes)
     flat = np.ravel_multi_index(codes, shape)
     values = {}
-    for name in ("forecast", "observation"):
+    for name in _VALUES:
         filled = np.full(int(np.prod(shape)), np.nan)
         filled[flat] = table[name].to_numpy(dtype=np.float64)
         values[name] = (DIMS, filled.reshape(shape))
@@ -352,8 +362,22 @@ def flight_level_pairs(
     better = blocks(corrected, [*(f"corrected_{name}" for name in _WINDS), "correction_applied"])
     parts = []
     for block, other in zip(blocks(headings, needed), better, strict=True):
-        table = _reports(block, other, members, region).assign(reports=1)
-        parts.append(table.groupby(["south", "west", "layer", "day"]).sum())
+        cell, model = profile_cells(block), reference_mean(block, members)
+        day = block["time"].to_numpy().astype("datetime64[D]").astype("datetime64[ns]")
+        table = pd.DataFrame(
+            {
+                "south": np.floor(block["latitude"].to_numpy() / region),
+                "west": np.floor(wrap_degrees(block["longitude"].to_numpy()) / region),
+                "layer": cell % (len(LEVEL_EDGES_HPA) - 1),
+                TIME: day,
+            }
+        )
+        for name in _WINDS:
+            table["forecast", name] = model[f"reference_{name}"].to_numpy().astype(np.float64)
+            table["observation", name] = other[f"corrected_{name}"].to_numpy().astype(np.float64)
+        good = (cell >= 0) & table.notna().all(axis=1).to_numpy()
+        good &= np.isin(other["correction_applied"].to_numpy(), APPLIED)
+        parts.append(table[good].assign(reports=1).groupby(["south", "west", "layer", TIME]).sum())
     summed = pd.concat(parts).groupby(level=[0, 1, 2, 3]).sum()
     kept = summed[summed["reports"] >= fewest]
     if kept.empty:
@@ -363,59 +387,30 @@ def flight_level_pairs(
             found=f"at most {int(summed['reports'].max()) if len(summed) else 0}",
             remedy="Make region larger or fewest smaller",
         )
-    found = on_axes(_lines(kept.div(kept["reports"], axis=0), region))
-    few = int((summed["reports"] < fewest).sum())
-    found.attrs["lines_left_out"] = {f"box, layer and day with under {fewest} winds": few}
-    return found.rename(altitude="pressure")  # `on_axes` calls the level of a place altitude
-
-
-def _reports(
-    block: xr.Dataset, corrected: xr.Dataset, members: list[str], region: float
-) -> pd.DataFrame:
-    """Box, layer, day and winds of the reports that count."""
-    cell = profile_cells(block)
-    model = reference_mean(block, members)
-    table = pd.DataFrame(
-        {
-            "south": np.floor(block["latitude"].to_numpy() / region),
-            "west": np.floor(wrap_degrees(block["longitude"].to_numpy()) / region),
-            "layer": cell % (len(LEVEL_EDGES_HPA) - 1),
-            "day": block["time"].to_numpy().astype("datetime64[D]").astype("datetime64[ns]"),
-        }
-    )
-    for name in _WINDS:
-        table[f"model_{name}"] = model[f"reference_{name}"].to_numpy().astype(np.float64)
-        table[f"air_{name}"] = corrected[f"corrected_{name}"].to_numpy().astype(np.float64)
-    good = (cell >= 0) & table.notna().all(axis=1).to_numpy()
-    kept: pd.DataFrame = table[good & np.isin(corrected["correction_applied"].to_numpy(), APPLIED)]
-    return kept
-
-
-def _lines(means: pd.DataFrame, region: float) -> pd.DataFrame:
-    """One line for each box, layer, day and component."""
-    south, west, layer, day = (means.index.get_level_values(k) for k in range(4))
+    means = kept.div(kept["reports"], axis=0).reset_index()
     edges = np.array(LEVEL_EDGES_HPA)
-    middle = 0.5 * (edges[:-1] + edges[1:])[layer.astype(int)]
-    latitude, longitude = (south + 0.5) * region, (west + 0.5) * region
+    middle = 0.5 * (edges[:-1] + edges[1:])[means["layer"].astype(int)]
+    latitude, longitude = ((means[side] + 0.5) * region for side in ("south", "west"))
     names = [
         f"{p:04.0f}_hPa_{abs(y):.4g}{'S' if y < 0 else 'N'}_{abs(x):.4g}{'W' if x < 0 else 'E'}"
         for p, y, x in zip(middle, latitude, longitude, strict=True)
     ]
-    parts = [
-        pd.DataFrame(
-            {
-                "variable": name,
-                "station": names,
-                TIME: day,
-                "lead": LEAD_HOURS,
-                "units": "m s-1",
-                "forecast": means[f"model_{name}"].to_numpy(),
-                "observation": means[f"air_{name}"].to_numpy(),
-                "latitude": latitude,
-                "longitude": longitude,
-                "altitude": middle * 100.0,
-            }
-        )
+    lines = pd.DataFrame(
+        {
+            "station": names,
+            TIME: means[TIME],
+            "lead": LEAD_HOURS,
+            "units": "m s-1",
+            "latitude": latitude,
+            "longitude": longitude,
+            "altitude": middle * 100.0,
+        }
+    )
+    components = [
+        lines.assign(variable=name, **{part: means[part, name] for part in _VALUES})
         for name in _WINDS
     ]
-    return pd.concat(parts, ignore_index=True)
+    found = on_axes(pd.concat(components, ignore_index=True))
+    few = int((summed["reports"] < fewest).sum())
+    found.attrs["lines_left_out"] = {f"box, layer and day with under {fewest} winds": few}
+    return found.rename(altitude="pressure")  # `on_axes` calls the level of a place altitude

@@ -19,7 +19,6 @@ import os
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -35,7 +34,7 @@ from airswing.handover.forecasts.forecast_pairs import (
     column,
     numbers,
     on_axes,
-    optional_column,
+    places,
     read_table,
     times,
 )
@@ -54,6 +53,8 @@ from airswing.units import KNOT, ZERO_CELSIUS
 
 Floats = NDArray[np.float64]
 Skipped = Counter[tuple[str, str]]
+_Field = tuple[str, int, float, Grid, Floats]
+"""Variable, start (ns since 1970), lead (h), grid, and values at the stations along the grid."""
 UNITS = {
     "air_temperature": "K",
     "eastward_wind": "m s-1",
@@ -129,8 +130,8 @@ def pairs_at_stations(
             found="; ".join(f"{reason} ({n})" for reason, n in left_out.items() if n)
             or "no line with a value",
         )
-    places = observed.groupby("station", sort=True)[list(PLACES)].first().reset_index()
-    table, skipped = forecasts_at_stations(forecasts, places)
+    stations = observed.groupby("station", sort=True)[list(PLACES)].first().reset_index()
+    table, skipped = forecasts_at_stations(forecasts, stations)
     left_out.update(skipped)
     outside = table.groupby("station")["forecast"].apply(lambda values: values.isna().all())
     off = [str(name) for name in outside.index[outside]]
@@ -146,7 +147,7 @@ def pairs_at_stations(
             f"{observed['time'].min()} to {observed['time'].max()}",
             remedy="Check the stations' places and times (UTC)",
         )
-    paired = paired.merge(places, on="station", how="left")
+    paired = paired.merge(stations, on="station", how="left")
     paired["units"] = paired["variable"].map(UNITS)
     found = on_axes(paired)
     found.attrs["lines_left_out"] = {reason: n for reason, n in left_out.items() if n}
@@ -161,15 +162,15 @@ def _observations(file: Path, columns: Mapping[str, str], left_out: Counter[str]
     """One table: station, time, place, variables in SI units."""
     raw, _ = read_table(file, columns)
     left_out["observation lines with another number of columns"] += int(raw.attrs["lines_skipped"])
+    for name in ("latitude", "longitude"):
+        column(raw, PLACES[name], file=file)
     table = pd.DataFrame(
         {
             "station": column(raw, STATION, file=file).astype(str),
             "time": times(column(raw, VALID, file=file)),
+            **places(raw),
         }
     )
-    for name, known in PLACES.items():
-        place = optional_column(raw, known) if name == "altitude" else column(raw, known, file=file)
-        table[name] = np.nan if place is None else numbers(place)
     known_columns = [name for name in _COLUMNS if name in raw]
     if not known_columns:
         raise InputError(
@@ -180,7 +181,7 @@ def _observations(file: Path, columns: Mapping[str, str], left_out: Counter[str]
         )
     for name in known_columns:
         variable, factor, offset = _COLUMNS[name]
-        table[variable] = numbers(raw[name]) * factor + offset
+        table[variable] = numbers(raw[name], raw.index) * factor + offset
     _derive(table)
     for name, (least, most) in _RANGE.items():
         if name in table:
@@ -255,14 +256,22 @@ def forecasts_at_stations(
     """
     skipped: Skipped = Counter()
     latitude, longitude = (stations[name].to_numpy(float) for name in ("latitude", "longitude"))
-    found: dict[tuple[int, float, str], _Field] = {}
+    fields: dict[tuple[int, float], dict[str, tuple[Grid, Floats]]] = {}
     for file in files:
-        for field in _fields_of(str(file), latitude, longitude, skipped):
-            found[field.start, field.lead, field.name] = field
+        for name, start, lead, grid, values in _fields_of(str(file), latitude, longitude, skipped):
+            fields.setdefault((start, lead), {})[name] = grid, values
     parts = [
-        (name, start, lead, values)
-        for start, lead in sorted({key[:2] for key in found})
-        for name, values in _variables(found, start, lead, latitude, longitude).items()
+        pd.DataFrame(
+            {
+                "variable": name,
+                "station": stations["station"].astype(str).to_numpy(),
+                TIME: np.datetime64(start, "ns"),
+                "lead": lead,
+                "forecast": values,
+            }
+        )
+        for (start, lead), found in sorted(fields.items())
+        for name, values in _variables(found, latitude, longitude).items()
     ]
     if not parts:
         raise InputError(
@@ -271,54 +280,31 @@ def forecasts_at_stations(
             field="postprocess.forecasts.files",
             found="; ".join(sorted({why for _, why in skipped})) or f"{len(files)} files",
         )
-    size = stations.shape[0]
-    table = pd.DataFrame(
-        {
-            "variable": np.repeat([name for name, *_ in parts], size),
-            "station": pd.Series(np.tile(stations["station"].to_numpy(), len(parts))).astype(str),
-            TIME: np.repeat(np.array([start for _, start, *_ in parts], "datetime64[ns]"), size),
-            "lead": np.repeat([lead for *_, lead, _ in parts], size),
-            "forecast": np.concatenate([values for *_, values in parts]),
-        }
-    )
+    table = pd.concat(parts, ignore_index=True)
     return table, {f"{what}: {why}": n for (what, why), n in skipped.items()}
 
 
-class _Field(NamedTuple):
-    """One field at the stations, along its grid."""
-
-    name: str
-    start: int
-    lead: float
-    grid: Grid
-    values: Floats
-
-
 def _variables(
-    found: Mapping[tuple[int, float, str], _Field],
-    start: int,
-    lead: float,
-    latitude: Floats,
-    longitude: Floats,
+    found: Mapping[str, tuple[Grid, Floats]], latitude: Floats, longitude: Floats
 ) -> dict[str, Floats]:
-    """Variables of one start and lead, true east and north."""
-    temperature, u, v = (found.get((start, lead, name)) for name in _WANTED.values())
-    variables = {} if temperature is None else {"air_temperature": temperature.values}
-    if u is not None and v is not None and u.grid == v.grid:
-        angle = np.zeros_like(latitude)
-        if u.grid.wind_along_grid:
-            angle = u.grid.convergence(latitude, longitude)
-        cosine, sine = np.cos(angle), np.sin(angle)
-        variables["eastward_wind"] = cosine * u.values + sine * v.values
-        variables["northward_wind"] = -sine * u.values + cosine * v.values
-        variables["wind_speed"] = np.hypot(u.values, v.values)
+    """Variables of one start and lead, winds to true east and north."""
+    variables = {name: found[name][1] for name in found if name == "air_temperature"}
+    if "eastward_wind" in found and "northward_wind" in found:
+        (grid, u), (other, v) = found["eastward_wind"], found["northward_wind"]
+        if grid == other:
+            along = grid.wind_along_grid
+            angle = grid.convergence(latitude, longitude) if along else np.zeros_like(latitude)
+            cosine, sine = np.cos(angle), np.sin(angle)
+            variables["eastward_wind"] = cosine * u + sine * v
+            variables["northward_wind"] = -sine * u + cosine * v
+            variables["wind_speed"] = np.hypot(u, v)
     return variables
 
 
 def _fields_of(
     path: str, latitude: Floats, longitude: Floats, skipped: Skipped
 ) -> Iterator[_Field]:
-    """Fields of one file at the stations; unreadable messages are counted."""
+    """Fields of one file; unreadable messages are counted."""
     try:
         descriptor = os.open(path, os.O_RDONLY)
     except OSError as err:
@@ -385,7 +371,7 @@ def _at_stations(
         cell = corners(grid, fi[inside], fj[inside])
         at[inside] = bilinear(values[cell.points], cell.x, cell.y)
     lead = (valid - start) / np.timedelta64(1, "h")
-    return _Field(name, int(start.astype(np.int64)), float(lead), grid, at)
+    return name, int(start.astype(np.int64)), float(lead), grid, at
 
 
 def _whole(keys: Mapping[str, KeyValue], name: str) -> int:
