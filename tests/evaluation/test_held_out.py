@@ -12,13 +12,11 @@ from airswing.compass.table import add_tables
 from airswing.errors import InputError
 from airswing.evaluation.held_out import (
     cross_validate,
-    flight_folds,
     only,
     predicted_reduction,
     virtual_field_test,
 )
 from airswing.evaluation.ranking import rank_aircraft
-from airswing.products.ragged import aircraft_of_report
 from tests.compass.flown import Setting
 from tests.evaluation.archives import fleet, flown
 
@@ -125,41 +123,37 @@ def test_the_fleet_is_weighted_by_its_reports_and_one_day_has_no_interval(headin
     assert found["agree"] is None and found["by_aircraft"][0]["agree"] is None
 
 
-def test_folds_hold_whole_flights_evenly_over_the_days(headings):
-    number = flight_folds(headings, folds=4, seed=1)
-    flight = headings["flight"].to_numpy()
-    for one in np.unique(flight)[::37]:
-        assert np.unique(number[flight == one]).size == 1
-    # 4 flights a day and aircraft and 4 folds: every fold holds each day once
-    day = headings["time"].to_numpy().astype("datetime64[D]")
-    first = np.unique(flight, return_index=True)[1]
-    aircraft = aircraft_of_report(headings)[first]
-    for who in range(5):
-        mine = first[aircraft == who]
-        for k in range(4):
-            assert np.unique(day[mine][number[mine] == k]).size == 50
-
-
 def test_a_compass_without_deviation_gains_nothing_when_held_out():
     ds = flown(np.zeros((4, 5)), Setting(aircraft=4, days=30), 5)
-    found = cross_validate(ds, folds=4, draws=100, **QUICK)
+    fits = add_tables(fit_deviation(ds, joint=False), ds)
+    found = cross_validate(ds, fits, draws=100, **AGAINST)
     # curves fitted to noise are not published, and one that is gains nothing
     for name in ("realised_gain_kt", "predicted_gain_kt"):
         assert found[name] is None or found[name] < 0.02
 
 
-def test_held_out_flights_agree_with_the_prediction_and_given_fits_make_no_difference(headings):
-    options = {"folds": 3, "draws": 100, "resolution": 1.0}
-    found = cross_validate(headings, **options, **QUICK)
-    assert found["agree"]
+def test_held_out_days_agree_with_the_prediction(headings):
+    fits = add_tables(fit_deviation(headings, joint=False), headings, resolution=1.0)
+    found = cross_validate(headings, fits, draws=100, **AGAINST)
+    assert found["folds"] == 10 and found["agree"]
     assert found["realised_gain_kt"] > 1.0
     assert found["in_sample_gain_kt"] >= found["realised_gain_kt"] - 0.02
-    fits = add_tables(fit_deviation(headings, joint=False), headings, resolution=1.0)
     ranking = rank_aircraft(headings, fits, **AGAINST)
-    assert cross_validate(headings, whole=(fits, ranking), **options, **QUICK) == found
+    assert cross_validate(headings, fits, ranking=ranking, draws=100, **AGAINST) == found
 
 
-@pytest.mark.parametrize("folds", [1, 100_000])
-def test_impossible_folds_are_refused(headings, folds):
-    with pytest.raises(InputError, match="folds"):
-        cross_validate(headings, folds=folds, **AGAINST)
+@pytest.mark.parametrize("joint", [False, True])
+def test_coefficients_without_a_part_are_those_of_a_fit_without_it(headings, joint):
+    """First order against a fit of the other reports: closer than a fifth of a standard error."""
+    whole = fit_deviation(headings, joint=joint).isel(reference=0)
+    error = np.sqrt(np.diagonal(whole["deviation_covariance"].to_numpy(), axis1=1, axis2=2))
+    day = headings["time"].to_numpy().astype("datetime64[D]").astype(int)
+    for part in (0, 3):
+        again = fit_deviation(only(headings, day % 10 != part), joint=joint).isel(reference=0)
+        same = (again["harmonics"] == whole["harmonics"]).to_numpy()
+        assert same.sum() >= 4
+        whole_apart, apart = (
+            np.abs((one - again["deviation"]).to_numpy() / error)[same]
+            for one in (whole["deviation"], whole["held_out_deviation"].isel(fold=part))
+        )
+        assert apart.max() < 0.2 < 0.6 < whole_apart.max()

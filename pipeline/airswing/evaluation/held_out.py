@@ -1,17 +1,21 @@
 """Corrections applied to reports that their fit did not use, and compared with the prediction.
 
-Two ways to hold reports out: by date (the virtual field test: learn up to a date, apply after it)
-and by flight (cross-validation: whole flights in folds).
+Reports are held out by date (the virtual field test: learn up to a date, apply after it) or by day
+(cross-validation: every tenth day of the archive in turn). The virtual field test fits the earlier
+reports. For the cross-validation the coefficients without each part of the days are those of the
+fit of all reports less the effect of the equations of these days (``held_out_deviation``), to first
+order, so that nothing is fitted again.
 
-Assumes that compasses do not change (:mod:`airswing.evaluation.monitoring.changes`) and, for the
-folds, that flights are independent but for the day they share and numbered uniquely over the
-archive. The gain is paired, the same report before and after its correction, so that the model's
-error hardly enters. Its interval is a bootstrap over days. Knots of wind vector disagreement.
+Assumes that compasses do not change (:mod:`airswing.evaluation.monitoring.changes`) and that days
+are independent. The gain is paired, the same report before and after its correction, so that the
+model's error hardly enters. Its interval is a bootstrap over days. A correction is that of the
+8-point table. Knots of wind vector disagreement.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from datetime import date
 from typing import Unpack
 
@@ -19,33 +23,27 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from airswing.compass.correction import correct
+from airswing.compass.correction import corrected_wind
 from airswing.compass.fit.acceptance import FitOptions
 from airswing.compass.fit.deviation import fit_deviation
-from airswing.compass.table import add_tables
+from airswing.compass.table import (
+    Sign,
+    add_tables,
+    error_from_table,
+    heading_histogram,
+    unit_interpolation,
+)
 from airswing.errors import InputError
-from airswing.evaluation.disagreement import reference_mean
+from airswing.evaluation.disagreement import WINDS, reference_mean
 from airswing.evaluation.field_test import require_aircraft
 from airswing.evaluation.ranking import rank_aircraft, require_reference
 from airswing.evaluation.resampling import Floats, day_weights, interval
 from airswing.evaluation.results import Content
-from airswing.flags import SCREENING, is_corrected
+from airswing.flags import SCREENING, published
 from airswing.products.ragged import aircraft_of_report, blocks, time_span
 from airswing.units import KNOT, NORMAL_95
 
 Mask = NDArray[np.bool_]
-_COLUMNS = (
-    "time",
-    "eastward_wind",
-    "northward_wind",
-    "airspeed",
-    "heading",
-    "magnetic_heading",
-    "screening",
-    "reference_eastward_wind",
-    "reference_northward_wind",
-    "horizontal_field",
-)
 
 
 class TableOptions(FitOptions, total=False):
@@ -73,33 +71,6 @@ def only(headings: xr.Dataset, chosen: Mask) -> xr.Dataset:
     return headings.assign(screening=("report", marked.astype(screening.dtype)))
 
 
-def flight_folds(headings: xr.Dataset, *, folds: int, seed: int = 0) -> NDArray[np.int64]:
-    """Fold of every report: whole flights, dealt evenly over each aircraft's days.
-
-    Raises
-    ------
-    InputError
-        If there are fewer than two folds or fewer flights than folds.
-    """
-    label, day = headings["flight"].to_numpy(), headings["time"].to_numpy().astype("datetime64[D]")
-    flights, first, flight = np.unique(label, return_index=True, return_inverse=True)
-    if folds < 2 or flights.size < folds:
-        raise InputError(
-            "the flights cannot be dealt into that many folds",
-            field="folds",
-            found=f"{folds} folds, {flights.size} flights",
-            remedy="Two folds or more, and no more than there are flights",
-        )
-    rng = np.random.default_rng(seed)
-    aircraft = aircraft_of_report(headings)[first]
-    order = np.lexsort((rng.random(flights.size), day[first], aircraft))
-    # each run of `folds` flights in the order of days gets every fold once, in a random order
-    dealt = np.argsort(rng.random((-(-flights.size // folds), folds)), axis=1).ravel()
-    number = np.empty(flights.size, dtype=np.int64)
-    number[order] = dealt[: flights.size]
-    return np.asarray(number[flight])
-
-
 def fitted(
     headings: xr.Dataset,
     pools: Mapping[str, list[str]],
@@ -122,6 +93,11 @@ def fitted(
         Of the tables, degrees.
     **options
         As for :func:`airswing.compass.fit.deviation.fit_deviation`.
+
+    Returns
+    -------
+    Dataset
+        In memory, of this reference alone.
     """
     members = list(pools[reference])
     part = headings.sel(reference=members)
@@ -195,33 +171,42 @@ def virtual_field_test(
     learned = only(headings, early)
     fits = fitted(learned, pools, reference, **fit_options)
     ranking = rank_aircraft(learned, fits, pools=pools, reference=reference, seed=seed)
-    before, after, done = disagreements(headings, fits, pools[reference], reference)
-    aircraft = aircraft_of_report(headings)
-    # controls stay as reported, though they have a fit too
-    kept = used & np.isfinite(before + after)
-    after = np.where(treated[aircraft], after, before)
+    fit = fits.sel(reference=reference)
+    table = error_from_table(fit).to_numpy()[np.newaxis]
+    sums = _sum_by_day(headings, pools[reference], fit, [table])
+    late = sums.first + np.arange(sums.number.shape[1]) >= np.datetime64(learned_until, "D")
     groups = {}
-    for group, member in (("controls", ~treated[aircraft]), ("corrected", treated[aircraft])):
-        old, new = kept & member & early, kept & member & ~early
+    for group, member in (("controls", ~treated), ("corrected", treated)):
+        number, before, after = (
+            np.array([part[member][:, period].sum() for period in (~late, late)])
+            for part in (sums.number, sums.before, sums.after[0])
+        )
         # a group with reports on one side of the date only has no difference
-        if old.any() and new.any():
-            level, later = float(before[old].mean()), float(after[new].mean())
-            groups[group] = {
-                "aircraft": int((treated == (group == "corrected")).sum()),
-                "before_kt": level,
-                "during_kt": later,
-                "during_uncorrected_kt": float(before[new].mean()),
-                "reduction_kt": level - later,
-                "reports_before": int(old.sum()),
-                "reports_during": int(new.sum()),
-            }
-    chosen = kept & ~early & done & treated[aircraft]
+        if not number.all():
+            continue
+        level = float(before[0] / number[0])
+        during, uncorrected = (float(part[1] / number[1]) for part in (after, before))
+        # controls stay as reported, though they have a fit too
+        during = during if group == "corrected" else uncorrected
+        groups[group] = {
+            "aircraft": int(member.sum()),
+            "before_kt": level,
+            "during_kt": during,
+            "during_uncorrected_kt": uncorrected,
+            "reduction_kt": level - during,
+            "reports_before": int(number[0]),
+            "reports_during": int(number[1]),
+        }
+    chosen = (treated & sums.correctable)[:, np.newaxis] & late
+    number, gain = (
+        np.where(chosen, part, 0.0) for part in (sums.number, sums.before - sums.after[0])
+    )
     return {
         "reference": reference,
         "learned_until": str(learned_until),
         "method": "table",
         "groups": groups,
-        **_compared(headings, before - after, chosen, ranking, draws=draws, seed=seed),
+        **_compared(names, number, gain, ranking, draws=draws, seed=seed),
     }
 
 
@@ -288,119 +273,153 @@ def predicted_reduction(
 
 def cross_validate(
     headings: xr.Dataset,
+    fits: xr.Dataset,
     *,
     pools: Mapping[str, list[str]],
     reference: str,
-    folds: int = 5,
-    whole: tuple[xr.Dataset, list[Content]] | None = None,
+    ranking: list[Content] | None = None,
     draws: int = 1000,
     seed: int = 0,
-    **fit_options: Unpack[TableOptions],
 ) -> Content:
-    """Correct every flight with a fit that did not use it, and compare with the prediction.
+    """Correct every report with a fit that did not use its day, and compare with the prediction.
 
     Parameters
     ----------
     headings : Dataset
         Screened headings.
+    fits : Dataset
+        Fits of all these reports, with tables.
     pools : mapping of str to list of str
         Members of each reference and pool.
     reference : str
         Key of ``pools``.
-    folds : int, default 5
-        Parts the flights are dealt into, day by day and aircraft by aircraft.
-    whole : (Dataset, list of dict), optional
-        Fits of all reports with the same options, with their tables, and the ranking of
-        :func:`airswing.evaluation.ranking.rank_aircraft` by them; made when not given.
+    ranking : list of dict, optional
+        Of :func:`airswing.evaluation.ranking.rank_aircraft` by these fits; made when not given.
     draws, seed : int
         Of the bootstrap.
-    **fit_options
-        As for :func:`fitted`.
 
     Returns
     -------
     dict
-        ``held_out`` of ``virtual_field_test.json``: as :func:`virtual_field_test` without groups,
-        and ``in_sample_gain_kt``: gain of the fit of all flights on the reports it was fitted to.
+        ``held_out`` of ``virtual_field_test.json``: as :func:`virtual_field_test` without groups;
+        ``folds``: number of parts; and ``in_sample_gain_kt``: gain of the fit of all days on the
+        reports it was fitted to.
 
     Raises
     ------
     InputError
-        If there are fewer than two folds or fewer flights than folds, or no report could be
-        corrected.
+        If the reference is unknown or no report could be corrected.
     """
     require_reference(pools, reference)
-    fold = flight_folds(headings, folds=folds, seed=seed)
-    after, done = np.full(fold.size, np.nan), np.zeros(fold.size, bool)
-    for number in range(folds):
-        part = fitted(only(headings, fold != number), pools, reference, **fit_options)
-        before, corrected, could = disagreements(headings, part, pools[reference], reference)
-        held = fold == number
-        after[held], done[held] = corrected[held], could[held]
-    if whole is None:
-        fits = fitted(headings, pools, reference, **fit_options)
-        whole = fits, rank_aircraft(headings, fits, pools=pools, reference=reference, seed=seed)
-    chosen = (headings["screening"].to_numpy() == 0) & np.isfinite(before + after) & done
-    if not chosen.any():
+    if ranking is None:
+        ranking = rank_aircraft(headings, fits, pools=pools, reference=reference, seed=seed)
+    fit = fits.sel(reference=reference)
+    folds = fit.sizes["fold"]
+    plain = fit[["held_out_deviation", "status"]].drop_vars("reference")
+    parts = xr.Dataset(
+        {
+            "deviation": plain["held_out_deviation"].rename(fold="reference"),
+            "status": plain["status"].expand_dims(reference=folds),
+        }
+    )
+    sign: Sign = fits.attrs.get("table_sign", "subtract_error")
+    left_out = add_tables(
+        parts,
+        heading_histogram(headings, abscissa=fits.attrs.get("abscissa", "magnetic")).compute(),
+        resolution=fits.attrs.get("table_resolution", 0.1),
+        sign=sign,
+    )
+    tables = [error_from_table(left_out).to_numpy(), error_from_table(fit).to_numpy()[np.newaxis]]
+    sums = _sum_by_day(headings, pools[reference], fit, tables)
+    number, held_out, in_sample = (
+        np.where(sums.correctable[:, np.newaxis], part, 0.0)
+        for part in (sums.number, sums.before - sums.after[0], sums.before - sums.after[1])
+    )
+    if not number.any():
         raise InputError(
             "no held-out report could be corrected",
-            field="folds",
-            found=str(folds),
-            remedy="Use fewer folds, or lower fit.min_reports",
+            field="reference",
+            found=reference,
+            remedy="Lower fit.min_reports, or add reports",
         )
-    _, in_sample, _ = disagreements(headings, whole[0], pools[reference], reference)
     return {
         "reference": reference,
         "folds": folds,
         "method": "table",
-        "in_sample_gain_kt": float((before - in_sample)[chosen].mean()),
-        **_compared(headings, before - after, chosen, whole[1], draws=draws, seed=seed),
+        "in_sample_gain_kt": float(in_sample.sum() / number.sum()),
+        **_compared(
+            headings["aircraft"].to_numpy().astype(str),
+            number,
+            held_out,
+            ranking,
+            draws=draws,
+            seed=seed,
+        ),
     }
 
 
-def disagreements(
-    headings: xr.Dataset, fits: xr.Dataset, members: list[str], reference: str
-) -> tuple[Floats, Floats, Mask]:
-    """Wind vector disagreement of every report, as reported and as corrected by tables.
+@dataclass(frozen=True)
+class _DaySums:
+    """Reports and their summed disagreement by aircraft and day, (aircraft, day); knots."""
 
-    Parameters
-    ----------
-    headings : Dataset
-        In memory or lazy.
-    fits : Dataset
-        With tables of ``reference``.
-    members : list of str
-        References whose mean the reports are compared with.
-    reference : str
+    first: np.datetime64  # day
+    correctable: Mask  # (aircraft,): there is a table that the unit would use
+    number: Floats
+    before: Floats
+    after: list[Floats]  # as corrected; as reported where an aircraft has no table
 
-    Returns
-    -------
-    before, after : array, shape (report,), kt
-    done : array of bool, shape (report,)
-        Whether the report could be corrected.
+
+def _sum_by_day(
+    headings: xr.Dataset, members: list[str], fit: xr.Dataset, tables: Sequence[Floats]
+) -> _DaySums:
+    """Sum the disagreement as reported and as corrected by each of some sets of tables.
+
+    A set of tables, (part, aircraft, node) in degrees of heading error, has one part, or one for
+    each part of the days that are held out.
     """
-    parts = []
-    for block in blocks(headings, _COLUMNS):
-        better = correct(block, fits, reference=reference)
+    argument = "heading" if fit.attrs.get("abscissa") == "true" else "magnetic_heading"
+    names = (*WINDS, argument, "heading", "airspeed", "time", "screening")
+    correctable = published(fit["status"].to_numpy())
+    for table in tables:
+        correctable = correctable & np.isfinite(table).all(axis=(0, 2))
+    first, last = (day.astype("datetime64[D]") for day in time_span(headings))
+    days = int((last - first).astype(np.int64)) + 1
+    shape = (correctable.size, days)
+    sums = np.zeros((2 + len(tables), *shape))
+    begin = 0
+    for block in blocks(headings, names):
         model = reference_mean(block, members)
-        u, v = (model[f"reference_{way}_wind"].to_numpy() for way in ("eastward", "northward"))
-        before, after = (
-            np.hypot(
-                source[f"{prefix}eastward_wind"].to_numpy() - u,
-                source[f"{prefix}northward_wind"].to_numpy() - v,
-            )
-            / KNOT
-            for source, prefix in ((block, ""), (better, "corrected_"))
+        u, v, heading, magnetic, airspeed = (
+            block[name].to_numpy().astype(np.float64)
+            for name in (*WINDS[:2], "heading", argument, "airspeed")
         )
-        parts.append((before, after, is_corrected(better["correction_applied"].to_numpy())))
-    before, after, done = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return before.astype(np.float64), after.astype(np.float64), done
+        model_u, model_v = (model[name].to_numpy() for name in WINDS[2:])
+        used = np.isfinite(u + v + heading + magnetic + airspeed + model_u + model_v)
+        used &= block["screening"].to_numpy() == 0
+        u, v, heading, magnetic, airspeed, model_u, model_v = (
+            column[used] for column in (u, v, heading, magnetic, airspeed, model_u, model_v)
+        )
+        aircraft = aircraft_of_report(block)[used] + begin
+        begin += block.sizes["aircraft"]
+        day = (block["time"].to_numpy()[used].astype("datetime64[D]") - first).astype(np.int64)
+        part = day + first.astype(np.int64)
+        columns = [np.ones(day.size), np.hypot(u - model_u, v - model_v) / KNOT]
+        for table in tables:
+            rows = table[part % len(table), aircraft]
+            error = np.radians(unit_interpolation(np.nan_to_num(rows), magnetic))
+            error[~correctable[aircraft]] = 0.0
+            better = corrected_wind(u, v, airspeed, np.radians(heading), error)
+            columns.append(np.hypot(better[0] - model_u, better[1] - model_v) / KNOT)
+        cell = aircraft * days + day
+        for total, column in zip(sums, columns, strict=True):
+            total += np.bincount(cell, column, total.size).reshape(shape)
+    return _DaySums(first, correctable, sums[0], sums[1], list(sums[2:]))
 
 
 def _compared(
-    headings: xr.Dataset,
+    names: NDArray[np.str_],
+    number: Floats,
     gain: Floats,
-    chosen: Mask,
     ranking: Sequence[Content],
     *,
     draws: int,
@@ -408,60 +427,54 @@ def _compared(
 ) -> Content:
     """Predicted and realised gain with intervals, of each aircraft and of all together.
 
-    ``agree`` is None where one day leaves the intervals unknown; the gains are None where nothing
-    could be compared.
+    ``number`` of reports and their summed ``gain`` are (aircraft, day). ``agree`` is None where one
+    day leaves the intervals unknown; the gains are None where nothing could be compared.
     """
     predicted = {entry["aircraft"]: entry for entry in ranking}
-    names = headings["aircraft"].to_numpy().astype(str)
-    aircraft = aircraft_of_report(headings)[chosen]
-    day = headings["time"].to_numpy()[chosen].astype("datetime64[D]").astype(np.int64)
-    gain = gain[chosen]
-    edges = np.searchsorted(aircraft, np.arange(names.size + 1))
     entries: list[Content] = []
-    together = np.zeros(gain.size, dtype=bool)
-    for name, low, high in zip(names, edges[:-1], edges[1:], strict=True):
+    together = np.zeros(names.size, dtype=bool)
+    for k, name in enumerate(names):
         known = predicted[name]
-        if low == high or known["expected_gain_kt"] is None:
+        if not number[k].any() or known["expected_gain_kt"] is None:
             continue
-        rows = slice(low, high)
-        together[rows] = True
+        together[k] = True
         entries.append(
             {
                 "aircraft": str(name),
-                "reports": int(high - low),
+                "reports": int(number[k].sum()),
                 **_side_by_side(
                     known["expected_gain_kt"],
                     known["expected_gain_standard_error_kt"],
-                    *_bootstrapped(gain[rows], day[rows], draws=draws, seed=seed),
+                    *_bootstrapped(number[k], gain[k], draws=draws, seed=seed),
                 ),
             }
         )
     if not entries:
         return {"by_aircraft": [], "predicted_gain_kt": None, "realised_gain_kt": None}
-    share = np.array([entry["reports"] for entry in entries]) / together.sum()
+    reports, total = number[together].sum(axis=0), gain[together].sum(axis=0)
+    share = np.array([entry["reports"] for entry in entries]) / reports.sum()
     error = np.linalg.norm(share * [entry["predicted_standard_error_kt"] for entry in entries])
     return {
         **_side_by_side(
             float(share @ [entry["predicted_gain_kt"] for entry in entries]),
             float(error),
-            *_bootstrapped(gain[together], day[together], draws=draws, seed=seed),
+            *_bootstrapped(reports, total, draws=draws, seed=seed),
         ),
-        "reports": int(together.sum()),
+        "reports": int(reports.sum()),
         "by_aircraft": entries,
     }
 
 
-def _bootstrapped(
-    gain: Floats, day: NDArray[np.int64], *, draws: int, seed: int
-) -> tuple[float, Floats]:
+def _bootstrapped(number: Floats, gain: Floats, *, draws: int, seed: int) -> tuple[float, Floats]:
     """Mean gain and its draws over days, NaN with one day."""
-    days, place = np.unique(day, return_inverse=True)
-    if days.size < 2:
-        return float(gain.mean()), np.full(draws, np.nan)
-    total, count = np.bincount(place, weights=gain), np.bincount(place)
+    seen = number > 0
+    number, gain = number[seen], gain[seen]
+    mean = float(gain.sum() / number.sum())
+    if number.size < 2:
+        return mean, np.full(draws, np.nan)
     # days are independent units
-    weights = day_weights(days.size, draws=draws, seed=seed, length=1)
-    return float(gain.mean()), np.asarray((weights @ total) / np.maximum(weights @ count, 1.0))
+    weights = day_weights(number.size, draws=draws, seed=seed, length=1)
+    return mean, np.asarray((weights @ gain) / np.maximum(weights @ number, 1.0))
 
 
 def _side_by_side(predicted: float, error: float, realised: float, drawn: Floats) -> Content:

@@ -43,8 +43,6 @@ if TYPE_CHECKING:
     from airswing.evaluation.results import Content
 
 Found = TypeVar("Found")
-FOLDS = 5
-"""Parts of the flights of which each is held out once: each fit still has four fifths of them."""
 _LEARNED_SHARE = 2.0 / 3.0
 """Share of the days a correction is learned from where no field test gives a date."""
 _MOST_DAYS_BY_MONTH = 400
@@ -219,8 +217,8 @@ def virtual_of_month(
 ) -> Content:
     """The virtual field test, made anew when a month begins or an earlier month was made anew.
 
-    It fits the archive six times: a night that adds to the last month alone keeps that of the last
-    time. Parameters and result as of :func:`make_virtual`.
+    It fits the earlier reports again: a night that adds to the last month alone keeps that of the
+    last time. Parameters and result as of :func:`make_virtual`.
     """
     months = json.loads(str(headings.attrs.get("months", "{}")))
     made = months.get("made", [])
@@ -245,7 +243,7 @@ def make_virtual(
 
     ``later``: learned up to the start of the field test and applied to the aircraft that were not
     corrected in it; without a field test learned from the first two thirds of the days.
-    ``held_out``: cross-validation over flights. Where one of them cannot be computed it says why.
+    ``held_out``: cross-validation over days. Where one of them cannot be computed it says why.
     """
     from airswing.evaluation.held_out import cross_validate, virtual_field_test
 
@@ -271,13 +269,7 @@ def make_virtual(
             ),
             "held_out": _tried(
                 lambda: cross_validate(
-                    headings,
-                    pools=pools,
-                    reference=reference,
-                    folds=FOLDS,
-                    whole=(fits, ranking),
-                    resolution=resolution,
-                    **fit,
+                    headings, fits, pools=pools, reference=reference, ranking=ranking
                 )
             ),
         }

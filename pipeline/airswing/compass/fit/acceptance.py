@@ -29,11 +29,11 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.compass.fit.held_out import held_out_improvement, is_implausible, is_zero
-from airswing.compass.fit.kernel import COMPASS, AircraftFit
+from airswing.compass.fit.kernel import COMPASS, FOLDS, AircraftFit
 from airswing.compass.fit.offset_alone import MIN_FLIGHTS, offsets
 from airswing.compass.fit.pooled_bias import day_ratio, enlarged, pool
 from airswing.compass.fit.sandwich import Array, Index, t_inflation
-from airswing.compass.fleet.solution import solve_fleet
+from airswing.compass.fleet.solution import SEGMENTS_A_DAY, solve_fleet
 from airswing.flags import STATUS, published
 from airswing.units import NORMAL_95
 
@@ -113,6 +113,7 @@ class _Estimate:
     theta: Array
     covariance: Array
     cycles: list[int]
+    without: Array  # (aircraft, FOLDS, 5): A to E without the days of each part; NaN where unknown
     bias: Array
     bias_covariance: Array
     regions: int = 1
@@ -121,6 +122,7 @@ class _Estimate:
 _DIMS: dict[str, tuple[str, ...]] = {
     "deviation": ("aircraft", "coefficient"),
     "deviation_covariance": ("aircraft", "coefficient", "coefficient_2"),
+    "held_out_deviation": ("aircraft", "fold", "coefficient"),
     "reference_bias": ("component",),
     "reference_bias_standard_error": ("component",),
     **dict.fromkeys(
@@ -170,12 +172,13 @@ def publish(aircraft: list[AircraftSums], options: Options) -> xr.Dataset:
     Returns
     -------
     Dataset
-        Dimensions ``aircraft``, ``coefficient``, ``coefficient_2``, ``component``.
+        Dimensions ``aircraft``, ``coefficient``, ``coefficient_2``, ``component``, ``fold``.
     """
     sizes = {
         "aircraft": len(aircraft),
         "coefficient": COMPASS,
         "coefficient_2": COMPASS,
+        "fold": FOLDS,
         "component": 2,
     }
     table: _Table = {
@@ -258,20 +261,26 @@ def _with_field(fits: list[AircraftFit], options: Options) -> _Estimate:
     """Solve the fleet together with the error of its references."""
     free = np.array([[k in fit.free for k in range(COMPASS + 1)] for fit in fits])
     fleet = solve_fleet([fit.blocks for fit in fits], free)
-    thetas, covariances, cycles = [], [], []
+    thetas, covariances, cycles, without = [], [], [], []
     for k, fit in enumerate(fits):
+        weight = np.zeros(FOLDS)
+        for one in fit.blocks:
+            weight += np.bincount(one.segment // SEGMENTS_A_DAY % FOLDS, one.sums[0], FOLDS)
         theta, square = fit.theta[: COMPASS + 1] + fleet.step[k], fleet.covariance[k]
         number, to_one, extra = _choice(
             fit, theta, square, np.flatnonzero(free[k]), np.linalg.pinv(square), options
         )
         widen = t_inflation(fit.freedom[: COMPASS + 1])
         thetas.append(to_one @ theta)
+        left_out = fleet.without[:, k] * _enlargement(weight)[:, np.newaxis]
+        without.append(((theta + left_out) @ to_one.T)[:, :COMPASS])
         covariances.append((to_one @ square @ to_one.T + extra) * np.outer(widen, widen))
         cycles.append(number)
     return _Estimate(
         np.array(thetas),
         np.array(covariances),
         cycles,
+        np.array(without),
         fleet.bias,
         fleet.bias_covariance,
         fleet.regions,
@@ -294,7 +303,34 @@ def _without_field(fits: list[AircraftFit], ratio: Array, options: Options) -> _
     fleet = pool(kept, joint=options.joint)
     widen = np.array([t_inflation(fit.freedom) for fit in fits])
     covariance = (fleet.covariance + np.array(added)) * widen[:, :, None] * widen[:, None]
-    return _Estimate(fleet.theta, covariance, cycles, fleet.bias, fleet.bias_covariance)
+    without = np.array(
+        [
+            theta[:COMPASS] + _without_days(fit, square)
+            for fit, theta, square in zip(kept, fleet.theta, fleet.covariance, strict=True)
+        ]
+    )
+    return _Estimate(fleet.theta, covariance, cycles, without, fleet.bias, fleet.bias_covariance)
+
+
+def _without_days(fit: AircraftFit, covariance: Array) -> Array:
+    """Change of A to E (FOLDS, 5) without each part of the days, from the influences of the days.
+
+    Influences are brought to the published covariance, which holds what the fleet knows.
+    """
+    used = np.flatnonzero(np.diagonal(fit.day_covariance)[:COMPASS])
+    square = np.ix_(used, used)
+    roots = [np.linalg.cholesky(one[square]) for one in (fit.covariance, covariance)]
+    influence = fit.day[:, used] @ np.linalg.solve(roots[0].T, roots[1].T)
+    part = fit.day_number % FOLDS
+    found = np.zeros((FOLDS, COMPASS))
+    np.add.at(found, (part[:, np.newaxis], used), -influence)
+    return found * _enlargement(np.bincount(part, minlength=FOLDS))[:, np.newaxis]
+
+
+def _enlargement(weight: NDArray[Any]) -> Array:
+    """Weight of all parts over that without each; NaN for a part of more than half."""
+    share = weight / max(float(weight.sum()), 1e-30)
+    return np.where(share <= 0.5, 1.0 / np.maximum(1.0 - share, 0.5), np.nan)
 
 
 def _choice(
@@ -330,6 +366,7 @@ def _publish_curve(
     if not _improves(table, k, fit, theta[:COMPASS], covariance[:COMPASS, :COMPASS]):
         return
     table["deviation"][k], table["deviation_covariance"][k] = deviation, square
+    table["held_out_deviation"][k] = np.degrees(found.without[row])
     names = ("offset", "amplitude", "phase")
     for name, value, error in zip(names, *sinusoid(deviation, square), strict=True):
         table[name][k], table[f"{name}_standard_error"][k] = value, error
@@ -366,6 +403,7 @@ def _publish_offsets(table: _Table, aircraft: list[AircraftSums], options: Optio
         table["deviation"][k] = 0.0
         table["deviation"][k, 0] = table["offset"][k] = np.degrees(offset.value)
         table["deviation_covariance"][k] = offset.covariance * np.degrees(1.0) ** 2
+        table["held_out_deviation"][k] = np.degrees(theta + _without_days(fit, fit.covariance))
         table["offset_standard_error"][k] = error
         table["residual_rms_before"][k] = np.degrees(fit.rms_before)
         table["residual_rms_after"][k] = np.degrees(fit.rms_after)

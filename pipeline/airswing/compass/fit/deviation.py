@@ -111,7 +111,8 @@ def fit_deviation(
     -------
     Dataset
         Every variable of ``fits.nc`` except the table's, dimensions ``reference``, ``aircraft``,
-        ``coefficient``, ``coefficient_2``, ``component``; dask-backed where the headings are.
+        ``coefficient``, ``coefficient_2``, ``component``, ``fold``; dask-backed where the headings
+        are.
 
     Raises
     ------

@@ -15,7 +15,7 @@ inverted. Of more unknowns
 * an aircraft's covariance is the inverse of its block, plus what the lasting part adds, which is
   exact, times the mean over the fleet of the ratio of the true variances to these.
 
-Errors of different days (four segments, from the first one) are taken as independent, whatever they
+Errors of different days (four segments, UTC) are taken as independent, whatever they
 are within a day. The covariance is the model's times the fleet's mean ratio of the sandwich over
 days to the model's, for each coefficient, because an aircraft's own days are too few; in an archive
 of few days this ratio is at least one.
@@ -33,6 +33,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse.linalg import LinearOperator, cg
 
+from airswing.compass.fit.kernel import FOLDS
 from airswing.compass.fleet.blocks import SLOPES, Blocks
 from airswing.compass.fleet.field_basis import Floats, Ints
 from airswing.compass.fleet.field_error import LARGEST_VARIANCE, Flags
@@ -69,6 +70,9 @@ class FleetFit:
 
     step: Floats  # (aircraft, 6): to add to the aircraft's own A to E and airspeed scale, radians
     covariance: Floats  # (aircraft, 6, 6)
+    # (FOLDS, aircraft, 6): change of the estimate without the days of each part, but for the weight
+    # of the other days: to first order, the equations of the days being additive
+    without: Floats
     bias: Floats  # (2,): mean error of the references over the blocks, m/s
     bias_covariance: Floats  # (2, 2)
     ratio: Floats  # (6,): factor that was applied to the covariance of the model
@@ -92,7 +96,7 @@ def solve_fleet(blocks: list[list[Blocks]], free: Flags) -> FleetFit:
     segments = np.unique(
         np.concatenate([np.unique(part.segment) for one in blocks for part in one])
     )
-    days = np.unique((segments - segments[0]) // SEGMENTS_A_DAY) * SEGMENTS_A_DAY + segments[0]
+    days = np.unique(segments // SEGMENTS_A_DAY) * SEGMENTS_A_DAY
     references = [Reference([one[k] for one in blocks], free, days) for k in range(len(blocks[0]))]
     equations = Equations([one.information for one in references], free)
     right = np.zeros(equations.size)
@@ -105,8 +109,15 @@ def solve_fleet(blocks: list[list[Blocks]], free: Flags) -> FleetFit:
         scores[:, place] += one.scores(found[place])
     found = found + inverse.solve(scores.sum(axis=0) - inverse.prior * found)
 
+    # by part of the days; about their mean, as they add up to the score of the prior
+    apart = scores - scores.mean(axis=0)
+    part_of_day = days // SEGMENTS_A_DAY % FOLDS
+    without = -inverse.solve(
+        np.array([apart[part_of_day == k].sum(axis=0) for k in range(FOLDS)]).T
+    )
+
     square = inverse.covariances()
-    sandwich = inverse.squares((scores - scores.mean(axis=0)).T) + inverse.prior_squares()
+    sandwich = inverse.squares(apart.T) + inverse.prior_squares()
     part = sandwich / np.diagonal(square, axis1=1, axis2=2)
     part /= 1.0 - np.mean([one.leverage() for one in references], axis=0)
     ratio = np.array(
@@ -127,6 +138,7 @@ def solve_fleet(blocks: list[list[Blocks]], free: Flags) -> FleetFit:
     return FleetFit(
         found[: free.size].reshape(free.shape),
         square * root[:, :, np.newaxis] * root[:, np.newaxis],
+        without[: free.size].T.reshape(FOLDS, *free.shape),
         rows @ found,
         rows @ inverse.solve(rows.T) * max(float(ratio.mean()), 1.0),
         ratio,

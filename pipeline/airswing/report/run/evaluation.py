@@ -293,7 +293,7 @@ def prediction_figure(virtual: Content, *, units: Units = "kt") -> Figure:
     figure = new_figure(3.8)
     parts = {
         "Later reports": virtual.get("later"),
-        "Flights held out of the fit": virtual.get("held_out"),
+        "Days held out of the fit": virtual.get("held_out"),
     }
     total = 0
     for axes, (title, part) in zip(figure.subplots(1, 2), parts.items(), strict=True):
@@ -357,7 +357,7 @@ def ranking_section(
     lines = []
     for key, words in (
         ("later", "Fitted up to {learned_until}, applied afterwards"),
-        ("held_out", "Cross-validation over flights ({folds} parts)"),
+        ("held_out", "Cross-validation over days ({folds} parts)"),
     ):
         part = (virtual or {}).get(key)
         if part and "why" not in part:
