@@ -6,7 +6,6 @@ import csv
 import json
 from datetime import date
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,6 +16,7 @@ from airswing.config import Config
 from airswing.config_file import load_config
 from airswing.evaluation.monitoring import add_changes, watch_compasses
 from airswing.workflow import evaluation_stage as stages
+from airswing.workflow.job import Job
 from airswing.workflow.progress import Progress
 from tests.compass.flown import Setting
 from tests.evaluation.archives import fleet, with_change
@@ -44,7 +44,7 @@ def job(tmp_path):
             "output": str(tmp_path),
         }
     )
-    return SimpleNamespace(config=config, progress=Progress(quiet=True), output=tmp_path)
+    return Job(config, Progress(quiet=True))
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "configs").glob("*.yaml")), ids=lambda p: p.name)
@@ -71,6 +71,27 @@ def test_stability_is_a_product_with_windows_and_changes(job, headings, fits):
     assert [entry["aircraft"] for entry in written["changes"]] == ["N000", "N001", "N002"]
     assert {entry["window"] for entry in written["windows"]} == {"2008-07-01", "2008-08-01"}
     assert found["reference"] == "ruc"
+
+
+def test_windows_before_the_first_month_made_anew_keep_their_fits(job, headings, fits):
+    def night(made: list[str], kept: list[str]) -> dict:
+        months = json.dumps({"made": made, "kept": kept})
+        return stages.make_stability(job, headings.assign_attrs(months=months), fits)
+
+    first = night(["2008-07", "2008-08"], [])
+    marked = json.loads((job.output / stages.STABILITY).read_text())
+    marked["windows"] = [entry | {"reports": -1} for entry in marked["windows"]]
+    marked["windows"] = [entry for entry in marked["windows"] if entry["aircraft"] != "N002"]
+    (job.output / stages.STABILITY).write_text(json.dumps(marked))
+    for before, after in zip(
+        first["windows"], night(["2008-08"], ["2008-07"])["windows"], strict=True
+    ):
+        july = before["window"] == "2008-07-01"
+        if july and before["aircraft"] == "N002":  # a new aircraft had no report then
+            before = {**dict.fromkeys(("aircraft", "window")), "reports": 0}
+            before |= {name: after[name] for name in ("aircraft", "window", "status")}
+        assert after == before | ({"reports": -1} if july and after["reports"] else {})
+    assert night(["2008-07"], ["2008-08"])["windows"] == first["windows"]
 
 
 def test_the_ranking_is_a_table_a_spreadsheet_reads(job, headings):
@@ -100,7 +121,6 @@ def test_monitoring_reads_the_products_and_reports_events_once(tmp_path, heading
     from airswing.evaluation.monitoring import read_events
     from airswing.products.netcdf import write_product
     from airswing.workflow import make_monitoring
-    from airswing.workflow.job import Job
 
     table = "aircraft,reference,heading_deg,table_correction_deg,standard_error_deg,sign\n"
     table += "".join(f"N001,ruc,{45 * k},12.5,0.2,subtract_error\n" for k in range(8))
@@ -134,7 +154,6 @@ def test_after_a_change_the_table_is_that_of_the_reports_since(tmp_path):
     from airswing.products.netcdf import write_product
     from airswing.products.ragged import some_reports
     from airswing.workflow import events_said, make_monitoring
-    from airswing.workflow.job import Job
 
     change = np.zeros((6, 5))
     change[2, 0] = 3.0

@@ -178,7 +178,7 @@ def test_a_large_fleet_stays_usable(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(page, "OVERVIEW", 3)
     headings, fits = factories.headings(aircraft=8, reports=60), factories.fits(aircraft=8)
     text, found = check_self_contained(write_page(tmp_path, headings=headings, fits=fits))
-    assert "The 2 aircraft with the largest amplitude; the other 6" in text
+    assert "The 2 aircraft with the largest amplitude; the swing cards" in text
     assert "<p>The 3 aircraft with the largest amplitude.</p>" in text
     small, large, fleet, roses, places, audit = 2, 2, 1, 1, 3, 1
     assert found.images == small + large + fleet + roses + places + audit

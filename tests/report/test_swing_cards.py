@@ -24,7 +24,8 @@ FITS = factories.fits(aircraft=3).assign_attrs(
 def texts(aircraft: str, fits=FITS) -> list[str]:
     figure = swing_card_figure(HEADINGS, fits, aircraft, "ruc")
     inside = [text for axes in figure.axes for text in axes.texts]
-    return [text.get_text() for text in [*figure.texts, *inside]]
+    shown = [text.get_text() for text in [*figure.texts, *inside]]
+    return [*shown, *(line for text in shown for line in text.split("\n"))]
 
 
 @given(st.lists(st.floats(-15, 15), min_size=8, max_size=8), st.floats(0, 359))

@@ -15,6 +15,7 @@ from collections.abc import Callable, Sequence
 from datetime import date
 from typing import TYPE_CHECKING, Literal, TypeVar
 
+import numpy as np
 import xarray as xr
 
 from airswing.errors import ConfigError, InputError
@@ -133,7 +134,10 @@ def make_observation_errors(job: Job, headings: xr.Dataset, corrected: xr.Datase
 
 
 def make_stability(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> Content:
-    """Fits by month (by quarter in long archives) and changes of compasses: ``stability.json``."""
+    """Fits by month (by quarter in long archives) and changes of compasses: ``stability.json``.
+
+    Windows before the first month that was made anew keep their fits of the last run.
+    """
     from airswing.evaluation.monitoring import fit_by_window, noted_changes
 
     config, reference = job.config, main_reference(job.config)
@@ -141,13 +145,26 @@ def make_stability(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> Content:
         first, last = (day.astype("datetime64[D]") for day in time_span(headings))
         days = (last - first).astype(int)
         window: Literal["month", "quarter"] = "month" if days <= _MOST_DAYS_BY_MONTH else "quarter"
+        note, made = _months_note(job, headings)
+        path, noted = job.output / STABILITY, job.notes / STABILITY
+        earlier: list[Content] = []
+        if not job.fresh and path.exists() and read_note(noted).get("settings") == note["settings"]:
+            last_time = read_note(path)
+            earlier = last_time["windows"] if last_time["window"] == window else []
+        since = np.datetime64(min(made, default=str(last + 1)), "M").astype(np.int64)
+        since -= since % (1 if window == "month" else 3)
+        begin = np.datetime64(int(since), "M").astype("datetime64[D]")
+        earlier = [entry for entry in earlier if np.datetime64(entry["window"]) < begin]
         windows = fit_by_window(
             headings,
             pools=config.pools(),
             reference=reference,
             window=window,
+            since=begin if earlier else None,
             **config.fit.model_dump(),
         )
+        windows = _with_new_aircraft(earlier, headings) + windows
+        windows.sort(key=lambda entry: (entry["aircraft"], entry["window"]))
         changes = noted_changes(fits)
         result: Content = {
             "reference": reference,
@@ -155,10 +172,32 @@ def make_stability(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> Content:
             "changes": changes,
             "windows": windows,
         }
-        write_json(job.output / STABILITY, result)
+        write_json(path, result)
+        if note["months"]:
+            write_json(noted, note)
         changed = [entry["aircraft"] for entry in changes if entry["changes"]]
         stage.note = f"compass changed: {', '.join(changed) or 'none'}"
     return result
+
+
+def _months_note(job: Job, headings: xr.Dataset) -> tuple[Content, list[str]]:
+    """Settings and months of a run, to compare with those of the next, and the months made."""
+    months = json.loads(str(headings.attrs.get("months", "{}")))
+    made = months.get("made", [])
+    config = job.config.model_dump(exclude={"compute", "output", "metadata"})
+    settings = fingerprint(config, code_digest())
+    return {"settings": settings, "months": sorted([*made, *months.get("kept", [])])}, made
+
+
+def _with_new_aircraft(windows: list[Content], headings: xr.Dataset) -> list[Content]:
+    """Fits by window with entries of aircraft that had no report in these windows."""
+    known = {entry["aircraft"] for entry in windows}
+    new = [str(name) for name in headings["aircraft"].to_numpy() if str(name) not in known]
+    return windows + [
+        {"aircraft": name, "window": first, "reports": 0, "status": "too_few_reports"}
+        for name in new
+        for first in sorted({entry["window"] for entry in windows})
+    ]
 
 
 def make_ranking(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> list[Content]:
@@ -220,11 +259,8 @@ def virtual_of_month(
     It fits the earlier reports again: a night that adds to the last month alone keeps that of the
     last time. Parameters and result as of :func:`make_virtual`.
     """
-    months = json.loads(str(headings.attrs.get("months", "{}")))
-    made = months.get("made", [])
-    names = sorted([*made, *months.get("kept", [])])
-    config = job.config.model_dump(exclude={"compute", "output", "metadata"})
-    note = {"settings": fingerprint(config, code_digest()), "months": names}
+    note, made = _months_note(job, headings)
+    names = note["months"]
     path, noted = job.output / VIRTUAL, job.notes / VIRTUAL
     kept = not job.fresh and set(made) <= set(names[-1:]) and read_note(noted) == note
     if kept and path.exists():

@@ -60,6 +60,7 @@ def make_fits(job: Job, headings: xr.Dataset | None = None) -> xr.Dataset:
         members = config.pools()[reference]
         fits = with_implausible(fits, plausibility(screened, references=members))
         watch = watch_compasses(screened, members=members, abscissa=abscissa)
+        job.shared["compass_watch"] = watch
         fits = add_changes(fits, watch.changes)
         stage.note = f"{int(published(fits['status']).sum())} of {fits['status'].size} fits usable"
         if (regions := int(fits["shared_error_regions"].max())) > 1:

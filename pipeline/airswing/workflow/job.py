@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import xarray as xr
 
@@ -31,6 +32,8 @@ class Job:
     config: Config
     progress: Progress
     fresh: bool = False  # make every month anew
+    # what one stage has computed and a later one of the same run needs
+    shared: dict[str, Any] = field(default_factory=dict, repr=False)
 
     @property
     def output(self) -> Path:

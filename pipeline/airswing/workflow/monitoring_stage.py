@@ -60,6 +60,7 @@ def make_monitoring(
             reference=reference,
             members=job.config.pools()[reference],
             tables_in_use=tables,
+            compass=job.shared.get("compass_watch"),
         )
         found = with_tables(found, _tables_since(job, screened, changed_since(found)))
         found = replace(found, unsaid=len(found.new_events))

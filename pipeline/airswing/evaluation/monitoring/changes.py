@@ -305,6 +305,7 @@ def fit_by_window(
     pools: Mapping[str, list[str]],
     reference: str,
     window: Literal["month", "quarter"] = "month",
+    since: np.datetime64 | None = None,
     **fit_options: Unpack[FitOptions],
 ) -> list[Content]:
     """Fit every aircraft in each calendar window from the reports of that window alone.
@@ -318,6 +319,8 @@ def fit_by_window(
     reference : str
         Key of ``pools``.
     window : {"month", "quarter"}
+    since : datetime64, optional
+        First day of the first window wanted.
     **fit_options
         As for :func:`airswing.compass.fit.deviation.fit_deviation`.
 
@@ -348,6 +351,8 @@ def fit_by_window(
         month = reports["time"].to_numpy().astype("datetime64[M]").astype(np.int64)
         return np.asarray(month // step)
 
+    if since is not None:
+        headings = some_reports(headings, headings["time"].to_numpy() >= since)
     windows: set[int] = set()
     for block in blocks(headings, ["time", "screening"]):
         windows.update(number(block)[block["screening"].to_numpy() == 0].tolist())

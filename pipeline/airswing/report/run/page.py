@@ -74,7 +74,7 @@ from airswing.units import NORMAL_95
 from airswing.version import __version__
 
 # Aircraft in small panels, in one figure of small panels, in large panels, and in an overview.
-SMALL_PANELS, SMALL_TOGETHER, LARGE_PANELS, OVERVIEW = 96, 12, 40, 40
+SMALL_PANELS, SMALL_TOGETHER, LARGE_PANELS, OVERVIEW = 96, 12, 12, 40
 # Report files left out that are named; the product names all.
 _FILES_NAMED = 20
 
@@ -297,8 +297,7 @@ def _curves_section(
     if len(order) > LARGE_PANELS:
         parts.append(
             paragraph(
-                f"The {LARGE_PANELS} aircraft with the largest amplitude; the other "
-                f"{len(order) - LARGE_PANELS} are in the table."
+                f"The {LARGE_PANELS} aircraft with the largest amplitude; the swing cards show all."
             )
         )
     for index, name in enumerate(order[:LARGE_PANELS]):

@@ -248,7 +248,7 @@ FORMULA = (
     "deviation = A + B sin m + C cos m + D sin 2m + E cos 2m, with m the indicated magnetic heading"
 )
 PHASE_WORDS = (
-    "Offset = A, amplitude = √(B² + C²).",
+    "Offset = A, amplitude² = B² + C².",
     "The one-cycle part B sin m + C cos m equals amplitude × sin(m + phase): it is largest at "
     "m = 90° - phase.",
 )
