@@ -67,7 +67,7 @@ from airswing.reference.profiles import (
 __all__ = ["Catalogue", "LeftOut", "build_catalogue", "catalogues_of", "is_lost_file"]
 
 _SAME = 0.1  # m/s or Pa: copies in another packing differ by less
-_COMPARED = 20  # duplicates of one pair of files whose values are compared
+_COMPARED = 20  # fields of two files that were found equal: the rest are taken to be
 FALL_BACK = "opened by cfgrib, which is slower: the header scanner found {what}"
 _PROFILE = ("valid", "lead", "member", "level_kind", "grid")
 _FIELD = (*_PROFILE, "level", "kind")
@@ -411,19 +411,23 @@ def _comparison(
     engine: str = "grib",
 ) -> Callable[[Table], bool]:
     """Function that says whether rows of one field have other values, at some of its points."""
-    compared: Counter[tuple[int, ...]] = Counter()
+    equal: Counter[tuple[int, ...]] = Counter()
+    other: set[tuple[int, ...]] = set()
 
     def differ(rows: Table) -> bool:
         files = tuple(np.unique(rows["file"]).tolist())
-        compared[files] += 1
-        if len(files) > 1 and compared[files] > _COMPARED:
+        if len(files) > 1 and equal[files] > _COMPARED and files not in other:
             return False
         grid, native = grids[int(rows["points"][0])], bool(rows["level_kind"][0] != ISOBARIC)
         model = ModelTime((grid,) * 3, native, rows, rows, rows, tuple(sources), stored, engine)
         points = probes_of(grid.size)
         values = reader.answer([model], [[(row, points.copy()) for row in rows]])[0]
         first, *others = (np.nan_to_num(one) for one in values)
-        return any(bool(np.abs(one - first).max() > _SAME) for one in others)
+        if any(bool(np.abs(one - first).max() > _SAME) for one in others):
+            other.add(files)
+            return True
+        equal[files] += 1
+        return False
 
     return differ
 
@@ -676,6 +680,13 @@ def _no_winds(
     reasons: Counter[str] = Counter()
     for one in skipped:
         reasons[f"{one['what']}: {one['reason']}"] += one["count"]
+    if {one["reason"] for one in skipped} == {"no whole GRIB message"}:
+        raise InputError(
+            "no whole GRIB message in it, and neither NetCDF nor Zarr",
+            file=sources[0].path,
+            field=where,
+            remedy="It is damaged, still being written, or of a kind that holds no model winds",
+        )
     remedy = "u and v are needed at the same levels, on a grid that is defined in the file"
     if any(one["what"] == "grid" for one in skipped):
         remedy = (

@@ -23,6 +23,7 @@ import os
 import re
 import shutil
 import tempfile
+import urllib.request
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import IO, Any, NamedTuple, TypedDict
@@ -52,6 +53,7 @@ _UNREADABLE = (
     (b"<error", "is an XML document", _FAILED),
     (b"version https://git-lfs", "is a Git LFS pointer", "Fetch its content with git lfs pull"),
     (b"\x28\xb5\x2f\xfd", "is compressed with zstandard", "Decompress it first: unzstd FILE"),
+    (b"rar!", "is a RAR archive", "Unpack it first"),
     (b"7z\xbc\xaf", "is a 7-Zip archive", "Unpack it first"),
     (b"\x0e\x03\x13\x01", "is HDF4", "Convert it to NetCDF first"),
     (b"%pdf", "is a PDF document", "Give GRIB, NetCDF or Zarr"),
@@ -106,8 +108,19 @@ def is_url(path: str) -> bool:
 def is_zarr(path: str) -> bool:
     """Whether a folder is a Zarr store; of URLs by their ending."""
     if is_url(path):
-        return path.rstrip("/").endswith(".zarr")
+        name = path.rstrip("/").rsplit("/", 1)[-1]
+        return ".zarr" in name or ("." not in name and _url_has_mark(path))
     return any(os.path.isfile(os.path.join(path, mark)) for mark in _ZARR_MARKS)
+
+
+def _url_has_mark(url: str) -> bool:
+    try:
+        import fsspec
+
+        system, path = fsspec.core.url_to_fs(url)
+        return any(system.exists(f"{path.rstrip('/')}/{mark}") for mark in _ZARR_MARKS)
+    except Exception:  # fsspec and its protocols raise many kinds; opening it names the problem
+        return False
 
 
 def _dated(path: str) -> str:
@@ -178,7 +191,7 @@ def _urls(pattern: str) -> list[str]:
 
 def _unreachable(url: str, error: Exception) -> InputError:
     protocol = url.split("://")[0]
-    package = {"s3": "s3fs", "gs": "gcsfs", "gcs": "gcsfs", "https": "aiohttp", "http": "aiohttp"}
+    package = {"s3": "s3fs", "gs": "gcsfs", "gcs": "gcsfs", "https": "aiohttp requests"}
     return InputError(
         "cannot be opened",
         file=url,
@@ -292,6 +305,8 @@ def _open(path: str) -> IO[bytes]:
     if not is_url(path):
         return open(path, "rb")
     try:
+        if path.startswith(("http://", "https://")):  # needs no optional package
+            return urllib.request.urlopen(path, timeout=60)  # type: ignore[no-any-return]
         import fsspec
 
         return fsspec.open(path, "rb").open()  # type: ignore[no-any-return]
@@ -303,15 +318,14 @@ def first_bytes(path: str, length: int = 1024) -> bytes:
     """First bytes of a file or a URL, decompressed; empty if they are damaged."""
     with _open(path) as file:
         start = file.read(length)
-        opener = _opener(start)
-        if opener is None:
-            return start
-        try:
-            file.seek(0)
-            with opener(file) as content:
-                return bytes(content.read(length))
-        except (OSError, EOFError, ValueError, lzma.LZMAError):
-            return b""
+    opener = _opener(start)
+    if opener is None:
+        return start
+    try:
+        with _open(path) as file, opener(file) as content:
+            return bytes(content.read(length))
+    except (OSError, EOFError, ValueError, lzma.LZMAError):
+        return b""
 
 
 def _opener(start: bytes) -> Callable[[Any], Any] | None:

@@ -57,6 +57,7 @@ _TITLE_WORDS = re.compile(
 _STATISTIC_DIMENSIONS = re.compile(
     r"(quantile|percentile|probability|threshold|ensemble_statistic|statistic)s?$", re.I
 )
+_STATISTIC_KEYS = re.compile(r"statistic|derived|probabilit|ensemble", re.I)
 _MEMBERS = ("realization", "number", "ensemble", "ens", "member", "members")
 _HORIZONTAL = ("area", "lat", "latitude", "lon", "longitude", "x", "y")
 
@@ -152,7 +153,11 @@ def variable_statistic(
             return "climatology"
     if re.match(r"(long term )?mean\b", str(attrs.get("statistic", "")), re.I):
         return f"statistic {attrs['statistic']}"  # of NOAA PSL: over time; else "Ensemble Mean"
-    described = [name, *(attrs.get(key) for key in ("long_name", "statistic", "product_type"))]
+    for named, value in attrs.items():  # of THREDDS and NCL
+        if re.search(r"statistical_(interval|process)", str(named), re.I) and str(value).strip():
+            return f"{named} {value}"
+    described = [name, *(attrs.get(key) for key in ("long_name", "description", "product_type"))]
+    described += [value for named, value in attrs.items() if _STATISTIC_KEYS.search(str(named))]
     described += [dataset.get(key) for key in ("product_type", "statistic")]
     titles = [value for key, value in dataset.items() if str(key).lower() in ("title", "product")]
     for text, words in [

@@ -41,6 +41,7 @@ Request = list[tuple[np.void, Ints]]
 Winds = Generator[Request, list[Floats], Floats]
 
 MAX_WIND = 150.0  # m/s
+MAX_PRESSURE = 120_000.0  # Pa
 WINDS = ("u", "v")
 DERIVATIVES = ("u_lnp", "v_lnp", "u_x", "v_x", "u_y", "v_y", "convergence")
 _METRIC_STEP = 1e-3  # degrees, half the step of the differences that give the grid's metric
@@ -113,7 +114,8 @@ def level_brackets(levels: Floats, pressure: Floats, *, both: bool = False) -> B
             k = np.searchsorted(levels, pressure, side="right") - 1
         else:
             k = (levels <= pressure).sum(axis=0) - 1
-        inside = (pressure >= levels[0]) & (pressure <= levels[-1])
+        # levels below the ground may be missing
+        inside = (pressure >= levels[0]) & (pressure <= np.fmax.reduce(levels, axis=0))
         k = np.clip(k, 0, count - 2 if both and count > 1 else count - 1)
         below, columns = np.minimum(k + 1, count - 1), np.arange(pressure.size)
         first = levels[k] if levels.ndim == 1 else levels[k, columns]

@@ -344,9 +344,9 @@ def _rapid_refresh(section: bytes) -> AxesGrid:
     """Grid of NCEP's template 3.32769, which ecCodes does not describe in degrees.
 
     A rotated grid that is symmetric about its centre, where its equator and meridian cross; first,
-    centre and last point are geographic. The files of the Rapid Refresh give increments and, in
-    some versions, no last point to go by; increments are in thousandths of a degree there. Steps
-    are those from the first point to the centre, and must agree with what is stated.
+    centre and last point are geographic. Steps are those from the first point to the centre.
+    Increments are stated in several units and the last point is absent in some versions: one of
+    them must agree.
     """
 
     def signed(at: int) -> float:
@@ -365,10 +365,16 @@ def _rapid_refresh(section: bytes) -> AxesGrid:
     x0, y0 = float(wrap_degrees(x)[0]), float(y[0])
     steps = -2.0 * x0 / (ni - 1), -2.0 * y0 / (nj - 1)
     signs = (-1.0 if scanning & 0x80 else 1.0), (1.0 if scanning & 0x40 else -1.0)
-    for step, sign, stated in zip(steps, signs, (signed(63), signed(67)), strict=True):
-        near = (abs(abs(step) - s) <= _STEP_TOLERANCE * abs(step) for s in (stated, stated / 1e3))
-        if step * sign <= 0.0 or (stated > 0.0 and not any(near)):
-            raise UnplaceableGridError("corners and increments contradict each other")
+    stated = [one for one in (signed(63), signed(67)) if one > 0.0]
+    agree = all(
+        any(abs(abs(step) - one * unit) <= _STEP_TOLERANCE * abs(step) for unit in (1e-3, 1.0, 1e3))
+        for step, one in zip(steps, stated, strict=False)
+    )
+    if not agree and len(section) >= 80:
+        last = frame.xy(np.array([signed(72)]), np.array([signed(76)]))
+        agree = bool(np.hypot(wrap_degrees(last[0] + x0), last[1] + y0)[0] < min(map(abs, steps)))
+    if not agree or any(step * sign <= 0.0 for step, sign in zip(steps, signs, strict=True)):
+        raise UnplaceableGridError("corners and increments contradict each other")
     return AxesGrid(
         frame,
         x0 + steps[0] * np.arange(ni, dtype=np.float64),

@@ -38,9 +38,8 @@ from airswing.reference.grib.grid_sections import read_grid
 from airswing.reference.grids import UnplaceableGridError
 from airswing.reference.profiles import HYBRID, ISOBARIC, PRESSURE, U, V
 from airswing.reference.state import DERIVED, FORECAST, grib_statistic
-from airswing.reference.winds import MAX_WIND
+from airswing.reference.winds import MAX_PRESSURE, MAX_WIND
 
-MAX_PRESSURE = 120_000.0  # Pa
 MAX_BITS = 57  # widest packed integer that one unaligned 64-bit load holds at any bit offset
 PADDING = 16  # bytes a section may have beyond its values
 READ_BYTES = 512  # read at once where a message begins

@@ -92,7 +92,6 @@ class Described:
 
     rows: list[Rows] = field(default_factory=list)
     skipped: Counter[tuple[str, str]] = field(default_factory=Counter)
-    names: set[str] = field(default_factory=set)  # variables of components
     notes: set[str] = field(default_factory=set)
 
 
@@ -106,7 +105,7 @@ class Gathering:
         self._grids: dict[str, int] = {}
         self._places: list[Grid] = []
         self._first = ""
-        self._names: set[str] = set()
+        self._variables: set[str] = set()
         self._notes: dict[str, None] = {}
         self._along: dict[int, dict[bool | None, str]] = {}
 
@@ -122,6 +121,7 @@ class Gathering:
         for part, ds in enumerate(parts):
             self._notes |= dict.fromkeys(ds.encoding.get(NOTES, ()))
             try:
+                self._variables |= {str(name) for name in (*ds.variables, *ds.dims)}
                 if is_wrf(ds) and not (self.naming.u or self.naming.v):
                     found = describe_wrf(ds, self.naming, path)
                 else:
@@ -134,7 +134,6 @@ class Gathering:
                     remedy="Its attributes or coordinates contradict each other; their meaning can "
                     "be given under the reference",
                 ) from error
-            self._names |= found.names
             self._notes |= dict.fromkeys(sorted(found.notes))
             self.skipped += [skip(path, *key, count) for key, count in found.skipped.items()]
             for rows in found.rows:
@@ -162,13 +161,26 @@ class Gathering:
         Raises
         ------
         InputError
-            If a component that the configuration names is in no file.
+            If a name of the configuration is in no file, or a key applies to nothing.
         """
-        for key in ("u", "v"):
-            named = getattr(self.naming, key)
-            if named and named not in self._names:
-                raise InputError("no such variable", file=self._first, field=f"{key}: {named}")
+        for key, name in self.naming.named():
+            if name not in self._variables:
+                raise InputError(
+                    "no such variable",
+                    file=self._first,
+                    field=f"{key}: {name}",
+                    found="variables " + ", ".join(sorted(self._variables)),
+                )
         table = on_one_grid(np.concatenate(self._tables), self._places)
+        native = bool((table["level_kind"] != ISOBARIC).any())
+        for key in ("pressure", "surface_pressure"):
+            if getattr(self.naming, key) and table.size and not native:
+                raise InputError(
+                    "this key applies to native levels; these have one pressure each",
+                    file=self._first,
+                    field=f"{key}: {getattr(self.naming, key)}",
+                    remedy="Remove it",
+                )
         return _with_formula_pressures(table)
 
     def grids(self) -> tuple[Grid, ...]:
@@ -220,7 +232,6 @@ def describe_dataset(ds: xr.Dataset, naming: Naming, file: str) -> Described:
     native: list[str] = []
     candidates = components(ds, naming)
     for one in candidates:
-        found.names.add(one.name)
         variable = ds[one.name]
         others = [(str(key), other.attrs) for key, other in variable.coords.items()]
         others += [(str(dim), {}) for dim in variable.dims if dim not in variable.coords]
@@ -382,10 +393,22 @@ def _grid(ds: xr.Dataset, name: str, axes: Axes, naming: Naming, file: str) -> G
         return known
     if axes.y.ndim == 2:
         lat, lon = (np.asarray(one.values, dtype=np.float64) for one in (axes.y, axes.x))
+        lat, lon = (
+            values * _degrees(naming.units.get(str(one.name), one.attrs.get("units")))
+            for values, one in ((lat, axes.y), (lon, axes.x))
+        )
         mapping = naming.projection or axes.crs or _grib_projection(ds[name])
         laid = None
         if mapping is not None:
             laid = through_points(frame_of(mapping, file=file, field="projection"), lat, lon)
+        if laid is None and naming.projection is not None:
+            raise InputError(
+                "points that are no rows and columns of the projection given",
+                file=file,
+                field="projection",
+                found=str(naming.projection),
+                remedy="Correct or remove it: the points' latitudes and longitudes are enough",
+            )
         # two-dimensional coordinates of a plain grid
         if laid is None and (lat == lat[:, :1]).all() and (lon == lon[:1]).all():
             laid = AxesGrid(LONGITUDE_LATITUDE, lon[0], lat[:, 0])
@@ -414,7 +437,7 @@ def _grid(ds: xr.Dataset, name: str, axes: Axes, naming: Naming, file: str) -> G
             found=f"{axes.y.name}, {axes.x.name} of {name}",
             remedy=PROJECTION_REMEDY,
         )
-    scales = [1.0, 1.0]
+    scales = [_degrees(unit) for unit in units]
     if not frame.meridional:
         scales = [
             required_factor(unit, "length", file=file, name=str(one.name))
@@ -425,6 +448,11 @@ def _grid(ds: xr.Dataset, name: str, axes: Axes, naming: Naming, file: str) -> G
         for one, scale in zip((axes.y, axes.x), scales, strict=True)
     )
     return AxesGrid(frame, x, y)
+
+
+def _degrees(unit: object) -> float:
+    """Factor to degrees of a latitude or longitude; 1 without a unit of angles."""
+    return np.degrees(1.0) if str(unit or "").lower().startswith("rad") else 1.0
 
 
 def _is_projected(axes: Axes, units: Sequence[object]) -> bool:
@@ -530,13 +558,21 @@ def describe_wrf(ds: xr.Dataset, naming: Naming, file: str) -> Described:
     InputError
         Without winds, pressure or times.
     """
+    odd = [key for key in naming.given() if key not in ("winds", "time")]
+    if odd:
+        raise InputError(
+            "this key does not apply to files of WRF, which describe themselves",
+            file=file,
+            field=odd[0],
+            remedy="Remove it, or give u: and v: too to have the file read as any other NetCDF",
+        )
     layout = layout_of(ds, file)
-    valid, lead = times_of_wrf(ds, file)
+    valid, lead = times_of_wrf(ds, naming.time, file)
     grids = grids_of_wrf(ds, valid.size)
     distinct = tuple(dict.fromkeys(grids))
     unknown = np.full(layout.levels.size, np.nan)
     levels = Levels(layout.levels, bool(layout.pressure), unknown, unknown)
-    found = Described(names=set(layout.winds))
+    found = Described()
     along = naming.winds != "earth"
     kinds = [(0, layout.winds[:1]), (1, layout.winds[1:])]
     for kind, names in [*kinds, *([(PRESSURE, layout.pressure)] if layout.pressure else [])]:
@@ -551,6 +587,7 @@ def describe_wrf(ds: xr.Dataset, naming: Naming, file: str) -> Described:
             x=x,
             shape=tuple(one.shape),
             chunks=_chunks_of(one, (y, x)),
+            scale=layout.scale if kind == PRESSURE else 1.0,
             stagger="x" if x != X else "y" if y != Y else "",
         )
         table = _table(kind, levels, valid, lead, np.zeros_like(valid))

@@ -31,6 +31,7 @@ Floats = NDArray[np.float64]
 _NATIVE = ("hybrid", "sigma", "eta", "model_level", "generalvertical", "theta_level")
 # a pressure that is not the level's own, such as that above the ground
 _RELATIVE = re.compile(r"difference|above|from ?ground|potential ?vorticity|tropopause", re.I)
+_NO_UNITS = ("", "1", "level", "levels", "layer", "dimensionless")
 _LIKE_PRESSURE = ("lev", "plev", "pres", "isobar")
 _LOWEST_PRESSURE = 5_000.0  # Pa: the lowest level of any model that aircraft can be compared with
 
@@ -76,7 +77,7 @@ def levels_of(ds: xr.Dataset, name: str, level: xr.DataArray, naming: Naming, fi
     described = f"{key} {level.attrs.get('long_name', '')}".replace("_", " ")
     if not native and not _RELATIVE.search(described):
         factor = factor_of(units, "pressure")
-        if factor is None and str(units or "").strip() in ("", "1") and naming.pressure is None:
+        if factor is None and str(units or "").strip() in _NO_UNITS and naming.pressure is None:
             factor = _factor_by_values(key, values)
             unit = "hPa" if factor == 100.0 else "Pa"
             if factor is not None:

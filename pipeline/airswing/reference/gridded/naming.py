@@ -62,6 +62,13 @@ class Naming:
     projection: str | dict[str, object] | None = None
     units: dict[str, str] = field(default_factory=dict)  # by variable, if absent or wrong
 
+    def named(self) -> list[tuple[str, str]]:
+        """Keys that name variables or coordinates, and these names."""
+        keys = ("u", "v", "time", "level", "latitude", "longitude", "x", "y")
+        keys += ("pressure", "surface_pressure")  # type: ignore[assignment]
+        found = [(key, getattr(self, key)) for key in keys if getattr(self, key)]
+        return found + [("units", name) for name in self.units]
+
     def given(self) -> list[str]:
         """Keys that are given."""
         return [one.name for one in fields(self) if getattr(self, one.name)]

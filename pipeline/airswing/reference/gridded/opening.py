@@ -12,10 +12,12 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import re
 import warnings
 from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import xarray as xr
 
@@ -27,6 +29,8 @@ from airswing.reference.gridded.naming import Naming, components
 from airswing.reference.gridded.wrf import is_wrf
 
 ENGINES = ("auto", "grib", "cfgrib", "netcdf", "zarr", "wrf")
+#: Feature types of CF, chapter 9: discrete samples, not fields.
+_OBSERVATIONS = ("point", "timeseries", "trajectory", "profile")
 _KEPT_OPEN = 16  # files at most; each has a handle and its chunks
 NOTES = "airswing_notes"
 """Encoding of a Dataset: what was chosen when it was opened."""
@@ -103,19 +107,29 @@ def _netcdf(path: str, engine: str) -> xr.Dataset:
     require_sound(Path(local))
 
     def read(group: str | None) -> xr.Dataset:
-        return xr.open_dataset(
-            local,
-            group=group,
-            engine="netcdf4",
-            decode_times=False if engine == "wrf" else None,
-            decode_timedelta=False,
-            cache=False,
-        )
+        options: dict[str, Any] = {"group": group, "engine": "netcdf4"}
+        options |= {"decode_timedelta": False, "cache": False}
+        plain = xr.open_dataset(local, decode_times=False, **options)
+        if engine == "wrf":
+            return plain
+        julian = [key for key, one in plain.variables.items() if _is_julian(one.attrs.get("units"))]
+        if not julian:
+            return xr.open_dataset(local, **options)
+        for key in julian:  # cftime and others count years before Christ in several ways
+            plain[key].attrs = {"units": "julian day"}
+        return xr.decode_cf(plain, mask_and_scale=False, decode_timedelta=False)
 
-    root = read(None)
+    root, groups = read(None), _groups(local)
+    kind = str(root.attrs.get("featureType", ""))
+    if "/ObsValue" in groups or kind.lower().startswith(_OBSERVATIONS):
+        raise InputError(
+            "holds observations " + (f"(featureType {kind})" if kind else "(IODA)"),
+            file=path,
+            remedy="Give it under reports; model winds are fields on a grid",
+        )
     if engine == "wrf" or root.data_vars:
         return root
-    groups = [g for g in _groups(local) if components(read(g), Naming())]
+    groups = [g for g in groups if components(read(g), Naming())]
     if len(groups) > 1:
         raise InputError(
             "winds in several groups of a NetCDF file",
@@ -131,6 +145,10 @@ def _netcdf(path: str, engine: str) -> xr.Dataset:
     found = found.assign_coords({str(k): v for k, v in outer.coords.items()})
     found.encoding[NOTES] = [f"winds of the group {groups[0]}"]
     return found
+
+
+def _is_julian(units: object) -> bool:
+    return bool(re.match(r"days since -471[23]\b", str(units)))
 
 
 def _groups(path: str) -> list[str]:

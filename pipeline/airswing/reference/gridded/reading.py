@@ -21,7 +21,7 @@ from airswing.reference.files import NOT_OPENED, REPLACED, SourceFile, is_same
 from airswing.reference.gridded.opening import opened
 from airswing.reference.grids import Floats, Ints
 from airswing.reference.profiles import GIVEN, PRESSURE, ModelTime, StoredField
-from airswing.reference.winds import Request
+from airswing.reference.winds import MAX_PRESSURE, MAX_WIND, Request
 
 
 class _Piece(NamedTuple):
@@ -193,6 +193,10 @@ def _in_si(row: np.void, stored: StoredField, values: Floats) -> Floats:
     if stored.exponential:
         with np.errstate(over="ignore"):
             values = np.exp(values)
-    if row["kind"] < PRESSURE or (row["a"] == 0.0 and row["b"] == 1.0):
-        return values
-    return np.asarray(row["a"] + row["b"] * values)
+    if row["kind"] < PRESSURE:
+        low, high = -MAX_WIND, MAX_WIND
+    else:
+        values, low, high = row["a"] + row["b"] * values, 0.0, MAX_PRESSURE
+    # fill values that no attribute names would be interpolated
+    with np.errstate(invalid="ignore"):
+        return np.where((values >= low) & (values <= high), values, np.nan)

@@ -31,6 +31,8 @@ _RUN = re.compile(
     re.I,
 )
 _ABSOLUTE = "day as %Y%m%d"
+_TIME = re.compile(r"(valid_?|forecast_?|x)?(times?|dates?)$|jd$|julian\w*$", re.I)
+_JULIAN = 2_415_020.0, 2_488_070.0  # Julian dates of the years 1900 and 2100
 MISSING = int(np.iinfo(np.int64).min)
 """Value of a time that is not known."""
 
@@ -64,7 +66,7 @@ def times_of(
             remedy="Each field needs a valid time; name its coordinate as time: NAME",
         )
     begun = None if run is None else _spread(stamps_of(run, file), run, outer)
-    after = None if lead is None else _spread(_seconds(lead), lead, outer)
+    after = None if lead is None else _spread(_seconds(lead, naming), lead, outer)
     if valid is not None:
         at = _spread(stamps_of(valid, file), valid, outer)
     else:
@@ -80,15 +82,61 @@ def _candidates(ds: xr.Dataset, name: str, outer: set[str]) -> dict[str, xr.Data
     found = {str(key): one for key, one in ds[name].coords.items()}
     for key in ds.variables:
         standard = str(ds.variables[key].attrs.get("standard_name", ""))
-        if standard in ("forecast_reference_time", "forecast_period", "time"):
+        named = standard in ("forecast_reference_time", "forecast_period", "time")
+        if named or _TIME.match(str(key)):
             found.setdefault(str(key), ds[key])
     return {key: one for key, one in found.items() if set(map(str, one.dims)) <= outer}
 
 
 def _is_stamp(one: xr.DataArray) -> bool:
-    if one.dtype.kind == "M" or str(one.attrs.get("units", "")).startswith(_ABSOLUTE):
+    if one.dtype.kind == "M" or _is_absolute(one):
         return True
-    return one.dtype == object and one.size > 0 and hasattr(one.values.ravel()[0], "calendar")
+    if one.dtype.kind == "O" and one.size and hasattr(one.values.ravel()[0], "calendar"):
+        return True
+    return bool(_TIME.match(str(one.name))) and bool(one.size) and _written(one) is not None
+
+
+def _is_absolute(one: xr.DataArray) -> bool:
+    return str(one.attrs.get("units", "")).startswith(_ABSOLUTE)
+
+
+def _written(one: xr.DataArray) -> Ints | None:
+    """Times written as text, as digits (yyyymmdd, yyyymmddHH ...) or as Julian dates, else None."""
+    values = np.asarray(one.values)
+    numeric = values.dtype.kind in "iuf"
+    units = f"{one.attrs.get('units', '')} {one.attrs.get('long_name', '')}".lower()
+    if values.dtype.kind not in "iufSUO" or (numeric and not np.isfinite(values).all()):
+        return None
+    if numeric and factor_of(one.attrs.get("units"), "time") is not None and "jul" not in units:
+        return None  # a lead
+    if numeric and _JULIAN[0] <= values.min() and values.max() <= _JULIAN[1]:
+        # the Julian date of 1970-01-01T00:00 is 2440587.5
+        seconds = np.rint((values.astype(np.float64) - 2_440_587.5) * 86400.0)
+        return seconds.astype(np.int64) * 1_000_000_000
+    return _parsed(values)
+
+
+def _parsed(values: NDArray[np.generic]) -> Ints | None:
+    """Dates of text or digits; None if one is none of the years 1900 to 2100."""
+    found = []
+    for value in values.ravel().tolist():
+        text = value.decode() if isinstance(value, bytes) else str(value)
+        text = text.strip().removesuffix("Z").replace("_", "T").replace(" ", "T")
+        if not isinstance(value, bytes | str) or text.isdigit():
+            digits = text.removesuffix(".0")
+            if not digits.isdigit() or len(digits) not in (8, 10, 12, 14):
+                return None
+            year, *rest = digits[:4], *(digits[n : n + 2] for n in range(4, len(digits), 2))
+            rest += ["00"] * (5 - len(rest))
+            text = f"{year}-{rest[0]}-{rest[1]}T{rest[2]}:{rest[3]}:{rest[4]}"
+        try:
+            stamp = np.datetime64(text, "ns")
+        except ValueError:
+            return None
+        if not np.datetime64("1900") <= stamp < np.datetime64("2100"):
+            return None
+        found.append(stamp.astype(np.int64))
+    return np.array(found, dtype=np.int64).reshape(values.shape)
 
 
 def _is_lead(key: str, one: xr.DataArray) -> bool:
@@ -160,8 +208,10 @@ def stamps_of(one: xr.DataArray, file: str) -> Ints:
     values = np.asarray(one.values)
     if values.dtype.kind == "M":
         return values.astype("datetime64[ns]").astype(np.int64)
-    if values.dtype.kind in "iuf":
+    if _is_absolute(one):
         return _absolute(values.astype(np.float64))
+    if (written := _written(one)) is not None:
+        return written
     calendar = str(values.ravel()[0].calendar)
     if calendar == "360_day":
         raise InputError(
@@ -190,11 +240,12 @@ def _absolute(values: NDArray[np.float64]) -> Ints:
     return found
 
 
-def _seconds(one: xr.DataArray) -> Ints:
+def _seconds(one: xr.DataArray, naming: Naming) -> Ints:
     values = np.asarray(one.values)
     if values.dtype.kind == "m":
         return values.astype("timedelta64[s]").astype(np.int64)
-    factor = factor_of(one.attrs.get("units"), "time") or 3600.0
+    units = naming.units.get(str(one.name), one.attrs.get("units"))
+    factor = factor_of(units, "time") or 3600.0
     return np.rint(np.asarray(values, dtype=np.float64) * factor).astype(np.int64)
 
 

@@ -4,7 +4,7 @@ Assumptions and validity
 ------------------------
 * U and V (met_em: UU, VV) are staggered (Arakawa C) and point along the grid; at a mass point the
   mean of the two neighbours counts, as in wrf-python's ``ua`` and ``va``. Winds of WRF's pressure
-  level diagnostics (U_PL, V_PL) are at mass points along the grid.
+  level diagnostics (U_PL, V_PL) and of wrf-python (ua, va) are at mass points along the grid.
 * Pressure (Pa) is P + PB on model levels, PRES on those of met_em, whose first level is the ground
   and is left out; P_PL, or PRES by level alone, are isobaric levels.
 * The grid is that of MAP_PROJ, TRUELAT1, TRUELAT2, STAND_LON, DX and DY on WRF's sphere of
@@ -12,7 +12,7 @@ Assumptions and validity
   by more than a tenth of a grid length, and for rotated latitudes and longitudes, it is that of
   XLAT and XLONG at every point, its direction that of SINALPHA and COSALPHA, or of the points.
 * A grid that moves (vortex-following nests) has one grid a time.
-* Times are those of Times, else of XTIME.
+* Times are those of Times, else of XTIME, else of a coordinate time.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
+from airswing.reference.gridded.naming import factor_of
 from airswing.reference.grids import LONGITUDE_LATITUDE, AxesGrid, Floats, Frame, Grid, PointsGrid
 
 RADIUS = 6370000.0  # WRF's earth (share/module_llxy.F, EARTH_RADIUS_M), m
@@ -32,7 +33,7 @@ _MISS = 0.1  # grid lengths by which the last point of the projection may differ
 _SAME_ANGLE = 1e-3  # rad by which the file's direction may differ from the projection's
 Y, X = "south_north", "west_east"
 _PLACES = (("XLAT", "XLONG"), ("XLAT_M", "XLONG_M"))
-_WINDS = (("U", "V"), ("UU", "VV"), ("U_PL", "V_PL"))
+_WINDS = (("U", "V"), ("UU", "VV"), ("U_PL", "V_PL"), ("ua", "va"))
 
 
 class Layout(NamedTuple):
@@ -43,6 +44,7 @@ class Layout(NamedTuple):
     level: str  # dimension of the levels
     first: int  # first level used
     levels: Floats  # Pa of isobaric levels, else numbers
+    scale: float = 1.0  # of the pressure, to Pa
 
 
 def is_wrf(ds: xr.Dataset) -> bool:
@@ -79,13 +81,15 @@ def layout_of(ds: xr.Dataset, file: str) -> Layout:
                 "engine: netcdf",
             )
     size = int(ds.sizes[level])
-    for key in ("P_PL", "PRES", "pressure"):
+    for key in ("P_PL", "PRES", "pressure", "p"):
         if key not in ds.variables or level not in ds[key].dims:
             continue
         one = ds[key]
         if one.ndim >= 3:
             first = 1 if winds[0] == "UU" else 0
-            return Layout(winds, (key,), level, first, np.arange(size, dtype=np.float64))
+            numbers = np.arange(size, dtype=np.float64)
+            scale = factor_of(one.attrs.get("units"), "pressure") or 1.0
+            return Layout(winds, (key,), level, first, numbers, scale)
         values = np.asarray(one.isel({d: 0 for d in one.dims if d != level}), dtype=np.float64)
         scale = 100.0 if float(np.nanmax(values)) < 2000.0 else 1.0  # p_interp writes hPa or Pa
         return Layout(winds, (), level, 0, values * scale)
@@ -100,22 +104,30 @@ def layout_of(ds: xr.Dataset, file: str) -> Layout:
     return Layout(winds, ("P", "PB"), level, 0, np.arange(size, dtype=np.float64))
 
 
-def times_of_wrf(ds: xr.Dataset, file: str) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def times_of_wrf(
+    ds: xr.Dataset, named: str | None, file: str
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Valid times (ns since 1970) and leads (s) of a file of WRF.
+
+    Parameters
+    ----------
+    named : str, optional
+        ``Times`` or ``XTIME``; by default the first that is there.
 
     Raises
     ------
     InputError
-        Without times.
+        Without times, or with another name.
     """
+    if named not in (None, "Times", "XTIME"):
+        raise InputError("times of WRF are Times or XTIME", file=file, field=f"time: {named}")
     written = ds.attrs.get("SIMULATION_START_DATE", ds.attrs.get("START_DATE"))
     begun = _stamp(written) if written is not None else np.datetime64("NaT", "ns")
-    if "Times" in ds.variables:
+    if "Times" in ds.variables and named != "XTIME":
         stamps = [_stamp(text) for text in np.atleast_1d(ds["Times"].values)]
-    elif "XTIME" in ds.variables:
-        stamps = _from_xtime(ds["XTIME"], begun)
     else:
-        stamps = []
+        coordinate = next((key for key in ("XTIME", "time", "Time") if key in ds.variables), None)
+        stamps = [] if coordinate is None else _from_xtime(ds[coordinate], begun)
     valid = np.array(stamps, dtype="datetime64[ns]")
     if not valid.size or np.isnat(valid).all():
         raise InputError("no time axis", file=file, field="Times", remedy="Keep Times or XTIME")
