@@ -38,13 +38,17 @@ def inspect_file(path: Path) -> dict[str, object]:
         return {"file": str(path), "kind": "model winds", **_winds(path)}
     if refusal is not None and b"[Content_Types].xml" not in start:  # of an Excel workbook
         raise refusal
+    no_winds: InputError | None = None
     if start.startswith((b"CDF", b"\x89HDF")):
         local = Path(local_path(str(path)))
         product = _product(local)
         if product is not None:
             return {"file": str(path), "kind": "product"} | product
-        if _holds_winds(local):
+        try:
             return {"file": str(path), "kind": "model winds", **_winds(path)}
+        except InputError as error:
+            if not error.what.startswith(("no wind on", "holds observations")):
+                no_winds = error
     elif b"GRIB" in start and b"\x00" in start:  # text may speak of GRIB
         from airswing.reference.inspection import inspect_grib
 
@@ -55,6 +59,8 @@ def inspect_file(path: Path) -> dict[str, object]:
         return {"file": str(path), "kind": "reports", **reports_summary(path)}
     except InputError as error:
         proposed = _proposal(path, error)
+        if no_winds is not None:
+            raise no_winds from error
         if proposed is None:
             raise
         return {"file": str(path), "kind": "a table of unknown columns", **proposed}
@@ -93,17 +99,6 @@ def _winds(path: Path) -> dict[str, object]:
     from airswing.reference.inspection import inspect_gridded
 
     return inspect_gridded(str(path))
-
-
-def _holds_winds(path: Path) -> bool:
-    """Whether a NetCDF file holds wind components on a grid; reports have them in one row."""
-    import xarray as xr
-
-    from airswing.reference.gridded.naming import Naming, components
-    from airswing.reference.gridded.wrf import is_wrf
-
-    with xr.open_dataset(path, engine="netcdf4", decode_times=False) as ds:
-        return is_wrf(ds) or any(ds[one.name].ndim > 2 for one in components(ds, Naming()))
 
 
 def _product(path: Path) -> dict[str, object] | None:
