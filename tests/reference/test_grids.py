@@ -268,11 +268,15 @@ def test_native_grid_of_the_rapid_refresh(thousandths: bool, last: bool) -> None
     assert angle[0] == pytest.approx(0.0, abs=1e-8) and angle[1] > 0.1
 
 
-def test_a_native_grid_of_the_rapid_refresh_that_contradicts_itself() -> None:
-    section = bytearray(rapid_refresh(thousandths=True))
+@pytest.mark.parametrize("last", [True, False])
+def test_increments_or_last_point_of_the_rapid_refresh_must_agree(last: bool) -> None:
+    section = bytearray(rapid_refresh(thousandths=True, last=last))
     section[63:67] = (500_000).to_bytes(4, "big")
-    with pytest.raises(UnplaceableGridError, match="contradict"):
-        read_grid(2, bytes(section))
+    if last:
+        assert read_grid(2, bytes(section)) == read_grid(2, rapid_refresh(thousandths=True))
+    else:
+        with pytest.raises(UnplaceableGridError, match="contradict"):
+            read_grid(2, bytes(section))
 
 
 @pytest.mark.parametrize(
