@@ -29,7 +29,8 @@ from airswing.gap.effects import CATALOGUE
 from airswing.gap.effects.base import Effect
 from airswing.gap.model.closure import Closure, Step, close
 from airswing.gap.model.localisation import slices
-from airswing.gap.model.passes import Fitted, fit_model, is_sensor, without_errors
+from airswing.gap.model.passes import Fitted, fit_model, is_sensor
+from airswing.gap.model.refit import without_errors
 from airswing.gap.model.terms import GATE, Model
 from airswing.gap.noise.model import gross_errors
 from airswing.gap.result.diagnosis_dataset import diagnosis_dataset
@@ -244,7 +245,7 @@ def make_adjustment(fitted: Fitted, effects: Mapping[str, Effect]) -> Adjustment
         name = term.group.name
         if not term.group.named or effects[name].deviates:
             continue
-        error = fitted.effect(k)
+        error = fitted.exact.effect(k)
         if is_sensor(term, effects):
             sensor += error
         elif effects[name].scope == "reference":

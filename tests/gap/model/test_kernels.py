@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from airswing.gap.model.candidates import Curve, Group, curve_of, unit_size
-from airswing.gap.model.closure import day_interval, fold_of_day
+from airswing.gap.model.closure import day_interval
 from airswing.gap.model.evidence import common_variance, next_day, static_evidence
 from airswing.gap.model.localisation import cross_fitted, false_discovery, score_test
+from airswing.gap.model.refit import fold_of_day
 from airswing.gap.model.terms import Statistics, Term, noise_factor, number_prior
 from airswing.gap.result.schema import CurveEntry
 from airswing.gap.result.statement import claims_of, probability, shape_in_words

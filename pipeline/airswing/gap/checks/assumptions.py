@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from airswing.gap.checks.calibration import BINS, Calibration, calibrate
 from airswing.gap.checks.negative_control import Placebo, fitted_placebo
 from airswing.gap.effects import separated_by
-from airswing.gap.model.closure import Closure, fold_of_day, held_out_coefficients
+from airswing.gap.model.closure import Closure
 from airswing.gap.model.passes import Fitted
+from airswing.gap.model.refit import fold_of_day
 from airswing.gap.model.terms import Term
 from airswing.gap.noise.model import NoiseFit
 from airswing.gap.result.schema import AliasEntry, AssumptionEntry, CalibrationPair, DecoyEntry
@@ -95,7 +96,7 @@ def _held_out_climatology(fitted: Fitted, fold: NDArray[np.int64]) -> Floats:
     """The reference's climatology as fitted to other days, (n, 2) m/s."""
     model, sums = fitted.model, fitted.model.sums
     width = model.base.group.size
-    theta = held_out_coefficients(model)[:, :width] @ model.base.group.transform.T
+    theta = fitted.exact.by_fold[:, :width] @ model.base.group.transform.T
     columns = sums.candidates.raw(model.base.group.columns)
     return np.asarray(np.einsum("ncq,nq->nc", columns, theta[fold[sums.day]]))
 

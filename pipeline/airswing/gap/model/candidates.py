@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.archive.reported_variables import KINDS, PERIOD, record
+from airswing.gap.archive.reported_variables import KINDS, PERIOD, record, values_of
 from airswing.gap.archive.value_tables import change_of
 from airswing.gap.design.weather import climatology_columns
 from airswing.gap.effects.base import Effect
@@ -42,8 +42,16 @@ Integers = NDArray[np.int64]
 #: Components of a table, in the names of the effect ``empirical``, and the size of one unit of its
 #: columns: degrees of heading and of wind direction, m/s along the heading and along the wind.
 COMPONENTS = ("heading_angle", "along_heading", "wind_angle", "along_wind")
+#: What a component is an error of, where it is not the wind.
+PARTS = {
+    "heading_angle": "heading",
+    "across_heading": "heading",
+    "along_heading": "airspeed",
+    "airspeed_factor": "airspeed",
+}
 #: Knots of a curve, by variable: about the resolution that an archive of some weeks supports.
 KNOTS = {
+    "magnetic_heading": 12,
     "track": 12,
     "drift": 8,
     "airspeed": 10,
@@ -52,6 +60,7 @@ KNOTS = {
     "bank": 5,
     "acceleration": 6,
     "turn": 6,
+    "last_turn": 4,
     "hour": 8,
     "date": 9,
     "latitude": 7,
@@ -73,7 +82,7 @@ INNER = (0.005, 0.995)
 DRAWS, LEVELS = 6, 8
 #: Every how many-th report the size of a candidate is measured on.
 SAMPLED = 7
-#: Cells of each variable in a table of two.
+#: Knots of the second variable in a product with a fitted curve.
 PAIRED = 5
 
 
@@ -96,7 +105,7 @@ class Group:
     prior : float
         Log prior weight.
     form : tuple of int
-        Which coefficients of the effect the columns are.
+        Which coefficients of the effect the columns are; (1,) of a refined table.
     reliability : float
         Squared correlation of the columns with the true ones, measured on simulated archives.
     part : {"heading", "airspeed", "wind"}
@@ -124,6 +133,11 @@ class Group:
         return self.kind in ("name", "dated")
 
     @property
+    def refined(self) -> bool:
+        """Whether it is a table made for a term."""
+        return self.kind == "table" and self.form == (1,)
+
+    @property
     def variables(self) -> tuple[str, ...]:
         """Variables of a table."""
         return tuple(self.name.partition("|")[0].split(" x "))
@@ -143,7 +157,7 @@ class Curve:
 
     def functions(self, values: Floats) -> Floats:
         """Functions at values, (n, k); zero where a value is unknown."""
-        if self.variable == "magnetic_heading":
+        if self.variable == "magnetic_heading" and self.knots.size == 1:
             angle = np.radians(np.nan_to_num(values))
             waves = [f(j * angle) for j in range(1, CYCLES + 1) for f in (np.sin, np.cos)]
             return np.stack([np.ones_like(angle), *waves], -1)
@@ -164,7 +178,7 @@ class Curve:
     @property
     def covariance(self) -> Floats:
         """Prior covariance of the coefficients, (k, k)."""
-        if self.variable == "magnetic_heading":
+        if self.variable == "magnetic_heading" and self.knots.size == 1:
             # a cycle's amplitude falls off as the root of its number
             falling = np.repeat(1.0 / np.sqrt(np.arange(1, CYCLES + 1)), 2)
             return np.asarray(np.diag(np.r_[1.0, falling] ** 2))
@@ -180,6 +194,8 @@ class Curve:
 
 def curve_of(name: str, values: Floats, count: int | None = None) -> Curve:
     """Curve of a variable with knots at quantiles of its values; ``count`` knots at most."""
+    if name == "magnetic_heading" and count is None:
+        return Curve(name, np.zeros(1))
     number = count or KNOTS.get(name, 1)
     if KINDS[name][0] == "category":
         return Curve(name, np.unique(values[np.isfinite(values)]))
@@ -220,8 +236,8 @@ class Candidates:
     ) -> None:
         self.frame, self.context, self.effects = frame, context, effects
         self.groups: list[Group] = []
-        self.tables: dict[str, Table] = {}
-        self._builders: dict[int, Callable[[], Singles]] = {}
+        self.tables: dict[int, Table] = {}
+        self._builders: dict[int, Callable[[Frame], Singles]] = {}
         self._pending: list[tuple[slice, Singles]] = []
         self.width = 0
         self.wind = np.stack([context.u_ref, context.v_ref], -1)
@@ -234,7 +250,7 @@ class Candidates:
                 self._add_tables(name, len(self.variables) * len(COMPONENTS))
 
     # ------------------------------------------------------------------------------ what is built
-    def _block(self, build: Callable[[], Singles], columns: Singles) -> slice:
+    def _block(self, build: Callable[[Frame], Singles], columns: Singles) -> slice:
         where = slice(self.width, self.width + columns.shape[2])
         self._builders[where.start] = build
         self._pending.append((where, columns))
@@ -246,9 +262,18 @@ class Candidates:
         out, self._pending = self._pending, []
         return out
 
-    def raw(self, where: slice) -> Singles:
-        """Raw columns (n, 2, k) of a group, built again."""
-        return self._builders[where.start]()
+    def raw(self, where: slice, at: Frame | None = None) -> Singles:
+        """Raw columns (n, 2, k) of a group, built again.
+
+        Parameters
+        ----------
+        where : slice
+            Columns of the group.
+        at : Frame, optional
+            Heading, airspeed and winds at which they are evaluated; without the reports' noise by
+            default.
+        """
+        return self._builders[where.start](self.context if at is None else at)
 
     def _group(
         self, columns: Singles, group: Group, transform: Floats, pick: Sequence[int]
@@ -261,10 +286,10 @@ class Candidates:
             self.groups.append(replace(group, transform=scaled))
 
     def _add_climatology(self) -> None:
-        def build() -> Singles:
+        def build(at: Frame) -> Singles:
             return climatology_columns(self.context).astype(np.float32)
 
-        columns = build()
+        columns = build(self.context)
         size = 1 / np.sqrt((columns**2).sum(1).mean(0))
         where = self._block(build, columns)
         self.groups.append(Group("climatology", "nuisance", where, np.diag(size), "f", 0.0))
@@ -273,7 +298,7 @@ class Candidates:
         usable = [e for e in self.effects.values() if e.kind in ("mean", "drift", "step")]
         for effect in usable:
             build = partial(self._effect_columns, effect)
-            columns = build()
+            columns = build(self.context)
             where = self._block(build, columns)
             forms = effect.alternatives or (tuple(range(columns.shape[2])),)
             if effect.kind == "step":
@@ -298,8 +323,8 @@ class Candidates:
                 if effect.kind == "drift" and len(form) == columns.shape[2]:
                     self._group(columns, replace(group, kind="dated"), tied, form)
 
-    def _effect_columns(self, effect: Effect) -> Singles:
-        raw = effect.softened_columns(self.context, SOFT)
+    def _effect_columns(self, effect: Effect, at: Frame) -> Singles:
+        raw = effect.softened_columns(at, SOFT)
         return np.asarray(np.moveaxis(raw, 0, -1) * effect.column_scales, np.float32)
 
     # --------------------------------------------------------------------------------- tables
@@ -318,40 +343,36 @@ class Candidates:
                 )
         return out
 
-    def _vectors(self, component: str, wind: Floats) -> Floats:
-        """Wind error (n, 2) of one unit of a component."""
-        context = self.context
-        return change_of(
-            component,
-            heading=context.heading,
-            airspeed=context.airspeed,
-            u=wind[:, 0],
-            v=wind[:, 1],
-        )
+    def columns_of(self, table: Table, at: Frame) -> Singles:
+        """Columns (n, 2, k) of a table.
 
-    def columns_of(self, table: Table) -> Singles:
-        """Columns (n, 2, k) of a table."""
-        of_wind = {"wind_direction", "wind_speed"} & {c.variable for c in table.curves}
-        if not of_wind:
-            return self._product(table, self.wind, {})
+        Those of the reported wind are averaged over likely winds, unless they are evaluated at the
+        reports themselves.
+        """
+        if at is not self.context:
+            return self._product(table, at, np.stack([at.u_rep, at.v_rep], -1), at)
+        if not {"wind_direction", "wind_speed"} & {c.variable for c in table.curves}:
+            return self._product(table, at, self.wind)
         total = np.zeros((self.frame.size, 2, 1), np.float32)
         for wind in self._drawn:
-            drawn = {
-                "wind_direction": np.mod(np.degrees(np.arctan2(-wind[:, 0], -wind[:, 1])), 360.0),
-                "wind_speed": np.hypot(wind[:, 0], wind[:, 1]),
-            }
-            part = self._product(table, wind, drawn)
+            reported = replace(self.frame, u_rep=wind[:, 0], v_rep=wind[:, 1])
+            part = self._product(table, at, wind, reported)
             total = np.asarray(total + part / len(self._drawn), np.float32)
         return total
 
-    def _product(self, table: Table, wind: Floats, drawn: Mapping[str, Floats]) -> Singles:
+    def _product(
+        self, table: Table, at: Frame, wind: Floats, reported: Frame | None = None
+    ) -> Singles:
         functions = np.ones((self.frame.size, 1))
         for curve in table.curves:
-            values = drawn.get(curve.variable)
-            values = self.variables[curve.variable].values if values is None else values
-            own = curve.functions(values)
-            functions = (functions[:, :, None] * own[:, None, :]).reshape(self.frame.size, -1)
-        vectors = self._vectors(table.component, wind)
+            values = self.variables[curve.variable].values
+            if reported is not None:
+                values = values_of(reported, at, curve.variable)
+            each = curve.functions(values)
+            functions = (functions[:, :, None] * each[:, None, :]).reshape(self.frame.size, -1)
+        vectors = change_of(
+            table.component, heading=at.heading, airspeed=at.airspeed, u=wind[:, 0], v=wind[:, 1]
+        )
         return np.asarray(vectors[:, :, None] * functions[:, None, :], np.float32)
 
     def _add_tables(self, name: str, number: int) -> None:
@@ -361,9 +382,13 @@ class Candidates:
         for component in COMPONENTS:
             self.add_table(Table((curve,), component), -float(np.log(2 * number)))
 
-    def add_table(self, table: Table, weight: float) -> Group | None:
+    def table_of(self, group: Group) -> Table:
+        """Table that a group was made of."""
+        return self.tables[group.columns.start]
+
+    def add_table(self, table: Table, weight: float, *, refined: bool = False) -> Group | None:
         """Add a table; None where it acts nowhere."""
-        columns = self.columns_of(table)
+        columns = self.columns_of(table, self.context)
         covariance: Floats = np.eye(1)
         for curve in table.curves:
             covariance = np.asarray(np.kron(covariance, curve.covariance), np.float64)
@@ -373,11 +398,11 @@ class Candidates:
         root: Floats = np.asarray(np.linalg.cholesky(spread), np.float64)
         where = self._block(partial(self.columns_of, table), columns)
         before = len(self.groups)
-        parts = {"heading_angle": "heading", "along_heading": "airspeed"}
-        part = parts.get(table.component, "wind")
-        group = Group(name, "table", where, root, "af", weight, part=part)
+        form = (int(refined),)
+        part = PARTS.get(table.component, "wind")
+        group = Group(name, "table", where, root, "af", weight, form, part=part)
         self._group(columns, group, root, range(columns.shape[2]))
-        self.tables[name] = table
+        self.tables[where.start] = table
         return self.groups[-1] if len(self.groups) > before else None
 
     def add_product(self, table: Group, curve: Floats, name: str) -> Group | None:
@@ -387,7 +412,7 @@ class Candidates:
         functions = other.functions(self.variables[name].values)[:, : 2 * PAIRED - 1]
         made = np.asarray(columns[:, :, None] * functions[:, None, :], np.float32)
         unit = np.eye(made.shape[2])
-        where = self._block(lambda: made, made)
+        where = self._block(lambda at: made, made)
         before = len(self.groups)
         group = Group(f"{table.name} x {name}", "probe", where, unit, "af", 0.0)
         self._group(made, group, unit, range(made.shape[2]))
@@ -401,14 +426,9 @@ class Candidates:
             self._builders.pop(group.columns.start, None)
         self.width = max(group.columns.stop for group in self.groups)
 
-    def paired(self, first: Group, second: str) -> Table:
-        """Table of a table's variable and a second one, with fewer knots of each."""
-        (name,) = first.variables
-        curves = tuple(
-            curve_of(v, self.variables[v].values, PAIRED + (KINDS[v][0] == "circular"))
-            for v in (name, second)
-        )
-        return Table(curves, first.component)
+    def curve(self, name: str, knots: int | None = None) -> Curve:
+        """Curve of a variable, with another number of knots than usual where given."""
+        return curve_of(name, self.variables[name].values, knots)
 
 
 def _part_of(effect: Effect) -> str:

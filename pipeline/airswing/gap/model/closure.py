@@ -1,8 +1,9 @@
 """How far the gap closes: mean vector disagreement on held-out days without what was found.
 
-Terms are fitted to four of five groups of days (blocks of two days, in turn) and taken off the
-fifth. The reduction of the mean length of the residual has an interval from a bootstrap over days
-and from draws of the coefficients, which hold what a fit to less than all days may miss.
+Terms are fitted to four of five groups of days (blocks of two days, in turn) and subtracted from
+the fifth, at the heading, airspeed and wind that were reported. The reduction of the mean length of
+the residual has an interval from a bootstrap over days and from draws of the coefficients, which
+hold what a fit to less than all days may miss.
 
 Units: kt.
 """
@@ -15,15 +16,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.gap.model.passes import Fitted, term_effect
-from airswing.gap.model.terms import Model
+from airswing.gap.model.passes import Fitted
+from airswing.gap.model.refit import BLOCK
 from airswing.units import KNOT, NORMAL_95
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-#: Groups of days, and days in a block: weather lasts for two days.
-FOLDS, BLOCK = 5, 2
 #: Bootstrap samples of days, and draws of the coefficients, on every how many-th report.
 SAMPLES, COEFFICIENTS, EVERY = 400, 30, 5
 #: kt: as stated, with two decimals, a value lies within its interval.
@@ -59,13 +58,6 @@ class Closure:
         return self.before - self.whole.reduction
 
 
-def fold_of_day(days: int) -> Integers:
-    """Group of each day, (D,); single days in turn where there are few."""
-    if days < FOLDS * BLOCK:
-        return np.asarray(np.arange(days) % min(FOLDS, days))
-    return np.asarray((np.arange(days) // BLOCK) % FOLDS)
-
-
 def is_held_out(days: int) -> bool:
     """Whether an archive of so many days is closed on days that its fit does not use.
 
@@ -73,62 +65,6 @@ def is_held_out(days: int) -> bool:
     large an error that it says nothing about the closure.
     """
     return days > BLOCK
-
-
-def held_out_coefficients(model: Model) -> Floats:
-    """Coefficients fitted without each group of days, (FOLDS, m).
-
-    Of an archive that is not held out (:func:`is_held_out`) they are those of all days.
-    """
-    sums = model.sums
-    if not is_held_out(sums.span):
-        return np.tile(model.theta, (FOLDS, 1))
-    every = [model.base, *model.terms]
-    made = [model._columns(term) for term in every]
-    width = int(model.offsets[-1])
-    fold = fold_of_day(sums.D)
-    gram, score = np.zeros((FOLDS, width, width)), np.zeros((FOLDS, width))
-    for a in range(sums.A):
-        own = sums.rows_of(a)
-        inside = [
-            (s + one.rows[a][0], one.rows[a][1])
-            for s, one in zip(model.offsets, made, strict=False)
-            if a in one.rows
-        ]
-        at = np.concatenate([where for where, _ in inside])
-        rows = np.concatenate([values for _, values in inside], axis=1)
-        of_row = fold[sums.day_of_row[own]]
-        for k in range(FOLDS):
-            chosen = rows[of_row == k]
-            gram[k][np.ix_(at, at)] += chosen.T @ chosen
-            score[k][at] += chosen.T @ sums.inverse_residual[own][of_row == k]
-    for k in range(FOLDS):
-        shared = model.term_shared[fold == k]
-        gram[k] -= np.einsum("dqi,dqj->ij", shared, shared, optimize=True)
-    precision = np.concatenate(
-        [np.full(one.width, 1 / t.scale**2) for t, one in zip(every, made, strict=True)]
-    )
-    return np.stack(
-        [
-            np.linalg.solve(gram.sum(0) - gram[k] + np.diag(precision), score.sum(0) - score[k])
-            for k in range(FOLDS)
-        ]
-    )
-
-
-def held_out_effects(fitted: Fitted) -> list[Floats]:
-    """What each term does to every report by the fit to other days, (n, 2) each, m/s."""
-    model = fitted.model
-    fold = fold_of_day(model.sums.D)[model.sums.day]
-    theta: Floats = held_out_coefficients(model)
-    out = []
-    for k in range(len(model.terms)):
-        effect = np.zeros((model.sums.n, 2))
-        for j in range(FOLDS):
-            chosen = fold == j
-            effect[chosen] = term_effect(model, k, theta[j])[chosen]
-        out.append(effect)
-    return out
 
 
 def close(fitted: Fitted, claims: Sequence[Sequence[int]], *, seed: int = 0) -> Closure:
@@ -139,17 +75,17 @@ def close(fitted: Fitted, claims: Sequence[Sequence[int]], *, seed: int = 0) -> 
     claims : sequence of sequence of int
         Terms of each claim, in the order in which they are taken off.
     """
-    sums = fitted.model.sums
-    effects = held_out_effects(fitted)
-    before = np.hypot(*fitted.frame.residual.T) / KNOT
-    residual = fitted.residual
-    lengths = [before]
+    sums, exact = fitted.model.sums, fitted.exact
+    theta = exact.by_fold if is_held_out(sums.span) else exact.theta
+    response = exact.response
+    linear = [response.linear(k, theta, response.reported[k + 1]) for k in range(len(fitted.terms))]
     rng = np.random.default_rng(seed)
-    left = residual.copy()
-    # of the linearised second pass the residual holds the errors to first order
+    removed: list[int] = []
+    left = fitted.frame.residual
+    lengths = [np.hypot(*left.T) / KNOT]
     for claim in claims:
-        for k in claim:
-            left = left - effects[k]
+        removed += claim
+        left = fitted.frame.residual - response.together(linear, removed)
         lengths.append(np.hypot(*left.T) / KNOT)
     doubt = _coefficient_doubt(fitted, claims, rng)
     days, count = sums.D, np.bincount(sums.day, minlength=sums.D)
@@ -174,21 +110,17 @@ def _coefficient_doubt(
     fitted: Fitted, claims: Sequence[Sequence[int]], rng: np.random.Generator
 ) -> list[float]:
     """Standard deviation of each step and of the whole when coefficients are drawn, kt."""
-    model = fitted.model
     if not claims:
         return []
-    root = np.sqrt(model.kappa) * model.inverse_root.T.astype(float)
-    some = slice(None, None, EVERY)
-    base = [term_effect(model, k, model.theta)[some] for k in range(len(model.terms))]
-    residual = fitted.residual[some]
+    exact = fitted.exact
+    response = exact.response
+    root = np.linalg.cholesky(exact.covariance + 1e-12 * np.eye(len(exact.covariance)))
+    terms = range(len(fitted.terms))
+    base = [response.linear(k, exact.theta)[::EVERY] for k in terms]
+    shifts = [root @ rng.standard_normal(root.shape[1]) for _ in range(COEFFICIENTS)]
+    moved = [[response.linear(k, shift)[::EVERY] for k in terms] for shift in shifts]
+    residual = fitted.frame.residual[::EVERY]
     out = []
-    shifts: list[Floats] = [
-        np.asarray(rng.standard_normal(root.shape[1]) @ root.T, np.float64)
-        for _ in range(COEFFICIENTS)
-    ]
-    moved = [
-        [term_effect(model, k, shift)[some] for k in range(len(model.terms))] for shift in shifts
-    ]
     for claim in [*claims, [k for one in claims for k in one]]:
         rest = residual - sum((base[k] for k in claim), np.zeros_like(residual))
         gains = [float(np.hypot(*(rest - sum(one[k] for k in claim)).T).mean()) for one in moved]

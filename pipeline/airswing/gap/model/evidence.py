@@ -243,7 +243,7 @@ def dated_evidence(
     width = model.hessian.shape[0]
     cross = np.zeros((sums.A, sums.D, width, group.size))
     every = [model.base, *model.terms]
-    made = [model._columns(term) for term in every]
+    made = [model.columns(term) for term in every]
     t32 = t.astype(np.float32)
     for a, d, own in sums.cells:
         values = sums.rows[own, group.columns] @ t32

@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from airswing.gap.model.closure import fold_of_day
 from airswing.gap.model.evidence import common_variance
+from airswing.gap.model.refit import fold_of_day
 from airswing.gap.model.terms import Model
 from airswing.gap.result.schema import CurveEntry, SliceEntry
 

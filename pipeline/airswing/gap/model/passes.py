@@ -4,14 +4,16 @@ An archive is searched once to first order. Where two aircraft look as if they h
 identifiers, the archive with their reports given back is searched as well, with the same noise, and
 the labelling with the larger evidence is kept. Where sensor effects are large, a second pass is
 linearised about them: heading and airspeed are corrected by what was found, the noise is fitted
-again, and to the residual of the corrected reports the *per-report* correction is added back to
-first order at the corrected heading, so that what is searched is a function of the true heading.
+again, and the effects found are added to the residual of the corrected reports as their columns
+have them. What the columns do not hold of a large effect, turns of the heading by several degrees
+and the noise of the reports, is thus not searched. At last all coefficients are fitted exactly
+(:mod:`airswing.gap.model.refit`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +23,9 @@ from airswing.gap.design.exogenous import exogenous
 from airswing.gap.design.heading_uncertainty import heading_doubt
 from airswing.gap.design.weather import day_field_columns
 from airswing.gap.effects.base import Effect
-from airswing.gap.model.candidates import Candidates
+from airswing.gap.model.candidates import PARTS, Candidates
 from airswing.gap.model.evidence import Exchange, exchange_evidence
+from airswing.gap.model.refit import Refit, refit, without_errors
 from airswing.gap.model.selection import search
 from airswing.gap.model.sums import Sums
 from airswing.gap.model.terms import GATE, Model, Term, set_prior
@@ -45,25 +48,21 @@ class Fitted:
     ----------
     frame : Frame
         Reports as given, but with exchanged identifiers given back.
-    corrected : Frame
-        The same with the sensor effects of the first pass taken off.
-    residual : (n, 2) float
-        What the terms explain: see the module, m/s.
     exchange : Exchange or None
     """
 
     frame: Frame
-    corrected: Frame
     context: Frame
     noise: NoiseFit
-    residual: Floats
     model: Model
     terms: list[Term]
     exchange: Exchange | None = None
+    exact: Refit = field(init=False)
 
-    def effect(self, k: int, theta: Floats | None = None) -> Floats:
-        """What the k-th term does to every report, (n, 2) m/s, to first order."""
-        return term_effect(self.model, k, self.model.theta if theta is None else theta)
+    def refit(self, effects: Mapping[str, Effect]) -> None:
+        """Fit the terms exactly."""
+        sensor = [is_sensor(term, effects) for term in self.terms]
+        self.exact = refit(self.frame, self.model, sensor)
 
 
 def prepared(
@@ -73,7 +72,6 @@ def prepared(
     tables: bool,
     seed: int,
     noise: NoiseFit | None = None,
-    residual: Floats | None = None,
     less: Floats | float = 0.0,
     indicated: Floats | None = None,
 ) -> Fitted:
@@ -83,8 +81,6 @@ def prepared(
     ----------
     noise : NoiseFit, optional
         Used instead of fitting it.
-    residual : (n, 2) float, optional
-        Instead of reported minus reference wind.
     less : (n, 2) float, optional
         Taken off the residual before the noise is fitted.
     indicated : (n,) float, optional
@@ -97,11 +93,10 @@ def prepared(
     if noise is None:
         quiet = frame.residual - less
         noise = fit_noise(quiet, context, heading_doubt(frame, context), seed=seed)
-    residual = frame.residual if residual is None else residual
     candidates = Candidates(frame, context, effects, tables=tables)
     fields = day_field_columns(context)
-    sums = Sums(frame, noise, candidates, fields, residual)
-    return Fitted(frame, frame, context, noise, residual, Model(sums), [])
+    sums = Sums(frame, noise, candidates, fields, frame.residual)
+    return Fitted(frame, context, noise, Model(sums), [])
 
 
 def fit_model(
@@ -138,6 +133,7 @@ def fit_model(
         other = _with_exchange(fitted, found, effects, tables, seed, say)
         if other is not None:
             fitted = other
+    fitted.refit(effects)
     return _linearised(fitted, effects, tables, seed, say)
 
 
@@ -198,84 +194,58 @@ def is_sensor(term: Term, effects: Mapping[str, Effect]) -> bool:
     """Whether a term acts on the indicated heading or airspeed."""
     if term.group.named:
         return effects[term.group.name].stage == "sensor"
-    return term.group.component in ("heading_angle", "along_heading")
-
-
-def term_effect(model: Model, k: int, theta: Floats) -> Floats:
-    """What the k-th term does to every report, (n, 2) m/s, with coefficients of the whole model."""
-    term, sums = model.terms[k], model.sums
-    own = theta[model.offsets[k + 1] : model.offsets[k + 2]]
-    coefficients = np.zeros((sums.A, term.group.size))
-    coefficients[list(term.tails)] = own.reshape(-1, term.group.size)
-    columns = sums.candidates.raw(term.group.columns)
-    raw = coefficients @ term.group.transform.T
-    effect = np.einsum("nck,nk->nc", columns, raw[sums.aircraft])
-    if term.start:
-        first = np.full(sums.A, np.iinfo(np.int64).max)
-        for a, day in term.start.items():
-            first[a] = day
-        effect = effect * (sums.day >= first[sums.aircraft])[:, None]
-    return np.asarray(effect)
-
-
-def without_errors(frame: Frame, effect: Floats) -> tuple[Frame, Floats, Floats]:
-    """Remove a sensor effect (n, 2) exactly: corrected frame, turn (rad), airspeed error (m/s)."""
-    sine, cosine = np.sin(frame.heading), np.cos(frame.heading)
-    turn = -(effect[:, 0] * cosine - effect[:, 1] * sine) / np.maximum(frame.airspeed, 1.0)
-    faster = -(effect[:, 0] * sine + effect[:, 1] * cosine)
-    heading, airspeed = frame.heading - turn, frame.airspeed - faster
-    corrected = replace(
-        frame,
-        heading=np.mod(heading, 2 * np.pi),
-        magnetic_heading=np.mod(frame.magnetic_heading - turn, 2 * np.pi),
-        airspeed=airspeed,
-        u_rep=frame.ground_u - airspeed * np.sin(heading),
-        v_rep=frame.ground_v - airspeed * np.cos(heading),
-    )
-    return corrected, turn, faster
+    return term.group.component in PARTS
 
 
 def _linearised(
     fitted: Fitted, effects: Mapping[str, Effect], tables: bool, seed: int, say: Say
 ) -> Fitted:
     """A second pass about the sensor effects found, where they are large."""
-    sensor = [k for k, term in enumerate(fitted.terms) if is_sensor(term, effects)]
-    if not sensor:
-        return fitted
-    every = [fitted.effect(k) for k in range(len(fitted.terms))]
-    off = sum(every[k] for k in sensor)
-    assert isinstance(off, np.ndarray)
-    size = np.hypot(off[:, 0], off[:, 1])
-    acting = size > 1e-3 * size.max()
-    if np.sqrt((size[acting] ** 2).mean()) < LARGE and size.max() < PEAK:
+    exact, terms = fitted.exact, fitted.terms
+    linear = [exact.effect(k) for k in range(len(terms))]
+    sensor = [k for k in range(len(terms)) if exact.response.sensor[k]]
+    errors = sum((linear[k] for k in sensor), np.zeros((fitted.frame.size, 2)))
+    if not _is_large(errors):
         return fitted
     say("second pass")
-    corrected, turn, faster = without_errors(fitted.frame, off)
-    context = exogenous(corrected)
-    rest = sum((e for k, e in enumerate(every) if k not in sensor), np.zeros_like(off))
-    sine, cosine = np.sin(context.heading), np.cos(context.heading)
-    residual = corrected.residual.copy()
-    residual[:, 0] += -context.airspeed * turn * cosine - faster * sine
-    residual[:, 1] += context.airspeed * turn * sine - faster * cosine
+    corrected, _, _ = without_errors(fitted.frame, errors)
     fitted.model.sums.release()
     again = prepared(
         corrected,
         effects,
         tables=tables,
         seed=seed,
-        residual=residual,
-        less=rest,
+        less=sum((linear[k] for k in range(len(terms)) if k not in sensor), np.zeros_like(errors)),
         indicated=fitted.context.magnetic_heading,
     )
     candidates = again.model.sums.candidates
-    for term in fitted.terms:
-        if len(term.group.variables) == 2:
-            table = fitted.model.sums.candidates.tables[term.group.name]
-            candidates.add_table(table, term.group.prior)
+    for term in terms:
+        if term.group.refined:
+            table = fitted.model.sums.candidates.table_of(term.group)
+            candidates.add_table(table, term.group.prior, refined=True)
     again.model.sums.extend()
     groups = {(g.name, g.form, g.kind): g for g in candidates.groups}
-    known = [(t, groups.get((t.group.name, t.group.form, t.group.kind))) for t in fitted.terms]
-    start: Sequence[Term] = [replace(t, group=g) for t, g in known if g is not None]
+    start: list[Term] = []
+    residual: Floats = corrected.residual
+    for k, term in enumerate(terms):
+        group = groups.get((term.group.name, term.group.form, term.group.kind))
+        if group is None:
+            continue
+        start.append(replace(term, group=group))
+        if k in sensor:
+            columns = candidates.raw(group.columns)
+            residual = residual + exact.response.linear(k, exact.theta, columns)
+    again.model.sums.set_residual(residual)
+    again.model.renew()
     again.terms = search(again.model, start=start, say=say)
     again.frame, again.exchange = fitted.frame, fitted.exchange
+    again.refit(effects)
     return again
+
+
+def _is_large(effect: Floats) -> bool:
+    size = np.hypot(effect[:, 0], effect[:, 1])
+    acting = size > 1e-3 * size.max(initial=0.0)
+    return bool(acting.any()) and bool(
+        np.sqrt((size[acting] ** 2).mean()) >= LARGE or size.max() >= PEAK
+    )

@@ -1,21 +1,35 @@
-"""Tables of one variable refined by a second one.
+"""Tables refined: another lever, finer knots, a second variable.
 
-The second variable is sought by products of the fitted curve with functions of every other
-variable; of the best one the full table of two variables is built and contested with the table of
-one. It is kept where its exact evidence, with its own prior, is larger by the gate.
+Errors of the wind act as an angle or a factor (in proportion to its speed), or as a speed; those of
+heading and airspeed in proportion to the airspeed or not. Tables of the search have one lever a
+component and few knots. Of a table that won, the other lever and twice the knots are contested with
+it; then a second variable is sought by products of the fitted curve with functions of every other
+variable, and the full table of two variables contested. A table is kept where its exact evidence,
+with its prior, is larger by the gate.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from airswing.gap.model.candidates import Group
+from airswing.gap.archive.reported_variables import KINDS
+from airswing.gap.model.candidates import KNOTS, Group, Table
 from airswing.gap.model.evidence import static_evidence
 from airswing.gap.model.terms import GATE, Model, Term, describe, set_prior
 
+#: Other lever of each component, and times the usual number of knots.
+LEVERS = {
+    "heading_angle": "across_heading",
+    "along_heading": "airspeed_factor",
+    "wind_angle": "across_wind",
+    "along_wind": "wind_factor",
+}
+FINER = 2
+#: Cells of each variable in a table of two.
+PAIRED = 5
 #: Log evidence of a table from which a second variable is sought.
 LEAST = 30.0
 
@@ -30,13 +44,32 @@ def refined(model: Model, terms: list[Term], term: Term, say: Callable[[str], No
     term : Term
         One of the terms.
     """
-    if term.group.kind != "table" or len(term.group.variables) != 1 or term.score < LEAST:
+    if term.group.kind != "table" or term.group.refined or term.score < LEAST:
         return terms
-    second = _second_variable(model, term)
-    better = None if second is None else _paired(model, terms, term, second)
-    if better is not None:
-        say(f"~ {describe(term)} -> {describe(better)}")
-        terms = [better if other is term else other for other in terms]
+    candidates = model.sums.candidates
+    (name,) = term.group.variables
+    known = term.group.component
+    usual = candidates.table_of(term.group).curves[0]
+    options = [Table((usual,), LEVERS[known])]
+    if KINDS[name][0] != "category":
+        fine = candidates.curve(name, FINER * KNOTS[name])
+        options += [Table((fine,), known), Table((fine,), LEVERS[known])]
+    best = _contested(model, terms, term, options, float(np.log(1 + len(options))))
+    if best is not term:
+        say(f"~ {describe(term)} -> {describe(best)}")
+        terms = [best if other is term else other for other in terms]
+        model.condition(terms)
+    second = _second_variable(model, best)
+    if second is not None:
+        curves = tuple(
+            candidates.curve(v, PAIRED + (KINDS[v][0] == "circular")) for v in (name, second)
+        )
+        weight = float(np.log(len(candidates.variables)))
+        table = Table(curves, best.group.component)
+        pair = _contested(model, terms, best, [table], weight)
+        if pair is not best:
+            say(f"~ {describe(best)} -> {describe(pair)}")
+            terms = [pair if other is best else other for other in terms]
     model.condition(terms)
     return terms
 
@@ -69,23 +102,30 @@ def _second_variable(model: Model, term: Term) -> str | None:
     return found
 
 
-def _paired(model: Model, terms: list[Term], term: Term, second: str) -> Term | None:
+def _contested(
+    model: Model, terms: list[Term], term: Term, tables: Sequence[Table], weight: float
+) -> Term:
+    """Best of a term and the same with other tables, whose log prior is less by ``weight``."""
     candidates = model.sums.candidates
-    weight = term.group.prior - float(np.log(len(candidates.variables)))
-    group = candidates.add_table(candidates.paired(term.group, second), weight)
-    model.sums.extend()
-    if group is None:
-        return None
     rest = [other for other in terms if other is not term]
     before = model.evidence(rest, model.kappa)
-    options = []
-    for scale in (0.5 * term.scale, term.scale, 2.0 * term.scale):
-        other = replace(term, group=group, scale=scale)
-        exact = model.evidence([*rest, other], model.kappa) - before
-        options.append(other.with_score(exact + group.prior + set_prior(model, other)))
-    best = max(options, key=lambda one: one.score)
     now = model.evidence(terms, model.kappa) - before + term.group.prior + set_prior(model, term)
-    if best.score < now + GATE * model.kappa:
-        candidates.forget([group])
-        return None
+    best, score = term, now + GATE * model.kappa
+    for table in tables:
+        group = candidates.add_table(table, term.group.prior - weight, refined=True)
+        model.sums.extend()
+        if group is None:
+            continue
+        options = []
+        for scale in (0.5 * term.scale, term.scale, 2.0 * term.scale):
+            other = replace(term, group=group, scale=scale)
+            exact = model.evidence([*rest, other], model.kappa) - before
+            options.append(other.with_score(exact + group.prior + set_prior(model, other)))
+        other = max(options, key=lambda one: one.score)
+        if other.score > score:
+            best, score = other, other.score
+        else:
+            candidates.forget([group])
+    if best is term:
+        return term
     return replace(best, gate=term.gate + (best.score - now) / model.kappa)

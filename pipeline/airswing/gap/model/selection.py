@@ -268,7 +268,7 @@ def revisit(model: Model, terms: list[Term], rounds: int, say: Callable[[str], N
             rest = [other for other in terms if other is not term]
             model.condition(rest)
             ranked = screen(model)
-            if len(term.group.variables) == 2:
+            if term.group.refined:
                 ranked.append(_as_it_is(model, terms, rest, term))
             found = contest(model, rest, ranked)
             if not found:

@@ -31,8 +31,8 @@ from airswing.units import DAY
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-#: Columns for which memory is set aside beyond those of the first call (tables of two variables).
-SPARE = 400
+#: Columns for which memory is set aside at a time beyond those of the first call (finer tables).
+SPARE = 200
 #: Variance of the day fields that expectation maximisation starts from, m2 s-2, and its steps.
 START, STEPS = 0.5, 30
 
@@ -91,8 +91,10 @@ class Sums:
         self.flown = np.zeros((self.A, self.D), bool)
         for a, d, _ in self.cells:
             self.flown[a, d] = True
-        self.fields = self._sorted(fields)
-        self.set_residual(residual, first=True)
+        self.fields = self.whitened(fields)
+        self.residual = self.whitened(residual[:, :, None])[:, 0]
+        self._fit_fields()
+        self.inverse_residual = self.invert(self.residual)
         self.rows = np.empty((2 * self.n, candidates.width + SPARE), np.float32)
         self.shared = np.zeros(
             (self.A, self.D, self.fields.shape[1], self.rows.shape[1]), np.float32
@@ -106,15 +108,14 @@ class Sums:
         """Rows of an aircraft."""
         return slice(int(self.cuts[aircraft * self.D]), int(self.cuts[(aircraft + 1) * self.D]))
 
-    def _sorted(self, columns: NDArray[np.floating]) -> Singles:
+    def whitened(self, columns: NDArray[np.floating]) -> Singles:
+        """Whitened rows (2 n, k) of columns (n, 2, k), sorted by aircraft and day."""
         white = whiten(np.asarray(columns, np.float32), self.noise.order, self.noise.gains)
         return np.ascontiguousarray(white[self.order]).reshape(2 * self.n, -1)
 
-    def set_residual(self, residual: Floats, *, first: bool = False) -> None:
+    def set_residual(self, residual: Floats) -> None:
         """Take another residual (n, 2), m/s; the fields' variances are those of the first."""
-        self.residual = self._sorted(residual[:, :, None])[:, 0]
-        if first:
-            self._fit_fields()
+        self.residual = self.whitened(residual[:, :, None])[:, 0]
         self.inverse_residual = self.invert(self.residual)
 
     def extend(self) -> None:
@@ -126,12 +127,21 @@ class Sums:
         while pending:
             where, columns = pending.pop(0)
             if where.stop > self.rows.shape[1]:
-                raise MemoryError("no memory was set aside for further columns")
-            self.rows[:, where] = self._sorted(columns)
+                more = where.stop + SPARE - self.rows.shape[1]
+                self.rows = np.pad(self.rows, ((0, 0), (0, more)))
+                self.shared = np.pad(self.shared, ((0, 0), (0, 0), (0, 0), (0, more)))
+            self.rows[:, where] = self.whitened(columns)
         self.width = self.candidates.width
         new = slice(first, self.width)
         for a, d, own in self.cells:
             self.shared[a, d, :, new] = self.root32[d] @ (self.fields[own].T @ self.rows[own, new])
+
+    def shared_of(self, aircraft: int, rows: Singles) -> Singles:
+        """C of the module, (D, q, k), of whitened rows (2 n, k) of an aircraft."""
+        out = np.zeros((self.D, self.fields.shape[1], rows.shape[1]), np.float32)
+        for d, own in self.cells_of(aircraft):
+            out[d] = self.root32[d] @ (self.fields[own].T @ rows[own])
+        return out
 
     def release(self) -> None:
         """Free the memory of the rows; only what was fitted can be used from then on."""

@@ -119,36 +119,63 @@ def number_prior(aircraft: int) -> Floats:
     return np.asarray(-np.log(aircraft + 1) - sets)
 
 
-class _Columns:
-    """Columns of a term on the rows of each aircraft, and what they share with the day fields."""
+class Columns:
+    """Columns of a term on the rows of each aircraft, and what they share with the day fields.
 
-    def __init__(self, sums: Sums, term: Term) -> None:
+    Parameters
+    ----------
+    raw : (2 n, k) float32, optional
+        Whitened raw columns evaluated elsewhere than those of the sums.
+    """
+
+    def __init__(self, sums: Sums, term: Term, raw: NDArray[np.float32] | None = None) -> None:
         m = term.group.size
+        self.sums = sums
         transform = term.group.transform.astype(np.float32)
         self.width = m if term.scope == "f" else m * len(term.tails)
         self.rows: dict[int, tuple[NDArray[np.int64], NDArray[np.float32]]] = {}
         self.shared = np.zeros((sums.D, sums.fields.shape[1], self.width))
         for j, a in enumerate(term.tails):
             own = sums.rows_of(a)
-            values = sums.rows[own, term.group.columns] @ transform
+            rows = sums.rows[own, term.group.columns] if raw is None else raw[own]
+            values = rows @ transform
             first = term.start.get(a, 0)
             values[sums.day_of_row[own] < first] = 0.0
             at = np.arange(m) if term.scope == "f" else np.arange(j * m, (j + 1) * m)
             self.rows[a] = (at, values)
-            shared = np.einsum("dqk,km->dqm", sums.shared[a][:, :, term.group.columns], transform)
+            if raw is None:
+                cells = sums.shared[a][:, :, term.group.columns]
+            else:
+                cells = sums.shared_of(a, raw)
+            shared = np.einsum("dqk,km->dqm", cells, transform)
             shared[:first] = 0.0
             self.shared[:, :, at] += shared
         self.score = np.zeros(self.width)
         for a, (at, values) in self.rows.items():
             self.score[at] += values.T @ sums.inverse_residual[sums.rows_of(a)]
 
-    def product(self, other: _Columns) -> Floats:
+    def product(self, other: Columns) -> Floats:
         """X' V^-1 Y with the columns of another term."""
         out = -np.einsum("dqi,dqj->ij", self.shared, other.shared, optimize=True)
         for a in self.rows.keys() & other.rows.keys():
             (i, x), (j, y) = self.rows[a], other.rows[a]
             out[np.ix_(i, j)] += x.T @ y
         return np.asarray(out)
+
+    def product_by_fold(self, other: Columns, of_row: NDArray[np.int64], folds: int) -> Floats:
+        """The same over each group of days, (folds, i, j); ``of_row`` is the group of each row."""
+        out = np.zeros((folds, self.width, other.width))
+        of_day = np.zeros(self.shared.shape[0], np.int64)
+        of_day[self.sums.day_of_row] = of_row
+        for k in range(folds):
+            days = of_day == k
+            out[k] = -np.einsum("dqi,dqj->ij", self.shared[days], other.shared[days], optimize=True)
+        for a in self.rows.keys() & other.rows.keys():
+            (i, x), (j, y) = self.rows[a], other.rows[a]
+            own = of_row[self.sums.rows_of(a)]
+            for k in range(folds):
+                out[k][np.ix_(i, j)] += x[own == k].T @ y[own == k]
+        return out
 
 
 @dataclass(frozen=True)
@@ -175,7 +202,7 @@ class Model:
         self.sums = sums
         nuisance = next(g for g in sums.candidates.groups if g.kind == "nuisance")
         self.base = Term(nuisance, "f", tuple(range(sums.A)), CLIMATOLOGY)
-        self._made: dict[tuple[object, ...], _Columns] = {}
+        self._made: dict[tuple[object, ...], Columns] = {}
         self._products: dict[tuple[object, object], Floats] = {}
         self.kappa = 1.0
         self.usual: dict[str, tuple[float, float]] = {}
@@ -192,15 +219,16 @@ class Model:
         self._made, self._products = {}, {}
         self.condition(self.terms)
 
-    def _columns(self, term: Term) -> _Columns:
+    def columns(self, term: Term) -> Columns:
+        """Columns of a term, kept while it is in the model."""
         if term.key not in self._made:
-            self._made[term.key] = _Columns(self.sums, term)
+            self._made[term.key] = Columns(self.sums, term)
         return self._made[term.key]
 
     def _product(self, one: Term, other: Term) -> Floats:
         pair = (one.key, other.key)
         if pair not in self._products:
-            made = self._columns(one).product(self._columns(other))
+            made = self.columns(one).product(self.columns(other))
             self._products[pair], self._products[pair[::-1]] = made, made.T
         return self._products[pair]
 
@@ -209,8 +237,8 @@ class Model:
         """X' V^-1 X, X' V^-1 r and the diagonal of P of the climatology and some terms."""
         every = [self.base, *terms]
         gram = np.block([[self._product(x, y) for y in every] for x in every])
-        score = np.concatenate([self._columns(x).score for x in every])
-        precision = np.concatenate([np.full(self._columns(x).width, 1 / x.scale**2) for x in every])
+        score = np.concatenate([self.columns(x).score for x in every])
+        precision = np.concatenate([np.full(self.columns(x).width, 1 / x.scale**2) for x in every])
         return gram, score, precision
 
     def evidence(self, terms: Sequence[Term], kappa: float) -> float:
@@ -230,7 +258,7 @@ class Model:
         gram, score, precision = self.system(terms)
         self.hessian = gram + np.diag(precision)
         self.theta: Floats = np.asarray(np.linalg.solve(self.hessian, score), np.float64)
-        made = [self._columns(x) for x in every]
+        made = [self.columns(x) for x in every]
         self.offsets = np.cumsum([0] + [one.width for one in made])
         fitted = np.zeros(2 * sums.n, np.float32)
         width, p = int(self.offsets[-1]), sums.width

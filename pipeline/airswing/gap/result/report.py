@@ -345,7 +345,7 @@ def evidence_entries(fitted: Fitted) -> list[EvidenceEntry]:
 def noise_entry(fitted: Fitted) -> NoiseEntry:
     """Noise model, and what weather and climatology vary by."""
     noise, model = fitted.noise, fitted.noise.model
-    theta = fitted.model.theta[: fitted.model.base.group.size]
+    theta = fitted.exact.theta[: fitted.model.base.group.size]
     return NoiseEntry(
         correlated_sd_m_s=float(model.correlated_sd),
         white_sd_m_s=float(model.white_sd),

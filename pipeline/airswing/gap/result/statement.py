@@ -65,9 +65,10 @@ class Claim:
 
 def claims_of(terms: Sequence[Term]) -> list[Claim]:
     """Claims of the terms, names first, the largest evidence first."""
-    merged: dict[tuple[object, ...], list[int]] = {}
+    merged: dict[tuple[str, bool, int], list[int]] = {}
     for k, term in enumerate(terms):
-        key: tuple[object, ...] = (term.group.name, term.group.form, bool(term.start))
+        basis = -1 if term.group.named else term.group.columns.start
+        key = (term.group.name, bool(term.start), basis)
         merged.setdefault(key, []).append(k)
     out = [
         Claim(
@@ -90,8 +91,7 @@ def probability(gate: float) -> float:
 def coefficients(fitted: Fitted, claim: Claim) -> tuple[list[int], Floats, Floats]:
     """Aircraft of a claim, their raw coefficients (t, k), and the covariances (t, k, k)."""
     model, terms = fitted.model, fitted.model.terms
-    inverse = model.inverse_root.astype(float)
-    covariance = model.kappa * (inverse.T @ inverse)
+    covariance = fitted.exact.covariance
     tails = sorted({a for k in claim.terms for a in terms[k].tails})
     k_raw = terms[claim.terms[0]].group.transform.shape[0]
     maps = np.zeros((len(tails), k_raw, covariance.shape[0]))
@@ -102,7 +102,7 @@ def coefficients(fitted: Fitted, claim: Claim) -> tuple[list[int], Floats, Float
             if a in term.tails:
                 at = start + (0 if term.scope == "f" else m * term.tails.index(a))
                 maps[row, :, at : at + m] += term.group.transform
-    values = maps @ model.theta
+    values = maps @ fitted.exact.theta
     if len({terms[k].scope for k in claim.terms}) > 1:
         # a part that all have, small compared with that of some aircraft, is none of the others'
         # effect
@@ -176,7 +176,8 @@ def effect_entry(
 def _sizes(fitted: Fitted, k: int) -> Floats:
     """Rms of a term where it acts, by aircraft, m/s."""
     term, model = fitted.model.terms[k], fitted.model
-    own = model.theta[model.offsets[k + 1] : model.offsets[k + 2]].reshape(-1, term.group.size)
+    own = fitted.exact.theta[model.offsets[k + 1] : model.offsets[k + 2]]
+    own = own.reshape(-1, term.group.size)
     # the transform makes an effect of 1 m/s rms of a coefficient vector of length root m
     return np.asarray(np.sqrt((own**2).sum(axis=1)))
 
@@ -241,7 +242,7 @@ def place_entry(fitted: Fitted, claim: Claim, step: Step) -> PlaceEntry:
     tails, values, _ = coefficients(fitted, claim)
     frame = fitted.frame
     whole = any(term.scope == "f" for term in terms) or len(tails) == len(frame.tails)
-    curve = table_curve(fitted, fitted.model.sums.candidates.tables[group.name], tails, values)
+    curve = table_curve(fitted, fitted.model.sums.candidates.table_of(group), tails, values)
     nearest, share = _nearest(terms)
     size = np.concatenate([_sizes(fitted, k) for k in claim.terms])
     alike = [n for t in terms for a, n, _ in t.rivals if "|" in n and a < 0.2 * abs(t.score)]

@@ -1,0 +1,266 @@
+"""Coefficients fitted exactly: effects at the reports, instruments free of the reports' noise.
+
+The search uses columns Z evaluated at a heading, airspeed and wind without the reports' noise
+(`airswing.gap.design.exogenous`). They differ from the columns X of the reports themselves, at
+which the unit made its errors, so that coefficients of Z are 2 to 3 % too small (soft iron of 1.1
+degrees and hard iron of 2 degrees put into archives without an effect: 0.98 and 0.97 of the truth).
+Columns X alone would correlate with the noise. Z are therefore instruments: with f(theta) the
+change of the reported wind by all terms, exact for errors of heading and airspeed and linear in X
+for others,
+
+    Z' V^-1 (r - f(theta)) = kappa P theta,
+
+by Newton's method with A = Z' V^-1 X + kappa P. With B = A^-1 the covariance of theta is
+kappa B (Z' V^-1 Z + kappa P) B'. Coefficients without a group of days follow by one more step.
+
+The prior of a term of several aircraft is theta_a ~ N(mu, tau^2), mu ~ N(0, s^2): aircraft with the
+same fault share its size. tau is the most likely one of `SPREADS`.
+
+References
+----------
+Durbin, J. (1954). Errors in variables. Rev. Int. Stat. Inst. 22, 23-32 (instruments).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.gap.archive.frame import Frame
+from airswing.gap.model.candidates import Singles
+from airswing.gap.model.terms import Columns, Model, Term
+from airswing.physics.triangle import wind_from_triangle
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+#: Ratios of tau to s: from one size of all aircraft to independent ones, in steps of two.
+SPREADS = 2.0 ** -np.arange(7.0)
+#: Least share of the energy of instruments in the columns of the reports, in any direction:
+#: functions of the reported wind have less, and are fitted by columns averaged over likely winds
+#: (Berkson's case, unbiased).
+WEAK = 0.5
+#: Newton steps at most, and the step (m/s) at which they end.
+STEPS, SETTLED = 8, 1e-3
+#: Groups of days, and days in a block: weather lasts for two days.
+FOLDS, BLOCK = 5, 2
+
+
+def fold_of_day(days: int) -> Integers:
+    """Group of each day, (D,); single days in turn where there are few."""
+    if days < FOLDS * BLOCK:
+        return np.asarray(np.arange(days) % min(FOLDS, days))
+    return np.asarray((np.arange(days) // BLOCK) % FOLDS)
+
+
+class Response:
+    """What terms do to every report, at the heading, airspeed and wind that were reported.
+
+    Parameters
+    ----------
+    frame : Frame
+        Reports.
+    model : Model
+        Conditioned on the terms.
+    sensor : sequence of bool
+        Which terms act on the indicated heading or airspeed.
+    """
+
+    def __init__(self, frame: Frame, model: Model, sensor: Sequence[bool]) -> None:
+        self.frame, self.model, self.sensor = frame, model, tuple(sensor)
+        candidates = model.sums.candidates
+        groups = [term.group for term in (model.base, *model.terms)]
+        self.reported = [candidates.raw(group.columns, frame) for group in groups]
+        self.raw = list(self.reported)
+
+    def without_noise(self, k: int) -> None:
+        """Fit the k-th term by its columns without the reports' noise."""
+        candidates = self.model.sums.candidates
+        self.raw[k + 1] = candidates.raw(self.model.terms[k].group.columns)
+
+    def linear(self, k: int, theta: Floats, raw: Singles | None = None) -> Floats:
+        """Change of the wind by the k-th term to first order, (n, 2) m/s.
+
+        Parameters
+        ----------
+        k : int
+            Number of the term.
+        theta : (m,) or (folds, m) float
+            Coefficients of the whole model; with a row for each group of days, each report is
+            changed by the coefficients of its group.
+        raw : (n, 2, k) float, optional
+            Columns of the term in place of those it is fitted by.
+        """
+        model = self.model
+        sums, term = model.sums, model.terms[k]
+        own = np.atleast_2d(theta)[:, model.offsets[k + 1] : model.offsets[k + 2]]
+        coefficients = np.zeros((own.shape[0], sums.A, term.group.size))
+        coefficients[:, list(term.tails)] = own.reshape(own.shape[0], -1, term.group.size)
+        each = coefficients @ term.group.transform.T
+        columns = self.raw[k + 1] if raw is None else raw
+        fold = fold_of_day(sums.D)[sums.day] if own.shape[0] > 1 else np.zeros(sums.n, np.int64)
+        effect = np.einsum("nck,nk->nc", columns, each[fold, sums.aircraft])
+        if term.start:
+            first = np.full(sums.A, np.iinfo(np.int64).max)
+            for a, day in term.start.items():
+                first[a] = day
+            effect = effect * (sums.day >= first[sums.aircraft])[:, None]
+        return np.asarray(effect)
+
+    def together(self, effects: Sequence[Floats], which: Sequence[int]) -> Floats:
+        """Change by several terms, given the first-order change by each, (n, 2) m/s."""
+        nothing = np.zeros((self.frame.size, 2))
+        linear = sum((effects[k] for k in which if not self.sensor[k]), nothing)
+        errors = sum((effects[k] for k in which if self.sensor[k]), nothing)
+        corrected, _, _ = without_errors(self.frame, errors)
+        return np.asarray(linear + self.frame.residual - corrected.residual)
+
+
+def without_errors(frame: Frame, effect: Floats) -> tuple[Frame, Floats, Floats]:
+    """Remove a sensor effect (n, 2) exactly: corrected frame, turn (rad), airspeed error (m/s)."""
+    sine, cosine = np.sin(frame.heading), np.cos(frame.heading)
+    turn = -(effect[:, 0] * cosine - effect[:, 1] * sine) / np.maximum(frame.airspeed, 1.0)
+    faster = -(effect[:, 0] * sine + effect[:, 1] * cosine)
+    heading, airspeed = frame.heading - turn, frame.airspeed - faster
+    u, v = wind_from_triangle(frame.ground_u, frame.ground_v, airspeed, heading)
+    before = wind_from_triangle(frame.ground_u, frame.ground_v, frame.airspeed, frame.heading)
+    corrected = replace(
+        frame,
+        heading=np.mod(heading, 2 * np.pi),
+        magnetic_heading=np.mod(frame.magnetic_heading - turn, 2 * np.pi),
+        airspeed=airspeed,
+        u_rep=frame.u_rep + u - before[0],
+        v_rep=frame.v_rep + v - before[1],
+    )
+    return corrected, turn, faster
+
+
+@dataclass(frozen=True)
+class Refit:
+    """Coefficients of all terms after the exact fit.
+
+    Attributes
+    ----------
+    theta : (m,) float
+        In the order of `Model.offsets`.
+    covariance : (m, m) float
+    by_fold : (FOLDS, m) float
+        Fitted without each group of days.
+    response : Response
+    """
+
+    theta: Floats
+    covariance: Floats
+    by_fold: Floats
+    response: Response
+
+    def effect(self, k: int) -> Floats:
+        """Change of the reported wind by the k-th term, (n, 2) m/s, to first order."""
+        return self.response.linear(k, self.theta)
+
+
+def refit(frame: Frame, model: Model, sensor: Sequence[bool]) -> Refit:
+    """Fit the coefficients of all terms exactly.
+
+    Parameters
+    ----------
+    frame : Frame
+        Reports as given.
+    model : Model
+        Conditioned on the terms.
+    sensor : sequence of bool
+        Which terms act on the indicated heading or airspeed.
+    """
+    sums = model.sums
+    every = [model.base, *model.terms]
+    instruments = [model.columns(term) for term in every]
+    response = Response(frame, model, sensor)
+    exact = [
+        Columns(sums, term, sums.whitened(raw))
+        for term, raw in zip(every, response.raw, strict=True)
+    ]
+    gram, _, _ = model.system(model.terms)
+    precision = model.kappa * _precision(model)
+    for k in range(len(model.terms)):
+        z, x = instruments[k + 1], exact[k + 1]
+        start = int(model.offsets[k + 1])
+        prior = precision[start : start + z.width, start : start + z.width]
+        inner = np.linalg.inv(np.linalg.cholesky(z.product(z) + prior))
+        shared = inner @ (z.product(x) + prior) @ inner.T
+        if np.linalg.eigvalsh((shared + shared.T) / 2)[0] < WEAK:
+            response.without_noise(k)
+            exact[k + 1] = z
+    fold = fold_of_day(sums.D)
+    of_row, folds = fold[sums.day_of_row], int(fold.max()) + 1
+    by_fold = np.concatenate(
+        [
+            np.concatenate([z.product_by_fold(x, of_row, folds) for x in exact], axis=2)
+            for z in instruments
+        ],
+        axis=1,
+    )
+    whole = by_fold.sum(axis=0) + precision
+    theta = np.array(model.theta)
+    scores = np.zeros((folds, theta.size))
+    for step in range(STEPS + 1):
+        linear = [response.linear(k, theta) for k in range(len(model.terms))]
+        left = frame.residual - response.together(linear, range(len(model.terms)))
+        left = left - _climatology(response, theta)
+        inverse = sums.invert(sums.whitened(left[:, :, None])[:, 0])
+        scores = np.zeros((folds, theta.size))
+        for start, one in zip(model.offsets, instruments, strict=False):
+            for a, (at, values) in one.rows.items():
+                own = sums.rows_of(a)
+                for j in range(folds):
+                    chosen = of_row[own] == j
+                    scores[j, start + at] += values[chosen].T @ inverse[own][chosen]
+        if step == STEPS:
+            break
+        move = np.linalg.solve(whole, scores.sum(axis=0) - precision @ theta)
+        theta = theta + move
+        if np.abs(move).max(initial=0.0) < SETTLED:
+            break
+    inner = np.linalg.inv(whole)
+    covariance = model.kappa * inner @ (gram + precision) @ inner.T
+    without = np.stack(
+        [theta - np.linalg.solve(whole - by_fold[j], scores[j]) for j in range(folds)]
+    )
+    return Refit(theta, covariance, without, response)
+
+
+def _climatology(response: Response, theta: Floats) -> Floats:
+    group = response.model.base.group
+    return np.asarray(response.raw[0] @ (group.transform @ theta[: group.size]))
+
+
+def _precision(model: Model) -> Floats:
+    """Prior precision P of all coefficients, with tau of each term of several aircraft."""
+    gram, score, diagonal = model.system(model.terms)
+    gram, score = gram / model.kappa, score / model.kappa
+    precision = np.diag(diagonal)
+    for k, term in enumerate(model.terms):
+        if term.scope != "a" or len(term.tails) < 2:
+            continue
+        own = slice(int(model.offsets[k + 1]), int(model.offsets[k + 2]))
+        options = [_shared(term, ratio) for ratio in SPREADS]
+        each = []
+        for option in options:
+            precision[own, own] = option
+            solved = np.linalg.solve(gram + precision, score)
+            each.append(
+                score @ solved
+                - np.linalg.slogdet(gram + precision)[1]
+                + np.linalg.slogdet(option)[1]
+            )
+        precision[own, own] = options[int(np.argmax(each))]
+    return precision
+
+
+def _shared(term: Term, ratio: float) -> Floats:
+    """Precision of the coefficients of aircraft with a common part."""
+    number = len(term.tails)
+    together = np.ones((number, number)) + ratio**2 * np.eye(number)
+    return np.asarray(np.kron(np.linalg.inv(together), np.eye(term.group.size)) / term.scale**2)
