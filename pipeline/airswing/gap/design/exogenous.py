@@ -6,8 +6,10 @@ indicated airspeed with the noise of the report. Within a straight flight little
 columns evaluated at them correlate with the residual by construction (a false two-cycle deviation
 of 0.3 m/s rms and a false airspeed factor in trials). Columns are therefore evaluated at
 
-* the heading the reference wind implies, ``arg(V_G - W_ref)``, plus the aircraft's smooth deviation
-  (regression of the difference on five harmonics), and
+* the heading that the large-scale wind implies, ``arg(V_G - W)``, plus the aircraft's smooth
+  deviation (regression of the difference on two harmonics); with the reference wind in its place
+  the drift holds the error of the reference (a false heading error by drift in one of two archives
+  of 24 days), and
 * the large-scale part of the *reported* wind, a fit by day to position and level: the reference
   wind holds the model error of the residual, which makes the regression of reports on model winds
   flatter than 1 (0.87 whitened in trials; 0.99 to 1.03 on the reported wind's large-scale part);
@@ -53,10 +55,10 @@ def exogenous(frame: Frame, winds: LargeScale | None = None) -> Frame:
         With ``heading``, ``magnetic_heading`` (rad) and ``airspeed`` (m s-1) replaced, the
         reference's wind and shear by the large-scale reported ones.
     """
-    implied = np.arctan2(frame.ground_u - frame.u_ref, frame.ground_v - frame.v_ref)
+    smooth, shear = (winds or LargeScale.of(frame)).at(frame)
+    implied = np.arctan2(frame.ground_u - smooth[:, 0], frame.ground_v - smooth[:, 1])
     difference = wrap_signed(frame.heading - implied)
     declination = np.nan_to_num(wrap_signed(frame.heading - frame.magnetic_heading))
-    smooth, shear = (winds or LargeScale.of(frame)).at(frame)
     known = np.isfinite(frame.dudlnp) & np.isfinite(frame.dvdlnp)
     heading = implied + smooth_deviation(difference, implied - declination, frame.aircraft)
     return replace(

@@ -40,7 +40,8 @@ def heading_doubt(frame: Frame, columns_frame: Frame) -> Floats:
     (n,) float
         Standard deviation per component, m s-1; 0 where the heading's error is not known.
     """
-    implied = np.arctan2(frame.ground_u - frame.u_ref, frame.ground_v - frame.v_ref)
+    east, north = frame.ground_u - columns_frame.u_ref, frame.ground_v - columns_frame.v_ref
+    implied = np.arctan2(east, north)
     squared = wrap_signed(columns_frame.heading - implied) ** 2
     count = np.maximum(np.bincount(frame.aircraft, minlength=len(frame.tails)), 1)
     deviation = np.sqrt(np.bincount(frame.aircraft, squared, minlength=len(frame.tails)) / count)
