@@ -35,6 +35,7 @@ LONGEST = (
     "test_fuzz.py",
     "workflow/test_compute.py",
     "test_workflow.py",
+    "test_public_api.py",
     "test_batch.py",
 )
 """Files whose tests take longest; they begin first, so that no worker waits for them at the end."""

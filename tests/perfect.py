@@ -1,8 +1,8 @@
-"""Archives whose model wind is the true wind: the whole chain must give the deviations back.
+"""Archives whose model wind is the true wind: the whole chain must recover the deviations.
 
 Independent of the package: projections by PROJ strings, convergence by finite differences,
-declination straight from ppigrf, GRIB by eccodes. The wind is linear in grid index, ln p and
-time, so that interpolation adds nothing; what is left is how well fixes tell the ground velocity.
+declination from ppigrf, GRIB by ecCodes. The wind is linear in grid index, ln p and time, so that
+interpolation adds no error; the remaining error is that of the ground velocity from fixes.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ GEOD = pyproj.Geod(ellps="WGS84")
 
 @dataclass(frozen=True)
 class Place:
-    """A model grid: what eccodes is told, and how PROJ places it."""
+    """A model grid: its keys of ecCodes, and its projection."""
 
     name: str
     keys: dict[str, Any]
@@ -75,7 +75,7 @@ class Place:
         return turn.transform(x + x0, y + y0, direction="INVERSE")
 
     def to_earth(self, u: Any, v: Any, lon: Any, lat: Any) -> tuple[np.ndarray, np.ndarray]:
-        """True east and north components of a wind held as the message says."""
+        """True east and north components of a wind along the message's axes."""
         if self.crs is None or not self.along_grid:
             return u, v
         small = 1e-5
@@ -86,7 +86,7 @@ class Place:
         return u * np.cos(angle) - v * np.sin(angle), u * np.sin(angle) + v * np.cos(angle)
 
     def wind(self, i: Any, j: Any, lnp: Any, hours: Any) -> tuple[np.ndarray, np.ndarray]:
-        """Components as the messages hold them."""
+        """Components as in the messages."""
         x, y = np.asarray(i) / self.size[0] - 0.5, np.asarray(j) / self.size[1] - 0.5
         if self.periodic:  # linear between grid points, and the last joins the first
             knots = np.arange(self.size[0] + 1)
@@ -193,10 +193,10 @@ def fly(
     seconds: int = 180,
     seed: int = 1,
 ) -> pd.DataFrame:
-    """Reports of aircraft with known deviation that fly straight through the model's own wind.
+    """Reports of aircraft with known deviation that fly straight through the model's wind.
 
-    B and C are those at the mean horizontal field of the aircraft's reports: iron turns a compass
-    the more, the weaker the field.
+    B and C are those at the mean horizontal field of the aircraft's reports, since the deviation by
+    iron is inversely proportional to the field.
     """
     rng = np.random.default_rng(seed)
     rows = []
@@ -208,7 +208,7 @@ def fly(
         _put_field(flown)
         mean = np.mean([leg["horizontal"] for leg in flown])
         for flight, leg in enumerate(flown):
-            u_said, v_said = _said(leg, deviation, mean)
+            u_reported, v_reported = _reported_wind(leg, deviation, mean)
             for k in range(reports):
                 rows.append(
                     {
@@ -217,8 +217,9 @@ def fly(
                         "latitude": leg["lat"][k],
                         "longitude": leg["lon"][k],
                         "pressure_altitude_ft": leg["feet"][k],
-                        "wind_direction_deg": np.degrees(np.arctan2(-u_said[k], -v_said[k])) % 360,
-                        "wind_speed_kt": np.hypot(u_said[k], v_said[k]) / KNOT,
+                        "wind_direction_deg": np.degrees(np.arctan2(-u_reported[k], -v_reported[k]))
+                        % 360,
+                        "wind_speed_kt": np.hypot(u_reported[k], v_reported[k]) / KNOT,
                         "phase": "cruise",
                         "flight": f"{tail}-{flight}",
                     }
@@ -243,8 +244,8 @@ def _leg(
     track = np.radians(np.asarray(back) + 180.0)
     feet = np.full(reports, rng.uniform(15500, 28500).__round__(-1))
     hours = (begin - START).total_seconds() / 3600 + seconds * np.arange(reports) / 3600
-    held = place.wind(*place.index(lon, lat), np.log(pressure_of(feet)), hours)
-    u, v = place.to_earth(*held, lon, lat)
+    wind = place.wind(*place.index(lon, lat), np.log(pressure_of(feet)), hours)
+    u, v = place.to_earth(*wind, lon, lat)
     ground = speed * np.sin(track), speed * np.cos(track)
     return {
         "begin": begin,
@@ -257,18 +258,18 @@ def _leg(
 
 
 def _put_field(legs: list[dict[str, Any]]) -> None:
-    """The earth's field on the way of all flights; in two days it turns by under 0.001 degrees."""
-    # asked once: ppigrf reads its coefficients anew at every call
+    """The geomagnetic field along all flights; in two days it turns by under 0.001 degrees."""
+    # One call, since ppigrf reads its coefficients at every call.
     lon, lat, feet = (np.array([leg[name] for leg in legs]) for name in ("lon", "lat", "feet"))
     east, north, _ = ppigrf.igrf(lon, lat, feet * 0.3048e-3, START)
     for leg, e, n in zip(legs, east[0], north[0], strict=True):
         leg["declination"], leg["horizontal"] = np.arctan2(e, n), np.hypot(e, n)
 
 
-def _said(
+def _reported_wind(
     leg: dict[str, Any], deviation: tuple[float, float, float], mean: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Wind the unit makes of its deviated heading."""
+    """Wind that the unit computes with its deviated heading."""
     a, b, c = deviation
     airspeed, true_heading = np.hypot(*leg["air"]), np.arctan2(*leg["air"])
     gain, shown = mean / leg["horizontal"], true_heading.copy()
@@ -290,8 +291,25 @@ def write_reports(table: pd.DataFrame, path: Path, **options: Any) -> Path:
     return path
 
 
-_LL = {"iScansNegatively": 0, "jScansPositively": 1, "uvRelativeToGrid": 0}
-_SPHERE1, _SPHERE2 = "+R=6367470 +no_defs", "+R=6371229 +no_defs"
+_FLAGS = {"iScansNegatively": 0, "jScansPositively": 1}
+_SPHERE = {1: "+R=6367470 +no_defs", 2: "+R=6371229 +no_defs"}
+
+
+def _keys(
+    kind: str,
+    counts: str,
+    size: tuple[int, int],
+    first: tuple[float, float],
+    last: tuple[float, float] | None = None,
+    **more: Any,
+) -> dict[str, Any]:
+    """Keys of ecCodes that all grids have; points are longitude, latitude."""
+    keys: dict[str, Any] = {"gridType": kind, **dict(zip(counts.split(), size, strict=True))}
+    for name, point in (("First", first), ("Last", last)):
+        if point is not None:
+            keys[f"latitudeOf{name}GridPointInDegrees"] = point[1]
+            keys[f"longitudeOf{name}GridPointInDegrees"] = point[0] % 360
+    return keys | _FLAGS | more
 
 
 def _degrees(
@@ -301,19 +319,18 @@ def _degrees(
     step: tuple[float, float],
     **more: Any,
 ) -> Place:
-    keys = {
-        "gridType": "regular_ll",
-        "Ni": size[0],
-        "Nj": size[1],
-        "latitudeOfFirstGridPointInDegrees": first[1],
-        "longitudeOfFirstGridPointInDegrees": first[0] % 360,
-        "latitudeOfLastGridPointInDegrees": first[1] + step[1] * (size[1] - 1),
-        "longitudeOfLastGridPointInDegrees": (first[0] + step[0] * (size[0] - 1)) % 360,
-        "iDirectionIncrementInDegrees": abs(step[0]),
-        "jDirectionIncrementInDegrees": abs(step[1]),
-        **_LL,
-        "jScansPositively": int(step[1] > 0),
-    }
+    last = first[0] + step[0] * (size[0] - 1), first[1] + step[1] * (size[1] - 1)
+    keys = _keys(
+        "regular_ll",
+        "Ni Nj",
+        size,
+        first,
+        last,
+        iDirectionIncrementInDegrees=abs(step[0]),
+        jDirectionIncrementInDegrees=abs(step[1]),
+        jScansPositively=int(step[1] > 0),
+        uvRelativeToGrid=0,
+    )
     return Place(name, keys, size, step, first, along_grid=False, **more)
 
 
@@ -328,67 +345,46 @@ def _lambert(
     edition: int = 2,
     along: bool = True,
 ) -> Place:
-    sphere = _SPHERE1 if edition == 1 else _SPHERE2
-    south = latins[0] < 0
-    keys = {
-        "gridType": "lambert",
-        "Nx": size[0],
-        "Ny": size[1],
-        "latitudeOfFirstGridPointInDegrees": first[1],
-        "longitudeOfFirstGridPointInDegrees": first[0] % 360,
-        "LoVInDegrees": lov % 360,
-        "Latin1InDegrees": latins[0],
-        "Latin2InDegrees": latins[1],
-        "DxInMetres": metres,
-        "DyInMetres": metres,
-        "projectionCentreFlag": 128 * south,
-        "iScansNegatively": 0,
-        "jScansPositively": 1,
-        "uvRelativeToGrid": int(along),
-    }
+    keys = _keys(
+        "lambert",
+        "Nx Ny",
+        size,
+        first,
+        LoVInDegrees=lov % 360,
+        Latin1InDegrees=latins[0],
+        Latin2InDegrees=latins[1],
+        DxInMetres=metres,
+        DyInMetres=metres,
+        projectionCentreFlag=128 * (latins[0] < 0),
+        uvRelativeToGrid=int(along),
+    )
     if edition == 2:
         keys |= {"LaDInDegrees": latins[0], "shapeOfTheEarth": 6}
-    crs = (
-        f"+proj=lcc +lat_1={latins[0]} +lat_2={latins[1]} +lat_0={latins[0]} +lon_0={lov} {sphere}"
-    )
-    return Place(name, keys, size, (metres, metres), first, crs, edition, along_grid=along)
+    crs = f"+proj=lcc +lat_1={latins[0]} +lat_2={latins[1]} +lat_0={latins[0]} +lon_0={lov} "
+    step = (metres, metres)
+    return Place(name, keys, size, step, first, crs + _SPHERE[edition], edition, along_grid=along)
 
 
 def _polar(
     name: str, first: tuple[float, float], lov: float, *, south: bool = False, edition: int = 2
 ) -> Place:
-    size, metres = (31, 27), 100000
-    keys = {
-        "gridType": "polar_stereographic",
-        "Nx": size[0],
-        "Ny": size[1],
-        "latitudeOfFirstGridPointInDegrees": first[1],
-        "longitudeOfFirstGridPointInDegrees": first[0] % 360,
-        "orientationOfTheGridInDegrees": lov % 360,
-        "DxInMetres": metres,
-        "DyInMetres": metres,
-        "projectionCentreFlag": 128 * south,
-        "iScansNegatively": 0,
-        "jScansPositively": 1,
-        "resolutionAndComponentFlags": 8,
-    }
-    sign = -1 if south else 1
+    size, metres, sign = (31, 27), 100000, -1 if south else 1
+    keys = _keys(
+        "polar_stereographic",
+        "Nx Ny",
+        size,
+        first,
+        orientationOfTheGridInDegrees=lov % 360,
+        DxInMetres=metres,
+        DyInMetres=metres,
+        projectionCentreFlag=128 * south,
+        resolutionAndComponentFlags=8,
+    )
     if edition == 2:
         keys |= {"LaDInDegrees": 60.0 * sign, "shapeOfTheEarth": 6}
-    crs = (
-        f"+proj=stere +lat_0={90 * sign} +lat_ts={60 * sign} +lon_0={lov} "
-        f"{_SPHERE1 if edition == 1 else _SPHERE2}"
-    )
-    return Place(
-        name,
-        keys,
-        size,
-        (metres, metres),
-        first,
-        crs,
-        edition,
-        sample="polar_stereographic_pl_grib1",
-    )
+    crs = f"+proj=stere +lat_0={90 * sign} +lat_ts={60 * sign} +lon_0={lov} {_SPHERE[edition]}"
+    sample = "polar_stereographic_pl_grib1"
+    return Place(name, keys, size, (metres, metres), first, crs, edition, sample=sample)
 
 
 def _mercator(
@@ -397,29 +393,23 @@ def _mercator(
     last: tuple[float, float],
     true: float,
     *,
-    size: tuple[int, int] = (29, 25),
-    metres: int = 110000,
     edition: int = 2,
 ) -> Place:
-    keys = {
-        "gridType": "mercator",
-        "Ni": size[0],
-        "Nj": size[1],
-        "latitudeOfFirstGridPointInDegrees": first[1],
-        "longitudeOfFirstGridPointInDegrees": first[0] % 360,
-        "latitudeOfLastGridPointInDegrees": last[1],
-        "longitudeOfLastGridPointInDegrees": last[0] % 360,
-        "DiInMetres": metres,
-        "DjInMetres": metres,
-        "LaDInDegrees": true,
-        "iScansNegatively": 0,
-        "jScansPositively": 1,
-        "uvRelativeToGrid": 1,
-    }
+    size, metres = (29, 25), 110000
+    keys = _keys(
+        "mercator",
+        "Ni Nj",
+        size,
+        first,
+        last,
+        DiInMetres=metres,
+        DjInMetres=metres,
+        LaDInDegrees=true,
+        uvRelativeToGrid=1,
+    )
     if edition == 2:
         keys["shapeOfTheEarth"] = 6
-    middle = first[0] + 15.0
-    crs = f"+proj=merc +lat_ts={abs(true)} +lon_0={middle} {_SPHERE1 if edition == 1 else _SPHERE2}"
+    crs = f"+proj=merc +lat_ts={abs(true)} +lon_0={first[0] + 15.0} {_SPHERE[edition]}"
     return Place(name, keys, size, (metres, metres), first, crs, edition)
 
 
@@ -427,31 +417,28 @@ def _rotated(
     name: str, corner: tuple[float, float], pole: tuple[float, float], *, edition: int = 2
 ) -> Place:
     """Corner in rotated degrees; pole is the southern pole's (longitude, latitude)."""
-    size, step = (31, 27), 1.0
-    keys = {
-        "gridType": "rotated_ll",
-        "Ni": size[0],
-        "Nj": size[1],
-        "latitudeOfFirstGridPointInDegrees": corner[1],
-        "longitudeOfFirstGridPointInDegrees": corner[0] % 360,
-        "latitudeOfLastGridPointInDegrees": corner[1] + step * (size[1] - 1),
-        "longitudeOfLastGridPointInDegrees": (corner[0] + step * (size[0] - 1)) % 360,
-        "iDirectionIncrementInDegrees": step,
-        "jDirectionIncrementInDegrees": step,
-        "latitudeOfSouthernPoleInDegrees": pole[1],
-        "longitudeOfSouthernPoleInDegrees": pole[0] % 360,
-        "angleOfRotationInDegrees": 0.0,
-        **_LL,
-        "uvRelativeToGrid": 1,
-    }
-    crs = f"+proj=ob_tran +o_proj=eqc +o_lat_p={-pole[1]} +o_lon_p=0 +lon_0={pole[0]} {_SPHERE2}"
-    return _RotatedPlace(
-        name, keys, size, (step, step), corner, crs, edition, sample="rotated_ll_pl_grib1"
+    size, step = (31, 27), (1.0, 1.0)
+    last = corner[0] + size[0] - 1, corner[1] + size[1] - 1
+    keys = _keys(
+        "rotated_ll",
+        "Ni Nj",
+        size,
+        corner,
+        last,
+        iDirectionIncrementInDegrees=step[0],
+        jDirectionIncrementInDegrees=step[1],
+        latitudeOfSouthernPoleInDegrees=pole[1],
+        longitudeOfSouthernPoleInDegrees=pole[0] % 360,
+        angleOfRotationInDegrees=0.0,
+        uvRelativeToGrid=1,
     )
+    sample = "rotated_ll_pl_grib1"
+    # Not empty: the wind is along the grid, whose place the methods below compute.
+    return _RotatedPlace(name, keys, size, step, corner, "rotated", edition, sample=sample)
 
 
 class _RotatedPlace(Place):
-    """Rotated degrees by the rotation matrix of the pole; PROJ's own naming of it varies."""
+    """Rotated degrees by the rotation matrix of the pole, independent of PROJ."""
 
     def _turn(self) -> np.ndarray:
         lat = np.radians(self.keys["latitudeOfSouthernPoleInDegrees"])

@@ -40,8 +40,8 @@ def load_config(path: Path | str, *, output: Path | None = None) -> Config:
 
     Examples
     --------
-    >>> config = airswing.load_config("configs/quickstart.yaml")  # doctest: +SKIP
-    >>> config.fit.min_reports  # doctest: +SKIP
+    >>> config = airswing.load_config("configs/quickstart.yaml")
+    >>> config.fit.min_reports
     200
     """
     return _validated(Config, _content(Path(path), output), Path(path))

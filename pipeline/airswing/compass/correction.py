@@ -231,6 +231,16 @@ def correct(
     ------
     InputError
         If the reference has no fits or the tables are missing.
+
+    References
+    ----------
+    Jacobs et al. 2010, step f.
+
+    Examples
+    --------
+    >>> corrected = airswing.correct(headings, fits, reference="ruc")
+    >>> corrected["corrected_eastward_wind"].attrs["units"]
+    'm s-1'
     """
     names = [str(name) for name in fits["reference"].to_numpy()]
     single = int(fits.attrs.get("reference_count", len(names)))

@@ -131,6 +131,13 @@ def derive_headings(
     References
     ----------
     Jacobs et al. 2010, steps a-c and equation 3.
+
+    Examples
+    --------
+    >>> ruc = airswing.build_catalogue("data_samples/ruc/*.grb", name="ruc")
+    >>> headings = airswing.derive_headings(reports, airswing.collocate(reports, {"ruc": ruc}))
+    >>> headings["heading_error"].attrs["units"]
+    'degree'
     """
     for name in _NEEDED:
         if name not in reports:

@@ -86,6 +86,13 @@ def screen(
     ------
     ConfigError
         On an unknown phase or policy.
+
+    Examples
+    --------
+    >>> cruise = airswing.screen(headings, phases=["cruise"])
+    >>> everywhere = airswing.screen(headings, phases=["ascent", "cruise", "descent"])
+    >>> int((cruise["screening"] == 0).sum()) < int((everywhere["screening"] == 0).sum())
+    True
     """
     for name in phases:
         if name not in PHASE:
@@ -180,6 +187,11 @@ def audit(headings: xr.Dataset) -> xr.Dataset:
         those that no other rule marked, which would be kept without the rule; ``reports``, ``kept``
         (aircraft); and over the fleet ``together_total``, ``alone_total`` (rule),
         ``reports_total``, ``kept_total``. Dask-backed where the headings are.
+
+    Examples
+    --------
+    >>> airswing.audit(headings)["together_total"].dims
+    ('rule',)
     """
     found = map_aircraft(_counts, headings[["screening", "row_size"]])
     found = found.assign_coords(rule=list(SCREENING), aircraft=headings["aircraft"].to_numpy())

@@ -207,6 +207,13 @@ def add_tables(
     ------
     InputError
         If the sign is unknown.
+
+    Examples
+    --------
+    >>> fits = airswing.fit_deviation(headings, pools={"ruc": ["ruc"]})
+    >>> tables = airswing.add_tables(fits, headings, resolution=0.1)
+    >>> tables["table_heading"].values.tolist()
+    [0.0, 45.0, 90.0, 135.0, 180.0, 225.0, 270.0, 315.0]
     """
     if sign not in SIGNS:
         raise InputError(

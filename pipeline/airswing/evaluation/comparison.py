@@ -114,6 +114,17 @@ def compare(
     ------
     InputError
         If there is one reference only, or no report has all of them.
+
+    References
+    ----------
+    Jacobs et al. 2010; Gray & Allan 1974, Proc. 28th Freq. Control Symp.
+
+    Examples
+    --------
+    >>> pools = {"ruc": ["ruc"], "rtfdaa": ["rtfdaa"]}
+    >>> found = airswing.compare(headings, pools=pools)
+    >>> found["pairs"][0]["references"]
+    ['ruc', 'rtfdaa']
     """
     singles = [name for name, members in pools.items() if len(members) == 1]
     if len(singles) < 2:

@@ -172,6 +172,24 @@ def field_test(
     ------
     InputError
         If a group names an unknown aircraft or a window has no report of a group.
+
+    Examples
+    --------
+    >>> from datetime import date
+    >>> found = airswing.field_test(
+    ...     headings,
+    ...     pools={"ruc": ["ruc"]},
+    ...     reference="ruc",
+    ...     before_start=date(2009, 9, 16),
+    ...     start=date(2009, 10, 1),
+    ...     corrected=["N401", "N402"],
+    ...     controls=["N403", "N404", "N405"],
+    ...     roll="ignore",
+    ...     temperature_qc="ignore",
+    ...     draws=200,
+    ... )
+    >>> sorted(found["groups"])
+    ['controls', 'corrected']
     """
     names = headings["aircraft"].to_numpy().astype(str)
     _require_groups(names, corrected, controls)

@@ -151,6 +151,19 @@ def virtual_field_test(
     ------
     InputError
         If an aircraft or the reference is unknown, or a period has no screened report.
+
+    Examples
+    --------
+    >>> from datetime import date
+    >>> found = airswing.virtual_field_test(
+    ...     headings,
+    ...     learned_until=date(2009, 10, 10),
+    ...     pools={"ruc": ["ruc"]},
+    ...     reference="ruc",
+    ...     draws=200,
+    ... )
+    >>> found["realised_gain_kt"] > 0.0
+    True
     """
     names = headings["aircraft"].to_numpy().astype(str)
     if corrected is not None:
@@ -309,6 +322,13 @@ def cross_validate(
     ------
     InputError
         If the reference is unknown or no report could be corrected.
+
+    Examples
+    --------
+    >>> pools = {"ruc": ["ruc"]}
+    >>> found = airswing.cross_validate(headings, fits, pools=pools, reference="ruc", draws=200)
+    >>> found["realised_gain_kt"] > 0.0
+    True
     """
     require_reference(pools, reference)
     if ranking is None:

@@ -66,6 +66,12 @@ def error_profiles(
         ``eastward_rms``, ``northward_rms`` (m/s), ``direction_rms`` (degrees) with
         ``*_standard_error`` (reference, state, flight_phase, layer), ``profile_count`` and
         ``profile_flights``.
+
+    Examples
+    --------
+    >>> profiles = airswing.error_profiles(headings, corrected, pools={"ruc": ["ruc"]})
+    >>> profiles["eastward_rms"].dims
+    ('reference', 'state', 'flight_phase', 'layer')
     """
     quantities = ("eastward", "northward", "direction")
     sums = np.zeros((len(pools), len(STATES), len(quantities), SUMS, CELLS))
@@ -155,6 +161,12 @@ def innovation_statistics(
         ``innovation_histogram``
             (reference, state, eastward_class, northward_class): number of reports by the
             innovation of both components, in classes of 1 m/s named by their lower edge.
+
+    Examples
+    --------
+    >>> found = airswing.innovation_statistics(headings, corrected, pools={"ruc": ["ruc"]})
+    >>> found["innovation_speed_bias"].dims
+    ('reference', 'state', 'aircraft', 'flight_phase', 'layer')
     """
     first, last = (day.astype("datetime64[D]") for day in time_span(headings))
     days = np.arange(first, last + 1)

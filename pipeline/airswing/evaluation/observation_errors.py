@@ -350,6 +350,17 @@ def observation_errors(
         ``aircraft_observation_error``; ``weight_gain``; the errors that assimilation systems use;
         and, in the attributes, the preferred ``method``, ``method_reason``,
         ``assumed_covariance`` and the references of the hat.
+
+    References
+    ----------
+    Gray & Allan 1974, Proc. 28th Freq. Control Symp.
+
+    Examples
+    --------
+    >>> pools = {"ruc": ["ruc"], "rtfdaa": ["rtfdaa"]}
+    >>> errors = airswing.observation_errors(headings, corrected, pools=pools, reference="ruc")
+    >>> errors["observation_error"].dims
+    ('flight_phase', 'layer', 'state')
     """
     members = [name for name, inside in pools.items() if len(inside) == 1]
     found = disagreements(headings, corrected, members, list(pools[reference]))

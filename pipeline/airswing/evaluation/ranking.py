@@ -160,6 +160,16 @@ def rank_aircraft(
     ------
     InputError
         If there is no such reference.
+
+    References
+    ----------
+    Jacobs et al. 2010, Table 1; Efron 2004, J. Amer. Stat. Assoc. 99, 619-632.
+
+    Examples
+    --------
+    >>> ranking = airswing.rank_aircraft(headings, fits, pools={"ruc": ["ruc"]}, reference="ruc")
+    >>> ranking[0]["rank"]
+    1
     """
     require_reference(pools, reference)
     fit = fits.sel(reference=reference)

@@ -138,6 +138,12 @@ def diagnose(
     ------
     InputError
         Fewer than 200 reports or fewer than four flights.
+
+    Examples
+    --------
+    >>> found = airswing.diagnose(headings, reference="ruc", dictionary=False)
+    >>> found.report.gap.mean_vector_disagreement_kt > 0.0
+    True
     """
     if isinstance(reports, xr.Dataset):
         if "reference_eastward_wind_tendency" not in reports:

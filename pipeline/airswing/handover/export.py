@@ -96,6 +96,12 @@ def export(
     ------
     InputError
         On an unknown format, missing variables, an existing file, or nothing to write.
+
+    Examples
+    --------
+    >>> done = airswing.export(corrected, to="little_r", path=folder / "obs.little_r")
+    >>> done["format"], done["reports"] > 10_000
+    ('little_r', True)
     """
     import xarray as xr
 

@@ -118,6 +118,12 @@ def write_product(
         If the file cannot be written.
     KeyError
         If a variable is not in the vocabulary.
+
+    Examples
+    --------
+    >>> one = airswing.aircraft_reports(corrected, "N401")
+    >>> airswing.write_product(one, folder / "N401.nc", title="Corrected winds of N401").name
+    'N401.nc'
     """
     path = Path(path)
     ds = describe(ds).drop_encoding()
@@ -229,6 +235,12 @@ def open_product(path: str | Path) -> xr.Dataset:
     ------
     InputError
         If the product is absent, damaged or not one of airswing.
+
+    Examples
+    --------
+    >>> headings = airswing.open_product(folder / "headings")
+    >>> headings["heading_error"].dims
+    ('reference', 'report')
     """
     path = Path(path).expanduser()
     files = sorted(path.glob("*.nc")) if path.is_dir() else [path]
@@ -256,10 +268,21 @@ def read_product(path: str | Path, *, lazy: bool = False) -> xr.Dataset:
     lazy : bool, default False
         As :func:`open_product`; else everything is read and the files are closed.
 
+    Returns
+    -------
+    Dataset
+        The product, in memory unless ``lazy``.
+
     Raises
     ------
     InputError
         If the product is absent, damaged or not one of airswing.
+
+    Examples
+    --------
+    >>> fits = airswing.read_product(folder / "fits.nc")
+    >>> fits["amplitude"].attrs["units"]
+    'degree'
     """
     ds = open_product(path)
     if lazy:
@@ -293,6 +316,12 @@ def open_results(folder: str | Path) -> xr.DataTree:
     ------
     InputError
         If the folder has none, or one of them is damaged.
+
+    Examples
+    --------
+    >>> tree = airswing.open_results(folder)
+    >>> "fits" in tree.children
+    True
     """
     folder = Path(folder).expanduser()
     paths = {name: product_path(folder, name) for name in PRODUCTS}

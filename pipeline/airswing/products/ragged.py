@@ -122,7 +122,9 @@ def aircraft_reports(ds: xr.Dataset, aircraft: str) -> xr.Dataset:
 
     Examples
     --------
-    >>> one = airswing.aircraft_reports(headings, "N403")  # doctest: +SKIP
+    >>> one = airswing.aircraft_reports(headings, "N403")
+    >>> one["aircraft"].item(), int(one["row_size"]) == one.sizes["report"]
+    ('N403', True)
     """
     names = ds["aircraft"].to_numpy().astype(str).tolist()
     if aircraft not in names:

@@ -235,6 +235,12 @@ def build_catalogue(
     InputError
         No file found, no usable wind at all, files of several kinds, a key that does not apply, or
         bad input under ``on_bad_file="fail"``.
+
+    Examples
+    --------
+    >>> ruc = airswing.build_catalogue("data_samples/ruc/*.grb", name="ruc")
+    >>> (ruc.times[1] - ruc.times[0]).astype("timedelta64[h]")
+    np.timedelta64(3,'h')
     """
     if on_bad_file not in ("skip", "fail"):
         raise InputError("must be skip or fail", field="on_bad_file", found=on_bad_file)

@@ -198,6 +198,13 @@ def collocate(
         Without references, or if reports lack a column.
     TypeError
         If the arguments are no Dataset and no mapping of catalogues.
+
+    Examples
+    --------
+    >>> ruc = airswing.build_catalogue("data_samples/ruc/*.grb", name="ruc")
+    >>> winds = airswing.collocate(reports, {"ruc": ruc})  # lazy
+    >>> winds["reference_eastward_wind"].dims
+    ('reference', 'report')
     """
     if not isinstance(reports, xr.Dataset):
         raise TypeError(

@@ -74,6 +74,13 @@ def fleet_wind(reports: xr.Dataset | Iterable[xr.Dataset]) -> xr.Dataset:
     ------
     InputError
         Fewer than five aircraft have winds.
+
+    Examples
+    --------
+    >>> reports = airswing.read_reports("data_samples/reports/*.csv")
+    >>> winds = airswing.fleet_wind(reports)
+    >>> winds["eastward_wind"].attrs["units"]
+    'm s-1'
     """
     data = _gathered([reports] if isinstance(reports, xr.Dataset) else reports)
     axes = _nodes(data.place)

@@ -145,6 +145,12 @@ def read_reports(
     InputError
         No file matches, none can be read, none holds a usable report, or (policy "fail") one
         cannot be read.
+
+    Examples
+    --------
+    >>> reports = airswing.read_reports("data_samples/reports/N40[1-3].csv")
+    >>> reports["aircraft"].values.tolist()
+    ['N401', 'N402', 'N403']
     """
     _require_format(format)
     parse_mapping(columns)  # refused before a file is opened

@@ -279,6 +279,12 @@ def write_archive(
     -------
     Path
         The configuration, ready for ``airswing run``.
+
+    Examples
+    --------
+    >>> config = airswing.write_archive(folder / "sample", days=1, aircraft=1, seed=1)
+    >>> config.name
+    'config.yaml'
     """
     root = Path(directory)
     root.mkdir(parents=True, exist_ok=True)  # where that fails, nothing is flown first

@@ -66,11 +66,19 @@ def write_mode_s(
         Southern edge of a region of 8 by 12 degrees, from 127 degrees west.
     flights : int
         Flights of each aircraft.
+    seed : int
+        Seed of all random numbers.
 
     Returns
     -------
     dict
         The truth, `AIRCRAFT`.
+
+    Examples
+    --------
+    >>> deviations = airswing.write_mode_s(folder / "mode_s", flights=2, seed=1)
+    >>> len(deviations) > 0
+    True
     """
     place = Path(folder)
     place.mkdir(parents=True, exist_ok=True)

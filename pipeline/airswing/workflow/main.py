@@ -108,6 +108,12 @@ def run(
     ------
     InputError
         The configuration or the data cannot be used; the message says what to change.
+
+    Examples
+    --------
+    >>> results = airswing.run("configs/quickstart.yaml", output=folder)
+    >>> results.fits["status"].dims
+    ('reference', 'aircraft')
     """
     from airswing.config_file import load_config
     from airswing.workflow.compute import scheduler as on_scheduler

@@ -60,7 +60,12 @@ def append_winds(
 
     Examples
     --------
-    >>> found = airswing.append_winds(track, {"ruc": "ruc/*.grb"})  # doctest: +SKIP
+    >>> track = pd.DataFrame(
+    ...     {"time": ["2009-09-20T12:30"], "lat": [42.0], "lon": [-88.0], "pressure_hPa": [400.0]}
+    ... )
+    >>> found = airswing.append_winds(track, {"ruc": "data_samples/ruc/*.grb"})
+    >>> bool(found["ruc_wind_speed_kt"].notna().all())
+    True
     """
     from airswing.reference.catalogue import build_catalogue
     from airswing.reference.collocate import collocate

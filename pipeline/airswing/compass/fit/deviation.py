@@ -118,6 +118,16 @@ def fit_deviation(
     ------
     InputError
         If a variable is missing or a pool names an unknown reference.
+
+    References
+    ----------
+    Jacobs et al. 2010, eq. 3 and step d; NGA Handbook of Magnetic Compass Adjustment.
+
+    Examples
+    --------
+    >>> fits = airswing.fit_deviation(headings, pools={"ruc": ["ruc"]})
+    >>> fits["deviation"].dims
+    ('reference', 'aircraft', 'coefficient')
     """
     groups = groups_of(headings, pools or {}, alone=alone or not pools)
     fits = _local_fits(headings, groups, abscissa, Options(**options))

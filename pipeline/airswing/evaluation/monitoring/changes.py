@@ -212,6 +212,12 @@ def watch_compasses(
     CompassWatch
         For :func:`add_changes` (its ``changes``) and
         :func:`airswing.evaluation.monitoring.events.find_events`.
+
+    Examples
+    --------
+    >>> watch = airswing.watch_compasses(headings, members=["ruc"])
+    >>> [entry["aircraft"] for entry in watch.changes][:2]
+    ['N401', 'N402']
     """
     days = compass_days(headings, members, abscissa=abscissa)
     return compass_watch(headings["aircraft"].to_numpy().astype(str), days)

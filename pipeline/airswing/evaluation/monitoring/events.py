@@ -253,10 +253,21 @@ def find_events(
         Of :func:`airswing.evaluation.monitoring.changes.watch_compasses` for the same headings,
         where it was made already.
 
+    Returns
+    -------
+    Monitoring
+        States of the aircraft, all ``events``, and the ``new_events`` since ``previous``.
+
     Raises
     ------
     InputError
         If there is no report up to the day.
+
+    Examples
+    --------
+    >>> found = airswing.find_events(headings, fits, reference="ruc", members=["ruc"])
+    >>> len(found.new_events) <= len(found.events)
+    True
     """
     name = reference or main_reference(fits)
     known = headings["reference"].to_numpy().astype(str).tolist()

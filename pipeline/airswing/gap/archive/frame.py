@@ -94,6 +94,12 @@ class Frame:
         h.
     position_resolution, time_resolution, wind_speed_resolution, wind_direction_resolution
         (aircraft,) float: degree, s, m s-1, degree; NaN where unknown.
+
+    Examples
+    --------
+    >>> frame = airswing.Frame.from_headings(headings, reference=["ruc"])
+    >>> frame.residual.shape == (frame.size, 2)
+    True
     """
 
     tails: tuple[str, ...]

@@ -69,6 +69,12 @@ def simulate_reports(
     ------
     InputError
         As `simulate` and `Frame.from_headings`.
+
+    Examples
+    --------
+    >>> table = airswing.simulate_reports(headings, reference="ruc", seed=1)
+    >>> table["tail"].nunique()
+    6
     """
     frame = Frame.from_headings(headings, reference=reference, excluded=(), phases=tuple(PHASE))
     coding = Coding.of_archive(frame)

@@ -86,6 +86,32 @@ def correct_forecasts(
         The pairs with ``corrected_forecast``, ``running_mean_forecast``,
         ``mean_of_pairs_forecast``, ``valid_time``, ``held_out`` (forecast_reference_time),
         ``ratio`` and ``ratio_chosen`` (variable).
+
+    References
+    ----------
+    Delle Monache, L., et al., 2006: J. Geophys. Res. 111, D05308; 2008: 113, D16310.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(1)
+    >>> dims = ("variable", "station", "forecast_reference_time", "lead")
+    >>> observation = rng.normal(10.0, 5.0, (1, 1, 60, 1))
+    >>> pairs = xr.Dataset(
+    ...     {
+    ...         "forecast": (dims, observation + 2.0 + rng.normal(size=observation.shape)),
+    ...         "observation": (dims, observation),
+    ...     },
+    ...     coords={
+    ...         "variable": ["air_temperature"],
+    ...         "station": ["A"],
+    ...         "forecast_reference_time": np.datetime64("2009-01-01", "ns")
+    ...         + np.arange(60) * np.timedelta64(1, "D"),
+    ...         "lead": [12.0],
+    ...     },
+    ... )
+    >>> found = airswing.correct_forecasts(pairs).isel(forecast_reference_time=slice(30, None))
+    >>> bool(abs((found["corrected_forecast"] - found["observation"]).mean()) < 0.5)
+    True
     """
     pairs = pairs.sortby(TIME).transpose(*DIMS)
     errors = pairs["forecast"] - pairs["observation"]

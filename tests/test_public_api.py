@@ -1,0 +1,98 @@
+"""The public functions: found by name, documented, and their examples give what they state.
+
+The examples of the docstrings use the products of the quickstart: ``reports``, ``headings``,
+``fits`` and ``corrected``, and an output folder ``folder``.
+"""
+
+from __future__ import annotations
+
+import ast
+import doctest
+import inspect
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+
+import airswing
+
+SLOW = {"run", "diagnose"}
+NAMES = [
+    pytest.param(name, marks=[pytest.mark.slow] if name in SLOW else [])
+    for name in airswing.__all__
+]
+
+
+@pytest.fixture(scope="module")
+def products(tmp_path_factory, root) -> dict[str, Any]:
+    """What the examples use."""
+    folder = tmp_path_factory.mktemp("quickstart")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(root)
+        patch.setattr("airswing.workflow.main.make_page", lambda *_: None)
+        results = airswing.run("configs/quickstart.yaml", output=folder)
+        reports = airswing.read_reports("data_samples/reports/N40[1-3].csv")
+    modules = {"airswing": airswing, "np": np, "pd": pd, "xr": xr}
+    datasets = {name: getattr(results, name) for name in ("headings", "fits", "corrected")}
+    return modules | datasets | {"reports": reports, "folder": folder}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_examples_give_what_they_state(name, products, root, monkeypatch):
+    monkeypatch.chdir(root)
+    text = inspect.getdoc(getattr(airswing, name)) or ""
+    example = doctest.DocTestParser().get_doctest(text, dict(products), name, None, None)
+    assert example.examples and "+SKIP" not in text
+    messages: list[str] = []
+    runner = doctest.DocTestRunner()
+    assert runner.run(example, out=messages.append).failed == 0, "".join(messages)
+
+
+@pytest.mark.parametrize("name", airswing.__all__)
+def test_docstrings_name_every_parameter_and_the_result(name):
+    function = getattr(airswing, name)
+    assert name in dir(airswing) and callable(function)
+    text = inspect.getdoc(function) or ""
+    if inspect.isclass(function):
+        assert "Attributes\n" in text
+        return
+    signature = inspect.signature(function)
+    section = text.partition("Parameters\n")[2]
+    for parameter in signature.parameters.values():
+        listed = re.search(rf"^[\w, *]*\b{parameter.name}\b[\w, *]*( :|$)", section, re.MULTILINE)
+        assert listed, parameter.name
+    if signature.return_annotation not in (None, "None"):
+        assert "Returns\n-------" in text
+
+
+def test_an_unknown_name_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="colour"):
+        _ = airswing.colour
+
+
+def test_help_imports_nothing_heavy():
+    code = (
+        "import sys, airswing.cli\n"
+        "heavy = {'xarray', 'pandas', 'scipy', 'matplotlib', 'distributed', 'eccodes', 'metpy'}\n"
+        "print(sorted(heavy & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert done.stdout.strip() == "[]", done.stdout + done.stderr
+
+
+def test_names_for_editors_are_those_imported_on_first_use():
+    tree = ast.parse(Path(airswing.__file__).read_text())
+    block = next(node for node in tree.body if isinstance(node, ast.If))
+    written = {
+        alias.asname: node.module
+        for node in block.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    assert written == airswing._STAGES
