@@ -40,6 +40,17 @@ def section_1(octets: dict[int, int], length: int = 52) -> Any:
     return change
 
 
+def local(kind: int) -> Any:
+    """Change of a GRIB2 message: ECMWF's local section with a MARS type."""
+
+    def change(message: bytes) -> bytes:
+        section = b"\0\0\0\x11\x02\0\x01\0\x01" + kind.to_bytes(2, "big") + b"\x04\x060001"
+        body = message[16:21] + b"\0\x62" + message[23:37] + section + message[37:]
+        return message[:8] + (16 + len(body)).to_bytes(8, "big") + body
+
+    return change
+
+
 GRIB = {
     "spread": profile(productDefinitionTemplateNumber=2, derivedForecast=4),
     "standard deviation": profile(productDefinitionTemplateNumber=2, derivedForecast=2),
@@ -49,6 +60,10 @@ GRIB = {
     "climatology": profile(typeOfGeneratingProcess=9),
     "increment": profile(typeOfGeneratingProcess=20),
     "average": profile(productDefinitionTemplateNumber=8),
+    "event probability": profile(typeOfProcessedData=8),
+    "percentile of NCEP": profile(productDefinitionTemplateNumber=2, derivedForecast=193),
+    "spread of ECMWF": profile(local(18)),
+    "standard deviation, edition 1": profile(section_1({21: 119}), edition=1),
     "average of edition 1": profile(section_1({21: 3}), edition=1),
     "spread of ECMWF, edition 1": profile(section_1({5: 98, 41: 1, 43: 18}), edition=1),
     "analysis error of ECMWF": profile(section_1({5: 98, 41: 1, 43: 13}), edition=1),
@@ -61,6 +76,7 @@ STATES = {
     "mean": profile(productDefinitionTemplateNumber=2, derivedForecast=0),
     "member": profile(productDefinitionTemplateNumber=1, perturbationNumber=3),
     "analysis": profile(typeOfGeneratingProcess=0),
+    "mean of ECMWF": profile(local(17)),
     "member of ECMWF, edition 1": profile(section_1({5: 98, 41: 1, 43: 11, 50: 4}), edition=1),
     "mean of NCEP, edition 1": profile(section_1({5: 7, 41: 1, 44: 2}), edition=1),
 }
@@ -89,9 +105,13 @@ def test_states_are_used(name: str, tmp_path: Path) -> None:
     assert build_catalogue(path, name="x", cache_dir=tmp_path).levels(0).size == 2
 
 
-def test_of_a_mean_and_a_spread_the_mean_is_used(tmp_path: Path) -> None:
-    write(tmp_path / "mean.grib", STATES["mean"])
-    write(tmp_path / "spread.grib", GRIB["spread"])
+@pytest.mark.parametrize(
+    ("mean", "spread"),
+    [("mean", "spread"), ("mean of NCEP, edition 1", "spread of NCEP, edition 1")],
+)
+def test_of_a_mean_and_a_spread_the_mean_is_used(mean: str, spread: str, tmp_path: Path) -> None:
+    write(tmp_path / "mean.grib", STATES[mean])
+    write(tmp_path / "spread.grib", GRIB[spread])
     found = build_catalogue(str(tmp_path / "*.grib"), name="x", cache_dir=tmp_path / "c")
     assert [Path(file.path).name for file in found.model_time(0).files] == ["mean.grib"]
     assert found.levels(0).size == 2
@@ -108,6 +128,13 @@ def changed(**attrs: str) -> xr.Dataset:
     return ds
 
 
+def named(ending: str) -> xr.Dataset:
+    ds = globe().rename(u=f"u_{ending}", v=f"v_{ending}")
+    for name in (f"u_{ending}", f"v_{ending}"):
+        ds[name].attrs = {"units": "m/s"}
+    return ds
+
+
 DATASETS = {
     "standard deviation over members": changed(cell_methods="realization: standard_deviation"),
     "time mean": changed(cell_methods="time: mean"),
@@ -117,6 +144,15 @@ DATASETS = {
     "data type": changed(GRIB_dataType="es"),
     "step type": changed(GRIB_stepType="avg"),
     "climatology": changed(long_name="u wind climatology"),
+    "daily mean of PSL": changed(long_name="mean Daily U wind", statistic="Mean"),
+    "mean over two dimensions": changed(cell_methods="area: time: mean"),
+    "statistic of another name": changed(ensemble_statistic="spread"),
+    "derived type of THREDDS": changed(Grib_Ensemble_Derived_Type="SpreadOfAllMembers"),
+    "interval of THREDDS": changed(Grib_Statistical_Interval_Type="Average"),
+    "title": globe().assign_attrs(title="GEFS ensemble spread"),
+    "averages of MERRA-2": globe().assign_attrs(Title="MERRA2 tavg3: 3-Hourly,Time-Averaged"),
+    **{f"name u_{one}": named(one) for one in ("spread", "std", "sd")},
+    "scalar coordinate": globe().assign_coords(percentile=90.0),
     "percentile": globe().expand_dims(percentile=[90.0]),
     "product type": globe().assign_attrs(product_type="ensemble_spread"),
 }
@@ -128,12 +164,20 @@ def test_variables_that_are_no_state_are_refused(name: str) -> None:
         build_catalogue(DATASETS[name], name="x")
 
 
+@pytest.mark.parametrize("ending", ["p90", "sprd", "err", "clim", "anom", "prob"])
+def test_names_of_statistics_are_no_winds(ending: str) -> None:
+    with pytest.raises(InputError, match="no wind"):
+        build_catalogue(named(ending), name="x")
+
+
 @pytest.mark.parametrize(
     "attrs",
     [
         {"cell_methods": "time: point"},
         {"cell_methods": "area: mean time: point"},
         {"cell_methods": "realization: mean"},
+        {"cell_methods": "lat: lon: mean time: point"},
+        {"statistic": "Ensemble Mean"},
         {"GRIB_dataType": "an", "GRIB_stepType": "instant"},
     ],
 )

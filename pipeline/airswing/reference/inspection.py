@@ -8,12 +8,12 @@ from collections import Counter
 import numpy as np
 
 from airswing.errors import InputError
-from airswing.reference.catalogue import Catalogue, build_catalogue
+from airswing.reference.catalogue import build_catalogue
 from airswing.reference.files import local_path
 from airswing.reference.grib.grid_sections import read_grid
 from airswing.reference.grib.headers import FileContents, off_levels, scan_file
 from airswing.reference.gridded.opening import engine_of
-from airswing.reference.grids import AxesGrid
+from airswing.reference.grids import AxesGrid, Grid
 from airswing.reference.profiles import HYBRID, ISOBARIC, PRESSURE, U
 
 _PACKINGS = {
@@ -48,14 +48,10 @@ def inspect_grib(path: str | os.PathLike[str]) -> dict[str, object]:
         reasons = "; ".join(sorted(why for _, why in contents.skipped))
         raise InputError("no GRIB message in it", file=name, found=reasons)
     with_pressure = {row.level_kind for row in contents.fields if row.kind == PRESSURE}
-    for row in contents.fields:
-        if row.level_kind > HYBRID and row.level_kind not in with_pressure:
-            contents.skipped["wind", off_levels(row.kind, row.level_kind)] += 1
-    contents.fields = [
-        row
-        for row in contents.fields
-        if row.level_kind <= HYBRID or row.level_kind in with_pressure
-    ]
+    usable = [r for r in contents.fields if r.level_kind <= HYBRID or r.level_kind in with_pressure]
+    for row in set(contents.fields) - set(usable):
+        contents.skipped["wind", off_levels(row.kind, row.level_kind)] += 1
+    contents.fields = usable
     packings = Counter(
         f"GRIB{row.edition} " + _PACKINGS[row.edition].get(row.packing, f"template {row.packing}")
         for row in contents.fields
@@ -104,14 +100,12 @@ def _winds(contents: FileContents) -> list[dict[str, object]]:
 
 def _grid(grid: AxesGrid) -> dict[str, object]:
     south, north, west, east = grid.outline()
+    steps = (axis[1] - axis[0] if axis.size > 1 else 0.0 for axis in (grid.x, grid.y))
     return {
         "kind": grid.frame.kind,
         "projection": grid.frame.proj,
         "points": [grid.ni, grid.nj],
-        "step": [
-            float(np.round(axis[1] - axis[0], 6)) if axis.size > 1 else 0.0
-            for axis in (grid.x, grid.y)
-        ],
+        "step": [float(np.round(step, 6)) for step in steps],
         "step_unit": [
             "degree" if grid.frame.meridional else "m",
             "degree" if grid.frame.kind in ("longitude_latitude", "rotated") else "m",
@@ -133,6 +127,9 @@ def inspect_gridded(path: str) -> dict[str, object]:
     used = engine_of(path)
     found = build_catalogue(path, name="inspected", engine=used)
     times = np.datetime_as_string(found.times, unit="s")
+    levels = found.levels(0)
+    ends = f"{levels[0] / 100:g} to {levels[-1] / 100:g} hPa"
+    isobaric = found.level_kinds[0] == ISOBARIC
     return {
         "engine": used,
         "variables": sorted({name for one in found.stored for name in one.names}),
@@ -140,22 +137,16 @@ def inspect_gridded(path: str) -> dict[str, object]:
         "first_time": f"{times[0]}Z",
         "last_time": f"{times[-1]}Z",
         "leads_h": sorted({float(s) / 3600.0 for s in found.leads}),
-        "levels": _levels_text(found),
-        "grids": [_grid_text(found, int(n)) for n in np.unique(found.grid_numbers)],
+        "levels": f"{levels.size} pressure levels, {ends}"
+        if isobaric
+        else f"{levels.size} native levels with their pressure",
+        "grids": [_grid_text(found.grids[int(n)]) for n in np.unique(found.grid_numbers)],
         "notes": found.notes,
         "skipped": found.skipped,
     }
 
 
-def _levels_text(found: Catalogue) -> str:
-    levels = found.levels(0)
-    if found.level_kinds[0] != ISOBARIC:
-        return f"{levels.size} native levels with their pressure"
-    return f"{levels.size} pressure levels, {levels[0] / 100:g} to {levels[-1] / 100:g} hPa"
-
-
-def _grid_text(found: Catalogue, number: int) -> str:
-    grid = found.grids[number]
+def _grid_text(grid: Grid) -> str:
     south, north, west, east = grid.outline()
     way = "along the grid" if grid.wind_along_grid else "to true east and north"
     return (

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import bz2
+import functools
 import gzip
+import http.server
+import threading
 from collections.abc import Callable
 from pathlib import Path
 
@@ -68,12 +71,35 @@ LAYOUTS: dict[str, Callable[[], xr.Dataset]] = {
     "levels without units in Pa": lambda: without_units(base(), 100.0),
     "absolute time of CDO": lambda: absolute(base()),
     "dimensions in another order": lambda: base().transpose("level", "longitude", ...),
+    "times as yyyymmddHH": lambda: with_time(np.array([2022111100]), units="yyyymmddhh"),
+    "times as yyyymmddHHMM": lambda: with_time(np.array([202211110000])),
+    "times as text": lambda: with_time(np.array(["2022-11-11_00:00:00"])),
+    "Julian dates": lambda: with_time(np.array([2459894.5]), units="julian day"),
+    "levels in units of levels": lambda: without_units(base(), units="level"),
+    "places in radians": lambda: radians(base()),
+    "fill values that no attribute names": lambda: filled(base()),
 }
 
 
-def without_units(ds: xr.Dataset, scale: float = 1.0) -> xr.Dataset:
-    ds = ds.assign_coords(level=ds.level.values * scale)
-    ds["level"].attrs = {}
+def without_units(ds: xr.Dataset, scale: float = 1.0, **attrs: str) -> xr.Dataset:
+    return ds.assign_coords(level=("level", ds.level.values * scale, attrs))
+
+
+def with_time(values: np.ndarray, **attrs: str) -> xr.Dataset:
+    return base().assign_coords(time=("time", values, attrs))
+
+
+def radians(ds: xr.Dataset) -> xr.Dataset:
+    places = {
+        name: (name, np.radians(ds[name].values), {"units": "radian", "standard_name": name})
+        for name in ("latitude", "longitude")
+    }
+    return ds.assign_coords(places)
+
+
+def filled(ds: xr.Dataset) -> xr.Dataset:
+    """-999 in the rows to the south of all reports; between them and the fill there is no wind."""
+    ds["u"][:, :, :5, :] = -999.0
     return ds
 
 
@@ -182,8 +208,37 @@ def test_keys_for_grib_are_honoured_or_refused_by_name(tmp_path: Path) -> None:
             build_catalogue(path, name="x", naming=naming, cache_dir=tmp_path)
     with pytest.raises(InputError, match=r"references\.x\.winds: must be grid or earth"):
         build_catalogue(path, name="x", naming={"winds": "north"}, cache_dir=tmp_path)
-    with pytest.raises(InputError, match="u: nonsense: no such variable"):
-        build_catalogue(base(), name="x", naming={"u": "nonsense"})
+
+
+@pytest.mark.parametrize(
+    ("naming", "expected"),
+    [
+        ({"u": "nonsense"}, "u: nonsense: no such variable"),
+        ({"units": {"nonsense": "hPa"}}, "units: nonsense: no such variable"),
+        ({"pressure": "level"}, "pressure: level: this key applies to native levels"),
+        ({"surface_pressure": "u"}, "surface_pressure: u: this key applies to native levels"),
+        ({"projection": "+proj=lcc +lat_1=30 +lat_2=60"}, "units of another quantity than length"),
+    ],
+)
+def test_keys_for_datasets_are_honoured_or_refused_by_name(
+    naming: dict[str, object], expected: str
+) -> None:
+    with pytest.raises(InputError, match=expected):
+        build_catalogue(base(), name="x", naming=naming)
+
+
+def test_a_projection_that_the_points_do_not_have() -> None:
+    ds = base()
+    lat, lon = xr.broadcast(ds.latitude, ds.longitude)
+    ds = ds.rename(latitude="y", longitude="x").drop_vars(["y", "x"])
+    ds = ds.assign_coords(
+        lat=(("y", "x"), lat.values, {"units": "degrees_north"}),
+        lon=(("y", "x"), lon.values, {"units": "degrees_east"}),
+    )
+    np.testing.assert_allclose(found(ds), EXPECTED, atol=2e-3)
+    naming = {"projection": "+proj=stere +lat_0=90 +lat_ts=60 +lon_0=0 +R=6371229"}
+    with pytest.raises(InputError, match="points that are no rows and columns"):
+        build_catalogue(ds, name="x", naming=naming)
 
 
 # files
@@ -230,6 +285,8 @@ def test_compressed_files_are_read(
         (b"BUFR00000", "is BUFR"),
         (b"", "is empty"),
         (b"time,lat\n", "is text"),
+        (b"36, 1001\nPI\n", "is ICARTT"),
+        (b"\x80\x04\x95\x00", "no whole GRIB message in it, and neither NetCDF nor Zarr"),
     ],
 )
 def test_foreign_files_are_named(content: bytes, expected: str, tmp_path: Path) -> None:
@@ -241,6 +298,32 @@ def test_foreign_files_are_named(content: bytes, expected: str, tmp_path: Path) 
     base().to_netcdf(tmp_path / "good.nc")
     found = build_catalogue(str(tmp_path / "*.nc"), name="x")
     assert len(found) == 1 and [Path(one["file"]).name for one in found.skipped] == ["x.nc"]
+
+
+def test_observations_are_no_model_winds(tmp_path: Path) -> None:
+    track = xr.Dataset({"u": ("obs", [1.0])}, attrs={"featureType": "trajectory"})
+    track.to_netcdf(tmp_path / "track.nc")
+    track.to_netcdf(tmp_path / "ioda.nc", group="ObsValue")
+    for name, kind in (("track", "featureType trajectory"), ("ioda", "IODA")):
+        with pytest.raises(InputError, match=rf"holds observations .{kind}.*under reports"):
+            build_catalogue(str(tmp_path / f"{name}.nc"), name="x")
+
+
+@pytest.mark.parametrize("since", ["-4713-11-24 12:00", "-4712-01-01 12:00"])
+def test_julian_dates_of_a_file(since: str, tmp_path: Path) -> None:
+    ds = with_time(np.array([2459894.5]), units=f"days since {since}", calendar="standard")
+    ds.to_netcdf(tmp_path / "x.nc")
+    np.testing.assert_allclose(found(str(tmp_path / "x.nc")), EXPECTED, atol=2e-3)
+
+
+@pytest.mark.parametrize("order", ["ab", "ba"])
+def test_of_two_files_with_other_values_neither_is_used(order: str, tmp_path: Path) -> None:
+    for name, change in zip(order, (0.0, 5.0), strict=True):
+        ds = base()
+        ds["u"] += change
+        ds.to_netcdf(tmp_path / f"{name}.nc")
+    with pytest.raises(InputError, match="given again with other values"):
+        build_catalogue(str(tmp_path / "*.nc"), name="x")
 
 
 def test_winds_in_a_group(tmp_path: Path) -> None:
@@ -266,16 +349,35 @@ def test_urls_are_read_through_fsspec(tmp_path: Path) -> None:
     import fsspec
 
     base().to_netcdf(tmp_path / "x.nc")
-    with fsspec.open("memory://models/x.nc", "wb") as file:
-        file.write((tmp_path / "x.nc").read_bytes())
-    np.testing.assert_allclose(found("memory://models/x.nc"), EXPECTED, atol=2e-3)
+    whole = (tmp_path / "x.nc").read_bytes()
+    contents = {"x.nc": whole, "x.nc.gz": gzip.compress(whole), "page.nc": b"<html>log in</html>"}
+    for name, content in contents.items():
+        with fsspec.open(f"memory://models/{name}", "wb") as file:
+            file.write(content)
+    for name in ("x.nc", "x.nc.gz", "x.n*c"):
+        np.testing.assert_allclose(found(f"memory://models/{name}"), EXPECTED, atol=2e-3)
+    with pytest.raises(InputError, match=r"page\.nc: is a page of HTML"):
+        build_catalogue("memory://models/page.nc", name="x")
     with pytest.raises(InputError, match=r"memory://models/absent\.nc: cannot be"):
         build_catalogue("memory://models/absent.nc", name="x", on_bad_file="fail")
 
 
-def test_zarr_at_a_url() -> None:
-    base().to_zarr("memory://store.zarr", mode="w")
-    np.testing.assert_allclose(found("memory://store.zarr"), EXPECTED, atol=2e-3)
+@pytest.mark.parametrize("name", ["store.zarr", "store.zarr-v3", "store"])
+def test_zarr_at_a_url(name: str) -> None:
+    base().to_zarr(f"memory://{name}", mode="w")
+    np.testing.assert_allclose(found(f"memory://{name}"), EXPECTED, atol=2e-3)
+
+
+def test_files_of_a_web_server_need_no_optional_package(tmp_path: Path) -> None:
+    base().to_netcdf(tmp_path / "x.nc")
+    handler = functools.partial(http.server.SimpleHTTPRequestHandler, directory=str(tmp_path))
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        address = f"http://127.0.0.1:{server.server_port}"
+        np.testing.assert_allclose(found(f"{address}/x.nc"), EXPECTED, atol=2e-3)
+        with pytest.raises(InputError, match=r"absent\.nc: cannot be opened.*404"):
+            build_catalogue(f"{address}/absent.nc", name="x")
+        server.shutdown()
 
 
 # WRF
@@ -307,6 +409,11 @@ def test_files_of_wrf_in_several_layouts(real: Callable[[str], Path], tmp_path: 
     minutes = whole.drop_vars("Times")
     minutes["XTIME"].attrs["units"] = f"minutes since {start}"
     np.testing.assert_array_equal(wrf_winds(minutes, tmp_path), expected)
+    with_coordinate = minutes.rename(XTIME="time")
+    np.testing.assert_array_equal(wrf_winds(with_coordinate, tmp_path), expected)
+    for naming in ({"units": {"U": "kt"}}, {"level": "bottom_top"}):
+        with pytest.raises(InputError, match="does not apply to files of WRF"):
+            build_catalogue(whole, name="wrf", naming=naming)
     # met_em: unequal names, a full pressure, the ground as the first level
     pressure = (whole.P + whole.PB).rename("PRES")
     met = whole.rename(U="UU", V="VV", XLAT="XLAT_M", XLONG="XLONG_M").drop_vars(["P", "PB"])

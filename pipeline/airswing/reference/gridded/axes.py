@@ -1,4 +1,4 @@
-"""Dimensions of a variable: horizontal, vertical, time, ensemble; by MetPy's CF parsing.
+"""Dimensions and grid of a variable: horizontal, vertical, time, ensemble; by MetPy's CF parsing.
 
 Assumptions and validity
 ------------------------
@@ -15,7 +15,7 @@ import contextlib
 import logging
 import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -23,7 +23,19 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
-from airswing.reference.gridded.naming import Naming
+from airswing.reference.gridded.cfgrib_files import grid_of
+from airswing.reference.gridded.naming import Naming, factor_of, required_factor
+from airswing.reference.grids import (
+    LONGITUDE_LATITUDE,
+    PROJECTION_REMEDY,
+    AxesGrid,
+    Frame,
+    Grid,
+    PointsGrid,
+    frame_of,
+    through_points,
+)
+from airswing.units import MODEL_EARTH_RADIUS
 
 LEAD_NAME = re.compile(
     r"(step|lead(_?time)?|prediction_timedelta|forecast_(period|hour|time)|fhr|time_offset)\w*$",
@@ -276,3 +288,146 @@ def members_of(ds: xr.Dataset, dim: str, size: int) -> NDArray[np.int64]:
     """Numbers of an ensemble's members: as written, else counted from 0."""
     values = np.asarray(ds[dim].values) if dim in ds.variables else np.arange(size)
     return (values if values.dtype.kind in "iuf" else np.arange(size)).astype(np.int64)
+
+
+def grid_of_axes(ds: xr.Dataset, name: str, axes: Axes, naming: Naming, file: str) -> Grid:
+    """The grid of a variable, by its projection, its coordinates or its points.
+
+    Raises
+    ------
+    InputError
+        If the projection is missing or unknown, or the coordinates are no axes.
+    """
+    known = grid_of(ds)
+    if known is not None and (known.nj, known.ni) == (ds.sizes[axes.y_dim], ds.sizes[axes.x_dim]):
+        return known
+    if axes.y.ndim == 2:
+        lat, lon = (np.asarray(one.values, dtype=np.float64) for one in (axes.y, axes.x))
+        lat, lon = (
+            values * _degrees(naming.units.get(str(one.name), one.attrs.get("units")))
+            for values, one in ((lat, axes.y), (lon, axes.x))
+        )
+        mapping = naming.projection or axes.crs or _grib_projection(ds[name])
+        laid = None
+        if mapping is not None:
+            laid = through_points(frame_of(mapping, file=file, field="projection"), lat, lon)
+        if laid is None and naming.projection is not None:
+            raise InputError(
+                "points that are no rows and columns of the projection given",
+                file=file,
+                field="projection",
+                found=str(naming.projection),
+                remedy="Correct or remove it: the points' latitudes and longitudes are enough",
+            )
+        # two-dimensional coordinates of a plain grid
+        if laid is None and (lat == lat[:, :1]).all() and (lon == lon[:1]).all():
+            laid = AxesGrid(LONGITUDE_LATITUDE, lon[0], lat[:, 0])
+        return laid or PointsGrid(lat, lon)
+    if min(axes.y.size, axes.x.size) < 2:
+        raise InputError(
+            "a grid of a single row or column",
+            file=file,
+            field=name,
+            found=f"{axes.y.size} x {axes.x.size}",
+        )
+    units = [naming.units.get(str(c.name), c.attrs.get("units")) for c in (axes.y, axes.x)]
+    frame = LONGITUDE_LATITUDE
+    if naming.projection is not None:
+        frame = frame_of(naming.projection, file=file, field="projection")
+    elif axes.crs is not None:
+        frame = frame_of(axes.crs, file=file, field="grid mapping")
+    elif _is_projected(axes, units):
+        points = _points(ds, axes)
+        if points is not None:
+            return points
+        raise InputError(
+            "coordinates of a projection that is not given",
+            file=file,
+            field="projection",
+            found=f"{axes.y.name}, {axes.x.name} of {name}",
+            remedy=PROJECTION_REMEDY,
+        )
+    scales = [_degrees(unit) for unit in units]
+    if not frame.meridional:
+        scales = [
+            required_factor(unit, "length", file=file, name=str(one.name))
+            for one, unit in zip((axes.y, axes.x), units, strict=True)
+        ]
+    y, x = (
+        _monotonic(one, scale, frame, file)
+        for one, scale in zip((axes.y, axes.x), scales, strict=True)
+    )
+    return AxesGrid(frame, x, y)
+
+
+def _degrees(unit: object) -> float:
+    """Factor to degrees of a latitude or longitude; 1 without a unit of angles."""
+    return np.degrees(1.0) if str(unit or "").lower().startswith("rad") else 1.0
+
+
+def _is_projected(axes: Axes, units: Sequence[object]) -> bool:
+    """Coordinates that are lengths, or a rotated frame's, without a grid mapping."""
+    if any(factor_of(one, "length") is not None for one in units):
+        return True
+    names = [str(one.attrs.get("standard_name", "")) for one in (axes.y, axes.x)]
+    return any("projection" in name or "grid_" in name for name in names) or any(
+        str(one.name).lower().startswith(("projection_", "rlat", "rlon"))
+        for one in (axes.y, axes.x)
+    )
+
+
+def _points(ds: xr.Dataset, axes: Axes) -> PointsGrid | None:
+    """The grid by latitude and longitude of every point, where projected axes exist too."""
+    found: dict[str, NDArray[np.float64]] = {}
+    for key, one in ds.variables.items():
+        if one.dims != (axes.y_dim, axes.x_dim):
+            continue
+        units = str(one.attrs.get("units", "")).lower().replace("degrees", "degree")
+        names = (one.attrs.get("standard_name"), str(key).lower())
+        for place, letter in (("latitude", "n"), ("longitude", "e")):
+            if place in names or units.replace(" ", "_")[:8] == f"degree_{letter}":
+                found[place] = np.asarray(one.values, dtype=np.float64)
+    if len(found) < 2:
+        return None
+    return PointsGrid(found["latitude"], found["longitude"])
+
+
+def _monotonic(one: xr.DataArray, scale: float, frame: Frame, file: str) -> NDArray[np.float64]:
+    values = np.asarray(one.values, dtype=np.float64) * scale
+    steps = np.diff(np.unwrap(values, period=360.0) if frame.meridional else values)
+    if not ((steps > 0).all() or (steps < 0).all()):
+        raise InputError(
+            "a coordinate that is not monotonic",
+            file=file,
+            field=str(one.name),
+            remedy="Sort the Dataset by it",
+        )
+    return values
+
+
+def _grib_projection(variable: xr.DataArray) -> str | None:
+    """PROJ string by the GRIB keys that a decoder noted with a variable; None without them.
+
+    On a sphere of any radius: the points settle the scale.
+    """
+    attrs, sphere = variable.attrs, f"+R={MODEL_EARTH_RADIUS:.0f}"
+
+    def of(key: str) -> float:
+        return float(attrs[f"GRIB_{key}InDegrees"])
+
+    kind = attrs.get("GRIB_gridType")
+    try:
+        if kind == "lambert":
+            one, two, lov, lad = (of(key) for key in ("Latin1", "Latin2", "LoV", "LaD"))
+            return f"+proj=lcc +lat_1={one} +lat_2={two} +lat_0={lad} +lon_0={lov} {sphere}"
+        if kind == "polar_stereographic":
+            lad, lov = of("LaD"), of("orientationOfTheGrid")
+            pole = 90.0 if lad >= 0 else -90.0
+            return f"+proj=stere +lat_0={pole} +lat_ts={lad} +lon_0={lov} {sphere}"
+        if kind == "mercator":
+            # a meridian east of the first column keeps all columns away from the antimeridian
+            middle, lad = of("longitudeOfFirstGridPoint") + 90.0, of("LaD")
+            return f"+proj=merc +lat_ts={lad} +lon_0={middle} {sphere}"
+    except (KeyError, TypeError, ValueError):
+        pass
+    return None

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -27,10 +26,11 @@ from airswing.reference.gridded.axes import (
     axes_of,
     cell_dimension,
     coordinate,
+    grid_of_axes,
     members_of,
     unstructured,
 )
-from airswing.reference.gridded.cfgrib_files import SKIPPED, grid_of
+from airswing.reference.gridded.cfgrib_files import SKIPPED
 from airswing.reference.gridded.levels import Levels, OtherLevelsError, levels_of
 from airswing.reference.gridded.naming import (
     Component,
@@ -45,16 +45,7 @@ from airswing.reference.gridded.naming import (
 from airswing.reference.gridded.opening import NOTES
 from airswing.reference.gridded.times import MISSING, times_of
 from airswing.reference.gridded.wrf import X, Y, grids_of_wrf, is_wrf, layout_of, times_of_wrf
-from airswing.reference.grids import (
-    LONGITUDE_LATITUDE,
-    PROJECTION_REMEDY,
-    AxesGrid,
-    Frame,
-    Grid,
-    PointsGrid,
-    frame_of,
-    through_points,
-)
+from airswing.reference.grids import Grid
 from airswing.reference.profiles import (
     HYBRID,
     ISOBARIC,
@@ -66,7 +57,6 @@ from airswing.reference.profiles import (
     on_one_grid,
 )
 from airswing.reference.state import variable_statistic
-from airswing.units import MODEL_EARTH_RADIUS
 
 # what attributes and coordinates of an unexpected kind lead to, here and in libraries
 _FAULTS = (ArithmeticError, AttributeError, LookupError, RuntimeError, TypeError, ValueError)
@@ -86,13 +76,12 @@ class Rows(NamedTuple):
     why: str
 
 
-@dataclass
-class Described:
-    """Content of a Dataset: rows by variable, and what is not used and why, counted."""
+class Described(NamedTuple):
+    """Content of a Dataset: rows by variable, what is not used and why (counted), and notes."""
 
-    rows: list[Rows] = field(default_factory=list)
-    skipped: Counter[tuple[str, str]] = field(default_factory=Counter)
-    notes: set[str] = field(default_factory=set)
+    rows: list[Rows]
+    skipped: Counter[tuple[str, str]]
+    notes: set[str]
 
 
 class Gathering:
@@ -227,7 +216,7 @@ def describe_dataset(ds: xr.Dataset, naming: Naming, file: str) -> Described:
     InputError
         If something needed is missing or ambiguous.
     """
-    found = Described(skipped=Counter(ds.encoding.get(SKIPPED, {})))
+    found = Described([], Counter(ds.encoding.get(SKIPPED, {})), set())
     chosen: dict[tuple[int, bool], Component] = {}
     native: list[str] = []
     candidates = components(ds, naming)
@@ -266,8 +255,8 @@ def describe_dataset(ds: xr.Dataset, naming: Naming, file: str) -> Described:
         found.rows.append(_rows(ds, one.name, one.number, axes, levels, naming, file))
         if levels.native:
             native.append(one.name)
-            found.rows += _surface_pressure(ds, levels, naming, file)
-    found.rows += _pressures(ds, native, naming, file)
+            found.rows.extend(_surface_pressure(ds, levels, naming, file))
+    found.rows.extend(_pressures(ds, native, naming, file))
     if not chosen and not candidates:
         cells, speed = cell_dimension(ds), speed_only(ds)
         if cells:
@@ -335,7 +324,7 @@ def _rows(
     )
     along, why = along_grid(one, naming) if wind else (None, "")
     table = _table(kind, levels, valid, lead, member)
-    return Rows(stored, (_grid(ds, name, axes, naming, file),), table, along, why)
+    return Rows(stored, (grid_of_axes(ds, name, axes, naming, file),), table, along, why)
 
 
 def _table(
@@ -384,143 +373,6 @@ def _chunks_of(one: xr.DataArray, plane: tuple[str, str]) -> tuple[tuple[int, ..
         ends = np.concatenate([[0], np.cumsum([n for n in own if n])])
         found.append((0, size) if dim in plane else tuple(int(n) for n in ends))
     return tuple(found)
-
-
-def _grid(ds: xr.Dataset, name: str, axes: Axes, naming: Naming, file: str) -> Grid:
-    """The grid of a variable, by its projection, its coordinates or its points."""
-    known = grid_of(ds)
-    if known is not None and (known.nj, known.ni) == (ds.sizes[axes.y_dim], ds.sizes[axes.x_dim]):
-        return known
-    if axes.y.ndim == 2:
-        lat, lon = (np.asarray(one.values, dtype=np.float64) for one in (axes.y, axes.x))
-        lat, lon = (
-            values * _degrees(naming.units.get(str(one.name), one.attrs.get("units")))
-            for values, one in ((lat, axes.y), (lon, axes.x))
-        )
-        mapping = naming.projection or axes.crs or _grib_projection(ds[name])
-        laid = None
-        if mapping is not None:
-            laid = through_points(frame_of(mapping, file=file, field="projection"), lat, lon)
-        if laid is None and naming.projection is not None:
-            raise InputError(
-                "points that are no rows and columns of the projection given",
-                file=file,
-                field="projection",
-                found=str(naming.projection),
-                remedy="Correct or remove it: the points' latitudes and longitudes are enough",
-            )
-        # two-dimensional coordinates of a plain grid
-        if laid is None and (lat == lat[:, :1]).all() and (lon == lon[:1]).all():
-            laid = AxesGrid(LONGITUDE_LATITUDE, lon[0], lat[:, 0])
-        return laid or PointsGrid(lat, lon)
-    if min(axes.y.size, axes.x.size) < 2:
-        raise InputError(
-            "a grid of a single row or column",
-            file=file,
-            field=name,
-            found=f"{axes.y.size} x {axes.x.size}",
-        )
-    units = [naming.units.get(str(c.name), c.attrs.get("units")) for c in (axes.y, axes.x)]
-    frame = LONGITUDE_LATITUDE
-    if naming.projection is not None:
-        frame = frame_of(naming.projection, file=file, field="projection")
-    elif axes.crs is not None:
-        frame = frame_of(axes.crs, file=file, field="grid mapping")
-    elif _is_projected(axes, units):
-        points = _points(ds, axes)
-        if points is not None:
-            return points
-        raise InputError(
-            "coordinates of a projection that is not given",
-            file=file,
-            field="projection",
-            found=f"{axes.y.name}, {axes.x.name} of {name}",
-            remedy=PROJECTION_REMEDY,
-        )
-    scales = [_degrees(unit) for unit in units]
-    if not frame.meridional:
-        scales = [
-            required_factor(unit, "length", file=file, name=str(one.name))
-            for one, unit in zip((axes.y, axes.x), units, strict=True)
-        ]
-    y, x = (
-        _monotonic(one, scale, frame, file)
-        for one, scale in zip((axes.y, axes.x), scales, strict=True)
-    )
-    return AxesGrid(frame, x, y)
-
-
-def _degrees(unit: object) -> float:
-    """Factor to degrees of a latitude or longitude; 1 without a unit of angles."""
-    return np.degrees(1.0) if str(unit or "").lower().startswith("rad") else 1.0
-
-
-def _is_projected(axes: Axes, units: Sequence[object]) -> bool:
-    """Coordinates that are lengths, or a rotated frame's, without a grid mapping."""
-    if any(factor_of(one, "length") is not None for one in units):
-        return True
-    names = [str(one.attrs.get("standard_name", "")) for one in (axes.y, axes.x)]
-    return any("projection" in name or "grid_" in name for name in names) or any(
-        str(one.name).lower().startswith(("projection_", "rlat", "rlon"))
-        for one in (axes.y, axes.x)
-    )
-
-
-def _points(ds: xr.Dataset, axes: Axes) -> PointsGrid | None:
-    """The grid by latitude and longitude of every point, where projected axes exist too."""
-    found: dict[str, NDArray[np.float64]] = {}
-    for key, one in ds.variables.items():
-        if one.dims != (axes.y_dim, axes.x_dim):
-            continue
-        units = str(one.attrs.get("units", "")).lower().replace("degrees", "degree")
-        names = (one.attrs.get("standard_name"), str(key).lower())
-        for place, letter in (("latitude", "n"), ("longitude", "e")):
-            if place in names or units.replace(" ", "_")[:8] == f"degree_{letter}":
-                found[place] = np.asarray(one.values, dtype=np.float64)
-    if len(found) < 2:
-        return None
-    return PointsGrid(found["latitude"], found["longitude"])
-
-
-def _monotonic(one: xr.DataArray, scale: float, frame: Frame, file: str) -> NDArray[np.float64]:
-    values = np.asarray(one.values, dtype=np.float64) * scale
-    steps = np.diff(np.unwrap(values, period=360.0) if frame.meridional else values)
-    if not ((steps > 0).all() or (steps < 0).all()):
-        raise InputError(
-            "a coordinate that is not monotonic",
-            file=file,
-            field=str(one.name),
-            remedy="Sort the Dataset by it",
-        )
-    return values
-
-
-def _grib_projection(variable: xr.DataArray) -> str | None:
-    """PROJ string by the GRIB keys that a decoder noted with a variable; None without them.
-
-    On a sphere of any radius: the points settle the scale.
-    """
-    attrs, sphere = variable.attrs, f"+R={MODEL_EARTH_RADIUS:.0f}"
-
-    def of(key: str) -> float:
-        return float(attrs[f"GRIB_{key}InDegrees"])
-
-    kind = attrs.get("GRIB_gridType")
-    try:
-        if kind == "lambert":
-            one, two, lov, lad = (of(key) for key in ("Latin1", "Latin2", "LoV", "LaD"))
-            return f"+proj=lcc +lat_1={one} +lat_2={two} +lat_0={lad} +lon_0={lov} {sphere}"
-        if kind == "polar_stereographic":
-            lad, lov = of("LaD"), of("orientationOfTheGrid")
-            pole = 90.0 if lad >= 0 else -90.0
-            return f"+proj=stere +lat_0={pole} +lat_ts={lad} +lon_0={lov} {sphere}"
-        if kind == "mercator":
-            # a meridian east of the first column keeps all columns away from the antimeridian
-            middle, lad = of("longitudeOfFirstGridPoint") + 90.0, of("LaD")
-            return f"+proj=merc +lat_ts={lad} +lon_0={middle} {sphere}"
-    except (KeyError, TypeError, ValueError):
-        pass
-    return None
 
 
 def _surface_pressure(ds: xr.Dataset, levels: Levels, naming: Naming, file: str) -> list[Rows]:
@@ -572,7 +424,7 @@ def describe_wrf(ds: xr.Dataset, naming: Naming, file: str) -> Described:
     distinct = tuple(dict.fromkeys(grids))
     unknown = np.full(layout.levels.size, np.nan)
     levels = Levels(layout.levels, bool(layout.pressure), unknown, unknown)
-    found = Described()
+    found = Described([], Counter(), set())
     along = naming.winds != "earth"
     kinds = [(0, layout.winds[:1]), (1, layout.winds[1:])]
     for kind, names in [*kinds, *([(PRESSURE, layout.pressure)] if layout.pressure else [])]:
