@@ -61,6 +61,7 @@ from airswing.report.run.selection import (
     adds_error,
     by_amplitude,
     coefficient_texts,
+    drawn_columns,
     fit_words,
     headline_reference,
     interval_text,
@@ -150,11 +151,12 @@ def write_page(
     sounding = None
     if corrected is not None:
         sounding = sounding_figure(headings, corrected, fits, reference, units=units)
+    drawn = drawn_columns(headings)
     sections = [
         _corrections_section(fits, reference, order, _links(folder, summary)),
         monitoring_section(found.monitoring, show),
-        _curves_section(headings, fits, reference, order, show),
-        _fleet_section(headings, fits, apart, reference, order, show),
+        _curves_section(drawn, fits, reference, order, show),
+        _fleet_section(drawn, fits, apart, reference, order, show),
         innovations_section(found.innovations, sounding, reference, order, show),
         ranking_section(found.ranking, found.virtual, show),
         stability_section(found.stability, show),

@@ -115,6 +115,20 @@ def compass_points(
     return heading[keep], error[keep]
 
 
+def drawn_columns(headings: xr.Dataset) -> xr.Dataset:
+    """Return what the drawings of heading errors need, in memory: read once, not by aircraft."""
+    names = (
+        "heading_error",
+        "magnetic_heading",
+        "heading",
+        "airspeed",
+        "screening",
+        "time",
+        "row_size",
+    )
+    return headings[[name for name in names if name in headings]].load()
+
+
 def one_fit(fits: xr.Dataset, aircraft: str | int, reference: str) -> xr.Dataset:
     """Return the fit of one aircraft against one reference or pool, or raise InputError."""
     names = [str(name) for name in fits["reference"].to_numpy()]

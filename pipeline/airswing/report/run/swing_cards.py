@@ -32,6 +32,7 @@ from airswing.report.run.selection import (
     coefficient_texts,
     compass_points,
     curve_half_width,
+    drawn_columns,
     fit_words,
     headline_reference,
     needs_no_correction,
@@ -58,6 +59,7 @@ _PDF_FONTS: dict[RcKeyType, str | float | bool] = {
     "font.weight": "medium",
     "axes.labelweight": "medium",
     "axes.unicode_minus": False,
+    "axes.formatter.use_mathtext": True,  # or a font of other viewers is looked for
 }
 
 
@@ -125,6 +127,7 @@ def write_swing_cards(
             "the fits contain no tables", field="table_correction", remedy="Call add_tables first"
         )
     reference = reference or headline_reference(fits, headings)
+    headings = drawn_columns(headings)
     status = fits["status"].sel(reference=reference).to_numpy()
     chosen = [name for name, code in zip(tails(fits), status, strict=True) if published(code)]
     # Without dates, or the same cards would differ from run to run.
