@@ -169,7 +169,7 @@ def run(
 
     job = _job(config, output=output, fresh=fresh, quiet=quiet, scheduler=scheduler)
     summary = _inside(job, workflow.run_job).summary
-    _print(summary, as_json=json, text=as_text(summary, job.output))
+    _print(summary, as_json=json, text=as_text(summary, job.output, units=job.config.units))
     workflow.events_said(job, summary.get("events", 0))
 
 

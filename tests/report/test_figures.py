@@ -16,7 +16,7 @@ from airswing.evaluation.innovations import innovation_statistics
 from airswing.report.gap import figures
 from airswing.report.html import embed, maps, style
 from airswing.report.run import evaluation, fleet, heading_error, innovations
-from airswing.report.run.page_numbers import disagreement
+from airswing.report.run.selection import disagreement
 from tests.report import factories
 
 HEADINGS = factories.headings()

@@ -8,7 +8,7 @@ import xarray as xr
 
 from airswing.errors import InputError
 from airswing.flags import SCREENING, STATUS
-from airswing.report.run import page_numbers, selection
+from airswing.report.run import selection
 from airswing.report.run.heading_error import binned_medians, sector_counts
 from tests.report import factories
 
@@ -34,7 +34,7 @@ def tiny() -> tuple[xr.Dataset, xr.Dataset, xr.Dataset]:
 
 def test_disagreement_by_hand() -> None:
     headings, fits, corrected = tiny()
-    found = page_numbers.disagreement(headings, corrected, fits, "ruc")
+    found = selection.disagreement(headings, corrected, fits, "ruc")
     assert found.before.tolist() == pytest.approx([4.0, 1.5])
     assert found.after.tolist() == pytest.approx([2.0, 0.75])
     assert found.number.tolist() == [4, 4]
@@ -49,7 +49,7 @@ def test_uncorrected_and_screened_reports_do_not_count() -> None:
     headings, fits, corrected = tiny()
     corrected["correction_applied"][:4] = 1
     headings["screening"][4:6] = SCREENING["turn"]
-    found = page_numbers.disagreement(headings, corrected, fits, "ruc")
+    found = selection.disagreement(headings, corrected, fits, "ruc")
     assert np.isnan(found.before[0])
     assert found.before[1] == pytest.approx(2.0)
     assert found.total.number == 2
@@ -114,11 +114,11 @@ def test_screening_counts_together_and_alone() -> None:
     headings = factories.headings(aircraft=1, reports=10)
     turn, roll = SCREENING["turn"], SCREENING["roll"]
     headings["screening"][:] = [turn, turn, turn | roll, roll, 0, 0, 0, 0, 0, 0]
-    assert page_numbers.screening_audit(headings) == [("turn", 3, 2), ("roll", 2, 1)]
-    assert page_numbers.kept_reports(headings) == 6
-    assert page_numbers.screening_warnings(headings) == []
+    assert selection.screening_audit(headings) == [("turn", 3, 2), ("roll", 2, 1)]
+    assert selection.kept_reports(headings) == 6
+    assert selection.screening_warnings(headings) == []
     headings["screening"][:] = [turn] * 7 + [roll | turn, 0, 0]
-    (warning,) = page_numbers.screening_warnings(headings)
+    (warning,) = selection.screening_warnings(headings)
     assert "kept 2 of 10 reports (20%): the rule turn left out most, 8 (7 of them" in warning
 
 
@@ -140,22 +140,22 @@ def test_fleet_order_puts_refused_fits_last() -> None:
 
 def test_headlines_have_at_most_25_words_and_say_which_way_the_winds_went() -> None:
     headings, fits, corrected = tiny()
-    total = page_numbers.disagreement(headings, corrected, fits, "ruc").total
-    text = page_numbers.headline(fits, total, "ruc")
+    total = selection.disagreement(headings, corrected, fits, "ruc").total
+    text = selection.headline(fits, total, "ruc")
     assert text.startswith("Compass deviation fitted for 1 of 2 aircraft (median amplitude ")
     assert text.endswith("disagreement falls from 2.8 to 1.4 kt.")
-    in_m_s = page_numbers.headline(fits, total, "ruc", per_kt=KNOT, units="m/s")
+    in_m_s = selection.headline(fits, total, "ruc", per_kt=KNOT, units="m/s")
     assert in_m_s.endswith("falls from 1.4 to 0.7 m/s.")
     corrected["corrected_eastward_wind"][:] = headings["eastward_wind"].to_numpy() * 2
-    worse = page_numbers.disagreement(headings, corrected, fits, "ruc").total
-    assert "rises from" in page_numbers.headline(fits, worse, "ruc")
+    worse = selection.disagreement(headings, corrected, fits, "ruc").total
+    assert "rises from" in selection.headline(fits, worse, "ruc")
     nothing = fits.assign(status=fits["status"] * 0 + STATUS["too_few_reports"])
     wrong = fits.assign(status=fits["status"] * 0 + STATUS["implausible_reports"])
-    none = page_numbers.Total(np.nan, np.nan, np.nan, np.nan, 0)
-    assert "contradict the reference" in page_numbers.headline(wrong, None, "ruc")
+    none = selection.Total(np.nan, np.nan, np.nan, np.nan, 0)
+    assert "contradict the reference" in selection.headline(wrong, None, "ruc")
     for ds in (fits, nothing, wrong):
         for one in (total, worse, none, None):
-            assert len(page_numbers.headline(ds, one, "ruc+rtfdaa").split()) <= 25
+            assert len(selection.headline(ds, one, "ruc+rtfdaa").split()) <= 25
 
 
 def test_binned_medians_by_hand() -> None:

@@ -38,6 +38,7 @@ def summary(**changes: object) -> dict:
 
 
 def test_intervals_are_of_95_percent_as_on_the_page_and_say_so():
+    assert "5.81 m/s before, 3.04 m/s after" in as_text(summary(), Path("out"), units="m/s")
     text = as_text(summary(), Path("out"))
     assert "5.83 +- 0.20" in text
     assert "95 % intervals" in text

@@ -19,8 +19,9 @@ from airswing.compass.plausibility import plausibility_warnings
 from airswing.config import Config
 from airswing.evaluation.monitoring import change_warnings
 from airswing.flags import STATUS
-from airswing.report.run.page_numbers import disagreement, kept_reports, screening_warnings
+from airswing.report.html.style import Units, shown_per_kt
 from airswing.report.run.reading_warnings import reading_warnings, reference_warnings, tally
+from airswing.report.run.selection import disagreement, kept_reports, screening_warnings
 from airswing.units import NORMAL_95
 from airswing.workflow.job import main_reference, months_text
 from airswing.workflow.progress import Accounts
@@ -115,7 +116,7 @@ def summarise(
     }
 
 
-def as_text(summary: Summary, output: Path) -> str:
+def as_text(summary: Summary, output: Path, *, units: Units = "kt") -> str:
     """Lay the summary out for a terminal.
 
     Parameters
@@ -124,16 +125,19 @@ def as_text(summary: Summary, output: Path) -> str:
         Of :func:`summarise`.
     output : Path
         Folder of the products.
+    units : {"kt", "m/s"}, optional
+        Unit of speeds.
     """
-    reports, status, change = summary["reports"], summary["status"], summary["disagreement_kt"]
+    reports, status, factor = summary["reports"], summary["status"], shown_per_kt(units)
+    before, after = (factor * summary["disagreement_kt"][when] for when in ("before", "after"))
     lines = [
         f"{reports['read']:,} reports read, {reports['kept']:,} kept for the fit; "
         f"{status['ok']} of {summary['aircraft']} aircraft fitted against {summary['reference']}"
         + (f", {status['offset_only']} with an offset alone" if status["offset_only"] else ""),
         "",
-        "aircraft    amplitude*       phase   offset*          reports   wind disagreement (kt)  "
-        "status",
-        *map(_line, summary["fits"]),
+        "aircraft    amplitude*       phase   offset*          reports   "
+        f"{f'wind disagreement ({units})':<24}status",
+        *(_line(fit, factor) for fit in summary["fits"]),
         "* degrees, with 95 % intervals",
     ]
     lines += ["", *summary.get("warnings", [])] if summary.get("warnings") else []
@@ -142,9 +146,9 @@ def as_text(summary: Summary, output: Path) -> str:
     lines += ["", months_text(months)] if months else []
     lines += [
         "",
-        f"mean wind vector disagreement of the corrected reports: {change['before']:.2f} kt "
-        f"before, {change['after']:.2f} kt after (same data as the fit)"
-        if np.isfinite(change["before"])
+        f"mean wind vector disagreement of the corrected reports: {before:.2f} {units} before, "
+        f"{after:.2f} {units} after (same data as the fit)"
+        if np.isfinite(before)
         else "no report could be corrected",
         f"products: {output}",
         f"page:     {output / 'report' / 'index.html'}",
@@ -152,12 +156,12 @@ def as_text(summary: Summary, output: Path) -> str:
     return "\n".join(lines)
 
 
-def _line(fit: FitLine) -> str:
+def _line(fit: FitLine, factor: float) -> str:
     """One aircraft; a dash for what was not fitted."""
     wide = NORMAL_95 * fit["amplitude_standard_error"], NORMAL_95 * fit["offset_standard_error"]
     amplitude = _digits("{:6.2f} +- {:4.2f}", fit["amplitude"], wide[0])
     offset = _digits("{:8.2f} +- {:4.2f}", fit["offset"], wide[1])
-    winds = _digits("{:7.2f} -> {:5.2f}", fit["before_kt"], fit["after_kt"])
+    winds = _digits("{:7.2f} -> {:5.2f}", factor * fit["before_kt"], factor * fit["after_kt"])
     return (
         f"{fit['aircraft']:<10} {amplitude} {_digits('{:8.1f}', fit['phase'])} "
         f"{offset} {fit['reports']:9,}   {winds}         {fit['status']}"

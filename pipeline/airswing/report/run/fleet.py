@@ -32,8 +32,8 @@ from airswing.report.html.style import (
     styled,
     thousands,
 )
-from airswing.report.run.page_numbers import BeforeAfter, kept_reports, screening_audit
 from airswing.report.run.reading_warnings import tally
+from airswing.report.run.selection import BeforeAfter, kept_reports, screening_audit
 from airswing.units import NORMAL_95
 
 

@@ -44,30 +44,28 @@ from airswing.report.run.evaluation import (
     sensitivity_section,
 )
 from airswing.report.run.innovations import innovations_section, sounding_figure
-from airswing.report.run.page_numbers import (
-    BeforeAfter,
-    Total,
-    amplitudes,
-    disagreement,
-    headline,
-    kept_reports,
-    offsets_only,
-    screening_audit,
-)
 from airswing.report.run.reading_warnings import model_reasons, reading_warnings, tally
 from airswing.report.run.selection import (
     FORMULA,
     PHASE_WORDS,
+    BeforeAfter,
+    Total,
     adds_error,
+    amplitudes,
     by_amplitude,
     coefficient_texts,
+    disagreement,
     drawn_columns,
     fit_words,
+    headline,
     headline_reference,
     interval_text,
+    kept_reports,
     needs_no_correction,
     number_text,
+    offsets_only,
     one_fit,
+    screening_audit,
     status_words,
     tails,
 )
