@@ -284,16 +284,7 @@ class PairSums:
         self.common = np.zeros((self.days, 5, 6))
 
     def add(self, rows: Columns, chosen: Mask, aircraft: int | None = None) -> None:
-        """Add some reports of one aircraft.
-
-        Parameters
-        ----------
-        rows : dict of str to array, shape (report,)
-            Columns of one aircraft.
-        chosen : array of bool, shape (report,)
-        aircraft : int, optional
-            Its number, where its difference is wanted.
-        """
+        """Add the chosen reports of one aircraft; its number where its difference is wanted."""
         if not chosen.any():
             return
         du, dv = ((rows[f"{way} {self.one}"] - rows[f"{way} {self.two}"])[chosen] for way in "uv")
@@ -323,17 +314,8 @@ def equations_by_day(
 ) -> tuple[Ints, Floats]:
     """Normal equations of a paired difference by day.
 
-    Parameters
-    ----------
-    cross, along : arrays of float, shape (report, p)
-    y_cross, y_along : arrays of float, shape (report,), m/s
-    day : array of int, shape (report,)
-
-    Returns
-    -------
-    days : array of int, shape (day,)
-    equations : array of float, shape (day, p, p + 1)
-        Normal matrix and, last, right side.
+    ``cross`` and ``along`` are (report, p), their right sides (report,) in m/s. The equations,
+    (day, p, p + 1), hold the normal matrix and, last, the right side.
     """
     order = np.argsort(day, kind="stable")
     days, start = np.unique(day[order], return_index=True)
@@ -344,18 +326,10 @@ def equations_by_day(
 
 
 def common_equations(equations: Floats) -> Floats:
-    """Equations of A to E alone, the aircraft's airspeed scale and bias eliminated.
+    """Equations (day, 5, 6) of A to E alone, from those of one aircraft, (day, 8, 9).
 
-    Those of all aircraft add up, day by day: what an aircraft cannot determine (few reports, few
-    headings) has no weight in the sum.
-
-    Parameters
-    ----------
-    equations : array of float, shape (day, 8, 9)
-
-    Returns
-    -------
-    array of float, shape (day, 5, 6)
+    The airspeed scale and the bias are eliminated. The equations of all aircraft add up, day by
+    day: what an aircraft cannot determine (few reports, few headings) has no weight in the sum.
     """
     total = equations.sum(axis=0)
     rest = np.linalg.pinv(total[5:, 5:-1], hermitian=True) @ total[5:]
@@ -366,18 +340,9 @@ def common_equations(equations: Floats) -> Floats:
 
 
 def solved(equations: Floats) -> tuple[Floats, Floats]:
-    """Least-squares solution of equations by day, and the influence of each day.
+    """Least-squares solution (p,) of equations (day, p, p + 1), and the influence of each day.
 
-    Parameters
-    ----------
-    equations : array of float, shape (day, p, p + 1)
-
-    Returns
-    -------
-    values : array of float, shape (p,)
-    influence : array of float, shape (day, p)
-        Change of the values by each day; their outer products sum to the covariance clustered by
-        day.
+    The outer products of the influences, (day, p), sum to the covariance clustered by day.
     """
     days = len(equations)
     # pseudo-inverse: coefficients that few headings cannot determine stay zero
@@ -388,19 +353,10 @@ def solved(equations: Floats) -> tuple[Floats, Floats]:
 
 
 def wald(values: Floats, covariance: Floats, clusters: int) -> float:
-    """P value that some values differ from zero, for a covariance from few clusters.
+    """P value that values (q,) differ from zero, for a covariance (q, q) from few clusters.
 
-    Parameters
-    ----------
-    values : array of float, shape (q,)
-    covariance : array of float, shape (q, q)
-    clusters : int
-
-    Returns
-    -------
-    float
-        From Hotelling's T2 with ``clusters - 1`` degrees of freedom; NaN when there are not
-        more clusters than values.
+    From Hotelling's T2 with ``clusters - 1`` degrees of freedom; NaN when there are not more
+    clusters than values.
     """
     size = values.size
     if clusters <= size + 1 or not np.all(np.isfinite(covariance)):
@@ -422,21 +378,11 @@ def holm(p_values: list[float]) -> list[float]:
 
 
 def persistent_covariance(influence: Floats, day: Ints) -> Floats:
-    """Covariance of a sum over days whose errors last longer than a day.
+    """Covariance (p, p) of a sum over days whose errors last longer than a day.
 
-    The correlation over `_LAG` days has weights that decrease to zero (Newey & West 1987,
-    Econometrica 55, 703-708).
-
-    Parameters
-    ----------
-    influence : array of float, shape (day, p)
-    day : array of int, shape (day,)
-        Calendar days, increasing; gaps count.
-
-    Returns
-    -------
-    array of float, shape (p, p)
-        Variances are not smaller than without the lags.
+    ``influence`` is (day, p), ``day`` the increasing calendar days; gaps count. The correlation
+    over `_LAG` days has weights that decrease to zero (Newey & West 1987, Econometrica 55,
+    703-708); variances are not smaller than without the lags.
     """
     filled = np.zeros((int(day[-1] - day[0]) + 1, influence.shape[1]))
     filled[day - day[0]] = influence
@@ -454,22 +400,11 @@ def regional_bias(sums: Floats) -> list[Content]:
     """Mean wind difference of two references by region, and relative to the other regions.
 
     The errors of two models are shared by regions and last for days. Each region is therefore also
-    compared with the others on the same days (``contrast``: what is common to all cancels), and
-    the errors are clustered by blocks of five days or more, with Student's t for their number
+    compared with the others on the same days (``contrast``: what is common to all cancels), and the
+    errors are clustered by blocks of five days or more, with Student's t for their number
     (Ibragimov & Mueller 2010, J. Bus. Econ. Stat. 28, 453-468). Holm's adjustment covers all
-    regions, components and both tests.
-
-    Parameters
-    ----------
-    sums : array, shape (3, region, day)
-        Reports, and their summed differences eastward and northward, m/s.
-
-    Returns
-    -------
-    list of dict
-        ``region``, ``component``, ``days``; ``difference`` and ``contrast``, each with
-        ``*_standard_error`` (m/s), ``*_p_value`` and ``*_adjusted_p_value`` (the contrast None
-        with one region).
+    regions, components and both tests. ``sums`` is (3, region, day): reports, and their summed
+    differences eastward and northward, m/s.
     """
     number = sums[0]
     seen = np.flatnonzero(number.any(axis=0))
@@ -567,21 +502,9 @@ def _by_name(values: Floats) -> dict[str, float]:
 
 
 def verdict(fleet: Content, regions: list[Content], barred: set[str]) -> Content:
-    """Whether a pair may be pooled, and why.
+    """Whether a pair may be pooled (``poolable``, None with too few days or reports), and ``why``.
 
-    Parameters
-    ----------
-    fleet : dict
-        With ``p_value`` and ``curve_rms_deg``.
-    regions : list of dict
-        Of :func:`regional_bias`.
-    barred : set of str
-        References of the pair in ``never_pool``.
-
-    Returns
-    -------
-    dict
-        ``poolable`` (None with too few days or reports) and ``why``.
+    ``barred`` are the references of the pair in ``never_pool``.
     """
     p_value, rms = fleet["p_value"], fleet["curve_rms_deg"]
     if not np.isfinite(p_value):
@@ -657,19 +580,10 @@ def _aircraft_entry(number: int, values: Floats, influence: Floats, fits: xr.Dat
 
 
 def hat_sums(u: Floats, v: Floats, day: Ints, days: int) -> Floats:
-    """Sums behind :func:`hats_of`; those of parts of an archive add up.
+    """Sums behind :func:`hats_of`, (triple, 4, day); those of parts of an archive add up.
 
-    Parameters
-    ----------
-    u, v : arrays of float, shape (reference, report), m/s
-    day : array of int, shape (report,)
-        From 0.
-    days : int
-
-    Returns
-    -------
-    array, shape (triple, 4, day)
-        Reports, and the summed halved squares of the differences of the three pairs.
+    Reports, and the summed halved squares of the differences of the three pairs, from winds
+    (reference, report) in m/s.
     """
     found = []
     for triple in combinations(range(len(u)), 3):
@@ -683,20 +597,10 @@ def hat_sums(u: Floats, v: Floats, day: Ints, days: int) -> Floats:
 
 
 def hats_of(sums: Floats, names: list[str]) -> list[Content]:
-    """Error of each of three references, for every triple.
+    """Error of each of three references, for every triple of the names.
 
-    Parameters
-    ----------
-    sums : array, shape (triple, 4, day)
-        Of :func:`hat_sums`.
-    names : list of str
-
-    Returns
-    -------
-    list of dict
-        ``references``, ``reports``, and ``errors``: per reference ``component_rms`` (m/s; None
-        where the variance came out negative), ``variance`` and ``variance_standard_error`` (of a
-        jackknife over days).
+    ``component_rms`` is None where the variance came out negative; ``variance_standard_error`` is
+    that of a jackknife over days.
     """
     found: list[Content] = []
     corner = 0.5 * np.array([[1.0, 1.0, -1.0], [1.0, -1.0, 1.0], [-1.0, 1.0, 1.0]])

@@ -31,20 +31,11 @@ def innovations(
     reference_eastward: FloatArray,
     reference_northward: FloatArray,
 ) -> dict[str, NDArray[np.float64]]:
-    """Innovation of the speed, the direction and both components of a wind.
+    """Innovation of the speed, the direction and both components of a wind, m/s and degrees.
 
-    Parameters
-    ----------
-    eastward, northward, reference_eastward, reference_northward : arrays of float, m/s
-        Of one shape.
-
-    Returns
-    -------
-    dict of str to array
-        ``speed``, ``direction``, ``eastward`` and ``northward``: m/s, of the direction degrees in
-        (-180, 180], positive where the observation is veered (clockwise); NaN where a wind is
-        missing, and of the direction where the reference wind is weaker than
-        :data:`MIN_DIRECTION_WIND`.
+    Directions are in (-180, 180], positive where the observation is veered (clockwise). NaN where a
+    wind is missing, and of the direction where the reference wind is weaker than
+    :data:`MIN_DIRECTION_WIND`.
     """
     u, v, u_ref, v_ref = eastward, northward, reference_eastward, reference_northward
     speed = np.hypot(u_ref, v_ref)
@@ -68,21 +59,9 @@ def disagreement_sums(
     group: NDArray[np.int64],
     groups: int,
 ) -> NDArray[np.float64]:
-    """Sums behind the measures of disagreement, by group; those of parts of an archive add up.
+    """Sums behind the measures of disagreement by group, (11, group), for :func:`measures_of`.
 
-    Parameters
-    ----------
-    eastward, northward, reference_eastward, reference_northward : arrays, shape (report,), m/s
-    heading : array of float, shape (report,), radians
-        Clockwise from north.
-    group : array of int, shape (report,)
-        Below ``groups``.
-    groups : int
-
-    Returns
-    -------
-    array of float, shape (11, groups)
-        For :func:`measures_of`.
+    Winds in m/s and headings in radians are (report,). Sums of parts of an archive add up.
     """
     found = innovations(eastward, northward, reference_eastward, reference_northward)
     du, dv, turned = found["eastward"], found["northward"], np.radians(found["direction"])
@@ -109,19 +88,9 @@ def disagreement_sums(
 
 
 def measures_of(sums: NDArray[np.float64]) -> dict[str, float]:
-    """Measures of disagreement from their sums.
+    """Measures of disagreement from sums (11,) of one group, m/s and degrees.
 
-    Parameters
-    ----------
-    sums : array of float, shape (11,)
-        Of one group of :func:`disagreement_sums`.
-
-    Returns
-    -------
-    dict of str to float
-        ``reports`` and, in m/s, ``mean_vector``, ``vector_rms``, ``eastward_rms``,
-        ``northward_rms``, ``along_rms``, ``cross_rms``, ``eastward_mean``, ``northward_mean``;
-        ``direction_rms_deg`` in degrees over reference winds of 5 m/s or more.
+    The direction counts over reference winds of 5 m/s or more.
     """
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = sums[1:9] / sums[0]
@@ -138,20 +107,7 @@ def measures_of(sums: NDArray[np.float64]) -> dict[str, float]:
 
 
 def reference_mean(ds: xr.Dataset, members: list[str]) -> xr.Dataset:
-    """Wind of a pool: the mean of the members that have a value at the report.
-
-    Parameters
-    ----------
-    ds : Dataset
-        With ``reference_eastward_wind`` and ``reference_northward_wind`` (reference, report).
-    members : list of str
-        Names on the ``reference`` dimension.
-
-    Returns
-    -------
-    Dataset
-        The two variables on ``report``.
-    """
+    """Wind of a pool (``report``): the mean of the members that have a value at the report."""
     names = ["reference_eastward_wind", "reference_northward_wind"]
     return member_mean(ds[names].sel(reference=members))
 
@@ -167,18 +123,11 @@ def member_mean(values: _Winds) -> _Winds:
 def paired_design(
     magnetic_heading: Floats, heading: Floats, airspeed: Floats
 ) -> tuple[Floats, Floats]:
-    """Design of the joint fit, across and along the heading.
+    """Design of the joint fit across and along the heading, each (report, 8), rows in m/s.
 
-    Parameters
-    ----------
-    magnetic_heading, heading : arrays of float, shape (report,), radians
-    airspeed : array of float, shape (report,), m/s
-
-    Returns
-    -------
-    cross, along : arrays of float, shape (report, 8)
-        Columns A, B, C, D, E (radians), airspeed scale, and the bias b_u, b_v (m/s); rows in
-        m/s (docs/method.md: cross-track V psi_err, along-track |V_A| - |V'_A|).
+    Columns A, B, C, D, E (radians), airspeed scale, and the bias b_u, b_v (m/s); see
+    docs/method.md: cross-track V psi_err, along-track |V_A| - |V'_A|. Headings in radians, airspeed
+    in m/s.
     """
     zero, sine, cosine = np.zeros_like(heading), np.sin(heading), np.cos(heading)
     cross = [*(airspeed * deviation_basis(magnetic_heading)), zero, cosine, -sine]

@@ -81,15 +81,7 @@ class Separated:
 def neighbouring_pairs(
     latitude: Floats, longitude: Floats, pressure: Floats, time: Floats, aircraft: Ints
 ) -> Pairs:
-    """Find the pairs of reports of different aircraft that are near.
-
-    Parameters
-    ----------
-    latitude, longitude : arrays, shape (report,), degrees
-    pressure : array, shape (report,), Pa
-    time : array, shape (report,), s
-    aircraft : array of int, shape (report,)
-    """
+    """Find the pairs of reports of different aircraft that are near; degrees, Pa, s."""
     chosen = np.arange(latitude.size)
     if chosen.size > _MOST_AT_ONCE:
         drawn = np.random.default_rng(chosen.size).permutation(chosen)
@@ -108,17 +100,9 @@ def neighbouring_pairs(
 
 
 def half_squares(east: Floats, north: Floats, pairs: Pairs) -> Floats:
-    """Half the squared difference of two neighbours, the mean of both components.
+    """Half the squared difference of two neighbours (pair,), the mean of both components, m2/s2.
 
-    Parameters
-    ----------
-    east, north : arrays, shape (report,), m/s
-        Report minus reference.
-    pairs : Pairs
-
-    Returns
-    -------
-    array, shape (pair,), m2/s2
+    ``east`` and ``north`` are report minus reference, (report,), m/s.
     """
     du, dv = (values[pairs.first] - values[pairs.second] for values in (east, north))
     # half for two components, half for two reports: the error variance of one
@@ -128,22 +112,11 @@ def half_squares(east: Floats, north: Floats, pairs: Pairs) -> Floats:
 def separate(
     table: PairTable, number: Floats, amplitude: Floats, weights: Floats
 ) -> Separated | None:
-    """Separate the reports' error variance from the reference's.
+    """Separate the reports' error variance from the reference's; None with too few pairs or days.
 
-    Parameters
-    ----------
-    table : PairTable
-    number : array, shape (cell, class)
-        Reports, by which cells and classes are weighted.
-    amplitude : array, shape (cell,)
-        Mean square disagreement, to which the reference's part is proportional.
-    weights : array, shape (1 + draw, day)
-        How often each day counts; the first row is ones.
-
-    Returns
-    -------
-    Separated or None
-        None where pairs or days are too few.
+    ``number`` (cell, class) of reports weights cells and classes; the reference's part is
+    proportional to ``amplitude`` (cell,), the mean square disagreement; ``weights`` (1 + draw, day)
+    say how often each day counts, the first row being ones.
     """
     if table.day.size < FEWEST_PAIRS or np.unique(table.day).size < FEWEST_DAYS:
         return None
@@ -213,21 +186,10 @@ class Crossed:
 
 
 def added_variance(sums: Crossed, weights: Floats, *, seed: int) -> Floats:
-    """Error variance of the reported winds less that of the corrected winds.
+    """Error variance of the reported winds less that of the corrected winds, (1 + draw, 1 + cell).
 
-    Parameters
-    ----------
-    sums : Crossed
-    weights : array, shape (1 + draw, day)
-        How often each day counts; the first row is ones.
-    seed : int
-        Of the draws of aircraft.
-
-    Returns
-    -------
-    array, shape (1 + draw, 1 + cell)
-        The estimate, then draws of days and aircraft; of all reports, then of each cell; NaN
-        without reports.
+    The estimate, then draws of days (by ``weights``) and aircraft; of all reports, then of each
+    cell; NaN without reports.
     """
 
     def with_total(table: Floats) -> Floats:

@@ -53,17 +53,9 @@ def adjusted_reductions(
 ) -> tuple[_Numbers, _Numbers]:
     """Reduction of the corrected group beyond that of the controls, linearly and in quadrature.
 
-    Parameters
-    ----------
-    corrected_before, corrected_during, controls_before, controls_during : float or array
-        Mean wind vector disagreement, any one unit.
-
-    Returns
-    -------
-    linear, quadrature : float or array
-        The difference of differences, and the distance below
-        ``sqrt(corrected_before**2 + controls_during**2 - controls_before**2)``, the level the
-        corrected group would have had untreated when errors add in quadrature.
+    The difference of differences, and the distance below ``sqrt(corrected_before**2 +
+    controls_during**2 - controls_before**2)``, the level the corrected group would have had
+    untreated when errors add in quadrature.
     """
     linear = (corrected_before - corrected_during) - (controls_before - controls_during)
     untreated = np.sqrt(
@@ -82,16 +74,9 @@ class DaySums:
     during: NDArray[np.bool_]  # (day,): whether the day is of the test
 
     def means(self, weights: Floats) -> Floats:
-        """Mean disagreement of groups and windows with days weighted.
+        """Mean disagreement (draw, group, window) with days weighted; NaN without a report.
 
-        Parameters
-        ----------
-        weights : array, shape (draw, day)
-
-        Returns
-        -------
-        array, shape (draw, group, window)
-            In the order of `GROUPS` and `WINDOWS`; NaN without a report.
+        ``weights`` are (draw, day); groups and windows are in the order of `GROUPS` and `WINDOWS`.
         """
         found = np.empty((len(weights), 2, 2))
         for i, members in enumerate((~self.corrected, self.corrected)):
@@ -328,17 +313,7 @@ def _checks(sums: DaySums, names: NDArray[np.str_], *, draws: int, seed: int) ->
 def matched_controls(before: Floats, during: Floats, corrected: NDArray[np.bool_]) -> Content:
     """Reduction of each corrected aircraft less that of the control nearest to it before the test.
 
-    Parameters
-    ----------
-    before, during : arrays of float, shape (aircraft,)
-        Mean disagreement, kt.
-    corrected : array of bool, shape (aircraft,)
-
-    Returns
-    -------
-    dict
-        ``adjusted_reduction_kt`` (None without a group) and ``mean_distance_kt`` between the
-        matched.
+    Levels (aircraft,) in kt; None without a group.
     """
     if corrected.all() or not corrected.any():
         return {"adjusted_reduction_kt": None}
@@ -354,11 +329,7 @@ def matched_controls(before: Floats, during: Floats, corrected: NDArray[np.bool_
 def regression_to_the_mean(sums: DaySums) -> Content:
     """Choose the worst aircraft in the first half of the window before, follow the second half.
 
-    Returns
-    -------
-    dict
-        ``spurious_reduction_kt``, of as many aircraft as were corrected, and the ``rule``; None
-        and ``why`` where there are too few.
+    None and ``why`` where there are too few.
     """
     days = np.flatnonzero(~sums.during)
     half = np.zeros((2, sums.during.size), dtype=bool)

@@ -53,19 +53,7 @@ class TableOptions(FitOptions, total=False):
 
 
 def only(headings: xr.Dataset, chosen: Mask) -> xr.Dataset:
-    """The same headings with the other reports marked so that no fit uses them.
-
-    Parameters
-    ----------
-    headings : Dataset
-        In memory or lazy; ``screening`` is read.
-    chosen : array of bool, shape (report,)
-
-    Returns
-    -------
-    Dataset
-        With the bit ``no_reference`` of ``screening`` set elsewhere.
-    """
+    """The same headings, the other reports marked ``no_reference`` so that no fit uses them."""
     screening = headings["screening"].to_numpy()
     marked = np.where(chosen, screening, screening | SCREENING["no_reference"])
     return headings.assign(screening=("report", marked.astype(screening.dtype)))
@@ -79,26 +67,7 @@ def fitted(
     resolution: float = 0.1,
     **options: Unpack[FitOptions],
 ) -> xr.Dataset:
-    """Fits and tables against one reference or pool.
-
-    Parameters
-    ----------
-    headings : Dataset
-        Screened; marked reports (:func:`only`) are not used.
-    pools : mapping of str to list of str
-        Members of each reference and pool.
-    reference : str
-        Key of ``pools``.
-    resolution : float, default 0.1
-        Of the tables, degrees.
-    **options
-        As for :func:`airswing.compass.fit.deviation.fit_deviation`.
-
-    Returns
-    -------
-    Dataset
-        In memory, of this reference alone.
-    """
+    """Fits and tables against one reference or pool, in memory; marked reports are not used."""
     members = list(pools[reference])
     part = headings.sel(reference=members)
     fits = fit_deviation(part, pools={reference: members}, alone=False, **options)
@@ -235,29 +204,10 @@ def predicted_reduction(
 ) -> Content:
     """Reduction that the fits before a field test predict, each aircraft with the same weight.
 
-    Parameters
-    ----------
-    headings : Dataset
-        Screened headings.
-    start : date
-        First day of the test: nothing from it on is used.
-    corrected : list of str
-        Aircraft corrected in the test.
-    pools : mapping of str to list of str
-        Members of each reference and pool.
-    reference : str
-        Key of ``pools``.
-    seed : int, default 0
-    **fit_options
-        As for :func:`fitted`.
-
-    Returns
-    -------
-    dict
-        Part of ``field_test.json``: ``ranking`` of all aircraft before the test, and
-        ``predicted_reduction_kt`` with ``predicted_reduction_ci_kt`` of the
-        ``predicted_aircraft`` corrected aircraft that have a fit (None without any), to compare
-        with the adjusted reduction.
+    Part of ``field_test.json``: ``ranking`` of all aircraft before ``start``, and
+    ``predicted_reduction_kt`` with ``predicted_reduction_ci_kt`` of the ``predicted_aircraft``
+    corrected aircraft that have a fit (None without any), to compare with the adjusted reduction.
+    Nothing from ``start`` on is used. Options as for :func:`fitted`.
     """
     require_reference(pools, reference)
     before = only(headings, headings["time"].to_numpy() < np.datetime64(start))

@@ -103,17 +103,9 @@ def error_profiles(
 
 
 def profile_cells(headings: xr.Dataset) -> NDArray[np.int64]:
-    """Phase and layer of every report as one number, -1 where it does not count.
+    """Phase and layer of every report as one number; -1 where it does not count.
 
-    Parameters
-    ----------
-    headings : Dataset
-        With ``pressure`` (Pa), ``phase`` and ``screening``.
-
-    Returns
-    -------
-    array of int, shape (report,)
-        Phase times the number of layers, plus the layer from the ground up; below :data:`CELLS`.
+    Below :data:`CELLS`: phase times the number of layers, plus the layer from the ground up.
     """
     usable = (headings["screening"].to_numpy() & sum(SCREENING[name] for name in _UNUSABLE)) == 0
     layers = len(LEVEL_EDGES_HPA) - 1
@@ -227,18 +219,8 @@ def innovation_statistics(
 def combined(statistics: xr.Dataset, over: Iterable[str]) -> xr.Dataset:
     """Statistics of the innovations over whole dimensions, such as all layers of a phase.
 
-    Parameters
-    ----------
-    statistics : Dataset
-        Of :func:`innovation_statistics`, or a part of it.
-    over : iterable of str
-        Dimensions whose cells are put together: ``aircraft``, ``flight_phase``, ``layer``.
-
-    Returns
-    -------
-    Dataset
-        ``innovation_{quantity}_bias``, ``_standard_deviation``, ``_rms`` and ``_count`` of the
-        union of the cells; exact, as the moments add up.
+    Those of :func:`innovation_statistics` for the union of the cells along ``over``, any of
+    ``aircraft``, ``flight_phase``, ``layer``: exact, as the moments add up.
     """
     dims = list(over)
     found = xr.Dataset()

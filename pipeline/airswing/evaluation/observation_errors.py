@@ -177,14 +177,7 @@ def disagreements(
 ) -> Disagreements:
     """Sum the disagreements of an archive, some whole aircraft at a time.
 
-    Parameters
-    ----------
-    headings, corrected : Dataset
-        In memory or lazy.
-    members : list of str
-        References compared with each other.
-    pool : list of str
-        References whose mean the pairs are compared with.
+    ``members`` are compared with each other; the pairs with the mean of ``pool``.
     """
     time = headings["time"].to_numpy()
     days = np.unique(time[~np.isnat(time)].astype("datetime64[D]"))
@@ -273,13 +266,7 @@ def _columns(
 
 
 def near_pairs(found: Disagreements, classes: Ints) -> PairTable:
-    """Pair the neighbouring reports of every day.
-
-    Parameters
-    ----------
-    found : Disagreements
-    classes : array of int, shape (aircraft,)
-    """
+    """Pair the neighbouring reports of every day; ``classes`` (aircraft,)."""
     table, days = found.reports, found.days.size
     order = np.argsort(table["day"], kind="stable")
     edges = np.searchsorted(table["day"][order], np.arange(days + 1))

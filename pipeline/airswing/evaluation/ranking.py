@@ -51,28 +51,11 @@ def expected_gain(
 ) -> tuple[float, float, Floats]:
     """Expected reduction of the mean wind vector disagreement of one aircraft.
 
-    Parameters
-    ----------
-    wind, reference : array, shape (2, n), m/s
-        Eastward and northward components of the reports that the deviation was fitted to.
-    heading, argument : array, shape (n,), radians
-        Indicated true heading, and argument of the deviation.
-    airspeed : array, shape (n,), m/s
-    day : array of int, shape (n,)
-    deviation : array, shape (5,), degrees
-    covariance : array, shape (5, 5), degrees squared
-    draws : int
-        Draws of the coefficients behind the interval.
-    seed : int
-
-    Returns
-    -------
-    before : float
-        Mean disagreement as reported, m/s.
-    gain : float
-        Expected reduction, m/s, the optimism subtracted.
-    drawn : array, shape (draws,)
-        The gain under draws of the coefficients and days, m/s; infinite spread with one day.
+    Of the reports the deviation was fitted to, ``wind`` and ``reference`` are (2, n), eastward and
+    northward, m/s; ``heading`` (indicated true) and ``argument`` of the deviation (n,) in radians;
+    ``deviation`` (5,) and ``covariance`` (5, 5) in degrees. Returns the mean disagreement as
+    reported, the expected reduction with the optimism subtracted, and the gain under draws of the
+    coefficients and days (draws,), all m/s; infinite spread with one day.
     """
     basis = np.radians(deviation_basis(argument).T)
     fitted = basis @ deviation

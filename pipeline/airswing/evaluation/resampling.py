@@ -31,22 +31,11 @@ _VALUES_AT_ONCE = 1_000_000
 
 
 def day_weights(days: int, *, draws: int, seed: int, length: int | None = None) -> Floats:
-    """How often each day is drawn by a bootstrap over blocks of days.
+    """How often each day is drawn by a bootstrap over blocks of days, (draw, day), mean 1.
 
-    Parameters
-    ----------
-    days : int
-        Number of days.
-    draws : int
-    seed : int
-    length : int, optional
-        Days of a block; the cube root of the number of days by default, 1 for independent days.
-
-    Returns
-    -------
-    array, shape (draw, day)
-        Mean 1; the distance from 1 is stretched by sqrt(m / (m - 1)), m the blocks of a draw, as
-        drawing m of m again has a variance too small by that much.
+    A block has the cube root of the number of days by default, 1 for independent days. The distance
+    from 1 is stretched by sqrt(m / (m - 1)), m the blocks of a draw, as drawing m of m again has a
+    variance too small by that much.
     """
     length = block_length(days) if length is None else length
     number = -(-days // length)
@@ -63,19 +52,7 @@ def block_length(days: int) -> int:
 
 
 def widened(drawn: Floats, days: int) -> Floats:
-    """Draws widened for few blocks: Student's t in place of the normal distribution.
-
-    Parameters
-    ----------
-    drawn : array, shape (1 + draw, ...)
-        The estimate, then the draws.
-    days : int
-        Number of days.
-
-    Returns
-    -------
-    array, shape (1 + draw, ...)
-    """
+    """Draws, (1 + draw, ...) with the estimate first, widened for few blocks by Student's t."""
     blocks = -(-days // block_length(days))
     # at the ends of a 95 % interval
     factor = stdtrit(max(blocks - 1, 1), 0.975) / ndtri(0.975)
@@ -83,17 +60,7 @@ def widened(drawn: Floats, days: int) -> Floats:
 
 
 def interval(drawn: Floats) -> Floats:
-    """Ends of the central 95 % of the draws.
-
-    Parameters
-    ----------
-    drawn : array, shape (draw, ...)
-
-    Returns
-    -------
-    array, shape (2, ...)
-        NaN where a draw has no value.
-    """
+    """Ends (2, ...) of the central 95 % of the draws (draw, ...); NaN where a draw has no value."""
     return np.asarray(np.percentile(drawn, [2.5, 97.5], axis=0))
 
 
@@ -104,21 +71,10 @@ def ratio(total: Floats, number: Floats) -> Floats:
 
 
 def cluster_sums(values: Floats, group: Ints, cluster: Ints, groups: int) -> Floats:
-    """Sums behind the means of groups.
+    """Sums behind the means of groups, (6, groups): see :data:`SUMS`.
 
-    Parameters
-    ----------
-    values : array, shape (report,)
-    group : array of int, shape (report,)
-        Below ``groups``.
-    cluster : array of int, shape (report,)
-        Flight of each report; it may take part in several groups.
-    groups : int
-
-    Returns
-    -------
-    array, shape (6, groups)
-        See :data:`SUMS`; those of parts of an archive add up where no cluster is in two parts.
+    Values, groups and clusters (flights) are (report,); a cluster may take part in several groups.
+    Sums of parts of an archive add up where no cluster is in two parts.
     """
     _, number = np.unique(cluster, return_inverse=True)
     keys, pair = np.unique(number * groups + group, return_inverse=True)
@@ -130,18 +86,10 @@ def cluster_sums(values: Floats, group: Ints, cluster: Ints, groups: int) -> Flo
 
 
 def clustered_mean(sums: Floats) -> tuple[Floats, Floats]:
-    """Mean of each group and its standard error with clusters as the independent units.
+    """Mean of each group and its standard error, clusters being independent, from sums (6, ...).
 
-    Parameters
-    ----------
-    sums : array, shape (6, ...)
-        Of :func:`cluster_sums`.
-
-    Returns
-    -------
-    mean, standard_error : arrays, shape (...)
-        NaN for an empty group; the error is NaN with fewer than two clusters. With residual sums
-        s of the m clusters of a group of n values: se^2 = m / (m - 1) sum s^2 / n^2.
+    NaN for an empty group; the error is NaN with fewer than two clusters. With residual sums s of
+    the m clusters of a group of n values: se^2 = m / (m - 1) sum s^2 / n^2.
     """
     number, total, clusters, squares, products, sizes = np.asarray(sums, dtype=np.float64)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -159,30 +107,13 @@ def permutation_test(
     draws: int = 2000,
     seed: int = 0,
 ) -> tuple[float, float, Floats]:
-    """Effect of a treatment on an outcome, and its two-sided p value.
+    """Effect of a treatment on an outcome (unit,), its two-sided p value, and permuted effects.
 
     The outcome is regressed on the covariate and the treatment; the residuals of the regression
     without the treatment are permuted over the units and the t value of the treatment computed
     again. Conditioning on the covariate keeps the size of the test when the treated were chosen by
-    it.
-
-    Parameters
-    ----------
-    outcome : array, shape (unit,)
-    treated : array of bool, shape (unit,)
-    covariate : array, shape (unit,), optional
-        Without it the labels are exchangeable only where the choice ignored the outcome's level.
-    draws, seed : int
-
-    Returns
-    -------
-    effect : float
-        Mean of the treated less that of the others, given the covariate.
-    p_value : float
-        NaN with fewer than :data:`FEWEST_PERMUTED` units, an empty group, or where the covariate
-        determines the group.
-    null_effects : array, shape (draws,)
-        Effects under permutation.
+    it. NaN with fewer than :data:`FEWEST_PERMUTED` units, an empty group, or where the covariate
+    determines the group.
     """
     none = float("nan"), float("nan"), np.empty(0)
     number = outcome.size

@@ -78,16 +78,9 @@ class WindDays:
 
 
 def compass_days(headings: xr.Dataset, members: list[str], *, abscissa: str) -> CompassDays:
-    """Sum the reports of a fleet for the detection of compass changes.
+    """Sum the reports of a fleet, against the mean of some references, for changes of compasses.
 
-    Parameters
-    ----------
-    headings : Dataset
-        Screened headings.
-    members : list of str
-        References whose mean is used.
-    abscissa : {"magnetic", "true"}
-        Argument of the deviation.
+    ``abscissa`` is the argument of the deviation: ``magnetic`` or ``true``.
     """
     argument = "magnetic_heading" if abscissa == "magnetic" else "heading"
     names = ["heading_error", "airspeed_error", "airspeed", "heading", argument]
@@ -138,20 +131,8 @@ def normal_equations_by_day(
 ) -> tuple[Index, Floats, Floats]:
     """Normal equations of one aircraft by day, each flight's bias eliminated.
 
-    Parameters
-    ----------
-    magnetic, heading : array, shape (n,), radians
-        Argument of the deviation and indicated true heading.
-    airspeed : array, shape (n,), m/s
-    cross, along : array, shape (n,), m/s
-        Airspeed times heading error, and airspeed error.
-    day, flight : array of int, shape (n,)
-
-    Returns
-    -------
-    day : array of int, shape (d,)
-    normal : array, shape (d, 12, 12)
-    right : array, shape (d, 12)
+    Headings (n,) in radians, speeds in m/s; ``cross`` is airspeed times heading error, ``along``
+    the airspeed error. Returns the days (d,), normal matrices (d, 12, 12) and right sides (d, 12).
     """
     across, ahead = compass_design(magnetic, heading, airspeed)
     kept = np.flatnonzero(_not_gross(across, ahead, cross, along))
@@ -174,16 +155,9 @@ def normal_equations_by_day(
 
 
 def compass_design(magnetic: Floats, heading: Floats, airspeed: Floats) -> tuple[Floats, Floats]:
-    """Rows of a report's two equations, in the unknowns :data:`UNKNOWNS`.
+    """Rows of a report's two equations in the unknowns :data:`UNKNOWNS`, each (n, 12).
 
-    Parameters
-    ----------
-    magnetic, heading : array, shape (n,), radians
-    airspeed : array, shape (n,), m/s
-
-    Returns
-    -------
-    cross, along : array, shape (n, 12)
+    Headings in radians, airspeed in m/s.
     """
     cross, along = paired_design(magnetic, heading, airspeed)
     waves = [wave(k * magnetic) for k in (3, 4) for wave in (np.sin, np.cos)]
@@ -195,14 +169,8 @@ def compass_design(magnetic: Floats, heading: Floats, airspeed: Floats) -> tuple
 def without_flight_bias(normal: Floats, right: Floats) -> tuple[Floats, Floats]:
     """Eliminate a bias of the reference's wind of each flight, a random effect.
 
-    Parameters
-    ----------
-    normal, right : array, shape (..., p, p) and (..., p)
-        Of one flight each; the columns of b_u, b_v come last.
-
-    Returns
-    -------
-    normal, right : array, shape (..., p, p) and (..., p)
+    ``normal`` (..., p, p) and ``right`` (..., p) are of one flight each; the columns of b_u, b_v
+    come last.
     """
     side = normal[..., -2:]
     inside = side[..., -2:, :] + FLIGHT_BIAS_PRECISION * np.eye(2)
@@ -230,16 +198,9 @@ def _not_gross(across: Floats, ahead: Floats, cross: Floats, along: Floats) -> N
 def wind_days(
     headings: xr.Dataset, members: list[str], *, corrected: xr.Dataset | None = None
 ) -> WindDays:
-    """Sum the wind vector differences of a fleet by day.
+    """Sum the wind vector differences of a fleet from the mean of some references, by day.
 
-    Parameters
-    ----------
-    headings : Dataset
-        Screened headings.
-    members : list of str
-        References whose mean is used.
-    corrected : Dataset, optional
-        Corrected winds of the same reports, used where a correction was applied.
+    Corrected winds, where given, are used where a correction was applied.
     """
     parts = []
     better = (

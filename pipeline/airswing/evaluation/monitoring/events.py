@@ -438,20 +438,8 @@ def first_days_and_silences(
 ) -> tuple[Index, list[Silence]]:
     """First day of every aircraft, and its silences.
 
-    Parameters
-    ----------
-    aircraft, day : array of int, shape (row,)
-        Days with reports, by aircraft and day.
-    number : int
-        Aircraft.
-    last : int
-        Last day.
-
-    Returns
-    -------
-    first : array of int, shape (number,)
-        Beyond ``last`` for those that never reported.
-    silences : list of Silence
+    ``aircraft`` and ``day`` (since 1970) are the days with reports, sorted by aircraft and day. The
+    first day of aircraft that never reported is beyond ``last``.
     """
     base = int(day.min())
     counts = np.bincount(day - base, minlength=last + 1 - base)

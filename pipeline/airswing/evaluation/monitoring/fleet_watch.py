@@ -117,16 +117,9 @@ def watch_fleet(
     quantity: Quantity,
     number: int,
 ) -> Tested:
-    """Test one quantity of a fleet, night by night.
+    """Test one quantity of a fleet of ``number`` aircraft, night by night.
 
-    Parameters
-    ----------
-    aircraft, day : array of int, shape (row,)
-    normal, right : array, shape (row, p, p) and (row, p)
-        Sums of an aircraft and day each.
-    quantity : Quantity
-    number : int
-        Aircraft.
+    ``normal`` (row, p, p) and ``right`` (row, p) are sums of an aircraft and day each.
     """
     law, sigma = quantity.law, quantity.common
     single = StepTest(law, quantity.noise, number)
@@ -198,22 +191,10 @@ def common_part(
 ) -> tuple[Floats, Floats, Floats]:
     """Innovation that the aircraft of a day have in common, as the others of each show it.
 
-    Parameters
-    ----------
-    weight, score : array, shape (n, p, p) and (n, p)
-        Innovation of each aircraft.
-    level : array, shape (p,)
-        Common level of the days before.
-    sigma : array, shape (p,)
-        Standard deviation of the common part about it.
-
-    Returns
-    -------
-    without : array, shape (n, p)
-        Common part as all aircraft but one show it; the level where there are fewer than
-        :data:`FEWEST`.
-    total, right : array, shape (p, p) and (p,)
-        Weight and right side of the common part from all aircraft.
+    ``weight`` (n, p, p) and ``score`` (n, p) are the innovations of the aircraft; ``level`` and
+    ``sigma`` (p,) the common level of the days before and the standard deviation about it. Returns
+    the common part (n, p) as all aircraft but one show it (the level with fewer than
+    :data:`FEWEST`), and weight (p, p) and right side (p,) of the common part from all aircraft.
     """
     n, p = score.shape
     if n < FEWEST:

@@ -136,17 +136,7 @@ class StepTest:
         return _level(self.law, self.noise, self.weight[of], self.limited[of], self.scale(of))
 
     def innovation(self, of: Index, weight: Floats, right: Floats) -> tuple[Floats, Floats]:
-        """Weight and score of a day's difference from the level, the level's error included.
-
-        Parameters
-        ----------
-        of : array of int, shape (n,)
-        weight, right : array, shape (n, p, p) and (n, p)
-
-        Returns
-        -------
-        weight, score : array, shape (n, p, p) and (n, p)
-        """
+        """Weight and score of a day's difference from the level, the level's error included."""
         level, covariance = self.level(of)
         scale = self.scale(of)
         weight = weight / scale[:, np.newaxis, np.newaxis]
@@ -154,15 +144,9 @@ class StepTest:
         return _marginal(weight, score, covariance)
 
     def add(self, day: int, of: Index, weight: Floats, right: Floats) -> None:
-        """Take in a day; distances beyond the law's farthest are limited.
+        """Take in a day later than any before, of aircraft ``of`` with weight and right side each.
 
-        Parameters
-        ----------
-        day : int
-            Later than any before.
-        of : array of int, shape (n,)
-            Aircraft with reports on the day.
-        weight, right : array, shape (n, p, p) and (n, p)
+        Distances beyond the law's farthest are limited.
         """
         before = (self.weight, self.limited, self.right, self.days)
         first, *rest = (part.copy() for part in before)
@@ -188,13 +172,7 @@ class StepTest:
         self.freedom[of] += freedom
 
     def steps(self, of: Index) -> list[Step]:
-        """Steps of aircraft that the last day taken in shows.
-
-        Parameters
-        ----------
-        of : array of int
-            Aircraft to test.
-        """
+        """Steps of aircraft that the last day taken in shows."""
         law, lags = self.law, self._lags()
         ratios = self._ratios(of, lags)
         best = ratios.max(axis=0, initial=-np.inf)
@@ -300,23 +278,10 @@ def step_of_series(
 ) -> Step | None:
     """Most likely step of a series of days, from all days before and after it.
 
-    Days far from the levels on both sides of the step weigh less, by Student's t.
-
-    Parameters
-    ----------
-    law : Law
-    noise : Noise
-        For the correlation of successive days.
-    scale : float
-        Error variance of the aircraft over that of the fleet.
-    day : array of int, shape (d,)
-    weight, right : array, shape (d, p, p) and (d, p)
-        Of each day, what the fleet has in common removed.
-
-    Returns
-    -------
-    Step or None
-        None with fewer days than :data:`FEWEST_DAYS` before and :data:`FEWEST_AFTER` after.
+    Days far from the levels on both sides of the step weigh less, by Student's t. ``scale`` is the
+    error variance of the aircraft over that of the fleet; ``weight`` (d, p, p) and ``right`` (d, p)
+    are those of each day, what the fleet has in common removed. None with fewer days than
+    :data:`FEWEST_DAYS` before and :data:`FEWEST_AFTER` after.
     """
     places = np.arange(FEWEST_DAYS, day.size - FEWEST_AFTER + 1)
     if not places.size:
@@ -437,21 +402,11 @@ def corroborated_ratio(weight: Floats, score: Floats, level: Floats, shapes: Flo
     The density of a day at squared distance d from its expectation is that of a multivariate t of
     :data:`FREEDOM` degrees of freedom. The integral over the unknown level and step is Laplace's at
     its maximum, found by reweighted least squares (Lange, Little & Taylor 1989, J. Am. Stat. Assoc.
-    84, 881-896).
+    84, 881-896). At most :data:`SINGLE_DAY` more than without the day farthest from the level.
 
-    Parameters
-    ----------
-    weight, score : array, shape (n, p, p) and (n, p)
-        Of each day, relative to the level before.
-    level : array, shape (p, p)
-        Covariance of that level's error.
-    shapes : array, shape (shape, p)
-        Standard deviations of the step, by shape; all equally probable.
-
-    Returns
-    -------
-    float
-        At most :data:`SINGLE_DAY` more than without the day farthest from the level.
+    ``weight`` (n, p, p) and ``score`` (n, p) of each day are relative to the level before, whose
+    error has covariance ``level``; ``shapes`` (shape, p) are standard deviations of the step, all
+    equally probable.
     """
     ratio, farthest = _student_ratio(weight, score, level, shapes)
     if ratio <= SINGLE_DAY:
