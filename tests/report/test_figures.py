@@ -9,6 +9,7 @@ from collections.abc import Callable
 import matplotlib
 import numpy as np
 import pytest
+import xarray as xr
 from matplotlib.figure import Figure
 
 import airswing.report as report
@@ -31,11 +32,15 @@ def disagreement_figure(units: style.Units) -> Figure:
     return fleet.before_after_figure(found, TAILS, TAILS, "ruc", units=units)
 
 
+def mapped(headings: xr.Dataset) -> Figure:
+    return maps.reports_figure(headings, maps.places_of(headings))
+
+
 FIGURES: dict[str, Callable[[], Figure]] = {
-    "reports": lambda: maps.reports_figure(HEADINGS),
-    "dense": lambda: maps.reports_figure(factories.headings(aircraft=11, reports=2000)),
-    "phases": lambda: maps.phase_maps_figure(HEADINGS),
-    "levels": lambda: maps.level_maps_figure(factories.headings(shift=-92)),
+    "reports": lambda: mapped(HEADINGS),
+    "dense": lambda: mapped(factories.headings(aircraft=11, reports=2000)),
+    "phases": lambda: maps.phase_maps_figure(maps.places_of(HEADINGS)),
+    "levels": lambda: maps.level_maps_figure(maps.places_of(factories.headings(shift=-92))),
     "heading errors": lambda: heading_error.heading_errors_figure(HEADINGS, FITS, TAILS, "ruc"),
     "innovations": lambda: innovations.innovation_figure(STATISTICS, "ruc"),
     "innovation histogram": lambda: innovations.innovation_histogram_figure(STATISTICS, "ruc"),

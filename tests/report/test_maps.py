@@ -60,9 +60,11 @@ def test_large_archives_are_thinned_evenly_and_counted_in_full(
             "row_size": ("aircraft", np.full(12, 50)),
             "longitude": ("report", number % 30 - 90.0),
             "latitude": ("report", number % 10 + 40.0),
+            "phase": ("report", number % 4),
+            "pressure": ("report", 50_000.0 + number),
         }
     )
-    figure = maps.reports_figure(archive)
+    figure = maps.reports_figure(archive, maps.places_of(archive))
     assert "n = 600 reports of 12 aircraft" in figure.caption  # type: ignore[attr-defined]
     assert "One report in 6 is drawn." in figure.caption  # type: ignore[attr-defined]
     drawn = figure.axes[0].collections[0].get_offsets()

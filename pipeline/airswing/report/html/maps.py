@@ -12,7 +12,7 @@ all reports.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.resources import files
@@ -187,48 +187,52 @@ def draw_map(axes: Axes, view: View, *, ticks: int = 6) -> None:
 
 # Boundaries of the layers.
 _LEVELS_HPA = (0, 400, 600, 800, 1100)
+_PHASES = ("ascent", "cruise", "descent", "unknown")
 
 MOST_DRAWN = 500_000  # Reports a map draws at most
 
 
-class _Places(NamedTuple):
-    """Positions that are drawn, and counts of all reports by group."""
+class Places(NamedTuple):
+    """Positions that are drawn with their phase and layer, and counts of all reports."""
 
-    longitude: NDArray[np.float64]
-    latitude: NDArray[np.float64]
-    group: NDArray[np.int64]
-    every: int
-    counts: NDArray[np.int64]
+    longitude: Floats
+    latitude: Floats
+    phase: NDArray[np.int64]  # place in `_PHASES`
+    layer: NDArray[np.int64]  # -1 outside all layers
+    every: int  # one report in so many is drawn
+    number: int  # of reports with a position
+    phase_counts: NDArray[np.int64]
+    layer_counts: NDArray[np.int64]
 
     def words(self) -> str:
         """Return a sentence on the thinning, empty without any."""
         return f" One report in {self.every} is drawn." if self.every > 1 else ""
 
 
-def _places(
-    headings: xr.Dataset,
-    names: Sequence[str],
-    group_of: Callable[[xr.Dataset], NDArray[np.int64]],
-    groups: int,
-) -> _Places:
+def places_of(headings: xr.Dataset) -> Places:
     """Return the positions of at most `MOST_DRAWN` reports, taken evenly from the archive."""
     every = max(1, -(-headings.sizes["report"] // MOST_DRAWN))
-    counts, parts, start = np.zeros(groups, dtype=np.int64), [], 0
-    for block in blocks(headings, ["longitude", "latitude", *names]):
-        group = group_of(block)
-        counts += np.bincount(group[group >= 0], minlength=groups)
+    order = np.full(max(PHASE.values()) + 1, -1)
+    order[[PHASE[name] for name in _PHASES]] = range(len(_PHASES))
+    layers = len(_LEVELS_HPA) - 1
+    counts = [np.zeros(size, dtype=np.int64) for size in (len(_PHASES), layers)]
+    number, start = 0, 0
+    parts: list[list[NDArray[np.generic]]] = []
+    for block in blocks(headings, ["longitude", "latitude", "phase", "pressure"]):
+        longitude, latitude = (block[name].to_numpy() for name in ("longitude", "latitude"))
+        phase = order[block["phase"].to_numpy()]
+        layer = np.searchsorted(_LEVELS_HPA, block["pressure"].to_numpy() / 100.0, "right") - 1
+        layer = np.where(layer < layers, layer, -1)
+        number += int(np.isfinite(longitude + latitude).sum())
+        for total, group in zip(counts, (phase, layer), strict=True):
+            total += np.bincount(group[group >= 0], minlength=total.size)
         drawn = slice(-start % every, None, every)
         # Copies: a view of every n-th report would keep all of them in memory.
-        parts.append(
-            [
-                np.array(block["longitude"].to_numpy()[drawn], float),
-                np.array(block["latitude"].to_numpy()[drawn], float),
-                group[drawn].copy(),
-            ]
-        )
+        parts.append([column[drawn].copy() for column in (longitude, latitude, phase, layer)])
         start += block.sizes["report"]
-    longitude, latitude, number = (np.concatenate(part) for part in zip(*parts, strict=True))
-    return _Places(longitude, latitude, number, every, counts)
+    longitude, latitude, phase, layer = (np.concatenate(part) for part in zip(*parts, strict=True))
+    positions = longitude.astype(np.float64), latitude.astype(np.float64)
+    return Places(*positions, phase, layer, every, number, *counts)
 
 
 def _height(view: View, columns: int, rows: int, *, colourbar: bool = False) -> float:
@@ -270,16 +274,10 @@ def _draw_places(
 
 
 @styled
-def reports_figure(headings: xr.Dataset) -> Figure:
+def reports_figure(headings: xr.Dataset, places: Places) -> Figure:
     """Draw a map of every report."""
-
-    def known(block: xr.Dataset) -> NDArray[np.int64]:
-        finite = np.isfinite(block["longitude"].to_numpy() + block["latitude"].to_numpy())
-        return np.where(finite, 0, -1)
-
-    places = _places(headings, [], known, 1)
     view = view_of(places.longitude, places.latitude)
-    shown, number = places.group == 0, int(places.counts[0])
+    shown = np.isfinite(places.longitude + places.latitude)
     figure = new_figure(_height(view, 1, 1, colourbar=int(shown.sum()) > MANY))
     axes = figure.add_subplot()
     drawn = _draw_places(axes, view, places.longitude[shown], places.latitude[shown], cells=64)
@@ -289,54 +287,50 @@ def reports_figure(headings: xr.Dataset) -> Figure:
         count_ticks(bar, float(np.max(np.asarray(drawn.get_array()))))
     how = "as a density of hexagons, darker where reports are many" if drawn else "one dot each"
     return figure.say(
-        f"Positions of the reports (n = {plural(number, 'report')} of "
+        f"Positions of the reports (n = {plural(places.number, 'report')} of "
         f"{plural(headings.sizes.get('aircraft', 0), 'aircraft', 'aircraft')}), {how}."
         f"{places.words()}"
     )
 
 
 def _panels(
-    headings: xr.Dataset, places: _Places, labels: Sequence[str], columns: int, what: str
+    places: Places,
+    group: NDArray[np.int64],
+    counts: NDArray[np.int64],
+    labels: Sequence[str],
+    columns: int,
+    what: str,
 ) -> Figure:
     view = view_of(places.longitude, places.latitude)
     rows = -(-len(labels) // columns)
     figure = new_figure(_height(view, columns, rows))
-    masks = [places.group == number for number in range(len(labels))]
+    masks = [group == number for number in range(len(labels))]
     dense = max(int(mask.sum()) for mask in masks) > MANY
     grid = figure.subplots(rows, columns, squeeze=False).ravel()
-    for axes, label, mask, count in zip(grid, labels, masks, places.counts, strict=False):
+    for axes, label, mask, count in zip(grid, labels, masks, counts, strict=False):
         axes.set_title(f"{label}  (n = {thousands(count)})")
         shown = places.longitude[mask], places.latitude[mask]
         _draw_places(axes, view, *shown, size=2.5, cells=40, dense=dense and mask.any())
         if not mask.any():
             axes.text(0.5, 0.5, "no reports", transform=axes.transAxes, ha="center")
     return figure.say(
-        f"The reports by {what} (n = {thousands(headings.sizes['report'])}).{places.words()}"
+        f"The reports by {what} (n = {thousands(int(counts.sum()))}).{places.words()}"
     )
 
 
 @styled
-def phase_maps_figure(headings: xr.Dataset) -> Figure:
+def phase_maps_figure(places: Places) -> Figure:
     """Draw a map of the reports of each phase of flight."""
-    order = ("ascent", "cruise", "descent", "unknown")
-    place = np.full(max(PHASE.values()) + 1, -1)
-    place[[PHASE[name] for name in order]] = range(len(order))
-    places = _places(headings, ["phase"], lambda block: place[block["phase"].to_numpy()], 4)
-    names = order if places.counts[3] else order[:3]
-    return _panels(headings, places, names, len(names), "phase of flight")
+    names = _PHASES if places.phase_counts[3] else _PHASES[:3]
+    what = "phase of flight"
+    return _panels(places, places.phase, places.phase_counts, names, len(names), what)
 
 
 @styled
-def level_maps_figure(headings: xr.Dataset) -> Figure:
+def level_maps_figure(places: Places) -> Figure:
     """Draw a map of the reports of each pressure layer."""
-
-    def layer(block: xr.Dataset) -> NDArray[np.int64]:
-        found = np.searchsorted(_LEVELS_HPA, block["pressure"].to_numpy() / 100.0, "right") - 1
-        return np.where(found < len(_LEVELS_HPA) - 1, found, -1)
-
     names = [
         f"{top}-{bottom} hPa" if top else f"above {bottom} hPa"
         for top, bottom in pairwise(_LEVELS_HPA)
     ]
-    places = _places(headings, ["pressure"], layer, len(names))
-    return _panels(headings, places, names, 2, "layer")
+    return _panels(places, places.layer, places.layer_counts, names, 2, "layer")

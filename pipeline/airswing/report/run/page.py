@@ -339,10 +339,11 @@ def _fleet_section(
 
 
 def _places_section(headings: xr.Dataset, show: Figures) -> Section:
-    by_phase = show("map_by_phase", maps.phase_maps_figure(headings), dpi=120)
-    by_level = show("map_by_level", maps.level_maps_figure(headings), dpi=120)
+    places = maps.places_of(headings)
+    by_phase = show("map_by_phase", maps.phase_maps_figure(places), dpi=120)
+    by_level = show("map_by_level", maps.level_maps_figure(places), dpi=120)
     parts = [
-        show("map", maps.reports_figure(headings), dpi=120),
+        show("map", maps.reports_figure(headings, places), dpi=120),
         folded("By phase of flight and by level", [by_phase, by_level]),
     ]
     return Section("places", "Positions of the reports", "", parts)
