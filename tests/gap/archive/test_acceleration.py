@@ -1,21 +1,20 @@
-"""Acceleration at the reports from the fleet's flights."""
+"""Acceleration at the reports, estimated from all flights."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-import airswing  # noqa: F401
 from airswing.gap.archive.acceleration import (
     acceleration_at_reports,
     expected_acceleration,
-    fit_gain,
+    fit_levelling,
     time_since_levelling,
 )
 from airswing.physics.atmosphere import altitude_from_pressure, pressure_from_altitude
 
 
-def test_levelling_is_dated_by_the_climb_before_it():
+def test_time_of_levelling_off_is_extrapolated_from_the_climb():
     # 10 m/s up to 3000 m, reached 30 s after the report at 2700 m; then cruise
     time = np.array([0.0, 60, 120, 180, 300, 420, 540, 660])
     altitude = np.array([1500.0, 2100, 2700, 3000, 3000, 3000, 3000, 3000])
@@ -32,26 +31,26 @@ def _flights(number: int, rng: np.random.Generator) -> tuple[np.ndarray, ...]:
     path = np.cumsum(np.cumsum(gain) * 0.5) * 0.5
     first = rng.uniform(0, 60, number)
     edges = first[:, None] + 120.0 * np.arange(5)
-    way = np.interp(edges, fine, path)
-    mean = np.diff(way, axis=1) / 120 + rng.normal(120, 8, (number, 1))
+    distance = np.interp(edges, fine, path)
+    mean = np.diff(distance, axis=1) / 120 + rng.normal(120, 8, (number, 1))
     mean += rng.normal(0, 1.0, mean.shape)
     flight = np.repeat(np.arange(number), 4)
     return edges[:, :-1].ravel(), edges[:, 1:].ravel(), mean.ravel(), flight
 
 
-def test_acceleration_after_levelling_comes_out_of_chords_longer_than_it():
-    gain = fit_gain(*_flights(1500, np.random.default_rng(3)))
+def test_acceleration_after_levelling_off_from_longer_chords():
+    gain = fit_levelling(*_flights(1500, np.random.default_rng(3)))
     assert gain is not None
     found = np.interp([10.0, 50.0, 90.0, 200.0], [0, 20, 40, 65, 100, 150, 210], gain)
     truth = 0.3 * np.exp(-np.maximum(np.array([10.0, 50.0, 90.0, 200.0]) - 30, 0) / 45)
     np.testing.assert_allclose(found, truth, atol=0.06)
 
 
-def test_few_flights_say_nothing():
-    assert fit_gain(*_flights(20, np.random.default_rng(3))) is None
+def test_too_few_flights():
+    assert fit_levelling(*_flights(20, np.random.default_rng(3))) is None
 
 
-def test_unknown_acceleration_stays_unknown():
+def test_unknown_acceleration_remains_unknown():
     unknown = np.full(6, np.nan)
     time = 60.0 * np.arange(6)
     found = acceleration_at_reports(
@@ -60,7 +59,7 @@ def test_unknown_acceleration_stays_unknown():
     assert np.isnan(found).all()
 
 
-def test_without_level_offs_the_profile_stands():
+def test_without_levelling_off_the_profile_is_used():
     rng = np.random.default_rng(0)
     altitude = np.tile(np.linspace(500, 5000, 30), 20)
     pressure = pressure_from_altitude(altitude)

@@ -29,8 +29,8 @@ def test_values_are_si_and_radians(archive):
     )
 
 
-def test_longitudes_run_on_across_the_antimeridian(archive):
-    """Moved by half a turn, an archive has the same distances and the same large-scale fit."""
+def test_longitudes_are_continuous_across_the_antimeridian(archive):
+    """Shifted to the antimeridian, an archive has the same differences of longitude."""
     moved = archive.copy(deep=True)
     turn = 180.0 - float(archive.longitude.mean())
     moved["longitude"].values[:] = np.mod(archive.longitude + turn + 180.0, 360.0) - 180.0
@@ -72,7 +72,7 @@ def test_reports_without_a_wind_or_with_bad_flags_are_left_out(archive):
     assert Frame.from_headings(bad, reference="ruc", excluded=()).report[0] == 3
 
 
-def test_phases_are_kept_as_asked(archive):
+def test_requested_phases_are_kept(archive):
     frame = Frame.from_headings(archive, reference="ruc", phases=["ascent"])
     assert set(frame.phase) == {1}
     unknown = archive.assign(phase=archive.phase * 0)
@@ -81,7 +81,7 @@ def test_phases_are_kept_as_asked(archive):
         Frame.from_headings(archive, reference="ruc", phases=["taxi"])
 
 
-def test_no_report_left_and_unknown_reference_are_told(archive):
+def test_errors_for_no_report_and_unknown_reference(archive):
     with pytest.raises(InputError, match="overlap"):
         Frame.from_headings(archive.assign(eastward_wind=archive.heading * np.nan), reference="ruc")
     with pytest.raises(InputError, match="one of ruc, rtfdaa"):
@@ -108,7 +108,7 @@ def test_take_keeps_the_constants_of_the_archive(archive):
     np.testing.assert_array_equal(frame.take([5, 2]).time, frame.time[[5, 2]])
 
 
-def test_part_of_an_archive_takes_its_constants(archive):
+def test_constants_of_the_archive_for_a_part_of_it(archive):
     part = archive.isel(aircraft=[0], report=slice(10, archive.row_size.values[0]))
     part["row_size"] = ("aircraft", [part.sizes["report"]])
     frame = Frame.from_headings(part, reference="ruc", epoch=5.0, reference_field=2e4)

@@ -1,4 +1,4 @@
-"""Claims: winds with an effect taken off give the headings of an archive without it."""
+"""Removing an effect from the winds yields the headings of an archive without it."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def _adjustment(names, reported=None, reference=None, size=1200):
     )
 
 
-def test_an_airspeed_factor_is_undone_exactly():
+def test_an_airspeed_factor_is_removed_exactly():
     wrong, right = _headings(scale=0.02), _headings()
     change = np.stack(
         [right[f"{s}_wind"].values - wrong[f"{s}_wind"].values for s in ("eastward", "northward")],
@@ -97,7 +97,7 @@ def test_an_airspeed_factor_is_undone_exactly():
         np.testing.assert_allclose(made[name].values, right[name].values, atol=1e-9)
 
 
-def test_only_the_rows_named_are_touched():
+def test_only_rows_of_the_adjustment_change():
     headings = _headings()
     few = Adjustment(np.array([3, 7]), np.full((2, 2), 5.0), np.zeros((2, 2)), ("time_lag",))
     made = adjusted_headings(headings, few)
@@ -110,7 +110,7 @@ def test_only_the_rows_named_are_touched():
         assert (before[..., [3, 7]] != after[..., [3, 7]]).all()
 
 
-def test_a_biased_reference_moves_the_claim_and_taking_it_off_restores_it():
+def test_a_biased_reference_changes_the_fit_and_its_removal_restores_it():
     headings = _headings(wrong=6.0)
     off = _adjustment(("reference_speed_bias",), reference=np.tile([-6.0, 0.0], (1200, 1)))
     options = {"pools": {"model": ["model"]}, "reference": "model", "fit": FIT | {"joint": False}}
@@ -124,12 +124,12 @@ def test_a_biased_reference_moves_the_claim_and_taking_it_off_restores_it():
     assert (clean.stay, clean.of) == (2, 2)
 
 
-def test_nothing_taken_off_needs_no_fit():
+def test_no_fit_without_removed_effects():
     made = review_claims(xr.Dataset(), _adjustment(()), pools={}, reference="model", fit={})
     assert made == ClaimsEntry([])
 
 
-def test_comparison_by_hand():
+def test_comparison_of_fits_by_hand():
     def fits(offset, amplitude, status):
         one = {"offset": offset, "amplitude": amplitude, "status": status}
         one |= {f"{name}_standard_error": [0.1, 0.1] for name in ("offset", "amplitude")}
@@ -169,7 +169,7 @@ def test_field_test_is_computed_on_both():
     assert made.stays == (low <= made.reduction_kt_after <= high)
 
 
-def test_diagnosis_takes_off_the_airspeed_and_leaves_the_deviation():
+def test_diagnosis_removes_the_airspeed_error_and_keeps_the_deviation():
     names = ("compass_offset", "hard_iron", "tas_scale", "reference_speed_bias")
     frame = make_frame(
         seed=9,
@@ -182,9 +182,9 @@ def test_diagnosis_takes_off_the_airspeed_and_leaves_the_deviation():
     made = diagnose(frame, catalogue={n: CATALOGUE[n] for n in names}, dictionary=False)
     assert {e.name for e in made.report.effects} == {"compass_offset", "tas_scale"}
     assert made.adjustment.names == ("tas_scale",)
-    struck = frame.aircraft == 3
-    assert not made.adjustment.reported[~struck].any()
+    affected = frame.aircraft == 3
+    assert not made.adjustment.reported[~affected].any()
     assert not made.adjustment.reference.any()
     air = np.stack([frame.ground_u - frame.u_rep, frame.ground_v - frame.v_rep], -1)
-    left = np.hypot(*(air - made.adjustment.reported)[struck].T)
-    assert np.median(frame.airspeed[struck] / left) == pytest.approx(1.02, abs=0.003)
+    corrected = np.hypot(*(air - made.adjustment.reported)[affected].T)
+    assert np.median(frame.airspeed[affected] / corrected) == pytest.approx(1.02, abs=0.003)

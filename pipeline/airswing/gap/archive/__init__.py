@@ -1,1 +1,1 @@
-"""An archive of reports against one reference, as plain arrays."""
+"""An archive of reports against one reference, as plain arrays and derived variables."""

@@ -1,19 +1,20 @@
-"""Longitudinal acceleration at a report: what the fleet's flights tell, not two noisy chords.
+"""Longitudinal acceleration at a report, estimated from all flights of the archive.
 
-Assumptions: a difference of two chords is as noisy as the acceleration it should show, and a
-regression on it too flat. The schedule of a flight tells it better:
+Assumptions: the difference of the mean speeds over two chords (segments between reports) is as
+noisy as the acceleration itself, and a regression on it is attenuated. The schedule of a flight is
+known better from all flights together:
 
-* in climb and descent, the fleet's mean by level;
-* after levelling off, an acceleration ``a(t)`` in the time since, alike for the fleet: the aircraft
-  gains speed as it nears its cruising speed, within a minute or so, less than the interval between
-  reports in cruise, so chords show a part of it that depends on when the report fell (0.7 to 0.9 in
-  trials). The mean speeds over whole chords are known integrals of ``a`` and give its values at a
-  few knots by least squares; the moment of levelling follows from the climb before it and the
-  height that was left to climb;
-* elsewhere in cruise, as measured, with the chords' spreading to neighbouring reports undone.
+* in climb and descent, the mean acceleration of all flights by level;
+* after levelling off, an acceleration a(t) in the time t since, common to all flights. The
+  aircraft accelerates to its cruising speed within about a minute, less than the interval between
+  reports in cruise, so that the chords include a fraction of it that depends on the time of the
+  report (0.7 to 0.9 in trials). Mean speeds over chords are known integrals of a(t), from which
+  its values at a few knots follow by least squares. The time of levelling off is extrapolated from
+  the climb rate before it and the remaining height;
+* elsewhere in cruise, the measured value, with the smoothing by chords removed.
 
-Validity: 50 reports and 50 flights to tell; else as measured. What one flight departs from the
-fleet is an error of Berkson's kind, which flattens no regression. SI units.
+Validity: 50 reports and 50 flights; below that, measured values. The departure of a single flight
+from the mean is an error of Berkson's kind, which does not attenuate a regression. SI units.
 
 Source: Carroll et al. 2006, Measurement Error in Nonlinear Models, ch. 1.4 (Berkson error).
 """
@@ -30,35 +31,36 @@ from airswing.physics.robust_spread import robust_sd
 from airswing.physics.splines import hats
 
 Floats = NDArray[np.float64]
+Integers = NDArray[np.integer]
 
+#: Weights of a report and of its neighbours that invert, to second order, the difference of two
+#: chords, a mean under a triangle over one report to either side (variance 1/6).
 SHARPENING = (7.0 / 6.0, -1.0 / 12.0)
-"""Weights of a report and its neighbours that undo, to second order, the difference of two chords:
-a mean under a triangle that reaches one report each way, of variance 1/6."""
+#: Times after levelling off at which the acceleration is fitted, s; it is zero at the last.
 KNOTS = np.array([0.0, 20.0, 40.0, 65.0, 100.0, 150.0, 210.0])
-"""Times after levelling at which the acceleration is fitted, s; nothing at the last."""
+#: Weight of differences of the acceleration between knots, s (relative to speeds of 1 m/s).
 SMOOTH = 12.0
-"""Weight of differences of the acceleration between knots, s (against steps of speed of 1 m/s)."""
+#: Reports (climb, descent) and flights (levelling off) below which nothing is fitted.
 FEWEST = 50
-"""Flights below which no curve is fitted."""
+#: Chords in cruise used from each flight.
 CHORDS = 4
-"""Chords in cruise used of each flight."""
 
 
 def acceleration_at_reports(
     acceleration: Floats,
     pressure: Floats,
-    phase: NDArray[np.integer],
-    flight: NDArray[np.integer],
+    phase: Integers,
+    flight: Integers,
     time: Floats,
     latitude: Floats,
     longitude: Floats,
 ) -> Floats:
-    """Longitudinal acceleration with which the reports were made.
+    """Estimate the longitudinal acceleration at each report.
 
     Parameters
     ----------
     acceleration : (n,) float
-        Measured over two chords, m s-2; NaN unknown.
+        Measured over two chords, m s-2; NaN where unknown.
     pressure : (n,) float
         Pa.
     phase, flight : (n,) int
@@ -71,40 +73,34 @@ def acceleration_at_reports(
     Returns
     -------
     (n,) float
-        m s-2; NaN everywhere where no acceleration is known.
+        m s-2; all NaN where no acceleration is known.
     """
     if not np.isfinite(acceleration).any():
         return acceleration
-    out = expected_acceleration(acceleration, np.log(pressure), phase, flight)
+    log_pressure = np.log(pressure)
+    out = expected_acceleration(acceleration, log_pressure, phase, flight)
     since = time_since_levelling(time, altitude_from_pressure(pressure), phase, flight)
-    distance, _ = flight_steps(latitude, longitude, np.log(pressure), flight_order(flight, time))
+    distance, _ = flight_steps(latitude, longitude, log_pressure, flight_order(flight, time))
     known = np.flatnonzero(np.isfinite(since[:-1]) & np.isfinite(since[1:]))
     known = known[flight[known] == flight[known + 1]]
     start, end = since[known], since[known + 1]
     speed = distance[known + 1] / np.maximum(end - start, 1.0)
-    gain = fit_gain(start, end, speed, flight[known])
-    if gain is not None:
+    fitted = fit_levelling(start, end, speed, flight[known])
+    if fitted is not None:
         near = since < KNOTS[-1]
-        out[near] = np.interp(since[near], KNOTS, gain)
+        out[near] = np.interp(since[near], KNOTS, fitted)
     return out
 
 
 def expected_acceleration(
-    acceleration: Floats,
-    log_pressure: Floats,
-    phase: NDArray[np.integer],
-    flight: NDArray[np.integer],
+    acceleration: Floats, log_pressure: Floats, phase: Integers, flight: Integers
 ) -> Floats:
-    """Longitudinal acceleration to be expected: the fleet's mean by level in climb and descent.
-
-    A difference of two chords is as noisy as what it should show. Speeding up in climb and slowing
-    down in descent follow the schedule of the flight, which many flights together tell well. What
-    one flight departs from it is then an error of Berkson's kind, which flattens no regression.
+    """Estimate the acceleration in climb and descent by the mean of all flights by level.
 
     Parameters
     ----------
     acceleration : (n,) float
-        Measured, m s-2; NaN unknown.
+        Measured, m s-2; NaN where unknown.
     log_pressure : (n,) float
         ln of pressure.
     phase, flight : (n,) int
@@ -113,42 +109,40 @@ def expected_acceleration(
     Returns
     -------
     (n,) float
-        m s-2; outside climb and descent, and where fewer than 50 reports tell, as measured (0
-        where unknown) with the chords' spreading to neighbouring reports undone.
+        m s-2; outside climb and descent, and below 50 reports, the measured value (0 where
+        unknown) with the smoothing by chords removed.
     """
     measured = np.nan_to_num(acceleration)
     out = measured.copy()
     linked = (flight[2:] == flight[1:-1]) & (flight[:-2] == flight[1:-1])
     sharp = SHARPENING[0] * measured[1:-1] + SHARPENING[1] * (measured[2:] + measured[:-2])
     out[1:-1][linked] = sharp[linked]
-    # the windows of a report next to another phase hold the change of speed between the two
+    # reports next to another phase include the change of speed between the phases
     inside = np.zeros(phase.size, bool)
     same = (phase[1:] == phase[:-1]) & (flight[1:] == flight[:-1])
     inside[1:-1] = same[1:] & same[:-1]
-    for which in (PHASE["ascent"], PHASE["descent"]):
-        own = np.flatnonzero(phase == which)
-        telling = own[inside[own] & np.isfinite(acceleration[own])]
-        # of fewer a profile over the level follows single reports
-        if telling.size < 50:
+    for code in (PHASE["ascent"], PHASE["descent"]):
+        rows = np.flatnonzero(phase == code)
+        used = rows[inside[rows] & np.isfinite(acceleration[rows])]
+        if used.size < FEWEST:
             continue
-        middle = np.median(acceleration[telling])
-        # a hair more: where all are alike the spread is nil, and none would be near
-        bound = 3 * robust_sd(acceleration[telling], middle) + 1e-9
-        near = telling[np.abs(acceleration[telling] - middle) < bound]
-        # a hair beyond the last: knots increase where all are flown at one level
-        knots = np.linspace(log_pressure[own].min(), log_pressure[own].max() + 1e-6, 6)
-        base = hats(log_pressure[near], knots)
-        # worth five reports a knot: a layer hardly flown in keeps the middle
+        middle = np.median(acceleration[used])
+        bound = 3 * robust_sd(acceleration[used], middle) + 1e-9  # all values may be equal
+        used = used[np.abs(acceleration[used] - middle) < bound]
+        # extended by 1e-6: knots must increase where all reports are on one level
+        knots = np.linspace(log_pressure[rows].min(), log_pressure[rows].max() + 1e-6, 6)
+        base = hats(log_pressure[used], knots)
+        # prior of the weight of five reports at each knot: sparse levels keep the median
         normal = base @ base.T + 5.0 * np.eye(knots.size)
-        profile = np.linalg.solve(normal, base @ (acceleration[near] - middle))
-        out[own] = middle + profile @ hats(log_pressure[own], knots)
+        profile = np.linalg.solve(normal, base @ (acceleration[used] - middle))
+        out[rows] = middle + profile @ hats(log_pressure[rows], knots)
     return out
 
 
 def time_since_levelling(
-    time: Floats, altitude: Floats, phase: NDArray[np.integer], flight: NDArray[np.integer]
+    time: Floats, altitude: Floats, phase: Integers, flight: Integers
 ) -> Floats:
-    """Time since the climb ended at the first reports of a cruise.
+    """Compute the time since the end of the climb at the first reports of a cruise.
 
     Parameters
     ----------
@@ -160,73 +154,72 @@ def time_since_levelling(
     Returns
     -------
     (n,) float
-        s; NaN but at the first `CHORDS` + 1 reports in cruise after a climb of two reports.
+        s; NaN except at the first `CHORDS` + 1 reports in cruise after a climb of two reports.
     """
     out = np.full(time.size, np.nan)
     climb, cruise = phase == PHASE["ascent"], phase == PHASE["cruise"]
-    one = (flight[1:-1] == flight[:-2]) & (flight[1:-1] == flight[2:])
-    last = 1 + np.flatnonzero(one & climb[:-2] & climb[1:-1] & cruise[2:])
+    linked = (flight[1:-1] == flight[:-2]) & (flight[1:-1] == flight[2:])
+    last = 1 + np.flatnonzero(linked & climb[:-2] & climb[1:-1] & cruise[2:])
     rate = (altitude[last] - altitude[last - 1]) / np.maximum(time[last] - time[last - 1], 1.0)
-    left = (altitude[last + 1] - altitude[last]) / np.maximum(rate, 0.5)
-    level = time[last] + np.clip(left, 0.0, time[last + 1] - time[last])
-    own = np.ones(last.size, bool)
+    remaining = (altitude[last + 1] - altitude[last]) / np.maximum(rate, 0.5)
+    level = time[last] + np.clip(remaining, 0.0, time[last + 1] - time[last])
+    valid = np.ones(last.size, bool)
     for k in range(1, CHORDS + 2):
         at = np.minimum(last + k, time.size - 1)
-        own &= (last + k < time.size) & (flight[at] == flight[last]) & cruise[at]
-        out[at[own]] = time[at[own]] - level[own]
+        valid &= (last + k < time.size) & (flight[at] == flight[last]) & cruise[at]
+        out[at[valid]] = time[at[valid]] - level[valid]
     return out
 
 
-def fit_gain(
-    start: Floats, end: Floats, speed: Floats, flight: NDArray[np.integer]
-) -> Floats | None:
+def fit_levelling(start: Floats, end: Floats, speed: Floats, flight: Integers) -> Floats | None:
     """Fit the acceleration after levelling off.
+
+    Differences of speed between successive chords are fitted, which do not depend on the cruising
+    speed of a flight. Differences four robust standard deviations from the fit (turns) are left
+    out.
 
     Parameters
     ----------
     start, end : (m,) float
-        Chords in cruise, s after levelling off, in order of flight and time.
+        Ends of chords in cruise, s after levelling off, in order of flight and time.
     speed : (m,) float
-        Mean ground speed over them, m s-1.
+        Mean ground speed over the chords, m s-1.
     flight : (m,) int
+        Flight of each chord.
 
     Returns
     -------
     (len(KNOTS),) float or None
         m s-2 at `KNOTS`; None for too few flights.
-
-    Notes
-    -----
-    Steps of speed from chord to chord are fitted, so a flight's own speed does not matter; steps
-    four robust standard deviations off the fit (turns) do not enter.
     """
     same = flight[1:] == flight[:-1]
-    step = np.diff(speed)[same]
     if np.unique(flight[1:][same]).size < FEWEST:
         return None
-    columns = np.diff(_mean_gained(start, end), axis=0)[same]
+    difference = np.diff(speed)[same]
+    columns = np.diff(_mean_speed_gain(start, end), axis=0)[same]
     slope = np.diff(np.eye(KNOTS.size), axis=0)[:-1, :-1]
-    used, found = np.ones(step.size, bool), np.zeros(KNOTS.size - 1)
+    used, fitted = np.ones(difference.size, bool), np.zeros(KNOTS.size - 1)
     for _ in range(3):
-        left = step - columns @ found
-        spread = robust_sd(left) + 1e-3
+        spread = robust_sd(difference - columns @ fitted) + 1e-3
         normal = columns[used].T @ columns[used] / spread**2 + SMOOTH**2 * slope.T @ slope
         normal += 1e-9 * np.eye(KNOTS.size - 1)
-        found = np.linalg.solve(normal, columns[used].T @ step[used] / spread**2)
-        used = np.abs(step - columns @ found) < 4.0 * spread
-    return np.concatenate([found, [0.0]])
+        fitted = np.linalg.solve(normal, columns[used].T @ difference[used] / spread**2)
+        used = np.abs(difference - columns @ fitted) < 4.0 * spread
+    return np.concatenate([fitted, [0.0]])
 
 
-def _mean_gained(start: Floats, end: Floats) -> Floats:
-    """Mean over chords of the speed gained since levelling, per unit of each knot, (m, knots)."""
+def _mean_speed_gain(start: Floats, end: Floats) -> Floats:
+    """Mean speed gained since levelling off over chords, per unit of each knot, (m, knots)."""
     fine = np.arange(0.0, KNOTS[-1] + 1.0)
     hat = np.stack([np.interp(fine, KNOTS, row) for row in np.eye(KNOTS.size)[:-1]], -1)
-    gained = np.cumsum(hat, axis=0) - 0.5 * hat
-    whole = np.cumsum(gained, axis=0) - 0.5 * gained
+    gain = np.cumsum(hat, axis=0) - 0.5 * hat
+    integral = np.cumsum(gain, axis=0) - 0.5 * gain
+
+    def integrated(time: Floats) -> Floats:
+        inside = np.minimum(time, KNOTS[-1])
+        after = np.maximum(time - KNOTS[-1], 0.0)[:, None] * gain[-1]
+        columns = [np.interp(inside, fine, column) for column in integral.T]
+        return np.asarray(np.stack(columns, -1) + after)
+
     length = np.maximum(end - start, 1.0)[:, None]
-    late = np.maximum(end - KNOTS[-1], 0.0) - np.maximum(start - KNOTS[-1], 0.0)
-    inside = [
-        np.stack([np.interp(np.minimum(t, KNOTS[-1]), fine, column) for column in whole.T], -1)
-        for t in (start, end)
-    ]
-    return np.asarray((inside[1] - inside[0] + late[:, None] * gained[-1]) / length)
+    return np.asarray((integrated(end) - integrated(start)) / length)

@@ -1,38 +1,98 @@
-"""Plain-array view of an archive against one reference: what effects and statistics work on.
+"""Reports of an archive against one reference, as plain arrays in SI units and radians.
 
-Assumptions and validity: SI units and radians everywhere except ``latitude``/``longitude``
-(degrees) and ``horizontal_field`` (nT). The heading and the airspeed are the INDICATED ones, that
-is direction and length of the air vector ``V_A = V_G - W_reported`` the unit worked with. A report
-enters a frame when its reported wind, reference wind and ground vector are all known; nothing is
-left out for the size of its residual (that would attenuate every effect).
+Assumptions and validity: SI units and radians everywhere except ``latitude`` and ``longitude``
+(degrees) and ``horizontal_field`` (nT). Heading and airspeed are the INDICATED values, that is
+direction and length of the air vector ``V_A = V_G - W_reported`` used by the unit. A frame
+contains the reports with known reported wind, reference wind and ground vector; no report is left
+out for the size of its residual (this would attenuate every effect).
 
-Constants of the whole archive (its first time, its median horizontal field) travel with every
-subset, so that columns built chunk by chunk agree with columns built at once.
+Names of variables are those of the headings product (docs/formats.md); the wind of a pool is the
+mean of its available members. Variables absent from the product are NaN (or the code for unknown).
+Constants of the whole archive (its first time, its median horizontal field) are kept in every
+subset, so that columns computed by parts agree with columns computed at once.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
-from airswing.flags import PHASE, SCREENING
+from airswing.evaluation.disagreement import member_mean
+from airswing.flags import PHASE, ROLL, SCREENING
 from airswing.gap.archive.acceleration import acceleration_at_reports
-from airswing.gap.archive.headings_columns import AIRCRAFT_FIELDS, headings_columns
+from airswing.physics.bank import bank_at_reports
 from airswing.physics.great_circle import central_angle
+from airswing.physics.triangle import wrap_degrees
 from airswing.units import DAY, EARTH_RADIUS, Picked
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+Columns = dict[str, NDArray[Any]]  # arrays of integers and of floats
 
 DEFAULT_HORIZONTAL_FIELD = 20000.0
-"""Horizontal field (nT) stated where an archive gives none."""
+"""Horizontal field of an archive without magnetic data, nT."""
 EXCLUDED = ("temperature_qc", "wind_qc", "ground_speed")
-"""Screening rules a frame honours: the report is bad by its own flags, or its heading undefined."""
+"""Screening rules whose reports are left out: bad by a quality flag, or heading undefined."""
+AIRCRAFT_FIELDS = (
+    "position_resolution",
+    "time_resolution",
+    "wind_speed_resolution",
+    "wind_direction_resolution",
+)
+"""Fields of a frame with one value per aircraft."""
+_ESSENTIAL = ("u_rep", "v_rep", "u_ref", "v_ref", "ground_u", "ground_v", "heading", "airspeed")
+# field of the frame -> (variable of the Dataset, whether it is an angle in degrees)
+_PER_REPORT: dict[str, tuple[str, bool]] = {
+    "latitude": ("latitude", False),
+    "longitude": ("longitude", False),
+    "pressure": ("pressure", False),
+    "u_rep": ("eastward_wind", False),
+    "v_rep": ("northward_wind", False),
+    "heading": ("heading", True),
+    "magnetic_heading": ("magnetic_heading", True),
+    "airspeed": ("airspeed", False),
+    "ground_u": ("ground_eastward_velocity", False),
+    "ground_v": ("ground_northward_velocity", False),
+    "heading_error": ("heading_standard_error", True),
+    "declination": ("declination", True),
+    "dip": ("dip", True),
+    "horizontal_field": ("horizontal_field", False),
+    "acceleration": ("longitudinal_acceleration", False),
+    "bank": ("bank", True),
+    "climb_rate": ("climb_rate", False),
+    "temperature": ("air_temperature", False),
+}
+_PER_REFERENCE: dict[str, tuple[str, bool]] = {
+    "u_ref": ("reference_eastward_wind", False),
+    "v_ref": ("reference_northward_wind", False),
+    "dudt": ("reference_eastward_wind_tendency", False),
+    "dvdt": ("reference_northward_wind_tendency", False),
+    "dudlnp": ("reference_eastward_wind_lnp_derivative", False),
+    "dvdlnp": ("reference_northward_wind_lnp_derivative", False),
+    "dudx": ("reference_eastward_wind_x_derivative", False),
+    "dvdx": ("reference_northward_wind_x_derivative", False),
+    "dudy": ("reference_eastward_wind_y_derivative", False),
+    "dvdy": ("reference_northward_wind_y_derivative", False),
+    "grid_convergence": ("grid_convergence", True),
+    "lead_time": ("lead_time", False),
+}
+_VARIABLES = (
+    "row_size",
+    "time",
+    "flight",
+    "phase",
+    "icing",
+    "screening",
+    "roll_flag",
+    *(name for name, _ in (_PER_REPORT | _PER_REFERENCE).values()),
+    *AIRCRAFT_FIELDS,
+)
 
 
 @dataclass(frozen=True)
@@ -46,7 +106,7 @@ class Frame:
     epoch : float
         First time of the whole archive, s since 1970.
     reference_field : float
-        Median horizontal field of the whole archive, nT: the H at which cycles are stated.
+        Median horizontal field H of the whole archive, nT; amplitudes of cycles refer to it.
     report : (n,) int
         Position of each row in the Dataset it came from.
     flight : (n,) int
@@ -84,16 +144,18 @@ class Frame:
     dudt, dvdt : (n,) float
         Tendency of the reference wind, m s-2.
     dudlnp, dvdlnp : (n,) float
-        Its derivative by ln p, m s-1.
+        Derivative of the reference wind by ln p, m s-1.
     dudx, dvdx, dudy, dvdy : (n,) float
-        Its derivatives eastward and northward, s-1.
+        Derivatives of the reference wind eastward and northward, s-1.
     grid_convergence : (n,) float
-        Angle that turns grid-relative into earth-relative wind, rad:
+        Rotation from grid-relative to earth-relative wind, rad:
         ``u = cos u_g + sin v_g``, ``v = -sin u_g + cos v_g``.
     lead_time : (n,) float
         h.
-    position_resolution, time_resolution, wind_speed_resolution, wind_direction_resolution
-        (aircraft,) float: degree, s, m s-1, degree; NaN where unknown.
+    position_resolution, time_resolution : (aircraft,) float
+        Steps of coded positions and times, degree, s; NaN where unknown.
+    wind_speed_resolution, wind_direction_resolution : (aircraft,) float
+        Steps of coded winds, m s-1, degree; NaN where unknown.
 
     Examples
     --------
@@ -147,13 +209,12 @@ class Frame:
     wind_direction_resolution: FloatArray
 
     def __repr__(self) -> str:
-        # Forty arrays printed would say nothing.
         flights = np.unique(self.flight).size
-        counted = f"{self.size:,} reports, {flights:,} flights, {len(self.tails)} aircraft"
-        if not self.size:
-            return f"<Frame: {counted}>"
-        ends = np.array([self.time.min(), self.time.max()]).astype("datetime64[s]")
-        return f"<Frame: {counted}, {' to '.join(np.datetime_as_string(ends, 'm'))}>"
+        text = f"{self.size:,} reports, {flights:,} flights, {len(self.tails)} aircraft"
+        if self.size:
+            ends = np.array([self.time.min(), self.time.max()]).astype("datetime64[s]")
+            text += f", {' to '.join(np.datetime_as_string(ends, 'm'))}"
+        return f"<Frame: {text}>"
 
     @property
     def size(self) -> int:
@@ -171,12 +232,12 @@ class Frame:
         return np.stack([self.u_rep - self.u_ref, self.v_rep - self.v_ref], axis=-1)
 
     def take(self, index: Picked) -> Frame:
-        """Take rows of the frame by integer index, slice or boolean mask, in the order given.
+        """Select reports by integer index, slice or boolean mask, in the given order.
 
         Parameters
         ----------
         index : array or slice
-            Anything that indexes a 1-D array.
+            Index of a 1-D array.
 
         Returns
         -------
@@ -186,7 +247,22 @@ class Frame:
         return replace(self, **{name: getattr(self, name)[index] for name in REPORT_FIELDS})
 
     def aircraft_mask(self, tails: str | Sequence[str]) -> NDArray[np.bool_]:
-        """Mark, (n,) bool, the reports that are of the aircraft named."""
+        """Mark the reports of the named aircraft.
+
+        Parameters
+        ----------
+        tails : str or sequence of str
+            Names of aircraft.
+
+        Returns
+        -------
+        (n,) bool
+
+        Raises
+        ------
+        InputError
+            An aircraft is not in the archive.
+        """
         wanted = [tails] if isinstance(tails, str) else list(tails)
         for tail in wanted:
             if tail not in self.tails:
@@ -199,14 +275,18 @@ class Frame:
         return np.isin(self.aircraft, [self.tails.index(tail) for tail in wanted])
 
     def step_distance(self) -> FloatArray:
-        """Return the great-circle distance from the row before, (n,) m; NaN at a flight's start.
+        """Compute the great-circle distance from the previous row.
 
-        Rows must be in order of aircraft, flight and time (as `from_headings` gives them).
+        Rows must be in order of aircraft, flight and time (as from `from_headings`).
+
+        Returns
+        -------
+        (n,) float
+            m; NaN at the first report of a flight.
         """
         lat, lon = np.radians(self.latitude), np.radians(self.longitude)
         out = np.full(self.size, np.nan)
         out[1:] = EARTH_RADIUS * central_angle(lat[:-1], lon[:-1], lat[1:], lon[1:])
-        # the way from one flight's end to the next one's beginning was not flown
         out[1:][self.flight[1:] != self.flight[:-1]] = np.nan
         return out
 
@@ -227,31 +307,58 @@ class Frame:
         Parameters
         ----------
         ds : xarray.Dataset
-            The headings product (dimensions ``report``, ``reference``, ``aircraft``); degrees.
+            The headings product (dimensions ``report``, ``reference``, ``aircraft``); degrees. A
+            lazy Dataset is computed in one pass.
         reference : str or sequence of str
             One reference, or the members of a pool (their mean is used where they exist).
         phases : sequence of str
-            Phases of flight kept; reports of unknown phase are kept with ``cruise``.
+            Phases of flight to keep; reports of unknown phase are kept with ``cruise``.
         excluded : sequence of str
             Names of screening bits whose reports are left out.
-        epoch, reference_field, meridian : float, optional
-            Constants of the whole archive (s since 1970, nT, middle longitude in degrees), to be
-            given when `ds` is a part of it; by default taken from `ds`.
+        epoch, reference_field : float, optional
+            Constants of the whole archive (s since 1970, nT), required when `ds` is a part of it;
+            by default computed from `ds`.
+        meridian : float, optional
+            Middle longitude of the whole archive, degrees. Longitudes are continuous within 180
+            degrees of it, also across the antimeridian. By default that of `ds`.
+
+        Returns
+        -------
+        Frame
 
         Raises
         ------
         InputError
-            The reference is unknown, or no report is left.
+            The reference or a phase is unknown, or no report is left.
         """
-        return _build(
-            cls,
-            ds,
-            reference,
-            phases,
-            excluded,
-            epoch=epoch,
-            reference_field=reference_field,
-            meridian=meridian,
+        for name in phases:
+            if name not in PHASE:
+                raise InputError("unknown phase", found=name, remedy=f"one of {', '.join(PHASE)}")
+        tails, values, screening = _read_columns(ds, reference, meridian)
+        codes = [PHASE[name] for name in phases]
+        keep = np.isin(values["phase"], [*codes, PHASE["unknown"]] if "cruise" in phases else codes)
+        keep &= (screening & sum(SCREENING[name] for name in excluded)) == 0
+        for name in _ESSENTIAL:
+            keep &= np.isfinite(values[name])
+        if not keep.any():
+            raise InputError(
+                "no report has a wind, a ground vector and a reference wind at once",
+                field="reports",
+                found=f"{keep.size} reports read",
+                remedy="check that reports and references overlap in time, space and level",
+            )
+        for name in REPORT_FIELDS:
+            values[name] = values[name][keep]
+        # computed from the kept reports only, since it depends on neighbours
+        motion = ("acceleration", "pressure", "phase", "flight", "time", "latitude", "longitude")
+        values["acceleration"] = acceleration_at_reports(*(values[name] for name in motion))
+        if epoch is None:  # drifts are counted from the first report in use
+            epoch = float(values["time"].min())
+        if reference_field is None:
+            field = values["horizontal_field"][np.isfinite(values["horizontal_field"])]
+            reference_field = float(np.median(field)) if field.size else DEFAULT_HORIZONTAL_FIELD
+        return cls(
+            tails=tails, epoch=float(epoch), reference_field=float(reference_field), **values
         )
 
 
@@ -260,54 +367,63 @@ REPORT_FIELDS: tuple[str, ...] = tuple(
     for f in fields(Frame)
     if f.name not in {"tails", "epoch", "reference_field", *AIRCRAFT_FIELDS}
 )
-"""Names of the fields that have one value per report."""
-
-_ESSENTIAL = ("u_rep", "v_rep", "u_ref", "v_ref", "ground_u", "ground_v", "heading", "airspeed")
+"""Names of the fields with one value per report."""
 
 
-def _kept_phases(phases: Sequence[str]) -> list[int]:
-    for name in phases:
-        if name not in PHASE:
-            raise InputError("unknown phase", found=name, remedy=f"one of {', '.join(PHASE)}")
-    codes = [PHASE[name] for name in phases]
-    return [*codes, PHASE["unknown"]] if "cruise" in phases else codes
+def _read_columns(
+    ds: xr.Dataset, reference: str | Sequence[str], meridian: float | None
+) -> tuple[tuple[str, ...], Columns, IntArray]:
+    """Return names of aircraft, fields of a frame, and screening bits (report,)."""
+    members = _members(ds, reference)
+    ds = ds[[name for name in _VARIABLES if name in ds]].compute()  # one pass over a lazy graph
+    tails = tuple(str(name) for name in ds["aircraft"].values)
+    values: Columns = {
+        "report": np.arange(ds.sizes["report"], dtype=np.int64),
+        "aircraft": np.repeat(np.arange(len(tails)), np.asarray(ds["row_size"].values)),
+        "flight": _codes(ds, "flight", 0),
+        "time": ds["time"].values.astype("datetime64[ns]").astype(np.int64) / 1e9,
+        "phase": _codes(ds, "phase", PHASE["unknown"]),
+        "icing": _codes(ds, "icing", -1),
+    }
+    for field, (name, angle) in (_PER_REPORT | _PER_REFERENCE).items():
+        column = np.full(ds.sizes["report"], np.nan)
+        if name in ds and "reference" in ds[name].dims:
+            column = member_mean(ds[name].isel(reference=members).astype(np.float64)).to_numpy()
+        elif name in ds:
+            column = np.asarray(ds[name].values, dtype=np.float64)
+        values[field] = np.radians(column) if angle else column
+    longitude = values["longitude"]
+    if meridian is None:  # direction of the mean of the longitudes as unit vectors
+        angle_sum = np.nansum(np.exp(1j * np.radians(longitude)))
+        meridian = float(np.degrees(np.angle(angle_sum)))
+    east = longitude - meridian
+    values["longitude"] = np.where(np.abs(east) > 180.0, meridian + wrap_degrees(east), longitude)
+    values["bank"] = bank_at_reports(
+        values["bank"],
+        _codes(ds, "roll_flag", ROLL["missing"]),
+        values["flight"],
+        values["time"],
+        latitude=values["latitude"],
+        longitude=values["longitude"],
+    )
+    for name in AIRCRAFT_FIELDS:
+        unknown = np.full(len(tails), np.nan)
+        values[name] = np.asarray(ds[name].values, np.float64) if name in ds else unknown
+    return tails, values, _codes(ds, "screening", 0)
 
 
-def _build(
-    cls: type[Frame],
-    ds: xr.Dataset,
-    reference: str | Sequence[str],
-    phases: Sequence[str],
-    excluded: Sequence[str],
-    *,
-    epoch: float | None,
-    reference_field: float | None,
-    meridian: float | None,
-) -> Frame:
-    tails, values, ds = headings_columns(ds, reference, meridian=meridian)
-    keep = np.isin(values["phase"], _kept_phases(phases))
-    for field in _ESSENTIAL:
-        keep &= np.isfinite(values[field])
-    if "screening" in ds:
-        mask = sum(SCREENING[name] for name in excluded)
-        keep &= (np.asarray(ds["screening"].values, dtype=np.int64) & mask) == 0
-    if not keep.any():
-        raise InputError(
-            "no report has a wind, a ground vector and a reference wind at once",
-            field="reports",
-            found=f"{keep.size} reports read",
-            remedy="check that reports and references overlap in time, space and level",
-        )
-    for name in REPORT_FIELDS:
-        values[name] = values[name][keep]
-    motion = ("acceleration", "pressure", "phase", "flight", "time", "latitude", "longitude")
-    # of the reports kept: it looks at neighbours, and one left out is none
-    values["acceleration"] = acceleration_at_reports(*(values[name] for name in motion))
-    # after what is left out: drifts count from the first report that is used
-    start = float(values["time"].min()) if epoch is None else float(epoch)
-    if reference_field is None:
-        field_values = values["horizontal_field"][np.isfinite(values["horizontal_field"])]
-        reference_field = (
-            float(np.median(field_values)) if field_values.size else DEFAULT_HORIZONTAL_FIELD
-        )
-    return cls(tails=tails, epoch=start, reference_field=float(reference_field), **values)
+def _codes(ds: xr.Dataset, name: str, missing: int) -> IntArray:
+    if name not in ds:
+        return np.full(ds.sizes["report"], missing, dtype=np.int64)
+    return np.asarray(ds[name].values, dtype=np.int64)
+
+
+def _members(ds: xr.Dataset, reference: str | Sequence[str]) -> list[int]:
+    known = [str(name) for name in np.atleast_1d(ds["reference"].values)]
+    wanted = [reference] if isinstance(reference, str) else list(reference)
+    if len(wanted) == 1 and wanted[0] not in known and "+" in wanted[0]:
+        wanted = wanted[0].split("+")
+    for name in wanted:
+        if name not in known:
+            raise InputError("unknown reference", found=name, remedy=f"one of {', '.join(known)}")
+    return [known.index(name) for name in wanted]

@@ -1,16 +1,16 @@
-"""What every report records, as variables a regression or a table may depend on.
+"""Variables of every report on which an error may depend.
 
-Assumptions: a variable is linear (cells between quantiles), circular (equal sectors) or a category.
-Headings and airspeeds are those a design column may stand on, so that they hold none of the
-residual's own noise; so are drift and ground speed (that of this airspeed in the reference wind:
-the one flown holds the true wind, hence the reference's error). The reported wind's direction and
-speed do hold it: what depends on them is judged against simulated reports, which have that
-dependence as well.
+Assumptions: a variable is linear (cells between quantiles), circular (equal sectors) or a
+category. Heading and airspeed are those of design columns, without the noise of the residual; so
+are drift angle and ground speed (computed from this airspeed in the reference wind, since the
+flown ground speed includes the error of the reference). Direction and speed of the reported wind
+include that noise: dependence on them is compared with simulated reports. A flight begins with its
+first report, and the track turns by less than half a circle between reports.
 
-Validity: a variable that is unknown in half the reports, or does not vary, is left out; a report
-that does not know it is in no cell.
+Validity: a variable that is unknown in half of the reports, or constant, is left out; a report
+with an unknown value is in no cell.
 
-Units: degrees, m/s, K, hPa, minutes, hours, days.
+Units: see :data:`UNITS`.
 """
 
 from __future__ import annotations
@@ -21,9 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from airswing.gap.archive.flight_time import flight_time
 from airswing.gap.archive.frame import Frame
-from airswing.gap.archive.recent_turns import last_turn, turn
 from airswing.physics.atmosphere import altitude_from_pressure
 from airswing.units import DAY, FOOT, ZERO_CELSIUS
 
@@ -53,11 +51,9 @@ KINDS: dict[str, tuple[str, int]] = {
     "icing": ("category", 2),
     "phase": ("category", 3),
 }
-#: Full turn of the circular variables.
+#: Period of the circular variables that are not angles.
 PERIOD = {"hour": 24.0}
-#: Variables that hold the noise of the report itself.
-OF_THE_REPORT = ("wind_direction", "wind_speed")
-#: Units in which curves are stated.
+#: Units of the variables.
 UNITS = {
     "magnetic_heading": "degree",
     "track": "degree",
@@ -80,79 +76,78 @@ UNITS = {
     "icing": "",
     "phase": "",
 }
-#: Part of the cells asked for that is worth having, and how many times fewer reports than a cell of
-#: equal shares holds do where most are alike.
-WORTH_CELLS, FEWER = 0.75, np.array([1.0, 0.7, 0.5, 0.35, 0.25, 0.18, 0.12, 0.08])
 CATEGORIES = {"icing": ("off", "on"), "phase": ("ascent", "cruise", "descent")}
+#: Share of the requested cells that is sufficient, and by how much the least number of reports of
+#: a cell is reduced, in turn, where most values are equal.
+SUFFICIENT, REDUCED = 0.75, np.array([1.0, 0.7, 0.5, 0.35, 0.25, 0.18, 0.12, 0.08])
+#: Time over which recent turns are summed, s; least change of track that is a turn, degrees.
+RECENT, LEAST_TURN = 120.0, 10.0
+#: Time after which reports of one flight number are not of one flight, minutes.
+LONGEST_FLIGHT = 1440.0
+#: Reports that a cell needs for a mean.
+REPORTS_OF_CELL = 30
 
 
 @dataclass(frozen=True)
 class Variable:
-    """One variable of every report."""
+    """Values of one variable at every report."""
 
-    # kind: ``linear``, ``circular`` or ``category``
     name: str
-    kind: str
-    values: Floats  # (n,): in its unit of :data:`UNITS`; categories by number; NaN where unknown
+    kind: str  # ``linear``, ``circular`` or ``category``
+    values: Floats  # (n,) in the unit of :data:`UNITS`; categories by number; NaN where unknown
 
     @property
     def period(self) -> float:
-        """Full turn of a circular variable."""
+        """Period of a circular variable."""
         return PERIOD.get(self.name, 360.0)
 
-    def edges(self, count: int) -> Floats:
-        """Edges of about this many cells, from the first to the last, (m + 1,)."""
+    def edges(self, number: int) -> Floats:
+        """Divide the range of the values into cells.
+
+        Parameters
+        ----------
+        number : int
+            Approximate number of cells.
+
+        Returns
+        -------
+        (m + 1,) float
+            Edges of the cells, from the lowest to the highest.
+        """
         if self.kind == "category":
             return np.asarray(np.arange(len(CATEGORIES[self.name]) + 1) - 0.5, np.float64)
         if self.kind == "circular":
-            return np.asarray(np.linspace(0.0, self.period, count + 1))
-        known = self.values[np.isfinite(self.values)]
-        inner = np.unique(np.quantile(known, np.arange(1, count) / count))
-        spread = float(np.ptp(known))
-        low, high = float(known.min()), float(known.max())
-        # a variable that mostly has one value puts several quantiles on it: they are one edge
-        inner = inner[(inner > low + 0.005 * spread) & (inner < high)]
+            return np.asarray(np.linspace(0.0, self.period, number + 1))
+        known = np.sort(self.values[np.isfinite(self.values)])
+        low, high = float(known[0]), float(known[-1])
+        width = 0.005 * (high - low)
+        inner = np.unique(np.quantile(known, np.arange(1, number) / number))
+        # several quantiles may be at one frequent value: they are one edge
+        inner = inner[(inner > low + width) & (inner < high)]
         if inner.size > 1:
-            inner = inner[np.r_[True, np.diff(inner) > 0.005 * spread]]
-        # where nearly all are alike (turns, banks) that leaves next to none: the rest is divided
-        if inner.size + 1 < WORTH_CELLS * count and spread > 0.0:
-            inner = _edges_of_few(np.sort(known), count, 0.005 * spread)
+            inner = inner[np.r_[True, np.diff(inner) > width]]
+        # where most values are equal (turns, banks), cells with fewer reports divide the others
+        if high > low:
+            for reports in REDUCED / number * known.size:
+                if inner.size + 1 >= SUFFICIENT * number:
+                    break
+                inner = _edges_upward(known, reports, width)
         return np.asarray(np.r_[low, inner, high], np.float64)
 
     def cells(self, edges: Floats) -> Integers:
-        """Cell of every report, (n,); -1 where the value is unknown."""
+        """Return the cell of every report, (n,); -1 where the value is unknown."""
         return cells_of(self.values, edges)
 
 
-def _edges_of_few(ordered: Floats, count: int, width: float) -> Floats:
-    """Inner edges of cells that hold fewer reports each, until there are about so many.
-
-    Parameters
-    ----------
-    ordered : (n,) float
-        Values in ascending order.
-    count : int
-        Cells wanted.
-    width : float
-        Least width of a cell.
-    """
-    inner = np.zeros(0)
-    for share in FEWER / count:
-        inner = _swept(ordered, share * ordered.size, width)
-        if inner.size + 1 >= WORTH_CELLS * count:
-            break
-    return inner
-
-
-def _swept(ordered: Floats, least: float, width: float) -> Floats:
-    """Inner edges of cells of this width and number of reports at least, from the lowest up."""
+def _edges_upward(ordered: Floats, least: float, width: float) -> Floats:
+    """Inner edges, from the lowest up, of cells with a least width and number of reports."""
     inner: list[float] = []
     edge, first = float(ordered[0]), 0
     while (place := first + int(np.ceil(least))) < ordered.size:
         place = max(place, int(np.searchsorted(ordered, edge + width)))
         if place >= ordered.size:
             break
-        # a value goes whole into the cell that it begins
+        # equal values are in one cell
         first = int(np.searchsorted(ordered, ordered[place]))
         if ordered[first] <= edge:
             first = int(np.searchsorted(ordered, edge, "right"))
@@ -164,37 +159,53 @@ def _swept(ordered: Floats, least: float, width: float) -> Floats:
 
 
 def cells_of(values: Floats, edges: Floats) -> Integers:
-    """Cell of every value between edges, (n,); the outer cells are open; -1 where NaN."""
+    """Assign values to cells.
+
+    Parameters
+    ----------
+    values : (n,) float
+        NaN where unknown.
+    edges : (m + 1,) float
+        Edges of the cells; the outer cells are open.
+
+    Returns
+    -------
+    (n,) int
+        Index of the cell; -1 where the value is unknown.
+    """
     cell = np.searchsorted(edges[1:-1], values, "right")
     return np.where(np.isfinite(values), cell, -1).astype(np.int64)
 
 
 def values_of(frame: Frame, quiet: Frame, name: str) -> Floats:
-    """Values of a variable; shape (n,).
+    """Compute the values of a variable.
 
     Parameters
     ----------
     frame : Frame
-        Reports as they are (or simulated).
+        Real or simulated reports.
     quiet : Frame
-        The same with heading and airspeed free of the residual's noise.
+        The same with heading and airspeed free of the noise of the residual.
+    name : str
+        Key of :data:`KINDS`.
+
+    Returns
+    -------
+    (n,) float
+        In the unit of :data:`UNITS`; NaN where unknown.
     """
-    if name == "wind_direction":
-        return np.asarray(np.mod(np.degrees(np.arctan2(-frame.u_rep, -frame.v_rep)), 360.0))
-    if name == "wind_speed":
-        return np.asarray(np.hypot(frame.u_rep, frame.v_rep))
-    if name == "altitude":
-        return np.asarray(altitude_from_pressure(frame.pressure)) / FOOT
     if name == "ground_speed":
         east = quiet.airspeed * np.sin(quiet.heading) + quiet.u_ref
         north = quiet.airspeed * np.cos(quiet.heading) + quiet.v_ref
         return np.asarray(np.hypot(east, north))
-    if name == "drift":
-        track = np.arctan2(frame.ground_u, frame.ground_v)
-        return np.asarray(np.degrees(np.angle(np.exp(1j * (track - quiet.heading)))))
+    track = np.arctan2(frame.ground_u, frame.ground_v)
     simple: dict[str, Callable[[], ArrayLike]] = {
-        "magnetic_heading": lambda: np.mod(np.degrees(quiet.magnetic_heading), 360.0),
-        "track": lambda: np.mod(np.degrees(np.arctan2(frame.ground_u, frame.ground_v)), 360.0),
+        "wind_direction": lambda: _positive_degrees(np.arctan2(-frame.u_rep, -frame.v_rep)),
+        "wind_speed": lambda: np.hypot(frame.u_rep, frame.v_rep),
+        "altitude": lambda: altitude_from_pressure(frame.pressure) / FOOT,
+        "drift": lambda: np.degrees(np.angle(np.exp(1j * (track - quiet.heading)))),
+        "magnetic_heading": lambda: _positive_degrees(quiet.magnetic_heading),
+        "track": lambda: _positive_degrees(track),
         "hour": lambda: np.mod(frame.time / 3600.0, 24.0),
         "airspeed": lambda: quiet.airspeed,
         "latitude": lambda: frame.latitude,
@@ -202,7 +213,7 @@ def values_of(frame: Frame, quiet: Frame, name: str) -> Floats:
         "temperature": lambda: frame.temperature - ZERO_CELSIUS,
         "bank": lambda: np.degrees(frame.bank),
         "acceleration": lambda: frame.acceleration,
-        "turn": lambda: turn(frame),
+        "turn": lambda: recent_turn(frame),
         "last_turn": lambda: last_turn(frame),
         "flight_time": lambda: flight_time(frame),
         "date": lambda: (frame.time - frame.epoch) / DAY,
@@ -212,8 +223,12 @@ def values_of(frame: Frame, quiet: Frame, name: str) -> Floats:
     return np.asarray(simple[name](), np.float64)
 
 
+def _positive_degrees(angle: Floats) -> Floats:
+    return np.asarray(np.mod(np.degrees(angle), 360.0))
+
+
 def record(frame: Frame, quiet: Frame) -> dict[str, Variable]:
-    """Variables that are known and vary.
+    """Compute the variables that are known and vary.
 
     Parameters
     ----------
@@ -226,15 +241,53 @@ def record(frame: Frame, quiet: Frame) -> dict[str, Variable]:
         Name -> variable.
     """
     out = {}
-    for name in KINDS:
-        values = values_of(frame, quiet, name)
-        known = values[np.isfinite(values)]
-        if known.size < 0.5 * values.size or known.size == 0:
+    for name, (kind, number) in KINDS.items():
+        variable = Variable(name, kind, values_of(frame, quiet, name))
+        known = int(np.isfinite(variable.values).sum())
+        if known == 0 or known < 0.5 * variable.values.size:
             continue
-        variable = Variable(name, KINDS[name][0], values)
-        edges = variable.edges(KINDS[name][1])
-        counts = np.bincount(variable.cells(edges) + 1, minlength=edges.size)[1:]
-        # two cells at least must hold reports enough for a mean of their own
-        if (counts >= 30).sum() >= 2:
+        cells = variable.cells(variable.edges(number))
+        if (np.bincount(cells[cells >= 0]) >= REPORTS_OF_CELL).sum() >= 2:
             out[name] = variable
     return out
+
+
+def flight_time(frame: Frame) -> Floats:
+    """Return the time since the first report of the flight, (n,) minutes; NaN after a day."""
+    numbers, index = np.unique(frame.flight, return_inverse=True)
+    start = np.full(numbers.size, np.inf)
+    np.minimum.at(start, index, frame.time)
+    minutes = (frame.time - start[index]) / 60.0
+    return np.asarray(np.where(minutes <= LONGEST_FLIGHT, minutes, np.nan))
+
+
+def recent_turn(frame: Frame) -> Floats:
+    """Return the change of track over the last two minutes, (n,) degrees."""
+    order, begins, track = _tracks(frame)
+    out = np.zeros(order.size)
+    if order.size:
+        # flights one after the other on one axis of time, for one interpolation
+        gap = float(np.ptp(frame.time)) + 2 * RECENT
+        place = frame.time[order] - frame.time.min() + np.cumsum(begins) * gap
+        start = place[np.maximum.accumulate(np.where(begins, np.arange(order.size), 0))]
+        before = np.interp(np.maximum(place - RECENT, start), place, track)
+        out[order] = track - before
+    return out
+
+
+def last_turn(frame: Frame) -> Floats:
+    """Return the last turn between two reports, (n,) degrees; 0 before the first of a flight."""
+    order, begins, track = _tracks(frame)
+    step = np.where(begins, 0.0, np.diff(track, prepend=track[:1]))
+    turns = begins | (np.abs(step) >= LEAST_TURN)
+    out = np.zeros(order.size)
+    out[order] = step[np.maximum.accumulate(np.where(turns, np.arange(order.size), 0))]
+    return out
+
+
+def _tracks(frame: Frame) -> tuple[Integers, NDArray[np.bool_], Floats]:
+    """Rows by flight and time, first reports of flights, and unwrapped tracks, degrees."""
+    order = np.lexsort((frame.time, frame.flight))
+    begins = np.r_[True, np.diff(frame.flight[order]) != 0][: order.size]
+    track = np.arctan2(frame.ground_u, frame.ground_v)[order]
+    return order, begins, np.degrees(np.unwrap(track))

@@ -1,49 +1,43 @@
-"""Reports that a diagnosis keeps in memory: all of them, or whole flights drawn evenly.
+"""Sampling of whole flights from archives that are too large for a diagnosis in memory.
 
-The model holds its whitened columns in memory, 2.7 kB a report each; an archive with more than
-`MOST` reports is represented by whole flights, drawn by a hash of the flight's number (the same
-whatever the order of reading), so that errors along a flight keep their neighbours.
+The model keeps its whitened columns in memory, 2.7 kB for each report. An archive with more than
+`MOST` reports is represented by whole flights, so that errors along a flight remain correlated.
+They are drawn by a hash of the flight number, independent of the order of reading.
 """
 
 from __future__ import annotations
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from airswing.products.ragged import blocks, joined, some_reports
 
-#: Reports held in memory, about: 0.5 GB of columns.
 MOST = 150_000
-_FACTOR, _WHOLE = 2654435761, 2**32
+"""Approximate number of reports in memory: 0.5 GB of columns."""
+_FACTOR, _RANGE = 2654435761, 2**32
 """Multiplicative hash (Knuth, The Art of Computer Programming, 6.4)."""
 
 
 def sampled(headings: xr.Dataset, most: int = MOST) -> xr.Dataset:
-    """Whole flights of a headings Dataset, about ``most`` reports; all where it holds no more.
+    """Draw whole flights of a headings Dataset.
 
     Parameters
     ----------
     headings : Dataset
         Ragged headings, in memory or opened lazily.
     most : int
-        Reports to keep, about.
+        Approximate number of reports to keep.
 
     Returns
     -------
     Dataset
-        In memory where it was sampled.
+        The same where it has no more than `most` reports, otherwise a sample in memory.
     """
     total = headings.sizes["report"]
     if total <= most or "flight" not in headings:
         return headings
-    share = most / total
     parts = []
     for block in blocks(headings):
-        number = np.asarray(block["flight"].to_numpy(), np.int64)
-        parts.append(some_reports(block, _drawn(number, share)))
+        hashed = np.asarray(block["flight"].to_numpy(), np.int64) * _FACTOR % _RANGE
+        parts.append(some_reports(block, hashed < most / total * _RANGE))
     return joined(parts)
-
-
-def _drawn(flight: NDArray[np.int64], share: float) -> NDArray[np.bool_]:
-    return np.asarray((flight * _FACTOR) % _WHOLE < share * _WHOLE)

@@ -1,1 +1,1 @@
-"""What a diagnosis rests on, each with a check made on the archive at hand."""
+"""Checks of the assumptions of a diagnosis, each on the archive at hand."""

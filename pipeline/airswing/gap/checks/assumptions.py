@@ -1,8 +1,28 @@
-"""The assumptions a diagnosis rests on, each with a check on the archive at hand.
+"""Checks of the assumptions of a diagnosis on the archive at hand.
 
-Every check is made after the search, on what it left, and changes no claim; a check that fails says
-which intervals and claims deserve doubt. Limits are of practical size, not of significance: with
-100,000 reports every model is significantly wrong.
+All checks are made after the search, on the residual of the model, and change no claim; a failed
+check shows which intervals and claims are doubtful. Limits are of practical size, not of
+significance: with 100,000 reports every model is significantly wrong.
+
+* Calibration: given the earlier reports of its flight, a held-out residual is normal with the mean
+  and standard deviation of the one-step prediction of :mod:`airswing.gap.noise.whitening`, u and v
+  independent. Held-out means that the effects were fitted to other days. PIT histogram, CRPS and
+  the correlation of neighbours test this.
+* A classifier is trained to separate held-out flights from simulated flights (unit noise after
+  whitening). It detects dependence on heading, level or the rest of the flight, which the PIT
+  histogram does not.
+* Placebo: a compass deviation of one cycle in the magnetic heading of *another* flight, drawn for
+  each flight, report by report. Its columns have the size, spread and correlation along the flight
+  of a real deviation. It is fitted to each aircraft on some days and removed on the others. The
+  reduction where it was fitted is due to chance; the reduction on the other days measures the
+  chance part of the closure of this archive.
+* Aliases: pairs of effects whose whitened columns share energy on these flights.
+
+Validity: gross errors are left out. Standard errors and intervals count days, not reports.
+
+Source: Gneiting, Balabdaoui and Raftery (2007), J. R. Stat. Soc. B 69, 243-268 (PIT, CRPS of the
+normal distribution); Lopez-Paz and Oquab (2017) (two-sample classifier); Hanley and McNeil (1982)
+(area under the curve as the Mann-Whitney statistic).
 """
 
 from __future__ import annotations
@@ -11,22 +31,34 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import mannwhitneyu, norm
 
-from airswing.gap.checks.calibration import BINS, Calibration, calibrate
-from airswing.gap.checks.negative_control import Placebo, fitted_placebo
+from airswing.gap.archive.frame import Frame
+from airswing.gap.design.weather import unit_vectors
 from airswing.gap.effects import separated_by
-from airswing.gap.model.closure import Closure
+from airswing.gap.model.closure import Closure, day_interval
 from airswing.gap.model.passes import Fitted
 from airswing.gap.model.refit import fold_of_day
 from airswing.gap.model.terms import Term
 from airswing.gap.noise.model import NoiseFit
-from airswing.gap.result.schema import AliasEntry, AssumptionEntry, CalibrationPair, DecoyEntry
+from airswing.gap.noise.whitening import whiten
+from airswing.gap.result.schema import (
+    AliasEntry,
+    AssumptionEntry,
+    CalibrationEntry,
+    CalibrationPair,
+    DecoyEntry,
+)
+from airswing.physics.robust_spread import robust_sd
+from airswing.units import KNOT, NORMAL_95
 
 Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Booleans = NDArray[np.bool_]
 
 #: Limits of practical size: misfit of the autocovariance as a share of the variance; deviation of
-#: the whitened spread from 1 and of a PIT bin from its share; correlation of neighbours; area under
-#: the classifier's curve; share of reports set aside; noise factor of single aircraft.
+#: the whitened spread from 1; deviation of a PIT bin from its share; correlation of neighbours;
+#: area under the classifier's curve; share of gross errors; noise factor of daily scores.
 LIMITS = {
     "autocovariance": 0.1,
     "spread": 0.1,
@@ -36,13 +68,23 @@ LIMITS = {
     "gross": 0.02,
     "factor": 2.0,
 }
-#: Share of energy in common from which two effects are listed.
+#: Share of common energy from which two effects are listed as aliases.
 LISTED = 0.8
+#: Bins of the PIT histogram.
+BINS = 20
+#: Parts of the flights for the cross-validation of the classifier.
+PARTS = 4
+#: Prior standard deviation of the placebo's coefficients, that of a deviation, rad.
+PLACEBO_PRIOR = np.radians(2.0)
+#: Placebos over which the reduction is averaged.
+PLACEBO_DRAWS = 4
+#: Reduction by a placebo that counts as none, kt.
+NEGLIGIBLE_KT = 0.01
 
 
 @dataclass(frozen=True)
 class Checks:
-    """Entries of gap.json on what a diagnosis rests on."""
+    """Entries of gap.json on the assumptions of a diagnosis."""
 
     calibration: CalibrationPair
     decoy: DecoyEntry
@@ -53,187 +95,516 @@ class Checks:
 def run_checks(
     fitted: Fitted, closure: Closure, *, seed: int = 0
 ) -> tuple[Checks, dict[str, tuple[str, object]]]:
-    """Check what a diagnosis rests on.
+    """Check the assumptions of a diagnosis.
+
+    Parameters
+    ----------
+    fitted : Fitted
+        The fitted model.
+    closure : Closure
+        Held-out residual of all stated effects.
+    seed : int
+        Seed of simulated flights and placebos.
 
     Returns
     -------
     checks : Checks
-        Fields of `GapReport`.
+        Entries of gap.json.
     histograms : dict
         Variables of gap.nc.
     """
     sums, noise = fitted.model.sums, fitted.noise
     fold = fold_of_day(sums.D)
-    steady = _held_out_climatology(fitted, fold)
-    after, before = (
-        calibrate(fitted.frame, residual - steady, noise=noise, day=sums.day, seed=seed)
+    climatology = _held_out_climatology(fitted, fold)
+    (after, pit_after), (before, pit_before) = (
+        calibrate(fitted.frame, residual - climatology, noise=noise, day=sums.day, seed=seed)
         for residual in (closure.residual, fitted.frame.residual)
     )
-    placebo = fitted_placebo(
+    placebo = fit_placebo(
         fitted.frame, closure.residual, noise=noise, day=sums.day, fold=fold[sums.day], seed=seed
     )
+    gross = float(noise.gross.mean())
+    kappa = fitted.model.kappa
     rows = [
-        _noise_row(noise),
-        _calibration_row(after),
-        _neighbours_row(after),
-        _classifier_row(after),
-        _gross_row(noise),
-        _factor_row(fitted),
-        _placebo_row(placebo),
+        _autocovariance_check(noise),
+        *_calibration_checks(after, pit_after),
+        AssumptionEntry(
+            "gross errors are few and do not influence the fit",
+            "reports that differ from both neighbours by five standard deviations",
+            f"{100 * gross:.2f} % set aside",
+            gross < LIMITS["gross"],
+        ),
+        AssumptionEntry(
+            "days are independent enough",
+            "scatter of daily scores over that of independent reports",
+            f"factor {kappa:.1f}, by which the noise variance is multiplied",
+            kappa < LIMITS["factor"],
+        ),
+        _placebo_check(placebo),
     ]
-    checks = Checks(
-        CalibrationPair(after.entry(), before.entry()), placebo.entry(), aliases(fitted), rows
-    )
-    histograms: dict[str, tuple[str, object]] = {
+    checks = Checks(CalibrationPair(after, before), placebo, aliases(fitted), rows)
+    return checks, {
         "pit_bin": ("pit_bin", np.arange(BINS) / BINS),
-        "pit_count": ("pit_bin", after.pit_count.astype(np.int32)),
-        "pit_count_before": ("pit_bin", before.pit_count.astype(np.int32)),
+        "pit_count": ("pit_bin", pit_after.astype(np.int32)),
+        "pit_count_before": ("pit_bin", pit_before.astype(np.int32)),
     }
-    return checks, histograms
 
 
-def _held_out_climatology(fitted: Fitted, fold: NDArray[np.int64]) -> Floats:
-    """The reference's climatology as fitted to other days, (n, 2) m/s."""
+def _held_out_climatology(fitted: Fitted, fold: Integers) -> Floats:
+    """Climatology of the reference as fitted to other days, (n, 2) m s-1."""
     model, sums = fitted.model, fitted.model.sums
-    width = model.base.group.size
-    theta = fitted.exact.by_fold[:, :width] @ model.base.group.transform.T
-    columns = sums.candidates.raw(model.base.group.columns)
+    group = model.base.group
+    theta = fitted.exact.by_fold[:, : group.size] @ group.transform.T
+    columns = sums.candidates.raw(group.columns)
     return np.asarray(np.einsum("ncq,nq->nc", columns, theta[fold[sums.day]]))
 
 
-def aliases(fitted: Fitted) -> list[AliasEntry]:
-    """Pairs of effects whose whitened columns share energy on these flights.
-
-    The share of an effect's energy that another copies, tr(T' G_12 G_22^-1 G_21 T) / tr(T' G_11 T),
-    on the aircraft of the effect; day fields eliminated and climatology projected out.
-    """
-    sums = fitted.model.sums
-    found = [t for t in fitted.terms if t.group.named and not t.start]
-    names = [g for g in sums.candidates.groups if g.kind == "name"]
-    out: dict[tuple[str, str], float] = {}
-    for term in found:
-        own = _rows(fitted, term)
-        total = float((own * own).sum())
-        for group in names:
-            if group.name == term.group.name:
-                continue
-            other = _rows(fitted, Term(group, term.scope, term.tails, 1.0))
-            share = sum(
-                _copied(own[rows], other[rows]) for rows in (sums.rows_of(a) for a in term.tails)
-            ) / max(total, 1e-12)
-            key = (term.group.name, group.name)
-            out[key] = max(share, out.get(key, 0.0))
-    return [
-        AliasEntry(a, b, float(share), separated_by(a, b))
-        for (a, b), share in sorted(out.items(), key=lambda item: -item[1])
-        if share >= LISTED
-    ]
-
-
-def _rows(fitted: Fitted, term: Term) -> Floats:
-    sums = fitted.model.sums
-    rows = sums.rows[:, term.group.columns] @ term.group.transform.astype(np.float32)
-    return np.asarray(rows, np.float64)
-
-
-def _copied(own: Floats, other: Floats) -> float:
-    """Energy of the first columns that the second ones copy."""
-    if not own.size:
-        return 0.0
-    gram = other.T @ other
-    ridge = 1e-6 * np.trace(gram) * np.eye(len(gram)) + 1e-12 * np.eye(len(gram))
-    cross = other.T @ own
-    return float((cross * np.linalg.solve(gram + ridge, cross)).sum())
-
-
-def _noise_row(noise: NoiseFit) -> AssumptionEntry:
-    there = np.isfinite(noise.autocovariance) & (noise.pair_count > 100)
-    misfit = np.abs(noise.autocovariance - noise.autocovariance_model)[there]
+# ------------------------------------------------------------------------------------- entries
+def _autocovariance_check(noise: NoiseFit) -> AssumptionEntry:
+    known = np.isfinite(noise.autocovariance) & (noise.pair_count > 100)
+    misfit = np.abs(noise.autocovariance - noise.autocovariance_model)[known]
     text, worst = "too few pairs of reports", float("nan")
     if misfit.size and noise.autocovariance_model[0] > 0:
         worst = float(misfit.max() / noise.autocovariance_model[0])
-        at = float(noise.distance_km[there][int(misfit.argmax())])
-        text = f"largest misfit {100 * worst:.0f} % of the variance, at {at:.0f} km"
+        distance = float(noise.distance_km[known][int(misfit.argmax())])
+        text = f"largest misfit {100 * worst:.0f} % of the variance, at {distance:.0f} km"
     return AssumptionEntry(
-        "errors along a flight fall off with distance as the noise model says",
+        "the correlation of errors along a flight follows the noise model",
         "autocovariance against distance",
         text,
         bool(worst < LIMITS["autocovariance"]),
     )
 
 
-def _calibration_row(after: Calibration) -> AssumptionEntry:
-    text, ok = "too few held-out reports", False
+def _calibration_checks(after: CalibrationEntry, pit: Integers) -> list[AssumptionEntry]:
+    size, neighbours, classifier = (
+        "too few held-out reports",
+        "too few neighbours",
+        "too few flights",
+    )
+    calibrated = False
     if np.isfinite(after.spread):
-        share = after.pit_count * after.pit_count.size / max(int(after.pit_count.sum()), 1)
-        worst = float(np.abs(share - 1).max())
-        text = (
+        worst = float(np.abs(pit * pit.size / max(int(pit.sum()), 1) - 1).max())
+        size = (
             f"spread {after.spread:.2f} of the predicted, largest deviation of a PIT bin "
             f"{100 * worst:.0f} %, CRPS {after.crps_m_s:.2f} m/s "
             f"({after.crps_expected_m_s:.2f} m/s expected)"
         )
-        ok = abs(after.spread - 1) < LIMITS["spread"] and worst < LIMITS["pit"]
-    return AssumptionEntry(
-        "the error predicted for a report has the right size and shape",
-        "PIT and CRPS of held-out reports",
-        text,
-        bool(ok),
-    )
-
-
-def _neighbours_row(after: Calibration) -> AssumptionEntry:
-    text = "too few neighbours"
+        calibrated = abs(after.spread - 1) < LIMITS["spread"] and worst < LIMITS["pit"]
     if np.isfinite(after.lag_one):
-        text = f"{after.lag_one:.3f} ± {1.96 * after.lag_one_standard_error:.3f}"
-    return AssumptionEntry(
-        "neighbours on a flight are independent after whitening",
-        "correlation of whitened held-out residuals at lag 1",
-        text,
-        bool(abs(after.lag_one) < LIMITS["lag_one"]),
-    )
-
-
-def _classifier_row(after: Calibration) -> AssumptionEntry:
-    text = "too few flights"
+        neighbours = f"{after.lag_one:.3f} ± {NORMAL_95 * after.lag_one_standard_error:.3f}"
     if np.isfinite(after.auc):
-        error = 1.96 * after.auc_standard_error
-        text = f"area under the curve {after.auc:.2f} ± {error:.2f} (0.5: no difference)"
-    return AssumptionEntry(
-        "real flights cannot be distinguished from flights of the improved simulation",
-        "linear classifier, judged on flights it was not trained on",
-        text,
-        bool(after.auc < LIMITS["auc"]),
+        error = NORMAL_95 * after.auc_standard_error
+        classifier = f"area under the curve {after.auc:.2f} ± {error:.2f} (0.5: no difference)"
+    return [
+        AssumptionEntry(
+            "the error predicted for a report has the right size and shape",
+            "PIT and CRPS of held-out reports",
+            size,
+            bool(calibrated),
+        ),
+        AssumptionEntry(
+            "neighbours on a flight are independent after whitening",
+            "correlation of whitened held-out residuals at lag 1",
+            neighbours,
+            bool(abs(after.lag_one) < LIMITS["lag_one"]),
+        ),
+        AssumptionEntry(
+            "real flights cannot be distinguished from flights of the improved simulation",
+            "linear classifier, evaluated on flights on which it was not trained",
+            classifier,
+            bool(after.auc < LIMITS["auc"]),
+        ),
+    ]
+
+
+def _placebo_check(placebo: DecoyEntry) -> AssumptionEntry:
+    held_out, fitted, low, high = (
+        round(kt, 3) + 0.0
+        for kt in (
+            placebo.reduction_kt,
+            placebo.reduction_where_fitted_kt,
+            *placebo.reduction_ci_kt,
+        )
     )
-
-
-def _gross_row(noise: NoiseFit) -> AssumptionEntry:
-    share = float(noise.gross.mean())
     return AssumptionEntry(
-        "gross errors are few and do not steer the fit",
-        "reports that differ from both neighbours by five standard deviations",
-        f"{100 * share:.2f} % set aside",
-        share < LIMITS["gross"],
-    )
-
-
-def _factor_row(fitted: Fitted) -> AssumptionEntry:
-    kappa = fitted.model.kappa
-    return AssumptionEntry(
-        "days are independent enough",
-        "scatter of daily scores over that of independent reports",
-        f"factor {kappa:.1f}, by which the noise variance is multiplied",
-        kappa < LIMITS["factor"],
-    )
-
-
-def _placebo_row(placebo: Placebo) -> AssumptionEntry:
-    held, fitted, low, high = (
-        round(kt, 3) + 0.0 for kt in (placebo.held_out, placebo.fitted, *placebo.held_out_ci)
-    )
-    return AssumptionEntry(
-        "an effect that cannot be at work closes nothing on held-out flights",
+        "an effect that cannot exist closes nothing on held-out flights",
         "a placebo, the deviation evaluated at the headings of other flights",
-        f"closes {held:+.3f} kt [{low:+.3f}, {high:+.3f}] on held-out flights "
+        f"closes {held_out:+.3f} kt [{low:+.3f}, {high:+.3f}] on held-out flights "
         f"({fitted:+.3f} where it was fitted)",
         placebo.closes_nothing,
     )
+
+
+# ------------------------------------------------------------------------------------- aliases
+def aliases(fitted: Fitted) -> list[AliasEntry]:
+    """List pairs of effects whose whitened columns share energy on these flights.
+
+    The shared energy of an effect is tr(T' G_12 G_22^-1 G_21 T) / tr(T' G_11 T) over the aircraft
+    of the effect; day fields are eliminated and the climatology is projected out.
+
+    Parameters
+    ----------
+    fitted : Fitted
+        The fitted model.
+
+    Returns
+    -------
+    list of AliasEntry
+        In order of decreasing share.
+    """
+    sums = fitted.model.sums
+    shares: dict[tuple[str, str], float] = {}
+    for term in fitted.terms:
+        if not term.group.named or term.start:
+            continue
+        columns = _whitened_columns(fitted, term)
+        total = max(float((columns * columns).sum()), 1e-12)
+        for group in sums.candidates.groups:
+            if group.kind != "name" or group.name == term.group.name:
+                continue
+            other = _whitened_columns(fitted, Term(group, term.scope, term.tails, 1.0))
+            rows = [sums.rows_of(a) for a in term.tails]
+            energy = sum(_shared_energy(columns[part], other[part]) for part in rows)
+            key = (term.group.name, group.name)
+            shares[key] = max(energy / total, shares.get(key, 0.0))
+    return [
+        AliasEntry(effect, other, float(share), separated_by(effect, other))
+        for (effect, other), share in sorted(shares.items(), key=lambda item: -item[1])
+        if share >= LISTED
+    ]
+
+
+def _whitened_columns(fitted: Fitted, term: Term) -> Floats:
+    columns = fitted.model.sums.rows[:, term.group.columns]
+    return np.asarray(columns @ term.group.transform.astype(np.float32), np.float64)
+
+
+def _shared_energy(columns: Floats, other: Floats) -> float:
+    if not columns.size:
+        return 0.0
+    gram, cross = other.T @ other, other.T @ columns
+    ridge = (1e-6 * np.trace(gram) + 1e-12) * np.eye(len(gram))
+    return float((cross * np.linalg.solve(gram + ridge, cross)).sum())
+
+
+# --------------------------------------------------------------------------------- calibration
+def calibrate(
+    frame: Frame, residual: Floats, *, noise: NoiseFit, day: Integers, seed: int = 0
+) -> tuple[CalibrationEntry, Integers]:
+    """Compare held-out residuals with the noise model that predicts them.
+
+    Parameters
+    ----------
+    frame : Frame
+        The n reports.
+    residual : (n, 2) float
+        Held-out residuals, m s-1.
+    noise : NoiseFit
+        The noise model and its gains.
+    day : (n,) int
+        Day of each report's flight.
+    seed : int
+        Seed of the simulated flights and of the parts of the classifier.
+
+    Returns
+    -------
+    entry : CalibrationEntry
+        CRPS and its expectation where the prediction is correct (m s-1), standard deviation of the
+        whitened residual (1 where correct), correlation of neighbours (0 where correct), and area
+        under the curve of the classifier (0.5 where correct), with standard errors.
+    pit : (BINS,) int
+        PIT histogram.
+    """
+    rng = np.random.default_rng(seed)
+    real = np.asarray(whiten(residual, noise.order, noise.gains))
+    kept = noise.gains.weight > 0
+    simulated: Floats = rng.normal(size=(real.shape[0], 2))
+    values = real[kept]
+    sd = 1.0 / (noise.gains.weight[kept] * noise.gains.scale[kept])
+    lag, lag_error = lag_one(real, kept, frame.flight, frame.time, day)
+    auc, auc_error = two_sample(
+        flight_features(frame, real, kept), flight_features(frame, simulated, kept), rng
+    )
+    entry = CalibrationEntry(
+        crps_m_s=float(crps_normal(values, sd[:, None]).mean()),
+        crps_expected_m_s=float(sd.mean() / np.sqrt(np.pi)),
+        spread=float(np.sqrt(np.mean(values**2))),
+        lag_one=lag,
+        lag_one_standard_error=lag_error,
+        auc=auc,
+        auc_standard_error=auc_error,
+    )
+    return entry, pit_histogram(values)
+
+
+def pit_histogram(values: Floats) -> Integers:
+    """Count standardised values in bins of equal predicted probability.
+
+    Parameters
+    ----------
+    values : (...) float
+        Values of unit variance where the prediction is correct.
+
+    Returns
+    -------
+    (BINS,) int
+    """
+    where = np.clip((norm.cdf(values) * BINS).astype(np.int64), 0, BINS - 1)
+    return np.bincount(where.ravel(), minlength=BINS)
+
+
+def crps_normal(values: Floats, sd: Floats) -> Floats:
+    """Compute the continuous ranked probability score of a normal prediction.
+
+    Parameters
+    ----------
+    values : (...) float
+        Departures from the mean in standard deviations.
+    sd : (...) float
+        Standard deviation of the prediction.
+
+    Returns
+    -------
+    (...) float
+        In the unit of ``sd``.
+    """
+    score = values * (2 * norm.cdf(values) - 1) + 2 * norm.pdf(values) - 1 / np.sqrt(np.pi)
+    return np.asarray(sd * score)
+
+
+def lag_one(
+    values: Floats, kept: Booleans, flight: Integers, time: Floats, day: Integers
+) -> tuple[float, float]:
+    """Compute the correlation of neighbours on a flight, and its standard error over days.
+
+    Parameters
+    ----------
+    values : (n, 2) float
+        Whitened residuals.
+    kept : (n,) bool
+        False: the report is left out.
+    flight, day : (n,) int
+        Flight and day of each report.
+    time : (n,) float
+        s.
+
+    Returns
+    -------
+    correlation, standard_error : float
+        NaN without neighbours.
+    """
+    order = np.lexsort((time, flight))
+    order = order[kept[order]]
+    same = flight[order[:-1]] == flight[order[1:]]
+    before, after = order[:-1][same], order[1:][same]
+    product = (values[before] * values[after]).sum(axis=1)
+    power = 0.5 * (values[before] ** 2 + values[after] ** 2).sum(axis=1)
+    if before.size < 2 or power.sum() <= 0.0:
+        return float("nan"), float("nan")
+    _, index = np.unique(day[after], return_inverse=True)
+    daily_product, daily_power = np.bincount(index, product), np.bincount(index, power)
+    ratio = daily_product.sum() / daily_power.sum()
+    scatter = np.sqrt(((daily_product - ratio * daily_power) ** 2).sum())
+    return float(ratio), float(scatter / daily_power.sum())
+
+
+def flight_features(frame: Frame, values: Floats, kept: Booleans) -> Floats:
+    """Compute the features of every flight with five reports or more for the classifier.
+
+    Parameters
+    ----------
+    frame : Frame
+        The n reports.
+    values : (n, 2) float
+        Whitened residuals (u, v).
+    kept : (n,) bool
+        False: the report is left out.
+
+    Returns
+    -------
+    (f, k) float
+        Sums divided by the root of the number of reports: u, v, components across and along the
+        heading, these times sine and cosine of the magnetic heading; their squares; energy;
+        product of neighbours.
+    """
+    index = np.lexsort((frame.time, frame.flight))
+    index = index[kept[index]]
+    _, number, reports = np.unique(frame.flight[index], return_inverse=True, return_counts=True)
+    vectors = values[index]
+    sine, cosine = (f(frame.magnetic_heading[index]) for f in (np.sin, np.cos))
+    sides = [(vectors * axis).sum(axis=1) for axis in unit_vectors(frame.heading[index])]
+    parts = [*vectors.T, *sides, *(side * f for side in sides for f in (sine, cosine))]
+    neighbour = np.zeros(index.size)
+    same = number[1:] == number[:-1]
+    neighbour[1:][same] = (vectors[1:] * vectors[:-1]).sum(axis=1)[same]
+    root = np.sqrt(reports)
+    means = np.stack([np.bincount(number, np.nan_to_num(part)) / root for part in parts], -1)
+    energy = np.bincount(number, (vectors**2).sum(axis=1) - 2.0) / root
+    linked = np.bincount(number, neighbour) / root
+    return np.asarray(np.column_stack([means, means**2, energy, linked])[reports >= 5])
+
+
+def two_sample(real: Floats, simulated: Floats, rng: np.random.Generator) -> tuple[float, float]:
+    """Compute the cross-validated area under the curve of a linear discriminant.
+
+    Parameters
+    ----------
+    real, simulated : (f, k) float
+        Features by flight; row i of both is the same flight and is in the same part.
+    rng : numpy.random.Generator
+        For the assignment of flights to parts.
+
+    Returns
+    -------
+    auc, standard_error : float
+        NaN with fewer than 8 flights in a part.
+    """
+    number = real.shape[0]
+    if number < 8 * PARTS:
+        return float("nan"), float("nan")
+    part = rng.permutation(np.arange(number) % PARTS)
+    areas = []
+    for p in range(PARTS):
+        weights = discriminant(real[part != p], simulated[part != p])
+        areas.append(area(real[part == p] @ weights, simulated[part == p] @ weights))
+    # standard error of the rank sum of two samples of one distribution (Mann and Whitney 1947)
+    return float(np.mean(areas)), float(np.sqrt((2 * number + 1) / (12.0 * number**2)))
+
+
+def discriminant(first: Floats, second: Floats) -> Floats:
+    """Compute Fisher's linear discriminant, with features clipped at 5 robust sd.
+
+    Parameters
+    ----------
+    first, second : (f, k) float
+        Features of two samples.
+
+    Returns
+    -------
+    (k,) float
+        Weights of the features.
+    """
+    both = np.vstack([first, second])
+    scale = np.array([robust_sd(feature) for feature in both.T]) + 1e-9  # constant features
+    middle = np.median(both, axis=0)
+    low, high = middle - 5.0 * scale, middle + 5.0 * scale
+    one, two = (np.clip(sample, low, high) / scale for sample in (first, second))
+    spread = np.cov(one.T) + np.cov(two.T) + 0.02 * np.eye(scale.size)
+    return np.asarray(np.linalg.solve(spread, one.mean(axis=0) - two.mean(axis=0)) / scale)
+
+
+def area(first: Floats, second: Floats) -> float:
+    """Return the probability that a value of the first sample exceeds one of the second."""
+    return float(mannwhitneyu(first, second).statistic / (first.size * second.size))
+
+
+# ------------------------------------------------------------------------------------- placebo
+def fit_placebo(
+    frame: Frame,
+    residual: Floats,
+    *,
+    noise: NoiseFit,
+    day: Integers,
+    fold: Integers,
+    seed: int = 0,
+) -> DecoyEntry:
+    """Fit placebos to a residual on all folds but one, and measure the reduction on that one.
+
+    Parameters
+    ----------
+    frame : Frame
+        The n reports.
+    residual : (n, 2) float
+        Residual to which the placebo is fitted, m s-1.
+    noise : NoiseFit
+        The noise model and its gains.
+    day, fold : (n,) int
+        Index of the day and fold of each report.
+    seed : int
+        Seed of the draws.
+
+    Returns
+    -------
+    DecoyEntry
+        Reduction of the mean vector disagreement, kt, with its 95 % interval over days.
+    """
+    rng = np.random.default_rng(seed)
+    target = np.asarray(whiten(residual, noise.order, noise.gains))
+    before = np.hypot(*residual.T)
+    fitted, held_out = np.zeros((2, frame.size))
+    for _ in range(PLACEBO_DRAWS):
+        columns = placebo_columns(frame, rng)
+        white = np.asarray(whiten(columns, noise.order, noise.gains))
+        errors = placebo_errors(columns, white, target, frame.aircraft, fold)
+        for total, error in zip((fitted, held_out), errors, strict=True):
+            total += (before - np.hypot(*(residual - error).T)) / PLACEBO_DRAWS
+    low, high = day_interval(held_out / KNOT, day, seed)
+    reduction = float(held_out.mean()) / KNOT
+    return DecoyEntry(
+        reduction_kt=reduction,
+        reduction_ci_kt=[low, high],
+        reduction_where_fitted_kt=float(fitted.mean()) / KNOT,
+        draws=PLACEBO_DRAWS,
+        closes_nothing=low <= 0.0 or reduction < NEGLIGIBLE_KT,
+    )
+
+
+def placebo_columns(frame: Frame, rng: np.random.Generator) -> Floats:
+    """Compute the columns of one cycle in the magnetic heading of other flights.
+
+    Parameters
+    ----------
+    frame : Frame
+        The n reports.
+    rng : numpy.random.Generator
+        For the draw of the other flights.
+
+    Returns
+    -------
+    (n, 2, 2) float
+        m s-1 per rad, by report, wind component and sine or cosine.
+    """
+    order = np.lexsort((frame.time, frame.flight))
+    _, start, number, reports = np.unique(
+        frame.flight[order], return_index=True, return_inverse=True, return_counts=True
+    )
+    other = rng.permutation(start.size)[number]
+    position = np.arange(order.size) - start[number]
+    donor = order[start[other] + np.mod(position, reports[other])]
+    heading = np.empty(order.size)
+    heading[order] = np.nan_to_num(frame.magnetic_heading)[donor]
+    across, _ = unit_vectors(frame.heading)
+    cycle = np.stack([np.sin(heading), np.cos(heading)], -1)
+    return np.asarray(-(frame.airspeed[:, None] * across)[:, :, None] * cycle[:, None, :])
+
+
+def placebo_errors(
+    columns: Floats, white: Floats, target: Floats, aircraft: Integers, fold: Integers
+) -> tuple[Floats, Floats]:
+    """Fit columns to each aircraft on all folds, and on all folds but that of the report.
+
+    Parameters
+    ----------
+    columns, white : (n, 2, k) float
+        Columns, and the same whitened.
+    target : (n, 2) float
+        Whitened residual.
+    aircraft, fold : (n,) int
+        Aircraft and fold of each report.
+
+    Returns
+    -------
+    fitted, held_out : (n, 2) float
+        Wind errors of the two fits, m s-1.
+    """
+    fleet, folds, k = int(aircraft.max()) + 1, int(fold.max()) + 1, columns.shape[-1]
+    score, gram = np.zeros((fleet, folds, k)), np.zeros((fleet, folds, k, k))
+    np.add.at(score, (aircraft, fold), np.einsum("nci,nc->ni", white, target))
+    np.add.at(gram, (aircraft, fold), np.einsum("nci,ncj->nij", white, white))
+    ridge = np.eye(k) / PLACEBO_PRIOR**2
+    all_score, all_gram = score.sum(axis=1, keepdims=True), gram.sum(axis=1, keepdims=True)
+    everything = np.linalg.solve(all_gram + ridge, all_score[..., None])[:, 0, :, 0]
+    others = np.linalg.solve(all_gram - gram + ridge, (all_score - score)[..., None])[..., 0]
+    fitted = np.einsum("nck,nk->nc", columns, everything[aircraft])
+    return np.asarray(fitted), np.asarray(np.einsum("nck,nk->nc", columns, others[aircraft, fold]))

@@ -1,13 +1,13 @@
-"""Deviations and field test fitted again with the other effects removed from the winds.
+"""Fit deviations and field test again with the other effects removed from the winds.
 
-Assumptions: a deviation is fitted as if nothing else were wrong but what the fit itself allows for
-(an airspeed scale, the reference's error shared by the fleet). Here the effects found that are not
-a steady or stepping deviation are taken off first: reference-side errors off the reference winds,
-all others off the reported winds, at coefficients of the whole archive. Both fits are otherwise
-alike and see the same reports; their difference has less noise than either.
+Assumptions: a deviation is fitted as if there were no other error than those that the fit includes
+(an airspeed scale, the error of the reference shared by the fleet). Here the diagnosed effects
+other than a steady or stepping deviation are first removed, effects of the reference from the
+reference winds and all others from the reported winds, with coefficients of the whole archive.
+Both fits use the same reports and options; their difference has less noise than either.
 
-Validity: effects known only by spread or rounding, and exchanged identifiers, are not taken off.
-A deviation that changed at a date is one mean curve in both fits. Angles in degrees.
+Validity: effects on scatter or rounding, and exchanged identifiers, are not removed. A deviation
+that changed at a date is one mean curve in both fits. Angles in degrees.
 """
 
 from __future__ import annotations
@@ -26,70 +26,63 @@ from airswing.units import NORMAL_95
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
-Options = Mapping[str, Any]  # a section of the configuration, of which pydantic tells no types
+Options = Mapping[str, Any]  # a section of the configuration as keyword arguments
+
+_SIDES = ("eastward", "northward")
 
 
 @dataclass(frozen=True)
 class Adjustment:
-    """What to add to winds so that effects other than the deviation are gone."""
+    """Corrections of the winds for all diagnosed effects other than the deviation."""
 
     report: Integers  # (n,): rows of the headings
-    # reported, reference: (n, 2): to add to the reported and to the reference wind (u, v), m s-1
+    # (n, 2): to be added to the reported and to the reference wind (u, v), m s-1
     reported: Floats
     reference: Floats
-    names: tuple[str, ...]  # the effects taken off
+    names: tuple[str, ...]  # the removed effects
 
 
 def adjusted_headings(headings: xr.Dataset, adjustment: Adjustment) -> xr.Dataset:
-    """Headings and heading errors as they would be without the effects taken off.
+    """Correct winds, headings and heading errors by an adjustment.
 
     Parameters
     ----------
     headings : Dataset
         Screened headings (``report``, ``reference``, ``aircraft``).
+    adjustment : Adjustment
+        Corrections of the winds.
 
     Returns
     -------
     Dataset
-        Winds, ``heading``, ``magnetic_heading``, ``airspeed``, ``heading_error`` and
-        ``airspeed_error`` replaced on the rows of the adjustment.
+        Reported and reference winds, ``heading``, ``magnetic_heading``, ``airspeed``,
+        ``heading_error`` and ``airspeed_error`` replaced on the rows of the adjustment.
     """
     rows = adjustment.report
-
-    def column(name: str) -> Floats:
-        return np.array(headings[name].to_numpy(), dtype=np.float64)
-
-    ground = [column(f"ground_{side}_velocity")[rows] for side in ("eastward", "northward")]
-    new: dict[str, object] = {}
-    wind, model = [], []
-    for k, side in enumerate(("eastward", "northward")):
-        own, other = column(f"{side}_wind"), headings[f"reference_{side}_wind"]
-        own[rows] += adjustment.reported[:, k]
-        values = np.array(other.transpose("reference", "report").to_numpy(), dtype=np.float64)
-        values[:, rows] += adjustment.reference[:, k]
-        new[f"{side}_wind"] = ("report", own)
-        new[f"reference_{side}_wind"] = (("reference", "report"), values)
-        wind.append(own[rows])
-        model.append(values[:, rows])
-    air = [g - w for g, w in zip(ground, wind, strict=True)]
-    implied = [g - m for g, m in zip(ground, model, strict=True)]
-    heading, true = np.arctan2(*air), np.arctan2(*implied)
-    for name, before in (("heading", column("heading")), ("airspeed", column("airspeed"))):
-        before[rows] = np.degrees(heading) % 360.0 if name == "heading" else np.hypot(*air)
-        new[name] = ("report", before)
-    magnetic = column("magnetic_heading")
-    magnetic[rows] = (np.degrees(heading) - column("declination")[rows]) % 360.0
-    new["magnetic_heading"] = ("report", magnetic)
-    turned = np.degrees(heading - true)
-    errors = {
-        "heading_error": wrap_degrees(turned),
-        "airspeed_error": np.hypot(*air) - np.hypot(*implied),
+    dims: dict[str, tuple[str, ...]]
+    dims = {name: ("reference", "report") for name in ("heading_error", "airspeed_error")}
+    dims |= {f"reference_{side}_wind": ("reference", "report") for side in _SIDES}
+    dims |= {f"{side}_wind": ("report",) for side in _SIDES}
+    dims |= {name: ("report",) for name in ("heading", "magnetic_heading", "airspeed")}
+    new = {
+        name: np.array(headings[name].transpose(*order).to_numpy(), np.float64)
+        for name, order in dims.items()
     }
-    for name, found in errors.items():
-        values = np.array(headings[name].transpose("reference", "report").to_numpy(), np.float64)
-        values[:, rows] = found
-        new[name] = (("reference", "report"), values)
-    return headings.assign(new)
+    air, implied = [], []
+    for k, side in enumerate(_SIDES):
+        ground = headings[f"ground_{side}_velocity"].to_numpy()[rows].astype(np.float64)
+        new[f"{side}_wind"][rows] += adjustment.reported[:, k]
+        new[f"reference_{side}_wind"][:, rows] += adjustment.reference[:, k]
+        air.append(ground - new[f"{side}_wind"][rows])
+        implied.append(ground - new[f"reference_{side}_wind"][:, rows])
+    heading, airspeed = np.degrees(np.arctan2(*air)), np.hypot(*air)
+    new["heading"][rows] = heading % 360.0
+    new["airspeed"][rows] = airspeed
+    declination = headings["declination"].to_numpy()[rows].astype(np.float64)
+    new["magnetic_heading"][rows] = (heading - declination) % 360.0
+    new["heading_error"][:, rows] = wrap_degrees(heading - np.degrees(np.arctan2(*implied)))
+    new["airspeed_error"][:, rows] = airspeed - np.hypot(*implied)
+    return headings.assign({name: (dims[name], values) for name, values in new.items()})
 
 
 def review_claims(
@@ -101,10 +94,14 @@ def review_claims(
     fit: Options,
     field_test: Options | None = None,
 ) -> ClaimsEntry:
-    """Fit the deviations and the field test before and after the other effects are taken off.
+    """Fit the deviations and the field test before and after the other effects are removed.
 
     Parameters
     ----------
+    headings : Dataset
+        Screened headings.
+    adjustment : Adjustment
+        Corrections of the winds.
     pools : mapping
         Name -> references fitted together.
     reference : str
@@ -112,12 +109,12 @@ def review_claims(
     fit : mapping
         Options of :func:`airswing.compass.fit.deviation.fit_deviation`.
     field_test : mapping, optional
-        Further keywords of :func:`airswing.evaluation.field_test.field_test`.
+        Options of :func:`airswing.evaluation.field_test.field_test`.
 
     Returns
     -------
     ClaimsEntry
-        Without fits where the diagnosis found nothing but the deviation.
+        Without fits where no effect was removed.
     """
     names = list(adjustment.names)
     if not names:
@@ -139,30 +136,35 @@ def review_claims(
 
 
 def compared_fits(before: xr.Dataset, after: xr.Dataset) -> list[FitEntry]:
-    """Compare offset and amplitude of each aircraft with their intervals before.
+    """Compare offset and amplitude of each aircraft with the 95 % intervals of the first fit.
 
     Parameters
     ----------
     before, after : Dataset
         Fits against one reference (``aircraft``).
+
+    Returns
+    -------
+    list of FitEntry
+        One for each aircraft.
     """
-    out = []
+    entries = []
     for tail in before["aircraft"].to_numpy():
-        one, two = before.sel(aircraft=tail), after.sel(aircraft=tail)
+        first, second = before.sel(aircraft=tail), after.sel(aircraft=tail)
         numbers: dict[str, float] = {}
         stays = True
         for name in ("offset", "amplitude"):
-            value, then = float(one[name]), float(two[name])
-            error = float(one[f"{name}_standard_error"])
+            value, adjusted = float(first[name]), float(second[name])
+            error = float(first[f"{name}_standard_error"])
             numbers |= {
                 f"{name}_deg": value,
-                f"{name}_deg_after": then,
+                f"{name}_deg_after": adjusted,
                 f"{name}_deg_standard_error": error,
             }
-            stays &= abs(then - value) <= NORMAL_95 * error
-        trusted = int(one["status"]) == 0 and int(two["status"]) == 0
-        out.append(FitEntry(str(tail), **numbers, stays=bool(stays) if trusted else None))
-    return out
+            stays &= abs(adjusted - value) <= NORMAL_95 * error
+        trusted = int(first["status"]) == 0 and int(second["status"]) == 0
+        entries.append(FitEntry(str(tail), **numbers, stays=bool(stays) if trusted else None))
+    return entries
 
 
 def _field_tests(
@@ -172,7 +174,6 @@ def _field_tests(
     reference: str,
     options: Options,
 ) -> FieldTestEntry:
-    """Adjusted reduction of the field test before and after, kt."""
     from airswing.evaluation.field_test import field_test
 
     before, after = (

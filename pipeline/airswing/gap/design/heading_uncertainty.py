@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.archive.heading_lattice import heading_lattices
+from airswing.gap.archive.lattices import heading_lattices
 from airswing.physics.triangle import wrap_signed
 
 Floats = NDArray[np.float64]

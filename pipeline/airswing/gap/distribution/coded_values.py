@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.archive.heading_lattice import heading_lattices
+from airswing.gap.archive.lattices import heading_lattices
 from airswing.gap.distribution.verdict import (
     Mask,
     Reduction,

@@ -20,8 +20,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.gap.archive.direction_lattice import Lattice, lattice_of
 from airswing.gap.archive.frame import Frame
+from airswing.gap.archive.lattices import DirectionLattice, direction_lattice
 from airswing.gap.distribution.verdict import Reduction
 from airswing.gap.effects.empirical import mapped_speed
 from airswing.gap.model.sums import days_of
@@ -58,7 +58,7 @@ class SentWinds:
     directions : (36,) float
         Reports in each ten degrees over simulated ones, less 1.
     reduction : Reduction
-    lattice : Lattice or None
+    lattice : DirectionLattice or None
         Steps of the directions of weak winds.
     """
 
@@ -69,7 +69,7 @@ class SentWinds:
     sent: Floats | None
     directions: Floats
     reduction: Reduction
-    lattice: Lattice | None
+    lattice: DirectionLattice | None
 
 
 def simulated_winds(frame: Frame, residual: Floats, rng: np.random.Generator) -> Floats:
@@ -191,7 +191,7 @@ def find_sent_winds(
         sent if name == "wind_speed" and changed else None,
         directions,
         reduction,
-        lattice_of(*real[whole].T) if name == "wind_direction" else None,
+        direction_lattice(*real[whole].T) if name == "wind_direction" else None,
     )
 
 

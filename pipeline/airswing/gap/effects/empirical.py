@@ -1,98 +1,207 @@
-"""What an archive shows and no other effect explains: a table over one or two variables."""
+"""An unexplained error as a table over one or two variables of the report.
+
+Assumptions: the wind changes in one direction (across or along the heading, across or along the
+wind) by an amount that depends on one or two variables and is constant in each cell, so that edges
+stay sharp.
+
+Validity: a report with an unknown variable is not changed. Values are in the unit of the component.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.gap.archive.frame import Frame
-from airswing.gap.archive.reported_variables import KINDS
-from airswing.gap.archive.value_tables import UNIT_OF, Axis, Grid, change_of, table_values
+from airswing.gap.archive.reported_variables import KINDS, cells_of, values_of
 from airswing.gap.effects.base import Parameter, Parameters, State
 from airswing.gap.effects.forms import MomentEffect
 
-#: Rounds in which a table by the reported wind meets the wind it makes.
-ROUNDS = 8
-#: Rounds in which the wind before a table is found: a change of 20 % settles to a millionth.
-ROUNDS_BACK = 12
-#: Components of which a report does not tell what it was before.
+Floats = NDArray[np.float64]
+Wind = tuple[Floats, Floats]
+
+#: Components of an error and their units.
+UNIT_OF = {
+    "across_heading": "m/s",
+    "along_heading": "m/s",
+    "across_wind": "m/s",
+    "along_wind": "m/s",
+    "reported_speed": "m/s",
+    "scatter": "m/s",
+    "heading_angle": "degree",
+    "airspeed_factor": "percent",
+    "wind_angle": "degree",
+    "wind_factor": "percent",
+}
+#: Components whose effect on a report cannot be removed.
 IRREVERSIBLE = ("scatter", "reported_speed")
+#: Iterations for a table over the reported wind, which depends on its own result.
+ITERATIONS = 8
+#: Iterations for the wind without the table: a change of 20 % converges to 1e-6.
+INVERSE_ITERATIONS = 12
+
+
+@dataclass(frozen=True)
+class Table:
+    """Values in the cells of one or two variables."""
+
+    component: str
+    variables: tuple[str, ...]
+    edges: tuple[Floats, ...]  # of the cells of each variable
+    values: Floats  # one for each cell, in C order
+
+    @property
+    def cells(self) -> int:
+        """Number of cells."""
+        return int(np.prod([cut.size - 1 for cut in self.edges]))
+
+    @classmethod
+    def from_parameters(cls, values: Mapping[str, object]) -> Table:
+        """Read the parameters of the effect ``empirical``.
+
+        Parameters
+        ----------
+        values : mapping
+            ``component``; ``variables``, a list of one or two names; ``edges``, a list of numbers
+            for each; ``values``.
+
+        Returns
+        -------
+        Table
+
+        Raises
+        ------
+        InputError
+            A variable is unknown, or edges do not increase.
+        """
+        names, edges = values["variables"], values["edges"]
+        if isinstance(names, str) or not isinstance(names, Sequence) or not 1 <= len(names) <= 2:
+            raise InputError("a table has one or two variables", field="variables", found=names)
+        cuts = []
+        for name, cut in zip(names, edges if isinstance(edges, Iterable) else (), strict=False):
+            if name not in KINDS:
+                raise InputError(
+                    "unknown variable of a table",
+                    field="variables",
+                    found=name,
+                    remedy=f"one of {', '.join(KINDS)}",
+                )
+            try:
+                array = np.asarray(cut, np.float64)
+            except (TypeError, ValueError) as err:
+                raise InputError("edges must be numbers", field="edges", found=cut) from err
+            if array.ndim != 1 or array.size < 2 or (np.diff(array) <= 0).any():
+                raise InputError("edges must increase", field="edges", found=cut)
+            cuts.append(array)
+        if len(cuts) != len(names):
+            raise InputError("every variable needs its edges", field="edges", found=len(cuts))
+        table = np.asarray(values["values"], np.float64)
+        return cls(str(values["component"]), tuple(map(str, names)), tuple(cuts), table)
+
+    def at(self, frame: Frame, wind: Wind, heading: Floats) -> Floats:
+        """Evaluate the table at every report.
+
+        Parameters
+        ----------
+        frame : Frame
+            The n reports.
+        wind : tuple of (n,) float
+            Reported wind (u, v) on which variables depend, m s-1.
+        heading : (n,) float
+            Indicated heading, rad.
+
+        Returns
+        -------
+        (n,) float
+            0 where a variable is unknown.
+        """
+        magnetic = frame.magnetic_heading + heading - frame.heading
+        changed = replace(
+            frame, u_rep=wind[0], v_rep=wind[1], heading=heading, magnetic_heading=magnetic
+        )
+        index = np.zeros(frame.size, np.int64)
+        for name, cut in zip(self.variables, self.edges, strict=True):
+            cell = cells_of(values_of(changed, changed, name), cut)
+            index = np.where((index < 0) | (cell < 0), -1, index * (cut.size - 1) + cell)
+        return np.where(index >= 0, self.values[np.maximum(index, 0)], 0.0)
 
 
 class Empirical(MomentEffect):
-    """An error of one component by a table over one or two variables of the report.
+    """Error of one component by a table over one or two variables of the report.
 
-    A table by the reported wind is one by the wind as sent: what is sent is found in a few rounds.
-    The component ``reported_speed`` is a map instead: ``edges`` are speeds, ``values`` what is sent
-    in their place, linear between them and moved along beyond. The component ``scatter`` moves no
-    mean: its values are standard deviations of an error drawn anew for every report.
+    A table over the reported wind depends on the wind as sent, which is found by iteration. The
+    component ``reported_speed`` is a map instead: ``edges`` are speeds and ``values`` the speeds
+    sent in their place, linear between them and shifted beyond the last. The component ``scatter``
+    changes no mean: its values are standard deviations of an error drawn for every report.
     """
 
     name = "empirical"
     physics = (
-        "None: a table fitted to the archive, so that a simulation can hold what nobody has "
-        "explained yet. It holds inside the range of its variables and on these aircraft alone."
+        "None: a table fitted to the archive, so that a simulation can include an unexplained "
+        "error. It is valid within the range of its variables and for these aircraft only."
     )
-    source = "The diagnosis of the archive itself, on weeks left out."
+    source = "The diagnosis of the archive, on held-out days."
     parameters = (
-        Parameter("component", "", 0.0, "what is in error", None, required=True, number=False),
+        Parameter("component", "", 0.0, "component in error", None, required=True, number=False),
         Parameter("variables", "", 0.0, "one or two names", None, required=True, number=False),
         Parameter("edges", "", 0.0, "cells of each variable", None, required=True, number=False),
         Parameter("values", "", 0.0, "one per cell", None, required=True, number=False),
     )
-    confused_with = ("whatever depends on the same variables",)
+    confused_with = ("any effect that depends on the same variables",)
 
     def apply(
         self, state: State, frame: Frame, values: Parameters, rng: np.random.Generator
     ) -> State:
         """See `Effect.apply`: heading and airspeed exactly, winds by addition."""
-        component = str(values["component"])
-        if component == "reported_speed":
-            return _resent(state, values)
-        grid, table = grid_of(values), np.asarray(values["values"], np.float64)
+        table = Table.from_parameters(values)
         before = u, v = state.report_u, state.report_v
-        if component == "scatter":
-            value = table_values(grid, table, frame, u=u, v=v, heading=_heading(frame, before))
-            drawn = value * rng.standard_normal((2, frame.size))
+        if table.component == "reported_speed":
+            speed = np.hypot(u, v)
+            sent = mapped_speed(speed, table.edges[0], table.values) / np.maximum(speed, 1e-6)
+            return replace(state, report_u=sent * u, report_v=sent * v)
+        heading = _heading(frame, before)
+        if table.component == "scatter":
+            drawn = table.at(frame, before, heading) * rng.standard_normal((2, frame.size))
             return replace(state, report_u=u + drawn[0], report_v=v + drawn[1])
-        for _ in range(ROUNDS if {"wind_direction", "wind_speed"} & set(grid.variables) else 1):
-            value = table_values(grid, table, frame, u=u, v=v, heading=_heading(frame, before))
-            u, v = _moved(component, value, frame, before)
+        implicit = {"wind_direction", "wind_speed"} & set(table.variables)
+        for _ in range(ITERATIONS if implicit else 1):
+            u, v = _changed(table.component, table.at(frame, (u, v), heading), frame, before)
         return replace(state, report_u=u, report_v=v)
 
     def undo(self, state: State, frame: Frame, values: Parameters) -> State:
-        """Wind before the table moved it; a table of scatter or a map of speeds leaves it as sent.
+        """Remove the table from the wind.
 
         Parameters
         ----------
         state : State
             The wind as sent.
+        frame : Frame
+            The reports.
         values : mapping
             Complete parameters.
 
         Returns
         -------
         State
-            Exact but within a hair of an edge of a variable that the table itself moves.
+            Exact except very near an edge of a variable that the table itself changes; unchanged
+            for the components of `IRREVERSIBLE`.
         """
-        component = str(values["component"])
-        if component in IRREVERSIBLE:
+        table = Table.from_parameters(values)
+        if table.component in IRREVERSIBLE:
             return state
-        grid, table = grid_of(values), np.asarray(values["values"], np.float64)
         sent = u, v = state.report_u, state.report_v
-        for _ in range(ROUNDS_BACK):
-            heading = _heading(frame, (u, v))
-            value = table_values(grid, table, frame, u=sent[0], v=sent[1], heading=heading)
-            again = _moved(component, value, frame, (u, v))
+        for _ in range(INVERSE_ITERATIONS):
+            value = table.at(frame, sent, _heading(frame, (u, v)))
+            again = _changed(table.component, value, frame, (u, v))
             u, v = u + sent[0] - again[0], v + sent[1] - again[1]
         return replace(state, report_u=u, report_v=v)
 
     def complete(self, values: Mapping[str, object]) -> Parameters:
-        """See `Effect.complete`; the table must fit its edges."""
+        """See `Effect.complete`; the number of values must agree with the edges."""
         out = super().complete(values)
         if out["component"] not in UNIT_OF:
             raise InputError(
@@ -101,112 +210,101 @@ class Empirical(MomentEffect):
                 found=out["component"],
                 remedy=f"one of {', '.join(UNIT_OF)}",
             )
-        grid = grid_of(out)
-        table = np.asarray(out["values"], np.float64)
-        mapped = out["component"] == "reported_speed"
-        if mapped and grid.variables != ("wind_speed",):
+        table = Table.from_parameters(out)
+        mapped = table.component == "reported_speed"
+        if mapped and table.variables != ("wind_speed",):
             raise InputError(
                 "a map of speeds has one variable, wind_speed",
                 field="variables",
-                found=list(grid.variables),
+                found=list(table.variables),
             )
-        if table.shape != (grid.size + mapped,) or not np.isfinite(table).all():
+        if table.values.shape != (table.cells + mapped,) or not np.isfinite(table.values).all():
             raise InputError(
                 f"a table needs one number per {'speed' if mapped else 'cell'}",
                 field="values",
-                found=f"{table.size} values for {grid.size + mapped}",
+                found=f"{table.values.size} values for {table.cells + mapped}",
             )
         return out
 
 
-Wind = tuple[NDArray[np.float64], NDArray[np.float64]]
+def change_of(component: str, *, heading: Floats, airspeed: Floats, u: Floats, v: Floats) -> Floats:
+    """Compute the change of the wind by one unit of a component.
+
+    Parameters
+    ----------
+    component : str
+        Key of :data:`UNIT_OF`.
+    heading, airspeed : (n,) float
+        rad, m s-1.
+    u, v : (n,) float
+        Wind, m s-1.
+
+    Returns
+    -------
+    (n, 2) float
+        m s-1.
+    """
+    sine, cosine = np.sin(heading), np.cos(heading)
+    across, along = np.stack([cosine, -sine], -1), np.stack([sine, cosine], -1)
+    wind, right = np.stack([u, v], -1), np.stack([v, -u], -1)
+    match component:
+        case "across_heading":
+            return across
+        case "along_heading":
+            return along
+        case "heading_angle":
+            return np.asarray(-np.radians(airspeed)[:, None] * across)
+        case "airspeed_factor":
+            return np.asarray(-airspeed[:, None] / 100.0 * along)
+        case "wind_angle":
+            return np.asarray(np.radians(right))
+        case "wind_factor":
+            return np.asarray(wind / 100.0)
+    vector = right if component == "across_wind" else wind
+    speed = np.hypot(u, v)[:, None]  # calm has no direction
+    return np.divide(vector, speed, out=np.zeros_like(wind), where=speed > 0.1)
 
 
-def _heading(frame: Frame, wind: Wind) -> NDArray[np.float64]:
-    """Heading that a wind implies, rad."""
-    return np.arctan2(frame.ground_u - wind[0], frame.ground_v - wind[1])
-
-
-def _moved(component: str, value: NDArray[np.float64], frame: Frame, wind: Wind) -> Wind:
-    """Wind moved by a table's values: heading and airspeed exactly, winds by addition."""
-    u, v = wind
-    heading = _heading(frame, wind)
-    airspeed = np.hypot(frame.ground_u - u, frame.ground_v - v)
-    if component in ("across_heading", "heading_angle"):
-        turn = np.radians(value)
-        if component == "across_heading":
-            turn = -value / np.maximum(airspeed, 1.0)
-        return (
-            frame.ground_u - airspeed * np.sin(heading + turn),
-            frame.ground_v - airspeed * np.cos(heading + turn),
-        )
-    change = value[:, None] * change_of(component, heading=heading, airspeed=airspeed, u=u, v=v)
-    return u + change[:, 0], v + change[:, 1]
-
-
-def _resent(state: State, values: Parameters) -> State:
-    """Winds of other speeds and the same directions."""
-    speed = np.hypot(state.report_u, state.report_v)
-    knots, sent = grid_of(values).axes[0].edges, np.asarray(values["values"], float)
-    scale = mapped_speed(speed, knots, sent) / np.maximum(speed, 1e-6)
-    return replace(state, report_u=scale * state.report_u, report_v=scale * state.report_v)
-
-
-def mapped_speed(
-    speed: NDArray[np.float64], speeds: NDArray[np.float64], sent: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Speeds sent in the place of others, m/s: linear between a map's points, moved along beyond.
+def mapped_speed(speed: Floats, speeds: Floats, sent: Floats) -> Floats:
+    """Map speeds to the speeds sent in their place.
 
     Parameters
     ----------
     speed : (n,) float
+        m s-1.
     speeds, sent : (m,) float
-        The map; speeds increase.
+        Points of the map, m s-1; speeds increase.
 
     Returns
     -------
     (n,) float
+        Linear between the points, shifted beyond the last; not negative.
     """
     inside = np.interp(speed, speeds, sent)
     return np.asarray(np.maximum(inside + np.maximum(speed - speeds[-1], 0.0), 0.0))
 
 
-def grid_of(values: Mapping[str, object]) -> Grid:
-    """Cells of an empirical table's parameters.
-
-    Parameters
-    ----------
-    values : mapping
-        ``variables``, a list of one or two names, and ``edges``, a list of numbers for each.
-
-    Raises
-    ------
-    InputError
-        A variable is unknown, or edges do not increase.
-    """
-    names, edges = values["variables"], values["edges"]
-    if isinstance(names, str) or not isinstance(names, Sequence) or not 1 <= len(names) <= 2:
-        raise InputError("a table has one or two variables", field="variables", found=names)
-    axes = []
-    for name, cut in zip(names, edges if isinstance(edges, Iterable) else (), strict=False):
-        if name not in KINDS:
-            raise InputError(
-                "unknown variable of a table",
-                field="variables",
-                found=name,
-                remedy=f"one of {', '.join(KINDS)}",
-            )
-        try:
-            own = np.asarray(cut, np.float64)
-        except (TypeError, ValueError) as err:
-            raise InputError("edges must be numbers", field="edges", found=cut) from err
-        if own.ndim != 1 or own.size < 2 or (np.diff(own) <= 0).any():
-            raise InputError("edges must increase", field="edges", found=cut)
-        axes.append(Axis(str(name), KINDS[str(name)][0], own))
-    if len(axes) != len(names):
-        raise InputError("every variable needs its edges", field="edges", found=len(axes))
-    return Grid(tuple(axes))
+def _heading(frame: Frame, wind: Wind) -> Floats:
+    """Heading implied by a wind, rad."""
+    return np.arctan2(frame.ground_u - wind[0], frame.ground_v - wind[1])
 
 
-#: Not of the catalogue: a simulation takes it, no diagnosis looks for it by name.
+def _changed(component: str, value: Floats, frame: Frame, wind: Wind) -> Wind:
+    """Wind changed by values of a table: heading and airspeed exactly, winds by addition."""
+    u, v = wind
+    heading = _heading(frame, wind)
+    airspeed = np.hypot(frame.ground_u - u, frame.ground_v - v)
+    if component in ("across_heading", "heading_angle"):
+        angle = np.radians(value)
+        if component == "across_heading":
+            angle = -value / np.maximum(airspeed, 1.0)
+        return (
+            frame.ground_u - airspeed * np.sin(heading + angle),
+            frame.ground_v - airspeed * np.cos(heading + angle),
+        )
+    change = value[:, None] * change_of(component, heading=heading, airspeed=airspeed, u=u, v=v)
+    return u + change[:, 0], v + change[:, 1]
+
+
+#: Not in the catalogue: a simulation accepts it, but no diagnosis searches for it by name.
 EMPIRICAL = Empirical()

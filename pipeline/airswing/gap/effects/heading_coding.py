@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.archive.heading_lattice import HeadingSteps
+from airswing.gap.archive.lattices import HeadingSteps
 from airswing.gap.effects.base import Parameter, Parameters, State, number
 from airswing.gap.effects.forms import MomentEffect
 from airswing.synthetic.sealed.draws import Draw

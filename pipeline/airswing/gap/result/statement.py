@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.archive.reported_variables import CATEGORIES, KINDS, UNITS, Variable
-from airswing.gap.archive.value_tables import UNIT_OF
 from airswing.gap.effects import CATALOGUE, separated_by
 from airswing.gap.effects.base import Effect, Errors, Stated
+from airswing.gap.effects.empirical import UNIT_OF
 from airswing.gap.effects.forms import WindEffect
 from airswing.gap.model.candidates import Table
 from airswing.gap.model.closure import Step

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.gap.archive.frame import Frame
-from airswing.gap.archive.heading_lattice import HeadingSteps
+from airswing.gap.archive.lattices import HeadingSteps
 from airswing.gap.effects import CATALOGUE, ActiveEffect, Effect, State, effect_named
 from airswing.gap.effects.base import Parameters, Stage, absent_context
 from airswing.gap.noise.whitening import DirectionFactors

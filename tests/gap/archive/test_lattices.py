@@ -1,4 +1,4 @@
-"""Headings in coarse steps are told by their lattice; courses that repeat are none."""
+"""Headings in coarse steps are found by their lattice; repeated courses are no lattice."""
 
 from dataclasses import replace
 
@@ -6,11 +6,7 @@ import numpy as np
 import pytest
 from tests.gap.toy import make_frame, noise_of
 
-from airswing.gap.archive.heading_lattice import (
-    heading_lattice_of,
-    heading_lattices,
-    step_cosines,
-)
+from airswing.gap.archive.lattices import direction_lattice, heading_lattices
 from airswing.gap.design.exogenous import exogenous
 from airswing.gap.design.heading_uncertainty import heading_doubt, rounding_of_headings
 from airswing.gap.diagnose import diagnose
@@ -21,8 +17,8 @@ from airswing.gap.noise.model import gross_errors
 from airswing.gap.simulation.forward import Coding
 
 
-def without(frame, wind):
-    """Frame whose reported winds are others, with the heading and airspeed they imply."""
+def with_residual(frame, wind):
+    """Frame with another residual, and the heading and airspeed that its winds imply."""
     u, v = frame.u_ref + wind[:, 0], frame.v_ref + wind[:, 1]
     air_u, air_v = frame.ground_u - u, frame.ground_v - v
     heading = np.mod(np.arctan2(air_u, air_v), 2 * np.pi)
@@ -43,7 +39,7 @@ def plain():
 
 
 def stepped(frame, step, tails, *, true_north=False, spread=0.0, seed=0):
-    """The frame with headings rounded to steps, seen with an error of some tenths of a degree."""
+    """The frame with headings rounded to steps, with an error of some tenths of a degree."""
     rng = np.random.default_rng(seed)
     north = 0.0 if true_north else frame.heading - frame.magnetic_heading
     width = np.radians(step)
@@ -52,8 +48,8 @@ def stepped(frame, step, tails, *, true_north=False, spread=0.0, seed=0):
     air = frame.airspeed[:, None] * np.stack([np.sin(heading), np.cos(heading)], -1)
     winds = np.stack([frame.ground_u, frame.ground_v], -1) - air
     winds -= np.stack([frame.u_ref, frame.v_ref], -1)
-    own = np.isin(frame.aircraft, tails)[:, None]
-    return without(frame, np.where(own, winds, frame.residual))
+    affected = np.isin(frame.aircraft, tails)[:, None]
+    return with_residual(frame, np.where(affected, winds, frame.residual))
 
 
 @pytest.mark.parametrize("true_north", [False, True])
@@ -62,28 +58,28 @@ def stepped(frame, step, tails, *, true_north=False, spread=0.0, seed=0):
 )
 def test_steps_and_their_north_are_found(plain, step, spread, true_north):
     frame = stepped(plain, step, [1], true_north=true_north, spread=spread)
-    found = heading_lattice_of(frame, 1)
+    found = heading_lattices(frame)[1]
     assert found is not None
     assert (found.step, found.true_north) == (step, true_north)
     assert found.evidence > 100.0
-    assert heading_lattice_of(frame, 0) is None
+    assert heading_lattices(frame)[0] is None
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_headings_as_they_are_have_none(seed):
+def test_unrounded_headings_have_no_lattice(seed):
     frame = make_frame(seed=seed, aircraft=4, days=7)
     assert heading_coding(frame) is None
 
 
 def test_a_few_courses_are_no_lattice(plain):
-    """Six flights on one course each, on whole tens by chance: too few to tell."""
-    own = np.flatnonzero(np.isin(plain.flight, np.unique(plain.flight)[:6]))
-    few = plain.take(own)
+    """Six flights on one course each, on whole tens by chance, are too few."""
+    rows = np.flatnonzero(np.isin(plain.flight, np.unique(plain.flight)[:6]))
+    few = plain.take(rows)
     straight = replace(few, magnetic_heading=np.radians(10.0 * (few.flight % 6)))
-    assert all(heading_lattice_of(straight, a) is None for a in range(4))
+    assert not any(heading_lattices(straight))
 
 
-def test_it_is_named_with_its_step_and_what_it_closes(plain):
+def test_diagnosis_states_step_and_closure(plain):
     frame = stepped(plain, 5.0, [0, 2], spread=0.3)
     catalogue = {"heading_coding": CATALOGUE["heading_coding"]}
     report = diagnose(frame, catalogue=catalogue, dictionary=False).report
@@ -98,19 +94,22 @@ def test_it_is_named_with_its_step_and_what_it_closes(plain):
 
 
 @pytest.mark.parametrize("true_north", [False, True])
-def test_what_was_met_is_sent_in_the_steps_found(plain, true_north):
+def test_simulated_winds_have_the_steps_found(plain, true_north):
     frame = stepped(plain, 15.0, [1], true_north=true_north)
     assert [one is not None for one in heading_lattices(frame)] == [False, True, False, False]
     u, v = Coding.as_found(frame).apply(plain.u_rep, plain.v_rep)
-    own = frame.aircraft == 1
+    affected = frame.aircraft == 1
     flown = np.hypot(plain.ground_u - plain.u_rep, plain.ground_v - plain.v_rep)
     sent = np.hypot(frame.ground_u - u, frame.ground_v - v)
     np.testing.assert_allclose(sent, flown, atol=1e-9)
     heading = np.arctan2(frame.ground_u - u, frame.ground_v - v)
     north = 0.0 if true_north else frame.declination
-    assert np.allclose(step_cosines(heading - north, 15.0)[own], 1.0)
-    plainly = Coding.of_archive(frame).apply(plain.u_rep, plain.v_rep)
-    np.testing.assert_allclose(np.stack([u, v])[:, ~own], np.stack(plainly)[:, ~own], atol=1e-9)
+    steps = np.degrees(heading - north)[affected] / 15.0
+    np.testing.assert_allclose(steps, np.round(steps), atol=1e-6)
+    without_steps = Coding.of_archive(frame).apply(plain.u_rep, plain.v_rep)
+    np.testing.assert_allclose(
+        np.stack([u, v])[:, ~affected], np.stack(without_steps)[:, ~affected], atol=1e-9
+    )
 
 
 def test_jumps_between_steps_are_no_gross_errors_and_no_scatter(plain):
@@ -120,7 +119,7 @@ def test_jumps_between_steps_are_no_gross_errors_and_no_scatter(plain):
 
 
 @pytest.mark.parametrize(
-    ("step", "share", "told"),
+    ("step", "share", "found"),
     [
         (2.0, 0.02, True),
         (5.0, 0.05, True),
@@ -129,30 +128,40 @@ def test_jumps_between_steps_are_no_gross_errors_and_no_scatter(plain):
         (15.0, 0.0, False),
     ],
 )
-def test_gross_errors_are_told_beyond_what_jumps(plain, step, share, told):
+def test_gross_errors_are_distinguished_from_steps(plain, step, share, found):
     rng = np.random.default_rng(3)
     frame = stepped(plain, step, [1])
     hit = (rng.random(frame.size) < share) & (frame.aircraft == 1)
     error = hit[:, None] * rng.normal(0, 15, (frame.size, 2))
     frame = replace(frame, u_rep=frame.u_rep + error[:, 0], v_rep=frame.v_rep + error[:, 1])
     noise = noise_of(plain, exogenous(plain))
-    found = outliers(
+    verdict = outliers(
         frame, frame.residual, replace(noise, gross=gross_errors(frame.residual, noise.order))
     )
-    if not told:
-        assert found is None
+    if not found:
+        assert verdict is None
     else:
-        assert found.tails == (frame.tails[1],)
-        assert found.parameters["fraction"] == pytest.approx(share, rel=0.4)
+        assert verdict.tails == (frame.tails[1],)
+        assert verdict.parameters["fraction"] == pytest.approx(share, rel=0.4)
 
 
-def test_aircraft_with_coarse_headings_have_less_say(plain):
+def test_coarse_headings_have_a_larger_uncertainty(plain):
     frame = stepped(plain, 10.0, [1])
     spread = rounding_of_headings(frame)
     np.testing.assert_allclose(np.degrees(spread), [0.0, 10.0 / np.sqrt(12.0), 0.0, 0.0])
     more = heading_doubt(frame, frame) ** 2 - heading_doubt(plain, plain) ** 2
-    own = frame.aircraft == 1
-    assert np.allclose(more[~own], 0.0)
-    assert np.sqrt(more[own].mean()) == pytest.approx(
-        np.radians(10.0) / np.sqrt(12.0) * frame.airspeed[own].mean(), rel=0.1
+    affected = frame.aircraft == 1
+    assert np.allclose(more[~affected], 0.0)
+    assert np.sqrt(more[affected].mean()) == pytest.approx(
+        np.radians(10.0) / np.sqrt(12.0) * frame.airspeed[affected].mean(), rel=0.1
     )
+
+
+def test_directions_of_weak_winds_in_steps():
+    rng = np.random.default_rng(0)
+    speed, direction = rng.uniform(0, 20, 2000), np.round(rng.uniform(0, 360, 2000))
+    direction = np.where(speed < 3.0, 30.0 * np.round(direction / 30.0), direction)
+    angle = np.radians(direction)
+    found = direction_lattice(speed * np.sin(angle), speed * np.cos(angle))
+    assert (found.step, found.share) == (30.0, pytest.approx(1.0, abs=0.02))
+    assert found.below == pytest.approx(3.0, abs=0.1)

@@ -1,0 +1,185 @@
+"""Coarse steps of headings and of the directions of weak winds.
+
+*Headings* in whole multiples of a step s, counted from true or magnetic north. Assumptions: the
+heading implied by ground vector and reported wind is the one the unit used, with an error of some
+tenths of a degree. Rounded headings are near multiples of s, so that the mean of cos(2 pi psi / s)
+over the reports, exp(-2 pi^2 sigma^2 / s^2) for an error sigma, is near one; other headings are
+distributed evenly by routes and winds. The scatter of the mean over flights is its uncertainty: a
+few flights on a few courses may have any mean. Validity: ten flights of an aircraft or more. On
+the 80 archives of a blind check, days among them, the mean was 0.15 at most for steps up to 5
+degrees and 0.18 for 10.
+
+*Directions of weak winds* in multiples of a step up to some speed. Assumptions: other directions
+are in whole degrees, of which one and a half in every step are on the lattice by chance. The step
+and speed with the largest log likelihood ratio against chance are chosen. Validity: some hundred
+reports; finer steps are the effect ``wind_coding``.
+
+Source: Mardia and Jupp (2000), Directional Statistics, ch. 2 (mean resultant length); likelihood
+ratio of two Bernoulli distributions as in docs/gap.md, section 6.
+
+Units: rad and m s-1; steps in degrees.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airswing.gap.archive.frame import Frame
+from airswing.physics.triangle import wind_from_triangle
+
+Floats = NDArray[np.float64]
+
+#: Steps of headings, degrees, and the least mean cosine of each.
+HEADING_STEPS = {2.0: 0.35, 5.0: 0.35, 10.0: 0.4, 15.0: 0.5, 30.0: 0.6}
+#: Share of the mean of a finer step that a coarser one must reach (multiples of 10 are multiples
+#: of 5).
+COARSER = 0.6
+#: Least number of flights, and of standard errors over flights.
+LEAST_FLIGHTS, SIGNIFICANT = 10, 6.0
+#: Steps of directions, degrees.
+DIRECTION_STEPS = (15.0, 20.0, 22.5, 30.0, 45.0, 60.0, 90.0)
+#: Least share of the reports below a speed on a lattice of directions.
+ON_LATTICE = 0.5
+#: Distance from a multiple up to which a direction in whole degrees is on the lattice, degrees.
+MARGIN = 0.75
+
+
+@dataclass(frozen=True)
+class HeadingLattice:
+    """Steps of an aircraft's headings."""
+
+    step: float  # degrees
+    true_north: bool  # counted from true north; otherwise from magnetic north
+    evidence: float  # log likelihood ratio against headings that are distributed evenly
+
+
+@dataclass(frozen=True)
+class HeadingSteps:
+    """Steps of the headings of all reports of an archive."""
+
+    step: Floats  # (n,) rad; 0 for headings without steps
+    north: Floats  # (n,) rad: true heading from which steps are counted
+    # (n,) m s-1
+    ground_u: Floats
+    ground_v: Floats
+
+    @classmethod
+    def of_archive(cls, frame: Frame) -> HeadingSteps | None:
+        """Find the steps of the headings of each aircraft; None where there are none."""
+        found = heading_lattices(frame)
+        if not any(found):
+            return None
+        step = np.radians([lattice.step if lattice else 0.0 for lattice in found])[frame.aircraft]
+        true_north = np.array([bool(lattice and lattice.true_north) for lattice in found])
+        north = np.where(true_north[frame.aircraft], 0.0, np.nan_to_num(frame.declination))
+        return cls(step, north, frame.ground_u, frame.ground_v)
+
+    def apply(self, u: Floats, v: Floats) -> tuple[Floats, Floats]:
+        """Compute the wind that the unit derives from the rounded heading.
+
+        Parameters
+        ----------
+        u, v : (n,) float
+            Wind through which the aircraft flies, m s-1.
+
+        Returns
+        -------
+        u, v : (n,) float
+            m s-1.
+        """
+        air_u, air_v = self.ground_u - u, self.ground_v - v
+        airspeed, heading = np.hypot(air_u, air_v), np.arctan2(air_u, air_v)
+        step = np.where(self.step > 0.0, self.step, 1.0)
+        rounded = np.round((heading - self.north) / step) * step + self.north
+        return wind_from_triangle(
+            self.ground_u, self.ground_v, airspeed, np.where(self.step > 0.0, rounded, heading)
+        )
+
+
+def heading_lattices(frame: Frame) -> list[HeadingLattice | None]:
+    """Find the steps of the headings of every aircraft.
+
+    Parameters
+    ----------
+    frame : Frame
+        The archive.
+
+    Returns
+    -------
+    list of HeadingLattice or None
+        One for each aircraft, from the north with the larger mean cosine; None without steps.
+    """
+    return [_heading_lattice(frame, a) for a in range(len(frame.tails))]
+
+
+def _heading_lattice(frame: Frame, aircraft: int) -> HeadingLattice | None:
+    rows = np.flatnonzero((frame.aircraft == aircraft) & np.isfinite(frame.magnetic_heading))
+    flight = np.unique(frame.flight[rows], return_inverse=True)[1]
+    if flight.max(initial=-1) + 1 < LEAST_FLIGHTS:
+        return None
+    found = [
+        (*_coarsest_step(heading[rows], flight), true_north)
+        for true_north, heading in ((False, frame.magnetic_heading), (True, frame.heading))
+    ]
+    mean, step, true_north = max(found, key=lambda item: (item[1] > 0.0, *item))
+    if step == 0.0:
+        return None
+    # a mean direction has two degrees of freedom (Rayleigh's test)
+    return HeadingLattice(step, true_north, float(rows.size * mean**2))
+
+
+def _coarsest_step(heading: Floats, flight: NDArray[np.int64]) -> tuple[float, float]:
+    """Mean cosine and the coarsest significant step, degrees; (0, 0) without one."""
+    best = (0.0, 0.0)
+    reports = np.bincount(flight)
+    for step, least in HEADING_STEPS.items():
+        cosine = np.cos(2 * np.pi * np.degrees(heading) / step)
+        mean = float(cosine.mean())
+        by_flight = np.bincount(flight, cosine) / reports
+        error = float(np.sqrt((reports**2 * (by_flight - mean) ** 2).sum())) / heading.size
+        if mean > max(least, SIGNIFICANT * error, COARSER * best[0]):
+            best = (mean, step)
+    return best
+
+
+@dataclass(frozen=True)
+class DirectionLattice:
+    """Steps of the directions of weak winds."""
+
+    step: float  # degrees
+    below: float  # largest speed, m s-1
+    share: float  # share of the reports up to that speed, without those by chance
+
+
+def direction_lattice(u: Floats, v: Floats) -> DirectionLattice | None:
+    """Find the steps of the directions of winds up to a speed.
+
+    Parameters
+    ----------
+    u, v : (n,) float
+        Reported wind, m s-1.
+
+    Returns
+    -------
+    DirectionLattice or None
+        None where no lattice holds half of the reports up to any speed.
+    """
+    speed, angle = np.hypot(u, v), np.degrees(np.arctan2(u, v))
+    order = np.argsort(speed)
+    order = order[speed[order] > 0]  # calm has no direction
+    speed, angle = speed[order], angle[order]
+    number = np.arange(1, speed.size + 1)
+    best, largest = None, 0.0
+    for step in DIRECTION_STEPS:
+        on = np.abs(angle - step * np.round(angle / step)) < MARGIN
+        share, chance = np.clip(np.cumsum(on) / number, 1e-9, 1 - 1e-9), 2 * MARGIN / step
+        ratio = share * np.log(share / chance) + (1 - share) * np.log((1 - share) / (1 - chance))
+        ratio = np.where(share > ON_LATTICE, number * ratio, 0.0)
+        if ratio.size and ratio.max() > largest:
+            last = int(np.argmax(ratio))
+            largest, excess = float(ratio[last]), (share[last] - chance) / (1 - chance)
+            best = DirectionLattice(step, float(speed[last]), float(excess))
+    return best

@@ -1,0 +1,116 @@
+"""Tables over variables of the report: change of the wind, and agreement with exact effects."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.gap.toy import make_frame
+
+from airswing.errors import InputError
+from airswing.gap.effects import ActiveEffect, effect_named
+from airswing.gap.effects.empirical import Table, change_of
+from airswing.gap.simulation.effects_file import read_effects, write_effects
+from airswing.gap.simulation.forward import simulate
+
+
+@pytest.fixture(scope="module")
+def frame():
+    return make_frame(seed=3, aircraft=3, days=3)
+
+
+def test_table_of_two_variables_and_an_unknown_value(frame):
+    table = Table(
+        "along_wind",
+        ("track", "temperature"),
+        (np.array([0.0, 180.0, 360.0]), np.array([-100.0, 0.0, 100.0])),
+        np.array([1.0, 2.0, 3.0, 4.0]),
+    )
+    some = frame.take([0, 1, 2])
+    temperature = np.array([263.15, 293.15, np.nan])
+    ground_u = np.array([100.0, -100.0, 100.0])  # eastward, westward
+    some = replace(some, temperature=temperature, ground_u=ground_u, ground_v=np.zeros(3))
+    values = table.at(some, (some.u_rep, some.v_rep), some.heading)
+    np.testing.assert_array_equal(values, [1.0, 4.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("component", "change"),
+    [
+        ("across_heading", (1.0, 0.0)),
+        ("along_heading", (0.0, 1.0)),
+        ("heading_angle", (-100 * np.pi / 180, 0.0)),
+        ("airspeed_factor", (0.0, -1.0)),
+        ("across_wind", (0.0, -1.0)),
+        ("along_wind", (1.0, 0.0)),
+        ("wind_angle", (0.0, -20 * np.pi / 180)),
+        ("wind_factor", (0.2, 0.0)),
+    ],
+)
+def test_flying_north_at_100_in_a_westerly_of_20(component, change):
+    made = change_of(
+        component,
+        heading=np.zeros(1),
+        airspeed=np.full(1, 100.0),
+        u=np.full(1, 20.0),
+        v=np.zeros(1),
+    )
+    np.testing.assert_allclose(made[0], change, atol=1e-12)
+
+
+def table(component, values, edges=((-1e4, 0.0, 1e4),), variables=("longitude",)):
+    parameters = {
+        "component": component,
+        "variables": list(variables),
+        "edges": [list(map(float, cut)) for cut in edges],
+        "values": list(values),
+    }
+    return ActiveEffect("empirical", parameters, None)
+
+
+def test_a_constant_angle_equals_a_compass_offset(frame):
+    one = simulate(frame, effects=[table("heading_angle", [2.0, 2.0])])
+    other = simulate(frame, effects=[ActiveEffect("compass_offset", {"offset_deg": 2.0}, None)])
+    np.testing.assert_allclose(one.u_rep, other.u_rep, atol=1e-9)
+    np.testing.assert_allclose(one.v_rep, other.v_rep, atol=1e-9)
+
+
+def test_a_constant_factor_equals_an_airspeed_scale(frame):
+    one = simulate(frame, effects=[table("airspeed_factor", [1.5, 1.5])])
+    other = simulate(frame, effects=[ActiveEffect("tas_scale", {"scale_percent": 1.5}, None)])
+    np.testing.assert_allclose(one.u_rep, other.u_rep, atol=1e-9)
+
+
+def test_a_table_acts_in_its_cells(frame):
+    middle = float(np.median(frame.longitude))
+    effect = table("along_heading", [0.0, 3.0], edges=[(-500.0, middle, 500.0)])
+    bare, made = simulate(frame), simulate(frame, effects=[effect])
+    moved = np.hypot(made.u_rep - bare.u_rep, made.v_rep - bare.v_rep)
+    np.testing.assert_allclose(moved, np.where(frame.longitude >= middle, 3.0, 0.0), atol=1e-9)
+
+
+def test_a_table_is_written_and_read(tmp_path):
+    effect = table(
+        "wind_angle",
+        [1.0, -2.5, 0.0, 4.0],
+        variables=["track", "hour"],
+        edges=[(0, 180, 360), (0, 12, 24)],
+    )
+    path = write_effects([effect], tmp_path / "effects.yaml")
+    assert read_effects(path) == [effect]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"component": "sideways"}, "no such component"),
+        ({"variables": ["moon"]}, "unknown variable"),
+        ({"edges": [[0.0, 0.0, 1.0]]}, "edges must increase"),
+        ({"edges": []}, "needs its edges"),
+        ({"values": [1.0]}, "one number per cell"),
+        ({"variables": "longitude"}, "one or two variables"),
+    ],
+)
+def test_invalid_tables_are_refused(change, message):
+    parameters = table("along_heading", [0.0, 3.0]).parameters | change
+    with pytest.raises(InputError, match=message):
+        effect_named("empirical").complete(parameters)
