@@ -7,11 +7,11 @@ import xarray as xr
 
 from airswing.evaluation.error_separation import (
     REACH,
-    Crossed,
     added_variance,
     half_squares,
     neighbouring_pairs,
 )
+from airswing.evaluation.innovations import CELLS
 from airswing.evaluation.observation_errors import disagreements, observation_errors, used_error
 from airswing.evaluation.resampling import day_weights, interval, widened
 from airswing.products.netcdf import read_product, write_product
@@ -37,12 +37,13 @@ def test_neighbours_by_hand():
         [0, 60, 0, 1400, 10],
         [0, 1, 1, 1, 0],
     )
-    assert sorted(zip(found.first.tolist(), found.second.tolist(), strict=True)) == [(0, 1), (1, 4)]
-    distance, depth, late = found.separation[found.first.tolist().index(0)]
+    ends, separation = found
+    assert sorted(map(tuple, ends.tolist())) == [(0, 1), (1, 4)]
+    distance, depth, late = separation[ends[:, 0].tolist().index(0)]
     assert distance * REACH[0] == pytest.approx(11_120, rel=1e-3)
     assert depth * REACH[1] == pytest.approx(np.log(1.01))
     assert late * REACH[2] == pytest.approx(60.0)
-    squares = half_squares(np.array([1.0, 4, 0, 0, 2]), np.array([0.0, -1, 0, 0, 0]), found)
+    squares = half_squares(np.array([1.0, 4, 0, 0, 2]), np.array([0.0, -1, 0, 0, 0]), ends)
     assert sorted(squares) == pytest.approx([0.25 * (4 + 1), 0.25 * (9 + 1)])
 
 
@@ -233,19 +234,13 @@ def test_the_added_variance_of_reported_winds_by_hand():
     change = np.array([[2.0, 2.0, 4.0], [-1.0, -1.0, -2.0]])
     model = np.array([[0.5, 0.5, 1.0], [1.0, 0.0, 1.0]])
     found = disagreements(*two_aircraft(change, model), ["a"], ["a"])
-    draws = added_variance(found.crossed, np.ones((1, 3)), seed=0)
     crossed = -change * model
+    assert np.sort(found.sums["crossed"]) == pytest.approx(np.sort(crossed.ravel()))
+    sums = (found.sums[name] for name in ("number", "change", "crossed"))
+    draws = added_variance(found.key, *sums, np.ones((1, 3)), cells=CELLS, seed=0)
     assert draws[0, 0] == pytest.approx(0.5 * (change**2).mean() + crossed.mean())
     cell = np.flatnonzero(np.isfinite(draws[0, 1:]))
     assert draws[0, 1 + cell] == pytest.approx(draws[0, :1])
-    # three clusters of days, two of aircraft, six of both, about the mean
-    sums, mean = found.crossed, crossed.mean()
-    squares, product, counts = sums.intersection[:, 0]
-    np.testing.assert_allclose(
-        squares - 2.0 * mean * product + mean**2 * counts, ((crossed - mean) ** 2).sum()
-    )
-    np.testing.assert_allclose(sums.aircraft_crossed.sum(axis=1), crossed.sum(axis=1))
-    np.testing.assert_allclose(sums.crossed.sum(axis=0), crossed.sum(axis=0))
 
 
 def test_a_model_error_that_lasts_is_in_the_interval_of_reported_winds():
@@ -256,21 +251,14 @@ def test_a_model_error_that_lasts_is_in_the_interval_of_reported_winds():
         change = np.repeat(rng.normal(0, 3.0, (12, 1)), 40, axis=1)
         lasting = np.repeat(rng.normal(0, 1.0, (12, 1)), 40, axis=1)  # where it flies
         crossed = -change * (lasting + rng.normal(0, 0.5, (12, 40)))
-        number = np.ones((12, 40))
-        found = Crossed(
-            number=number.sum(axis=0)[None],
-            crossed=crossed.sum(axis=0)[None],
-            change_squares=np.array([0.5 * (change**2).sum()]),
-            aircraft_crossed=crossed.sum(axis=1)[:, None],
-            aircraft_number=number.sum(axis=1)[:, None],
-            intersection=np.stack([[part.sum()] * 2 for part in (crossed**2, crossed, number)]),
-        )
+        key = np.stack([*np.indices((12, 40)).reshape(2, -1), np.zeros(480, np.int64)])
         weights = np.vstack([np.ones(40), day_weights(40, draws=400, seed=0)])
-        draws = added_variance(found, weights, seed=0)[:, 0]
+        columns = np.ones(480), 0.5 * change.ravel() ** 2, crossed.ravel()
+        draws = added_variance(key, *columns, weights, cells=1, seed=0)[:, 0]
         true = 0.5 * (change**2).mean()
         low, high = interval(widened(draws, 40)[1:])
         held["both"] += low <= true <= high
-        by_day = (weights - 1.0) @ (found.crossed[0] - crossed.mean() * 12) / crossed.size
+        by_day = (weights - 1.0) @ (crossed.sum(axis=0) - crossed.mean() * 12) / crossed.size
         low, high = interval(widened(draws[0] + by_day, 40)[1:])
         held["days"] += low <= true <= high
     assert held["both"] >= 54  # 90 % of 60

@@ -30,7 +30,6 @@ Plain arrays, SI units, degrees for places, seconds for time; variances in m2/s2
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,14 +47,6 @@ FEWEST_PAIRS, FEWEST_OF_CELL, FEWEST_DAYS = 400, 150, 8
 _MOST_AT_ONCE = 20_000  # reports of a day; of more, some are drawn
 _TERMS = 4  # of the reference's error with separation
 _BINS = 8  # of separation, in which the scatter of half squares is taken as one
-
-
-class Pairs(NamedTuple):
-    """Neighbouring reports of different aircraft."""
-
-    first: Ints  # (pair,): place of one report
-    second: Ints  # and of the other
-    separation: Floats  # (pair, 3): distance, difference of ln p and of time, in units of `REACH`
 
 
 @dataclass(frozen=True)
@@ -80,8 +71,12 @@ class Separated:
 
 def neighbouring_pairs(
     latitude: Floats, longitude: Floats, pressure: Floats, time: Floats, aircraft: Ints
-) -> Pairs:
-    """Find the pairs of reports of different aircraft that are near; degrees, Pa, s."""
+) -> tuple[Ints, Floats]:
+    """Find the pairs of reports of different aircraft that are near; degrees, Pa, s.
+
+    Returns the places of both reports (pair, 2) and their separation (pair, 3): distance,
+    difference of ln p and of time, in units of :data:`REACH`.
+    """
     chosen = np.arange(latitude.size)
     if chosen.size > _MOST_AT_ONCE:
         drawn = np.random.default_rng(chosen.size).permutation(chosen)
@@ -91,22 +86,20 @@ def neighbouring_pairs(
     place *= MODEL_EARTH_RADIUS / REACH[0]
     where = np.column_stack([place, np.log(pressure[chosen]) / REACH[1], time[chosen] / REACH[2]])
     found = cKDTree(where).query_pairs(1.0, output_type="ndarray").astype(np.int64)
-    owner = aircraft[chosen]
-    found = found[owner[found[:, 0]] != owner[found[:, 1]]]
-    apart = np.abs(where[found[:, 0]] - where[found[:, 1]])
+    found = found[np.diff(aircraft[chosen][found], axis=1)[:, 0] != 0]
+    apart = np.abs(np.diff(where[found], axis=1)[:, 0])
     distance = np.sqrt((apart[:, :3] ** 2).sum(axis=1))
-    separation = np.column_stack([distance, apart[:, 3], apart[:, 4]])
-    return Pairs(chosen[found[:, 0]], chosen[found[:, 1]], separation)
+    return chosen[found], np.column_stack([distance, apart[:, 3:]])
 
 
-def half_squares(east: Floats, north: Floats, pairs: Pairs) -> Floats:
+def half_squares(east: Floats, north: Floats, pairs: Ints) -> Floats:
     """Half the squared difference of two neighbours (pair,), the mean of both components, m2/s2.
 
-    ``east`` and ``north`` are report minus reference, (report,), m/s.
+    ``east`` and ``north`` are report minus reference, (report,), m/s; ``pairs`` (pair, 2) places.
     """
-    du, dv = (values[pairs.first] - values[pairs.second] for values in (east, north))
+    squares = np.diff(east[pairs], axis=1) ** 2 + np.diff(north[pairs], axis=1) ** 2
     # half for two components, half for two reports: the error variance of one
-    return np.asarray(0.25 * (du**2 + dv**2), dtype=np.float64)
+    return np.asarray(0.25 * squares[:, 0], dtype=np.float64)
 
 
 def separate(
@@ -171,50 +164,52 @@ def _solved(design: Floats, table: PairTable, weights: Floats, variances: int) -
     return np.asarray(np.linalg.solve(whole, right[..., None])[..., 0])
 
 
-@dataclass(frozen=True)
-class Crossed:
-    """Sums of the products c d and of reports, for :func:`added_variance`."""
-
-    number: Floats  # (cell, day)
-    crossed: Floats  # (cell, day): summed products, both components
-    change_squares: Floats  # (cell,): summed c squared, mean of both components
-    aircraft_number: Floats  # (aircraft, cell)
-    aircraft_crossed: Floats  # (aircraft, cell)
-    # (3, 1 + cell): over all pairs of aircraft and day, sums of the squared products, of product
-    # times reports, and of squared reports; of all cells together, then of each
-    intersection: Floats
-
-
-def added_variance(sums: Crossed, weights: Floats, *, seed: int) -> Floats:
+def added_variance(
+    key: Ints,
+    number: Floats,
+    change: Floats,
+    crossed: Floats,
+    weights: Floats,
+    *,
+    cells: int,
+    seed: int,
+) -> Floats:
     """Error variance of the reported winds less that of the corrected winds, (1 + draw, 1 + cell).
 
     The estimate, then draws of days (by ``weights``) and aircraft; of all reports, then of each
-    cell; NaN without reports.
+    cell; NaN without reports. ``key`` (3, group) are aircraft, day and cell of groups of reports;
+    of each group ``number`` of reports, summed c squared (mean of both components) and summed
+    products c d (of both components).
     """
+    aircraft, day, cell = key
+    days, craft = weights.shape[1], int(aircraft.max(initial=0)) + 1
 
-    def with_total(table: Floats) -> Floats:
+    def by(other: Ints, size: int, values: Floats) -> Floats:
+        table = np.bincount(cell * size + other, values, cells * size).reshape(cells, size)
         return np.vstack([table.sum(axis=0), table])
 
-    number, crossed = with_total(sums.number), with_total(sums.crossed)
-    total = number.sum(axis=1)
-    flown = with_total(sums.aircraft_number.T)
+    flown = by(aircraft, craft, number)
+    total = flown.sum(axis=1)
     with np.errstate(invalid="ignore", divide="ignore"):
-        mean = crossed.sum(axis=1) / total
-        by_day = (crossed - mean[:, None] * number) / total[:, None]
-        by_aircraft = (with_total(sums.aircraft_crossed.T) - mean[:, None] * flown) / total[:, None]
-        squares, product, counts = sums.intersection
-        intersection = (squares - 2.0 * mean * product + mean**2 * counts) / total**2
-        known = with_total(sums.change_squares[:, None])[:, 0] / total
+        mean = by(day, days, crossed).sum(axis=1) / total
+        known = by(day, days, change).sum(axis=1) / total
+        by_day, by_aircraft = (
+            (by(other, size, crossed) - mean[:, None] * by(other, size, number)) / total[:, None]
+            for other, size in ((day, days), (aircraft, craft))
+        )
+        together = np.bincount(aircraft * days + day, crossed - mean[0] * number)
+        each = np.bincount(cell, (crossed - mean[1:][cell] * number) ** 2, cells)
+        intersection = np.append((together**2).sum(), each) / total**2
     members = (flown > 0).sum(axis=1)
     by_aircraft *= np.sqrt(members / np.maximum(members - 1.0, 1.0))[:, None]
-    drawn = np.random.default_rng([seed, 1]).normal(size=(len(weights), by_aircraft.shape[1]))
+    drawn = np.random.default_rng([seed, 1]).normal(size=(len(weights), craft))
     drawn[0] = 0.0
-    days, aircraft = (weights - 1.0) @ by_day.T, drawn @ by_aircraft.T
+    of_days, of_aircraft = (weights - 1.0) @ by_day.T, drawn @ by_aircraft.T
     share: Floats | float = 1.0
     if len(weights) > 1:
         # the intersection is counted once
-        of_days, of_aircraft = days[1:].var(axis=0), (by_aircraft**2).sum(axis=1)
-        both = of_days + of_aircraft
-        once = np.maximum(both - intersection, np.maximum(of_days, of_aircraft))
+        variances = of_days[1:].var(axis=0), (by_aircraft**2).sum(axis=1)
+        both = variances[0] + variances[1]
+        once = np.maximum(both - intersection, np.maximum(*variances))
         share = np.sqrt(np.divide(once, both, out=np.ones_like(both), where=both > 0.0))
-    return np.asarray(known + mean + share * (days + aircraft))
+    return np.asarray(known + mean + share * (of_days + of_aircraft))

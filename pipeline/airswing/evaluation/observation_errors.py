@@ -42,8 +42,6 @@ from numpy.typing import NDArray
 from airswing.evaluation.disagreement import CORRECTED_WINDS, WINDS, reference_mean
 from airswing.evaluation.error_separation import (
     FEWEST_DAYS,
-    Crossed,
-    Pairs,
     PairTable,
     added_variance,
     half_squares,
@@ -144,32 +142,6 @@ class Disagreements:
     def reports_by_day(self) -> Floats:
         """Number of reports, (cell, day)."""
         return self.by("cell", "day", "number")
-
-    @cached_property
-    def crossed(self) -> Crossed:
-        """Sums for :func:`airswing.evaluation.error_separation.added_variance`."""
-        number, product = self.sums["number"], self.sums["crossed"]
-        pair = self.key[0] * self.days.size + self.key[1]
-        together = [np.bincount(pair, values) for values in (product, number)]
-        cell = self.key[2]
-        intersection = np.array(
-            [
-                [(one * other).sum(), *np.bincount(cell, of_one * of_other, CELLS)]
-                for one, other, of_one, of_other in (
-                    (together[0], together[0], product, product),
-                    (together[0], together[1], product, number),
-                    (together[1], together[1], number, number),
-                )
-            ]
-        )
-        return Crossed(
-            self.reports_by_day,
-            self.by("cell", "day", "crossed"),
-            np.bincount(cell, self.sums["change"], CELLS).astype(np.float64),
-            self.by("aircraft", "cell", "number"),
-            self.by("aircraft", "cell", "crossed"),
-            intersection,
-        )
 
 
 def disagreements(
@@ -275,20 +247,19 @@ def near_pairs(found: Disagreements, classes: Ints) -> PairTable:
     for day in range(days):
         rows = order[edges[day] : edges[day + 1]]
         part = {name: values[rows] for name, values in table.items()}
-        pairs = neighbouring_pairs(
+        ends, separation = neighbouring_pairs(
             part["latitude"], part["longitude"], part["pressure"], part["time"], part["aircraft"]
         )
-        if pairs.first.size > most:
-            chosen = np.sort(rng.permutation(pairs.first.size)[:most])
-            pairs = Pairs(pairs.first[chosen], pairs.second[chosen], pairs.separation[chosen])
-        ends = np.column_stack([pairs.first, pairs.second])
+        if len(ends) > most:
+            chosen = np.sort(rng.permutation(len(ends))[:most])
+            ends, separation = ends[chosen], separation[chosen]
         parts.append(
             (
-                np.full(pairs.first.size, day),
+                np.full(len(ends), day),
                 part["cell"][ends],
                 classes[part["aircraft"][ends]],
-                pairs.separation,
-                half_squares(part["east"], part["north"], pairs),
+                separation,
+                half_squares(part["east"], part["north"], ends),
             )
         )
     return PairTable(*(np.concatenate(column) for column in zip(*parts, strict=True)))
@@ -356,7 +327,8 @@ def observation_errors(
     if days >= FEWEST_DAYS:
         weights = np.vstack([weights, day_weights(days, draws=DRAWS, seed=seed)])
     number = np.maximum(weights @ found.reports_by_day.T, 0.0)
-    added = added_variance(found.crossed, weights, seed=seed)
+    number_of, change, crossed = (found.sums[name] for name in ("number", "change", "crossed"))
+    added = added_variance(found.key, number_of, change, crossed, weights, cells=CELLS, seed=seed)
     hat_pair = _hat_pair(found)
     methods = {
         "separation": _separation(found, number, weights, added),
