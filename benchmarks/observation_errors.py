@@ -37,7 +37,7 @@ Floats = NDArray[np.float64]
 def archive(seed: int, *, days: int, aircraft: int) -> tuple[xr.Dataset, xr.Dataset, Floats]:
     """Screened headings and corrected winds of one archive, and the true wind (2, report)."""
     effects = fleet_deviations([f"N{401 + index}" for index in range(aircraft)], seed)
-    options = {"days": days, "aircraft": aircraft, "seed": seed, "derivatives": False}
+    options = {"days": days, "aircraft": aircraft, "seed": seed}
     frame = simulate_arrays(**options, effects=effects)
     with tempfile.TemporaryDirectory() as folder:
         write_reports(Path(folder), frame)

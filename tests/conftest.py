@@ -92,8 +92,8 @@ def gap_archive(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def _make_gap_archive(folder: Path) -> None:
-    from airswing.synthetic.sealed.cases import Case, World
-    from airswing.synthetic.sealed.draws import Drawn
+    from airswing.synthetic.sealed.cases import Case
+    from airswing.synthetic.sealed.draws import Drawn, World
     from airswing.synthetic.sealed.sealed_archives import Archivist
     from airswing.workflow import make_headings
 

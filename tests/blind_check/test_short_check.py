@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import pytest
 from typer.testing import CliRunner
 
 from airswing.blind_check import Plan, gap_check
@@ -26,6 +27,7 @@ def diagnosed(config: Path, output: Path, without: Sequence[str]) -> Mapping[str
     return content
 
 
+@pytest.mark.slow
 def test_a_short_check_by_the_public_command(tmp_path, monkeypatch, no_gap_page):
     short = Size(days=12, aircraft=5, sizes=(1.6,), coarse=True)
     monkeypatch.setattr(Size, "fast", classmethod(lambda cls: short))

@@ -20,7 +20,7 @@ from airswing.workflow.progress import Progress
 @pytest.mark.parametrize(
     ("sign", "expected"), [(-1.0, "magnetic_for_true"), (1.0, "true_for_magnetic"), (0.0, "")]
 )
-def test_offsets_that_are_the_declination_are_told(sign, expected):
+def test_offsets_equal_to_the_declination_are_recognised(sign, expected):
     rng = np.random.default_rng(4)
     for _ in range(50):
         declination = rng.uniform(-14, -7) + rng.normal(0, 1, 8)
@@ -28,7 +28,7 @@ def test_offsets_that_are_the_declination_are_told(sign, expected):
         assert taken_for(offset, np.full(8, 0.3), declination) == expected
 
 
-def test_a_small_declination_or_one_aircraft_tells_nothing():
+def test_a_small_declination_or_one_aircraft_shows_nothing():
     # Netherlands 2017, 0.9 degrees east: offsets of Mode-S aircraft are as large
     rng = np.random.default_rng(5)
     for _ in range(50):
@@ -78,7 +78,7 @@ def test_headings_as_they_are_give_the_truth_and_no_warning(archive, numbers_onl
         )
 
 
-def test_a_run_says_that_magnetic_headings_were_taken_for_true(archive, blank_cards, monkeypatch):
+def test_a_run_warns_of_magnetic_headings_taken_for_true(archive, blank_cards, monkeypatch):
     monkeypatch.setattr("airswing.workflow.main.make_evaluation", lambda *_: Evaluation())
     wrong, output = summary_of(archive, archive / "mode_s.csv", {"heading": "heading_deg"})
     (line,) = [line for line in wrong["warnings"] if "declination" in line]
@@ -86,7 +86,7 @@ def test_a_run_says_that_magnetic_headings_were_taken_for_true(archive, blank_ca
     assert "magnetic_heading_deg" in (output / "report" / "index.html").read_text()
 
 
-def test_a_run_says_that_true_headings_were_taken_for_magnetic(archive, numbers_only):
+def test_a_run_warns_of_true_headings_taken_for_magnetic(archive, numbers_only):
     reports = pd.read_csv(archive / "mode_s.csv", parse_dates=["timestamp"])
     field = EarthField(pd.Timestamp(START).to_pydatetime(), 1.0, (44, 54, -128, -114))
     hours = np.zeros(len(reports))

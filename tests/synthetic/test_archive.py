@@ -31,7 +31,7 @@ def knots(u: pd.Series, v: pd.Series) -> float:
 
 
 def test_without_faults_and_noise_the_true_wind_comes_back() -> None:
-    frame = simulate_arrays(**SMALL, coding=EXACT, derivatives=False)
+    frame = simulate_arrays(**SMALL, coding=EXACT)
     assert np.abs(frame["u"] - frame["true_u"]).max() < 1e-6
     assert np.abs(frame["v"] - frame["true_v"]).max() < 1e-6
 
@@ -53,7 +53,7 @@ def test_disagreement_is_the_seed_paper_s(month: pd.DataFrame) -> None:
         for tail in tails
     ]
     grid = {"columns": 30, "rows": 23, "spacing_km": 62.0}
-    swung = simulate_arrays(days=8, aircraft=5, seed=4, effects=effects, derivatives=False, **grid)
+    swung = simulate_arrays(days=8, aircraft=5, seed=4, effects=effects, **grid)
     assert 7.0 < knots(swung["u"] - swung["u_ruc"], swung["v"] - swung["v_ruc"]) < 9.0
 
 
@@ -70,8 +70,8 @@ def test_density_coverage_and_flags(month: pd.DataFrame) -> None:
 
 
 def test_a_shuttle_flies_one_route_and_leaves_the_others_as_they_were() -> None:
-    frame = simulate_arrays(**SMALL, derivatives=False)
-    shuttled = simulate_arrays(**SMALL, derivatives=False, shuttles=1)
+    frame = simulate_arrays(**SMALL)
+    shuttled = simulate_arrays(**SMALL, shuttles=1)
     for tail in ("N401", "N402"):
         old, new = (one[one["tail"] == tail] for one in (frame, shuttled))
         np.testing.assert_allclose(old["true_heading"], new["true_heading"], atol=1e-6)
@@ -81,7 +81,7 @@ def test_a_shuttle_flies_one_route_and_leaves_the_others_as_they_were() -> None:
 
 
 def test_hard_world_has_outliers_and_more_disagreement() -> None:
-    frame = simulate_arrays(**SMALL, world="hard", derivatives=False)
+    frame = simulate_arrays(**SMALL, world="hard")
     error = np.hypot(frame["u"] - frame["true_u"], frame["v"] - frame["true_v"])
     assert 0.004 < np.mean(error > 12.0) < 0.03
     assert 5.0 < knots(frame["u"] - frame["u_ruc"], frame["v"] - frame["v_ruc"]) < 10.0
@@ -122,7 +122,7 @@ def test_field_test_units_apply_their_tables(tmp_path: Path) -> None:
         {"name": "hard_iron", "tails": [tail], "parameters": {"amplitude_deg": 5.0}}
         for tail in ("N401", "N402")
     ]
-    options = {"days": 4, "aircraft": 2, "seed": 6, "coding": EXACT, "derivatives": False}
+    options = {"days": 4, "aircraft": 2, "seed": 6, "coding": EXACT}
     frame = simulate_arrays(effects=effects, field_test=(2, ("N401",)), **options)
     error = frame["heading"] - frame["true_heading"]
     error = np.degrees((error + np.pi) % (2 * np.pi) - np.pi)

@@ -20,7 +20,6 @@ COMMON = {
     "days": 2,
     "aircraft": 4,
     "seed": 3,
-    "derivatives": False,
     "references": ("ruc",),
     "columns": 20,
     "rows": 16,

@@ -71,29 +71,8 @@ def test_sampling_returns_the_true_wind_at_grid_points(world: World) -> None:
         here, lat[4:6, 7], lon[4:6, 7], np.array([700.0, 500.0]), np.array([2.0, 3.0])
     )
     truth = stored(world, unrotated=-1.0).wind
-    np.testing.assert_allclose(found["u"], [truth[2, 0, 1, 4, 7], truth[3, 0, 2, 5, 7]], atol=0.08)
-    np.testing.assert_allclose(found["v"], [truth[2, 1, 1, 4, 7], truth[3, 1, 2, 5, 7]], atol=0.08)
-
-
-def test_gradients_agree_with_differences_of_the_sampling(world: World) -> None:
-    here = stored(world)
-    centre = sample_reference(here, **POINTS)
-    geod = pyproj.Geod(a=6367470, b=6367470)
-
-    def moved(**by: np.ndarray) -> np.ndarray:
-        return sample_reference(here, **{**POINTS, **by})["u"]
-
-    seconds = 30.0
-    rate = (moved(hours=POINTS["hours"] + seconds / 3600) - centre["u"]) / seconds
-    np.testing.assert_allclose(rate, centre["dudt"], rtol=1e-3, atol=1e-7)
-    deeper = moved(pressure=POINTS["pressure"] * np.exp(1e-3))
-    np.testing.assert_allclose(
-        (deeper - centre["u"]) / 1e-3, centre["dudlnp"], rtol=1e-3, atol=1e-2
-    )
-    for name, azimuth in (("dudx", 90.0), ("dudy", 0.0)):
-        lon, lat, _ = geod.fwd(POINTS["longitude"], POINTS["latitude"], [azimuth] * 4, [200.0] * 4)
-        slope = (moved(latitude=np.array(lat), longitude=np.array(lon)) - centre["u"]) / 200.0
-        np.testing.assert_allclose(slope, centre[name], rtol=0.1, atol=4e-6)
+    np.testing.assert_allclose(found[0], [truth[2, 0, 1, 4, 7], truth[3, 0, 2, 5, 7]], atol=0.08)
+    np.testing.assert_allclose(found[1], [truth[2, 1, 1, 4, 7], truth[3, 1, 2, 5, 7]], atol=0.08)
 
 
 def test_nothing_is_extrapolated(world: World) -> None:
@@ -104,7 +83,7 @@ def test_nothing_is_extrapolated(world: World) -> None:
         "pressure": np.array([500.0, 950.0, 300.0, 500.0]),
         "hours": np.array([1.0, 1.0, 1.0, 6.5]),
     }
-    assert np.isnan(sample_reference(here, **outside)["u"]).all()
+    assert np.isnan(sample_reference(here, **outside)).all()
 
 
 def test_speed_bias_acts_above_its_level_only(world: World) -> None:
@@ -122,10 +101,10 @@ def test_unrotated_winds_differ_by_the_convergence(world: World) -> None:
     plain, wrong = (
         sample_reference(stored(world, unrotated=part), **POINTS) for part in (0.0, 1.0)
     )
-    turn = np.arctan2(wrong["v"], wrong["u"]) - np.arctan2(plain["v"], plain["u"])
+    turn = np.arctan2(*wrong[::-1]) - np.arctan2(*plain[::-1])
     expected = GRID.convergence(POINTS["longitude"])
     np.testing.assert_allclose((turn - expected + np.pi) % (2 * np.pi) - np.pi, 0, atol=2e-3)
-    speed = [np.hypot(wind["u"], wind["v"]) for wind in (plain, wrong)]
+    speed = [np.hypot(*wind) for wind in (plain, wrong)]
     np.testing.assert_allclose(*speed, rtol=1e-3)
 
 

@@ -17,13 +17,11 @@ from airswing.synthetic.outside_effects import (
     report_variables,
 )
 from airswing.synthetic.sealed.cases import ALIKE, OUTSIDE_SHAPES, draw_outside
-from airswing.synthetic.sealed.draws import Occasion
+from airswing.synthetic.sealed.draws import START, World
 from airswing.synthetic.sealed.outside import MOST_NAMED, carried_by, named_share
 
 KNOT = 1852.0 / 3600.0
-START = datetime(2009, 3, 1)
 RNG = np.random.default_rng(0)
-TAILS = [f"N{401 + k}" for k in range(14)]
 
 
 def part(variable="hour", shape="sector", at=0.25, width=0.1):
@@ -156,7 +154,7 @@ def test_draws_have_the_stated_shape_and_cover_components_and_variables():
     seen = Counter()
     for seed in range(600):
         rng, shape = np.random.default_rng(seed), OUTSIDE_SHAPES[seed % len(OUTSIDE_SHAPES)]
-        one = draw_outside(rng, Occasion(tuple(TAILS), START, 45), shape=shape, size=0.8)
+        one = draw_outside(rng, World(0, "default", 45, 14), shape=shape, size=0.8)
         chosen = one["parameters"]
         names = [p["variable"] for p in chosen["parts"]]
         assert set(names) <= set(VARIABLES) and len(set(names)) == len(names)

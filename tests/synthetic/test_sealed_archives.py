@@ -12,8 +12,8 @@ from airswing.errors import InputError
 from airswing.gap.effects import CATALOGUE
 from airswing.synthetic.archive import simulate_arrays
 from airswing.synthetic.sealed import sealed_archives as archives
-from airswing.synthetic.sealed.cases import Case, World
-from airswing.synthetic.sealed.draws import Drawn
+from airswing.synthetic.sealed.cases import Case
+from airswing.synthetic.sealed.draws import Drawn, World
 from airswing.synthetic.sealed.injection import (
     sensor_record,
     with_real_sensor,
@@ -42,7 +42,7 @@ def test_the_true_closure_is_that_of_the_twin_without_the_effect(tmp_path):
     archivist = Archivist(tmp_path)
     effect = drawn("tas_offset", None, offset_m_s=1.0)
     label = archivist.write(Case("case_1", 1, "single", TINY, (effect,), (3.0,)))
-    options = archives.generator_options(TINY) | {"derivatives": False}
+    options = archives.generator_options(TINY)
     with_it = simulate_arrays(effects=label["effects"], **options)
     without = simulate_arrays(effects=[], **options)
     for name, frame in (("before", with_it), ("after", without)):
@@ -53,7 +53,7 @@ def test_the_true_closure_is_that_of_the_twin_without_the_effect(tmp_path):
 
 
 def test_the_twin_is_compared_on_the_same_reports_whatever_their_order():
-    made = simulate_arrays(effects=[], **archives.generator_options(TINY), derivatives=False)
+    made = simulate_arrays(effects=[], **archives.generator_options(TINY))
     twin = made.sample(frac=1.0, random_state=1).reset_index(drop=True)
     assert not (made["made"].to_numpy() == twin["made"].to_numpy()).all()
     both = twin_closure(made, twin)
@@ -105,7 +105,7 @@ def test_a_record_on_the_ground_is_refused():
 
 
 def test_real_noise_comes_from_the_same_heading_and_repeats():
-    options = archives.generator_options(TINY) | {"derivatives": False}
+    options = archives.generator_options(TINY)
     frame = simulate_arrays(effects=[], **options)
     one = sensor_record(record(noise=0.5))
     marked = replace(one, heading_error=one.magnetic % (2 * np.pi), airspeed_error=0 * one.magnetic)

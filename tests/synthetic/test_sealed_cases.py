@@ -11,21 +11,20 @@ import pytest
 from airswing.blind_check.score import draws
 from airswing.gap.effects import CATALOGUE
 from airswing.synthetic.instrument import parse_faults
-from airswing.synthetic.sealed.cases import RUNGS, Size, World
+from airswing.synthetic.sealed.cases import RUNGS, Size
 from airswing.synthetic.sealed.cases import plan_cases as plan
-from airswing.synthetic.sealed.draws import Draw, Drawn, Occasion, draw_effect, scaled
+from airswing.synthetic.sealed.draws import START, Draw, Drawn, World, draw_effect, scaled
 from airswing.synthetic.sealed.sealed_archives import strength_of
 from airswing.synthetic.truth import LITTLE, small_effects
 
-TAILS = Size().tails
-START = datetime(2009, 3, 1)
+TAILS = World(0, "default", 45, 14).tails
 DRAWS = draws()
 
 
 def draw(name, seed=0, days=40, **options):
     rng = np.random.default_rng(seed)
-    occasion = Occasion(tuple(TAILS), START, days)
-    return draw_effect(name, DRAWS[name], rng, occasion, step=2, **options)
+    world = World(0, "default", days, len(TAILS))
+    return draw_effect(name, DRAWS[name], rng, world, step=2, **options)
 
 
 def plan_cases(*args, **options):

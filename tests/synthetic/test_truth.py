@@ -69,7 +69,6 @@ def test_against_the_true_wind_amplitudes_are_right_to_a_hundredth_of_a_degree()
         effects=effects,
         references=("ruc",),
         start=START,
-        derivatives=False,
     )
     faults = parse_faults(effects, start=START, tails=TAILS)
     cruise = frame[frame["phase"] == 2]
@@ -100,7 +99,7 @@ def test_every_unit_errs_by_its_stated_coefficients_at_the_field_it_flies_in(see
     """Aircraft fly where the field is weaker or stronger than the fleet's, by several per cent."""
     tails = [f"N{401 + index}" for index in range(8)]
     effects = fleet_deviations(tails, seed)
-    options = {"days": 6, "aircraft": 8, "seed": seed, "effects": effects, "derivatives": False}
+    options = {"days": 6, "aircraft": 8, "seed": seed, "effects": effects}
     frame = simulate_arrays(coding=Coding(heading_noise=0.0), **options)
     faults = parse_faults(effects, start=START, tails=tails)
     truth = truth_record(frame, faults, tails, effects)["aircraft"]

@@ -8,6 +8,7 @@ diagnosis. A check that was interrupted continues: diagnosed cases are kept.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import multiprocessing
@@ -16,7 +17,7 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -26,7 +27,8 @@ from typing import Any
 from airswing.blind_check.score import Score, draws, score_case
 from airswing.products.fingerprint import code_digest
 from airswing.products.whole_files import write_json
-from airswing.synthetic.sealed.cases import Case, Size, World, plan_cases
+from airswing.synthetic.sealed.cases import Case, Size, plan_cases
+from airswing.synthetic.sealed.draws import World
 from airswing.synthetic.sealed.labels import Label, open_seal, seal
 from airswing.synthetic.sealed.sealed_archives import Archivist
 
@@ -221,7 +223,7 @@ def gap_check(
         path = _gap_file(output, label["name"])
         gap = json.loads(path.read_text()) if path.exists() else None
         failure = failures.get(label["name"])
-        scores.append(score_case(label, gap, failure=failure, fleet=plan.size.tails))
+        scores.append(score_case(label, gap, failure=failure, fleet=cases[0].world.tails))
     check = Check(digest, labels, scores, settings | {"sealed": len(labels)})
     content = {"settings": check.settings, "digest": digest, "labels": labels, "scores": scores}
     write_json(output / "scores.json", content)
@@ -256,31 +258,19 @@ def _sealed(
     worlds: dict[World, list[Case]] = {}
     for case in cases:
         worlds.setdefault(case.world, []).append(case)
-    labels = [
-        label
-        for group in _written(output, list(worlds.values()), real, workers, say)
-        for label in group
-    ]
+    write, labels = partial(_write_world, output, real), []
+    with contextlib.ExitStack() as stack:
+        written: Iterable[list[Label]] = map(write, worlds.values())
+        if workers > 1:
+            # Spawned, because threads of numerical libraries do not survive a fork.
+            context = multiprocessing.get_context("spawn")
+            pool = stack.enter_context(ProcessPoolExecutor(workers, mp_context=context))
+            written = pool.map(write, worlds.values())
+        for group in written:
+            say(f"{len(group)} archives of one world written")
+            labels += group
     labels.sort(key=lambda label: label["name"])
     return seal(labels, output / "sealed")
-
-
-def _written(
-    output: Path, worlds: Sequence[Sequence[Case]], real: Path | None, workers: int, say: Say
-) -> Iterator[list[Label]]:
-    """Write the cases of every world, several worlds at a time with more than one worker."""
-    write = partial(_write_world, output, real)
-    if workers <= 1:
-        written: Iterator[list[Label]] = map(write, worlds)
-    else:
-        # Spawned, because threads of numerical libraries do not survive a fork.
-        pool = ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"))
-        written = pool.map(write, worlds)
-    for cases, labels in zip(worlds, written, strict=True):
-        say(f"{len(cases)} archives of one world written")
-        yield labels
-    if workers > 1:
-        pool.shutdown()
 
 
 def _write_world(output: Path, real: Path | None, cases: Sequence[Case]) -> list[Label]:

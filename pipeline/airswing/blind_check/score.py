@@ -93,7 +93,8 @@ def score_case(
     names = list(dict.fromkeys(claim["name"] for claim in claims))
     false = [name for name in names if name not in truth and name not in background]
     judged = [claim for claim in claims if claim["name"] not in background]
-    unknown = [place for place in places if not _of_background(label, place)]
+    of_background = label.get("background_components", ())
+    unknown = [place for place in places if place["component"] not in of_background]
     first = {judged[0]["name"], *judged[0]["ambiguous_with"]} if judged else set()
     found: Score = {
         "claimed": names,
@@ -110,10 +111,6 @@ def score_case(
     if label["outside"] is not None:
         found |= _of_unknown(label, claims, unknown, false, fleet)
     return asked | found | _closure(label, gap, background)
-
-
-def _of_background(label: Label, place: Entry) -> bool:
-    return place["component"] in label.get("background_components", ())
 
 
 def _claims(

@@ -9,7 +9,7 @@ Units: kt for closures, days for dates, fractions of 1 for shares.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +50,12 @@ def wilson(right: int, number: int) -> tuple[float, float]:
     return float(centre - half), float(centre + half)
 
 
+def _reach(share: float, right: int, number: int) -> list[float]:
+    """Distances from a share down and up to the ends of its interval."""
+    low, high = wilson(right, number)
+    return [max(share - low, 0.0), max(high - share, 0.0)]
+
+
 def reliability(claims: Sequence[tuple[str, float, bool]]) -> pd.DataFrame:
     """Return stated probabilities against the share of right claims.
 
@@ -71,12 +77,22 @@ def reliability(claims: Sequence[tuple[str, float, bool]]) -> pd.DataFrame:
     return means.assign(number=grouped.size())
 
 
-def _cases(scores: Sequence[Score], *kinds: str, least: float = 0.0) -> list[Score]:
-    return [
-        score
-        for score in scores
-        if score["failure"] is None and score["kind"] in kinds and score["size"] >= least
-    ]
+class _Groups:
+    """Scores of diagnoses that did not fail, by what is asked of them."""
+
+    def __init__(self, scores: Sequence[Score]) -> None:
+        self.done = [score for score in scores if score["failure"] is None]
+        self.singles, self.pairs, self.outside = (
+            [s for s in self.done if s["kind"] == kind and s["size"] >= DETECTABLE_M_S]
+            for kind in ("single", "pair", "outside")
+        )
+        self.nulls = [s for s in self.done if s["kind"] == "null"]
+        removed = [s for s in self.done if s["kind"] == "removed"]
+        self.removed = [s for s in removed if s["closure_true"] >= WORTH_KT]
+        self.raised = [s for s in self.outside if s["unknown"]]
+        self.named = [s for s in self.singles if s["all_named"]]
+        # something that is present was stated
+        self.stated = self.named + [s for s in self.pairs if s["all_named"]] + self.raised
 
 
 def _values(scores: Sequence[Score], key: str) -> list[float]:
@@ -91,53 +107,8 @@ def _median(values: Sequence[float]) -> Reached:
     return (float(np.median(values)) if len(values) else None), len(values)
 
 
-def _singles(scores: Sequence[Score]) -> list[Score]:
-    return _cases(scores, "single", least=DETECTABLE_M_S)
-
-
-def _pairs(scores: Sequence[Score]) -> list[Score]:
-    return _cases(scores, "pair", least=DETECTABLE_M_S)
-
-
-def _outside(scores: Sequence[Score]) -> list[Score]:
-    return _cases(scores, "outside", least=DETECTABLE_M_S)
-
-
-def _raised(scores: Sequence[Score]) -> list[Score]:
-    return [score for score in _outside(scores) if score["unknown"]]
-
-
-def _named(scores: Sequence[Score]) -> list[Score]:
-    return [score for score in _singles(scores) if score["all_named"]]
-
-
-def _stated(scores: Sequence[Score]) -> list[Score]:
-    """Cases in which something that is present was stated."""
-    right = [s for s in [*_singles(scores), *_pairs(scores)] if s["all_named"]]
-    return right + _raised(scores)
-
-
-def _identified(scores: Sequence[Score]) -> Reached:
-    return _mean([s["unknown_first"] and bool(s.get("variable_first")) for s in _outside(scores)])
-
-
-def _false_names(scores: Sequence[Score]) -> Reached:
-    judged = [s for s in scores if s["failure"] is None and s["kind"] != "removed"]
-    return _mean([bool(score["false_names"]) for score in judged])
-
-
-def _claims_on_nulls(scores: Sequence[Score]) -> Reached:
-    nulls = _cases(scores, "null")
-    return _mean([bool(s["false_names"]) or s["unknown"] for s in nulls])
-
-
-def _within_two_errors(scores: Sequence[Score]) -> Reached:
-    return _mean([abs(z) <= 2.0 for s in _named(scores) for z in s["standardised_errors"]])
-
-
-def _reliability(scores: Sequence[Score]) -> Reached:
+def _reliability(claims: Sequence[tuple[str, float, bool]]) -> Reached:
     """The largest distance of stated probability and share of right claims over the bins."""
-    claims = [claim for s in scores if s["failure"] is None for claim in s["claims"]]
     table = reliability(claims)
     table = table[table["number"] >= LEAST_CLAIMS]
     if table.empty:
@@ -145,76 +116,57 @@ def _reliability(scores: Sequence[Score]) -> Reached:
     return float((table["stated"] - table["right"]).abs().max()), int(table["number"].sum())
 
 
-def _removed(scores: Sequence[Score]) -> list[Score]:
-    return [s for s in _cases(scores, "removed") if s["closure_true"] >= WORTH_KT]
+def _figures(scores: Sequence[Score]) -> list[tuple[str, str, Target, Reached]]:
+    """Every figure: its name, direction, target, and its value with the number of cases."""
+    g = _Groups(scores)
+    identified = [s["unknown_first"] and bool(s.get("variable_first")) for s in g.outside]
+    false_names = [bool(s["false_names"]) for s in g.done if s["kind"] != "removed"]
+    on_nulls = [bool(s["false_names"]) or s["unknown"] for s in g.nulls]
+    deviations = [abs(z) <= 2.0 for s in g.named for z in s["standardised_errors"]]
+    # closures within 5 % of the truth or 0.03 kt
+    close = [s["closure_error"] <= max(0.05 * s["closure_true"], 0.03) for s in g.stated]
+    claims = [claim for s in g.done for claim in s["claims"]]
 
+    def share(group: Sequence[Score], key: str) -> Reached:
+        return _mean(_values(group, key))
 
-def _small_error(scores: Sequence[Score]) -> Reached:
-    """Share of closures within 5 % of the truth or 0.03 kt."""
-    return _mean(
-        [s["closure_error"] <= max(0.05 * s["closure_true"], 0.03) for s in _stated(scores)]
-    )
+    def median(group: Sequence[Score], key: str) -> Reached:
+        return _median(_values(group, key))
 
-
-#: Figure, direction, target, and how it is computed (value and number of cases).
-TARGETS: tuple[tuple[str, str, Target, Callable[[Sequence[Score]], Reached]], ...] = (
-    (
-        "first name right, single effects",
-        ">=",
-        0.95,
-        lambda s: _mean(_values(_singles(s), "first_right")),
-    ),
-    ("both effects of a pair named", ">=", 0.92, lambda s: _mean(_values(_pairs(s), "all_named"))),
-    (
-        "outside the catalogue: raised with the right variable, no false name first",
-        ">=",
-        0.85,
-        _identified,
-    ),
-    (
-        "outside: precision of the aircraft",
-        ">=",
-        0.90,
-        lambda s: _mean(_values(_raised(s), "precision")),
-    ),
-    ("outside: recall of the aircraft", ">=", 0.90, lambda s: _mean(_values(_raised(s), "recall"))),
-    ("archives with a false name", "<=", 0.03, _false_names),
-    ("nulls with any claim", "<=", 0.02, _claims_on_nulls),
-    (
-        "parameters: median relative error",
-        "<=",
-        0.03,
-        lambda s: _median(_values(_named(s), "parameter_error")),
-    ),
-    ("parameters within two standard errors", "in", (0.93, 0.97), _within_two_errors),
-    (
-        "closure of what is stated: median error, kt",
-        "<=",
-        0.03,
-        lambda s: _median(_values(_stated(s), "closure_error")),
-    ),
-    ("closure within 5 % or 0.03 kt", ">=", 0.50, _small_error),
-    (
-        "closure interval contains the truth",
-        "in",
-        (0.90, 0.98),
-        lambda s: _mean(_values(_stated(s), "closure_covered")),
-    ),
-    ("stated probability: largest error of a bin", "<=", 0.05, _reliability),
-    (
-        "withheld effects of 0.1 kt and more: something stated",
-        ">=",
-        0.95,
-        lambda s: _mean(_values(_removed(s), "detected")),
-    ),
-    (
-        "truth in the credible set, single effects",
-        ">=",
-        0.95,
-        lambda s: _mean(_values(_singles(s), "in_set")),
-    ),
-    ("dates: median error, days", "<=", 3.0, lambda s: _median(_values(_named(s), "date_error"))),
-)
+    raised = "outside the catalogue: raised with the right variable, no false name first"
+    return [
+        ("first name right, single effects", ">=", 0.95, share(g.singles, "first_right")),
+        ("both effects of a pair named", ">=", 0.92, share(g.pairs, "all_named")),
+        (raised, ">=", 0.85, _mean(identified)),
+        ("outside: precision of the aircraft", ">=", 0.90, share(g.raised, "precision")),
+        ("outside: recall of the aircraft", ">=", 0.90, share(g.raised, "recall")),
+        ("archives with a false name", "<=", 0.03, _mean(false_names)),
+        ("nulls with any claim", "<=", 0.02, _mean(on_nulls)),
+        ("parameters: median relative error", "<=", 0.03, median(g.named, "parameter_error")),
+        ("parameters within two standard errors", "in", (0.93, 0.97), _mean(deviations)),
+        (
+            "closure of what is stated: median error, kt",
+            "<=",
+            0.03,
+            median(g.stated, "closure_error"),
+        ),
+        ("closure within 5 % or 0.03 kt", ">=", 0.50, _mean(close)),
+        (
+            "closure interval contains the truth",
+            "in",
+            (0.90, 0.98),
+            share(g.stated, "closure_covered"),
+        ),
+        ("stated probability: largest error of a bin", "<=", 0.05, _reliability(claims)),
+        (
+            "withheld effects of 0.1 kt and more: something stated",
+            ">=",
+            0.95,
+            share(g.removed, "detected"),
+        ),
+        ("truth in the credible set, single effects", ">=", 0.95, share(g.singles, "in_set")),
+        ("dates: median error, days", "<=", 3.0, median(g.named, "date_error")),
+    ]
 
 
 def targets(scores: Sequence[Score]) -> pd.DataFrame:
@@ -231,8 +183,7 @@ def targets(scores: Sequence[Score]) -> pd.DataFrame:
         Columns ``figure, target, reached, number, met``; ``met`` is None without cases.
     """
     rows: list[dict[str, Any]] = []
-    for what, direction, target, measure in TARGETS:
-        reached, number = measure(scores)
+    for what, direction, target, (reached, number) in _figures(scores):
         if isinstance(target, tuple):
             text, met = f"{target[0]:g} to {target[1]:g}", None
             if reached is not None:
@@ -354,7 +305,7 @@ def check_figure(scores: Sequence[Score]) -> Figure:
     axes = figure.subplot_mosaic(
         [["size", "closure", "stated"], ["named"] * 3], height_ratios=[1, 2]
     )
-    _draw_identification(axes["size"], _cases(done, "single"))
+    _draw_identification(axes["size"], [s for s in done if s["kind"] == "single"])
     _draw_closure(axes["closure"], done)
     _draw_reliability(axes["stated"], done)
     _draw_confusion(axes["named"], done)
@@ -363,23 +314,19 @@ def check_figure(scores: Sequence[Score]) -> Figure:
 
 def _draw_identification(axes: Axes, singles: Sequence[Score]) -> None:
     sizes = sorted({score["size"] for score in singles})
-    for shift, (key, name) in enumerate(
-        (
-            ("detected", "detected"),
-            ("first_right", "first name right"),
-            ("in_set", "in credible set"),
-        )
-    ):
+    names = {
+        "detected": "detected",
+        "first_right": "first name right",
+        "in_set": "in credible set",
+    }
+    for shift, (key, name) in enumerate(names.items() if sizes else ()):
         shares, reach = [], []
         for size in sizes:
             values = _values([s for s in singles if s["size"] == size], key)
-            share = float(np.mean(values)) if values else np.nan
-            low, high = wilson(round(sum(values)), len(values))
-            shares.append(share)
-            reach.append([max(share - low, 0.0), max(high - share, 0.0)])
+            shares.append(float(np.mean(values)) if values else np.nan)
+            reach.append(_reach(shares[-1], round(sum(values)), len(values)))
         places = np.arange(len(sizes)) + 0.08 * (shift - 1)
-        if sizes:
-            axes.errorbar(places, shares, np.transpose(reach), marker="o", capsize=2, label=name)
+        axes.errorbar(places, shares, np.transpose(reach), marker="o", capsize=2, label=name)
     counts = [sum(score["size"] == size for score in singles) for size in sizes]
     labels = [f"{size:g}\n({count})" for size, count in zip(sizes, counts, strict=True)]
     axes.set_xticks(range(len(sizes)), labels)
@@ -416,8 +363,8 @@ def _draw_closure(axes: Axes, scores: Sequence[Score]) -> None:
 def _draw_reliability(axes: Axes, scores: Sequence[Score]) -> None:
     table = reliability([claim for score in scores for claim in score["claims"]])
     for _, row in table.iterrows():
-        low, high = wilson(round(row["right"] * row["number"]), int(row["number"]))
-        reach = [[max(row["right"] - low, 0.0)], [max(high - row["right"], 0.0)]]
+        number = int(row["number"])
+        reach = np.reshape(_reach(row["right"], round(row["right"] * number), number), (2, 1))
         axes.errorbar(row["stated"], row["right"], reach, marker="o", color="C0", capsize=2)
         axes.annotate(f"{row['number']:.0f}", (row["stated"], 0.0), rotation=90, fontsize=7.5)
     axes.axline((0, 0), slope=1, color="0.6", linewidth=1)

@@ -153,9 +153,7 @@ def simulate(scenario: Scenario) -> Simulated:
     return reports, references, faults
 
 
-def simulate_arrays(
-    *, effects: Effects = (), derivatives: bool = True, **options: Any
-) -> pd.DataFrame:
+def simulate_arrays(*, effects: Effects = (), **options: Any) -> pd.DataFrame:
     """An archive as one table with the models' winds, without writing a file.
 
     The models' winds are those of an exact reader of the files: the same packed grids,
@@ -165,8 +163,6 @@ def simulate_arrays(
     ----------
     effects : sequence of mapping
         See `airswing.synthetic.instrument`.
-    derivatives : bool, default True
-        Also return the gradients of the models' winds.
     **options
         Further fields of `Scenario`: ``days, aircraft, seed, world, ...``.
 
@@ -178,29 +174,21 @@ def simulate_arrays(
         ``u, v`` (m/s), ``celsius, phase, icing, roll_flag, flight``. As indicated (radians, m/s):
         ``heading`` (true), ``airspeed``. Exact (radians, SI): ``true_u, true_v, true_heading,
         true_airspeed, ground_u, ground_v, bank, acceleration, declination, horizontal`` (nT),
-        ``dip, temperature`` (K). For each model NAME: ``u_NAME, v_NAME`` (m/s) and, with
-        derivatives, ``dudt_NAME`` (m s-2), ``dudlnp_NAME``, ``dudx_NAME``, ``dudy_NAME`` (s-1) and
-        likewise for v; ``convergence`` (radians), the angle from grid to earth.
+        ``dip, temperature`` (K). For each model NAME: ``u_NAME, v_NAME`` (m/s).
     """
     scenario = Scenario(effects=effects, **options)
     reports, references, _ = simulate(scenario)
     frame = finished(reports, scenario.start)
-    add_winds(frame, references, derivatives=derivatives)
-    grid = next(iter(references.values())).grid
-    frame["convergence"] = grid.convergence(frame["longitude"].to_numpy())
+    add_winds(frame, references)
     return frame
 
 
-def add_winds(
-    frame: pd.DataFrame, references: Mapping[str, GriddedReference], *, derivatives: bool = False
-) -> None:
+def add_winds(frame: pd.DataFrame, references: Mapping[str, GriddedReference]) -> None:
     """Add the winds of every model at the reports, in place."""
     places = [frame[name].to_numpy() for name in ("latitude", "longitude", "pressure", "hours")]
     places[2] = places[2] / 100.0
     for name, stored in references.items():
-        wind = sample_reference(stored, *places)
-        for key in wind if derivatives else ("u", "v"):
-            frame[f"{key}_{name}"] = wind[key]
+        frame[f"u_{name}"], frame[f"v_{name}"] = sample_reference(stored, *places)
 
 
 def finished(reports: pd.DataFrame, start: datetime) -> pd.DataFrame:
@@ -212,13 +200,8 @@ def finished(reports: pd.DataFrame, start: datetime) -> pd.DataFrame:
     return frame
 
 
-def write_reports(
-    directory: Path,
-    frame: pd.DataFrame,
-    *,
-    phases: Sequence[str] = ("ascent", "cruise", "descent"),
-) -> None:
-    """Write one CSV an aircraft in canonical columns, from `finished` reports of some phases."""
+def write_reports(directory: Path, frame: pd.DataFrame) -> None:
+    """Write one CSV an aircraft in canonical columns, from `finished` reports."""
     directory.mkdir(parents=True, exist_ok=True)
     table = pd.DataFrame(
         {
@@ -237,7 +220,6 @@ def write_reports(
             "icing": frame["icing"],
         }
     )
-    table = table[table["phase"].isin(list(phases))]
     for tail, part in table.groupby("tail", sort=True):
         part.to_csv(directory / f"{tail}.csv", index=False)
 
@@ -246,7 +228,6 @@ def write_archive(
     directory: str | Path,
     *,
     effects: Effects | None = None,
-    phases: Sequence[str] = ("ascent", "cruise", "descent"),
     times_per_file: int = 1,
     truth: str | Path | None = None,
     output: str | None = None,
@@ -262,8 +243,6 @@ def write_archive(
     effects : sequence of mapping, optional
         Faults of units and models (`airswing.synthetic.instrument`). None draws a compass deviation
         for every aircraft; an empty list means perfect units.
-    phases : sequence of str
-        Phases of flight to write.
     times_per_file : int, default 1
         Valid times in one GRIB file.
     truth : path, optional
@@ -298,7 +277,7 @@ def write_archive(
         flights = frame["flight"][frame["tail"] == tail].unique()
         kept = flights[: max(1, int(share * flights.size))]
         frame = frame[(frame["tail"] != tail) | frame["flight"].isin(kept)]
-    write_reports(root / "reports", frame, phases=phases)
+    write_reports(root / "reports", frame)
     for name, stored in references.items():
         write_reference(
             root / name,

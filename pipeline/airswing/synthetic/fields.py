@@ -19,7 +19,6 @@ from pathlib import Path
 
 import numpy as np
 import pyproj
-from numpy.typing import NDArray
 
 from airswing.synthetic.atmosphere import Array, Fields, World, model_wind
 
@@ -73,13 +72,6 @@ class LambertGrid:
         """
         turn = np.radians((longitude - self.orientation + 180.0) % 360.0 - 180.0)
         return np.asarray(turn * np.sin(np.radians(self.standard_parallel)))
-
-    def map_factor(self, latitude: Array) -> Array:
-        """Map scale (Snyder 1987, eq. 15-4 with k from n)."""
-        parallel, lat = np.radians(self.standard_parallel), np.radians(latitude)
-        cone = np.sin(parallel)
-        stretch = (np.tan(np.pi / 4 + parallel / 2) / np.tan(np.pi / 4 + lat / 2)) ** cone
-        return np.asarray(np.cos(parallel) * stretch / np.cos(lat))
 
     @cached_property
     def coordinates(self) -> tuple[Array, Array]:
@@ -202,8 +194,8 @@ def sample_reference(
     hours: Array,
     *,
     shift: tuple[Array, Array] | None = None,
-) -> dict[str, Array]:
-    """Wind of a model and its gradients at points.
+) -> Array:
+    """Wind of a model at points.
 
     Parameters
     ----------
@@ -217,9 +209,8 @@ def sample_reference(
 
     Returns
     -------
-    dict of arrays (n,)
-        ``u, v`` true eastward and northward wind, m/s; ``dudt, dvdt`` m s-2; ``dudlnp, dvdlnp``
-        m/s; ``dudx, dvdx, dudy, dvdy`` s-1 towards true east and north; NaN outside.
+    array, shape (2, n)
+        True eastward and northward wind, m/s; NaN outside.
     """
     grid = stored.grid
     row, column = grid.indices(latitude, longitude)
@@ -228,63 +219,26 @@ def sample_reference(
     zeta = np.log(stored.levels)
     depth = np.interp(np.log(pressure), zeta[::-1], np.arange(zeta.size)[::-1].astype(float))
     step = (hours - stored.hours[0]) / (stored.hours[1] - stored.hours[0])
-    inside = (row >= 0) & (row <= grid.rows - 1)
-    inside &= (column >= 0) & (column <= grid.columns - 1)
-    inside &= (pressure >= stored.levels.min()) & (pressure <= stored.levels.max())
-    inside &= (step >= 0) & (step <= stored.hours.size - 1)
+    inside = (pressure >= stored.levels.min()) & (pressure <= stored.levels.max())
     shape = (stored.hours.size, stored.levels.size, grid.rows, grid.columns)
     lows, fractions = [], []
     for index, size in zip((step, depth, row, column), shape, strict=True):
+        inside &= (index >= 0) & (index <= size - 1)
         low = np.clip(np.floor(index), 0, size - 2).astype(int)
         lows.append(low)
         fractions.append(index - low)
-
-    def blend(values: Array, weight: Array) -> Array:
-        return np.asarray(values[0] + (values[1] - values[0]) * weight)
-
-    t, z, r, c = fractions
-    corners = _corners(stored.wind, lows)
-    over_time = blend(corners, t)
-    over_level = blend(over_time, z)
-    wind = blend(blend(over_level, r), c)
-    by_time = blend(blend(blend(corners[1] - corners[0], z), r), c)
-    by_level = blend(blend(over_time[1] - over_time[0], r), c)
-    by_row = blend(over_level[1] - over_level[0], c)
-    by_column = blend(over_level[:, 1] - over_level[:, 0], r)
-    step_seconds = 3600.0 * (stored.hours[1] - stored.hours[0])
-    layer = zeta[lows[1] + 1] - zeta[lows[1]]
-    length = grid.spacing / grid.map_factor(latitude)
-    angle = grid.convergence(longitude)
-    turn = angle if stored.grid_relative else np.zeros_like(angle)
+    # neighbours of each point: (2 times, 2 levels, 2 rows, 2 columns, 2 components, n)
+    t, z, r, c = lows
+    wind = np.empty((2, 2, 2, 2, 2, t.size))
+    for corner in np.ndindex(2, 2, 2, 2):
+        dt, dz, dr, dc = corner
+        wind[corner] = stored.wind[t + dt, :, z + dz, r + dr, c + dc].T
+    for fraction in fractions:
+        wind = wind[0] + (wind[1] - wind[0]) * fraction
+    turn = grid.convergence(longitude) if stored.grid_relative else np.zeros(t.size)
     cosine, sine = np.cos(turn), np.sin(turn)
-
-    def earth(pair: Array) -> tuple[Array, Array]:
-        return cosine * pair[0] + sine * pair[1], cosine * pair[1] - sine * pair[0]
-
-    found: dict[str, Array] = {}
-    found["u"], found["v"] = earth(wind)
-    found["dudt"], found["dvdt"] = earth(by_time / step_seconds)
-    found["dudlnp"], found["dvdlnp"] = earth(by_level / layer)
-    along_x, along_y = earth(by_column / length), earth(by_row / length)
-    cosine, sine = np.cos(angle), np.sin(angle)
-    for name, by_x, by_y in zip(("u", "v"), along_x, along_y, strict=True):
-        found[f"d{name}dx"] = cosine * by_x + sine * by_y
-        found[f"d{name}dy"] = cosine * by_y - sine * by_x
-    for values in found.values():
-        values[~inside] = np.nan
-    return found
-
-
-def _corners(wind: Fields, lows: list[NDArray[np.int64]]) -> Array:
-    """Neighbours of each point, (2 times, 2 levels, 2 rows, 2 columns, 2 components, n)."""
-    flat = wind.reshape(-1)
-    strides = np.array([np.prod(wind.shape[axis + 1 :]) for axis in range(5)], dtype=np.int64)
-    base = sum(low * strides[axis] for low, axis in zip(lows, (0, 2, 3, 4), strict=True))
-    found = np.empty((2, 2, 2, 2, 2, base.size))
-    for corner in np.ndindex(2, 2, 2, 2, 2):
-        shift = int(np.dot(corner[:4], strides[[0, 2, 3, 4]]) + corner[4] * strides[1])
-        found[corner] = flat[base + shift]
-    return found
+    earth = np.stack([cosine * wind[0] + sine * wind[1], cosine * wind[1] - sine * wind[0]])
+    return np.where(inside, earth, np.nan)
 
 
 def _template(grid: LambertGrid, *, edition: int, grid_relative: bool, component: int) -> int:

@@ -180,8 +180,7 @@ class RealAir:
         """Wind (2, n) with times and levels limited to those of the fields."""
         level = np.clip(pressure / 100.0, stored.levels.min(), stored.levels.max())
         when = np.clip(hours, stored.hours[0], stored.hours[-1])
-        wind = sample_reference(stored, latitude, longitude, level, when, shift=shift)
-        return np.stack([wind["u"], wind["v"]])
+        return sample_reference(stored, latitude, longitude, level, when, shift=shift)
 
     def run_wind(self, latitude: Array, longitude: Array, altitude: Array, hours: Array) -> Array:
         """Wind (2, n) of the run at pressure altitudes in m; calm off the grid."""

@@ -11,7 +11,6 @@ from scipy.optimize import least_squares
 from airswing.compass.fit.kernel import fit_aircraft
 from airswing.compass.fit.sandwich import (
     degrees_of_freedom,
-    group_sums,
     influences,
     inverse_root,
 )
@@ -173,11 +172,3 @@ def test_cr2_is_unbiased_where_the_working_model_holds():
     assert np.diag(found) == pytest.approx(np.diag(np.linalg.inv(normal)), rel=0.08)
     even = np.array([np.eye(2)] * 6)
     assert degrees_of_freedom(even.sum(axis=0), even, 6) == pytest.approx([5, 5])
-
-
-def test_rows_are_summed_by_group_in_any_order_and_with_empty_groups():
-    rng = np.random.default_rng(0)
-    group, values = rng.choice([0, 2, 3, 6], 40), rng.normal(size=(40, 2, 2))
-    expected = np.array([values[group == k].sum(axis=0) for k in range(8)])
-    np.testing.assert_allclose(group_sums(values, group, 8), expected, atol=1e-12)
-    assert group_sums(np.zeros((0, 3)), np.zeros(0, int), 2).tolist() == [[0] * 3] * 2

@@ -36,7 +36,7 @@ def on_one_octant(setting, seed, aircraft):
 @pytest.mark.parametrize(
     ("setting", "alone", "seeds", "least", "most"),
     [
-        # beside aircraft with curves: their bias and its scatter are those of the simulation
+        # together with aircraft with curves: their bias and its scatter are those of the simulation
         pytest.param(FLEET, range(6, 10), 20, 0.90, 0.995, id="with_curves"),
         # without: airspeed sensors' errors are taken for the reference's, the interval is wide
         pytest.param(FLEET, range(10), 8, 0.95, 1.0, id="no_curve_in_the_fleet"),
@@ -126,7 +126,7 @@ def test_out_and_back_the_amplitude_is_in_the_error():
     assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.6
 
 
-def test_everyone_who_takes_a_fit_takes_the_offset(fleet, tmp_path):
+def test_corrections_tables_and_the_simulation_use_the_offset(fleet, tmp_path):
     headings, _, fits = fleet
     name = str(fits["aircraft"].to_numpy()[9])
     corrected = correct(headings, fits, apply_airspeed_scale=True)
@@ -141,9 +141,9 @@ def test_everyone_who_takes_a_fit_takes_the_offset(fleet, tmp_path):
     assert np.abs(turn).max() < 1e-3
     assert np.isfinite(corrected["corrected_eastward_wind"].to_numpy()[last]).all()
     rows = write_tables_csv(fits, tmp_path / "tables.csv").read_text().splitlines()
-    own = [row.split(",") for row in rows if row.startswith(name)]
-    assert len(own) == 8 and {row[2] for row in own} == {"offset_only"}
-    stated = [float(row[5]) for row in own]
+    mine = [row.split(",") for row in rows if row.startswith(name)]
+    assert len(mine) == 8 and {row[2] for row in mine} == {"offset_only"}
+    stated = [float(row[5]) for row in mine]
     assert min(stated) >= float(fits["offset_standard_error"][0, 9]) - 0.001
     effects = effects_of_fits(fits, reference=str(fits["reference"].item()))
     assert [one.name for one in effects if one.tails == (name,)] == ["compass_offset"]
@@ -153,7 +153,7 @@ def test_the_refusal_names_the_limit_that_refused():
     few = replace(FLEET, aircraft=2, days=1)
     headings, _ = on_one_octant(replace(few, reports_a_flight=60), 1, [])
     fits = fit_deviation(headings, min_reports=200)
-    # four flights of sixty reports, and nobody to tell what a flight's reference error is
+    # four flights of sixty reports; no other aircraft shows the reference error of a flight
     assert fits["status"].to_numpy().tolist() == [[STATUS["too_few_flights"]] * 2]
     assert fit_deviation(headings, min_reports=1000)["status"].to_numpy().tolist() == [
         [STATUS["too_few_reports"]] * 2

@@ -25,7 +25,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from datetime import datetime, timedelta
+from datetime import timedelta
 
 import numpy as np
 
@@ -37,14 +37,13 @@ from airswing.synthetic.outside_effects import (
     SHAPES,
     VARIABLES,
 )
-from airswing.synthetic.sealed.draws import SIZES, Draw, Drawn, Occasion, draw_effect
+from airswing.synthetic.sealed.draws import SIZES, START, Draw, Drawn, World, draw_effect
 from airswing.synthetic.sealed.labels import Injected
 
 RUNGS: dict[int, float] = {1: 0.35, 2: 0.1, 3: 0.15, 4: 0.3, 5: 0.1}
 """Share of the cases on each rung."""
 SHORT_RUNGS, SHORT_DAYS = (1, 4), (14, 15)
 """Rungs of which every fourth world is short: weather looks like a lasting error there."""
-START = datetime(2009, 3, 1)
 OUTSIDE_SHAPES = (*SHAPES, "product", "threshold", "scatter")
 """Shapes of outside effects: of one variable, of two, and those that change no mean."""
 ALIKE: tuple[frozenset[str], ...] = (
@@ -66,35 +65,17 @@ _LAST_WEEK = 0.1  # share of outside effects that begin in the last week
 
 @dataclass(frozen=True)
 class Size:
-    """How large the archives are."""
+    """Size of the archives of a check."""
 
     days: int = 45
     aircraft: int = 14
     sizes: tuple[float, ...] = SIZES  # strengths that are drawn, m/s
-    coarse: bool = False  # see `World`
+    coarse: bool = False  # see `airswing.synthetic.sealed.draws.World`
 
     @classmethod
     def fast(cls) -> Size:
         """A short check: three weeks, eight aircraft, effects that can be seen."""
         return cls(days=21, aircraft=8, sizes=(0.8, 1.6), coarse=True)
-
-    @property
-    def tails(self) -> list[str]:
-        """Names of the aircraft."""
-        return [f"N{401 + index}" for index in range(self.aircraft)]
-
-
-@dataclass(frozen=True)
-class World:
-    """Fleet, length and model fields, shared by several cases."""
-
-    seed: int
-    # "default", "short" (the same for two weeks), "hard", "sensor" (errors of a real flux valve) or
-    # "model" (of a real forecast)
-    kind: str
-    days: int
-    aircraft: int
-    coarse: bool = False  # fields of 57 km every 2 hours instead of 41 km every hour
 
 
 @dataclass(frozen=True)
@@ -198,11 +179,11 @@ class _Dealer:
         size: Size,
         draws: Mapping[str, Draw],
     ) -> None:
-        self.rung, self.rng, self.seed, self.size = rung, rng, seed, size
+        self.rung, self.rng, self.seed, self.size, self._draws = rung, rng, seed, size, draws
         self._sizes = [value for value in size.sizes if value >= 0.4]
-        self._draws = draws
         alone = {name: how for name, how in draws.items() if how.whose != "pair"}
         real = {name: how for name, how in draws.items() if how.on_real_data} or alone
+        # the order of these is that of the draws from the generator
         self._single = _Deck(draws, size.sizes, rng)
         self._removed = _Deck(alone, [0.8], rng)
         self._paired = _Deck(alone, self._sizes, rng)
@@ -240,11 +221,11 @@ class _Dealer:
         name, strength, variant = deck.deal()
         if self.rung >= 4:
             variant = "plain"
-        parts = (self._draw(name, strength, case.world, variant=variant),)
-        dealt = replace(case, drawn=parts, sizes=(strength,), variant=variant)
-        if self.rung == 4:
-            return replace(dealt, kind="removed", without=(name,))
-        return replace(dealt, kind="single")
+        drawn = (self._draw(name, strength, case.world, variant=variant),)
+        kind, without = ("removed", (name,)) if self.rung == 4 else ("single", ())
+        return replace(
+            case, kind=kind, drawn=drawn, sizes=(strength,), variant=variant, without=without
+        )
 
     def _pair(self, case: Case) -> Case:
         """Two effects, every other time on the same aircraft where that is possible."""
@@ -254,9 +235,8 @@ class _Dealer:
             second, other, _ = self._paired.deal()
         self._number += 1
         one = self._draw(first, size, case.world)
-        among = one.tails if self._number % 2 else None
-        if self._draws[second].whose == "fleet":
-            among = None
+        same = self._number % 2 and self._draws[second].whose != "fleet"
+        among = one.tails if same else None
         two = self._draw(second, other, case.world, among=among)
         variant = "apart" if among is None else "same aircraft"
         return replace(case, kind="pair", drawn=(one, two), sizes=(size, other), variant=variant)
@@ -267,9 +247,8 @@ class _Dealer:
         shape = self._shapes.pop()
         self._number += 1
         strength = self._sizes[self._number // 2 % len(self._sizes)]
-        occasion = Occasion(tuple(self.size.tails), START, case.world.days)
         draws = tuple(
-            Drawn("outside", (draw_outside(self.rng, occasion, shape=shape, size=strength),))
+            Drawn("outside", (draw_outside(self.rng, case.world, shape=shape, size=strength),))
             for _ in range(_MOST_DRAWS)
         )
         return replace(
@@ -292,26 +271,22 @@ class _Dealer:
         among: Sequence[str] | None = None,
     ) -> Drawn:
         step = SIZES.index(strength) if strength in SIZES else 1
-        occasion = Occasion(tuple(self.size.tails), START, world.days)
-        return draw_effect(
-            name, self._draws[name], self.rng, occasion, step=step, among=among, variant=variant
-        )
+        how = self._draws[name]
+        return draw_effect(name, how, self.rng, world, step=step, among=among, variant=variant)
 
 
-def draw_outside(
-    rng: np.random.Generator, occasion: Occasion, *, shape: str, size: float
-) -> Injected:
+def draw_outside(rng: np.random.Generator, world: World, *, shape: str, size: float) -> Injected:
     """Draw one outside effect of a shape (`OUTSIDE_SHAPES`) and root mean square ``size``, m/s."""
     scope = str(rng.choice(("one", "some", "all")))
     chosen = None
     if scope != "all":
-        tails = list(occasion.tails)
+        tails = world.tails
         number = 1 if scope == "one" else int(rng.integers(2, max(3, len(tails) // 2) + 1))
         chosen = sorted(str(tail) for tail in rng.choice(tails, number, replace=False))
     parameters = _scatter(rng, size) if shape == "scatter" else _moving(rng, shape, size)
     period = None
-    if occasion.days > 14 and rng.uniform() < _LAST_WEEK:
-        period = [(occasion.start + timedelta(days=occasion.days - 7)).isoformat(), None]
+    if world.days > 14 and rng.uniform() < _LAST_WEEK:
+        period = [(START + timedelta(days=world.days - 7)).isoformat(), None]
     return {"name": "outside", "tails": chosen, "parameters": parameters, "period": period}
 
 

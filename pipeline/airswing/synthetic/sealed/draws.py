@@ -29,6 +29,8 @@ Acts = Callable[["pd.DataFrame", Parameters], Mask]
 Realised = Callable[[Setting, Fault, Mask], None]
 SIZES = (0.2, 0.4, 0.8, 1.6)
 """Strengths where an effect acts, m/s root mean square."""
+START = datetime(2009, 3, 1)
+"""First day of every sealed archive, UTC."""
 
 
 def sign(rng: np.random.Generator) -> float:
@@ -48,25 +50,23 @@ class Signed:
     value: float = 1.0
 
     def __call__(self, rng: np.random.Generator) -> dict[str, object]:
-        """The parameter."""
+        """Return the parameter."""
         return {self.key: self.value * sign(rng)}
 
 
-@dataclass(frozen=True)
 class Cycle:
     """Draws one cycle of any phase."""
 
     def __call__(self, rng: np.random.Generator) -> dict[str, object]:
-        """Amplitude and phase."""
+        """Return amplitude and phase."""
         return {"amplitude_deg": 1.0, "phase_deg": _phase(rng)}
 
 
-@dataclass(frozen=True)
 class Both:
     """Draws an offset together with one cycle of any share."""
 
     def __call__(self, rng: np.random.Generator) -> dict[str, object]:
-        """Offset, amplitude and phase."""
+        """Return offset, amplitude and phase."""
         share = float(rng.uniform(0.0, 1.0))
         offset = sign(rng) * (1.0 - 0.5 * share)
         return {"offset_deg": offset, "amplitude_deg": share, "phase_deg": _phase(rng)}
@@ -123,19 +123,28 @@ class Drawn:
 
 
 @dataclass(frozen=True)
-class Occasion:
-    """The archive an effect is drawn for."""
+class World:
+    """Fleet, length and model fields of an archive, shared by several cases."""
 
-    tails: tuple[str, ...]
-    start: datetime  # first day, UTC
+    seed: int
+    # "default", "short" (the same for two weeks), "hard", "sensor" (errors of a real flux valve) or
+    # "model" (of a real forecast)
+    kind: str
     days: int
+    aircraft: int
+    coarse: bool = False  # fields of 57 km every 2 hours instead of 41 km every hour
+
+    @property
+    def tails(self) -> list[str]:
+        """Names of the aircraft."""
+        return [f"N{401 + index}" for index in range(self.aircraft)]
 
 
 def draw_effect(
     name: str,
     how: Draw,
     rng: np.random.Generator,
-    occasion: Occasion,
+    world: World,
     *,
     step: int = 1,
     among: Sequence[str] | None = None,
@@ -152,9 +161,9 @@ def draw_effect(
     variant : str
         Of `Draw.variants`.
     """
-    last, tails = variant == "last week", list(occasion.tails)
+    last, tails = variant == "last week", world.tails
     if how.whose == "pair":
-        return _swap(name, how, rng, tails, _date(rng, occasion, last=last))
+        return _swap(name, how, rng, tails, _date(rng, world.days, last=last))
     chosen = None if how.whose == "fleet" else list(among or _aircraft(rng, tails))
     if variant == "fleet":
         chosen = sorted(tails)
@@ -163,7 +172,7 @@ def draw_effect(
         parameters |= how.form(rng)
     effect: Injected = {"name": name, "tails": chosen, "parameters": parameters, "period": None}
     if how.dated == "always" or last:
-        effect["period"] = [_date(rng, occasion, last=last), None]
+        effect["period"] = [_date(rng, world.days, last=last), None]
     return Drawn(name, (effect,), how)
 
 
@@ -173,12 +182,12 @@ def _aircraft(rng: np.random.Generator, tails: list[str]) -> list[str]:
     return sorted(str(tail) for tail in rng.choice(tails, min(number, len(tails)), replace=False))
 
 
-def _date(rng: np.random.Generator, occasion: Occasion, *, last: bool) -> str:
+def _date(rng: np.random.Generator, days: int, *, last: bool) -> str:
     """A day in the middle half of the archive, or two to six days before its end."""
-    day = round(float(rng.uniform(0.25, 0.75)) * occasion.days)
+    day = round(float(rng.uniform(0.25, 0.75)) * days)
     if last:
-        day = occasion.days - int(rng.integers(2, 7))
-    return (occasion.start + timedelta(days=day)).isoformat()
+        day = days - int(rng.integers(2, 7))
+    return (START + timedelta(days=day)).isoformat()
 
 
 def _swap(name: str, how: Draw, rng: np.random.Generator, tails: list[str], date: str) -> Drawn:

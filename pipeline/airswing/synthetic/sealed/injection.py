@@ -32,7 +32,7 @@ from airswing.physics.atmosphere import pressure_from_altitude
 from airswing.synthetic.atmosphere import Array, stream
 from airswing.synthetic.fields import GriddedReference, sample_reference
 from airswing.synthetic.instrument import coded, compute_wind
-from airswing.synthetic.sealed.cases import World
+from airswing.synthetic.sealed.draws import World
 from airswing.synthetic.sealed.labels import TwinClosure
 from airswing.units import KNOT
 
@@ -244,5 +244,5 @@ def _read_disagreement(folder: Path, run: GriddedReference, start: np.datetime64
     )
     angle = np.radians(table["wind_direction_deg"].to_numpy(float))
     speed = table["wind_speed_kt"].to_numpy(float) * KNOT
-    apart = np.hypot(-speed * np.sin(angle) - wind["u"], -speed * np.cos(angle) - wind["v"])
+    apart = np.hypot(-speed * np.sin(angle) - wind[0], -speed * np.cos(angle) - wind[1])
     return float(np.nanmean(apart) / KNOT)

@@ -42,8 +42,8 @@ from airswing.synthetic.atmosphere import Array
 from airswing.synthetic.fields import GriddedReference, write_reference
 from airswing.synthetic.instrument import UNIT_FAULTS
 from airswing.synthetic.observe import Coding
-from airswing.synthetic.sealed.cases import START, Case, World
-from airswing.synthetic.sealed.draws import Drawn, scaled
+from airswing.synthetic.sealed.cases import Case
+from airswing.synthetic.sealed.draws import START, Drawn, World, scaled
 from airswing.synthetic.sealed.labels import Injected, Label, OutsideTruth, TwinClosure
 from airswing.synthetic.sealed.outside import WORTH_KT, is_fit, outside_truth
 from airswing.units import KNOT
@@ -141,7 +141,7 @@ def _calibration(short: World) -> pd.DataFrame:
 
 def _calibrating(short: World, effects: Effects) -> pd.DataFrame:
     options: dict[str, Any] = {**generator_options(short), **_THIN_FIELDS, "coding": _EXACT}
-    return simulate_arrays(effects=effects, derivatives=False, **options)
+    return simulate_arrays(effects=effects, **options)
 
 
 def _always(effect: Injected) -> Injected:
@@ -172,7 +172,7 @@ def simulated(world: World, effects: Effects, *, coding: Coding | None = None) -
         **_NO_FIELDS,
         "coding": coding or Coding(),
     }
-    frame = simulate_arrays(effects=effects, derivatives=False, **options)
+    frame = simulate_arrays(effects=effects, **options)
     add_winds(frame, _fields(world, _on_models(effects)))
     return frame
 
