@@ -107,6 +107,7 @@ def test_files_and_the_fleet_exclude_each_other(tmp_path):
             load_config(path)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not MODES.exists(), reason=f"{MODES} is absent")
 def test_an_hour_of_mode_s_gives_an_offset_with_interval_an_aircraft(tmp_path):
     path = tmp_path / "modes.yaml"

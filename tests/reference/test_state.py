@@ -152,6 +152,8 @@ DATASETS = {
     "title": globe().assign_attrs(title="GEFS ensemble spread"),
     "averages of MERRA-2": globe().assign_attrs(Title="MERRA2 tavg3: 3-Hourly,Time-Averaged"),
     **{f"name u_{one}": named(one) for one in ("spread", "std", "sd")},
+    "history of CDO": globe().assign_attrs(history="Mon 1 Jan: cdo -ensstd a.nc b.nc out.nc"),
+    "time mean of NCO": globe().assign_attrs(history="ncra in.nc out.nc"),
     "scalar coordinate": globe().assign_coords(percentile=90.0),
     "percentile": globe().expand_dims(percentile=[90.0]),
     "product type": globe().assign_attrs(product_type="ensemble_spread"),
@@ -178,6 +180,7 @@ def test_names_of_statistics_are_no_winds(ending: str) -> None:
         {"cell_methods": "realization: mean"},
         {"cell_methods": "lat: lon: mean time: point"},
         {"statistic": "Ensemble Mean"},
+        {"long_name": "bias-corrected u wind"},
         {"GRIB_dataType": "an", "GRIB_stepType": "instant"},
     ],
 )

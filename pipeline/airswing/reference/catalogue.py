@@ -14,7 +14,8 @@ Assumptions and validity
   length, or stored in another order: each is then interpolated on its own points.
 * Among several leads for one valid time the shortest that meets the condition is used; among
   members of an ensemble the lowest number; isobaric levels before others; then the grid with most
-  levels. Of grids with equally many levels the one that contains more of the reports is used.
+  levels. Of grids with equally many levels the one that contains more of the reports is used; if
+  none contains any, another grid.
 * Of a field that is given twice, copies count once (the file whose path sorts last); if the values
   differ, neither is used, because one of the two headers must be wrong.
 * Files that keep their size and time of modification keep their content.
@@ -96,7 +97,7 @@ class Catalogue:
     given: dict[str, xr.Dataset] = field(default_factory=dict)  # by the path in `files`
     stored: tuple[StoredField, ...] = ()
     engine: str = "grib"
-    # the same with another of several grids that have equally many levels
+    # the same with another of several grids
     alternatives: tuple[Catalogue, ...] = ()
 
     def __len__(self) -> int:
@@ -171,7 +172,10 @@ class Catalogue:
             area = (north - south) * (east - west) / grid.size
             return int(grid.contains(latitude, longitude).sum()), -area
 
-        return max((self, *self.alternatives), key=worth)
+        # with fewer levels only if no other grid contains any place
+        equal = [one for one in self.alternatives if one.u.size == self.u.size]
+        best = max((self, *equal), key=worth)
+        return best if worth(best)[0] else max((best, *self.alternatives), key=worth)
 
     def batches(self, numbers: NDArray[np.int64]) -> list[NDArray[np.int64]]:
         """Model times that are read together: of Datasets those that share chunks of a file."""
@@ -637,19 +641,19 @@ def _selected(
     time = np.cumsum(first) - 1  # number of the valid time of each
     best = order[first]
     _note_choices(ordered, sizes[order], first, notes)
-    # profiles that differ from the best by their grid alone
-    tied = (sizes[order] == sizes[best[time]]) & (ordered["grid"] != profiles["grid"][best[time]])
+    # profiles that differ from the best by their grid and number of levels alone
+    tied = ordered["grid"] != profiles["grid"][best[time]]
     for column in ("lead", "member", "level_kind"):
         tied &= ordered[column] == profiles[column][best[time]]
-    others = []
+    others, equal = [], 1
     for number in np.unique(ordered["grid"][tied]):
         mine, chosen = tied & (ordered["grid"] == number), best.copy()
-        chosen[time[mine]] = order[mine]
+        chosen[time[mine][::-1]] = order[mine][::-1]  # of several of one time the first
+        equal += bool((sizes[chosen] == sizes[best]).all())
         others.append(everything.at_times(chosen))
-    if others:
+    if equal > 1:
         notes.append(
-            f"{len(others) + 1} grids with the same levels: the one that contains more of the "
-            "reports is used"
+            f"{equal} grids with the same levels: the one that contains more of the reports is used"
         )
     return replace(everything.at_times(best), alternatives=tuple(others))
 
@@ -662,7 +666,7 @@ def _note_choices(
         "lead": "several leads: the shortest is used",
         "member": "several ensemble members: the lowest number is used",
         "level_kind": "isobaric and other levels: isobaric are used",
-        "grid": "several grids: the one with most levels is used",
+        "grid": "several grids: the one with most levels is used if it contains reports",
     }
     counts: Counter[str] = Counter()
     best = np.maximum.accumulate(np.where(first, np.arange(first.size), 0))

@@ -42,7 +42,9 @@ _WORDS = re.compile(
     r"\b(spread|sprd|spr|std|sd|stdev|stdv|stddev|standard deviations?|variances?|covariances?"
     r"|probabilit\w*|prob|percentiles?|quantiles?|deciles?|terciles?|quartiles?|median|[pq]\d\d"
     r"|climatolog\w*|climate means?|clim|normals|long term mean|anomal\w*|anoms?|departures?"
-    r"|increments?|uncertaint\w*|errors?|err|rms|rmse|tendenc\w*|exceedance|time averaged?"
+    r"|increments?|innovations?|dispersion|variability|interquartile|uncertaint\w*"
+    r"|errors?|err|rms|rmse|tendenc\w*|exceedance|time averaged?"
+    r"|bias(?! (correct|adjust|remov))|confidence|(ensemble|daily|monthly) (min|max)(imum|ima)?"
     r"|(monthly|daily|hourly|seasonal|annual|time) (means?|averages?)"
     r"|(means?|averages?) (monthly|daily|hourly|seasonal|annual))\b",
     re.I,
@@ -53,6 +55,13 @@ _TITLE_WORDS = re.compile(
     r"|climatolog(y|ies|ical)|long term means?|anomal\w*|analysis increments?|analysis errors?"
     r"|time averaged?|(monthly|daily) (means?|averages?))\b",
     re.I,
+)
+#: Operators of CDO and NCO, in the history of a file, whose output is no state: statistics over
+#: members except the mean, and all over time.
+_OPERATORS = re.compile(
+    r"\bcdo\b.*?\b((ens|zon|mer)(std1?|var1?|max|min|pctl|range|sum|skew|kurt|crps|brs)"
+    r"|(tim|hour|day|mon|year|seas|run|y(hour|day|mon|seas|dmon))"
+    r"(mean|avg|std1?|var1?|max|min|sum|pctl|range))\b|\bncra\b"
 )
 _STATISTIC_DIMENSIONS = re.compile(
     r"(quantile|percentile|probability|threshold|ensemble_statistic|statistic)s?$", re.I
@@ -160,6 +169,8 @@ def variable_statistic(
     described += [value for named, value in attrs.items() if _STATISTIC_KEYS.search(str(named))]
     described += [dataset.get(key) for key in ("product_type", "statistic")]
     titles = [value for key, value in dataset.items() if str(key).lower() in ("title", "product")]
+    if operator := _OPERATORS.search(str(dataset.get("history", ""))):
+        return f"history: {operator[1] or operator[0]}"
     for text, words in [
         *((one, _WORDS) for one in described),
         *((t, _TITLE_WORDS) for t in titles),

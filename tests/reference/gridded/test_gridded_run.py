@@ -1,4 +1,4 @@
-"""The command line on model winds in NetCDF: inspected, planned, collocated, and refused."""
+"""The command line on model winds in NetCDF: inspected and collocated."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from airswing import cli, workflow
 from airswing.config_file import load_config
 from airswing.products.netcdf import read_product
 from airswing.workflow.progress import Progress
-from tests.reference.gridded.datasets import LEVELS, START, by_hand, latlon, projected
+from tests.reference.gridded.datasets import LEVELS, START, by_hand, latlon
 
 LAT, LON = np.arange(30.0, 50.1, 2.5), np.arange(-110.0, -79.9, 2.5)
 
@@ -82,29 +82,6 @@ def test_a_zarr_store_is_inspected_and_told_apart_when_it_changes(tmp_path: Path
     before = file_identities([str(tmp_path / "a.zarr")])
     (ds + 1).to_zarr(tmp_path / "a.zarr", mode="w")
     assert len(before) == 1 and file_identities([str(tmp_path / "a.zarr")]) != before
-
-
-def test_bad_winds_end_in_one_message(archive: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    ds = projected("lambert").drop_vars("crs")
-    for path in archive.glob("era5_*.nc"):
-        path.unlink()
-    ds.to_netcdf(archive / "era5_0.nc")
-    with pytest.raises(SystemExit) as ended:
-        _main(["run", str(archive / "mine.yaml"), "--quiet"])
-    told = capsys.readouterr().err
-    assert ended.value.code == 2
-    assert (
-        "projection that is not given" in told and "era5_0.nc" in told and "Traceback" not in told
-    )
-    assert not (archive / "results" / "headings").exists()
-
-
-def _main(arguments: list[str]) -> None:
-    import sys
-    from unittest import mock
-
-    with mock.patch.object(sys, "argv", ["airswing", *arguments]):
-        cli.main()
 
 
 def test_winds_alone_where_nothing_can_be_screened_or_fitted(archive: Path) -> None:

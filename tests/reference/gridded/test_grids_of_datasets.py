@@ -121,16 +121,19 @@ def test_gaussian_latitudes() -> None:
     np.testing.assert_allclose(u, east, atol=1e-3)
 
 
+@pytest.mark.parametrize("mapping", [True, False])
 @pytest.mark.parametrize("kind", [*KINDS, "rotated"])
-def test_only_the_points_known(kind: str) -> None:
-    """Latitudes and longitudes of every point give the projection's winds, and its direction."""
+def test_points_give_the_winds_of_their_projection(kind: str, mapping: bool) -> None:
+    """Latitudes and longitudes of every point, with a grid mapping whose axes are absent or not."""
     ds = projected(kind)
     x, y = axes_of(kind)
     grid = AxesGrid(frame_of(MAPPINGS[kind], file="", field=""), x, y)
     lat, lon = grid.frame.places(*(one.ravel() for one in np.meshgrid(x, y)))
-    bare = ds.copy(deep=True).drop_vars(["crs", "x", "y"])
-    for name in ("ua", "va"):
-        del bare[name].attrs["grid_mapping"]
+    bare = ds.copy(deep=True).drop_vars(["x", "y"])
+    if not mapping:
+        bare = bare.drop_vars("crs")
+        for name in ("ua", "va"):
+            del bare[name].attrs["grid_mapping"]
     shape = (y.size, x.size)
     bare = bare.assign_coords(
         lat=(("y", "x"), lat.reshape(shape), {"units": "degrees_north"}),
@@ -139,7 +142,8 @@ def test_only_the_points_known(kind: str) -> None:
     _, _, lat, lon = places_in(kind, 80)
     reports = points(lat, lon, 60000.0)
     one, two = (winds(airswing.collocate(reports, {"x": d})) for d in (ds, bare))
-    np.testing.assert_allclose(one, two, atol=4e-2)  # cells of 60 to 80 km, noise of 15 m/s
+    # without a projection: cells of 60 to 80 km, noise of 15 m/s
+    np.testing.assert_allclose(one, two, atol=1e-4 if mapping else 4e-2)
 
 
 def test_the_inverse_of_every_frame() -> None:
@@ -175,22 +179,3 @@ def test_wkt_alone_and_a_string_in_the_configuration() -> None:
     text = "+proj=lcc +lat_1=30 +lat_2=60 +lat_0=38.5 +lon_0=-97.5 +x_0=100000 +R=6371229"
     said = airswing.build_catalogue(bare, name="x", naming={"projection": text})
     np.testing.assert_allclose(winds(airswing.collocate(reports, {"x": said})), expected, atol=1e-6)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_a_projection_whose_axes_are_not_there(kind: str) -> None:
-    """A grid mapping beside latitudes and longitudes of every point, as after some converters."""
-    ds = projected(kind)
-    x, y = axes_of(kind)
-    grid = AxesGrid(frame_of(MAPPINGS[kind], file="", field=""), x, y)
-    lat, lon = grid.frame.places(*(one.ravel() for one in np.meshgrid(x, y)))
-    shape = (y.size, x.size)
-    bare = ds.copy(deep=True).drop_vars(["x", "y"])
-    bare = bare.assign_coords(
-        lat=(("y", "x"), lat.reshape(shape), {"units": "degrees_north"}),
-        lon=(("y", "x"), lon.reshape(shape), {"units": "degrees_east"}),
-    )
-    _, _, lat, lon = places_in(kind, 40)
-    reports = points(lat, lon, 60000.0)
-    one, two = (winds(airswing.collocate(reports, {"x": d})) for d in (ds, bare))
-    np.testing.assert_allclose(one, two, atol=1e-4)

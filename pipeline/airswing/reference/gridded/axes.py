@@ -38,7 +38,7 @@ from airswing.reference.grids import (
 from airswing.units import MODEL_EARTH_RADIUS
 
 LEAD_NAME = re.compile(
-    r"(step|lead(_?time)?|prediction_timedelta|forecast_(period|hour|time)|fhr|time_offset)\w*$",
+    r"(step|lead(_?time)?|prediction_timedelta|forecast_(period|hour|time)|fhr|tau|time_offset)\w*$",
     re.I,
 )
 _MEMBER = re.compile(r"(number|members?|realization|ens\d*|ensemble\w*|perturbation\w*)$", re.I)

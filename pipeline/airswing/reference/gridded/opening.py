@@ -111,6 +111,8 @@ def _netcdf(path: str, engine: str) -> xr.Dataset:
         options |= {"decode_timedelta": False, "cache": False}
         plain = xr.open_dataset(local, decode_times=False, **options)
         if engine == "wrf":
+            if not is_wrf(plain):
+                raise InputError("is no file of WRF", file=path, remedy="Give engine: netcdf")
             return plain
         julian = [key for key, one in plain.variables.items() if _is_julian(one.attrs.get("units"))]
         if not julian:
