@@ -67,15 +67,15 @@ def started(
 def judged(process: subprocess.Popen[str], folder: Path) -> Outcome:
     """How a command ended: with a result, or refused in one message."""
     began = time.perf_counter()
-    _, told = process.communicate(timeout=PATIENCE)
+    _, message = process.communicate(timeout=PATIENCE)
     seconds = time.perf_counter() - began
-    lines = [line for line in told.splitlines() if line.startswith("airswing: ")]
+    lines = [line for line in message.splitlines() if line.startswith("airswing: ")]
     half = [path.name for path in folder.rglob("*.part")]
     if process.returncode == 0 and not half:
         return True, f"a result after {seconds:.1f} s"
-    if process.returncode == 2 and len(lines) == 1 and "Traceback" not in told:
+    if process.returncode == 2 and len(lines) == 1 and "Traceback" not in message:
         return True, f"refused: {lines[0].removeprefix('airswing: ')[:150]}"
-    last = told.strip().splitlines()[-1:] or [""]
+    last = message.strip().splitlines()[-1:] or [""]
     return False, f"status {process.returncode}, left {half}: {last[0][:200]}"
 
 
@@ -255,8 +255,8 @@ def slow_disk(folder: Path, long: bool) -> Outcome:
     paths = {"PYTHONPATH": os.pathsep.join([str(hook), environment(folder)["PYTHONPATH"]])}
     process = started(folder, "collocate", str(config), more=paths)
     good, what = judged(process, folder)
-    told = folder / "slow.txt"
-    return good and told.exists(), f"{what}, {len(told.read_text())} reads slowed"
+    message = folder / "slow.txt"
+    return good and message.exists(), f"{what}, {len(message.read_text())} reads slowed"
 
 
 SLOW = """

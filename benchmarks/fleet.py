@@ -234,8 +234,8 @@ def after_the_fit(aircraft: int, folder: Path) -> dict[str, Callable[[], Any]]:
             sensitivity=found["comparison"],
             monitoring=found["watch"],
         )
-        told = {"headings": headings, "fits": fits, "corrected": corrected}
-        return write_page(folder / "report", **told, evaluation=evaluation)
+        result = {"headings": headings, "fits": fits, "corrected": corrected}
+        return write_page(folder / "report", **result, evaluation=evaluation)
 
     found: dict[str, Any] = {}
 
@@ -326,12 +326,12 @@ def main() -> int:
         command += ["--aircraft", str(aircraft), "--over", given.over]
         command += ["--reports", str(given.reports)] if given.reports else []
         command += ["--tracks", str(given.tracks)] if given.tracks else []
-        told = json.loads(subprocess.run(command, check=True, capture_output=True).stdout)
-        used.append(told["summed"] + told["solved"])
-        covered = " ".join(f"{one:5.1f}" for one in told["covered"])
+        result = json.loads(subprocess.run(command, check=True, capture_output=True).stdout)
+        used.append(result["summed"] + result["solved"])
+        covered = " ".join(f"{one:5.1f}" for one in result["covered"])
         print(
-            f"{aircraft:8d} {told['reports']:9d} {told['fitted']:7d} {told['summed']:8.1f}"
-            f" {told['solved']:8.1f} {told['peak']:8.2f} {told['regions']:8d}   {covered}",
+            f"{aircraft:8d} {result['reports']:9d} {result['fitted']:7d} {result['summed']:8.1f}"
+            f" {result['solved']:8.1f} {result['peak']:8.2f} {result['regions']:8d}   {covered}",
             flush=True,
         )
     if len(used) < 2:

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from airswing import cli
+from airswing import __version__, cli
 
 
 def process(*words: object, folder: Path) -> subprocess.CompletedProcess:
@@ -71,20 +71,6 @@ def test_bad_input_is_one_message_and_status_2(root, tmp_path, changes, words):
     assert done.stdout == ""
 
 
-def test_no_overlap_in_time_tells_both_spans(root, tmp_path):
-    table = next((root / "data_samples/reports").glob("*.csv")).read_text().splitlines()
-    header = table[0].split(",")
-    when = header.index("time")
-    rows = [line.split(",") for line in table[1:300]]
-    for row in rows:
-        row[when] = row[when].replace("2009", "2012", 1)
-    (tmp_path / "late.csv").write_text("\n".join(",".join(row) for row in [header, *rows]))
-    done = airswing("run", config(root, tmp_path, reports={"files": "late.csv"}), folder=tmp_path)
-    assert done.returncode == 2
-    assert "no overlap in time" in done.stderr
-    assert "2012-" in done.stderr and "2009-" in done.stderr
-
-
 def test_wrong_usage_is_status_2(tmp_path):
     done = process("run", "--colour", "red", folder=tmp_path)
     assert done.returncode == 2 and "--colour" in done.stderr
@@ -132,7 +118,7 @@ def test_stages_one_by_one_and_the_json_summary(blank_cards, root, tmp_path):
 
 
 def _heed_interrupts() -> None:
-    """A shell's background jobs, and all they start, ignore interrupts unless told otherwise."""
+    """A shell's background jobs, and all they start, ignore interrupts unless set otherwise."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
@@ -161,8 +147,10 @@ def test_inspect_tells_what_files_hold(root, tmp_path):
     assert airswing("inspect", tmp_path / "empty", folder=tmp_path).returncode == 2
 
 
-def test_no_path_of_a_machine_is_in_the_help(tmp_path):
+def test_help_and_version(tmp_path):
     done = airswing("--help", folder=tmp_path)
     assert done.returncode == 0
     for command in ("run", "collocate", "fit", "correct", "evaluate", "compare", "sample"):
         assert command in done.stdout
+    done = airswing("--version", folder=tmp_path)
+    assert (done.returncode, done.stdout) == (0, f"airswing {__version__}\n")

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from airswing.config_file import load_config, load_postprocess
+from airswing.config_file import load_config
 from airswing.errors import ConfigError
 
 SMALLEST = {
@@ -56,6 +56,11 @@ def test_pools_and_the_gap_reference(tmp_path):
         ({"gap": {"reference": "ruk"}}, ["gap.reference", "'ruc'"]),
         ({"references": {}}, ["references"]),
         ({"output": " "}, ["output", "names no folder"]),
+        ({"references": {"m": {"files": "a", "lead": "shortest"}}}, ["'shortest'", ">= 1 h"]),
+        ({"compute": {"workers": 0}}, ["compute.workers:", "greater than", "0"]),
+        ({"table": {"resolution": "0 deg"}}, ["table.resolution", "0"]),
+        ({"collocation": {"max_time_gap": "-3 h"}}, ["max_time_gap", "greater than 0"]),
+        ({"pool": {"x": ["ruc", "ruc"]}}, ["pool.x: a pool needs at least two references"]),
         ({"handover": {"platform": "JET"}}, ["handover.platform", "'auto', 'TAMDAR'", "JET"]),
         ({"references": {"ruc": {"files": "a", "leed": "3 h"}}}, ["references.ruc", "'lead'"]),
         (
@@ -120,15 +125,8 @@ def test_a_pool_that_names_a_reference_twice_is_refused(tmp_path):
         load_config(write(tmp_path, SMALLEST | twice))
 
 
-def test_a_section_left_empty_has_no_forecasts_to_correct(tmp_path):
-    path = write(tmp_path, SMALLEST | {"postprocess": None})
-    assert load_config(path).postprocess is None
-    with pytest.raises(ConfigError, match="no forecasts to correct"):
-        load_postprocess(path)
-
-
 def test_a_configuration_prints_itself_in_a_few_lines():
-    told = str(load_config("configs/quickstart.yaml"))
-    assert told.startswith("Config:\n  reports: data_samples/reports")
-    assert "references: ruc, rtfdaa" in told
-    assert len(told.splitlines()) < 10
+    text = str(load_config("configs/quickstart.yaml"))
+    assert text.startswith("Config:\n  reports: data_samples/reports")
+    assert "references: ruc, rtfdaa" in text
+    assert len(text.splitlines()) < 10

@@ -1,8 +1,8 @@
-"""The whole chain gives known deviations back when the model wind is the true wind.
+"""The whole chain recovers known deviations when the model wind is the true wind.
 
-Every grid, hemisphere and layout of files through the public stages, against the independent
-writer of ``tests/perfect.py``. Only the fixes' resolution stands between truth and fit, so the
-tolerances are hundredths of a degree where a sign, a rotation or a date out of place costs tenths.
+Every grid, hemisphere and layout of files through the public stages, against the independent writer
+of ``tests/perfect.py``. The fixes' resolution is the only source of error, so the tolerances are
+hundredths of a degree; a wrong sign, rotation or date costs tenths.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ pytestmark = pytest.mark.usefixtures("blank_cards")
 
 
 def fitted(folder: Path, table: pd.DataFrame, **reports: Any) -> xr.Dataset:
-    """Fits of the archive in a folder whose model is written."""
+    """Fits of the archive in a folder that has its model files."""
     perfect.write_reports(table, folder / "reports" / "r.csv")
     content = {
         "reports": {"files": str(folder / "reports/*.csv"), **reports},
@@ -75,7 +75,7 @@ def test_deviations_come_back_however_the_files_are_laid_out(tmp_path, name, opt
 
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory) -> tuple[Path, pd.DataFrame]:
-    """A model across the antimeridian, and what was flown through it."""
+    """A model across the antimeridian, and reports of flights through it."""
     folder = tmp_path_factory.mktemp("alaska")
     place = perfect.PLACES["alaska_minus180"]
     perfect.write_model(place, folder / "model")

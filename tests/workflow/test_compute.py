@@ -9,8 +9,9 @@ import signal
 import dask
 import numpy as np
 import pytest
+import xarray as xr
 
-from airswing import workflow
+import airswing
 from airswing.config import Compute
 from airswing.config_file import load_config
 from airswing.errors import InputError
@@ -28,27 +29,59 @@ def address():
         yield cluster.scheduler_address
 
 
-def test_threads_processes_and_an_address_give_the_same_bits(address, tmp_path, root):
-    results = {}
-    for name, place in {
-        "threads": Compute(threads=2),
-        "processes": Compute(workers=2, threads=1),
-        "address": Compute(scheduler=address),
-    }.items():
-        path = tmp_path / f"{name}.yaml"
-        path.write_text(
-            f"reports: {{files: '{root}/data_samples/reports/N40[46].csv'}}\n"
-            f"references: {{ruc: {{files: {root}/data_samples/ruc/*.grb}}}}\n"
-            f"output: {tmp_path}/{name}\n"
-        )
-        job = workflow.Job(load_config(path), Progress(quiet=True))
-        with compute.scheduler(place, job.progress):
-            results[name] = workflow.make_headings(job).load()
-        assert job.progress.threads == 2
-    for name in results["threads"].variables:
-        one, *others = (result[name].to_numpy() for result in results.values())
-        for other in others:
-            np.testing.assert_array_equal(one, other, str(name))
+def results(root, folder, place: Compute, reports: str):
+    """Products of a run at a place, without its page."""
+    folder.mkdir()
+    (folder / "config.yaml").write_text(
+        f"reports: {{files: '{root}/data_samples/reports/{reports}.csv'}}\n"
+        "references:\n"
+        f"  ruc: {{files: {root}/data_samples/ruc/*.grb}}\n"
+        f"  rtfdaa: {{files: {root}/data_samples/rtfdaa/*.grb2}}\n"
+        f"output: {folder}/out\n"
+    )
+    config = load_config(folder / "config.yaml")
+    return airswing.run(config.model_copy(update={"compute": place}))
+
+
+def assert_same_bytes(one, other):
+    files = {path.relative_to(one.output) for path in one.output.rglob("*") if path.is_file()}
+    assert len(files) > 12
+    for name in sorted(files):
+        if name.suffix == ".nc":
+            first, second = (
+                xr.open_dataset(run.output / name, decode_cf=False) for run in (one, other)
+            )
+            assert set(first.variables) == set(second.variables)
+            for key in first.variables:
+                assert first[key].values.tobytes() == second[key].values.tobytes(), (name, key)
+        elif name.suffix in (".json", ".csv") and ".airswing" not in name.parts:
+            assert (one.output / name).read_bytes() == (other.output / name).read_bytes(), name
+
+
+@pytest.mark.parametrize(
+    ("reports", "places"),
+    [
+        ("N402", ["cluster"]),
+        pytest.param("*", ["processes", "cluster"], marks=pytest.mark.slow),
+    ],
+)
+def test_threads_processes_and_a_cluster_give_the_same_bytes(
+    address, tmp_path, root, reports, places, blank_cards, monkeypatch
+):
+    monkeypatch.setattr("airswing.workflow.main.make_page", lambda *_: None)
+    threads = results(root, tmp_path / "threads", Compute(threads=2), reports)
+    assert threads.summary["accounts"]["threads"] == 2
+    for name in places:
+        place = Compute(workers=2, threads=1) if name == "processes" else Compute(scheduler=address)
+        assert_same_bytes(threads, results(root, tmp_path / name, place, reports))
+
+
+def test_a_lazy_product_is_written_with_processes(tmp_path):
+    sizes = {"row_size": ("aircraft", np.array([4], dtype=np.int32))}
+    ds = xr.Dataset({"turn": ("report", np.arange(4.0))} | sizes).chunk(report=2)
+    with compute.scheduler(Compute(workers=2, threads=1), Progress(quiet=True)):
+        path = airswing.write_product(ds.assign(turn=ds["turn"] + 1.0), tmp_path / "p.nc", title="")
+    assert airswing.read_product(path)["turn"].values.tolist() == [1.0, 2.0, 3.0, 4.0]
 
 
 def test_a_scheduler_that_is_not_there_is_named(monkeypatch):

@@ -35,7 +35,7 @@ def again(path, **changes):
     return Job(load_config(path).model_copy(update=changes), Progress(quiet=True))
 
 
-def test_gap_json_and_headings_tell_of_the_same_headings(run, names_only, no_gap_page):
+def test_gap_json_is_of_the_same_headings(run, names_only, no_gap_page):
     path, first = run
     job = again(path)
     content = diagnosis(job)
@@ -51,8 +51,8 @@ def test_gap_json_and_headings_tell_of_the_same_headings(run, names_only, no_gap
         ("magnetic_heading", "magnetic_heading"),
         ("heading_error", "heading_standard_error"),
     ):
-        told = np.radians(headings[name].to_numpy().astype(float))[frame.report]
-        np.testing.assert_array_equal(getattr(frame, field), told)
+        expected = np.radians(headings[name].to_numpy().astype(float))[frame.report]
+        np.testing.assert_array_equal(getattr(frame, field), expected)
     for field, name in (
         ("airspeed", "airspeed"),
         ("ground_u", "ground_eastward_velocity"),

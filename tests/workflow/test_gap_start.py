@@ -59,7 +59,7 @@ def begin(job, frame, effects_of=never, **given):
     return starting_point(job, frame, read_start(job, **given), effects_of=effects_of)
 
 
-def test_what_is_known_is_not_told_again(archive, collocated, tmp_path):
+def test_known_effects_are_not_stated_again(archive, collocated, tmp_path):
     collocated(tmp_path / "out")
     known = effects_file(tmp_path / "known.yaml", IRON)
     result = CliRunner().invoke(
@@ -69,10 +69,10 @@ def test_what_is_known_is_not_told_again(archive, collocated, tmp_path):
     assert result.exit_code == 0, result.output
     found = json.loads((tmp_path / "out" / "gap.json").read_text())
     assert [(e["name"], e["tails"]) for e in found["effects"]] == [("tas_scale", ["N403"])]
-    (told,) = found["known"]
-    assert told["disagreement_without_kt"] > told["disagreement_with_kt"] + 0.2
+    (known_entry,) = found["known"]
+    assert known_entry["disagreement_without_kt"] > known_entry["disagreement_with_kt"] + 0.2
     assert found["gap"]["mean_vector_disagreement_kt"] == pytest.approx(
-        told["disagreement_with_kt"], abs=0.05
+        known_entry["disagreement_with_kt"], abs=0.05
     )
     assert "1 known effect of" in result.output
     assert "1 known effect of" in (tmp_path / "out" / "gap" / "index.html").read_text()
@@ -80,7 +80,7 @@ def test_what_is_known_is_not_told_again(archive, collocated, tmp_path):
     assert [one.name for one in both] == ["hard_iron", "tas_scale"]
 
 
-def test_reports_of_the_package_s_own_simulation_match_and_leave_what_it_lacks(
+def test_simulated_reports_match_and_leave_the_effects_they_lack(
     archive, collocated, tmp_path, no_gap_page
 ):
     collocated(tmp_path / "out")
@@ -107,7 +107,7 @@ def test_reports_of_the_package_s_own_simulation_match_and_leave_what_it_lacks(
 
 
 def test_a_simulation_on_other_paths_is_known_by_what_it_has(archive, frame, tmp_path):
-    job, own = frame
+    job, archive_frame = frame
     folder = tmp_path / "other"
     folder.mkdir()
     for path in archive.parent.glob("reports/*.csv"):
@@ -124,32 +124,32 @@ def test_a_simulation_on_other_paths_is_known_by_what_it_has(archive, frame, tmp
         ]
         return read_effects(effects_file(tmp_path / "its.yaml", *entries))
 
-    start = begin(job, own, effects_of, simulated=f"{folder}/*.csv")
+    start = begin(job, archive_frame, effects_of, simulated=f"{folder}/*.csv")
     assert asked[0].config.reports.files == [f"{folder}/*.csv"]
     assert asked[0].output.parent == job.output
     assert [(one.name, one.tails) for one in start.known] == [
         ("hard_iron", ("N401",)),
         ("tas_offset", None),
     ]
-    told = start.simulation
-    assert told.matched == 0 and told.matched_by == "distribution"
-    assert told.aircraft_in_both == [f"N{k}" for k in range(401, 406)]
+    entry = start.simulation
+    assert entry.matched == 0 and entry.matched_by == "distribution"
+    assert entry.aircraft_in_both == [f"N{k}" for k in range(401, 406)]
     assert start.known_entries[0].left_out == 1
-    assert start.frame.airspeed == pytest.approx(own.airspeed - 1.0, abs=1e-9)
+    assert start.frame.airspeed == pytest.approx(archive_frame.airspeed - 1.0, abs=1e-9)
     assert "flew other paths" in start_words(None, asdict(start.simulation))
 
 
 def test_an_archive_against_itself_has_no_gap(archive, frame):
-    job, own = frame
-    start = begin(job, own, simulated=str(archive.parent / "reports" / "*.csv"))
+    job, archive_frame = frame
+    start = begin(job, archive_frame, simulated=str(archive.parent / "reports" / "*.csv"))
     assert np.abs(start.frame.residual).max() < 1e-6
     assert start.simulation.matched_by == "aircraft and time"
 
 
 def test_nothing_given_is_the_perfect_instrument(frame):
-    job, own = frame
-    start = begin(job, own)
-    assert start.frame is own and not start.known_entries and start_words([]) == ""
+    job, archive_frame = frame
+    start = begin(job, archive_frame)
+    assert start.frame is archive_frame and not start.known_entries and start_words([]) == ""
 
 
 @pytest.mark.parametrize(
@@ -169,10 +169,10 @@ def test_nothing_given_is_the_perfect_instrument(frame):
 def test_bad_input_is_one_message_and_nothing_written(
     archive, tmp_path, option, content, message, monkeypatch, frame, capsys
 ):
-    _, own = frame
+    _, archive_frame = frame
     monkeypatch.setattr(gap_stage, "make_headings", lambda job: Dataset(coords={"report": []}))
     monkeypatch.setattr("airswing.gap.archive.sample.sampled", lambda headings: headings)
-    monkeypatch.setattr(gap_stage, "_frame", lambda *_: own)
+    monkeypatch.setattr(gap_stage, "_frame", lambda *_: archive_frame)
     file = tmp_path / ("bad.yaml" if option == "--known" else "bad.csv")
     if content is not None:
         file.write_text(content)
@@ -180,20 +180,24 @@ def test_bad_input_is_one_message_and_nothing_written(
     monkeypatch.setattr("sys.argv", [*words, option, str(file)])
     with pytest.raises(SystemExit) as stopped:
         cli.main()
-    told = capsys.readouterr().err
+    message_shown = capsys.readouterr().err
     assert stopped.value.code == 2
-    assert message in told and "Traceback" not in told
-    assert len(told) < 2000 and str(file) in told.replace("\n", "")
+    assert message in message_shown and "Traceback" not in message_shown
+    assert len(message_shown) < 2000 and str(file) in message_shown.replace("\n", "")
     assert not list((tmp_path / "out").rglob("gap.*"))
 
 
 def test_reports_named_otherwise_are_read_by_the_archive_s_names(archive, frame, tmp_path):
-    job, own = frame
+    job, archive_frame = frame
     source = next(archive.parent.glob("reports/N401.csv"))
     renamed = source.read_text().replace("wind_speed_kt", "spd", 1)
     (tmp_path / "own.csv").write_text(renamed)
     reports = job.config.reports.model_copy(update={"columns": {"spd": "wind_speed_kt"}})
     config = job.config.model_copy(update={"reports": reports})
     job = replace(job, config=config)
-    start = begin(job, own.take(own.aircraft_mask("N401")), simulated=str(tmp_path / "own.csv"))
+    start = begin(
+        job,
+        archive_frame.take(archive_frame.aircraft_mask("N401")),
+        simulated=str(tmp_path / "own.csv"),
+    )
     assert np.abs(start.frame.residual).max() < 1e-6

@@ -1,4 +1,4 @@
-"""What a file holds is told from how it begins, not from words in it."""
+"""The kind of a file is recognised by its first bytes, not by words in it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from airswing.workflow.inspection import inspect_file
 
 
 def product(path: Path) -> Path:
-    """A small product whose first octets speak of GRIB."""
+    """A small product whose first bytes contain the word GRIB."""
     ds = xr.Dataset({"row_size": ("aircraft", [1], {"comment": "from GRIB/*"})})
     return write_product(ds, path, title="T")
 

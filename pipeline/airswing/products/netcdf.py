@@ -10,6 +10,7 @@ H.4.3): the reports of one aircraft follow each other, and ``row_size`` counts t
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import uuid
@@ -17,6 +18,7 @@ from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
+import dask
 import netCDF4
 import numpy as np
 import xarray as xr
@@ -138,7 +140,10 @@ def write_product(
     if "report" in ds.dims and "row_size" in ds:
         ds = _as_trajectories(ds)
     netCDF4.set_chunk_cache(size=_CHUNK_CACHE)
-    with atomic(path) as temporary:
+    # xarray's lock of the file cannot be sent to the processes of dask's local scheduler.
+    processes = dask.config.get("scheduler", None) in ("processes", "multiprocessing")
+    here = dask.config.set(scheduler="threads") if processes else contextlib.nullcontext()
+    with atomic(path) as temporary, here:
         ds = _with_plain_times(ds)
         encoding = {name: _encoding(ds[name]) for name in ds.variables}
         ds.to_netcdf(temporary, engine="netcdf4", encoding=encoding)

@@ -125,22 +125,25 @@ def _without(start: Start, effects: Sequence[ActiveEffect], source: str, *, stri
     from airswing.gap.simulation.effects_file import plain_effects
     from airswing.gap.simulation.known_effects import take_off_known
 
-    own = list(effects) if strict else _of_archive(effects, start.frame.tails)
+    removed = list(effects) if strict else _of_archive(effects, start.frame.tails)
     try:
-        left = take_off_known(start.frame, own)
+        left = take_off_known(start.frame, removed)
     except InputError as err:
         raise InputError(
             err.what, file=source, field=err.field, found=err.found, remedy=err.remedy
         ) from err
     entry = KnownEntry(
         source=source,
-        effects=plain_effects(own),
-        left_out=len(effects) - len(own),
+        effects=plain_effects(removed),
+        left_out=len(effects) - len(removed),
         disagreement_without_kt=disagreement_kt(start.frame),
         disagreement_with_kt=disagreement_kt(left),
     )
     return replace(
-        start, frame=left, known=[*start.known, *own], known_entries=[*start.known_entries, entry]
+        start,
+        frame=left,
+        known=[*start.known, *removed],
+        known_entries=[*start.known_entries, entry],
     )
 
 
@@ -198,16 +201,16 @@ def _read(job: Job, simulated: str) -> tuple[xr.Dataset, Reports]:
         section = load_config(Path(simulated)).reports
         found = read_reports(section.files, format=section.format, columns=section.columns)
         return found, section
-    own = job.config.reports
-    section = own.model_copy(update={"files": [simulated], "format": "auto", "columns": {}})
+    archive = job.config.reports
+    section = archive.model_copy(update={"files": [simulated], "format": "auto", "columns": {}})
     if not glob(simulated, recursive=True):
         raise InputError("no reports of a simulation", file=simulated, field="--simulated")
     try:
         return read_reports(section.files), section
     except InputError:
-        if not own.columns:
+        if not archive.columns:
             raise
-    section = section.model_copy(update={"columns": own.columns})
+    section = section.model_copy(update={"columns": archive.columns})
     return read_reports(section.files, columns=section.columns), section
 
 

@@ -40,7 +40,7 @@ def append_winds(
     references : mapping of str to path, list of paths, or Dataset
         Model files (a glob each) or Datasets with CF winds, by name.
     columns : mapping of str to str, optional
-        Other names of these columns, each with the name it stands for.
+        From other names of these columns to these names.
     max_time_gap : float, default 10800
         Longest time between two model times around a row, s.
     lead : str, default "any"
