@@ -110,7 +110,7 @@ def write_reports(folder: Path, reports: int, hours: int, aircraft: int) -> None
         heading = np.pi / 2 - np.angle(air)
         offset, size, phase = rng.uniform(-1, 1), rng.uniform(0.5, 6), rng.uniform(-np.pi, np.pi)
         wrong = np.radians(offset + size * np.sin(heading + phase))
-        wind = ground - air * np.exp(-1j * wrong)
+        sent = ground - air * np.exp(-1j * wrong)
         stamp = START + (begin[:, None] + minutes).round().astype("timedelta64[s]")
         height = np.broadcast_to(rng.integers(220, 300, legs)[:, None] * 100, lat.shape)
         pieces.append(
@@ -121,11 +121,11 @@ def write_reports(folder: Path, reports: int, hours: int, aircraft: int) -> None
                     "latitude": lat.round(4).ravel(),
                     "longitude": lon.round(4).ravel(),
                     "pressure_altitude_ft": height.ravel().astype(np.float32),
-                    "wind_direction_deg": (np.degrees(np.arctan2(-wind.real, -wind.imag)) % 360)
+                    "wind_direction_deg": (np.degrees(np.arctan2(-sent.real, -sent.imag)) % 360)
                     .round()
                     .ravel()
                     .astype(np.float32),
-                    "wind_speed_kt": (np.abs(wind) / 0.514444).round().ravel().astype(np.float32),
+                    "wind_speed_kt": (np.abs(sent) / 0.514444).round().ravel().astype(np.float32),
                     "phase": "cruise",
                     "roll_flag": "G",
                     "temperature_qc": "pass",
@@ -160,8 +160,8 @@ def measured(config: str) -> None:
     job = workflow.Job(load_config(config), Watched())
     with scheduler(job.config.compute, job.progress):
         summary = workflow.run_job(job).summary
-    wind = {name: summary[name] for name in ("reports", "months")}  # type: ignore[literal-required]
-    print(json.dumps(wind | {"stages": stages, "processor": time.process_time()}))
+    account = {name: summary[name] for name in ("reports", "months")}  # type: ignore[literal-required]
+    print(json.dumps(account | {"stages": stages, "processor": time.process_time()}))
 
 
 def memory(key: str) -> int:
