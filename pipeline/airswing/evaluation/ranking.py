@@ -31,7 +31,7 @@ from airswing.physics.compass_deviation import deviation_basis
 from airswing.products.ragged import blocks, row_bounds
 from airswing.units import KNOT
 
-MOST_REPORTS = 4000
+MOST_REPORTS = 1500
 """Reports of an aircraft that the interval is drawn over; the gain itself uses all."""
 DRAWS = 300
 

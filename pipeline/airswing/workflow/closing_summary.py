@@ -21,7 +21,7 @@ from airswing.evaluation.monitoring import change_warnings
 from airswing.flags import STATUS
 from airswing.report.html.style import Units, shown_per_kt
 from airswing.report.run.reading_warnings import reading_warnings, reference_warnings, tally
-from airswing.report.run.selection import disagreement, kept_reports, screening_warnings
+from airswing.report.run.selection import BeforeAfter, kept_reports, screening_warnings
 from airswing.units import NORMAL_95
 from airswing.workflow.job import main_reference, months_text
 from airswing.workflow.progress import Accounts
@@ -59,14 +59,16 @@ class Summary(TypedDict):
 
 
 def summarise(
-    config: Config, headings: xr.Dataset, fits: xr.Dataset, corrected: xr.Dataset
+    config: Config, headings: xr.Dataset, fits: xr.Dataset, apart: BeforeAfter
 ) -> Summary:
     """Collect what a person wants to know first.
 
     Parameters
     ----------
-    headings, fits, corrected : Dataset
+    headings, fits : Dataset
         Products of the run.
+    apart : BeforeAfter
+        Disagreement with the main reference.
 
     Returns
     -------
@@ -76,7 +78,6 @@ def summarise(
     """
     main = main_reference(config)
     chosen = fits.sel(reference=main)
-    apart = disagreement(headings, corrected, fits, main)
     names = {code: name for name, code in STATUS.items()}
     status = [names[int(code)] for code in chosen["status"].to_numpy()]
     return {

@@ -17,11 +17,12 @@ from airswing.evaluation.results import Evaluation
 from airswing.products.workspace import workspace
 from airswing.workflow.evaluation_stage import make_evaluation
 from airswing.workflow.fitting import make_corrected, make_fits
-from airswing.workflow.job import Job
+from airswing.workflow.job import Job, main_reference
 from airswing.workflow.months import make_headings
 from airswing.workflow.progress import Progress
 
 if TYPE_CHECKING:
+    from airswing.report.run.selection import BeforeAfter
     from airswing.workflow.closing_summary import Summary
 
 
@@ -132,18 +133,20 @@ def run(
 
 def run_job(job: Job) -> Results:
     """The main job on the scheduler that is in use; see :func:`run`."""
+    from airswing.report.run.selection import disagreement
     from airswing.workflow.closing_summary import summarise
 
     with workspace(job.output):
         headings = make_headings(job)
         fits = make_fits(job, headings)
         corrected = make_corrected(job, headings, fits)
-        summary = summarise(job.config, headings, fits, corrected)
+        apart = disagreement(headings, corrected, fits, main_reference(job.config))
+        summary = summarise(job.config, headings, fits, apart)
         evaluation = make_evaluation(job, headings, fits, corrected)
         if evaluation.monitoring is not None:
             summary["events"] = len(evaluation.monitoring.events)
             summary["watched"] = evaluation.monitoring.text
-        make_page(job, headings, fits, corrected, summary, evaluation)
+        make_page(job, headings, fits, corrected, summary, evaluation, apart)
     job.progress.say(job.progress.accounts_text())
     summary["accounts"] = job.progress.accounts()
     return Results(job.output, headings, fits, corrected, evaluation, summary)
@@ -156,6 +159,7 @@ def make_page(
     corrected: xr.Dataset,
     summary: Summary,
     evaluation: Evaluation,
+    apart: BeforeAfter,
 ) -> Path:
     """The page of the results: ``report/index.html``.
 
@@ -168,6 +172,8 @@ def make_page(
         Of :func:`airswing.workflow.closing_summary.summarise`.
     evaluation : Evaluation
         Of :func:`~airswing.workflow.evaluation_stage.make_evaluation`.
+    apart : BeforeAfter
+        Disagreement with the main reference.
     """
     from airswing.report.run.page import write_page
 
@@ -179,6 +185,7 @@ def make_page(
             corrected=corrected,
             summary=summary,
             evaluation=evaluation,
+            apart=apart,
             units=job.config.units,
         )
         stage.note = str(page)

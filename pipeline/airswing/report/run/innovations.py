@@ -252,13 +252,15 @@ def _sounding_reports(
     headings: xr.Dataset, corrected: xr.Dataset, fits: xr.Dataset, reference: str
 ) -> tuple[xr.Dataset, xr.Dataset, str] | None:
     """Return the reports of one ascent or descent, by pressure, their corrections and aircraft."""
-    climbing = [PHASE["ascent"], PHASE["descent"]]
+    phases = headings["phase"].to_numpy()
+    climbing = (phases == PHASE["ascent"]) | (phases == PHASE["descent"])
     for name in by_amplitude(fits, reference):
         rows = rows_of(headings, name)
-        keys = headings[["flight", "phase"]].isel(report=rows).load()
-        number, phase = keys["flight"].to_numpy(), keys["phase"].to_numpy()
+        if not climbing[rows].any():
+            continue
+        number, phase = headings["flight"].isel(report=rows).to_numpy(), phases[rows]
         wind = corrected["corrected_eastward_wind"].isel(report=rows).to_numpy()
-        usable = np.isin(phase, climbing) & np.isfinite(wind)
+        usable = climbing[rows] & np.isfinite(wind)
         labels, counts = np.unique(
             np.stack([number[usable], phase[usable]]), axis=1, return_counts=True
         )

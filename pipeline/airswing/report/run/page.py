@@ -109,6 +109,7 @@ def write_page(
     corrected: xr.Dataset | None = None,
     summary: Mapping[str, object] | None = None,
     evaluation: Evaluation | None = None,
+    apart: BeforeAfter | None = None,
     units: Units = "kt",
 ) -> Path:
     """Write the page of a run, ``index.html``, and its figures, ``figures/*.png``.
@@ -125,6 +126,8 @@ def write_page(
         ``warnings``: list of str; other plain values are listed under "This run".
     evaluation : Evaluation, optional
         What is missing leaves its section out.
+    apart : BeforeAfter, optional
+        Disagreement with the reference of the headline; computed from ``corrected`` by default.
     units : {"kt", "m/s"}, optional
         Unit of all speeds on the page.
 
@@ -143,7 +146,8 @@ def write_page(
     reference = asked if asked in known else headline_reference(fits, headings)
     show = Figures(folder / "figures", units)
     show.clear()
-    apart = None if corrected is None else disagreement(headings, corrected, fits, reference)
+    if apart is None and corrected is not None:
+        apart = disagreement(headings, corrected, fits, reference)
     total = None if apart is None else apart.total
     order = by_amplitude(fits, reference)
     sounding = None
