@@ -69,10 +69,47 @@ def test_a_wrong_first_name_whose_credible_set_contains_the_truth():
     assert score["false_names"] == ["soft_iron"] and score["parameter_error"] is None
 
 
-def test_a_null_has_no_truth_and_every_name_is_false():
-    null = label("null", effects=[], closure={"before": 6.5, "after": 6.5})
-    assert score_case(null, gap())["in_set"] is None
-    assert score_case(null, gap(claim("tas_scale")))["false_names"] == ["tas_scale"]
+@pytest.mark.parametrize(
+    ("truth", "found", "expected"),
+    [
+        (
+            label("null", effects=[], closure={"before": 6.5, "after": 6.5}),
+            gap(claim("tas_scale")),
+            {"in_set": None, "false_names": ["tas_scale"]},
+        ),
+        (
+            label("removed", without=["hard_iron"]),
+            gap(claim("compass_step")),
+            {"first_right": False, "false_names": ["compass_step"]},
+        ),
+        (
+            label(),
+            gap(claim(tails=["N402", "N403", "N404"])),
+            {"precision": pytest.approx(1 / 3), "recall": 0.5},
+        ),
+        (
+            outside(variables=["altitude"]),
+            gap(unknown=[place("pressure")]),
+            {"variable_first": True},
+        ),
+        (outside(), gap(unknown=[place("bank")]), {"variable_first": False}),
+        (label(), None, {"failure": "exit status 1"}),
+        (
+            # the entry that closes most states the variable
+            outside(),
+            gap(
+                unknown=[
+                    place("bank", closure={"reduction": 0.1}),
+                    place("hour", closure={"reduction": 0.4}),
+                ]
+            ),
+            {"variable_first": True},
+        ),
+    ],
+)
+def test_single_scores(truth, found, expected):
+    score = score_case(truth, found, failure="exit status 1", fleet=FLEET)
+    assert {name: score[name] for name in expected} == expected
 
 
 def test_effects_of_the_background_are_neither_right_nor_wrong():
@@ -101,11 +138,6 @@ def test_an_interval_of_the_remainder_becomes_one_of_the_reduction():
     assert score["closure_error"] == pytest.approx(0.2)
     assert score["closure_interval"] == pytest.approx([0.1, 0.45])
     assert score["closure_covered"] is False  # the true reduction is 0.5
-
-
-def test_aircraft_precision_and_recall():
-    score = score_case(label(), gap(claim(tails=["N402", "N403", "N404"])))
-    assert (score["precision"], score["recall"]) == (pytest.approx(1 / 3), 0.5)
 
 
 def test_amplitude_and_phase_are_one_vector():
@@ -142,36 +174,11 @@ def test_an_unknown_with_the_right_variable_and_aircraft():
     assert scored(outside(), gap())["unknown_first"] is False
 
 
-def test_synonyms_denote_the_same_variable():
-    assert scored(outside(variables=["altitude"]), gap(unknown=[place("pressure")]))[
-        "variable_first"
-    ]
-    assert not scored(outside(), gap(unknown=[place("bank")]))["variable_first"]
-
-
-def test_the_entry_that_closes_most_states_the_variable():
-    places = [
-        place(variable, closure={"reduction": value})
-        for variable, value in (("bank", 0.1), ("hour", 0.4))
-    ]
-    assert scored(outside(), gap(unknown=places))["variable_first"]
-
-
 def test_a_false_name_precedes_an_unknown_that_closes_less():
     unknown = [place(closure={"reduction": 0.3})]
     small, large = (claim("time_lag", closure={"reduction": r}) for r in (0.2, 0.5))
     assert scored(outside(), gap(small, unknown=unknown))["unknown_first"]
     assert not scored(outside(), gap(large, unknown=unknown))["unknown_first"]
-
-
-def test_a_withheld_effect_has_no_right_name():
-    score = score_case(label("removed", without=["hard_iron"]), gap(claim("compass_step")))
-    assert not score["first_right"] and score["false_names"] == ["compass_step"]
-
-
-def test_a_failed_diagnosis_keeps_its_message():
-    score = score_case(label(), None, failure="exit status 1")
-    assert score["failure"] == "exit status 1" and "first_right" not in score
 
 
 def test_reliability_by_hand():

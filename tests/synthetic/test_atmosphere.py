@@ -78,33 +78,10 @@ def test_the_hard_world_has_heavier_tails():
     assert kurtosis[1] > kurtosis[0] + 0.4
 
 
-def test_the_jet_has_shear_and_blows_from_the_west():
-    world = World(WorldParameters(), 6, 480.0)
-    hours = np.arange(0.0, 480.0, 2.0)
-    zero = np.zeros(hours.size)
-    mean = np.array(
-        [
-            world.at_points(zero, zero, zero + np.log(level), hours).mean(axis=1)
-            for level in (0.9, 0.5, 0.3)
-        ]
-    )
-    assert (np.diff(mean[:, 0]) > 0).all() and mean[1, 0] > 6.0 and abs(mean[1, 1]) < 6.0
-
-
 def test_everything_follows_from_the_seed_and_parts_are_independent():
     first = stream(1, "a").normal()
     assert first == stream(1, "a").normal()
     assert first not in (stream(1, "b").normal(), stream(2, "a").normal())
-
-
-@pytest.mark.parametrize(
-    ("place", "horizontal"),
-    [((41.0, -88.0), 19369.0), ((27.97, -82.53), 24717.0), ((47.45, -122.31), 19178.0)],
-)
-def test_horizontal_field_at_known_places(place, horizontal):
-    earth = EarthField(datetime(2009, 7, 1), 30.0, BOX)
-    found = earth.at(np.array(place[:1]), np.array(place[1:]), np.zeros(1))[1][0]
-    assert found == pytest.approx(horizontal, rel=0.006)
 
 
 def test_the_lattice_is_close_to_igrf_and_older_tables_differ_by_the_secular_variation():

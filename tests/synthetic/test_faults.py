@@ -106,26 +106,6 @@ def test_acceleration_and_turn_follow_their_stated_scale(plain: pd.DataFrame) ->
     assert np.abs(expected).max() > 2.0
 
 
-def test_heater_acts_where_icing_protection_is_on() -> None:
-    found = simulated("heater_current", offset_deg=1.0)
-    error = heading_error(found)
-    on = found["icing"].to_numpy() == 1
-    assert 0.02 < on.mean() < 0.25
-    np.testing.assert_allclose(error[on], 1.0, atol=1e-6)
-    np.testing.assert_allclose(error[~on], 0.0, atol=1e-6)
-
-
-def test_old_declination_is_one_pattern_for_all() -> None:
-    found = simulated("declination_error", epoch_year=1995.0)
-    error = heading_error(found)
-    place = np.stack([np.ones(len(found)), found["latitude"], found["longitude"]], axis=1)
-    smooth = place @ np.linalg.lstsq(place, error, rcond=None)[0]
-    assert np.std(error - smooth) < 0.1
-    assert 0.5 < abs(error.mean()) < 3.0
-    scaled = heading_error(simulated("declination_error", epoch_year=1995.0, mean_deg=1.0))
-    assert scaled.mean() == pytest.approx(1.0, abs=1e-6)
-
-
 def test_lag_sends_the_wind_of_an_earlier_place(plain: pd.DataFrame) -> None:
     """Where the lag is the interval between reports, a report shows its predecessor's wind."""
     found = simulated("time_lag", offset_s=120.0)

@@ -64,17 +64,6 @@ def test_grid_components_point_where_the_grid_does(world: World) -> None:
     assert azimuth[0] == pytest.approx(np.degrees(np.arctan2(true_u, true_v)), abs=0.05)
 
 
-def test_sampling_returns_the_true_wind_at_grid_points(world: World) -> None:
-    here = stored(world)
-    lat, lon = GRID.coordinates
-    found = sample_reference(
-        here, lat[4:6, 7], lon[4:6, 7], np.array([700.0, 500.0]), np.array([2.0, 3.0])
-    )
-    truth = stored(world, unrotated=-1.0).wind
-    np.testing.assert_allclose(found[0], [truth[2, 0, 1, 4, 7], truth[3, 0, 2, 5, 7]], atol=0.08)
-    np.testing.assert_allclose(found[1], [truth[2, 1, 1, 4, 7], truth[3, 1, 2, 5, 7]], atol=0.08)
-
-
 def test_nothing_is_extrapolated(world: World) -> None:
     here = stored(world)
     outside = {
@@ -90,22 +79,6 @@ def test_speed_bias_acts_above_its_level_only(world: World) -> None:
     plain, strong = stored(world), stored(world, speed_percent=10.0, above_hpa=500.0)
     ratio = strong.wind / np.where(np.abs(plain.wind) > 5, plain.wind, np.nan)
     np.testing.assert_allclose(np.nanmean(ratio, axis=(0, 1, 3, 4)), [1, 1, 1.1, 1.1], atol=1e-3)
-
-
-def test_time_offset_shows_the_later_field(world: World) -> None:
-    plain, late = stored(world), stored(world, offset_hours=2.0)
-    np.testing.assert_allclose(late.wind[0], plain.wind[2], atol=2e-3)
-
-
-def test_unrotated_winds_differ_by_the_convergence(world: World) -> None:
-    plain, wrong = (
-        sample_reference(stored(world, unrotated=part), **POINTS) for part in (0.0, 1.0)
-    )
-    turn = np.arctan2(*wrong[::-1]) - np.arctan2(*plain[::-1])
-    expected = GRID.convergence(POINTS["longitude"])
-    np.testing.assert_allclose((turn - expected + np.pi) % (2 * np.pi) - np.pi, 0, atol=2e-3)
-    speed = [np.hypot(*wind) for wind in (plain, wrong)]
-    np.testing.assert_allclose(*speed, rtol=1e-3)
 
 
 START = datetime(2009, 10, 19)

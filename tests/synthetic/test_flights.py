@@ -77,19 +77,3 @@ def test_reports_keep_their_intervals(flown: Flown) -> None:
     assert gap.max() <= 120.0
     assert gap.min() >= 60.0
     assert (np.diff(flight) >= 0).all()
-
-
-def test_headings_cover_the_compass_in_two_lobes() -> None:
-    wide = timetable(NETWORKS["great_lakes"], aircraft=6, days=20, seed=2, legs_per_day=4.0)
-    azimuth = np.radians(
-        GEOD.inv(
-            wide.origin[:, 1], wide.origin[:, 0], wide.destination[:, 1], wide.destination[:, 0]
-        )[0]
-    )
-    for index in range(6):
-        chosen = azimuth[wide.aircraft == index]
-        once, twice = np.abs(np.mean(np.exp(1j * chosen))), np.abs(np.mean(np.exp(2j * chosen)))
-        assert once < 0.1
-        assert twice > once
-    whole = np.unique(np.round(np.degrees(azimuth) % 360 / 45).astype(int) % 8)
-    assert whole.size == 8

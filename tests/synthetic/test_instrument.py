@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from airswing.synthetic.instrument import (
     Unit,
     coded,
-    compute_wind,
     deviation_curve,
     sensed_heading,
 )
@@ -73,14 +72,6 @@ def test_acceleration_shows_north_in_the_northern_hemisphere() -> None:
     error = wrap(sensed(unit, np.radians([90.0, 270.0])) - np.radians([90.0, 270.0]))
     expected = np.arctan(np.tan(DIP) * np.sin(0.01))
     np.testing.assert_allclose(error, [-expected, expected], rtol=1e-9)
-
-
-def test_wind_triangle_by_hand() -> None:
-    """Ground 100 m/s to 090, air 120 m/s to 053.13 (96 east, 72 north): wind 4 east, 72 south."""
-    u, v = compute_wind(
-        np.array([100.0]), np.array([0.0]), np.array([120.0]), np.array([np.arctan2(96.0, 72.0)])
-    )
-    np.testing.assert_allclose([u[0], v[0]], [4.0, -72.0], atol=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ from airswing.synthetic.outside_effects import (
 )
 from airswing.synthetic.sealed.cases import ALIKE, OUTSIDE_SHAPES, draw_outside
 from airswing.synthetic.sealed.draws import START, World
-from airswing.synthetic.sealed.outside import MOST_NAMED, carried_by, named_share
+from airswing.synthetic.sealed.outside import MOST_NAMED, named_share
 
 KNOT = 1852.0 / 3600.0
 RNG = np.random.default_rng(0)
@@ -125,21 +125,6 @@ def test_scatter_by_hand():
     assert moved == pytest.approx([0.0, 45.0], abs=1e-9)
 
 
-def test_jitter_and_gross_errors_act_where_they_should_and_as_often():
-    variables, u, v = surroundings(40_000)
-    here, rng = np.ones(u.size, bool), np.random.default_rng(0)
-    where = [part("hour", "sector", at=0.5, width=0.25)]
-    jitter = {"kind": "jitter", "parts": where, "size_m_s": 2.0}
-    change = effect_change(jitter, u, v, variables, here, rng)
-    acts = np.any(change != 0, axis=1)
-    assert acts.mean() == pytest.approx(0.5, abs=0.02)
-    assert np.sqrt((change[acts] ** 2).sum(1).mean()) == pytest.approx(2.0, rel=0.03)
-    gross = effect_change(
-        {"kind": "gross", "parts": [], "fraction": 0.05}, u, v, variables, here, rng
-    )
-    assert np.any(gross != 0, axis=1).mean() == pytest.approx(0.05, abs=0.005)
-
-
 def test_unknown_variables_shapes_and_components_are_refused():
     with pytest.raises(ValueError, match="no variable moon"):
         part_values(part("moon"), {})
@@ -182,11 +167,3 @@ def test_named_effects_explain_iron_and_not_a_sector_of_wind():
     change = effect_change(turned, u, v, variables, aircraft < 2, RNG)
     assert named_share(change, variables, u, v, aircraft) < MOST_NAMED
     assert named_share(np.zeros_like(change), variables, u, v, aircraft) == 0.0
-
-
-def test_the_variable_an_effect_acts_by_carries_it():
-    variables, _, _ = surroundings(20_000)
-    size = np.where(variables["altitude"] > 5000, 1.0, 0.0)
-    carried = carried_by(size, variables)
-    assert carried["altitude"] > 0.95
-    assert carried["hour"] == pytest.approx(size.mean(), abs=0.02)  # its mean alone

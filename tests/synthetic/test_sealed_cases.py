@@ -13,7 +13,7 @@ from airswing.gap.effects import CATALOGUE
 from airswing.synthetic.instrument import parse_faults
 from airswing.synthetic.sealed.cases import RUNGS, Size
 from airswing.synthetic.sealed.cases import plan_cases as plan
-from airswing.synthetic.sealed.draws import START, Draw, Drawn, World, draw_effect, scaled
+from airswing.synthetic.sealed.draws import START, Draw, Drawn, World, draw_effect
 from airswing.synthetic.sealed.sealed_archives import strength_of
 from airswing.synthetic.truth import LITTLE, small_effects
 
@@ -57,17 +57,12 @@ def test_no_two_nulls_are_the_same_archive(options):
     assert not nulls_of(plan_cases(20, seed=5, size=Size(), nulls=0))
 
 
-def test_some_worlds_have_two_weeks_nulls_among_them(planned):
-    short = [case for case in planned if case.world.kind == "short"]
-    assert {case.world.days for case in short} == {14, 15}
-    assert {case.rung for case in short} == {1, 4}
-    assert {"null", "single", "outside"} <= {case.kind for case in short}
-    assert not any(c.world.kind == "short" for c in plan_cases(120, seed=7, size=Size.fast()))
-
-
-def test_plan_repeats_with_its_seed_and_differs_with_another(planned):
+def test_the_plan_follows_from_its_seed_and_has_short_worlds(planned):
     assert planned == plan_cases(240, seed=3, size=Size())
     assert planned != plan_cases(240, seed=6, size=Size())
+    short = [case for case in planned if case.world.kind == "short"]
+    assert {case.world.days for case in short} == {14, 15}
+    assert {"null", "single", "outside"} <= {case.kind for case in short}
 
 
 def test_kinds_and_variants_of_cases(planned):
@@ -119,18 +114,6 @@ def test_variants():
         assert 2 <= 40 - (datetime.fromisoformat(chosen["period"][0]) - START).days <= 6
     assert draw("compass_offset", among=["N403"]).tails == ("N403",)
     assert draw("declination_error", among=["N403"]).tails is None
-
-
-def test_scaling_multiplies_sizes_and_leaves_phases():
-    parameters = {"amplitude_deg": 1.0, "phase_deg": 40.0}
-    drawn = Drawn(
-        "hard_iron",
-        ({"name": "hard_iron", "tails": None, "parameters": parameters},),
-        DRAWS["hard_iron"],
-    )
-    out = scaled(drawn, 2.5).effects[0]["parameters"]
-    assert out == {"amplitude_deg": 2.5, "phase_deg": 40.0}
-    assert drawn.effects[0]["parameters"]["amplitude_deg"] == 1.0
 
 
 def test_a_swap_comes_with_the_opposite_deviations_that_make_it_visible():

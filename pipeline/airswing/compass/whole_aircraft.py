@@ -70,10 +70,6 @@ def lazy_dataset(
         Sizes of dimensions that differ from the template's.
     coordinates : Dataset
         Index variables of the result, in memory, where they differ from the template's.
-
-    Returns
-    -------
-    Dataset
     """
     variables = {}
     for name, variable in template.variables.items():
@@ -85,8 +81,17 @@ def lazy_dataset(
             delayed(_values)(task, name), shape=shape, dtype=variable.dtype
         )
         variables[name] = xr.Variable(variable.dims, values, variable.attrs)
-    coords = {name: variables.pop(name) for name in template.coords}
-    return xr.Dataset(variables, coords, template.attrs)
+    return _assembled(variables, template)
+
+
+def _values(ds: xr.Dataset, name: Hashable) -> NDArray[Any]:
+    return np.asarray(ds[name].to_numpy())
+
+
+def _assembled(variables: dict[Hashable, xr.Variable], like: xr.Dataset) -> xr.Dataset:
+    """Dataset of these variables, with the coordinates and attributes of another."""
+    coords = {name: variables.pop(name) for name in like.coords}
+    return xr.Dataset(variables, coords, like.attrs)
 
 
 def single_task(array: da.Array) -> Delayed:
@@ -96,54 +101,25 @@ def single_task(array: da.Array) -> Delayed:
     return task
 
 
-def _parts(arg: Any) -> Any:
-    """Take a Dataset apart, so that the tasks of its variables stay shared; other values as is."""
-    if not isinstance(arg, xr.Dataset):
-        return arg
-    values = [
-        single_task(variable.data) if variable.chunks is not None else variable.to_numpy()
-        for variable in arg.variables.values()
-    ]
-    header = [(name, variable.dims, variable.attrs) for name, variable in arg.variables.items()]
-    return "dataset", header, values, list(arg.coords), arg.attrs
-
-
 def _apply(function: Callable[..., xr.Dataset], parts: list[Any], kwargs: Any) -> xr.Dataset:
-    args = []
-    for part in parts:
-        if not (isinstance(part, tuple) and part and part[0] == "dataset"):
-            args.append(part)
-            continue
-        _, header, values, coords, attrs = part
-        variables = {
-            name: (dims, value, attributes)
-            for (name, dims, attributes), value in zip(header, values, strict=True)
-        }
-        args.append(xr.Dataset(variables, attrs=attrs).set_coords(coords))
-    return function(*args, **kwargs)
+    """Call a function with Datasets made from their variables, coordinates and attributes."""
+    return function(
+        *(xr.Dataset(v, attrs=attrs).set_coords(coords) for v, coords, attrs in parts), **kwargs
+    )
 
 
-def _values(ds: xr.Dataset, name: Hashable) -> NDArray[Any]:
-    return np.asarray(ds[name].to_numpy())
-
-
-def _zeros(ds: xr.Dataset, sizes: Mapping[str, int]) -> xr.Dataset:
-    """Dataset of the same variables in memory, filled with zeros, with some sizes changed."""
+def _empty(ds: xr.Dataset) -> xr.Dataset:
+    """Dataset of the same variables in memory without reports and aircraft, zeros elsewhere."""
     variables = {}
     for name, variable in ds.variables.items():
-        shape = [sizes.get(str(dim), ds.sizes[dim]) for dim in variable.dims]
-        if name in ds.indexes:
-            variables[name] = variable[: shape[0]]
-        else:
-            variables[name] = xr.Variable(
-                variable.dims, np.zeros(shape, variable.dtype), variable.attrs
-            )
-    coords = {name: variables.pop(name) for name in ds.coords}
-    return xr.Dataset(variables, coords, ds.attrs)
+        shape = [0 if dim in ("report", "aircraft") else ds.sizes[dim] for dim in variable.dims]
+        values = variable[: shape[0]] if name in ds.indexes else np.zeros(shape, variable.dtype)
+        variables[name] = xr.Variable(variable.dims, values, variable.attrs)
+    return _assembled(variables, ds)
 
 
 def map_aircraft(
-    function: Callable[..., xr.Dataset], ds: xr.Dataset, *args: Any, **kwargs: Any
+    function: Callable[..., xr.Dataset], ds: xr.Dataset, *args: xr.Dataset, **kwargs: Any
 ) -> xr.Dataset:
     """Apply a function of whole aircraft to a Dataset, block by block where it is lazy.
 
@@ -151,45 +127,60 @@ def map_aircraft(
     ----------
     function : callable
         ``function(block, *args, **kwargs)`` returns a Dataset whose dimensions are those of the
-        block and others of fixed size; it must accept a block without reports.
+        block and others of fixed size; it must accept Datasets without reports and aircraft.
     ds : Dataset
         Ragged.
-    *args, **kwargs
-        Given to the function; a Dataset among them is computed before the function is called.
+    *args : Dataset
+        Computed before the function is called.
+    **kwargs
+        Given to the function.
 
     Returns
     -------
     Dataset
         Dask-backed where ``ds`` or an argument is.
     """
-    if not is_lazy(ds) and not any(isinstance(arg, xr.Dataset) and is_lazy(arg) for arg in args):
+    if not any(is_lazy(part) for part in (ds, *args)):
         return function(ds, *args, **kwargs)
-    none = {"report": 0, "aircraft": 0}
-    zeros = [_zeros(arg, {}) if isinstance(arg, xr.Dataset) else arg for arg in args]
-    template = function(_zeros(ds, none), *zeros, **kwargs)
+    template = function(*(_empty(part) for part in (ds, *args)), **kwargs)
     chunks = [
         max(v.chunks[v.dims.index("report")])
         for v in ds.variables.values()
         if v.chunks is not None and "report" in v.dims
     ]
-    parts = []
+    blocks = []
     for batch in aircraft_batches(ds, max(chunks, default=ds.sizes["report"])):
+        # variables one by one: dask would not share the tasks of a whole Dataset
+        parts = [
+            (
+                {
+                    name: (
+                        v.dims,
+                        v.to_numpy() if v.chunks is None else single_task(v.data),
+                        v.attrs,
+                    )
+                    for name, v in part.variables.items()
+                },
+                list(part.coords),
+                part.attrs,
+            )
+            for part in (batch, *args)
+        ]
         sizes = {"report": batch.sizes["report"], "aircraft": batch.sizes["aircraft"]}
-        task = delayed(_apply)(function, [_parts(one) for one in (batch, *args)], kwargs)
-        parts.append(lazy_dataset(task, template, sizes, batch))
-    if len(parts) == 1:
-        return parts[0]
-    variables = {}
-    for name, variable in parts[0].variables.items():
+        task = delayed(_apply)(function, parts, kwargs)
+        blocks.append(lazy_dataset(task, template, sizes, batch))
+    if len(blocks) == 1:
+        return blocks[0]
+    whole_variables: dict[Hashable, xr.Variable] = {}
+    for name, variable in blocks[0].variables.items():
         dim = next((dim for dim in ("report", "aircraft") if dim in variable.dims), None)
         if name in ds.indexes:
-            variables[name] = ds.variables[name]
+            whole_variables[name] = ds.variables[name]
         elif dim is None:
-            variables[name] = variable
+            whole_variables[name] = variable
         else:
             whole = da.concatenate(  # type: ignore[no-untyped-call]
-                [part.variables[name].data for part in parts], axis=variable.dims.index(dim)
+                [block.variables[name].data for block in blocks], axis=variable.dims.index(dim)
             )
-            variables[name] = xr.Variable(variable.dims, whole, variable.attrs)
-    coords = {name: variables.pop(name) for name in parts[0].coords}
-    return xr.Dataset(variables, coords, parts[0].attrs)
+            whole_variables[name] = xr.Variable(variable.dims, whole, variable.attrs)
+    return _assembled(whole_variables, blocks[0])

@@ -49,6 +49,8 @@ LEAST_REPORTS = 500
 """Reports of usable fits below which no shared error of the reference is estimated."""
 
 _Table = dict[str, NDArray[Any]]
+_SINUSOID = ("offset", "amplitude", "phase")
+_OTHER_ESTIMATES = ("airspeed_scale", "held_out_improvement")
 
 
 @dataclass(frozen=True)
@@ -119,36 +121,26 @@ class _Estimate:
     regions: int = 1
 
 
+_PER_AIRCRAFT = (
+    *(f"{name}{error}" for error in ("", "_standard_error") for name in _SINUSOID),
+    *(f"{name}{error}" for error in ("", "_standard_error") for name in _OTHER_ESTIMATES),
+    "condition_number",
+    "residual_rms_before",
+    "residual_rms_after",
+    "mean_horizontal_field",
+    "report_count",
+    "flight_count",
+    "compass_points",
+    "status",
+    "harmonics",
+)
 _DIMS: dict[str, tuple[str, ...]] = {
     "deviation": ("aircraft", "coefficient"),
     "deviation_covariance": ("aircraft", "coefficient", "coefficient_2"),
     "held_out_deviation": ("aircraft", "fold", "coefficient"),
     "reference_bias": ("component",),
     "reference_bias_standard_error": ("component",),
-    **dict.fromkeys(
-        (
-            "offset",
-            "amplitude",
-            "phase",
-            "offset_standard_error",
-            "amplitude_standard_error",
-            "phase_standard_error",
-            "airspeed_scale",
-            "airspeed_scale_standard_error",
-            "condition_number",
-            "residual_rms_before",
-            "residual_rms_after",
-            "mean_horizontal_field",
-            "held_out_improvement",
-            "held_out_improvement_standard_error",
-            "report_count",
-            "flight_count",
-            "compass_points",
-            "status",
-            "harmonics",
-        ),
-        ("aircraft",),
-    ),
+    **dict.fromkeys(_PER_AIRCRAFT, ("aircraft",)),
     "shared_error_regions": (),
 }
 _COUNTS = {
@@ -367,8 +359,7 @@ def _publish_curve(
         return
     table["deviation"][k], table["deviation_covariance"][k] = deviation, square
     table["held_out_deviation"][k] = np.degrees(found.without[row])
-    names = ("offset", "amplitude", "phase")
-    for name, value, error in zip(names, *sinusoid(deviation, square), strict=True):
+    for name, value, error in zip(_SINUSOID, *sinusoid(deviation, square), strict=True):
         table[name][k], table[f"{name}_standard_error"][k] = value, error
     table["harmonics"][k] = found.cycles[row]
     table["residual_rms_before"][k] = np.degrees(fit.rms_before)

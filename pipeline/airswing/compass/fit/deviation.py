@@ -167,8 +167,8 @@ def sum_aircraft(
     """
     groups = groups_of(headings, pools or {}, alone=alone or not pools)
     asked = Options(**options)
-    fits = _local_fits(headings, groups, abscissa, asked).compute()
-    return _fleet_sums(headings, groups, abscissa, asked, fits)
+    fits = _local_fits(headings, groups, abscissa, asked).to_numpy()
+    return _fleet_sums(fits, headings, groups, abscissa, asked)
 
 
 def fit_sums(parts: Sequence[FleetSums]) -> xr.Dataset:
@@ -230,15 +230,15 @@ def groups_of(
 
 
 def _fleet_sums(
+    fits: NDArray[np.object_],
     headings: xr.Dataset,
     groups: dict[str, list[int]],
     abscissa: str,
     options: Options,
-    fits: xr.DataArray | NDArray[np.object_],
 ) -> FleetSums:
     return FleetSums(
         headings["aircraft"].to_numpy().astype(object),
-        {name: list(row) for name, row in zip(groups, np.asarray(fits), strict=True)},
+        {name: list(row) for name, row in zip(groups, fits, strict=True)},
         options,
         {
             "abscissa": abscissa,
@@ -249,14 +249,8 @@ def _fleet_sums(
     )
 
 
-def _solved(
-    fits: NDArray[np.object_],
-    headings: xr.Dataset,
-    groups: dict[str, list[int]],
-    abscissa: str,
-    options: Options,
-) -> xr.Dataset:
-    return fit_sums([_fleet_sums(headings, groups, abscissa, options, fits)])
+def _solved(fits: NDArray[np.object_], *rest: Any) -> xr.Dataset:
+    return fit_sums([_fleet_sums(fits, *rest)])
 
 
 def _local_fits(
@@ -339,7 +333,9 @@ def _observations(
     argument = columns["magnetic_heading" if abscissa == "magnetic" else "heading"]
     common = columns["heading"] + argument + columns["airspeed"]
     used = (columns["screening"] == 0) & np.isfinite(common)
-    errors, speeds, known = (columns[name][members].astype(np.float64) for name in _PER_REFERENCE)
+    errors, speeds, known_errors = (
+        columns[name][members].astype(np.float64) for name in _PER_REFERENCE
+    )
     masks = used & np.isfinite(errors + speeds)
     used = masks.any(axis=0)
     begins = np.ones(np.count_nonzero(used), dtype=np.bool_)
@@ -347,7 +343,12 @@ def _observations(
     days = time[used][begins].astype("datetime64[D]").astype(np.int64)
     flights = np.zeros(used.size, dtype=np.int64)
     flights[used] = np.cumsum(begins) - 1
-    gain, mean = _gain(columns.get("horizontal_field"), used)
+    # mean horizontal field of the reports used over that of each report
+    gain, mean, field = np.ones(used.size), np.nan, columns.get("horizontal_field")
+    known = np.zeros(used.size, bool) if field is None else np.isfinite(field) & (field > 0)
+    if field is not None and (used & known).any():
+        mean = float(field[used & known].mean(dtype=np.float64))
+        gain[known] = mean / field[known]
     angle = np.radians(argument.astype(np.float64))
     heading = np.radians(columns["heading"].astype(np.float64))
     airspeed = columns["airspeed"].astype(np.float64)
@@ -356,7 +357,7 @@ def _observations(
     )
     basis = deviation_basis(angle, gain)
     sets = []
-    for mask, error, speed, deviation in zip(masks, errors, speeds, known, strict=True):
+    for mask, error, speed, deviation in zip(masks, errors, speeds, known_errors, strict=True):
         kept: slice | NDArray[np.bool_] = slice(None) if mask.all() else mask
         variance = (np.radians(deviation[kept]) * airspeed[kept]) ** 2
         sets.append(
@@ -375,19 +376,6 @@ def _observations(
             )
         )
     return sets, days, angle[used], mean
-
-
-def _gain(field: NDArray[Any] | None, used: NDArray[np.bool_]) -> tuple[Array, float]:
-    """Mean horizontal field of the reports used over that of each report, and the mean."""
-    gain = np.ones(used.size)
-    if field is None:
-        return gain, np.nan
-    known = np.isfinite(field) & (field > 0)
-    if not (used & known).any():
-        return gain, np.nan
-    mean = float(field[used & known].mean(dtype=np.float64))
-    gain[known] = mean / field[known]
-    return gain, mean
 
 
 def _compass_points(angle: Array) -> int:
