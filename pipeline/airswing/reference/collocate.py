@@ -212,36 +212,36 @@ def collocate(
             'collocate(read_reports("reports.csv"), {"ruc": catalogue})'
         )
     models = catalogues_of(catalogues)
-    names = [*_WINDS, *(DERIVATIVES if derivatives else ())]
-    lazy = any(is_dask_collection(reports[name]) for name in COLUMNS if name in reports)
-    points = _delayed_points(reports) if lazy else points_of(reports)
-    size = int(np.prod([reports.sizes[d] for d in reports["time"].dims])) if lazy else points.size
+    absent = [name for name in COLUMNS if name not in reports.variables]
+    if absent:
+        raise InputError("reports lack " + ", ".join(absent), field="reports")
+    lazy = any(is_dask_collection(reports[name]) for name in COLUMNS)
+    points: Any = (
+        delayed(_points)(*(reports[name].data for name in COLUMNS)) if lazy else points_of(reports)
+    )
+    for name, model in models.items():
+        if model.alternatives:  # of several grids one must be chosen before anything is planned
+            places = (np.asarray(reports[one].values, dtype=float) for one in COLUMNS[1:3])
+            models[name] = model.for_places(*places)
+    size = int(np.prod([reports.sizes[d] for d in reports["time"].dims]))
     options = _Options(max_time_gap, derivatives, sparse)
-    if not lazy:
-        models = {
-            name: model.for_places(points.latitude, points.longitude)
-            for name, model in models.items()
-        }
     joins = [_joined(points, model, options, lazy=lazy) for model in models.values()]
 
-    def rows(dtype: str, of: Any, *arguments: object) -> da.Array:
-        parts = [
-            da.from_delayed(delayed(of)(join, *arguments), (size,) if of is _row else (), dtype)
-            for join in joins
-        ]
+    def rows(part: str, number: int | slice, dtype: str, shape: tuple[int, ...] = ()) -> da.Array:
+        parts = [da.from_delayed(getattr(join, part)[number], shape, dtype) for join in joins]
         return da.stack(parts)  # type: ignore[no-any-return]
 
     data: dict[str, object] = {
-        name: (("reference", "report"), rows("f8", _row, number))
-        for number, name in enumerate(names)
+        name: (("reference", "report"), rows("columns", number, "f8", (size,)))
+        for number, name in enumerate([*_WINDS, *(DERIVATIVES if derivatives else ())])
     }
     for number, name in enumerate(ACCOUNT if account else ACCOUNT[:1]):
         dtype = "f8" if name == "decoding_seconds" else "i8"
-        data[name] = ("reference", rows(dtype, _count, number, dtype))
+        data[name] = ("reference", rows("account", number, "f8").astype(dtype))
     coords = {"reference": ("reference", pd.Index(list(models), dtype=object))}
     found = describe(xr.Dataset(data, coords=coords))
     if account:
-        found[PROBLEMS] = ("reference", rows("O", _problems))
+        found[PROBLEMS] = ("reference", rows("problems", slice(1), "O", (1,))[:, 0])
     notes = {name: one.notes for name, one in models.items() if one.given}
     if notes:
         found.attrs["reference_notes"] = json.dumps(notes)
@@ -255,19 +255,11 @@ class _Options(NamedTuple):
 
 
 class _Joined(NamedTuple):
-    """Columns by report, rows of `ACCOUNT`, and what could not be read."""
+    """Columns by report, rows of `ACCOUNT`, and what could not be read, as one entry."""
 
     columns: Floats
     account: Floats
-    problems: frozenset[tuple[int, str, str]]
-
-
-def _delayed_points(reports: xr.Dataset) -> Any:
-    """Times and places of dask-backed reports, as one task."""
-    absent = [name for name in COLUMNS if name not in reports.variables]
-    if absent:
-        points_of(reports)  # raises
-    return delayed(_points)(*(reports[name].data for name in COLUMNS))
+    problems: NDArray[np.object_]
 
 
 def _points(*columns: NDArray[np.generic]) -> Points:
@@ -280,12 +272,13 @@ def _joined(points: Any, catalogue: Catalogue, options: _Options, *, lazy: bool)
     given = (
         delayed(_Given(catalogue.given), pure=False, traverse=False) if catalogue.given else None
     )
+    arguments: dict[str, Any] = {"max_time_gap": options.max_time_gap, "both": options.derivatives}
     if lazy:
-        times = delayed(_schedule, pure=False)(points, valid, options)
+        times = delayed(schedule, pure=False)(points, valid, **arguments)
         places_of = delayed(_places_of, pure=False)
         needed = np.arange(valid.size)
     else:
-        times, places_of = _schedule(points, valid, options), _places_of
+        times, places_of = schedule(points, valid, **arguments), _places_of
         needed = np.flatnonzero(times.stop > times.start)
     batches = catalogue.batches(needed)
     sample = delayed(_sample_batch, pure=False)
@@ -295,10 +288,6 @@ def _joined(points: Any, catalogue: Catalogue, options: _Options, *, lazy: bool)
         tasks.append(sample(_Batch(models, options), places_of(points, times, batch), given))
     used = np.concatenate([*batches, np.empty(0, dtype=np.int64)])
     return delayed(_join, pure=False)(tasks, points, times, valid, leads, used, options)
-
-
-def _schedule(points: Points, valid: NDArray[np.int64], options: _Options) -> Schedule:
-    return schedule(points, valid, max_time_gap=options.max_time_gap, both=options.derivatives)
 
 
 class _Batch:
@@ -431,21 +420,9 @@ def _join(
         columns += [*joined[2:8], np.degrees(joined[8])]
     result = np.full((len(columns), points.size), np.nan)
     result[:, points.order] = columns
-    return _Joined(result, account, frozenset(problems))
-
-
-def _row(joined: _Joined, number: int) -> Floats:
-    return np.asarray(joined.columns[number])
-
-
-def _count(joined: _Joined, number: int, dtype: str) -> NDArray[np.generic]:
-    return np.asarray(joined.account[number], dtype=dtype)
-
-
-def _problems(joined: _Joined) -> NDArray[np.object_]:
-    found = np.empty((), dtype=object)
-    found[()] = joined.problems
-    return found
+    unread = np.empty(1, dtype=object)
+    unread[0] = frozenset(problems)
+    return _Joined(result, account, unread)
 
 
 @dataclass(frozen=True, slots=True)
