@@ -267,10 +267,7 @@ def build_catalogue(
     skipped: Skipped = []
     wanted = Wanted(lead, member)
     if isinstance(files, xr.Dataset):
-        from dask.base import tokenize
-
-        path = f"Dataset {name}"
-        source = SourceFile(path, 0, 0, str(tokenize(files)))
+        source = SourceFile(f"Dataset {name}", 0, 0, "")
         return _of_datasets({source: files}, [source], GIVEN, naming, wanted, name, skipped)
     if not isinstance(files, str | os.PathLike) and not (
         isinstance(files, Sequence) and all(isinstance(one, str | os.PathLike) for one in files)
