@@ -91,3 +91,11 @@ def test_blocks_of_aircraft_make_no_difference_and_counts_are_those_of_days(monk
     assert winds.difference[winds.aircraft == 2].sum() == pytest.approx(
         np.hypot(du, dv)[third].sum()
     )
+
+
+def test_without_any_heading_there_is_no_day() -> None:
+    none = np.empty(0)
+    days, normal, right = normal_equations_by_day(
+        none, none, none, none, none, none.astype(int), none.astype(int)
+    )
+    assert days.size == normal.shape[0] == right.shape[0] == 0

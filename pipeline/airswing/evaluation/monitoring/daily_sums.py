@@ -139,7 +139,7 @@ def normal_equations_by_day(
     order = kept[np.lexsort((flight[kept], day[kept]))]
     # a flight past midnight is one flight of each day
     new = (np.diff(day[order]) != 0) | (np.diff(flight[order]) != 0)
-    start = np.flatnonzero(np.append(True, new))
+    start = np.flatnonzero(np.append(order.size > 0, new))
     one, two, y_one, y_two = across[order], ahead[order], cross[order], along[order]
     normal, right = np.empty((start.size, UNKNOWNS, UNKNOWNS)), np.empty((start.size, UNKNOWNS))
     # by pairs of columns: no loop over flights, and no matrix for each report
