@@ -7,6 +7,7 @@ that ``--help`` is quick. Results go to standard output, progress and messages t
 from __future__ import annotations
 
 import errno
+import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -520,6 +521,9 @@ def main() -> None:
             file=sys.stderr,
         )
         raise SystemExit(2) from None
+    except BrokenPipeError:  # the reader of standard output has ended, as in `... | head`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        raise SystemExit(1) from None
     except (OSError, RuntimeError) as err:
         message = _not_ours(err)
         if message is None:

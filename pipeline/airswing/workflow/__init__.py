@@ -1,7 +1,7 @@
-"""What each command runs: the stages in order, each a function of the job.
+"""The stages that the commands run, in order, each a function of the job.
 
 ``months`` makes the headings month by month, ``fitting`` fits and corrects, ``evaluation_stage``
-and ``monitoring_stage`` judge, ``main`` does all of it; ``gap_stage`` holds the stages of the gap.
+and ``monitoring_stage`` evaluate, ``main`` runs all of them; ``gap_stage`` diagnoses the gap.
 """
 
 from airswing.workflow.evaluation_stage import (

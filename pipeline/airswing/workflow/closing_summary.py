@@ -1,8 +1,8 @@
-"""The closing summary of a run: what was read, what was fitted, what the winds gained.
+"""The closing summary of a run: reports read, aircraft fitted, gain of the winds.
 
 Assumes the products of one run. Disagreement is the mean magnitude of the wind vector difference
 over screened reports, in knots, against the main reference or pool, the same reports before and
-after; it is measured on the data the fit was made from (the field test holds data out).
+after; it is computed from the data of the fit (the field test uses held-out data).
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class FitLine(TypedDict):
 
 
 class Summary(TypedDict):
-    """What a person wants to know first of a run."""
+    """Main results of a run, for a person."""
 
     reference: str
     reports: dict[str, int]
@@ -61,7 +61,7 @@ class Summary(TypedDict):
 def summarise(
     config: Config, headings: xr.Dataset, fits: xr.Dataset, apart: BeforeAfter
 ) -> Summary:
-    """Collect what a person wants to know first.
+    """Collect the main results of a run.
 
     Parameters
     ----------

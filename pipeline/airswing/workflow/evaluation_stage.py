@@ -1,7 +1,7 @@
-"""What judges the corrections, one function a product.
+"""Evaluation of the corrections, one function for each product.
 
-Each takes the products of the run, calls one function of :mod:`airswing.evaluation` and writes what
-it gives: ``error_profiles.nc``, ``observation_errors.nc``, ``stability.json``, ``ranking.csv``,
+Each takes the products of the run, calls one function of :mod:`airswing.evaluation` and writes the
+result: ``error_profiles.nc``, ``observation_errors.nc``, ``stability.json``, ``ranking.csv``,
 ``virtual_field_test.json``, ``field_test.json`` and ``sensitivity.json``.
 """
 
@@ -53,7 +53,7 @@ _MOST_DAYS_BY_MONTH = 400
 def make_evaluation(
     job: Job, headings: xr.Dataset, fits: xr.Dataset, corrected: xr.Dataset
 ) -> Evaluation:
-    """Everything that judges the corrections, as far as the configuration allows it.
+    """Evaluate the corrections, as far as the configuration allows it.
 
     Parameters
     ----------
@@ -216,38 +216,24 @@ def make_ranking(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> list[Conte
 
 
 def _ranking_table(ranking: Sequence[Content]) -> str:
-    titles = (
-        "rank",
-        "aircraft",
-        "status",
-        "reports",
-        "disagreement_kt",
-        "expected_gain_kt",
-        "expected_gain_low_kt",
-        "expected_gain_high_kt",
-        "rank_low",
-        "rank_high",
-        "amplitude_deg",
+    columns = (
+        "rank aircraft status reports disagreement_kt expected_gain_kt expected_gain_low_kt "
+        "expected_gain_high_kt rank_low rank_high amplitude_deg"
     )
     text = io.StringIO()
-    writer = csv.DictWriter(text, titles, extrasaction="ignore", lineterminator="\n")
+    writer = csv.DictWriter(
+        text, columns.split(), restval="", extrasaction="ignore", lineterminator="\n"
+    )
     writer.writeheader()
     for entry in ranking:
-        gain = entry.get("expected_gain_ci_kt") or (None, None)
-        place = entry.get("rank_ci") or (None, None)
-        row: dict[str, object] = {
-            **entry,
-            "expected_gain_low_kt": gain[0],
-            "expected_gain_high_kt": gain[1],
-            "rank_low": place[0],
-            "rank_high": place[1],
-        }
-        writer.writerow(
-            {
-                key: f"{value:.3f}" if isinstance(value, float) else value
-                for key, value in row.items()
-            }
-        )
+        row = dict(entry)
+        for interval, name, unit in (
+            ("expected_gain_ci_kt", "expected_gain", "_kt"),
+            ("rank_ci", "rank", ""),
+        ):
+            low, high = entry.get(interval) or (None, None)
+            row |= {f"{name}_low{unit}": low, f"{name}_high{unit}": high}
+        writer.writerow({key: f"{x:.3f}" if isinstance(x, float) else x for key, x in row.items()})
     return text.getvalue()
 
 

@@ -1,4 +1,4 @@
-"""What every stage of the workflow shares: the job and the names of its products."""
+"""The job, which every stage of the workflow takes, and the names of its products."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ RANKING, VIRTUAL, EVENTS = "ranking.csv", "virtual_field_test.json", "events.jso
 
 @dataclass(frozen=True)
 class Job:
-    """One run: the configuration, where progress is shown, and whether earlier work is kept."""
+    """One run: its configuration, its display of progress, and whether earlier work is kept."""
 
     config: Config
     progress: Progress
@@ -42,7 +42,7 @@ class Job:
 
     @property
     def notes(self) -> Path:
-        """Folder of what the next run needs to know of the files this one used."""
+        """Folder of notes on the files used, for the next run."""
         return self.output / ".airswing"
 
     def write(
@@ -102,12 +102,12 @@ def ready(job: Job, given: xr.Dataset | None, name: str) -> xr.Dataset:
 
 
 def require_kept(headings: xr.Dataset) -> None:
-    """Refuse to go on from headings of which screening left none.
+    """Require that screening left reports.
 
     Raises
     ------
     InputError
-        Says which rules left no report.
+        If it left none; the message names the rules that removed them.
     """
     if headings.attrs.get("kept_reports", 1):
         return

@@ -1,4 +1,4 @@
-"""Monitoring of the fleet: what happened since the last run: ``events.json`` and its page."""
+"""Monitoring of the fleet: events since the last run: ``events.json`` and its page."""
 
 from __future__ import annotations
 

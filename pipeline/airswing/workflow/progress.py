@@ -20,22 +20,22 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 _REFRESH = 0.5
-"""Seconds between two looks at how far the tasks are."""
+"""Seconds between updates of the bar."""
 
 
 @dataclass
 class StageRecord:
-    """What one stage did, and what it cost."""
+    """Work and cost of one stage."""
 
     name: str
     seconds: float = 0.0  # wall time
-    note: str = ""  # what it did, in a few words
+    note: str = ""  # result in a few words
     bytes_read: int = 0
     messages: int = 0  # decoded
     reports: int = 0  # matched or handled
     decoding: float = 0.0  # time spent reading and decoding messages, summed over threads, s
     phases: dict[str, float] = field(default_factory=dict)  # processor time of each phase, s
-    phase: str = ""  # what is under way inside the stage, and the fraction of it that is done
+    phase: str = ""  # current part of the stage, and the fraction of it that is done
     _began: tuple[str, float] = ("", 0.0)
 
     def enter(self, phase: str, done: float) -> None:
@@ -57,7 +57,7 @@ class StageRecord:
 
 
 class Accounts(TypedDict):
-    """What a run cost; times in seconds."""
+    """Cost of a run; times in seconds."""
 
     seconds: float
     threads: int
@@ -68,7 +68,7 @@ class Accounts(TypedDict):
 
 @dataclass
 class Progress:
-    """Shows how far the work is, and keeps what each stage cost."""
+    """Shows the progress of the work, and records the cost of each stage."""
 
     quiet: bool = False
     records: list[StageRecord] = field(default_factory=list)  # of the finished stages
@@ -91,7 +91,7 @@ class Progress:
         Yields
         ------
         StageRecord
-            Set its ``note`` to what the stage did, and its counts.
+            Set its ``note`` to the result of the stage, and its counts.
         """
         record, began = StageRecord(name), time.perf_counter()
         with self._bar(record):
@@ -106,7 +106,7 @@ class Progress:
             self.say(f"  processor time: {', '.join(parts)}")
 
     def accounts(self) -> Accounts:
-        """What the run cost so far."""
+        """Cost of the run so far."""
         seconds = sum(record.seconds for record in self.records)
         decoding = sum(record.decoding for record in self.records)
         hidden = ("phase", "_began")
@@ -203,7 +203,7 @@ def _repeated(act: Callable[[], object]) -> Iterator[None]:
 
     def loop() -> None:
         while not ended.wait(_REFRESH):
-            with contextlib.suppress(Exception):  # it draws a line of progress: no job ends for it
+            with contextlib.suppress(Exception):  # an error of the display must not end the job
                 act()
 
     # daemon: it must not keep an interrupted job alive
