@@ -114,7 +114,7 @@ def triangle(headings: xr.Dataset) -> pd.DataFrame:
 
 def deviated(headings: xr.Dataset, amplitude: float, strength: float) -> xr.Dataset:
     """Headings of compasses with a deviation (degrees), in winds of other strength."""
-    changed = headings.copy()
+    changed = headings.copy(deep=True)
     reference = {
         name: strength * headings[name]
         for name in ("reference_eastward_wind", "reference_northward_wind")

@@ -229,6 +229,45 @@ def test_headings_of_the_other_kind_are_named_and_not_refused(
     assert len(finding.aircraft) == aircraft
 
 
+@pytest.mark.parametrize(("ahead", "said"), [(0.0, ""), (-5.0, "later"), (7.0, "earlier")])
+def test_clocks_of_another_time_zone(ahead: float, said: str):
+    """Flights on one route every three hours for 20 days, in weather that changes within a day."""
+    rng = np.random.default_rng(2)
+    hours = np.repeat(np.arange(160) * 3.0, 10) + np.tile(np.arange(10) / 30.0, 160)
+    phase = np.cumsum(rng.normal(0.0, 0.1, 5000))
+
+    def weather(hour: np.ndarray) -> np.ndarray:
+        return 15.0 * np.exp(1j * np.interp(hour + 50.0, np.arange(5000) / 5.0, phase))
+
+    reference = weather(hours)
+    wind = weather(hours - ahead) + rng.normal(0, 1.5, 1600) + 1j * rng.normal(0, 1.5, 1600)
+    ground = 200.0 * np.exp(1j * np.repeat(np.tile([0.3, 3.4], 80), 10))
+    columns = {
+        "time": np.datetime64("2009-01-05", "ns") + (hours * 3.6e12).astype("m8[ns]"),
+        "latitude": 40.0 + np.tile(np.arange(10) * 0.01, 160),
+        "longitude": np.full(1600, -90.0),
+        "flight": np.repeat(np.arange(160), 10),
+        "pressure_altitude": np.full(1600, 2000.0),
+        "eastward_wind": wind.real,
+        "northward_wind": wind.imag,
+        "ground_eastward_velocity": ground.real,
+        "ground_northward_velocity": ground.imag,
+        "wind_source": np.zeros(1600),
+    }
+    made = xr.Dataset(
+        {
+            "row_size": ("aircraft", [1600]),
+            "reference_eastward_wind": (("reference", "report"), reference.real[None]),
+            "reference_northward_wind": (("reference", "report"), reference.imag[None]),
+            **{name: ("report", values) for name, values in columns.items()},
+        },
+        coords={"aircraft": ["A"], "reference": ["ruc"]},
+    )
+    found = [finding for finding in plausibility(made) if finding.quantity == "time"]
+    assert all(said in finding.evidence for finding in found)
+    assert len(found) == (said != "")
+
+
 def test_the_status_and_the_sentence():
     fits = xr.Dataset(
         {"status": (("reference", "aircraft"), np.array([[0, 1, 4, 7, 0]], dtype=np.int8))},
@@ -276,6 +315,7 @@ def test_values_that_were_impossible_on_reading():
         "modes/mpm_20170111_12z_aggregated.csv",
         "reports/acars_19990209_14z.nc",
         "reports/madis_acars_20050826_00z.nc.gz",
+        "reports/amdar_20090123_europe.bufr",
     ],
 )
 def test_no_false_alarm_on_real_reports(real: Callable[[str], Path], name: str):

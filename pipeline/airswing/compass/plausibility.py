@@ -35,13 +35,19 @@ A to E fitted to the directions of ``g - w`` and ``g - r``.
   is constant over the area of flight is corrected like any other.
 * Wind direction: ``|w - r|^2`` under one mistake is on average at least `RATIO` times smaller than
   ``|c - r|^2``; or the directions reach only a part of the circle where the reference's do not,
-  and agree with it there in direction and speed; or the vector correlation of c and r is below
-  0.2 over 200 reports.
-* Wind speed: regression of the component of w along g on that of r gives the lower bound of the
-  scale of w, that of r on w the upper bound (each is attenuated by the noise of the other).
-  Implausible where 1 is outside by more than a quarter; mistakes of less than that (mph for kt)
-  remain unnoticed. A compass error acts across g only, and an error of the airspeed adds a constant
-  along g, so that neither looks like a wrong unit.
+  and agree with it there in direction and speed; or the components of c and r along g have a
+  correlation below 0.2 over 200 reports.
+* Wind speed: regression of the component of c along g on that of r gives the lower bound of the
+  scale of w, that of r on c the upper bound (each is attenuated by the noise of the other).
+  Implausible where 1 is outside by more than a quarter and three standard errors (by flight), and
+  a mistake has about this factor; mistakes of less (mph for kt) remain unnoticed. An error of the
+  airspeed adds a constant along g, and one of the compass acts across g or is removed in c, so that
+  neither looks like a wrong unit.
+* Time, where nothing else is found: ``|w - r|^2`` between reports within 100 km and 400 m of each
+  other that are 3, 6, 9 or 12 hours apart is smaller than between those of one time by
+  `CLOCK_RATIO`, and by four standard errors over at least 8 days. Errors of 1 or 2 hours remain
+  unnoticed. In three sample archives no sound one has a ratio that is significant, and clocks in
+  error by 3 to 8 hours have 1.2 to 2.2.
 
 The wind tests need reference winds of at least 5 m/s (root mean square; 8 m/s for "unrelated").
 
@@ -89,6 +95,10 @@ SAME_COLUMN = 2.0 / 3.0
 """Share of the aircraft from which on a finding holds for all, because a column has one unit."""
 HIGH, SLOWEST = 3000.0, 20.0  # m, m/s: no aircraft flies so slowly at such altitudes
 LOWEST, FASTEST_LOW = 600.0, 80.0  # m, m/s: no aircraft flies all its reports so low and so fast
+WEAKEST = 4.0  # m/s: standard deviation of reference winds by which a scale is judged
+MOST_TOGETHER = 30  # aircraft whose reports are compared with each other's reference winds
+SHIFT, _MOST_SHIFTS = 3.0, 4  # h: steps of the clock error that is looked for
+FEWEST_DAYS, CLOCK_RATIO = 8, 1.2
 _VECTORS = {
     "wind": ("eastward_wind", "northward_wind"),
     "reference": ("reference_eastward_wind", "reference_northward_wind"),
@@ -142,6 +152,7 @@ _ANGLE_MISTAKES: dict[str, Callable[[Array], Array]] = {
 }
 _NAMES = {
     "position": "positions",
+    "time": "times",
     "pressure": "pressures",
     "pressure_altitude": "pressure altitudes",
     "air_temperature": "temperatures",
@@ -222,6 +233,7 @@ def plausibility(headings: xr.Dataset, *, references: Sequence[str] | None = Non
     members = [names.index(name) for name in references or names]
     found: dict[tuple[str, str], list[tuple[str, Finding]]] = {}
     few: dict[str, Sample] = {}
+    together: list[Sample] = []
     aircraft: list[str] = []
     offsets: dict[str, tuple[float, float, float]] = {}
 
@@ -233,6 +245,8 @@ def plausibility(headings: xr.Dataset, *, references: Sequence[str] | None = Non
     for block in blocks(headings, _NEEDED):
         for tail, sample in _samples(block, members):
             aircraft.append(tail)
+            if len(together) < MOST_TOGETHER:
+                together.append(sample)
             if (offset := _heading_offset(sample)) is not None:
                 offsets[tail] = offset
             flights = np.unique(sample["flight"]).size
@@ -246,9 +260,63 @@ def plausibility(headings: xr.Dataset, *, references: Sequence[str] | None = Non
         note(few, {name: np.concatenate([one[name] for one in few.values()]) for name in every})
     findings = [_of_fleet(group, aircraft) for group in found.values()]
     findings += _impossible(headings, aircraft)
+    if not findings and (shift := _clock_error(together)):
+        likely = "local times, or another time zone, read as UTC"
+        evidence = (
+            f"the winds agree better with the reference {abs(shift):.0f} h or more "
+            f"{'earlier' if shift > 0 else 'later'}"
+        )
+        findings.append(Finding("time", likely, evidence, 0.0, tuple(aircraft), 1.0))
     if not any(finding.quantity in ("reported_heading", "track") for finding in findings):
         findings += _kind_of_heading(offsets, len(aircraft))
     return sorted(findings, key=lambda finding: -len(finding.aircraft))
+
+
+def _clock_error(samples: Sequence[Sample]) -> float:
+    """Hours by which the clocks of a fleet are ahead of UTC; 0 where they may be right."""
+    from scipy.spatial import cKDTree
+
+    names = ("wind", "reference", "time", "latitude", "longitude", "pressure_altitude")
+    every = {name: np.concatenate([one[name] for one in samples]) for name in names}
+    phi = np.radians(every["latitude"])
+    place = np.stack(
+        [
+            EARTH_RADIUS * phi / 100e3,
+            EARTH_RADIUS * np.cos(phi) * np.radians(every["longitude"]) / 100e3,
+            every["pressure_altitude"] / 400.0,
+        ],
+        axis=1,
+    )
+    known = np.isfinite(every["wind"]) & np.isfinite(every["reference"])
+    known &= np.isfinite(place).all(axis=1)
+    wind, reference, hours = (every[name][known] for name in ("wind", "reference", "time"))
+    hours, place = hours / 3600.0, place[known]
+    chosen = np.arange(0, hours.size, max(1, hours.size // 8000))
+    near = cKDTree(place).query_ball_point(place[chosen], 1.0)
+    one = np.repeat(chosen, [len(others) for others in near])
+    other = np.array([index for others in near for index in others], dtype=np.int64)
+    later = hours[other] - hours[one]
+    shift = np.round(later / SHIFT).astype(np.int64) + _MOST_SHIFTS
+    inside = (shift >= 0) & (shift <= 2 * _MOST_SHIFTS)
+    one, other, shift = one[inside], other[inside], shift[inside]
+    days, day = np.unique(np.floor(hours[one] / 24.0), return_inverse=True)
+    shape = days.size, 2 * _MOST_SHIFTS + 1
+    cell = np.ravel_multi_index((day, shift), shape)
+    number = np.bincount(cell, minlength=np.prod(shape)).reshape(shape)
+    apart = np.abs(wind[one] - reference[other]) ** 2
+    total = np.bincount(cell, apart, minlength=np.prod(shape)).reshape(shape)
+    mean = np.divide(total, number, out=np.full(shape, np.nan), where=number >= FEWEST)
+    ratio = np.ones(shape[1])
+    for k in range(shape[1]):
+        gain = mean[:, _MOST_SHIFTS] - mean[:, k]
+        both = np.isfinite(gain)
+        if np.count_nonzero(both) < FEWEST_DAYS:
+            continue
+        significance = gain[both].mean() / (gain[both].std(ddof=1) + 1e-9)
+        if significance * np.sqrt(np.count_nonzero(both)) > 4.0:
+            ratio[k] = mean[both, _MOST_SHIFTS].mean() / mean[both, k].mean()
+    best = int(np.argmax(ratio))
+    return SHIFT * (_MOST_SHIFTS - best) if ratio[best] > CLOCK_RATIO else 0.0
 
 
 def _of_fleet(group: Sequence[tuple[str, Finding]], aircraft: Sequence[str]) -> Finding:
@@ -598,13 +666,16 @@ def _wind_findings(sample: Sample) -> list[Finding]:
     derived = bool(_derived(sample).any())
     if not derived and (wrong := _wind_directions(wind, reference, ground)):
         return wrong
-    if factor := _scale_along(wind, reference, ground, sample["flight"][known]):
+    corrected = _less_deviation(wind, reference, ground)
+    along = ground.conj() / np.abs(ground)
+    ours, theirs = (corrected * along).real, (reference * along).real
+    if factor := _scale(ours, theirs, sample["flight"][known]):
         finding = _scaled("wind_speed", factor)
         if np.count_nonzero(np.isfinite(sample["air_temperature"])) >= FEWEST:
-            return [finding]
+            return [finding] if _speed_mistake(factor) else []
         levels = "altitudes in m read as ft" if factor > 1.0 else "altitudes in ft read as m"
         return [replace(finding, likely=levels)]
-    agreement = _agreement(_less_deviation(wind, reference, ground), reference)
+    agreement = float(np.corrcoef(ours, theirs)[0, 1])
     if agreement < 0.2 and wind.size >= 200 and strength >= 8.0:
         evidence = f"their correlation with the reference's winds is {agreement:.2f}"
         return [Finding("ground_velocity" if derived else "wind_direction", "", evidence)]
@@ -654,12 +725,10 @@ def _agreement(one: Complex, other: Complex) -> float:
     return product / float(np.linalg.norm(one) * np.linalg.norm(other))
 
 
-def _scale_along(wind: Complex, reference: Complex, ground: Complex, flight: Array) -> float:
-    """Scale of the winds by their components along the ground velocity; 0 where it may be one."""
-    along = ground.conj() / np.abs(ground)
-    ours, theirs = ((vector * along).real for vector in (wind, reference))
+def _scale(ours: Array, theirs: Array, flight: Array) -> float:
+    """Scale of our winds by their components along the ground velocity; 0 where it may be one."""
     ours, theirs = ours - ours.mean(), theirs - theirs.mean()
-    if np.std(theirs) < 3.0 or not np.any(ours):
+    if np.std(theirs) < WEAKEST or not np.any(ours):
         return 0.0
     number = np.unique(flight, return_inverse=True)[1]
 

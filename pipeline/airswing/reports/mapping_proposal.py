@@ -38,7 +38,7 @@ _NAMES = (
     (
         "time",
         r"time(stamp|utc|gps)?|utc|datetime(utc)?|(obs|valid|report|observation)(date)?time|ts"
-        r"|epoch(time)?|unixtime|(utc|lcl|local)?date|gmt|snapshotid|utctime",
+        r"|epoch(time)?|unixtime|(utc|lcl|local)?date|gmt|snapshotid|utctime|timeposition|lastcontact",
     ),
     ("latitude", r"lat(itude)?(deg|dd|n|gps)?|gpslat(itude)?|y"),
     ("longitude", r"(lon(g|gitude)?|lng)(deg|dd|e|gps)?|gpslon(g|gitude)?|x"),
@@ -58,7 +58,7 @@ _NAMES = (
     ("mach", r"mach(no|number)?|m"),
     ("magnetic_heading", r"mag(netic)?h(ea)?di?n?g|h(ea)?di?n?gmag(netic)?|mh"),
     ("heading", r"(true)?h(ea)?di?n?g(true)?|th"),
-    ("ground_speed", r"(gps)?(gs|ground(speed|spd)|gnd(spd|speed)|gspd|velocity|sog)"),
+    ("ground_speed", r"(gps)?(gs|ground(speed|spd)|gnd(spd|speed)|gspd|gspeed|velocity|sog)"),
     ("track", r"(gps)?(ground)?(trk|track)(angle|true)?|truetrack|course|cog"),
     ("roll_flag", r"rollflag"),
     ("phase", r"phase(offlight)?|flightphase"),

@@ -195,13 +195,15 @@ def reports_summary(path: str | Path, *, columns: ColumnMapping | None = None) -
     Raises
     ------
     InputError
-        The file cannot be read.
+        The file cannot be read or holds no usable report.
     """
     audit, parts = Audit(), []
     for file in expand(str(path)):
         part, counts = read_file(file, columns=columns)
         audit.add(counts)
         parts.append(part)
+    if not audit.kept:
+        raise none_usable(audit)
     frame = pd.concat(parts, ignore_index=True)
     present: Counter[str] = Counter()
     for name in (
@@ -218,7 +220,7 @@ def reports_summary(path: str | Path, *, columns: ColumnMapping | None = None) -
     audit.missing["eastward_wind"] = audit.kept - present["eastward_wind"]
     summary = audit.as_dict()
     limits = frame[["time", "latitude", "longitude"]].agg(["min", "max"])
-    first, last = (None if pd.isna(one) else f"{one.isoformat()}Z" for one in limits["time"])
+    first, last = (f"{one.isoformat()}Z" for one in limits["time"])
     return {
         "file": str(path),
         "format": next(iter(summary["formats"]), None),
@@ -231,15 +233,13 @@ def reports_summary(path: str | Path, *, columns: ColumnMapping | None = None) -
             "north": float(limits["latitude"]["max"]),
             "west": float(limits["longitude"]["min"]),
             "east": float(limits["longitude"]["max"]),
-        }
-        if len(frame)
-        else None,
+        },
         "columns": {name: number for name, number in present.items() if number},
         "flags": summary["flags"],
         "audit": {
             name: part
             for name, part in summary.items()
-            if name not in ("flags", "missing", "remarks")
+            if name not in ("flags", "missing", "mistakes", "remarks")
         },
     }
 

@@ -118,7 +118,8 @@ def _read_csv(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFram
                 file=path,
                 field=found[variable].column,
                 found=audit.examples.get(variable),
-                remedy="Write numbers alone: the unit is in the column's name or its mapping",
+                remedy="Write numbers alone, with a decimal point; the unit is part of the "
+                "column's name or of its mapping",
             )
     if pieces:
         yield merged(pd.concat(pieces, ignore_index=True), audit)
