@@ -43,13 +43,14 @@ A to E fitted to the directions of ``g - w`` and ``g - r``.
   a mistake has about this factor; mistakes of less (mph for kt) remain unnoticed. An error of the
   airspeed adds a constant along g, and one of the compass acts across g or is removed in c, so that
   neither looks like a wrong unit.
-* Time, where nothing else is found: ``|w - r|^2`` between reports within 100 km and 400 m of each
+* Time, where nothing else is found: ``|c - r|^2`` between reports within 100 km and 400 m of each
   other that are 3, 6, 9 or 12 hours apart is smaller than between those of one time by
   `CLOCK_RATIO`, and by four standard errors over at least 8 days. Errors of 1 or 2 hours remain
   unnoticed. In three sample archives no sound one has a ratio that is significant, and clocks in
   error by 3 to 8 hours have 1.2 to 2.2.
 
-The wind tests need reference winds of at least 5 m/s (root mean square; 8 m/s for "unrelated").
+The wind tests need reference winds of at least 5 m/s (root mean square); scale and correlation
+along g need a standard deviation of 5 m/s.
 
 Calibration
 -----------
@@ -95,7 +96,7 @@ SAME_COLUMN = 2.0 / 3.0
 """Share of the aircraft from which on a finding holds for all, because a column has one unit."""
 HIGH, SLOWEST = 3000.0, 20.0  # m, m/s: no aircraft flies so slowly at such altitudes
 LOWEST, FASTEST_LOW = 600.0, 80.0  # m, m/s: no aircraft flies all its reports so low and so fast
-WEAKEST = 4.0  # m/s: standard deviation of reference winds by which a scale is judged
+WEAKEST = 5.0  # m/s: standard deviation of reference winds by which a scale is judged
 MOST_TOGETHER = 30  # aircraft whose reports are compared with each other's reference winds
 SHIFT, _MOST_SHIFTS = 3.0, 4  # h: steps of the clock error that is looked for
 FEWEST_DAYS, CLOCK_RATIO = 8, 1.2
@@ -246,7 +247,8 @@ def plausibility(headings: xr.Dataset, *, references: Sequence[str] | None = Non
         for tail, sample in _samples(block, members):
             aircraft.append(tail)
             if len(together) < MOST_TOGETHER:
-                together.append(sample)
+                winds = (sample[name] for name in ("wind", "reference", "ground"))
+                together.append({**sample, "wind": _less_deviation(*winds)})
             if (offset := _heading_offset(sample)) is not None:
                 offsets[tail] = offset
             flights = np.unique(sample["flight"]).size
@@ -569,7 +571,8 @@ def _curve(difference: Array, heading: Array) -> Array:
     """Deviation curve A to E (degrees) fitted to differences of headings, at most 45 degrees."""
     m = np.radians(heading)
     design = np.stack([np.ones(m.size), np.sin(m), np.cos(m), np.sin(2 * m), np.cos(2 * m)], axis=1)
-    coefficients = np.linalg.lstsq(design, difference, rcond=1e-6)[0]
+    known = np.isfinite(difference)
+    coefficients = np.linalg.lstsq(design[known], difference[known], rcond=1e-6)[0]
     curve = np.clip(design @ coefficients, -LARGEST_DEVIATION, LARGEST_DEVIATION)
     return np.asarray(curve, dtype=np.float64)
 
@@ -676,7 +679,7 @@ def _wind_findings(sample: Sample) -> list[Finding]:
         levels = "altitudes in m read as ft" if factor > 1.0 else "altitudes in ft read as m"
         return [replace(finding, likely=levels)]
     agreement = float(np.corrcoef(ours, theirs)[0, 1])
-    if agreement < 0.2 and wind.size >= 200 and strength >= 8.0:
+    if agreement < 0.2 and wind.size >= 200 and np.std(theirs) >= WEAKEST:
         evidence = f"their correlation with the reference's winds is {agreement:.2f}"
         return [Finding("ground_velocity" if derived else "wind_direction", "", evidence)]
     return []
@@ -687,8 +690,7 @@ def _less_deviation(wind: Complex, reference: Complex, ground: Complex) -> Compl
     air = ground - wind
     heading = _direction(air)
     error = wrap_degrees(heading - _direction(ground - reference))
-    turned = air * np.exp(1j * np.radians(_curve(error, heading)))
-    return np.asarray(ground - turned)
+    return np.asarray(ground - air * np.exp(1j * np.radians(_curve(error, heading))))
 
 
 def _wind_directions(wind: Complex, reference: Complex, ground: Complex) -> list[Finding]:
@@ -713,7 +715,7 @@ def _wind_directions(wind: Complex, reference: Complex, ground: Complex) -> list
     scale = float(np.sqrt(np.mean(speed**2) / np.mean(np.abs(reference) ** 2)))
     if share < 0.15 or high - low > 270.0 or not 0.8 <= scale <= 1.25:
         return []
-    if np.count_nonzero(inside) < FEWEST or _agreement(wind[inside], reference[inside]) < 0.6:
+    if np.count_nonzero(inside) < FEWEST or _agreement(wind[inside], reference[inside]) < 0.8:
         return []
     missing = f"{evidence}, {share:.0%} of the reference's do not"
     return [Finding("wind_direction", "a part of the circle missing", missing)]
