@@ -32,12 +32,15 @@ def profiled(u, v, *, pressure, phase, flight, screening=0) -> tuple[xr.Dataset,
             "pressure": (one, np.asarray(pressure, float) * 100.0),
             "phase": (one, np.asarray(phase, np.int8)),
             "flight": (one, np.asarray(flight, np.int32)),
+            "time": (one, np.full(number, np.datetime64("2008-07-01", "ns"))),
+            "row_size": ("aircraft", [number]),
             "screening": (one, np.zeros(number, np.int32) + screening),
         },
-        coords={"reference": ["rr"]},
+        coords={"reference": ["rr"], "aircraft": ["N1"]},
     )
     corrected = xr.Dataset(
         {
+            "row_size": ("aircraft", [number]),
             "corrected_eastward_wind": (one, np.full(number, 10.0)),
             "corrected_northward_wind": (one, np.zeros(number)),
         }
@@ -166,6 +169,7 @@ def archive():
             "northward_wind": (one, rng.normal(0, 3, number)),
             "reference_eastward_wind": (both, rng.normal(12, 2, (2, number))),
             "reference_northward_wind": (both, rng.normal(0, 2, (2, number))),
+            "flight": (one, np.arange(number) // 10),
             "pressure": (one, rng.uniform(21000, 100000, number)),
             "phase": (one, rng.choice(list(PHASE.values()), number).astype(np.int8)),
             "screening": (one, np.where(rng.random(number) < 0.1, SCREENING["gross_error"], 0)),

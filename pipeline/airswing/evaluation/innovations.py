@@ -42,6 +42,7 @@ CELLS = len(PHASE) * (len(LEVEL_EDGES_HPA) - 1)
 """Phases of flight times layers."""
 _UNUSABLE = ("no_reference", "missing_wind", "wind_qc", "gross_error", "no_ground_vector")
 QUANTITIES = ("speed", "direction", "eastward", "northward")
+PROFILED = ("eastward", "northward", "direction")
 HISTOGRAM_EDGES = np.arange(-20.0, 21.0)
 """Edges of the classes of a component's innovation, m/s; larger ones are in the last class."""
 
@@ -73,33 +74,7 @@ def error_profiles(
     >>> profiles["eastward_rms"].dims
     ('reference', 'state', 'flight_phase', 'layer')
     """
-    quantities = ("eastward", "northward", "direction")
-    sums = np.zeros((len(pools), len(STATES), len(quantities), SUMS, CELLS))
-    names = (*WINDS, "pressure", "phase", "flight", "screening")
-    pairs = zip(blocks(headings, names), blocks(corrected, CORRECTED_WINDS), strict=True)
-    for block, better in pairs:
-        cell = profile_cells(block)
-        flight = block["flight"].to_numpy().astype(np.int64)
-        for i, j, found in _innovations_by_state(block, better, pools):
-            for k, name in enumerate(quantities):
-                good = np.isfinite(found[name]) & (cell >= 0)
-                squares = found[name][good] ** 2
-                sums[i, j, k] += cluster_sums(squares, cell[good], flight[good], CELLS)
-    sums = sums.reshape(*sums.shape[:-1], len(PHASE), -1)
-    mean, error = clustered_mean(np.moveaxis(sums, 3, 0))
-    rms = np.sqrt(mean)
-    error = ratio(error, 2.0 * rms)  # the delta method
-    dims = ("reference", "state", "flight_phase", "layer")
-    ds = xr.Dataset(
-        LAYER_PRESSURES,
-        coords={"reference": list(pools), "state": list(STATES), "flight_phase": list(PHASE)},
-    )
-    for k, name in enumerate(quantities):
-        ds[f"{name}_rms"] = dims, rms[:, :, k]
-        ds[f"{name}_rms_standard_error"] = dims, error[:, :, k]
-    for name, place in (("profile_count", 0), ("profile_flights", 2)):
-        ds[name] = dims, sums[:, :, 0, place].astype(np.int32)
-    return ds
+    return innovation_products(headings, corrected, pools=pools)[0]
 
 
 def profile_cells(headings: xr.Dataset) -> NDArray[np.int64]:
@@ -160,20 +135,29 @@ def innovation_statistics(
     >>> found["innovation_speed_bias"].dims
     ('reference', 'state', 'aircraft', 'flight_phase', 'layer')
     """
+    return innovation_products(headings, corrected, pools=pools)[1]
+
+
+def innovation_products(
+    headings: xr.Dataset, corrected: xr.Dataset, *, pools: Mapping[str, list[str]]
+) -> tuple[xr.Dataset, xr.Dataset]:
+    """Results of :func:`error_profiles` and :func:`innovation_statistics`, from one reading."""
     first, last = (day.astype("datetime64[D]") for day in time_span(headings))
     days = np.arange(first, last + 1)
     shape = (len(pools), len(STATES), headings.sizes["aircraft"])
+    profiles = np.zeros((*shape[:2], len(PROFILED), SUMS, CELLS))
     cells = {name: np.zeros((3, *shape, CELLS)) for name in QUANTITIES}
     daily = {name: np.zeros((2, *shape, days.size)) for name in QUANTITIES}
     classes = HISTOGRAM_EDGES.size - 1
     histogram = np.zeros((*shape[:2], classes * classes), np.int64)
     begin = 0
-    names = (*WINDS, "pressure", "phase", "screening", "time")
+    names = (*WINDS, "pressure", "phase", "flight", "screening", "time")
     pairs = zip(blocks(headings, names), blocks(corrected, CORRECTED_WINDS), strict=True)
     for block, better in pairs:
         aircraft = slice(begin, begin + block.sizes["aircraft"])
         begin = aircraft.stop
         cell, row = profile_cells(block), aircraft_of_report(block)
+        flight = block["flight"].to_numpy().astype(np.int64)
         day = (block["time"].to_numpy().astype("datetime64[D]") - first).astype(np.int64)
         for i, j, found in _innovations_by_state(block, better, pools):
             for name, values in found.items():
@@ -185,19 +169,22 @@ def innovation_statistics(
                     for power in range(len(table)):
                         flat = np.bincount(key, moments[power], part[power].size)
                         part[power] = flat.reshape(part[power].shape)
+                if name in PROFILED:
+                    profiles[i, j, PROFILED.index(name)] += cluster_sums(
+                        moments[2], cell[good], flight[good], CELLS
+                    )
             good = np.isfinite(found["eastward"]) & (cell >= 0)
             east, north = (
                 np.clip(np.digitize(found[name][good], HISTOGRAM_EDGES) - 1, 0, classes - 1)
                 for name in ("eastward", "northward")
             )
             histogram[i, j] += np.bincount(east * classes + north, minlength=classes**2)
+    names_of = {"reference": list(pools), "state": list(STATES), "flight_phase": list(PHASE)}
     dims = ("reference", "state", "aircraft", "flight_phase", "layer")
     ds = xr.Dataset(
-        coords={
-            "reference": list(pools),
-            "state": list(STATES),
+        coords=names_of
+        | {
             "aircraft": headings["aircraft"].to_numpy().astype(str),
-            "flight_phase": list(PHASE),
             "day": days.astype("datetime64[ns]"),
             "eastward_class": HISTOGRAM_EDGES[:-1],
             "northward_class": HISTOGRAM_EDGES[:-1],
@@ -213,7 +200,23 @@ def innovation_statistics(
         (*dims[:2], "eastward_class", "northward_class"),
         histogram.reshape(*shape[:2], classes, classes),
     )
-    return ds.assign(LAYER_PRESSURES)
+    return _profiles(profiles, names_of), ds.assign(LAYER_PRESSURES)
+
+
+def _profiles(sums: Floats, coords: dict[str, list[str]]) -> xr.Dataset:
+    """Error profiles from sums of squares (reference, state, quantity, 6, cell)."""
+    sums = sums.reshape(*sums.shape[:-1], len(PHASE), -1)
+    mean, error = clustered_mean(np.moveaxis(sums, 3, 0))
+    rms = np.sqrt(mean)
+    error = ratio(error, 2.0 * rms)  # the delta method
+    dims = ("reference", "state", "flight_phase", "layer")
+    ds = xr.Dataset(LAYER_PRESSURES, coords=coords)
+    for k, name in enumerate(PROFILED):
+        ds[f"{name}_rms"] = dims, rms[:, :, k]
+        ds[f"{name}_rms_standard_error"] = dims, error[:, :, k]
+    for name, place in (("profile_count", 0), ("profile_flights", 2)):
+        ds[name] = dims, sums[:, :, 0, place].astype(np.int32)
+    return ds
 
 
 def combined(statistics: xr.Dataset, over: Iterable[str]) -> xr.Dataset:

@@ -44,6 +44,10 @@ if TYPE_CHECKING:
     from airswing.evaluation.results import Content
 
 Found = TypeVar("Found")
+_TITLES = (
+    "Wind error by phase of flight and level, as reported and as corrected",
+    "Statistics of observation minus reference by aircraft, phase and level",
+)
 _LEARNED_SHARE = 2.0 / 3.0
 """Share of the days a correction is learned from where no field test gives a date."""
 _MOST_DAYS_BY_MONTH = 400
@@ -68,9 +72,10 @@ def make_evaluation(
         where there are two or more.
     """
     ranking = make_ranking(job, headings, fits)
+    profiles, innovations = make_innovations(job, headings, corrected)
     return Evaluation(
-        profiles=make_profiles(job, headings, corrected),
-        innovations=make_innovations(job, headings, corrected),
+        profiles=profiles,
+        innovations=innovations,
         observation_errors=make_observation_errors(job, headings, corrected),
         stability=make_stability(job, headings, fits),
         ranking=ranking,
@@ -81,33 +86,19 @@ def make_evaluation(
     )
 
 
-def make_profiles(job: Job, headings: xr.Dataset, corrected: xr.Dataset) -> xr.Dataset:
-    """Wind errors by phase of flight and level: ``error_profiles.nc``."""
-    from airswing.evaluation.innovations import error_profiles
+def make_innovations(
+    job: Job, headings: xr.Dataset, corrected: xr.Dataset
+) -> tuple[xr.Dataset, xr.Dataset]:
+    """Wind errors by phase and level, and statistics of observation minus reference.
 
-    with job.progress.stage("profiles"):
-        profiles = error_profiles(headings, corrected, pools=job.config.pools())
-        job.write(
-            profiles,
-            PROFILES,
-            title="Wind error by phase of flight and level, as reported and as corrected",
-            sources=(headings, corrected),
-        )
-    return profiles
-
-
-def make_innovations(job: Job, headings: xr.Dataset, corrected: xr.Dataset) -> xr.Dataset:
-    """Statistics of observation minus reference: ``innovation_statistics.nc``."""
-    from airswing.evaluation.innovations import innovation_statistics
+    ``error_profiles.nc`` and ``innovation_statistics.nc``.
+    """
+    from airswing.evaluation.innovations import innovation_products
 
     with job.progress.stage("innovations"):
-        found = innovation_statistics(headings, corrected, pools=job.config.pools())
-        job.write(
-            found,
-            INNOVATIONS,
-            title="Statistics of observation minus reference by aircraft, phase and level",
-            sources=(headings, corrected),
-        )
+        found = innovation_products(headings, corrected, pools=job.config.pools())
+        for product, name, title in zip(found, (PROFILES, INNOVATIONS), _TITLES, strict=True):
+            job.write(product, name, title=title, sources=(headings, corrected))
     return found
 
 
