@@ -305,7 +305,7 @@ def _product(
 
 
 def _known(path: Path) -> None:
-    from airswing.gap.simulation.known_effects import read_known
+    from airswing.gap.simulation.effects_file import read_known
 
     read_known(path, reference="ruc")
 

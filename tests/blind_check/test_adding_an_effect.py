@@ -21,10 +21,9 @@ from airswing.blind_check import Plan, gap_check
 from airswing.blind_check.summary import case_table
 from airswing.gap.diagnose import diagnose
 from airswing.gap.effects import CATALOGUE, Parameter, register, separated_by, unregister
-from airswing.gap.effects.forms import DEGREE, HeadingEffect, OneCoefficient
+from airswing.gap.effects.base import DEGREE, HeadingEffect, ProportionalEffect
 from airswing.gap.simulation.effects_file import read_effects
-from airswing.gap.simulation.forward import simulate
-from airswing.gap.simulation.known_effects import take_off_known
+from airswing.gap.simulation.forward import remove_effects, simulate
 from airswing.report.gap.gap_page import write_gap_page
 from airswing.report.gap.words import verdict
 from airswing.synthetic.instrument import UNIT_FAULTS
@@ -40,7 +39,7 @@ def freeze(setting, fault, where):
     setting.unit.rotation[where] += np.radians(fault.value("rate_deg")) * cold
 
 
-class ColdSoak(OneCoefficient, HeadingEffect):
+class ColdSoak(ProportionalEffect, HeadingEffect):
     """Heading error proportional to the cold."""
 
     name = NAME
@@ -92,7 +91,7 @@ def cold(added, tmp_path_factory):
 
 def test_the_simulation_takes_it_and_it_is_taken_off_again(cold):
     plain, struck, active = cold
-    left = take_off_known(struck, [active])
+    left = remove_effects(struck, [active])
     assert np.abs(struck.residual - plain.residual).max() > 1.0
     assert left.residual == pytest.approx(plain.residual, abs=1e-6)
 

@@ -17,15 +17,14 @@ from airswing.gap.effects import (
     CATALOGUE,
     ActiveEffect,
     HeadingEffect,
-    OneCoefficient,
     Parameter,
+    ProportionalEffect,
     discover,
     register,
     unregister,
 )
-from airswing.gap.effects.base import Stage
-from airswing.gap.effects.forms import DEGREE, amplitude_phase
-from airswing.gap.effects.secular import declination_change
+from airswing.gap.effects.base import DEGREE, Stage, amplitude_phase
+from airswing.gap.effects.declination_error import declination_change
 from airswing.gap.simulation.effects_file import parse_effects
 from airswing.gap.simulation.forward import simulate
 from airswing.quantities import quantity
@@ -512,7 +511,7 @@ def test_missing_context_is_named(perfect):
     assert (np.isfinite(CATALOGUE["altitude_offset"].columns(flat))).all()
 
 
-class _Fourth(OneCoefficient, HeadingEffect):
+class _Fourth(ProportionalEffect, HeadingEffect):
     """Three cycles: an effect nobody has put into the catalogue."""
 
     name = "three_cycles"
@@ -548,8 +547,8 @@ def test_adding_an_effect_is_one_file(tmp_path, monkeypatch):
     (package / "helper.py").write_text("NOT_AN_EFFECT = 1\n")
     (package / "four_cycles.py").write_text(
         "import numpy as np\n"
-        "from airswing.gap.effects import HeadingEffect, OneCoefficient, Parameter\n"
-        "class FourCycles(OneCoefficient, HeadingEffect):\n"
+        "from airswing.gap.effects import HeadingEffect, ProportionalEffect, Parameter\n"
+        "class FourCycles(ProportionalEffect, HeadingEffect):\n"
         "    name = 'four_cycles'\n"
         "    physics = source = 'a test'\n"
         "    parameters = (Parameter('amplitude_deg', 'degree', 1.0, 'size', si=np.pi / 180),)\n"

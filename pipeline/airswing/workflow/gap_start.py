@@ -1,9 +1,9 @@
 """Starting point of a diagnosis: the perfect instrument, known effects, or another simulation.
 
-Assumptions: known effects are removed from the reports (`airswing.gap.simulation.known_effects`),
+Assumptions: known effects are removed from the reports (`airswing.gap.simulation.forward`),
 so that the diagnosis concerns the remaining gap. Reports of another simulation that follows the
 paths of the archive are matched by aircraft and time, and their wind replaces the wind of the
-reference (`airswing.gap.simulation.other_simulation`). A
+reference (`airswing.gap.simulation.report_table`). A
 simulation on other paths is diagnosed like an archive, against model winds at its positions, and
 its effects are known effects of the archive: those of the whole fleet, and those of aircraft that
 are in both.
@@ -84,7 +84,7 @@ def read_start(job: Job, *, known: Path | None = None, simulated: str | None = N
     """
     effects, reports, section = None, None, None
     if known is not None:
-        from airswing.gap.simulation.known_effects import read_known
+        from airswing.gap.simulation.effects_file import read_known
 
         effects = read_known(known, reference=job.config.gap_reference())
     if simulated is not None:
@@ -123,11 +123,11 @@ def _without(start: Start, effects: Sequence[ActiveEffect], source: str, *, stri
     """Remove effects; those of aircraft that are not in the archive are refused or left out."""
     from airswing.gap.result.schema import KnownEntry
     from airswing.gap.simulation.effects_file import plain_effects
-    from airswing.gap.simulation.known_effects import take_off_known
+    from airswing.gap.simulation.forward import remove_effects
 
     removed = list(effects) if strict else _of_archive(effects, start.frame.tails)
     try:
-        left = take_off_known(start.frame, removed)
+        left = remove_effects(start.frame, removed)
     except InputError as err:
         raise InputError(
             err.what, file=source, field=err.field, found=err.found, remedy=err.remedy
@@ -162,9 +162,8 @@ def _against(
 ) -> Start:
     """Replace the perfect instrument by another simulation, if there is one."""
     from airswing.gap.result.schema import SimulationEntry
-    from airswing.gap.simulation.other_simulation import (
+    from airswing.gap.simulation.report_table import (
         match_reports,
-        same_paths,
         with_simulated_wind,
     )
 
@@ -182,7 +181,7 @@ def _against(
         of=start.frame.size,
         matched_by="aircraft and time",
     )
-    if same_paths(matched):
+    if matched.same_paths:
         return Start(with_simulated_wind(start.frame, matched), simulation=entry)
     other = job_of_simulation(job, simulated, section)
     effects = effects_of(other)

@@ -10,7 +10,7 @@ from airswing.compass.correction import correct, curve_standard_error
 from airswing.compass.fit.deviation import fit_deviation
 from airswing.compass.table import add_tables, write_tables_csv
 from airswing.flags import CORRECTION, STATUS, published
-from airswing.gap.simulation.known_effects import effects_of_fits
+from airswing.gap.simulation.effects_file import effects_of_fits
 
 FLEET = Setting(aircraft=10, days=40, flights_a_day=4)
 ONE_HOUR = Setting(

@@ -35,13 +35,13 @@ def active_effects(draw):
 
 
 @given(st.lists(active_effects(), max_size=4))
-def test_effects_survive_writing_and_reading(tmp_path_factory, effects):
+def test_effects_are_written_and_read(tmp_path_factory, effects):
     path = tmp_path_factory.mktemp("effects") / "effects.yaml"
     assert read_effects(write_effects(effects, path)) == effects
     assert parse_effects(plain_effects(effects)) == effects
 
 
-def test_file_as_a_person_writes_it(tmp_path):
+def test_file_with_units_and_dates(tmp_path):
     path = tmp_path / "effects.yaml"
     path.write_text(
         "effects:\n"
@@ -64,7 +64,7 @@ def test_file_as_a_person_writes_it(tmp_path):
     assert plain_period(step.period) == ["2009-08-01T00:00:00Z", "2009-08-02T12:00:00Z"]
 
 
-def test_nothing_is_no_effects(tmp_path):
+def test_empty_file(tmp_path):
     path = tmp_path / "none.yaml"
     path.write_text("# nothing yet\n")
     assert read_effects(path) == []
@@ -109,13 +109,13 @@ def test_nothing_is_no_effects(tmp_path):
         ("hard_iron", "must be a mapping"),
     ],
 )
-def test_what_is_wrong_is_named(entry, message):
+def test_errors_name_the_fault_and_the_file(entry, message):
     with pytest.raises(InputError, match=message) as caught:
         parse_effects([entry], file="mine.yaml")
     assert "mine.yaml" in str(caught.value)
 
 
-def test_files_that_hold_something_else_are_told(tmp_path):
+def test_other_files_are_refused(tmp_path):
     path = tmp_path / "effects.yaml"
     with pytest.raises(InputError, match="cannot read"):
         read_effects(path)

@@ -59,7 +59,7 @@ def test_order_of_the_effects_does_not_matter_for_sensors(archive):
     np.testing.assert_allclose(one.residual, other.residual, atol=1e-8)
 
 
-def test_regression_on_the_columns_gives_back_what_was_put_in(archive):
+def test_regression_on_the_columns_recovers_the_effects(archive):
     truth = [
         ActiveEffect("hard_iron", {"amplitude_deg": 2.0, "phase_deg": 100.0}),
         ActiveEffect("tas_offset", {"offset_m_s": -1.0}),
@@ -74,17 +74,17 @@ def test_regression_on_the_columns_gives_back_what_was_put_in(archive):
     design = columns.reshape(len(columns), -1).T
     fit = np.linalg.lstsq(design, frames.linear_residual(sent).ravel(), rcond=None)[0]
     np.testing.assert_allclose(fit, coefficients, rtol=0.02, atol=2e-4)
-    # the plain residual takes the second order of the heading error for airspeed
+    # in the plain residual the second order of the heading error is an error of airspeed
     plain = np.linalg.lstsq(design, sent.residual.ravel(), rcond=None)[0]
     assert plain[2] - fit[2] == pytest.approx(130.0 * np.radians(2.0) ** 2 / 4.0, rel=0.3)
 
 
-def test_effect_strikes_the_aircraft_and_the_period_it_names(archive):
+def test_effect_acts_on_its_aircraft_and_period(archive):
     start, end = np.quantile(archive.time, [0.3, 0.7])
     effect = ActiveEffect("compass_step", {"offset_deg": 3.0}, ("N402",), (start, end))
-    struck = np.hypot(*simulate(archive, effects=[effect]).residual.T) > 1.0
+    affected = np.hypot(*simulate(archive, effects=[effect]).residual.T) > 1.0
     expected = (archive.aircraft == 1) & (archive.time >= start) & (archive.time < end)
-    np.testing.assert_array_equal(struck, expected)
+    np.testing.assert_array_equal(affected, expected)
     assert 0 < expected.sum() < archive.take(archive.aircraft_mask("N402")).size
 
 
@@ -140,15 +140,15 @@ def test_noise_is_stationary_with_the_stated_correlation():
     assert np.mean(draw[1:] * draw[:-1]) == pytest.approx(0.0, abs=0.1)  # other flights
 
 
-def test_noise_is_larger_across_the_heading_where_the_model_says_so():
+def test_noise_with_factors_along_and_across_the_heading():
     frame = _line(2000, 12, 50e3)
     draw = draw_noise(frame, replace(NOISE, along=0.6, across=1.28), rng=np.random.default_rng(2))
-    alike = draw_noise(frame, NOISE, rng=np.random.default_rng(2))
-    nose = np.stack([np.sin(frame.heading), np.cos(frame.heading)], -1)
-    beam = np.stack([nose[:, 1], -nose[:, 0]], -1)
-    for direction, factor in ((nose, 0.6), (beam, 1.28)):
-        told, before = ((one * direction).sum(axis=1) for one in (draw, alike))
-        np.testing.assert_allclose(told, factor * before, atol=1e-12)
+    isotropic = draw_noise(frame, NOISE, rng=np.random.default_rng(2))
+    along = np.stack([np.sin(frame.heading), np.cos(frame.heading)], -1)
+    across = np.stack([along[:, 1], -along[:, 0]], -1)
+    for direction, factor in ((along, 0.6), (across, 1.28)):
+        scaled, before = ((one * direction).sum(axis=1) for one in (draw, isotropic))
+        np.testing.assert_allclose(scaled, factor * before, atol=1e-12)
 
 
 def test_noise_does_not_depend_on_the_order_of_the_rows():
@@ -161,8 +161,8 @@ def test_noise_does_not_depend_on_the_order_of_the_rows():
 
 def test_noise_is_the_same_with_and_without_effects(archive):
     plain = simulate(archive, noise=NOISE, seed=4)
-    struck = simulate(archive, noise=NOISE, effects=STRONG[2:3], seed=4)
-    size = np.hypot(*(struck.residual - plain.residual).T)
+    affected = simulate(archive, noise=NOISE, effects=STRONG[2:3], seed=4)
+    size = np.hypot(*(affected.residual - plain.residual).T)
     np.testing.assert_allclose(size, 2.0 * np.sin(np.radians(0.5)) * plain.airspeed, rtol=1e-6)
     other = simulate(archive, noise=NOISE, seed=5)
     assert np.abs(other.residual - plain.residual).max() > 1.0
@@ -185,7 +185,7 @@ def test_unknown_effect_aircraft_parameter_and_context_are_refused(archive):
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])
 def test_simulated_archive_is_read_back_with_the_winds_sent(tmp_path, suffix):
     headings = frames.headings_dataset(flights=4)
-    headings["eastward_wind"][7] = np.nan  # keeps its place without a wind
+    headings["eastward_wind"][7] = np.nan  # a report without a wind is kept
     table = simulate_reports(headings, reference="ruc", effects=STRONG, noise=NOISE, seed=3)
     path = write_reports(table, tmp_path / f"sent{suffix}")
     again = read_reports(path)
@@ -206,7 +206,7 @@ def test_simulated_archive_is_read_back_with_the_winds_sent(tmp_path, suffix):
     np.testing.assert_allclose(again.wind_direction_resolution, 1.0, rtol=1e-3)
 
 
-def test_airspeed_and_heading_are_sent_only_where_the_archive_sends_them():
+def test_airspeed_and_heading_are_written_where_the_archive_has_them():
     headings = frames.headings_dataset(flights=2)
     assert "heading_deg" not in simulate_reports(headings, reference="ruc")
     headings["reported_heading"] = headings.heading.where(headings.phase == 2)
@@ -231,7 +231,7 @@ def test_other_suffixes_and_closed_folders_are_refused(tmp_path):
         write_reports(table, tmp_path / "file" / "sent.csv")
 
 
-def test_a_bias_of_minus_all_and_a_heading_that_never_settles_are_refused(archive):
+def test_a_bias_of_minus_100_percent_and_an_unsettled_heading_are_refused(archive):
     none = ActiveEffect("reference_speed_bias", {"bias_percent": -100.0})
     with pytest.raises(InputError, match="weaker than none"):
         simulate(archive, effects=[none])
@@ -240,7 +240,7 @@ def test_a_bias_of_minus_all_and_a_heading_that_never_settles_are_refused(archiv
         simulate(archive, effects=[wild])
 
 
-def test_a_drift_is_counted_from_where_its_period_begins(archive):
+def test_a_drift_counts_from_the_start_of_its_period(archive):
     start = float(np.quantile(archive.time, 0.6))
     effect = ActiveEffect("compass_drift", {"rate_deg_per_day": 2.0}, ("N402",), (start, None))
     sent = simulate(archive, effects=[effect])

@@ -1,4 +1,4 @@
-"""Known effects are taken off exactly, from a file of effects and from fitted deviations."""
+"""Known effects, from a file of effects or from fitted deviations, are removed exactly."""
 
 from __future__ import annotations
 
@@ -10,13 +10,8 @@ from tests.gap import frames
 from airswing.errors import InputError
 from airswing.flags import STATUS
 from airswing.gap.effects import ActiveEffect
-from airswing.gap.simulation.effects_file import write_effects
-from airswing.gap.simulation.forward import simulate
-from airswing.gap.simulation.known_effects import (
-    effects_of_fits,
-    read_known,
-    take_off_known,
-)
+from airswing.gap.simulation.effects_file import effects_of_fits, read_known, write_effects
+from airswing.gap.simulation.forward import remove_effects, simulate
 from airswing.products.netcdf import write_product
 
 START = frames.START.astype("datetime64[s]").astype(float)
@@ -47,49 +42,48 @@ ONE = {
 
 
 @pytest.mark.parametrize("name", ONE)
-def test_what_a_simulation_has_is_taken_off_to_rounding(name):
+def test_simulated_effects_are_removed_to_rounding(name):
     perfect = frames.frame()
     sent = simulate(perfect, effects=ONE[name])
     assert np.hypot(*sent.residual.T).max() > 0.2
-    left = take_off_known(sent, ONE[name])
-    off = np.hypot(*left.residual.T)
-    assert off.max() < 2e-6
-    # what the unit would have indicated without them
-    turned = np.angle(np.exp(1j * (left.heading - perfect.heading)))
+    removed = remove_effects(sent, ONE[name])
+    residual = np.hypot(*removed.residual.T)
+    assert residual.max() < 2e-6
+    turned = np.angle(np.exp(1j * (removed.heading - perfect.heading)))
     if name in ("sensors", "tables"):
         assert np.abs(turned).max() < 1e-7
-        assert left.airspeed == pytest.approx(perfect.airspeed, abs=1e-5)
+        assert removed.airspeed == pytest.approx(perfect.airspeed, abs=1e-5)
 
 
-def test_a_table_by_the_wind_sent_is_taken_off():
-    """Winds just below the upper edge have no answer: turned they lie outside."""
+def test_a_table_over_the_reported_wind_is_removed():
+    """Not for winds just below the upper edge, which are rotated beyond it."""
     perfect = frames.frame()
     edges = [0.0, 250.0, 270.0, 360.0]
     turned = [table("wind_angle", "wind_direction", edges, [0.0, 9.0, 0.0])]
-    left = take_off_known(simulate(perfect, effects=turned), turned)
+    removed = remove_effects(simulate(perfect, effects=turned), turned)
     direction = np.degrees(np.arctan2(-perfect.u_rep, -perfect.v_rep)) % 360.0
-    sure = (direction < 260.9) | (direction > 270.1)
-    assert ((direction > 242.0) & sure).sum() > 100
-    assert np.hypot(*left.residual[sure].T).max() < 2e-6
+    valid = (direction < 260.9) | (direction > 270.1)
+    assert ((direction > 242.0) & valid).sum() > 100
+    assert np.hypot(*removed.residual[valid].T).max() < 2e-6
 
 
-def test_exchanged_identifiers_are_given_back():
+def test_exchanged_identifiers_are_exchanged_back():
     perfect = frames.frame()
     swap = ActiveEffect(
         "tail_swap", {"pair": ["N401", "N402"]}, ("N401", "N402"), (START + 9 * 86400.0, None)
     )
-    left = take_off_known(perfect, [swap])
+    removed = remove_effects(perfect, [swap])
     late = perfect.time >= START + 9 * 86400.0
     exchanged = np.array([1, 0, 2])[perfect.aircraft]
-    assert (left.aircraft == np.where(late, exchanged, perfect.aircraft)).all()
-    assert left.u_rep == pytest.approx(perfect.u_rep, abs=1e-12)
+    assert (removed.aircraft == np.where(late, exchanged, perfect.aircraft)).all()
+    assert removed.u_rep == pytest.approx(perfect.u_rep, abs=1e-12)
 
 
-def test_nothing_known_changes_nothing():
+def test_without_effects_nothing_changes():
     perfect = frames.frame()
-    left = take_off_known(perfect, [])
-    assert left.u_rep == pytest.approx(perfect.u_rep, abs=1e-12)
-    assert left.magnetic_heading == pytest.approx(np.mod(perfect.magnetic_heading, 2 * np.pi))
+    removed = remove_effects(perfect, [])
+    assert removed.u_rep == pytest.approx(perfect.u_rep, abs=1e-12)
+    assert removed.magnetic_heading == pytest.approx(np.mod(perfect.magnetic_heading, 2 * np.pi))
 
 
 def fits(status=STATUS["ok"]):
@@ -106,10 +100,10 @@ def fits(status=STATUS["ok"]):
     )
 
 
-def test_a_fitted_curve_becomes_effects_by_hand():
+def test_effects_of_a_fitted_curve_by_hand():
     found = effects_of_fits(fits(), reference="ruc")
-    told = [(one.name, one.tails) for one in found]
-    assert told == [
+    names = [(one.name, one.tails) for one in found]
+    assert names == [
         ("compass_offset", ("N401",)),
         ("hard_iron", ("N401",)),
         ("soft_iron", ("N401",)),
@@ -125,13 +119,13 @@ def test_a_fitted_curve_becomes_effects_by_hand():
     assert found[3].parameters["scale_percent"] == pytest.approx(1.0)
 
 
-def test_the_curve_taken_off_is_the_curve_fitted():
+def test_the_removed_curve_is_the_fitted_curve():
     frame = frames.frame()
-    left = take_off_known(frame, effects_of_fits(fits(), reference="ruc")[:3])
+    removed = remove_effects(frame, effects_of_fits(fits(), reference="ruc")[:3])
     rows = frame.aircraft == 0
     m, field = frame.magnetic_heading[rows], frame.horizontal_field[rows]
     curve = 1.5 + 18000.0 / field * (3.0 * np.sin(m) + 4.0 * np.cos(m)) + 0.5 * np.sin(2 * m)
-    turned = np.degrees(np.angle(np.exp(1j * (frame.heading - left.heading))))[rows]
+    turned = np.degrees(np.angle(np.exp(1j * (frame.heading - removed.heading))))[rows]
     assert turned == pytest.approx(curve, abs=1e-9)
 
 
@@ -139,23 +133,22 @@ def test_fits_that_were_not_accepted_are_left_out():
     assert {one.tails for one in effects_of_fits(fits(1), reference="ruc")} == {("N401",)}
 
 
-def test_files_that_hold_nothing_known_are_told_clearly(tmp_path):
+def test_errors_for_files_without_known_effects(tmp_path):
     with pytest.raises(InputError, match="no file of known effects"):
         read_known(tmp_path / "nothing.yaml", reference="ruc")
     with pytest.raises(InputError, match="no fit against the gap's reference") as caught:
         effects_of_fits(fits(), reference="rtfdaa", file=tmp_path / "fits.nc")
     assert "fitted were ruc" in str(caught.value)
-    other = write_product(
+    write_product(
         xr.Dataset({"latitude": ("report", [1.0])}),
         tmp_path / "other.nc",
         title="x",
         config_json="{}",
         sources=[],
     )
-    del other
     with pytest.raises(InputError, match="holds no fitted deviations"):
         read_known(tmp_path / "other.nc", reference="ruc")
     unknown = [ActiveEffect("hard_iron", {"amplitude_deg": 1.0}, ("N999",))]
     write_effects(unknown, tmp_path / "effects.yaml")
     with pytest.raises(InputError, match="unknown aircraft"):
-        take_off_known(frames.frame(), read_known(tmp_path / "effects.yaml", reference="ruc"))
+        remove_effects(frames.frame(), read_known(tmp_path / "effects.yaml", reference="ruc"))

@@ -1,37 +1,37 @@
-"""The catalogue of effects: every module of this folder that holds an ``EFFECT`` is in it.
+"""Catalogue of effects: every module of this folder that defines an ``EFFECT``.
 
-Adding an effect means adding one file here with an ``EFFECT``, or one call of `register`.
+An effect is added by a file in this folder with an ``EFFECT``, or by a call of `register`.
 """
 
 from airswing.gap.effects.base import (
     CATALOGUE,
     ActiveEffect,
+    CycleEffect,
     Effect,
+    HeadingEffect,
+    MomentEffect,
+    OffsetAndCycle,
     Parameter,
+    ProportionalEffect,
     State,
+    WindEffect,
     discover,
     register,
     unregister,
 )
 from airswing.gap.effects.empirical import EMPIRICAL
-from airswing.gap.effects.forms import (
-    HeadingEffect,
-    MomentEffect,
-    OffsetAndCycle,
-    OneCoefficient,
-    WindEffect,
-)
 
 __all__ = [
     "CATALOGUE",
     "EMPIRICAL",
     "ActiveEffect",
+    "CycleEffect",
     "Effect",
     "HeadingEffect",
     "MomentEffect",
     "OffsetAndCycle",
-    "OneCoefficient",
     "Parameter",
+    "ProportionalEffect",
     "State",
     "WindEffect",
     "discover",
@@ -45,13 +45,13 @@ discover(__name__)
 
 
 def effect_named(name: str) -> Effect | None:
-    """Effect of this name, of the catalogue or the empirical table; None where there is none."""
+    """Return the effect of a name, from the catalogue or the empirical table; None if unknown."""
     return EMPIRICAL if name == EMPIRICAL.name else CATALOGUE.get(name)
 
 
 def separated_by(effect: str, other: str, *, otherwise: str = "other flights") -> str:
-    """Data that would tell two effects apart, in words, as the file of either of them says."""
-    for own, rival in ((effect, other), (other, effect)):
-        if own in CATALOGUE and rival in CATALOGUE[own].distinguished_by:
-            return CATALOGUE[own].distinguished_by[rival]
+    """Return, in words, the data that would separate two effects, as given by either of them."""
+    for name, rival in ((effect, other), (other, effect)):
+        if name in CATALOGUE and rival in CATALOGUE[name].distinguished_by:
+            return CATALOGUE[name].distinguished_by[rival]
     return otherwise

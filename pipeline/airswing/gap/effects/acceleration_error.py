@@ -1,4 +1,4 @@
-"""Heading error while the aircraft speeds up or slows down: climb, level-off, descent."""
+"""Heading error under longitudinal acceleration: climb, levelling off, descent."""
 
 from __future__ import annotations
 
@@ -10,8 +10,16 @@ from numpy.typing import NDArray
 
 from airswing.flags import PHASE
 from airswing.gap.archive.frame import Frame
-from airswing.gap.effects.base import Errors, FloatArray, Parameter, Stated, number
-from airswing.gap.effects.forms import DEGREE, HeadingEffect, standard_error
+from airswing.gap.effects.base import (
+    DEGREE,
+    Errors,
+    Floats,
+    HeadingEffect,
+    Parameter,
+    Stated,
+    number,
+    standard_error,
+)
 from airswing.physics.atmosphere import GRAVITY
 from airswing.synthetic.sealed.draws import Draw, Signed, sign
 
@@ -19,13 +27,13 @@ if TYPE_CHECKING:
     import pandas as pd
 
 STEADY = 0.02
-"""Acceleration (m s-2) that is noise of the positions in cruise."""
+"""Acceleration in cruise below which it is noise of the positions, m s-2."""
 USUAL = 0.03
-"""Acceleration in climb (negative in descent), in g, of an error that acts by phase alone."""
+"""Acceleration in climb (negative in descent) of an error by phase, g."""
 
 
 def _by_phase(rng: np.random.Generator) -> dict[str, object]:
-    """Draw an error by phase: + in climb, - in descent, none in cruise."""
+    # an error by phase: positive in climb, negative in descent, none in cruise
     return {"by_phase": True, "amplitude_deg": 10.0 * sign(rng)}
 
 
@@ -34,11 +42,11 @@ def _out_of_cruise(frame: pd.DataFrame, values: Mapping[str, object]) -> NDArray
 
 
 class AccelerationError(HeadingEffect):
-    """amplitude sin(m) tan(dip) a/g, a the longitudinal acceleration or, by phase, a usual one.
+    """Error amplitude sin(m) tan(dip) a/g, a the measured acceleration or a typical one by phase.
 
-    Speeding up in climb and slowing down in descent make it opposite in the two; in cruise only a
-    change of speed that stands out of the positions' noise counts (levelling off). A free pendulum
-    north of the magnetic equator has an amplitude of -57 degrees; slaving to a gyro leaves a part.
+    Acceleration in climb and deceleration in descent lead to opposite signs; in cruise only changes
+    of speed above the noise of the positions are used (levelling off). The amplitude of a free
+    pendulum north of the magnetic equator is -57 degrees; slaving to a gyro reduces it.
     """
 
     name = "acceleration_error"
@@ -77,21 +85,18 @@ class AccelerationError(HeadingEffect):
         ),
     )
     needs = ("magnetic_heading", "acceleration", "dip")
-    confused_with = ("hard_iron: where climb and descent are not sampled alike",)
+    confused_with = ("hard_iron: where climb and descent are not sampled equally",)
     column_names = ("amplitude", "by_phase")
     alternatives = ((0,), (1,))
-    reliability = 0.76  # of the true acceleration, by the generator
+    reliability = 0.76  # correlation with the true acceleration in simulated archives
 
     @property
-    def column_scales(self) -> FloatArray:
+    def column_scales(self) -> Floats:
         """See `Effect.column_scales`; rad."""
         return np.full(2, 20.0 * DEGREE)
 
-    def basis(self, frame: Frame) -> FloatArray:
-        """Return sin(m) tan(dip) a/g by acceleration and by phase, (2, n).
-
-        By acceleration it is 0 in cruise but for a visible change of speed.
-        """
+    def basis(self, frame: Frame) -> Floats:
+        """Return sin(m) tan(dip) a/g by acceleration and by phase, (2, n)."""
         steady = (frame.phase == PHASE["cruise"]) & (np.abs(frame.acceleration) < STEADY)
         pull = np.where(steady, 0.0, frame.acceleration) / GRAVITY
         climbs = frame.phase == PHASE["ascent"]
@@ -101,9 +106,9 @@ class AccelerationError(HeadingEffect):
         )
 
     def to_parameters(
-        self, coefficients: FloatArray, covariance: FloatArray, frame: Frame
+        self, coefficients: Floats, covariance: Floats, frame: Frame
     ) -> tuple[Stated, Errors]:
-        """See `Effect.to_parameters`; of the form with the larger coefficient."""
+        """See `Effect.to_parameters`; for the form with the larger coefficient."""
         k = int(np.argmax(np.abs(coefficients)))
         values: Stated = {
             "amplitude_deg": float(coefficients[k]) / DEGREE,
@@ -111,7 +116,7 @@ class AccelerationError(HeadingEffect):
         }
         return values, {"amplitude_deg": standard_error(covariance, k) / DEGREE}
 
-    def from_parameters(self, values: Mapping[str, object], frame: Frame) -> FloatArray:
+    def from_parameters(self, values: Mapping[str, object], frame: Frame) -> Floats:
         """See `Effect.from_parameters`."""
         full = self.complete(values)
         out = np.zeros(2)
@@ -123,7 +128,7 @@ class AccelerationError(HeadingEffect):
         return np.asarray(np.isin(frame.phase, (PHASE["ascent"], PHASE["descent"])))
 
     def testable(self, frame: Frame) -> str | None:
-        """See `Effect.testable`; climb or descent must be there."""
+        """See `Effect.testable`; climb or descent is required."""
         reason = super().testable(frame)
         steep = np.isin(frame.phase, (PHASE["ascent"], PHASE["descent"]))
         if reason is None and not np.any(self.basis(frame)[:, steep]):

@@ -1,21 +1,27 @@
-"""Reported altitude off."""
+"""Error of the reported altitude."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.effects.base import FloatArray, Parameter
-from airswing.gap.effects.forms import OneCoefficient, WindEffect, known, log_pressure_lapse
+from airswing.gap.effects.base import (
+    Floats,
+    Parameter,
+    ProportionalEffect,
+    WindEffect,
+    known,
+    log_pressure_lapse,
+)
 from airswing.synthetic.sealed.draws import Draw, Signed
 from airswing.units import FOOT
 
 
-class AltitudeOffset(OneCoefficient, WindEffect):
+class AltitudeOffset(ProportionalEffect, WindEffect):
     """Reported pressure altitude too high by an offset, to first order in it.
 
-    The aircraft flew lower than it says, at a higher pressure: ``W = W_ref + offset k dW/dlnp``
-    with ``k = g / (R T)`` of the standard atmosphere, which pressure altitudes obey exactly.
+    The aircraft flew lower than reported, at a higher pressure: ``W = W_ref + offset k dW/dlnp``
+    with ``k = g / (R T)`` of the standard atmosphere, by which pressure altitude is defined.
     """
 
     name = "altitude_offset"
@@ -48,9 +54,9 @@ class AltitudeOffset(OneCoefficient, WindEffect):
         "time_lag: where climb and shear always go together",
     )
     column_names = ("offset",)
-    reliability = 0.9  # of the true shear, by the generator
+    reliability = 0.9  # correlation with the true shear in simulated archives
 
-    def columns(self, frame: Frame) -> FloatArray:
+    def columns(self, frame: Frame) -> Floats:
         """See `Effect.columns`: shear by ln p times the lapse of ln p with height."""
         shear = np.stack([frame.dudlnp, frame.dvdlnp], axis=-1)
         return known(shear * log_pressure_lapse(frame)[:, None])[None]

@@ -1,19 +1,20 @@
-"""What an effect is, the catalogue that holds them, and the pieces they share.
+"""Definition of an effect, the catalogue of effects, and common forms of effects.
 
 Assumptions and validity: an effect acts at one stage of the simulated measurement,
 
-``identity``     which airframe stands behind a reported identifier;
-``atmosphere``   the wind the aircraft met, where it is not the reference wind as sampled;
+``identity``     the airframe behind a reported identifier;
+``atmosphere``   the wind met, where it differs from the reference wind as sampled;
 ``sensor``       the indicated heading or airspeed, functions of the INDICATED magnetic heading;
-``report``       what the unit makes of its computed wind before it is sent;
+``report``       changes of the computed wind by the unit before it is sent;
 
 and the wind computed between the last two is ``V_G - V_ind h(psi_ind)`` with
 ``h = (sin psi, cos psi)``. A heading error is indicated minus true. Design columns are the exact
-derivatives of the simulated reported wind at zero effect, so of the indicated heading ``psi``:
-``d W = -V n d psi`` with ``n = (cos psi, -sin psi)`` and ``d W = -h d V``.
+derivatives of the simulated reported wind at zero effect, as functions of the indicated heading
+``psi``: ``d W = -V n d psi`` with ``n = (cos psi, -sin psi)`` and ``d W = -h d V``. An unknown
+quantity of the context contributes nothing.
 
-Units: radians, m/s and SI inside (``coefficients``); degrees, hours, feet and the like in the
-parameters a person reads, as each `Parameter` states.
+Units: radians, m/s and SI for coefficients; degrees, hours, feet and the like for the parameters
+in files, as given by each `Parameter`.
 """
 
 from __future__ import annotations
@@ -31,56 +32,67 @@ from numpy.typing import NDArray
 from airswing.errors import InputError
 from airswing.gap.archive.frame import Frame
 from airswing.gap.result.schema.entries import Parameter as Value
+from airswing.physics.atmosphere import (
+    GAS_CONSTANT,
+    GRAVITY,
+    altitude_from_pressure,
+    standard_temperature,
+)
 from airswing.synthetic.sealed.draws import Draw
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Random = np.random.Generator
 Scope = Literal["aircraft", "fleet", "reference", "pair"]
 Kind = Literal["mean", "step", "drift", "swap", "second_moment"]
 Stage = Literal["identity", "atmosphere", "sensor", "report"]
-Parameters = dict[str, object]  # as a person or a file gives them
-Stated = dict[str, Value]  # as the diagnosis tells them
+Parameters = dict[str, object]  # as given by the user or a file
+Stated = dict[str, Value]  # as stated by the diagnosis
 Errors = dict[str, float]
 
+DEGREE = float(np.pi / 180.0)
+"""One degree in radians."""
 LEAST_SPREAD = 2e-3
-"""One minus the mean resultant of headings: below it (about 4 degrees) they are one heading."""
+"""One minus the mean resultant length of headings (about 4 degrees) below which they are equal."""
 SPREAD = 1e-9
-"""A context quantity that varies by less than this does not vary."""
+"""Relative range of a quantity below which it is constant."""
+MAX_PHASE_ERROR = 180.0 / np.sqrt(3.0)
+"""Standard error of an unknown phase, uniform over a full turn, degrees."""
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """A parameter of an effect as a person reads it."""
+    """A parameter of an effect in files and results."""
 
     name: str  # name, with the unit at its end
-    units: str  # unit, in words of the config ("degree", "percent", "kt")
-    scale: float  # a plausible size, used as prior standard deviation
-    description: str  # what it is and which sign means what
+    units: str  # unit in words of the configuration ("degree", "percent", "kt")
+    scale: float  # plausible size, the prior standard deviation
+    description: str  # meaning, and meaning of the sign
     default: float | None = 0.0  # value where none is given
-    required: bool = False  # it must be given
-    si: float = 1.0  # what one unit is in radians or SI
-    number: bool = True  # false for a parameter that is no number (the pair of a swap)
+    required: bool = False  # whether a value must be given
+    si: float = 1.0  # one unit in radians or SI
+    number: bool = True  # False for a parameter that is not a number (the pair of a swap)
 
 
 @dataclass(frozen=True)
 class ActiveEffect:
-    """An effect at work: which, on whom, when, how much."""
+    """An effect with parameters, affected aircraft and period."""
 
     name: str  # name in the catalogue
     # values in the catalogue's units
     parameters: Mapping[str, object] = field(default_factory=dict)
-    tails: tuple[str, ...] | None = None  # aircraft it acts on; None for all
-    # (start, end): s since 1970, either may be None; None for always
+    tails: tuple[str, ...] | None = None  # affected aircraft; None for all
+    # (start, end): s since 1970, either may be None; None for the whole archive
     period: tuple[float | None, float | None] | None = None
 
 
 def number(value: object) -> float:
-    """Return the value of a parameter that is a number.
+    """Return the value of a numeric parameter.
 
     Raises
     ------
     TypeError
-        If it is none.
+        The value is not a number.
     """
     if isinstance(value, str | SupportsFloat):
         return float(value)
@@ -89,63 +101,59 @@ def number(value: object) -> float:
 
 @dataclass(frozen=True)
 class State:
-    """A simulated measurement under way, arrays over the ``n`` reports of a frame."""
+    """State of a simulated measurement, arrays over the ``n`` reports of a frame."""
 
-    airframe: IntArray  # (n,): which aircraft physically flew the report
-    # wind_u, wind_v: (n,): wind the aircraft met, m s-1
-    wind_u: FloatArray
-    wind_v: FloatArray
-    heading_error: FloatArray  # (n,): indicated minus true heading, rad
-    airspeed: FloatArray  # (n,): indicated true airspeed, m s-1
-    # report_u, report_v: (n,): wind as sent, m s-1; set once the sensors are done
-    report_u: FloatArray
-    report_v: FloatArray
-    # latitude, longitude: (n,): position as sent, degrees
-    latitude: FloatArray
-    longitude: FloatArray
+    airframe: Integers  # (n,): index of the aircraft that physically flew the report
+    # (n,): wind met by the aircraft, m s-1
+    wind_u: Floats
+    wind_v: Floats
+    heading_error: Floats  # (n,): indicated minus true heading, rad
+    airspeed: Floats  # (n,): indicated true airspeed, m s-1
+    # (n,): wind as sent, m s-1; valid after the sensor stage
+    report_u: Floats
+    report_v: Floats
+    # (n,): position as sent, degrees
+    latitude: Floats
+    longitude: Floats
 
 
 class Effect(ABC):
-    """One physical reason why a report parts from the reference; see the class attributes."""
+    """One physical cause of a difference between reports and reference."""
 
     name: ClassVar[str]  # name in the catalogue
-    # physics, source: what happens, and who says so
-    physics: ClassVar[str]
-    source: ClassVar[str]
-    parameters: ClassVar[tuple[Parameter, ...]]  # what a person states about it
-    # {"aircraft", "fleet", "reference", "pair"}; whom it strikes together
-    scope: ClassVar[Scope] = "aircraft"
-    # {"mean", "step", "drift", "swap", "second_moment"}; how it shows
-    kind: ClassVar[Kind] = "mean"
-    # {"identity", "atmosphere", "sensor", "report"}; where in the measurement it acts
-    stage: ClassVar[Stage] = "sensor"
-    # fields of the frame that must be known and vary for it to be seen
+    title: ClassVar[str] = ""  # name in plain words
+    physics: ClassVar[str]  # the physical process
+    source: ClassVar[str]  # citation
+    parameters: ClassVar[tuple[Parameter, ...]]
+    scope: ClassVar[Scope] = "aircraft"  # set of reports with common coefficients
+    kind: ClassVar[Kind] = "mean"  # kind of change of the reports
+    stage: ClassVar[Stage] = "sensor"  # stage of the measurement
+    # fields of the frame that must be known and vary
     needs: ClassVar[tuple[str, ...]] = ()
-    # which others look like it and when (hints; the Gram matrix decides on an archive)
+    # similar effects and under which conditions (in words; the Gram matrix decides on an archive)
     confused_with: ClassVar[tuple[str, ...]] = ()
+    # other effect -> data that would separate the two
+    distinguished_by: ClassVar[Mapping[str, str]] = {}
     # names of the linear coefficients, in the order of `columns`
     column_names: ClassVar[tuple[str, ...]] = ()
-    # sets of columns that make one candidate each; empty: all columns together
+    # sets of columns that are one candidate each; empty: all columns together
     alternatives: ClassVar[tuple[tuple[int, ...], ...]] = ()
-    # part of the effect's energy that its columns carry: a little less than 1, for the heading in
-    # turns is that of chords; less where more of the context is inferred (bank, acceleration)
+    # share of the effect's energy in its columns: below 1, as headings in turns are those of
+    # chords, and lower where more of the context is inferred (bank, acceleration)
     reliability: ClassVar[float] = 0.99
-    # what it is, in plain words; the name with its underscores gone where not given
-    title: ClassVar[str] = ""
-    # other effect -> the data that would tell the two apart
-    distinguished_by: ClassVar[Mapping[str, str]] = {}
-    # it is the deviation that the product corrects, or a change of it
-    deviates: ClassVar[bool] = False
-    draw: ClassVar[Draw | None] = None  # how the blind check draws it; None leaves it out
+    deviates: ClassVar[bool] = (
+        False  # whether it is part of the deviation that the product corrects
+    )
+    draw: ClassVar[Draw | None] = None  # draw of the blind check; None: not part of it
 
     @property
     @abstractmethod
-    def column_scales(self) -> FloatArray:
+    def column_scales(self) -> Floats:
         """Prior standard deviation of each coefficient, (k,)."""
 
     @abstractmethod
-    def columns(self, frame: Frame) -> FloatArray:
-        """Return the derivative of the reported wind by each coefficient, at zero effect.
+    def columns(self, frame: Frame) -> Floats:
+        """Compute the derivative of the reported wind by each coefficient at zero effect.
 
         Parameters
         ----------
@@ -154,77 +162,89 @@ class Effect(ABC):
 
         Returns
         -------
-        ndarray (k, n, 2)
+        (k, n, 2) float
             Eastward and northward component, m s-1 per unit of the coefficient.
         """
 
-    def tied(self, subset: tuple[int, ...]) -> FloatArray:
-        """Return how the coefficients of an alternative (k) follow from its free ones (m), (k, m).
+    def tied(self, subset: tuple[int, ...]) -> Floats:
+        """Return the linear map from free coefficients to those of an alternative.
 
         Parameters
         ----------
         subset : tuple of int
-            One of :attr:`alternatives`.
-        """
-        return np.eye(len(subset))
-
-    def softened_columns(self, frame: Frame, shifts: FloatArray) -> FloatArray:
-        """Return the columns' mean over shifts of ln p, which softens edges in pressure.
-
-        Parameters
-        ----------
-        shifts : ndarray (m,)
-            Shifts of ln p.
+            One of :attr:`alternatives`, with k columns.
 
         Returns
         -------
-        ndarray (k, n, 2)
+        (k, m) float
+            The identity unless coefficients are constrained.
         """
-        moved = [replace(frame, pressure=frame.pressure * np.exp(shift)) for shift in shifts]
-        return np.asarray(sum(self.columns(one) for one in moved) / shifts.size)
+        return np.eye(len(subset))
 
-    @abstractmethod
-    def apply(
-        self, state: State, frame: Frame, values: Parameters, rng: np.random.Generator
-    ) -> State:
-        """Transform every report exactly (the simulation picks whom and when).
+    def softened_columns(self, frame: Frame, shifts: Floats) -> Floats:
+        """Average the columns over shifts of ln p, which smooths edges in pressure.
 
         Parameters
         ----------
         frame : Frame
-            Context; heading and airspeed in it are the simulated indicated ones.
+            Reports.
+        shifts : (m,) float
+            Shifts of ln p.
+
+        Returns
+        -------
+        (k, n, 2) float
+        """
+        shifted = [replace(frame, pressure=frame.pressure * np.exp(shift)) for shift in shifts]
+        return np.asarray(sum(self.columns(part) for part in shifted) / shifts.size)
+
+    @abstractmethod
+    def apply(self, state: State, frame: Frame, values: Parameters, rng: Random) -> State:
+        """Transform every report exactly (the simulation restricts aircraft and period).
+
+        Parameters
+        ----------
+        state : State
+            State before the effect.
+        frame : Frame
+            Context, with the simulated indicated heading and airspeed.
         values : dict
             Complete parameters in the catalogue's units.
         rng : numpy.random.Generator
-            For effects that draw.
+            For random effects.
+
+        Returns
+        -------
+        State
         """
 
     @abstractmethod
     def to_parameters(
-        self, coefficients: FloatArray, covariance: FloatArray, frame: Frame
+        self, coefficients: Floats, covariance: Floats, frame: Frame
     ) -> tuple[Stated, Errors]:
-        """Return parameters in the catalogue's units, standard errors by the delta method.
+        """Convert coefficients to parameters, with standard errors by the delta method.
 
         Parameters
         ----------
-        coefficients : ndarray (k,)
+        coefficients : (k,) float
             rad and SI.
-        covariance : ndarray (k, k)
-            Their covariance.
+        covariance : (k, k) float
+            Covariance of the coefficients.
         frame : Frame
             For constants of the archive.
 
         Returns
         -------
-        parameters, standard_errors : dict, dict
+        parameters, standard_errors : dict
+            In the catalogue's units.
         """
 
     @abstractmethod
-    def from_parameters(self, values: Mapping[str, object], frame: Frame) -> FloatArray:
-        """Coefficients (k,) of parameters: the inverse of `to_parameters`."""
+    def from_parameters(self, values: Mapping[str, object], frame: Frame) -> Floats:
+        """Convert parameters to coefficients, (k,): the inverse of `to_parameters`."""
 
     def testable(self, frame: Frame) -> str | None:
-        """Say why the effect cannot be looked for in these reports; None where it can."""
+        """Return the reason why the effect cannot be tested on these reports, or None."""
         for name in self.needs:
             reason = missing_context(frame, name)
             if reason is not None:
@@ -232,22 +252,31 @@ class Effect(ABC):
         return None
 
     def acts(self, frame: Frame) -> NDArray[np.bool_] | None:
-        """Say on which reports (n,) it acts by its nature; None: wherever its columns are not 0.
+        """Mark the reports over which the rms size of the effect is computed, (n,).
 
-        The rms of an effect, its practical size, is over these reports. Columns may be other than
-        zero elsewhere: the last of a turn, the levelling off after a climb.
+        None for all reports with nonzero columns. Columns may be nonzero on other reports (the end
+        of a turn, levelling off after a climb).
         """
         return None
 
     def complete(self, values: Mapping[str, object]) -> Parameters:
-        """Parameters with defaults filled in.
+        """Complete parameters by their defaults.
+
+        Parameters
+        ----------
+        values : mapping
+            Given parameters.
+
+        Returns
+        -------
+        dict
 
         Raises
         ------
         InputError
             A parameter is unknown or a required one absent.
         """
-        known = {p.name: p for p in self.parameters}
+        known = {parameter.name: parameter for parameter in self.parameters}
         for name in values:
             if name not in known:
                 raise InputError(
@@ -255,14 +284,230 @@ class Effect(ABC):
                     field=name,
                     remedy=f"it takes {', '.join(known)}",
                 )
-        for parameter in self.parameters:
-            if parameter.required and values.get(parameter.name) is None:
-                raise InputError(
-                    f"effect {self.name} needs a value of {parameter.name}", field=parameter.name
-                )
-        return {p.name: p.default for p in self.parameters} | dict(values)
+        for name, parameter in known.items():
+            if parameter.required and values.get(name) is None:
+                raise InputError(f"effect {self.name} needs a value of {name}", field=name)
+        return {name: parameter.default for name, parameter in known.items()} | dict(values)
 
 
+# ------------------------------------------------------------------------------ common forms
+class ProportionalEffect(Effect):
+    """Effect whose parameters are its coefficients in other units."""
+
+    @property
+    def column_scales(self) -> Floats:
+        """See `Effect.column_scales`: the scales of the parameters."""
+        return np.array([p.scale * p.si for p in self.parameters])
+
+    def to_parameters(
+        self, coefficients: Floats, covariance: Floats, frame: Frame
+    ) -> tuple[Stated, Errors]:
+        """See `Effect.to_parameters`."""
+        values: Stated = {}
+        errors: Errors = {}
+        for k, parameter in enumerate(self.parameters):
+            values[parameter.name] = float(coefficients[k]) / parameter.si
+            errors[parameter.name] = standard_error(covariance, k) / parameter.si
+        return values, errors
+
+    def from_parameters(self, values: Mapping[str, object], frame: Frame) -> Floats:
+        """See `Effect.from_parameters`."""
+        full = self.complete(values)
+        return np.array([number(full[p.name]) * p.si for p in self.parameters])
+
+
+class MomentEffect(Effect):
+    """Effect on variances and coding only, without columns."""
+
+    kind: ClassVar[Kind] = "second_moment"
+    stage: ClassVar[Stage] = "report"
+
+    @property
+    def column_scales(self) -> Floats:
+        """See `Effect.column_scales`: none."""
+        return np.zeros(0)
+
+    def columns(self, frame: Frame) -> Floats:
+        """See `Effect.columns`: none, (0, n, 2)."""
+        return np.zeros((0, frame.size, 2))
+
+    def to_parameters(
+        self, coefficients: Floats, covariance: Floats, frame: Frame
+    ) -> tuple[Stated, Errors]:
+        """See `Effect.to_parameters`: none; they are stated by the test of the effect."""
+        return {}, {}
+
+    def from_parameters(self, values: Mapping[str, object], frame: Frame) -> Floats:
+        """See `Effect.from_parameters`: no coefficient."""
+        return np.zeros(0)
+
+
+class WindEffect(Effect):
+    """Difference of the wind met from the reference as a linear combination of columns."""
+
+    stage: ClassVar[Stage] = "atmosphere"
+
+    def apply(self, state: State, frame: Frame, values: Parameters, rng: Random) -> State:
+        """See `Effect.apply`: coefficients times columns, exact to the order of the context."""
+        change = np.tensordot(self.from_parameters(values, frame), self.columns(frame), axes=1)
+        return replace(
+            state, wind_u=state.wind_u + change[:, 0], wind_v=state.wind_v + change[:, 1]
+        )
+
+
+class HeadingEffect(Effect):
+    """Heading error as a linear combination of known functions of the context."""
+
+    @abstractmethod
+    def basis(self, frame: Frame) -> Floats:
+        """Heading error per unit of each coefficient, (k, n)."""
+
+    def columns(self, frame: Frame) -> Floats:
+        """See `Effect.columns`: ``-V n(psi)`` times the basis."""
+        right = np.stack([np.cos(frame.heading), -np.sin(frame.heading)], axis=-1)
+        derivative = -frame.airspeed[:, None] * right
+        return np.asarray(known(self.basis(frame))[:, :, None] * derivative)
+
+    def apply(self, state: State, frame: Frame, values: Parameters, rng: Random) -> State:
+        """See `Effect.apply`: the basis at the indicated magnetic heading, added to the error."""
+        error = self.from_parameters(values, frame) @ known(self.basis(frame))
+        return replace(state, heading_error=state.heading_error + error)
+
+
+class CycleEffect(HeadingEffect):
+    """Heading error of one or more cycles in magnetic heading."""
+
+    number_of_cycles: ClassVar[int] = 1
+
+    def basis(self, frame: Frame) -> Floats:
+        """Return sine and cosine of the cycles of the magnetic heading, (2, n)."""
+        return cycles(frame.magnetic_heading, self.number_of_cycles)
+
+    def to_parameters(
+        self, coefficients: Floats, covariance: Floats, frame: Frame
+    ) -> tuple[Stated, Errors]:
+        """See `Effect.to_parameters`."""
+        (amplitude, phase), (error, phase_error) = amplitude_phase(coefficients, covariance)
+        values: Stated = {"amplitude_deg": amplitude, "phase_deg": phase}
+        return values, {"amplitude_deg": error, "phase_deg": phase_error}
+
+    def from_parameters(self, values: Mapping[str, object], frame: Frame) -> Floats:
+        """See `Effect.from_parameters`."""
+        full = self.complete(values)
+        return sine_cosine(number(full["amplitude_deg"]), number(full["phase_deg"]))
+
+
+class OffsetAndCycle(HeadingEffect):
+    """Heading error of an offset and one cycle in magnetic heading, under some condition."""
+
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("offset_deg", "degree", 1.5, "indicated minus true heading", si=DEGREE),
+        Parameter("amplitude_deg", "degree", 3.0, "amplitude of one cycle", si=DEGREE),
+        Parameter("phase_deg", "degree", 180.0, "of amplitude sin(magnetic heading + phase)"),
+    )
+    column_names: ClassVar[tuple[str, ...]] = ("offset", "sin", "cos")
+
+    @property
+    def column_scales(self) -> Floats:
+        """See `Effect.column_scales`; rad."""
+        return np.radians([1.5, 2.0, 2.0])
+
+    def basis(self, frame: Frame) -> Floats:
+        """Return one, sine and cosine of the magnetic heading, (3, n)."""
+        return np.concatenate([np.ones((1, frame.size)), cycles(frame.magnetic_heading)])
+
+    def to_parameters(
+        self, coefficients: Floats, covariance: Floats, frame: Frame
+    ) -> tuple[Stated, Errors]:
+        """See `Effect.to_parameters`."""
+        cycle = amplitude_phase(coefficients[1:], np.asarray(covariance)[1:, 1:])
+        (amplitude, phase), (error, phase_error) = cycle
+        return (
+            {
+                "offset_deg": float(np.degrees(coefficients[0])),
+                "amplitude_deg": amplitude,
+                "phase_deg": phase,
+            },
+            {
+                "offset_deg": float(np.degrees(standard_error(covariance))),
+                "amplitude_deg": error,
+                "phase_deg": phase_error,
+            },
+        )
+
+    def from_parameters(self, values: Mapping[str, object], frame: Frame) -> Floats:
+        """See `Effect.from_parameters`."""
+        full = self.complete(values)
+        cycle = sine_cosine(number(full["amplitude_deg"]), number(full["phase_deg"]))
+        return np.array([np.radians(number(full["offset_deg"])), *cycle])
+
+
+def known(values: Floats) -> Floats:
+    """Replace unknown values by 0."""
+    return np.where(np.isfinite(values), values, 0.0)
+
+
+def airspeed_derivative(frame: Frame) -> Floats:
+    """Return the reported wind per m/s of airspeed error, (n, 2): ``-(sin psi, cos psi)``."""
+    return -np.stack([np.sin(frame.heading), np.cos(frame.heading)], axis=-1)
+
+
+def log_pressure_lapse(frame: Frame) -> Floats:
+    """Return minus d ln p / d(pressure altitude), (n,) m-1: g / (R T), standard atmosphere."""
+    altitude = altitude_from_pressure(frame.pressure)
+    return np.asarray(GRAVITY / (GAS_CONSTANT * standard_temperature(altitude)))
+
+
+def cycles(angle: Floats, number_of_cycles: int = 1) -> Floats:
+    """Return sine and cosine of cycles of an angle, (2, n)."""
+    return np.stack([np.sin(number_of_cycles * angle), np.cos(number_of_cycles * angle)])
+
+
+def amplitude_phase(
+    coefficients: Floats, covariance: Floats
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Convert ``B sin + C cos`` to ``amplitude sin(. + phase)``.
+
+    Parameters
+    ----------
+    coefficients : (2,) float
+        B and C, rad.
+    covariance : (2, 2) float
+        rad squared.
+
+    Returns
+    -------
+    (amplitude, phase), (standard errors)
+        Degrees; phase in (-180, 180]; errors by the delta method.
+    """
+    sine, cosine = float(coefficients[0]), float(coefficients[1])
+    covariance = np.asarray(covariance, dtype=np.float64)
+    amplitude = float(np.hypot(sine, cosine))
+    if amplitude == 0.0:  # the phase is undefined
+        spread = float(np.degrees(np.sqrt(max(0.0, np.trace(covariance) / 2.0))))
+        return (0.0, 0.0), (spread, MAX_PHASE_ERROR)
+    gradient = np.array([[sine, cosine], [-cosine / amplitude, sine / amplitude]]) / amplitude
+    variance = np.einsum("ij,jk,ik->i", gradient, covariance, gradient)
+    errors = np.degrees(np.sqrt(np.maximum(variance, 0.0)))
+    phase = float(np.degrees(np.arctan2(cosine, sine)))
+    return (
+        (float(np.degrees(amplitude)), phase),
+        (float(errors[0]), min(float(errors[1]), MAX_PHASE_ERROR)),
+    )
+
+
+def sine_cosine(amplitude: float, phase: float) -> Floats:
+    """Return B and C (rad) of an amplitude and a phase (degrees)."""
+    angle = np.radians(phase)
+    return np.asarray(np.radians(amplitude) * np.array([np.cos(angle), np.sin(angle)]))
+
+
+def standard_error(covariance: Floats, index: int = 0) -> float:
+    """Return the standard error of one coefficient."""
+    return float(np.sqrt(max(0.0, float(np.asarray(covariance)[index, index]))))
+
+
+# ------------------------------------------------------------------------------------ context
 _ABSENT = {
     "icing": "no icing column",
     "temperature": "no temperature",
@@ -290,48 +535,54 @@ _CONSTANT = {
 
 
 def absent_context(frame: Frame, name: str) -> str | None:
-    """Say why a field of the frame is not known anywhere; None where it is known somewhere."""
+    """Return a message where a field of the frame is unknown everywhere, or None."""
     if _known_values(frame, name).size == 0:
         return _ABSENT.get(name, f"no {name.replace('_', ' ')}")
     return None
 
 
 def missing_context(frame: Frame, name: str) -> str | None:
-    """Say why a field of the frame cannot carry an effect; None where it is known and varies."""
+    """Return a message where a field of the frame is unknown or constant, or None."""
     reason = absent_context(frame, name)
     if reason is not None:
         return reason
-    there = _known_values(frame, name)
+    values = _known_values(frame, name)
     if name in {"heading", "magnetic_heading"}:
-        varies = 1.0 - np.hypot(np.mean(np.cos(there)), np.mean(np.sin(there))) > LEAST_SPREAD
+        varies = 1.0 - np.hypot(np.mean(np.cos(values)), np.mean(np.sin(values))) > LEAST_SPREAD
     else:
-        varies = float(np.ptp(there)) > SPREAD * max(1e-6, float(np.max(np.abs(there))))
+        varies = float(np.ptp(values)) > SPREAD * max(1e-6, float(np.max(np.abs(values))))
     if not varies:
         return _CONSTANT.get(name, f"{name.replace('_', ' ')} does not vary in these reports")
     return None
 
 
-def _known_values(frame: Frame, name: str) -> FloatArray:
+def _known_values(frame: Frame, name: str) -> Floats:
     values = np.asarray(getattr(frame, name), dtype=np.float64)
     return values[values >= 0.0] if name == "icing" else values[np.isfinite(values)]
 
 
+# ---------------------------------------------------------------------------------- catalogue
 CATALOGUE: dict[str, Effect] = {}
-"""Every known effect by name, in alphabetical order of its files, then in order of registration."""
+"""All known effects by name, in alphabetical order of their files, then of registration."""
 
 
 def register(effect: Effect) -> Effect:
-    """Put an effect into the catalogue.
+    """Add an effect to the catalogue.
 
     Parameters
     ----------
     effect : Effect
-        An instance; its name must be new.
+        An instance with a new name.
+
+    Returns
+    -------
+    Effect
+        The same.
 
     Raises
     ------
     ValueError
-        Another effect holds the name.
+        Another effect has the name.
     """
     if CATALOGUE.get(effect.name, effect) is not effect:
         raise ValueError(f"an effect named {effect.name} is already in the catalogue")
@@ -340,7 +591,7 @@ def register(effect: Effect) -> Effect:
 
 
 def unregister(name: str) -> Effect:
-    """Take an effect out of the catalogue and return it (for leave-one-effect-out checks)."""
+    """Remove an effect from the catalogue and return it (for leave-one-effect-out checks)."""
     return CATALOGUE.pop(name)
 
 

@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.effects.base import FloatArray, Parameter
-from airswing.gap.effects.forms import DEGREE, HeadingEffect, OneCoefficient
+from airswing.gap.effects.base import DEGREE, Floats, HeadingEffect, Parameter, ProportionalEffect
 from airswing.synthetic.sealed.draws import Draw, Signed
 
 
-class CompassOffset(OneCoefficient, HeadingEffect):
-    """Indicated heading too large by a constant: the A of Archibald Smith."""
+class CompassOffset(ProportionalEffect, HeadingEffect):
+    """Constant error of the indicated heading: coefficient A of Archibald Smith."""
 
     name = "compass_offset"
     title = "constant heading error"
@@ -41,7 +40,7 @@ class CompassOffset(OneCoefficient, HeadingEffect):
     )
     column_names = ("offset",)
 
-    def basis(self, frame: Frame) -> FloatArray:
+    def basis(self, frame: Frame) -> Floats:
         """Return one for every report, (1, n)."""
         return np.ones((1, frame.size))
 

@@ -1,19 +1,19 @@
-"""A deviation that changes at a date."""
+"""Deviation that changes at a date."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import ClassVar
 
-from airswing.gap.effects.forms import OffsetAndCycle
+from airswing.gap.effects.base import OffsetAndCycle
 from airswing.synthetic.sealed.draws import Both, Draw
 
 
 class CompassStep(OffsetAndCycle):
-    """Offset and one cycle of heading error that hold within a period only.
+    """Offset and one cycle of heading error within a period.
 
-    The period belongs to the effect at work, not to its parameters; the columns are those of the
-    full record, and whoever looks for dates switches them on and off.
+    The period is that of the `ActiveEffect`; the columns are for all reports, and the search for
+    dates restricts them.
     """
 
     name = "compass_step"

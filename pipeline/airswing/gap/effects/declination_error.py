@@ -1,9 +1,16 @@
-"""Magnetic variation of the unit out of date or scaled."""
+"""Magnetic variation of the unit out of date or scaled.
+
+Assumptions and validity: IGRF, 1900 to 2030; other epochs are replaced by its ends. The
+declination of both epochs is computed here, so that the pattern is the secular variation alone,
+whatever declination the frame holds: at whole degrees and years with linear interpolation (within
+1 % away from the magnetic poles), so that the value of a report does not depend on the others.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import lru_cache
 from typing import ClassVar
 
 import numpy as np
@@ -11,36 +18,46 @@ import numpy as np
 from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import (
     Errors,
-    FloatArray,
+    Floats,
+    HeadingEffect,
     Parameter,
     Parameters,
+    Random,
     State,
     Stated,
+    known,
     number,
+    standard_error,
 )
-from airswing.gap.effects.forms import HeadingEffect, known, standard_error
-from airswing.gap.effects.secular import (
-    declination_change,
-    project,
-    secular_patterns,
-    year_matching,
-)
+from airswing.physics.geomagnetism import geomagnetic_field
+from airswing.physics.triangle import wrap_signed
 from airswing.synthetic.sealed.draws import Draw, sign
+from airswing.units import DAY
+
+YEAR = 365.25 * DAY
+FIRST, LAST = 1900.01, 2029.99
+"""Range of IGRF-14, decimal years; the field is constant beyond its last epoch."""
+HEIGHT = 5000.0
+"""Height of the declination, m; secular variation hardly depends on it."""
+NODE_STEP = 10
+"""Step of the bounds of the nodes, degrees, so that parts of an archive share their nodes."""
+MOST = 500
+"""Reports used to match an epoch with coefficients."""
 
 
 def _table(rng: np.random.Generator) -> dict[str, object]:
-    """Draw a table that is scaled or out of date."""
+    # a table that is scaled or out of date
     if rng.uniform() < 0.5:
         return {"factor": float(rng.choice([0.0, 0.5, 1.5])), "mean_deg": sign(rng)}
     return {"epoch_year": float(rng.integers(1960, 1996)), "mean_deg": sign(rng)}
 
 
 class DeclinationError(HeadingEffect):
-    """The unit adds the declination of an old epoch, or a wrong multiple of the right one.
+    """Declination of an old epoch, or a wrong multiple of the correct one.
 
-    Three candidates: `years` out of date (the pattern of ten years' secular variation), the same
-    with the `bend` of older tables, and `factor` minus one times the declination. ``mean_deg`` is
-    the mean error that results; given alone it scales the secular pattern.
+    Three candidates: `years` out of date (secular variation over ten years), the same with the
+    curvature `bend` of older tables, and `factor` minus one times the declination. ``mean_deg`` is
+    the resulting mean error; if given alone it scales the secular pattern.
     """
 
     name = "declination_error"
@@ -63,7 +80,7 @@ class DeclinationError(HeadingEffect):
     source = "IGRF-14, Alken et al. 2021, Earth Planets Space 73:49; RTCA DO-236C (MAGVAR tables)."
     parameters = (
         Parameter("epoch_year", "year", 10.0, "epoch of the table in use", None),
-        Parameter("factor", "1", 0.3, "declination in use over the right one", None),
+        Parameter("factor", "1", 0.3, "declination in use over the correct one", None),
         Parameter("mean_deg", "degree", 1.0, "mean heading error that results", None),
     )
     scope = "fleet"
@@ -73,28 +90,26 @@ class DeclinationError(HeadingEffect):
     alternatives = ((0,), (1,), (0, 2))
 
     @property
-    def column_scales(self) -> FloatArray:
+    def column_scales(self) -> Floats:
         """See `Effect.column_scales`; years, 1, years."""
         return np.array([10.0, 0.3, 10.0])
 
-    def basis(self, frame: Frame) -> FloatArray:
+    def basis(self, frame: Frame) -> Floats:
         """Return rad per year out of date, per unit of factor and per year of bend, (3, n)."""
-        near, bend = secular_patterns(frame)
-        return np.stack([near, frame.declination, bend])
+        secular, bend = _secular_patterns(frame)
+        return np.stack([secular, frame.declination, bend])
 
-    def apply(
-        self, state: State, frame: Frame, values: Parameters, rng: np.random.Generator
-    ) -> State:
-        """See `Effect.apply`: a table of an old epoch is evaluated as such."""
+    def apply(self, state: State, frame: Frame, values: Parameters, rng: Random) -> State:
+        """See `Effect.apply`: exact for a table of an old epoch."""
         if values["epoch_year"] is None:
             return super().apply(state, frame, values, rng)
         error = known(declination_change(frame, epoch_year=number(values["epoch_year"])))
         return replace(state, heading_error=state.heading_error + error)
 
     def to_parameters(
-        self, coefficients: FloatArray, covariance: FloatArray, frame: Frame
+        self, coefficients: Floats, covariance: Floats, frame: Frame
     ) -> tuple[Stated, Errors]:
-        """See `Effect.to_parameters`; of the age or of the factor, whichever is larger."""
+        """See `Effect.to_parameters`; for the age or the factor, whichever is larger."""
         aged, factor = np.array([coefficients[0], coefficients[2]]), float(coefficients[1])
         old = abs(aged[0] / self.column_scales[0]) >= abs(factor / self.column_scales[1])
         used = [0, 2] if old else [1]
@@ -104,22 +119,131 @@ class DeclinationError(HeadingEffect):
         values["mean_deg"] = float(np.degrees(coefficients[used] @ per_unit))
         errors = {"mean_deg": float(np.degrees(mean_error))}
         if old:
-            values["epoch_year"] = year_matching(frame, aged)
+            values["epoch_year"] = _year_of_coefficients(frame, aged)
             return values, errors | {"epoch_year": standard_error(covariance, 0)}
         values["factor"] = 1.0 + factor
         return values, errors | {"factor": standard_error(covariance, 1)}
 
-    def from_parameters(self, values: Mapping[str, object], frame: Frame) -> FloatArray:
+    def from_parameters(self, values: Mapping[str, object], frame: Frame) -> Floats:
         """See `Effect.from_parameters`."""
         full = self.complete(values)
         if full["epoch_year"] is not None:
-            years, bend = project(frame, number(full["epoch_year"]))
+            subset = _subset(frame)
+            patterns = known(_secular_patterns(subset))
+            years, bend = _coefficients_of_year(subset, patterns, number(full["epoch_year"]))
             return np.array([years, 0.0, bend])
         if full["factor"] is not None:
             return np.array([0.0, number(full["factor"]) - 1.0, 0.0])
         mean = float(np.mean(known(self.basis(frame)[0])))
         wanted = np.radians(number(full["mean_deg"] or 0.0))
         return np.array([wanted / mean if mean != 0.0 else 0.0, 0.0, 0.0])
+
+
+def declination_change(
+    frame: Frame, *, years: float | None = None, epoch_year: float | None = None
+) -> Floats:
+    """Compute the declination of an earlier epoch minus that of the date of each report.
+
+    Parameters
+    ----------
+    frame : Frame
+        The n reports.
+    years : float
+        Difference of the epoch from the date of each report; or
+    epoch_year : float
+        Decimal year, the same for all.
+
+    Returns
+    -------
+    (n,) float
+        rad.
+    """
+    date = 1970.0 + frame.time / YEAR
+    lon, lat = _bounds(frame.longitude), _bounds(frame.latitude)
+    dates = (int(np.floor(date.min())), int(np.floor(date.max())) + 2)
+    change = _change_at_nodes(lon, lat, dates, years or 0.0, epoch_year)
+    out = np.zeros(frame.size)
+    for k, year in enumerate(range(*dates)):
+        weight = np.clip(1.0 - np.abs(date - year), 0.0, 1.0)
+        rows = np.flatnonzero(weight)
+        out[rows] += weight[rows] * _bilinear(
+            change[:, :, k], frame.longitude[rows] - lon[0], frame.latitude[rows] - lat[0]
+        )
+    return out
+
+
+def _bounds(values: Floats) -> tuple[int, int]:
+    low, high = (int(np.floor(end / NODE_STEP)) for end in (values.min(), values.max()))
+    return NODE_STEP * low, NODE_STEP * (high + 1) + 2
+
+
+@lru_cache(maxsize=256)
+def _change_at_nodes(
+    longitude: tuple[int, int],
+    latitude: tuple[int, int],
+    dates: tuple[int, int],
+    years: float,
+    epoch_year: float | None,
+) -> Floats:
+    """Declination of an earlier epoch minus that of the date at whole degrees and years, rad."""
+    axes = [np.arange(*bounds, dtype=np.float64) for bounds in (longitude, latitude, dates)]
+    lon, lat, now = np.meshgrid(*axes, indexing="ij")
+    lat, height = np.clip(lat, -90.0, 90.0), np.full(lat.shape, HEIGHT)
+    epoch = now - years if epoch_year is None else np.full(now.shape, epoch_year)
+    seconds = [(np.clip(year, FIRST, LAST) - 1970.0) * YEAR for year in (epoch, now)]
+    then, today = (geomagnetic_field(lat, lon, height, at).declination for at in seconds)
+    return wrap_signed(then - today)
+
+
+def _bilinear(values: Floats, x: Floats, y: Floats) -> Floats:
+    """Interpolate between nodes of unit spacing."""
+    i, j = x.astype(np.int64), y.astype(np.int64)
+    x, y = x - i, y - j
+    return np.asarray(
+        (1.0 - x) * ((1.0 - y) * values[i, j] + y * values[i, j + 1])
+        + x * ((1.0 - y) * values[i + 1, j] + y * values[i + 1, j + 1])
+    )
+
+
+def _secular_patterns(frame: Frame) -> Floats:
+    """Return secular variation and its curvature, (2, n) rad per year.
+
+    The first is the change over ten years divided by ten, the second the mean yearly change over
+    forty years minus the first. The first alone leaves a sixth of the error of a table that is
+    forty years old, since the secular variation changes.
+    """
+    recent = declination_change(frame, years=10.0) / 10.0
+    return np.stack([recent, declination_change(frame, years=40.0) / 40.0 - recent])
+
+
+def _coefficients_of_year(frame: Frame, patterns: Floats, epoch_year: float) -> Floats:
+    """Least-squares coefficients of some patterns (k, n) for the table of an epoch."""
+    change = known(declination_change(frame, epoch_year=epoch_year))
+    return np.asarray(np.linalg.lstsq(patterns.T, change, rcond=1e-6)[0])
+
+
+def _subset(frame: Frame) -> Frame:
+    return frame.take(slice(None, None, max(1, frame.size // MOST)))
+
+
+def _year_of_coefficients(frame: Frame, coefficients: Floats) -> float:
+    """Epoch whose table is nearest to coefficients of the secular patterns.
+
+    If the second coefficient is 0, the first one is that of the pattern without curvature.
+    """
+    subset = _subset(frame)
+    used = slice(None, 2 if coefficients[1] else 1)
+    patterns = known(_secular_patterns(subset))[used]
+    now = 1970.0 + float(np.mean(frame.time)) / YEAR
+    # every 2.5 years from twenty years ahead (by the error of a fit) to sixty years back
+    years = np.linspace(now + 20.0, now - 60.0, 33).clip(FIRST, LAST)
+    fitted = [_coefficients_of_year(subset, patterns, float(year)) for year in years]
+    difference = np.stack(fitted) - coefficients[used]
+    steps = np.linspace(0.0, 1.0, 41)[:, None, None]  # linear between two years
+    between = (1.0 - steps) * difference[:-1] + steps * difference[1:]
+    misfit = ((between @ patterns) ** 2).sum(axis=-1)
+    step, first = np.unravel_index(int(np.argmin(misfit)), misfit.shape)
+    return float(years[first] + steps[step, 0, 0] * (years[first + 1] - years[first]))
 
 
 EFFECT = DeclinationError()

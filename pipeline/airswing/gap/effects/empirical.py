@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from airswing.errors import InputError
 from airswing.gap.archive.frame import Frame
 from airswing.gap.archive.reported_variables import KINDS, cells_of, values_of
-from airswing.gap.effects.base import Parameter, Parameters, State
-from airswing.gap.effects.forms import MomentEffect
+from airswing.gap.effects.base import MomentEffect, Parameter, Parameters, Random, State
 
 Floats = NDArray[np.float64]
 Wind = tuple[Floats, Floats]
@@ -153,9 +152,7 @@ class Empirical(MomentEffect):
     )
     confused_with = ("any effect that depends on the same variables",)
 
-    def apply(
-        self, state: State, frame: Frame, values: Parameters, rng: np.random.Generator
-    ) -> State:
+    def apply(self, state: State, frame: Frame, values: Parameters, rng: Random) -> State:
         """See `Effect.apply`: heading and airspeed exactly, winds by addition."""
         table = Table.from_parameters(values)
         before = u, v = state.report_u, state.report_v

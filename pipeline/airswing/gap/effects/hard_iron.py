@@ -1,4 +1,4 @@
-"""One cycle in magnetic heading, growing as the horizontal field weakens."""
+"""One cycle in magnetic heading, inversely proportional to the horizontal field."""
 
 from __future__ import annotations
 
@@ -7,16 +7,14 @@ from collections.abc import Mapping
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.effects.base import Errors, FloatArray, Parameter, Stated, number
-from airswing.gap.effects.forms import HeadingEffect, amplitude_phase, cycles, sine_cosine
+from airswing.gap.effects.base import CycleEffect, Errors, Floats, Parameter, Stated, number
 from airswing.synthetic.sealed.draws import Cycle, Draw
 
 
-class HardIron(HeadingEffect):
-    """A permanent field of the airframe: error amplitude sin(m + phase) times H_ref / H.
+class HardIron(CycleEffect):
+    """Permanent field of the airframe: error amplitude sin(m + phase) times H_ref / H.
 
-    The amplitude is stated at ``at_horizontal_field_nT``: the median H of the archive unless the
-    parameters say otherwise.
+    The amplitude refers to ``at_horizontal_field_nT``, by default the median H of the archive.
     """
 
     name = "hard_iron"
@@ -50,43 +48,35 @@ class HardIron(HeadingEffect):
     )
     needs = ("magnetic_heading",)
     confused_with = (
-        "reference wind bias: across the heading alone it is the same",
-        "vertical soft iron: one cycle growing with tan(dip), alike within one region",
+        "reference wind bias: identical across the heading",
+        "vertical soft iron: one cycle proportional to tan(dip), equal within one region",
         "soft_iron: where headings lie in two lobes",
     )
     column_names = ("sin", "cos")
 
     @property
-    def column_scales(self) -> FloatArray:
+    def column_scales(self) -> Floats:
         """See `Effect.column_scales`; rad."""
         return np.radians([2.5, 2.5])
 
-    def basis(self, frame: Frame) -> FloatArray:
+    def basis(self, frame: Frame) -> Floats:
         """Return sine and cosine of the magnetic heading times H_ref / H, (2, n)."""
         growth = frame.reference_field / frame.horizontal_field
         growth = np.where(np.isfinite(growth), growth, 1.0)
-        return np.asarray(cycles(frame.magnetic_heading) * growth)
+        return np.asarray(super().basis(frame) * growth)
 
     def to_parameters(
-        self, coefficients: FloatArray, covariance: FloatArray, frame: Frame
+        self, coefficients: Floats, covariance: Floats, frame: Frame
     ) -> tuple[Stated, Errors]:
         """See `Effect.to_parameters`."""
-        (amplitude, phase), (error, phase_error) = amplitude_phase(coefficients, covariance)
-        return (
-            {
-                "amplitude_deg": amplitude,
-                "phase_deg": phase,
-                "at_horizontal_field_nT": frame.reference_field,
-            },
-            {"amplitude_deg": error, "phase_deg": phase_error},
-        )
+        values, errors = super().to_parameters(coefficients, covariance, frame)
+        return values | {"at_horizontal_field_nT": frame.reference_field}, errors
 
-    def from_parameters(self, values: Mapping[str, object], frame: Frame) -> FloatArray:
-        """See `Effect.from_parameters`; restated at the archive's H."""
-        full = self.complete(values)
-        stated = full["at_horizontal_field_nT"]
-        growth = 1.0 if stated is None else number(stated) / frame.reference_field
-        return growth * sine_cosine(number(full["amplitude_deg"]), number(full["phase_deg"]))
+    def from_parameters(self, values: Mapping[str, object], frame: Frame) -> Floats:
+        """See `Effect.from_parameters`; converted to the median H of the archive."""
+        field = self.complete(values)["at_horizontal_field_nT"]
+        growth = 1.0 if field is None else number(field) / frame.reference_field
+        return growth * super().from_parameters(values, frame)
 
 
 EFFECT = HardIron()

@@ -1,4 +1,4 @@
-"""Headings coded more coarsely than stated."""
+"""Headings coded more coarsely than documented."""
 
 from __future__ import annotations
 
@@ -8,16 +8,15 @@ import numpy as np
 
 from airswing.gap.archive.frame import Frame
 from airswing.gap.archive.lattices import HeadingSteps
-from airswing.gap.effects.base import Parameter, Parameters, State, number
-from airswing.gap.effects.forms import MomentEffect
+from airswing.gap.effects.base import MomentEffect, Parameter, Parameters, Random, State, number
 from airswing.synthetic.sealed.draws import Draw
 
 
 class HeadingCoding(MomentEffect):
     """Heading rounded to `step_deg` degrees before the wind is computed.
 
-    The error lasts while the aircraft keeps its course, but over all courses it has no mean: no
-    report can be turned back, and a table by heading resolves no such steps.
+    The error is constant while the aircraft keeps its course, but has no mean over all courses: it
+    cannot be removed from a report, and a table over the heading does not resolve the steps.
     """
 
     name = "heading_coding"
@@ -44,10 +43,8 @@ class HeadingCoding(MomentEffect):
     )
     confused_with = ("scatter across the heading: where the step is finer than the noise",)
 
-    def apply(
-        self, state: State, frame: Frame, values: Parameters, rng: np.random.Generator
-    ) -> State:
-        """See `Effect.apply`: the air vector that the wind implies is turned to the next step."""
+    def apply(self, state: State, frame: Frame, values: Parameters, rng: Random) -> State:
+        """See `Effect.apply`: the implied air vector is rotated to the nearest step."""
         full = self.complete(values)
         step = np.radians(number(full["step_deg"]))
         if step <= 0.0:

@@ -1,4 +1,4 @@
-"""Extra deviation while a heater is on: by the icing flag, or between two temperatures."""
+"""Deviation while a heater is on, by the icing flag or between two temperatures."""
 
 from __future__ import annotations
 
@@ -14,15 +14,17 @@ from airswing.errors import InputError
 from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import (
     Errors,
-    FloatArray,
+    Floats,
+    OffsetAndCycle,
     Parameter,
     Parameters,
+    Random,
     State,
     Stated,
     absent_context,
+    known,
     number,
 )
-from airswing.gap.effects.forms import OffsetAndCycle, cycles, known
 from airswing.synthetic.sealed.draws import Both, Draw
 from airswing.units import ZERO_CELSIUS
 
@@ -30,15 +32,15 @@ if TYPE_CHECKING:
     import pandas as pd
 
 EDGES = (5, 0, -5, -10, -15, -20)
-"""degC at which a heater may switch: on where it is colder than one, or between two."""
+"""Temperatures at which a heater may switch, degC: on below one, or between two."""
 CODED = 1.0
-"""K in which temperatures are commonly coded: a report on an edge is half on either side."""
+"""Step of coded temperatures, K: a report at an edge is half on either side."""
 COLDEST = -100.0
-"""degC, the lower edge of a band that is open."""
+"""Lower edge of an open band, degC."""
 
 
 def _subsets() -> tuple[tuple[int, ...], ...]:
-    """Columns of every form: by the flag; by temperature, below an edge or between two."""
+    # by the flag; by temperature below an edge or between two
     flag = ((0,), (1, 2), (0, 1, 2))
     each = [tuple(range(3 * k + 3, 3 * k + 6)) for k in range(len(EDGES))]
     single = [(columns[0],) for columns in each]
@@ -48,13 +50,12 @@ def _subsets() -> tuple[tuple[int, ...], ...]:
 
 
 def _band(rng: np.random.Generator) -> dict[str, object]:
-    """Draw a band of temperature within what icing protection is used in."""
+    # temperatures at which icing protection is used
     low = float(rng.choice([-20.0, -15.0, -10.0]))
     return {"between_degC": [low, low + float(rng.choice([10.0, 15.0]))]}
 
 
 def _heated(frame: pd.DataFrame, values: Mapping[str, object]) -> NDArray[np.bool_]:
-    """Return the simulated reports with the heater on, by flag or by temperature."""
     if values.get("between_degC") is None:
         return np.asarray(frame["icing"] == 1)
     low, high = _edges(values)
@@ -64,10 +65,9 @@ def _heated(frame: pd.DataFrame, values: Mapping[str, object]) -> NDArray[np.boo
 class HeaterCurrent(OffsetAndCycle):
     """Offset and one cycle of heading error where icing = 1, or between two temperatures.
 
-    By temperature there are columns for each edge, at work where it is colder; a band is the
-    difference of two, and nothing else of them is weighed: an error that goes on below the band is
-    an offset, or goes by temperature otherwise. Nothing is guessed where neither flag nor
-    temperature is reported.
+    For temperatures there are columns for each edge, nonzero where it is colder; a band is the
+    difference of two edges with equal coefficients. Without flag and temperature the effect is not
+    testable.
     """
 
     name = "heater_current"
@@ -119,29 +119,25 @@ class HeaterCurrent(OffsetAndCycle):
     )
 
     @property
-    def column_scales(self) -> FloatArray:
+    def column_scales(self) -> Floats:
         """See `Effect.column_scales`; rad."""
         return np.tile(super().column_scales, 1 + len(EDGES))
 
-    def tied(self, subset: tuple[int, ...]) -> FloatArray:
-        """See `Effect.tied`: what begins at a band's warm edge ends at its cold one."""
-        own = np.eye(len(subset))
+    def tied(self, subset: tuple[int, ...]) -> Floats:
+        """See `Effect.tied`: the two edges of a band have opposite coefficients."""
+        free = np.eye(len(subset))
         edges = {column // 3 for column in subset if column > 2}
         half = len(subset) // 2
-        return own if len(edges) < 2 else own[:, :half] - own[:, half:]
+        return free if len(edges) < 2 else free[:, :half] - free[:, half:]
 
-    def condition(self, frame: Frame) -> FloatArray:
-        """Return 1 where icing protection is on, 0 where off or unknown."""
-        return np.asarray(frame.icing == 1, dtype=np.float64)
-
-    def basis(self, frame: Frame) -> FloatArray:
-        """Return one, sine and cosine of the heading: by the flag, then colder than each edge."""
-        cycle = np.concatenate([np.ones((1, frame.size)), cycles(frame.magnetic_heading)])
-        on = [self.condition(frame), *(_colder(frame, edge) for edge in EDGES)]
+    def basis(self, frame: Frame) -> Floats:
+        """Return offset and cycle by the flag, then below each temperature, (3 + 3 m, n)."""
+        cycle = super().basis(frame)
+        on = [np.where(frame.icing == 1, 1.0, 0.0), *(_colder(frame, edge) for edge in EDGES)]
         return np.concatenate([cycle * switched for switched in on])
 
     def testable(self, frame: Frame) -> str | None:
-        """See `Effect.testable`; a flag that changes, or temperatures on both sides of an edge."""
+        """See `Effect.testable`; flag or temperature must vary."""
         reason = super().testable(frame)
         if reason is not None:
             return reason
@@ -151,10 +147,8 @@ class HeaterCurrent(OffsetAndCycle):
             return None
         return "no icing flag that changes and no temperature on both sides of freezing"
 
-    def apply(
-        self, state: State, frame: Frame, values: Parameters, rng: np.random.Generator
-    ) -> State:
-        """See `Effect.apply`: between two temperatures, else where the flag is on."""
+    def apply(self, state: State, frame: Frame, values: Parameters, rng: Random) -> State:
+        """See `Effect.apply`: between two temperatures, or where the flag is on."""
         if values["between_degC"] is None:
             if (absent := absent_context(frame, "icing")) is not None:
                 raise InputError(
@@ -165,43 +159,42 @@ class HeaterCurrent(OffsetAndCycle):
                 )
             return super().apply(state, frame, values, rng)
         low, high = _edges(values)
-        one = super().from_parameters({**values, "between_degC": None}, frame)
-        cycle = np.concatenate([np.ones((1, frame.size)), cycles(frame.magnetic_heading)])
+        coefficients = super().from_parameters({**values, "between_degC": None}, frame)
         on = _colder(frame, high) - _colder(frame, low)
-        error = on * (one @ known(cycle))
+        error = on * (coefficients @ known(super().basis(frame)))
         return replace(state, heading_error=state.heading_error + error)
 
     def to_parameters(
-        self, coefficients: FloatArray, covariance: FloatArray, frame: Frame
+        self, coefficients: Floats, covariance: Floats, frame: Frame
     ) -> tuple[Stated, Errors]:
-        """See `Effect.to_parameters`: of the flag's columns, or of the warmest edge in use."""
+        """See `Effect.to_parameters`: for the columns of the flag or of the warmest edge in use."""
         used = np.flatnonzero(np.reshape(coefficients, (-1, 3)).any(axis=1))
         first = int(used[0]) if used.size else 0
-        own = slice(3 * first, 3 * first + 3)
-        values, errors = super().to_parameters(coefficients[own], covariance[own, own], frame)
+        part = slice(3 * first, 3 * first + 3)
+        values, errors = super().to_parameters(coefficients[part], covariance[part, part], frame)
         band = None
         if first > 0:
             low = float(EDGES[int(used[1]) - 1]) if used.size > 1 else COLDEST
             band = [low, float(EDGES[first - 1])]
         return values | {"between_degC": band}, errors
 
-    def from_parameters(self, values: Mapping[str, object], frame: Frame) -> FloatArray:
-        """See `Effect.from_parameters`; edges are moved to the nearest candidates."""
+    def from_parameters(self, values: Mapping[str, object], frame: Frame) -> Floats:
+        """See `Effect.from_parameters`, for the nearest candidate edges."""
         full = self.complete(values)
-        one = super().from_parameters(full, frame)
+        coefficients = super().from_parameters(full, frame)
         out = np.zeros((1 + len(EDGES), 3))
         if full["between_degC"] is None:
-            out[0] = one
+            out[0] = coefficients
             return out.ravel()
         low, high = _edges(full)
-        out[1 + _nearest(high)] += one
+        out[1 + _nearest(high)] += coefficients
         if low > 2.0 * EDGES[-1]:
-            out[1 + _nearest(low)] -= one
+            out[1 + _nearest(low)] -= coefficients
         return out.ravel()
 
 
-def _colder(frame: Frame, edge: float) -> FloatArray:
-    """Return 1 where it is colder than an edge (degC), half on it, 0 where unknown."""
+def _colder(frame: Frame, edge: float) -> Floats:
+    """Return 1 where colder than an edge (degC), 0.5 at the edge, 0 where warmer or unknown."""
     below = (edge + ZERO_CELSIUS - frame.temperature) / CODED + 0.5
     return np.asarray(np.nan_to_num(np.clip(below, 0.0, 1.0)))
 
@@ -211,20 +204,15 @@ def _nearest(edge: float) -> int:
 
 
 def _edges(values: Mapping[str, object]) -> tuple[float, float]:
-    """Return the two temperatures between which a heater is on, degC."""
+    # the two temperatures between which a heater is on, degC
     given = values["between_degC"]
     try:
         low, high = (number(edge) for edge in (given if isinstance(given, Iterable) else ()))
-    except (TypeError, ValueError) as err:
-        raise InputError(
-            "a band of temperatures needs two numbers",
-            field="between_degC",
-            found=str(given),
-            remedy="give [low, high] in degC",
-        ) from err
+    except (TypeError, ValueError):
+        low = high = np.nan
     if not low < high:
         raise InputError(
-            "a band of temperatures runs from low to high",
+            "a band of temperatures needs two increasing numbers",
             field="between_degC",
             found=str(given),
             remedy="give [low, high] in degC",

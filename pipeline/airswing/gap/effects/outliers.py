@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from airswing.gap.archive.frame import Frame
-from airswing.gap.effects.base import Parameter, Parameters, State, number
-from airswing.gap.effects.forms import MomentEffect
+from airswing.gap.effects.base import MomentEffect, Parameter, Parameters, Random, State, number
 from airswing.synthetic.sealed.draws import Draw
 
 
 class Outliers(MomentEffect):
-    """A fraction of the reports carries a random vector error, alike in all directions."""
+    """Random isotropic vector errors in a fraction of the reports."""
 
     name = "outliers"
     title = "gross errors"
@@ -23,7 +20,7 @@ class Outliers(MomentEffect):
     )
     physics = (
         "Transmission errors, wrong digits, winds computed in a manoeuvre: single reports that are "
-        "grossly wrong and tell nothing about their neighbours."
+        "grossly wrong, independent of their neighbours."
     )
     source = "Moninger, Mamrosh & Pauley 2003, Bull. Amer. Meteor. Soc. 84 (quality of ACARS)."
     parameters = (
@@ -32,10 +29,8 @@ class Outliers(MomentEffect):
     )
     confused_with = ("heavy tails of the model's own error",)
 
-    def apply(
-        self, state: State, frame: Frame, values: Parameters, rng: np.random.Generator
-    ) -> State:
-        """See `Effect.apply`: which reports and how much is drawn."""
+    def apply(self, state: State, frame: Frame, values: Parameters, rng: Random) -> State:
+        """See `Effect.apply`; affected reports and errors are random."""
         hit = rng.random(frame.size) < number(values["fraction"])
         error = number(values["size_m_s"]) * rng.standard_normal((2, frame.size)) * hit
         return replace(

@@ -1,4 +1,4 @@
-"""Positions coded more coarsely than stated."""
+"""Positions coded more coarsely than documented."""
 
 from __future__ import annotations
 
@@ -7,16 +7,15 @@ from dataclasses import replace
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.effects.base import Parameter, Parameters, State, number
-from airswing.gap.effects.forms import MomentEffect
+from airswing.gap.effects.base import MomentEffect, Parameter, Parameters, Random, State, number
 from airswing.synthetic.sealed.draws import Draw
 
 
 class PositionCoding(MomentEffect):
-    """Latitude and longitude rounded to `step` minutes of arc; the wind stays what it was.
+    """Latitude and longitude rounded to `step` minutes of arc; the wind is unchanged.
 
-    The unit computes its wind from its own navigation; the coarse positions spoil the ground
-    vector of whoever reads the reports.
+    The unit computes the wind from its internal navigation; coarse positions affect the ground
+    vectors that users derive from the reports.
     """
 
     name = "position_coding"
@@ -32,9 +31,7 @@ class PositionCoding(MomentEffect):
     parameters = (Parameter("step", "arcmin", 1.0, "step of either coordinate", required=True),)
     confused_with = ("noise of the ground velocity from irregular report times",)
 
-    def apply(
-        self, state: State, frame: Frame, values: Parameters, rng: np.random.Generator
-    ) -> State:
+    def apply(self, state: State, frame: Frame, values: Parameters, rng: Random) -> State:
         """See `Effect.apply`."""
         step = number(values["step"]) / 60.0
         if step <= 0.0:

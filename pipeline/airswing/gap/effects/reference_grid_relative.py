@@ -1,4 +1,4 @@
-"""Model winds along the grid taken for earth-relative ones, or the reverse."""
+"""Grid-relative model winds used as earth-relative ones, or the reverse."""
 
 from __future__ import annotations
 
@@ -7,16 +7,23 @@ from dataclasses import replace
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.effects.base import FloatArray, Parameter, Parameters, State, number
-from airswing.gap.effects.forms import OneCoefficient, known
+from airswing.gap.effects.base import (
+    Floats,
+    Parameter,
+    Parameters,
+    ProportionalEffect,
+    Random,
+    State,
+    known,
+    number,
+)
 from airswing.synthetic.sealed.draws import Draw, Signed
 
 
-class ReferenceGridRelative(OneCoefficient):
-    """The reference lacks a rotation by `fraction` times the grid's convergence angle.
+class ReferenceGridRelative(ProportionalEffect):
+    """Missing rotation of the reference wind by `fraction` times the convergence angle of the grid.
 
-    1: winds along the grid were taken as they are (flagged earth-relative); -1: earth-relative
-    winds were rotated once too often.
+    1: grid-relative winds were used without rotation; -1: earth-relative winds were rotated.
     """
 
     name = "reference_grid_relative"
@@ -49,15 +56,13 @@ class ReferenceGridRelative(OneCoefficient):
     )
     column_names = ("fraction",)
 
-    def columns(self, frame: Frame) -> FloatArray:
+    def columns(self, frame: Frame) -> Floats:
         """See `Effect.columns`: the wind's right-hand normal times the convergence angle."""
         turned = np.stack([frame.v_ref, -frame.u_ref], axis=-1)
         return known(frame.grid_convergence[:, None] * turned)[None]
 
-    def apply(
-        self, state: State, frame: Frame, values: Parameters, rng: np.random.Generator
-    ) -> State:
-        """See `Effect.apply`: the rotation in full."""
+    def apply(self, state: State, frame: Frame, values: Parameters, rng: Random) -> State:
+        """See `Effect.apply`: the exact rotation."""
         angle = number(values["fraction"]) * known(frame.grid_convergence)
         cosine, sine = np.cos(angle), np.sin(angle)
         return replace(

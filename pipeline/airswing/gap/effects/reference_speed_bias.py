@@ -1,4 +1,4 @@
-"""Model wind too strong or too weak, everywhere or beyond a level."""
+"""Model wind too strong or too weak at all levels, or above or below a level."""
 
 from __future__ import annotations
 
@@ -14,36 +14,35 @@ from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import (
     Effect,
     Errors,
-    FloatArray,
+    Floats,
     Parameter,
     Parameters,
+    Random,
     State,
     Stated,
     number,
+    standard_error,
 )
-from airswing.gap.effects.forms import standard_error
 from airswing.synthetic.sealed.draws import Draw, sign
 
 if TYPE_CHECKING:
     import pandas as pd
 
 LEVELS = tuple(float(level) for level in range(850, 200, -50))
-"""hPa at which a bias may begin; each makes a candidate above and one below."""
+"""Candidate limits of a bias, above or below the level, hPa."""
 
 
 def _above(rng: np.random.Generator) -> dict[str, object]:
-    """Draw a bias at all levels or above one."""
+    # at all levels or above one
     above = None if rng.uniform() < 0.5 else float(rng.choice([500.0, 600.0, 700.0]))
     return {"bias_percent": 5.0 * sign(rng), "above_hPa": above}
 
 
 def _below(rng: np.random.Generator) -> dict[str, object]:
-    """Draw a level below which the bias acts."""
     return {"above_hPa": None, "below_hPa": float(rng.choice([600.0, 700.0, 800.0]))}
 
 
 def _at_levels(frame: pd.DataFrame, values: Mapping[str, object]) -> NDArray[np.bool_]:
-    """Return the simulated reports at the levels of the bias."""
     above, below = values.get("above_hPa"), values.get("below_hPa")
     pressure = frame["pressure"].to_numpy() / 100.0
     low = np.inf if above is None else number(above)
@@ -52,7 +51,7 @@ def _at_levels(frame: pd.DataFrame, values: Mapping[str, object]) -> NDArray[np.
 
 
 class ReferenceSpeedBias(Effect):
-    """Reference wind = (1 + bias) times the wind met, at all levels, above or below one."""
+    """Reference wind is (1 + bias) times the wind met, at all levels or above or below a level."""
 
     name = "reference_speed_bias"
     title = "model wind too weak or too strong"
@@ -79,7 +78,7 @@ class ReferenceSpeedBias(Effect):
     scope = "reference"
     stage = "atmosphere"
     confused_with = (
-        "regression dilution: model error alone makes reports seem 1 to 8 percent weaker",
+        "regression dilution: model error makes reports seem 1 to 8 percent weaker",
         "tas_scale: where aircraft always fly along the wind",
     )
     column_names = (
@@ -90,24 +89,22 @@ class ReferenceSpeedBias(Effect):
     alternatives = tuple((k,) for k in range(1 + 2 * len(LEVELS)))
 
     @property
-    def column_scales(self) -> FloatArray:
+    def column_scales(self) -> Floats:
         """See `Effect.column_scales`; fraction."""
         return np.full(len(self.column_names), 0.05)
 
-    def columns(self, frame: Frame) -> FloatArray:
+    def columns(self, frame: Frame) -> Floats:
         """See `Effect.columns`: minus the reference wind, by candidate level."""
         return self.softened_columns(frame, np.zeros(1))
 
-    def softened_columns(self, frame: Frame, shifts: FloatArray) -> FloatArray:
-        """See `Effect.softened_columns`: only the shares above and below a level depend on it."""
+    def softened_columns(self, frame: Frame, shifts: Floats) -> Floats:
+        """See `Effect.softened_columns`: shares of the layer above and below each level."""
         bounds = 100.0 * np.array(LEVELS)[:, None, None] / np.exp(shifts)[:, None]
         above = (frame.pressure < bounds).mean(axis=1)
         shares = np.concatenate([np.ones((1, frame.size)), above, 1.0 - above])
         return np.stack([-shares * frame.u_ref, -shares * frame.v_ref], axis=-1)
 
-    def apply(
-        self, state: State, frame: Frame, values: Parameters, rng: np.random.Generator
-    ) -> State:
+    def apply(self, state: State, frame: Frame, values: Parameters, rng: Random) -> State:
         """See `Effect.apply`: the wind met is the reference over 1 + bias."""
         bias = number(values["bias_percent"])
         if bias <= -100.0:
@@ -126,22 +123,22 @@ class ReferenceSpeedBias(Effect):
         return replace(state, wind_u=state.wind_u * factor, wind_v=state.wind_v * factor)
 
     def to_parameters(
-        self, coefficients: FloatArray, covariance: FloatArray, frame: Frame
+        self, coefficients: Floats, covariance: Floats, frame: Frame
     ) -> tuple[Stated, Errors]:
-        """See `Effect.to_parameters`; of the candidate with the largest coefficient.
+        """See `Effect.to_parameters`; for the candidate with the largest coefficient.
 
-        A coefficient c is the fraction by which reports fall short: bias = 1 / (1 - c) - 1.
+        A coefficient c is the relative deficit of the reports: bias = 1 / (1 - c) - 1.
         """
         k = int(np.argmax(np.abs(coefficients)))
-        left = 1.0 - float(coefficients[k])
+        ratio = 1.0 - float(coefficients[k])
         side, _, level = self.column_names[k].partition("_")
-        values: Stated = {"bias_percent": 100.0 * (1.0 / left - 1.0)}
+        values: Stated = {"bias_percent": 100.0 * (1.0 / ratio - 1.0)}
         values["above_hPa"] = float(level) if side == "above" else None
         values["below_hPa"] = float(level) if side == "below" else None
-        return values, {"bias_percent": 100.0 * standard_error(covariance, k) / left**2}
+        return values, {"bias_percent": 100.0 * standard_error(covariance, k) / ratio**2}
 
-    def from_parameters(self, values: Mapping[str, object], frame: Frame) -> FloatArray:
-        """See `Effect.from_parameters`; a level is moved to the nearest candidate."""
+    def from_parameters(self, values: Mapping[str, object], frame: Frame) -> Floats:
+        """See `Effect.from_parameters`, for the nearest candidate level."""
         full = self.complete(values)
         bias = number(full["bias_percent"]) / 100.0
         k = 0

@@ -1,19 +1,18 @@
-"""Model fields valid earlier or later than stamped."""
+"""Model fields valid at another time than indicated."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.effects.base import FloatArray, Parameter
-from airswing.gap.effects.forms import OneCoefficient, WindEffect, known
+from airswing.gap.effects.base import Floats, Parameter, ProportionalEffect, WindEffect, known
 from airswing.synthetic.sealed.draws import Draw, Signed
 
 
-class ReferenceTimeOffset(OneCoefficient, WindEffect):
-    """A field stamped t shows the atmosphere of t + offset, to first order in the offset.
+class ReferenceTimeOffset(ProportionalEffect, WindEffect):
+    """Field with valid time t shows the atmosphere of t + offset, to first order in the offset.
 
-    The wind met at t is then the reference less offset times its tendency.
+    The wind met at t is the reference minus offset times its tendency.
     """
 
     name = "reference_time_offset"
@@ -42,8 +41,8 @@ class ReferenceTimeOffset(OneCoefficient, WindEffect):
     )
     scope = "reference"
     needs = ("dudt",)
-    # by the generator: fields of the right time close twice what the tendency tells where they are
-    # an hour off (small waves are others by then), no more where they are a quarter off
+    # in simulated archives, fields of the correct time close twice as much as the tendency for an
+    # offset of an hour (small waves have changed), and as much for a quarter of an hour
     reliability = 0.55
     confused_with = (
         "time_lag: where the wind's change along the path is its change in time",
@@ -51,7 +50,7 @@ class ReferenceTimeOffset(OneCoefficient, WindEffect):
     )
     column_names = ("offset",)
 
-    def columns(self, frame: Frame) -> FloatArray:
+    def columns(self, frame: Frame) -> Floats:
         """See `Effect.columns`: minus the tendency."""
         return known(-np.stack([frame.dudt, frame.dvdt], axis=-1))[None]
 

@@ -7,20 +7,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from airswing.gap.archive.frame import Frame
-from airswing.gap.effects.base import Errors, FloatArray, Parameter, Stated, number
-from airswing.gap.effects.forms import (
-    DEGREE,
-    HeadingEffect,
-    amplitude_phase,
-    cycles,
-    sine_cosine,
-)
+from airswing.gap.effects.base import DEGREE, CycleEffect, Floats, Parameter
 from airswing.synthetic.sealed.draws import Cycle, Draw
 
 
-class SoftIron(HeadingEffect):
-    """Iron magnetised by the earth's field itself: amplitude sin(2 m + phase)."""
+class SoftIron(CycleEffect):
+    """Iron magnetised by the earth's field: error amplitude sin(2 m + phase)."""
 
     name = "soft_iron"
     title = "heading error of two cycles"
@@ -46,30 +38,12 @@ class SoftIron(HeadingEffect):
         "compass_offset: where headings lie in two opposite lobes",
     )
     column_names = ("sin2", "cos2")
+    number_of_cycles = 2
 
     @property
-    def column_scales(self) -> FloatArray:
+    def column_scales(self) -> Floats:
         """See `Effect.column_scales`; rad."""
         return np.radians([1.5, 1.5])
-
-    def basis(self, frame: Frame) -> FloatArray:
-        """Return sine and cosine of twice the magnetic heading, (2, n)."""
-        return cycles(frame.magnetic_heading, 2)
-
-    def to_parameters(
-        self, coefficients: FloatArray, covariance: FloatArray, frame: Frame
-    ) -> tuple[Stated, Errors]:
-        """See `Effect.to_parameters`."""
-        (amplitude, phase), (error, phase_error) = amplitude_phase(coefficients, covariance)
-        return (
-            {"amplitude_deg": amplitude, "phase_deg": phase},
-            {"amplitude_deg": error, "phase_deg": phase_error},
-        )
-
-    def from_parameters(self, values: Mapping[str, object], frame: Frame) -> FloatArray:
-        """See `Effect.from_parameters`."""
-        full = self.complete(values)
-        return sine_cosine(number(full["amplitude_deg"]), number(full["phase_deg"]))
 
 
 EFFECT = SoftIron()

@@ -8,15 +8,14 @@ import numpy as np
 
 from airswing.errors import InputError
 from airswing.gap.archive.frame import Frame
-from airswing.gap.effects.base import Parameter, Parameters, State
-from airswing.gap.effects.forms import MomentEffect
+from airswing.gap.effects.base import MomentEffect, Parameter, Parameters, Random, State
 from airswing.synthetic.sealed.draws import Draw
 
 
 class TailSwap(MomentEffect):
-    """From a date on (or within a period) each of a pair reports under the other's name.
+    """Each aircraft of a pair reports under the identifier of the other within a period.
 
-    It has no column of its own: what the two aircraft differ in changes hands.
+    There are no columns: the errors of the two aircraft are exchanged.
     """
 
     name = "tail_swap"
@@ -37,20 +36,18 @@ class TailSwap(MomentEffect):
     confused_with = ("compass_step: of both aircraft at one date, by opposite amounts",)
 
     def testable(self, frame: Frame) -> str | None:
-        """See `Effect.testable`; two aircraft are needed."""
+        """See `Effect.testable`; two aircraft are required."""
         if np.unique(frame.aircraft).size < 2:
             return "only one aircraft in these reports"
         return super().testable(frame)
 
-    def apply(
-        self, state: State, frame: Frame, values: Parameters, rng: np.random.Generator
-    ) -> State:
-        """See `Effect.apply`: exchange the airframes behind the two names."""
+    def apply(self, state: State, frame: Frame, values: Parameters, rng: Random) -> State:
+        """See `Effect.apply`: exchange the airframes of the two identifiers."""
         pair = values["pair"]
         if not isinstance(pair, list | tuple) or len(pair) != 2:
             raise InputError("a swap needs two aircraft", field="pair", found=pair)
         for tail in pair:
-            frame.aircraft_mask(str(tail))  # refuses an unknown aircraft
+            frame.aircraft_mask(str(tail))  # raises for an unknown aircraft
         first, second = (frame.tails.index(str(tail)) for tail in pair)
         airframe = state.airframe.copy()
         airframe[state.airframe == first] = second

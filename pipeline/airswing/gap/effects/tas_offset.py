@@ -1,4 +1,4 @@
-"""Airspeed too high by an amount."""
+"""Constant error of the airspeed."""
 
 from __future__ import annotations
 
@@ -6,15 +6,21 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import ClassVar
 
-import numpy as np
-
 from airswing.gap.archive.frame import Frame
-from airswing.gap.effects.base import FloatArray, Parameter, Parameters, State, number
-from airswing.gap.effects.forms import OneCoefficient, airspeed_derivative
+from airswing.gap.effects.base import (
+    Floats,
+    Parameter,
+    Parameters,
+    ProportionalEffect,
+    Random,
+    State,
+    airspeed_derivative,
+    number,
+)
 from airswing.synthetic.sealed.draws import Draw, Signed
 
 
-class TasOffset(OneCoefficient):
+class TasOffset(ProportionalEffect):
     """Indicated true airspeed is the true one plus a constant."""
 
     name = "tas_offset"
@@ -35,13 +41,11 @@ class TasOffset(OneCoefficient):
     confused_with = ("tas_scale: where the airspeed varies little",)
     column_names = ("offset",)
 
-    def columns(self, frame: Frame) -> FloatArray:
+    def columns(self, frame: Frame) -> Floats:
         """See `Effect.columns`: ``-h(psi)``."""
         return airspeed_derivative(frame)[None]
 
-    def apply(
-        self, state: State, frame: Frame, values: Parameters, rng: np.random.Generator
-    ) -> State:
+    def apply(self, state: State, frame: Frame, values: Parameters, rng: Random) -> State:
         """See `Effect.apply`."""
         return replace(state, airspeed=state.airspeed + number(values["offset_m_s"]))
 

@@ -1,4 +1,4 @@
-"""Airspeed too high by a factor."""
+"""Relative error of the airspeed."""
 
 from __future__ import annotations
 
@@ -10,18 +10,21 @@ import numpy as np
 from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import (
     Errors,
-    FloatArray,
+    Floats,
     Parameter,
     Parameters,
+    ProportionalEffect,
+    Random,
     State,
     Stated,
+    airspeed_derivative,
     number,
+    standard_error,
 )
-from airswing.gap.effects.forms import OneCoefficient, airspeed_derivative, standard_error
 from airswing.synthetic.sealed.draws import Draw, Signed
 
 
-class TasScale(OneCoefficient):
+class TasScale(ProportionalEffect):
     """Indicated true airspeed is (1 + scale) times the true one."""
 
     name = "tas_scale"
@@ -49,26 +52,24 @@ class TasScale(OneCoefficient):
     confused_with = ("tas_offset: where the airspeed varies little",)
     column_names = ("scale",)
 
-    def columns(self, frame: Frame) -> FloatArray:
+    def columns(self, frame: Frame) -> Floats:
         """See `Effect.columns`: ``-V h(psi)``."""
         return np.asarray((frame.airspeed[:, None] * airspeed_derivative(frame))[None])
 
-    def apply(
-        self, state: State, frame: Frame, values: Parameters, rng: np.random.Generator
-    ) -> State:
+    def apply(self, state: State, frame: Frame, values: Parameters, rng: Random) -> State:
         """See `Effect.apply`."""
         factor = 1.0 + number(values["scale_percent"]) / 100.0
         return replace(state, airspeed=state.airspeed * factor)
 
     def to_parameters(
-        self, coefficients: FloatArray, covariance: FloatArray, frame: Frame
+        self, coefficients: Floats, covariance: Floats, frame: Frame
     ) -> tuple[Stated, Errors]:
-        """See `Effect.to_parameters`; a coefficient is the error over the INDICATED airspeed."""
-        left = 1.0 - float(coefficients[0])
-        error = 100.0 * standard_error(covariance) / left**2
-        return {"scale_percent": 100.0 * (1.0 / left - 1.0)}, {"scale_percent": error}
+        """See `Effect.to_parameters`; a coefficient is relative to the INDICATED airspeed."""
+        ratio = 1.0 - float(coefficients[0])
+        error = 100.0 * standard_error(covariance) / ratio**2
+        return {"scale_percent": 100.0 * (1.0 / ratio - 1.0)}, {"scale_percent": error}
 
-    def from_parameters(self, values: Mapping[str, object], frame: Frame) -> FloatArray:
+    def from_parameters(self, values: Mapping[str, object], frame: Frame) -> Floats:
         """See `Effect.from_parameters`: scale / (1 + scale)."""
         scale = number(self.complete(values)["scale_percent"]) / 100.0
         return np.array([scale / (1.0 + scale)])

@@ -1,4 +1,4 @@
-"""Reported wind older than position and time."""
+"""Reported wind older than position and time of the report."""
 
 from __future__ import annotations
 
@@ -8,21 +8,26 @@ from typing import ClassVar
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.effects.base import FloatArray, Parameter
-from airswing.gap.effects.forms import OneCoefficient, WindEffect, known, log_pressure_lapse
+from airswing.gap.effects.base import (
+    Floats,
+    Parameter,
+    ProportionalEffect,
+    WindEffect,
+    known,
+    log_pressure_lapse,
+)
 from airswing.synthetic.sealed.draws import Draw
 
 
 def _late(rng: np.random.Generator) -> dict[str, object]:
-    """Draw a wind that is late, never early."""
     return {"offset_s": 60.0}
 
 
-class TimeLag(OneCoefficient, WindEffect):
-    """The wind sent is the one met `offset_s` seconds earlier on the path, to first order in it.
+class TimeLag(ProportionalEffect, WindEffect):
+    """Reported wind is that met `offset_s` seconds earlier on the path, to first order in it.
 
     ``W = W_ref - offset (dW/dt + V_G . grad W + dW/dlnp dlnp/dt)`` with ``dlnp/dt`` from the rate
-    of climb. Times cut to the minute look like a negative lag of half a minute.
+    of climb. Times truncated to the minute resemble a negative lag of half a minute.
     """
 
     name = "time_lag"
@@ -48,9 +53,9 @@ class TimeLag(OneCoefficient, WindEffect):
         "reference_time_offset: where the wind's change along the path is its change in time",
     )
     column_names = ("offset",)
-    reliability = 0.93  # of the true change along the path, by the generator
+    reliability = 0.93  # correlation with the true change along the path in simulated archives
 
-    def columns(self, frame: Frame) -> FloatArray:
+    def columns(self, frame: Frame) -> Floats:
         """See `Effect.columns`: minus the change of the wind along the path."""
         sinking = known(-frame.climb_rate * log_pressure_lapse(frame))
         along = [

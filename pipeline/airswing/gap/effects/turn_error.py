@@ -9,23 +9,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.effects.base import FloatArray, Parameter
-from airswing.gap.effects.forms import DEGREE, HeadingEffect, OneCoefficient
+from airswing.gap.effects.base import DEGREE, Floats, HeadingEffect, Parameter, ProportionalEffect
 from airswing.synthetic.sealed.draws import Draw, Signed
 
 if TYPE_CHECKING:
     import pandas as pd
 
 BANKED = float(np.radians(2.0))
-"""Bank above which an aircraft turns, rad."""
+"""Bank above which an aircraft is in a turn, rad."""
 
 
 def _turning(frame: pd.DataFrame, values: Mapping[str, object]) -> NDArray[np.bool_]:
-    return np.asarray(frame["bank"].abs() > np.radians(2.0))
+    return np.asarray(frame["bank"].abs() > BANKED)
 
 
-class TurnError(OneCoefficient, HeadingEffect):
-    """amplitude bank tan(dip) cos(m), the bank in radians, right wing down positive."""
+class TurnError(ProportionalEffect, HeadingEffect):
+    """Error amplitude bank tan(dip) cos(m), bank in radians, right wing down positive."""
 
     name = "turn_error"
     title = "heading error in turns"
@@ -56,15 +55,15 @@ class TurnError(OneCoefficient, HeadingEffect):
     needs = ("magnetic_heading", "bank", "dip")
     confused_with = ("noise of the ground velocity: bank is inferred from the turning track",)
     column_names = ("amplitude",)
-    reliability = 0.75  # of the true bank, by the generator
+    reliability = 0.75  # correlation with the true bank in simulated archives
 
-    def basis(self, frame: Frame) -> FloatArray:
+    def basis(self, frame: Frame) -> Floats:
         """Return bank tan(dip) cos(m), (1, n)."""
         turning = frame.bank * np.tan(frame.dip) * np.cos(frame.magnetic_heading)
         return np.asarray(turning)[None]
 
     def acts(self, frame: Frame) -> NDArray[np.bool_]:
-        """See `Effect.acts`: in a bank one can speak of."""
+        """See `Effect.acts`: in turns."""
         return np.asarray(np.abs(frame.bank) > BANKED)
 
 

@@ -1,4 +1,4 @@
-"""Winds coded more coarsely than stated."""
+"""Winds coded more coarsely than documented."""
 
 from __future__ import annotations
 
@@ -7,15 +7,14 @@ from dataclasses import replace
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.effects.base import Parameter, Parameters, State, number
-from airswing.gap.effects.forms import MomentEffect
+from airswing.gap.effects.base import MomentEffect, Parameter, Parameters, Random, State, number
 from airswing.physics.triangle import wind_components, wind_from_direction
 from airswing.synthetic.sealed.draws import Draw
 from airswing.units import KNOT
 
 
 class WindCoding(MomentEffect):
-    """Speed rounded to `step` knots, direction to `direction_step_deg` degrees (0: as it is)."""
+    """Speed rounded to `step` knots, direction to `direction_step_deg` degrees (0: not rounded)."""
 
     name = "wind_coding"
     title = "winds coded more coarsely than stated"
@@ -35,13 +34,11 @@ class WindCoding(MomentEffect):
     source = "WMO No. 958, AMDAR Reference Manual, appendix on coding; FM 42 AMDAR code form."
     parameters = (
         Parameter("step", "kt", 5.0, "step of the speed", required=True),
-        Parameter("direction_step_deg", "degree", 10.0, "step of the direction; 0: as it is"),
+        Parameter("direction_step_deg", "degree", 10.0, "step of the direction; 0: not rounded"),
     )
     confused_with = ("noise: where the step is finer than the noise",)
 
-    def apply(
-        self, state: State, frame: Frame, values: Parameters, rng: np.random.Generator
-    ) -> State:
+    def apply(self, state: State, frame: Frame, values: Parameters, rng: Random) -> State:
         """See `Effect.apply`."""
         speed, direction = wind_from_direction(state.report_u, state.report_v)
         step = number(values["step"]) * KNOT

@@ -31,9 +31,8 @@ from numpy.typing import NDArray
 from airswing.gap.archive.frame import Frame
 from airswing.gap.archive.reported_variables import KINDS, PERIOD, record, values_of
 from airswing.gap.design.weather import climatology_columns
-from airswing.gap.effects.base import Effect
+from airswing.gap.effects.base import Effect, HeadingEffect
 from airswing.gap.effects.empirical import change_of
-from airswing.gap.effects.forms import HeadingEffect
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]

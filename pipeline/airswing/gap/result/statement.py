@@ -20,9 +20,8 @@ from numpy.typing import NDArray
 
 from airswing.gap.archive.reported_variables import CATEGORIES, KINDS, UNITS, Variable
 from airswing.gap.effects import CATALOGUE, separated_by
-from airswing.gap.effects.base import Effect, Errors, Stated
+from airswing.gap.effects.base import Effect, Errors, Stated, WindEffect
 from airswing.gap.effects.empirical import UNIT_OF
-from airswing.gap.effects.forms import WindEffect
 from airswing.gap.model.candidates import Table
 from airswing.gap.model.closure import Step
 from airswing.gap.model.passes import Fitted

@@ -1,1 +1,1 @@
-"""The forward simulation of the reports, and the effects it is given."""
+"""Simulated reports, effects in files, and removal of known effects."""

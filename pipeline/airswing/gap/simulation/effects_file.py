@@ -1,4 +1,4 @@
-"""``effects.yaml``: which effects a simulation holds; what a diagnosis found, for the next one.
+"""Effects of a simulation in ``effects.yaml``, and fitted deviations of ``fits.nc`` as effects.
 
 A list, or a mapping with the one key ``effects``, of entries::
 
@@ -7,9 +7,12 @@ A list, or a mapping with the one key ``effects``, of entries::
       parameters: {amplitude_deg: 3.9, phase_deg: 40.1}
       period: null               # or [2009-08-01, null]
 
-Values are numbers in the unit the parameter's name ends with, or text with a unit of the same kind
+Values are numbers in the unit at the end of the parameter's name, or text with a compatible unit
 ("2 kt" for m/s). Dates are ISO 8601, UTC. An unknown key, effect, parameter or unit is refused with
 the nearest known one.
+
+Source of the terms of a deviation: coefficients A-E of ``fits.nc``, see
+`airswing.compass.fit.deviation`.
 """
 
 from __future__ import annotations
@@ -20,9 +23,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, date, datetime
 from pathlib import Path
 
+import numpy as np
+import xarray as xr
 import yaml
 
 from airswing.errors import InputError
+from airswing.flags import published
 from airswing.gap.effects import CATALOGUE, ActiveEffect, Effect, Parameter, effect_named
 from airswing.gap.effects.base import number
 from airswing.products.whole_files import write_text
@@ -33,60 +39,138 @@ KEYS = ("name", "tails", "parameters", "period")
 _HEADER = "# Effects of a simulation: airswing simulate CONFIG --effects THIS -o FILE\n"
 
 
+# ------------------------------------------------------------------------------------- reading
 def read_effects(path: Path | str) -> list[ActiveEffect]:
     """Read the effects of a file.
 
     Parameters
     ----------
     path : path-like
-        YAML.
+        YAML file.
 
     Returns
     -------
     list of ActiveEffect
-        Parameters as numbers in the catalogue's units.
+        Parameters as numbers in the units of the catalogue.
 
     Raises
     ------
     InputError
-        The file is not there, is no YAML, or names something unknown.
+        The file does not exist, is no YAML, or contains something unknown.
     """
     path = Path(path)
     return parse_effects(load_yaml(path), file=path)
 
 
-def parse_effects(content: object, *, file: object | None = None) -> list[ActiveEffect]:
-    """Check effects given as plain lists and mappings.
-
-    Parameters
-    ----------
-    content : list or mapping or None
-        What a YAML or JSON file held; none is no effects.
-    file : object, optional
-        Named in messages.
-
-    Raises
-    ------
-    InputError
-        Something is unknown or of the wrong kind.
-    """
-    if isinstance(content, Mapping):
-        _only(content, ("effects",), file, "effects file")
-        content = content.get("effects")
-    if content is None:
-        return []
-    if not isinstance(content, list):
-        raise InputError("effects must be a list", file=file, found=type(content).__name__)
-    return [_entry(entry, file) for entry in content]
-
-
-def write_effects(effects: Iterable[ActiveEffect], path: Path | str) -> Path:
-    """Write effects so that `read_effects` gives them back.
+def read_known(path: Path | str, *, reference: str) -> list[ActiveEffect]:
+    """Read known effects from ``effects.yaml``, or the deviations of ``fits.nc`` as effects.
 
     Parameters
     ----------
     path : path-like
+        A file with the suffix ``.nc`` contains fits, any other file effects.
+    reference : str
+        Reference or pool of the fits.
+
+    Returns
+    -------
+    list of ActiveEffect
+
+    Raises
+    ------
+    InputError
+        The file does not exist, or contains neither.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InputError("no file of known effects", file=path, remedy="effects.yaml or fits.nc")
+    if path.suffix != ".nc":
+        return read_effects(path)
+    from airswing.products.netcdf import read_product
+
+    fits = read_product(path)
+    if "deviation" not in fits or "reference" not in fits.dims:
+        raise InputError("holds no fitted deviations", file=path, remedy="give a run's fits.nc")
+    return effects_of_fits(fits, reference=reference, file=path)
+
+
+def effects_of_fits(
+    fits: xr.Dataset, *, reference: str, file: Path | None = None
+) -> list[ActiveEffect]:
+    """Convert the accepted fits of every aircraft into effects.
+
+    Parameters
+    ----------
+    fits : xarray.Dataset
+        Content of ``fits.nc``.
+    reference : str
+        Reference or pool of the fits.
+    file : Path, optional
+        File for messages.
+
+    Returns
+    -------
+    list of ActiveEffect
+        Offset, hard iron (at the horizontal field of the coefficients), soft iron and airspeed
+        scale of each aircraft with an accepted fit.
+
+    Raises
+    ------
+    InputError
+        The reference was not fitted, or no fit was accepted.
+    """
+    names = [str(name) for name in fits["reference"].values]
+    if reference not in names:
+        raise InputError(
+            "no fit against the gap's reference",
+            file=file,
+            field="reference",
+            found=reference,
+            remedy=f"fitted were {', '.join(names)}; set gap.reference to one of them",
+        )
+    fits = fits.isel(reference=names.index(reference))
+    out: list[ActiveEffect] = []
+    for k, tail in enumerate(str(name) for name in fits["aircraft"].values):
+        fit = fits.isel(aircraft=k)
+        if published(fit["status"]) and bool(np.isfinite(fit["deviation"]).all()):
+            out += _effects_of_fit(fit, tail)
+    if not out:
+        raise InputError("no accepted fit to start from", file=file, field="status")
+    return out
+
+
+def _effects_of_fit(fit: xr.Dataset, tail: str) -> list[ActiveEffect]:
+    """Convert the curve A + B sin + C cos + D sin 2 + E cos 2 of one aircraft, degrees."""
+    a, b, c, d, e = (float(value) for value in fit["deviation"].values)
+    values: dict[str, dict[str, object]] = {"compass_offset": {"offset_deg": a}}
+    for name, sine, cosine in (("hard_iron", b, c), ("soft_iron", d, e)):
+        if sine != 0.0 or cosine != 0.0:
+            values[name] = {
+                "amplitude_deg": float(np.hypot(sine, cosine)),
+                "phase_deg": float(np.degrees(np.arctan2(cosine, sine))),
+            }
+    if "hard_iron" in values:
+        values["hard_iron"]["at_horizontal_field_nT"] = float(fit["mean_horizontal_field"])
+    scale = float(fit["airspeed_scale"])
+    if np.isfinite(scale):
+        values["tas_scale"] = {"scale_percent": 100.0 * scale}
+    return [ActiveEffect(name, parameters, (tail,)) for name, parameters in values.items()]
+
+
+# ------------------------------------------------------------------------------------- writing
+def write_effects(effects: Iterable[ActiveEffect], path: Path | str) -> Path:
+    """Write effects to a file that `read_effects` reads.
+
+    Parameters
+    ----------
+    effects : iterable of ActiveEffect
+        Effects.
+    path : path-like
         YAML file, written atomically.
+
+    Returns
+    -------
+    Path
     """
     content = plain_effects(effects)
     text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=100)
@@ -94,7 +178,12 @@ def write_effects(effects: Iterable[ActiveEffect], path: Path | str) -> Path:
 
 
 def plain_effects(effects: Iterable[ActiveEffect]) -> list[dict[str, object]]:
-    """Give effects as plain lists and mappings, for YAML and JSON.
+    """Convert effects to plain lists and mappings, for YAML and JSON.
+
+    Parameters
+    ----------
+    effects : iterable of ActiveEffect
+        Effects.
 
     Returns
     -------
@@ -117,7 +206,7 @@ def plain_effects(effects: Iterable[ActiveEffect]) -> list[dict[str, object]]:
 
 
 def plain_period(period: tuple[float | None, float | None] | None) -> list[str | None] | None:
-    """Give a period (s since 1970) as ISO 8601 text, UTC; open ends are None."""
+    """Convert a period (s since 1970) to ISO 8601 text, UTC; open ends are None."""
     if period is None:
         return None
     return [None if end is None else _iso(end) for end in period]
@@ -125,9 +214,7 @@ def plain_period(period: tuple[float | None, float | None] | None) -> list[str |
 
 def _iso(seconds: float) -> str:
     stamp = datetime.fromtimestamp(seconds, UTC).replace(tzinfo=None)
-    # whole seconds, as nearly all are, stay short
-    kind = "milliseconds" if stamp.microsecond else "seconds"
-    return f"{stamp.isoformat(timespec=kind)}Z"
+    return f"{stamp.isoformat(timespec='milliseconds' if stamp.microsecond else 'seconds')}Z"
 
 
 def _plain(value: object) -> object:
@@ -136,59 +223,87 @@ def _plain(value: object) -> object:
     return [_plain(part) for part in value] if isinstance(value, Sequence) else number(value)
 
 
-def _nearest(word: object, known: Iterable[str]) -> str:
-    names = list(known)
-    # below difflib's own 0.6: what is meant by a short name would be missed, and one guess does no
-    # harm
-    near = difflib.get_close_matches(str(word), names, n=1, cutoff=0.4)
-    return f"Did you mean {near[0]}?" if near else f"Known: {', '.join(names)}"
+# ------------------------------------------------------------------------------------ checking
+def parse_effects(content: object, *, file: object | None = None) -> list[ActiveEffect]:
+    """Check effects given as plain lists and mappings.
 
+    Parameters
+    ----------
+    content : list or mapping or None
+        Content of a YAML or JSON file; None for no effects.
+    file : object, optional
+        File for messages.
 
-def _only(
-    given: Mapping[object, object], known: Iterable[str], file: object | None, what: str
-) -> None:
-    names = tuple(known)
-    for key in given:
-        if key not in names:
-            raise InputError(
-                f"unknown key in {what}", file=file, found=key, remedy=_nearest(key, names)
-            )
+    Returns
+    -------
+    list of ActiveEffect
+
+    Raises
+    ------
+    InputError
+        Something is unknown or of the wrong kind.
+    """
+    if isinstance(content, Mapping):
+        _check_keys(content, ("effects",), file, "unknown key in effects file")
+        content = content.get("effects")
+    if content is None:
+        return []
+    if not isinstance(content, list):
+        raise InputError("effects must be a list", file=file, found=type(content).__name__)
+    return [_entry(entry, file) for entry in content]
 
 
 def _entry(entry: object, file: object | None) -> ActiveEffect:
     if not isinstance(entry, Mapping):
         raise InputError("every effect must be a mapping", file=file, found=entry)
-    _only(entry, KEYS, file, "an effect")
-    effect = effect_named(str(entry.get("name")))
+    _check_keys(entry, KEYS, file, "unknown key in an effect")
+    name, given = entry.get("name"), entry.get("parameters") or {}
+    effect = effect_named(str(name))
     if effect is None:
-        raise InputError(
-            "unknown effect",
-            file=file,
-            field="name",
-            found=entry.get("name"),
-            remedy=_nearest(entry.get("name"), CATALOGUE),
-        )
-    given = entry.get("parameters") or {}
+        remedy = _nearest(name, CATALOGUE)
+        raise InputError("unknown effect", file=file, field="name", found=name, remedy=remedy)
     if not isinstance(given, Mapping):
         raise InputError("parameters must be a mapping", file=file, field=effect.name, found=given)
     values = _parameters(effect, given, file)
-    return ActiveEffect(
-        effect.name, values, _tails(entry.get("tails"), file), _period(entry.get("period"), file)
-    )
+    tails = entry.get("tails")
+    if tails == "all":
+        tails = None
+    elif isinstance(tails, str):
+        tails = [tails]
+    if tails is not None and (not isinstance(tails, list) or not tails):
+        raise InputError("needs a list of aircraft, or all", file=file, field="tails", found=tails)
+    names = None if tails is None else tuple(str(tail) for tail in tails)
+    return ActiveEffect(effect.name, values, names, _period(entry.get("period"), file))
+
+
+def _nearest(word: object, known: Iterable[str]) -> str:
+    names = list(known)
+    # a lower cutoff than the default of 0.6, which misses short names
+    near = difflib.get_close_matches(str(word), names, n=1, cutoff=0.4)
+    return f"Did you mean {near[0]}?" if near else f"Known: {', '.join(names)}"
+
+
+def _check_keys(
+    given: Mapping[object, object],
+    known: Iterable[str],
+    file: object | None,
+    message: str,
+    field: str | None = None,
+) -> None:
+    names = tuple(known)
+    for key in given:
+        if key not in names:
+            raise InputError(
+                message, file=file, field=field, found=key, remedy=_nearest(key, names)
+            )
 
 
 def _parameters(
     effect: Effect, given: Mapping[object, object], file: object | None
 ) -> dict[str, object]:
     known = {parameter.name: parameter for parameter in effect.parameters}
-    for name in given:
-        if name not in known:
-            raise InputError(
-                f"effect {effect.name} has no parameter {name}",
-                file=file,
-                field=effect.name,
-                remedy=_nearest(name, known),
-            )
+    message = f"unknown parameter of effect {effect.name}"
+    _check_keys(given, known, file, message, effect.name)
     values = {
         str(name): _number(known[str(name)], value, file)
         for name, value in given.items()
@@ -197,7 +312,6 @@ def _parameters(
     try:
         effect.complete(values)
     except InputError as err:
-        # the effect knows no file
         raise InputError(err.what, file=file, field=err.field, remedy=err.remedy) from err
     return values
 
@@ -205,34 +319,22 @@ def _parameters(
 def _number(parameter: Parameter, value: object, file: object | None) -> object:
     if not parameter.number:
         return value
-    # a bool is an int to Python
-    if isinstance(value, bool) or not isinstance(value, int | float | str):
+    if isinstance(value, str):
+        unit = "dimensionless" if parameter.units == "1" else parameter.units
+        try:
+            return quantity(value, unit)
+        except ValueError as err:
+            raise InputError(
+                f"needs a number, or a quantity in units of {parameter.units}",
+                file=file,
+                field=parameter.name,
+                found=value,
+            ) from err
+    valid = isinstance(value, int | float) and not isinstance(value, bool)
+    # the comparison is false for NaN
+    if not valid or not abs(number(value)) <= sys.float_info.max:
         raise InputError("needs a number", file=file, field=parameter.name, found=value)
-    if not isinstance(value, str):
-        # turned round, for a not-a-number to be refused as well
-        if not abs(value) <= sys.float_info.max:
-            raise InputError("needs a number", file=file, field=parameter.name, found=value)
-        return float(value)
-    unit = "dimensionless" if parameter.units == "1" else parameter.units
-    try:
-        return quantity(value, unit)
-    except ValueError as err:
-        raise InputError(
-            f"needs a number, or a quantity in units of {parameter.units}",
-            file=file,
-            field=parameter.name,
-            found=value,
-        ) from err
-
-
-def _tails(tails: object, file: object | None) -> tuple[str, ...] | None:
-    if tails is None or tails == "all":
-        return None
-    if isinstance(tails, str):
-        return (tails,)
-    if not isinstance(tails, list) or not tails:
-        raise InputError("needs a list of aircraft, or all", file=file, field="tails", found=tails)
-    return tuple(str(tail) for tail in tails)
+    return number(value)
 
 
 def _period(period: object, file: object | None) -> tuple[float | None, float | None] | None:

@@ -1,16 +1,24 @@
-"""Forward simulation: the reports a unit would have sent along the paths of an archive.
+"""Forward simulation of the reports of an archive, and removal of known effects from reports.
 
-Assumptions: positions, times and ground velocity are the archive's. The wind met is the reference
-wind, with the effects on it and the noise added; the true air vector is the ground velocity less
-that wind. Indicated heading and airspeed follow by the sensor effects, evaluated at the INDICATED
-magnetic heading (a fixed point, found by iteration); the wind sent is
-``V_G - V_ind h(psi_ind)``, then whatever the unit does to it, then its coding. With neither effects
-nor noise the wind sent is the reference wind as the unit codes it: the perfect instrument.
+Simulation. Assumptions: positions, times and ground velocity are those of the archive. The wind
+met by the aircraft is the reference wind with its effects and the noise; the true air vector is
+the ground velocity minus this wind. Indicated heading and airspeed follow from the sensor effects,
+evaluated at the INDICATED magnetic heading by fixed-point iteration; the reported wind is
+``V_G - V_ind h(psi_ind)``, then the effects of the unit, then its coding. Without effects and noise
+the reported wind is the reference wind as coded by the unit: the perfect instrument.
+
+Removal. The difference between an archive and a simulation with an effect equals that between the
+archive without the effect and a simulation without it. Errors of heading and airspeed are removed
+exactly: a unit that indicated ``psi`` and ``V`` flew ``psi - d(psi)`` at the airspeed that it would
+indicate as ``V``, and its wind differs by ``V h(psi) - V_true h(psi - d)``. Effects on the wind met
+(errors of the reference, of height or time) are added to the reference wind; exchanged identifiers
+are exchanged back. An empirical table is removed from the reported wind by iteration. Effects on
+scatter and coding cannot be removed from single reports: they are kept, and not stated again.
 
 Validity: effects of reference and path (time, height) are exact to first order in the derivatives
-the frame carries. Deviations must change by less than a degree per degree of heading.
+of the frame. Deviations must change by less than a degree per degree of heading.
 
-Effects are given as `ActiveEffect`; who and when is decided here, how by the effect itself.
+Units: those of `airswing.gap.archive.frame`.
 """
 
 from __future__ import annotations
@@ -18,7 +26,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Protocol
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,48 +34,31 @@ from numpy.typing import NDArray
 from airswing.errors import InputError
 from airswing.gap.archive.frame import Frame
 from airswing.gap.archive.lattices import HeadingSteps
-from airswing.gap.effects import CATALOGUE, ActiveEffect, Effect, State, effect_named
+from airswing.gap.effects import CATALOGUE, EMPIRICAL, ActiveEffect, Effect, State, effect_named
 from airswing.gap.effects.base import Parameters, Stage, absent_context
-from airswing.gap.noise.whitening import DirectionFactors
+from airswing.gap.noise.model import NoiseModel
 from airswing.physics.triangle import (
     bearing,
     wind_components,
     wind_from_direction,
     wind_from_triangle,
     wrap_positive,
+    wrap_signed,
 )
 
 FloatArray = NDArray[np.float64]
-# The error changes by much less than the heading does: it settles in some ten rounds.
+
 MOST_ITERATIONS = 100
+"""Iterations for the indicated heading, of which about ten are usual."""
 TOLERANCE = 1e-12
-"""rad: the indicated heading has settled."""
-
-
-class NoiseLike(Protocol):
-    """What the noise along flights must offer; `airswing.gap.noise.model.NoiseModel` does."""
-
-    @property
-    def correlated_sd(self) -> float:
-        """Standard deviation of the correlated part, m s-1 per component."""
-
-    @property
-    def white_sd(self) -> float:
-        """Standard deviation of the independent part, m s-1 per component."""
-
-    def factor(self, log_pressure: FloatArray) -> FloatArray:
-        """Return what multiplies both at a level."""
-
-    def decay(self, distance: FloatArray, step: FloatArray) -> FloatArray:
-        """Return the correlation over a distance (m) and a step of ln p."""
-
-    def direction_factors(self, heading: FloatArray) -> DirectionFactors | None:
-        """Return the scaling of errors along and across headings (rad)."""
+"""Change of the indicated heading at which the iteration ends, rad."""
+AIRSPEED_ITERATIONS = 8
+"""Iterations from indicated to true airspeed: errors of 10 % converge below 1e-5 m/s."""
 
 
 @dataclass(frozen=True)
 class Coding:
-    """Steps in which a unit takes its heading and codes its wind; 0 for as it is."""
+    """Steps in which a unit takes its heading and codes its wind; 0 for no rounding."""
 
     speed: FloatArray | float  # (n,) or float; m s-1
     direction: FloatArray | float  # (n,) or float; degree
@@ -75,56 +66,110 @@ class Coding:
 
     @classmethod
     def of_archive(cls, frame: Frame) -> Coding:
-        """Return the coding found in the archive, aircraft by aircraft.
-
-        Returns
-        -------
-        Coding
-            0 where the archive shows no step.
-        """
+        """Return the coding of winds by each aircraft of the archive; 0 where unknown."""
         speed = np.nan_to_num(frame.wind_speed_resolution)[frame.aircraft]
         return cls(speed, np.nan_to_num(frame.wind_direction_resolution)[frame.aircraft])
 
     @classmethod
     def as_found(cls, frame: Frame) -> Coding:
-        """Return the same with the steps that headings are found to come in, an effect by name."""
+        """Return the coding of winds with the steps that are found in the headings."""
         return replace(cls.of_archive(frame), headings=HeadingSteps.of_archive(frame))
 
     def apply(self, u: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Wind, m s-1, as it is sent of what was met or measured."""
+        """Code winds.
+
+        Parameters
+        ----------
+        u, v : (n,) float
+            Wind as met or measured, m s-1.
+
+        Returns
+        -------
+        u, v : (n,) float
+            Wind as reported, m s-1.
+        """
         if self.headings is not None:
             u, v = self.headings.apply(u, v)
         speed, direction = wind_from_direction(u, v)
-        turned = _rounded(np.degrees(np.where(speed > 0.0, direction, 0.0)), self.direction)
-        return wind_components(_rounded(speed, self.speed), np.radians(turned))
+        degrees = _rounded(np.degrees(np.where(speed > 0.0, direction, 0.0)), self.direction)
+        return wind_components(_rounded(speed, self.speed), np.radians(degrees))
+
+
+def _rounded(values: FloatArray, step: FloatArray | float) -> FloatArray:
+    positive = np.where(np.asarray(step) > 0.0, step, 1.0)
+    return np.where(np.asarray(step) > 0.0, np.round(values / positive) * positive, values)
 
 
 @dataclass(frozen=True)
-class Work:
-    """One effect with its complete parameters, whom it strikes, and its own random numbers."""
+class PreparedEffect:
+    """An effect with complete parameters and its seed."""
 
     effect: Effect
     active: ActiveEffect
     values: Parameters
     seed: np.random.SeedSequence
 
-    def counted_from(self, frame: Frame) -> Frame:
-        """Return the reports with their time counted from where an effect's period begins."""
-        start = self.active.period[0] if self.active.period else None
-        if start is None or start <= frame.epoch:
-            return frame
-        return replace(frame, epoch=start)
+    @classmethod
+    def all_of(
+        cls, effects: Sequence[ActiveEffect], frame: Frame, seeds: Sequence[np.random.SeedSequence]
+    ) -> list[PreparedEffect]:
+        """Check effects against a frame and complete their parameters.
 
-    def rng(self) -> np.random.Generator:
-        """Return its random numbers, the same each time."""
-        return np.random.default_rng(self.seed)
+        Raises
+        ------
+        InputError
+            An effect or aircraft is unknown, a parameter missing, or the context absent.
+        """
+        out = []
+        for active, seed in zip(effects, seeds, strict=True):
+            effect = effect_named(active.name)
+            if effect is None:
+                near = difflib.get_close_matches(active.name, list(CATALOGUE), n=1, cutoff=0.0)
+                raise InputError(
+                    "unknown effect", found=active.name, remedy=f"Did you mean {', '.join(near)}?"
+                )
+            if active.tails is not None:
+                frame.aircraft_mask(active.tails)  # raises for an unknown aircraft
+            for name in effect.needs:
+                reason = absent_context(frame, name)
+                if reason is not None:
+                    raise InputError(
+                        f"{active.name} cannot be simulated: {reason}", field=active.name
+                    )
+            out.append(cls(effect, active, effect.complete(active.parameters), seed))
+        return out
+
+    def affected(self, state: State, frame: Frame) -> NDArray[np.bool_]:
+        """Mark the reports of the affected airframes within the period, (n,)."""
+        affected = np.ones(frame.size, dtype=np.bool_)
+        if self.active.tails is not None:
+            affected &= np.isin(state.airframe, [frame.tails.index(t) for t in self.active.tails])
+        start, end = self.active.period or (None, None)
+        if start is not None:
+            affected &= frame.time >= start
+        if end is not None:
+            affected &= frame.time < end
+        return affected
+
+    def apply(self, state: State, frame: Frame) -> State:
+        """Apply the effect to the affected reports; time counts from the start of its period."""
+        affected = self.affected(state, frame)
+        start = self.active.period[0] if self.active.period else None
+        if start is not None and start > frame.epoch:
+            frame = replace(frame, epoch=start)
+        after = self.effect.apply(state, frame, self.values, np.random.default_rng(self.seed))
+        changed = {
+            f.name: np.where(affected, getattr(after, f.name), getattr(state, f.name))
+            for f in fields(State)
+        }
+        return State(**changed)
 
 
 def simulate(
     frame: Frame,
     *,
     effects: Sequence[ActiveEffect] = (),
-    noise: NoiseLike | None = None,
+    noise: NoiseModel | None = None,
     coding: Coding | None = None,
     seed: int = 0,
 ) -> Frame:
@@ -135,200 +180,37 @@ def simulate(
     frame : Frame
         Paths, context and reference wind; its reported wind is not used.
     effects : sequence of ActiveEffect
-        What is wrong, on whom and when.
-    noise : NoiseLike, optional
-        Error of the reference along flights; none where not given.
+        Effects with aircraft, period and parameters.
+    noise : NoiseModel, optional
+        Error of the reference along flights; none by default.
     coding : Coding, optional
-        Steps of the coded wind; `Coding.of_archive` for the archive's own, none where not given.
+        Steps of the coded wind, e.g. `Coding.of_archive`; none by default.
     seed : int
-        Of noise and random effects. Noise does not depend on the effects, so two simulations
-        differ by the effects alone.
+        Seed of noise and random effects. Noise does not depend on the effects, so that two
+        simulations differ by the effects only.
 
     Returns
     -------
     Frame
-        The same reports with the simulated reported wind, the heading and airspeed it implies,
-        and the position as sent.
+        The same reports with the simulated reported wind, the heading and airspeed that it
+        implies, and the position as sent.
 
     Raises
     ------
     InputError
-        An effect or aircraft is unknown, or the context an effect acts on is absent.
+        An effect or aircraft is unknown, the context of an effect is absent, or effects change the
+        heading so strongly that no indicated heading exists.
     """
     noise_seed, *seeds = np.random.SeedSequence(seed).spawn(1 + len(effects))
-    work = [prepared(active, frame, s) for active, s in zip(effects, seeds, strict=True)]
-    wind = np.stack([frame.u_ref, frame.v_ref], axis=-1)
+    prepared = PreparedEffect.all_of(effects, frame, seeds)
+    state = _initial_state(frame)
     if noise is not None:
-        wind = wind + draw_noise(frame, noise, rng=np.random.default_rng(noise_seed))
-    empty = np.zeros(frame.size)
-    state = State(
-        airframe=frame.aircraft.copy(),
-        wind_u=wind[:, 0],
-        wind_v=wind[:, 1],
-        heading_error=empty,
-        airspeed=empty,
-        report_u=wind[:, 0],
-        report_v=wind[:, 1],
-        latitude=frame.latitude,
-        longitude=frame.longitude,
-    )
+        error = draw_noise(frame, noise, rng=np.random.default_rng(noise_seed))
+        state = replace(state, wind_u=frame.u_ref + error[:, 0], wind_v=frame.v_ref + error[:, 1])
     for stage in ("identity", "atmosphere"):
-        state = apply_stage(state, frame, work, stage)
-    state = _measured(state, frame, work)
-    state = apply_stage(state, frame, work, "report")
-    return _sent(state, frame, coding)
-
-
-def draw_noise(frame: Frame, noise: NoiseLike, *, rng: np.random.Generator) -> FloatArray:
-    """Draw the error of the reference wind at the reports.
-
-    Parameters
-    ----------
-    frame : Frame
-        Reports, any order.
-    noise : NoiseLike
-        Correlated part along each flight, and white part.
-    rng : numpy.random.Generator
-        Random numbers.
-
-    Returns
-    -------
-    ndarray (n, 2)
-        m s-1, stationary along each flight by the exact one-step recursion.
-    """
-    order = np.lexsort((frame.time, frame.flight))
-    path = frame.take(order)
-    log_pressure = np.log(path.pressure)
-    distance = path.step_distance()
-    first = np.isnan(distance)
-    step = np.abs(np.diff(log_pressure, prepend=log_pressure[:1]))
-    decay = np.where(first, 0.0, noise.decay(np.where(first, 0.0, distance), step))
-    correlated = rng.standard_normal((frame.size, 2))
-    # what is new at a report, so that the variance stays the same along the flight; all of it at
-    # the first
-    correlated *= np.sqrt(1.0 - decay**2)[:, None]
-    place = np.arange(frame.size) - np.maximum.accumulate(np.where(first, np.arange(frame.size), 0))
-    # all second reports at once, then all third ones: as many steps as the longest flight has
-    # reports
-    by_place = np.argsort(place, kind="stable")
-    bounds = np.cumsum(np.bincount(place))
-    for k in range(1, bounds.size):
-        rows = by_place[bounds[k - 1] : bounds[k]]
-        correlated[rows] += decay[rows, None] * correlated[rows - 1]
-    white = rng.standard_normal((frame.size, 2))
-    both = noise.correlated_sd * correlated + noise.white_sd * white
-    out = np.empty((frame.size, 2))
-    direction = noise.direction_factors(path.heading)
-    if direction is not None:
-        both = np.asarray(direction.scale_reports(both), np.float64)
-    out[order] = noise.factor(log_pressure)[:, None] * both
-    return out
-
-
-def prepared(active: ActiveEffect, frame: Frame, seed: np.random.SeedSequence) -> Work:
-    """Return an effect made ready to act on a frame.
-
-    Parameters
-    ----------
-    active : ActiveEffect
-        Which, on whom, when, how much.
-    seed : numpy.random.SeedSequence
-        Of what it draws.
-
-    Raises
-    ------
-    InputError
-        The effect or an aircraft is unknown, a parameter missing, or the context absent.
-    """
-    effect = effect_named(active.name)
-    if effect is None:
-        # cutoff 0: the nearest is named, however far it is
-        near = difflib.get_close_matches(active.name, list(CATALOGUE), n=1, cutoff=0.0)
-        raise InputError(
-            "unknown effect", found=active.name, remedy=f"Did you mean {', '.join(near)}?"
-        )
-    if active.tails is not None:
-        # for its message alone: further on an aircraft that is not there is an error without one
-        frame.aircraft_mask(active.tails)
-    for name in effect.needs:
-        reason = absent_context(frame, name)
-        if reason is not None:
-            raise InputError(f"{active.name} cannot be simulated: {reason}", field=active.name)
-    return Work(effect, active, effect.complete(active.parameters), seed)
-
-
-def affected_reports(work: Work, state: State, frame: Frame) -> NDArray[np.bool_]:
-    """Reports the effect strikes, (n,): the physical airframes named, within the period."""
-    affected = np.ones(frame.size, dtype=np.bool_)
-    if work.active.tails is not None:
-        affected &= np.isin(state.airframe, [frame.tails.index(t) for t in work.active.tails])
-    start, end = work.active.period or (None, None)
-    if start is not None:
-        affected &= frame.time >= start
-    if end is not None:
-        affected &= frame.time < end
-    return affected
-
-
-def apply_stage(state: State, frame: Frame, work: Sequence[Work], stage: Stage | str) -> State:
-    """Pass a state through all effects of one stage, in the order given.
-
-    Parameters
-    ----------
-    work : sequence of Work
-        From `prepared`; those of other stages are passed over.
-    stage : str
-        Of `airswing.gap.effects.base.Stage`.
-    """
-    for item in work:
-        if item.effect.stage != stage:
-            continue
-        affected = affected_reports(item, state, frame)
-        after = item.effect.apply(state, item.counted_from(frame), item.values, item.rng())
-        state = State(
-            **{
-                f.name: np.where(affected, getattr(after, f.name), getattr(state, f.name))
-                for f in fields(State)
-            }
-        )
-    return state
-
-
-def _measured(state: State, frame: Frame, work: Sequence[Work]) -> State:
-    """Find the indicated heading and airspeed, and the wind computed from them."""
-    air_u, air_v = frame.ground_u - state.wind_u, frame.ground_v - state.wind_v
-    airspeed = np.hypot(air_u, air_v)
-    # an air vector of nothing has no heading: north, for the wind computed from it is the same
-    heading = np.nan_to_num(bearing(air_u, air_v))
-    clean = replace(state, airspeed=airspeed, heading_error=np.zeros(frame.size))
-    after = clean
-    for _ in range(MOST_ITERATIONS):
-        indicated = heading + after.heading_error
-        view = replace(
-            frame,
-            heading=indicated,
-            magnetic_heading=indicated - frame.declination,
-            airspeed=airspeed,
-        )
-        before = after.heading_error
-        after = apply_stage(clean, view, work, "sensor")
-        moved = np.max(np.abs(after.heading_error - before), initial=0.0)
-        if moved < TOLERANCE:
-            break
-    else:
-        raise InputError(
-            "effects turn the heading faster than the heading itself: it does not settle",
-            field="effects",
-            found=f"still moving by {np.degrees(moved):.2g} degrees",
-            remedy="give a smaller amplitude (a compass errs by degrees, not tens of them)",
-        )
-    report_u, report_v = wind_from_triangle(
-        frame.ground_u, frame.ground_v, after.airspeed, heading + after.heading_error
-    )
-    return replace(after, report_u=report_u, report_v=report_v)
-
-
-def _sent(state: State, frame: Frame, coding: Coding | None) -> Frame:
+        state = _apply_stage(state, frame, prepared, stage)
+    state = _measured(state, frame, prepared)
+    state = _apply_stage(state, frame, prepared, "report")
     u, v = state.report_u, state.report_v
     if coding is not None:
         u, v = coding.apply(u, v)
@@ -346,8 +228,179 @@ def _sent(state: State, frame: Frame, coding: Coding | None) -> Frame:
     )
 
 
-def _rounded(values: FloatArray, step: FloatArray | float) -> FloatArray:
-    wide = np.broadcast_to(np.asarray(step, dtype=np.float64), values.shape)
-    # aircraft that code in no step stand among those that do
-    safe = np.where(wide > 0.0, wide, 1.0)
-    return np.where(wide > 0.0, np.round(values / safe) * safe, values)
+def draw_noise(frame: Frame, noise: NoiseModel, *, rng: np.random.Generator) -> FloatArray:
+    """Draw the error of the reference wind at the reports.
+
+    Parameters
+    ----------
+    frame : Frame
+        Reports in any order.
+    noise : NoiseModel
+        Correlated part along each flight, and white part.
+    rng : numpy.random.Generator
+        Random numbers.
+
+    Returns
+    -------
+    (n, 2) float
+        m s-1, stationary along each flight by the exact one-step recursion.
+    """
+    order = np.lexsort((frame.time, frame.flight))
+    path = frame.take(order)
+    log_pressure = np.log(path.pressure)
+    distance = path.step_distance()
+    first = np.isnan(distance)
+    step = np.abs(np.diff(log_pressure, prepend=log_pressure[:1]))
+    decay = np.where(first, 0.0, noise.decay(np.where(first, 0.0, distance), step))
+    # innovations, whose variance keeps the variance of the process constant along the flight
+    correlated = rng.standard_normal((frame.size, 2)) * np.sqrt(1.0 - decay**2)[:, None]
+    rows = np.arange(frame.size)
+    position = rows - np.maximum.accumulate(np.where(first, rows, 0))
+    # vectorised over flights: all second reports, then all third reports, and so on
+    by_position = np.argsort(position, kind="stable")
+    bounds = np.cumsum(np.bincount(position))
+    for start, stop in pairwise(bounds):
+        now = by_position[start:stop]
+        correlated[now] += decay[now, None] * correlated[now - 1]
+    white = rng.standard_normal((frame.size, 2))
+    both = noise.correlated_sd * correlated + noise.white_sd * white
+    direction = noise.direction_factors(path.heading)
+    if direction is not None:
+        both = np.asarray(direction.scale_reports(both), np.float64)
+    out = np.empty((frame.size, 2))
+    out[order] = noise.factor(log_pressure)[:, None] * both
+    return out
+
+
+def remove_effects(frame: Frame, effects: Sequence[ActiveEffect]) -> Frame:
+    """Remove known effects from the reports.
+
+    Parameters
+    ----------
+    frame : Frame
+        Reports with the effects.
+    effects : sequence of ActiveEffect
+        Effects to remove; those on scatter and coding are ignored.
+
+    Returns
+    -------
+    Frame
+        The same reports in the same order.
+
+    Raises
+    ------
+    InputError
+        An effect or an aircraft is unknown, or the context of an effect is absent.
+    """
+    seeds = np.random.SeedSequence(0).spawn(len(effects))
+    prepared = PreparedEffect.all_of(effects, frame, seeds)
+    frame = _without_tables(frame, prepared)
+    identified = _apply_stage(_initial_state(frame), frame, prepared, "identity").airframe
+    met = replace(_initial_state(frame), airframe=identified)
+    met = _apply_stage(met, frame, prepared, "atmosphere")
+    frame = replace(frame, aircraft=identified)
+    true = frame.airspeed
+    state = after = _initial_state(frame)
+    for _ in range(AIRSPEED_ITERATIONS):
+        after = _apply_stage(replace(state, airspeed=true), frame, prepared, "sensor")
+        true = true - (after.airspeed - frame.airspeed)
+    error = after.heading_error
+    heading = frame.heading - error
+    change = frame.airspeed * np.stack([np.sin(frame.heading), np.cos(frame.heading)])
+    change = change - true * np.stack([np.sin(heading), np.cos(heading)])
+    return replace(
+        frame,
+        u_ref=met.wind_u,
+        v_ref=met.wind_v,
+        u_rep=frame.u_rep + change[0],
+        v_rep=frame.v_rep + change[1],
+        heading=heading,
+        airspeed=true,
+        magnetic_heading=wrap_positive(frame.magnetic_heading - error),
+    )
+
+
+def _without_tables(frame: Frame, prepared: Sequence[PreparedEffect]) -> Frame:
+    """Remove empirical tables from the reported winds, the last one first."""
+    tables = [item for item in prepared if item.active.name == EMPIRICAL.name]
+    if not tables:
+        return frame
+    state = _initial_state(frame)
+    for item in reversed(tables):
+        affected = item.affected(state, frame)
+        before = EMPIRICAL.undo(state, frame, item.values)
+        u = np.where(affected, before.report_u, state.report_u)
+        v = np.where(affected, before.report_v, state.report_v)
+        state = replace(state, report_u=u, report_v=v)
+    u, v = state.report_u, state.report_v
+    # changes of the air vector are added: heading and airspeed need not close the wind triangle
+    sent = np.stack([frame.ground_u - frame.u_rep, frame.ground_v - frame.v_rep])
+    air = np.stack([frame.ground_u - u, frame.ground_v - v])
+    rotation = wrap_signed(bearing(*air) - bearing(*sent))
+    return replace(
+        frame,
+        u_rep=u,
+        v_rep=v,
+        heading=frame.heading + rotation,
+        airspeed=frame.airspeed + np.hypot(*air) - np.hypot(*sent),
+        magnetic_heading=wrap_positive(frame.magnetic_heading + rotation),
+    )
+
+
+def _initial_state(frame: Frame) -> State:
+    """Return the reference wind and the measurement of a frame."""
+    return State(
+        airframe=frame.aircraft.copy(),
+        wind_u=frame.u_ref,
+        wind_v=frame.v_ref,
+        heading_error=np.zeros(frame.size),
+        airspeed=frame.airspeed,
+        report_u=frame.u_rep,
+        report_v=frame.v_rep,
+        latitude=frame.latitude,
+        longitude=frame.longitude,
+    )
+
+
+def _apply_stage(
+    state: State, frame: Frame, prepared: Sequence[PreparedEffect], stage: Stage | str
+) -> State:
+    """Apply all effects of one stage in the given order."""
+    for item in prepared:
+        if item.effect.stage == stage:
+            state = item.apply(state, frame)
+    return state
+
+
+def _measured(state: State, frame: Frame, prepared: Sequence[PreparedEffect]) -> State:
+    """Find the indicated heading and airspeed, and the wind computed from them."""
+    air_u, air_v = frame.ground_u - state.wind_u, frame.ground_v - state.wind_v
+    airspeed = np.hypot(air_u, air_v)
+    # a zero air vector has no heading; any heading leads to the same wind
+    heading = np.nan_to_num(bearing(air_u, air_v))
+    clean = replace(state, airspeed=airspeed, heading_error=np.zeros(frame.size))
+    after, change = clean, 0.0
+    for _ in range(MOST_ITERATIONS):
+        indicated = heading + after.heading_error
+        view = replace(
+            frame,
+            heading=indicated,
+            magnetic_heading=indicated - frame.declination,
+            airspeed=airspeed,
+        )
+        before = after.heading_error
+        after = _apply_stage(clean, view, prepared, "sensor")
+        change = np.max(np.abs(after.heading_error - before), initial=0.0)
+        if change < TOLERANCE:
+            break
+    else:
+        raise InputError(
+            "effects change faster than the heading itself: the indicated heading does not settle",
+            field="effects",
+            found=f"still changing by {np.degrees(change):.2g} degrees",
+            remedy="give a smaller amplitude (compass errors are degrees, not tens of degrees)",
+        )
+    report_u, report_v = wind_from_triangle(
+        frame.ground_u, frame.ground_v, after.airspeed, heading + after.heading_error
+    )
+    return replace(after, report_u=report_u, report_v=report_v)

@@ -1,16 +1,22 @@
-"""Simulated reports as an archive that airswing reads again: canonical columns, CSV or Parquet.
+"""Tables of simulated reports: written for an archive, or read from another simulation.
 
-Assumptions: positions, times, levels, temperatures and flags are the archive's; the wind (and the
+*Writing.* Positions, times, levels, temperatures and flags are those of the archive; the wind (and
 airspeed and heading, where the archive reports them) is simulated. A report without a reference
-wind, a ground vector or a wind of its own keeps its place in the archive with a blank wind, so that
-ground vectors come out as they were.
+wind, a ground vector or a reported wind is kept with a blank wind, so that ground vectors are
+unchanged. Units are those of the canonical columns (knots, feet, degrees, Celsius).
 
-Units are those of the canonical columns (knots, feet, degrees, Celsius).
+*Reading.* Where another simulation follows the paths of the archive, a report of it is of the same
+aircraft at the same time (within `SAME_TIME`) and position (within `SAME_PLACE`); its wind replaces
+the reference wind, whose derivatives are kept. Reports of the archive without a match are left out
+and counted. If fewer than `LEAST_SHARE` of the reports, or fewer than `LEAST_MATCHED`, have a
+match, the simulation is of other paths and only distributions can be compared
+(`airswing.workflow.gap_start`). Winds in m/s, degrees.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -22,10 +28,13 @@ from airswing.errors import InputError
 from airswing.flags import ICING, PHASE, ROLL, TEMPERATURE_QC
 from airswing.gap.archive.frame import Frame
 from airswing.gap.effects import ActiveEffect
-from airswing.gap.simulation.forward import Coding, NoiseLike, simulate
+from airswing.gap.noise.model import NoiseModel
+from airswing.gap.simulation.forward import Coding, simulate
 from airswing.physics.triangle import wind_from_direction, wrap_degrees
 from airswing.products.whole_files import atomic
 from airswing.units import FOOT, KNOT, ZERO_CELSIUS
+
+FloatArray = NDArray[np.float64]
 
 _FLAGS: dict[str, dict[int, str]] = {
     "roll_flag": {ROLL["good"]: "G", ROLL["bad"]: "B", ROLL["not_available"]: "N"},
@@ -34,6 +43,14 @@ _FLAGS: dict[str, dict[int, str]] = {
     "phase": {code: name for name, code in PHASE.items() if name != "unknown"},
     "icing": {ICING["off"]: "0", ICING["on"]: "1"},
 }
+SAME_TIME = 60.0
+"""Largest difference of time of a match, s: times truncated to the minute match."""
+SAME_PLACE = 0.05
+"""Largest distance of a match, degrees of a great circle: three arc minutes."""
+LEAST_SHARE = 0.5
+"""Least share of the reports of the archive with a match."""
+LEAST_MATCHED = 200
+"""Least number of reports with a match."""
 
 
 def simulate_reports(
@@ -41,10 +58,10 @@ def simulate_reports(
     *,
     reference: str | Sequence[str],
     effects: Sequence[ActiveEffect] = (),
-    noise: NoiseLike | None = None,
+    noise: NoiseModel | None = None,
     seed: int = 0,
 ) -> pd.DataFrame:
-    """Simulate the reports of an archive, winds coded in the steps each aircraft shows in it.
+    """Simulate the reports of an archive, with winds in the steps of each aircraft's coding.
 
     Parameters
     ----------
@@ -54,11 +71,11 @@ def simulate_reports(
     reference : str or sequence of str
         The reference, or the members of a pool, whose wind the aircraft fly through.
     effects : sequence of ActiveEffect
-        What is wrong, on whom and when.
-    noise : NoiseLike, optional
+        Effects with aircraft, period and parameters.
+    noise : NoiseModel, optional
         Error of the reference.
     seed : int
-        Of noise and random effects.
+        Seed of noise and random effects.
 
     Returns
     -------
@@ -77,23 +94,36 @@ def simulate_reports(
     6
     """
     frame = Frame.from_headings(headings, reference=reference, excluded=(), phases=tuple(PHASE))
-    coding = Coding.of_archive(frame)
-    sent = simulate(frame, effects=effects, noise=noise, coding=coding, seed=seed)
+    sent = simulate(frame, effects=effects, noise=noise, coding=Coding.of_archive(frame), seed=seed)
+    blank = np.full(headings.sizes["report"], np.nan)
+
+    def column(name: str) -> FloatArray:
+        if name not in headings:
+            return blank
+        return np.asarray(headings[name].values, dtype=np.float64)
+
+    def merged(values: ArrayLike, simulated: FloatArray) -> FloatArray:
+        out = np.array(values, dtype=np.float64)
+        out[sent.report] = simulated
+        return out
+
+    speed, direction = wind_from_direction(sent.u_rep, sent.v_rep)
+    degrees = np.where(speed > 0.0, np.degrees(direction), 0.0)
     table: dict[str, object] = {
-        "tail": np.repeat(
-            np.asarray(headings["aircraft"].values, dtype=object), headings["row_size"].values
-        ),
+        "tail": np.repeat(headings["aircraft"].values.astype(object), headings["row_size"].values),
         "time": headings["time"].values.astype("datetime64[ms]"),
-        "latitude": _with(headings["latitude"].values, sent.report, sent.latitude).round(6),
-        "longitude": _with(
-            headings["longitude"].values, sent.report, wrap_degrees(sent.longitude)
-        ).round(6),
-        **_level(headings),
-        **_wind(headings.sizes["report"], sent),
+        "latitude": merged(column("latitude"), sent.latitude).round(6),
+        "longitude": merged(column("longitude"), wrap_degrees(sent.longitude)).round(6),
     }
-    if "air_temperature" in headings and headings["air_temperature"].notnull().any():
-        celsius = np.asarray(headings["air_temperature"].values, dtype=np.float64) - ZERO_CELSIUS
-        table["temperature_degC"] = celsius.round(2)
+    if "pressure_altitude" in headings:
+        table["pressure_altitude_ft"] = (column("pressure_altitude") / FOOT).round(1)
+    else:
+        table["pressure_hPa"] = (column("pressure") / 100.0).round(3)
+    table["wind_direction_deg"] = merged(blank, degrees.round(6) % 360.0)
+    table["wind_speed_kt"] = merged(blank, (speed / KNOT).round(6))
+    temperature = column("air_temperature")
+    if np.isfinite(temperature).any():
+        table["temperature_degC"] = (temperature - ZERO_CELSIUS).round(2)
     for name, codes in _FLAGS.items():
         if name in headings:
             values = pd.Series(np.asarray(headings[name].values)).map(codes)
@@ -101,17 +131,32 @@ def simulate_reports(
                 table[name] = values.fillna("").to_numpy(dtype=object)
     if "flight" in headings:
         table["flight"] = headings["flight"].values.astype(str).astype(object)
-    table |= _reported_air(headings, sent)
+    for name, canonical, simulated in (
+        ("reported_airspeed", "true_airspeed_kt", sent.airspeed / KNOT),
+        ("reported_heading", "heading_deg", np.degrees(sent.heading).round(3) % 360.0),
+    ):
+        reported = np.isfinite(column(name))
+        if reported.any():
+            table[canonical] = np.where(reported, merged(blank, simulated.round(3)), np.nan)
     return pd.DataFrame(table)
 
 
 def report_path(path: Path | str) -> Path:
-    """Path of a file of reports, whose suffix says how it is written.
+    """Check the suffix of a file of reports, which determines its format.
+
+    Parameters
+    ----------
+    path : path-like
+        ``.csv`` or ``.parquet``.
+
+    Returns
+    -------
+    Path
 
     Raises
     ------
     InputError
-        A suffix other than ``.csv`` and ``.parquet``.
+        The suffix is neither ``.csv`` nor ``.parquet``.
     """
     path = Path(path)
     if path.suffix not in {".csv", ".parquet"}:
@@ -122,7 +167,7 @@ def report_path(path: Path | str) -> Path:
 
 
 def write_reports(table: pd.DataFrame, path: Path | str) -> Path:
-    """Write a report table by the suffix of the file, atomically.
+    """Write a table of reports atomically, in the format of the suffix.
 
     Parameters
     ----------
@@ -130,6 +175,10 @@ def write_reports(table: pd.DataFrame, path: Path | str) -> Path:
         Canonical columns.
     path : path-like
         ``.csv`` or ``.parquet``.
+
+    Returns
+    -------
+    Path
 
     Raises
     ------
@@ -139,8 +188,11 @@ def write_reports(table: pd.DataFrame, path: Path | str) -> Path:
     path = report_path(path)
     with atomic(path) as temporary:
         if path.suffix == ".csv":
-            text = table.assign(time=_iso(table["time"]))
-            text.to_csv(temporary, index=False, lineterminator="\n")
+            stamps = np.asarray(table["time"].values, dtype="datetime64[ms]")
+            whole = not np.any(stamps.astype(np.int64) % 1000)
+            text = np.datetime_as_string(stamps, "s" if whole else "ms")
+            table = table.assign(time=[f"{stamp}Z" for stamp in text])
+            table.to_csv(temporary, index=False, lineterminator="\n")
             return path
         try:
             table.to_parquet(temporary, index=False)
@@ -151,48 +203,91 @@ def write_reports(table: pd.DataFrame, path: Path | str) -> Path:
     return path
 
 
-def _with(
-    values: ArrayLike, index: NDArray[np.int64], new: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    out = np.asarray(values, dtype=np.float64).copy()
-    out[index] = new
-    return out
+@dataclass(frozen=True)
+class Matched:
+    """Simulated winds at the reports of an archive."""
+
+    # (n,): simulated wind, m s-1; NaN without a match
+    u: FloatArray
+    v: FloatArray
+    simulated: int  # number of reports of the simulation
+
+    @property
+    def found(self) -> NDArray[np.bool_]:
+        """Whether each report has a match, (n,)."""
+        return np.isfinite(self.u) & np.isfinite(self.v)
+
+    @property
+    def same_paths(self) -> bool:
+        """Whether the simulation follows the paths of the archive."""
+        number = int(self.found.sum())
+        return number >= LEAST_MATCHED and number >= LEAST_SHARE * self.found.size
 
 
-def _level(headings: xr.Dataset) -> dict[str, object]:
-    if "pressure_altitude" in headings:
-        feet = np.asarray(headings["pressure_altitude"].values, dtype=np.float64) / FOOT
-        return {"pressure_altitude_ft": feet.round(1)}
-    hectopascal = np.asarray(headings["pressure"].values, dtype=np.float64) / 100.0
-    return {"pressure_hPa": hectopascal.round(3)}
+def match_reports(frame: Frame, simulated: xr.Dataset) -> Matched:
+    """Find the simulated report of every report of an archive.
+
+    Parameters
+    ----------
+    frame : Frame
+        The archive.
+    simulated : xarray.Dataset
+        Reports of the simulation, as from `airswing.reports.read_reports`.
+
+    Returns
+    -------
+    Matched
+    """
+    names = [str(name) for name in simulated["aircraft"].values]
+    ends = np.cumsum(simulated["row_size"].values)
+    seconds = simulated["time"].values.astype("datetime64[ms]").astype(np.int64) / 1e3
+    latitude, longitude = simulated["latitude"].values, simulated["longitude"].values
+    u, v = np.full((2, frame.size), np.nan)
+    for index, tail in enumerate(frame.tails):
+        rows = np.flatnonzero(frame.aircraft == index)
+        if tail not in names or not rows.size:
+            continue
+        place = names.index(tail)
+        start, end = (int(ends[place - 1]) if place else 0), int(ends[place])
+        if end == start:
+            continue
+        # the nearest of the ascending times
+        after = np.clip(np.searchsorted(seconds[start:end], frame.time[rows]), 0, end - start - 1)
+        after, before = start + after, start + np.maximum(after - 1, 0)
+        early, late = (np.abs(seconds[side] - frame.time[rows]) for side in (before, after))
+        nearest = np.where(early <= late, before, after)
+        north = latitude[nearest] - frame.latitude[rows]
+        east = wrap_degrees(longitude[nearest] - frame.longitude[rows])
+        east = east * np.cos(np.radians(frame.latitude[rows]))
+        same = np.hypot(north, east) <= SAME_PLACE
+        same &= np.abs(seconds[nearest] - frame.time[rows]) <= SAME_TIME
+        u[rows[same]] = simulated["eastward_wind"].values[nearest[same]]
+        v[rows[same]] = simulated["northward_wind"].values[nearest[same]]
+    return Matched(u, v, int(seconds.size))
 
 
-def _wind(size: int, sent: Frame) -> dict[str, object]:
-    speed, direction = wind_from_direction(sent.u_rep, sent.v_rep)
-    degrees = np.where(speed > 0.0, np.degrees(direction), 0.0)
-    blank = np.full(size, np.nan)
-    return {
-        "wind_direction_deg": _with(blank, sent.report, degrees.round(6) % 360.0),
-        "wind_speed_kt": _with(blank, sent.report, (speed / KNOT).round(6)),
-    }
+def with_simulated_wind(frame: Frame, matched: Matched) -> Frame:
+    """Replace the reference wind by the simulated wind, at the reports with a match.
 
+    Parameters
+    ----------
+    frame : Frame
+        The archive.
+    matched : Matched
+        From `match_reports`.
 
-def _reported_air(headings: xr.Dataset, sent: Frame) -> dict[str, object]:
-    """Airspeed and heading the unit would have sent, where the archive holds them."""
-    out: dict[str, object] = {}
-    for name, column, values in (
-        ("reported_airspeed", "true_airspeed_kt", sent.airspeed / KNOT),
-        ("reported_heading", "heading_deg", np.degrees(sent.heading).round(3) % 360.0),
-    ):
-        if name in headings and headings[name].notnull().any():
-            there = np.isfinite(np.asarray(headings[name].values, dtype=np.float64))
-            simulated = _with(np.full(there.size, np.nan), sent.report, values.round(3))
-            out[column] = np.where(there, simulated, np.nan)
-    return out
+    Returns
+    -------
+    Frame
+        The reports with a match.
 
-
-def _iso(time: pd.Series[pd.Timestamp]) -> list[str]:
-    stamps = np.asarray(time.values, dtype="datetime64[ms]")
-    whole = not np.any(stamps.astype(np.int64) % 1000)
-    text = np.datetime_as_string(stamps.astype("datetime64[s]") if whole else stamps)
-    return [f"{stamp}Z" for stamp in text]
+    Raises
+    ------
+    InputError
+        No report has a match.
+    """
+    found = matched.found
+    if not found.any():
+        raise InputError("no simulated report is of an aircraft and time of the archive")
+    kept = frame.take(np.flatnonzero(found))
+    return replace(kept, u_ref=matched.u[found], v_ref=matched.v[found])
