@@ -352,23 +352,35 @@ def kind_of(path: str) -> str:
     return kind or ("grib" if b"GRIB" in start else "")
 
 
-def local_path(path: str) -> str:
+class LocalPath(str):
+    """A path that keeps the temporary copy it names, which other threads may no longer need."""
+
+    copy: IO[bytes] | None = None
+
+
+def local_path(path: str) -> LocalPath:
     """Path under which a file can be read: itself, or a temporary copy.
+
+    The copy exists as long as the returned object does.
 
     Raises
     ------
     InputError
         If a compressed file is damaged or a URL cannot be read.
     """
-    if is_url(path):
-        return str(_copy(path, 0, 0).name)
-    if os.path.isdir(path):
-        return path
-    with open(path, "rb") as file:
-        start, status = file.read(8), os.fstat(file.fileno())
-    if _opener(start) is None:
-        return path
-    return str(_copy(path, status.st_size, status.st_mtime_ns).name)
+    size = mtime_ns = 0
+    if not is_url(path):
+        if os.path.isdir(path):
+            return LocalPath(path)
+        with open(path, "rb") as file:
+            start, status = file.read(8), os.fstat(file.fileno())
+        if _opener(start) is None:
+            return LocalPath(path)
+        size, mtime_ns = status.st_size, status.st_mtime_ns
+    copy = _copy(path, size, mtime_ns)
+    local = LocalPath(copy.name)
+    local.copy = copy
+    return local
 
 
 @lru_cache(maxsize=_KEPT_COPIES)

@@ -40,8 +40,8 @@ def inspect_file(path: Path) -> dict[str, object]:
         raise refusal
     no_winds: InputError | None = None
     if start.startswith((b"CDF", b"\x89HDF")):
-        local = Path(local_path(str(path)))
-        product = _product(local)
+        local = local_path(str(path))
+        product = _product(Path(local))
         if product is not None:
             return {"file": str(path), "kind": "product"} | product
         try:

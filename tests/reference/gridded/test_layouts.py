@@ -277,6 +277,22 @@ def test_compressed_files_are_read(
         build_catalogue(str(packed), name="x", cache_dir=tmp_path / "c", on_bad_file="fail")
 
 
+def test_more_compressed_files_than_are_kept_are_read_by_threads(tmp_path: Path) -> None:
+    """One field a file, as weather services give them; copies are removed when others come."""
+    values = np.arange(LATLON["Ni"] * LATLON["Nj"]) / 10.0
+    for level in (200, 300, 500, 700, 850, 900):
+        for parameter in "uv":
+            message = build(LATLON, values, parameter=parameter, level=level)
+            (tmp_path / f"{parameter}_{level}.grib2.bz2").write_bytes(bz2.compress(message))
+    model = build_catalogue(str(tmp_path / "*.bz2"), name="x", cache_dir=tmp_path / "c")
+    reports = points(LAT, LON + 5.0, P)
+    reports["time"] = ("report", np.full(P.size, model.times[0]))
+    models = {f"x{number}": model for number in range(6)}
+    lazy = airswing.collocate(reports, models)
+    u = lazy.compute(scheduler="threads", num_workers=6)["reference_eastward_wind"]
+    assert np.isfinite(u).all()
+
+
 @pytest.mark.parametrize(
     ("content", "expected"),
     [

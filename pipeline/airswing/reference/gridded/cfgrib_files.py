@@ -51,7 +51,7 @@ def cfgrib_datasets(file: SourceFile) -> list[xr.Dataset]:
     """
     path = local_path(file.path)
     try:
-        parts, skipped, odd = guarded(_described, path)
+        parts, skipped, odd = guarded(_described, str(path))
     except WorkerEndedError as error:
         raise InputError("cannot be opened as cfgrib", file=file.path, found=error) from error
     if not parts and odd:
@@ -104,8 +104,9 @@ def _block(path: str, number: int, block_info: Any = None) -> NDArray[np.float64
     """One field of a variable; NaN if the worker ends."""
     location = block_info[None]
     outer = tuple(start for start, _ in location["array-location"][:-2])
+    local = local_path(path)
     try:
-        return guarded(_field, local_path(path), number, outer).reshape(location["chunk-shape"])
+        return guarded(_field, str(local), number, outer).reshape(location["chunk-shape"])
     except (WorkerEndedError, ValueError) as error:
         raise ValueError(f"not decodable: {error}") from None
 

@@ -122,6 +122,7 @@ def _netcdf(path: str, engine: str) -> xr.Dataset:
         return xr.decode_cf(plain, mask_and_scale=False, decode_timedelta=False)
 
     root, groups = read(None), _groups(local)
+    root.encoding["airswing_copy"] = local
     kind = str(root.attrs.get("featureType", ""))
     if "/ObsValue" in groups or kind.lower().startswith(_OBSERVATIONS):
         raise InputError(
@@ -143,6 +144,7 @@ def _netcdf(path: str, engine: str) -> xr.Dataset:
     if not groups:
         return root
     found = read(groups[0])
+    found.encoding["airswing_copy"] = local
     outer = root.drop_vars([name for name in root.variables if name in found.variables])
     found = found.assign_coords({str(k): v for k, v in outer.coords.items()})
     found.encoding[NOTES] = [f"winds of the group {groups[0]}"]
