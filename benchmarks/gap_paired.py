@@ -3,7 +3,7 @@
     python -m benchmarks.gap_paired prepare [--folder DIR] [--cases 48] [--seed 20261126] [--real
     DIR] python -m benchmarks.gap_paired run NAME [--folder DIR] [--only CASE ...] python -m
     benchmarks.gap_paired compare OLD NEW [--folder DIR] python -m benchmarks.gap_paired show NAME
-    [--folder DIR]
+    [--folder DIR] python -m benchmarks.gap_paired calibrate NAME --folder DIR
 
 ``prepare`` draws archives with `airswing.synthetic.sealed` (single effects of 0.2 to 3.2 m/s,
 pairs, effects outside the catalogue, effects taken out of it, archives without an effect, the hard
@@ -11,7 +11,9 @@ world and, with ``--real``, errors of a real sensor and a real forecast), makes 
 stores the arrays of `airswing.gap.archive.frame.Frame` with the truth. ``run`` diagnoses every
 archive that has no result of that name yet and stores the content of ``gap.json``. ``compare``
 scores two sets of results on the archives that both hold and prints every figure of both, the mean
-of the paired differences and its standard error. ``show`` prints one line an archive.
+of the paired differences and its standard error. ``show`` prints one line an archive. ``calibrate``
+prints what the results imply for stated probabilities and standard errors; it is run on archives of
+another seed (815) than those that score.
 
 The cache lies outside the repository, in the system's temporary folder unless ``--folder`` is
 given. The archives of the default seed are for development: figures that are published come from
@@ -276,6 +278,37 @@ def compare(folder: Path, old: str, new: str) -> None:
                 )
 
 
+def calibrate(folder: Path, name: str) -> None:
+    """Print the constants of stated probabilities and of standard errors that results imply.
+
+    Log odds that a claim is right are c0 + c1 ln(1 + gate), fitted by maximum likelihood with a
+    Gaussian prior of standard deviation 1 about the constants in force, which keeps few claims from
+    an infinite slope.
+    """
+    from scipy.optimize import minimize
+
+    from airswing.gap.result.statement import CALIBRATION
+
+    found = [one for _, one, gap in scored(folder, name).values() if gap is not None]
+    claims = [(p, right) for one in found for _, p, right in one["claims"]]
+    stated = np.clip([p for p, _ in claims], 1e-6, 1 - 1e-6)
+    right = np.array([right for _, right in claims], float)
+    logs = (np.log(stated / (1 - stated)) - CALIBRATION[0]) / CALIBRATION[1]
+
+    def loss(c: np.ndarray) -> float:
+        odds = c[0] + c[1] * logs
+        prior = 0.5 * float(((c - CALIBRATION) ** 2).sum())
+        return float((np.logaddexp(0.0, odds) - right * odds).sum()) + prior
+
+    best = minimize(loss, np.array(CALIBRATION)).x
+    print(f"CALIBRATION = ({best[0]:.2f}, {best[1]:.2f}) from {len(claims)} claims,")
+    print(f"  {int(right.sum())} right, mean stated {stated.mean():.3f}")
+    z = np.concatenate([one.get("standardised_errors") or [0.0][:0] for one in found])
+    print(f"{z.size} parameters, rms error in standard errors {np.sqrt(np.mean(z**2)):.2f}")
+    covered = [one["closure_covered"] for one in found if one["claimed"] or one["unknown"]]
+    print(f"closure intervals hold {np.mean([c for c in covered if c is not None]):.2f}")
+
+
 def line(folder: Path, label: Label, target: Path) -> str:
     """One archive's truth and what was found."""
     found, gap = score(label, target / f"{label['name']}.json")
@@ -325,6 +358,7 @@ def main() -> int:
         ("run", ("name",)),
         ("compare", ("old", "new")),
         ("show", ("name",)),
+        ("calibrate", ("name",)),
     ):
         sub = commands.add_parser(command)
         for argument in names:
@@ -343,6 +377,8 @@ def main() -> int:
         run(given.folder, given.name, given.only)
     elif given.command == "compare":
         compare(given.folder, given.old, given.new)
+    elif given.command == "calibrate":
+        calibrate(given.folder, given.name)
     else:
         show(given.folder, given.name)
     return 0

@@ -350,14 +350,17 @@ class Candidates:
         """
         if at is not self.context:
             return self._product(table, at, np.stack([at.u_rep, at.v_rep], -1), at)
-        if not {"wind_direction", "wind_speed"} & {c.variable for c in table.curves}:
+        if not of_wind(table):
             return self._product(table, at, self.wind)
         total = np.zeros((self.frame.size, 2, 1), np.float32)
-        for wind in self._drawn:
-            reported = replace(self.frame, u_rep=wind[:, 0], v_rep=wind[:, 1])
-            part = self._product(table, at, wind, reported)
+        for k, wind in enumerate(self._drawn):
+            part = self._product(table, at, wind, self._reported(k))
             total = np.asarray(total + part / len(self._drawn), np.float32)
         return total
+
+    def _reported(self, k: int) -> Frame:
+        """Reports with the k-th of the likely winds."""
+        return replace(self.frame, u_rep=self._drawn[k, :, 0], v_rep=self._drawn[k, :, 1])
 
     def _product(
         self, table: Table, at: Frame, wind: Floats, reported: Frame | None = None
@@ -397,9 +400,13 @@ class Candidates:
         root: Floats = np.asarray(np.linalg.cholesky(spread), np.float64)
         where = self._block(partial(self.columns_of, table), columns)
         before = len(self.groups)
-        form = (int(refined),)
+        form, reliability = (int(refined),), 1.0
         part = PARTS.get(table.component, "wind")
-        group = Group(name, "table", where, root, "af", weight, form, part=part)
+        if of_wind(table):
+            # what averages over likely winds hold of one of them
+            one = self._product(table, self.context, self._drawn[0], self._reported(0))
+            reliability = float((columns**2).sum() / max((one**2).sum(), 1e-12))
+        group = Group(name, "table", where, root, "af", weight, form, reliability, part)
         self._group(columns, group, root, range(columns.shape[2]))
         self.tables[where.start] = table
         return self.groups[-1] if len(self.groups) > before else None
@@ -428,6 +435,11 @@ class Candidates:
     def curve(self, name: str, knots: int | None = None) -> Curve:
         """Curve of a variable, with another number of knots than usual where given."""
         return curve_of(name, self.variables[name].values, knots)
+
+
+def of_wind(table: Table) -> bool:
+    """Whether a table depends on the reported wind."""
+    return bool({"wind_direction", "wind_speed"} & {curve.variable for curve in table.curves})
 
 
 def _part_of(effect: Effect) -> str:

@@ -8,7 +8,9 @@ U_a + G_a T0 U_F with T0 = G_F^-1 - (sum_a G_a)^-1. Then
 
     null       theta_F ~ N(0, T), T = T0 + (kappa_F - 1)+ G_F^-1 + L^2 I;  theta_a ~ N(0, m^2)
     aircraft   theta_a ~ N(0, s^2 + m^2) for the affected, inclusion by a Beta(1, 1) prior on their
-    share fleet      theta_F ~ N(0, T + s^2 I)
+               share; or, as likely, theta_a ~ N(mu, (s / 4)^2 + m^2) with mu ~ N(0, s^2): one
+               fault on several aircraft
+    fleet      theta_F ~ N(0, T + s^2 I)
 
 with s on a grid. A change at a date has the same common part theta_F on all days and a change
 theta_a after its date (joint information [[G, G_d], [G_d, G_d]]); without it an error of the whole
@@ -57,6 +59,8 @@ WIND = Usual()
 INCLUDED = 0.75
 #: Shares of affected aircraft that the Beta prior is integrated over.
 SHARES = np.linspace(0.02, 0.98, 25)
+#: Ratio of the spread of aircraft with one fault to its size: units of one make differ little.
+SPREAD = 0.25
 #: Days with flights that must lie on either side of a change.
 SIDES = 2
 
@@ -75,6 +79,8 @@ class Found:
         Aircraft affected with the probability `INCLUDED` and more.
     inclusion : (A,) float
         Posterior probability of each.
+    spread : float
+        `SPREAD` where the affected share a mean, otherwise 0.
     start : mapping
         First day in force of each affected aircraft, of a dated candidate.
     """
@@ -83,6 +89,7 @@ class Found:
     scale: float
     tails: tuple[int, ...]
     inclusion: Floats
+    spread: float = 0.0
     start: Mapping[int, int] = field(default_factory=dict)
 
 
@@ -157,6 +164,60 @@ def _nested(
     return common.total(information, score, level) + extra, gain
 
 
+def _alike(
+    variance: Floats, null: Parts, slab: Parts, scale: float, gain: Floats
+) -> tuple[Floats, Floats]:
+    """The same as `_nested` for affected aircraft that share a mean.
+
+    Aircraft without the effect are Gaussians in phi, those with it in phi + mu; both are
+    integrated together.
+    """
+    m = variance.shape[0]
+    prior = np.zeros((2 * m, 2 * m))
+    prior[:m, :m], prior[m:, m:] = np.linalg.inv(variance), np.eye(m) / scale**2
+    log_det = np.linalg.slogdet(variance)[1] + 2 * m * np.log(scale)
+
+    def joint(rest: Parts, inside: Parts) -> Parts:
+        """Level, score and information in (phi, mu) of sums over aircraft."""
+        information = np.concatenate(
+            [
+                np.concatenate([rest[2] + inside[2], inside[2]], axis=-1),
+                np.concatenate([inside[2], inside[2]], axis=-1),
+            ],
+            axis=-2,
+        )
+        score = np.concatenate([rest[1] + inside[1], inside[1]], axis=-1)
+        return rest[0] + inside[0], score, information
+
+    def summed(parts: Parts, chosen: NDArray[np.bool_]) -> Parts:
+        level, score, information = (part[chosen].sum(axis=0) for part in parts)
+        return level, score, information
+
+    for _ in range(2):
+        affected = gain > 0
+        if not affected.any():
+            affected = gain == gain.max()
+        _, score, information = joint(summed(null, ~affected), summed(slab, affected))
+        both = np.linalg.solve(prior + information, score)
+        gain = _at(*slab, both[:m] + both[m:]) - _at(*null, both[:m])
+    order = np.argsort(-gain)
+
+    def steps(part: Floats) -> Floats:
+        return np.concatenate([np.zeros((1, *part.shape[1:])), np.cumsum(part[order], axis=0)])
+
+    inside = (steps(slab[0]), steps(slab[1]), steps(slab[2]))
+    rest = (
+        null[0].sum(axis=0) - steps(null[0]),
+        null[1].sum(axis=0) - steps(null[1]),
+        null[2].sum(axis=0) - steps(null[2]),
+    )
+    level, score, information = joint(rest, inside)
+    precision = prior + information
+    solved = np.linalg.solve(precision, score[..., None])[..., 0]
+    total = level + 0.5 * (score * solved).sum(-1)
+    return total - 0.5 * (np.linalg.slogdet(precision)[1] + log_det), gain
+
+
 def static_evidence(
     found: Statistics, kappa: float, scopes: str, usual: Usual = WIND
 ) -> dict[str, Found]:
@@ -209,13 +270,18 @@ def static_evidence(
             _nested(common, null, parts(s**2 + small), add=np.zeros(aircraft), able=able)
             for s in usual.scales
         ]
+        made += [
+            _alike(variance, null, parts((SPREAD * s) ** 2 + small), s, made[k][1])
+            for k, s in enumerate(usual.scales)
+        ]
         each = np.array([by_size + prior for by_size, _ in made]) - nothing
         weight = np.exp(logsumexp(each, axis=1) - logsumexp(each))
         inclusion = sum(w * _inclusion(gain) for w, (_, gain) in zip(weight, made, strict=True))
-        evidence = float(logsumexp(each)) - np.log(usual.scales.size)
-        best = float(usual.scales[np.unravel_index(each.argmax(), each.shape)[0]])
+        evidence = float(logsumexp(each)) - np.log(len(made))
+        alike, k = divmod(int(np.unravel_index(each.argmax(), each.shape)[0]), usual.scales.size)
         chosen = tuple(int(a) for a in np.flatnonzero(np.asarray(inclusion) > INCLUDED))
-        out["a"] = Found(evidence, best, chosen, np.asarray(inclusion))
+        best, spread = float(usual.scales[k]), SPREAD * alike
+        out["a"] = Found(evidence, best, chosen, np.asarray(inclusion), spread)
     return out
 
 
@@ -362,7 +428,8 @@ def _dated(
         _, _, start, gain = kept[k]
     inclusion = 1 / (1 + np.exp(-np.clip(gain, -30, 30)))
     tails = tuple(int(a) for a in np.flatnonzero(inclusion > INCLUDED))
-    return Found(evidence, float(SCALES[k]), tails, inclusion, {a: int(start[a]) for a in tails})
+    begins = {a: int(start[a]) for a in tails}
+    return Found(evidence, float(SCALES[k]), tails, inclusion, start=begins)
 
 
 # --------------------------------------------------------------------------------------- exchanges

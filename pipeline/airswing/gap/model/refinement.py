@@ -29,7 +29,7 @@ LEVERS = {
 }
 FINER = 2
 #: Cells of each variable in a table of two.
-PAIRED = 5
+PAIRED = 7
 #: Log evidence of a table from which a second variable is sought.
 LEAST = 30.0
 

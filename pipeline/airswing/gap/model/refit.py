@@ -14,7 +14,7 @@ by Newton's method with A = Z' V^-1 X + kappa P. With B = A^-1 the covariance of
 kappa B (Z' V^-1 Z + kappa P) B'. Coefficients without a group of days follow by one more step.
 
 The prior of a term of several aircraft is theta_a ~ N(mu, tau^2), mu ~ N(0, s^2): aircraft with the
-same fault share its size. tau is the most likely one of `SPREADS`.
+same fault share its size. s and tau are the most likely ones.
 
 References
 ----------
@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from airswing.gap.archive.frame import Frame
 from airswing.gap.model.candidates import Singles
-from airswing.gap.model.terms import Columns, Model, Term
+from airswing.gap.model.terms import Columns, Model
 from airswing.physics.triangle import wind_from_triangle
 
 Floats = NDArray[np.float64]
@@ -39,6 +39,8 @@ Integers = NDArray[np.int64]
 
 #: Ratios of tau to s: from one size of all aircraft to independent ones, in steps of two.
 SPREADS = 2.0 ** -np.arange(7.0)
+#: Multiples of s of the search, whose grid has steps of three.
+FACTORS = np.array([0.5, 1.0, 2.0, 4.0])
 #: Least share of the energy of instruments in the columns of the reports, in any direction:
 #: functions of the reported wind have less, and are fitted by columns averaged over likely winds
 #: (Berkson's case, unbiased).
@@ -149,12 +151,18 @@ class Refit:
     covariance : (m, m) float
     by_fold : (FOLDS, m) float
         Fitted without each group of days.
+    gains : tuple of float
+        Log likelihood of each term on days that its coefficients are not fitted to.
+    instrumented : tuple of bool
+        Terms whose columns differ from their instruments.
     response : Response
     """
 
     theta: Floats
     covariance: Floats
     by_fold: Floats
+    gains: tuple[float, ...]
+    instrumented: tuple[bool, ...]
     response: Response
 
     def effect(self, k: int) -> Floats:
@@ -184,15 +192,22 @@ def refit(frame: Frame, model: Model, sensor: Sequence[bool]) -> Refit:
     ]
     gram, _, _ = model.system(model.terms)
     precision = model.kappa * _precision(model)
-    for k in range(len(model.terms)):
-        z, x = instruments[k + 1], exact[k + 1]
-        start = int(model.offsets[k + 1])
-        prior = precision[start : start + z.width, start : start + z.width]
-        inner = np.linalg.inv(np.linalg.cholesky(z.product(z) + prior))
-        shared = inner @ (z.product(x) + prior) @ inner.T
-        if np.linalg.eigvalsh((shared + shared.T) / 2)[0] < WEAK:
+    for k, (z, x) in enumerate(zip(instruments[1:], exact[1:], strict=True)):
+        if _is_weak([z], [x], _block(precision, model, [k])):
             response.without_noise(k)
             exact[k + 1] = z
+    winds = [
+        k
+        for k, term in enumerate(model.terms)
+        if term.group.part == "wind" and response.raw[k + 1] is response.reported[k + 1]
+    ]
+    pairs = [instruments[k + 1] for k in winds], [exact[k + 1] for k in winds]
+    if len(winds) > 1 and _is_weak(*pairs, _block(precision, model, winds)):
+        # reported and reference wind differ by the residual: alike functions of both explain it
+        for k in winds:
+            response.without_noise(k)
+            response.reported[k + 1] = response.raw[k + 1]
+            exact[k + 1] = instruments[k + 1]
     fold = fold_of_day(sums.D)
     of_row, folds = fold[sums.day_of_row], int(fold.max()) + 1
     by_fold = np.concatenate(
@@ -228,7 +243,34 @@ def refit(frame: Frame, model: Model, sensor: Sequence[bool]) -> Refit:
     without = np.stack(
         [theta - np.linalg.solve(whole - by_fold[j], scores[j]) for j in range(folds)]
     )
-    return Refit(theta, covariance, without, response)
+    gains = []
+    for k in range(len(model.terms)):
+        own = slice(int(model.offsets[k + 1]), int(model.offsets[k + 2]))
+        total = 0.0
+        for j in range(folds):
+            left = scores[j] + by_fold[j] @ (theta - without[j])
+            part = without[j, own]
+            total += float(part @ left[own] + 0.5 * part @ by_fold[j][own, own] @ part)
+        gains.append(total / model.kappa)
+    differs = [
+        any(not np.array_equal(z.rows[a][1], x.rows[a][1]) for a in z.rows)
+        for z, x in zip(instruments[1:], exact[1:], strict=True)
+    ]
+    return Refit(theta, covariance, without, tuple(gains), tuple(differs), response)
+
+
+def _block(precision: Floats, model: Model, terms: Sequence[int]) -> Floats:
+    at = np.concatenate([np.arange(*model.offsets[k + 1 : k + 3]) for k in terms])
+    return np.asarray(precision[np.ix_(at, at)])
+
+
+def _is_weak(z: Sequence[Columns], x: Sequence[Columns], prior: Floats) -> bool:
+    """Whether columns x share little with their instruments z in some direction."""
+    gram = np.block([[one.product(other) for other in z] for one in z]) + prior
+    cross = np.block([[one.product(other) for other in x] for one in z]) + prior
+    inner = np.linalg.inv(np.linalg.cholesky(gram))
+    shared = inner @ cross @ inner.T
+    return bool(np.linalg.eigvalsh((shared + shared.T) / 2)[0] < WEAK)
 
 
 def _climatology(response: Response, theta: Floats) -> Floats:
@@ -237,15 +279,17 @@ def _climatology(response: Response, theta: Floats) -> Floats:
 
 
 def _precision(model: Model) -> Floats:
-    """Prior precision P of all coefficients, with tau of each term of several aircraft."""
-    gram, score, diagonal = model.system(model.terms)
+    """Prior precision P of all coefficients, with the most likely s and tau of each term."""
+    gram, score, precision = model.system(model.terms)
     gram, score = gram / model.kappa, score / model.kappa
-    precision = np.diag(diagonal)
     for k, term in enumerate(model.terms):
-        if term.scope != "a" or len(term.tails) < 2:
-            continue
         own = slice(int(model.offsets[k + 1]), int(model.offsets[k + 2]))
-        options = [_shared(term, ratio) for ratio in SPREADS]
+        spreads = SPREADS if term.scope == "a" and len(term.tails) > 1 else SPREADS[:1]
+        options = [
+            replace(term, scale=term.scale * factor, spread=spread).precision
+            for factor in FACTORS
+            for spread in spreads
+        ]
         each = []
         for option in options:
             precision[own, own] = option
@@ -256,11 +300,4 @@ def _precision(model: Model) -> Floats:
                 + np.linalg.slogdet(option)[1]
             )
         precision[own, own] = options[int(np.argmax(each))]
-    return precision
-
-
-def _shared(term: Term, ratio: float) -> Floats:
-    """Precision of the coefficients of aircraft with a common part."""
-    number = len(term.tails)
-    together = np.ones((number, number)) + ratio**2 * np.eye(number)
-    return np.asarray(np.kron(np.linalg.inv(together), np.eye(term.group.size)) / term.scale**2)
+    return np.asarray(precision)

@@ -155,6 +155,7 @@ def _static(group: Group, found: Statistics, kappa: float, factor: float, days: 
             one.evidence + group.prior,
             gated[scope].evidence + group.prior,
             one.inclusion,
+            one.spread,
         )
         for scope, one in ranked.items()
         if one.tails
@@ -179,10 +180,22 @@ def contest(
     tables = [t for t in short if not t.group.named][:TABLES]
     short = names + tables
     before = model.evidence(terms, model.kappa)
-    scored = []
-    for term in short:
-        exact = model.evidence([*terms, term], model.kappa) - before
-        scored.append(term.with_score(exact + term.group.prior + set_prior(model, term)))
+
+    def exactly(term: Term) -> Term:
+        gain = model.evidence([*terms, term], model.kappa) - before
+        return term.with_score(gain + term.group.prior + set_prior(model, term))
+
+    scored = [exactly(term) for term in short]
+    # the screening score of fleet-wide candidates hardly says which form fits
+    named = max((t for t in scored if t.group.named), key=lambda t: t.score, default=None)
+    if named is not None and named.scope == "f":
+        forms = [
+            exactly(term)
+            for term in able
+            if (term.group.name, term.scope, term.group.kind)
+            == (named.group.name, named.scope, named.group.kind)
+        ]
+        scored[scored.index(named)] = max(forms, key=lambda t: t.score)
     scored = [term for term in scored if term.score > gate]
     if not scored:
         return []

@@ -17,6 +17,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 from scipy.special import gammaln
 
 from airswing.gap.model.candidates import Group
@@ -50,6 +51,9 @@ class Term:
         Aircraft, by number.
     scale : float
         Prior standard deviation s, m/s where it acts.
+    spread : float
+        Ratio of tau to s where aircraft share a mean, theta_a ~ N(mu, tau^2), mu ~ N(0, s^2); 0
+        where each has coefficients of its own.
     start : mapping
         Aircraft -> index of the first day it is in force; empty for the whole archive.
     score : float
@@ -70,13 +74,16 @@ class Term:
     score: float = 0.0
     gate: float = 0.0
     inclusion: Floats | None = None
+    spread: float = 0.0
     rivals: tuple[tuple[float, str, str], ...] = ()
 
     @property
     def key(self) -> tuple[object, ...]:
         """What identifies its columns."""
         return (
+            self.group.name,
             self.group.columns.start,
+            self.group.columns.stop,
             self.group.form,
             self.group.kind,
             self.scope,
@@ -88,6 +95,16 @@ class Term:
     def label(self) -> tuple[str, str, tuple[int, ...]]:
         """What identifies it without aircraft and dates."""
         return self.group.name, self.scope, self.group.form
+
+    @property
+    def precision(self) -> Floats:
+        """Prior precision of all its coefficients."""
+        number = 1 if self.scope == "f" else len(self.tails)
+        each: Floats = np.eye(number)
+        if self.spread and number > 1:
+            shared = np.ones((number, number)) + self.spread**2 * np.eye(number)
+            each = np.asarray(np.linalg.inv(shared), np.float64)
+        return np.asarray(np.kron(each, np.eye(self.group.size)) / self.scale**2)
 
     def with_score(self, score: float) -> Term:
         """The term with another score."""
@@ -107,7 +124,7 @@ def describe(term: Term) -> str:
     days = f" from day {sorted(set(term.start.values()))}" if term.start else ""
     return (
         f"{term.group.name}{list(term.group.form) or ''} {term.scope} {len(term.tails)} aircraft"
-        f"{days} score {term.score:.1f} gate {term.gate:.1f} s {term.scale}"
+        f"{days} score {term.score:.1f} gate {term.gate:.1f} s {term.scale} spread {term.spread}"
         f" rivals {[(round(r[0], 1), r[1], r[2]) for r in term.rivals[:4]]}"
     )
 
@@ -234,21 +251,20 @@ class Model:
 
     # ----------------------------------------------------------------------------------- the fit
     def system(self, terms: Sequence[Term]) -> tuple[Floats, Floats, Floats]:
-        """X' V^-1 X, X' V^-1 r and the diagonal of P of the climatology and some terms."""
+        """X' V^-1 X, X' V^-1 r and P of the climatology and some terms."""
         every = [self.base, *terms]
         gram = np.block([[self._product(x, y) for y in every] for x in every])
         score = np.concatenate([self.columns(x).score for x in every])
-        precision = np.concatenate([np.full(self.columns(x).width, 1 / x.scale**2) for x in every])
+        precision = np.asarray(block_diag(*(x.precision for x in every)))
         return gram, score, precision
 
     def evidence(self, terms: Sequence[Term], kappa: float) -> float:
         """Log marginal likelihood of terms with noise variance kappa, up to a constant."""
         gram, score, precision = self.system(terms)
-        root = np.linalg.cholesky(gram / kappa + np.diag(precision))
+        root = np.linalg.cholesky(gram / kappa + precision)
         solved = np.linalg.solve(root, score / kappa)
-        return float(
-            0.5 * solved @ solved - np.log(np.diag(root)).sum() + 0.5 * np.log(precision).sum()
-        )
+        prior = 0.5 * float(np.linalg.slogdet(precision)[1])
+        return float(0.5 * solved @ solved - np.log(np.diag(root)).sum() + prior)
 
     def condition(self, terms: Sequence[Term]) -> None:
         """Fit terms, and take the candidates' statistics given them."""
@@ -256,7 +272,7 @@ class Model:
         self.terms = list(terms)
         every = [self.base, *terms]
         gram, score, precision = self.system(terms)
-        self.hessian = gram + np.diag(precision)
+        self.hessian = gram + precision
         self.theta: Floats = np.asarray(np.linalg.solve(self.hessian, score), np.float64)
         made = [self.columns(x) for x in every]
         self.offsets = np.cumsum([0] + [one.width for one in made])
@@ -328,15 +344,17 @@ class Model:
         return max(least, self.usual.get(group.part, (0.0, 0.0))[1])
 
     def _remainder(self, group: Group) -> Floats:
-        """Variance that inexact columns of terms of the same part leave, by aircraft, m2 s-2.
+        """Variance that inexact columns of terms leave, by aircraft, m2 s-2.
 
         With q the squared correlation of a column with the true one, (1 / q - 1) times the mean
-        square of the effect over the aircraft's reports.
+        square of the effect over the aircraft's reports; half of it in candidates of another part,
+        for headings lie at all angles to the wind.
         """
         out = np.zeros(self.sums.A)
         for k, term in enumerate(self.terms):
-            if term.group.part != group.part or term.group.reliability > EXACT:
+            if term.group.reliability > EXACT:
                 continue
+            part = 1.0 if term.group.part == group.part else 0.5
             theta = self.theta[self.offsets[k + 1] : self.offsets[k + 2]]
             theta = theta.reshape(-1, term.group.size)
             columns = self.sums.rows[:, term.group.columns]
@@ -345,7 +363,7 @@ class Model:
                 acting = np.abs(columns[own] @ term.group.transform.astype(np.float32)).sum(axis=1)
                 share = float((acting > 1e-3 * acting.max(initial=1e-12)).mean())
                 size = float((theta[0 if term.scope == "f" else j] ** 2).sum())
-                out[a] += (1 / term.group.reliability - 1) * size * share
+                out[a] += part * (1 / term.group.reliability - 1) * size * share
         return out
 
 

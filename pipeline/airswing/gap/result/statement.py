@@ -127,9 +127,10 @@ def effect_entry(
     effect = effects[name]
     tails, values, errors = coefficients(fitted, claim)
     whole = all(term.scope == "f" for term in terms)
-    # noise in inferred gradients of the wind shrinks coefficients by the reliability of the columns
+    # noise in inferred gradients of the wind shrinks coefficients by the reliability of columns,
+    # unless their instruments are free of it
     share = first.group.reliability
-    if isinstance(effect, WindEffect):
+    if isinstance(effect, WindEffect) and not fitted.exact.instrumented[claim.terms[0]]:
         values, errors = values / share, errors / share**2
     doubt = 0.5 * (1 - share)
     errors = errors + doubt**2 * np.einsum("ti,tj->tij", values, values)
