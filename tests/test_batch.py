@@ -46,6 +46,7 @@ def slurm(tmp_path):
         subprocess.run(["kill", "--", f"-{number}"], check=False, stderr=subprocess.DEVNULL)
 
 
+@pytest.mark.slow
 def test_the_recipe_runs_the_main_job_on_workers_of_the_batch_system(slurm, tmp_path, root):
     config, table = tmp_path / "config.yaml", tmp_path / "N401.csv"
     rows = (root / "data_samples/reports/N401.csv").read_text().splitlines(keepends=True)

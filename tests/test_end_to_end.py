@@ -50,7 +50,24 @@ def assert_found(fits: xr.Dataset, tolerance: float, names: Callable[[str], str]
     assert np.abs(fits["airspeed_scale"]).max() < 1e-3
 
 
-@pytest.mark.parametrize("name", perfect.PLACES)
+QUICK = (
+    "ruc_grib1",
+    "alaska_lambert_across_180",
+    "greenwich_global",
+    "europe_rotated",
+    "southern_polar",
+    "fiji_mercator_across_180",
+)
+"""One grid of each projection; the others are slow tests."""
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[] if name in QUICK else pytest.mark.slow)
+        for name in perfect.PLACES
+    ],
+)
 def test_deviations_come_back_on_every_grid(tmp_path, name):
     place = perfect.PLACES[name]
     perfect.write_model(place, tmp_path / "model")

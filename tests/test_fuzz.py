@@ -12,7 +12,6 @@ from benchmarks.fuzz.__main__ import COLUMNS, LONG, SHARES, as_text, campaign, d
 from benchmarks.fuzz.mutations import mutated, sections
 from benchmarks.fuzz.seeds import GRIBS, LATLON, fields, grib_message
 
-CASES = 500
 QUICK = {kind: share for kind, share in SHARES.items() if kind not in LONG}
 """Kinds of which a case takes milliseconds; the others have a few cases each."""
 
@@ -22,16 +21,17 @@ def own_cache(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(os.environ, "AIRSWING_CACHE", os.environ.get("AIRSWING_CACHE", ""))
 
 
-def test_five_hundred_cases(own_cache, tmp_path: Path):
-    """The same cases whatever the machine: every kind, a few of those that take long."""
+@pytest.mark.parametrize("count", [150, pytest.param(500, marks=pytest.mark.slow)])
+def test_damaged_files_give_a_result_or_one_message(own_cache, tmp_path: Path, count: int):
+    """The same cases on every machine, with a few of those that take long."""
     few = [(kind, 11_000_000 + n) for kind in sorted(LONG) for n in range(2)][:-1]  # one command
-    cases = drawn(CASES - len(few), 11, QUICK) + few
+    cases = drawn(count - len(few), 11, QUICK) + few
     table = campaign(cases, tmp_path)
     together = sum(table.values(), Counter[str]())
-    assert together.total() == CASES
+    assert together.total() == count
     assert set(table) == set(SHARES)
-    assert together["result"] > 100
-    assert together["refused"] > 100
+    assert together["result"] > count / 5
+    assert together["refused"] > count / 5
     assert not [end for end in COLUMNS if together[end]], as_text(table)
 
 

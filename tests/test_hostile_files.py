@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import json
 import time
 from collections.abc import Callable
@@ -191,6 +192,18 @@ def test_json_given_as_reports_is_one_short_message(tmp_path: Path):
     with pytest.raises(InputError) as caught:
         read_reports(path)
     assert len(str(caught.value)) <= LONGEST
+
+
+def test_damaged_gzip_files_are_one_message(tmp_path: Path):
+    """Every byte after the header changed in turn: also those that zlib alone refuses."""
+    path = tmp_path / "r.csv.gz"
+    content = gzip.compress(b"tail,time,latitude\n" + b"N1,2009-01-01T00:00:00Z,40.5\n" * 40)
+    for at in range(10, len(content)):
+        path.write_bytes(content[:at] + bytes([content[at] ^ 0xFF]) + content[at + 1 :])
+        with pytest.raises(InputError):
+            inspect_file(path)
+        with pytest.raises(InputError):
+            read_reports(path)
 
 
 def test_configurations_keep_what_is_sound(tmp_path: Path):

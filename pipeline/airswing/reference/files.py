@@ -24,6 +24,7 @@ import re
 import shutil
 import tempfile
 import urllib.request
+import zlib
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import IO, Any, NamedTuple, TypedDict
@@ -324,7 +325,7 @@ def first_bytes(path: str, length: int = 1024) -> bytes:
     try:
         with _open(path) as file, opener(file) as content:
             return bytes(content.read(length))
-    except (OSError, EOFError, ValueError, lzma.LZMAError):
+    except (OSError, EOFError, ValueError, lzma.LZMAError, zlib.error):
         return b""
 
 
@@ -400,7 +401,7 @@ def _copy(path: str, size: int, mtime_ns: int) -> IO[bytes]:
             copy = plain
     except InputError:
         raise
-    except (OSError, EOFError, lzma.LZMAError) as error:
+    except (OSError, EOFError, lzma.LZMAError, zlib.error) as error:
         raise InputError(
             "cannot be decompressed", file=path, found=error, remedy="Fetch the file again"
         ) from error
