@@ -87,7 +87,7 @@ def test_catalogue_holds_the_binding_names():
 
 
 @pytest.mark.parametrize("name", sorted(NAMES))
-def test_every_effect_says_what_it_is(name):
+def test_every_effect_is_documented(name):
     effect = CATALOGUE[name]
     assert len(effect.physics) > 60
     assert len(effect.source) > 20
@@ -110,7 +110,7 @@ def test_columns_are_the_derivative_of_the_simulation(perfect, name):
     assert columns.shape == (len(effect.column_names), perfect.size, 2)
     for k, scale in enumerate(effect.column_scales):
         if effect.column_names[k] == "bend":
-            continue  # of no effect alone: held by the test of old declination tables
+            continue  # zero without the years: see the test of old declination tables
         # an old declination table is linear in its age only as far as IGRF is
         years = (name, k) == ("declination_error", 0)
         small = np.zeros(len(columns))
@@ -132,7 +132,7 @@ def test_columns_are_the_derivative_of_the_simulation(perfect, name):
 
 
 @pytest.mark.parametrize("name", LINEAR)
-def test_parameters_give_the_coefficients_back(perfect, name):
+def test_coefficients_from_parameters(perfect, name):
     effect = CATALOGUE[name]
     rng = np.random.default_rng(3)
     for chosen in effect.alternatives or [tuple(range(len(effect.column_names)))]:
@@ -151,7 +151,7 @@ def test_parameters_give_the_coefficients_back(perfect, name):
         again = effect.from_parameters(values, perfect)
         tolerance = 0.02 if name == "declination_error" else 1e-9
         if name == "declination_error" and chosen == (0,):
-            # an epoch has a bend of its own; along the one column the two are alike
+            # an epoch also has a curvature: compared along the one column
             near = effect.basis(perfect)[0]
             pattern = np.asarray(again) @ effect.basis(perfect)
             again = np.array([near @ pattern / (near @ near), 0.0, 0.0])
@@ -173,7 +173,7 @@ def test_errors_of_amplitude_and_phase_match_a_sample_of_fits():
     assert np.degrees(np.arctan2(fits[:, 1], fits[:, 0])).std() == pytest.approx(
         phase_error, rel=0.03
     )
-    assert amplitude_phase(np.zeros(2), covariance)[1][1] > 100.0  # phase of nothing
+    assert amplitude_phase(np.zeros(2), covariance)[1][1] > 100.0  # undefined phase
 
 
 def test_one_degree_at_250_knots_is_4_36_knots_across(perfect):
@@ -185,7 +185,7 @@ def test_one_degree_at_250_knots_is_4_36_knots_across(perfect):
         ground_v=np.array([250.0 * KNOT]),
     )
     ((across, along),) = difference(north, "compass_offset", {"offset_deg": 1.0}) / KNOT
-    # indicated 1 degree right of north: the air seems to go east, so the wind to blow west
+    # indicated 1 degree right of north: the apparent air vector is eastward, the wind westward
     assert across == pytest.approx(-4.363, abs=1e-3)
     assert along == pytest.approx(0.038, abs=1e-3)
     ((across, along),) = difference(north, "tas_scale", {"scale_percent": 2.0}) / KNOT
@@ -233,7 +233,7 @@ def test_heater_acts_where_icing_is_on_and_is_untestable_without_flag_and_temper
     assert effect.testable(replace(never, temperature=cold)) is None
 
 
-def test_a_heater_by_temperature_acts_between_two_edges_and_is_read_back(perfect):
+def test_a_heater_by_temperature_acts_between_two_edges(perfect):
     effect = CATALOGUE["heater_current"]
     celsius = np.linspace(-40.0, 20.0, perfect.size)
     frame = replace(perfect, temperature=celsius + 273.15)
@@ -327,33 +327,32 @@ def test_declination_of_an_old_epoch_is_igrf_itself(perfect):
 
 
 @pytest.mark.parametrize("year", [1965.0, 1985.0, 2004.0])
-def test_columns_carry_an_old_declination_table_whole(perfect, year):
+def test_columns_represent_an_old_declination_table(perfect, year):
     """Ten years' change alone leaves a sixth of a table of 1965."""
     effect = CATALOGUE["declination_error"]
     coefficients = effect.from_parameters({"epoch_year": year}, perfect)
     true = declination_change(perfect, epoch_year=year)
-    left = coefficients @ effect.basis(perfect) - true
-    assert (left**2).mean() < 0.02**2 * (true**2).mean()
+    error = coefficients @ effect.basis(perfect) - true
+    assert (error**2).mean() < 0.02**2 * (true**2).mean()
     values, _ = effect.to_parameters(coefficients, np.eye(3), perfect)
     assert values["epoch_year"] == pytest.approx(year, abs=0.1 + 0.01 * (2009.6 - year))
 
 
-def test_declination_parameters_tell_epoch_factor_and_mean(perfect):
-    real = perfect
+def test_declination_parameters_state_epoch_factor_and_mean(perfect):
     effect = CATALOGUE["declination_error"]
-    coefficients = effect.from_parameters({"epoch_year": 1990.0}, real)
+    coefficients = effect.from_parameters({"epoch_year": 1990.0}, perfect)
     assert coefficients[0] == pytest.approx(2009.6 - 1990.0, rel=0.15)
-    values, errors = effect.to_parameters(coefficients, np.diag([1.0, 1e-4, 1e-12]), real)
+    values, errors = effect.to_parameters(coefficients, np.diag([1.0, 1e-4, 1e-12]), perfect)
     assert values["epoch_year"] == pytest.approx(1990.0, abs=0.3)
     assert values["factor"] is None
-    mean = np.degrees(np.mean(declination_change(real, epoch_year=1990.0)))
+    mean = np.degrees(np.mean(declination_change(perfect, epoch_year=1990.0)))
     assert values["mean_deg"] == pytest.approx(mean, rel=0.03)
     assert errors["epoch_year"] == pytest.approx(1.0)
-    by_mean = effect.from_parameters({"mean_deg": values["mean_deg"]}, real)
-    mean = np.degrees(np.mean(by_mean @ effect.basis(real)))
+    by_mean = effect.from_parameters({"mean_deg": values["mean_deg"]}, perfect)
+    mean = np.degrees(np.mean(by_mean @ effect.basis(perfect)))
     assert mean == pytest.approx(values["mean_deg"], rel=1e-6)
     values, errors = effect.to_parameters(
-        np.array([0.0, 0.2, 0.0]), np.diag([1.0, 1e-4, 1.0]), real
+        np.array([0.0, 0.2, 0.0]), np.diag([1.0, 1e-4, 1.0]), perfect
     )
     assert values["factor"] == pytest.approx(1.2)
     assert errors["factor"] == pytest.approx(0.01)
@@ -403,7 +402,7 @@ def test_time_lag_is_the_wind_of_an_earlier_place(perfect):
     assert np.abs(expected).max() > 0.3
 
 
-def test_unrotated_winds_are_turned_back(perfect):
+def test_unrotated_winds_are_rotated(perfect):
     angle = perfect.grid_convergence
     along_grid = replace(
         perfect,
@@ -424,7 +423,7 @@ def test_unrotated_winds_are_turned_back(perfect):
         ({"below_hPa": 700.0}, lambda p: p >= 7e4),
     ],
 )
-def test_speed_bias_gives_the_wind_that_was_met(perfect, limits, inside):
+def test_speed_bias_recovers_the_wind_met(perfect, limits, inside):
     factor = np.where(inside(perfect.pressure), 1.1, 1.0)
     strong = replace(perfect, u_ref=perfect.u_ref * factor, v_ref=perfect.v_ref * factor)
     met = simulate(
@@ -456,7 +455,7 @@ def test_swapped_aircraft_show_each_others_errors_from_the_date_on(perfect):
     assert reason == "only one aircraft in these reports"
 
 
-def test_coarse_winds_lie_on_their_lattice(perfect):
+def test_coarse_winds_are_on_their_lattice(perfect):
     sent = simulate(
         perfect, effects=[ActiveEffect("wind_coding", {"step": 5.0, "direction_step_deg": 10.0})]
     )
@@ -467,7 +466,7 @@ def test_coarse_winds_lie_on_their_lattice(perfect):
     assert np.unique(np.round(speed)).size > 3
 
 
-def test_coarse_positions_lie_on_their_lattice_and_leave_the_wind(perfect):
+def test_coarse_positions_are_on_their_lattice_and_keep_the_wind(perfect):
     sent = simulate(perfect, effects=[ActiveEffect("position_coding", {"step": 2.0})])
     for values in (sent.latitude, sent.longitude):
         np.testing.assert_allclose(values * 30.0, np.round(values * 30.0), atol=1e-9)
@@ -476,17 +475,17 @@ def test_coarse_positions_lie_on_their_lattice_and_leave_the_wind(perfect):
 
 
 @pytest.mark.parametrize("true_north", [None, True])
-def test_coarse_headings_lie_on_their_lattice_and_leave_the_airspeed(perfect, true_north):
+def test_coarse_headings_are_on_their_lattice_and_keep_the_airspeed(perfect, true_north):
     values = {"step_deg": 5.0, "true_north": true_north}
     sent = simulate(perfect, effects=[ActiveEffect("heading_coding", values)])
     heading = np.degrees(sent.heading if true_north else sent.magnetic_heading)
     np.testing.assert_allclose(heading / 5.0, np.round(heading / 5.0), atol=1e-6)
     np.testing.assert_allclose(sent.airspeed, perfect.airspeed, atol=1e-9)
-    turned = np.degrees(np.abs(np.angle(np.exp(1j * (sent.heading - perfect.heading)))))
-    assert 2.0 < turned.max() <= 2.5 + 1e-6
+    rotation = np.degrees(np.abs(np.angle(np.exp(1j * (sent.heading - perfect.heading)))))
+    assert 2.0 < rotation.max() <= 2.5 + 1e-6
 
 
-def test_outliers_are_as_many_and_as_large_as_said(perfect):
+def test_number_and_size_of_outliers(perfect):
     many = perfect.take(np.tile(np.arange(perfect.size), 10))
     change = difference(many, "outliers", {"fraction": 0.05, "size_m_s": 15.0})
     hit = np.hypot(*change.T) > 0.0
@@ -495,7 +494,7 @@ def test_outliers_are_as_many_and_as_large_as_said(perfect):
 
 
 @pytest.mark.parametrize("name", ["compass_offset", "hard_iron", "soft_iron", "tas_scale"])
-def test_one_heading_tests_no_sensor(perfect, name):
+def test_sensor_effects_need_several_headings(perfect, name):
     same = replace(
         perfect, heading=0.0 * perfect.heading + 1.0, magnetic_heading=0.0 * perfect.heading + 1.05
     )
@@ -512,7 +511,7 @@ def test_missing_context_is_named(perfect):
 
 
 class _Fourth(ProportionalEffect, HeadingEffect):
-    """Three cycles: an effect nobody has put into the catalogue."""
+    """Three cycles, an effect outside the catalogue."""
 
     name = "three_cycles"
     physics = "a test"

@@ -1,4 +1,4 @@
-"""The loop closes: simulate with effects, write, read, find them, and nothing is left."""
+"""Effects that are simulated, written and read are recovered, and their simulation agrees."""
 
 from __future__ import annotations
 
@@ -99,13 +99,13 @@ def test_effects_are_found_in_the_archive_that_was_written(sent):
     assert found["scale_percent"] == pytest.approx(2.0, abs=0.03)
 
 
-def test_nothing_is_left_once_the_simulation_has_them(sent, tmp_path):
+def test_a_simulation_with_the_effects_agrees_with_the_archive(sent, tmp_path):
     again = simulate(sent, effects=read_effects(write_effects(EFFECTS, tmp_path / "effects.yaml")))
-    left = np.stack([sent.u_rep - again.u_rep, sent.v_rep - again.v_rep], -1)
-    struck = sent.aircraft == sent.tails.index("N401")
-    before = np.sqrt(np.mean(np.sum(sent.residual**2, -1)[struck]))
-    after = np.sqrt(np.mean(np.sum(left**2, -1)[struck]))
-    control = np.sqrt(np.mean(np.sum(left**2, -1)[~struck]))
+    difference = np.stack([sent.u_rep - again.u_rep, sent.v_rep - again.v_rep], -1)
+    affected = sent.aircraft == sent.tails.index("N401")
+    before = np.sqrt(np.mean(np.sum(sent.residual**2, -1)[affected]))
+    after = np.sqrt(np.mean(np.sum(difference**2, -1)[affected]))
+    control = np.sqrt(np.mean(np.sum(difference**2, -1)[~affected]))
     assert before > 4.0
-    assert after < 1.1 * control  # what is left is the coding: knots and degrees
+    assert after < 1.1 * control  # the coding in knots and degrees remains
     assert control < 0.5 * KNOT

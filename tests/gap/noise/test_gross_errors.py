@@ -1,4 +1,4 @@
-"""Gross errors: found at one aircraft as at all of them, with their share, and nowhere else."""
+"""Gross errors of one, some or all aircraft are found with their share."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def archive():
     return frame, noise_of(frame, exogenous(frame))
 
 
-def struck(archive, aircraft, share, size=20.0):
+def with_gross_errors(archive, aircraft, share, size=20.0):
     """The archive with normal errors in a share of some aircraft's reports, and its noise."""
     frame, noise = archive
     rng = np.random.default_rng(5)
@@ -37,8 +37,8 @@ def struck(archive, aircraft, share, size=20.0):
 
 @pytest.mark.parametrize("aircraft", [[2], [1, 4, 5], list(range(8))])
 @pytest.mark.parametrize("share", [0.01, 0.03])
-def test_a_share_is_found_whoever_has_it(archive, aircraft, share):
-    made, noise = struck(archive, aircraft, share)
+def test_share_of_gross_errors_and_aircraft(archive, aircraft, share):
+    made, noise = with_gross_errors(archive, aircraft, share)
     found = outliers(made, made.residual, noise)
     assert found.tails == tuple(made.tails[a] for a in aircraft)
     assert found.evidence > 7.0
@@ -50,19 +50,19 @@ def test_a_share_is_found_whoever_has_it(archive, aircraft, share):
     assert reduction.interval[0] < true < reduction.interval[1]
 
 
-def test_nothing_is_found_where_nobody_errs(archive):
+def test_no_gross_errors(archive):
     frame, noise = archive
     calm = replace(noise, gross=gross_errors(frame.residual, noise.order))
     assert outliers(frame, frame.residual, calm) is None
 
 
-def test_scatter_of_a_metre_a_second_is_no_gross_error(archive):
-    made, noise = struck(archive, [1, 2], 0.3, size=2.5)
+def test_moderate_scatter_is_no_gross_error(archive):
+    made, noise = with_gross_errors(archive, [1, 2], 0.3, size=2.5)
     assert noise.gross.mean() > 0.002
     assert outliers(made, made.residual, noise) is None
 
 
-def test_a_simulated_archive_stands_out_as_often_as_the_real_one(archive):
+def test_rate_in_simulated_archives_equals_that_of_the_archive(archive):
     frame, noise = archive
     real = gross_errors(frame.residual, noise.order).mean()
     assert simulated_rate(frame, noise).mean() == pytest.approx(real, abs=1e-3)
@@ -77,8 +77,8 @@ def test_the_shared_rate_by_hand():
     assert gain[0] == pytest.approx(20 * np.log(20) - 19, rel=0.01)
 
 
-def test_the_shared_rate_is_beyond_what_chance_gives_each():
-    """Of 70 and 90 hits 70 are chance's where headings jump; 20 are of the common rate."""
+def test_the_common_rate_is_in_addition_to_chance():
+    """Of 70 and 90 hits, 70 are by chance where headings change in steps; 20 are common."""
     count, chance = np.full(4, 1000.0), np.array([0.001, 0.001, 0.07, 0.07])
     rate, gain = shared_rate(np.array([21.0, 1.0, 70.0, 90.0]), count, chance)
     assert rate == pytest.approx(0.02, rel=0.1)

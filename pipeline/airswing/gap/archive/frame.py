@@ -47,52 +47,31 @@ AIRCRAFT_FIELDS = (
 )
 """Fields of a frame with one value per aircraft."""
 _ESSENTIAL = ("u_rep", "v_rep", "u_ref", "v_ref", "ground_u", "ground_v", "heading", "airspeed")
-# field of the frame -> (variable of the Dataset, whether it is an angle in degrees)
-_PER_REPORT: dict[str, tuple[str, bool]] = {
-    "latitude": ("latitude", False),
-    "longitude": ("longitude", False),
-    "pressure": ("pressure", False),
-    "u_rep": ("eastward_wind", False),
-    "v_rep": ("northward_wind", False),
-    "heading": ("heading", True),
-    "magnetic_heading": ("magnetic_heading", True),
-    "airspeed": ("airspeed", False),
-    "ground_u": ("ground_eastward_velocity", False),
-    "ground_v": ("ground_northward_velocity", False),
-    "heading_error": ("heading_standard_error", True),
-    "declination": ("declination", True),
-    "dip": ("dip", True),
-    "horizontal_field": ("horizontal_field", False),
-    "acceleration": ("longitudinal_acceleration", False),
-    "bank": ("bank", True),
-    "climb_rate": ("climb_rate", False),
-    "temperature": ("air_temperature", False),
+# field of the frame -> variable of the headings product
+_NAMES = {
+    **{name: name for name in ("latitude", "longitude", "pressure", "airspeed", "climb_rate")},
+    **{name: name for name in ("heading", "magnetic_heading", "declination", "dip", "bank")},
+    **{name: name for name in ("horizontal_field", "lead_time", "grid_convergence")},
+    "u_rep": "eastward_wind",
+    "v_rep": "northward_wind",
+    "u_ref": "reference_eastward_wind",
+    "v_ref": "reference_northward_wind",
+    "ground_u": "ground_eastward_velocity",
+    "ground_v": "ground_northward_velocity",
+    "heading_error": "heading_standard_error",
+    "acceleration": "longitudinal_acceleration",
+    "temperature": "air_temperature",
 }
-_PER_REFERENCE: dict[str, tuple[str, bool]] = {
-    "u_ref": ("reference_eastward_wind", False),
-    "v_ref": ("reference_northward_wind", False),
-    "dudt": ("reference_eastward_wind_tendency", False),
-    "dvdt": ("reference_northward_wind_tendency", False),
-    "dudlnp": ("reference_eastward_wind_lnp_derivative", False),
-    "dvdlnp": ("reference_northward_wind_lnp_derivative", False),
-    "dudx": ("reference_eastward_wind_x_derivative", False),
-    "dvdx": ("reference_northward_wind_x_derivative", False),
-    "dudy": ("reference_eastward_wind_y_derivative", False),
-    "dvdy": ("reference_northward_wind_y_derivative", False),
-    "grid_convergence": ("grid_convergence", True),
-    "lead_time": ("lead_time", False),
-}
-_VARIABLES = (
-    "row_size",
-    "time",
-    "flight",
-    "phase",
-    "icing",
-    "screening",
-    "roll_flag",
-    *(name for name, _ in (_PER_REPORT | _PER_REFERENCE).values()),
-    *AIRCRAFT_FIELDS,
-)
+_DERIVATIVES = {"t": "tendency", "lnp": "lnp_derivative", "x": "x_derivative", "y": "y_derivative"}
+for _axis, _suffix in _DERIVATIVES.items():
+    _NAMES[f"dud{_axis}"] = f"reference_eastward_wind_{_suffix}"
+    _NAMES[f"dvd{_axis}"] = f"reference_northward_wind_{_suffix}"
+# fields that are angles, degrees in the product
+_ANGLES = {"heading", "magnetic_heading", "heading_error", "declination", "dip", "bank"}
+_ANGLES.add("grid_convergence")
+_CODES = {"flight": 0, "phase": PHASE["unknown"], "icing": -1, "screening": 0}
+_CODES["roll_flag"] = ROLL["missing"]
+_VARIABLES = ("row_size", "time", *_CODES, *_NAMES.values(), *AIRCRAFT_FIELDS)
 
 
 @dataclass(frozen=True)
@@ -380,18 +359,22 @@ def _read_columns(
     values: Columns = {
         "report": np.arange(ds.sizes["report"], dtype=np.int64),
         "aircraft": np.repeat(np.arange(len(tails)), np.asarray(ds["row_size"].values)),
-        "flight": _codes(ds, "flight", 0),
         "time": ds["time"].values.astype("datetime64[ns]").astype(np.int64) / 1e9,
-        "phase": _codes(ds, "phase", PHASE["unknown"]),
-        "icing": _codes(ds, "icing", -1),
     }
-    for field, (name, angle) in (_PER_REPORT | _PER_REFERENCE).items():
+    codes = {
+        name: np.asarray(ds[name].values, np.int64)
+        if name in ds
+        else np.full(ds.sizes["report"], missing, np.int64)
+        for name, missing in _CODES.items()
+    }
+    values |= {name: codes[name] for name in ("flight", "phase", "icing")}
+    for field, name in _NAMES.items():
         column = np.full(ds.sizes["report"], np.nan)
         if name in ds and "reference" in ds[name].dims:
             column = member_mean(ds[name].isel(reference=members).astype(np.float64)).to_numpy()
         elif name in ds:
             column = np.asarray(ds[name].values, dtype=np.float64)
-        values[field] = np.radians(column) if angle else column
+        values[field] = np.radians(column) if field in _ANGLES else column
     longitude = values["longitude"]
     if meridian is None:  # direction of the mean of the longitudes as unit vectors
         angle_sum = np.nansum(np.exp(1j * np.radians(longitude)))
@@ -400,7 +383,7 @@ def _read_columns(
     values["longitude"] = np.where(np.abs(east) > 180.0, meridian + wrap_degrees(east), longitude)
     values["bank"] = bank_at_reports(
         values["bank"],
-        _codes(ds, "roll_flag", ROLL["missing"]),
+        codes["roll_flag"],
         values["flight"],
         values["time"],
         latitude=values["latitude"],
@@ -409,13 +392,7 @@ def _read_columns(
     for name in AIRCRAFT_FIELDS:
         unknown = np.full(len(tails), np.nan)
         values[name] = np.asarray(ds[name].values, np.float64) if name in ds else unknown
-    return tails, values, _codes(ds, "screening", 0)
-
-
-def _codes(ds: xr.Dataset, name: str, missing: int) -> IntArray:
-    if name not in ds:
-        return np.full(ds.sizes["report"], missing, dtype=np.int64)
-    return np.asarray(ds[name].values, dtype=np.int64)
+    return tails, values, codes["screening"]
 
 
 def _members(ds: xr.Dataset, reference: str | Sequence[str]) -> list[int]:

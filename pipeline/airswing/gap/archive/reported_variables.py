@@ -28,54 +28,34 @@ from airswing.units import DAY, FOOT, ZERO_CELSIUS
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-#: Variables with their kind, and the number of cells of a curve.
-KINDS: dict[str, tuple[str, int]] = {
-    "magnetic_heading": ("circular", 12),
-    "track": ("circular", 12),
-    "wind_direction": ("circular", 12),
-    "hour": ("circular", 8),
-    "wind_speed": ("linear", 8),
-    "airspeed": ("linear", 8),
-    "ground_speed": ("linear", 8),
-    "drift": ("linear", 8),
-    "latitude": ("linear", 8),
-    "longitude": ("linear", 8),
-    "altitude": ("linear", 8),
-    "temperature": ("linear", 8),
-    "bank": ("linear", 6),
-    "acceleration": ("linear", 6),
-    "turn": ("linear", 12),
-    "last_turn": ("linear", 6),
-    "flight_time": ("linear", 8),
-    "date": ("linear", 6),
-    "icing": ("category", 2),
-    "phase": ("category", 3),
+#: Variables with kind, number of cells of a curve, and unit.
+VARIABLES: dict[str, tuple[str, int, str]] = {
+    "magnetic_heading": ("circular", 12, "degree"),
+    "track": ("circular", 12, "degree"),
+    "wind_direction": ("circular", 12, "degree"),
+    "hour": ("circular", 8, "hour"),
+    "wind_speed": ("linear", 8, "m/s"),
+    "airspeed": ("linear", 8, "m/s"),
+    "ground_speed": ("linear", 8, "m/s"),
+    "drift": ("linear", 8, "degree"),
+    "latitude": ("linear", 8, "degree"),
+    "longitude": ("linear", 8, "degree"),
+    "altitude": ("linear", 8, "ft"),
+    "temperature": ("linear", 8, "degC"),
+    "bank": ("linear", 6, "degree"),
+    "acceleration": ("linear", 6, "m/s2"),
+    "turn": ("linear", 12, "degree"),
+    "last_turn": ("linear", 6, "degree"),
+    "flight_time": ("linear", 8, "minute"),
+    "date": ("linear", 6, "day"),
+    "icing": ("category", 2, ""),
+    "phase": ("category", 3, ""),
 }
+#: Kind and number of cells, and unit, of each variable.
+KINDS = {name: (kind, cells) for name, (kind, cells, _) in VARIABLES.items()}
+UNITS = {name: unit for name, (_, _, unit) in VARIABLES.items()}
 #: Period of the circular variables that are not angles.
 PERIOD = {"hour": 24.0}
-#: Units of the variables.
-UNITS = {
-    "magnetic_heading": "degree",
-    "track": "degree",
-    "wind_direction": "degree",
-    "hour": "hour",
-    "wind_speed": "m/s",
-    "airspeed": "m/s",
-    "ground_speed": "m/s",
-    "drift": "degree",
-    "latitude": "degree",
-    "longitude": "degree",
-    "altitude": "ft",
-    "temperature": "degC",
-    "bank": "degree",
-    "acceleration": "m/s2",
-    "turn": "degree",
-    "last_turn": "degree",
-    "flight_time": "minute",
-    "date": "day",
-    "icing": "",
-    "phase": "",
-}
 CATEGORIES = {"icing": ("off", "on"), "phase": ("ascent", "cruise", "descent")}
 #: Share of the requested cells that is sufficient, and by how much the least number of reports of
 #: a cell is reduced, in turn, where most values are equal.

@@ -12,7 +12,7 @@ from airswing.flags import PHASE
 from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import (
     DEGREE,
-    Errors,
+    Estimate,
     Floats,
     HeadingEffect,
     Parameter,
@@ -105,9 +105,7 @@ class AccelerationError(HeadingEffect):
             np.sin(frame.magnetic_heading) * np.tan(frame.dip) * np.stack([pull, usual])
         )
 
-    def to_parameters(
-        self, coefficients: Floats, covariance: Floats, frame: Frame
-    ) -> tuple[Stated, Errors]:
+    def to_parameters(self, coefficients: Floats, covariance: Floats, frame: Frame) -> Estimate:
         """See `Effect.to_parameters`; for the form with the larger coefficient."""
         k = int(np.argmax(np.abs(coefficients)))
         values: Stated = {

@@ -49,6 +49,7 @@ Stage = Literal["identity", "atmosphere", "sensor", "report"]
 Parameters = dict[str, object]  # as given by the user or a file
 Stated = dict[str, Value]  # as stated by the diagnosis
 Errors = dict[str, float]
+Estimate = tuple[Stated, Errors]
 
 DEGREE = float(np.pi / 180.0)
 """One degree in radians."""
@@ -219,9 +220,7 @@ class Effect(ABC):
         """
 
     @abstractmethod
-    def to_parameters(
-        self, coefficients: Floats, covariance: Floats, frame: Frame
-    ) -> tuple[Stated, Errors]:
+    def to_parameters(self, coefficients: Floats, covariance: Floats, frame: Frame) -> Estimate:
         """Convert coefficients to parameters, with standard errors by the delta method.
 
         Parameters
@@ -299,9 +298,7 @@ class ProportionalEffect(Effect):
         """See `Effect.column_scales`: the scales of the parameters."""
         return np.array([p.scale * p.si for p in self.parameters])
 
-    def to_parameters(
-        self, coefficients: Floats, covariance: Floats, frame: Frame
-    ) -> tuple[Stated, Errors]:
+    def to_parameters(self, coefficients: Floats, covariance: Floats, frame: Frame) -> Estimate:
         """See `Effect.to_parameters`."""
         values: Stated = {}
         errors: Errors = {}
@@ -331,9 +328,7 @@ class MomentEffect(Effect):
         """See `Effect.columns`: none, (0, n, 2)."""
         return np.zeros((0, frame.size, 2))
 
-    def to_parameters(
-        self, coefficients: Floats, covariance: Floats, frame: Frame
-    ) -> tuple[Stated, Errors]:
+    def to_parameters(self, coefficients: Floats, covariance: Floats, frame: Frame) -> Estimate:
         """See `Effect.to_parameters`: none; they are stated by the test of the effect."""
         return {}, {}
 
@@ -383,9 +378,7 @@ class CycleEffect(HeadingEffect):
         """Return sine and cosine of the cycles of the magnetic heading, (2, n)."""
         return cycles(frame.magnetic_heading, self.number_of_cycles)
 
-    def to_parameters(
-        self, coefficients: Floats, covariance: Floats, frame: Frame
-    ) -> tuple[Stated, Errors]:
+    def to_parameters(self, coefficients: Floats, covariance: Floats, frame: Frame) -> Estimate:
         """See `Effect.to_parameters`."""
         (amplitude, phase), (error, phase_error) = amplitude_phase(coefficients, covariance)
         values: Stated = {"amplitude_deg": amplitude, "phase_deg": phase}
@@ -416,9 +409,7 @@ class OffsetAndCycle(HeadingEffect):
         """Return one, sine and cosine of the magnetic heading, (3, n)."""
         return np.concatenate([np.ones((1, frame.size)), cycles(frame.magnetic_heading)])
 
-    def to_parameters(
-        self, coefficients: Floats, covariance: Floats, frame: Frame
-    ) -> tuple[Stated, Errors]:
+    def to_parameters(self, coefficients: Floats, covariance: Floats, frame: Frame) -> Estimate:
         """See `Effect.to_parameters`."""
         cycle = amplitude_phase(coefficients[1:], np.asarray(covariance)[1:, 1:])
         (amplitude, phase), (error, phase_error) = cycle

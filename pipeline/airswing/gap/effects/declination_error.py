@@ -1,9 +1,10 @@
 """Magnetic variation of the unit out of date or scaled.
 
 Assumptions and validity: IGRF, 1900 to 2030; other epochs are replaced by its ends. The
-declination of both epochs is computed here, so that the pattern is the secular variation alone,
-whatever declination the frame holds: at whole degrees and years with linear interpolation (within
-1 % away from the magnetic poles), so that the value of a report does not depend on the others.
+declination of both epochs is computed here, so that the pattern is the secular variation alone and
+does not depend on the declination of the frame:
+at whole degrees and years with linear interpolation (within 1 % away from the magnetic poles), so
+that the value of a report does not depend on the others.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import numpy as np
 
 from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import (
-    Errors,
+    Estimate,
     Floats,
     HeadingEffect,
     Parameter,
@@ -106,9 +107,7 @@ class DeclinationError(HeadingEffect):
         error = known(declination_change(frame, epoch_year=number(values["epoch_year"])))
         return replace(state, heading_error=state.heading_error + error)
 
-    def to_parameters(
-        self, coefficients: Floats, covariance: Floats, frame: Frame
-    ) -> tuple[Stated, Errors]:
+    def to_parameters(self, coefficients: Floats, covariance: Floats, frame: Frame) -> Estimate:
         """See `Effect.to_parameters`; for the age or the factor, whichever is larger."""
         aged, factor = np.array([coefficients[0], coefficients[2]]), float(coefficients[1])
         old = abs(aged[0] / self.column_scales[0]) >= abs(factor / self.column_scales[1])

@@ -38,7 +38,7 @@ UNIT_OF = {
 }
 #: Components whose effect on a report cannot be removed.
 IRREVERSIBLE = ("scatter", "reported_speed")
-#: Iterations for a table over the reported wind, which depends on its own result.
+#: Iterations for a table over the reported wind, which depends on the result.
 ITERATIONS = 8
 #: Iterations for the wind without the table: a change of 20 % converges to 1e-6.
 INVERSE_ITERATIONS = 12

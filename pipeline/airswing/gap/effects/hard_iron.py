@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.effects.base import CycleEffect, Errors, Floats, Parameter, Stated, number
+from airswing.gap.effects.base import CycleEffect, Estimate, Floats, Parameter, number
 from airswing.synthetic.sealed.draws import Cycle, Draw
 
 
@@ -65,9 +65,7 @@ class HardIron(CycleEffect):
         growth = np.where(np.isfinite(growth), growth, 1.0)
         return np.asarray(super().basis(frame) * growth)
 
-    def to_parameters(
-        self, coefficients: Floats, covariance: Floats, frame: Frame
-    ) -> tuple[Stated, Errors]:
+    def to_parameters(self, coefficients: Floats, covariance: Floats, frame: Frame) -> Estimate:
         """See `Effect.to_parameters`."""
         values, errors = super().to_parameters(coefficients, covariance, frame)
         return values | {"at_horizontal_field_nT": frame.reference_field}, errors

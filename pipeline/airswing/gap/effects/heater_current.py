@@ -13,14 +13,13 @@ from numpy.typing import NDArray
 from airswing.errors import InputError
 from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import (
-    Errors,
+    Estimate,
     Floats,
     OffsetAndCycle,
     Parameter,
     Parameters,
     Random,
     State,
-    Stated,
     absent_context,
     known,
     number,
@@ -88,7 +87,7 @@ class HeaterCurrent(OffsetAndCycle):
         "The direct current of electric de-icing makes a magnetic field fixed in the aircraft; the "
         "compass deviates while it flows. Its one cycle grows as 1/H like any hard iron, which "
         "cannot be seen within one region; the amplitude is that of the region. A heater that a "
-        "thermostat switches is on between two temperatures, whatever the icing flag says."
+        "thermostat switches is on between two temperatures, regardless of the icing flag."
     )
     source = "FAA AC 43.13-1B, 12-37 (compass swing with electrical loads on and off)."
     needs = ("magnetic_heading",)
@@ -110,12 +109,12 @@ class HeaterCurrent(OffsetAndCycle):
         *(f"{part}_colder_than_{edge}" for edge in EDGES for part in ("offset", "sin", "cos")),
     )
     alternatives = _subsets()
-    # a band of temperature, sent in whole degrees, is known at its edges to half of one: by the
-    # generator ten degrees of it hold nine tenths
+    # temperatures in whole degrees blur the edges of a band by half a degree: 0.9 for a band of ten
+    # degrees in simulated archives
     reliability = 0.93
     confused_with = (
         "hard_iron, compass_offset: where icing protection is on most of the time",
-        "errors of airspeed in icing: along the heading, so apart where headings vary",
+        "errors of airspeed in icing: along the heading, separable where headings vary",
     )
 
     @property
@@ -164,9 +163,7 @@ class HeaterCurrent(OffsetAndCycle):
         error = on * (coefficients @ known(super().basis(frame)))
         return replace(state, heading_error=state.heading_error + error)
 
-    def to_parameters(
-        self, coefficients: Floats, covariance: Floats, frame: Frame
-    ) -> tuple[Stated, Errors]:
+    def to_parameters(self, coefficients: Floats, covariance: Floats, frame: Frame) -> Estimate:
         """See `Effect.to_parameters`: for the columns of the flag or of the warmest edge in use."""
         used = np.flatnonzero(np.reshape(coefficients, (-1, 3)).any(axis=1))
         first = int(used[0]) if used.size else 0

@@ -13,7 +13,7 @@ from airswing.errors import InputError
 from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import (
     Effect,
-    Errors,
+    Estimate,
     Floats,
     Parameter,
     Parameters,
@@ -122,9 +122,7 @@ class ReferenceSpeedBias(Effect):
         factor = np.where(where, 1.0 / (1.0 + bias / 100.0), 1.0)
         return replace(state, wind_u=state.wind_u * factor, wind_v=state.wind_v * factor)
 
-    def to_parameters(
-        self, coefficients: Floats, covariance: Floats, frame: Frame
-    ) -> tuple[Stated, Errors]:
+    def to_parameters(self, coefficients: Floats, covariance: Floats, frame: Frame) -> Estimate:
         """See `Effect.to_parameters`; for the candidate with the largest coefficient.
 
         A coefficient c is the relative deficit of the reports: bias = 1 / (1 - c) - 1.

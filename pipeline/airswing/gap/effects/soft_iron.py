@@ -25,7 +25,7 @@ class SoftIron(CycleEffect):
     }
     physics = (
         "Soft iron lying in the horizontal is magnetised by the earth's horizontal field and turns "
-        "with the aircraft: two cycles in magnetic heading, whatever the strength of the field."
+        "with the aircraft: two cycles in magnetic heading, independent of the field strength."
     )
     source = "Coefficients D and E, NGA Handbook of Magnetic Compass Adjustment."
     parameters = (

@@ -9,14 +9,13 @@ import numpy as np
 
 from airswing.gap.archive.frame import Frame
 from airswing.gap.effects.base import (
-    Errors,
+    Estimate,
     Floats,
     Parameter,
     Parameters,
     ProportionalEffect,
     Random,
     State,
-    Stated,
     airspeed_derivative,
     number,
     standard_error,
@@ -61,9 +60,7 @@ class TasScale(ProportionalEffect):
         factor = 1.0 + number(values["scale_percent"]) / 100.0
         return replace(state, airspeed=state.airspeed * factor)
 
-    def to_parameters(
-        self, coefficients: Floats, covariance: Floats, frame: Frame
-    ) -> tuple[Stated, Errors]:
+    def to_parameters(self, coefficients: Floats, covariance: Floats, frame: Frame) -> Estimate:
         """See `Effect.to_parameters`; a coefficient is relative to the INDICATED airspeed."""
         ratio = 1.0 - float(coefficients[0])
         error = 100.0 * standard_error(covariance) / ratio**2
