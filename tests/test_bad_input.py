@@ -23,7 +23,7 @@ import xarray as xr
 import yaml
 
 from airswing import cli
-from airswing.products.netcdf import read_product
+from airswing.products.netcdf import open_product
 from airswing.products.workspace import workspace
 from tests import perfect
 from tests.forked import forked
@@ -145,7 +145,7 @@ def test_reports_that_cannot_be_used(archive, tmp_path, capsys, name):
         assert all(word in message for word in says), message
     after = digests(tmp_path / "out")
     if name in KEPT_NOTHING:  # winds at reports are of use where nothing can be fitted
-        with read_product(tmp_path / "out/headings", lazy=True) as headings:
+        with open_product(tmp_path / "out/headings") as headings:
             assert (headings["screening"] != 0).all()
         before, after = (
             {k: v for k, v in found.items() if not k.startswith("headings")}
@@ -197,7 +197,7 @@ def spoiled(archive: Path, folder: Path, spoil: Callable[[Path], Any]) -> Path:
 def test_a_bad_model_file_among_good_ones_is_counted_and_named(archive, tmp_path, spoil, reason):
     path = spoiled(archive, tmp_path, spoil)
     assert call("collocate", path, "--quiet") == 0
-    with read_product(tmp_path / "out/headings", lazy=True) as headings:
+    with open_product(tmp_path / "out/headings") as headings:
         audit = json.loads(headings.attrs["reference_audit"])["model"]
     assert len(audit["skipped"]) == 1
     assert reason in audit["skipped"][0]["reason"]
@@ -207,7 +207,7 @@ def test_a_bad_model_file_among_good_ones_is_counted_and_named(archive, tmp_path
 def test_two_files_of_the_same_time_say_which_is_used(archive, tmp_path):
     path = spoiled(archive, tmp_path, lambda m: shutil.copy(m / "p012.grb", m / "z012.grb"))
     assert call("collocate", path, "--quiet") == 0
-    with read_product(tmp_path / "out/headings", lazy=True) as headings:
+    with open_product(tmp_path / "out/headings") as headings:
         notes = json.loads(headings.attrs["reference_audit"])["model"]["notes"]
     assert len(notes) == 1
     assert "z012.grb is used" in notes[0] and "p012.grb" in notes[0]

@@ -34,7 +34,7 @@ NAME = "cold_soak"
 
 
 def freeze(setting, fault, where):
-    """The generator's own physics of it: a housing that turns as it cools."""
+    """The generator's physics of it: a housing that turns as it cools."""
     cold = (273.15 - setting.temperature[where]) / 10.0
     setting.unit.rotation[where] += np.radians(fault.value("rate_deg")) * cold
 
@@ -90,9 +90,9 @@ def cold(added, tmp_path_factory):
 
 
 def test_the_simulation_takes_it_and_it_is_taken_off_again(cold):
-    plain, struck, active = cold
-    left = remove_effects(struck, [active])
-    assert np.abs(struck.residual - plain.residual).max() > 1.0
+    plain, affected, active = cold
+    left = remove_effects(affected, [active])
+    assert np.abs(affected.residual - plain.residual).max() > 1.0
     assert left.residual == pytest.approx(plain.residual, abs=1e-6)
 
 

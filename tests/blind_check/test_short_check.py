@@ -17,7 +17,7 @@ from airswing.synthetic.sealed.cases import Size
 
 
 def diagnosed(config: Path, output: Path, without: Sequence[str]) -> Mapping[str, Any]:
-    """Run the public command: in a process of its own for the first archive, else in this one."""
+    """Run the public command: in a new process for the first archive, else in this one."""
     if config.parent.name == "case_001":
         return run_command(config, output, without)
     words = ["gap", str(config), "--output", str(output), "--quiet"]

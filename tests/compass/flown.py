@@ -1,4 +1,4 @@
-"""A small simulator of flights for the fit's tests: independent of the package's own formulas.
+"""A small simulator of flights for the fit's tests: independent of the package's formulas.
 
 True wind, model = truth + bias + errors shared by the day and by the flight, a unit that
 computes its wind along a deviated heading, and headings made again from what was reported.
@@ -106,32 +106,33 @@ def fly(deviation, setting: Setting, seed: int) -> tuple[xr.Dataset, dict]:
     start = np.array([-87.0, 43.0]) + rng.uniform(-3, 3, (*n[:3], 1, 2))
     flown = np.cumsum(ground * 180.0, axis=-2) / 111_200.0
     place = (start + flown * np.array([1 / np.cos(np.radians(43.0)), 1.0])).reshape(reports, 2)
-    one, two = ("report",), ("reference", "report")
+    by_report = {
+        "time": time,
+        "longitude": place[:, 0],
+        "latitude": place[:, 1],
+        "pressure": np.full(reports, 55000.0, np.float32),
+        "flight": flight.astype(np.int32),
+        "eastward_wind": reported.reshape(reports, 2)[:, 0],
+        "northward_wind": reported.reshape(reports, 2)[:, 1],
+        "heading": heading % 360,
+        "magnetic_heading": (heading - declination.reshape(reports)) % 360,
+        "airspeed": airspeed,
+        "declination": declination.reshape(reports),
+        "screening": np.zeros(reports, np.int32),
+    }
     shape = (s.references, reports)
+    known = np.degrees(s.ground_error / airspeed)
+    by_reference = {
+        "reference_eastward_wind": model.reshape(*shape, 2)[..., 0],
+        "reference_northward_wind": model.reshape(*shape, 2)[..., 1],
+        "heading_error": wrap(heading - other),
+        "heading_error_standard_error": np.broadcast_to(known, shape),
+        "airspeed_error": airspeed - np.hypot(implied[..., 0], implied[..., 1]),
+    }
     ds = xr.Dataset(
-        {
-            "row_size": ("aircraft", np.full(s.aircraft, reports // s.aircraft)),
-            "time": (one, time),
-            "longitude": (one, place[:, 0]),
-            "latitude": (one, place[:, 1]),
-            "pressure": (one, np.full(reports, 55000.0, np.float32)),
-            "flight": (one, flight.astype(np.int32)),
-            "eastward_wind": (one, reported.reshape(reports, 2)[:, 0]),
-            "northward_wind": (one, reported.reshape(reports, 2)[:, 1]),
-            "reference_eastward_wind": (two, model.reshape(*shape, 2)[..., 0]),
-            "reference_northward_wind": (two, model.reshape(*shape, 2)[..., 1]),
-            "heading": (one, heading % 360),
-            "magnetic_heading": (one, (heading - declination.reshape(reports)) % 360),
-            "airspeed": (one, airspeed),
-            "declination": (one, declination.reshape(reports)),
-            "heading_error": (two, wrap(heading - other)),
-            "heading_error_standard_error": (
-                two,
-                np.broadcast_to(np.degrees(s.ground_error / airspeed), shape),
-            ),
-            "airspeed_error": (two, airspeed - np.hypot(implied[..., 0], implied[..., 1])),
-            "screening": (one, np.zeros(reports, np.int32)),
-        },
+        {name: ("report", values) for name, values in by_report.items()}
+        | {name: (("reference", "report"), values) for name, values in by_reference.items()}
+        | {"row_size": ("aircraft", np.full(s.aircraft, reports // s.aircraft))},
         coords={
             "aircraft": ("aircraft", np.array([f"N{k:03d}" for k in range(s.aircraft)], object)),
             "reference": ("reference", np.array(["ruc", "rtfdaa", "nam"][: s.references], object)),

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import tracemalloc
-
 import numpy as np
 import pytest
 from scipy.optimize import minimize
@@ -11,8 +9,7 @@ from scipy.optimize import minimize
 from airswing.compass.fit.deviation import fit_deviation, fit_sums, sum_aircraft
 from airswing.compass.fleet import information, solution
 from airswing.compass.fleet.blocks import Blocks
-from airswing.compass.fleet.field_basis import MOST_NODES, FieldBasis
-from airswing.compass.fleet.field_error import Stretch, estimate_variances
+from airswing.compass.fleet.field import MOST_NODES, FieldBasis, Stretch, estimate_variances
 from airswing.compass.fleet.information import Reference
 from airswing.compass.fleet.solution import (
     UNKNOWN_VARIANCE,
@@ -110,7 +107,7 @@ def test_the_information_is_that_of_the_dense_matrix():
     equations = Equations([one.information], FREE)
     found = equations.times(np.eye(equations.size))
     np.testing.assert_allclose(found / size, expected / size, atol=1e-12)
-    blocks = one.information.own_blocks()
+    blocks = one.information.aircraft_blocks()
     for block, place in zip(blocks, equations.craft[0], strict=True):
         np.testing.assert_allclose(block / size, expected[np.ix_(place, place)] / size, atol=1e-12)
     for low in equations.lasting[0]:
@@ -165,20 +162,6 @@ def test_a_large_fleet_is_solved_as_a_small_one_and_repeats(monkeypatch):
     np.testing.assert_array_equal(again.covariance, iterated.covariance)
 
 
-def peak_memory(aircraft: int, days: int) -> int:
-    blocks = [[one] for one in fleet_blocks(aircraft, days, 0, field=1.0)]
-    tracemalloc.start()
-    solve_fleet(blocks, np.ones((aircraft, 6), dtype=bool))
-    found = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    return found
-
-
-def test_memory_hardly_grows_with_the_days(monkeypatch):
-    monkeypatch.setattr(information, "MOST_BLOCKS", 1000)
-    assert peak_memory(8, 160) < 1.5 * peak_memory(8, 40)
-
-
 @pytest.mark.parametrize("most", [60, 200, 10_000])
 def test_the_scores_do_not_depend_on_where_the_days_are_divided(monkeypatch, most):
     days = 40_000 + 4 * np.arange(20)
@@ -198,7 +181,7 @@ def test_the_scores_do_not_depend_on_where_the_days_are_divided(monkeypatch, mos
 @pytest.mark.parametrize("most", [400, 4])
 def test_the_date_line_changes_nothing(monkeypatch, most):
     """Also where the field is divided into regions."""
-    monkeypatch.setattr("airswing.compass.fleet.field_basis.MOST_NODES", most)
+    monkeypatch.setattr("airswing.compass.fleet.field.MOST_NODES", most)
     every = np.ones((AIRCRAFT, 6), dtype=bool)
     here, there = (
         solve_fleet([[one] for one in fleet_blocks(AIRCRAFT, 6, 0, middle=middle)], every)
@@ -207,21 +190,6 @@ def test_the_date_line_changes_nothing(monkeypatch, most):
     assert np.abs((there.step - here.step) / spread_of(here)).max() < 1e-4
     np.testing.assert_allclose(there.covariance, here.covariance, rtol=1e-4, atol=1e-12)
     assert here.regions == (1 if most == 400 else 9)
-
-
-def test_regions_lose_little_of_the_information(monkeypatch):
-    """A hemisphere whole and in regions; the aircraft have no deviation."""
-    every = np.ones((30, 6), dtype=bool)
-    blocks = [[one] for one in fleet_blocks(30, 12, 1, field=1.5, middle=179.0, reach=(60.0, 30.0))]
-    found = {}
-    for most in (10_000, 150):
-        monkeypatch.setattr("airswing.compass.fleet.field_basis.MOST_NODES", most)
-        found[most] = solve_fleet(blocks, every)
-    whole, parts = found[10_000], found[150]
-    assert (whole.regions, parts.regions > 4) == (1, True)
-    assert np.abs((whole.step - parts.step) / spread_of(whole)).max() < 0.5
-    assert np.mean(spread_of(parts) / spread_of(whole)) == pytest.approx(1.0, abs=0.05)
-    assert np.std(parts.step / spread_of(parts)) == pytest.approx(1.0, abs=0.15)
 
 
 def noise_blocks(n: int = 3000, each: int = 3, segments: int = 20) -> Blocks:

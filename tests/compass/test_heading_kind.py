@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 import yaml
 
@@ -12,8 +11,7 @@ from airswing.compass.heading_kind import taken_for
 from airswing.config_file import load_config
 from airswing.evaluation.results import Evaluation
 from airswing.products.netcdf import read_product
-from airswing.synthetic.earth_field import EarthField
-from airswing.synthetic.mode_s import START, write_mode_s
+from airswing.synthetic.mode_s import write_mode_s
 from airswing.workflow.progress import Progress
 
 
@@ -84,16 +82,3 @@ def test_a_run_warns_of_magnetic_headings_taken_for_true(archive, blank_cards, m
     (line,) = [line for line in wrong["warnings"] if "declination" in line]
     assert "headings taken for true are magnetic" in line
     assert "magnetic_heading_deg" in (output / "report" / "index.html").read_text()
-
-
-def test_a_run_warns_of_true_headings_taken_for_magnetic(archive, numbers_only):
-    reports = pd.read_csv(archive / "mode_s.csv", parse_dates=["timestamp"])
-    field = EarthField(pd.Timestamp(START).to_pydatetime(), 1.0, (44, 54, -128, -114))
-    hours = np.zeros(len(reports))
-    declination = field.at(reports.latitude.to_numpy(), reports.longitude.to_numpy(), hours)[0]
-    reports["heading"] = (reports["heading"] + np.degrees(declination)) % 360
-    table = archive / "true.csv"
-    reports.to_csv(table, index=False)
-    wrong, _ = summary_of(archive, table, {})
-    (line,) = [line for line in wrong["warnings"] if "declination" in line]
-    assert "headings taken for magnetic are true" in line

@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from airswing.physics.airspeed import airspeed_from_calibrated, airspeed_from_mach, speed_of_sound
 from airswing.physics.atmosphere import pressure_from_altitude, standard_temperature
@@ -33,18 +31,8 @@ def test_true_airspeed_by_hand():
     assert found / KNOT == pytest.approx(mach * 576.42, abs=0.05)
 
 
-@given(st.floats(20, 330), st.floats(2e4, 1.05e5), st.floats(200, 320))
-def test_calibrated_airspeed_never_exceeds_the_true_one_in_thinner_air(speed, pressure, kelvin):
-    density_ratio = (pressure / 101325.0) * (288.15 / kelvin)
-    found = float(airspeed_from_calibrated(speed, pressure, kelvin))
-    low_speed = speed / np.sqrt(density_ratio)  # without compressibility
-    assert found <= low_speed * (1 + 1e-9) or pressure > 101325.0
-    slow = float(airspeed_from_calibrated(1.0, pressure, kelvin))
-    assert slow == pytest.approx(1.0 / np.sqrt(density_ratio), rel=1e-4)
-
-
 def test_mach_against_metpy():
-    """MetPy's dry air: the speed of sound from its own gas constant and heat ratio."""
+    """MetPy's dry air: the speed of sound from its gas constant and heat ratio."""
     constants = pytest.importorskip("metpy.constants")
     ratio = float(constants.dry_air_spec_heat_ratio.magnitude)
     gas = float(constants.dry_air_gas_constant.to("J/(kg K)").magnitude)

@@ -21,7 +21,7 @@ NOBODY = 65534
 @pytest.fixture
 def closed() -> Iterator[Path]:
     """A folder of one file that this process, were it root or not, may neither list nor enter."""
-    above = Path(tempfile.mkdtemp())  # pytest's own folders are closed to others than their owner
+    above = Path(tempfile.mkdtemp())  # pytest's folders are closed to other users
     above.chmod(0o755)
     folder = above / "closed"
     folder.mkdir()

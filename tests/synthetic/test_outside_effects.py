@@ -125,15 +125,6 @@ def test_scatter_by_hand():
     assert moved == pytest.approx([0.0, 45.0], abs=1e-9)
 
 
-def test_unknown_variables_shapes_and_components_are_refused():
-    with pytest.raises(ValueError, match="no variable moon"):
-        part_values(part("moon"), {})
-    with pytest.raises(ValueError, match="no shape star"):
-        part_values(part("hour", "star"), {"hour": np.zeros(2)})
-    with pytest.raises(ValueError, match="no component up"):
-        effect_change(effect([part()], "up"), np.zeros(1), np.zeros(1), {}, np.ones(1, bool), RNG)
-
-
 def test_draws_have_the_stated_shape_and_cover_components_and_variables():
     variables, u, v = surroundings()
     seen = Counter()

@@ -1,6 +1,6 @@
 """The blind check: plan cases, write and seal them, diagnose them, open the seal, score.
 
-Assumptions: the diagnosis is ``airswing gap CONFIG --output DIR --quiet`` in a process of its own.
+Assumptions: the diagnosis is ``airswing gap CONFIG --output DIR --quiet`` in a separate process.
 It receives the configuration of an archive and nothing else, except ``--without NAME`` in cases
 whose effect is withheld from the catalogue. The SHA-256 of the labels is published before the first
 diagnosis. A check that was interrupted continues: diagnosed cases are kept.
@@ -317,7 +317,7 @@ def _diagnose_all(
             write_json(path, content)
         say(f"{case.name} diagnosed, {time.perf_counter() - began:.1f} s")
 
-    # Threads are sufficient, because each waits for a command of its own.
+    # Threads are sufficient, because each waits for a separate process.
     with ThreadPoolExecutor(max_workers=workers) as pool:
         list(pool.map(diagnose, cases))
     return failures

@@ -187,7 +187,7 @@ def targets(scores: Sequence[Score]) -> pd.DataFrame:
         if isinstance(target, tuple):
             text, met = f"{target[0]:g} to {target[1]:g}", None
             if reached is not None:
-                # With few cases a share of 1 is what the upper target leads to expect.
+                # With few cases the upper target is compatible with a share of 1.
                 few = number * (1.0 - target[1]) < 1.0
                 met = target[0] <= reached and (few or reached <= target[1])
         else:

@@ -4,7 +4,7 @@ Assumptions
 -----------
 A magnetic heading taken for true is in error by minus the declination where it was flown, a true
 one taken for magnetic (or corrected twice) by the declination. Compass offsets proper differ from
-aircraft to aircraft and have a mean of their own: in Mode-S data of 27 types their mean is 1.0
+aircraft to aircraft and have a mean: in Mode-S data of 27 types their mean is 1.0
 degree and their scatter 0.7, which is what the offsets are weighed against, as two normal
 hypotheses. Where the declination is small (under 3 degrees all over; under 4 with a single
 aircraft) nothing can be decided and no note is made.

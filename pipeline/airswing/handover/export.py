@@ -106,7 +106,7 @@ def export(
     import xarray as xr
 
     from airswing.config import Handover
-    from airswing.products.netcdf import read_product
+    from airswing.products.netcdf import open_product
 
     if to not in FORMATS:
         raise InputError(
@@ -118,7 +118,7 @@ def export(
         )
     length = _seconds(window)
     product = Path(corrected) if isinstance(corrected, (str, Path)) else None
-    ds = read_product(product, lazy=True) if product is not None else corrected
+    ds = open_product(product) if product is not None else corrected
     if not isinstance(ds, xr.Dataset):
         raise TypeError("corrected is a Dataset or the path of one")
     try:
@@ -194,7 +194,7 @@ def product_of_run(request: Request, name: str, *, why: str) -> xr.Dataset:
     InputError
         If it does not exist or cannot be read.
     """
-    from airswing.products.netcdf import product_path, read_product
+    from airswing.products.netcdf import open_product, product_path
 
     if request.products is None:
         raise InputError(
@@ -209,7 +209,7 @@ def product_of_run(request: Request, name: str, *, why: str) -> xr.Dataset:
             file=path,
             remedy="Run `airswing run` with the same configuration first",
         )
-    return read_product(path, lazy=True)
+    return open_product(path)
 
 
 def correction_members(corrected: xr.Dataset) -> list[str]:

@@ -119,7 +119,7 @@ def _chord_bank(latitude: Floats, longitude: Floats, interval: Floats) -> Floats
     path = np.zeros(latitude.size)
     path[1:-1] = 0.5 * (length[1:] + length[:-1])
     half = 0.5 * np.minimum(np.abs(turn), WIDEST)
-    # An arc over its chord is (x/2) / sin(x/2) for a turn x; numpy's sinc has a pi of its own.
+    # An arc over its chord is (x/2) / sin(x/2) for a turn x; numpy's sinc includes pi.
     path /= np.sinc(half / np.pi)
     speed = np.divide(path, interval, out=np.zeros_like(path), where=whole)
     rate = np.divide(turn, interval, out=np.zeros_like(turn), where=whole)

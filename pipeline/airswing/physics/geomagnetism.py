@@ -12,7 +12,7 @@ Method
 IGRF takes tens of microseconds a point, so it is evaluated at the nodes of a lattice and the
 components X (north), Y (east), Z (down) are interpolated, never the angles: cubic (four-point
 Lagrange) in latitude and longitude between nodes 2 degrees apart, linear in height between 0 and
-16 km and linear in time between IGRF's own epochs five years apart, where IGRF is itself linear,
+16 km and linear in time between the epochs of IGRF five years apart, where IGRF is itself linear,
 so that the interpolation in time is exact. Nodes are at fixed places of the globe and are computed
 in tiles of one shape, so that the field at a report is the same to the last bit whatever the other
 reports. Tiles are kept for the life of the process.

@@ -170,7 +170,7 @@ class _Window(NamedTuple):
     """The legs around some reports; leg ``REACH`` is the one that begins at the report."""
 
     there: Mask  # (m, 4)
-    times: Array  # of the fixes from the report's own, (m, 5) s; a mean leg further where none is
+    times: Array  # of the fixes since the report, (m, 5) s; a mean leg further where none is
     base: Array  # direction of a leg adjacent to the report, (m,) rad
     off: Array  # directions from there, turned through the legs between, (m, 4) rad
     weight: Array  # one over the variance of `off`, (m, 4); 0 where there is no leg

@@ -263,38 +263,26 @@ def open_product(path: str | Path) -> xr.Dataset:
         raise InputError(str(err), file=path, remedy=_MAKE) from err
 
 
-def read_product(path: str | Path, *, lazy: bool = False) -> xr.Dataset:
-    """Read a product that :func:`write_product` wrote, or a folder of its months as one.
+def read_product(path: str | Path) -> xr.Dataset:
+    """Read a product, or a folder of its months as one, into memory.
 
     Parameters
     ----------
     path : str or path
         As for :func:`open_product`.
-    lazy : bool, default False
-        As :func:`open_product`; else everything is read and the files are closed.
 
     Returns
     -------
     Dataset
-        The product, in memory unless ``lazy``.
+        In memory; the files are closed.
 
     Raises
     ------
     InputError
         If the product is absent, damaged or not one of airswing.
-
-    Examples
-    --------
-    >>> fits = airswing.read_product(folder / "fits.nc")
-    >>> fits["amplitude"].attrs["units"]
-    'degree'
     """
-    ds = open_product(path)
-    if lazy:
-        return ds
-    path = Path(path)
     try:
-        with ds:
+        with open_product(path) as ds:
             return ds.load()
     except DAMAGE as err:
         raise InputError(

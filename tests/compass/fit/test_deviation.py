@@ -212,14 +212,6 @@ def test_b_and_c_are_those_at_the_mean_horizontal_field():
     assert np.isnan(unaware["mean_horizontal_field"].item())
 
 
-def test_nan_reports_do_not_count(fleet):
-    headings = fleet[0].copy(deep=True)
-    headings["heading_error"][0, :100] = np.nan
-    fits = fit_deviation(headings)
-    assert fits["report_count"][0, 0] == fleet[2]["report_count"][0, 0] - 100
-    assert np.isfinite(fits["deviation"]).all()
-
-
 @pytest.mark.filterwarnings("ignore:overflow encountered")
 def test_a_fit_that_diverges_is_refused():
     """Of 40 aircraft with two flights on a heading each, the fit of the fourth runs away."""

@@ -108,12 +108,6 @@ def test_a_gross_error_has_no_weight():
     assert in_degrees(one.theta) == pytest.approx(in_degrees(two.theta), abs=1e-3)
 
 
-def test_the_heading_error_alone_has_neither_scale_nor_bias():
-    found = fit(vector_reports((*THETA[:5], 0, 0, 0), 3, noise=1.0), joint=False, harmonics=1)
-    assert found.free.tolist() == [0, 1, 2]
-    assert (found.theta[3:] == 0).all()
-
-
 def test_clusters_are_in_the_influences():
     reports = vector_reports(THETA, 4, n=6000, noise=1.0, flights=200)
     found = fit(reports)

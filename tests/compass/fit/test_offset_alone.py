@@ -24,10 +24,14 @@ def on_one_octant(setting, seed, aircraft):
     deviation = np.zeros((setting.aircraft, 5))
     deviation[:, 0] = rng.normal(0, 1, setting.aircraft)
     headings, _ = fly(deviation, setting, seed)
-    own = np.repeat(np.arange(setting.aircraft), headings.sizes["report"] // setting.aircraft)
-    middle = headings["heading"].to_numpy()[np.searchsorted(own, np.arange(setting.aircraft))]
-    apart = (headings["heading"].to_numpy() - middle[own] + 180) % 360 - 180
-    off = np.isin(own, aircraft) & (np.abs(apart) > 22.5)
+    aircraft_of = np.repeat(
+        np.arange(setting.aircraft), headings.sizes["report"] // setting.aircraft
+    )
+    middle = headings["heading"].to_numpy()[
+        np.searchsorted(aircraft_of, np.arange(setting.aircraft))
+    ]
+    apart = (headings["heading"].to_numpy() - middle[aircraft_of] + 180) % 360 - 180
+    off = np.isin(aircraft_of, aircraft) & (np.abs(apart) > 22.5)
     headings["screening"] = ("report", np.where(off, 8, 0).astype(np.int32))
     return headings, deviation[:, 0]
 
@@ -54,15 +58,6 @@ def test_intervals_hold_the_truth(setting, alone, seeds, least, most):
     inside = np.abs(np.concatenate(z)) < 1.96
     assert inside.size >= 60
     assert least <= inside.mean() <= most
-
-
-def test_the_interval_holds_the_truth_in_one_fleet():
-    headings, truth = on_one_octant(FLEET, 11, [6, 7, 8, 9])
-    fits = fit_deviation(headings, min_reports=100).isel(reference=0, aircraft=[6, 7, 8, 9])
-    only = fits["status"].to_numpy() == STATUS["offset_only"]
-    z = (fits["offset"].to_numpy() - truth[6:]) / fits["offset_standard_error"].to_numpy()
-    assert only.sum() >= 2
-    assert np.abs(z[only]).max() < 3
 
 
 @pytest.fixture(scope="module")
@@ -109,9 +104,9 @@ def test_out_and_back_the_amplitude_is_in_the_error():
         deviation = np.zeros((FLEET.aircraft, 5))
         deviation[:, 1:3] = rng.normal(0, 3.0, (FLEET.aircraft, 2))
         headings, _ = fly(deviation, FLEET, seed)
-        own = np.repeat(np.arange(FLEET.aircraft), headings["row_size"])
-        line = headings["heading"].to_numpy() - rng.uniform(0, 360, FLEET.aircraft)[own]
-        off = (own > 5) & (np.abs((line + 45) % 180 - 45) > 15.0)
+        aircraft_of = np.repeat(np.arange(FLEET.aircraft), headings["row_size"])
+        line = headings["heading"].to_numpy() - rng.uniform(0, 360, FLEET.aircraft)[aircraft_of]
+        off = (aircraft_of > 5) & (np.abs((line + 45) % 180 - 45) > 15.0)
         headings["screening"] = ("report", np.where(off, 8, 0).astype(np.int32))
         fits = fit_deviation(headings, min_reports=100).isel(reference=0)
         for k in np.flatnonzero(fits["status"] == STATUS["offset_only"]):

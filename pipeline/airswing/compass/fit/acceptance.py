@@ -36,6 +36,7 @@ from airswing.compass.fit.sandwich import Array, Index, t_inflation
 from airswing.compass.fleet.solution import SEGMENTS_A_DAY, solve_fleet
 from airswing.flags import STATUS, published
 from airswing.units import NORMAL_95
+from airswing.vocabulary import lookup
 
 MAX_CONDITION = 12.0
 """Condition number of the heading design, 1 for evenly spread headings: above it two cycles become
@@ -50,7 +51,6 @@ LEAST_REPORTS = 500
 
 _Table = dict[str, NDArray[Any]]
 _SINUSOID = ("offset", "amplitude", "phase")
-_OTHER_ESTIMATES = ("airspeed_scale", "held_out_improvement")
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class Options:
         alone.
     shared_error : bool
         With ``joint``, also fit the error of the reference that the fleet shares, as a field (see
-        `airswing.compass.fleet.field_error`).
+        `airswing.compass.fleet.field`).
     min_reports, min_compass_points : int
         Fewer give status ``too_few_reports``, ``poor_heading_coverage``; fewer than five flights
         ``too_few_flights``. Where a constant is found instead, the last two are ``offset_only``.
@@ -121,36 +121,27 @@ class _Estimate:
     regions: int = 1
 
 
-_PER_AIRCRAFT = (
-    *(f"{name}{error}" for error in ("", "_standard_error") for name in _SINUSOID),
-    *(f"{name}{error}" for error in ("", "_standard_error") for name in _OTHER_ESTIMATES),
-    "condition_number",
-    "residual_rms_before",
-    "residual_rms_after",
-    "mean_horizontal_field",
-    "report_count",
-    "flight_count",
-    "compass_points",
-    "status",
-    "harmonics",
-)
-_DIMS: dict[str, tuple[str, ...]] = {
-    "deviation": ("aircraft", "coefficient"),
-    "deviation_covariance": ("aircraft", "coefficient", "coefficient_2"),
-    "held_out_deviation": ("aircraft", "fold", "coefficient"),
-    "reference_bias": ("component",),
-    "reference_bias_standard_error": ("component",),
-    **dict.fromkeys(_PER_AIRCRAFT, ("aircraft",)),
-    "shared_error_regions": (),
+_WITH_ERROR = (*_SINUSOID, "airspeed_scale", "held_out_improvement", "reference_bias")
+_PUBLISHED = {
+    name: lookup(name, ("reference", "aircraft"))
+    for name in (
+        "deviation",
+        "deviation_covariance",
+        "held_out_deviation",
+        *(f"{name}{suffix}" for name in _WITH_ERROR for suffix in ("", "_standard_error")),
+        "condition_number",
+        "residual_rms_before",
+        "residual_rms_after",
+        "mean_horizontal_field",
+        "report_count",
+        "flight_count",
+        "compass_points",
+        "status",
+        "harmonics",
+        "shared_error_regions",
+    )
 }
-_COUNTS = {
-    "report_count": np.int32,
-    "flight_count": np.int32,
-    "compass_points": np.int8,
-    "status": np.int8,
-    "harmonics": np.int8,
-    "shared_error_regions": np.int16,
-}
+"""Variables of the fit against one reference; their last dimensions are those of the table."""
 
 
 def publish(aircraft: list[AircraftSums], options: Options) -> xr.Dataset:
@@ -173,10 +164,10 @@ def publish(aircraft: list[AircraftSums], options: Options) -> xr.Dataset:
         "fold": FOLDS,
         "component": 2,
     }
-    table: _Table = {
-        name: np.full([sizes[dim] for dim in dims], 0 if name in _COUNTS else np.nan)
-        for name, dims in _DIMS.items()
-    }
+    table: _Table = {}
+    for name, entry in _PUBLISHED.items():
+        shape = [sizes[dim] for dim in entry.dims[1:]]
+        table[name] = np.full(shape, 0 if entry.dtype.startswith("i") else np.nan)
     for k, one in enumerate(aircraft):
         table["report_count"][k], table["flight_count"][k] = one.reports, one.flights
         table["compass_points"][k], table["status"][k] = one.compass_points, one.status
@@ -188,10 +179,7 @@ def publish(aircraft: list[AircraftSums], options: Options) -> xr.Dataset:
     _publish_curves(table, {k: fit for k, fit in curves.items() if fit is not None}, options)
     _publish_offsets(table, aircraft, options)
     return xr.Dataset(
-        {
-            name: (_DIMS[name], values.astype(_COUNTS.get(name, np.float64)))
-            for name, values in table.items()
-        }
+        {name: (e.dims[1:], table[name].astype(e.dtype)) for name, e in _PUBLISHED.items()}
     )
 
 

@@ -153,7 +153,7 @@ def sum_aircraft(
 ) -> FleetSums:
     """Fit each aircraft by itself: the part of :func:`fit_deviation` that reads reports.
 
-    The result for an aircraft depends on its own reports alone, so that a fleet larger than memory
+    The result for an aircraft depends on its reports alone, so that a fleet larger than memory
     may be given in parts, and all parts to :func:`fit_sums`.
 
     Parameters

@@ -5,7 +5,7 @@ Assumptions
 The days of an aircraft are divided into `FOLDS` parts (its flights, where there are fewer than five
 days). Without the reports of one part the coefficients are, to first order, the published ones
 minus the sum of the influences of the part's flights, enlarged by the weight of the others; the
-influences are those of the aircraft's own fit, brought to the published covariance, in which the
+influences are those of the aircraft's single fit, brought to the published covariance, in which the
 fleet's knowledge of the reference's bias is included. The squared vector disagreement with the
 reference before and after the correction is a quadratic function of the coefficients, whose sums by
 part the fit has kept (`airswing.compass.fit.kernel.HeldOut`), weighted as in the fit.
@@ -64,7 +64,7 @@ def held_out_improvement(fit: AircraftFit, theta: Array, covariance: Array) -> I
     Parameters
     ----------
     fit : AircraftFit
-        The aircraft's own fit.
+        Fit of the aircraft without the fleet.
     theta : array, shape (5,)
         Published coefficients A to E, radians.
     covariance : array, shape (5, 5)
@@ -121,7 +121,7 @@ def is_implausible(fit: AircraftFit, theta: Array) -> bool:
     Parameters
     ----------
     fit : AircraftFit
-        The aircraft's own fit.
+        Fit of the aircraft without the fleet.
     theta : array, shape (5,)
         Coefficients A to E, radians.
     """

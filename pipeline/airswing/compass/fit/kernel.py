@@ -12,8 +12,8 @@ that the reference implies is then, exactly,
 
 The noise is added to V'_A and does not enter psi, m or V, so that least squares on this vector
 equation has no bias, however large delta is. The residual is resolved along and across the fitted
-true heading; each component has its own variance. Each member of a pool has its own b and its own
-variances; flights and days are the clusters for all members together.
+true heading; each component has a variance. Each member of a pool has a bias b and variances;
+flights and days are the clusters for all members together.
 
 Method
 ------

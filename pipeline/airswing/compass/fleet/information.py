@@ -1,14 +1,14 @@
 """Information of one reference's blocks about the unknowns of the fleet.
 
-Assumes what `airswing.compass.fleet.field_error` assumes of the reference's error. The unknowns are
+Assumes what `airswing.compass.fleet.field` assumes of the reference's error. The unknowns are
 the coefficients of each aircraft (A to E and the airspeed scale), a bias of each aircraft in two
 components, and the lasting part of the field in two components; passing part, pieces and blocks are
 in the weights (generalized least squares).
 
-Aircraft are connected by the field alone: were it known, the information of each would be a block
-of its own. The passing part reduces it by H' G H, with G the posterior covariance of a segment's
-nodes and H the weighted sums of an aircraft's design at the nodes it flew near, a sparse matrix.
-The whole matrix is multiplied without being formed.
+Aircraft are connected by the field alone: were it known, the information of each would be a
+separate block. The passing part reduces it by H' G H, with G the posterior covariance of a
+segment's nodes and H the weighted sums of an aircraft's design at the nodes it flew near, a sparse
+matrix. The whole matrix is multiplied without being formed.
 
 Of the blocks' sums whole days are laid out at a time, about `MOST_BLOCKS` blocks (the passing part
 and a piece end with their segment), so that memory grows with the archive only by the sums and by a
@@ -29,9 +29,11 @@ import numpy as np
 from scipy import sparse
 
 from airswing.compass.fleet.blocks import SLOPES, Blocks
-from airswing.compass.fleet.field_basis import FieldBasis, Floats, Ints
-from airswing.compass.fleet.field_error import (
+from airswing.compass.fleet.field import (
+    FieldBasis,
     Flags,
+    Floats,
+    Ints,
     Precision,
     Stretch,
     as_sparse,
@@ -144,8 +146,8 @@ class Information:
             below[component] -= self.lasting_nodes.T @ field
         return known + self.factor @ found, root * below
 
-    def own_blocks(self) -> Floats:
-        """Return the information about each aircraft's own unknowns, shape (aircraft, 8, 8)."""
+    def aircraft_blocks(self) -> Floats:
+        """Return the information about the unknowns of each aircraft, shape (aircraft, 8, 8)."""
         found, size = np.zeros_like(self.direct), self.inverse.shape[1]
         for kept, nodes in zip(KEPT, self.nodes, strict=True):
             columns = nodes.tocsc()
@@ -255,7 +257,7 @@ class Reference:
     def leverage(self) -> Floats:
         """Return the share of each coefficient's scatter between days that fitting removes.
 
-        Of the aircraft's own equations with the field known; shape (aircraft, 6).
+        From the aircraft's equations with the field known; shape (aircraft, 6).
         """
         one = self.some.stretch
         _, day = np.unique(self._day_of(one.segments), return_inverse=True)

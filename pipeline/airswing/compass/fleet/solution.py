@@ -1,7 +1,7 @@
 """Deviations of a fleet and the error of its references, estimated together.
 
-Assumes what `airswing.compass.fleet.field_error` assumes of the reference's error, and that the
-aircraft's own fits are near enough for one linear step. The unknowns are those of
+Assumes what `airswing.compass.fleet.field` assumes of the reference's error, and that the
+fits of single aircraft are near enough for one linear step. The unknowns are those of
 `airswing.compass.fleet.information`, for all references together.
 
 Prior variances of the biases and of the lasting parts are estimated by restricted maximum
@@ -17,8 +17,8 @@ inverted. Of more unknowns
 
 Errors of different days (four segments, UTC) are taken as independent, whatever they
 are within a day. The covariance is the model's times the fleet's mean ratio of the sandwich over
-days to the model's, for each coefficient, because an aircraft's own days are too few; in an archive
-of few days this ratio is at least one.
+days to the model's, for each coefficient, because the days of one aircraft are too few; in an
+archive of few days this ratio is at least one.
 
 References
 ----------
@@ -35,8 +35,7 @@ from scipy.sparse.linalg import LinearOperator, cg
 
 from airswing.compass.fit.kernel import FOLDS
 from airswing.compass.fleet.blocks import SLOPES, Blocks
-from airswing.compass.fleet.field_basis import Floats, Ints
-from airswing.compass.fleet.field_error import LARGEST_VARIANCE, Flags
+from airswing.compass.fleet.field import LARGEST_VARIANCE, Flags, Floats, Ints
 from airswing.compass.fleet.information import Information, Reference
 from airswing.errors import InputError
 
@@ -68,7 +67,7 @@ SIGNS, MANY_SIGNS = 8, 32
 class FleetFit:
     """Joint estimate."""
 
-    step: Floats  # (aircraft, 6): to add to the aircraft's own A to E and airspeed scale, radians
+    step: Floats  # (aircraft, 6): to add to A to E and airspeed scale of the single fits, radians
     covariance: Floats  # (aircraft, 6, 6)
     # (FOLDS, aircraft, 6): change of the estimate without the days of each part, but for the weight
     # of the other days: to first order, the equations of the days being additive
@@ -239,7 +238,7 @@ class Written:
 
 
 class Iterated:
-    """Inverse of the Newton matrix of many aircraft, never formed; methods as of `Written`."""
+    """Inverse of the Newton matrix of many aircraft, never formed; methods as in `Written`."""
 
     def __init__(self, equations: Equations, right: Floats) -> None:
         self.equations, self.aircraft = equations, equations.aircraft
@@ -250,7 +249,7 @@ class Iterated:
         self.blocks = np.zeros((self.aircraft, width, width))
         for k, part in enumerate(equations.parts):
             kept = np.array([*range(SLOPES), SLOPES + 2 * k, SLOPES + 2 * k + 1])
-            self.blocks[:, kept[:, np.newaxis], kept] += part.own_blocks()
+            self.blocks[:, kept[:, np.newaxis], kept] += part.aircraft_blocks()
         self.held = np.zeros(right.size)
         diagonal = np.diagonal(self.blocks, axis1=1, axis2=2)[:, :SLOPES]
         self.held[: equations.free.size] = np.where(equations.free, 0.0, diagonal.max()).ravel()
@@ -258,11 +257,11 @@ class Iterated:
         self._find_prior(right)
 
     def solve(self, right: Floats) -> Floats:
-        """As of `Written`."""
+        """As in `Written`."""
         return self._solved(right.reshape(right.shape[0], -1), FINE).reshape(right.shape)
 
     def covariances(self) -> Floats:
-        """As of `Written`."""
+        """As in `Written`."""
         low = np.concatenate([lasting.ravel() for lasting in self.equations.lasting])
         unit = np.zeros((self.prior.size, low.size))
         unit[low, np.arange(low.size)] = 1.0
@@ -276,7 +275,7 @@ class Iterated:
         return np.asarray(found * ratio[:, np.newaxis] * ratio)
 
     def squares(self, columns: Floats) -> Floats:
-        """As of `Written`; of many columns under random signs, in the mean the same."""
+        """As in `Written`; many columns are reduced by random signs, with the same mean."""
         number = columns.shape[1]
         if number > MANY_SIGNS:
             columns = columns @ _signs(number, MANY_SIGNS) / np.sqrt(MANY_SIGNS)
@@ -284,7 +283,7 @@ class Iterated:
         return np.asarray((found**2).sum(axis=1).reshape(self.aircraft, SLOPES))
 
     def prior_squares(self) -> Floats:
-        """As of `Written`."""
+        """As in `Written`."""
         signs = _signs(self.prior.size, MANY_SIGNS) / np.sqrt(MANY_SIGNS)
         return self.squares(np.sqrt(self.prior)[:, np.newaxis] * signs)
 
