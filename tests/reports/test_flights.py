@@ -37,56 +37,61 @@ def test_distance_of_one_degree_and_across_the_antimeridian():
     np.testing.assert_allclose(found, DEGREE, rtol=1e-9)
 
 
-def test_midnight_ends_no_flight():
-    assert derive_flight(columns([0, 15, 29, 31, 45])).tolist() == [0] * 5
+STEADY = None  # 111 m/s due east
 
 
-def test_the_antimeridian_ends_no_flight():
-    east = np.array([179.0, 179.6, -179.8, -179.2])
-    assert derive_flight(columns([0, 10, 20, 30], longitude=east)).tolist() == [0] * 4
-
-
-def test_a_gap_over_45_minutes_ends_an_unlabelled_flight():
-    assert derive_flight(columns([0, 10, 54, 64, 110])).tolist() == [0, 0, 0, 0, 1]
-
-
-def test_a_ground_stop_ends_an_unlabelled_flight():
-    minutes = [0, 5, 10, 35, 40]
-    east = np.array([0.0, 0.3, 0.6, 0.62, 0.9])
-    assert derive_flight(columns(minutes, longitude=east)).tolist() == [0, 0, 0, 1, 1]
-
-
-def test_a_jump_ends_an_unlabelled_flight():
-    east = np.array([0.0, 0.3, 5.3, 5.6])
-    assert derive_flight(columns([0, 5, 10, 15], longitude=east)).tolist() == [0, 0, 1, 1]
-
-
-def test_the_same_number_on_two_days_is_two_flights():
-    minutes = [0, 60, 120, 1440, 1500]
-    assert derive_flight(columns(minutes, label=7)).tolist() == [0, 0, 0, 1, 1]
-
-
-def test_labels_may_alternate_without_breaking_each_other():
-    label = np.array([3, 1, 3, 1, 1])
-    assert derive_flight(columns([0, 10, 20, 30, 40], label=label)).tolist() == [0, 1, 0, 1, 1]
-
-
-def test_reports_without_a_label_belong_to_the_flight_around_them():
-    minutes = np.arange(24) * 5.0 + np.repeat([0, 180], 12)
-    label = np.where(np.arange(24) % 2 == 0, np.repeat([4, 9], 12), -1)
-    assert derive_flight(columns(minutes, label=label)).tolist() == [0] * 12 + [1] * 12
-    # At both ends too, where no gap, stop or jump lies between.
-    label = np.array([-1, -1, 4, 4, -1, -1])
-    assert derive_flight(columns([0, 5, 10, 15, 20, 25], label=label)).tolist() == [0] * 6
-    assert derive_flight(columns([0, 5, 60, 65, 70, 200], label=label)).tolist() == [
-        *(0, 0, 1, 1, 1, 2)
-    ]
-
-
-def test_a_gap_within_a_label_is_bridged_as_for_labelled_reports():
-    label = np.array([4, -1, 4, 4])
-    assert derive_flight(columns([0, 100, 200, 210], label=label)).tolist() == [0] * 4
-    assert derive_flight(columns([0, 100, 500, 510], label=label)).tolist() == [0, 1, 2, 2]
+@pytest.mark.parametrize(
+    ("minutes", "east", "label", "flights"),
+    [
+        pytest.param([0, 15, 29, 31, 45], STEADY, -1, [0] * 5, id="midnight"),
+        pytest.param(
+            [0, 10, 20, 30], [179.0, 179.6, -179.8, -179.2], -1, [0] * 4, id="antimeridian"
+        ),
+        pytest.param([0, 10, 54, 64, 110], STEADY, -1, [0, 0, 0, 0, 1], id="gap over 45 minutes"),
+        pytest.param(
+            [0, 5, 10, 35, 40], [0.0, 0.3, 0.6, 0.62, 0.9], -1, [0, 0, 0, 1, 1], id="ground stop"
+        ),
+        pytest.param([0, 5, 10, 15], [0.0, 0.3, 5.3, 5.6], -1, [0, 0, 1, 1], id="jump"),
+        pytest.param([0, 60, 120, 1440, 1500], STEADY, 7, [0, 0, 0, 1, 1], id="number on two days"),
+        pytest.param(
+            [0, 10, 20, 30, 40], STEADY, [3, 1, 3, 1, 1], [0, 1, 0, 1, 1], id="alternating labels"
+        ),
+        pytest.param(
+            np.arange(24) * 5.0 + np.repeat([0, 180], 12),
+            STEADY,
+            np.where(np.arange(24) % 2 == 0, np.repeat([4, 9], 12), -1),
+            [0] * 12 + [1] * 12,
+            id="every second label missing",
+        ),
+        pytest.param(
+            [0, 5, 10, 15, 20, 25], STEADY, [-1, -1, 4, 4, -1, -1], [0] * 6, id="both ends missing"
+        ),
+        pytest.param(
+            [0, 5, 60, 65, 70, 200],
+            STEADY,
+            [-1, -1, 4, 4, -1, -1],
+            [0, 0, 1, 1, 1, 2],
+            id="ends beyond a gap",
+        ),
+        pytest.param(
+            [0, 100, 200, 210], STEADY, [4, -1, 4, 4], [0] * 4, id="gap within a label bridged"
+        ),
+        pytest.param(
+            [0, 100, 500, 510], STEADY, [4, -1, 4, 4], [0, 1, 2, 2], id="too long a gap for that"
+        ),
+        pytest.param(
+            np.arange(10) * 5.0,
+            np.where(np.arange(10) == 4, 0.0, -87.0 + 0.3 * np.arange(10)),
+            -1,
+            [0, 0, 0, 0, 1, 0, 0, 0, 0, 0],
+            id="one wrong position",
+        ),
+        pytest.param([], STEADY, -1, [], id="no reports"),
+    ],
+)
+def test_flights_of_one_aircraft(minutes, east, label, flights):
+    found = derive_flight(columns(minutes, longitude=east, label=label))
+    assert found.tolist() == flights
 
 
 @pytest.mark.parametrize("labels", [(-1, -1), (3, 7), (3, -1)])
@@ -99,20 +104,9 @@ def test_two_aircraft_under_one_identifier_are_separated(labels: tuple[int, int]
     assert found.tolist() == np.where(second, 1, 0).tolist()
 
 
-def test_a_wrong_position_does_not_end_a_flight():
-    east = -87.0 + 0.06 * np.arange(10.0) * 5
-    east[4] = 0.0
-    found = derive_flight(columns(np.arange(10) * 5.0, longitude=east))
-    assert found.tolist() == [0, 0, 0, 0, 1, 0, 0, 0, 0, 0]
-
-
 def test_numbers_are_unique_over_tails():
     found = derive_flight(columns([0, 10, 0, 10], tail=np.array([0, 0, 1, 1]), label=5))
     assert found.tolist() == [0, 0, 1, 1]
-
-
-def test_no_reports_no_flights():
-    assert derive_flight(columns([])).size == 0
 
 
 def test_climb_rate_of_a_steady_climb_and_of_a_lone_report():
@@ -147,40 +141,38 @@ def profile(step: float, altitude_step_ft: float) -> tuple[dict[str, np.ndarray]
 def test_phases_of_a_flight_whatever_the_coding(step, altitude_step_ft):
     flown, truth = profile(step, altitude_step_ft)
     found = derive_phase(flown, np.zeros(truth.size, dtype=int))
-    told = truth >= 0
-    np.testing.assert_array_equal(found[told], truth[told])
+    known = truth >= 0
+    np.testing.assert_array_equal(found[known], truth[known])
 
 
-def test_level_flight_in_a_100_ft_code_is_cruise_throughout():
-    altitude = 6096.0 + 30.48 * (np.arange(40) % 2)  # flickers between two codes every minute
-    found = derive_phase(columns(np.arange(40.0), altitude=altitude), np.zeros(40, dtype=int))
-    assert (found == PHASE["cruise"]).all()
+STEPS = np.arange(20) * 60.0
 
 
-def test_slow_drift_of_level_is_cruise_but_a_slowing_climb_stays_one():
-    drift = 6096.0 + np.arange(20) * 60.0 * 1.0  # 1 m/s never reaches 300 ft/min
-    assert (
-        derive_phase(columns(np.arange(20.0), altitude=drift), np.zeros(20, dtype=int))
-        == PHASE["cruise"]
-    ).all()
-    rate = np.r_[np.full(10, 5.0), np.full(10, 1.0)]
-    slowing = 3000.0 + np.cumsum(rate) * 60.0
-    assert (
-        derive_phase(columns(np.arange(20.0), altitude=slowing), np.zeros(20, dtype=int))
-        == PHASE["ascent"]
-    ).all()
+@pytest.mark.parametrize(
+    ("altitude", "phase"),
+    [
+        pytest.param(6096.0 + 30.48 * (np.arange(40) % 2), "cruise", id="flicker of a 100 ft code"),
+        pytest.param(6096.0 + STEPS, "cruise", id="1 m/s never reaches 300 ft/min"),
+        pytest.param(
+            3000.0 + np.cumsum(np.r_[np.full(10, 300.0), np.full(10, 60.0)]), "ascent", id="slowing"
+        ),
+        pytest.param(np.full(5, 300.0), "unknown", id="low level"),
+        pytest.param(np.full(1, 9000.0), "unknown", id="lone"),
+    ],
+)
+def test_phase_of_a_whole_flight(altitude: np.ndarray, phase: str):
+    size = altitude.size
+    found = derive_phase(columns(np.arange(float(size)), altitude=altitude), np.zeros(size, int))
+    assert (found == PHASE[phase]).all()
 
 
-def test_low_level_lone_and_unknown_altitudes_have_no_phase():
-    found = derive_phase(columns(np.arange(5.0), altitude=300.0), np.zeros(5, dtype=int))
-    assert (found == PHASE["unknown"]).all()
-    assert derive_phase(columns([0.0], altitude=9000.0), np.zeros(1, dtype=int)).tolist() == [0]
+def test_an_unknown_altitude_has_no_phase():
     altitude = np.array([6000.0, np.nan, 6000.0])
     found = derive_phase(columns([0, 1, 2], altitude=altitude), np.zeros(3, dtype=int))
     assert found.tolist() == [PHASE["cruise"], PHASE["unknown"], PHASE["cruise"]]
 
 
-def test_interleaved_flights_keep_their_own_phases():
+def test_interleaved_flights_have_phases_of_their_own():
     flown = columns(np.repeat(np.arange(10.0), 2), altitude=6000.0)
     flight = np.tile([0, 1], 10)
     flown["pressure_altitude"][1::2] = 2000.0 + 300.0 * np.arange(10)

@@ -54,7 +54,10 @@ along g need a standard deviation of 5 m/s.
 
 Calibration
 -----------
-`RATIO`: see ``python -m benchmarks.units``.
+``python -m benchmarks.units`` on sample archives of three seeds: with any `RATIO` from 1.2 to 3
+every wrong unit of every column is named for all aircraft, and no sound archive has a finding
+(compasses with deviations up to 30 degrees and winds of a third of the strength included); with 5
+some grads remain unnoticed.
 
 Validity
 --------
@@ -106,16 +109,8 @@ _VECTORS = {
     "ground": ("ground_eastward_velocity", "ground_northward_velocity"),
 }
 _NUMBERS = (
-    "time",
-    "latitude",
-    "longitude",
-    "flight",
-    "pressure_altitude",
-    "air_temperature",
-    "reported_airspeed",
-    "reported_heading",
-    "declination",
-    "wind_source",
+    *("time", "latitude", "longitude", "flight", "pressure_altitude", "air_temperature"),
+    *("reported_airspeed", "reported_heading", "declination", "wind_source"),
 )
 _NEEDED = (*_NUMBERS, *(name for pair in _VECTORS.values() for name in pair))
 _KMH = 1.0 / 3.6  # m/s
@@ -151,25 +146,7 @@ _ANGLE_MISTAKES: dict[str, Callable[[Array], Array]] = {
     "angles anticlockwise from east, or exchanged components": lambda angle: 90.0 - angle,
     "angles anticlockwise from north": lambda angle: -angle,
 }
-_NAMES = {
-    "position": "positions",
-    "time": "times",
-    "pressure": "pressures",
-    "pressure_altitude": "pressure altitudes",
-    "air_temperature": "temperatures",
-    "reported_airspeed": "airspeeds",
-    "indicated_airspeed": "indicated airspeeds",
-    "mach": "Mach numbers",
-    "reported_heading": "headings",
-    "magnetic_heading": "magnetic headings",
-    "ground_speed": "ground speeds",
-    "track": "tracks",
-    "ground_velocity": "ground speeds or tracks",
-    "wind_speed": "wind speeds",
-    "wind_direction": "wind directions",
-    "eastward_wind": "eastward winds",
-    "northward_wind": "northward winds",
-}
+_PLURALS = {"mach": "Mach numbers", "ground_velocity": "ground speeds or tracks"}
 
 
 @dataclass(frozen=True)
@@ -210,7 +187,9 @@ class Finding:
         )
         cause = f"likely {self.likely}" if self.likely else "no usual mistake explains it"
         advice = ". Check the unit of the column, and the reference's" if self.refused else ""
-        return f"implausible {_NAMES[self.quantity]} of {whom}: {self.evidence}; {cause}{advice}"
+        plain = self.quantity.removeprefix("reported_").removeprefix("air_").replace("_", " ")
+        names = _PLURALS.get(self.quantity, f"{plain}s")
+        return f"implausible {names} of {whom}: {self.evidence}; {cause}{advice}"
 
 
 def plausibility(headings: xr.Dataset, *, references: Sequence[str] | None = None) -> list[Finding]:
@@ -340,7 +319,7 @@ def _impossible(headings: xr.Dataset, aircraft: Sequence[str]) -> list[Finding]:
     found = []
     for name, likely in audit.get("mistakes", {}).items():
         number, kept = audit["repaired"].get(f"{name}_out_of_range", 0), audit["reports_kept"]
-        if name in _NAMES and number > 0.5 * kept:
+        if number > 0.5 * kept:
             evidence = f"{number:,} of {kept:,} values are impossible"
             found.append(Finding(name, likely, evidence, 0.0, tuple(aircraft), 1.0))
     return found

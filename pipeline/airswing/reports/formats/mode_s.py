@@ -23,8 +23,7 @@ from airswing.errors import InputError
 from airswing.reports.audit import Audit
 from airswing.reports.columns import LAYOUTS, Mapped, sources
 from airswing.reports.formats import ReportFormat, content_of, is_text, register
-from airswing.reports.formats.tabular import to_raw, with_layout
-from airswing.reports.messages import merged
+from airswing.reports.formats.tabular import merged, to_raw, with_layout
 
 _KEYS = (
     *("timestamp", "icao24", "callsign", "latitude", "longitude", "altitude", "groundspeed"),

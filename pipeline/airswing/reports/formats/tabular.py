@@ -24,6 +24,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
+from airswing.physics.triangle import wrap_degrees
 from airswing.reports.audit import Audit
 from airswing.reports.columns import (
     ONLY,
@@ -41,7 +42,6 @@ from airswing.reports.formats import (
     opened,
     register,
 )
-from airswing.reports.messages import merged
 from airswing.reports.values import FLAG_CODES, Column, decode_flags, parse_times, possible
 
 ROWS_PER_PIECE = 250_000  # the text of a table is many times larger than what is kept of it
@@ -54,6 +54,20 @@ _BLANKS = [
     *("", " ", "NA", "N/A", "n/a", "NaN", "nan", "NULL", "null", "None", "-", "--"),
     *("M", "MISSING", "missing", "9999", "99999", "-9999", "99999.0", "-9999.0"),
 ]
+_FARTHEST, _NEAR = 10.0, 1.0  # s: how far messages may be apart
+_FILLED = (
+    "latitude",
+    "longitude",
+    "pressure_altitude",
+    "ground_speed",
+    "track",
+    "reported_airspeed",
+    "indicated_airspeed",
+    "mach",
+    "air_temperature",
+)
+_ANGLES = ("longitude", "track")
+_HEADINGS = ("magnetic_heading", "reported_heading")
 _EXTRA = "columns past the header"
 _NO_VALUE = "__HIVE_DEFAULT_PARTITION__"
 _SKIPPED = re.compile(r"Skipping line \d+")
@@ -95,16 +109,33 @@ def _read_csv(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFram
         low_memory=False,
         chunksize=ROWS_PER_PIECE,
     )
+
+    def tables() -> Iterator[pd.DataFrame]:
+        for table in _tables(path, header, options, audit):
+            # pandas skips rows of two columns too many by itself; those are counted by its
+            # warnings.
+            ragged = (table.pop(_EXTRA).fillna("").str.strip() != "").to_numpy(dtype=bool)
+            for variable in repeated:
+                audit.repair(f"{variable}_column_repeated", len(table))
+            audit.drop("ragged_row", int(ragged.sum()), unread=True)
+            yield table.loc[~ragged] if ragged.any() else table
+
+    yield from _in_si(tables(), names, found, path, audit)
+
+
+def _in_si(
+    tables: Iterator[pd.DataFrame],
+    names: Sequence[str],
+    found: Mapping[str, Source],
+    path: Path,
+    audit: Audit,
+) -> Iterator[pd.DataFrame]:
+    """Raw columns in SI of the pieces of a table; one piece of a table of single messages."""
     layout = layout_of(names)
     rows, unreadable, pieces = 0, dict.fromkeys(found, 0), []
-    for table in _tables(path, header, options, audit):
+    for table in tables:
         rows += len(table)
-        for variable in repeated:
-            audit.repair(f"{variable}_column_repeated", len(table))
-        # pandas skips rows of two columns too many by itself; those are counted by its warnings.
-        ragged = (table.pop(_EXTRA).fillna("").str.strip() != "").to_numpy(dtype=bool)
-        audit.drop("ragged_row", int(ragged.sum()), unread=True)
-        raw = to_raw(table.loc[~ragged] if ragged.any() else table, found, audit, unreadable)
+        raw = to_raw(table, found, audit, unreadable)
         if layout is not None and layout.messages:
             pieces.append(raw)
         else:
@@ -112,7 +143,7 @@ def _read_csv(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFram
     if not rows:
         raise InputError("has a header but no reports", file=path)
     for variable, number in unreadable.items():
-        if number and number == rows:
+        if number == rows:
             raise InputError(
                 "holds no numbers",
                 file=path,
@@ -248,30 +279,25 @@ def _read_parquet(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.Data
             for name, value in pairs
             if name and name not in inside
         }
-        names, pieces = [*inside, *folders], []
-        layout = layout_of(names)
+        names = [*inside, *folders]
         found = sources(names, with_layout(names, mapping), path)
-        every = {column: None for source in found.values() for column in source.columns}
-        if not file.metadata.num_rows:
-            raise InputError("holds no reports", file=path)
+        every = dict.fromkeys(column for source in found.values() for column in source.columns)
         batches = file.iter_batches(
             batch_size=ROWS_PER_PIECE, columns=[column for column in every if column in inside]
         )
-        while True:
-            try:
-                if (batch := next(batches, None)) is None:
-                    break
-                batch.validate(full=True)  # text that is not UTF-8
-                table = batch.to_pandas(ignore_metadata=True)
-            except Exception as error:  # pyarrow's errors have no common base
-                raise InputError(f"cannot be read as Parquet: {error}", file=path) from error
-            raw = to_raw(table.assign(**folders), found, audit)
-            if layout is not None and layout.messages:
-                pieces.append(raw)
-            else:
-                yield raw
-    if pieces:
-        yield merged(pd.concat(pieces, ignore_index=True), audit)
+
+        def tables() -> Iterator[pd.DataFrame]:
+            while True:
+                try:
+                    if (batch := next(batches, None)) is None:
+                        return
+                    batch.validate(full=True)  # text that is not UTF-8
+                    table = batch.to_pandas(ignore_metadata=True)
+                except Exception as error:  # pyarrow's errors have no common base
+                    raise InputError(f"cannot be read as Parquet: {error}", file=path) from error
+                yield table.assign(**folders)
+
+        yield from _in_si(tables(), names, found, path, audit)
 
 
 def to_raw(
@@ -341,6 +367,72 @@ def _as_text(column: Column) -> NDArray[np.object_]:
     if pd.api.types.is_float_dtype(column.dtype) and (column.dropna() % 1 == 0).all():
         column = column.astype("Int64")
     return column.astype("string").fillna("").astype(str).to_numpy(dtype=object)
+
+
+def merged(raw: pd.DataFrame, audit: Audit) -> pd.DataFrame:
+    """Make reports of single Mode-S messages.
+
+    A transponder sends position, ground vector (ADS-B or register 5,0), and heading and airspeed
+    (register 6,0) in messages of their own. A report is made of each message with a heading: what
+    it lacks is interpolated linearly in time between the messages of the same aircraft that have
+    it, angles the short way round. Both must be within 10 s, or one within 1 s. Tables whose rows
+    are complete pass unchanged; where no row has a heading every row with a position is a report.
+    Valid in straight flight, where speeds change slowly; turns are found by screening.
+
+    Parameters
+    ----------
+    raw : DataFrame
+        Raw columns in SI, one row a message, in any order.
+    audit : Audit
+        Messages that are no reports are added to it as ``merged_message``.
+
+    Returns
+    -------
+    DataFrame
+        One row a report.
+    """
+    raw = raw.sort_values(["tail", "time"], kind="stable", ignore_index=True)
+    heading = raw[raw.columns.intersection(list(_HEADINGS))].notna().any(axis=1)
+    position = raw[["latitude", "longitude"]].notna().all(axis=1)
+    wanted = (heading if heading.any() else position).to_numpy()
+    audit.drop("merged_message", int(np.count_nonzero(~wanted)), unread=True)
+    seconds = raw["time"].to_numpy(dtype="datetime64[ns]").astype(np.int64) / 1e9
+    tail = pd.factorize(raw["tail"])[0]
+    reports = raw.loc[wanted].copy()
+    for name in raw.columns.intersection(list(_FILLED)):
+        values = raw[name].to_numpy(dtype=np.float64)
+        reports[name] = _filled(values, seconds, tail, name in _ANGLES)[wanted]
+    if "flight" in raw:
+        # A callsign is sent every few seconds and holds until another is.
+        label = raw["flight"].where(raw["flight"].str.strip() != "")
+        reports["flight"] = label.groupby(raw["tail"]).ffill(limit=500)[wanted].fillna("")
+    return reports.reset_index(drop=True)
+
+
+def _filled(
+    values: NDArray[np.float64],
+    seconds: NDArray[np.float64],
+    tail: NDArray[np.integer],
+    angle: bool,
+) -> NDArray[np.float64]:
+    known = np.isfinite(values) & np.isfinite(seconds)
+    place = np.arange(values.size)
+    before = np.maximum.accumulate(np.where(known, place, -1))
+    after = np.minimum.accumulate(np.where(known, place, values.size)[::-1])[::-1]
+    has_before = (before >= 0) & (tail[before] == tail)
+    after = np.minimum(after, values.size - 1)
+    has_after = known[after] & (tail[after] == tail)
+    since = np.where(has_before, seconds - seconds[before], np.inf)
+    until = np.where(has_after, seconds[after] - seconds, np.inf)
+    step = values[after] - values[before]
+    step = wrap_degrees(step) if angle else step
+    with np.errstate(invalid="ignore", divide="ignore"):
+        between = values[before] + step * since / (since + until)
+    nearest = np.where(since <= until, values[before], values[after])
+    filled = np.where(np.minimum(since, until) <= _NEAR, nearest, np.nan)
+    both = (since <= _FARTHEST) & (until <= _FARTHEST) & (since + until > 0.0)
+    filled = np.where(both, between, filled)
+    return np.where(known, values, filled)
 
 
 register(ReportFormat("csv", is_text, _read_csv, priority=9))
