@@ -59,31 +59,14 @@ _TREND_GAP = 1200.0  # s: reports farther away show no climb or descent
 _FEWEST_OVERLAPPING = 5  # reports of a flight that overlaps another; fewer are wrong positions
 _AIRPORT = 100_000.0  # m: how far from the last report of a flight the next may begin at once
 _OUTPUT = (
-    "latitude",
-    "longitude",
-    "pressure",
-    "pressure_altitude",
-    "eastward_wind",
-    "northward_wind",
-    "air_temperature",
-    "roll_flag",
-    "temperature_qc",
-    "wind_qc",
-    "phase",
-    "icing",
-    "wind_source",
-    "reported_airspeed",
-    "reported_heading",
+    *("latitude", "longitude", "pressure", "pressure_altitude", "eastward_wind", "northward_wind"),
+    *("air_temperature", "roll_flag", "temperature_qc", "wind_qc", "phase", "icing", "wind_source"),
+    *("reported_airspeed", "reported_heading"),
 )
 _MAY_BE_MISSING = ("pressure", "eastward_wind", "air_temperature")
 _MEANS = (
-    "latitude",
-    "pressure",
-    "pressure_altitude",
-    "eastward_wind",
-    "northward_wind",
-    "air_temperature",
-    "reported_airspeed",
+    *("latitude", "pressure", "pressure_altitude", "eastward_wind", "northward_wind"),
+    *("air_temperature", "reported_airspeed"),
 )
 
 

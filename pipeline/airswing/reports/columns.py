@@ -226,12 +226,7 @@ def parse_mapping(columns: ColumnMapping | None) -> dict[str, tuple[str, Source]
     mapping: dict[str, tuple[str, Source]] = {}
     for key, target in (columns or {}).items():
         theirs = str(key)
-        special = _canonical_first(theirs, target)
-        if special is None:
-            name, unit = _name_and_unit(theirs, target)
-            variable, source = _resolve(theirs, name, unit)
-        else:
-            (variable, source), name = special, theirs
+        name, variable, source = _mapped(theirs, target)
         if variable in mapping:
             raise InputError(
                 f"two columns are mapped to {name}",
@@ -243,26 +238,38 @@ def parse_mapping(columns: ColumnMapping | None) -> dict[str, tuple[str, Source]
     return mapping
 
 
-def _canonical_first(name: str, target: object) -> tuple[str, Source] | None:
-    """Forms in which the canonical name is the key; None for the others."""
+def _mapped(key: str, target: object) -> tuple[str, str, Source]:
+    """Canonical name, variable and source of one entry of a mapping."""
+    if isinstance(target, str):
+        return target, *_resolve(key, target, None)
     if isinstance(target, list | tuple) and target:
-        names = [str(value) for value in target]
-        variable, source = _resolve(names[0], name, None)
-        return variable, replace(source, others=tuple(names[1:]))
-    if not isinstance(target, Mapping):
-        return None
-    keys = set(target)
+        first, *others = map(str, target)
+        variable, source = _resolve(first, key, None)
+        return key, variable, replace(source, others=tuple(others))
+    keys = set(target) if isinstance(target, Mapping) else set()
+    entry: Mapping[str, object] = target if isinstance(target, Mapping) else {}
+    if "name" in keys and keys <= {"name", "unit"}:
+        unit = entry.get("unit")
+        return str(entry["name"]), *_resolve(
+            key, str(entry["name"]), None if unit is None else str(unit)
+        )
     if keys == {"value"}:
-        variable, source = _resolve(name, name, None)
-        return variable, replace(source, value=_constant(name, target["value"]))
-    if name == "time" and {"date", "time"} <= keys <= {"date", "time", "offset"}:
-        parts = tuple(str(target[key]) for key in ("time", "offset") if key in target)
-        return "time", Source(str(target["date"]), parts=parts)
+        variable, source = _resolve(key, key, None)
+        return key, variable, replace(source, value=_constant(key, entry["value"]))
+    if key == "time" and {"date", "time"} <= keys <= {"date", "time", "offset"}:
+        parts = tuple(str(entry[part]) for part in ("time", "offset") if part in keys)
+        return key, key, Source(str(entry["date"]), parts=parts)
     if keys == {"only"}:
-        values = target["only"]
+        values = entry["only"]
         several = values if isinstance(values, list | tuple) else [values]
-        return f"{ONLY}{name}", Source(name, wanted=tuple(str(value) for value in several))
-    return None
+        return key, f"{ONLY}{key}", Source(key, wanted=tuple(map(str, several)))
+    raise InputError(
+        "a mapped column must be a canonical name or {name: ..., unit: ...}",
+        field=f"reports.columns.{key}",
+        found=target,
+        remedy="Or, after a canonical name: [theirs, other], {value: ...}, {only: [...]}, and for "
+        "time {date: ..., time: ...}",
+    )
 
 
 def _constant(name: str, value: object) -> str | float:
@@ -272,21 +279,6 @@ def _constant(name: str, value: object) -> str | float:
         return float(value if isinstance(value, str | bytes | SupportsFloat) else str(value))
     except (TypeError, ValueError) as error:
         raise InputError("is no number", field=f"reports.columns.{name}", found=value) from error
-
-
-def _name_and_unit(theirs: str, target: object) -> tuple[str, str | None]:
-    if isinstance(target, str):
-        return target, None
-    if isinstance(target, Mapping) and "name" in target and set(target) <= {"name", "unit"}:
-        unit = target.get("unit")
-        return str(target["name"]), None if unit is None else str(unit)
-    raise InputError(
-        "a mapped column must be a canonical name or {name: ..., unit: ...}",
-        field=f"reports.columns.{theirs}",
-        found=target,
-        remedy="Or, after a canonical name: [theirs, other], {value: ...}, {only: [...]}, and for "
-        "time {date: ..., time: ...}",
-    )
 
 
 def _resolve(theirs: str, name: str, unit: str | None) -> tuple[str, Source]:
