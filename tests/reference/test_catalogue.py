@@ -67,8 +67,8 @@ def test_shortest_lead_that_meets_the_condition_wins(tmp_path: Path) -> None:
             str(tmp_path / "*.grib"), name="x", lead=lead, cache_dir=tmp_path / "c"
         )
         assert list(catalogue.leads / 3600) == [expected]
-    told = "1 model times of 3 files, 2009-08-01T12:00 to 2009-08-01T12:00, lead == 6 h"
-    assert repr(catalogue) == f"<Catalogue 'x': {told}>"
+    text = "1 model times of 3 files, 2009-08-01T12:00 to 2009-08-01T12:00, lead == 6 h"
+    assert repr(catalogue) == f"<Catalogue 'x': {text}>"
     assert any(
         "shortest is used" in note
         for note in build_catalogue(
@@ -237,7 +237,7 @@ def test_a_replaced_file_is_read_again(tmp_path: Path) -> None:
     first = build_catalogue(path, name="x", cache_dir=tmp_path / "c")
     stamp = os.stat(path).st_mtime_ns
     write(tmp_path / "x.grib", *profile(when=(20090801, 1800)))
-    # Same size, and even the same time of modification: the sample of octets tells.
+    # Same size, and even the same time of modification: the sample of bytes differs.
     os.utime(path, ns=(stamp, stamp))
     second = build_catalogue(path, name="x", cache_dir=tmp_path / "c")
     assert second.times[0] - first.times[0] == np.timedelta64(6, "h")

@@ -441,8 +441,8 @@ def section(message: bytes, number: int) -> int:
     return at
 
 
-def bent(message: bytes, place: int, octets: bytes) -> bytes:
-    return message[:place] + octets + message[place + len(octets) :]
+def bent(message: bytes, place: int, replacement: bytes) -> bytes:
+    return message[:place] + replacement + message[place + len(replacement) :]
 
 
 def reasons_of(tmp_path: Path, message: bytes) -> set[str]:
@@ -452,7 +452,7 @@ def reasons_of(tmp_path: Path, message: bytes) -> set[str]:
 
 
 @pytest.mark.parametrize(
-    ("number", "octet", "octets", "expected"),
+    ("number", "offset", "replacement", "expected"),
     [
         (1, 12, b"\x00\x00", "impossible reference time"),  # the year 0
         (1, 12, b"\x27\x0f", "base time not of the years"),  # 9999
@@ -477,28 +477,28 @@ def reasons_of(tmp_path: Path, message: bytes) -> set[str]:
     ],
 )
 def test_damaged_headers_are_named(
-    number: int, octet: int, octets: bytes, expected: str, tmp_path: Path
+    number: int, offset: int, replacement: bytes, expected: str, tmp_path: Path
 ) -> None:
     message = build(LATLON, np.round(10 + 8 * np.sin(EVERY / 9.0), 2))
-    reasons = reasons_of(tmp_path, bent(message, section(message, number) + octet, octets))
+    reasons = reasons_of(tmp_path, bent(message, section(message, number) + offset, replacement))
     assert any(expected in reason for reason in reasons), reasons
 
 
 @pytest.mark.parametrize(
-    ("place", "octets", "expected"),
+    ("place", "replacement", "expected"),
     [
         (8 + 13, b"\x0e", "impossible reference time"),  # month 14
         (8 + 24, b"\x00", "impossible reference time"),  # the century 0
         (8 + 24, b"\x64", "base time not of the years"),
         (8 + 10, b"\xff\xff", "pressure level of"),
-        (36 + 6, b"\x00\x01", "contradict"),  # Ni 1 beside its increments
+        (36 + 6, b"\x00\x01", "contradict"),  # Ni 1, contrary to its increments
         (36 + 17, b"\x7f\xff\xff", "beyond the earth"),
         (36, b"\x00\x00\x1f", "grid section too short"),
     ],
 )
 def test_damaged_headers_of_edition_1_are_named(
-    place: int, octets: bytes, expected: str, tmp_path: Path
+    place: int, replacement: bytes, expected: str, tmp_path: Path
 ) -> None:
     message = build(LATLON, np.round(10 + 8 * np.sin(EVERY / 9.0), 2), edition=1)
-    reasons = reasons_of(tmp_path, bent(message, place, octets))
+    reasons = reasons_of(tmp_path, bent(message, place, replacement))
     assert any(expected in reason or "data section" in reason for reason in reasons), reasons

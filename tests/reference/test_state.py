@@ -26,13 +26,13 @@ def profile(change: Any = None, *, edition: int = 2, value: float = 10.0, **extr
     return b"".join(messages if change is None else [change(one) for one in messages])
 
 
-def section_1(octets: dict[int, int], length: int = 52) -> Any:
-    """Change of a GRIB1 message: a longer section 1 with some octets, counted from 1."""
+def section_1(entries: dict[int, int], length: int = 52) -> Any:
+    """Change of a GRIB1 message: a longer section 1 with some bytes changed, counted from 1."""
 
     def change(message: bytes) -> bytes:
         product = bytearray(message[8:36]) + bytes(length - 28)
         product[:3] = length.to_bytes(3, "big")
-        for place, value in octets.items():
+        for place, value in entries.items():
             product[place - 1] = value
         body = bytes(product) + message[36:]
         return b"GRIB" + (8 + len(body)).to_bytes(3, "big") + b"\x01" + body

@@ -123,7 +123,7 @@ class Catalogue:
         pressure = self.pressure[rows] if native else self.pressure[:0]
         tables = [self.u[rows].copy(), self.v[rows].copy(), pressure.copy()]
         grids = [self.grids[int(t["points"][0])] for t in tables[: 3 if native else 2]]
-        # its own files only: a year's list would go along with each of its thousands of hours
+        # only the files it needs: a year's list would go along with each of its thousands of hours
         used = np.unique(np.concatenate([t["file"] for t in tables]))
         for table in tables:
             table["file"] = np.searchsorted(used, table["file"])

@@ -171,12 +171,13 @@ def _field(data: _Winds, axes: list[Floats]) -> Floats:
     basis = _basis(data.place, axes)
     nodes, owners = basis.shape[1], int(data.aircraft.max()) + 1
     rows = np.arange(data.aircraft.size)
-    own = [
+    turns = [
         [sparse.csr_matrix((part, (rows, data.aircraft)), (rows.size, owners)) for part in both]
         for both in (data.across, data.along)
     ]
     design = sparse.bmat(
-        [[basis, None, own[0][0], own[1][0]], [None, basis, own[0][1], own[1][1]]], format="csr"
+        [[basis, None, turns[0][0], turns[1][0]], [None, basis, turns[0][1], turns[1][1]]],
+        format="csr",
     )
     bend = _bends([axis.size for axis in axes])
     # The identity keeps nodes that no report is near from being undetermined.
@@ -222,10 +223,10 @@ def _bends(sizes: list[int]) -> sparse.csr_matrix:
     parts = []
     for k, size in enumerate(sizes):
         if size > 2:
-            own = sparse.diags([1.0, -2.0, 1.0], [0, 1, 2], shape=(size - 2, size))
+            difference = sparse.diags([1.0, -2.0, 1.0], [0, 1, 2], shape=(size - 2, size))
         else:
             # two nodes have no curvature: their difference is penalised, with less weight
-            own = sparse.diags([-0.3, 0.3], [0, 1], shape=(size - 1, size))
-        each = [own if k == j else sparse.identity(n) for j, n in enumerate(sizes)]
+            difference = sparse.diags([-0.3, 0.3], [0, 1], shape=(size - 1, size))
+        each = [difference if k == j else sparse.identity(n) for j, n in enumerate(sizes)]
         parts.append(reduce(sparse.kron, each))
     return sparse.vstack(parts, format="csr")

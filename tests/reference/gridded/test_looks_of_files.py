@@ -360,5 +360,5 @@ def test_whether_winds_point_along_the_grid(
     notes = " ".join(model.notes)
     assert ("along the grid" if along else "to true east") in notes
     assert ("not given" in notes) is (standard[0] == "" and said is None)
-    told = airswing.collocate(points([40.0], [-97.0], 50000.0), {"m": model})
-    assert notes in told.attrs["reference_notes"]
+    found = airswing.collocate(points([40.0], [-97.0], 50000.0), {"m": model})
+    assert notes in found.attrs["reference_notes"]

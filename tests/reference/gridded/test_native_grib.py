@@ -156,11 +156,11 @@ def centred(
     whole: bytes, centre: tuple[float, float], step: float, last: tuple[float, float]
 ) -> bytes:
     """Put centre, increments and last point where NCEP has them (ecCodes knows no centre)."""
-    octets, at = bytearray(whole), 16
-    while octets[at + 4] != 3:
-        at += int.from_bytes(octets[at : at + 4], "big")
-    assert int.from_bytes(octets[at : at + 4], "big") == 80
+    content, at = bytearray(whole), 16
+    while content[at + 4] != 3:
+        at += int.from_bytes(content[at : at + 4], "big")
+    assert int.from_bytes(content[at : at + 4], "big") == 80
     degrees = (centre[0], centre[1] % 360, step, step, last[0], last[1] % 360)
     for place, value in zip((55, 59, 63, 67, 72, 76), degrees, strict=True):
-        octets[at + place : at + place + 4] = round(value * 1e6).to_bytes(4, "big")
-    return bytes(octets)
+        content[at + place : at + place + 4] = round(value * 1e6).to_bytes(4, "big")
+    return bytes(content)

@@ -99,7 +99,7 @@ def test_pressure_levels_by_hand(
     np.testing.assert_allclose(winds(found), by_hand(one, two, level, fi, fj, p), atol=1e-3)
 
 
-def test_the_octets_and_cfgrib_give_the_same_winds(real: Real, tmp_path: Path) -> None:
+def test_the_scanner_and_cfgrib_give_the_same_winds(real: Real, tmp_path: Path) -> None:
     """Many cycles and leads in one GRIB file; a Lambert grid whose winds point along it."""
     for name, when, box in (
         ("models/earthkit_pl_regular_ll_10deg.grib", "2024-06-03T21:00", (-90, 90, -180, 180)),
@@ -137,8 +137,8 @@ def test_a_lambert_grid_as_cfgrib_opens_it(real: Real, tmp_path: Path) -> None:
     ]
     lat, lon = RNG.uniform(25, 45, 200), RNG.uniform(-120, -80, 200)
     reports = at(np.datetime64("2018-09-17"), lat, lon, RNG.uniform(21000, 99000, 200))
-    octets = airswing.build_catalogue(path, name="o", cache_dir=tmp_path)
-    found = airswing.collocate(reports, {"o": octets, "d": xr.merge(parts)}).compute()
+    scanned = airswing.build_catalogue(path, name="o", cache_dir=tmp_path)
+    found = airswing.collocate(reports, {"o": scanned, "d": xr.merge(parts)}).compute()
     assert "the GRIB flag" in found.attrs["reference_notes"]
     np.testing.assert_allclose(*found.reference_eastward_wind.values, atol=1e-4)
     np.testing.assert_allclose(*found.reference_northward_wind.values, atol=1e-4)

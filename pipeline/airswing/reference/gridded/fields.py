@@ -356,7 +356,7 @@ def _chunks_of(one: xr.DataArray, plane: tuple[str, str]) -> tuple[tuple[int, ..
     Rows and columns count as one chunk: of these the box around the reports is read.
     """
     if one.chunks is not None:
-        lengths = [tuple(own) for own in one.chunks]
+        lengths = [tuple(sizes) for sizes in one.chunks]
     else:
         # netCDF files have the first, Zarr the second; a field in one piece is read by levels
         written = one.encoding.get("chunksizes") or one.encoding.get("preferred_chunks") or ()
@@ -369,8 +369,8 @@ def _chunks_of(one: xr.DataArray, plane: tuple[str, str]) -> tuple[tuple[int, ..
             for n, size in zip(written, one.shape, strict=True)
         ]
     found = []
-    for dim, size, own in zip(map(str, one.dims), one.shape, lengths, strict=True):
-        ends = np.concatenate([[0], np.cumsum([n for n in own if n])])
+    for dim, size, sizes in zip(map(str, one.dims), one.shape, lengths, strict=True):
+        ends = np.concatenate([[0], np.cumsum([n for n in sizes if n])])
         found.append((0, size) if dim in plane else tuple(int(n) for n in ends))
     return tuple(found)
 
@@ -473,10 +473,10 @@ def _with_formula_pressures(table: Table) -> Table:
     for column in ("level", "level_kind", "a", "b"):
         made[column] = levels[column]
     made["kind"] = PRESSURE
-    # levels that have a pressure of their own keep it
-    own = rest[rest["kind"] == PRESSURE]
-    if own.size:
-        taken = {tuple(row) for row in own[[*names, "level"]].tolist()}
+    # levels that have a pressure field keep it
+    given = rest[rest["kind"] == PRESSURE]
+    if given.size:
+        taken = {tuple(row) for row in given[[*names, "level"]].tolist()}
         keep = [tuple(row) not in taken for row in made[[*names, "level"]].tolist()]
         made = made[np.array(keep, dtype=bool)]
     together: Table = np.concatenate([rest, made])

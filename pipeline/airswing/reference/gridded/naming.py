@@ -64,10 +64,10 @@ class Naming:
 
     def named(self) -> list[tuple[str, str]]:
         """Keys that name variables or coordinates, and these names."""
-        keys = ("u", "v", "time", "level", "latitude", "longitude", "x", "y")
-        keys += ("pressure", "surface_pressure")  # type: ignore[assignment]
-        found = [(key, getattr(self, key)) for key in keys if getattr(self, key)]
-        return found + [("units", name) for name in self.units]
+        keys = [key for key in self.given() if key not in ("winds", "projection", "units")]
+        return [(key, getattr(self, key)) for key in keys] + [
+            ("units", name) for name in self.units
+        ]
 
     def given(self) -> list[str]:
         """Keys that are given."""

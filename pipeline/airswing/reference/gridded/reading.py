@@ -75,8 +75,8 @@ class DatasetReader:
                 mine.append((row, stored, seen[key]))
             answers.append(mine)
         began = time.perf_counter()
-        for (file, part, stored), own in pieces.items():
-            self._read(file, part, stored, own, engine)
+        for (file, part, stored), together in pieces.items():
+            self._read(file, part, stored, together, engine)
         self.seconds += time.perf_counter() - began
         return [[_in_si(*one) for one in mine] for mine in answers]
 
