@@ -14,7 +14,7 @@ SPEED = 100.0
 
 
 def flown(heading, *, interval=60, wind=(0.0, 0.0), noise=0.0, seed=0):
-    """What a flight reports whose heading (rad) is given for every second."""
+    """Reports of a flight with its heading (rad) given for every second."""
     air = SPEED * np.sin(heading), SPEED * np.cos(heading)
     at = np.arange(0, heading.size, interval)
     rng = np.random.default_rng(seed)

@@ -13,7 +13,6 @@ from airswing.synthetic.atmosphere import (
     WorldParameters,
     model_wind,
     random_waves,
-    stream,
 )
 from airswing.synthetic.earth_field import EarthField, declination_of_year
 
@@ -67,12 +66,6 @@ def test_errors_of_models_are_shared_in_part_and_correlated():
     assert soon > 0.3 and abs(late) < 0.3
     assert 0.2 < correlation(first, second) < 0.75
     assert 1.6 < first.std() < 2.9
-
-
-def test_everything_follows_from_the_seed_and_parts_are_independent():
-    first = stream(1, "a").normal()
-    assert first == stream(1, "a").normal()
-    assert first not in (stream(1, "b").normal(), stream(2, "a").normal())
 
 
 def test_the_lattice_is_close_to_igrf_and_older_tables_differ_by_the_secular_variation():

@@ -76,14 +76,6 @@ def test_hard_iron_is_the_cycle_asked_for(plain: pd.DataFrame) -> None:
     np.testing.assert_allclose(error[chosen], expected[chosen], atol=0.005)
 
 
-def test_a_step_acts_within_its_period_only() -> None:
-    found = simulated("compass_step", ["N401"], ["2009-03-02", None], offset_deg=2.0)
-    error = heading_error(found)
-    after = (found["tail"] == "N401") & (found["time"] >= "2009-03-02")
-    np.testing.assert_allclose(error[after], 2.0, atol=1e-6)
-    np.testing.assert_allclose(error[~after], 0.0, atol=1e-6)
-
-
 def test_airspeed_errors_lie_along_the_heading(plain: pd.DataFrame) -> None:
     found = simulated("tas_scale", scale_percent=2.0)
     du, dv = found["u"] - plain["u"], found["v"] - plain["v"]

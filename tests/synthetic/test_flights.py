@@ -12,7 +12,6 @@ from airswing.synthetic.flights import (
     Flown,
     Timetable,
     fly,
-    report_steps,
     timetable,
 )
 
@@ -56,24 +55,3 @@ def test_ground_velocity_is_the_velocity_of_the_positions(flown: Flown) -> None:
     for name, part in (("east", np.sin(turn)), ("north", np.cos(turn))):
         error = length / (2 * STEP) * part - getattr(flown, name)[1:-1]
         assert np.sqrt(np.mean(error[steady] ** 2)) < 0.1
-
-
-def test_bank_is_that_of_a_coordinated_turn(flown: Flown) -> None:
-    track = np.unwrap(np.arctan2(flown.east, flown.north), axis=0)
-    rate = (track[2:] - track[:-2]) / (2 * STEP)
-    speed = np.hypot(flown.east, flown.north)[1:-1]
-    turning = (flown.phase[2:] > 0) & (np.abs(flown.bank[1:-1]) > 0.05)
-    expected = np.arctan(rate * speed / 9.80665)
-    assert np.corrcoef(expected[turning], flown.bank[1:-1][turning])[0, 1] > 0.97
-    assert np.abs(flown.bank).max() <= np.radians(15.0)
-
-
-def test_reports_keep_their_intervals(flown: Flown) -> None:
-    flight, step = report_steps(flown, climb_seconds=60.0, cruise_seconds=120.0)
-    same = np.diff(flight) == 0
-    gap = np.diff(step)[same] * STEP
-    cruise = (flown.phase[step[:-1], flight[:-1]] == 2) & (flown.phase[step[1:], flight[1:]] == 2)
-    assert set(gap[cruise[same]]) == {120.0}
-    assert gap.max() <= 120.0
-    assert gap.min() >= 60.0
-    assert (np.diff(flight) >= 0).all()

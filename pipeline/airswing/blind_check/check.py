@@ -41,7 +41,7 @@ _TIMEOUT = 1800.0
 
 @dataclass(frozen=True)
 class Plan:
-    """What is to be checked.
+    """Cases of a check and the data they need.
 
     Parameters
     ----------
@@ -191,7 +191,7 @@ def gap_check(
     output : Path
         Folder for archives, sealed labels, diagnoses and ``scores.json``.
     plan : Plan
-        What is to be checked.
+        Cases to check.
     workers : int
         Archives written and diagnosed at a time.
     diagnoser : callable

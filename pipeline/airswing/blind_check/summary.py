@@ -78,7 +78,7 @@ def reliability(claims: Sequence[tuple[str, float, bool]]) -> pd.DataFrame:
 
 
 class _Groups:
-    """Scores of diagnoses that did not fail, by what is asked of them."""
+    """Scores of diagnoses that did not fail, grouped by the kind of case."""
 
     def __init__(self, scores: Sequence[Score]) -> None:
         self.done = [score for score in scores if score["failure"] is None]

@@ -317,7 +317,7 @@ def _correct(headings: xr.Dataset, fit: xr.Dataset, *, method: str, scaled: bool
         scale = np.nan_to_num(fit["airspeed_scale"].to_numpy()[row])
         scale_error = np.nan_to_num(fit["airspeed_scale_standard_error"].to_numpy()[row])
     heading_error = np.radians(known("heading_standard_error"))
-    # the mean of both components is known: what is not across the heading is along it
+    # the mean of both components is known: the part not across the heading is along it
     along = 2.0 * known("ground_velocity_error") ** 2 - (speed * heading_error) ** 2
     standard_error = correction_error(
         speed,

@@ -13,7 +13,7 @@ Screening on the residual itself attenuates every deviation that is fitted after
 error rule is therefore loose: 40 m/s or a third of the airspeed (a deviation of 19 degrees),
 whichever is larger, or an airspeed that no aircraft flies. Smaller errors are weighted by the
 robust fit. A report is tested against every reference it has, because it is used with all of them:
-one reference it is far from would bend the fits of that reference and of every pool that holds it.
+a gross difference from one reference would bias its fits and those of every pool that holds it.
 
 Units
 -----

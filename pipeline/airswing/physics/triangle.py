@@ -111,7 +111,7 @@ def wind_from_direction(eastward: ArrayLike, northward: ArrayLike) -> tuple[Arra
 def direction_in_degrees(
     eastward: NDArray[Precision], northward: NDArray[Precision]
 ) -> NDArray[Precision]:
-    """Where a wind blows from, degrees in [0, 360); of a calm, which has none, 0 or 180.
+    """Direction a wind blows from, degrees in [0, 360); 0 or 180 for a calm, which has none.
 
     Single precision stays single.
     """

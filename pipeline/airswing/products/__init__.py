@@ -1,1 +1,1 @@
-"""What airswing leaves behind: NetCDF files, ragged reports, files that are whole or not there."""
+"""NetCDF products, ragged arrays of reports, and files written whole or not at all."""

@@ -33,7 +33,7 @@ DAMAGE = (
     TypeError,
     ValueError,
 )
-"""What the libraries raise on a file whose bytes contradict each other."""
+"""Exceptions that the libraries raise on a damaged file."""
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _SOUND: set[tuple[str, int, int]] = set()
 # Bytes of a value by the type's code in the header.
@@ -61,7 +61,7 @@ def require_sound(path: Path) -> None:
     Raises
     ------
     InputError
-        Saying what is damaged.
+        If the file is damaged; the message says how.
     """
     with path.open("rb") as file:
         start = file.read(len(_HDF5))

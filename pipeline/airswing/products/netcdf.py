@@ -234,7 +234,7 @@ def open_product(path: str | Path) -> xr.Dataset:
     -------
     Dataset
         A product of every report is dask-backed in chunks of whole aircraft, ordered by aircraft
-        and time, with ``row_size`` reports of each. Nothing is kept in memory of what is read.
+        and time, with ``row_size`` reports of each. Values that are read are not kept in memory.
 
     Raises
     ------

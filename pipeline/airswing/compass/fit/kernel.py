@@ -196,7 +196,7 @@ class _Pass:
         return group_sums(each, reports.flight, flights)
 
     def block_rows(self, reports: Reports) -> Array:
-        """Return what is summed over blocks, shape (15, n).
+        """Return the rows that are summed over blocks, shape (15, n).
 
         The weight; the weighted residual as reference minus corrected wind, eastward and northward;
         its weighted derivatives by A to E and s, eastward and then northward.
@@ -329,7 +329,7 @@ def fit_aircraft(
         total = sum(one.total for one in passes)
         # about 0.8 for normal errors; near zero or negative where almost all residuals are gross
         kappa = max(sum(one.slope for one in passes) / total, 0.2) if total else 1.0
-        # far from the solution most weights are zero, and the step would overshoot
+        # at a distance from the solution most weights are zero, and the step would be too long
         step = solve(normal[square], score[free]) / (kappa if held else max(kappa, 0.6))
         half = solve(normal[square], scores[:, free].T @ scores[:, free])
         spread = np.sqrt(np.maximum(np.diagonal(solve(normal[square], half.T)), 0.0)) / kappa

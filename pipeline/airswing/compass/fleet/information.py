@@ -44,7 +44,7 @@ from airswing.compass.fleet.field import (
 UNKNOWNS = SLOPES + 2
 """Unknowns of an aircraft: A to E, airspeed scale, bias eastward and northward."""
 KEPT = tuple([*range(SLOPES), SLOPES + c] for c in range(2))
-"""Those that enter each component of the residual."""
+"""Unknowns that enter each component of the residual."""
 MOST_BLOCKS = 50_000
 """Blocks laid out at a time, about."""
 AIRCRAFT = 125
