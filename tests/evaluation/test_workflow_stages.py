@@ -181,3 +181,18 @@ def test_after_a_change_the_table_is_that_of_the_reports_since(tmp_path):
     assert make_monitoring(job).new_events == [event]
     events_said(job, len(found.events))
     assert make_monitoring(job).new_events == []
+
+
+def test_files_closed_at_the_end_of_a_stage_are_opened_again(job, headings):
+    from xarray.backends.file_manager import FILE_CACHE
+
+    from airswing.products.netcdf import open_product, write_product
+
+    path = job.output / "headings/2008-07.nc"
+    write_product(headings, path, title="headings", config_json="{}", source_uuids=[])
+    lazy = open_product(job.output / "headings")
+    with job.progress.stage("read"):
+        first = lazy["airspeed"].to_numpy()
+        assert FILE_CACHE
+    assert not FILE_CACHE  # with what HDF5 keeps of the file
+    np.testing.assert_array_equal(lazy["airspeed"].to_numpy(), first)

@@ -186,10 +186,16 @@ class Tasks(Callback):
 
 
 def _release_memory() -> None:
-    """Give free memory back to the system where the libraries keep it (glibc, Arrow).
+    """Give free memory back to the system where the libraries keep it (HDF5, glibc, Arrow).
 
-    Arrow keeps 100 MB for the rest of a run after reading Parquet files of a million reports.
+    HDF5 keeps chunks of every variable that was read of an open file, 1 GB for a year of months;
+    xarray opens files again when they are read. Arrow keeps 100 MB for the rest of a run after
+    reading Parquet files of a million reports.
     """
+    if "xarray.backends.file_manager" in sys.modules:
+        files = sys.modules["xarray.backends.file_manager"].FILE_CACHE
+        while files:
+            files.popitem()[1].close()
     if "pyarrow" in sys.modules:
         sys.modules["pyarrow"].default_memory_pool().release_unused()
     with contextlib.suppress(OSError, AttributeError):  # only glibc has it
