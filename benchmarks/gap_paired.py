@@ -41,9 +41,12 @@ from airswing.blind_check.score import draws, score_case
 from airswing.gap.archive.frame import Frame
 from airswing.gap.effects import CATALOGUE
 from airswing.synthetic.sealed.cases import Case, Size, plan_cases
+from airswing.synthetic.sealed.draws import World
 from airswing.synthetic.sealed.labels import Label
 
 SEED = 20261126
+#: Constants of probabilities that `calibrate` starts from: 0.57 at a gate of 3, 0.87 at one of 100.
+START = (-0.4, 0.5)
 CASES = 48
 NULLS = 8
 #: Archives of the development set: three and a half weeks of twelve aircraft, fields of 57 km.
@@ -103,7 +106,8 @@ def headings_frame(config: Path) -> Frame:
 
 def write_frame(path: Path, frame: Frame) -> None:
     """Store a frame's arrays by name."""
-    np.savez_compressed(path, **{f.name: np.asarray(getattr(frame, f.name)) for f in fields(Frame)})
+    arrays: dict[str, Any] = {f.name: np.asarray(getattr(frame, f.name)) for f in fields(Frame)}
+    np.savez_compressed(path, **arrays)
 
 
 def read_frame(path: Path) -> Frame:
@@ -164,7 +168,7 @@ def scored(
 def score(label: Label, path: Path) -> tuple[dict[str, Any], dict[str, Any] | None]:
     """Score one result: figures of the sealed check, log score, closure, time; and its gap.json."""
     stored = json.loads(path.read_text())
-    gap, fleet = stored["gap"], sorted(SIZE.tails)
+    gap, fleet = stored["gap"], World(0, "default", SIZE.days, SIZE.aircraft).tails
     if "failure" in gap:
         return score_case(label, None, failure=gap["failure"], fleet=fleet), None
     _with_joint_closure(gap)
@@ -282,8 +286,8 @@ def calibrate(folder: Path, name: str) -> None:
     """Print the constants of stated probabilities and of standard errors that results imply.
 
     Log odds that a claim is right are c0 + c1 ln(1 + gate), fitted by maximum likelihood with a
-    Gaussian prior of standard deviation 1 about the constants in force, which keeps few claims from
-    an infinite slope.
+    Gaussian prior of standard deviation 0.5 about `START`, which keeps few claims from an infinite
+    slope.
     """
     from scipy.optimize import minimize
 
@@ -297,10 +301,10 @@ def calibrate(folder: Path, name: str) -> None:
 
     def loss(c: np.ndarray) -> float:
         odds = c[0] + c[1] * logs
-        prior = 0.5 * float(((c - CALIBRATION) ** 2).sum())
+        prior = 0.5 * float((((c - START) / 0.5) ** 2).sum())
         return float((np.logaddexp(0.0, odds) - right * odds).sum()) + prior
 
-    best = minimize(loss, np.array(CALIBRATION)).x
+    best = minimize(loss, np.array(START)).x
     print(f"CALIBRATION = ({best[0]:.2f}, {best[1]:.2f}) from {len(claims)} claims,")
     print(f"  {int(right.sum())} right, mean stated {stated.mean():.3f}")
     z = np.concatenate([one.get("standardised_errors") or [0.0][:0] for one in found])
