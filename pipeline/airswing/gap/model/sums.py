@@ -32,7 +32,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 #: Columns for which memory is set aside at a time beyond those of the first call (finer tables).
-SPARE = 200
+SPARE = 400
 #: Variance of the day fields that expectation maximisation starts from, m2 s-2, and its steps.
 START, STEPS = 0.5, 30
 
