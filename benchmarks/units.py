@@ -1,18 +1,20 @@
 """Plausibility of reports: a wrong unit in every column, and sound archives, by number.
 
-    airswing sample /tmp/units/11 --days 25 --aircraft 8 --seed 11
-    python -m benchmarks.units /tmp/units/11 [...]
+    python -m benchmarks.units [FOLDER ...]
 
-Each case changes one column of a sample archive: the winds as reported, or headings, airspeeds and
+A folder is one of ``airswing sample``; without one an archive of 8 aircraft and 25 days is made.
+Each case changes one column of the archive: the winds as reported, or headings, airspeeds and
 ground vectors of the same flights (with winds derived from them). A line a case: what is said, and
 how many fits would be published. The last lines count, for several values of `plausibility.RATIO`,
-the cases with a mistake that are named for all aircraft and leave no fit published, and the sound
-ones (deviations of 25 degrees and weak winds among them) without a finding.
+the cases with a mistake that are named for all aircraft, and the sound ones (deviations of 25
+degrees and weak winds among them) without a finding.
 """
 
 from __future__ import annotations
 
 import argparse
+import subprocess
+import sys
 import tempfile
 from collections.abc import Callable
 from functools import partial
@@ -195,11 +197,23 @@ def judged(headings: xr.Dataset) -> tuple[list[plausibility.Finding], int]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folders", nargs="+", type=Path)
+    parser.add_argument("folders", nargs="*", type=Path)
+    folders = parser.parse_args().folders
+    with tempfile.TemporaryDirectory() as made:
+        if not folders:
+            folders = [Path(made) / "sample"]
+            options = ["--days", "25", "--aircraft", "8", "--seed", "11"]
+            command = [sys.executable, "-m", "airswing", "sample", str(folders[0]), *options]
+            subprocess.run(command, check=True)
+        judge(folders)
+
+
+def judge(folders: list[Path]) -> None:
+    """Print every case of the archives, and the counts."""
     named, silent = dict.fromkeys(RATIOS, 0), dict.fromkeys(RATIOS, 0)
     wrong = sound = 0
     usual = plausibility.RATIO
-    for folder in parser.parse_args().folders:
+    for folder in folders:
         for name, (mistake, make) in Archive(folder).cases().items():
             wrong, sound = wrong + mistake, sound + (not mistake)
             try:
