@@ -40,23 +40,19 @@ def test_position_survives_the_digits_it_is_stored_with(step, digits):
     assert found_step(np.round(on(step, 30, 50), digits), POSITION_STEPS) == pytest.approx(step)
 
 
-@pytest.mark.parametrize("step", [60.0, 6.0, 1.0, 0.1])
-def test_time(step):
-    assert found_step(on(step, 0, 86400), TIME_STEPS) == step
-
-
-@pytest.mark.parametrize("step", [KNOT, 1.0, 0.5, 0.1])
-def test_wind_speed(step):
-    assert found_step(on(step, 0, 60), SPEED_STEPS) == pytest.approx(step)
-
-
-def test_whole_knots_stored_to_a_tenth_of_a_metre_are_whole_knots():
+@pytest.mark.parametrize(
+    ("steps", "largest", "present"),
+    [
+        (TIME_STEPS, 86400, [60.0, 6.0, 1.0, 0.1]),
+        (SPEED_STEPS, 60, [KNOT, 1.0, 0.5, 0.1]),
+        (DIRECTION_STEPS, 360, [10.0, 5.0, 1.0, 0.1]),
+    ],
+)
+def test_times_speeds_and_directions(steps, largest: float, present: list[float]):
+    for step in present:
+        assert found_step(on(step, 0, largest), steps) == pytest.approx(step)
+    # Whole knots that are stored to a tenth of a metre per second.
     assert found_step(np.round(on(KNOT, 0, 60), 1), SPEED_STEPS) == pytest.approx(KNOT)
-
-
-@pytest.mark.parametrize("step", [10.0, 5.0, 1.0, 0.1])
-def test_wind_direction(step):
-    assert found_step(on(step, 0, 360), DIRECTION_STEPS) == step
 
 
 @pytest.mark.parametrize("step", [10.0, 1.0])

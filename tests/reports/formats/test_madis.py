@@ -18,7 +18,6 @@ from airswing.errors import InputError
 from airswing.flags import PLATFORM
 from airswing.products.ragged import aircraft_of_report
 from airswing.reports import read_file, read_reports
-from airswing.reports.formats.madis import characters
 
 REAL = "reports/acars_19990209_14z.nc"
 CODES_OF_THE_REAL_FILE = {  # counted by another program; see the notes beside the file
@@ -104,15 +103,6 @@ def test_quality_of_the_real_file(real: Callable[[str], Path]):
     assert int((frame["roll_flag"] == 1).sum()) == 388
     assert int(frame["wind_speed"].isna().sum()) == 15
     assert int(frame["air_temperature"].isna().sum()) == 13
-
-
-def test_resolutions_of_the_real_file(real: Callable[[str], Path]):
-    ds = read_reports(real(REAL))
-    assert np.allclose(ds["wind_speed_resolution"], 1852 / 3600)  # whole knots
-    assert (ds["wind_direction_resolution"] == 1.0).all()
-    tenth = np.isclose(ds["position_resolution"], 0.1 / 60)
-    assert tenth.mean() > 0.7
-    assert float((ds["time_resolution"] == 60.0).mean()) > 0.5
 
 
 def made(path: Path, **variables: Any) -> Path:
@@ -223,19 +213,6 @@ def test_another_netcdf_is_refused_with_what_it_lacks(tmp_path: Path):
         read_reports(tmp_path / "a.nc")
     assert "windSpeed" in str(error.value)
     assert "variables u" in str(error.value)
-
-
-def test_characters_of_bytes():
-    assert characters(np.array([71, 0, 45, -1, 127, 32], np.int8)).tolist() == [
-        "G",
-        "",
-        "-",
-        "",
-        "",
-        "",
-    ]
-    assert characters(np.array([b"G", b"", b" "], "S1")).tolist() == ["G", "", ""]
-    assert characters(np.array([200], np.int16)).tolist() == ["200"]
 
 
 @pytest.mark.parametrize("format", ["NETCDF3_CLASSIC", "NETCDF4"])

@@ -101,14 +101,10 @@ def test_separators(tmp_path: Path, separator: str):
     assert read_reports(tmp_path / "a.txt").sizes["report"] == 10
 
 
-def test_byte_order_mark_crlf_spaces_and_compression(tmp_path: Path):
+def test_byte_order_mark_crlf_and_spaces(tmp_path: Path):
     text = flight().to_csv(index=False).replace("tail,time", "Tail , TIME").replace("\n", "\r\n")
     (tmp_path / "a.csv").write_bytes(b"\xef\xbb\xbf" + text.encode())
-    (tmp_path / "b.csv").write_bytes(gzip.compress(text.encode()))
-    (tmp_path / "c.csv").write_bytes(bz2.compress(text.encode()))
-    plain, *packed = (read_reports(tmp_path / name) for name in ("a.csv", "b.csv", "c.csv"))
-    for other in packed:
-        xr.testing.assert_identical(plain, other)
+    plain = read_reports(tmp_path / "a.csv")
     assert plain["aircraft"].to_numpy().tolist() == ["N412XJ"]
 
 
