@@ -95,7 +95,8 @@ class GribReader:
             if descriptor < 0:
                 continue
             size = model.grids[int(row["kind"])].size
-            places = np.concatenate([points.ravel(), _probes(row, size)])
+            probes = _probes(row, size)
+            places = np.concatenate([points.ravel(), probes]) if probes.size else points.ravel()
             try:
                 if self.sparse and row["sparse"]:
                     values = sparse_values(descriptor, row, size, places)
