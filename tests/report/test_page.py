@@ -90,7 +90,7 @@ def test_the_page_is_whole_and_asks_for_nothing_outside(tmp_path: Path) -> None:
 
 
 def test_all_products_become_sections_in_the_unit_that_is_asked_for(tmp_path: Path) -> None:
-    headings, fits = factories.headings(aircraft=2, reports=400), factories.fits(aircraft=2)
+    headings, fits = factories.headings(aircraft=2, reports=200), factories.fits(aircraft=2)
     fits["status"][:] = 0
     corrected = factories.corrected(headings)
     evaluation = Evaluation(
@@ -124,7 +124,7 @@ def test_all_products_become_sections_in_the_unit_that_is_asked_for(tmp_path: Pa
 
 
 def test_lazy_products_are_read_aircraft_by_aircraft(tmp_path: Path) -> None:
-    headings, fits = factories.headings(aircraft=3), factories.fits(aircraft=3)
+    headings, fits = factories.headings(aircraft=2, reports=200), factories.fits(aircraft=2)
     corrected = factories.corrected(headings)
     headings.attrs, corrected.attrs = {}, {}
     headings.to_netcdf(tmp_path / "headings.nc")
@@ -152,7 +152,8 @@ def test_the_page_names_what_was_left_out(tmp_path: Path) -> None:
 
 
 def test_names_are_escaped_and_a_dollar_sign_begins_no_formula(tmp_path: Path) -> None:
-    headings, fits = factories.headings(), factories.fits()
+    headings = factories.headings(aircraft=5, reports=100)
+    fits = factories.fits(aircraft=5)
     odd = headings["aircraft"].to_numpy().astype(object)
     odd[:4] = r"$\frac{1$", "N_1^$2$", "<script>x</script>", "N&1"
     written = write_page(
