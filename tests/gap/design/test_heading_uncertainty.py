@@ -26,7 +26,9 @@ def test_only_a_deviated_aircraft_is_doubted_and_only_in_a_turn():
         magnetic_heading=heading,
     )
     deviated = np.repeat([0.0, np.radians(3.0)], 4)
-    columns = SimpleNamespace(heading=heading + deviated, airspeed=np.full(8, 100.0))
+    columns = SimpleNamespace(
+        heading=heading + deviated, airspeed=np.full(8, 100.0), u_ref=np.zeros(8), v_ref=np.zeros(8)
+    )
     doubt = heading_doubt(frame, columns)
     np.testing.assert_allclose(doubt[:4], 0.0, atol=1e-9)
     np.testing.assert_allclose(doubt[[4, 7]], 0.0, atol=1e-9)
