@@ -7,10 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from airswing.gap.model.candidates import Curve, Group, curve_of, unit_size
+from airswing.gap.model.candidates import Curve, Group, Table, curve_of, unit_size
 from airswing.gap.model.closure import day_interval
 from airswing.gap.model.evidence import common_variance, next_day, static_evidence
-from airswing.gap.model.localisation import cross_fitted, false_discovery, score_test
+from airswing.gap.model.localisation import (
+    cross_fitted,
+    false_discovery,
+    knots_in_words,
+    score_test,
+)
 from airswing.gap.model.refit import fold_of_day
 from airswing.gap.model.terms import Statistics, Term, noise_factor, number_prior
 from airswing.gap.result.schema import CurveEntry
@@ -216,3 +221,18 @@ def test_shapes_in_words():
     assert "a step of +2 degree at temperature -20" in shape_in_words(curve(2.0 * (x > -20)))
     assert "a bump of +3 degree near temperature" in shape_in_words(curve(3.0 * (abs(x) < 4)))
     assert shape_in_words(curve(np.sin(x / 6.0))) is None
+
+
+def test_slices_are_labelled_by_the_knots_of_their_variables():
+    longitude = Curve("longitude", np.array([-90.1234, -84.0]))
+    phase = Curve("phase", np.array([1.0, 2.0]))
+    heading = Curve("magnetic_heading", np.zeros(1))
+    pair = knots_in_words(Table((longitude, phase), "along_wind"))
+    assert pair == [
+        "-90.123; cruise",
+        "-90.123; descent",
+        "-84; cruise",
+        "-84; descent",
+    ]
+    cycles = knots_in_words(Table((heading,), "heading_angle"))
+    assert cycles[:4] == ["constant", "sin1", "cos1", "sin2"] and len(cycles) == 11

@@ -1,7 +1,7 @@
 """Where real reports differ from simulated ones: slices with control of false discoveries.
 
-Each aircraft is judged by a constant and two cycles of heading error and a factor on the airspeed,
-each table by its coefficients of the whole fleet, given the climatology alone. The share of a slice
+Each aircraft is judged by a constant and five cycles of heading error, each table by its
+coefficients of the whole fleet, given the climatology alone. The share of a slice
 in the gap is its cross-fitted energy: coefficients of one half of the day blocks predict the other,
 theta_A' G theta_B, with expectation zero where nothing is there. Significance is a chi-squared test
 of the score with the slice's noise factor; q values control false discoveries over all slices.
@@ -21,6 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from airswing.gap.archive.reported_variables import CATEGORIES
+from airswing.gap.model.candidates import CYCLES, Table
 from airswing.gap.model.evidence import common_variance
 from airswing.gap.model.refit import fold_of_day
 from airswing.gap.model.terms import Model
@@ -80,6 +82,7 @@ def slices(model: Model) -> list[SliceEntry]:
         found = model.statistics(group)
         score = model.day_score[:, :, group.columns] @ group.transform
         variable, component = group.variables[0], group.component
+        labels = knots_in_words(sums.candidates.table_of(group))
         if group.name == AIRCRAFT_TABLE:
             for a, tail in enumerate(sums.frame.tails):
                 information = found.information[a]
@@ -88,7 +91,9 @@ def slices(model: Model) -> list[SliceEntry]:
                 factor = max(1.0, float(found.factor[a]))
                 p_value, estimate = score_test(information, score[a].sum(axis=0), factor)
                 energy = cross_fitted(information, score[a], half)
-                rows.append(_entry("aircraft", "both", [tail], p_value, energy, "", estimate))
+                rows.append(
+                    _entry("aircraft", "both", [tail], p_value, energy, "", labels, estimate)
+                )
         information = found.fleet_information
         if np.trace(information) <= 1e-9:
             continue
@@ -98,7 +103,7 @@ def slices(model: Model) -> list[SliceEntry]:
         _, estimate = score_test(information, score.sum(axis=(0, 1)), 1.0)
         energy = cross_fitted(information, score.sum(axis=0), half)
         curve = group.transform @ estimate
-        rows.append(_entry(variable, component, [], p_value, energy, group.name, curve))
+        rows.append(_entry(variable, component, [], p_value, energy, group.name, labels, curve))
     quality = false_discovery([row.p_value for row in rows]) if rows else np.zeros(0)
     aircraft = sum(max(row.energy, 0.0) for row in rows if row.variable == "aircraft")
     total = max(aircraft, max((row.energy for row in rows), default=0.0), 1e-9)
@@ -116,6 +121,20 @@ def _fleet_test(variance: Floats, inverse: Floats, score: Floats) -> float:
     return float(chi2.sf(statistic, estimate.size))
 
 
+def knots_in_words(table: Table) -> list[str]:
+    """Knots of a table's variables in their units, categories by name, cycles as ``sin2``."""
+    out = [""]
+    for curve in table.curves:
+        if curve.variable == "magnetic_heading" and curve.knots.size == 1:
+            knots = ["constant", *(f"{f}{k}" for k in range(1, CYCLES + 1) for f in ("sin", "cos"))]
+        elif curve.variable in CATEGORIES:
+            knots = [CATEGORIES[curve.variable][int(knot)] for knot in curve.knots]
+        else:
+            knots = [f"{knot:.5g}" for knot in curve.knots]
+        out = [f"{one}; {knot}" if one else knot for one in out for knot in knots]
+    return out
+
+
 def _entry(
     variable: str,
     component: str,
@@ -123,9 +142,9 @@ def _entry(
     p_value: float,
     energy: float,
     group: str,
+    labels: list[str],
     curve: Floats,
 ) -> SliceEntry:
-    labels = [f"{k}" for k in range(curve.size)]
     return SliceEntry(
         variable=variable,
         component=component,
