@@ -30,7 +30,6 @@ from airswing.report.gap.words import (
     place_sentence,
     slice_words,
     start_words,
-    value_words,
     verdict,
     who_text,
 )
@@ -169,14 +168,10 @@ def test_words() -> None:
     assert who_text(effect("hard_iron", *TAILS), 14) == "all 14 aircraft"
     assert who_text(effect("hard_iron", *TAILS[:3]), 14) == "N401, N402 and N403"
     assert who_text(effect("reference_speed_bias", *TAILS)) == "the reference"
-    assert slice_words(gap_factories.slice_entry("level", ["above 400 hPa"], 0.1, 0.1)) == (
-        "level, both components: above 400 hPa"
-    )
-    assert value_words("temperature", "283.1") == "10 °C"
-    assert value_words("altitude", "0.6931") == "500 hPa"
-    assert value_words("longitude", "-87.47") == "87.5°W"
-    assert value_words("magnetic_heading", "cos2") == "cos 2 × heading"
-    assert value_words("phase", "descent") == "descent"
+    place = gap_factories.slice_entry("longitude", ["-90.1", "-87.6"], 0.1, 0.1)
+    assert slice_words(place) == "longitude, both components"
+    one = gap_factories.slice_entry("aircraft", ["N401"], 0.1, 0.1)
+    assert slice_words(one) == "aircraft, both components: N401"
 
 
 def test_parameters_of_several_aircraft_are_a_range_where_they_differ() -> None:

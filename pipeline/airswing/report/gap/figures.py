@@ -261,7 +261,7 @@ def slices_figure(where: Sequence[Entry]) -> Figure:
     for row, value in enumerate(q_values):
         text = f"  {share[row]:.0f} %   q {p_text(value)}"
         axes.text(max(share[row], 0), row, text, va="center", fontsize=8.5)
-    rows_axis(axes, [slice_words(entry, most=2) for entry in rows])
+    rows_axis(axes, [slice_words(entry) for entry in rows])
     axes.axvline(0.0, color=SOFT, linewidth=0.8)
     axes.set_xlim(right=max(float(share.max()) * 1.4, 5.0))
     axes.set_xticks([tick for tick in axes.get_xticks() if tick <= 100.0])

@@ -256,7 +256,7 @@ def _where_section(gap: Entry, maps: xr.Dataset, show: Figures) -> Section:
     rows = [
         Row(
             [
-                slice_words(entry, most=12),
+                slice_words(entry),
                 f"{100 * entry['share_of_gap']:.1f} %",
                 p_text(entry.get("q_value")).removeprefix("= "),
             ]

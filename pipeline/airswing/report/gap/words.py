@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -18,7 +18,7 @@ import numpy as np
 from airswing.gap.effects import CATALOGUE
 from airswing.physics.triangle import wrap_degrees
 from airswing.report.html.style import Units, shown_per_kt, shown_per_m_s
-from airswing.units import NORMAL_95, ZERO_CELSIUS
+from airswing.units import NORMAL_95
 
 #: An object of ``gap.json``.
 Entry = Mapping[str, Any]
@@ -363,39 +363,11 @@ COMPONENTS = {
 }
 
 
-#: How values of a variable are written.
-_VALUE_FORMATS: Mapping[str, Callable[[float], str]] = {
-    "altitude": lambda x: f"{1000.0 * math.exp(-x):.0f} hPa",
-    "temperature": lambda x: f"{x - ZERO_CELSIUS:.0f} °C",
-    "airspeed": lambda x: f"{x:.0f} m/s",
-    "wind_speed": lambda x: f"{x:.0f} m/s",
-    "acceleration": lambda x: f"{x:.2f} m/s²",
-    "hour": lambda x: f"{x:.0f} UTC",
-    "date": lambda x: f"day {x:.0f}",
-    "latitude": lambda x: f"{abs(x):.1f}°{'N' if x >= 0 else 'S'}",
-    "longitude": lambda x: f"{abs(x):.1f}°{'E' if x >= 0 else 'W'}",
-    "bank": lambda x: f"{x:.1f}°",
-    "drift": lambda x: f"{x:.1f}°",
-}
-_WAVE = re.compile(r"(?:(?P<where>\w+) )?(?P<wave>sin|cos)(?P<cycles>\d)")
+def slice_words(entry: Entry) -> str:
+    """Return a slice of the archive: variable and component, and the name of an aircraft.
 
-
-def value_words(variable: str, value: str) -> str:
-    """Return a value of a slice with its unit: ``10 °C``, ``cos 2 × heading``, ``ascent``."""
-    wave = _WAVE.fullmatch(value)
-    if wave:
-        times = "" if wave["cycles"] == "1" else f"{wave['cycles']} × "
-        text = f"{wave['wave']} {times}heading"
-        return f"{wave['where']} {text}" if wave["where"] else text
-    try:
-        return _VALUE_FORMATS[variable](float(value)) if variable in _VALUE_FORMATS else value
-    except ValueError:
-        return value
-
-
-def slice_words(entry: Entry, *, most: int = 4) -> str:
-    """Return a slice of the archive: variable, component and at most a few values."""
-    values = [value_words(entry["variable"], str(value)) for value in entry["values"]]
+    The test of a variable concerns all its values, so none of them is named.
+    """
     component = COMPONENTS.get(entry.get("component", ""), "")
     text = entry["variable"].replace("_", " ") + (f", {component}" if component else "")
-    return f"{text}: {joined(values, most=most)}" if values else text
+    return f"{text}: {joined(entry['values'])}" if entry["variable"] == "aircraft" else text
