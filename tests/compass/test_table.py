@@ -155,8 +155,8 @@ def test_the_csv_file_has_every_node_and_refused_fits(tmp_path):
     fits = fits_of([1, 3, -2, 0, 0], [np.nan] * 5)
     with pytest.raises(InputError, match="add_tables"):
         write_tables_csv(fits, tmp_path / "tables.csv")
-    fits["status"][0, 1] = STATUS["too_few_reports"]
-    fits["deviation_covariance"][0, 1] = np.nan
+    fits["status"][0, 1] = STATUS["implausible_reports"]  # has coefficients, but no table to load
+    fits["deviation"][0, 1] = 1.0
     fits = add_tables(fits, np.tile(EVEN, (2, 1)))
     path = write_tables_csv(fits, tmp_path / "tables.csv")
     rows = list(csv.DictReader(path.open(newline="")))
@@ -169,7 +169,8 @@ def test_the_csv_file_has_every_node_and_refused_fits(tmp_path):
     assert {(row["aircraft"], row["reference"], row["status"]) for row in rows[:8]} == {
         ("N0", "ruc", "ok")
     }
-    assert {(row["status"], row["table_correction_deg"]) for row in rows[8:]} == {
-        ("too_few_reports", "")
+    numbers = ("status", "table_correction_deg", "standard_error_deg")
+    assert {tuple(row[name] for name in numbers) for row in rows[8:]} == {
+        ("implausible_reports", "", "")
     }
     assert {row["sign"] for row in rows} == {"subtract_error"}

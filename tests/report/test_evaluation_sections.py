@@ -82,6 +82,7 @@ def virtual(agree: bool | None = True) -> dict:
         "agree": agree,
     }
     part = {"learned_until": "2009-10-10", "by_aircraft": [{"aircraft": "N1"} | sides]} | sides
+    part["reports"] = 900
     return {"later": part, "held_out": {"why": "too few flights"}}
 
 
@@ -112,13 +113,27 @@ def test_the_section_on_changes_gives_date_size_and_consequence(stability):
     assert "+2.00 ± 0.20" in text
     stability["changes"][0]["changes"] = []
     assert "None of 2" in stability_section(stability, SHOW).lead
+    caption = stability_figure(stability).caption
+    assert "shown as examples" in caption and "N2 from 2009-10-01 (too few reports)" in caption
+
+
+def test_windows_end_with_the_reports(stability):
+    figure = stability_figure(stability, ("2009-09-16", "2009-10-19"))
+    bars = [line.get_segments()[0][:, 0] for line in figure.axes[0].collections[::2]]
+    days = np.array([["2009-09-16", "2009-10-01"], ["2009-10-01", "2009-10-20"]], "M8[D]")
+    assert bars[0].tolist() == days[0].astype(float).tolist()
 
 
 def test_the_ranking_names_the_largest_reduction_and_how_predictions_held(ranking):
     section = ranking_section(ranking, virtual(), SHOW)
     assert section.lead == "Largest expected reduction: N1, by 3.20 kt (2.80 to 3.60) of 9.10 kt."
     text = "".join(str(part) for part in section.parts)
-    assert "realised reduction 3.00 kt (2.50 to 3.50), predicted 3.20 kt" in text
+    assert "on all later days, 900 reports of 1 aircraft: realised reduction 3.00 kt" in text
+    assert "3.00 kt (2.50 to 3.50), predicted 3.20 kt" in text and "outside" not in text
+    apart = virtual(False)
+    apart["later"]["realised_gain_kt"] = 3.7
+    text = "".join(str(part) for part in ranking_section(ranking, apart, SHOW).parts)
+    assert "outside the interval of the prediction" in text and "errors for N1." in text
     assert "1 without a usable fit" in ranking_figure(ranking).caption
     metric = ranking_section(ranking, virtual(), Figures(units="m/s"))
     assert "1.65 m/s (1.44 to 1.85) of 4.68 m/s" in metric.lead
@@ -192,7 +207,8 @@ def test_new_events_come_first_and_names_are_escaped(tmp_path):
     text = write_monitoring_page(tmp_path / "monitoring.html", content).read_text()
     assert "2.0° rms, offset +2.0 ± 4.0°" in text and "× 1.62 ± 0.20" in text
     assert "N&lt;2&gt;" in text and "N<2>" not in text
-    assert monitoring_section(monitored([]), SHOW).lead.startswith("No new event.")
+    quiet = monitoring_section(monitored([]), SHOW)
+    assert quiet.lead.startswith("No new event.") and "<img" not in "".join(quiet.parts)
 
 
 def test_the_time_axis_has_the_latest_event_first_and_a_limit():
@@ -204,4 +220,3 @@ def test_the_time_axis_has_the_latest_event_first_and_a_limit():
     figure = timeline_figure(monitored(many))
     assert len(figure.axes[0].get_yticklabels()) == MOST_EVENT_ROWS
     assert f"{90 - MOST_EVENT_ROWS} more are in events.json" in figure.caption
-    assert "No event" in timeline_figure(monitored([])).caption

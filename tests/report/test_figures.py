@@ -141,7 +141,7 @@ def test_heading_error_figure_draws_the_fit_and_the_table() -> None:
     fit = FITS.sel(reference="ruc", aircraft="N402")
     x, y = lines["fitted curve"].get_data()
     assert np.allclose(y, factories.curve(fit["deviation"].to_numpy(), x))
-    _, nodes = lines["8-point table"].get_data()
+    _, nodes = lines["removed by the 8-point table"].get_data()
     assert nodes.tolist() == (-fit["table_correction"].to_numpy()).tolist()
 
 
@@ -149,7 +149,7 @@ def test_an_untrusted_fit_is_dashed_and_has_no_table() -> None:
     figure = report.heading_error_figure(HEADINGS, FITS, "N406", "ruc")
     labels = {line.get_label() for line in figure.axes[0].get_lines()}
     assert "fit, not usable" in labels
-    assert "8-point table" not in labels
+    assert "removed by the 8-point table" not in labels
     assert "poor heading coverage" in figure.caption  # type: ignore[attr-defined]
 
 

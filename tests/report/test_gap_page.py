@@ -275,6 +275,21 @@ def test_the_page_has_every_section_and_folds_the_statistics(tmp_path: Path) -> 
         assert f"<details><summary>{title}" in text
 
 
+@pytest.mark.parametrize(
+    ("gap", "words"),
+    [
+        (content(iron("N401")), "Only compass effects were found"),
+        (content(iron("N401"), places=[place()]), "An unexplained error is not subtracted"),
+        (content(), "No effect was found"),
+    ],
+)
+def test_deviations_remain_where_no_effect_is_subtracted(
+    gap: dict[str, Any], words: str, tmp_path: Path
+) -> None:
+    gap["claims"] = {"taken_off": []}
+    assert words in write_gap_page(tmp_path, gap=gap, maps=MAPS[["aircraft"]].copy()).read_text()
+
+
 def test_all_speeds_on_the_page_have_one_unit(tmp_path: Path) -> None:
     text, _ = parsed(write_gap_page(tmp_path, gap=full(), maps=MAPS, units="m/s"))
     words = re.sub(r"<[^>]*>", " ", text.split("<main>")[1].split("<script>")[0])

@@ -16,6 +16,7 @@ import xarray as xr
 from airswing.errors import InputError
 from airswing.evaluation.innovations import innovation_statistics
 from airswing.evaluation.results import Evaluation
+from airswing.flags import STATUS
 from airswing.report import write_page
 from airswing.report.run import page
 from airswing.report.run.selection import by_amplitude
@@ -87,6 +88,15 @@ def test_the_page_is_whole_and_asks_for_nothing_outside(tmp_path: Path) -> None:
     (tmp_path / "report/figures/old.png").write_text("of an earlier page")
     write_page(tmp_path / "report", headings=headings, fits=fits)
     assert not (tmp_path / "report/figures/old.png").exists()
+
+
+def test_a_fleet_with_refused_fits_alone_has_no_table_to_load(tmp_path: Path) -> None:
+    headings, fits = factories.headings(aircraft=2, reports=200), factories.fits(aircraft=2)
+    fits["status"][:] = STATUS["implausible_reports"]
+    text, _ = parsed(write_page(tmp_path / "report", headings=headings, fits=fits))
+    assert "No table may be loaded: implausible reports (2 aircraft)." in text
+    row = text[text.index('<td class="words">N402') :].split("</tr>")[0]
+    assert row.count("<td>-</td>") == 12 and "±" not in row
 
 
 def test_all_products_become_sections_in_the_unit_that_is_asked_for(tmp_path: Path) -> None:

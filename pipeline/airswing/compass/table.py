@@ -35,7 +35,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from airswing.compass.whole_aircraft import map_aircraft
 from airswing.errors import InputError
-from airswing.flags import STATUS
+from airswing.flags import STATUS, published
 from airswing.physics.compass_deviation import deviation_basis
 from airswing.products.ragged import aircraft_of_report
 from airswing.products.whole_files import atomic
@@ -304,8 +304,10 @@ def write_tables_csv(fits: xr.Dataset, path: str | Path) -> Path:
         )
     dims = "reference", "aircraft"
     covariance = fits["deviation_covariance"].transpose(*dims, ...).to_numpy()
-    correction = fits["table_correction"].transpose(*dims, "node").to_numpy() + 0.0
     status = fits["status"].transpose(*dims).to_numpy()
+    usable = published(status)[..., None]
+    correction = fits["table_correction"].transpose(*dims, "node").to_numpy() + 0.0
+    correction = np.where(usable, correction, np.nan)
     names = {code: name for name, code in STATUS.items()}
     shape = correction.shape
 
@@ -315,6 +317,7 @@ def write_tables_csv(fits: xr.Dataset, path: str | Path) -> Path:
 
     basis = deviation_basis(np.radians(NODES))
     variance = np.einsum("in,raij,jn->ran", basis, covariance, basis)
+    error = np.where(usable, np.sqrt(np.maximum(variance, 0.0)), np.nan)
     table = pd.DataFrame(
         {
             "aircraft": column(fits["aircraft"].to_numpy(), 1),
@@ -322,7 +325,7 @@ def write_tables_csv(fits: xr.Dataset, path: str | Path) -> Path:
             "status": [names[code] for code in np.repeat(status.ravel(), NODES.size)],
             "heading_deg": column([f"{node:g}" for node in NODES], 2),
             "table_correction_deg": correction.ravel(),
-            "standard_error_deg": np.sqrt(np.maximum(variance, 0.0)).ravel(),
+            "standard_error_deg": error.ravel(),
             "sign": str(fits.attrs.get("table_sign", "subtract_error")),
         }
     )

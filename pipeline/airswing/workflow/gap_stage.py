@@ -21,7 +21,7 @@ from airswing.workflow.months import make_headings
 
 if TYPE_CHECKING:
     from airswing.gap.archive.frame import Frame
-    from airswing.gap.checks.refit_claims import Adjustment
+    from airswing.gap.diagnose import Diagnosis
     from airswing.gap.effects import ActiveEffect, Effect
     from airswing.gap.result.schema import ClaimsEntry, GapReport
 
@@ -100,17 +100,20 @@ def diagnosis(
         found = diagnose(start.frame, catalogue=_catalogue(without), progress=stage.enter)
         # Effects of scatter cannot be removed from the reports, so known ones are found again.
         effects = not_known(found.report.effects, start.known)
-        names = [effect.name for effect in effects]
-        stage.note = ", ".join(names) or "no effect missing"
+        unknown = unknown_not_known(found.report.unknown, start.known)
+        findings = [effect.name for effect in effects]
+        if number := len(unknown.where):
+            findings.append(f"{number} unexplained error{'s' if number > 1 else ''}")
+        stage.note = ", ".join(findings) or "no missing effect found"
     report = replace(
         found.report,
         effects=effects,
-        unknown=unknown_not_known(found.report.unknown, start.known),
+        unknown=unknown,
         reference=config.gap_reference(),
         headings_uuid=archive.attrs["uuid"],
         known=start.known_entries or None,
         simulation=start.simulation,
-        claims=_claims(job, headings, found.adjustment),
+        claims=_claims(job, headings, found),
         counts=replace(found.report.counts, reports=archive.sizes["report"]),
     )
     write_json(job.output / GAP_JSON, report.content())
@@ -152,7 +155,7 @@ def _frame(job: Job, headings: xr.Dataset) -> Frame:
     return Frame.from_headings(headings, reference=reference, phases=config.gap.phases)
 
 
-def _claims(job: Job, headings: xr.Dataset, adjustment: Adjustment) -> ClaimsEntry:
+def _claims(job: Job, headings: xr.Dataset, found: Diagnosis) -> ClaimsEntry:
     """Repeat the deviations and the field test without the effects other than deviation."""
     from airswing.gap.checks.refit_claims import review_claims
 
@@ -161,17 +164,18 @@ def _claims(job: Job, headings: xr.Dataset, adjustment: Adjustment) -> ClaimsEnt
     with job.progress.stage("claims") as stage:
         reviewed = review_claims(
             headings,
-            adjustment,
+            found.adjustment,
             pools=config.pools(),
             reference=config.gap_reference(),
             fit=config.fit.model_dump(),
             field_test=None if test is None else test.model_dump(),
         )
-        stage.note = (
-            f"{reviewed.stay} of {reviewed.of} fits stay within their interval"
-            if adjustment.names
-            else "no effect other than the deviation to remove"
-        )
+        if found.adjustment.names:
+            stage.note = f"{reviewed.stay} of {reviewed.of} fits stay within their interval"
+        elif found.report.unknown.where:
+            stage.note = "unexplained errors are not removed from the reports"
+        else:
+            stage.note = "no effect other than the deviation to remove"
     return reviewed
 
 

@@ -308,7 +308,15 @@ def _claims_section(gap: Entry, units: Units) -> Section:
     if not claims:
         return Section("claims", title)
     if not claims.get("taken_off"):
-        text = "Only compass effects were found, so the fitted deviations remain as they are."
+        if gap["unknown"]["where"]:
+            text = (
+                "An unexplained error is not subtracted before the fit: the fitted deviations "
+                "remain as they are and may contain part of it."
+            )
+        elif gap["effects"]:
+            text = "Only compass effects were found, so the fitted deviations remain as they are."
+        else:
+            text = "No effect was found, so the fitted deviations remain as they are."
         return Section("claims", title, "", [paragraph(text)])
     names = joined([plain_name(name) for name in claims["taken_off"]])
     lead = (

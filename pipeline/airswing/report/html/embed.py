@@ -15,6 +15,9 @@ from airswing.report.html.style import PAGE_DPI, Units, png_bytes
 
 #: Colours of the palette: a drawing has few, and their mixtures along edges.
 _COLOURS = 256
+#: Width in CSS pixels below which a figure is scrolled instead of made smaller: text of 9 points
+#: is then 7 pixels high.
+_LEAST_WIDTH = 560
 
 
 def embedded(figure: Figure, file: Path | None = None, *, dpi: float = PAGE_DPI) -> Markup:
@@ -24,7 +27,9 @@ def embedded(figure: Figure, file: Path | None = None, *, dpi: float = PAGE_DPI)
     width = round(float(figure.get_figwidth()) * 96)
     caption = str(getattr(figure, "caption", ""))
     alternative = caption.split(". ")[0].rstrip(".")
-    image = Markup('<img src="{}" alt="{}" style="width:{}px">').format(address, alternative, width)
+    image = Markup('<img src="{}" alt="{}" style="width:{}px;min-width:{}px">').format(
+        address, alternative, width, min(width, _LEAST_WIDTH)
+    )
     if file is not None:
         try:
             file.parent.mkdir(parents=True, exist_ok=True)
@@ -33,7 +38,7 @@ def embedded(figure: Figure, file: Path | None = None, *, dpi: float = PAGE_DPI)
             raise InputError("cannot write a figure", file=file, found=err.strerror) from err
         image = Markup('<a href="{}">{}</a>').format(f"{file.parent.name}/{file.name}", image)
     words = Markup("<figcaption>{}</figcaption>").format(caption) if caption else ""
-    return Markup("<figure>{}{}</figure>").format(image, words)
+    return Markup('<figure><div class="scroll">{}</div>{}</figure>').format(image, words)
 
 
 @dataclass(frozen=True)

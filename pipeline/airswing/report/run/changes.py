@@ -75,10 +75,11 @@ def days_since_1970(days: ArrayLike) -> NDArray[np.float64]:
 
 
 @styled
-def stability_figure(stability: Content) -> Figure:
+def stability_figure(stability: Content, period: tuple[str, str] | None = None) -> Figure:
     """Draw each aircraft's offset and amplitude by calendar window, with the dates of changes.
 
-    Aircraft that changed, at least two and at most ten.
+    Aircraft that changed, at least two and at most ten. Windows end at the first and the last day
+    of the reports, `period`, if given.
     """
     changes = {entry["aircraft"]: entry["changes"] for entry in stability["changes"]}
     windows = [entry for entry in stability["windows"] if entry["status"] == "ok"]
@@ -97,7 +98,7 @@ def stability_figure(stability: Content) -> Figure:
         for axes, quantity, colour in zip(
             panels, ("offset", "amplitude"), (BLUE, ORANGE), strict=True
         ):
-            _windows(axes, fits, quantity, colour, step)
+            _windows(axes, fits, quantity, colour, step, period)
             _change_dates(axes, changes.get(name, []))
         panels[0].set_ylabel(name)
     grid[0, 0].set_title("offset (degree)")
@@ -105,18 +106,37 @@ def stability_figure(stability: Content) -> Figure:
     date_axis(grid[-1, 0])
     place_panels(figure, left=0.75, wspace=0.5)
     number = sum(len(changes.get(name, [])) for name in aircraft)
-    return figure.say(
+    text = (
         f"Fits by {stability['window']} with 95 % intervals, each from the reports of its window "
         f"(n = {plural(len(aircraft), 'aircraft', 'aircraft')}); orange line and band: date of a "
         f"change of the compass and its 95 % interval ({number} found)."
     )
+    if not changed:
+        text += " No compass changed: the first aircraft are shown as examples."
+    missing = [
+        f"{entry['aircraft']} from {entry['window']} ({entry['status'].replace('_', ' ')})"
+        for entry in stability["windows"]
+        if entry["aircraft"] in aircraft and entry["status"] != "ok"
+    ]
+    if missing:
+        more = f" and {len(missing) - 6} more" if len(missing) > 6 else ""
+        text += f" Not drawn, because the reports allow no curve: {', '.join(missing[:6])}{more}."
+    return figure.say(text)
 
 
 def _windows(
-    axes: Axes, fits: Sequence[Content], quantity: str, colour: str, step: np.timedelta64
+    axes: Axes,
+    fits: Sequence[Content],
+    quantity: str,
+    colour: str,
+    step: np.timedelta64,
+    period: tuple[str, str] | None,
 ) -> None:
     first = np.array([entry["window"] for entry in fits], dtype="datetime64[M]")
     begin, end = days_since_1970(first), days_since_1970(first + step)
+    if period is not None:
+        start, last = days_since_1970(period)
+        begin, end = np.maximum(begin, start), np.minimum(end, last + 1)
     value = np.array([entry[quantity] for entry in fits], float)
     error = np.array([entry[f"{quantity}_standard_error"] for entry in fits], float)
     middle = (begin + end) // 2
@@ -132,8 +152,10 @@ def _change_dates(axes: Axes, changes: Sequence[Content]) -> None:
         axes.axvline(float(days_since_1970(change["date"])), color=VERMILION, linewidth=1.4)
 
 
-def stability_section(stability: Content | None, show: Figures) -> Section:
-    """Return the section on changes of the compasses within the period."""
+def stability_section(
+    stability: Content | None, show: Figures, period: tuple[str, str] | None = None
+) -> Section:
+    """Return the section on changes of the compasses; `period` is the first and the last day."""
     title = "Changes of the compasses"
     if not stability:
         return Section("stability", title)
@@ -147,7 +169,7 @@ def stability_section(stability: Content | None, show: Figures) -> Section:
         )
     elif not tested:
         lead = "The period is too short for a test of changes."
-    parts = [show("changes", stability_figure(stability))]
+    parts = [show("changes", stability_figure(stability, period))]
     rows = [
         Row(
             [
@@ -178,12 +200,10 @@ def stability_section(stability: Content | None, show: Figures) -> Section:
 
 @styled
 def timeline_figure(monitoring: Monitoring) -> Figure:
-    """Draw the events of the fleet by date, one row an aircraft, the latest first."""
+    """Draw the events, at least one, by date, one row an aircraft, the latest first."""
     events = sorted(monitoring.events, key=lambda one: (one.noticed, one.date), reverse=True)
     names = list(dict.fromkeys(one.aircraft or _FLEET for one in events))
     shown = names[:MOST_EVENT_ROWS]
-    if not shown:
-        return empty_figure(f"No event up to {monitoring.until}")
     figure = new_figure(1.25 + 0.3 * max(len(shown), 2))
     axes = figure.add_subplot()
     drawn = [one for one in events if (one.aircraft or _FLEET) in shown]
@@ -224,9 +244,10 @@ def monitoring_section(monitoring: Monitoring | None, show: Figures) -> Section:
     title = "Monitoring"
     if not monitoring:
         return Section("monitoring", title)
-    parts = [show("monitoring", timeline_figure(monitoring))]
     events = list(reversed(monitoring.events))
+    parts = []
     if events:
+        parts = [show("monitoring", timeline_figure(monitoring))]
         parts.append(_events_table(monitoring, events))
     states = [_states_table(monitoring, show.units)]
     parts.append(folded("State of every aircraft", states, unfolded=not events))

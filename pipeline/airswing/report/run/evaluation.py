@@ -356,7 +356,7 @@ def ranking_section(
     parts = [show("ranking", ranking_figure(ranking, units=units))]
     lines = []
     for key, words in (
-        ("later", "Fitted up to {learned_until}, applied afterwards"),
+        ("later", "Fitted up to {learned_until}, applied on all later days"),
         ("held_out", "Cross-validation over days ({folds} parts)"),
     ):
         part = (virtual or {}).get(key)
@@ -365,13 +365,30 @@ def ranking_section(
             if None not in gains:
                 realised = amount(gains[0], part["realised_gain_ci_kt"])
                 predicted = amount(gains[1], part["predicted_gain_ci_kt"])
-                words = words.format_map(part)
-                lines.append(f"{words}: realised reduction {realised}, predicted {predicted}.")
+                aircraft = plural(len(part["by_aircraft"]), "aircraft", "aircraft")
+                line = (
+                    f"{words.format_map(part)}, {plural(part['reports'], 'report')} of {aircraft}: "
+                    f"realised reduction {realised}, predicted {predicted}"
+                )
+                lines.append(f"{line}{_outside(part)}.")
     if virtual and lines:
         inner = [show("virtual_field_test", prediction_figure(virtual, units=units))]
         parts.append(listing(lines))
         parts.append(folded("Predicted and realised reduction of each aircraft", inner))
     return Section("ranking", title, lead, parts)
+
+
+def _outside(part: Content) -> str:
+    """Say that the realised reduction is outside the prediction's interval, and which aircraft."""
+    low, high = scaled(part["predicted_gain_ci_kt"], 1.0)
+    if not (part["realised_gain_kt"] < low or part["realised_gain_kt"] > high):
+        return ""
+    text = ". The realised reduction is outside the interval of the prediction"
+    apart = [row["aircraft"] for row in part["by_aircraft"] if row["agree"] is False]
+    if not apart:
+        return text
+    more = f" and {len(apart) - 8} more" if len(apart) > 8 else ""
+    return f"{text}; the two differ by more than their errors for {', '.join(apart[:8])}{more}"
 
 
 # --- comparison of references ----------------------------------------------------------------
@@ -679,8 +696,12 @@ def worth_sentence(errors: xr.Dataset, *, units: Units = "kt") -> str:
     gain = float(errors["fleet_weight_gain"])
     if not np.isfinite(gain):
         return f"{text}."
-    ends = range_text(errors["fleet_weight_gain_interval"].to_numpy().tolist(), digits=1)
-    return f"{text}. In an analysis a corrected report has the weight of {gain:.1f}{ends} reported."
+    digits = 0 if gain >= 10 else 1
+    interval = range_text(errors["fleet_weight_gain_interval"].to_numpy().tolist(), digits=digits)
+    return (
+        f"{text}. In an analysis a corrected report has the weight of {gain:.{digits}f} "
+        f"uncorrected reports{interval}."
+    )
 
 
 def _methods_table(errors: xr.Dataset, units: Units) -> Markup:

@@ -51,6 +51,7 @@ from airswing.report.run.selection import (
     rows_of,
     status_words,
     table_error,
+    table_words,
     used,
 )
 from airswing.units import NORMAL_95
@@ -190,7 +191,7 @@ def draw_heading_error(
             markeredgewidth=0.9 * scale,
             zorder=5,
             clip_on=False,
-            label="8-point table",
+            label="removed by the 8-point table",
         )
     axes.set_xlim(0, 360)
     axes.set_xticks(range(0, 361, 90 if small else 45))
@@ -278,7 +279,8 @@ def heading_error_figure(
         f"{name}: heading error (indicated minus the heading that {reference} implies) against "
         f"indicated magnetic heading, n = {plural(heading.size, 'report')} of "
         f"{plural(int(fit['flight_count']), 'flight')}; medians in bins of {BIN_WIDTH:.0f} "
-        f"degrees.{bias_words(fits, reference, units)}{refused}"
+        f"degrees. Diamonds: heading error removed by the 8-point table ({table_words(fit)})."
+        f"{bias_words(fits, reference, units)}{refused}"
     )
 
 
@@ -313,7 +315,8 @@ def heading_errors_figure(
         f"{plural(sum(p[0].size for p in points), 'report')}). Grey: reports, at most "
         f"{_SMALL_DRAWN} of each aircraft; black: medians in bins of {SMALL_BIN_WIDTH:.0f} degrees "
         "with 95 % intervals; blue: fitted curve and its 95 % interval (dashed: not usable); "
-        f"orange diamonds: 8-point table.{bias_words(fits, reference, units)}"
+        f"orange diamonds: heading error removed by the 8-point table ({table_words(fits)})."
+        f"{bias_words(fits, reference, units)}"
     )
 
 

@@ -76,6 +76,8 @@ from airswing.version import __version__
 SMALL_PANELS, SMALL_TOGETHER, LARGE_PANELS, OVERVIEW = 96, 12, 12, 40
 # Report files left out that are named; the product names all.
 _FILES_NAMED = 20
+# What describes the shape of a deviation, with the decimals that are shown.
+_SHAPE = {"offset": 2, "amplitude": 2, "phase": 0}
 
 PRODUCTS = {
     "tables.csv": "8-point tables of the fleet (CSV)",
@@ -153,7 +155,7 @@ def write_page(
     sounding = None
     if corrected is not None:
         sounding = sounding_figure(headings, corrected, fits, reference, units=units)
-    drawn = drawn_columns(headings)
+    drawn, period = drawn_columns(headings), _period(headings)
     sections = [
         _corrections_section(fits, reference, order, _links(folder, summary)),
         monitoring_section(found.monitoring, show),
@@ -161,7 +163,7 @@ def write_page(
         _fleet_section(drawn, fits, apart, reference, order, show),
         innovations_section(found.innovations, sounding, reference, order, show),
         ranking_section(found.ranking, found.virtual, show),
-        stability_section(found.stability, show),
+        stability_section(found.stability, show, period),
         field_test_section(found.field_test, show),
         sensitivity_section(found.sensitivity, show),
         report_errors_section(found.observation_errors, show),
@@ -172,7 +174,7 @@ def write_page(
     warnings = summary.get("warnings")
     text = document(
         title="airswing: compass deviation of the fleet",
-        kicker=f"Compass deviation from wind reports  ·  {_period(headings)}",
+        kicker=f"Compass deviation from wind reports  ·  {' to '.join(period or ['no reports'])}",
         headline=headline(fits, total, reference, per_kt=shown_per_kt(units), units=units),
         facts=_facts(headings, fits, total, reference, units),
         warnings=[str(line) for line in warnings] if isinstance(warnings, Iterable) else [],
@@ -197,10 +199,12 @@ def _links(folder: Path, summary: Mapping[str, object]) -> list[Markup]:
     return [*found, *(link(str(address), str(label)) for label, address in pairs)]
 
 
-def _period(headings: xr.Dataset) -> str:
+def _period(headings: xr.Dataset) -> tuple[str, str] | None:
+    """Return the first and the last day of the reports."""
     if not headings.sizes["report"]:
-        return "no reports"
-    return " to ".join(str(np.datetime_as_string(day, "D")) for day in time_span(headings))
+        return None
+    first, last = (str(np.datetime_as_string(day, "D")) for day in time_span(headings))
+    return first, last
 
 
 def _facts(
@@ -256,21 +260,35 @@ def _corrections_section(
     ]
     if links:
         parts.append(listing(links))
-    return Section("corrections", "Corrections", "The table to load into each unit.", parts)
+    return Section("corrections", "Corrections", _loadable(fits, reference), parts)
+
+
+def _loadable(fits: xr.Dataset, reference: str) -> str:
+    status = fits["status"].sel(reference=reference).to_numpy()
+    if published(status).any():
+        return "The table to load into each unit."
+    codes, counts = np.unique(status, return_counts=True)
+    reasons = [
+        f"{status_words(code)} ({plural(int(number), 'aircraft', 'aircraft')})"
+        for code, number in zip(codes, counts, strict=True)
+    ]
+    return f"No table may be loaded: {', '.join(reasons)}."
 
 
 def _correction_rows(fits: xr.Dataset, reference: str, order: list[str]) -> list[Row]:
     fit = fits.sel(reference=reference, aircraft=order)
+    zero, usable = needs_no_correction(fit), published(fit["status"])
+    reports, status = fit["report_count"].to_numpy(), fit["status"].to_numpy()
+    names = [f"{name}{ending}" for name in _SHAPE for ending in ("", "_standard_error")]
+    fit = fit[["table_correction", "table_residual_rms", *names]]
+    fit = fit.where(xr.DataArray(usable, dims="aircraft"))  # a refused fit has no numbers
     shape = []
-    for name, digits in (("offset", 2), ("amplitude", 2), ("phase", 0)):
+    for name, digits in _SHAPE.items():
         value, error = fit[name].to_numpy(), fit[f"{name}_standard_error"].to_numpy()
         pairs = zip(value.tolist(), (NORMAL_95 * error).tolist(), strict=True)
         shape.append([interval_text(one, half, digits=digits) for one, half in pairs])
-    correction, residual, reports, status = (
-        fit[name].to_numpy()
-        for name in ("table_correction", "table_residual_rms", "report_count", "status")
-    )
-    zero = needs_no_correction(fit)
+    correction = fit["table_correction"].transpose("aircraft", "node").to_numpy()
+    residual = fit["table_residual_rms"].to_numpy()
     return [
         Row(
             [
@@ -281,7 +299,7 @@ def _correction_rows(fits: xr.Dataset, reference: str, order: list[str]) -> list
                 f"{int(reports[k]):,}",
                 "no correction needed" if zero[k] else status_words(status[k]),
             ],
-            doubt=not published(status[k]),
+            doubt=not usable[k],
         )
         for k, name in enumerate(order)
     ]
@@ -383,7 +401,7 @@ def _audit_section(headings: xr.Dataset, show: Figures) -> Section:
 
 def _run_section(summary: Mapping[str, object], headings: xr.Dataset) -> Section:
     entries = {
-        str(name).replace("_", " "): value
+        {"watched": "monitoring"}.get(name, str(name).replace("_", " ")): value
         for name, value in summary.items()
         if isinstance(value, str | int | float) and not isinstance(value, bool)
     }

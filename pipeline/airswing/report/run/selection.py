@@ -169,6 +169,11 @@ def table_error(fit: xr.Dataset) -> tuple[Floats, Floats]:
     return nodes, correction if adds_error(fit) else -correction
 
 
+def table_words(fits: xr.Dataset) -> str:
+    """Return how the heading error of a drawing follows from the numbers of the table."""
+    return "the table" if adds_error(fits) else "minus the table"
+
+
 def needs_no_correction(fits: xr.Dataset) -> NDArray[np.bool_]:
     """Return for which fits the 8-point table is zero within its error.
 
