@@ -8,8 +8,9 @@ factor
 2. The best of each name and the best tables are fitted jointly with all terms in the model and
    ranked by exact marginal likelihood. The screening score of a fleet-wide candidate is limited by
    T and hardly says which shape fits.
-3. A name represents a table where it holds at least `REPRESENTS` of the table's log evidence: its
-   columns are first-order and made of inferred context.
+3. A name represents a table where it holds, alone or with further names, at least `REPRESENTS` of
+   the table's log evidence: its columns are first-order and made of inferred context. (One table of
+   the heading has more evidence than hard iron alone where soft iron acts as well.)
 4. After every addition each term is removed and contested again, until nothing changes.
 
 References
@@ -202,14 +203,36 @@ def contest(
     scored.sort(key=lambda term: -term.score)
     best = scored[0]
     if not best.group.named:
-        represented = [t for t in scored if t.group.named and t.score > REPRESENTS * best.score]
+        named_terms = [t for t in scored if t.group.named]
+        represented = [t for t in named_terms if t.score > REPRESENTS * best.score]
         if represented:
             best = represented[0]
+        elif _names_together(model, terms, named_terms, before) > REPRESENTS * best.score:
+            best = named_terms[0]
     best = _without_idle(model, terms, best, before)
     rivals = tuple(
         (best.score - t.score, t.group.name, t.scope) for t in scored if t.label != best.label
     )
     return [replace(best, rivals=rivals), *(t for t in scored if t.label != best.label)]
+
+
+def _names_together(
+    model: Model, terms: Sequence[Term], named: Sequence[Term], before: float
+) -> float:
+    """Exact evidence, with log priors, of the names that raise it when added one after another."""
+    chosen: list[Term] = []
+    left = list(named)
+    prior = best = 0.0
+    while left:
+        priors = [prior + term.group.prior + set_prior(model, term) for term in left]
+        gains = [model.evidence([*terms, *chosen, term], model.kappa) - before for term in left]
+        scores = np.add(gains, priors)
+        place = int(np.argmax(scores))
+        if scores[place] <= best:
+            break
+        best, prior = float(scores[place]), priors[place]
+        chosen.append(left.pop(place))
+    return best
 
 
 def _without_idle(model: Model, terms: Sequence[Term], term: Term, before: float) -> Term:
