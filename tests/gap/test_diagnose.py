@@ -67,6 +67,29 @@ def test_one_cycle_on_two_aircraft(iron, quiet):
     assert not report.unknown.present
 
 
+def test_constant_one_and_two_cycles_of_all_aircraft_are_three_names():
+    """Not one table of the heading, which has more evidence than hard iron alone."""
+    one, two = np.radians([3.5, 1.5, 2.5]), np.radians([0.3, 1.4, 1.2])
+    constant = np.radians([0.8, -1.2, 0.4])
+
+    def error(context):
+        aircraft, magnetic = context["aircraft"], context["magnetic_heading"]
+        return (
+            constant[aircraft]
+            + one[aircraft] * np.sin(magnetic + aircraft)
+            + two[aircraft] * np.cos(2 * magnetic + aircraft)
+        )
+
+    frame = make_frame(seed=6, aircraft=3, days=10, noise=0.3, heading_error=error)
+    report = diagnose(frame, catalogue=SMALL).report
+    assert {effect.name for effect in report.effects} == {
+        "compass_offset",
+        "hard_iron",
+        "soft_iron",
+    }
+    assert not report.unknown.present
+
+
 def test_products_are_complete_and_serialise(iron):
     frame, made = iron
     json.dumps(plain(made.report.content()), allow_nan=False)
