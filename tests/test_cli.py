@@ -147,9 +147,27 @@ def test_inspect_tells_what_files_hold(root, tmp_path):
     assert airswing("inspect", tmp_path / "empty", folder=tmp_path).returncode == 2
 
 
+def test_a_sample_is_not_mixed_with_what_is_there(tmp_path):
+    (tmp_path / "ruc").mkdir()
+    (tmp_path / "ruc/old.grb").touch()
+    (tmp_path / "notes.txt").touch()
+    words = ["sample", tmp_path, "--days", "1", "--aircraft", "1"]
+    done = airswing(*words, folder=tmp_path)
+    assert done.returncode == 2 and "not empty" in done.stderr and "--overwrite" in done.stderr
+    assert not (tmp_path / "reports").exists()
+    assert airswing(*words, "--overwrite", folder=tmp_path).returncode == 0
+    assert (tmp_path / "notes.txt").exists() and not (tmp_path / "ruc/old.grb").exists()
+
+
+def test_a_track_without_a_model_says_what_it_needs(tmp_path):
+    (tmp_path / "track.csv").touch()
+    done = airswing("collocate", "track.csv", "-o", "out.csv", folder=tmp_path)
+    assert done.returncode == 2 and "--reference NAME=GLOB" in done.stderr
+
+
 def test_help_and_version(tmp_path):
     done = airswing("--help", folder=tmp_path)
-    assert done.returncode == 0
+    assert done.returncode == 0 and "..." not in done.stdout.replace("[ARGS]...", "")
     for command in ("run", "collocate", "fit", "correct", "evaluate", "compare", "sample"):
         assert command in done.stdout
     done = airswing("--version", folder=tmp_path)

@@ -114,6 +114,11 @@ def test_a_missing_key_is_named(tmp_path):
     misspelt = {k.replace("out", "Out"): v for k, v in SMALLEST.items()}
     with pytest.raises(ConfigError, match=r"Output: unknown key; did you mean 'output'"):
         load_config(write(tmp_path, misspelt))
+    two = SMALLEST | {"colour": "red", "unitts": "kt"}
+    with pytest.raises(
+        ConfigError, match=r"colour: unknown key.*; unitts: unknown key; did you mean 'units'"
+    ):
+        load_config(write(tmp_path, two))
 
 
 def test_a_pool_that_names_a_reference_twice_is_refused(tmp_path):

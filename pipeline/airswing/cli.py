@@ -41,10 +41,6 @@ ConfigPath = Annotated[
 Output = Annotated[
     Path | None, typer.Option(help="Folder for the products.", metavar="DIR", parser=_path)
 ]
-OutputPath = Annotated[
-    Path | None,
-    typer.Option("-o", "--output", help="Folder or file to write.", metavar="PATH", parser=_path),
-]
 Written = Annotated[
     Path,
     typer.Option("-o", "--output", help="File to write.", metavar="FILE", parser=_path),
@@ -61,6 +57,7 @@ Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
+    rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
 
@@ -162,8 +159,8 @@ def run(
 ) -> None:
     """Do the main job: every stage, every product, the page.
 
-    Months whose reports, model files and settings are unchanged are kept: the same command goes on
-    with a run that was interrupted, and takes up files that are new.
+    Months whose reports, model files and settings are unchanged are kept: the same command resumes
+    an interrupted run and includes new files.
     """
     from airswing import workflow
     from airswing.workflow.closing_summary import as_text
@@ -178,31 +175,52 @@ def run(
 def collocate(
     source: Annotated[
         Path,
-        typer.Argument(metavar="CONFIG|TRACK", help="Configuration; or CSV or Parquet file."),
+        typer.Argument(
+            metavar="CONFIG|TRACK", help="Configuration; or CSV or Parquet file.", parser=_path
+        ),
     ],
     reference: Annotated[
         list[str] | None,
         typer.Option(help="Model winds for a TRACK, such as 'ruc=ruc/*.grb'.", metavar="NAME=GLOB"),
     ] = None,
-    output: OutputPath = None,
+    columns: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Column of a TRACK and what it is, such as 'fl=pressure_altitude_ft'.",
+            metavar="COLUMN=NAME",
+        ),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            help="Folder for the products of CONFIG; table to write for TRACK.",
+            metavar="PATH",
+            parser=_path,
+        ),
+    ] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Bring model winds to reports (CONFIG) or to any table of time, place and level (TRACK).
+    """Add model winds to reports (CONFIG) or to a table (TRACK).
 
     CONFIG: writes headings/YYYY-MM.nc, also where nothing can be screened or fitted.
 
-    TRACK: appends the earth-relative winds of each --reference and writes the table to -o.
+    TRACK: a table of time, place and level; appends the earth-relative winds of each --reference
+    and writes the table to -o.
     """
-    if reference:
-        from airswing.workflow.track import collocate_track
-
-        if output is None:
-            raise typer.BadParameter("give the file to write", param_hint="-o")
-        print(collocate_track(source, reference, output))
-        return
     from airswing import workflow
     from airswing.errors import InputError
     from airswing.workflow.job import require_kept
+    from airswing.workflow.progress import Progress
+    from airswing.workflow.track import TABLES, collocate_track
+
+    if reference or source.suffix.lower() in TABLES:
+        if output is None:
+            raise typer.BadParameter("give the file to write", param_hint="-o")
+        say = Progress(quiet=quiet).say
+        print(collocate_track(source, reference or (), output, columns=columns or (), say=say))
+        return
 
     job = _job(source, output=output, quiet=quiet)
     headings = _alone(job, workflow.make_headings)
@@ -215,7 +233,10 @@ def collocate(
 
 @app.command()
 def fit(config: ConfigPath, output: Output = None, quiet: Quiet = False) -> None:
-    """Fit the deviation of every aircraft, from the headings: fits.nc, tables.csv."""
+    """Fit the deviation of every aircraft: fits.nc, tables.csv.
+
+    Needs the headings.
+    """
     from airswing import workflow
 
     job = _job(config, output=output, quiet=quiet)
@@ -225,7 +246,10 @@ def fit(config: ConfigPath, output: Output = None, quiet: Quiet = False) -> None
 
 @app.command()
 def correct(config: ConfigPath, output: Output = None, quiet: Quiet = False) -> None:
-    """Correct the archive, from the headings and fits.nc: corrected/YYYY-MM.nc."""
+    """Correct the archive: corrected/YYYY-MM.nc.
+
+    Needs the headings and fits.nc.
+    """
     from airswing import workflow
 
     job = _job(config, output=output, quiet=quiet)
@@ -235,7 +259,10 @@ def correct(config: ConfigPath, output: Output = None, quiet: Quiet = False) -> 
 
 @app.command()
 def evaluate(config: ConfigPath, output: Output = None, quiet: Quiet = False) -> None:
-    """Compute the field test, from the headings: field_test.json on standard output."""
+    """Compute the field test: field_test.json on standard output.
+
+    Needs the headings.
+    """
     from airswing import workflow
 
     job = _job(config, output=output, quiet=quiet)
@@ -244,7 +271,10 @@ def evaluate(config: ConfigPath, output: Output = None, quiet: Quiet = False) ->
 
 @app.command()
 def compare(config: ConfigPath, output: Output = None, quiet: Quiet = False) -> None:
-    """Show how the fits depend on the reference, from the headings: sensitivity.json."""
+    """Show how the fits depend on the reference: sensitivity.json.
+
+    Needs the headings.
+    """
     from airswing import workflow
 
     job = _job(config, output=output, quiet=quiet)
@@ -255,9 +285,9 @@ def compare(config: ConfigPath, output: Output = None, quiet: Quiet = False) -> 
 def monitor(
     config: ConfigPath, output: Output = None, quiet: Quiet = False, json: Json = False
 ) -> None:
-    """Compare the fleet with what the last run knew, from the headings and fits.nc: events.json.
+    """Compare the fleet with what the last run knew: events.json.
 
-    Each event is printed once; `airswing run` does the same.
+    Needs the headings and fits.nc. Each event is printed once; `airswing run` does the same.
     """
     from dataclasses import asdict
 
@@ -277,9 +307,9 @@ class _WithFormats(TyperCommand):
         """Write the help."""
         from airswing.handover.export import FORMATS
 
-        # a blank line between, else the lines are joined to a paragraph
-        known = (f"{name}: {summary}." for name, summary in FORMATS.items())
-        self.epilog = "\n\n".join(["FORMAT is one of", *known])
+        # \b: lines that are not joined to a paragraph
+        known = (f"  {name}: {summary}." for name, summary in FORMATS.items())
+        self.epilog = "\n".join(["\b", "FORMAT is one of", *known])
         super().format_help(ctx, formatter)
 
 
@@ -290,7 +320,11 @@ def export(
     output: Annotated[  # text, since a slash at its end asks for a folder
         str,
         typer.Option(
-            "-o", "--output", help="File or folder to write.", metavar="PATH", parser=_text
+            "-o",
+            "--output",
+            help="File to write; a folder of files for windows, or where it ends with '/'.",
+            metavar="PATH",
+            parser=_text,
         ),
     ],
     winds: Annotated[str, typer.Option(help="corrected or reported.")] = "corrected",
@@ -352,11 +386,13 @@ def export(
 def simulate(
     config: ConfigPath,
     output: Written,
-    effects: Annotated[Path | None, typer.Option(help="Effects file (YAML).")] = None,
+    effects: Annotated[
+        Path | None, typer.Option(help="Effects file (YAML).", metavar="FILE")
+    ] = None,
     seed: Annotated[int, typer.Option(help="Seed of all random numbers.")] = 0,
     quiet: Quiet = False,
 ) -> None:
-    """Simulate the reports forward: what the units should have sent."""
+    """Simulate the reports that the units should have sent."""
     from airswing.workflow.gap_stage import simulation
 
     job = _job(config, quiet=quiet)
@@ -390,7 +426,7 @@ def gap(
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
-    """Diagnose the gap to the simulation: where, which effect, how far it closes."""
+    """Diagnose the gap to the simulation: where, and which effect."""
     from airswing.report.gap.words import verdict
     from airswing.workflow.gap_stage import diagnosis
 
@@ -459,7 +495,7 @@ def gap_check(
 def postprocess(
     config: ConfigPath, output: Output = None, quiet: Quiet = False, json: Json = False
 ) -> None:
-    """Correct forecasts at stations by a Kalman filter: postprocessed.nc and its page."""
+    """Correct forecasts at stations: postprocessed.nc and its page."""
     from airswing.workflow.postprocessing import postprocess as correct_after
 
     result = correct_after(config, output=output, quiet=quiet)
@@ -470,24 +506,44 @@ def postprocess(
 
 @app.command()
 def sample(
-    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Folder to write to.")],
+    directory: Annotated[
+        Path, typer.Argument(metavar="DIR", help="Folder to write to.", parser=_path)
+    ],
     days: Annotated[int, typer.Option(help="Length of the archive.", min=1)] = 30,
     aircraft: Annotated[int, typer.Option(help="Number of aircraft.", min=1)] = 10,
     seed: Annotated[int, typer.Option(help="Seed of all random numbers.")] = 1,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace reports, models and truth in DIR.")
+    ] = False,
 ) -> None:
-    """Write a sample archive (GRIB and reports) and the file of its known truth.
+    """Write a sample archive and the file of its known truth.
 
     Of five aircraft or more the last flies to and fro on one route: too few headings for a fit.
     """
-    from airswing.synthetic.archive import write_archive
+    import shutil
 
+    from airswing.errors import InputError
+    from airswing.synthetic.archive import EDITIONS, write_archive
+
+    if directory.is_dir() and any(directory.iterdir()):
+        if not overwrite:
+            raise InputError(
+                "the folder is not empty",
+                file=directory,
+                remedy="Choose another folder, or give --overwrite to replace its archive",
+            )
+        for name in ("reports", "truth", *EDITIONS):
+            if (directory / name).exists():
+                shutil.rmtree(directory / name)
     shuttles = int(aircraft >= 5)
     print(write_archive(directory, days=days, aircraft=aircraft, seed=seed, shuttles=shuttles))
 
 
 @app.command()
 def inspect(
-    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="What to look into.")],
+    files: Annotated[
+        list[Path], typer.Argument(metavar="FILE...", help="What to look into.", parser=_path)
+    ],
     json: Json = False,
 ) -> None:
     """Print the content of GRIB files, report files or products."""

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
 
 from airswing.config import Config, Handover, Postprocess, PostprocessConfig
 from airswing.errors import ConfigError, shortened
@@ -127,25 +128,32 @@ def _validated(model: type[Model], content: dict[str, object], path: Path) -> Mo
 
 
 def _explained(err: ValidationError, path: Path, model: type[BaseModel]) -> ConfigError:
-    """The first fault that pydantic found, as one message.
+    """The faults that pydantic found, as one message.
 
     An unknown key is reported before a required key that is missing because of it.
     """
-    fault = min(err.errors(), key=lambda one: one["type"] != "extra_forbidden")
-    # Pydantic adds the name of an alternative (``int | "auto"``) to the location.
-    keys = [str(part) for part in fault["loc"] if part != "constrained-int"]
-    place = ".".join(key for key in keys if not key.startswith("literal["))
-    others = f"; and {err.error_count() - 1} more" if err.error_count() > 1 else ""
-    if fault["type"] == "extra_forbidden":
-        near = nearest(str(fault["loc"][-1]), _known_keys(model, fault["loc"][:-1]))
-        return ConfigError(f"unknown key{near}{others}", file=path, field=place)
-    if fault["type"] == "missing":
-        return ConfigError(f"required key is missing{others}", file=path, field=place)
-    value = fault["input"]
-    found = shortened(repr(value) if isinstance(value, str) else value)
-    message = fault["msg"].removeprefix("Value error, ") + others
-    section = isinstance(value, dict | BaseModel)
-    return ConfigError(message, file=path, field=place or None, found=None if section else found)
+    faults: dict[str, ErrorDetails] = {}  # the first of each key
+    for fault in sorted(err.errors(), key=lambda one: one["type"] != "extra_forbidden"):
+        # Pydantic adds the name of an alternative (``int | "auto"``) to the location.
+        keys = [str(part) for part in fault["loc"] if part != "constrained-int"]
+        faults.setdefault(".".join(k for k in keys if not k.startswith("literal[")), fault)
+
+    def message(fault: ErrorDetails) -> str:
+        if fault["type"] == "extra_forbidden":
+            near = nearest(str(fault["loc"][-1]), _known_keys(model, fault["loc"][:-1]))
+            return f"unknown key{near}"
+        missing = fault["type"] == "missing"
+        return "required key is missing" if missing else fault["msg"].removeprefix("Value error, ")
+
+    (place, first), *others = faults.items()
+    what = message(first) + "".join(f"; {key}: {message(one)}" for key, one in others)
+    value = first["input"]
+    found = None
+    if first["type"] not in ("extra_forbidden", "missing") and not isinstance(
+        value, dict | BaseModel
+    ):
+        found = shortened(repr(value) if isinstance(value, str) else value)
+    return ConfigError(what, file=path, field=place or None, found=found)
 
 
 def _known_keys(model: type[BaseModel], location: tuple[int | str, ...]) -> list[str]:

@@ -77,7 +77,7 @@ def test_bad_requests(folder, monkeypatch, capsys, words, said):
 def test_without_a_product_the_run_is_named(folder, monkeypatch, capsys):
     (folder / "out/corrected.nc").unlink()
     status, _, err = call(monkeypatch, capsys, "--to", "little_r", "-o", "f")
-    assert status == 2 and "corrected.nc" in err and "airswing run" in err
+    assert status == 2 and "out/corrected: no such product" in err and "airswing run" in err
 
 
 def test_the_command_writes_and_reports(folder, monkeypatch, capsys):
@@ -88,7 +88,7 @@ def test_the_command_writes_and_reports(folder, monkeypatch, capsys):
     assert result["reports"] == 5 and [file["reports"] for file in result["files"]] == [2, 2, 1]
     assert all((folder / file["path"]).is_file() for file in result["files"])
     status, _, err = call(monkeypatch, capsys, *words)
-    assert status == 2 and "ob.ascii" in err and "is there already" in err
+    assert status == 2 and "ob.ascii" in err and "already exists" in err
     status, out, _ = call(monkeypatch, capsys, *words, "--overwrite")
     assert status == 0 and "5 reports, 5 winds as corrected, in 3 files" in out
     assert not [*folder.rglob(".airswing*")]

@@ -207,7 +207,7 @@ def test_a_list_is_needed_and_nothing_is_written_over(tmp_path):
     (tmp_path / "there").write_text("mine")
     base = tmp_path / "list"
     base.write_text(HEADER + "A         - W -      MDC00001\n")
-    with pytest.raises(InputError, match="is there already"):
+    with pytest.raises(InputError, match="already exists"):
         export(product, to="reject_list", path=tmp_path / "there", settings=Handover(base=base))
     assert (tmp_path / "there").read_text() == "mine"
 

@@ -68,6 +68,7 @@ def test_mapped_columns_take_the_users_unit_and_come_first():
         ({"W": {"nam": "tail"}}, ["{name: ..., unit: ...}"]),
         ({"A": "wind_speed_kt", "B": "wind_speed_m_s"}, ["two columns", "A, B"]),
         ({"wind_speed_kt": {"value": "fast"}}, ["is no number"]),
+        ({"W": {"name": "time", "format": "%d.%Q"}}, ["W.format", "bad directive", "%d.%m.%Y"]),
     ],
 )
 def test_a_bad_mapping_is_refused_by_name(columns: dict[str, object], parts: list[str]):
@@ -91,7 +92,13 @@ def test_an_absent_column_is_named_with_the_nearest(
 ):
     with pytest.raises(InputError, match=message) as error:
         sources(names, parse_mapping(mapping), "fleet.csv")
-    assert "fleet.csv" in str(error.value)
+    assert "fleet.csv" in str(error.value) and "airswing inspect" in str(error.value)
+
+
+def test_a_name_of_one_letter_is_near_no_other():
+    with pytest.raises(InputError, match="tail: a required column is missing") as error:
+        sources(["T", *PLAIN[1:], *WIND, "pressure_hPa"], {}, "fleet.csv")
+    assert "Nearest" not in str(error.value)
 
 
 @pytest.mark.parametrize(

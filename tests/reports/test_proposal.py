@@ -56,6 +56,23 @@ def levels() -> pd.DataFrame:
     )
 
 
+def hours() -> pd.DataFrame:
+    """Date and hour apart, as numbers without a first zero."""
+    table = european().drop(columns=["Date", "UTC"])
+    clock = (TIMES - pd.Timedelta("5h")).strftime("%H%M%S").astype(int)
+    return table.assign(obs_date=TIMES.strftime("%Y%m%d").astype(int), obs_hour=clock)
+
+
+def test_a_date_and_an_hour_make_the_time(tmp_path: Path) -> None:
+    hours().to_csv(tmp_path / "a.csv", index=False)
+    proposed = propose_mapping(tmp_path / "a.csv")
+    assert proposed is not None
+    assert proposed["columns"]["time"] == {"date": "obs_date", "time": "obs_hour"}
+    reports = read_reports(tmp_path / "a.csv", columns=proposed["columns"])
+    expected = (TIMES - pd.Timedelta("5h")).to_numpy().astype("M8[ns]")
+    assert reports["time"].to_numpy().tolist() == expected.tolist()
+
+
 @pytest.mark.parametrize("make", [european, levels])
 @pytest.mark.parametrize("kind", ["csv", "parquet"])
 def test_what_is_proposed_reads_the_table(make, kind: str, tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from tests.reports.tables import row, write
 
 from airswing.errors import InputError
 from airswing.products.netcdf import write_product
-from airswing.workflow.inspection import inspect_file
+from airswing.workflow.inspection import as_text, inspect_file
 
 
 def product(path: Path) -> Path:
@@ -29,6 +29,13 @@ def test_a_product_of_grib_files_is_a_product(tmp_path):
 def test_a_table_that_speaks_of_grib_is_reports(tmp_path):
     found = inspect_file(write(tmp_path / "a.csv", [row(tail="GRIB1"), row(tail="N2")]))
     assert (found["kind"], found["aircraft"]) == ("reports", 2)
+
+
+def test_text_omits_what_is_empty_and_rounds_numbers():
+    grid = {"kind": "latlon", "range": [38.28880756535601, 46.0], "gaps": {}}
+    found = {"grids": [grid], "skipped": [], "names": ["a", "b"], "format": None}
+    expected = "grids:\n  kind: latlon, range: [38.28881, 46]\nnames: a, b"
+    assert as_text(found | {"audit": {"dropped": {}}}) == expected
 
 
 def test_half_a_product_is_named(tmp_path):

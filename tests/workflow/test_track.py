@@ -89,6 +89,8 @@ def test_levels_in_feet_and_names_of_the_user(model):
 def test_what_is_missing_is_named(model, table, says):
     with pytest.raises(InputError, match=says):
         airswing.append_winds(table, {"m": model})
+    with pytest.raises(InputError, match="no such column"):
+        airswing.append_winds(track(), {"m": model}, columns={"x": "time"})
 
 
 def test_the_command_keeps_the_table_as_it_is(model, tmp_path):
@@ -100,6 +102,14 @@ def test_the_command_keeps_the_table_as_it_is(model, tmp_path):
     found = pd.read_csv(tmp_path / "out.csv", dtype=str)
     assert list(found["name"]) == ["007", "b", "c"]
     assert found["m_eastward_wind_m_s"].iloc[1] == "1.000"
+    assert "2 of 3 rows have a wind of m" in done.output
+    assert "covers 2009-03-01T00:00Z to 2009-03-01T03:00Z" in done.output
+    track().rename(columns={"time": "when"}).to_csv(tmp_path / "track.csv", index=False)
+    refused = CliRunner().invoke(app, [*words, "-o", str(tmp_path / "out.csv")])
+    assert "--columns" in str(refused.exception)
+    words += ["--columns", "when=time"]
+    assert CliRunner().invoke(app, [*words, "-o", str(tmp_path / "out.csv")]).exit_code == 0
+    words = words[:-2]
     assert CliRunner().invoke(app, words).exit_code == 2
     words[-1] = "m.nc"
     assert CliRunner().invoke(app, [*words, "-o", str(tmp_path / "out.csv")]).exit_code != 0

@@ -186,10 +186,12 @@ class Finding:
             "all aircraft" if self.share == 1.0 and number > 1 else f"{number} aircraft ({shown})"
         )
         cause = f"likely {self.likely}" if self.likely else "no usual mistake explains it"
-        advice = ". Check the unit of the column, and the reference's" if self.refused else ""
+        advice = (
+            ". Check the unit of the column, and the units of the reference" if self.refused else ""
+        )
         plain = self.quantity.removeprefix("reported_").removeprefix("air_").replace("_", " ")
         names = _PLURALS.get(self.quantity, f"{plain}s")
-        return f"implausible {names} of {whom}: {self.evidence}; {cause}{advice}"
+        return f"Implausible {names} of {whom}: {self.evidence}; {cause}{advice}"
 
 
 def plausibility(headings: xr.Dataset, *, references: Sequence[str] | None = None) -> list[Finding]:

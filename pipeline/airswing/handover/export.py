@@ -226,7 +226,7 @@ def refuse_existing(request: Request, *targets: Path) -> None:
     for target in targets:
         if target.is_dir() or (target.exists() and not request.overwrite):
             raise InputError(
-                "is there already",
+                "already exists",
                 file=target,
                 remedy="Choose another name with -o, or give --overwrite",
             )

@@ -325,7 +325,7 @@ def open_results(folder: str | Path) -> xr.DataTree:
 
 
 def product_path(folder: Path, name: str) -> Path:
-    """Path of a product of a run: the folder of its months, else the file.
+    """Path of a product of a run: the folder of its months, or the file.
 
     Parameters
     ----------
@@ -335,7 +335,9 @@ def product_path(folder: Path, name: str) -> Path:
         Of the product without a suffix, as ``headings``.
     """
     months = Path(folder) / name
-    return months if months.is_dir() else months.with_suffix(".nc")
+    file = months.with_suffix(".nc")
+    by_month = name in ("headings", "corrected") and not file.exists()
+    return months if by_month or months.is_dir() else file
 
 
 def _opened(path: Path) -> xr.Dataset:

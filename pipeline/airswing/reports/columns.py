@@ -6,11 +6,13 @@ use are recognised by the names of their columns (:data:`LAYOUTS`). Any other na
 configuration, in one of these forms:
 
 * ``theirs: canonical`` or ``theirs: {name: canonical, unit: their unit}``;
+* ``theirs: {name: time, format: "%d.%m.%Y %H:%M"}``: a time in another notation than
+  :mod:`airswing.reports.values` reads (codes of :meth:`datetime.datetime.strftime`);
 * ``canonical: [theirs, other]``: several columns of one quantity; in each row the first that holds
   a value is used;
 * ``canonical: {value: N510}``: the same for every report;
 * ``time: {date: theirs, time: theirs, offset: theirs}``: a time made of two columns, or of three
-  where the third is the offset from UTC;
+  where the third is the offset from UTC; with ``format`` of the two with a blank between;
 * ``name: {only: [value, ...]}``: reports with another value in that column are left out.
 
 Units are converted by pint; every conversion used here has a factor and an offset.
@@ -112,6 +114,7 @@ class Source:
     offset: float = 0.0
     others: tuple[str, ...] = ()  # used in rows where the first holds nothing
     parts: tuple[str, ...] = ()  # appended to the first in a time made of several columns
+    format: str | None = None  # of a time
     value: str | float | None = None  # the same for every report, before factor and offset
     wanted: tuple[str, ...] = ()  # values that select reports
 
@@ -248,6 +251,8 @@ def _mapped(key: str, target: object) -> tuple[str, str, Source]:
         return key, variable, replace(source, others=tuple(others))
     keys = set(target) if isinstance(target, Mapping) else set()
     entry: Mapping[str, object] = target if isinstance(target, Mapping) else {}
+    if entry.get("name") == "time" and keys == {"name", "format"}:
+        return "time", "time", Source(key, format=_format(key, entry["format"]))
     if "name" in keys and keys <= {"name", "unit"}:
         unit = entry.get("unit")
         return str(entry["name"]), *_resolve(
@@ -256,9 +261,10 @@ def _mapped(key: str, target: object) -> tuple[str, str, Source]:
     if keys == {"value"}:
         variable, source = _resolve(key, key, None)
         return key, variable, replace(source, value=_constant(key, entry["value"]))
-    if key == "time" and {"date", "time"} <= keys <= {"date", "time", "offset"}:
+    if key == "time" and {"date", "time"} <= keys <= {"date", "time", "offset", "format"}:
         parts = tuple(str(entry[part]) for part in ("time", "offset") if part in keys)
-        return key, key, Source(str(entry["date"]), parts=parts)
+        format = _format(key, entry["format"]) if "format" in keys else None
+        return key, key, Source(str(entry["date"]), parts=parts, format=format)
     if keys == {"only"}:
         values = entry["only"]
         several = values if isinstance(values, list | tuple) else [values]
@@ -270,6 +276,21 @@ def _mapped(key: str, target: object) -> tuple[str, str, Source]:
         remedy="Or, after a canonical name: [theirs, other], {value: ...}, {only: [...]}, and for "
         "time {date: ..., time: ...}",
     )
+
+
+def _format(theirs: str, written: object) -> str:
+    import pandas as pd
+
+    try:
+        pd.to_datetime([""], format=str(written), errors="coerce")
+    except ValueError as error:
+        raise InputError(
+            f"is no format of a time: {error}",
+            field=f"reports.columns.{theirs}.format",
+            found=written,
+            remedy='Such as "%d.%m.%Y %H:%M"',
+        ) from error
+    return str(written)
 
 
 def _constant(name: str, value: object) -> str | float:
@@ -431,11 +452,15 @@ def _absent(
     wanted: str, names: list[str], file: object, what: str, free: list[str] | None = None
 ) -> InputError:
     folded = {name.strip().lower(): name for name in (names if free is None else free)}
+    folded = {key: name for key, name in folded.items() if len(key) > 1}
     # Looser than the library's 0.6: two names of one column share little but a stem.
     near = difflib.get_close_matches(wanted.lower(), list(folded), n=3, cutoff=0.4)
     stem = wanted.split("_")[0].lower()
     near += [key for key in folded if key not in near and (stem in key or key[:3] == stem[:3])]
-    remedy = "Map the file's own name to it under reports.columns"
+    remedy = (
+        "Map the file's own name to it under reports.columns; `airswing inspect FILE` proposes a "
+        "mapping"
+    )
     if near:
         remedy = f"Nearest there: {', '.join(folded[key] for key in near[:3])}. " + remedy
     return InputError(what, file=file, field=wanted, found=", ".join(names), remedy=remedy)

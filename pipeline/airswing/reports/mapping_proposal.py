@@ -23,9 +23,16 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from airswing.reports.columns import QUANTITIES, REQUIRED, compatible, conversion, split_name
+from airswing.reports.columns import (
+    QUANTITIES,
+    REQUIRED,
+    Source,
+    compatible,
+    conversion,
+    split_name,
+)
 from airswing.reports.flights import step_distance
-from airswing.reports.formats.tabular import first_rows
+from airswing.reports.formats.tabular import column_of, first_rows
 from airswing.reports.values import Column, parse_times, possible
 from airswing.units import KNOT
 
@@ -37,8 +44,8 @@ _NAMES = (
     ),
     (
         "time",
-        r"time(stamp|utc|gps)?|utc|datetime(utc)?|(obs|valid|report|observation)(date)?time|ts"
-        r"|epoch(time)?|unixtime|(utc|lcl|local)?date|gmt|snapshotid|utctime|timeposition|lastcontact",
+        r"(obs|valid|report|observation|utc|gmt|lcl|local)?(date|time|datetime|hour|clock)(utc|gps)?"
+        r"|timestamp|utc|gmt|ts|epoch(time)?|unixtime|snapshotid|timeposition|lastcontact",
     ),
     ("latitude", r"lat(itude)?(deg|dd|n|gps)?|gpslat(itude)?|y"),
     ("longitude", r"(lon(g|gitude)?|lng)(deg|dd|e|gps)?|gpslon(g|gitude)?|x"),
@@ -218,8 +225,7 @@ def _time(
         clock = next((column for column in clocks if _has_clock(table[column])), clocks[0])
         mapping["time"] = {"date": dates[0], "time": clock}
         found["time"] = "time"
-        joined = table[dates[0]].astype(str) + "T" + table[clock].astype(str)
-        return parse_times(joined)[0]
+        return parse_times(column_of(table, Source(dates[0], parts=(clock,))))[0]
     column = best or next(iter(dates), None)
     if column is None:
         return None

@@ -280,8 +280,13 @@ def none_usable(audit: Audit) -> InputError:
         field="reports.files",
         found=f"{audit.read} reports read, dropped for: {reasons}"
         + (f"; cannot be read: {unread}" if unread else ""),
-        remedy="Times are ISO 8601 UTC, yyyymmddHH[MM[SS]], seconds since 1970 or Julian dates, "
-        "from 1973 to now; numbers have a decimal point and no unit",
+        remedy=(
+            "Times from 1973 to now are ISO 8601 UTC, yyyymmddHH[MM[SS]], seconds since 1970 or "
+            "Julian dates; give another format under reports.columns: "
+            'COLUMN: {name: time, format: "%d.%m.%Y %H:%M"}'
+            if any("time" in reason for reason in audit.dropped)
+            else "Numbers have a decimal point and no unit"
+        ),
     )
 
 

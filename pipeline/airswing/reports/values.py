@@ -5,7 +5,7 @@ Times
 ISO 8601 text (UTC where it has no offset), or a number, which is read by the first of these
 notations that gives a possible time: seconds since 1970, ``yyyymmddHH``, ``yyyymmddHHMM``,
 ``yyyymmddHHMMSS``, milliseconds, microseconds or nanoseconds since 1970, Julian date. Other
-notations (``01/02/2009``) are ambiguous and count as unparsable.
+notations (``01/02/2009``) are ambiguous and count as unparsable unless their format is given.
 
 Possible are the times from :data:`EARLIEST` to one day after now. The notations do not overlap for
 possible times before July 2032, when seconds since 1970 become as large as ``1973010100``.
@@ -84,12 +84,14 @@ def possible(time: Times) -> NDArray[np.bool_]:
     return np.asarray((time >= EARLIEST) & (time < latest))
 
 
-def parse_times(values: Column) -> tuple[Times, NDArray[np.bool_]]:
+def parse_times(values: Column, format: str | None = None) -> tuple[Times, NDArray[np.bool_]]:
     """Read a column of text, numbers or timestamps.
 
     Parameters
     ----------
     values : Series, shape (report,)
+    format : str, optional
+        Of text in another notation than those of this module (codes of ``strftime``).
 
     Returns
     -------
@@ -104,15 +106,15 @@ def parse_times(values: Column) -> tuple[Times, NDArray[np.bool_]]:
     if np.issubdtype(getattr(values.dtype, "type", object), np.datetime64):
         time = values.to_numpy(dtype="datetime64[ns]")
         return time, np.isnat(time)
-    if pd.api.types.is_numeric_dtype(values.dtype):
+    if format is None and pd.api.types.is_numeric_dtype(values.dtype):
         numbers = values.to_numpy(dtype=np.float64, na_value=np.nan)
         return _of_numbers(numbers), np.isnan(numbers)
     index, labels = pd.factorize(values)  # many reports share a time; each text is read once
     text = pd.Series(labels, dtype="object").map(lambda label: str(label).strip())
-    parsed = pd.to_datetime(text, format="ISO8601", utc=True, errors="coerce")
+    parsed = pd.to_datetime(text, format=format or "ISO8601", utc=True, errors="coerce")
     time = parsed.dt.tz_localize(None).to_numpy(dtype="datetime64[ns]").copy()
     digits = text.str.fullmatch(r"\d{7,19}(\.\d+)?").to_numpy(dtype=bool)
-    if digits.any():
+    if format is None and digits.any():
         time[digits] = _of_numbers(text[digits].to_numpy(dtype=np.float64))
     blank = np.append((text == "").to_numpy(dtype=bool), True)  # the last is that of absent values
     return np.append(time, np.datetime64("NaT", "ns"))[index], blank[index]

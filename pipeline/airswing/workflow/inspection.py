@@ -10,6 +10,8 @@ from pathlib import Path
 from airswing.errors import InputError, shortened
 from airswing.model_formats import model_formats
 
+_LONGEST_LIST = 20  # numbers that are shown of a list
+
 
 def inspect_file(path: Path) -> dict[str, object]:
     """Say what one file holds.
@@ -136,17 +138,32 @@ def as_text(found: dict[str, object], *, indent: str = "") -> str:
     """
     lines = []
     for key, value in found.items():
+        if value is None or value in ("", [], {}):
+            continue
         if isinstance(value, dict):
-            lines += [f"{indent}{key}:", as_text(value, indent=indent + "  ")]
+            if inner := as_text(value, indent=indent + "  "):
+                lines += [f"{indent}{key}:", inner]
         elif isinstance(value, list) and value and isinstance(value[0], dict):
             lines.append(f"{indent}{key}:")
             lines += [
-                f"{indent}  " + ", ".join(f"{k}: {v}" for k, v in row.items()) for row in value
+                f"{indent}  " + ", ".join(f"{k}: {_shown(v)}" for k, v in row.items() if v != {})
+                for row in value
             ]
         elif isinstance(value, list):
-            lines.append(f"{indent}{key}: {', '.join(map(str, value))}")
+            lines.append(f"{indent}{key}: {_shown(value)[1:-1]}")
         elif isinstance(value, str) and "\n" in value:
             lines += [f"{indent}{key}:", *(f"{indent}  {row}" for row in value.split("\n"))]
         else:
-            lines.append(f"{indent}{key}: {value}")
-    return "\n".join(line for line in lines if line)
+            lines.append(f"{indent}{key}: {_shown(value)}")
+    return "\n".join(lines)
+
+
+def _shown(value: object) -> str:
+    if isinstance(value, float):
+        return f"{value:.7g}"
+    if not isinstance(value, list | tuple):
+        return str(value)
+    texts = [_shown(one) for one in value]
+    if len(texts) > _LONGEST_LIST and isinstance(value[0], float):
+        texts[2:-1] = [f"... ({len(texts)} values)"]
+    return f"[{', '.join(texts)}]"

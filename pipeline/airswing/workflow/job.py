@@ -77,10 +77,10 @@ def months_text(months: Mapping[str, Sequence[str]]) -> str:
 
     def listed(names: Sequence[str]) -> str:
         if len(names) < 5:
-            return ", ".join(names) or "none"
+            return ", ".join(names)
         return f"{len(names)}, {names[0]} to {names[-1]}"
 
-    return f"months made: {listed(months['made'])}; kept: {listed(months['kept'])}"
+    return "; ".join(f"months {what}: {listed(names)}" for what, names in months.items() if names)
 
 
 def main_reference(config: Config) -> str:

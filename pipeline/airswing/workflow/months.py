@@ -38,7 +38,7 @@ from airswing.products.netcdf import as_stored, open_product, read_product
 from airswing.products.ragged import BLOCK_REPORTS
 from airswing.products.whole_files import read_note, write_json
 from airswing.report.run.reading_warnings import model_warnings, reading_warnings, tally, unread
-from airswing.workflow.job import CORRECTED, HEADINGS, Job, months_text
+from airswing.workflow.job import CORRECTED, HEADINGS, Job
 
 if TYPE_CHECKING:
     from airswing.reference.catalogue import Catalogue
@@ -101,7 +101,6 @@ def make_headings(job: Job) -> xr.Dataset:
         )
     kept = [month.name for month in months if month not in wanted]
     months_now = {"made": made, "kept": kept}
-    job.progress.say(months_text(months_now))
     headings = open_product(job.output / HEADINGS)
     audit = archive.audit_of(headings)
     headings.attrs["reading_audit"] = audit.as_json()

@@ -7,8 +7,9 @@ horizontal and in ln p as for aircraft reports; rows outside the model get no wi
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -18,12 +19,16 @@ from numpy.typing import NDArray
 from airswing.errors import InputError
 from airswing.units import KNOT
 
+if TYPE_CHECKING:
+    from airswing.reference.catalogue import Catalogue
+
 _SHORT = {"lat": "latitude", "lon": "longitude"}
+TABLES = (".csv", ".parquet")
 
 
 def append_winds(
     table: pd.DataFrame,
-    references: Mapping[str, str | Path | Sequence[str] | xr.Dataset],
+    references: Mapping[str, str | Path | Sequence[str] | xr.Dataset | Catalogue],
     *,
     columns: Mapping[str, str] | None = None,
     max_time_gap: float = 10800.0,
@@ -37,8 +42,8 @@ def append_winds(
         With ``time`` (UTC: datetime, ISO 8601 text, or seconds since 1970), ``latitude`` and
         ``longitude`` (degrees; ``lat`` and ``lon`` too), and ``pressure`` or ``pressure_altitude``
         with its unit at the end of the name (``pressure_hPa``, ``pressure_altitude_ft``).
-    references : mapping of str to path, list of paths, or Dataset
-        Model files (a glob each) or Datasets with CF winds, by name.
+    references : mapping of str to path, list of paths, Dataset or Catalogue
+        Model files (a glob each), Datasets with CF winds or catalogues, by name.
     columns : mapping of str to str, optional
         From other names of these columns to these names.
     max_time_gap : float, default 10800
@@ -67,12 +72,13 @@ def append_winds(
     >>> bool(found["ruc_wind_speed_kt"].notna().all())
     True
     """
-    from airswing.reference.catalogue import build_catalogue
+    from airswing.reference.catalogue import Catalogue, build_catalogue
     from airswing.reference.collocate import collocate
 
     places = _places(table, columns or {})
     models = {
-        name: build_catalogue(files, name=name, lead=lead) for name, files in references.items()
+        name: one if isinstance(one, Catalogue) else build_catalogue(one, name=name, lead=lead)
+        for name, one in references.items()
     }
     winds = collocate(places, models, max_time_gap=max_time_gap).compute()
     found = table.copy()
@@ -89,7 +95,14 @@ def append_winds(
     return found
 
 
-def collocate_track(track: Path, references: Sequence[str], output: Path) -> Path:
+def collocate_track(
+    track: Path,
+    references: Sequence[str],
+    output: Path,
+    *,
+    columns: Sequence[str] = (),
+    say: Callable[[str], None] = lambda text: None,
+) -> Path:
     """Append model winds to a CSV or Parquet file.
 
     Parameters
@@ -99,6 +112,10 @@ def collocate_track(track: Path, references: Sequence[str], output: Path) -> Pat
         ``NAME=GLOB`` each.
     output : Path
         ``.csv`` or ``.parquet``.
+    columns : sequence of str, optional
+        ``COLUMN=NAME`` each, as `columns` of :func:`append_winds`.
+    say : callable, optional
+        Takes one line for each reference: the rows that have a wind, and the times of the model.
 
     Raises
     ------
@@ -106,20 +123,18 @@ def collocate_track(track: Path, references: Sequence[str], output: Path) -> Pat
         As of :func:`append_winds`, and where a file cannot be read or written.
     """
     from airswing.products.whole_files import atomic
+    from airswing.reference.catalogue import build_catalogue
 
-    models: dict[str, str] = {}
-    for reference in references:
-        name, equals, files = reference.partition("=")
-        if not (name.strip() and equals and files.strip()):
-            raise InputError(
-                "a reference is a name and a pattern of files",
-                field="--reference",
-                found=reference,
-                remedy='Such as "ruc=ruc/*.grb"',
-            )
-        models[name.strip()] = files.strip()
+    files = _pairs(references, "--reference", "ruc=ruc/*.grb")
+    if not files:
+        raise InputError(
+            "a track needs --reference NAME=GLOB, the files of a model",
+            file=track,
+            remedy='Such as --reference "ruc=ruc/*.grb"',
+        )
+    names = _pairs(columns, "--columns", "fl=pressure_altitude_ft")
     for path in (track, output):
-        if path.suffix.lower() not in (".csv", ".parquet"):
+        if path.suffix.lower() not in TABLES:
             raise InputError("a track is a .csv or .parquet file", file=path)
     try:
         # text as it is: identifiers with leading zeros stay what they are
@@ -130,7 +145,15 @@ def collocate_track(track: Path, references: Sequence[str], output: Path) -> Pat
         )
     except (OSError, ValueError) as error:
         raise InputError("cannot read the table", file=track, found=error) from error
-    found = append_winds(table, models)
+    models = {name: build_catalogue(pattern, name=name) for name, pattern in files.items()}
+    found = append_winds(table, models, columns=names)
+    for name, model in models.items():
+        number = int(found[f"{name}_wind_speed_kt"].notna().sum())
+        first, last = (np.datetime_as_string(model.times[i], unit="m") for i in (0, -1))
+        say(
+            f"{number:,} of {len(found):,} rows have a wind of {name}; the model covers "
+            f"{first}Z to {last}Z"
+        )
     with atomic(output) as temporary:
         if output.suffix.lower() == ".csv":
             found.to_csv(temporary, index=False, float_format="%.3f")
@@ -139,12 +162,28 @@ def collocate_track(track: Path, references: Sequence[str], output: Path) -> Pat
     return output
 
 
+def _pairs(given: Sequence[str], option: str, example: str) -> dict[str, str]:
+    """The two sides of each ``A=B`` of an option."""
+    found = {}
+    for one in given:
+        name, _, value = (part.strip() for part in one.partition("="))
+        if not (name and value):
+            raise InputError(
+                "has two sides", field=option, found=one, remedy=f'Such as {option} "{example}"'
+            )
+        found[name] = value
+    return found
+
+
 def _places(table: pd.DataFrame, columns: Mapping[str, str]) -> xr.Dataset:
     """Times and places of a table: degrees, Pa."""
     from airswing.physics.atmosphere import pressure_from_altitude
     from airswing.reports.columns import conversion, split_name
     from airswing.reports.values import parse_times
 
+    if absent := [name for name in columns if name not in table.columns]:
+        there = ", ".join(map(str, table.columns))
+        raise InputError("the table has no such column", field=absent[0], found=there)
     found: dict[str, NDArray[np.generic]] = {}
     for name in map(str, table.columns):
         meant = columns.get(name, name).strip()
@@ -173,7 +212,8 @@ def _places(table: pd.DataFrame, columns: Mapping[str, str]) -> xr.Dataset:
                 "the table has no column for it",
                 field={"pressure": "pressure_hPa or pressure_altitude_ft"}.get(name, name),
                 found=", ".join(map(str, table.columns)),
-                remedy="Rename the column, or give its name in `columns`",
+                remedy="Rename the column, or give its name by --columns COLUMN=NAME (in Python: "
+                "columns={...})",
             )
     names = ("time", "latitude", "longitude", "pressure")
     return xr.Dataset({name: ("report", found[name]) for name in names})

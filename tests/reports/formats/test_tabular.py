@@ -242,6 +242,21 @@ def test_forms_of_a_mapping(tmp_path: Path):
         read_reports(path, columns={**columns, "stream": {"only": "A"}})
 
 
+def test_times_in_another_notation(tmp_path: Path):
+    whole = flight().drop(columns="time").assign(when="01.03.2009 09:30")
+    path = write(tmp_path / "a.csv", whole)
+    with pytest.raises(InputError, match=r"unparsable_time.*01\.03\.2009.*format: ") as error:
+        read_reports(path, columns={"when": "time"})
+    assert "no unit" not in str(error.value)
+    mapped = {"when": {"name": "time", "format": "%d.%m.%Y %H:%M"}}
+    expected = read_reports(path, columns=mapped)["time"].values
+    assert str(expected[0])[:19] == "2009-03-01T09:30:00"
+    apart = whole.assign(when="01.03.2009", clock="930")
+    path = write(tmp_path / "b.csv", apart)
+    mapped = {"time": {"date": "when", "time": "clock", "format": "%d.%m.%Y %H%M"}}
+    assert (read_reports(path, columns=mapped)["time"].values == expected).all()
+
+
 def test_comments_before_the_header(tmp_path: Path):
     path = tmp_path / "comments.csv"
     body = flight().to_csv(index=False)

@@ -173,8 +173,7 @@ class Monitoring:
         """Summary: a line for every new event, and the aircraft that need a table or are silent."""
         news, silent = self.new_events, [one.aircraft for one in self.states if one.silent]
         lines = [
-            f"{len(self.states):,} aircraft to {self.until} against {self.reference}: "
-            + (f"{len(news):,} new event{'s' * (len(news) != 1)}" if news else "nothing new"),
+            f"Monitoring up to {self.until}: {len(news) or 'no'} new event{'s' * (len(news) != 1)}",
             *(event.line for event in news),
         ]
         for words, names in (("another table for", self.differing), ("silent", silent)):

@@ -87,8 +87,9 @@ def _read_csv(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFram
     text = {
         column: str
         for name, source in found.items()
-        # A time made of parts too: 0930 read as a number loses its zero.
-        if (name in TEXT or name.startswith(ONLY)) and (name != "time" or source.parts)
+        # A time made of parts or with a format too: 0930 read as a number loses its zero.
+        if (name in TEXT or name.startswith(ONLY))
+        and (name != "time" or source.parts or source.format)
         for column in source.columns
     }
     numbers = {c for source in found.values() for c in source.columns if c not in text}
@@ -320,9 +321,9 @@ def to_raw(
     """
     raw: dict[str, NDArray[np.generic]] = {}
     for variable, source in found.items():
-        column = _column(table, source)
+        column = column_of(table, source)
         if variable == "time":
-            time, blank = parse_times(column)
+            time, blank = parse_times(column, source.format)
             raw |= {"time": time, "time_blank": blank}
             _example(column, ~possible(time) & ~blank, variable, audit)
         elif variable in FLAG_CODES:
@@ -342,8 +343,8 @@ def to_raw(
     return pd.DataFrame(raw)
 
 
-def _column(table: pd.DataFrame, source: Source) -> Column:
-    """The column of a source: constant, made of parts, or filled row by row by others."""
+def column_of(table: pd.DataFrame, source: Source) -> Column:
+    """Return the column of a source: constant, made of parts, or filled row by row by others."""
     if source.value is not None:
         return pd.Series(source.value, index=table.index)
     column = table[source.column]
@@ -351,9 +352,12 @@ def _column(table: pd.DataFrame, source: Source) -> Column:
         # Text columns hold blanks where number columns hold NaN.
         column = column.where(column.notna() & (column.astype(str).str.strip() != ""), table[other])
     if source.parts:
-        column = column.astype(str).str.strip()
-        for number, part in enumerate(source.parts):
-            column = column + ("T" if number == 0 else "") + table[part].astype(str).str.strip()
+        date, clock, *offset = (
+            table[part].astype(str).str.strip() for part in (source.column, *source.parts)
+        )
+        # Tables leave out the first zero of 06 and 0930.
+        clock = clock.where(~clock.str.fullmatch(r"\d(\d\d)*"), "0" + clock)
+        column = sum(offset, date + (" " if source.format else "T") + clock)
     return column
 
 
