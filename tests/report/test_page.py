@@ -95,6 +95,7 @@ def test_a_fleet_with_refused_fits_alone_has_no_table_to_load(tmp_path: Path) ->
     fits["status"][:] = STATUS["implausible_reports"]
     text, _ = parsed(write_page(tmp_path / "report", headings=headings, fits=fits))
     assert "No table may be loaded: implausible reports (2 aircraft)." in text
+    assert "Coefficients with" not in text
     row = text[text.index('<td class="words">N402') :].split("</tr>")[0]
     assert row.count("<td>-</td>") == 12 and "±" not in row
 

@@ -328,8 +328,10 @@ def _curves_section(
             continue  # the small panel has its reports
         figure = compass.heading_error_figure(headings, fits, name, reference, units=show.units)
         shown = show(f"heading_error_{index + 1:02d}_{name}", figure, dpi=120)
-        text = ", ".join(f"{letter} = {value}" for letter, value in coefficient_texts(fit).items())
-        inner = [shown, paragraph(f"Coefficients with 95 % intervals: {text}.")]
+        inner = [shown]
+        if published(fit["status"]):
+            values = [f"{letter} = {value}" for letter, value in coefficient_texts(fit).items()]
+            inner.append(paragraph(f"Coefficients with 95 % intervals: {', '.join(values)}."))
         parts.append(folded(f"{name}: {fit_words(fit)}", inner, unfolded=index == 0))
     lead = (
         "Heading error is the indicated heading minus the heading implied by the reference wind; "
