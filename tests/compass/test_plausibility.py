@@ -186,6 +186,26 @@ def test_each_mistake_is_named_for_the_whole_fleet(change: Change, quantity: str
     assert "all aircraft" in str(finding)
 
 
+def test_metres_for_feet_and_metres_per_second_for_knots_are_named_together():
+    def change(fields: dict[str, np.ndarray], factor: float = KNOT) -> dict[str, np.ndarray]:
+        # the reference is that of the reported level
+        low = (8.0 + 2e-3 * FOOT * fields["pressure_altitude"]) / (
+            8.0 + 2e-3 * fields["pressure_altitude"]
+        )
+        return {
+            "pressure_altitude": FOOT * fields["pressure_altitude"],
+            "reference": low * fields["reference"],
+            "reported_heading": np.full(low.size, np.nan),
+            "speed": factor * fields["speed"],
+        }
+
+    found = {finding.quantity: finding.likely for finding in plausibility(archive(change))}
+    assert found["pressure_altitude"] == "values in m read as ft"
+    assert found["wind_speed"].startswith("values in m/s read as kt")
+    (finding,) = plausibility(archive(lambda fields: change(fields, 1.0)))
+    assert finding.quantity == "pressure_altitude"
+
+
 def test_without_temperatures_the_speed_at_the_level_shows_metres_under_feet():
     fast = archive(
         lambda fields: {

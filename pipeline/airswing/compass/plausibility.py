@@ -42,7 +42,9 @@ A to E fitted to the directions of ``g - w`` and ``g - r``.
   Implausible where 1 is outside by more than a quarter and three standard errors (by flight), and
   a mistake has about this factor; mistakes of less (mph for kt) remain unnoticed. An error of the
   airspeed adds a constant along g, and one of the compass acts across g or is removed in c, so that
-  neither looks like a wrong unit.
+  neither looks like a wrong unit. Where altitudes are wrong, and with them the reference, the
+  ground speed takes its place: at equal altitude it changes as the component of w along g, because
+  the airspeed does not depend on the wind.
 * Time, where nothing else is found: ``|c - r|^2`` between reports within 100 km and 400 m of each
   other that are 3, 6, 9 or 12 hours apart is smaller than between those of one time by
   `CLOCK_RATIO`, and by four standard errors over at least 8 days. Errors of 1 or 2 hours remain
@@ -308,7 +310,8 @@ def _of_fleet(group: Sequence[tuple[str, Finding]], aircraft: Sequence[str]) -> 
     if first.factor:
         factor = float(np.median([finding.factor for _, finding in group]))
         likely = " or ".join(filter(None, (_speed_mistake(factor), first.likely)))
-        first = replace(_scaled(first.quantity, factor), likely=likely)
+        evidence = first.evidence.replace(f"{first.factor:.2f}", f"{factor:.2f}")
+        first = replace(first, evidence=evidence, factor=factor, likely=likely)
     if len(tails) > SAME_COLUMN * len(aircraft):
         tails = set(aircraft)
     kept = tuple(tail for tail in aircraft if tail in tails)
@@ -393,10 +396,11 @@ def findings_of(sample: Sample) -> list[Finding]:
     if wrong := _ground_findings(sample):
         return levels + wrong
     motion = [*_airspeed_findings(sample), *_heading_findings(sample)]
-    # Wrong levels have other reference winds, and winds are derived from headings and airspeeds.
-    if levels or (motion and _derived(sample).any()):
+    if motion and _derived(sample).any():  # the winds contain the mistake
         return levels + motion
-    return motion + _wind_findings(sample)
+    if any(one.quantity == "pressure_altitude" or not one.likely for one in levels):
+        return levels + motion + _wind_speed_by_ground_speed(sample)
+    return levels + motion + _wind_findings(sample)
 
 
 def _derived(sample: Sample) -> NDArray[np.bool_]:
@@ -666,6 +670,25 @@ def _wind_findings(sample: Sample) -> list[Finding]:
     return []
 
 
+def _wind_speed_by_ground_speed(sample: Sample) -> list[Finding]:
+    """Wrong unit of the wind speed where the reference is of another level."""
+    known = np.isfinite(sample["wind"]) & (np.abs(sample["ground"]) > 20.0)
+    known &= np.isfinite(sample["pressure_altitude"])
+    if np.count_nonzero(known) < FEWEST or _derived(sample).any():
+        return []
+    wind, ground = sample["wind"][known], sample["ground"][known]
+    speed = np.abs(ground)
+    both = np.stack([(wind * ground.conj()).real / speed, speed], axis=1)
+    design = np.vander(sample["pressure_altitude"][known] / 1e4, 4)  # climbs are slower
+    both -= design @ np.linalg.lstsq(design, both, rcond=None)[0]
+    slope, error = _slope(both[:, 1], both[:, 0], sample["flight"][known])
+    if slope - 3.0 * error <= 1.25 and not 0.0 < slope < slope + 3.0 * error < 0.8:
+        return []
+    factor = 1.0 / slope
+    evidence = f"they are {factor:.2f} times those by which the ground speeds change"
+    return [Finding("wind_speed", "", evidence, factor)] if _speed_mistake(factor) else []
+
+
 def _less_deviation(wind: Complex, reference: Complex, ground: Complex) -> Complex:
     """Winds without what a deviation of the compass explains of their difference."""
     air = ground - wind
@@ -713,17 +736,18 @@ def _scale(ours: Array, theirs: Array, flight: Array) -> float:
     ours, theirs = ours - ours.mean(), theirs - theirs.mean()
     if np.std(theirs) < WEAKEST or not np.any(ours):
         return 0.0
-    number = np.unique(flight, return_inverse=True)[1]
-
-    def lower_bound(one: Array, other: Array) -> float:
-        """Slope of the regression of one on other, less three standard errors by flight."""
-        slope = float(one @ other / (other @ other))
-        influence = np.bincount(number, weights=(one - slope * other) * other)
-        return slope - 3.0 * float(np.linalg.norm(influence) / (other @ other))
-
-    if max(lower_bound(ours, theirs), lower_bound(theirs, ours)) <= 1.25:
+    regressions = _slope(ours, theirs, flight), _slope(theirs, ours, flight)
+    if all(slope - 3.0 * error <= 1.25 for slope, error in regressions):
         return 0.0
     return float(np.std(ours) / np.std(theirs))
+
+
+def _slope(one: Array, other: Array, flight: Array) -> tuple[float, float]:
+    """Slope of the regression of one on other without a constant, and its error by flight."""
+    slope = float(one @ other / (other @ other))
+    number = np.unique(flight, return_inverse=True)[1]
+    influence = np.bincount(number, weights=(one - slope * other) * other)
+    return slope, float(np.linalg.norm(influence) / (other @ other))
 
 
 def with_implausible(fits: xr.Dataset, findings: Sequence[Finding]) -> xr.Dataset:
