@@ -301,3 +301,45 @@ def test_a_fleet_summed_in_parts_gives_the_same_fits():
         for a, b in ((0, 2), (2, 3), (3, 5))
     ]
     assert fit_sums(parts).identical(whole)
+
+
+def test_an_aircraft_without_blocks_on_the_chosen_days_is_fitted_too(monkeypatch):
+    blocks = fleet_blocks(AIRCRAFT, 30, 0)
+    segments = 40_000 + np.arange(120)
+    seldom = segments[(segments % 4 != 0) & (segments % 4 != 2)][10:14]
+    blocks[0] = blocks[0].of(seldom)
+    exact = solve_fleet([[part] for part in blocks], FREE)
+    monkeypatch.setattr(information, "MOST_BLOCKS", 420)
+    one = Reference(blocks, FREE, 40_000 + 4 * np.arange(30))
+    assert one.thinned and not np.isin(one.some.stretch.segments, seldom).any()
+    found = solve_fleet([[part] for part in blocks], FREE)
+    apart = np.abs((found.step - exact.step)[FREE] / spread_of(exact)[FREE])
+    assert apart.max() < 0.5
+    np.testing.assert_allclose(spread_of(found)[FREE], spread_of(exact)[FREE], rtol=0.2)
+
+
+def test_regions_lose_little_of_the_information(monkeypatch):
+    """A hemisphere whole and in regions; the aircraft have no deviation."""
+    every = np.ones((30, 6), dtype=bool)
+    blocks = [[one] for one in fleet_blocks(30, 12, 1, field=1.5, middle=179.0, reach=(60.0, 30.0))]
+    found = {}
+    for most in (10_000, 150):
+        monkeypatch.setattr("airswing.compass.fleet.field.MOST_NODES", most)
+        found[most] = solve_fleet(blocks, every)
+    whole, parts = found[10_000], found[150]
+    assert (whole.regions, parts.regions > 4) == (1, True)
+    assert np.abs((whole.step - parts.step) / spread_of(whole)).max() < 0.5
+    assert np.mean(spread_of(parts) / spread_of(whole)) == pytest.approx(1.0, abs=0.05)
+    assert np.std(parts.step / spread_of(parts)) == pytest.approx(1.0, abs=0.15)
+
+
+def test_all_round_the_globe_the_fleet_is_solved(monkeypatch):
+    monkeypatch.setattr(information, "MOST_NUMBERS", 10_000)
+    every = np.ones((AIRCRAFT, 6), dtype=bool)
+    blocks = fleet_blocks(AIRCRAFT, 2, 0, middle=179.0, reach=(180.0, 40.0))
+    one = Reference(blocks, every, 40_000 + 4 * np.arange(2))
+    assert [nodes.size for nodes in one.basis.lasting[:2]] == [5, 15]
+    assert one.thinned
+    found = solve_fleet([[one] for one in blocks], every)
+    assert np.isfinite(found.step).all()
+    assert (np.linalg.eigvalsh(found.covariance) > 0).all()

@@ -97,6 +97,45 @@ def test_model_bias_spoils_the_heading_error_alone_but_not_the_joint_fit():
     assert abs(alone[2] + 1.2) == pytest.approx(np.degrees(0.6 / 110), abs=0.08)
 
 
+def test_nga_swing_gives_its_published_a():
+    # NGA Handbook of Magnetic Compass Adjustment: easterly positive, N NE E SE S SW W NW
+    card = np.array([10.5, 20.0, 11.5, -1.2, -5.5, -8.0, -12.5, -6.8])
+    points = np.arange(0, 360, 45.0)
+    rng = np.random.default_rng(0)
+    heading = np.tile(points, 60)
+    flight = np.repeat(np.arange(60), 8)
+    error = -np.tile(card, 60)  # psi_err = compass - magnetic
+    n = heading.size
+    speed = np.full(n, 110.0)
+    ds = xr.Dataset(
+        {
+            "row_size": ("aircraft", [n]),
+            "flight": ("report", flight),
+            "time": (
+                "report",
+                np.datetime64("2009-01-01", "ns") + (flight * 24 * 3600).astype("timedelta64[s]"),
+            ),
+            "latitude": ("report", np.full(n, 50.0)),
+            "longitude": ("report", np.full(n, -30.0)),
+            "pressure": ("report", np.full(n, 1e5)),
+            "heading": ("report", heading),
+            "magnetic_heading": ("report", heading),
+            "airspeed": ("report", speed),
+            "screening": ("report", np.zeros(n, int)),
+            "heading_error": (("reference", "report"), [error + rng.normal(0, 0.01, n)]),
+            "airspeed_error": (("reference", "report"), [rng.normal(0, 0.01, n)]),
+            "heading_error_standard_error": (("reference", "report"), np.full((1, n), 0.1)),
+        },
+        coords={"aircraft": ["ship"], "reference": ["swing"]},
+    )
+    fits = fit_deviation(ds, joint=False)
+    expected_b = -np.mean(card * np.sin(np.radians(points))) * 2
+    got = fits["deviation"].to_numpy()[0, 0]
+    assert got[0] == pytest.approx(-card.mean(), abs=0.02)
+    assert card.mean() == pytest.approx(1.0, abs=1e-9)
+    assert got[1] == pytest.approx(expected_b, abs=0.02)
+
+
 def test_gross_errors_move_nothing_much():
     deviation = fleet_deviations(2, np.random.default_rng(5))
     clean = fly(deviation, Setting(aircraft=2, days=30), 4)[0]
