@@ -56,10 +56,10 @@ along g need a standard deviation of 5 m/s.
 
 Calibration
 -----------
-``python -m benchmarks.units`` on sample archives of three seeds: with any `RATIO` from 1.2 to 3
-every wrong unit of every column is named for all aircraft, and no sound archive has a finding
-(compasses with deviations up to 30 degrees and winds of a third of the strength included); with 5
-some grads remain unnoticed.
+``python -m benchmarks.units`` on sample archives of two seeds: with any `RATIO` from 1.5 to 3 every
+wrong unit of every column is named for all aircraft, and no sound archive has a finding (deviations
+of 25 degrees and winds of a third of the strength included); with 1.2 a sound one has, and with 5
+some mistakes remain unnoticed.
 
 Validity
 --------
