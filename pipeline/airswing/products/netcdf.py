@@ -280,6 +280,12 @@ def read_product(path: str | Path) -> xr.Dataset:
     ------
     InputError
         If the product is absent, damaged or not one of airswing.
+
+    Examples
+    --------
+    >>> fits = airswing.read_product(folder / "fits.nc")
+    >>> fits["deviation"].dims
+    ('reference', 'aircraft', 'coefficient')
     """
     try:
         with open_product(path) as ds:
