@@ -60,7 +60,7 @@ def hours() -> pd.DataFrame:
     """Date and hour apart, as numbers without a first zero."""
     table = european().drop(columns=["Date", "UTC"])
     clock = (TIMES - pd.Timedelta("5h")).strftime("%H%M%S").astype(int)
-    return table.assign(obs_date=TIMES.strftime("%Y%m%d").astype(int), obs_hour=clock)
+    return table.assign(T="N1", obs_date=TIMES.strftime("%Y%m%d").astype(int), obs_hour=clock)
 
 
 def test_a_date_and_an_hour_make_the_time(tmp_path: Path) -> None:
@@ -68,6 +68,7 @@ def test_a_date_and_an_hour_make_the_time(tmp_path: Path) -> None:
     proposed = propose_mapping(tmp_path / "a.csv")
     assert proposed is not None
     assert proposed["columns"]["time"] == {"date": "obs_date", "time": "obs_hour"}
+    assert proposed["unused"] == ["Remark: none", "T"]  # no temperature
     reports = read_reports(tmp_path / "a.csv", columns=proposed["columns"])
     expected = (TIMES - pd.Timedelta("5h")).to_numpy().astype("M8[ns]")
     assert reports["time"].to_numpy().tolist() == expected.tolist()

@@ -109,7 +109,7 @@ def heading_kind_warnings(fits: xr.Dataset, reference: str) -> list[str]:
         return []
     like, what, remedy = _WORDS[kind]
     return [
-        f"the heading offsets of {np.count_nonzero(good)} aircraft (median "
+        f"The heading offsets of {np.count_nonzero(good)} aircraft (median "
         f"{np.median(offset[good]):+.1f} degrees) are {like} where they flew "
         f"({np.median(angle[good]):+.1f} degrees): it seems that {what}; {remedy}"
     ]

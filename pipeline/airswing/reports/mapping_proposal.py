@@ -124,7 +124,9 @@ def propose_mapping(path: str | Path) -> ProposedMapping | None:
     table.columns = [str(column) for column in table.columns]
     found: dict[str, str] = {}
     for column in table.columns:
-        stem = _stem(column)
+        stem, values = _stem(column), table[column].dropna()
+        if stem in QUANTITIES and len(values) and _numbers(values).isna().all():
+            continue  # text
         if stem is not None and stem not in found:
             found[stem] = column
     if len(found) < 2:
