@@ -200,7 +200,7 @@ def _diagnosed(
     report = replace(
         report,
         calibration=checks.calibration,
-        decoy=checks.decoy,
+        decoy=checks.placebo,
         aliases=checks.aliases,
         assumptions=checks.assumptions,
     )

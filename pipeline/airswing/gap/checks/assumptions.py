@@ -47,7 +47,7 @@ from airswing.gap.result.schema import (
     AssumptionEntry,
     CalibrationEntry,
     CalibrationPair,
-    DecoyEntry,
+    PlaceboEntry,
 )
 from airswing.physics.robust_spread import robust_sd
 from airswing.units import KNOT, NORMAL_95
@@ -87,7 +87,7 @@ class Checks:
     """Entries of gap.json on the assumptions of a diagnosis."""
 
     calibration: CalibrationPair
-    decoy: DecoyEntry
+    placebo: PlaceboEntry
     aliases: list[AliasEntry]
     assumptions: list[AssumptionEntry]
 
@@ -218,7 +218,7 @@ def _calibration_checks(after: CalibrationEntry, pit: Integers) -> list[Assumpti
     ]
 
 
-def _placebo_check(placebo: DecoyEntry) -> AssumptionEntry:
+def _placebo_check(placebo: PlaceboEntry) -> AssumptionEntry:
     held_out, fitted, low, high = (
         round(kt, 3) + 0.0
         for kt in (
@@ -508,7 +508,7 @@ def fit_placebo(
     day: Integers,
     fold: Integers,
     seed: int = 0,
-) -> DecoyEntry:
+) -> PlaceboEntry:
     """Fit placebos to a residual on all folds but one, and measure the reduction on that one.
 
     Parameters
@@ -526,7 +526,7 @@ def fit_placebo(
 
     Returns
     -------
-    DecoyEntry
+    PlaceboEntry
         Reduction of the mean vector disagreement, kt, with its 95 % interval over days.
     """
     rng = np.random.default_rng(seed)
@@ -541,7 +541,7 @@ def fit_placebo(
             total += (before - np.hypot(*(residual - error).T)) / PLACEBO_DRAWS
     low, high = day_interval(held_out / KNOT, day, seed)
     reduction = float(held_out.mean()) / KNOT
-    return DecoyEntry(
+    return PlaceboEntry(
         reduction_kt=reduction,
         reduction_ci_kt=[low, high],
         reduction_where_fitted_kt=float(fitted.mean()) / KNOT,

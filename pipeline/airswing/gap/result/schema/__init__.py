@@ -6,10 +6,10 @@ from airswing.gap.result.schema.check_entries import (
     CalibrationEntry,
     CalibrationPair,
     ClaimsEntry,
-    DecoyEntry,
     FieldTestEntry,
     FitEntry,
     KnownEntry,
+    PlaceboEntry,
     SimulationEntry,
 )
 from airswing.gap.result.schema.entries import (
@@ -45,7 +45,6 @@ __all__ = [
     "ClosureEntry",
     "CountsEntry",
     "CurveEntry",
-    "DecoyEntry",
     "DisagreementEntry",
     "EffectClosureEntry",
     "EffectEntry",
@@ -57,6 +56,7 @@ __all__ = [
     "MeanEntry",
     "NoiseEntry",
     "PlaceEntry",
+    "PlaceboEntry",
     "RivalEntry",
     "SimulationEntry",
     "SliceEntry",

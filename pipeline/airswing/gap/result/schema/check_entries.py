@@ -34,7 +34,7 @@ class CalibrationPair:
 
 
 @dataclass(frozen=True)
-class DecoyEntry:
+class PlaceboEntry:
     """What a cause that cannot be at work closes, kt."""
 
     reduction_kt: Number

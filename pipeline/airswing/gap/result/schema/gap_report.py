@@ -18,8 +18,8 @@ from airswing.gap.result.schema.check_entries import (
     AssumptionEntry,
     CalibrationPair,
     ClaimsEntry,
-    DecoyEntry,
     KnownEntry,
+    PlaceboEntry,
     SimulationEntry,
 )
 from airswing.gap.result.schema.entries import (
@@ -66,7 +66,7 @@ class GapReport:
     seed: int = 0
     ambiguity: Mapping[str, Sequence[RivalEntry]] = field(default_factory=dict)
     calibration: CalibrationPair | None = None
-    decoy: DecoyEntry | None = None
+    decoy: PlaceboEntry | None = None
     aliases: Sequence[AliasEntry] = ()
     assumptions: Sequence[AssumptionEntry] = ()
     claims: ClaimsEntry | None = None
