@@ -17,7 +17,6 @@ from pathlib import Path
 
 SHORT = {
     "collocation": ["--hours", "24", "--repeats", "3"],
-    "export": ["--reports", "1000000"],
     "fault_drill": ["--kills", "6", "--days", "40", "--aircraft", "3"],
     "year": ["--share", "0.05"],
     "coverage": ["--fleets", "40"],
@@ -31,7 +30,7 @@ LONG = {
 
 
 def names() -> list[str]:
-    """Every benchmark of this folder, those with a size of their own first."""
+    """Every benchmark of this folder, those with a short size first."""
     found = {path.stem for path in Path(__file__).parent.glob("[a-z]*.py")}
     return [*SHORT, *sorted(found - set(SHORT))]
 

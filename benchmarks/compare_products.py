@@ -1,6 +1,6 @@
 """Compare the products of two result folders, each within its stated tolerance.
 
-    python -m benchmarks.compare_products BEFORE AFTER [--reference NAME]
+    python -m benchmarks.compare_products BEFORE AFTER
 
 BEFORE and AFTER are output folders of ``airswing run`` on the same input, made by two versions of
 the package. A product of every report may be one file (``headings.nc``) or a folder of months
@@ -30,7 +30,7 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -88,28 +88,23 @@ def matched(before: xr.Dataset, after: xr.Dataset) -> tuple[xr.Dataset, xr.Datas
     )
 
 
-def largest(before: xr.DataArray, after: xr.DataArray) -> float:
-    """The largest absolute difference; infinite where one has a value and the other has none."""
+def largest(name: str, before: xr.DataArray, after: xr.DataArray, allowed: float) -> Difference:
+    """The largest absolute difference; infinite where only one of the two has a value."""
     a, b = np.asarray(before.values, float), np.asarray(after.values, float)
-    if a.shape != b.shape or np.any(np.isnan(a) != np.isnan(b)):
-        return float("inf")
-    return float(np.nanmax(np.abs(a - b), initial=0.0))
-
-
-def missing(before: xr.DataArray, after: xr.DataArray) -> str:
-    """How many values are in one of two arrays alone."""
-    a, b = np.isnan(np.asarray(before.values, float)), np.isnan(np.asarray(after.values, float))
     if a.shape != b.shape:
-        return f"shapes {a.shape} and {b.shape}"
-    return f"{int((a != b).sum())} of {a.size} values are in one alone" if np.any(a != b) else ""
+        return Difference(name, np.inf, allowed, f"shapes {a.shape} and {b.shape}")
+    if alone := int((np.isnan(a) != np.isnan(b)).sum()):
+        note = f"{alone} of {a.size} values are in one alone"
+        return Difference(name, np.inf, allowed, note)
+    return Difference(name, float(np.nanmax(np.abs(a - b), initial=0.0)), allowed)
 
 
-def ratio(before: xr.DataArray, after: xr.DataArray) -> float:
+def ratio(name: str, before: xr.DataArray, after: xr.DataArray) -> Difference:
     """The largest relative difference of positive values."""
-    a, b = np.asarray(before.values, float), np.asarray(after.values, float)
+    a, b = np.asarray(before.fillna(0).values, float), np.asarray(after.fillna(0).values, float)
     if a.shape != b.shape or np.any((a > 0) != (b > 0)):
-        return float("inf")
-    return float(np.max(np.abs(b[a > 0] / a[a > 0] - 1.0), initial=0.0))
+        return Difference(name, np.inf, RATIO)
+    return Difference(name, float(np.max(np.abs(b[a > 0] / a[a > 0] - 1.0), initial=0.0)), RATIO)
 
 
 def of_reports(before: Path, after: Path) -> Iterator[Difference]:
@@ -120,7 +115,7 @@ def of_reports(before: Path, after: Path) -> Iterator[Difference]:
     a, b = matched(a, b)
     b = b.sel(reference=a["reference"])
     for name in ("reference_eastward_wind", "reference_northward_wind"):
-        yield Difference(name, largest(a[name], b[name]), WIND, missing(a[name], b[name]))
+        yield largest(name, a[name], b[name], WIND)
     wrapped = (b["heading_error"] - a["heading_error"] + 180.0) % 360.0 - 180.0
     yield Difference("heading_error", float(np.abs(wrapped).max()), ANGLE)
     changed = int((a["screening"].values != b["screening"].values).sum())
@@ -131,10 +126,10 @@ def of_reports(before: Path, after: Path) -> Iterator[Difference]:
     a, b = a.isel(report=same), b.isel(report=same)
     note = f"without {', '.join(other)}: another table" if other else ""
     for name in ("corrected_eastward_wind", "corrected_northward_wind"):
-        note = missing(a[name], b[name]) or note
-        yield Difference(name, largest(a[name], b[name]), CORRECTED, note)
+        found = largest(name, a[name], b[name], CORRECTED)
+        yield replace(found, note=found.note or note)
     name = "corrected_wind_standard_error"
-    yield Difference(name, ratio(a[name].fillna(0), b[name].fillna(0)), RATIO)
+    yield ratio(name, a[name], b[name])
 
 
 def rounded_otherwise(before: Path, after: Path, reference: str) -> list[str]:
@@ -156,11 +151,10 @@ def of_fits(before: Path, after: Path) -> Iterator[Difference]:
     ]
     errors = [a["deviation"].copy(data=values) for values in diagonal]
     scaled = [(d["deviation"] / errors[0]).where(errors[0] > 0) for d in (a, b)]
-    yield Difference("deviation / standard error", largest(*scaled), SHARE_OF_ERROR)
-    yield Difference("deviation standard error", ratio(*(e.fillna(0) for e in errors)), RATIO)
+    yield largest("deviation / standard error", *scaled, SHARE_OF_ERROR)
+    yield ratio("deviation standard error", *errors)
     yield Difference("status", int((a["status"].values != b["status"].values).sum()), 0)
-    name = "table_correction"
-    yield Difference(name, largest(a[name], b[name]), TABLE, missing(a[name], b[name]))
+    yield largest("table_correction", a["table_correction"], b["table_correction"], TABLE)
 
 
 def estimates(folder: Path) -> dict[str, tuple[float, float]]:
@@ -195,13 +189,7 @@ def of_evaluation(before: Path, after: Path) -> Iterator[Difference]:
 
 
 def compared(before: Path, after: Path) -> pd.DataFrame:
-    """Every quantity with its largest difference and whether it is within its tolerance.
-
-    Returns
-    -------
-    DataFrame
-        Columns ``quantity``, ``largest``, ``allowed``, ``ok``, ``note``.
-    """
+    """Every quantity with its largest difference and whether it is within its tolerance."""
     found = [*of_reports(before, after), *of_fits(before, after), *of_evaluation(before, after)]
     rows = [(d.name, d.largest, d.allowed, d.ok, d.note) for d in found]
     return pd.DataFrame(rows, columns=["quantity", "largest", "allowed", "ok", "note"])

@@ -1,13 +1,10 @@
-"""Runs killed at random moments and continued: the products equal the undisturbed run's.
+"""Runs killed at random moments and continued: equal products to those of an undisturbed run.
 
     python -m benchmarks.fault_drill --kills 20 [--days 63] [--aircraft 4] [--workers 1]
 
-A sample archive is written to a temporary folder and run once undisturbed. Then runs of the same
-configuration are killed (SIGKILL) at moments drawn evenly over the undisturbed run's time, and
-started again, until the asked number of kills is reached. Every run that comes to its end is
-compared: each variable of each product bit for bit, the attributes apart from identifiers and
-history, and every other file byte for byte. With ``--workers`` the work runs in processes, and the
-process to be killed is drawn among them and the main process.
+A sample archive is run once undisturbed. Then runs of the same configuration are killed (SIGKILL)
+at random moments and started again. Every completed run is compared bit for bit, apart from
+identifiers and history. With ``--workers`` the process to be killed is drawn among all processes.
 """
 
 from __future__ import annotations
@@ -29,7 +26,7 @@ import xarray as xr
 import yaml
 
 PER_RUN = 4
-"""Kills after which a run is let come to its end."""
+"""Kills after which a run is completed."""
 IDENTIFIERS = {"uuid", "source_uuids", "history", "date_created"}
 SKIPPED = {".html", ".svg", ".png", ".pdf"}
 """The page is drawn from the products compared here, and carries their identifiers."""
@@ -38,7 +35,7 @@ NOTES = (".airswing", "events.json")
 
 
 def start(config: Path) -> subprocess.Popen[bytes]:
-    """Start the main job in a process of its own."""
+    """Start the main job in a separate process."""
     return subprocess.Popen(
         [sys.executable, "-m", "airswing", "run", str(config), "--quiet"],
         cwd=config.parent,
@@ -49,7 +46,7 @@ def start(config: Path) -> subprocess.Popen[bytes]:
 
 
 def finish(config: Path) -> float:
-    """Run to the end; the time it took, s."""
+    """Run to the end; its duration, s."""
     began = time.perf_counter()
     process = start(config)
     _, message = process.communicate()
@@ -68,7 +65,7 @@ def family(parent: int) -> list[int]:
 
 
 def kill_at(config: Path, moment: float, pick: random.Random) -> str:
-    """Start a run and kill it, or one of its workers, at a moment; say what happened."""
+    """Start a run and kill it, or one of its workers, at a moment; describe the outcome."""
     process = start(config)
     try:
         process.communicate(timeout=moment)
@@ -83,7 +80,7 @@ def kill_at(config: Path, moment: float, pick: random.Random) -> str:
 
 
 def files_of(folder: Path) -> set[str]:
-    """Names of everything a run left, hidden files included, but for its notes."""
+    """Names of all files of a run but its notes."""
     found = {path.relative_to(folder) for path in folder.rglob("*") if path.is_file()}
     return {str(name) for name in found if name.parts[0] not in NOTES}
 
@@ -120,14 +117,7 @@ def product_differences(one: Path, other: Path) -> list[str]:
 
 
 def drill(config: Path, *, kills: int, seed: int = 1) -> dict[str, Any]:
-    """Kill and continue runs of a configuration.
-
-    Returns
-    -------
-    dict
-        ``seconds`` of the undisturbed run, ``kills``, ``runs`` that were compared, and their
-        ``differences``.
-    """
+    """Kill and continue runs of a configuration; seconds of the undisturbed one, differences."""
     output, pick = Path(yaml.safe_load(config.read_text())["output"]), random.Random(seed)
     undisturbed = finish(config)
     truth = output.with_name("undisturbed")

@@ -1,23 +1,18 @@
 """Paired benchmark of the gap diagnosis: the same archives before and after a change.
 
-    python -m benchmarks.gap_paired prepare [--folder DIR] [--cases 48] [--seed 20261126] [--real
-    DIR] python -m benchmarks.gap_paired run NAME [--folder DIR] [--only CASE ...] python -m
-    benchmarks.gap_paired compare OLD NEW [--folder DIR] python -m benchmarks.gap_paired show NAME
-    [--folder DIR] python -m benchmarks.gap_paired calibrate NAME --folder DIR
+    python -m benchmarks.gap_paired prepare [--folder DIR] [--cases 48] [--seed S] [--real DIR]
+    python -m benchmarks.gap_paired run NAME [--folder DIR] [--only CASE ...]
+    python -m benchmarks.gap_paired compare OLD NEW [--folder DIR]
+    python -m benchmarks.gap_paired show NAME [--folder DIR]
+    python -m benchmarks.gap_paired calibrate NAME --folder DIR
 
-``prepare`` draws archives with `airswing.synthetic.sealed` (single effects of 0.2 to 3.2 m/s,
-pairs, effects outside the catalogue, effects taken out of it, archives without an effect, the hard
-world and, with ``--real``, errors of a real sensor and a real forecast), makes their headings and
-stores the arrays of `airswing.gap.archive.frame.Frame` with the truth. ``run`` diagnoses every
-archive that has no result of that name yet and stores the content of ``gap.json``. ``compare``
-scores two sets of results on the archives that both hold and prints every figure of both, the mean
-of the paired differences and its standard error. ``show`` prints one line an archive. ``calibrate``
-prints what the results imply for stated probabilities and standard errors; it is run on archives of
-another seed (815) than those that score.
-
-The cache lies outside the repository, in the system's temporary folder unless ``--folder`` is
-given. The archives of the default seed are for development: figures that are published come from
-``airswing gap-check`` on another seed.
+``prepare`` draws sealed archives and stores the arrays of their frames with the truth, by default
+in the system's temporary folder. ``run`` diagnoses every archive without a result of that name and
+stores the content of ``gap.json``. ``compare`` prints every figure of two sets of results and the
+mean paired difference with its standard error. ``show`` prints one line an archive. ``calibrate``
+prints the constants of probabilities and standard errors that the results imply; it is run on
+archives of another seed (815) than those that score. Figures that are published come from
+``airswing gap-check`` on another seed than the default one, which is for development.
 """
 
 from __future__ import annotations
@@ -53,25 +48,15 @@ NULLS = 8
 SIZE = Size(days=24, aircraft=12, sizes=(0.2, 0.4, 0.8, 1.6, 3.2), coarse=True)
 
 
-def default_folder() -> Path:
-    """Folder of the cache."""
-    return Path(tempfile.gettempdir()) / "airswing-gap-paired"
-
-
 # ------------------------------------------------------------------------------------ archives
-def drawn_cases(cases: int, seed: int, real: Path | None) -> list[Case]:
-    """Draw the cases, as the sealed check draws them."""
-    rungs = Plan(real=real).played
-    return plan_cases(cases, seed=seed, size=SIZE, draws=draws(), rungs=rungs, nulls=NULLS)
-
-
 def prepare(folder: Path, cases: int, seed: int, real: Path | None) -> None:
     """Write frames and truth of all cases; those already there are kept."""
     from airswing.synthetic.sealed.sealed_archives import Archivist
 
     folder.mkdir(parents=True, exist_ok=True)
     worlds: dict[Any, list[Case]] = {}
-    for case in drawn_cases(cases, seed, real):
+    rungs = Plan(real=real).played
+    for case in plan_cases(cases, seed=seed, size=SIZE, draws=draws(), rungs=rungs, nulls=NULLS):
         worlds.setdefault(case.world, []).append(case)
     # one archive of every world in turn, so that a set that is cut short holds every kind
     archivists = {world: Archivist(folder / "made", real) for world in worlds}
@@ -84,7 +69,8 @@ def prepare(folder: Path, cases: int, seed: int, real: Path | None) -> None:
             label = archivists[world].write(case)
             frame = headings_frame(folder / "made" / "cases" / case.name / "config.yaml")
             shutil.rmtree(folder / "made" / "cases" / case.name)
-            write_frame(folder / f"{case.name}.npz", frame)
+            arrays = {f.name: np.asarray(getattr(frame, f.name)) for f in fields(Frame)}
+            np.savez_compressed(folder / f"{case.name}.npz", **arrays)
             (folder / f"{case.name}.json").write_text(json.dumps(label, default=float))
             spent = time.perf_counter() - began
             print(
@@ -104,14 +90,8 @@ def headings_frame(config: Path) -> Frame:
     return Frame.from_headings(headings, reference=settings.pools()[settings.gap_reference()])
 
 
-def write_frame(path: Path, frame: Frame) -> None:
-    """Store a frame's arrays by name."""
-    arrays: dict[str, Any] = {f.name: np.asarray(getattr(frame, f.name)) for f in fields(Frame)}
-    np.savez_compressed(path, **arrays)
-
-
 def read_frame(path: Path) -> Frame:
-    """Read what `write_frame` stored."""
+    """Read the arrays of a frame."""
     with np.load(path) as stored:
         values: dict[str, Any] = {name: stored[name] for name in stored.files}
     values["tails"] = tuple(str(name) for name in values["tails"])
@@ -128,7 +108,7 @@ def labels(folder: Path) -> Iterator[Label]:
 
 
 def run(folder: Path, name: str, only: Sequence[str]) -> None:
-    """Diagnose the archives that have no result of this name, and wait for none."""
+    """Diagnose the archives that have no result of this name."""
     from airswing.gap.diagnose import diagnose
 
     target = folder / "results" / name
@@ -171,22 +151,10 @@ def score(label: Label, path: Path) -> tuple[dict[str, Any], dict[str, Any] | No
     gap, fleet = stored["gap"], World(0, "default", SIZE.days, SIZE.aircraft).tails
     if "failure" in gap:
         return score_case(label, None, failure=gap["failure"], fleet=fleet), None
-    _with_joint_closure(gap)
     found = score_case(label, gap, fleet=fleet)
     found["log_score"] = log_score(label, gap)
     found["seconds"], found["gigabytes"] = stored["seconds"], stored["gigabytes"]
     return found, gap
-
-
-def _with_joint_closure(gap: dict[str, Any]) -> None:
-    """Older results state the closure of names and unknowns apart: add them."""
-    closure, unknown = gap["closure"], gap["unknown"].get("closure")
-    if closure.get("by_effect") is None and unknown is not None:
-        closure["after"] -= unknown["reduction"]
-        ends = closure.get("reduction_ci") or [closure["reduction"]] * 2
-        closure["reduction_ci"] = [
-            a + b for a, b in zip(ends, unknown["reduction_ci"], strict=True)
-        ]
 
 
 def log_score(label: Label, gap: Mapping[str, Any]) -> float:
@@ -367,7 +335,9 @@ def main() -> int:
         sub = commands.add_parser(command)
         for argument in names:
             sub.add_argument(argument)
-        sub.add_argument("--folder", type=Path, default=default_folder())
+        sub.add_argument(
+            "--folder", type=Path, default=Path(tempfile.gettempdir()) / "airswing-gap-paired"
+        )
         if command == "prepare":
             sub.add_argument("--cases", type=int, default=CASES)
             sub.add_argument("--seed", type=int, default=SEED)

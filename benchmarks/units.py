@@ -1,13 +1,12 @@
-"""Plausibility of reports: a wrong unit in every column, and sound archives, by number.
+"""Plausibility of reports: wrong units in every column, and valid archives, by number.
 
     python -m benchmarks.units [FOLDER ...]
 
-A folder is one of ``airswing sample``; without one an archive of 8 aircraft and 25 days is made.
-Each case changes one column of the archive: the winds as reported, or headings, airspeeds and
-ground vectors of the same flights (with winds derived from them). A line a case: what is said, and
-how many fits would be published. The last lines count, for several values of `plausibility.RATIO`,
-the cases with a mistake that are named for all aircraft, and the sound ones (deviations of 25
-degrees and weak winds among them) without a finding.
+A folder is one of ``airswing sample``; without one an archive is made. Each case changes one column
+of the winds, or of headings, airspeeds and ground vectors of the same flights. Printed are findings
+and published fits by case, and for several values of `plausibility.RATIO` the cases with a mistake
+that are named for all aircraft and the valid ones (deviations of 25 degrees, weak winds) without a
+finding.
 """
 
 from __future__ import annotations
@@ -86,15 +85,10 @@ TRIANGLE: dict[str, dict[str, Change]] = {
 
 def triangle(headings: xr.Dataset) -> pd.DataFrame:
     """Headings, airspeeds and ground vectors of an archive of winds."""
-    ground, wind = (
-        headings[f"{east}"].to_numpy() + 1j * headings[f"{north}"].to_numpy()
-        for east, north in (
-            ("ground_eastward_velocity", "ground_northward_velocity"),
-            ("eastward_wind", "northward_wind"),
-        )
-    )
+    ground, wind = complex_of(headings, "ground_{}_velocity"), complex_of(headings, "{}_wind")
     air, level = ground - wind, headings["pressure_altitude"].to_numpy().astype(float)
     pressure, kelvin = pressure_from_altitude(level), standard_temperature(level)
+    calibrated = np.abs(air) / airspeed_from_calibrated(100.0, pressure, kelvin) * 100.0
     table = pd.DataFrame(
         {
             "tail": np.repeat(headings["aircraft"].values, headings["row_size"].values),
@@ -104,9 +98,7 @@ def triangle(headings: xr.Dataset) -> pd.DataFrame:
             "heading_deg": (90 - np.degrees(np.angle(air))) % 360,
             "true_airspeed_kt": np.abs(air) / KNOT,
             "mach": np.abs(air) / (20.0468 * np.sqrt(kelvin)),
-            "indicated_airspeed_kt": np.abs(air)
-            / airspeed_from_calibrated(100.0, pressure, kelvin)
-            * (100.0 / KNOT),
+            "indicated_airspeed_kt": calibrated / KNOT,
             "track_deg": (90 - np.degrees(np.angle(ground))) % 360,
             "ground_speed_kt": np.abs(ground) / KNOT,
         }
@@ -114,26 +106,22 @@ def triangle(headings: xr.Dataset) -> pd.DataFrame:
     return table[np.isfinite(ground) & np.isfinite(air)]
 
 
+def complex_of(headings: xr.Dataset, name: str) -> np.ndarray:
+    """Eastward + i northward component of a vector at the reports (first reference)."""
+    parts = [headings[name.format(way)].to_numpy() for way in ("eastward", "northward")]
+    east, north = (part[0] if part.ndim == 2 else part for part in parts)
+    return east + 1j * north
+
+
 def deviated(headings: xr.Dataset, amplitude: float, strength: float) -> xr.Dataset:
-    """Headings of compasses with a deviation (degrees), in winds of other strength."""
+    """Headings of compasses with a deviation (degrees), in winds of another strength."""
     changed = headings.copy(deep=True)
-    reference = {
-        name: strength * headings[name]
-        for name in ("reference_eastward_wind", "reference_northward_wind")
-    }
-    difference = [
-        (headings[name] - headings[f"reference_{name}"]).to_numpy()[0]
-        for name in ("eastward_wind", "northward_wind")
-    ]
-    changed.update(reference)
-    wind = [
-        changed[f"reference_{name}"].to_numpy()[0] + other
-        for name, other in zip(("eastward_wind", "northward_wind"), difference, strict=True)
-    ]
-    ground = headings["ground_eastward_velocity"] + 1j * headings["ground_northward_velocity"]
-    air = ground.to_numpy() - (wind[0] + 1j * wind[1])
-    error = np.radians(amplitude) * np.cos(np.angle(air))
-    turned = ground.to_numpy() - air * np.exp(-1j * error)
+    names = ("reference_eastward_wind", "reference_northward_wind")
+    changed.update({name: strength * headings[name] for name in names})
+    error = complex_of(headings, "{}_wind") - complex_of(headings, "reference_{}_wind")
+    ground = complex_of(headings, "ground_{}_velocity")
+    air = ground - (complex_of(changed, "reference_{}_wind") + error)
+    turned = ground - air * np.exp(-1j * np.radians(amplitude) * np.cos(np.angle(air)))
     changed["eastward_wind"][:], changed["northward_wind"][:] = turned.real, turned.imag
     return changed
 

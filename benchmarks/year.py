@@ -1,12 +1,10 @@
-"""A fleet's year end to end: processor time and peak memory by stage, and one further night.
+"""Year of a fleet end to end: processor time and peak memory by stage, and one further night.
 
     python -m benchmarks.year [--share 1.0] [--workers 1] [--json FILE]
 
-Makes a year that is scaled down in grid alone: 8,760 hourly GRIB1 files (24 x 18 points, six
-levels, u and v) and 10 million reports of 60 aircraft, a Parquet file a day. ``--share 0.05`` takes
-that share of the hours and of the reports. The whole job runs in a process of its own, every stage
-with its wall time, processor time and peak memory: first without the last day, then again with it,
-which makes the last month anew and all that follows.
+Makes 8,760 hourly GRIB1 files (24 x 18 points, six levels, u and v) and 10 million reports of 60
+aircraft, a Parquet file a day, or a share of both. The job runs in a separate process, first
+without the last day, then again with it, which remakes the last month and everything after it.
 """
 
 from __future__ import annotations
@@ -39,38 +37,26 @@ def wind(latitude: Any, longitude: Any) -> tuple[Any, Any]:
     return 12.0 + 10.0 * y + 4.0 * x, -4.0 + 9.0 * x - 3.0 * y
 
 
-def write_fields(folder: Path, hours: int, finer: int = 1) -> None:
+def write_fields(folder: Path, hours: int) -> None:
     """One file an hour: the date bytes of one hour's messages are changed."""
     import eccodes
 
-    ni, nj, step = finer * NI, finer * NJ, STEP / finer
-    lat, lon = np.meshgrid(SOUTH + step * np.arange(nj), WEST + step * np.arange(ni), indexing="ij")
-    grid = {
-        "Ni": ni,
-        "Nj": nj,
+    lat, lon = np.meshgrid(SOUTH + STEP * np.arange(NJ), WEST + STEP * np.arange(NI), indexing="ij")
+    keys = {
+        **{"centre": 59, "table2Version": 2, "indicatorOfTypeOfLevel": 100, "dataDate": 20090101},
+        **{"Ni": NI, "Nj": NJ, "jScansPositively": 1, "bitsPerValue": 16},
+        **{"iDirectionIncrementInDegrees": STEP, "jDirectionIncrementInDegrees": STEP},
         "latitudeOfFirstGridPointInDegrees": SOUTH,
         "longitudeOfFirstGridPointInDegrees": WEST,
-        "latitudeOfLastGridPointInDegrees": SOUTH + step * (nj - 1),
-        "longitudeOfLastGridPointInDegrees": WEST + step * (ni - 1),
-        "iDirectionIncrementInDegrees": step,
-        "jDirectionIncrementInDegrees": step,
-        "jScansPositively": 1,
+        "latitudeOfLastGridPointInDegrees": SOUTH + STEP * (NJ - 1),
+        "longitudeOfLastGridPointInDegrees": WEST + STEP * (NI - 1),
     }
     messages, starts = b"", []
     for level in LEVELS:
         for number, values in enumerate(wind(lat, lon)):
             handle = eccodes.codes_grib_new_from_samples("regular_ll_pl_grib1")
-            keys = {
-                "centre": 59,
-                "table2Version": 2,
-                "indicatorOfParameter": 33 + number,
-                "indicatorOfTypeOfLevel": 100,
-                "dataDate": 20090101,
-                "level": level,
-                **grid,
-                "bitsPerValue": 16,
-            }
-            for key, value in keys.items():
+            field = {"indicatorOfParameter": 33 + number, "level": level}
+            for key, value in (keys | field).items():
                 eccodes.codes_set(handle, key, value)
             eccodes.codes_set_values(handle, values.ravel())
             starts.append(len(messages))
@@ -113,6 +99,7 @@ def write_reports(folder: Path, reports: int, hours: int, aircraft: int) -> None
         sent = ground - air * np.exp(-1j * wrong)
         stamp = START + (begin[:, None] + minutes).round().astype("timedelta64[s]")
         height = np.broadcast_to(rng.integers(220, 300, legs)[:, None] * 100, lat.shape)
+        direction = np.degrees(np.arctan2(-sent.real, -sent.imag)) % 360
         pieces.append(
             pd.DataFrame(
                 {
@@ -121,10 +108,7 @@ def write_reports(folder: Path, reports: int, hours: int, aircraft: int) -> None
                     "latitude": lat.round(4).ravel(),
                     "longitude": lon.round(4).ravel(),
                     "pressure_altitude_ft": height.ravel().astype(np.float32),
-                    "wind_direction_deg": (np.degrees(np.arctan2(-sent.real, -sent.imag)) % 360)
-                    .round()
-                    .ravel()
-                    .astype(np.float32),
+                    "wind_direction_deg": direction.round().ravel().astype(np.float32),
                     "wind_speed_kt": (np.abs(sent) / 0.514444).round().ravel().astype(np.float32),
                     "phase": "cruise",
                     "roll_flag": "G",
@@ -138,7 +122,7 @@ def write_reports(folder: Path, reports: int, hours: int, aircraft: int) -> None
 
 
 def measured(config: str) -> None:
-    """Run the job in this process; its accounts, with memory by stage, as JSON."""
+    """Run the job in this process; print its accounts, with memory by stage, as JSON."""
     import contextlib
 
     from airswing import workflow
@@ -173,7 +157,7 @@ def memory(key: str) -> int:
 
 
 def run_on(folder: Path, *, workers: int = 1) -> dict[str, Any]:
-    """Run the job on an archive in a process of its own; its accounts."""
+    """Run the job on an archive in a separate process; its accounts."""
     content = {
         "reports": {"files": str(folder / "reports/*.parquet")},
         "references": {"small": {"files": str(folder / "model/*.grb")}},

@@ -1,1 +1,1 @@
-"""A campaign of damaged input: what files of every kind do to the package when their octets lie."""
+"""A campaign of damaged input files of every kind the package reads."""

@@ -1,12 +1,12 @@
-"""Damage the project's own tiny inputs of every kind, and count what should never come of it.
+"""Damage small inputs of every kind, and count the outcomes that must not occur.
 
     python -m benchmarks.fuzz --cases 10000 --seed 7
     python -m benchmarks.fuzz --replay results/fuzz/case-7-1234.json
 
-Cases run in a process of limited memory, each within a limit of time, whole commands among them.
-Printed by kind: tracebacks, processes ended by a signal, hangs, half-written files, messages that
-are too long, absurd winds kept, and values silently other where a checksum could have told. What
-must not be is kept for replay; the exit status is then 1.
+Cases run in a process with limits of memory and time, whole commands among them. The table counts
+by kind tracebacks, processes ended by a signal, hangs, half-written files, messages that are too
+long, impossible winds, and values that differ though a checksum covers them. Such cases are kept
+for replay; the exit status is then 1.
 """
 
 from __future__ import annotations
@@ -30,55 +30,22 @@ from benchmarks.fuzz.seeds import GRIBS, make_seeds
 
 CASE_SECONDS = 60
 COLUMNS = (
-    "traceback",
-    "signal",
-    "hang",
-    "half-written",
-    "long message",
-    "absurd winds",
-    "silent",
+    *("traceback", "signal", "hang", "half-written", "long message", "absurd winds", "silent"),
 )
-"""What must not be."""
+"""Outcomes that must not occur."""
 SHARES = {
     **dict.fromkeys(GRIBS, 40),
-    "csv": 80,
-    "csv.gz": 15,
-    "yaml": 90,
-    "effects": 40,
-    "parquet": 35,
-    "netcdf3": 40,
-    "netcdf4": 35,
-    "bufr": 45,
-    "headings.nc": 6,
-    "fits.nc": 6,
-    "kept notes": 3,
-    "header cache": 12,
-    "gridded NetCDF-4": 12,
-    "gridded NetCDF-3": 10,
-    "wrfout": 14,
-    "zarr": 16,
-    "GRIB2 model levels": 10,
-    "GRIB2 Gaussian": 8,
-    "station pairs": 6,
-    "station observations": 6,
-    "station GRIB": 8,
-    "corrected.nc": 4,
-    "reject list": 4,
-    "error table": 8,
-    "whole command": 4,
+    **{"csv": 80, "csv.gz": 15, "yaml": 90, "effects": 40, "parquet": 35, "netcdf3": 40},
+    **{"netcdf4": 35, "bufr": 45, "headings.nc": 6, "fits.nc": 6, "kept notes": 3},
+    **{"header cache": 12, "gridded NetCDF-4": 12, "gridded NetCDF-3": 10, "wrfout": 14},
+    **{"zarr": 16, "GRIB2 model levels": 10, "GRIB2 Gaussian": 8, "station pairs": 6},
+    **{"station observations": 6, "station GRIB": 8, "corrected.nc": 4, "reject list": 4},
+    **{"error table": 8, "whole command": 4},
 }
 """How often each kind is drawn."""
 LONG = {
-    "headings.nc",
-    "fits.nc",
-    "corrected.nc",
-    "kept notes",
-    "reject list",
-    "station pairs",
-    "station observations",
-    "station GRIB",
-    "GRIB2 model levels",
-    "GRIB2 Gaussian",
+    *("headings.nc", "fits.nc", "corrected.nc", "kept notes", "reject list", "station pairs"),
+    *("station observations", "station GRIB", "GRIB2 model levels", "GRIB2 Gaussian"),
     "whole command",
 }
 """Kinds of which a case runs a command or more: a few tenths of a second to some seconds."""
@@ -86,7 +53,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 class Worker:
-    """A process that runs cases, started anew where one ends it."""
+    """A process that runs cases, started again where one ends it."""
 
     def __init__(self, seeds: Path, cache: Path) -> None:
         self._seeds, self._cache = seeds, cache
@@ -96,7 +63,7 @@ class Worker:
         if self._process is None or self._process.poll() is not None:
             paths = os.pathsep.join([str(ROOT / "pipeline"), str(ROOT)])
             self._process = subprocess.Popen(
-                [sys.executable, "-m", "benchmarks.fuzz.worker", str(self._seeds)],
+                [sys.executable, "-m", "benchmarks.fuzz.targets", str(self._seeds)],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 text=True,
@@ -107,7 +74,7 @@ class Worker:
         return self._process
 
     def run(self, kind: str, seed: int, folder: Path) -> dict[str, str]:
-        """Run one case; a death or a hang of the process is an answer, too."""
+        """Run one case; the end or a hang of the process is an answer too."""
         process = self._started()
         assert process.stdin is not None and process.stdout is not None
         process.stdin.write(f"{kind}\t{seed}\t{folder}\n")
@@ -137,28 +104,15 @@ def drawn(cases: int, seed: int, shares: Mapping[str, int] = SHARES) -> list[tup
 
 
 def campaign(cases: list[tuple[str, int]], kept: Path | None) -> dict[str, Counter[str]]:
-    """Run cases.
-
-    Parameters
-    ----------
-    cases : list of (str, int)
-        Kind and seed.
-    kept : Path, optional
-        Folder for what must not be.
-
-    Returns
-    -------
-    dict of str to Counter
-        By kind: how many ended in what.
-    """
+    """Number of each outcome by kind; cases with a forbidden one are kept in a folder."""
     table: dict[str, Counter[str]] = defaultdict(Counter)
     with tempfile.TemporaryDirectory(prefix="airswing-fuzz-") as name:
         folder = Path(name)
         os.environ["AIRSWING_CACHE"] = str(folder / "seeds" / "run" / "cache")
         seeds = make_seeds(folder / "seeds")
-        told = folder / "seeds.json"
-        told.write_text(json.dumps({kind: str(path) for kind, path in seeds.items()}))
-        worker = Worker(told, folder / "cache")
+        paths = folder / "seeds.json"
+        paths.write_text(json.dumps({kind: str(path) for kind, path in seeds.items()}))
+        worker = Worker(paths, folder / "cache")
         try:
             for number, (kind, seed) in enumerate(cases):
                 if number and number % 1000 == 0:
@@ -171,37 +125,28 @@ def campaign(cases: list[tuple[str, int]], kept: Path | None) -> dict[str, Count
                 if found["end"] in COLUMNS:
                     print(f"  {kind} {seed}: {found}", file=sys.stderr, flush=True)
                     if kept is not None:
-                        _keep(kept, kind, seed, found, place)
+                        shutil.copytree(place, kept / f"case-{seed}", dirs_exist_ok=True)
+                        content = json.dumps({"kind": kind, "seed": seed, **found})
+                        (kept / f"case-{seed}.json").write_text(content)
         finally:
             worker.end()
     return table
 
 
-def _keep(kept: Path, kind: str, seed: int, found: dict[str, str], place: Path) -> None:
-    folder = kept / f"case-{seed}"
-    shutil.copytree(place, folder, dirs_exist_ok=True)
-    (kept / f"case-{seed}.json").write_text(json.dumps({"kind": kind, "seed": seed, **found}))
-
-
 def as_text(table: dict[str, Counter[str]]) -> str:
-    """Lay the outcome out, a line a kind."""
+    """Lay the outcomes out, a line a kind."""
     ends = ("result", "refused", *COLUMNS)
-    head = f"{'':28}{'cases':>7}" + "".join(f"{end:>14}" for end in ends)
-    lines = [head]
-    total: Counter[str] = Counter()
-    for kind in SHARES:
-        if kind in table:
-            lines.append(_line(kind, table[kind], ends))
-            total += table[kind]
-    return "\n".join([*lines, _line("together", total, ends)])
-
-
-def _line(kind: str, counts: Counter[str], ends: tuple[str, ...]) -> str:
-    return f"{kind:28}{counts.total():7,}" + "".join(f"{counts[end]:14,}" for end in ends)
+    rows = {kind: table[kind] for kind in SHARES if kind in table}
+    rows["together"] = sum(rows.values(), Counter())
+    lines = [f"{'':28}{'cases':>7}" + "".join(f"{end:>14}" for end in ends)]
+    for kind, counts in rows.items():
+        numbers = "".join(f"{counts[end]:14,}" for end in ends)
+        lines.append(f"{kind:28}{counts.total():7,}{numbers}")
+    return "\n".join(lines)
 
 
 def main() -> int:
-    """Run the campaign, print the table; 1 where anything happened that must not."""
+    """Run the campaign, print the table; 1 where a forbidden outcome occurred."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--cases", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=1)
@@ -210,8 +155,8 @@ def main() -> int:
     parser.add_argument("--replay", type=Path, help="a kept case", metavar="FILE")
     options = parser.parse_args()
     if options.replay is not None:
-        told = json.loads(options.replay.read_text())
-        cases = [(told["kind"], told["seed"])]
+        replayed = json.loads(options.replay.read_text())
+        cases = [(replayed["kind"], replayed["seed"])]
     else:
         cases = drawn(options.cases, options.seed)
         if options.kind:

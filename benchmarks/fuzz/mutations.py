@@ -1,6 +1,6 @@
-"""Ways to damage a file: octets at large, fields of GRIB headers, cells of tables, values of YAML.
+"""Ways to damage a file: bytes, GRIB headers, cells of tables, values of YAML, attributes.
 
-Every mutation depends on its random generator alone, so that a case is made again from its number.
+Every mutation depends on its random generator alone: a case can be repeated from its number.
 """
 
 from __future__ import annotations
@@ -8,97 +8,33 @@ from __future__ import annotations
 import random
 import re
 from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 Change = Callable[[bytes, random.Random], bytes]
 
 SCALARS = [
-    "2009-06-31",
-    "2009-02-30T25:61:00Z",
-    "2009-01-01T00:00:00+99:00",
-    '!!int "9e9"',
-    '!!float "x"',
-    "!!timestamp 'soon'",
-    "!!python/object/apply:os.system ['true']",
-    "!!binary '***'",
-    "~",
-    "''",
-    "9" * 400,
-    "1e999",
-    "-.inf",
-    ".nan",
-    "0x" + "f" * 200,
-    "[[[[[[[[[[]]]]]]]]]]",
-    "{a: {b: {c: d}}}",
-    "&a [*a]",
-    "*nothing",
-    "2 h**9**9**9",
-    "1e308 h",
-    "-3 h",
-    "10 furlong",
-    '"\\0"',
-    '"\\ud800"',
-    "<script>alert(1)</script>",
-    "../../../../etc/passwd",
-    "| \n  text\n  more",
-    "true",
-    "3 lightyears",
-    "[" * 60 + "]" * 60,
-    "x" * 5000,
-    "\u202e\u0000\u0007",
-    "%s%n{0}",
-    "nan kt",
-    "1_000",
-    "1:30:00",
+    *("2009-06-31", "2009-02-30T25:61:00Z", "2009-01-01T00:00:00+99:00", '!!int "9e9"'),
+    *('!!float "x"', "!!timestamp 'soon'", "!!python/object/apply:os.system ['true']"),
+    *("!!binary '***'", "~", "''", "9" * 400, "1e999", "-.inf", ".nan", "0x" + "f" * 200),
+    *("[[[[[[[[[[]]]]]]]]]]", "{a: {b: {c: d}}}", "&a [*a]", "*nothing", "2 h**9**9**9", "1e308 h"),
+    *("-3 h", "10 furlong", '"\\0"', '"\\ud800"', "<script>alert(1)</script>"),
+    *("../../../../etc/passwd", "| \n  text\n  more", "true", "3 lightyears", "[" * 60 + "]" * 60),
+    *("x" * 5000, "\u202e\u0000\u0007", "%s%n{0}", "nan kt", "1_000", "1:30:00"),
 ]
 CELLS = [
-    "",
-    "nan",
-    "inf",
-    "-inf",
-    "1e400",
-    "-1e9",
-    "99999",
-    "abc",
-    '"',
-    '""",',
-    "\0",
-    "0x10",
-    "1,5",
-    "--",
-    "2009-13-45T99:99",
-    "1900-01-01",
-    "9999-12-31T23:59:60Z",
-    "١٢٣",
-    "<b>x</b>",
-    "=1+1",
-    "N" * 3000,
-    "1253091600000",
-    "1253091600000000000",
-    "-180",
-    "361",
-    "720.5",
-    "\ufeff",
-    "True",
-    "None",
+    *("", "nan", "inf", "-inf", "1e400", "-1e9", "99999", "abc", '"', '""",', "\0", "0x10", "1,5"),
+    *("--", "2009-13-45T99:99", "1900-01-01", "9999-12-31T23:59:60Z", "١٢٣", "<b>x</b>", "=1+1"),
+    *("N" * 3000, "1253091600000", "1253091600000000000", "-180", "361", "720.5", "\ufeff"),
+    *("True", "None"),
 ]
 
 
 def mutated(kind: str, data: bytes, other: bytes, pick: random.Random) -> bytes:
-    """Damage a file's octets in one to four ways.
-
-    Parameters
-    ----------
-    kind : str
-        Of the file; decides which ways there are.
-    data, other : bytes
-        The file, and another one to splice with.
-    pick : random.Random
-
-    Returns
-    -------
-    bytes
-    """
-    changes: list[Change] = [*OCTETS, lambda d, p: _spliced(d, other, p)]
+    """Damage the bytes of a file of some kind in one to four ways; ``other`` is spliced in."""
+    changes: list[Change] = [*BYTES, lambda d, p: _spliced(d, other, p)]
     if kind.startswith("grib"):
         changes = [*changes, *GRIB, *GRIB, *GRIB]
     elif kind == "bufr":
@@ -119,12 +55,11 @@ def _bits(data: bytes, pick: random.Random) -> bytes:
     return bytes(changed)
 
 
-def _octets(data: bytes, pick: random.Random) -> bytes:
+def _bytes(data: bytes, pick: random.Random) -> bytes:
     changed = bytearray(data)
     for _ in range(pick.choice((1, 2, 4)) if data else 0):
-        changed[pick.randrange(len(changed))] = pick.choice(
-            (0, 0xFF, 0x80, 0x7F, pick.randrange(256))
-        )
+        extremes = (0, 0xFF, 0x80, 0x7F, pick.randrange(256))
+        changed[pick.randrange(len(changed))] = pick.choice(extremes)
     return bytes(changed)
 
 
@@ -166,18 +101,8 @@ def _spliced(data: bytes, other: bytes, pick: random.Random) -> bytes:
     return data[: pick.randrange(len(data) + 1)] + other[pick.randrange(len(other) + 1) :]
 
 
-OCTETS: list[Change] = [
-    _bits,
-    _bits,
-    _bits,
-    _octets,
-    _cut,
-    _inserted,
-    _deleted,
-    _doubled,
-    _blanked,
-    _swapped,
-]
+BYTES: list[Change] = [_bits] * 3
+BYTES += [_bytes, _cut, _inserted, _deleted, _doubled, _blanked, _swapped]
 
 
 def sections(data: bytes) -> list[list[tuple[int, int]]]:
@@ -189,14 +114,14 @@ def sections(data: bytes) -> list[list[tuple[int, int]]]:
         total = int.from_bytes(
             data[at + 4 : at + 7] if edition == 1 else data[at + 8 : at + 16], "big"
         )
-        own, place = [(at, head)], at + head
-        while place < min(at + total, len(data)) - 4 and len(own) < 40:
+        message, place = [(at, head)], at + head
+        while place < min(at + total, len(data)) - 4 and len(message) < 40:
             length = int.from_bytes(data[place : place + width], "big")
             if not length:
                 break
-            own.append((place, min(length, len(data) - place)))
+            message.append((place, min(length, len(data) - place)))
             place += length
-        found.append(own)
+        found.append(message)
         at = data.find(b"GRIB", at + 4)
     return found
 
@@ -215,25 +140,9 @@ def _header_field(data: bytes, pick: random.Random) -> bytes:
         return data
     most = (1 << 8 * width) - 1
     before = int.from_bytes(data[place : place + width], "big")
-    value = (
-        pick.choice(
-            (
-                0,
-                most,
-                most >> 1,
-                (most >> 1) + 1,
-                before + 1,
-                before - 1,
-                before ^ (most >> 1) + 1,
-                before * 2,
-                before // 2,
-                pick.randrange(most + 1),
-                0x7FFFFFFF,
-                1,
-            )
-        )
-        & most
-    )
+    values = [0, 1, most, most >> 1, (most >> 1) + 1, 0x7FFFFFFF, pick.randrange(most + 1)]
+    values += [before + 1, before - 1, before ^ (most >> 1) + 1, before * 2, before // 2]
+    value = pick.choice(values) & most
     return data[:place] + value.to_bytes(width, "big") + data[place + width :]
 
 
@@ -281,8 +190,8 @@ def _message_doubled(data: bytes, pick: random.Random) -> bytes:
     return data + _bits(data[start:stop], pick)
 
 
-def _mended(change: Change) -> Change:
-    """A change of length after which the message states its new length."""
+def _with_length(change: Change) -> Change:
+    """A change after which the message states its new length."""
 
     def changed(data: bytes, pick: random.Random) -> bytes:
         messages = sections(data)
@@ -302,27 +211,16 @@ def _mended(change: Change) -> Change:
     return changed
 
 
-GRIB: list[Change] = [
-    _header_field,
-    _header_field,
-    _header_field,
-    _header_field,
-    _section_length,
-    _section_length,
-    _section_doubled,
-    _section_dropped,
-    _sections_swapped,
-    _message_doubled,
-    _mended(_section_doubled),
-    _mended(_section_dropped),
-    _mended(_sections_swapped),
-    _mended(_inserted),
-    _mended(_deleted),
+GRIB: list[Change] = [_header_field] * 4 + [_section_length] * 2
+GRIB += [_section_doubled, _section_dropped, _sections_swapped, _message_doubled]
+GRIB += [
+    _with_length(change)
+    for change in (_section_doubled, _section_dropped, _sections_swapped, _inserted, _deleted)
 ]
 
 
 def _bufr_header(data: bytes, pick: random.Random) -> bytes:
-    """An octet or two of the first sections of one BUFR message: lengths, tables, descriptors."""
+    """Bytes of the first sections of one BUFR message: lengths, tables, descriptors."""
     starts = [match.start() for match in re.finditer(b"BUFR", data)]
     if not starts:
         return data
@@ -348,9 +246,8 @@ def _yaml_key(data: bytes, pick: random.Random) -> bytes:
     if not places:
         return data
     start, stop = pick.choice(places)
-    key = pick.choice(
-        ("output", "<<", "reports", "?", "1", "null", "a" * 3000, text[start : stop - 1])
-    )
+    keys = ("output", "<<", "reports", "?", "1", "null", "a" * 3000, text[start : stop - 1])
+    key = pick.choice(keys)
     return (text[:start] + key + text[stop:]).encode("utf-8", "replace")
 
 
@@ -412,3 +309,78 @@ def _csv_rows(data: bytes, pick: random.Random) -> bytes:
 
 
 CSV: list[Change] = [_csv_cell, _csv_cell, _csv_column, _csv_rows]
+
+NAMED = ("units", "standard_name", "scale_factor", "add_offset", "calendar", "axis")
+GIVEN: tuple[Any, ...] = (
+    *("", "hPa", "days since 0000-00-00", "hours since 9999-12-31", "furlongs per fortnight"),
+    *("eastward_wind", "latitude", 0, -1, 1e30, -1e-30, float("nan"), float("inf"), np.zeros(3)),
+    *("x" * 5000, "\u202e<script>alert(1)</script>"),
+)
+NEW_NAMES = ("u", "v", "time", "q", "XLAT")
+_REFUSED = (ArithmeticError, AttributeError, LookupError, OSError, RuntimeError)
+_REFUSED += (TypeError, ValueError)
+
+
+def damage_dataset(path: Path, pick: random.Random) -> None:
+    """Change attributes, names or values of a NetCDF file in place, through the library."""
+    import netCDF4
+
+    with netCDF4.Dataset(path, "a") as file:
+        file.set_auto_maskandscale(False)
+        for _ in range(pick.choice((1, 1, 2, 3))):
+            variable = file.variables[pick.choice(sorted(file.variables))]
+            ways: list[Callable[[], object]] = [
+                *[lambda v=variable: v.setncattr(pick.choice(NAMED), pick.choice(GIVEN))] * 2,
+                lambda v=variable: v.delncattr(pick.choice(v.ncattrs())),
+                lambda: file.setncattr(pick.choice(file.ncattrs()), pick.choice(GIVEN)),
+                lambda v=variable: file.renameVariable(v.name, pick.choice(NEW_NAMES)),
+                *[lambda v=variable: _values(v, pick)] * 3,
+            ]
+            try:
+                pick.choice(ways)()
+            except _REFUSED:  # what the library refuses to write is left
+                continue
+
+
+def _values(variable: Any, pick: random.Random) -> None:
+    """Values that are not finite, huge, all equal, reversed, or one of them wrong."""
+    values = np.array(variable[...])
+    if not values.size:
+        return
+    flat = values.reshape(-1)
+    odd = pick.choice((float("nan"), float("inf"), 1e30, -9999.0, 0.0, -1.0, 1e9))
+    with np.errstate(all="ignore"):
+        text = flat.dtype.kind == "S"
+        wrong = b"?" if text else np.asarray(odd).astype(flat.dtype, casting="unsafe")
+        match pick.randrange(4):
+            case 0:
+                flat[:] = wrong
+            case 1:
+                flat[pick.randrange(flat.size)] = wrong
+            case 2:
+                flat[:] = flat[::-1].copy()
+            case _:
+                flat[pick.randrange(flat.size)] = flat[0]
+    variable[...] = flat.reshape(values.shape)
+
+
+def damage_store(store: Path, pick: random.Random) -> None:
+    """Remove, exchange or change files of a Zarr store or its metadata, in place."""
+    for _ in range(pick.choice((1, 1, 2, 3))):
+        files = sorted(path for path in store.rglob("*") if path.is_file())
+        if not files:
+            return
+        marks = [path for path in files if path.name.startswith((".z", "zarr.json"))]
+        victim = pick.choice(marks if marks and pick.random() < 0.6 else files)
+        match pick.randrange(6):
+            case 0:
+                victim.unlink()
+            case 1:
+                victim.write_bytes(pick.choice(files).read_bytes())
+            case 2:
+                victim.unlink()
+                victim.mkdir()
+            case _ if victim in marks:
+                victim.write_bytes(mutated("json", victim.read_bytes(), b"{}", pick))
+            case _:
+                victim.write_bytes(mutated("chunk", victim.read_bytes(), b"\0" * 99, pick))

@@ -1,10 +1,11 @@
-"""Tiny sound inputs of every kind, made by the project itself, for the campaign to damage."""
+"""Small valid inputs of every kind, made by the project, for the campaign to damage."""
 
 from __future__ import annotations
 
 import gzip
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -13,27 +14,26 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 import yaml
-from benchmarks.fuzz.dataset_seeds import LATLON, make_dataset_seeds
 
 import airswing  # noqa: F401  (imports pyproj before eccodes can be)
 
 NI, NJ = 20, 18
-LEVELS = (550, 650, 750)
+LEVELS = np.array([550.0, 650.0, 750.0])
 WHEN = np.datetime64("2009-09-16T09:00", "ns")
 LAMBERT = {
     "gridType": "lambert",
-    "Nx": NI,
-    "Ny": NJ,
-    "latitudeOfFirstGridPointInDegrees": 38.7,
-    "longitudeOfFirstGridPointInDegrees": 268.8,
-    "LoVInDegrees": 265.0,
-    "Latin1InDegrees": 25.0,
-    "Latin2InDegrees": 25.0,
-    "DxInMetres": 50000,
-    "DyInMetres": 50000,
-    "iScansNegatively": 0,
-    "jScansPositively": 1,
-    "uvRelativeToGrid": 1,
+    **{"Nx": NI, "Ny": NJ, "DxInMetres": 50000, "DyInMetres": 50000},
+    **{"latitudeOfFirstGridPointInDegrees": 38.7, "longitudeOfFirstGridPointInDegrees": 268.8},
+    **{"LoVInDegrees": 265.0, "Latin1InDegrees": 25.0, "Latin2InDegrees": 25.0},
+    **{"iScansNegatively": 0, "jScansPositively": 1, "uvRelativeToGrid": 1},
+}
+LATLON = {
+    "gridType": "regular_ll",
+    **{"Ni": NI, "Nj": NJ},
+    **{"latitudeOfFirstGridPointInDegrees": 46.5, "longitudeOfFirstGridPointInDegrees": 268.0},
+    **{"latitudeOfLastGridPointInDegrees": 38.0, "longitudeOfLastGridPointInDegrees": 277.5},
+    **{"iDirectionIncrementInDegrees": 0.5, "jDirectionIncrementInDegrees": 0.5},
+    **{"iScansNegatively": 0, "jScansPositively": 0, "uvRelativeToGrid": 0},
 }
 GRIBS: dict[str, tuple[int, dict[str, Any], str, bool]] = {
     "grib1 simple": (1, LAMBERT, "grid_simple", False),
@@ -52,25 +52,38 @@ GRIBS: dict[str, tuple[int, dict[str, Any], str, bool]] = {
 """Edition, grid, packing and whether points are missing."""
 TEXTS = ("csv", "csv.gz", "yaml", "effects")
 TABLES = ("parquet", "netcdf3", "netcdf4", "bufr")
-PRODUCTS = ("headings.nc", "fits.nc")
-HANDED_OVER = ("corrected.nc",)
+PRODUCTS = ("headings.nc", "fits.nc", "corrected.nc")
 KEPT = ("kept notes", "header cache")
+STORES = ("zarr",)
+FILES = ("gridded NetCDF-4", "gridded NetCDF-3", "wrfout", "GRIB2 model levels", "GRIB2 Gaussian")
+DATASETS = (*FILES, *STORES)
+STATIONS = ("station pairs", "station observations", "station GRIB")
+EFFECTS = """\
+effects:
+  - name: hard_iron
+    tails: [N401, N402]
+    parameters: {amplitude_deg: 3.9, phase_deg: 40.1}
+    period: [2009-08-01, null]
+  - name: tas_scale
+    tails: all
+    parameters: {scale_percent: 2.0}
+    period: null
+"""
+REJECTED = "".join(
+    [
+        "reject: bias_T > 2, std_T > 2, bias_S > 2.5, std_S > 5, bias_DIR > 7, std_DIR > 30,\n",
+        "rms_W > 8, std_W > 7\n",
+        *(";\n" for _ in range(14)),
+        "N401      T W R      --------  120  1.0 2.0 (wind)\n",
+        "N402      - W -      00000402   90  0.1 9.0 (wind temperature)\n",
+        "X9        - - R      --------    3\n",
+    ]
+)
 
 
 def make_seeds(folder: Path) -> dict[str, Path]:
-    """Write one sound file of every kind.
-
-    Parameters
-    ----------
-    folder : Path
-
-    Returns
-    -------
-    dict of str to Path
-        By kind; kept work stands for the folder it lies in.
-    """
+    """Write one valid file of every kind; kept work stands for its folder."""
     folder.mkdir(parents=True, exist_ok=True)
-    made = {kind: _grib(folder / f"{n}.grib", kind) for n, kind in enumerate(GRIBS)}
     table = reports()
     makers: dict[str, Callable[[Path], object]] = {
         "csv": lambda path: table.to_csv(path, index=False),
@@ -81,23 +94,57 @@ def make_seeds(folder: Path) -> dict[str, Path]:
         "bufr": bufr_file,
         "effects": lambda path: path.write_text(EFFECTS),
     }
+    made = {kind: folder / f"{number}.grib" for number, kind in enumerate(GRIBS)}
+    for kind, path in made.items():
+        path.write_bytes(_grib(*GRIBS[kind]))
+    made |= _written(folder, makers) | make_dataset_seeds(folder) | _of_a_run(folder / "run")
+    return made | {"yaml": folder / "run" / "whole.yaml"}
+
+
+def make_dataset_seeds(folder: Path) -> dict[str, Path]:
+    """Write Datasets, native levels, stations and lists; a Zarr store is a folder."""
+    packed = {"dtype": "i2", "scale_factor": 0.01, "add_offset": 5.0, "_FillValue": -32767}
+    packed |= {"zlib": True, "chunksizes": (1, 1, NJ, NI)}
+    table = files("airswing.handover") / "data" / "obserr.txt"
+    return _written(
+        folder,
+        {
+            "gridded NetCDF-4": lambda path: _latlon().to_netcdf(
+                path, encoding=dict.fromkeys("uv", packed)
+            ),
+            "gridded NetCDF-3": lambda path: _latlon().to_netcdf(path, format="NETCDF3_64BIT"),
+            "wrfout": lambda path: _wrfout().to_netcdf(path, format="NETCDF3_64BIT"),
+            "zarr": lambda path: _latlon().to_zarr(
+                path, zarr_format=2, encoding={key: {"chunks": (1, 2, NJ, NI)} for key in "uv"}
+            ),
+            "GRIB2 model levels": _model_levels,
+            "GRIB2 Gaussian": _gaussian,
+            "station GRIB": _surface,
+            "station pairs": lambda path: path.write_text(_pairs()),
+            "station observations": lambda path: path.write_text(_observations()),
+            "reject list": lambda path: path.write_text(REJECTED),
+            "error table": lambda path: path.write_bytes(table.read_bytes()),
+        },
+    )
+
+
+def _written(folder: Path, makers: Mapping[str, Callable[[Path], object]]) -> dict[str, Path]:
+    made = {kind: folder / f"seed.{kind.replace(' ', '_')}" for kind in makers}
     for kind, make in makers.items():
-        made[kind] = folder / f"seed.{kind}"
         make(made[kind])
-    made |= make_dataset_seeds(folder)
-    made |= _of_a_run(folder / "run")
-    made["yaml"] = folder / "run" / "whole.yaml"
     return made
 
 
-def fields() -> list[np.ndarray]:
-    """u and v of each level: waves of a few metres a second on a mean flow."""
+def _winds(levels: int) -> np.ndarray:
+    """u and v, (2, levels, y, x): waves of a few metres a second on a mean flow."""
     y, x = np.mgrid[0:NJ, 0:NI]
-    found = []
-    for number in range(2 * len(LEVELS)):
-        waves = 6 * np.sin(x / 4.0 + number) + 4 * np.cos(y / 5.0 - number)
-        found.append(np.round((12.0, -4.0)[number % 2] + waves, 2).ravel())
-    return found
+    waves = np.stack([6 * np.sin(x / 4 + n) + 4 * np.cos(y / 5 - n) for n in range(levels)])
+    return np.stack([waves + 12.0, waves - 4.0]).astype("f4")
+
+
+def fields() -> list[np.ndarray]:
+    """u and v of each level by turns."""
+    return [part.round(2).ravel() for level in zip(*_winds(3), strict=True) for part in level]
 
 
 def reports(count: int = 60) -> pd.DataFrame:
@@ -121,37 +168,27 @@ def reports(count: int = 60) -> pd.DataFrame:
     )
 
 
-def _grib(path: Path, kind: str) -> Path:
-    edition, grid, packing, bitmap = GRIBS[kind]
-    with path.open("wb") as file:
-        for number, values in enumerate(fields()):
-            level, v = LEVELS[number // 2], number % 2
-            hidden = np.arange(values.size) % 17 == 5
-            data = np.where(hidden, np.nan, values) if bitmap else values
-            file.write(grib_message(edition, grid, packing, data, level=level, v=v))
-    return path
-
-
-def grib_message(
-    edition: int, grid: dict[str, Any], packing: str, values: np.ndarray, *, level: int, v: int
+def _encoded(
+    sample: str,
+    keys: Mapping[str, Any],
+    values: np.ndarray,
+    *,
+    packing: str = "grid_simple",
+    pv: np.ndarray | None = None,
 ) -> bytes:
-    """One message by eccodes; NaN is missing."""
+    """One message by ecCodes; NaN is missing."""
     import eccodes
 
-    handle = eccodes.codes_grib_new_from_samples("GRIB2" if edition == 2 else "regular_ll_pl_grib1")
-    if edition == 1:
-        keys: dict[str, Any] = {"centre": 59, "table2Version": 2, "indicatorOfParameter": 33 + v}
-        keys |= {"indicatorOfTypeOfLevel": 100, "timeRangeIndicator": 0, "P1": 3}
-    else:
-        keys = {"discipline": 0, "parameterCategory": 2, "parameterNumber": 2 + v}
-        keys |= {"typeOfLevel": "isobaricInhPa", "forecastTime": 3}
-    keys |= {"dataDate": 20090916, "dataTime": 600, "level": level, **grid}
+    handle = eccodes.codes_grib_new_from_samples(sample)
     missing = np.isnan(values)
-    if missing.any():
-        keys |= {"bitmapPresent": 1, "missingValue": 9999.0}
-    for key, value in keys.items():
+    marks = {"bitmapPresent": 1, "missingValue": 9999.0} if missing.any() else {}
+    times = {"dataDate": 20090916, "dataTime": 600}
+    for key, value in (times | dict(keys) | marks).items():
         eccodes.codes_set(handle, key, value)
-    data = np.where(missing, 9999.0, values)
+    if pv is not None:
+        eccodes.codes_set(handle, "PVPresent", 1)
+        eccodes.codes_set_double_array(handle, "pv", pv.tolist())
+    data = np.where(missing, 9999.0, values).ravel().astype(float)
     eccodes.codes_set(handle, "bitsPerValue", 12)
     eccodes.codes_set_values(handle, data)
     if packing != "grid_simple":
@@ -164,17 +201,182 @@ def grib_message(
     return message
 
 
+def grib_message(
+    edition: int, grid: dict[str, Any], packing: str, values: np.ndarray, *, level: int, v: int
+) -> bytes:
+    """One message of u (v = 0) or v (1) on a pressure level."""
+    if edition == 1:
+        keys: dict[str, Any] = {"centre": 59, "table2Version": 2, "indicatorOfParameter": 33 + v}
+        keys |= {"indicatorOfTypeOfLevel": 100, "timeRangeIndicator": 0, "P1": 3}
+    else:
+        keys = {"discipline": 0, "parameterCategory": 2, "parameterNumber": 2 + v}
+        keys |= {"typeOfLevel": "isobaricInhPa", "forecastTime": 3}
+    sample = "GRIB2" if edition == 2 else "regular_ll_pl_grib1"
+    return _encoded(sample, keys | {"level": level} | grid, values, packing=packing)
+
+
+def _grib(edition: int, grid: dict[str, Any], packing: str, bitmap: bool) -> bytes:
+    hidden = (np.arange(NI * NJ) % 17 == 5) & bitmap
+    return b"".join(
+        grib_message(
+            edition,
+            grid,
+            packing,
+            np.where(hidden, np.nan, values),
+            level=int(LEVELS[number // 2]),
+            v=number % 2,
+        )
+        for number, values in enumerate(fields())
+    )
+
+
+def _message(keys: dict[str, Any], values: np.ndarray, pv: np.ndarray | None = None) -> bytes:
+    return _encoded("GRIB2", {"forecastTime": 3} | keys, values, pv=pv)
+
+
+def _model_levels(path: Path) -> None:
+    """Six hybrid levels with their coefficients in every message, and ln of surface pressure."""
+    pv = np.concatenate([np.zeros(7), np.linspace(0.2, 1.0, 7)])
+    level = LATLON | {"typeOfFirstFixedSurface": 105, "discipline": 0}
+    made = [
+        _message(
+            level | {"parameterCategory": 2, "parameterNumber": 2 + n, "level": k + 1}, one[k], pv
+        )
+        for k in range(6)
+        for n, one in enumerate(_winds(6))
+    ]
+    surface = level | {"parameterCategory": 3, "parameterNumber": 25, "level": 1}
+    made.append(_message(surface, np.full((NJ, NI), np.log(98_000.0)), pv))
+    path.write_bytes(b"".join(made))
+
+
+def _gaussian(path: Path) -> None:
+    """A global Gaussian grid of 32 x 64 points, three levels."""
+    grid = {"gridType": "regular_gg", "N": 16, "Ni": 64, "Nj": 32, "iDirectionIncrement": 5625000}
+    grid |= {
+        "latitudeOfFirstGridPointInDegrees": 85.760587,
+        "latitudeOfLastGridPointInDegrees": -85.760587,
+        "longitudeOfFirstGridPointInDegrees": 0.0,
+        "longitudeOfLastGridPointInDegrees": 354.375,
+    }
+    y, x = np.mgrid[0:32, 0:64]
+    made = [
+        _message(
+            grid
+            | {"discipline": 0, "parameterCategory": 2, "parameterNumber": 2 + n}
+            | {"typeOfLevel": "isobaricInhPa", "level": int(level)},
+            12.0 - 16 * n + 6 * np.sin(x / 4 + level) + 4 * np.cos(y / 5),
+        )
+        for level in LEVELS
+        for n in range(2)
+    ]
+    path.write_bytes(b"".join(made))
+
+
+def _surface(path: Path) -> None:
+    """Temperature at 2 m and wind at 10 m at two leads."""
+    y, x = np.mgrid[0:NJ, 0:NI]
+    parts = (((0, 0), 2, 285 + 3 * np.sin(x / 4)), ((2, 2), 10, 5 + y / 9), ((2, 3), 10, x / 9))
+    made = [
+        _message(
+            LATLON
+            | {"discipline": 0, "parameterCategory": category, "parameterNumber": number}
+            | {"typeOfLevel": "heightAboveGround", "level": height, "forecastTime": lead},
+            values,
+        )
+        for lead in (3, 6)
+        for (category, number), height, values in parts
+    ]
+    path.write_bytes(b"".join(made))
+
+
+def _latlon() -> xr.Dataset:
+    """As reanalyses come: three hours about the reports' time, three levels."""
+    u, v = np.repeat(_winds(LEVELS.size)[:, None], 3, axis=1)
+    dims = ("time", "level", "latitude", "longitude")
+    lat, lon = np.linspace(46.5, 38.0, NJ), np.linspace(-92.0, -82.5, NI)
+    return xr.Dataset(
+        {
+            name: (dims, wind, {"units": "m s**-1", "standard_name": f"{way}ward_wind"})
+            for name, way, wind in (("u", "east", u), ("v", "north", v))
+        },
+        coords={
+            "time": WHEN + np.arange(-1, 2) * np.timedelta64(3_600_000_000_000, "ns"),
+            "level": ("level", LEVELS.astype("i4"), {"units": "millibars"}),
+            "latitude": ("latitude", lat.astype("f4"), {"units": "degrees_north"}),
+            "longitude": ("longitude", lon.astype("f4"), {"units": "degrees_east"}),
+        },
+    )
+
+
+def _wrfout() -> xr.Dataset:
+    """Mercator mass points, staggered winds, pressure on model levels."""
+    from pyproj import Proj
+
+    proj = Proj("+proj=merc +lat_ts=40 +lon_0=-87 +R=6370000")
+    x0, y0 = proj(-87.0, 42.0)
+    step = 30_000.0
+    x, y = (np.arange(NI) - NI / 2) * step + x0, (np.arange(NJ) - NJ / 2) * step + y0
+    lon, lat = proj(*np.meshgrid(x, y), inverse=True)
+    u, v = _winds(4)
+    wide = np.concatenate([u, u[..., -1:]], axis=2)
+    tall = np.concatenate([v, v[:, -1:]], axis=1)
+    half = 100.0 * np.array([800.0, 700.0, 600.0, 500.0], "f4")[:, None, None]
+    plane = ("Time", "south_north", "west_east")
+    mass = ("Time", "bottom_top", "south_north", "west_east")
+    east, north = (*mass[:3], "west_east_stag"), (*mass[:2], "south_north_stag", mass[3])
+    stamp = np.array([str(WHEN)[:19].replace("T", "_").encode()], dtype="S19")
+    start = {name: "2009-09-16_06:00:00" for name in ("START_DATE", "SIMULATION_START_DATE")}
+    numbers = {"DX": step, "DY": step, "TRUELAT1": 40.0, "TRUELAT2": 0.0, "STAND_LON": -87.0}
+    numbers |= {"CEN_LAT": 42.0, "CEN_LON": -87.0}
+    return xr.Dataset(
+        {
+            "Times": ("Time", stamp),
+            "U": (east, wide[None], {"units": "m s-1", "stagger": "X"}),
+            "V": (north, tall[None], {"units": "m s-1", "stagger": "Y"}),
+            "P": (mass, np.zeros((1, 4, NJ, NI), "f4") + 10.0, {"units": "Pa"}),
+            "PB": (mass, np.broadcast_to(half, (1, 4, NJ, NI)).copy(), {"units": "Pa"}),
+            "XLAT": (plane, lat[None].astype("f4")),
+            "XLONG": (plane, lon[None].astype("f4")),
+        },
+        attrs={"TITLE": "OUTPUT FROM WRF V4.2 MODEL", "MAP_PROJ": np.int32(3)}
+        | start
+        | {name: np.float32(value) for name, value in numbers.items()},
+    )
+
+
+def _pairs() -> str:
+    days = pd.date_range("2009-01-01", periods=12)
+    rows = [
+        f"{station},{day:%Y-%m-%d},{lead},{280 + n / 3:.1f},{281.5 + n / 3:.1f}"
+        for station in ("ORD", "MSP")
+        for n, day in enumerate(days)
+        for lead in (12, 24)
+    ]
+    return "\n".join(["station,start,lead,forecast,observation", *rows, ""])
+
+
+def _observations() -> str:
+    rows = [
+        f"{station},{lat},{lon},2009-09-16T{hour:02d}:00:00Z,{12 + hour},10,270"
+        for station, lat, lon in (("ORD", 41.98, -87.9), ("MSP", 44.88, -91.2))
+        for hour in (9, 12)
+    ]
+    names = "id,lat,lon,time,temperature_degC,wind_speed_kt,wind_direction_deg"
+    return "\n".join([names, *rows, ""])
+
+
 def _madis(path: Path, kind: Any) -> None:
     table = reports()
-    count = len(table)
+    size = len(table)
     with netCDF4.Dataset(path, "w", format=kind) as file:
-        file.createDimension("recNum", None if kind == "NETCDF3_CLASSIC" else count)
+        file.createDimension("recNum", None if kind == "NETCDF3_CLASSIC" else size)
         file.createDimension("tailLen", 9)
         numbers = {
-            "timeObs": np.full(count, WHEN.astype("datetime64[s]").astype(np.int64)),
+            "timeObs": np.full(size, WHEN.astype("datetime64[s]").astype(np.int64)),
             "latitude": table["latitude"],
             "longitude": table["longitude"],
-            "altitude": np.linspace(2500.0, 4800.0, count),
+            "altitude": np.linspace(2500.0, 4800.0, size),
             "windDir": table["wind_direction_deg"],
             "windSpeed": table["wind_speed_kt"] * 0.5144,
             "temperature": table["temperature_degC"] + 273.15,
@@ -184,18 +386,17 @@ def _madis(path: Path, kind: Any) -> None:
             kept[:] = np.asarray(values)
         for name in ("rollFlag", "tempError", "windDirError", "windSpeedError"):
             code = ord("G") if name == "rollFlag" else ord("p")
-            file.createVariable(name, "i1", ("recNum",))[:] = np.full(count, code, dtype="i1")
+            file.createVariable(name, "i1", ("recNum",))[:] = np.full(size, code, dtype="i1")
         tails = file.createVariable("en_tailNumber", "S1", ("recNum", "tailLen"))
         tails[:] = netCDF4.stringtochar(table["tail"].to_numpy().astype("S9"))
 
 
 def bufr_file(path: Path) -> None:
-    """A dozen AMDAR messages of the sequence 3 11 001."""
+    """Write a dozen AMDAR messages of the sequence 3 11 001."""
     import eccodes
 
-    table = reports(12)
     with path.open("wb") as file:
-        for number, row in table.iterrows():
+        for number, row in enumerate(reports(12).to_dict("records")):
             handle = eccodes.codes_bufr_new_from_samples("BUFR4")
             eccodes.codes_set(handle, "masterTablesVersionNumber", 24)
             eccodes.codes_set(handle, "dataCategory", 4)
@@ -204,12 +405,8 @@ def bufr_file(path: Path) -> None:
                 "aircraftFlightNumber": row["tail"],
                 "latitude": row["latitude"],
                 "longitude": row["longitude"],
-                "year": 2009,
-                "month": 9,
-                "day": 16,
-                "hour": 9,
-                "minute": int(number) % 60,
-                "height": 3000 + 100 * int(number),
+                **{"year": 2009, "month": 9, "day": 16, "hour": 9, "minute": number},
+                "height": 3000 + 100 * number,
                 "airTemperature": 270.0,
                 "windDirection": int(row["wind_direction_deg"]),
                 "windSpeed": row["wind_speed_kt"] * 0.5144,
@@ -222,19 +419,6 @@ def bufr_file(path: Path) -> None:
             eccodes.codes_release(handle)
 
 
-EFFECTS = """\
-effects:
-  - name: hard_iron
-    tails: [N401, N402]
-    parameters: {amplitude_deg: 3.9, phase_deg: 40.1}
-    period: [2009-08-01, null]
-  - name: tas_scale
-    tails: all
-    parameters: {scale_percent: 2.0}
-    period: null
-"""
-
-
 def _of_a_run(folder: Path) -> dict[str, Path]:
     """Products, kept work and header cache of a small run, and its configuration."""
     from airswing.config_file import load_config
@@ -244,28 +428,23 @@ def _of_a_run(folder: Path) -> dict[str, Path]:
     from airswing.workflow.job import Job
     from airswing.workflow.progress import Progress
 
-    write_archive(folder, days=1, aircraft=2, seed=1)
-    config = folder / "config.yaml"
+    config = write_archive(folder, days=1, aircraft=2, seed=1)
     content = yaml.safe_load(config.read_text())
     content["screening"] = {"phases": ["ascent", "cruise", "descent"], "max_turn": "10 deg"}
     content["fit"] = {"min_reports": 20, "harmonics": 1}
     content["compute"] = {"workers": 1, "threads": 1}
     config.write_text(yaml.safe_dump(content))
-    content["field_test"] = {
-        "start": "2009-10-20",
-        "before_start": "2009-07-20",
-        "corrected": ["N401"],
-        "controls": ["N402"],
-    }
+    test = {"start": "2009-10-20", "before_start": "2009-07-20"}
+    content["field_test"] = test | {"corrected": ["N401"], "controls": ["N402"]}
     (folder / "whole.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
     job = Job(load_config(config), Progress(quiet=True))
     headings = make_headings(job)
     corrected = make_corrected(job, headings, make_fits(job, headings))
     make_observation_errors(job, headings, corrected)
-    xr.Dataset.close(headings)
+    headings.close()
     shutil.rmtree(folder / "truth", ignore_errors=True)
     made = {}
-    for name in (*PRODUCTS, *HANDED_OVER):
+    for name in PRODUCTS:
         months = folder / "results" / name.removesuffix(".nc")
         made[name] = next(months.glob("*.nc")) if months.is_dir() else months.with_suffix(".nc")
     return made | {kind: folder for kind in KEPT}

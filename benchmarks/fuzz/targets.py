@@ -1,100 +1,83 @@
-"""What is done with a damaged file, and what may come of it: a result, or one clear message."""
+"""Use of a damaged file as the commands use it: the outcome is a result or one clear message.
+
+    python -m benchmarks.fuzz.targets SEEDS.json
+
+runs cases one after the other within limits of memory: it reads ``kind<TAB>seed<TAB>folder`` a line
+and answers with a line of JSON. The process may end with a case.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import functools
 import io
+import json
 import os
 import random
+import resource
 import shutil
 import subprocess
 import sys
 import tempfile
+import traceback
 import warnings
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 import yaml
-from benchmarks.fuzz.comparisons import (
-    by_tail,
-    cell_changed,
-    others_differ,
-    payload_changed,
-    rows_differ,
-    sound_reports,
+from benchmarks.fuzz.mutations import CELLS, damage_dataset, damage_store, mutated, sections
+from benchmarks.fuzz.seeds import (
+    DATASETS,
+    GRIBS,
+    KEPT,
+    LEVELS,
+    PRODUCTS,
+    STATIONS,
+    STORES,
+    TABLES,
+    TEXTS,
+    WHEN,
+    reports,
 )
-from benchmarks.fuzz.dataset_seeds import DATASETS
-from benchmarks.fuzz.dataset_targets import (
-    EXPORTED,
-    OTHERS,
-    collocated,
-    damaged_dataset,
-    error_table,
-    exported,
-    possible,
-    postprocessed,
-)
-from benchmarks.fuzz.mutations import mutated
-from benchmarks.fuzz.seeds import GRIBS, KEPT, PRODUCTS, TABLES, TEXTS, WHEN, reports
 
 from airswing.errors import LONGEST, AirswingError
-
-if TYPE_CHECKING:
-    from airswing.reference.catalogue import Catalogue
 
 MAX_WIND = 150.0
 COMMAND_SECONDS = 120
 COMPARED = 0.2
-"""Share of cases whose damage is one octet of data or one cell: all else can be compared."""
+"""Share of cases whose damage is one byte of data or one cell: all else is compared."""
+MEMORY = 4 << 30
+EXPORTS = ("obs_domain", "little_r", "ob_ascii", "jedi", "reject_list")
+EXPORTED = ("corrected.nc", "reject list")
+OTHERS = (*DATASETS, *STATIONS, *EXPORTED, "error table")
+Paths = dict[str, Path]
+Winds = tuple[Any, Any]
 
 
 class FoundError(Exception):
-    """Something that must not be: which of the campaign's columns, and what."""
+    """A forbidden outcome: the campaign's column, and a description."""
 
     def __init__(self, column: str, what: str) -> None:
         super().__init__(column, what)
         self.column, self.what = column, what
 
 
-def case(kind: str, seed: int, seeds: dict[str, Path], folder: Path) -> str:
-    """Make one case in an empty folder and run it.
-
-    Parameters
-    ----------
-    kind : str
-        As the campaign names it.
-    seed : int
-        Of the case.
-    seeds : dict of str to Path
-        Sound files.
-    folder : Path
-
-    Returns
-    -------
-    str
-        How it ended: ``result`` or ``refused``.
-
-    Raises
-    ------
-    FoundError
-        What must not be.
-    """
+def case(kind: str, seed: int, seeds: Paths, folder: Path) -> str:
+    """Make one case in an empty folder and run it; ``result`` or ``refused``, else FoundError."""
     pick = random.Random(f"{kind} {seed}")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         end = _work(kind, pick, seeds, folder)
-    left = [path.name for path in folder.rglob("*.part")]
-    if left:
+    if left := [path.name for path in folder.rglob("*.part")]:
         raise FoundError("half-written", ", ".join(left))
     return end
 
 
-def _work(kind: str, pick: random.Random, seeds: dict[str, Path], folder: Path) -> str:
+def _work(kind: str, pick: random.Random, seeds: Paths, folder: Path) -> str:
     if kind in KEPT:
         return _kept(kind, pick, seeds, folder)
     if kind == "whole command":
@@ -115,42 +98,27 @@ def _work(kind: str, pick: random.Random, seeds: dict[str, Path], folder: Path) 
     return _refusable(lambda: _reports(path))
 
 
-def _other(kind: str, pick: random.Random, seeds: dict[str, Path], folder: Path) -> str:
-    """Datasets, stations and what is handed over."""
-    path = folder / f"damaged.{kind.replace(' ', '_')}"
-    other = seeds[pick.choice([*GRIBS, *TEXTS, *TABLES])].read_bytes()
-    damaged_dataset(kind, seeds[kind], other, pick, path)
-    if kind in DATASETS:
-        return _refusable(lambda: _gridded(path, folder, pick))
-    if kind == "error table":
-        return _refusable(lambda: error_table(path))
-    if kind in EXPORTED:
-        return command(*exported(kind, path, seeds, folder, pick))
-    end = command("postprocess", str(postprocessed(kind, path, seeds, folder)), "--quiet")
-    product = folder / "out" / "postprocessed.nc"
-    if end == "result":
-        with xr.open_dataset(product, engine="netcdf4") as ds:
-            winds = ds["forecast"][[str(n) != "air_temperature" for n in ds["variable"].values]]
-            if kind != "station pairs" and not possible(winds, MAX_WIND):
-                raise FoundError("absurd winds", f"{float(abs(winds).max())}")
-    return end
-
-
-def _gridded(path: Path, folder: Path, pick: random.Random) -> None:
-    winds = collocated(path, _places(), folder, pick)
-    _require_possible(winds["reference_eastward_wind"], winds["reference_northward_wind"])
-
-
-def damaged(kind: str, pick: random.Random, seeds: dict[str, Path], folder: Path) -> Path:
-    """A damaged copy of a sound file."""
+def damaged(kind: str, pick: random.Random, seeds: Paths, folder: Path) -> Path:
+    """A damaged copy of a valid file or store."""
     source, other = seeds[kind], seeds[pick.choice([*GRIBS, *TEXTS, *TABLES])]
     path = folder / f"damaged.{kind.replace(' ', '_').replace(',', '')}"
-    path.write_bytes(mutated(kind, source.read_bytes(), other.read_bytes(), pick))
+    if kind in STORES:
+        shutil.copytree(source, path)
+        damage_store(path, pick)
+        return path
+    shutil.copy(source, path)
+    netcdf = "NetCDF" in kind or kind in ("wrfout", "corrected.nc")
+    if netcdf and pick.random() < 0.6:
+        damage_dataset(path, pick)
+        return path
+    family = "csv" if kind in STATIONS else kind
+    family = "grib" if "GRIB" in kind else family
+    path.write_bytes(mutated(family, source.read_bytes(), other.read_bytes(), pick))
     return path
 
 
 def _refusable(work: Callable[[], None]) -> str:
-    """Run something that may refuse its input, in one message of one line."""
+    """Run a function that may refuse its input, in one message of one line."""
     try:
         work()
     except AirswingError as error:
@@ -159,6 +127,41 @@ def _refusable(work: Callable[[], None]) -> str:
             raise FoundError("long message", f"{len(text)} characters") from None
         return "refused"
     return "result"
+
+
+def _require_possible(east: Any, north: Any) -> None:
+    """Winds are missing, or possible in the atmosphere."""
+    speed = np.hypot(np.asarray(east, np.float64), np.asarray(north, np.float64))
+    absurd = ~(speed <= MAX_WIND) & ~np.isnan(speed)
+    if absurd.any():
+        raise FoundError("absurd winds", f"{int(absurd.sum())}, up to {np.nanmax(speed):.4g} m/s")
+
+
+def _other(kind: str, pick: random.Random, seeds: Paths, folder: Path) -> str:
+    """Datasets, stations, and inputs of exports."""
+    path = damaged(kind, pick, seeds, folder)
+    if kind in DATASETS:
+        return _refusable(lambda: _gridded(path, folder, pick))
+    if kind == "error table":
+        return _refusable(lambda: _error_table(path))
+    if kind in EXPORTED:
+        return command(*_export(kind, path, seeds, folder, pick))
+    if kind == "station pairs":
+        section: dict[str, Any] = {"pairs": {"files": str(path)}}
+    else:
+        given = {name: seeds[name] for name in STATIONS} | {kind: path}
+        section = {
+            "forecasts": {"files": str(given["station GRIB"])},
+            "stations": {"files": str(given["station observations"])},
+        }
+    config = folder / "config.yaml"
+    config.write_text(yaml.safe_dump({"postprocess": section, "output": str(folder / "out")}))
+    end = command("postprocess", str(config), "--quiet")
+    if end == "result" and kind != "station pairs":
+        with xr.open_dataset(folder / "out" / "postprocessed.nc", engine="netcdf4") as ds:
+            winds = ds["forecast"][[str(n) != "air_temperature" for n in ds["variable"].values]]
+            _require_possible(winds, 0.0)
+    return end
 
 
 def _places() -> xr.Dataset:
@@ -173,67 +176,34 @@ def _places() -> xr.Dataset:
     )
 
 
+def _winds(path: Path, cache: Path, **options: bool) -> Winds:
+    """u and v of a file or store at the reports, as the command gets them."""
+    from airswing.reference.catalogue import build_catalogue
+    from airswing.reference.collocate import collocate
+
+    catalogue = build_catalogue(str(path), name="ref", cache_dir=cache)
+    found = collocate(_places(), {"ref": catalogue}, **options).compute(scheduler="synchronous")
+    return found["reference_eastward_wind"], found["reference_northward_wind"]
+
+
+def _drawn(pick: random.Random) -> dict[str, bool]:
+    return {"sparse": pick.random() < 0.5, "derivatives": pick.random() < 0.3}
+
+
+def _gridded(path: Path, folder: Path, pick: random.Random) -> None:
+    from airswing.workflow.inspection import inspect_file
+
+    with contextlib.suppress(AirswingError):
+        inspect_file(path)
+    _require_possible(*_winds(path, folder / "cache", derivatives=pick.random() < 0.3))
+
+
 def _grib(path: Path, folder: Path, pick: random.Random) -> None:
     from airswing.reference.inspection import inspect_grib
 
     with contextlib.suppress(AirswingError):
         inspect_grib(path)
-    winds = _winds(path, folder / "cache", pick)
-    _require_possible(*winds)
-
-
-def _winds(path: Path, cache: Path, pick: random.Random | None = None) -> tuple[Any, Any]:
-    """u and v at the reports, one way or another."""
-    from airswing.reference.catalogue import build_catalogue
-    from airswing.reference.collocate import collocate
-
-    catalogue = build_catalogue(str(path), name="ref", cache_dir=cache)
-    found = collocate(
-        _places(),
-        {"ref": catalogue},
-        sparse=pick is None or pick.random() < 0.5,
-        derivatives=pick is not None and pick.random() < 0.3,
-    ).compute(scheduler="synchronous")
-    return found["reference_eastward_wind"], found["reference_northward_wind"]
-
-
-@functools.cache
-def _sound_winds(path: Path) -> tuple[Any, Any]:
-    with tempfile.TemporaryDirectory() as cache:
-        return _winds(path, Path(cache))
-
-
-def _compared(kind: str, pick: random.Random, seeds: dict[str, Path], folder: Path) -> None:
-    """Damage of one octet or cell: all else has to be as it was."""
-    from airswing.reports import read_reports
-
-    data, path = seeds[kind].read_bytes(), folder / f"damaged.{kind.replace(' ', '_')}"
-    if kind in GRIBS:
-        changed, number = payload_changed(data, pick)
-        path.write_bytes(changed)
-        found, pressure = _winds(path, folder / "cache", pick), _places()["pressure"]
-        _require_possible(*found)
-        png = kind == "grib2 PNG"
-        wrong = others_differ(found, _sound_winds(seeds[kind]), pressure, number, all_told=png)
-    else:
-        number, sound = -1, sound_reports(seeds["csv"])
-        if kind == "csv":
-            changed, number = cell_changed(data, pick)
-        else:
-            changed = mutated("gzip", data, b"", pick)
-        path.write_bytes(changed)
-        tail = None if number < 0 else str(sound.index[number])
-        wrong = rows_differ(by_tail(read_reports(path)), sound, tail)
-    if wrong:
-        raise FoundError("silent", wrong)
-
-
-def _require_possible(east: Any, north: Any) -> None:
-    """Winds are missing, or ones an atmosphere has."""
-    speed = np.hypot(np.asarray(east, np.float64), np.asarray(north, np.float64))
-    absurd = ~(speed <= MAX_WIND) & ~np.isnan(speed)
-    if absurd.any():
-        raise FoundError("absurd winds", f"{int(absurd.sum())}, up to {np.nanmax(speed):.4g} m/s")
+    _require_possible(*_winds(path, folder / "cache", **_drawn(pick)))
 
 
 def _reports(path: Path) -> None:
@@ -260,66 +230,179 @@ def _effects(path: Path) -> None:
     plain_effects(read_effects(path))
 
 
+def _error_table(path: Path) -> None:
+    """Put measured errors into a damaged table of errors."""
+    from airswing.handover.obs_errors import changed_table
+
+    errors = {"UV": dict.fromkeys((1000, 700, 500, 300, 200, 100), 1.7)}
+    changed_table(path.read_bytes().decode("latin-1"), errors, ["AIREPS"])
+
+
+# ---------------------------------------------------------------------------------- comparisons
+def _compared(kind: str, pick: random.Random, seeds: Paths, folder: Path) -> None:
+    """One changed byte of data, byte of a gzip stream, or cell: all else is unchanged.
+
+    Under PNG and gzip, which have checksums, no value may differ at all.
+    """
+    from airswing.reports import read_reports
+
+    data, path = seeds[kind].read_bytes(), folder / f"damaged.{kind.replace(' ', '_')}"
+    if kind in GRIBS:
+        changed, number = _payload_changed(data, pick)
+        path.write_bytes(changed)
+        found = _winds(path, folder / "cache", **_drawn(pick))
+        _require_possible(*found)
+        wrong = _others_differ(found, _sound_winds(seeds[kind]), number, kind == "grib2 PNG")
+    else:
+        number, sound = -1, _sound_reports(seeds["csv"])
+        if kind == "csv":
+            changed, number = _cell_changed(data, pick)
+        else:
+            changed = mutated("gzip", data, b"", pick)
+        path.write_bytes(changed)
+        tail = None if number < 0 else str(sound.index[number])
+        wrong = _rows_differ(_by_tail(read_reports(path)), sound, tail)
+    if wrong:
+        raise FoundError("silent", wrong)
+
+
+@functools.cache
+def _sound_winds(path: Path) -> Winds:
+    with tempfile.TemporaryDirectory() as cache:
+        return _winds(path, Path(cache))
+
+
+@functools.cache
+def _sound_reports(path: Path) -> pd.DataFrame:
+    from airswing.reports import read_reports
+
+    return _by_tail(read_reports(path))
+
+
+def _payload_changed(data: bytes, pick: random.Random) -> tuple[bytes, int]:
+    """Change one bit of one message's data; the message's number."""
+    messages = sections(data)
+    number = pick.randrange(len(messages))
+    start, length = messages[number][-1]
+    header = 11 if data[messages[number][0][0] + 7] == 1 else 5
+    at = start + header + pick.randrange(length - header)
+    return data[:at] + bytes([data[at] ^ (1 << pick.randrange(8))]) + data[at + 1 :], number
+
+
+def _others_differ(found: Winds, sound: Winds, number: int, checksum: bool) -> str:
+    """Describe winds that differ though their message (u and v by turns) was not changed."""
+    level = LEVELS[number // 2] * 100.0
+    nearest = np.sort(np.abs(LEVELS * 100.0 - level))[1]
+    apart = np.abs(_places()["pressure"].to_numpy() - level) > nearest
+    for ours, theirs in zip(map(np.asarray, found), map(np.asarray, sound), strict=True):
+        same = (ours == theirs) | (np.isnan(ours) & np.isnan(theirs))
+        if not same[..., apart].all():
+            return f"{int((~same[..., apart]).sum())} winds of sound messages"
+        if checksum and not (same | np.isnan(ours)).all():
+            return f"{int((~same).sum())} winds of a stream with a checksum"
+    return ""
+
+
+def _cell_changed(data: bytes, pick: random.Random) -> tuple[bytes, int]:
+    """Change one cell of one row of a table; the row's number, from 0."""
+    rows = data.split(b"\n")
+    number = pick.randrange(1, len(rows) - 1)
+    cells = rows[number].split(b",")
+    quiet = [cell for cell in CELLS if '"' not in cell and "," not in cell]
+    cells[pick.randrange(1, len(cells))] = pick.choice(quiet).encode("utf-8", "replace")
+    rows[number] = b",".join(cells)
+    return b"\n".join(rows), number - 1
+
+
+def _by_tail(ds: xr.Dataset) -> pd.DataFrame:
+    """Winds, places and times of reports by tail: every report is another aircraft's."""
+    names = ("time", "latitude", "longitude", "pressure", "eastward_wind", "northward_wind")
+    tails = np.repeat(ds["aircraft"].values.astype(str), ds["row_size"].values)
+    return pd.DataFrame({name: ds[name].values for name in names}, index=tails)
+
+
+def _rows_differ(found: pd.DataFrame, sound: pd.DataFrame, changed: str | None) -> str:
+    """Describe values that differ in rows that were not changed; absent rows are allowed."""
+    for name in found.columns:
+        ours = found[name]
+        theirs = sound[name].reindex(ours.index)
+        other = ~((ours == theirs) | (ours.isna() & theirs.isna())) & (ours.index != changed)
+        if other.any():
+            return f"{name} of {int(other.sum())} sound rows"
+    return ""
+
+
+# ------------------------------------------------------------------------------------- commands
 def command(*words: str) -> str:
     """Run a command of the package in this process."""
     from airswing import cli
 
     before, sys.argv = sys.argv, ["airswing", *words]
-    told = io.StringIO()
+    messages = io.StringIO()
     try:
-        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(told):
+        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(messages):
             cli.main()
     except SystemExit as ended:
         if ended.code not in (0, None, 2):
             raise FoundError("traceback", f"exit status {ended.code}") from None
-        _require_short(told.getvalue())
+        _require_short(messages.getvalue())
         return "refused" if ended.code else "result"
     finally:
         sys.argv = before
     return "result"
 
 
-def _require_short(told: str) -> None:
-    longest = max(map(len, told.splitlines()), default=0)
+def _require_short(messages: str) -> None:
+    longest = max(map(len, messages.splitlines()), default=0)
     if longest > LONGEST + 20:
         raise FoundError("long message", f"{longest} characters")
 
 
-def _product(
-    kind: str, path: Path, seeds: dict[str, Path], folder: Path, pick: random.Random
-) -> str:
-    output = folder / "out"
+def _export(
+    kind: str, path: Path, seeds: Paths, folder: Path, pick: random.Random
+) -> tuple[str, ...]:
+    """Words of an export of a run of which one input is damaged."""
+    run, output = seeds["kept notes"], folder / "results"
     output.mkdir()
-    (output / "headings").mkdir()
-    for name in PRODUCTS:
-        target = "headings/2009-01.nc" if name == "headings.nc" else name
-        shutil.copy(path if name == kind else seeds[name], output / target)
-        if name == kind:
-            damaged_file = output / target
-    config = str(seeds["kept notes"] / "config.yaml")
-    ends = [command("inspect", str(damaged_file))]
-    stage = "fit" if kind == "headings.nc" and pick.random() < 0.3 else "correct"
-    ends.append(command(stage, config, "--output", str(output), "--quiet"))
-    _refusable(lambda: _known(output / "fits.nc"))
-    return "refused" if "refused" in ends else "result"
+    for product in (run / "results").glob("*.nc"):
+        shutil.copy(path if product.name == kind else product, output / product.name)
+    content = yaml.safe_load((run / "config.yaml").read_text()) | {"output": str(output)}
+    config = folder / "config.yaml"
+    config.write_text(yaml.safe_dump(content))
+    to = "reject_list" if kind == "reject list" else pick.choice(EXPORTS)
+    base = path if kind == "reject list" else seeds["reject list"]
+    given = ("--base", str(base)) if to == "reject_list" else ()
+    winds = ("--winds", pick.choice(("corrected", "reported", "reported")))
+    target = ("-o", str(folder / "exported"))
+    return ("export", str(config), "--to", to, *target, *winds, *given, "--quiet")
 
 
-def _known(path: Path) -> None:
+def _product(kind: str, path: Path, seeds: Paths, folder: Path, pick: random.Random) -> str:
     from airswing.gap.simulation.effects_file import read_known
 
-    read_known(path, reference="ruc")
+    output = folder / "out"
+    (output / "headings").mkdir(parents=True)
+    targets = {"headings.nc": output / "headings/2009-01.nc", "fits.nc": output / "fits.nc"}
+    for name, target in targets.items():
+        shutil.copy(path if name == kind else seeds[name], target)
+    config = str(seeds["kept notes"] / "config.yaml")
+    ends = [command("inspect", str(targets[kind]))]
+    stage = "fit" if kind == "headings.nc" and pick.random() < 0.3 else "correct"
+    ends.append(command(stage, config, "--output", str(output), "--quiet"))
+    _refusable(lambda: read_known(output / "fits.nc", reference="ruc"))
+    return "refused" if "refused" in ends else "result"
 
 
 @functools.cache
 def _truth(folder: Path) -> dict[str, Any]:
-    """What undamaged kept work gives."""
+    """Headings of the undamaged run."""
     from airswing.products.netcdf import open_product
 
     with open_product(folder / "results" / "headings") as ds:
         return {str(name): ds[name].to_numpy() for name in ds.variables if name != "screening"}
 
 
-def _kept(kind: str, pick: random.Random, seeds: dict[str, Path], folder: Path) -> str:
+def _kept(kind: str, pick: random.Random, seeds: Paths, folder: Path) -> str:
     run = seeds[kind]
     if kind == "header cache":
         return _header_cache(run, pick, folder)
@@ -340,8 +423,7 @@ def _resumed(config: Path, truth: dict[str, Any]) -> None:
     from airswing.workflow.job import Job
     from airswing.workflow.progress import Progress
 
-    headings = make_headings(Job(load_config(config), Progress(quiet=True)))
-    with headings:
+    with make_headings(Job(load_config(config), Progress(quiet=True))) as headings:
         for name, values in truth.items():
             found = headings[name].to_numpy()
             same = found.shape == values.shape and (
@@ -352,8 +434,6 @@ def _resumed(config: Path, truth: dict[str, Any]) -> None:
 
 
 def _header_cache(run: Path, pick: random.Random, folder: Path) -> str:
-    from airswing.reference.catalogue import build_catalogue
-
     cache = folder / "cache"
     shutil.copytree(run / "cache", cache)
     victim = next(cache.glob("grib-headers*.sqlite"))
@@ -361,35 +441,31 @@ def _header_cache(run: Path, pick: random.Random, folder: Path) -> str:
     files = str(run / "ruc" / "*")
 
     def work() -> None:
-        found = build_catalogue(files, name="ruc", cache_dir=cache)
-        if _content(found) != _content_of(files, run / "cache"):
+        if _catalogue(files, cache) != _sound_catalogue(files, run / "cache"):
             raise FoundError("silent", "another catalogue from a damaged cache")
 
     return _refusable(work)
 
 
-@functools.cache
-def _content_of(files: str, cache: Path) -> bytes:
+def _catalogue(files: str, cache: Path) -> bytes:
     from airswing.reference.catalogue import build_catalogue
 
-    return _content(build_catalogue(files, name="ruc", cache_dir=cache))
-
-
-def _content(catalogue: Catalogue) -> bytes:
-    rows = catalogue.valid, catalogue.leads, catalogue.bounds, catalogue.u, catalogue.v
+    made = build_catalogue(files, name="ruc", cache_dir=cache)
+    rows = made.valid, made.leads, made.bounds, made.u, made.v
     return b"".join(one.tobytes() for one in rows)
 
 
-def _command(pick: random.Random, seeds: dict[str, Path], folder: Path) -> str:
-    """A whole command in a process of its own, on reports or model files that are damaged."""
+_sound_catalogue = functools.cache(_catalogue)
+
+
+def _command(pick: random.Random, seeds: Paths, folder: Path) -> str:
+    """A whole command in a separate process, on damaged reports or model files."""
     kind = pick.choice([*GRIBS, "csv", "netcdf3", "netcdf4", "parquet", "bufr", "yaml"])
     path = damaged(kind, pick, seeds, folder)
-    sound = folder / "sound.csv"
-    table = pd.read_csv(seeds["csv"])
-    table.to_csv(sound, index=False)
     config = folder / "config.yaml"
+    of_reports = kind in (*TEXTS, *TABLES)
     content: dict[str, Any] = {
-        "reports": {"files": str(path if kind in (*TEXTS, *TABLES) else sound)},
+        "reports": {"files": str(path if of_reports else seeds["csv"])},
         "references": {"ref": {"files": str(path if kind in GRIBS else seeds["grib1 simple"])}},
         "collocation": {"sparse": pick.random() < 0.5},
         "screening": {"phases": ["ascent", "cruise", "descent", "unknown"]},
@@ -416,3 +492,36 @@ def _command(pick: random.Random, seeds: dict[str, Path], folder: Path) -> str:
         with xr.open_dataset(product, engine="netcdf4") as ds:
             _require_possible(ds["reference_eastward_wind"], ds["reference_northward_wind"])
     return "refused" if done.returncode else "result"
+
+
+# -------------------------------------------------------------------------------------- process
+def answer(kind: str, seed: int, seeds: Paths, folder: Path) -> dict[str, str]:
+    """Run one case and describe its end."""
+    try:
+        return {"end": case(kind, seed, seeds, folder)}
+    except FoundError as found:
+        return {"end": found.column, "what": found.what}
+    except subprocess.TimeoutExpired:
+        return {"end": "hang", "what": "the command did not end"}
+    except Exception as error:
+        steps = traceback.extract_tb(error.__traceback__)
+        ours = [step for step in steps if "/airswing/" in step.filename] or steps
+        where = f"{Path(ours[-1].filename).name}:{ours[-1].lineno}"
+        return {"end": "traceback", "what": f"{type(error).__name__} at {where}: {error}"[:300]}
+
+
+def main() -> None:
+    """Answer until there are no more cases."""
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, resource.getrlimit(resource.RLIMIT_AS)[1]))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    answers = os.fdopen(os.dup(1), "w")
+    for stream in (1, 2):  # libraries print there
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream)
+    seeds = {kind: Path(path) for kind, path in json.loads(Path(sys.argv[1]).read_text()).items()}
+    for line in sys.stdin:
+        kind, seed, folder = line.rstrip("\n").split("\t")
+        print(json.dumps(answer(kind, int(seed), seeds, Path(folder))), file=answers, flush=True)
+
+
+if __name__ == "__main__":
+    main()

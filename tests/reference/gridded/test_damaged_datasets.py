@@ -9,7 +9,7 @@ import netCDF4
 import numpy as np
 import pytest
 import xarray as xr
-from benchmarks.fuzz.dataset_seeds import make_dataset_seeds
+from benchmarks.fuzz.seeds import make_dataset_seeds
 
 import airswing
 from airswing.errors import LONGEST, InputError
