@@ -30,7 +30,7 @@ import numpy as np
 import xarray as xr
 from tests.compass.flown import Setting, fleet_deviations, fly, wrap
 
-from airswing.compass.fit.deviation import FleetSums, fit_sums, sum_aircraft
+from airswing.compass.fit.deviation import fit_sums, sum_aircraft
 
 EXPONENT = 1.1
 TOGETHER = 100
@@ -120,7 +120,7 @@ def with_field(headings: xr.Dataset) -> xr.Dataset:
 def one_size(aircraft: int, days: int, reports: int, over: str) -> dict[str, float]:
     """Time, memory and quality of one fleet's fit."""
     each = max(reports // (aircraft * days * FLIGHTS_A_DAY), 1)
-    parts: list[FleetSums] = []
+    parts: list[xr.DataArray] = []
     truth, summed = [], 0.0
     for number in range(0, aircraft, TOGETHER):
         made = fleet(min(TOGETHER, aircraft - number), number, days, each, over)
@@ -131,7 +131,7 @@ def one_size(aircraft: int, days: int, reports: int, over: str) -> dict[str, flo
         del made
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     began = time.process_time()
-    fits = fit_sums(parts).isel(reference=0)
+    fits = fit_sums(xr.concat(parts, "aircraft")).isel(reference=0)
     solved = time.process_time() - began
     error = fits["deviation"].to_numpy() - np.concatenate(truth)
     spread = np.sqrt(np.diagonal(fits["deviation_covariance"].to_numpy(), axis1=1, axis2=2))

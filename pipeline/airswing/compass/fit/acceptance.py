@@ -1,22 +1,37 @@
 """From the fits of single aircraft to the published fits: the fleet, choice of cycles, status.
 
-Assumes what `airswing.compass.fit.deviation` says of the fits. Works on the sums that are kept of
-each aircraft, not on reports.
+Works on the sums that are kept of each aircraft, not on reports. Without the shared error of the
+reference, biases are pooled over the fleet (`airswing.compass.fit.pooling`) and errors are
+clustered by flight, enlarged where days scatter more. With it, the whole fleet is solved together
+(`airswing.compass.fleet.solution`) and errors are clustered by day. Where headings or flights do
+not allow a curve the constant alone is published: A, the other coefficients zero with the variance
+of cycles as large as the fleet's, without amplitude. Coefficients are NaN where nothing is
+published. They are taken as normal; functions of them to first order (delta method), except that
+the phase's error near zero amplitude is that of the arc sine.
 
-Without the shared error of the reference, biases are pooled over the fleet
-(`airswing.compass.fit.pooled_bias`) and errors are clustered by flight, enlarged where days scatter
-more. With it, the whole fleet is solved together (`airswing.compass.fleet.solution`) and errors are
-clustered by day. Where headings or flights do not allow a curve the constant alone is published
-(`airswing.compass.fit.offset_alone`): A, the other coefficients zero with the variance of cycles as
-large as the fleet's, without amplitude. A fit that does not improve the winds of held-out days is
-not published (`airswing.compass.fit.held_out`). Coefficients are NaN where nothing is published.
+Held-out days
+-------------
+The days of an aircraft are divided into `FOLDS` parts (its flights, where there are fewer than five
+days). Without the reports of one part the coefficients are, to first order, the published ones
+minus the sum of the influences of the part's flights, enlarged by the weight of the others; the
+influences are those of the aircraft's single fit, brought to the published covariance. The squared
+vector disagreement with the reference is a quadratic function of the coefficients, whose sums by
+part the fit has kept. The bias of the reference that goes with the published coefficients is
+removed before and after the correction, but no more of it than `MAX_BIAS`.
 
-Intervals: coefficients are taken as normal; functions of them to first order (delta method), except
-that the phase's error near zero amplitude is that of the arc sine.
+* A mean difference from every reference beyond `IMPLAUSIBLE`, which no model's wind has:
+  ``implausible_reports``.
+* A curve that is zero within its error (Wald's statistic below the 95 % quantile of chi-square):
+  ``no_correction_needed``.
+* Otherwise the mean improvement must be above zero: ``no_improvement`` where it is not. Under the
+  model of the fit the improvement is about Wald's statistic less twice its degrees of freedom, so
+  that where a curve passes the first test and does not improve held-out days, the model of the fit
+  does not describe the reports.
 
 References
 ----------
-Schwarz 1978, Ann. Stat. 6, 461-464 (BIC); Stein 1956 (shrinkage).
+Schwarz 1978, Ann. Stat. 6, 461-464 (BIC); Stein 1956 (shrinkage); Stone 1974, J. Roy. Stat. Soc. B
+36 (cross-validation).
 """
 
 from __future__ import annotations
@@ -28,11 +43,16 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from airswing.compass.fit.held_out import held_out_improvement, is_implausible, is_zero
-from airswing.compass.fit.kernel import COMPASS, FOLDS, AircraftFit
-from airswing.compass.fit.offset_alone import MIN_FLIGHTS, offsets
-from airswing.compass.fit.pooled_bias import day_ratio, enlarged, pool
-from airswing.compass.fit.sandwich import Array, Index, t_inflation
+from airswing.compass.fit.kernel import COMPASS, FOLDS, AircraftFit, HeldOut
+from airswing.compass.fit.pooling import (
+    MIN_FLIGHTS,
+    day_ratio,
+    enlarged,
+    offsets,
+    pool,
+    t_inflation,
+)
+from airswing.compass.fleet.blocks import Array, Index
 from airswing.compass.fleet.solution import SEGMENTS_A_DAY, solve_fleet
 from airswing.flags import STATUS, published
 from airswing.units import NORMAL_95
@@ -48,9 +68,30 @@ HALVES_RMS, HALVES_CHI2 = 1.0, 25.0
 degrees rms and in Wald's statistic on three degrees of freedom (probability 1.5e-5)."""
 LEAST_REPORTS = 500
 """Reports of usable fits below which no shared error of the reference is estimated."""
+MAX_BIAS = 1.5
+"""m s-1: largest mean difference of an aircraft's winds from a reference that is removed as the
+bias of the reference: twice that of the worked example of the joint fit, 0.8 m s-1."""
+SIGNIFICANCE = 0.05
+"""Probability that an aircraft without deviation is found to have one."""
+IMPLAUSIBLE = 5.0
+"""m s-1: mean vector difference from a reference, deviation removed, that is an error of the
+reports: more than three times `MAX_BIAS`, and twice the rms of a component of Mode-S and AMDAR
+winds against a model (2.1 to 2.5 m s-1; Stone & Pearce 2016, J. Atmos. Oceanic Technol. 33). Winds
+in m/s read as kt give about half the mean wind, 10 m s-1 at cruise."""
 
 _Table = dict[str, NDArray[Any]]
 _SINUSOID = ("offset", "amplitude", "phase")
+
+
+class FitOptions(TypedDict, total=False):
+    """Fields of :class:`Options` as keywords."""
+
+    abscissa: Literal["magnetic", "true"]
+    harmonics: Literal["auto", 1, 2]
+    joint: bool
+    shared_error: bool
+    min_reports: int
+    min_compass_points: int
 
 
 @dataclass(frozen=True)
@@ -59,6 +100,8 @@ class Options:
 
     Attributes
     ----------
+    abscissa : {"magnetic", "true"}
+        Argument of the curve: indicated magnetic heading, or (seed paper) true heading.
     harmonics : {"auto", 1, 2}
         Cycles of the curve; "auto" keeps the second where the data show it.
     joint : bool
@@ -72,27 +115,12 @@ class Options:
         ``too_few_flights``. Where a constant is found instead, the last two are ``offset_only``.
     """
 
+    abscissa: Literal["magnetic", "true"] = "magnetic"
     harmonics: Literal["auto", 1, 2] = "auto"
     joint: bool = True
     shared_error: bool = True
     min_reports: int = 200
     min_compass_points: int = 6
-
-
-class Asked(TypedDict, total=False):
-    """Fields of :class:`Options` as keywords."""
-
-    harmonics: Literal["auto", 1, 2]
-    joint: bool
-    shared_error: bool
-    min_reports: int
-    min_compass_points: int
-
-
-class FitOptions(Asked, total=False):
-    """Options of :func:`airswing.compass.fit.deviation.fit_deviation` except the pools."""
-
-    abscissa: Literal["magnetic", "true"]
 
 
 @dataclass
@@ -125,45 +153,24 @@ _WITH_ERROR = (*_SINUSOID, "airspeed_scale", "held_out_improvement", "reference_
 _PUBLISHED = {
     name: lookup(name, ("reference", "aircraft"))
     for name in (
-        "deviation",
-        "deviation_covariance",
-        "held_out_deviation",
+        *("deviation", "deviation_covariance", "held_out_deviation"),
         *(f"{name}{suffix}" for name in _WITH_ERROR for suffix in ("", "_standard_error")),
-        "condition_number",
-        "residual_rms_before",
-        "residual_rms_after",
-        "mean_horizontal_field",
-        "report_count",
-        "flight_count",
-        "compass_points",
-        "status",
-        "harmonics",
-        "shared_error_regions",
+        *("condition_number", "residual_rms_before", "residual_rms_after"),
+        *("mean_horizontal_field", "report_count", "flight_count", "compass_points"),
+        *("status", "harmonics", "shared_error_regions"),
     )
 }
 """Variables of the fit against one reference; their last dimensions are those of the table."""
+_SIZES = {"coefficient": COMPASS, "coefficient_2": COMPASS, "fold": FOLDS, "component": 2}
 
 
 def publish(aircraft: list[AircraftSums], options: Options) -> xr.Dataset:
     """Fit a fleet against one reference or pool.
 
-    Parameters
-    ----------
-    aircraft : list of AircraftSums
-    options : Options
-
-    Returns
-    -------
-    Dataset
-        Dimensions ``aircraft``, ``coefficient``, ``coefficient_2``, ``component``, ``fold``.
+    Returns the variables of ``fits.nc`` with the dimensions ``aircraft``, ``coefficient``,
+    ``coefficient_2``, ``component`` and ``fold``.
     """
-    sizes = {
-        "aircraft": len(aircraft),
-        "coefficient": COMPASS,
-        "coefficient_2": COMPASS,
-        "fold": FOLDS,
-        "component": 2,
-    }
+    sizes = {"aircraft": len(aircraft)} | _SIZES
     table: _Table = {}
     for name, entry in _PUBLISHED.items():
         shape = [sizes[dim] for dim in entry.dims[1:]]
@@ -173,29 +180,29 @@ def publish(aircraft: list[AircraftSums], options: Options) -> xr.Dataset:
         table["compass_points"][k], table["status"][k] = one.compass_points, one.status
         table["mean_horizontal_field"][k] = one.field
         if one.fit is not None:
-            table["condition_number"][k] = condition_number(one.fit.normal, _cycles(one.fit))
+            table["condition_number"][k] = condition_number(one.fit.normal, one.fit.cycles)
     table["shared_error_regions"][...] = 1
-    curves = {k: one.fit for k, one in enumerate(aircraft) if one.status == STATUS["ok"]}
-    _publish_curves(table, {k: fit for k, fit in curves.items() if fit is not None}, options)
-    _publish_offsets(table, aircraft, options)
+    fitted = {k: one.fit for k, one in enumerate(aircraft) if one.fit is not None}
+    ok = STATUS["ok"]
+    _publish_curves(table, {k: f for k, f in fitted.items() if aircraft[k].status == ok}, options)
+    usable = published(table["status"])
+    _publish_offsets(
+        table,
+        {k: one.constant for k, one in enumerate(aircraft) if one.constant is not None},
+        [one.flights < MIN_FLIGHTS for one in aircraft if one.constant is not None],
+        [fit for k, fit in fitted.items() if usable[k]],
+        joint=options.joint,
+    )
     return xr.Dataset(
         {name: (e.dims[1:], table[name].astype(e.dtype)) for name, e in _PUBLISHED.items()}
     )
 
 
 def condition_number(normal: Array, harmonics: int) -> float:
-    """Return the condition number of the heading design, columns scaled to unit mean square.
+    """Condition number of the heading design, columns scaled to unit mean square.
 
-    Parameters
-    ----------
-    normal : array, shape (p, p)
-        Normal matrix with A, B, C, D, E first.
-    harmonics : {1, 2}
-
-    Returns
-    -------
-    float
-        1 for headings spread evenly; infinite where a column depends on the others.
+    1 for headings spread evenly; infinite where a column depends on the others. ``normal`` (p, p)
+    has A, B, C, D, E first.
     """
     size = 1 + 2 * harmonics
     # sines and cosines spread evenly have half the mean square of the constant
@@ -204,16 +211,12 @@ def condition_number(normal: Array, harmonics: int) -> float:
     return float(np.sqrt(values[-1] / values[0])) if values[0] > 0 else float("inf")
 
 
-def _cycles(fit: AircraftFit) -> int:
-    return 2 if 4 in fit.free else 1
-
-
 def _publish_curves(table: _Table, curves: dict[int, AircraftFit], options: Options) -> None:
     if not curves:
         return
     ratio = day_ratio(list(curves.values()))
     for k, fit in curves.items():
-        rms, chi2 = halves_apart(fit.flight, fit.flight_order, enlarged(fit.covariance, ratio))
+        rms, chi2 = _halves_apart(fit, enlarged(fit.covariance, ratio))
         changed = np.degrees(rms) > HALVES_RMS and chi2 > HALVES_CHI2
         if changed or not fit.converged:
             table["status"][k] = STATUS["unstable_fit"]
@@ -235,6 +238,20 @@ def _publish_curves(table: _Table, curves: dict[int, AircraftFit], options: Opti
         variance = np.diagonal(average @ found.bias_covariance @ average.T)
         table["reference_bias"][:] = bias.mean(axis=0)
         table["reference_bias_standard_error"][:] = np.sqrt(variance)
+
+
+def _halves_apart(fit: AircraftFit, covariance: Array) -> tuple[float, float]:
+    """Difference of the curves of the first and second half of the flights.
+
+    Its root mean square over headings (of one cycle), and Wald's statistic on three degrees of
+    freedom.
+    """
+    first = fit.flight_order[: fit.flight_order.size // 2]
+    # the estimate from one half differs by twice the sum of its influences, that from the other
+    # half by the opposite, because all influences add up to zero
+    apart = 4.0 * fit.flight[first].sum(axis=0)[:3]
+    rms = float(np.sqrt(apart[0] ** 2 + 0.5 * (apart[1] ** 2 + apart[2] ** 2)))
+    return rms, float(apart @ np.linalg.solve(4.0 * covariance[:3, :3], apart))
 
 
 def _with_field(fits: list[AircraftFit], options: Options) -> _Estimate:
@@ -273,7 +290,7 @@ def _without_field(fits: list[AircraftFit], ratio: Array, options: Options) -> _
     for fit in fits:
         square = enlarged(fit.covariance, ratio)
         number, to_one, extra = _choice(fit, fit.theta, square, fit.free, fit.normal, options)
-        if number < _cycles(fit):
+        if number < fit.cycles:
             fit = replace(
                 fit, theta=to_one @ fit.theta, flight=fit.flight @ to_one.T, day=fit.day @ to_one.T
             )
@@ -298,13 +315,18 @@ def _without_days(fit: AircraftFit, covariance: Array) -> Array:
     Influences are brought to the published covariance, which holds what the fleet knows.
     """
     used = np.flatnonzero(np.diagonal(fit.day_covariance)[:COMPASS])
-    square = np.ix_(used, used)
-    roots = [np.linalg.cholesky(one[square]) for one in (fit.covariance, covariance)]
-    influence = fit.day[:, used] @ np.linalg.solve(roots[0].T, roots[1].T)
+    influence = fit.day[:, used] @ _matched(fit.covariance, covariance, used)
     part = fit.day_number % FOLDS
     found = np.zeros((FOLDS, COMPASS))
     np.add.at(found, (part[:, np.newaxis], used), -influence)
     return found * _enlargement(np.bincount(part, minlength=FOLDS))[:, np.newaxis]
+
+
+def _matched(covariance: Array, other: Array, used: Index) -> Array:
+    """Matrix that brings influences of one covariance of some parameters to another."""
+    square = np.ix_(used, used)
+    old, new = np.linalg.cholesky(covariance[square]), np.linalg.cholesky(other[square])
+    return np.asarray(np.linalg.solve(old.T, new.T))
 
 
 def _enlargement(weight: NDArray[Any]) -> Array:
@@ -322,16 +344,27 @@ def _choice(
     options: Options,
 ) -> tuple[int, Array, Array]:
     """Number of cycles, the map to the estimate with so many, and the covariance to add."""
-    cycles, keep, none = _cycles(fit), np.eye(theta.size), np.zeros_like(covariance)
-    if cycles == 1 or options.harmonics != "auto":
-        return cycles, keep, none
+    keep, added = np.eye(theta.size), np.zeros_like(covariance)
+    if fit.cycles == 1 or options.harmonics != "auto":
+        return fit.cycles, keep, added
     statistic = float(theta[3:5] @ np.linalg.solve(covariance[3:5, 3:5], theta[3:5]))
     # a quasi-BIC that counts independent clusters instead of reports; with one or two days the
     # price of the two parameters would be close to zero
     if statistic > 2.0 * np.log(max(fit.day_number.size, 3)):
-        return 2, keep, none
-    to_one = one_cycle_map(normal, free)
-    return 1, to_one, choice_covariance(theta - to_one @ theta, covariance, statistic)
+        return 2, keep, added
+    others = free[(free != 3) & (free != 4)]
+    keep[3:5, 3:5] = 0.0
+    keep[np.ix_(others, [3, 4])] = np.linalg.solve(
+        normal[np.ix_(others, others)], normal[np.ix_(others, [3, 4])]
+    )
+    # of A, B and C this is their possible bias plus noise; the positive part of Stein's factor
+    # removes the noise
+    shift = theta - keep @ theta
+    added += (max(0.0, 1.0 - 2.0 / statistic) if statistic > 0 else 0.0) * np.outer(shift, shift)
+    # D and E, published as zero, keep their covariance, plus the square of their estimate: their
+    # interval then holds a small second cycle that the data could not show
+    added[3:5, 3:5] = covariance[3:5, 3:5] + np.outer(shift[3:5], shift[3:5])
+    return 1, keep, added
 
 
 def _publish_curve(
@@ -350,25 +383,22 @@ def _publish_curve(
     for name, value, error in zip(_SINUSOID, *sinusoid(deviation, square), strict=True):
         table[name][k], table[f"{name}_standard_error"][k] = value, error
     table["harmonics"][k] = found.cycles[row]
-    table["residual_rms_before"][k] = np.degrees(fit.rms_before)
-    table["residual_rms_after"][k] = np.degrees(fit.rms_after)
     if joint:
         table["airspeed_scale"][k] = theta[COMPASS]
         table["airspeed_scale_standard_error"][k] = np.sqrt(covariance[COMPASS, COMPASS])
 
 
-def _publish_offsets(table: _Table, aircraft: list[AircraftSums], options: Options) -> None:
+def _publish_offsets(
+    table: _Table,
+    constants: dict[int, AircraftFit],
+    few: list[bool],
+    curves: list[AircraftFit],
+    *,
+    joint: bool,
+) -> None:
     """Publish the constant of every aircraft that has no curve."""
-    alone = {k: one for k, one in enumerate(aircraft) if one.constant is not None}
-    constants = [one.constant for one in alone.values() if one.constant is not None]
-    curves = [
-        one.fit
-        for one, usable in zip(aircraft, published(table["status"]), strict=True)
-        if usable and one.fit is not None
-    ]
-    few = [one.flights < MIN_FLIGHTS for one in alone.values()]
-    found = offsets(constants, few, curves, joint=options.joint)
-    for k, fit, offset in zip(alone, constants, found, strict=True):
+    found = offsets(list(constants.values()), few, curves, joint=joint)
+    for (k, fit), offset in zip(constants.items(), found, strict=True):
         if offset is None:
             continue
         error = np.degrees(np.sqrt(offset.variance))
@@ -377,49 +407,80 @@ def _publish_offsets(table: _Table, aircraft: list[AircraftSums], options: Optio
             continue
         table["status"][k] = STATUS["offset_only"]
         theta = np.array([offset.value, 0.0, 0.0, 0.0, 0.0])
-        if not _improves(table, k, fit, theta, fit.covariance[:COMPASS, :COMPASS]):
-            continue
-        table["deviation"][k] = 0.0
-        table["deviation"][k, 0] = table["offset"][k] = np.degrees(offset.value)
-        table["deviation_covariance"][k] = offset.covariance * np.degrees(1.0) ** 2
-        table["held_out_deviation"][k] = np.degrees(theta + _without_days(fit, fit.covariance))
-        table["offset_standard_error"][k] = error
-        table["residual_rms_before"][k] = np.degrees(fit.rms_before)
-        table["residual_rms_after"][k] = np.degrees(fit.rms_after)
+        if _improves(table, k, fit, theta, fit.covariance[:COMPASS, :COMPASS]):
+            table["deviation"][k], table["offset"][k] = np.degrees(theta), np.degrees(offset.value)
+            table["deviation_covariance"][k] = offset.covariance * np.degrees(1.0) ** 2
+            table["held_out_deviation"][k] = np.degrees(theta + _without_days(fit, fit.covariance))
+            table["offset_standard_error"][k] = error
 
 
 def _improves(table: _Table, k: int, fit: AircraftFit, theta: Array, covariance: Array) -> bool:
-    """Set the status by the days held out; return False where nothing is to be published."""
-    found = held_out_improvement(fit, theta, covariance)
-    if found is not None:
-        table["held_out_improvement"][k] = found.mean
-        table["held_out_improvement_standard_error"][k] = found.standard_error
-    if fit.held_out and is_implausible(fit, theta):
+    """Set status and residuals by the days held out; False where nothing is to be published."""
+    from scipy.special import chdtri
+
+    gain = _held_out_improvement(table, k, fit, theta, covariance)
+    # on few headings no bias was fitted, and an error of the airspeed looks like one
+    biased = fit.free[-1] > COMPASS and fit.held_out
+    if biased and all(np.hypot(*_bias(one, theta)) > IMPLAUSIBLE for one in fit.held_out):
         table["status"][k] = STATUS["implausible_reports"]
         return False
-    if table["status"][k] == STATUS["ok"] and is_zero(theta, covariance):
+    size = 5 if theta[3:].any() else 3
+    if table["status"][k] == STATUS["ok"] and theta[:size] @ np.linalg.solve(
+        covariance[:size, :size], theta[:size]
+    ) < chdtri(size, SIGNIFICANCE):
         table["status"][k] = STATUS["no_correction_needed"]
-    elif found is not None and found.mean <= 0.0:
+    elif gain is not None and gain <= 0.0:
         table["status"][k] = STATUS["no_improvement"]
         return False
+    table["residual_rms_before"][k] = np.degrees(fit.rms_before)
+    table["residual_rms_after"][k] = np.degrees(fit.rms_after)
     return True
 
 
+def _held_out_improvement(
+    table: _Table, k: int, fit: AircraftFit, theta: Array, covariance: Array
+) -> float | None:
+    """Decrease of the mean square vector disagreement on held-out days, m2 s-2.
+
+    None with fewer than two parts with reports.
+    """
+    used = np.flatnonzero(theta)
+    parts = np.bincount(fit.fold, minlength=FOLDS)
+    if not used.size or np.count_nonzero(parts) < 2:
+        return None
+    weight = np.sum([one.weight for one in fit.held_out], axis=0)
+    influence = fit.flight[:, used] @ _matched(fit.covariance, covariance, used)
+    left_out = np.zeros((FOLDS, COMPASS))
+    np.add.at(left_out, (fit.fold[:, np.newaxis], used), influence)
+    at = theta - left_out / np.maximum(1.0 - weight / weight.sum(), 0.1)[:, np.newaxis]
+    gain = np.zeros(FOLDS)
+    for one in fit.held_out:
+        bias = _bias(one, theta)
+        bias *= min(1.0, MAX_BIAS / max(float(np.hypot(*bias)), 1e-9))
+        gain += 2.0 * (at * (one.linear - one.bias @ bias)).sum(axis=1)
+        gain -= np.einsum("fi,fij,fj->f", at, one.square, at)
+    seen = weight > 0
+    mean = float(gain.sum() / weight.sum())
+    # from the scatter between the parts
+    apart = gain[seen] - mean * weight[seen]
+    number = np.count_nonzero(seen)
+    error = np.sqrt(float(apart @ apart) * number / (number - 1)) / weight.sum()
+    table["held_out_improvement"][k], table["held_out_improvement_standard_error"][k] = mean, error
+    return mean
+
+
+def _bias(sums: HeldOut, theta: Array) -> Array:
+    """Mean difference from a reference that the deviation leaves, (2,), m s-1."""
+    total = sums.offset.sum(axis=0) - theta @ sums.bias.sum(axis=0)
+    return np.asarray(total / max(float(sums.weight.sum()), 1e-9))
+
+
 def sinusoid(coefficients: Array, covariance: Array) -> tuple[Array, Array]:
-    """Return offset, amplitude and phase of offset + amplitude sin(m + phase), with their errors.
+    """Offset, amplitude and phase of offset + amplitude sin(m + phase), (3,), and their errors.
 
-    Parameters
-    ----------
-    coefficients : array, shape (>= 3,)
-        A, B, C ... in degrees.
-    covariance : array, shape (>= 3, >= 3)
-        degree2.
-
-    Returns
-    -------
-    value, error : arrays, shape (3,)
-        Degrees. The error of the amplitude is that along (B, C); the error of the phase is that
-        across it over the amplitude, and tends to the half circle near zero amplitude.
+    ``coefficients`` A, B, C ... and ``covariance`` in degrees. The error of the amplitude is that
+    along (B, C); the error of the phase is that across it over the amplitude, and tends to the half
+    circle near zero amplitude.
     """
     a, b, c = coefficients[:3]
     amplitude = float(np.hypot(b, c))
@@ -438,68 +499,3 @@ def sinusoid(coefficients: Array, covariance: Array) -> tuple[Array, Array]:
         ]
     )
     return value, error
-
-
-def one_cycle_map(normal: Array, free: Index) -> Array:
-    """Return the map (p, p) from the two-cycle estimate to that with D = E = 0.
-
-    Parameters
-    ----------
-    normal : array, shape (p, p)
-        Normal matrix of the two-cycle estimate.
-    free : array of int
-        Parameters that were fitted.
-    """
-    kept = free[(free != 3) & (free != 4)]
-    found = np.eye(normal.shape[0])
-    found[3:5, 3:5] = 0.0
-    found[np.ix_(kept, [3, 4])] = np.linalg.solve(
-        normal[np.ix_(kept, kept)], normal[np.ix_(kept, [3, 4])]
-    )
-    return found
-
-
-def choice_covariance(shift: Array, covariance: Array, statistic: float) -> Array:
-    """Return the covariance (p, p) to add where one cycle was chosen.
-
-    Parameters
-    ----------
-    shift : array, shape (p,)
-        Two-cycle estimate minus the published one. Of A, B and C it is their possible bias plus
-        noise; the positive part of Stein's factor, 1 - 2 / statistic, removes the noise.
-    covariance : array, shape (p, p)
-        Of the two-cycle estimate. D and E, published as zero, keep it, plus the square of their
-        estimate: their interval then holds a small second cycle that the data could not show.
-    statistic : float
-        Wald's statistic of the second cycle.
-    """
-    factor = max(0.0, 1.0 - 2.0 / statistic) if statistic > 0 else 0.0
-    added = factor * np.outer(shift, shift)
-    added[3:5, 3:5] = covariance[3:5, 3:5] + np.outer(shift[3:5], shift[3:5])
-    return np.asarray(added)
-
-
-def halves_apart(influence: Array, order: Index, covariance: Array) -> tuple[float, float]:
-    """Return the difference of the curves of the first and second half of the flights.
-
-    Parameters
-    ----------
-    influence : array, shape (flights, p)
-    order : array of int, shape (flights,)
-        Flights by time.
-    covariance : array, shape (p, p)
-
-    Returns
-    -------
-    rms : float
-        Root mean square over headings of the difference of the one-cycle curves, in the unit of
-        the coefficients.
-    chi2 : float
-        Its Wald statistic on three degrees of freedom.
-    """
-    first = order[: order.size // 2]
-    # the estimate from one half differs by twice the sum of its influences, that from the other
-    # half by the opposite, because all influences add up to zero
-    apart = 4.0 * influence[first].sum(axis=0)[:3]
-    rms = float(np.sqrt(apart[0] ** 2 + 0.5 * (apart[1] ** 2 + apart[2] ** 2)))
-    return rms, float(apart @ np.linalg.solve(4.0 * covariance[:3, :3], apart))

@@ -1,7 +1,5 @@
 """Robust joint fit of one aircraft's deviation against one reference or a pool of references.
 
-Assumptions
------------
 The reference wind is the true wind plus a bias b and noise; the reported airspeed is (1 + s) times
 the true one; the indicated heading psi is the true heading plus the deviation
 ``delta(m) = A + g (B sin m + C cos m) + D sin 2m + E cos 2m``, with m the indicated magnetic
@@ -11,63 +9,55 @@ that the reference implies is then, exactly,
     V'_A = V (1 - s) h(psi - delta(m)) - b + noise,    h(x) = (sin x, cos x) in (east, north).
 
 The noise is added to V'_A and does not enter psi, m or V, so that least squares on this vector
-equation has no bias, however large delta is. The residual is resolved along and across the fitted
-true heading; each component has a variance. Each member of a pool has a bias b and variances;
-flights and days are the clusters for all members together.
+equation has no bias, however large delta is. Residuals are resolved along and across the fitted
+true heading, with a variance each. Each member of a pool has a bias and variances.
 
-Method
-------
-Gauss-Newton steps with Tukey's weights of the standardised vector residual (iteratively reweighted
-least squares), so that gross errors have weight zero. The variances come from medians of the
-residuals, anew at each step until a step is below `LARGEST_STEP` clustered standard errors; further
-steps follow with these variances, until a step is as small again. Covariances are clustered by
-flight and by day (`airswing.compass.fit.sandwich`).
+Gauss-Newton steps with Tukey's weights of the standardised vector residual, so that gross errors
+have weight zero. The variances come from medians of the residuals, anew at each step until a step
+is below `LARGEST_STEP` clustered standard errors; further steps follow with these variances, until
+a step is as small again.
 
-Units and validity
-------------------
-Radians and m s-1; deviations below about 45 degrees.
+Clusters (flights, days) are independent of each other; nothing is assumed inside one. The parameter
+error is the sum over clusters of M s_g, M the inverse of the slope matrix and s_g the cluster's
+score, and the covariance the sum of the outer products (sandwich). With few clusters each score is
+divided by (I - N_g / N)^(1/2), which makes the estimate unbiased under the working model (CR2), and
+the interval takes Student's t with 1 / sum p_g^2 degrees of freedom, p_g the cluster's share of the
+information on that parameter.
+
+Radians and m s-1; valid for deviations below about 45 degrees.
 
 References
 ----------
 Jacobs et al. 2010 (seed paper), eq. 3; Maronna, Martin & Yohai, Robust Statistics (2006), ch. 6
-(bivariate bisquare).
+(bivariate bisquare); Bell & McCaffrey 2002 (Survey Methodology 28); Pustejovsky & Tipton 2018 (J.
+Bus. Econ. Stat. 36); MacKinnon, Nielsen & Webb 2023 (J. Econometrics 232).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
-from airswing.compass.fit.sandwich import (
-    MANY,
-    Array,
-    Index,
-    degrees_of_freedom,
-    group_sums,
-    influences,
-    inverse_root,
-)
-from airswing.compass.fleet.blocks import SLOPES, Blocks, Reports, sum_blocks
+from airswing.compass.fleet.blocks import SLOPES, Array, Blocks, Index, Reports, sum_blocks
 
 COMPASS = 5
 """Each parameter vector begins with A, B, C, D, E, then s, then b_u and b_v of each member."""
-LOCAL = COMPASS + 3
-"""Parameters of the equation of one member: A to E, s, b_u, b_v."""
+LOCAL = COMPASS + 3  # parameters of the equation of one member: A to E, s, b_u, b_v
 CUT_2D, CUT_1D = 5.0, 4.685
 """Tukey's constants: 95 % efficiency for a normal vector (two components) and a scalar."""
-MEDIAN_CHI2 = 0.4549
-"""Median of the square of a standard normal variable."""
+MEDIAN_CHI2 = 0.4549  # median of the square of a standard normal variable
 LARGEST_STEP = 0.3
 """Clustered standard errors below which a step ends the iteration: a Newton step with robust
 weights leaves 2 to 3 % of itself, here a hundredth of the standard error."""
-MOST_STEPS = 40
-"""Limit of the number of steps; five to ten are usual."""
+MOST_STEPS = 40  # five to ten are usual
 ENOUGH = 2e-6
 """Radians: a step as small as this ends the iteration whatever the standard error."""
 FOLDS = 10
-"""Parts of the days that are held out in turn (`airswing.compass.fit.held_out`)."""
+"""Parts of the days that are held out in turn."""
+MANY = 150
+"""Number of clusters from which on one common factor accounts for the leverage."""
 
 
 @dataclass(frozen=True)
@@ -97,16 +87,11 @@ class HeldOut:
 
 @dataclass(frozen=True)
 class AircraftFit:
-    """Fit of one aircraft without the rest of the fleet; radians and m s-1.
-
-    ``kappa`` is the mean slope of the robust score over the mean weight (Huber), by which steps and
-    standard errors are divided.
-    """
+    """Fit of one aircraft without the rest of the fleet; radians and m s-1."""
 
     theta: Array  # (p,): A, B, C, D, E, s, then b_u, b_v of each member
     free: Index  # which of them were fitted; the others are zero
     normal: Array  # (p, p): weighted normal matrix
-    kappa: float
     flight: Array  # (flights, p): influence of each flight
     day: Array  # (days, p): influence of each day
     day_number: Index  # (days,): days since 1970
@@ -114,11 +99,10 @@ class AircraftFit:
     converged: bool
     rms_before: float  # robust rms of the heading error without and with the deviation removed
     rms_after: float
-    flight_order: Index = field(repr=False)  # rows of ``flight`` in order of time
-    blocks: list[Blocks] = field(repr=False, default_factory=list)  # one for each member
-    held_out: list[HeldOut] = field(repr=False, default_factory=list)
-    fold: Index = field(repr=False, default_factory=lambda: np.zeros(0, dtype=np.int64))
-    scatters: list[Scatter] = field(repr=False, default_factory=list)
+    flight_order: Index  # rows of ``flight`` in order of time
+    fold: Index  # (flights,): part of the days
+    held_out: list[HeldOut] = field(repr=False)  # one for each member, likewise below
+    blocks: list[Blocks] = field(repr=False)
 
     @cached_property
     def covariance(self) -> Array:
@@ -130,39 +114,34 @@ class AircraftFit:
         """Covariance clustered by day."""
         return np.asarray(self.day.T @ self.day)
 
+    @property
+    def cycles(self) -> int:
+        """Cycles of the deviation, 1 or 2."""
+        return 2 if 4 in self.free else 1
+
 
 class _Pass:
-    """Residuals, design columns and robust weights of some reports at given parameters.
-
-    Attributes
-    ----------
-    residual : array, shape (2, n)
-        Across and along the fitted heading, m s-1.
-    design : array, shape (2, 8, n)
-        Derivatives of the residual by A to E, s, b_u, b_v.
-    weight : array, shape (2, n)
-        Inverse variance times Tukey's weight.
-    tukey : array, shape (n,)
-        Tukey's weight, 0 to 1.
-    """
+    """Residuals, design columns and robust weights of some reports at given parameters."""
 
     def __init__(
         self, reports: Reports, theta: Array, scatter: Scatter | None, *, joint: bool
     ) -> None:
         s, b_u, b_v = theta[COMPASS:]
         deviation = theta[:COMPASS] @ reports.basis
-        self.rest = deviation - reports.heading_error
+        self.reports, self.rest = reports, deviation - reports.heading_error
         fitted = reports.heading - deviation
         self.sine, self.cosine = np.sin(fitted), np.cos(fitted)
         speed = (1.0 - s) * reports.airspeed
+        # across and along the fitted heading
         self.residual = np.stack(
             [
                 reports.implied * np.sin(self.rest) + b_u * self.cosine - b_v * self.sine,
                 reports.implied * np.cos(self.rest) - speed + b_u * self.sine + b_v * self.cosine,
             ]
         )
-        self.scatter = scatter or _robust_scatter(self.residual, reports.variance)
+        self.scatter = scatter or robust_scatter(self.residual, reports.variance)
         known = self.scatter.part * reports.variance
+        # inverse variance times Tukey's weight
         self.weight = np.stack(
             [1.0 / (self.scatter.cross + known), 1.0 / (self.scatter.along + known)]
         )
@@ -174,33 +153,32 @@ class _Pass:
         self.weight *= self.tukey
         self.total = float(self.tukey.sum())
         # mean derivative of the weighted residual over its plane (two components) or line
-        slope = (2.0 if joint else 4.0) * (float(root.sum()) - self.total)
-        self.slope = self.total - slope
+        self.slope = self.total - (2.0 if joint else 4.0) * (float(root.sum()) - self.total)
+        # derivatives of the residual by A to E, s, b_u, b_v
         self.design = np.zeros((2, LOCAL, reports.flight.size))
         np.multiply(reports.basis, speed, out=self.design[0, :COMPASS])
         self.design[0, 6:] = self.cosine, -self.sine
         self.design[1, COMPASS:] = reports.airspeed, self.sine, self.cosine
-        across, along = self.design * self.weight[:, np.newaxis]
-        self.weighted = across, along
+        self.weighted = self.design * self.weight[:, np.newaxis]
+        across, along = self.weighted
         self.normal = across @ self.design[0].T + along @ self.design[1].T
         self.score = -(across @ self.residual[0] + along @ self.residual[1])
 
-    def flight_scores(self, reports: Reports, flights: int) -> Array:
-        """Return the score of each flight, shape (flights, 8)."""
-        each = self.weighted[0] * self.residual[0] + self.weighted[1] * self.residual[1]
-        return -group_sums(each.T, reports.flight, flights)
+    def flight_scores(self, flights: int) -> Array:
+        """Score of each flight, (flights, 8)."""
+        each = (self.weighted * self.residual[:, np.newaxis]).sum(axis=0)
+        return -group_sums(each.T, self.reports.flight, flights)
 
-    def flight_normals(self, reports: Reports, flights: int) -> Array:
-        """Return the normal matrix of each flight, shape (flights, 8, 8)."""
-        each = np.einsum("kin,kjn->nij", np.stack(self.weighted), self.design, optimize=False)
-        return group_sums(each, reports.flight, flights)
+    def flight_normals(self, flights: int) -> Array:
+        """Normal matrix of each flight, (flights, 8, 8)."""
+        each = np.einsum("kin,kjn->nij", self.weighted, self.design, optimize=False)
+        return group_sums(each, self.reports.flight, flights)
 
-    def block_rows(self, reports: Reports) -> Array:
-        """Return the rows that are summed over blocks, shape (15, n).
-
-        The weight; the weighted residual as reference minus corrected wind, eastward and northward;
-        its weighted derivatives by A to E and s, eastward and then northward.
-        """
+    def blocks(self, bias: Array, step: Array, kappa: float) -> Blocks:
+        """Sums of the blocks; ``bias`` of the residual, ``step`` of A to E and s made after it."""
+        reports = self.reports
+        # weight; weighted residual as reference minus corrected wind, eastward and northward; its
+        # weighted derivatives by A to E and s, eastward and then northward
         rows = np.empty((3 + 2 * SLOPES, reports.flight.size))
         weight = rows[0] = self.weight[0]
         east, north = weight * self.sine, weight * self.cosine
@@ -211,45 +189,41 @@ class _Pass:
         rows[8] = reports.airspeed * east
         np.multiply(across, -east, out=rows[9:14])
         rows[14] = reports.airspeed * north
-        return rows
+        square = float((weight**2 * (self.residual**2).sum(axis=0)).sum())
+        return sum_blocks(rows, square, reports, bias, step, kappa)
 
-    def held_out(self, reports: Reports, fold: Index) -> HeldOut:
-        """Return the sums of each fold; ``fold`` (n,) is that of each report."""
+    def held_out(self, fold: Index) -> HeldOut:
+        """Sums of each fold; ``fold`` (n,) is that of each report."""
+        reports = self.reports
         heading, speed = reports.heading, reports.airspeed * self.tukey
         product = speed * reports.implied
-        sine = product * np.sin(reports.heading_error)
-        cosine = product * np.cos(reports.heading_error)
+        linear = reports.basis * product * np.sin(reports.heading_error)
+        square = reports.basis * product * np.cos(reports.heading_error)
         toward, other = heading - reports.heading_error, reports.implied * self.tukey
         # V_A - V'_A, of which the bias is a part
-        difference = np.stack(
+        offset = np.stack(
             [
                 speed * np.sin(heading) - other * np.sin(toward),
                 speed * np.cos(heading) - other * np.cos(toward),
             ]
         )
         normal = np.stack([speed * np.cos(heading), -speed * np.sin(heading)])
-        found = HeldOut(
-            np.bincount(fold, weights=self.tukey, minlength=FOLDS).astype(np.float64),
-            np.zeros((FOLDS, COMPASS)),
-            np.zeros((FOLDS, COMPASS, COMPASS)),
-            np.zeros((FOLDS, COMPASS, 2)),
-            np.zeros((FOLDS, 2)),
+        folds = [np.flatnonzero(fold == k) for k in range(FOLDS)]
+        basis = reports.basis.T
+        return HeldOut(
+            np.array([self.tukey[rows].sum() for rows in folds]),
+            np.array([linear[:, rows].sum(axis=1) for rows in folds]),
+            np.array([square[:, rows] @ basis[rows] for rows in folds]),
+            np.array([(normal[:, rows] @ basis[rows]).T for rows in folds]),
+            np.array([offset[:, rows].sum(axis=1) for rows in folds]),
         )
-        for k in range(FOLDS):
-            rows = np.flatnonzero(fold == k)
-            basis = reports.basis[:, rows]
-            found.linear[k] = basis @ sine[rows]
-            found.square[k] = (basis * cosine[rows]) @ basis.T
-            found.bias[k] = basis @ normal[:, rows].T
-            found.offset[k] = difference[:, rows].sum(axis=1)
-        return found
 
 
-def _robust_scatter(residual: Array, variance: Array) -> Scatter:
-    """Return the variances of the residual from medians, which gross errors do not change.
+def robust_scatter(residual: Array, variance: Array) -> Scatter:
+    """Variances of the residual (2, n) from medians, which gross errors do not change.
 
-    ``part``, the share of the known variance that the residuals show, comes from the halves of low
-    and high known variance.
+    ``part``, the share of the known variance (n,) that the residuals show, comes from the halves of
+    low and high known variance.
     """
     cross, along = residual**2
     part, known = 0.0, 0.0
@@ -309,11 +283,7 @@ def fit_aircraft(
     square = np.ix_(free, free)
     flights, theta = flight_day.size, np.zeros(size)
     day_number, day = np.unique(flight_day, return_inverse=True)
-
-    places = [
-        np.array([*range(COMPASS + 1), COMPASS + 1 + 2 * k, COMPASS + 2 + 2 * k])
-        for k in range(len(members))
-    ]
+    places = [np.r_[: COMPASS + 1, k : k + 2] for k in range(COMPASS + 1, size, 2)]
     scatters: list[Scatter | None] = [None] * len(members)
     for number in range(MOST_STEPS):
         passes = [
@@ -322,12 +292,13 @@ def fit_aircraft(
         ]
         held = scatters[0] is not None
         normal, score, scores = np.zeros((size, size)), np.zeros(size), np.zeros((flights, size))
-        for part, one, place in zip(members, passes, places, strict=True):
+        for one, place in zip(passes, places, strict=True):
             normal[np.ix_(place, place)] += one.normal
             score[place] += one.score
-            scores[:, place] += one.flight_scores(part, flights)
+            scores[:, place] += one.flight_scores(flights)
         total = sum(one.total for one in passes)
-        # about 0.8 for normal errors; near zero or negative where almost all residuals are gross
+        # slope of the robust score over the mean weight (Huber): about 0.8 for normal errors; near
+        # zero or negative where almost all residuals are gross
         kappa = max(sum(one.slope for one in passes) / total, 0.2) if total else 1.0
         # at a distance from the solution most weights are zero, and the step would be too long
         step = solve(normal[square], score[free]) / (kappa if held else max(kappa, 0.6))
@@ -340,15 +311,14 @@ def fit_aircraft(
             break
         if small and number:
             scatters = [one.scatter for one in passes]
-    converged = small and held
     if not total:
         return None
 
     normals = None
     if min(flights, day_number.size) < MANY:
         every = np.zeros((flights, size, size))
-        for part, one, place in zip(members, passes, places, strict=True):
-            every[:, place[:, np.newaxis], place] += one.flight_normals(part, flights)
+        for one, place in zip(passes, places, strict=True):
+            every[:, place[:, np.newaxis], place] += one.flight_normals(flights)
         normals = every[:, free[:, np.newaxis], free]
     # at the solution the scores add up to zero but for the last step
     centred = scores[:, free] - scores[:, free].mean(axis=0)
@@ -363,45 +333,35 @@ def fit_aircraft(
     )
     freedom = np.full(size, np.inf)
     freedom[free] = degrees_of_freedom(normal[square], normals, flights)
-    squares = [
-        sum(float(one.tukey @ angle**2) for one, angle in zip(passes, angles, strict=True))
-        for angles in ([part.heading_error for part in members], [one.rest for one in passes])
-    ]
+    rms_before, rms_after = (
+        float(np.sqrt(sum(float(one.tukey @ angle**2) for one, angle in pairs) / total))
+        for pairs in (
+            [(one, one.reports.heading_error) for one in passes],
+            [(one, one.rest) for one in passes],
+        )
+    )
     fold = (day if day_number.size >= 5 else np.arange(flights)) % FOLDS
-    found = AircraftFit(
+    move = (theta - before)[:SLOPES]
+    return AircraftFit(
         theta,
         free,
         normal,
-        kappa,
         by_flight,
         by_day,
         day_number,
         freedom,
-        converged,
-        float(np.sqrt(squares[0] / total)),
-        float(np.sqrt(squares[1] / total)),
+        small and held,
+        rms_before,
+        rms_after,
         np.argsort(day, kind="stable"),
-        held_out=[
-            one.held_out(part, fold[part.flight]) for part, one in zip(members, passes, strict=True)
+        fold,
+        [one.held_out(fold[one.reports.flight]) for one in passes],
+        [
+            one.blocks(before[place[SLOPES:]], move, kappa)
+            for one, place in zip(passes, places, strict=True)
+            if with_blocks
         ],
-        fold=fold,
-        scatters=[one.scatter for one in passes],
     )
-    if not with_blocks:
-        return found
-    move = (theta - before)[:SLOPES]
-    blocks = [
-        sum_blocks(
-            one.block_rows(part),
-            float((one.weight[0] ** 2 * (one.residual**2).sum(axis=0)).sum()),
-            part,
-            before[place[SLOPES:]],
-            move,
-            kappa,
-        )
-        for part, one, place in zip(members, passes, places, strict=True)
-    ]
-    return replace(found, blocks=blocks)
 
 
 def solve(normal: Array, score: Array) -> Array:
@@ -410,3 +370,55 @@ def solve(normal: Array, score: Array) -> Array:
     square = normal / (scale * scale[:, np.newaxis])
     square.flat[:: scale.size + 1] += 1e-9
     return np.asarray((np.linalg.solve(square, (score.T / scale).T).T / scale).T)
+
+
+def group_sums(values: Array, group: Index, groups: int) -> Array:
+    """Sums of rows (n, ...) by group, 0 to ``groups - 1``."""
+    found = np.zeros((groups, *values.shape[1:]))
+    if group.size:
+        if np.any(group[1:] < group[:-1]):
+            # a stable sort keeps the order within a group, and sums are the same to the last bit
+            order = np.argsort(group, kind="stable")
+            values, group = values[order], group[order]
+        first = np.flatnonzero(np.diff(group, prepend=-1))
+        found[group[first]] = np.add.reduceat(values, first, axis=0)
+    return found
+
+
+def inverse_root(normal: Array) -> Array:
+    """Matrix whose product with its transpose is the inverse of a normal matrix."""
+    values, vectors = np.linalg.eigh(normal)
+    # rounding can make the smallest slightly negative, which means a very large error
+    return np.asarray(vectors / np.sqrt(np.maximum(values, values[-1] * 1e-14)))
+
+
+def influences(score: Array, inverse_root: Array, normals: Array | None, kappa: float) -> Array:
+    """Share of every cluster in the error of the parameters (g, p).
+
+    ``score`` (g, p) and ``normals`` (g, p, p) are those of the clusters, ``inverse_root`` that of
+    the normal matrix of all; without ``normals`` the leverage is a common factor g / (g - p).
+    M is (kappa N)^-1. The sum of the outer products is the covariance.
+    """
+    clusters, size = score.shape
+    if normals is None:
+        factor = clusters / max(clusters - size, 1)
+        return np.asarray(score @ (inverse_root @ inverse_root.T * (np.sqrt(factor) / kappa)))
+    whitened = score @ inverse_root
+    part, axes = np.linalg.eigh(inverse_root.T @ normals @ inverse_root)
+    # the leverage is one where a cluster alone determines a parameter: its residual is zero
+    gain = 1.0 / np.sqrt(np.clip(1.0 - part, 0.05, 1.0))
+    turned = (whitened[:, np.newaxis, :] @ axes)[:, 0, :] * gain
+    whitened = (axes @ turned[..., np.newaxis])[..., 0]
+    return np.asarray(whitened @ inverse_root.T / kappa)
+
+
+def degrees_of_freedom(normal: Array, normals: Array | None, clusters: int) -> Array:
+    """Degrees of freedom of the standard errors (p,); arguments as of :func:`influences`."""
+    if normals is None:
+        # flights have unequal weights: a third of their number is a cautious bound
+        return np.full(normal.shape[0], max(clusters / 3.0, 1.0))
+    inverse = np.linalg.pinv(normal, hermitian=True)
+    part = ((inverse @ normals) * inverse.T).sum(axis=2)
+    # a parameter that is held fixed has no information in any flight
+    share = part / np.maximum(part.sum(axis=0), 1e-300)
+    return np.asarray(np.maximum(1.0 / np.maximum((share**2).sum(axis=0), 1e-12) - 1.0, 1.0))

@@ -1,35 +1,30 @@
 """Reports of an aircraft, and their sums over short parts of a flight for the fit of the fleet.
 
-Assumes that the error of the reference hardly changes over a block (about 200 km, half the distance
-between the nodes of the field), so that its reports can be placed at the middle one. The sums are
-exact: of the robust weights, of the residual of the vector equation (`airswing.compass.fit.kernel`)
-and of its derivatives by A to E and the airspeed scale. A block ends with its flight and with its
-six-hour segment; the blocks of a flight in one segment are a *piece*.
-
-Differences within a block give the size of the noise and nothing else: the headings of one leg
-differ by little more than the noise of the reported wind, which turns indicated heading and heading
-error alike, so that a curve through them would follow the noise (errors in variables).
-
-Radians, m/s; 15 numbers a block.
+The error of the reference hardly changes over a block (about 200 km, half the distance between the
+nodes of the field), so that its reports can be placed at the middle one. The sums are exact: of the
+robust weights, of the residual of the vector equation (`airswing.compass.fit.kernel`) and of its
+derivatives by A to E and the airspeed scale. A block ends with its flight and with its six-hour
+segment; the blocks of a flight in one segment are a *piece*. Differences within a block give the
+size of the noise and nothing else: the headings of one leg differ by little more than the noise of
+the reported wind, which turns indicated heading and heading error alike, so that a curve through
+them would follow the noise (errors in variables). Radians, m/s.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+Short = NDArray[np.int32]
 
 LENGTH = 240e3
 """Metres: longest block at the aircraft's median airspeed."""
 DURATIONS = (1800, 1200, 900, 600)
 """Seconds that a block may last, all of them parts of a segment."""
-FASTEST = tuple(LENGTH / seconds for seconds in DURATIONS[:-1])
-"""m/s: median airspeeds up to which these durations are used; beyond them the last."""
 SEGMENT_SECONDS = 6 * 3600
 """Time over which a passing error of the reference is taken as constant."""
 SLOPES = 6
@@ -57,9 +52,9 @@ class Reports:
     pressure: Array  # Pa
     time: NDArray[np.datetime64]
 
-    def take(self, index: slice | Index) -> Reports:
-        """Return some of the reports."""
-        return Reports(*(getattr(self, name)[..., index] for name in self.__dataclass_fields__))
+    def take(self, index: Index) -> Reports:
+        """Some of the reports."""
+        return Reports(*(getattr(self, one.name)[..., index] for one in fields(self)))
 
 
 @dataclass(frozen=True)
@@ -77,30 +72,15 @@ class Blocks:
     latitude: Array  # (blocks,)
     longitude: Array
     log_pressure: Array
-    segment: NDArray[np.int32]  # six-hour segments since 1970
-    piece: NDArray[np.int32]  # 0, 1, 2 ..., not decreasing
-
-    @property
-    def size(self) -> int:
-        """Number of blocks."""
-        return int(self.segment.size)
-
-    @cached_property
-    def in_order(self) -> bool:
-        """Whether the segments do not decrease; they do where flights are not numbered by time."""
-        return not bool(np.any(self.segment[1:] < self.segment[:-1]))
+    segment: Short  # six-hour segments since 1970
+    piece: Short  # 0, 1, 2 ..., not decreasing
 
     def of(self, segments: Index) -> Blocks:
-        """Return the blocks of some segments; ``within`` and ``freedom`` stay those of all.
-
-        Parameters
-        ----------
-        segments : array of int
-            Increasing.
-        """
+        """Blocks of some increasing segments; ``within`` and ``freedom`` stay those of all."""
         low, high = np.searchsorted(self.segment, (segments[0], segments[-1] + 1))
         keep: slice | NDArray[np.bool_] = slice(int(low), int(high))
-        if segments[-1] - segments[0] >= segments.size or not self.in_order:
+        # segments decrease where flights are not numbered by time
+        if segments[-1] - segments[0] >= segments.size or (np.diff(self.segment) < 0).any():
             keep = np.isin(self.segment, segments)
         names = ("latitude", "longitude", "log_pressure", "segment", "piece")
         kept = {name: getattr(self, name)[keep] for name in names}
@@ -126,12 +106,9 @@ def sum_blocks(
     kappa : float
         Mean derivative of the robust score over the mean weight: robust residuals are smaller than
         the shift that causes them by this factor.
-
-    Returns
-    -------
-    Blocks
     """
-    seconds = DURATIONS[int(np.searchsorted(FASTEST, np.median(reports.airspeed)))]
+    fastest = np.divide(LENGTH, DURATIONS[:-1])
+    seconds = DURATIONS[int(np.searchsorted(fastest, np.median(reports.airspeed)))]
     # a block begins where the number of its interval or the flight changes, a piece where the
     # segment or the flight does
     flight, time = reports.flight, reports.time.astype("datetime64[s]").astype(np.int64)
@@ -167,7 +144,6 @@ def sum_blocks(
 
 
 def _changes(first: Index, second: Index) -> Index:
-    """Places where one of two arrays differs from its value before, and 0."""
     change = np.ones(first.size, dtype=np.bool_)
     change[1:] = (first[1:] != first[:-1]) | (second[1:] != second[:-1])
     return np.flatnonzero(change)

@@ -1,43 +1,34 @@
 """Information of one reference's blocks about the unknowns of the fleet.
 
-Assumes what `airswing.compass.fleet.field` assumes of the reference's error. The unknowns are
-the coefficients of each aircraft (A to E and the airspeed scale), a bias of each aircraft in two
-components, and the lasting part of the field in two components; passing part, pieces and blocks are
-in the weights (generalized least squares).
+The unknowns are the coefficients of each aircraft (A to E and the airspeed scale), a bias of each
+aircraft in two components, and the lasting part of the field (`airswing.compass.fleet.field`) in
+two components; passing part, pieces and blocks are in the weights (generalized least squares).
 
 Aircraft are connected by the field alone: were it known, the information of each would be a
 separate block. The passing part reduces it by H' G H, with G the posterior covariance of a
 segment's nodes and H the weighted sums of an aircraft's design at the nodes it flew near, a sparse
 matrix. The whole matrix is multiplied without being formed.
 
-Of the blocks' sums whole days are laid out at a time, about `MOST_BLOCKS` blocks (the passing part
-and a piece end with their segment), so that memory grows with the archive only by the sums and by a
-score of each unknown a day. With more blocks than that, variances and information are those of an
-even choice of segments, scaled to all blocks; the scores are always of every block.
-
-References
-----------
-Henderson 1975, Biometrics 31, 423-447.
+Of the blocks' sums whole days are laid out at a time, about `MOST_BLOCKS` blocks, so that memory
+grows with the archive only by the sums and by a score of each unknown a day. With more blocks than
+that, variances and information are those of an even choice of segments, scaled to all blocks; the
+scores are always of every block.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 
-from airswing.compass.fleet.blocks import SLOPES, Blocks
+from airswing.compass.fleet.blocks import SLOPES, Array, Blocks, Index
 from airswing.compass.fleet.field import (
     FieldBasis,
-    Flags,
-    Floats,
-    Ints,
     Precision,
     Stretch,
     as_sparse,
-    bounds_of,
     estimate_variances,
 )
 
@@ -56,122 +47,6 @@ LEAST_FREEDOM = 30
 """Degrees of freedom within blocks from which an aircraft's white noise is estimated."""
 
 
-@dataclass(frozen=True)
-class Information:
-    """Information about the unknowns, in the parts from which it is multiplied."""
-
-    direct: Floats  # (aircraft, 8, 8): of each aircraft's unknowns, the field known
-    border: Floats  # (aircraft, 8, 2, functions): between them and the lasting part
-    lasting: Floats  # (functions, functions): of one component's lasting part
-    # sparse (7 * aircraft, segment * nodes) of each component: transposed H, rows by coefficient
-    # (A to E, scale, bias), then aircraft
-    nodes: tuple[sparse.csr_matrix, sparse.csr_matrix]
-    lasting_nodes: sparse.csr_matrix  # (segment * nodes, functions)
-    inverse: Floats  # (segment, nodes, nodes): G
-    # scaling from the chosen segments to all blocks, where the field has a part in the information:
-    # F N F' for the aircraft's unknowns with F (aircraft, 8, 8), N times ``gain`` for the lasting
-    # part's
-    factor: Floats
-    gain: float
-
-    @classmethod
-    def of(cls, precision: Precision, direct: Floats, factor: Floats, gain: float) -> Information:
-        """Sum the information of some blocks; the other arguments as the attributes."""
-        aircraft, one = factor.shape[0], precision.stretch
-        weighted = sparse.diags(precision.weight) @ one.lasting_design
-        tied = sparse.diags(precision.tied) @ (one.piece_sums @ weighted)
-        lasting = weighted - sparse.diags(precision.weight) @ (one.piece_sums.T @ tied)
-        functions = one.lasting_design.shape[1]
-        # sums by aircraft at its nodes and at the functions of the lasting part
-        rows = np.repeat(one.aircraft, one.node.shape[1])
-        nodes, border = [], np.zeros((aircraft, UNKNOWNS, 2, functions))
-        shape = (aircraft, one.segments.size * one.nodes)
-        for component, kept in enumerate(KEPT):
-            values = precision.within_pieces(_design(one, component))
-            at_nodes = [
-                sparse.coo_matrix(
-                    ((one.share * row[:, np.newaxis]).ravel(), (rows, one.node.ravel())), shape
-                ).tocsr()
-                for row in values
-            ]
-            nodes.append(sparse.vstack(at_nodes, format="csr"))
-            place = (one.aircraft[:, np.newaxis] * functions + one.lasting).ravel()
-            for k, row in zip(kept, values, strict=True):
-                sums = np.bincount(
-                    place,
-                    weights=(one.lasting_share * row[:, np.newaxis]).ravel(),
-                    minlength=aircraft * functions,
-                )
-                border[:, k, component] = sums.reshape(aircraft, functions)
-        return cls(
-            direct,
-            border,
-            (one.lasting_design.T @ lasting).toarray(),
-            (nodes[0], nodes[1]),
-            (one.passing_design.T @ lasting).tocsr(),
-            precision.inverse,
-            factor,
-            gain,
-        )
-
-    @property
-    def aircraft(self) -> int:
-        """Number of aircraft."""
-        return int(self.direct.shape[0])
-
-    def times(self, craft: Floats, lasting: Floats) -> tuple[Floats, Floats]:
-        """Multiply with some columns.
-
-        Parameters
-        ----------
-        craft : array of float, shape (aircraft, 8, k)
-        lasting : array of float, shape (2, functions, k)
-
-        Returns
-        -------
-        craft, lasting : arrays of the same shapes
-        """
-        size, many, root = self.lasting.shape[0], craft.shape[-1], np.sqrt(self.gain)
-        known = self.direct @ craft
-        craft, lasting = self.factor.transpose(0, 2, 1) @ craft, root * lasting
-        border = self.border.reshape(-1, 2 * size)
-        found = (border @ lasting.reshape(-1, many)).reshape(craft.shape)
-        below = (border.T @ craft.reshape(-1, many)).reshape(lasting.shape) + self.lasting @ lasting
-        for component, (kept, nodes) in enumerate(zip(KEPT, self.nodes, strict=True)):
-            at_nodes = nodes.T @ craft.transpose(1, 0, 2)[kept].reshape(-1, many)
-            at_nodes += self.lasting_nodes @ lasting[component]
-            shape = (*self.inverse.shape[:2], many)
-            field = (self.inverse @ at_nodes.reshape(shape)).reshape(at_nodes.shape)
-            found[:, kept] -= (nodes @ field).reshape(len(kept), -1, many).transpose(1, 0, 2)
-            below[component] -= self.lasting_nodes.T @ field
-        return known + self.factor @ found, root * below
-
-    def aircraft_blocks(self) -> Floats:
-        """Return the information about the unknowns of each aircraft, shape (aircraft, 8, 8)."""
-        found, size = np.zeros_like(self.direct), self.inverse.shape[1]
-        for kept, nodes in zip(KEPT, self.nodes, strict=True):
-            columns = nodes.tocsc()
-            for k, inverse in enumerate(self.inverse):
-                part = columns[:, k * size : (k + 1) * size].tocoo()
-                coefficient, aircraft = np.divmod(part.row, self.aircraft)
-                here, place = np.unique(aircraft, return_inverse=True)
-                design = np.zeros((here.size, len(kept), size))
-                design[place, coefficient, part.col] = part.data
-                taken = design @ inverse @ design.transpose(0, 2, 1)
-                found[np.ix_(here, kept, kept)] -= taken
-        return np.asarray(self.direct + self.factor @ found @ self.factor.transpose(0, 2, 1))
-
-    def lasting_block(self) -> Floats:
-        """Return the information about one component's lasting part, (functions, functions)."""
-        found, size = self.lasting.copy(), self.inverse.shape[1]
-        for k, inverse in enumerate(self.inverse):
-            part = self.lasting_nodes[k * size : (k + 1) * size]
-            functions = np.unique(part.indices)
-            design = part[:, functions].toarray()
-            found[np.ix_(functions, functions)] -= design.T @ (inverse @ design)
-        return np.asarray(self.gain * found)
-
-
 class Reference:
     """One reference's part of the equations of the fleet.
 
@@ -188,18 +63,15 @@ class Reference:
         First segment of every day.
     """
 
-    def __init__(self, blocks: list[Blocks], free: Flags, days: Ints) -> None:
+    def __init__(self, blocks: list[Blocks], free: NDArray[np.bool_], days: Index) -> None:
         self.blocks, self.free, self.days = blocks, free, days
-        self.basis = FieldBasis.of(
-            *(
-                np.concatenate([getattr(part, name) for part in blocks])
-                for name in ("latitude", "longitude", "log_pressure")
-            )
+        latitude, longitude, log_pressure, segment = (
+            np.concatenate([getattr(part, name) for part in blocks])
+            for name in ("latitude", "longitude", "log_pressure", "segment")
         )
-        self.aircraft, self.lasting = free.shape[0], self.basis.lasting_size + 1
-        segments, count = np.unique(
-            np.concatenate([part.segment for part in blocks]), return_counts=True
-        )
+        self.basis = FieldBasis.of(latitude, longitude, log_pressure)
+        self.aircraft, self.functions = free.shape[0], self.basis.lasting_size + 1
+        segments, count = np.unique(segment, return_counts=True)
         most = int(MOST_BLOCKS * max(1.0, self.aircraft / AIRCRAFT))
         # a segment of many nodes takes the memory of so many blocks
         nodes = min(self.basis.passing_size, 4 * int(count.max()))
@@ -214,50 +86,106 @@ class Reference:
         self.runs = _runs(segments, count, self._day_of(segments), most)
         # what needs every block: report counts by aircraft and by function of the lasting part,
         # the information with the field known, and the scores where every unknown is zero, by day
-        self.worth, self.lasting_worth = np.zeros(self.aircraft), np.zeros(self.lasting)
-        weight, direct = 0.0, np.zeros((self.aircraft, UNKNOWNS, UNKNOWNS))
+        self.worth, self.lasting_worth = np.zeros(self.aircraft), np.zeros(self.functions)
+        weight, self.direct = 0.0, np.zeros((self.aircraft, UNKNOWNS, UNKNOWNS))
         self.start = np.zeros((self.days.size, self.size + self.free.size))
         for part in self._parts():
             one = part.stretch
             self.worth += np.bincount(one.aircraft, weights=one.weight, minlength=self.aircraft)
             self.lasting_worth += one.lasting_design.T @ one.weight
             weight += float(part.weight.sum())
-            direct += _direct_information(part, self.aircraft)
+            self.direct += _direct_information(part, self.aircraft)
             self._add_scores(part, one.residual, self.start)
-        factor, gain = np.broadcast_to(np.eye(UNKNOWNS), direct.shape), 1.0
+        # scaling from the chosen segments to all blocks, where the field has a part in the
+        # information: F N F' for the aircraft's unknowns, N times ``gain`` for the lasting part's
+        self.factor, self.gain = np.broadcast_to(np.eye(UNKNOWNS), self.direct.shape), 1.0
         if self.thinned:
-            factor = _factor(_direct_information(self.some, self.aircraft), direct)
-            gain = weight / float(self.some.weight.sum())
-        self.information = Information.of(self.some, direct, factor, gain)
-
-    def _stretch(self, segments: Ints) -> Stretch:
-        """Blocks of some segments; coefficients that are not fitted have no slope."""
-        found = Stretch.of([part.of(segments) for part in self.blocks], self.basis)
-        for k, (i, j) in enumerate(bounds_of(found.aircraft, self.aircraft)):
-            found.slopes[:, ~self.free[k], i:j] = 0.0
-        return found
-
-    def _parts(self) -> Iterator[Precision]:
-        """Every block once, some days at a time."""
-        if not self.thinned:
-            yield self.some
-            return
-        for segments in self.runs:
-            yield Precision(self._stretch(segments), self.variances)
-
-    def _day_of(self, segments: Ints) -> Ints:
-        """Place of the day of each segment."""
-        return np.searchsorted(self.days, segments, side="right") - 1
+            self.factor = _factor(_direct_information(self.some, self.aircraft), self.direct)
+            self.gain = weight / float(self.some.weight.sum())
+        self._sum_information()
 
     @property
     def size(self) -> int:
         """Number of unknowns besides the coefficients."""
-        return int(2 * (self.aircraft + self.lasting))
+        return int(2 * (self.aircraft + self.functions))
 
-    def leverage(self) -> Floats:
-        """Return the share of each coefficient's scatter between days that fitting removes.
+    def _sum_information(self) -> None:
+        """Information of the chosen segments, in the parts from which it is multiplied."""
+        precision, one, functions = self.some, self.some.stretch, self.functions
+        weighted = sparse.diags(precision.weight) @ one.lasting_design
+        tied = sparse.diags(precision.tied) @ (one.piece_sums @ weighted)
+        lasting = weighted - sparse.diags(precision.weight) @ (one.piece_sums.T @ tied)
+        # of one component's lasting part, and between it and the aircraft's unknowns
+        self.lasting = (one.lasting_design.T @ lasting).toarray()
+        self.border = np.zeros((self.aircraft, UNKNOWNS, 2, functions))
+        # transposed H of each component, (7 * aircraft, segment * nodes), rows by coefficient (A to
+        # E, scale, bias), then aircraft; and of the lasting part
+        self.nodes: list[sparse.csr_matrix] = []
+        self.lasting_nodes = (one.passing_design.T @ lasting).tocsr()
+        rows = np.repeat(one.aircraft, one.node.shape[1])
+        shape = (self.aircraft, one.segments.size * one.nodes)
+        place = (one.aircraft[:, np.newaxis] * functions + one.lasting).ravel()
+        for component, kept in enumerate(KEPT):
+            values = precision.within_pieces(_design(one, component))
+            at_nodes = [
+                sparse.coo_matrix(
+                    ((one.share * row[:, np.newaxis]).ravel(), (rows, one.node.ravel())), shape
+                ).tocsr()
+                for row in values
+            ]
+            self.nodes.append(sparse.vstack(at_nodes, format="csr"))
+            for k, row in zip(kept, values, strict=True):
+                each = (one.lasting_share * row[:, np.newaxis]).ravel()
+                sums = np.bincount(place, weights=each, minlength=self.aircraft * functions)
+                self.border[:, k, component] = sums.reshape(self.aircraft, functions)
 
-        From the aircraft's equations with the field known; shape (aircraft, 6).
+    def times(self, craft: Array, lasting: Array) -> tuple[Array, Array]:
+        """Multiply the information with some columns, (aircraft, 8, k) and (2, functions, k)."""
+        many, root = craft.shape[-1], np.sqrt(self.gain)
+        known = self.direct @ craft
+        craft, lasting = self.factor.transpose(0, 2, 1) @ craft, root * lasting
+        border = self.border.reshape(-1, 2 * self.functions)
+        found = (border @ lasting.reshape(-1, many)).reshape(craft.shape)
+        below = (border.T @ craft.reshape(-1, many)).reshape(lasting.shape) + self.lasting @ lasting
+        inverse = self.some.inverse
+        for component, (kept, nodes) in enumerate(zip(KEPT, self.nodes, strict=True)):
+            at_nodes = nodes.T @ craft.transpose(1, 0, 2)[kept].reshape(-1, many)
+            at_nodes += self.lasting_nodes @ lasting[component]
+            shape = (*inverse.shape[:2], many)
+            field = (inverse @ at_nodes.reshape(shape)).reshape(at_nodes.shape)
+            found[:, kept] -= (nodes @ field).reshape(len(kept), -1, many).transpose(1, 0, 2)
+            below[component] -= self.lasting_nodes.T @ field
+        return known + self.factor @ found, root * below
+
+    def aircraft_blocks(self) -> Array:
+        """Information about the unknowns of each aircraft, (aircraft, 8, 8)."""
+        found, size = np.zeros_like(self.direct), self.some.stretch.nodes
+        for kept, nodes in zip(KEPT, self.nodes, strict=True):
+            columns = nodes.tocsc()
+            for k, inverse in enumerate(self.some.inverse):
+                part = columns[:, k * size : (k + 1) * size].tocoo()
+                coefficient, aircraft = np.divmod(part.row, self.aircraft)
+                here, place = np.unique(aircraft, return_inverse=True)
+                design = np.zeros((here.size, len(kept), size))
+                design[place, coefficient, part.col] = part.data
+                taken = design @ inverse @ design.transpose(0, 2, 1)
+                found[np.ix_(here, kept, kept)] -= taken
+        return np.asarray(self.direct + self.factor @ found @ self.factor.transpose(0, 2, 1))
+
+    def lasting_block(self) -> Array:
+        """Information about one component's lasting part, (functions, functions)."""
+        found, size = self.lasting.copy(), self.some.stretch.nodes
+        for k, inverse in enumerate(self.some.inverse):
+            part = self.lasting_nodes[k * size : (k + 1) * size]
+            functions = np.unique(part.indices)
+            design = part[:, functions].toarray()
+            found[np.ix_(functions, functions)] -= design.T @ (inverse @ design)
+        return np.asarray(self.gain * found)
+
+    def leverage(self) -> Array:
+        """Share of each coefficient's scatter between days that fitting removes, (aircraft, 6).
+
+        From the aircraft's equations with the field known.
         """
         one = self.some.stretch
         _, day = np.unique(self._day_of(one.segments), return_inverse=True)
@@ -277,13 +205,12 @@ class Reference:
         # an aircraft without blocks on these days: no leverage
         ridge = np.where(trace > 0, 1e-9 * trace, 1.0) * np.eye(UNKNOWNS)
         inverse = np.linalg.inv(total + ridge)
-        twice = (days @ inverse[:, np.newaxis] @ days).sum(axis=1)
-        removed = inverse @ twice @ inverse
+        removed = inverse @ (days @ inverse[:, np.newaxis] @ days).sum(axis=1) @ inverse
         share = np.diagonal(removed, axis1=1, axis2=2) / np.diagonal(inverse, axis1=1, axis2=2)
         return np.asarray(np.minimum(share[:, :SLOPES] * count / self.days.size, 0.5))
 
-    def scores(self, unknowns: Floats) -> Floats:
-        """Return the score of every unknown by day, shape (day, unknown)."""
+    def scores(self, unknowns: Array) -> Array:
+        """Score of every unknown by day, (day, unknown)."""
         a = self.aircraft
         theta = unknowns[: a * SLOPES].reshape(a, SLOPES)
         bias = unknowns[a * SLOPES : a * UNKNOWNS].reshape(a, 2)
@@ -292,21 +219,39 @@ class Reference:
         for part in self._parts():
             one = part.stretch
             left = one.residual - (one.lasting_design @ lasting.T).T
-            for k, (i, j) in enumerate(bounds_of(one.aircraft, a)):
+            for k, (i, j) in enumerate(one.of_aircraft(a)):
                 left[:, i:j] -= theta[k] @ one.slopes[:, :, i:j] + bias[k][:, np.newaxis]
             self._add_scores(part, left, found)
         return found
 
-    def _add_scores(self, part: Precision, left: Floats, found: Floats) -> None:
+    def _stretch(self, segments: Index) -> Stretch:
+        """Blocks of some segments; coefficients that are not fitted have no slope."""
+        found = Stretch.of([part.of(segments) for part in self.blocks], self.basis)
+        for k, (i, j) in enumerate(found.of_aircraft(self.aircraft)):
+            found.slopes[:, ~self.free[k], i:j] = 0.0
+        return found
+
+    def _parts(self) -> Iterator[Precision]:
+        """Every block once, some days at a time."""
+        if not self.thinned:
+            yield self.some
+            return
+        for segments in self.runs:
+            yield Precision(self._stretch(segments), self.variances)
+
+    def _day_of(self, segments: Index) -> Index:
+        return np.searchsorted(self.days, segments, side="right") - 1
+
+    def _add_scores(self, part: Precision, left: Array, found: Array) -> None:
         """Add the scores of some whole days' blocks, from their residual."""
-        one, a = part.stretch, self.aircraft
+        one, a, functions = part.stretch, self.aircraft, self.functions
         weighted = part.apply(left)
         day = self._day_of(one.segments)
         rows, day = slice(int(day[0]), int(day[-1]) + 1), day - day[0]
         days = int(day[-1]) + 1
         group = one.aircraft[one.opens] * days + day[one.segment[one.opens]]
 
-        def by_day(values: Floats) -> Floats:
+        def by_day(values: Array) -> Array:
             pieces = np.add.reduceat(values, one.opens)
             total = np.bincount(group, weights=pieces, minlength=a * days)
             return np.asarray(total.reshape(a, days).T)
@@ -316,24 +261,22 @@ class Reference:
             found[rows, k : a * SLOPES : SLOPES] = score
         for c in range(2):
             found[rows, a * SLOPES + c : a * UNKNOWNS : 2] = by_day(weighted[c])
-        shift = (day * self.lasting).astype(np.int32)[one.segment]
-        daily = as_sparse(
-            one.lasting + shift[:, np.newaxis], one.lasting_share, days * self.lasting
-        )
-        scores = (daily.T @ weighted.T).reshape(days, self.lasting, 2)
+        shift = (day * functions).astype(np.int32)[one.segment]
+        daily = as_sparse(one.lasting + shift[:, np.newaxis], one.lasting_share, days * functions)
+        scores = (daily.T @ weighted.T).reshape(days, functions, 2)
         found[rows, a * UNKNOWNS :] = scores.transpose(0, 2, 1).reshape(days, -1)
 
 
-def _design(one: Stretch, component: int) -> Floats:
-    """Design of an aircraft's coefficients and bias, shape (7, n)."""
+def _design(one: Stretch, component: int) -> Array:
+    """Design of an aircraft's coefficients and bias, (7, n)."""
     return np.vstack([one.slopes[component], np.ones(one.weight.size)])
 
 
-def _direct_information(precision: Precision, aircraft: int) -> Floats:
-    """Information about each aircraft's unknowns with the field known, shape (aircraft, 8, 8)."""
+def _direct_information(precision: Precision, aircraft: int) -> Array:
+    """Information about each aircraft's unknowns with the field known, (aircraft, 8, 8)."""
     one = precision.stretch
     found = np.zeros((aircraft, UNKNOWNS, UNKNOWNS))
-    for k, (i, j) in enumerate(bounds_of(one.aircraft, aircraft)):
+    for k, (i, j) in enumerate(one.of_aircraft(aircraft)):
         if i == j:
             continue
         first, last = np.searchsorted(one.opens, (i, j))
@@ -346,7 +289,7 @@ def _direct_information(precision: Precision, aircraft: int) -> Floats:
     return found
 
 
-def _runs(segments: Ints, count: Ints, day: Ints, most: int) -> list[Ints]:
+def _runs(segments: Index, count: Index, day: Index, most: int) -> list[Index]:
     """Segments of whole days with at most so many blocks together, one day at least."""
     opens = np.flatnonzero(np.diff(day, prepend=-1))
     found, total = [0], 0
@@ -358,7 +301,7 @@ def _runs(segments: Ints, count: Ints, day: Ints, most: int) -> list[Ints]:
     return np.split(segments, found[1:])
 
 
-def _white(within: Floats, freedom: Floats) -> Floats:
+def _white(within: Array, freedom: Array) -> Array:
     """Variance of one report of each aircraft; the fleet's median where it has too few."""
     known = freedom >= LEAST_FREEDOM
     if not known.any():
@@ -368,7 +311,7 @@ def _white(within: Floats, freedom: Floats) -> Floats:
     return np.asarray(np.maximum(np.where(known, found, np.median(found[known])), 1e-3))
 
 
-def _factor(some: Floats, every: Floats) -> Floats:
+def _factor(some: Array, every: Array) -> Array:
     """Matrices that bring the information of some blocks to that of all, (aircraft, 8, 8)."""
     # an aircraft without information on a parameter has no Cholesky factor without the ridge
     ridge = 1e-9 * np.trace(every, axis1=1, axis2=2)[:, np.newaxis, np.newaxis] * np.eye(UNKNOWNS)

@@ -1,13 +1,10 @@
 """Deviations of a fleet and the error of its references, estimated together.
 
-Assumes what `airswing.compass.fleet.field` assumes of the reference's error, and that the
-fits of single aircraft are near enough for one linear step. The unknowns are those of
-`airswing.compass.fleet.information`, for all references together.
-
-Prior variances of the biases and of the lasting parts are estimated by restricted maximum
-likelihood (Schall's steps). The coefficients of the aircraft have no prior: a fleet with large
-deviations must not be drawn to its mean. Up to `WRITTEN_OUT` unknowns the matrix is formed and
-inverted. Of more unknowns
+The fits of single aircraft are near enough for one linear step. The unknowns are those of
+`airswing.compass.fleet.information`, for all references together. Prior variances of the biases and
+of the lasting parts are estimated by restricted maximum likelihood (Schall's steps). The
+coefficients of the aircraft have no prior: a fleet with large deviations must not be drawn to its
+mean. Up to `WRITTEN_OUT` unknowns the matrix is formed and inverted. Of more unknowns
 
 * systems are solved by `scipy.sparse.linalg.cg`, preconditioned with the blocks of each aircraft
   and of each lasting part;
@@ -15,10 +12,10 @@ inverted. Of more unknowns
 * an aircraft's covariance is the inverse of its block, plus what the lasting part adds, which is
   exact, times the mean over the fleet of the ratio of the true variances to these.
 
-Errors of different days (four segments, UTC) are taken as independent, whatever they
-are within a day. The covariance is the model's times the fleet's mean ratio of the sandwich over
-days to the model's, for each coefficient, because the days of one aircraft are too few; in an
-archive of few days this ratio is at least one.
+Errors of different days (four segments, UTC) are taken as independent, whatever they are within a
+day. The covariance is the model's times the fleet's mean ratio of the sandwich over days to the
+model's, for each coefficient, because the days of one aircraft are too few; in an archive of few
+days this ratio is at least one.
 
 References
 ----------
@@ -31,12 +28,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse.linalg import LinearOperator, cg
 
 from airswing.compass.fit.kernel import FOLDS
-from airswing.compass.fleet.blocks import SLOPES, Blocks
-from airswing.compass.fleet.field import LARGEST_VARIANCE, Flags, Floats, Ints
-from airswing.compass.fleet.information import Information, Reference
+from airswing.compass.fleet.blocks import SLOPES, Array, Blocks, Index
+from airswing.compass.fleet.field import LARGEST_VARIANCE
+from airswing.compass.fleet.information import Reference
 from airswing.errors import InputError
 
 SEGMENTS_A_DAY = 4
@@ -67,37 +65,26 @@ SIGNS, MANY_SIGNS = 8, 32
 class FleetFit:
     """Joint estimate."""
 
-    step: Floats  # (aircraft, 6): to add to A to E and airspeed scale of the single fits, radians
-    covariance: Floats  # (aircraft, 6, 6)
+    step: Array  # (aircraft, 6): to add to A to E and airspeed scale of the single fits, radians
+    covariance: Array  # (aircraft, 6, 6)
     # (FOLDS, aircraft, 6): change of the estimate without the days of each part, but for the weight
     # of the other days: to first order, the equations of the days being additive
-    without: Floats
-    bias: Floats  # (2,): mean error of the references over the blocks, m/s
-    bias_covariance: Floats  # (2, 2)
-    ratio: Floats  # (6,): factor that was applied to the covariance of the model
+    without: Array
+    bias: Array  # (2,): mean error of the references over the blocks, m/s
+    bias_covariance: Array  # (2, 2)
     regions: int  # largest number of regions of a reference's passing part
 
 
-def solve_fleet(blocks: list[list[Blocks]], free: Flags) -> FleetFit:
+def solve_fleet(blocks: list[list[Blocks]], free: NDArray[np.bool_]) -> FleetFit:
     """Estimate deviations and reference error of a fleet.
 
-    Parameters
-    ----------
-    blocks : list of list of Blocks
-        Of every aircraft, one for each reference.
-    free : array of bool, shape (aircraft, 6)
-        Coefficients that are fitted.
-
-    Returns
-    -------
-    FleetFit
+    ``blocks`` are those of every aircraft, one for each reference; ``free`` (aircraft, 6) are the
+    coefficients that are fitted.
     """
-    segments = np.unique(
-        np.concatenate([np.unique(part.segment) for one in blocks for part in one])
-    )
+    segments = np.concatenate([np.unique(part.segment) for one in blocks for part in one])
     days = np.unique(segments // SEGMENTS_A_DAY) * SEGMENTS_A_DAY
     references = [Reference([one[k] for one in blocks], free, days) for k in range(len(blocks[0]))]
-    equations = Equations([one.information for one in references], free)
+    equations = Equations(references, free)
     right = np.zeros(equations.size)
     for one, place in zip(references, equations.places, strict=True):
         right[place] += one.start.sum(axis=0)
@@ -111,13 +98,12 @@ def solve_fleet(blocks: list[list[Blocks]], free: Flags) -> FleetFit:
     # by part of the days; about their mean, as they add up to the score of the prior
     apart = scores - scores.mean(axis=0)
     part_of_day = days // SEGMENTS_A_DAY % FOLDS
-    without = -inverse.solve(
-        np.array([apart[part_of_day == k].sum(axis=0) for k in range(FOLDS)]).T
-    )
+    by_part = np.array([apart[part_of_day == k].sum(axis=0) for k in range(FOLDS)])
+    without = -inverse.solve(by_part.T)
 
     square = inverse.covariances()
-    sandwich = inverse.squares(apart.T) + inverse.prior_squares()
-    part = sandwich / np.diagonal(square, axis1=1, axis2=2)
+    part = inverse.squares(apart.T) + inverse.prior_squares()
+    part /= np.diagonal(square, axis1=1, axis2=2)
     part /= 1.0 - np.mean([one.leverage() for one in references], axis=0)
     ratio = np.array(
         [part[:, k][free[:, k]].mean() if free[:, k].any() else 1.0 for k in range(SLOPES)]
@@ -140,7 +126,6 @@ def solve_fleet(blocks: list[list[Blocks]], free: Flags) -> FleetFit:
         without[: free.size].T.reshape(FOLDS, *free.shape),
         rows @ found,
         rows @ inverse.solve(rows.T) * max(float(ratio.mean()), 1.0),
-        ratio,
         max(one.basis.regions for one in references),
     )
 
@@ -163,17 +148,16 @@ class Equations:
         a lasting part, the last of its functions, has no prior.
     """
 
-    def __init__(self, parts: list[Information], free: Flags) -> None:
+    def __init__(self, parts: list[Reference], free: NDArray[np.bool_]) -> None:
         self.parts, self.free, self.aircraft = parts, free, free.shape[0]
-        self.places: list[Ints] = []
-        self.craft: list[Ints] = []
-        self.lasting: list[Ints] = []
-        self.groups: list[Ints] = []
+        self.places: list[Index] = []
+        self.craft: list[Index] = []
+        self.lasting: list[Index] = []
+        self.groups: list[Index] = []
         coefficients, start = np.arange(free.size), free.size
         for part in parts:
             bias = start + np.arange(2 * self.aircraft).reshape(self.aircraft, 2)
-            functions = part.lasting.shape[0]
-            lasting = start + bias.size + np.arange(2 * functions).reshape(2, functions)
+            lasting = start + bias.size + np.arange(2 * part.functions).reshape(2, -1)
             self.craft.append(np.hstack([coefficients.reshape(free.shape), bias]))
             self.lasting.append(lasting)
             self.places.append(np.concatenate([coefficients, bias.ravel(), lasting.ravel()]))
@@ -181,8 +165,8 @@ class Equations:
             start += bias.size + lasting.size
         self.size = start
 
-    def times(self, values: Floats) -> Floats:
-        """Multiply with some columns, shape (size, k)."""
+    def times(self, values: Array) -> Array:
+        """Multiply with some columns, (size, k)."""
         found = np.zeros_like(values)
         for part, craft, lasting in zip(self.parts, self.craft, self.lasting, strict=True):
             above, below = part.times(values[craft], values[lasting])
@@ -194,7 +178,7 @@ class Equations:
 class Written:
     """Inverse of the Newton matrix of few aircraft, with its prior."""
 
-    def __init__(self, equations: Equations, right: Floats) -> None:
+    def __init__(self, equations: Equations, right: Array) -> None:
         self.aircraft, shared = equations.aircraft, equations.free.size
         unit = np.eye(equations.size)
         newton = np.hstack(
@@ -217,22 +201,22 @@ class Written:
         self.prior[shared:] = 1.0 / group_variances(square, score, groups)
         self.covariance = np.linalg.inv(newton + np.diag(self.prior))
 
-    def solve(self, right: Floats) -> Floats:
-        """Multiply the inverse with a vector or some columns, shape (unknowns, ...)."""
+    def solve(self, right: Array) -> Array:
+        """Multiply the inverse with a vector or some columns, (unknowns, ...)."""
         return np.asarray(self.covariance @ right)
 
-    def covariances(self) -> Floats:
-        """Return the block of each aircraft's coefficients, shape (aircraft, 6, 6)."""
+    def covariances(self) -> Array:
+        """Block of each aircraft's coefficients, (aircraft, 6, 6)."""
         index = np.arange(self.aircraft * SLOPES).reshape(self.aircraft, SLOPES)
         return np.asarray(self.covariance[index[:, :, np.newaxis], index[:, np.newaxis]])
 
-    def squares(self, columns: Floats) -> Floats:
-        """Return the sum of squares of the products with some columns, shape (aircraft, 6)."""
+    def squares(self, columns: Array) -> Array:
+        """Sum of squares of the products with some columns, (aircraft, 6)."""
         found = self.covariance[: self.aircraft * SLOPES] @ columns
         return np.asarray((found**2).sum(axis=1).reshape(self.aircraft, SLOPES))
 
-    def prior_squares(self) -> Floats:
-        """Return the sum of squares with the prior as weights, shape (aircraft, 6)."""
+    def prior_squares(self) -> Array:
+        """Sum of squares with the prior as weights, (aircraft, 6)."""
         found = self.covariance[: self.aircraft * SLOPES] ** 2 @ self.prior
         return np.asarray(found.reshape(self.aircraft, SLOPES))
 
@@ -240,7 +224,7 @@ class Written:
 class Iterated:
     """Inverse of the Newton matrix of many aircraft, never formed; methods as in `Written`."""
 
-    def __init__(self, equations: Equations, right: Floats) -> None:
+    def __init__(self, equations: Equations, right: Array) -> None:
         self.equations, self.aircraft = equations, equations.aircraft
         biases = [craft[:, SLOPES:] for craft in equations.craft]
         # coefficients and all biases of each aircraft
@@ -256,11 +240,11 @@ class Iterated:
         self.lasting = [part.lasting_block() for part in equations.parts]
         self._find_prior(right)
 
-    def solve(self, right: Floats) -> Floats:
+    def solve(self, right: Array) -> Array:
         """As in `Written`."""
         return self._solved(right.reshape(right.shape[0], -1), FINE).reshape(right.shape)
 
-    def covariances(self) -> Floats:
+    def covariances(self) -> Array:
         """As in `Written`."""
         low = np.concatenate([lasting.ravel() for lasting in self.equations.lasting])
         unit = np.zeros((self.prior.size, low.size))
@@ -271,10 +255,20 @@ class Iterated:
         root = np.linalg.cholesky(np.linalg.inv((among + among.T) / 2.0))
         part = solved[self.place[:, :SLOPES]] @ root
         found = self.inverse[:, :SLOPES, :SLOPES] + part @ part.transpose(0, 2, 1)
-        ratio = np.sqrt(self._mean_ratio(np.diagonal(found, axis1=1, axis2=2)))
-        return np.asarray(found * ratio[:, np.newaxis] * ratio)
+        # mean over the fleet of the true variances over these, by coefficient: Hutchinson's
+        # estimate of a trace, each aircraft scaled to one
+        variance, ratio = np.diagonal(found, axis1=1, axis2=2), np.ones(SLOPES)
+        for k in np.flatnonzero(self.equations.free.any(axis=0)):
+            rows = np.flatnonzero(self.equations.free[:, k])
+            right = np.zeros((self.prior.size, SIGNS))
+            right[self.place[rows, k]] = _signs(rows.size, SIGNS) / np.sqrt(
+                variance[rows, k, np.newaxis]
+            )
+            ratio[k] = (right * self._solved(right, COARSE)).sum() / (SIGNS * rows.size)
+        root = np.sqrt(ratio)
+        return np.asarray(found * root[:, np.newaxis] * root)
 
-    def squares(self, columns: Floats) -> Floats:
+    def squares(self, columns: Array) -> Array:
         """As in `Written`; many columns are reduced by random signs, with the same mean."""
         number = columns.shape[1]
         if number > MANY_SIGNS:
@@ -282,34 +276,12 @@ class Iterated:
         found = self._solved(columns, COARSE)[: self.aircraft * SLOPES]
         return np.asarray((found**2).sum(axis=1).reshape(self.aircraft, SLOPES))
 
-    def prior_squares(self) -> Floats:
+    def prior_squares(self) -> Array:
         """As in `Written`."""
         signs = _signs(self.prior.size, MANY_SIGNS) / np.sqrt(MANY_SIGNS)
         return self.squares(np.sqrt(self.prior)[:, np.newaxis] * signs)
 
-    def _mean_ratio(self, variance: Floats) -> Floats:
-        """Mean over the fleet of the true variances over these, by coefficient, shape (6,)."""
-        found = np.ones(SLOPES)
-        for k in np.flatnonzero(self.equations.free.any(axis=0)):
-            rows = np.flatnonzero(self.equations.free[:, k])
-            # Hutchinson's estimate of a trace, each aircraft scaled to one
-            signs = _signs(rows.size, SIGNS) / np.sqrt(variance[rows, k, np.newaxis])
-            right = np.zeros((self.prior.size, SIGNS))
-            right[self.place[rows, k]] = signs
-            found[k] = (right * self._solved(right, COARSE)).sum() / (SIGNS * rows.size)
-        return found
-
-    def _settle(self, prior: Floats) -> None:
-        """Set the prior, and the preconditioner with it."""
-        self.prior = prior
-        added = (prior + self.held)[self.place]
-        self.inverse = np.linalg.inv(self.blocks + added[:, :, np.newaxis] * np.eye(added.shape[1]))
-        self.lasting_inverse = [
-            [np.linalg.inv(block + np.diag(prior[one])) for one in lasting]
-            for block, lasting in zip(self.lasting, self.equations.lasting, strict=True)
-        ]
-
-    def _find_prior(self, right: Floats) -> None:
+    def _find_prior(self, right: Array) -> None:
         """Estimate the variances of biases and lasting parts, the coefficients unknown."""
         groups = self.equations.groups
         columns = np.zeros((right.size, 1 + SIGNS * len(groups)))
@@ -319,9 +291,9 @@ class Iterated:
             # for the trace of the inverse over a group, which Schall's step needs
             columns[group, some] = _signs(group.size, SIGNS)
         variance = np.full(len(groups), FIRST_VARIANCE)
-        solved: Floats | None = None
+        solved: Array | None = None
+        self._set_prior(variance)
         for _ in range(ROUNDS):
-            self._settle(self._prior_of(variance))
             # from the solution of the round before: variances move less and less
             solved = self._solved(columns, COARSE, solved)
             before = variance.copy()
@@ -329,22 +301,28 @@ class Iterated:
                 unknown = float((columns[group, some] * solved[group, some]).sum()) / SIGNS
                 energy = float((solved[group, 0] ** 2).sum())
                 variance[k] = _next_variance(energy, unknown, group.size, before[k])
+            self._set_prior(variance)
             if np.all(np.abs(variance - before) <= COARSE_STEP * before):
                 break
-        self._settle(self._prior_of(variance))
 
-    def _prior_of(self, variance: Floats) -> Floats:
-        prior = np.zeros(self.equations.size)
-        prior[self.equations.free.size :] = 1.0 / UNKNOWN_VARIANCE
+    def _set_prior(self, variance: Array) -> None:
+        """Set the prior, and the preconditioner with it."""
+        self.prior = np.zeros(self.equations.size)
+        self.prior[self.equations.free.size :] = 1.0 / UNKNOWN_VARIANCE
         for group, value in zip(self.equations.groups, variance, strict=True):
-            prior[group] = 1.0 / value
-        return prior
+            self.prior[group] = 1.0 / value
+        added = (self.prior + self.held)[self.place]
+        self.inverse = np.linalg.inv(self.blocks + added[:, :, np.newaxis] * np.eye(added.shape[1]))
+        self.lasting_inverse = [
+            [np.linalg.inv(block + np.diag(self.prior[one])) for one in lasting]
+            for block, lasting in zip(self.lasting, self.equations.lasting, strict=True)
+        ]
 
-    def _solved(self, right: Floats, tolerance: float, start: Floats | None = None) -> Floats:
+    def _solved(self, right: Array, tolerance: float, start: Array | None = None) -> Array:
         """Solve for each of some columns."""
         size, added = right.shape[0], self.prior + self.held
 
-        def times(vector: Floats) -> Floats:
+        def times(vector: Array) -> Array:
             column = vector.reshape(-1, 1)
             return np.asarray(self.equations.times(column)[:, 0] + added * column[:, 0])
 
@@ -365,7 +343,7 @@ class Iterated:
                 )
         return found
 
-    def _preconditioned(self, vector: Floats) -> Floats:
+    def _preconditioned(self, vector: Array) -> Array:
         values = vector.ravel()
         found = np.empty_like(values)
         found[self.place] = (self.inverse @ values[self.place][:, :, np.newaxis])[:, :, 0]
@@ -375,7 +353,7 @@ class Iterated:
         return found
 
 
-def _signs(rows: int, columns: int) -> Floats:
+def _signs(rows: int, columns: int) -> Array:
     """Random signs, the same in every run for the same shape."""
     signs = np.random.default_rng([rows, columns]).integers(0, 2, (rows, columns))
     return np.asarray(2.0 * signs - 1.0)
@@ -387,11 +365,11 @@ def _next_variance(energy: float, unknown: float, size: int, before: float) -> f
     return min(max(energy / known, SMALLEST_VARIANCE), LARGEST_VARIANCE)
 
 
-def group_variances(information: Floats, score: Floats, groups: list[Ints]) -> Floats:
-    """Estimate variances of random effects by restricted maximum likelihood.
+def group_variances(information: Array, score: Array, groups: list[Index]) -> Array:
+    """Variance of every effect (n,) by restricted maximum likelihood, in Schall's steps.
 
-    Schall's steps. Steps of expectation-maximization converge to the same values, ten to a hundred
-    times more slowly where a variance is small; one that is too large widens every interval.
+    Steps of expectation-maximization converge to the same values, ten to a hundred times more
+    slowly where a variance is small; one that is too large widens every interval.
 
     Parameters
     ----------
@@ -401,11 +379,6 @@ def group_variances(information: Floats, score: Floats, groups: list[Ints]) -> F
         Where the effects are zero.
     groups : list of array of int
         Effects that share a variance; those of no group have no prior.
-
-    Returns
-    -------
-    array, shape (n,)
-        Variance of every effect, between `SMALLEST_VARIANCE` and `LARGEST_VARIANCE` in a group.
     """
     variance = np.full(score.size, UNKNOWN_VARIANCE)
     for group in groups:
@@ -415,12 +388,8 @@ def group_variances(information: Floats, score: Floats, groups: list[Ints]) -> F
         covariance = np.linalg.inv(information + np.diag(1.0 / variance))
         energy, unknown = (covariance @ score) ** 2, np.diagonal(covariance)
         for group in groups:
-            variance[group] = _next_variance(
-                float(energy[group].sum()),
-                float(unknown[group].sum()),
-                group.size,
-                float(before[group[0]]),
-            )
+            sums = float(energy[group].sum()), float(unknown[group].sum())
+            variance[group] = _next_variance(*sums, group.size, float(before[group[0]]))
         if np.all(np.abs(variance - before) <= STEP * before):
             break
     return variance

@@ -29,7 +29,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.compass.fit.acceptance import FitOptions
-from airswing.compass.fit.deviation import FITTED_FROM, FleetSums, fit_sums, sum_aircraft
+from airswing.compass.fit.deviation import FITTED_FROM, fit_sums, sum_aircraft
 from airswing.errors import InputError
 from airswing.evaluation.monitoring.daily_sums import CompassDays, compass_days, rows_by_aircraft
 from airswing.evaluation.monitoring.fleet_watch import (
@@ -362,14 +362,14 @@ def fit_by_window(
     windows: set[int] = set()
     for block in blocks(headings, ["time", "screening"]):
         windows.update(number(block)[block["screening"].to_numpy() == 0].tolist())
-    sums: dict[int, list[FleetSums]] = {one: [] for one in sorted(windows)}
+    sums: dict[int, list[xr.DataArray]] = {one: [] for one in sorted(windows)}
     for block in blocks(headings.sel(reference=members), FITTED_FROM):
         place = number(block)
         for one, parts in sums.items():
             parts.append(sum_aircraft(some_reports(block, place == one), pools=mean, **fit_options))
     found = []
     for one in list(sums):
-        fits = fit_sums(sums.pop(one)).sel(reference=reference)
+        fits = fit_sums(xr.concat(sums.pop(one), "aircraft")).sel(reference=reference)
         first = str(np.datetime64(one * step, "M").astype("datetime64[D]"))
         found += [_window_entry(fits.isel(aircraft=k), first) for k in range(fits.aircraft.size)]
     return sorted(found, key=lambda entry: (entry["aircraft"], entry["window"]))
