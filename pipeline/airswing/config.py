@@ -21,15 +21,12 @@ from pydantic import (
 )
 
 from airswing.errors import InputError
-from airswing.model_formats import model_formats
-from airswing.quantities import MetresPerSecond, Radians, Seconds, spelt_out
+from airswing.quantities import MetresPerSecond, Radians, Seconds, lead_condition, spelt_out
 from airswing.units import DAY, KNOT
 from airswing.yaml_file import nearest
 
 
 def _checked_lead(text: str) -> str:
-    from airswing.lead_times import lead_condition
-
     try:
         lead_condition(text)
     except InputError as err:
@@ -93,13 +90,6 @@ class Reports(_Section):
         return {**self.columns, **{name: {"only": values} for name, values in self.only.items()}}
 
 
-def _checked_engine(name: str) -> str:
-    known = ("auto", "grib", "cfgrib", "netcdf", "zarr", "wrf", "fleet", *model_formats())
-    if name not in known:
-        raise ValueError(f"must be one of {', '.join(known)}")
-    return name
-
-
 class Reference(_Section):
     """Where one model's winds are, which lead times and ensemble member are used.
 
@@ -108,7 +98,7 @@ class Reference(_Section):
     """
 
     files: Strings = []
-    engine: Annotated[str, AfterValidator(_checked_engine)] = "auto"
+    engine: Literal["auto", "grib", "cfgrib", "netcdf", "zarr", "wrf", "fleet"] = "auto"
     lead: Annotated[str, AfterValidator(_checked_lead)] = "any"
     member: int | None = Field(None, ge=0, le=1_000_000)
     on_bad_file: Literal["skip", "fail"] = "skip"

@@ -1,4 +1,4 @@
-"""Numbers with a unit and times, as configurations and files of effects write them.
+"""Numbers with a unit, times and conditions on lead times, as configurations write them.
 
 Assumes a number and one unit ("3 h", "0.1 deg", "80 kt"), not an expression; inside they are plain
 floats in SI units and radians. A time of digits alone is year, month, day and on, as model files
@@ -9,13 +9,18 @@ from __future__ import annotations
 
 import functools
 import math
+import operator
 import re
+from collections.abc import Callable
 from datetime import datetime
 from typing import TYPE_CHECKING, Annotated
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import BeforeValidator
 
-from airswing.errors import shortened
+from airswing.errors import InputError, shortened
+from airswing.units import DAY
 
 if TYPE_CHECKING:  # taken up at the first quantity
     import pint
@@ -102,3 +107,43 @@ def spelt_out(value: object) -> object:
         return datetime.strptime(digits, _COMPACT.get(len(digits), "no time has so many"))
     except ValueError:
         raise ValueError("is no time; write 2009-10-20T06:00, or yyyymmddHHMM") from None
+
+
+_OPERATORS: dict[str, Callable[[NDArray[np.float64], float], NDArray[np.bool_]]] = {
+    ">=": operator.ge,
+    ">": operator.gt,
+    "<=": operator.le,
+    "<": operator.lt,
+    "==": operator.eq,
+}
+_TIME_UNITS = {"h": 3600.0, "hour": 3600.0, "hours": 3600.0, "min": 60.0, "s": 1.0, "d": DAY}
+
+
+def lead_condition(text: str) -> Callable[[NDArray[np.float64]], NDArray[np.bool_]]:
+    """Turn ``any``, ``analysis`` or a comparison such as ``>= 1 h`` into a function.
+
+    Returns
+    -------
+    callable
+        From an array of lead times (s) to booleans.
+
+    Raises
+    ------
+    InputError
+        If the text is none of these.
+    """
+    words = text.strip().lower()
+    if words == "any":
+        return lambda lead: np.ones(np.shape(lead), dtype=bool)
+    if words == "analysis":
+        return lambda lead: np.asarray(lead) == 0
+    match = re.fullmatch(r"(>=|<=|==|>|<)\s*(\d+\.?\d*|\.\d+)\s*([a-z]+)", words)
+    if match is None or match[3] not in _TIME_UNITS:
+        raise InputError(
+            "lead condition not understood",
+            field="lead",
+            found=text,
+            remedy='Write any, analysis, or a comparison such as ">= 1 h"',
+        )
+    compare, limit = _OPERATORS[match[1]], float(match[2]) * _TIME_UNITS[match[3]]
+    return lambda lead: np.asarray(compare(lead, limit))

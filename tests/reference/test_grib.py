@@ -22,7 +22,7 @@ from airswing.reference.grib.values import (
     field_message,
     sparse_values,
 )
-from airswing.reference.profiles import HYBRID, ISOBARIC, PRESSURE, U, V
+from airswing.reference.winds import HYBRID, ISOBARIC, PRESSURE, U, V
 from tests.reference.builders import LAMBERT, LATLON, POLAR, build, write
 
 WRF = "grib/wrf_ruc13_g212/"

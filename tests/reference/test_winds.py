@@ -15,8 +15,7 @@ from hypothesis import strategies as st
 from airswing.reference.catalogue import build_catalogue
 from airswing.reference.collocate import Sample, sample_model_times
 from airswing.reference.grids import LONGITUDE_LATITUDE, AxesGrid
-from airswing.reference.profiles import ModelTime
-from airswing.reference.winds import bilinear, corners, level_brackets
+from airswing.reference.winds import ModelTime, bilinear, corners, level_brackets
 from airswing.units import MODEL_EARTH_RADIUS as EARTH_RADIUS
 from tests.reference.builders import LAMBERT, LATLON, MERCATOR, POLAR, ROTATED, build, write
 from tests.reference.test_grids import grid_of, points_of
@@ -126,7 +125,7 @@ def test_a_westerly_everywhere_is_a_westerly_at_the_reports(
     u = np.cos(angle) * 25.0 - np.sin(angle) * 4.0
     v = np.sin(angle) * 25.0 + np.cos(angle) * 4.0
     model = model_of(tmp_path, keys, {500: (u, v)})
-    assert model.grid.wind_along_grid
+    assert model.grids[0].wind_along_grid
     inner = np.isfinite(grid.fractional_index(lat, lon)[0]) & (np.abs(lat) < 75)
     at = lat[inner] * 0.999, lon[inner] + 0.01, np.full(inner.sum(), 5e4)
     got = sample_model_time(model, *at).table
@@ -164,7 +163,7 @@ def test_derivatives_are_those_of_the_samples_themselves(
     lat, lon = lattice(keys)
     smooth = [np.cumsum(rng.normal(0, 0.3, lat.size)) + 20 for _ in range(4)]
     model = model_of(tmp_path, keys, {500: tuple(smooth[:2]), 300: tuple(smooth[2:])})
-    ni, nj = model.grid.ni, model.grid.nj
+    ni, nj = model.grids[0].ni, model.grids[0].nj
     middle = nj // 2 * ni + ni // 2
     at = np.array([lat[middle] + 0.11]), np.array([lon[middle] + 0.13]), np.array([38000.0])
     table = sample_model_time(model, *at, derivatives=True).table[:, 0]
@@ -185,7 +184,9 @@ def test_derivatives_are_those_of_the_samples_themselves(
     for row, move in ((4, "east"), (6, "north")):
         slope = (wind(**{move: step}) - wind(**{move: -step})) / (2 * step)
         np.testing.assert_allclose(table[row : row + 2], slope, rtol=2e-4, atol=1e-10)
-    expected = model.grid.convergence(at[0], at[1])[0] if model.grid.wind_along_grid else 0.0
+    expected = (
+        model.grids[0].convergence(at[0], at[1])[0] if model.grids[0].wind_along_grid else 0.0
+    )
     assert table[8] == expected
 
 
@@ -249,16 +250,16 @@ def test_exactness_against_cfgrib_and_interp(
         data = data.isel(step=0)
     lat, lon, p = points_inside(model, np.random.default_rng(8), 400)
     mine = sample_model_time(model, lat, lon, p).table
-    theirs = by_interp(data, model.grid, lat, lon, p)
+    theirs = by_interp(data, model.grids[0], lat, lon, p)
     np.testing.assert_array_equal(np.isfinite(mine), np.isfinite(theirs))
     assert np.isfinite(mine[0]).mean() > 0.5
     np.testing.assert_allclose(mine, theirs, atol=2e-4)
 
 
 def points_inside(model: ModelTime, rng: np.random.Generator, count: int) -> tuple:
-    south, north, west, east = model.grid.outline()
+    south, north, west, east = model.grids[0].outline()
     lat, lon = rng.uniform(south, north, 20 * count), rng.uniform(west, east, 20 * count)
-    inside = np.flatnonzero(np.isfinite(model.grid.fractional_index(lat, lon)[0]))[:count]
+    inside = np.flatnonzero(np.isfinite(model.grids[0].fractional_index(lat, lon)[0]))[:count]
     levels = np.asarray(model.u["level"])
     p = np.exp(rng.uniform(np.log(levels[0]), np.log(levels[-1]), inside.size))
     return lat[inside], lon[inside], p

@@ -1,8 +1,7 @@
 """Model winds: catalogue the content of files, sample their winds at reports.
 
-In the order of the data: ``files`` (kinds, copies and identities of files), ``state`` (which fields
-are winds at a time), ``grids`` (position of a point on a model's grid), ``grib/`` (headers and
-values of GRIB), ``gridded/`` (meaning and values of Datasets), ``catalogue`` and ``catalogues``
-(which fields make a profile at which time), ``winds`` (interpolation), ``collocate`` (all model
-times, joined in time).
+In the order of the data: ``files`` (kinds, copies and identities), ``state`` (which fields are
+winds at a time), ``grids`` (position on a model's grid), ``grib/`` (headers and values of GRIB),
+``gridded/`` (meaning and values of Datasets), ``catalogue`` (which fields make a profile at which
+time), ``winds`` (interpolation), ``collocate`` (all model times, joined in time).
 """

@@ -3,22 +3,17 @@
 A row is one field of one level; a profile is the u and v of all levels of one valid time, lead,
 member and grid, with the pressure of each level where levels are not isobaric.
 
-Assumptions and validity
-------------------------
 * All files of one reference are read in one way, which their content decides. GRIB files on grids
   or levels that the header scanner does not know are opened by cfgrib, which is slower. What was
   refused because it is no state of the atmosphere, or because it contradicts itself, is not tried
-  again. Where both can read a file they give the same winds.
+  again.
 * A level with u but no v (or v but no u) is no wind; nor is a native level without a pressure.
-* u and v (and pressure) may lie on grids that are shifted against each other by up to a grid
-  length, or stored in another order: each is then interpolated on its own points.
 * Among several leads for one valid time the shortest that meets the condition is used; among
   members of an ensemble the lowest number; isobaric levels before others; then the grid with most
   levels. Of grids with equally many levels the one that contains more of the reports is used; if
   none contains any, another grid.
 * Of a field that is given twice, copies count once (the file whose path sorts last); if the values
   differ, neither is used, because one of the two headers must be wrong.
-* Files that keep their size and time of modification keep their content.
 """
 
 from __future__ import annotations
@@ -33,8 +28,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
-from airswing.lead_times import Wanted, lead_condition
-from airswing.model_formats import model_formats
+from airswing.quantities import lead_condition
 from airswing.reference.files import (
     LeftOut,
     Skipped,
@@ -47,14 +41,13 @@ from airswing.reference.files import (
 )
 from airswing.reference.grib.grid_sections import read_grid
 from airswing.reference.grib.header_cache import contents_of
-from airswing.reference.grib.headers import FIELD_DTYPE, FileContents
+from airswing.reference.grib.headers import FIELD_DTYPE, FileContents, off_levels
 from airswing.reference.grib.values import GribReader, probes_of
+from airswing.reference.gridded.datasets import ENGINES, DatasetReader, engine_of, opened
 from airswing.reference.gridded.fields import Gathering
 from airswing.reference.gridded.naming import Naming
-from airswing.reference.gridded.opening import ENGINES, engine_of, opened
-from airswing.reference.gridded.reading import DatasetReader
 from airswing.reference.grids import Floats, Grid
-from airswing.reference.profiles import (
+from airswing.reference.winds import (
     GIVEN,
     HYBRID,
     ISOBARIC,
@@ -69,7 +62,6 @@ __all__ = ["Catalogue", "LeftOut", "build_catalogue", "catalogues_of", "is_lost_
 
 _SAME = 0.1  # m/s or Pa: copies in another packing differ by less
 _COMPARED = 20  # fields of two files that were found equal: the rest are taken to be
-FALL_BACK = "opened by cfgrib, which is slower: the header scanner found {what}"
 _PROFILE = ("valid", "lead", "member", "level_kind", "grid")
 _FIELD = (*_PROFILE, "level", "kind")
 
@@ -82,18 +74,13 @@ class Catalogue:
     lead: str  # the condition on leads
     files: tuple[SourceFile, ...]  # every file that could be opened
     grids: tuple[Grid, ...]
-    valid: NDArray[np.int64]  # ns since 1970, increasing, (time,) as all that follow
-    leads: NDArray[np.int64]  # s
-    members: NDArray[np.int64]
-    grid_numbers: NDArray[np.int64]
-    level_kinds: NDArray[np.int64]
+    profiles: Table  # by increasing valid time (time,): its time, lead, member, grid, kind of level
     bounds: NDArray[np.int64]  # rows of each model time below, (time + 1,)
     u: Table
     v: Table
     pressure: Table
     skipped: Skipped = field(default_factory=list)
     notes: list[str] = field(default_factory=list)  # choices made between candidates
-    messages: int = 0
     given: dict[str, xr.Dataset] = field(default_factory=dict)  # by the path in `files`
     stored: tuple[StoredField, ...] = ()
     engine: str = "grib"
@@ -101,7 +88,7 @@ class Catalogue:
     alternatives: tuple[Catalogue, ...] = ()
 
     def __len__(self) -> int:
-        return int(self.valid.size)
+        return int(self.profiles.size)
 
     def __repr__(self) -> str:
         span = " to ".join(np.datetime_as_string(self.times[[0, -1]], "m")) if len(self) else "none"
@@ -109,52 +96,62 @@ class Catalogue:
         return f"<{type(self).__name__} {self.name!r}: {counted}, {span}, lead {self.lead}>"
 
     @property
+    def valid(self) -> NDArray[np.int64]:
+        """Valid times, increasing, ns since 1970."""
+        return self.profiles["valid"].astype(np.int64)
+
+    @property
     def times(self) -> NDArray[np.datetime64]:
         """Valid times, increasing."""
         return self.valid.astype("datetime64[ns]")
 
-    def rows(self, number: int) -> slice:
-        """Rows of a model time."""
-        return slice(int(self.bounds[number]), int(self.bounds[number + 1]))
+    @property
+    def leads(self) -> NDArray[np.int64]:
+        """Lead times, s."""
+        return self.profiles["lead"].astype(np.int64)
+
+    @property
+    def members(self) -> NDArray[np.int64]:
+        """Numbers of ensemble members."""
+        return self.profiles["member"].astype(np.int64)
+
+    def is_isobaric(self, number: int) -> bool:
+        """Whether the levels of a model time have one pressure each."""
+        return bool(self.profiles["level_kind"][number] == ISOBARIC)
 
     def model_time(self, number: int) -> ModelTime:
         """One model time with the files it needs."""
-        rows, native = self.rows(number), bool(self.level_kinds[number] != ISOBARIC)
+        rows = slice(int(self.bounds[number]), int(self.bounds[number + 1]))
+        native = not self.is_isobaric(number)
         pressure = self.pressure[rows] if native else self.pressure[:0]
-        tables = [self.u[rows].copy(), self.v[rows].copy(), pressure.copy()]
+        tables = self.u[rows].copy(), self.v[rows].copy(), pressure.copy()
         grids = [self.grids[int(t["points"][0])] for t in tables[: 3 if native else 2]]
         # only the files it needs: a year's list would go along with each of its thousands of hours
         used = np.unique(np.concatenate([t["file"] for t in tables]))
         for table in tables:
             table["file"] = np.searchsorted(used, table["file"])
         return ModelTime(
-            grids=(grids[0], grids[1], grids[-1] if native else grids[0]),
-            native=native,
-            u=tables[0],
-            v=tables[1],
-            pressure=tables[2],
-            files=tuple(self.files[int(i)] for i in used),
-            stored=self.stored,
-            engine=self.engine,
+            (grids[0], grids[1], grids[-1] if native else grids[0]),
+            native,
+            *tables,
+            tuple(self.files[int(i)] for i in used),
+            self.stored,
+            self.engine,
         )
 
     def levels(self, number: int) -> Floats:
         """Levels of a model time: Pa, or level numbers."""
-        return np.asarray(self.u["level"][self.rows(number)], dtype=np.float64)
+        rows = slice(int(self.bounds[number]), int(self.bounds[number + 1]))
+        return np.asarray(self.u["level"][rows], dtype=np.float64)
 
     def at_times(self, numbers: NDArray[np.int64]) -> Catalogue:
         """The catalogue of some of its model times."""
         rows = [np.arange(self.bounds[n], self.bounds[n + 1]) for n in numbers.tolist()]
         chosen = np.concatenate([*rows, np.empty(0, dtype=np.int64)])
-        sizes = [0, *(one.size for one in rows)]
         return replace(
             self,
-            valid=self.valid[numbers],
-            leads=self.leads[numbers],
-            members=self.members[numbers],
-            grid_numbers=self.grid_numbers[numbers],
-            level_kinds=self.level_kinds[numbers],
-            bounds=np.cumsum(sizes).astype(np.int64),
+            profiles=self.profiles[numbers],
+            bounds=np.cumsum([0, *(one.size for one in rows)]).astype(np.int64),
             u=self.u[chosen],
             v=self.v[chosen],
             pressure=self.pressure[chosen],
@@ -167,7 +164,7 @@ class Catalogue:
             return self
 
         def worth(one: Catalogue) -> tuple[int, float]:
-            grid = one.grids[int(one.grid_numbers[0])]
+            grid = one.grids[int(one.profiles["grid"][0])]
             south, north, west, east = grid.outline()
             area = (north - south) * (east - west) / grid.size
             return int(grid.contains(latitude, longitude).sum()), -area
@@ -249,40 +246,38 @@ def build_catalogue(
     if on_bad_file not in ("skip", "fail"):
         raise InputError("must be skip or fail", field="on_bad_file", found=on_bad_file)
     lead_condition(lead)  # a fault of it is reported before any file is read
-    engines = [*ENGINES, *model_formats()]
-    if engine not in engines:
+    if engine not in ENGINES:
         raise InputError(
             "no such engine",
             field=f"references.{name}.engine",
             found=engine,
-            remedy="Engines are " + ", ".join(engines),
+            remedy="Engines are " + ", ".join(ENGINES),
         )
     if isinstance(naming, Mapping):
         naming = Naming(**naming)  # type: ignore[arg-type]
-    naming = naming or Naming()
+    wanted = _Wanted(name, naming or Naming(), lead, member, on_bad_file == "fail", cache_dir)
+    naming = wanted.naming
     if naming.winds not in (None, "grid", "earth"):
         raise InputError(
             "must be grid or earth", field=f"references.{name}.winds", found=naming.winds
         )
     skipped: Skipped = []
-    wanted = Wanted(lead, member)
     if isinstance(files, xr.Dataset):
         source = SourceFile(f"Dataset {name}", 0, 0, "")
-        return _of_datasets({source: files}, [source], GIVEN, naming, wanted, name, skipped)
+        return _catalogue([source], GIVEN, wanted, skipped, {source.path: files})
     if not isinstance(files, str | os.PathLike) and not (
         isinstance(files, Sequence) and all(isinstance(one, str | os.PathLike) for one in files)
     ):
         raise TypeError(
-            f"build_catalogue takes paths, patterns, URLs or a Dataset, not {type(files).__name__}"
-            ": "
-            f'build_catalogue("{name}/*.grb", name="{name}")'
+            "build_catalogue takes paths, patterns, URLs or a Dataset, not "
+            f'{type(files).__name__}: build_catalogue("{name}/*.grb", name="{name}")'
         )
-    sources = identified(find_files(files, name), name, skipped)
-    if on_bad_file == "fail":
+    sources = identified(find_files(files, name), skipped)
+    if wanted.strict:
         _refuse(skipped)
     used = _engine(sources, name) if engine == "auto" else engine
     if used != "grib":
-        return _of_datasets(None, sources, used, naming, wanted, name, skipped, on_bad_file)
+        return _catalogue(sources, used, wanted, skipped)
     odd = [key for key in naming.given() if key != "winds"]
     if odd:
         raise InputError(
@@ -291,22 +286,34 @@ def build_catalogue(
             remedy="Remove it, or give engine: cfgrib to have it applied",
         )
     try:
-        return _of_grib(sources, naming, wanted, name, skipped, cache_dir, on_bad_file)
+        return _catalogue(sources, "grib", wanted, skipped)
     except InputError as refused:
-        technical = any(_may_be_read_by_cfgrib(one["what"], one["reason"]) for one in skipped)
+        # about an unknown grid, level or bitmap, not about the kind of field
+        technical = any(
+            one["what"] == "grid" or one["reason"].startswith(("hybrid level", "predefined bitmap"))
+            for one in skipped
+        )
         if engine == "grib" or not technical or not refused.what.startswith("no wind on"):
             raise
         try:
-            found = _of_datasets(None, sources, "cfgrib", naming, wanted, name, [], on_bad_file)
+            found = _catalogue(sources, "cfgrib", wanted, [])
         except InputError as second:
             raise (second if "no grid of rows" in second.what else refused) from second
-        found.notes.insert(0, FALL_BACK.format(what=refused.found))
+        reason = f"opened by cfgrib, which is slower: the header scanner found {refused.found}"
+        found.notes.insert(0, reason)
         return found
 
 
-def _may_be_read_by_cfgrib(what: str, reason: str) -> bool:
-    """Whether a refusal is about an unknown grid, level or bitmap, not about what the field is."""
-    return what == "grid" or reason.startswith(("hybrid level", "predefined bitmap"))
+@dataclass
+class _Wanted:
+    """Which profiles belong to a reference, and how its files are understood."""
+
+    name: str
+    naming: Naming
+    lead: str
+    member: int | None  # None: any
+    strict: bool  # whether bad input is refused
+    cache_dir: str | os.PathLike[str] | None
 
 
 def _engine(sources: Sequence[SourceFile], name: str) -> str:
@@ -331,24 +338,75 @@ def _engine(sources: Sequence[SourceFile], name: str) -> str:
     return "grib"  # damaged content is counted and named by the scanner
 
 
-def _of_grib(
+def _catalogue(
     sources: list[SourceFile],
-    naming: Naming,
-    wanted: Wanted,
-    name: str,
+    engine: str,
+    wanted: _Wanted,
     skipped: Skipped,
-    cache_dir: str | os.PathLike[str] | None,
-    on_bad_file: str,
+    given: dict[str, xr.Dataset] | None = None,
 ) -> Catalogue:
+    """Rows of all files, paired and chosen from."""
+    given = given or {}
+    reader: GribReader | DatasetReader
+    stored: tuple[StoredField, ...] = ()
+    gathered = None if engine == "grib" else Gathering(wanted.naming, skipped)
+    if gathered is None:
+        table, grids, notes = _grib_rows(sources, wanted, skipped)
+        reader = GribReader()
+    else:
+        reader = DatasetReader(given)
+        for number, source in enumerate(sources):
+            try:
+                parts = [given[source.path]] if given else opened(source, engine)
+                gathered.add(number, parts, source.path)
+            except InputError as error:
+                # a file that cannot be opened is left out if there are others
+                of_one_file = len(sources) > 1 and error.what.startswith("cannot be ")
+                if wanted.strict or not of_one_file:
+                    raise
+                skipped.append(skip(source.path, "file", f"{error.what} ({error.found})"))
+        table, grids, stored = gathered.table(), gathered.grids(), tuple(gathered.stored)
+    try:
+        differ = _comparison(reader, sources, grids, stored, engine)
+        u, v, pressure, choices = _paired(table, sources, skipped, differ)
+    finally:
+        reader.close()
+    if wanted.strict:
+        _refuse(skipped)
+    bounds = np.append(np.flatnonzero(_changes(u, _PROFILE)), u.size)
+    everything = Catalogue(
+        name=wanted.name,
+        lead=wanted.lead,
+        files=tuple(sources),
+        grids=tuple(grids),
+        profiles=u[bounds[:-1]],
+        bounds=bounds.astype(np.int64),
+        u=u,
+        v=v,
+        pressure=pressure,
+        skipped=skipped,
+        notes=choices,
+        given=given,
+        stored=stored,
+        engine=engine,
+    )
+    found = _chosen(everything, wanted)
+    found.notes += gathered.notes(found.profiles["grid"]) if gathered else notes
+    return found
+
+
+def _grib_rows(
+    sources: Sequence[SourceFile], wanted: _Wanted, skipped: Skipped
+) -> tuple[Table, tuple[Grid, ...], list[str]]:
+    """Rows of GRIB files by their headers, their grids, and notes."""
     numbers: dict[Grid, int] = {}
-    tables, count = [np.empty(0, dtype=FIELD_DTYPE)], 0
-    for index, contents in enumerate(contents_of(sources, cache_dir)):
+    tables = [np.empty(0, dtype=FIELD_DTYPE)]
+    for index, contents in enumerate(contents_of(sources, wanted.cache_dir)):
         path = sources[index].path
         if not isinstance(contents, FileContents):
             reason = contents.strerror if isinstance(contents, OSError) else contents.what
             skipped.append(skip(path, "file", f"cannot be read: {reason}"))
             continue
-        count += contents.messages
         skipped += [skip(path, *key, n) for key, n in contents.skipped.items()]
         table = contents.table()
         table["file"] = index
@@ -357,65 +415,21 @@ def _of_grib(
             table["grid"] = np.asarray(known, dtype="i4")[table["grid"]]
         tables.append(table)
     grids: tuple[Grid, ...] = tuple(numbers)
-    notes = []
-    if naming.winds:
-        along = naming.winds == "grid"
+    notes, winds = [], wanted.naming.winds
+    if winds:
+        along = winds == "grid"
         if any(grid.wind_along_grid != along and not grid.north_up for grid in grids):
-            notes.append(f"winds: {naming.winds} used in place of the flag of the messages")
+            notes.append(f"winds: {winds} used in place of the flag of the messages")
         grids = tuple(grid.directed(along and not grid.north_up) for grid in grids)
-    table = on_one_grid(np.concatenate(tables), grids)
-    reader = GribReader()
-    try:
-        pairs = _paired(table, sources, skipped, _comparison(reader, sources, grids))
-    finally:
-        reader.close()
-    if on_bad_file == "fail":
-        _refuse(skipped)
-    found = _selected(name, wanted, sources, grids, pairs, skipped, count)
-    found.notes += notes
-    return found
-
-
-def _of_datasets(
-    given: Mapping[SourceFile, xr.Dataset] | None,
-    sources: list[SourceFile],
-    engine: str,
-    naming: Naming,
-    wanted: Wanted,
-    name: str,
-    skipped: Skipped,
-    on_bad_file: str = "skip",
-) -> Catalogue:
-    gathered = Gathering(naming, skipped)
-    for number, source in enumerate(sources):
-        try:
-            parts = [given[source]] if given is not None else opened(source, engine)
-            gathered.add(number, parts, source.path)
-        except InputError as error:
-            # a file that cannot be opened is left out if there are others
-            of_one_file = len(sources) > 1 and error.what.startswith("cannot be ")
-            if on_bad_file == "fail" or not of_one_file:
-                raise
-            skipped.append(skip(source.path, "file", f"{error.what} ({error.found})"))
-    table, grids, stored = gathered.table(), gathered.grids(), tuple(gathered.stored)
-    datasets = {} if given is None else {one.path: ds for one, ds in given.items()}
-    compare = _comparison(DatasetReader(datasets), sources, grids, stored, engine)
-    pairs = _paired(table, sources, skipped, compare)
-    if on_bad_file == "fail":
-        _refuse(skipped)
-    found = _selected(name, wanted, sources, grids, pairs, skipped, int(table.size))
-    found.notes += gathered.notes(found.grid_numbers)
-    for one in (found, *found.alternatives):
-        one.given, one.stored, one.engine = datasets, stored, engine
-    return found
+    return on_one_grid(np.concatenate(tables), grids), grids, notes
 
 
 def _comparison(
     reader: GribReader | DatasetReader,
     sources: Sequence[SourceFile],
     grids: Sequence[Grid],
-    stored: tuple[StoredField, ...] = (),
-    engine: str = "grib",
+    stored: tuple[StoredField, ...],
+    engine: str,
 ) -> Callable[[Table], bool]:
     """Function that says whether rows of one field have other values, at some of its points."""
     equal: Counter[tuple[int, ...]] = Counter()
@@ -440,15 +454,7 @@ def _comparison(
 
 
 def catalogues_of(references: object) -> dict[str, Catalogue]:
-    """Catalogues of references, some of which may be given as Datasets.
-
-    Raises
-    ------
-    TypeError
-        If they are no mapping of names to catalogues or Datasets, with the right call.
-    InputError
-        Without any.
-    """
+    """Catalogues of references, some of which may be given as Datasets."""
     right = 'collocate(reports, {"ruc": build_catalogue("ruc/*.grb", name="ruc")})'
     if isinstance(references, Catalogue | xr.Dataset):
         raise TypeError(f"references are a mapping from names: {right}")
@@ -486,17 +492,7 @@ def _paired(
     skipped: Skipped,
     differ: Callable[[Table], bool],
 ) -> tuple[Table, Table, Table, list[str]]:
-    """Levels with u and v (and pressure if native), by profile and level, and notes.
-
-    Parameters
-    ----------
-    table : structured array
-        A row a field, with the columns of a profile, `level`, `kind`, `file`, `part`, `offset`.
-    skipped : list
-        Takes what has no partner.
-    differ : function of rows of one field to bool
-        Whether their values differ.
-    """
+    """Levels with u and v (and pressure if native), by profile and level, and notes."""
     # lexsort takes its last key first
     order = np.lexsort([table[c] for c in ("part", "offset", "file", *reversed(_FIELD))])
     table, notes = _without_duplicates(table[order], sources, skipped, differ)
@@ -520,7 +516,7 @@ def _paired(
         reasons[path, "level", "hybrid level without a pressure field"] += 1
     for number in np.flatnonzero(np.isin(level, np.flatnonzero(bare & (some["level_kind"] > 1)))):
         row = table[number]
-        why = f"{'uv'[row['kind']]} not on pressure levels (level type {row['level_kind']})"
+        why = off_levels(row["kind"], row["level_kind"])
         reasons[sources[row["file"]].path, "wind", why] += 1
     skipped += [skip(*key, n) for key, n in reasons.items()]
     both &= ~native | (pressure >= 0)
@@ -570,13 +566,7 @@ def _without_duplicates(
 
 
 def _refuse(skipped: Skipped) -> None:
-    """Refuse damaged files and messages, unknown grids and u without v (``on_bad_file="fail"``).
-
-    Raises
-    ------
-    InputError
-        For the first of them.
-    """
+    """Refuse damaged files and messages, unknown grids and u without v (``on_bad_file="fail"``)."""
     for one in skipped:
         if one["what"] in ("file", "message", "grid", "level"):
             raise InputError(
@@ -586,48 +576,17 @@ def _refuse(skipped: Skipped) -> None:
             )
 
 
-def _selected(
-    name: str,
-    wanted: Wanted,
-    sources: Sequence[SourceFile],
-    grids: Sequence[Grid],
-    pairs: tuple[Table, Table, Table, list[str]],
-    skipped: Skipped,
-    count: int,
-) -> Catalogue:
-    """Catalogue of one profile a valid time, of the levels of :func:`_paired`.
-
-    Raises
-    ------
-    InputError
-        If there is none.
-    """
-    u, v, pressure, notes = pairs
-    bounds = np.append(np.flatnonzero(_changes(u, _PROFILE)), u.size)
-    profiles, sizes = u[bounds[:-1]], np.diff(bounds)
-    everything = Catalogue(
-        name=name,
-        lead=wanted.lead,
-        files=tuple(sources),
-        grids=tuple(grids),
-        valid=profiles["valid"].astype(np.int64),
-        leads=profiles["lead"].astype(np.int64),
-        members=profiles["member"].astype(np.int64),
-        grid_numbers=profiles["grid"].astype(np.int64),
-        level_kinds=profiles["level_kind"].astype(np.int64),
-        bounds=bounds.astype(np.int64),
-        u=u,
-        v=v,
-        pressure=pressure,
-        skipped=skipped,
-        notes=notes,
-        messages=count,
-    )
+def _chosen(everything: Catalogue, wanted: _Wanted) -> Catalogue:
+    """Catalogue of one profile a valid time."""
+    profiles, sizes = everything.profiles, np.diff(everything.bounds)
     # one level of heights with a pressure (10 m) is no profile
     usable = (sizes > 1) | (profiles["level_kind"] <= HYBRID)
-    meeting = np.flatnonzero(usable & wanted.of(profiles))
+    meets = lead_condition(wanted.lead)(profiles["lead"])
+    if wanted.member is not None:
+        meets &= profiles["member"] == wanted.member
+    meeting = np.flatnonzero(usable & meets)
     if meeting.size == 0:
-        raise _no_winds(name, wanted, profiles[usable], skipped, sources)
+        raise _no_winds(wanted, profiles[usable], everything.skipped, everything.files)
     # best first within each valid time; lexsort takes its last key first
     native = profiles["level_kind"] != ISOBARIC
     keys = [profiles["lead"], profiles["member"], native, profiles["valid"]]
@@ -637,7 +596,7 @@ def _selected(
     first = _changes(ordered, ("valid",))
     time = np.cumsum(first) - 1  # number of the valid time of each
     best = order[first]
-    _note_choices(ordered, sizes[order], first, notes)
+    _note_choices(ordered, sizes[order], first, everything.notes)
     # profiles that differ from the best by their grid and number of levels alone
     tied = ordered["grid"] != profiles["grid"][best[time]]
     for column in ("lead", "member", "level_kind"):
@@ -649,7 +608,7 @@ def _selected(
         equal += bool((sizes[chosen] == sizes[best]).all())
         others.append(everything.at_times(chosen))
     if equal > 1:
-        notes.append(
+        everything.notes.append(
             f"{equal} grids with the same levels: the one that contains more of the reports is used"
         )
     return replace(everything.at_times(best), alternatives=tuple(others))
@@ -678,12 +637,23 @@ def _note_choices(
 
 
 def _no_winds(
-    name: str, wanted: Wanted, profiles: Table, skipped: Skipped, sources: Sequence[SourceFile]
+    wanted: _Wanted, profiles: Table, skipped: Skipped, sources: Sequence[SourceFile]
 ) -> InputError:
     """The error for files without a wind that can be used."""
-    where = f"references.{name}"
+    where = f"references.{wanted.name}"
     if profiles.size:
-        return wanted.none_met(profiles, where)
+        members, leads = (np.unique(profiles[key]).tolist() for key in ("member", "lead"))
+        if wanted.member is not None and wanted.member not in members:
+            return InputError(
+                f"no wind of ensemble member {wanted.member}",
+                field=where,
+                found="members " + ", ".join(map(str, members)),
+            )
+        return InputError(
+            f"no wind meets the lead condition {wanted.lead!r}",
+            field=where,
+            found="leads " + ", ".join(f"{lead / 3600:g} h" for lead in leads),
+        )
     reasons: Counter[str] = Counter()
     for one in skipped:
         reasons[f"{one['what']}: {one['reason']}"] += one["count"]

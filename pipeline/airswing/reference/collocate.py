@@ -2,18 +2,13 @@
 
 The work maps over model times, not over reports: each needed message is read once, by the task of
 its model time, for the reports of both intervals that share it; two bracketing samples are then
-joined with their weights in time.
+joined with their weights in time. Linear in time between two valid times at most `max_time_gap`
+apart; no value outside. A report exactly at a valid time takes that one alone.
 
-Assumptions and validity
-------------------------
-* Linear in time between two valid times at most `max_time_gap` apart; no value outside. A report
-  exactly at a valid time takes that one alone.
-* No message is read before the result is computed; nor are times and places of dask-backed reports,
-  for which every model time has a task.
-* A report's value depends on that report and its four or eight model points alone: results are
-  identical on any scheduler and in any chunking.
-* A file that vanished or was replaced gives no value to its reports, is logged, and is counted in
-  `unread_messages`.
+Neither messages nor dask-backed reports are read before the result is computed; for the latter
+every model time has a task. A report's value depends on that report and its four or eight model
+points alone: results are identical on any scheduler and in any chunking. A file that vanished or
+was replaced gives no value to its reports, is logged, and is counted in `unread_messages`.
 """
 
 from __future__ import annotations
@@ -35,16 +30,14 @@ from numpy.typing import NDArray
 from airswing.errors import InputError
 from airswing.reference.catalogue import Catalogue, catalogues_of
 from airswing.reference.grib.values import GribReader
-from airswing.reference.gridded.reading import DatasetReader
+from airswing.reference.gridded.datasets import DatasetReader
 from airswing.reference.grids import Floats, Ints
-from airswing.reference.profiles import ISOBARIC, ModelTime
-from airswing.reference.winds import Request, Winds, winds_at
+from airswing.reference.winds import ISOBARIC, ModelTime, Request, Winds, winds_at
 from airswing.vocabulary import describe
 
 Places = tuple[Floats, Floats, Floats]
 """Latitudes, longitudes (degrees) and pressures (Pa) of reports."""
 COLUMNS = ("time", "latitude", "longitude", "pressure")
-
 _WINDS = ("reference_eastward_wind", "reference_northward_wind", "lead_time")
 DERIVATIVES = (
     "reference_eastward_wind_tendency",
@@ -77,25 +70,21 @@ class Points:
     size: int  # reports in the Dataset
 
 
-def points_of(reports: xr.Dataset) -> Points:
-    """Times and places of reports, sorted by time.
-
-    Raises
-    ------
-    InputError
-        If a column is missing.
-    """
-    absent = [name for name in COLUMNS if name not in reports.variables]
-    if absent:
-        raise InputError("reports lack " + ", ".join(absent), field="reports")
-    time = np.asarray(reports["time"].values).astype("datetime64[ns]")
+def _points(times: NDArray[np.generic], *places: NDArray[np.generic]) -> Points:
+    """Sort times and places of reports (`COLUMNS`) by time."""
+    time = np.asarray(times).astype("datetime64[ns]")
     known = np.flatnonzero(~np.isnat(time))
     order = known[np.argsort(time[known].astype(np.int64), kind="stable")]
     latitude, longitude, pressure = (
-        np.ascontiguousarray(np.asarray(reports[name].values)[order], dtype=np.float64)
-        for name in COLUMNS[1:]
+        np.ascontiguousarray(np.asarray(one)[order], dtype=np.float64) for one in places
     )
     return Points(order, time[order].astype(np.int64), latitude, longitude, pressure, time.size)
+
+
+def _require_columns(reports: xr.Dataset) -> None:
+    absent = [name for name in COLUMNS if name not in reports.variables]
+    if absent:
+        raise InputError("reports lack " + ", ".join(absent), field="reports")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,7 +98,7 @@ class Schedule:
     stop: Ints
 
 
-def schedule(points: Points, valid: Ints, *, max_time_gap: float, both: bool = False) -> Schedule:
+def _schedule(points: Points, valid: Ints, *, max_time_gap: float, both: bool = False) -> Schedule:
     """Assign reports to model times, whose valid times (ns since 1970) increase.
 
     Parameters
@@ -144,15 +133,12 @@ class Sample(NamedTuple):
     """Winds of one model time at its reports.
 
     `table` is (2 or 9, report), see :func:`airswing.reference.winds.winds_at`; `problems` lists
-    (file, reason) of what could not be read; `decoded` counts messages or chunks, `bytes` their
-    bytes, `seconds` the time that reading and decoding took.
+    (file, reason) of what could not be read; `account` counts as `ACCOUNT` does.
     """
 
     table: Floats
     problems: tuple[tuple[str, str], ...]
-    decoded: int
-    n_bytes: int = 0
-    seconds: float = 0.0
+    account: Floats
 
 
 def collocate(
@@ -212,111 +198,91 @@ def collocate(
             'collocate(read_reports("reports.csv"), {"ruc": catalogue})'
         )
     models = catalogues_of(catalogues)
-    absent = [name for name in COLUMNS if name not in reports.variables]
-    if absent:
-        raise InputError("reports lack " + ", ".join(absent), field="reports")
+    _require_columns(reports)
     lazy = any(is_dask_collection(reports[name]) for name in COLUMNS)
-    points: Any = (
-        delayed(_points)(*(reports[name].data for name in COLUMNS)) if lazy else points_of(reports)
-    )
+    columns = [reports[name].data for name in COLUMNS]
+    points: Any = delayed(_points)(*columns) if lazy else _points(*columns)
     for name, model in models.items():
         if model.alternatives:  # of several grids one must be chosen before anything is planned
             places = (np.asarray(reports[one].values, dtype=float) for one in COLUMNS[1:3])
             models[name] = model.for_places(*places)
     size = int(np.prod([reports.sizes[d] for d in reports["time"].dims]))
-    options = _Options(max_time_gap, derivatives, sparse)
-    joins = [_joined(points, model, options, lazy=lazy) for model in models.values()]
+    options: Any = {"max_time_gap": max_time_gap, "derivatives": derivatives, "sparse": sparse}
+    joins = [_joined(points, model, lazy=lazy, **options) for model in models.values()]
 
-    def rows(part: str, number: int | slice, dtype: str, shape: tuple[int, ...] = ()) -> da.Array:
-        parts = [da.from_delayed(getattr(join, part)[number], shape, dtype) for join in joins]
+    def rows(part: int, number: int | slice, dtype: str, shape: tuple[int, ...] = ()) -> da.Array:
+        parts = [da.from_delayed(join[part][number], shape, dtype) for join in joins]
         return da.stack(parts)  # type: ignore[no-any-return]
 
     data: dict[str, object] = {
-        name: (("reference", "report"), rows("columns", number, "f8", (size,)))
+        name: (("reference", "report"), rows(0, number, "f8", (size,)))
         for number, name in enumerate([*_WINDS, *(DERIVATIVES if derivatives else ())])
     }
     for number, name in enumerate(ACCOUNT if account else ACCOUNT[:1]):
         dtype = "f8" if name == "decoding_seconds" else "i8"
-        data[name] = ("reference", rows("account", number, "f8").astype(dtype))
+        data[name] = ("reference", rows(1, number, "f8").astype(dtype))
     coords = {"reference": ("reference", pd.Index(list(models), dtype=object))}
     found = describe(xr.Dataset(data, coords=coords))
     if account:
-        found[PROBLEMS] = ("reference", rows("problems", slice(1), "O", (1,))[:, 0])
+        found[PROBLEMS] = ("reference", rows(2, slice(1), "O", (1,))[:, 0])
     notes = {name: one.notes for name, one in models.items() if one.given}
     if notes:
         found.attrs["reference_notes"] = json.dumps(notes)
     return found
 
 
-class _Options(NamedTuple):
-    max_time_gap: float
-    derivatives: bool
-    sparse: bool
+class _Hidden:
+    """Content that dask does not search for arrays, nor copy."""
+
+    def __init__(self, content: Any) -> None:
+        self.content = content
 
 
-class _Joined(NamedTuple):
-    """Columns by report, rows of `ACCOUNT`, and what could not be read, as one entry."""
-
-    columns: Floats
-    account: Floats
-    problems: NDArray[np.object_]
-
-
-def _points(*columns: NDArray[np.generic]) -> Points:
-    return points_of(xr.Dataset({n: ("report", c) for n, c in zip(COLUMNS, columns, strict=True)}))
-
-
-def _joined(points: Any, catalogue: Catalogue, options: _Options, *, lazy: bool) -> Any:
+def _joined(
+    points: Any,
+    catalogue: Catalogue,
+    *,
+    lazy: bool,
+    max_time_gap: float,
+    derivatives: bool,
+    sparse: bool,
+) -> Any:
     """Task that joins the samples of one reference; a task before it for each batch of times."""
-    valid, leads = catalogue.valid, catalogue.leads
-    given = (
-        delayed(_Given(catalogue.given), pure=False, traverse=False) if catalogue.given else None
-    )
-    arguments: dict[str, Any] = {"max_time_gap": options.max_time_gap, "both": options.derivatives}
+    planned, places_of = _schedule, _places_of
     if lazy:
-        times = delayed(schedule, pure=False)(points, valid, **arguments)
-        places_of = delayed(_places_of, pure=False)
-        needed = np.arange(valid.size)
-    else:
-        times, places_of = schedule(points, valid, **arguments), _places_of
-        needed = np.flatnonzero(times.stop > times.start)
-    batches = catalogue.batches(needed)
+        planned, places_of = delayed(_schedule, pure=False), delayed(_places_of, pure=False)
+    times = planned(points, catalogue.valid, max_time_gap=max_time_gap, both=derivatives)
+    needed = np.arange(len(catalogue)) if lazy else np.flatnonzero(times.stop > times.start)
+    given = delayed(_Hidden(catalogue.given), pure=False, traverse=False)
     sample = delayed(_sample_batch, pure=False)
+    batches = catalogue.batches(needed)
     tasks = []
     for batch in batches:
-        models = [catalogue.model_time(int(number)) for number in batch]
-        tasks.append(sample(_Batch(models, options), places_of(points, times, batch), given))
+        models = _Hidden([catalogue.model_time(int(number)) for number in batch])
+        places = places_of(points, times, batch)
+        tasks.append(
+            sample(models, places, given if catalogue.given else None, derivatives, sparse)
+        )
     used = np.concatenate([*batches, np.empty(0, dtype=np.int64)])
-    return delayed(_join, pure=False)(tasks, points, times, valid, leads, used, options)
+    join = delayed(_join, pure=False)
+    return join(tasks, points, times, catalogue.valid, catalogue.leads, used, derivatives)
 
 
-class _Batch:
-    """Model times that are read together; no dataclass, which dask would search for arrays."""
-
-    def __init__(self, models: list[ModelTime], options: _Options) -> None:
-        self.models, self.options = models, options
-
-
-class _Given:
-    """Datasets given in Python, hidden from dask: parts of them are read by the tasks."""
-
-    def __init__(self, datasets: dict[str, xr.Dataset]) -> None:
-        self.datasets = datasets
-
-
-def _places_of(points: Points, times: Schedule, batch: NDArray[np.int64]) -> list[Places]:
+def _places_of(points: Points, times: Schedule, batch: Ints) -> list[Places]:
     """Places of the reports that each model time of a batch serves."""
     runs = [slice(int(times.start[n]), int(times.stop[n])) for n in batch]
     return [(points.latitude[r], points.longitude[r], points.pressure[r]) for r in runs]
 
 
-def _sample_batch(batch: _Batch, places: list[Places], given: _Given | None) -> list[Sample]:
+def _sample_batch(
+    models: _Hidden, places: list[Places], given: _Hidden | None, derivatives: bool, sparse: bool
+) -> list[Sample]:
     samples = sample_model_times(
-        batch.models,
+        models.content,
         places,
-        derivatives=batch.options.derivatives,
-        sparse=batch.options.sparse,
-        given={} if given is None else given.datasets,
+        derivatives=derivatives,
+        sparse=sparse,
+        given={} if given is None else given.content,
     )
     for sample in samples[:1]:  # problems are those of all
         for file, reason in sample.problems:
@@ -332,23 +298,10 @@ def sample_model_times(
     sparse: bool = True,
     given: Mapping[str, xr.Dataset] | None = None,
 ) -> list[Sample]:
-    """Winds of some model times of one reference at their reports.
+    """Winds of some model times of one reference, which share chunks, at their reports.
 
-    Parameters
-    ----------
-    models : sequence of ModelTime
-        Of GRIB files, or of Datasets that share chunks, which are then read once.
-    places : sequence of (latitude, longitude, pressure)
-        Degrees and Pa, of each model time.
-    derivatives, sparse
-        As for :func:`collocate`.
-    given : mapping of str to Dataset, optional
-        Datasets given in Python, by the path that their catalogue has.
-
-    Returns
-    -------
-    list of Sample
-        The counts of reading are in the first.
+    Costs of reading are in the first sample. Datasets given in Python have the path that their
+    catalogue has.
     """
     if not models:
         return []
@@ -370,31 +323,32 @@ def sample_model_times(
         while asked:
             waiting = sorted(asked)
             requests = [asked.pop(n) for n in waiting]
-            for n, values in zip(
-                waiting, reader.answer([models[n] for n in waiting], requests), strict=True
-            ):
+            answers = reader.answer([models[n] for n in waiting], requests)
+            for n, values in zip(waiting, answers, strict=True):
                 advance(n, work[n], values)
     finally:
         reader.close()
     problems = tuple(reader.problems)
-    samples = [Sample(tables[number], problems, 0) for number in range(len(work))]
-    samples[0] = Sample(tables[0], problems, reader.decoded, reader.n_bytes, reader.seconds)
-    return samples
+    account = np.array([len(problems), reader.decoded, reader.n_bytes, reader.seconds])
+    return [
+        Sample(tables[n], problems, account if n == 0 else account * [1, 0, 0, 0])
+        for n in range(len(work))
+    ]
 
 
 def _join(
     batches: list[list[Sample]],
     points: Points,
     times: Schedule,
-    valid: NDArray[np.int64],
-    leads: NDArray[np.int64],
-    used: NDArray[np.int64],
-    options: _Options,
-) -> _Joined:
-    """Join the samples of one reference in time, in the order of the reports."""
+    valid: Ints,
+    leads: Ints,
+    used: Ints,
+    derivatives: bool,
+) -> tuple[Floats, Floats, NDArray[np.object_]]:
+    """Join samples in time: columns by report, `ACCOUNT`, and what could not be read."""
     samples = [sample for batch in batches for sample in batch]
     count = times.earlier.size
-    first = np.full((9 if options.derivatives else 2, count), np.nan)
+    first = np.full((9 if derivatives else 2, count), np.nan)
     second = first.copy()
     account, problems = np.zeros(len(ACCOUNT)), set()
     for number, sample in zip(used.tolist(), samples, strict=True):
@@ -404,7 +358,7 @@ def _join(
         after = (times.earlier[run] == number - 1) & times.later[run]
         first[:, run][:, before] = sample.table[:, before]
         second[:, run][:, after] = sample.table[:, after]
-        account += [len(sample.problems), sample.decoded, sample.n_bytes, sample.seconds]
+        account += sample.account
         problems |= {(int(valid[number]), file, reason) for file, reason in sample.problems}
     weight = times.weight
     # at a valid time itself the later field need not exist: NaN times zero is NaN
@@ -413,7 +367,7 @@ def _join(
     now, then = times.earlier, np.minimum(times.earlier + 1, valid.size - 1)
     lead = (1.0 - weight) * leads[now] + weight * leads[then]
     columns = [*np.where(matched, joined[:2], np.nan), np.where(matched, lead / 3600.0, np.nan)]
-    if options.derivatives:
+    if derivatives:
         step = (valid[then] - valid[now]) / 1e9  # zero at the last of all valid times
         with np.errstate(divide="ignore", invalid="ignore"):
             columns += list((second[:2] - first[:2]) / step)
@@ -422,7 +376,7 @@ def _join(
     result[:, points.order] = columns
     unread = np.empty(1, dtype=object)
     unread[0] = frozenset(problems)
-    return _Joined(result, account, unread)
+    return result, account, unread
 
 
 @dataclass(frozen=True, slots=True)
@@ -467,7 +421,8 @@ def overlap(
     dict of str to Overlap
         By reference.
     """
-    points = points_of(reports)
+    _require_columns(reports)
+    points = _points(*(reports[name].values for name in COLUMNS))
     return {
         name: _overlap(
             name, model.for_places(points.latitude, points.longitude), points, max_time_gap
@@ -477,15 +432,15 @@ def overlap(
 
 
 def _overlap(name: str, model: Catalogue, points: Points, max_time_gap: float) -> Overlap:
-    times = schedule(points, model.valid, max_time_gap=max_time_gap)
+    times = _schedule(points, model.valid, max_time_gap=max_time_gap)
     timed, pressure = times.earlier >= 0, points.pressure
     placed, between = np.zeros((2, points.time.size), dtype=bool)
     for number in np.unique(times.earlier[timed]).tolist():
         mine = times.earlier == number
-        grid, levels = model.grids[int(model.grid_numbers[number])], model.levels(number)
+        grid, levels = model.grids[int(model.profiles["grid"][number])], model.levels(number)
         placed[mine] = grid.contains(points.latitude[mine], points.longitude[mine])
         between[mine] = np.isfinite(pressure[mine])
-        if model.level_kinds[number] == ISOBARIC:
+        if model.is_isobaric(number):
             between[mine] &= (pressure[mine] >= levels[0]) & (pressure[mine] <= levels[-1])
     known = np.isfinite(points.latitude) & np.isfinite(points.longitude)
     box = [
@@ -493,9 +448,9 @@ def _overlap(name: str, model: Catalogue, points: Points, max_time_gap: float) -
         for place in (points.latitude, points.longitude)
         for limit in (np.min, np.max)
     ]
-    isobaric = np.repeat(model.level_kinds == ISOBARIC, np.diff(model.bounds))
+    isobaric = np.repeat(model.profiles["level_kind"] == ISOBARIC, np.diff(model.bounds))
     levels = model.u["level"][isobaric] / 100.0
-    outlines = np.array([model.grids[int(n)].outline() for n in np.unique(model.grid_numbers)])
+    outlines = np.array([model.grids[int(n)].outline() for n in np.unique(model.profiles["grid"])])
     low, high = outlines.min(axis=0), outlines.max(axis=0)
     matched = int((placed & between).sum())
     return Overlap(

@@ -1,15 +1,9 @@
 """Model files on disk and elsewhere: their kinds, compressed copies, URLs, and identities.
 
-Assumptions and validity
-------------------------
-* The kind of a file is that of its first bytes, never of its name.
-* gzip, bzip2 and xz files are decompressed to a temporary file, which is removed when no longer
-  used; a few are kept. Nothing is written into the data folder.
-* URLs (``s3://``, ``gs://``, ``https://`` ...) are read through fsspec, if it and the package of
-  the protocol are installed: Zarr stores in place, other files by a temporary copy. Their content
-  is taken to be unchanged for the time of a run.
-* A Zarr store is a folder; it is unchanged as long as its metadata and its files' sizes and times
-  are. Other files are unchanged as long as their size and time are.
+The kind of a file is that of its first bytes, never of its name. A file is unchanged as long as its
+size and time are, a Zarr store as long as its metadata and its files' sizes and times are; the
+content of a URL is taken to be unchanged for the time of a run. Compressed files and URLs are read
+through temporary copies; nothing is written into the data folder.
 """
 
 from __future__ import annotations
@@ -30,15 +24,14 @@ from functools import lru_cache
 from typing import IO, Any, NamedTuple, TypedDict
 
 from airswing.errors import InputError
-from airswing.model_formats import model_formats
+from airswing.products.fingerprint import ZARR_MARKS
 from airswing.products.named_files import none_found
 
 NOT_OPENED, REPLACED = "cannot be opened", "replaced since it was catalogued"
-_ZARR_MARKS = (".zmetadata", ".zgroup", "zarr.json")
 _KEPT_COPIES = 8
 _SAMPLE = 256  # bytes of start, middle and end that identify a file written again in place
 _MAGIC = ((b"CDF", "netcdf"), (b"\x89HDF", "netcdf"), (b"GRIB", "grib"))
-_COMPRESSED: tuple[tuple[bytes, Callable[[str], Any]], ...] = (
+_COMPRESSED: tuple[tuple[bytes, Callable[[Any], Any]], ...] = (
     (b"\x1f\x8b", gzip.open),
     (b"BZh", bz2.open),
     (b"\xfd7zXZ", lzma.open),
@@ -106,27 +99,24 @@ def is_url(path: str) -> bool:
     return "://" in path
 
 
-def is_zarr(path: str) -> bool:
-    """Whether a folder is a Zarr store; of URLs by their ending."""
-    if is_url(path):
-        name = path.rstrip("/").rsplit("/", 1)[-1]
-        return ".zarr" in name or ("." not in name and _url_has_mark(path))
-    return any(os.path.isfile(os.path.join(path, mark)) for mark in _ZARR_MARKS)
-
-
-def _url_has_mark(url: str) -> bool:
+def _is_zarr(path: str) -> bool:
+    if not is_url(path):
+        return any(os.path.isfile(os.path.join(path, mark)) for mark in ZARR_MARKS)
+    name = path.rstrip("/").rsplit("/", 1)[-1]
+    if "." in name:
+        return ".zarr" in name
     try:
         import fsspec
 
-        system, path = fsspec.core.url_to_fs(url)
-        return any(system.exists(f"{path.rstrip('/')}/{mark}") for mark in _ZARR_MARKS)
+        system, path = fsspec.core.url_to_fs(path)
+        return any(system.exists(f"{path.rstrip('/')}/{mark}") for mark in ZARR_MARKS)
     except Exception:  # fsspec and its protocols raise many kinds; opening it names the problem
         return False
 
 
 def _dated(path: str) -> str:
     """File whose size and time count for a file or a Zarr store."""
-    marks = (os.path.join(path, mark) for mark in _ZARR_MARKS)
+    marks = (os.path.join(path, mark) for mark in ZARR_MARKS)
     return next((mark for mark in marks if os.path.isfile(mark)), path)
 
 
@@ -139,14 +129,7 @@ def is_same(file: SourceFile) -> bool:
 
 
 def find_files(files: str | os.PathLike[str] | Sequence[str], name: str) -> list[str]:
-    """Full paths of the files and Zarr stores that patterns name, sorted.
-
-    Parameters
-    ----------
-    files : str or sequence of str
-        Paths, glob patterns or URLs.
-    name : str
-        Name of the reference.
+    """Full paths of the files and Zarr stores that the patterns of a reference name, sorted.
 
     Raises
     ------
@@ -165,7 +148,7 @@ def find_files(files: str | os.PathLike[str] | Sequence[str], name: str) -> list
         usable = [
             os.path.abspath(path)
             for path in matches
-            if os.path.isfile(path) or is_zarr(path) or not os.path.exists(path)
+            if os.path.isfile(path) or _is_zarr(path) or not os.path.exists(path)
         ]
         if not usable:
             raise none_found(pattern, f"references.{name}.files")
@@ -204,13 +187,7 @@ def _unreachable(url: str, error: Exception) -> InputError:
 
 
 def identify(path: str) -> SourceFile:
-    """Identity of a file, a Zarr store or a URL.
-
-    Raises
-    ------
-    OSError
-        If it cannot be opened.
-    """
+    """Identity of a file, a Zarr store or a URL."""
     if is_url(path):
         return SourceFile(path, 0, 0, "")
     full = os.path.abspath(path)
@@ -232,19 +209,19 @@ def identify(path: str) -> SourceFile:
     return SourceFile(full, status.st_size, status.st_mtime_ns, digest.hexdigest())
 
 
-def identified(paths: Sequence[str], name: str, skipped: Skipped) -> list[SourceFile]:
+def identified(paths: Sequence[str], skipped: Skipped) -> list[SourceFile]:
     """Identities of files; those that cannot hold model winds are skipped and named.
 
     Raises
     ------
     InputError
-        If none is left.
+        If all are refused.
     """
     sources: list[SourceFile] = []
     refused: list[InputError] = []
     for path in paths:
         try:
-            require_model_file(path)
+            _require_model_file(path)
             sources.append(identify(path))
         except InputError as error:
             refused.append(error)
@@ -256,35 +233,25 @@ def identified(paths: Sequence[str], name: str, skipped: Skipped) -> list[Source
     return sources
 
 
-def require_model_file(path: str) -> None:
-    """Refuse a file that cannot hold model winds by its first bytes.
-
-    Raises
-    ------
-    InputError
-        With the kind of the file, and what to do with it.
-    OSError
-        If it cannot be opened.
-    """
-    if is_zarr(path) or os.path.isdir(path):
+def _require_model_file(path: str) -> None:
+    """Refuse a file that cannot hold model winds by its first bytes."""
+    if _is_zarr(path) or os.path.isdir(path):
         return
     content = first_bytes(path)
-    if any(further.tells(path, content) for further in model_formats().values()):
-        return
-    refusal = unreadable(path, content)
-    if refusal is not None:
+    if refusal := unreadable(path, content):
         raise refusal
     start = content.lstrip(_BLANK).lower()
-    what, remedy = next(
-        (entry[1:] for entry in _REPORTS if start.startswith(entry[0])),
-        ("is text, no model file", "Give GRIB, NetCDF or Zarr"),
-    )
+    for magic, what, remedy in _REPORTS:
+        if start.startswith(magic):
+            raise InputError(what, file=path, remedy=remedy)
     if _ICARTT.match(start):
-        what = "is ICARTT, measurements of an aircraft"
-        remedy = "Model winds come as GRIB, NetCDF or Zarr; measurements go under reports"
-    binary = not start.isascii() or b"\0" in start or b"grib" in start
-    if start and (not binary or "text" not in what):
-        raise InputError(what, file=path, remedy=remedy)
+        raise InputError(
+            "is ICARTT, measurements of an aircraft",
+            file=path,
+            remedy="Model winds come as GRIB, NetCDF or Zarr; measurements go under reports",
+        )
+    if start and start.isascii() and b"\0" not in start and b"grib" not in start:
+        raise InputError("is text, no model file", file=path, remedy="Give GRIB, NetCDF or Zarr")
 
 
 def unreadable(path: str, content: bytes) -> InputError | None:
@@ -334,21 +301,12 @@ def _opener(start: bytes) -> Callable[[Any], Any] | None:
 
 
 def kind_of(path: str) -> str:
-    """Kind of a file: ``netcdf``, ``zarr``, ``grib``, a further kind's name, or empty.
-
-    Raises
-    ------
-    OSError
-        If it cannot be opened.
-    """
-    if is_zarr(path):
+    """Kind of a file: ``netcdf``, ``zarr``, ``grib``, or empty."""
+    if _is_zarr(path):
         return "zarr"
     if os.path.isdir(path):
         return ""
     start = first_bytes(path)
-    for further in model_formats().values():
-        if further.tells(path, start):
-            return further.name
     kind = next((kind for magic, kind in _MAGIC if start.startswith(magic)), "")
     return kind or ("grib" if b"GRIB" in start else "")
 
@@ -363,11 +321,6 @@ def local_path(path: str) -> LocalPath:
     """Path under which a file can be read: itself, or a temporary copy.
 
     The copy exists as long as the returned object does.
-
-    Raises
-    ------
-    InputError
-        If a compressed file is damaged or a URL cannot be read.
     """
     size = mtime_ns = 0
     if not is_url(path):
@@ -399,8 +352,6 @@ def _copy(path: str, size: int, mtime_ns: int) -> IO[bytes]:
             with copy, opener(copy) as content:
                 shutil.copyfileobj(content, plain, 1 << 20)
             copy = plain
-    except InputError:
-        raise
     except (OSError, EOFError, lzma.LZMAError, zlib.error) as error:
         raise InputError(
             "cannot be decompressed", file=path, found=error, remedy="Fetch the file again"

@@ -1,26 +1,14 @@
 """Position of a point on a model's grid, and the direction of the grid there.
 
-Two kinds of grid share one interface, `Grid`: `AxesGrid`, given by one coordinate along each axis
-of longitude and latitude, of a rotated pole or of a projection; and `PointsGrid`, given by the
-latitude and longitude of every point. Projections are those of PROJ, through pyproj.
-
-Assumptions and validity
-------------------------
-* Coordinates along an axis are monotonic. Longitudes may come in any convention and may cross the
-  antimeridian. A longitude axis whose last column is one step from the first is a full circle.
-* Between grid points an index is linear in the coordinate: exact for evenly spaced axes, and the
-  definition of "bilinear" for Gaussian latitudes. There is no value outside the outermost rows
-  and columns.
-* Latitudes are used as written, on the sphere or ellipsoid of the projection: models have no
-  other datum.
-* The direction of an `AxesGrid` is that of true north in its plane, by the cone constant of conic
-  and polar projections, else by central difference (error below 1e-9 rad). Where a projection is
-  not conformal the x direction would differ.
-* Cells of a `PointsGrid` are quadrilaterals; the index inside one is that of the bilinear map of
-  its corners' unit vectors: equal to the projection's to better than 1e-6 grid lengths for cells
-  of a few kilometres, 1e-4 for 50 km. A grid that closes on itself has no value between its last
-  and first column.
-* Degrees outside, radians for directions, metres in projections.
+`AxesGrid` is given by one coordinate along each axis of longitude and latitude, of a rotated pole
+or of a projection of PROJ; `PointsGrid` by the latitude and longitude of every point. Between grid
+points an index of an `AxesGrid` is linear in the coordinate: exact for evenly spaced axes, and the
+definition of "bilinear" for Gaussian latitudes. Cells of a `PointsGrid` are quadrilaterals; the
+index inside one is that of the bilinear map of its corners' unit vectors, equal to the projection's
+to 1e-6 grid lengths for cells of a few kilometres, 1e-4 for 50 km. Latitudes are used as written,
+on the sphere or ellipsoid of the projection. A grid's direction is that of true north in its plane;
+where a projection is not conformal the x direction would differ. Degrees outside, radians for
+directions, metres in projections.
 """
 
 from __future__ import annotations
@@ -29,6 +17,7 @@ import hashlib
 import json
 import threading
 import warnings
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
@@ -176,13 +165,7 @@ def rotated_frame(pole_latitude: float, pole_longitude: float, turned: float = 0
 
 
 def frame_of(mapping: Mapping[str, object] | str, *, file: str, field: str) -> Frame:
-    """Frame of a CF grid mapping (CF appendix F), or of a PROJ or WKT string.
-
-    Raises
-    ------
-    InputError
-        If the projection is not known, with file and field.
-    """
+    """Frame of a CF grid mapping (CF appendix F), or of a PROJ or WKT string."""
     try:
         if isinstance(mapping, str):
             return _frame(mapping)
@@ -225,7 +208,7 @@ def _plain(value: object) -> object:
     return value.item() if isinstance(value, np.generic) else value
 
 
-class Grid:
+class Grid(ABC):
     """A horizontal grid of ni columns and nj rows."""
 
     ni: int
@@ -251,24 +234,24 @@ class Grid:
         along = f"wind_along_grid={self.wind_along_grid}"
         return f"<Grid {self.name}, {self.ni} x {self.nj}, {self.key}, {along}>"
 
+    @abstractmethod
     def plane(self, latitude: Floats, longitude: Floats) -> tuple[Floats, Floats]:
         """Fractional indices (n,) along x and y of places (n,) in degrees, also outside."""
-        raise NotImplementedError
 
+    @abstractmethod
     def convergence(self, latitude: ArrayLike, longitude: ArrayLike) -> Floats:
         """Angle (n,) in rad that turns grid components to true east and north.
 
         ``u_e = cos(a) u_g + sin(a) v_g``, ``v_e = -sin(a) u_g + cos(a) v_g``.
         """
-        raise NotImplementedError
 
+    @abstractmethod
     def outline(self) -> tuple[float, float, float, float]:
         """South, north, west and east of the grid points, degrees; longitudes -180 to 180."""
-        raise NotImplementedError
 
+    @abstractmethod
     def directed(self, along: bool) -> Grid:
         """The same grid with wind components along it or not."""
-        raise NotImplementedError
 
     def fractional_index(self, latitude: ArrayLike, longitude: ArrayLike) -> tuple[Floats, Floats]:
         """Fractional indices (n,) along x and y of places in degrees; NaN outside the grid."""
@@ -336,8 +319,7 @@ class AxesGrid(Grid):
         return replace(self, wind_along_grid=along)
 
     @cached_property
-    def _columns(self) -> Floats:
-        """Column coordinates; longitudes without a jump of 360 degrees."""
+    def _columns(self) -> Floats:  # longitudes without a jump of 360 degrees
         return np.unwrap(self.x, period=360.0) if self.frame.meridional else self.x
 
     @cached_property
@@ -396,11 +378,6 @@ class PointsGrid(Grid):
     turned : (nj, ni) float array, optional
         Angle (rad) that turns grid components to true east and north, at each point; by default
         that of the rows, by central differences.
-
-    Raises
-    ------
-    ValueError
-        If a latitude or longitude is missing or impossible.
     """
 
     periodic = False
@@ -437,8 +414,7 @@ class PointsGrid(Grid):
         return digest.hexdigest()[:16]
 
     @cached_property
-    def _vectors(self) -> Floats:
-        """(nj, ni, 3) unit vectors of the points."""
+    def _vectors(self) -> Floats:  # (nj, ni, 3)
         return _unit_vectors(self.latitude, self.longitude)
 
     @cached_property
@@ -525,10 +501,7 @@ class PointsGrid(Grid):
 def through_points(frame: Frame, latitude: Floats, longitude: Floats) -> AxesGrid | None:
     """Grid of a projection whose points (nj, ni), degrees, are known and whose axes are not.
 
-    Returns
-    -------
-    AxesGrid or None
-        None if the points are not rows and columns of the projection.
+    None if the points are not rows and columns of the projection.
     """
     if min(latitude.shape) < 2:
         return None

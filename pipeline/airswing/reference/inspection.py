@@ -12,9 +12,9 @@ from airswing.reference.catalogue import build_catalogue
 from airswing.reference.files import local_path
 from airswing.reference.grib.grid_sections import read_grid
 from airswing.reference.grib.headers import FileContents, off_levels, scan_file
-from airswing.reference.gridded.opening import engine_of
+from airswing.reference.gridded.datasets import engine_of
 from airswing.reference.grids import AxesGrid, Grid
-from airswing.reference.profiles import HYBRID, ISOBARIC, PRESSURE, U
+from airswing.reference.winds import HYBRID, ISOBARIC, PRESSURE, U
 
 _PACKINGS = {
     1: {0: "simple", 4: "second order", 8: "spherical harmonics"},
@@ -129,7 +129,6 @@ def inspect_gridded(path: str) -> dict[str, object]:
     times = np.datetime_as_string(found.times, unit="s")
     levels = found.levels(0)
     ends = f"{levels[0] / 100:g} to {levels[-1] / 100:g} hPa"
-    isobaric = found.level_kinds[0] == ISOBARIC
     return {
         "engine": used,
         "variables": sorted({name for one in found.stored for name in one.names}),
@@ -138,9 +137,9 @@ def inspect_gridded(path: str) -> dict[str, object]:
         "last_time": f"{times[-1]}Z",
         "leads_h": sorted({float(s) / 3600.0 for s in found.leads}),
         "levels": f"{levels.size} pressure levels, {ends}"
-        if isobaric
+        if found.is_isobaric(0)
         else f"{levels.size} native levels with their pressure",
-        "grids": [_grid_text(found.grids[int(n)]) for n in np.unique(found.grid_numbers)],
+        "grids": [_grid_text(found.grids[int(n)]) for n in np.unique(found.profiles["grid"])],
         "notes": found.notes,
         "skipped": found.skipped,
     }

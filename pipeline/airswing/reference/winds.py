@@ -1,4 +1,4 @@
-"""Winds of one model time at reports, independent of how the model winds are stored.
+"""The wind profile of one model time, and its winds at reports.
 
 Linear in the logarithm of pressure in each column of the model, then bilinear in the grid's index
 space, both along the grid; then the components are rotated to true east and north at the reports,
@@ -8,43 +8,120 @@ if they point along the grid.
 their values, so that a reader can serve many model times from one chunk of a file. It asks once for
 isobaric levels; for native levels first for the pressure of all levels, then for the winds.
 
-Assumptions and validity
-------------------------
-* Isobaric levels have one pressure, native levels one in every column. If u, v and pressure lie on
-  different points, each is interpolated on its own points and the pressure of native levels is
-  that at the report.
-* Nothing is extrapolated, neither outside the grid nor above or below the levels. A corner that is
-  missing and has weight gives no value; a corner without weight is not used.
-* A wind over 150 m/s is not credible (the fastest jet streams measured reach 110 to 120 m/s).
-* A report's value depends on that report alone: results are identical however reports are divided
-  among calls.
+Isobaric levels have one pressure, native levels one in every column. If u, v and pressure lie on
+different points, each is interpolated on its own points and the pressure of native levels is that
+at the report. Nothing is extrapolated. A corner that is missing and has weight gives no value. A
+report's value depends on that report alone.
 """
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Generator, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from airswing.physics.triangle import wrap_signed
-from airswing.reference.grids import Floats, Grid, Ints
+from airswing.reference.files import SourceFile
+from airswing.reference.grids import Floats, Grid, Ints, are_shifted
 from airswing.units import MODEL_EARTH_RADIUS
 
-if TYPE_CHECKING:
-    from airswing.reference.profiles import ModelTime
-
+Table = NDArray[np.void]
 Request = list[tuple[np.void, Ints]]
 """Rows of fields and the points (any shape) at which their values are needed."""
 Winds = Generator[Request, list[Floats], Floats]
 
-MAX_WIND = 150.0  # m/s
+U, V, PRESSURE, SURFACE = 0, 1, 2, 3
+"""Kinds of field; SURFACE is the surface pressure of hybrid levels."""
+ISOBARIC, HYBRID = 0, 1
+"""Kinds of level; further ones are GRIB level types."""
+GIVEN = "given"
+"""Engine of Datasets given in Python."""
+MAX_WIND = 150.0  # m/s; the fastest jet streams measured reach 110 to 120 m/s
 MAX_PRESSURE = 120_000.0  # Pa
-WINDS = ("u", "v")
-DERIVATIVES = ("u_lnp", "v_lnp", "u_x", "v_x", "u_y", "v_y", "convergence")
 _METRIC_STEP = 1e-3  # degrees, half the step of the differences that give the grid's metric
+
+
+def limits(kind: int) -> tuple[float, float]:
+    """Lowest and highest possible value of a field of a kind: m/s, or Pa."""
+    return (-MAX_WIND, MAX_WIND) if kind < PRESSURE else (0.0, MAX_PRESSURE)
+
+
+class StoredField(NamedTuple):
+    """How the fields of one variable of a Dataset are read."""
+
+    names: tuple[str, ...]  # variables, summed
+    dims: tuple[str, ...]
+    outer: tuple[tuple[str, int], ...]  # dimensions that a row's `index` counts, and their sizes
+    level: str  # dimension of the levels (empty without), of rows and of columns
+    y: str
+    x: str
+    shape: tuple[int, ...]
+    chunks: tuple[tuple[int, ...], ...]  # start of every chunk along each dimension, and the end
+    scale: float = 1.0  # to SI units
+    # "x" or "y": points lie half a grid length before the grid's along this axis, and one more
+    # follows the last: the mean of two neighbours counts
+    stagger: str = ""
+    exponential: bool = False  # the logarithm is stored
+    either: str = ""  # dimension along which the first value that is not missing counts
+
+    def outer_places(self, index: NDArray[np.integer]) -> list[tuple[str, NDArray[np.int64]]]:
+        """Outer dimensions and the indices along them of rows' `index`."""
+        if not self.outer:
+            return []
+        places = np.unravel_index(np.asarray(index), tuple(size for _, size in self.outer))
+        return [(dim, np.asarray(one)) for (dim, _), one in zip(self.outer, places, strict=True)]
+
+
+#: A row is one field of one level. Rows of GRIB and of Datasets share most columns. Of Datasets
+#: `index` counts the fields of a variable over its outer dimensions, `level_index` its levels; the
+#: value of a pressure is ``a + b * field``; `offset` numbers the stored field, `points` the field's
+#: grid, and `grid` that of the profile it belongs to.
+ROW_DTYPE = np.dtype(
+    [
+        *[(name, "i4") for name in ("file", "offset", "member", "grid", "points")],
+        *[(name, "i4") for name in ("index", "level_index")],
+        *[(name, "i2") for name in ("part", "kind", "level_kind")],
+        *[(name, "f8") for name in ("level", "a", "b")],
+        *[(name, "i8") for name in ("valid", "lead")],
+    ]
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ModelTime:
+    """The wind profile of one valid time, small enough to send to another process.
+
+    Rows of u, v and pressure are those of the catalogue, one a level; isobaric levels by increasing
+    pressure. `pressure` is empty for isobaric levels.
+    """
+
+    grids: tuple[Grid, Grid, Grid]  # of u, v and pressure
+    native: bool  # levels have a pressure field
+    u: Table
+    v: Table
+    pressure: Table
+    files: tuple[SourceFile, ...]  # as the rows' ``file`` numbers them
+    stored: tuple[StoredField, ...] = ()  # as the rows' ``offset`` numbers them; empty for GRIB
+    engine: str = "grib"
+
+
+def on_one_grid(table: Table, grids: Sequence[Grid]) -> Table:
+    """Give v and pressure the grid number of u if they lie on points shifted against u's.
+
+    The number of a row's own grid is kept in ``points``.
+    """
+    table["points"] = table["grid"]
+    numbers = {kind: np.unique(table["grid"][table["kind"] == kind]).tolist() for kind in range(4)}
+    for kind in (V, PRESSURE, SURFACE):
+        for number in set(numbers[kind]) - set(numbers[U]):
+            shifted = (one for one in numbers[U] if are_shifted(grids[one], grids[number]))
+            mine = (table["kind"] == kind) & (table["points"] == number)
+            table["grid"][mine] = next(shifted, number)
+    return table
 
 
 class Corners(NamedTuple):
@@ -109,17 +186,19 @@ def level_brackets(levels: Floats, pressure: Floats, *, both: bool = False) -> B
         level `k` itself, and `k + 1` is not needed.
     """
     count = levels.shape[0]
-    with np.errstate(invalid="ignore", divide="ignore"):
-        if levels.ndim == 1:
-            k = np.searchsorted(levels, pressure, side="right") - 1
-        else:
+    if levels.ndim == 1:
+        levels = levels[:, np.newaxis]
+        k = np.searchsorted(levels[:, 0], pressure, side="right") - 1
+    else:
+        with np.errstate(invalid="ignore"):
             k = (levels <= pressure).sum(axis=0) - 1
+    columns = np.arange(pressure.size) if levels.shape[1] > 1 else 0
+    k = np.clip(k, 0, count - 2 if both and count > 1 else count - 1)
+    below = np.minimum(k + 1, count - 1)
+    first, second = levels[k, columns], levels[below, columns]
+    with np.errstate(invalid="ignore", divide="ignore"):
         # levels below the ground may be missing
         inside = (pressure >= levels[0]) & (pressure <= np.fmax.reduce(levels, axis=0))
-        k = np.clip(k, 0, count - 2 if both and count > 1 else count - 1)
-        below, columns = np.minimum(k + 1, count - 1), np.arange(pressure.size)
-        first = levels[k] if levels.ndim == 1 else levels[k, columns]
-        second = levels[below] if levels.ndim == 1 else levels[below, columns]
         upper, lower, lnp = np.log(first), np.log(second), np.log(pressure)
         weight = np.where(pressure == first, 0.0, (lnp - upper) / (lower - upper))
         weight = np.where(pressure == second, np.where(below > k, 1.0, 0.0), weight)
@@ -134,11 +213,10 @@ def winds_at(
     Returns
     -------
     (2 or 9, n) float array
-        `WINDS` in m/s, true east and north; with `derivatives` also `DERIVATIVES`: by ln p (m/s),
+        u and v in m/s, true east and north; with `derivatives` also those of both by ln p (m/s),
         eastward and northward (1/s), and the grid's convergence (rad).
     """
-    rows = len(WINDS) + (len(DERIVATIVES) if derivatives else 0)
-    table = np.full((rows, latitude.size), np.nan)
+    table = np.full((9 if derivatives else 2, latitude.size), np.nan)
     grids = model.grids[: 3 if model.native else 2]
     one_grid = all(grid.key == grids[0].key for grid in grids)
     indices = [g.fractional_index(latitude, longitude) for g in (grids[:1] if one_grid else grids)]
@@ -179,11 +257,7 @@ def winds_at(
 
 
 def _between_levels(
-    fields: tuple[NDArray[np.void], NDArray[np.void]],
-    nodes: Sequence[Ints],
-    brackets: Brackets,
-    *,
-    both: bool,
+    fields: tuple[Table, Table], nodes: Sequence[Ints], brackets: Brackets, *, both: bool
 ) -> Generator[Request, list[Floats], Floats]:
     """(2, 2, c, n): u and v on the level above and below, at the c columns of each bracket."""
     count, columns = fields[0].size, nodes[0].shape[0]
@@ -203,13 +277,12 @@ def _between_levels(
     level, side, node = level[order], side[order], node[order]
     edges = np.flatnonzero(np.diff(level, prepend=-1, append=-1))
     groups = [slice(start, stop) for start, stop in itertools.pairwise(edges)]
-    shared = nodes[0] is nodes[1]
     asked: Request = []
     for group in groups:
-        number = int(level[group.start])
-        points = [nodes[0][:, node[group]].ravel()]
-        points.append(points[0] if shared else nodes[1][:, node[group]].ravel())
-        asked += [(rows[number], one) for rows, one in zip(fields, points, strict=True)]
+        points = nodes[0][:, node[group]].ravel()
+        others = points if nodes[0] is nodes[1] else nodes[1][:, node[group]].ravel()
+        u, v = (rows[int(level[group.start])] for rows in fields)
+        asked += [(u, points), (v, others)]
     found = (yield asked) if asked else []
     for group, one, two in zip(groups, found[::2], found[1::2], strict=True):
         for component, got in enumerate((one, two)):
@@ -235,10 +308,12 @@ def _to_true(
     wind = _rotated(along[0], along[1], angle)
     if not derivatives:
         return np.stack(wind)
-    depth = brackets.lower - brackets.upper
     with np.errstate(divide="ignore", invalid="ignore"):
-        shears = [((pair[1] - pair[0]) / depth).reshape(4, size) for pair in values]
-    u_shear, v_shear = (bilinear(s, cell.x, cell.y) for s, cell in zip(shears, cells, strict=False))
+        shears = (values[:, 1] - values[:, 0]) / (brackets.lower - brackets.upper)
+    u_shear, v_shear = (
+        bilinear(one.reshape(4, size), cell.x, cell.y)
+        for one, cell in zip(shears, cells, strict=False)
+    )
     shear = _rotated(u_shear, v_shear, angle)
     slopes = _true_slopes(grids, columns, cells, wind, angle, lat, lon)
     # the grid's angle whatever the flag says: a wrong flag is recognised by it

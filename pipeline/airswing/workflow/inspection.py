@@ -8,7 +8,6 @@ from __future__ import annotations
 from pathlib import Path
 
 from airswing.errors import InputError, shortened
-from airswing.model_formats import model_formats
 
 _LONGEST_LIST = 20  # numbers that are shown of a list
 
@@ -36,8 +35,6 @@ def inspect_file(path: Path) -> dict[str, object]:
         refusal = unreadable(str(path), start)
     except OSError as err:
         raise InputError("cannot open the file", file=path, found=err.strerror) from err
-    if any(one.tells(str(path), start) for one in model_formats().values()):
-        return {"file": str(path), "kind": "model winds", **_winds(path)}
     if refusal is not None and b"[Content_Types].xml" not in start:  # of an Excel workbook
         raise refusal
     no_winds: InputError | None = None

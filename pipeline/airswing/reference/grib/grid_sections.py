@@ -1,17 +1,13 @@
 """Grids of GRIB messages, by the keys of ecCodes: each distinct grid section is read once.
 
-Assumptions and validity
-------------------------
-* Lambert conformal (tangent and secant), polar stereographic, Mercator, Lambert azimuthal equal
-  area, regular and rotated latitude/longitude, regular Gaussian grids, of GRIB editions 1 and 2;
-  and NCEP's template 3.32769 (native grid of the Rapid Refresh). Any other grid is refused by name.
-* Grid lengths of polar stereographic and Mercator grids count at the latitude LaD (60 degrees for
-  the former in edition 1), those of Lambert grids at the standard parallels.
-* The first value lies at the first grid point and the rest follow in the scanning direction (WMO
-  regulation 92.8, table 3.4). Components "relative to the grid" point to increasing x and y of the
-  projection, whatever the scanning direction (code table 3.3).
-* Sections with impossible numbers (a grid beyond the earth, corners and increments that
-  contradict each other) are refused as damaged.
+Lambert conformal, polar stereographic, Mercator, Lambert azimuthal equal area, regular and rotated
+latitude/longitude, and regular Gaussian grids of GRIB editions 1 and 2; and NCEP's template 3.32769
+(native grid of the Rapid Refresh). Any other grid is refused by name, and sections with impossible
+numbers as damaged. Grid lengths of polar stereographic and Mercator grids count at the latitude LaD
+(60 degrees for the former in edition 1), those of Lambert grids at the standard parallels. The
+first value lies at the first grid point and the rest follow in the scanning direction (WMO
+regulation 92.8, table 3.4). Components "relative to the grid" point to increasing x and y of the
+projection, whatever the scanning direction (code table 3.3).
 """
 
 from __future__ import annotations
@@ -21,6 +17,7 @@ from functools import lru_cache
 from types import ModuleType
 
 import numpy as np
+from scipy.special import roots_legendre
 
 from airswing.physics.triangle import wrap_degrees
 from airswing.reference.grids import (
@@ -67,13 +64,7 @@ _OBLATE = {
 
 @lru_cache(maxsize=512)
 def read_grid(edition: int, section: bytes) -> AxesGrid:
-    """Grid of a whole grid section: section 2 of edition 1, section 3 of edition 2.
-
-    Raises
-    ------
-    UnplaceableGridError
-        With the grid's name if it is not one of the above, or the damage.
-    """
+    """Grid of a whole grid section: section 2 of edition 1, section 3 of edition 2."""
     number = section[5] if edition == 1 else int.from_bytes(section[12:14], "big")
     shortest = _SHORTEST[edition].get(number)
     if shortest is None:
@@ -183,11 +174,8 @@ class _Keys:
 
     def _degrees(self, kind: str) -> tuple[Frame, Floats, Floats]:
         first, last = (
-            (
-                self.degrees(f"latitudeOf{which}GridPoint"),
-                self.degrees(f"longitudeOf{which}GridPoint"),
-            )
-            for which in ("First", "Last")
+            tuple(self.degrees(f"{axis}Of{end}GridPoint") for axis in ("latitude", "longitude"))
+            for end in ("First", "Last")
         )
         unit = 1e-3 if self.edition == 1 else 1e-6
         stated = self.given("iDirectionIncrement"), self.given("jDirectionIncrement")
@@ -208,10 +196,8 @@ class _Keys:
                 f"rotated grid turned by {turned:g} degrees about its pole "
                 "(programs do not agree on its meaning)"
             )
-        south, east = (
-            self.degrees("latitudeOfSouthernPole"),
-            self.degrees("longitudeOfSouthernPole"),
-        )
+        south = self.degrees("latitudeOfSouthernPole")
+        east = self.degrees("longitudeOfSouthernPole")
         return rotated_frame(-south, east + 180.0), x, y
 
     def _projected(self, kind: str) -> tuple[Frame, Floats, Floats]:
@@ -297,25 +283,18 @@ class _Keys:
 def _gaussian_latitudes(count: int) -> Floats:
     """Latitudes (degrees, northward) of a Gaussian grid: the roots of a Legendre polynomial.
 
-    By Newton's method from the approximation of Abramowitz and Stegun, 22.16.6. The list of
-    latitudes of ecCodes ends the process at some damaged sections.
+    The list of latitudes of ecCodes ends the process at some damaged sections.
     """
-    if not 2 <= count <= 20_000:
+    if not 2 <= count <= 10_000:
         raise UnplaceableGridError(f"Gaussian grid of {count:,} latitudes")
-    x = np.cos(np.pi * (np.arange(count, 0, -1) - 0.25) / (count + 0.5))
-    for _ in range(4):
-        before, value = np.ones_like(x), x.copy()
-        for n in range(2, count + 1):
-            before, value = value, ((2 * n - 1) * x * value - (n - 1) * before) / n
-        x = x - value * (x**2 - 1.0) / (count * (x * value - before))
-    return np.asarray(np.degrees(np.arcsin(x)), dtype=np.float64)
+    return np.asarray(np.degrees(np.arcsin(roots_legendre(count)[0])), dtype=np.float64)
 
 
 def _axes(
     shape: tuple[int, int],
     signs: tuple[float, float],
-    first: tuple[float, float],
-    last: tuple[float, float],
+    first: tuple[float, ...],
+    last: tuple[float, ...],
     unit: float,
     stated: tuple[float, float],
 ) -> tuple[Floats, Floats]:

@@ -2,20 +2,12 @@
 
 Reads lengths and fixed bytes of the sections only, which is some ten times faster than ecCodes'
 headers, and checks them against each other: a message that contradicts itself is skipped and named.
-
-Assumptions and validity
-------------------------
-* u and v are known by parameter: GRIB1 33/34 of the international tables (1-3) and of NCEP's tables
-  130 and 131, 131/132 of ECMWF's table 128; GRIB2 0/2/2 and 0/2/3.
-* Levels are isobaric (type 100), or native (hybrid, heights, potential temperatures, generalized
-  vertical) with pressure as a third field on the same levels (GRIB1 1 or 54; GRIB2 0/3/0).
-* Fields that are no state of the atmosphere (`airswing.reference.state`) are not used.
-* Base times from 1900 to 2100; leads from -1 to 400 days; pressure up to 1,200 hPa; wind components
-  up to 150 m/s. The reference value of a packing, R 10^-D, is the lowest value of the field (WMO FM
-  92 regulation 92.9.4): a message whose lowest value is impossible is damaged.
-* A data section is as long as its values need, except for a few bytes of padding.
-* Offsets in bytes from the start of the file, counted from 0 (the WMO tables count from 1); times
-  in ns since 1970, leads in s, pressure in Pa.
+u and v are known by parameter, levels are isobaric (type 100) or native with pressure as a third
+field on the same levels. Base times are from 1900 to 2100, leads from -1 to 400 days. The reference
+value of a packing, R 10^-D, is the lowest value of the field (WMO FM 92 regulation 92.9.4): a
+message whose lowest value is impossible is damaged. A data section is as long as its values need,
+except for a few bytes of padding. Offsets in bytes from the start of the file, counted from 0 (the
+WMO tables count from 1); times in ns since 1970, leads in s, pressure in Pa.
 """
 
 from __future__ import annotations
@@ -36,16 +28,15 @@ from numpy.typing import NDArray
 
 from airswing.reference.grib.grid_sections import read_grid
 from airswing.reference.grids import UnplaceableGridError
-from airswing.reference.profiles import HYBRID, ISOBARIC, PRESSURE, U, V
 from airswing.reference.state import DERIVED, FORECAST, grib_statistic
-from airswing.reference.winds import MAX_PRESSURE, MAX_WIND
+from airswing.reference.winds import HYBRID, ISOBARIC, MAX_PRESSURE, PRESSURE, U, V, limits
 
 MAX_BITS = 57  # widest packed integer that one unaligned 64-bit load holds at any bit offset
 PADDING = 16  # bytes a section may have beyond its values
-READ_BYTES = 512  # read at once where a message begins
-SPEED_ALONE = "wind", "wind speed or direction, not u and v"
+_READ_BYTES = 512  # read at once where a message begins
+_SPEED_ALONE = "wind", "wind speed or direction, not u and v"
 #: GRIB1 lengths from here on count in units of `_LARGE_UNIT` bytes (see `_large_length`).
-LARGE, _LARGE_UNIT = 0x800000, 120
+_LARGE, _LARGE_UNIT = 0x800000, 120
 
 _EARLIEST, _LATEST = -2_208_988_800, 4_102_444_800  # s since 1970: the years 1900 and 2100
 _SHORTEST_LEAD, _LONGEST_LEAD = -86_400, 400 * 86_400  # s
@@ -54,7 +45,7 @@ _LARGEST_SCALE = 300  # beyond it a power of ten leaves the range of double prec
 _UNITS = {0: 60, 1: 3600, 2: 86400, 10: 10800, 11: 21600, 12: 43200}
 _UNITS_1, _UNITS_2 = {**_UNITS, 13: 900, 14: 1800, 254: 1}, {**_UNITS, 13: 1}
 #: Level types on which pressure may be given: GRIB1 code table 3, GRIB2 code table 4.5.
-ISOBARIC_TYPE = 100
+_ISOBARIC_TYPE = 100
 _NATIVE_1 = (103, 104, 105, 106, 107, 108, 109, 110, 111, 113, 119)
 _HYBRID_1, _HYBRID_2 = (109, 110, 119), (105, 111, 118, 119)
 _NATIVE_2 = (102, 103, 104, 105, 107, 111, 113, 118, 119, 150)
@@ -86,7 +77,6 @@ class Field(NamedTuple):
     member: int = 0
     packing: int = 0
     sparse: bool = False  # values can be read at single points
-    coded: int = -1  # number of values that section 5 of GRIB2 states
     bits: int = 0  # of a value
     binary_scale: int = 0
     decimal_scale: int = 0
@@ -117,19 +107,17 @@ class FileContents:
     skipped: Counter[tuple[str, str]] = field(default_factory=Counter)
     messages: int = 0
     parts: int = 0  # fields of any kind
-    _known: dict[tuple[int, bytes], int] = field(default_factory=dict)
 
     def grid_number(self, edition: int, section: bytes) -> int:
-        """Number of a grid section, which is read once."""
+        """Number of a grid section."""
         key = edition, section
-        if key not in self._known:
+        if key not in self.grids:
             try:
                 read_grid(edition, section)
             except UnplaceableGridError as error:
                 raise SkippedError("grid", str(error)) from None
-            self._known[key] = len(self.grids)
             self.grids.append(key)
-        return self._known[key]
+        return self.grids.index(key)
 
     def table(self) -> NDArray[np.void]:
         """Fields as an array of `FIELD_DTYPE`."""
@@ -164,19 +152,13 @@ class Window:
             self._before, (self._start, self._data) = (self._start, self._data), self._before
             at = start - self._start
             if at < 0 or at + length > len(self._data):
-                self._data = os.pread(self.descriptor, max(length, READ_BYTES), start)
+                self._data = os.pread(self.descriptor, max(length, _READ_BYTES), start)
                 self._start, at = start, 0
         return self._data[at : at + length]
 
 
 def scan_file(path: str) -> FileContents:
-    """List the wind and pressure fields of a file.
-
-    Raises
-    ------
-    OSError
-        If the file cannot be opened or read.
-    """
+    """List the wind and pressure fields of a file."""
     contents = FileContents()
     descriptor = os.open(path, os.O_RDONLY)
     try:
@@ -246,7 +228,7 @@ def _length(window: Window, at: int, head: bytes) -> tuple[int, int]:
     edition = head[7]
     if edition == 1:
         length = unsigned(head, 4, 3)
-        if length & LARGE:
+        if length & _LARGE:
             length = _large_length(window, at, length)
     elif edition == 2:
         length = unsigned(head, 8, 8)
@@ -269,7 +251,7 @@ def _large_length(window: Window, at: int, stated: int) -> int:
     for present in (0xFF, flags & 0x80, flags & 0x40):
         place += unsigned(window.get(place, 3), 0, 3) if present else 0
     rest = unsigned(window.get(place, 3), 0, 3)
-    return stated if rest >= _LARGE_UNIT else (stated & ~LARGE) * _LARGE_UNIT - rest + 4
+    return stated if rest >= _LARGE_UNIT else (stated & ~_LARGE) * _LARGE_UNIT - rest + 4
 
 
 def single_fields(message: bytes, edition: int) -> Iterator[tuple[bytes, dict[int, bytes]]]:
@@ -278,11 +260,6 @@ def single_fields(message: bytes, edition: int) -> Iterator[tuple[bytes, dict[in
     GRIB1 holds one field; its sections are the product's (1) and the grid's (2), if present. In
     GRIB2 sections 2 to 7 may be repeated (regulation 92.1.5): a field has the last section of
     each number before its data; bitmap indicator 254 refers to the last bitmap that was given.
-
-    Raises
-    ------
-    GarbageError
-        If the lengths of the sections do not add up.
     """
     if edition == 1:
         product = message[8 : 8 + unsigned(message, 8, 3)]
@@ -324,7 +301,7 @@ def _scan_grib1(window: Window, start: int, length: int, contents: FileContents)
         kind = {33: U, 34: V, 1: PRESSURE}.get(parameter)
     if kind is None:
         if table in (1, 2, 3) and parameter in (31, 32):
-            contents.skipped[SPEED_ALONE] += 1
+            contents.skipped[_SPEED_ALONE] += 1
         return
     try:
         contents.fields.append(_grib1_field(window, start, length, kind, product, contents))
@@ -341,7 +318,7 @@ def _grib1_field(
     level_kind = _level_kind(kind, surface, _NATIVE_1, _HYBRID_1)
     if surface in (104, 106, 108, 110):  # layers: the value of the upper boundary
         level = float(product[10])
-    if surface == ISOBARIC_TYPE:
+    if surface == _ISOBARIC_TYPE:
         level *= 100.0
         _check_level(level)
     if reason := grib_statistic(1, {1: product}):
@@ -378,7 +355,7 @@ def _grib1_field(
     if len(data) < 11 or at + 11 > end:
         raise GarbageError
     n_bytes, packing, bits = unsigned(data, 0, 3), data[3] >> 4, data[10]
-    stop = end if length >= LARGE and n_bytes < _LARGE_UNIT else at + n_bytes
+    stop = end if length >= _LARGE and n_bytes < _LARGE_UNIT else at + n_bytes
     if not at + 11 <= stop <= end:
         raise GarbageError
     if packing & 0x8:
@@ -444,7 +421,7 @@ def _scan_grib2(window: Window, start: int, length: int, contents: FileContents)
             kind = {(0, 2, 2): U, (0, 2, 3): V, (0, 3, 0): PRESSURE}.get(parameter)
             if kind is None:
                 if parameter in ((0, 2, 0), (0, 2, 1)):
-                    contents.skipped[SPEED_ALONE] += 1
+                    contents.skipped[_SPEED_ALONE] += 1
             else:
                 try:
                     found = _grib2_field(window, kind, product, sections, bitmap, contents)
@@ -470,9 +447,9 @@ def _grib2_field(
     surface, second = product[22], product[28]
     level_kind = _level_kind(kind, surface, _NATIVE_2, _HYBRID_2)
     level = signed(product, 24, 4) * 10.0 ** -signed(product, 23, 1)
-    if second not in (255, surface if surface != ISOBARIC_TYPE else 255):
+    if second not in (255, surface if surface != _ISOBARIC_TYPE else 255):
         raise SkippedError("wind", f"{'uvp'[kind]} of a layer (level types {surface}, {second})")
-    if surface == ISOBARIC_TYPE:
+    if surface == _ISOBARIC_TYPE:
         _check_level(level)
     local = window.get(sections[2], 13) if 2 in sections else b""
     reason = grib_statistic(2, {1: window.get(sections[1], 21), 2: local, 4: product})
@@ -526,7 +503,7 @@ def _grib2_packing(found: Field, section: bytes, size: int) -> Field:
     coded = unsigned(section, 5, 4)  # fewer than the points if a bitmap leaves some out
     if coded > size or (coded != size and found.bitmap < 0):
         raise _damaged(f"{coded:,} values on a grid of {size:,} points")
-    found = found._replace(packing=packing, coded=coded)
+    found = found._replace(packing=packing)
     if packing not in _SCALED:
         return found
     reference, bits = float(struct.unpack_from(">f", section, 11)[0]), section[19]
@@ -565,17 +542,12 @@ def ibm_float(data: bytes, start: int) -> float:
     return -value if word >> 31 else value
 
 
-def limits(kind: int) -> tuple[float, float]:
-    """Lowest and highest possible value of a field of a kind: m/s, or Pa."""
-    return (0.0, MAX_PRESSURE) if kind == PRESSURE else (-MAX_WIND, MAX_WIND)
-
-
 def _damaged(reason: str) -> SkippedError:
     return SkippedError("message", f"damaged: {reason}")
 
 
 def _level_kind(kind: int, surface: int, native: tuple[int, ...], hybrid: tuple[int, ...]) -> int:
-    if surface == ISOBARIC_TYPE and kind != PRESSURE:
+    if surface == _ISOBARIC_TYPE and kind != PRESSURE:
         return ISOBARIC
     if surface in native:
         return HYBRID if surface in hybrid else surface

@@ -2,23 +2,18 @@
 
 Simple packing is read at single points: the value of a present point is ``(R + X 2^E) 10^-D`` with
 X an unsigned integer of fixed width at a known bit (GRIB1 grid-point simple packing, GRIB2 data
-template 5.0), so that a few thousand points cost a few reads. Points under a bitmap are found by
-the number of present points before them. Everything else is decoded whole by ecCodes in a worker
-process (`airswing.guarded`), because a damaged message may end the process.
+template 5.0), so that a few thousand points cost a few reads. Sums and products are in double
+precision in the order of ecCodes, ``(X s + R) d``: both ways give the same doubles. Points under a
+bitmap are found by the number of present points before them. Everything else is decoded whole by
+ecCodes in a worker process (`airswing.guarded`), because a damaged message may end the process.
+Files are read with positioned reads, never mapped: a file that is cut short while it is read gives
+an error, not a killed process.
 
-Assumptions and validity
-------------------------
-* Widths of 0 to 57 bits (an unaligned 64-bit load holds the integer); wider fields, other packings
-  and predefined bitmaps go to ecCodes.
-* Sums and products are in double precision in the order of ecCodes, ``(X s + R) d`` with s and d by
-  repeated multiplication or division: both ways give the same doubles.
-* Files are read with positioned reads, never mapped: a file that is cut short while it is read
-  gives an error, not a killed process.
-* One impossible value condemns its message: a damaged scale factor or a shifted stream of bits
-  gives winds of hundreds of m/s in a message that looks sound. It is judged at 256 points of the
-  grid, so that the verdict does not depend on the reports; a standard deviation of a component over
-  60 m/s (three times the widest spread of the atmosphere) condemns it too. Impossible values
-  between these points give no value.
+One impossible value condemns its message: a damaged scale factor or a shifted stream of bits gives
+winds of hundreds of m/s in a message that looks sound. It is judged at 256 points of the grid, so
+that the verdict does not depend on the reports; a standard deviation of a component over 60 m/s
+(three times the widest spread of the atmosphere) condemns it too. Impossible values between these
+points give no value.
 """
 
 from __future__ import annotations
@@ -35,23 +30,16 @@ from numpy.typing import NDArray
 
 from airswing.guarded import WorkerEndedError, guarded
 from airswing.reference.files import NOT_OPENED, REPLACED, SourceFile, is_same, local_path
-from airswing.reference.grib.headers import (
-    MAX_BITS,
-    PADDING,
-    GarbageError,
-    limits,
-    single_fields,
-)
+from airswing.reference.grib.headers import MAX_BITS, PADDING, GarbageError, single_fields
 from airswing.reference.grids import Floats, Ints
-from airswing.reference.profiles import PRESSURE, ModelTime
-from airswing.reference.winds import Request
+from airswing.reference.winds import PRESSURE, ModelTime, Request, limits
 
 MAX_SPREAD = 60.0  # m/s, standard deviation
 _PROBES = 256
 _CHANGED = "not the message the catalogue saw"
 _ABSENT = 1e300  # ecCodes is asked to put it where a point is missing; no field holds it
 Job = tuple[bytes, int, Ints | None]
-"""Arguments of :func:`decode`."""
+"""A message of one field, number of points of its grid, and places in its list of values."""
 KeyValue = int | float | str
 
 
@@ -165,7 +153,7 @@ class GribReader:
 
 def field_message(descriptor: int, row: np.void) -> bytes:
     """A field as a message of its own."""
-    message = read_bytes(descriptor, int(row["offset"]), int(row["length"]))
+    message = _read_bytes(descriptor, int(row["offset"]), int(row["length"]))
     if message[:4] != b"GRIB" or message[7] != row["edition"]:
         raise UnreadableMessageError(_CHANGED)
     if row["edition"] == 1:
@@ -177,13 +165,41 @@ def field_message(descriptor: int, row: np.void) -> bytes:
 
 
 def decode_guarded(jobs: Sequence[Job]) -> list[Floats | str]:
-    """Values of several messages (arguments of :func:`decode`), or the reason for none."""
+    """Values of several messages by ecCodes in a worker process, or the reason for none."""
     try:
-        return guarded(decode_all, list(jobs))
+        return guarded(_decoded, list(jobs))
     except WorkerEndedError as error:
         if len(jobs) == 1:
             return [f"not decodable: {error}"]
     return [decode_guarded([job])[0] for job in jobs]
+
+
+def _decoded(jobs: list[Job]) -> list[Floats | str]:
+    import eccodes
+
+    found: list[Floats | str] = []
+    for message, size, points in jobs:
+        try:
+            handle = eccodes.codes_new_from_message(message)
+            try:
+                if eccodes.codes_get_long(handle, "bitmapPresent"):
+                    eccodes.codes_set(handle, "missingValue", _ABSENT)
+                count = eccodes.codes_get_size(handle, "values")
+                if count == size:
+                    values = np.asarray(eccodes.codes_get_values(handle), dtype=np.float64)
+                    count = values.size
+            finally:
+                eccodes.codes_release(handle)
+        except (eccodes.CodesInternalError, MemoryError, ValueError) as error:
+            found.append(f"not decodable: {error}")
+            continue
+        if count != size:
+            found.append(f"{count} values on a grid of {size} points")
+            continue
+        values = values if points is None else values[points]
+        values[values == _ABSENT] = np.nan
+        found.append(values)
+    return found
 
 
 def read_keys(message: bytes, names: Sequence[str]) -> dict[str, KeyValue]:
@@ -195,63 +211,12 @@ def read_keys(message: bytes, names: Sequence[str]) -> dict[str, KeyValue]:
         If the message cannot be read.
     """
     try:
-        return guarded(keys_of, message, list(names))
+        return guarded(_keys_of, message, list(names))
     except (WorkerEndedError, ValueError) as error:
         raise UnreadableMessageError(f"not decodable: {error}") from error
 
 
-def decode(message: bytes, size: int, points: Ints | None = None) -> Floats:
-    """Values of a message of one field by ecCodes in this process, NaN where missing.
-
-    Parameters
-    ----------
-    size : int
-        Number of points of its grid.
-    points : (n,) int array, optional
-        Places in the list of values; by default all.
-
-    Raises
-    ------
-    UnreadableMessageError
-        If it cannot be decoded, or has another number of values.
-    """
-    import eccodes
-
-    try:
-        handle = eccodes.codes_new_from_message(message)
-    except eccodes.CodesInternalError as error:
-        raise UnreadableMessageError(f"not decodable: {error}") from error
-    try:
-        if eccodes.codes_get_long(handle, "bitmapPresent"):
-            eccodes.codes_set(handle, "missingValue", _ABSENT)
-        if (stated := eccodes.codes_get_size(handle, "values")) != size:
-            raise UnreadableMessageError(f"{stated} values on a grid of {size} points")
-        values = np.asarray(eccodes.codes_get_values(handle), dtype=np.float64)
-    except (eccodes.CodesInternalError, MemoryError, ValueError) as error:
-        raise UnreadableMessageError(f"not decodable: {error}") from error
-    finally:
-        eccodes.codes_release(handle)
-    if values.size != size:
-        raise UnreadableMessageError(f"{values.size} values on a grid of {size} points")
-    if points is not None:
-        values = values[points]
-    values[values == _ABSENT] = np.nan
-    return values
-
-
-def decode_all(jobs: list[Job]) -> list[Floats | str]:
-    """Values of several messages, or the reason for none."""
-    found: list[Floats | str] = []
-    for job in jobs:
-        try:
-            found.append(decode(*job))
-        except UnreadableMessageError as error:
-            found.append(str(error))
-    return found
-
-
-def keys_of(message: bytes, names: list[str]) -> dict[str, KeyValue]:
-    """Values of keys of a message, without those it has not; `ValueError` if it is none."""
+def _keys_of(message: bytes, names: list[str]) -> dict[str, KeyValue]:
     import eccodes
 
     found: dict[str, KeyValue] = {}
@@ -275,11 +240,8 @@ def _probes(row: np.void, size: int) -> Ints:
         lowest = float(row["reference_value"]) * scale
         width = (2.0 ** int(row["bits"]) - 1.0) * 2.0 ** int(row["binary_scale"]) * scale
         if lowest + width <= limits(int(row["kind"]))[1] and width <= 2.0 * MAX_SPREAD:
-            return _NONE
+            return np.empty(0, dtype=np.int64)
     return probes_of(size)
-
-
-_NONE: Ints = np.empty(0, dtype=np.int64)
 
 
 @lru_cache(maxsize=64)  # the fields of an archive have a few sizes
@@ -288,14 +250,8 @@ def probes_of(size: int) -> Ints:
     return np.unique(np.linspace(0, size - 1, min(size, _PROBES)).astype(np.int64))
 
 
-def read_bytes(descriptor: int, start: int, length: int, *, spare: int = 0) -> bytes:
-    """Bytes of a file, and `spare` bytes without meaning after them.
-
-    Raises
-    ------
-    UnreadableMessageError
-        If the file ends before.
-    """
+def _read_bytes(descriptor: int, start: int, length: int, *, spare: int = 0) -> bytes:
+    """Bytes of a file, and `spare` bytes without meaning after them."""
     content = os.pread(descriptor, length + spare, start)
     if len(content) < length:
         raise UnreadableMessageError(f"file ends {length - len(content)} bytes early")
@@ -303,19 +259,14 @@ def read_bytes(descriptor: int, start: int, length: int, *, spare: int = 0) -> b
 
 
 def sparse_values(descriptor: int, row: np.void, size: int, points: Ints) -> Floats:
-    """Values (n,) of a simply packed field at places (n,) of its list, NaN where missing.
-
-    Raises
-    ------
-    UnreadableMessageError
-        If the file or the data section ends before the points' bytes.
-    """
+    """Values (n,) of a simply packed field at places (n,) of its list, NaN where missing."""
     if os.pread(descriptor, 4, int(row["offset"])) != b"GRIB":
         raise UnreadableMessageError(_CHANGED)
     if row["bitmap"] < 0:
         return _unpack(descriptor, row, points)
-    bitmap = _bitmap(descriptor, row, size)
-    needed = (int(row["bits"]) * _present(bitmap, size) + 7) // 8
+    bitmap = _read_bytes(descriptor, int(row["bitmap"]), (size + 7) // 8)
+    last, earlier = _rank(bitmap, np.array([size - 1]))  # the last byte may have unused bits
+    needed = (int(row["bits"]) * (int(earlier[0]) + bool(last[0])) + 7) // 8
     if not needed <= row["data_end"] - row["data_start"] <= needed + PADDING and row["bits"]:
         raise UnreadableMessageError("data section of another length than its bitmap needs")
     present, before = _rank(bitmap, points)
@@ -336,7 +287,7 @@ def _unpack(descriptor: int, row: np.void, order: Ints) -> Floats:
     first, last = int(bit.min()) >> 3, (int(bit.max()) + bits + 7) >> 3
     if start + last > row["data_end"]:
         raise UnreadableMessageError("data section shorter than its grid and bitmap need")
-    window = read_bytes(descriptor, start + first, last - first, spare=8)
+    window = _read_bytes(descriptor, start + first, last - first, spare=8)
     # at every byte the eight that follow as one number, without copying
     words: NDArray[np.uint64] = np.ndarray((last - first,), ">u8", window, strides=(1,))
     word = words[(bit >> 3) - first].astype(np.uint64)
@@ -352,16 +303,6 @@ def _power(base: int, exponent: int) -> float:
     for _ in range(abs(exponent)):
         value = value * base if exponent > 0 else value / base
     return value
-
-
-def _bitmap(descriptor: int, row: np.void, size: int) -> bytes:
-    return read_bytes(descriptor, int(row["bitmap"]), (size + 7) // 8)
-
-
-def _present(bitmap: bytes, size: int) -> int:
-    """Points present among the first `size`; the last byte may have unused bits."""
-    last, before = _rank(bitmap, np.array([size - 1]))
-    return int(before[0]) + bool(last[0])
 
 
 @lru_cache(maxsize=16)

@@ -1,21 +1,16 @@
 """Dimensions and grid of a variable: horizontal, vertical, time, ensemble; by MetPy's CF parsing.
 
-Assumptions and validity
-------------------------
-* MetPy (`parse_cf`) recognises the vertical, horizontal and time axes by `standard_name`, `axis`,
-  `_CoordinateAxisType`, `positive`, units and, last, by name; a name in the configuration takes
-  precedence. The rest are an ensemble (CF `realization`), ECMWF's `expver`, or have one entry.
-* Horizontal coordinates are one-dimensional along two dimensions, or latitudes and longitudes of
-  every point. Unstructured grids (one dimension of cells) are refused.
+MetPy (`parse_cf`) recognises the vertical, horizontal and time axes by `standard_name`, `axis`,
+`_CoordinateAxisType`, `positive`, units and, last, by name; a name in the configuration takes
+precedence. The rest are an ensemble (CF `realization`), ECMWF's `expver`, or have one entry.
+Horizontal coordinates are one-dimensional along two dimensions, or latitudes and longitudes of
+every point. Unstructured grids (one dimension of cells) are refused.
 """
 
 from __future__ import annotations
 
-import contextlib
-import logging
 import re
-import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -23,7 +18,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
-from airswing.reference.gridded.cfgrib_files import grid_of
+from airswing.reference.grib.grid_sections import read_grid
+from airswing.reference.gridded.datasets import GRID, quiet
 from airswing.reference.gridded.naming import Naming, factor_of, required_factor
 from airswing.reference.grids import (
     LONGITUDE_LATITUDE,
@@ -32,6 +28,7 @@ from airswing.reference.grids import (
     Frame,
     Grid,
     PointsGrid,
+    UnplaceableGridError,
     frame_of,
     through_points,
 )
@@ -93,32 +90,11 @@ def cell_dimension(ds: xr.Dataset) -> str:
     return ""
 
 
-@contextlib.contextmanager
-def _silent() -> Iterator[None]:
-    """MetPy logs and warns about what our own messages say."""
-    log = logging.getLogger("metpy")
-    before = log.level
-    log.setLevel(logging.CRITICAL)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            yield
-    finally:
-        log.setLevel(before)
-
-
 def axes_of(ds: xr.Dataset, name: str, naming: Naming, file: str) -> Axes:
-    """Dimensions of a variable.
-
-    Raises
-    ------
-    InputError
-        Without horizontal coordinates, with two candidates for one, with an unknown dimension, or
-        on an unstructured grid.
-    """
+    """Dimensions of a variable."""
     import metpy.xarray  # noqa: F401  (registers the accessor)
 
-    with _silent():
+    with quiet():
         parsed = _alone(ds, name).metpy.parse_cf()[name]
         found = {
             axis: getattr(parsed.metpy, axis, None)
@@ -158,13 +134,7 @@ def _alone(ds: xr.Dataset, name: str) -> xr.Dataset:
 
 
 def coordinate(ds: xr.Dataset, name: str, key: str, file: str) -> xr.DataArray:
-    """A coordinate that the configuration names.
-
-    Raises
-    ------
-    InputError
-        If there is none of that name.
-    """
+    """A coordinate that the configuration names."""
     if name not in ds.variables and name not in ds.dims:
         raise InputError(
             "no such variable",
@@ -290,16 +260,21 @@ def members_of(ds: xr.Dataset, dim: str, size: int) -> NDArray[np.int64]:
     return (values if values.dtype.kind in "iuf" else np.arange(size)).astype(np.int64)
 
 
-def grid_of_axes(ds: xr.Dataset, name: str, axes: Axes, naming: Naming, file: str) -> Grid:
-    """The grid of a variable, by its projection, its coordinates or its points.
+def _grid_by_section(ds: xr.Dataset) -> AxesGrid | None:
+    """Grid of a Dataset by its GRIB section; None if rows and columns describe it."""
+    try:
+        grid = read_grid(*ds.encoding[GRID])
+    except (KeyError, UnplaceableGridError):
+        return None
+    plain = not grid.by_column and not grid.alternate
+    return grid if plain and grid.frame.kind != "longitude_latitude" else None
 
-    Raises
-    ------
-    InputError
-        If the projection is missing or unknown, or the coordinates are no axes.
-    """
-    known = grid_of(ds)
-    if known is not None and (known.nj, known.ni) == (ds.sizes[axes.y_dim], ds.sizes[axes.x_dim]):
+
+def grid_of_axes(ds: xr.Dataset, name: str, axes: Axes, naming: Naming, file: str) -> Grid:
+    """The grid of a variable, by its projection, its coordinates or its points."""
+    shape = ds.sizes[axes.y_dim], ds.sizes[axes.x_dim]
+    known = _grid_by_section(ds)
+    if known is not None and (known.nj, known.ni) == shape:
         return known
     if axes.y.ndim == 2:
         lat, lon = (np.asarray(one.values, dtype=np.float64) for one in (axes.y, axes.x))

@@ -1,14 +1,11 @@
 """Valid time and lead of every field of a variable.
 
-Assumptions and validity
-------------------------
-* Times are known by `standard_name`: ``time`` is the valid time, ``forecast_reference_time`` the
-  base time, ``forecast_period`` the lead; without it by the usual names and by dimensions: a time
-  that does not vary along the dimension of the leads is a base time, also if the configuration
-  names it as `time`.
-* Any two give the third; a valid time alone is an analysis, lead 0.
-* A lead without units is in hours. CDO's absolute times (``day as %Y%m%d.%f``) are understood.
-* Calendars without leap years are taken by their dates; a year of 360 days is refused.
+Times are known by `standard_name`: ``time`` is the valid time, ``forecast_reference_time`` the base
+time, ``forecast_period`` the lead; without it by the usual names and by dimensions: a time that
+does not vary along the dimension of the leads is a base time, also if the configuration names it as
+`time`. Any two give the third; a valid time alone is an analysis, lead 0. A lead without units is
+in hours. CDO's absolute times (``day as %Y%m%d.%f``) are understood. Calendars without leap years
+are taken by their dates; a year of 360 days is refused.
 """
 
 from __future__ import annotations
@@ -47,11 +44,6 @@ def times_of(
     outer : dict of str to int
         Its dimensions other than level, y and x, and their sizes; fields are in their order, the
         last varying first.
-
-    Raises
-    ------
-    InputError
-        Without a time axis, or if several coordinates may be the valid time.
     """
     near = _candidates(ds, name, set(outer))
     stamps = {key: one for key, one in near.items() if _is_stamp(one)}

@@ -54,13 +54,7 @@ def is_wrf(ds: xr.Dataset) -> bool:
 
 
 def layout_of(ds: xr.Dataset, file: str) -> Layout:
-    """Winds and pressure of a file of WRF.
-
-    Raises
-    ------
-    InputError
-        Without winds or pressure, or with winds on other points than WRF's.
-    """
+    """Winds and pressure of a file of WRF."""
     winds = next((names for names in _WINDS if set(names) <= set(ds.variables)), None)
     if winds is None:
         absent = [name for name in ("U", "V") if name not in ds.variables]
@@ -113,11 +107,6 @@ def times_of_wrf(
     ----------
     named : str, optional
         ``Times`` or ``XTIME``; by default the first that is there.
-
-    Raises
-    ------
-    InputError
-        Without times, or with another name.
     """
     if named not in (None, "Times", "XTIME"):
         raise InputError("times of WRF are Times or XTIME", file=file, field=f"time: {named}")

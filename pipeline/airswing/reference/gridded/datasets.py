@@ -1,0 +1,518 @@
+"""Model files as lazy Datasets (NetCDF, WRF, Zarr, GRIB through cfgrib), and values at points.
+
+Packed integers are unpacked and fill values made NaN by xarray as parts are read; whole fields are
+never kept. Leads stay numbers with their units. Winds in a group of a NetCDF file are read if one
+group alone holds winds. Datasets that are opened are kept for this process, a few at a time.
+
+GRIB on grids and levels that the header scanner does not know is read by cfgrib and ecCodes in a
+worker process (`airswing.guarded`), which may end: its values are then missing, or the file cannot
+be opened. u, v, and the pressure, the surface pressure or its logarithm on native levels are each
+opened by themselves; the coefficients of the levels come from the messages' pv section. Reduced
+Gaussian grids, unstructured grids and spherical harmonics are refused.
+
+Values are read chunk by chunk along time, member and level for several model times at once; of
+rows and columns the box around all points is read. So no chunk is decompressed twice for one batch.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import re
+import time
+import warnings
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import dask.array as da
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from airswing.errors import InputError
+from airswing.guarded import WorkerEndedError, guarded
+from airswing.products.damaged_netcdf import require_sound
+from airswing.reference.files import (
+    NOT_OPENED,
+    REPLACED,
+    SourceFile,
+    identify,
+    is_same,
+    is_url,
+    kind_of,
+    local_path,
+)
+from airswing.reference.grib.grid_sections import MAX_POINTS
+from airswing.reference.grib.headers import GarbageError, Window, single_fields, whole_messages
+from airswing.reference.gridded.naming import Naming, components
+from airswing.reference.gridded.wrf import is_wrf
+from airswing.reference.grids import Floats, Ints
+from airswing.reference.state import grib_statistic
+from airswing.reference.winds import GIVEN, PRESSURE, ModelTime, Request, StoredField, limits
+
+ENGINES = ("auto", "grib", "cfgrib", "netcdf", "zarr", "wrf")
+NOTES, GRID, SKIPPED = "airswing_notes", "airswing_grid", "airswing_skipped"
+"""Encodings of a Dataset: choices made when it was opened; the grid section of its messages; what
+could not be read."""
+#: Feature types of CF, chapter 9: discrete samples, not fields.
+_OBSERVATIONS = ("point", "timeseries", "trajectory", "profile")
+_LOGGERS = ("metpy", "cfgrib", "cfgrib.dataset", "cfgrib.messages")
+_KEPT_OPEN = 16  # files at most; each has a handle and its chunks
+_ISOBARIC = ("isobaricInhPa", "isobaricInPa")
+_NATIVE = ("hybrid", "hybridLayer", "generalVertical", "generalVerticalLayer")
+_WITHOUT_ROWS = ("reduced_gg", "reduced_ll", "sh", "unstructured_grid", "healpix")
+_KEYS = ("gridType", "shortName", "typeOfLevel", "numberOfPoints", "Nx", "Ny", "md5GridSection")
+
+
+def engine_of(path: str) -> str:
+    """Engine that opens a file: ``grib``, ``zarr``, ``wrf`` or ``netcdf``."""
+    try:
+        kind = kind_of(path)
+    except OSError as error:
+        raise InputError("cannot be opened", file=path, found=error.strerror) from error
+    if not kind:
+        raise InputError(
+            "neither GRIB nor NetCDF nor a Zarr store",
+            file=path,
+            remedy="Model winds come as GRIB, NetCDF, Zarr or wrfout",
+        )
+    if kind != "netcdf":
+        return kind
+    return "wrf" if is_wrf(opened(identify(path), "netcdf")[0]) else "netcdf"
+
+
+def opened(file: SourceFile, engine: str) -> list[xr.Dataset]:
+    """Datasets of a file, one or of GRIB one a variable; those opened last are kept."""
+    return list(_opened(file, engine))
+
+
+@lru_cache(maxsize=_KEPT_OPEN)
+def _opened(file: SourceFile, engine: str) -> tuple[xr.Dataset, ...]:
+    with quiet():
+        try:
+            if engine == "cfgrib":
+                return tuple(_cfgrib_datasets(file))
+            if engine == "zarr":
+                options: dict[str, Any] = {"chunks": None, "decode_timedelta": False}
+                return (xr.open_dataset(file.path, engine="zarr", cache=False, **options),)
+            return (_netcdf(file.path, engine),)
+        except InputError:
+            raise
+        except Exception as error:  # each backend raises its own
+            missing = isinstance(error, ImportError) and is_url(file.path)
+            raise InputError(
+                f"cannot be opened as {engine}",
+                file=file.path,
+                found=f"{type(error).__name__}: {' '.join(str(error).split())[:300]}",
+                remedy="Install fsspec and the package of the protocol (s3fs, gcsfs, aiohttp)"
+                if missing
+                else "The file is damaged, still being written, or of another kind: engine: "
+                "names the kind",
+            ) from error
+
+
+def _netcdf(path: str, engine: str) -> xr.Dataset:
+    local = local_path(path)
+    require_sound(Path(local))
+
+    def read(group: str | None) -> xr.Dataset:
+        options: dict[str, Any] = {"group": group, "engine": "netcdf4"}
+        options |= {"decode_timedelta": False, "cache": False}
+        plain = xr.open_dataset(local, decode_times=False, **options)
+        if engine == "wrf":
+            if not is_wrf(plain):
+                raise InputError("is no file of WRF", file=path, remedy="Give engine: netcdf")
+            return plain
+        julian = [key for key, one in plain.variables.items() if _is_julian(one.attrs.get("units"))]
+        if not julian:
+            return xr.open_dataset(local, **options)
+        for key in julian:  # cftime and others count years before Christ in several ways
+            plain[key].attrs = {"units": "julian day"}
+        return xr.decode_cf(plain, mask_and_scale=False, decode_timedelta=False)
+
+    root, groups = read(None), _groups(local)
+    root.encoding["airswing_copy"] = local
+    kind = str(root.attrs.get("featureType", ""))
+    if "/ObsValue" in groups or kind.lower().startswith(_OBSERVATIONS):
+        raise InputError(
+            "holds observations " + (f"(featureType {kind})" if kind else "(IODA)"),
+            file=path,
+            remedy="Give it under reports; model winds are fields on a grid",
+        )
+    if engine == "wrf" or root.data_vars:
+        return root
+    groups = [g for g in groups if components(read(g), Naming())]
+    if len(groups) > 1:
+        raise InputError(
+            "winds in several groups of a NetCDF file",
+            file=path,
+            found=", ".join(groups),
+            remedy=f"Open one with xarray.open_dataset(path, group={groups[0]!r}) and give the "
+            "Dataset",
+        )
+    if not groups:
+        return root
+    found = read(groups[0])
+    found.encoding["airswing_copy"] = local
+    outer = root.drop_vars([name for name in root.variables if name in found.variables])
+    found = found.assign_coords({str(k): v for k, v in outer.coords.items()})
+    found.encoding[NOTES] = [f"winds of the group {groups[0]}"]
+    return found
+
+
+def _is_julian(units: object) -> bool:
+    return bool(re.match(r"days since -471[23]\b", str(units)))
+
+
+def _groups(path: str) -> list[str]:
+    """Paths of all groups of a NetCDF file."""
+    import netCDF4
+
+    with netCDF4.Dataset(path) as file:
+        found, left = list[str](), list(file.groups.values())
+        while left:
+            group = left.pop(0)
+            found.append(str(group.path))
+            left += list(group.groups.values())
+    return found
+
+
+@contextlib.contextmanager
+def quiet() -> Iterator[None]:
+    """Without what libraries warn and log of variables that are not needed or named by us."""
+    logs = [logging.getLogger(name) for name in _LOGGERS]
+    before = [log.level for log in logs]
+    for log in logs:
+        log.setLevel(logging.CRITICAL)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        for log, level in zip(logs, before, strict=True):
+            log.setLevel(level)
+
+
+def _cfgrib_datasets(file: SourceFile) -> list[xr.Dataset]:
+    """Datasets of one variable each, with values that are read in a worker process."""
+    path = local_path(file.path)
+    try:
+        parts, skipped, odd = guarded(_described, str(path))
+    except WorkerEndedError as error:
+        raise InputError("cannot be opened as cfgrib", file=file.path, found=error) from error
+    if not parts and odd:
+        raise InputError(
+            "winds on no grid of rows and columns",
+            file=file.path,
+            found=", ".join(odd),
+            remedy="Ask the archive for a regular grid, or interpolate to one (cdo remapbil)",
+        )
+    if not parts and skipped:
+        raise InputError(
+            "cannot be opened as cfgrib",
+            file=file.path,
+            found="; ".join(f"{n:,} {what}: {why}" for (what, why), n in skipped.items()),
+        )
+    found = []
+    for number, (part, name, dims, shape, attrs, section) in enumerate(parts):
+        outer = len(shape) - 2
+        chunks = tuple((1,) * n if axis < outer else (n,) for axis, n in enumerate(shape))
+        values = da.map_blocks(  # type: ignore[no-untyped-call]
+            _block,
+            file.path,
+            number,
+            dtype=np.float64,
+            chunks=chunks,
+            meta=np.empty((0,) * len(shape)),
+        )
+        ds = part.assign({name: (dims, values, attrs)})
+        ds.encoding[GRID] = section
+        found.append(ds)
+    if found:
+        found[0].encoding[SKIPPED] = skipped
+    return found
+
+
+def _block(path: str, number: int, block_info: Any = None) -> NDArray[np.float64]:
+    """One field of a variable; NaN if the worker ends."""
+    location = block_info[None]
+    outer = tuple(start for start, _ in location["array-location"][:-2])
+    local = local_path(path)
+    try:
+        return guarded(_field, str(local), number, outer).reshape(location["chunk-shape"])
+    except (WorkerEndedError, ValueError) as error:
+        raise ValueError(f"not decodable: {error}") from None
+
+
+def _described(path: str) -> tuple[list[tuple[Any, ...]], Counter[tuple[str, str]], list[str]]:
+    """Coordinates and attributes of the variables of a file; in a worker process."""
+    status = os.stat(path)
+    datasets, skipped, odd = _variables(path, status.st_size, status.st_mtime_ns)
+    parts = []
+    for ds, section in datasets:
+        name = str(next(iter(ds.data_vars)))
+        one = ds[name]
+        dims = tuple(map(str, one.dims))
+        parts.append((ds.drop_vars(name).load(), name, dims, one.shape, dict(one.attrs), section))
+    return parts, skipped, odd
+
+
+def _field(path: str, number: int, outer: tuple[int, ...]) -> NDArray[np.float64]:
+    """Values of one field; in a worker process."""
+    status = os.stat(path)
+    ds, _ = _variables(path, status.st_size, status.st_mtime_ns)[0][number]
+    one = next(iter(ds.data_vars.values()))
+    return np.asarray(one[outer].values, dtype=np.float64)
+
+
+@lru_cache(maxsize=4)
+def _variables(
+    path: str, size: int, mtime_ns: int
+) -> tuple[list[tuple[xr.Dataset, tuple[int, bytes]]], Counter[tuple[str, str]], list[str]]:
+    """Variables of a file by cfgrib, with edition and grid section, what is skipped, odd grids."""
+    from cfgrib.messages import Message
+
+    skipped: Counter[tuple[str, str]] = Counter()
+    kinds: dict[tuple[object, ...], dict[int, Any]] = {}
+    sections_of: dict[tuple[object, ...], tuple[int, bytes]] = {}
+    import eccodes
+
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        for start, edition, length in whole_messages(Window(descriptor), skipped):
+            message = os.pread(descriptor, length, start)
+            try:
+                for single, sections in single_fields(message, edition):
+                    reason = grib_statistic(edition, sections)
+                    one = Message(eccodes.codes_new_from_message(single))
+                    keys = {key: one.get(key) for key in _KEYS}
+                    if not _may_matter(keys):
+                        continue
+                    if reason:
+                        if keys["shortName"] in ("u", "v"):
+                            skipped["wind", reason] += 1
+                        continue
+                    if not 0 < int(keys["numberOfPoints"] or 0) <= MAX_POINTS:
+                        raise ValueError
+                    section = sections.get(2 if edition == 1 else 3, b"")
+                    kind = (*(keys[key] for key in _KEYS[:3]), section)
+                    fields = kinds.setdefault(kind, {})
+                    fields[len(fields)] = one
+                    sections_of[kind] = edition, section
+            except (GarbageError, LookupError, ValueError, TypeError, eccodes.CodesInternalError):
+                skipped["message", "garbage: section lengths do not add up"] += 1
+    finally:
+        os.close(descriptor)
+    native = any(kind[2] in _NATIVE for kind in kinds)
+    found, odd = [], set[str]()
+    for kind, fields in kinds.items():
+        if not native and kind[1] not in ("u", "v"):
+            continue
+        if kind[0] in _WITHOUT_ROWS:
+            odd.add(str(kind[0]))
+            continue
+        try:
+            ds = xr.open_dataset(
+                fields,  # type: ignore[arg-type]  # cfgrib takes mappings of fields
+                engine="cfgrib",
+                decode_timedelta=False,
+                cache=False,
+                backend_kwargs={"errors": "raise", "read_keys": ["pv", "uvRelativeToGrid"]},
+            )
+        except Exception as error:  # cfgrib and xarray raise many kinds
+            reason = f"cannot be opened: {type(error).__name__}: {' '.join(str(error).split())}"
+            skipped["message", reason[:200]] += len(fields)
+            continue
+        found.append((ds, sections_of[kind]))
+    return found, skipped, sorted(odd)
+
+
+def _may_matter(keys: dict[str, object]) -> bool:
+    """Whether a field is a wind or may give one its pressure."""
+    name, level = keys["shortName"], keys["typeOfLevel"]
+    if level in _ISOBARIC + _NATIVE and name in ("u", "v"):
+        return True
+    if level in _NATIVE:
+        return name in ("pres", "lnsp")
+    return level == "surface" and name in ("sp", "lnsp")
+
+
+class _Piece(NamedTuple):
+    """Request for the values of one field: where they are, and the array that takes them."""
+
+    at: dict[str, int]  # index along each dimension that is not rows or columns
+    j: Ints
+    i: Ints
+    target: Floats
+
+
+class DatasetReader:
+    """Values of the fields of model times at grid points; problems are noted once.
+
+    Parameters
+    ----------
+    given : mapping of str to Dataset
+        Datasets given in Python, by the path that their catalogue has.
+    """
+
+    def __init__(self, given: Mapping[str, xr.Dataset]) -> None:
+        self.given = given
+        self.problems: dict[tuple[str, str], None] = {}
+        self.decoded = self.n_bytes = 0
+        self.seconds = 0.0
+        self._known: dict[SourceFile, list[xr.Dataset] | None] = {}
+
+    def close(self) -> None:
+        """Forget the Datasets."""
+        self._known.clear()
+
+    def answer(self, models: Sequence[ModelTime], asked: Sequence[Request]) -> list[list[Floats]]:
+        """Values of all requests of some model times; NaN if a field cannot be read."""
+        pieces: dict[tuple[SourceFile, int, StoredField], list[_Piece]] = defaultdict(list)
+        seen: dict[object, Floats] = {}
+        answers: list[list[tuple[np.void, StoredField, Floats]]] = []
+        engine = models[0].engine if models else ""
+        for model, wanted in zip(models, asked, strict=True):
+            mine = []
+            for row, points in wanted:
+                stored, file = model.stored[int(row["offset"])], model.files[int(row["file"])]
+                # one surface pressure serves every level
+                numbers = (int(row[c]) for c in ("part", "offset", "index", "level_index"))
+                key = (file, *numbers, id(points))
+                if key not in seen:
+                    seen[key] = np.zeros(points.shape)
+                    columns = model.grids[min(int(row["kind"]), PRESSURE)].ni
+                    pieces[file, int(row["part"]), stored].append(
+                        _piece(stored, row, points, columns, seen[key])
+                    )
+                mine.append((row, stored, seen[key]))
+            answers.append(mine)
+        began = time.perf_counter()
+        for (file, part, stored), together in pieces.items():
+            self._read(file, part, stored, together, engine)
+        self.seconds += time.perf_counter() - began
+        return [[_in_si(*one) for one in mine] for mine in answers]
+
+    def _datasets(self, file: SourceFile, engine: str) -> list[xr.Dataset] | None:
+        """Datasets of a file; None if it is gone or was replaced."""
+        if engine == GIVEN:
+            return [self.given[file.path]]
+        if file not in self._known:
+            self._known[file] = None
+            try:
+                if is_same(file):
+                    self._known[file] = opened(file, engine)
+                else:
+                    self.problems[file.path, REPLACED] = None
+            except OSError as error:
+                self.problems[file.path, f"{NOT_OPENED}: {error.strerror}"] = None
+            except InputError as error:
+                self.problems[file.path, f"{NOT_OPENED}: {error.found}"] = None
+        return self._known[file]
+
+    def _read(
+        self, file: SourceFile, part: int, stored: StoredField, pieces: list[_Piece], engine: str
+    ) -> None:
+        datasets = self._datasets(file, engine)
+        if datasets is None:
+            for piece in pieces:
+                piece.target[...] = np.nan
+            return
+        chunks: dict[tuple[int, ...], list[_Piece]] = defaultdict(list)
+        for piece in pieces:
+            number = [
+                int(np.searchsorted(starts, piece.at[dim], side="right")) if dim in piece.at else 0
+                for dim, starts in zip(stored.dims, stored.chunks, strict=True)
+            ]
+            chunks[tuple(number)].append(piece)
+        for together in chunks.values():
+            for name in stored.names:
+                try:
+                    self.n_bytes += _add(datasets[part].variables[name], stored, together)
+                    self.decoded += 1
+                except Exception as error:  # each backend raises its own
+                    reason = f"{type(error).__name__}: {' '.join(str(error).split())[:200]}"
+                    self.problems[file.path, f"{name}: cannot be read: {reason}"] = None
+                    for piece in together:
+                        piece.target[...] = np.nan
+
+
+def _piece(stored: StoredField, row: np.void, points: Ints, columns: int, target: Floats) -> _Piece:
+    at = {dim: int(place) for dim, place in stored.outer_places(row["index"])}
+    if stored.level:
+        at[stored.level] = int(row["level_index"])
+    j, i = np.divmod(points, columns)
+    return _Piece(at, j, i, target)
+
+
+def _add(variable: xr.Variable, stored: StoredField, pieces: list[_Piece]) -> int:
+    """Read the box around all pieces and add their values to the targets; bytes read."""
+    down, along = int(stored.stagger == "y"), int(stored.stagger == "x")
+    box = {d: slice(0, size) for d, size in zip(stored.dims, stored.shape, strict=True)}
+    for dim in pieces[0].at:
+        numbers = [piece.at[dim] for piece in pieces]
+        box[dim] = slice(min(numbers), max(numbers) + 1)
+    box[stored.y] = _span([piece.j for piece in pieces], down)
+    box[stored.x] = _span([piece.i for piece in pieces], along)
+    part = variable[tuple(box[d] for d in stored.dims)]
+    if part.chunks is not None:
+        values = np.asarray(part.data.compute(scheduler="synchronous"))
+    else:
+        values = np.asarray(part.values)
+    for piece in pieces:
+        taken = _taken(stored, piece, values, box, 0, 0)
+        if stored.stagger:  # points lie between: the mean of the two neighbours
+            taken = 0.5 * taken + 0.5 * _taken(stored, piece, values, box, down, along)
+        piece.target[...] += taken
+    return values.size * values.dtype.itemsize
+
+
+def _span(places: list[Ints], further: int) -> slice:
+    low, high = min(int(p.min()) for p in places), max(int(p.max()) for p in places)
+    return slice(low, high + 1 + further)
+
+
+def _taken(
+    stored: StoredField,
+    piece: _Piece,
+    values: NDArray[np.generic],
+    box: dict[str, slice],
+    down: int,
+    along: int,
+) -> Floats:
+    """The values of a piece from those of a box."""
+    place: dict[str, Ints | int] = {d: n - box[d].start for d, n in piece.at.items()}
+    place[stored.y], place[stored.x] = (
+        piece.j - box[stored.y].start + down,
+        (piece.i - box[stored.x].start + along),
+    )
+    if stored.either in stored.dims:
+        # each time is in one of the alternatives: the first that is not missing counts
+        values = np.moveaxis(values, stored.dims.index(stored.either), 0)
+        index = tuple(place.get(d, 0) for d in stored.dims if d != stored.either)
+        chosen = [np.asarray(one[index], dtype=np.float64) for one in values]
+        taken = chosen[0]
+        for other in chosen[1:]:
+            taken = np.where(np.isnan(taken), other, taken)
+        return taken
+    index = tuple(place.get(d, 0) for d in stored.dims)
+    return np.asarray(values[index], dtype=np.float64)
+
+
+def _in_si(row: np.void, stored: StoredField, values: Floats) -> Floats:
+    """Values in SI units; of a pressure by its level's formula."""
+    if stored.scale != 1.0:
+        values = values * stored.scale
+    if stored.exponential:
+        with np.errstate(over="ignore"):
+            values = np.exp(values)
+    if row["kind"] >= PRESSURE:
+        values = row["a"] + row["b"] * values
+    low, high = limits(int(row["kind"]))
+    # fill values that no attribute names would be interpolated
+    with np.errstate(invalid="ignore"):
+        return np.where((values >= low) & (values <= high), values, np.nan)
