@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from airswing import workflow
-from airswing.compass.heading_kind import taken_for
+from airswing.compass.plausibility import taken_for
 from airswing.config_file import load_config
 from airswing.evaluation.results import Evaluation
 from airswing.products.netcdf import read_product

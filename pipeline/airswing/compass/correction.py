@@ -1,16 +1,12 @@
 """Correction of the reported winds for the deviation of the compass.
 
-Assumptions
------------
 The error of the unit is the direction of its air vector: psi_corr = psi_ind - psi_err(m), m the
 indicated magnetic heading. With V_A = V_G - W_reported the ground vector cancels: W_corrected =
 W_reported + V_A - R V_A, R the turn by -psi_err. So only airspeed and indicated heading are needed,
 and every report that has them is corrected, whether or not the fit used it. On request the airspeed
-scale s is removed too: V_A / (1 + s).
-
-The one-cycle part of the curve (B, C) is that at the mean horizontal field of the reports it was
-fitted to and is proportional to its inverse; it is scaled to the field of every report where both
-are known. A unit's table is the same at all places and is applied unscaled.
+scale s is removed too: V_A / (1 + s). The one-cycle part of the curve (B, C) is proportional to the
+inverse of the horizontal field and is scaled to that of every report where it is known. A unit's
+table is the same at all places and is applied unscaled.
 
 Standard error
 --------------
@@ -59,43 +55,17 @@ from airswing.vocabulary import describe
 Array = NDArray[np.float64]
 
 KEPT = (
-    "time",
-    "latitude",
-    "longitude",
-    "pressure",
-    "pressure_altitude",
-    "eastward_wind",
-    "northward_wind",
-    "air_temperature",
-    "reference_eastward_wind",
-    "reference_northward_wind",
-    "lead_time",
-    "heading",
-    "magnetic_heading",
-    "airspeed",
-    "phase",
-    "flight",
-    "screening",
-    "row_size",
-    "platform",
-    "roll_flag",
-    "temperature_qc",
+    *("time", "latitude", "longitude", "pressure", "pressure_altitude"),
+    *("eastward_wind", "northward_wind", "air_temperature"),
+    *("reference_eastward_wind", "reference_northward_wind", "lead_time"),
+    *("heading", "magnetic_heading", "airspeed", "phase", "flight", "screening", "row_size"),
+    *("platform", "roll_flag", "temperature_qc"),
 )
 """Variables of the reports that the corrected product also holds, where they are present."""
 NEEDED = (
-    "eastward_wind",
-    "northward_wind",
-    "heading",
-    "magnetic_heading",
-    "airspeed",
-    "screening",
-    "row_size",
-    "platform",
-    "horizontal_field",
-    "heading_standard_error",
-    "ground_velocity_error",
-    "wind_speed_resolution",
-    "wind_direction_resolution",
+    *("eastward_wind", "northward_wind", "heading", "magnetic_heading", "airspeed"),
+    *("screening", "row_size", "platform", "horizontal_field", "heading_standard_error"),
+    *("ground_velocity_error", "wind_speed_resolution", "wind_direction_resolution"),
 )
 """Variables that the correction reads. Without the last five it is made for the mean field, and its
 standard error is that of the fit and the table alone."""
@@ -109,23 +79,10 @@ def corrected_wind(
     error: ArrayLike,
     scale: ArrayLike = 0.0,
 ) -> tuple[Array, Array]:
-    """Wind that the unit would have computed along the corrected heading.
+    """Wind (n,) that the unit would have computed along the corrected heading, m/s.
 
-    Parameters
-    ----------
-    u, v : array_like, shape (n,)
-        Reported wind, m/s.
-    airspeed : array_like, shape (n,)
-        |V_A|, m/s.
-    heading, error : array_like, shape (n,)
-        Indicated true heading and heading error, radians.
-    scale : array_like, default 0
-        Relative error of the airspeed, to be removed.
-
-    Returns
-    -------
-    u, v : arrays, shape (n,)
-        m/s.
+    ``u, v`` and ``airspeed`` as reported, m/s; ``heading`` and heading ``error`` in radians;
+    ``scale``: relative error of the airspeed, to be removed.
     """
     east, north, speed, psi, turn = (
         np.asarray(part, dtype=np.float64) for part in (u, v, airspeed, heading, error)
@@ -158,17 +115,10 @@ def correction_error(
     curve_error : array_like, shape (n,)
         Standard error of the deviation, with that of the airspeed scale where it is removed,
         radians.
-    heading_error : array_like, shape (n,)
-        Standard error of the indicated heading at the report, radians.
-    airspeed_error : array_like, shape (n,)
-        That of the airspeed, m/s.
+    heading_error, airspeed_error : array_like, shape (n,)
+        Standard errors of the indicated heading at the report (radians) and of the airspeed (m/s).
     coding : array_like, shape (n,)
         Variance from rounding, m2/s2, of :func:`coding_variance`.
-
-    Returns
-    -------
-    array, shape (n,)
-        m/s.
     """
     chord = 2.0 * (1.0 - np.exp(-0.5 * np.square(heading_error)))
     angle = np.square(curve_error) + (np.square(deviation) + np.square(slope)) * chord
@@ -178,19 +128,10 @@ def correction_error(
 
 
 def coding_variance(speed: ArrayLike, speed_step: ArrayLike, direction_step: ArrayLike) -> Array:
-    """Variance of the vector difference of two reports of the same wind from their rounding.
+    """Variance (n,) of the vector difference of two reports of the same wind from their rounding.
 
-    Parameters
-    ----------
-    speed : array_like, shape (n,)
-        Wind speed, m/s.
-    speed_step, direction_step : array_like, shape (n,)
-        Steps of speed (m/s) and direction (radians); 0 where unknown.
-
-    Returns
-    -------
-    array, shape (n,)
-        m2/s2: a uniform error has a twelfth of its step squared; twice, for two reports.
+    m2/s2: a uniform error has a twelfth of its step squared; twice, for two reports. ``speed`` and
+    ``speed_step`` in m/s, ``direction_step`` in radians; steps are 0 where unknown.
     """
     arc = np.multiply(speed, direction_step)
     return np.asarray((np.square(speed_step) + np.square(arc)) / 6.0)
@@ -243,8 +184,7 @@ def correct(
     'm s-1'
     """
     names = [str(name) for name in fits["reference"].to_numpy()]
-    single = int(fits.attrs.get("reference_count", len(names)))
-    chosen = names[single if single < len(names) else 0] if reference is None else reference
+    chosen = main_reference(fits) if reference is None else reference
     if chosen not in names:
         raise InputError(
             "no fit against this reference",
@@ -265,6 +205,13 @@ def correct(
     ds = kept.assign({str(name): found[name] for name in found.data_vars})
     ds.attrs.update(correction_reference=chosen, correction_method=method)
     return describe(ds)
+
+
+def main_reference(fits: xr.Dataset) -> str:
+    """First pool, else first reference, of fits as a run makes them."""
+    names = fits["reference"].to_numpy().astype(str)
+    single = int(fits.attrs.get("reference_count", names.size))
+    return str(names[single if single < names.size else 0])
 
 
 def _correct(headings: xr.Dataset, fit: xr.Dataset, *, method: str, scaled: bool) -> xr.Dataset:
@@ -300,11 +247,9 @@ def _correct(headings: xr.Dataset, fit: xr.Dataset, *, method: str, scaled: bool
     error = (coefficients.T * deviation_basis(angle)).sum(axis=0)
     slope = deviation_slope(np.radians(coefficients), angle)
     curve_error = np.empty(row.size)
-    starts = np.flatnonzero(np.diff(aircraft, prepend=-1))
     # one covariance matrix for each aircraft, not for each report
-    for begin, end in pairwise([*starts, row.size]):
-        covariance = fit["deviation_covariance"].to_numpy()[row[begin]]
-        part = slice(begin, end)
+    for begin, end in pairwise([*np.flatnonzero(np.diff(aircraft, prepend=-1)), row.size]):
+        covariance, part = fit["deviation_covariance"].to_numpy()[row[begin]], slice(begin, end)
         curve_error[part] = curve_standard_error(covariance, argument[part], gain[part])
     if method == "table":
         table = error_from_table(fit).to_numpy()[row]
@@ -332,17 +277,17 @@ def _correct(headings: xr.Dataset, fit: xr.Dataset, *, method: str, scaled: bool
             np.radians(known("wind_direction_resolution", by_aircraft=True)),
         ),
     )
-    found = {
-        "corrected_eastward_wind": columns[0].copy(),
-        "corrected_northward_wind": columns[1].copy(),
-        "corrected_heading": columns[3].copy(),
-        "corrected_wind_standard_error": np.full(done.size, np.nan),
-    }
     u, v = corrected_wind(u, v, speed, np.radians(heading), np.radians(error), scale)
-    corrected = u, v, np.mod(heading - error, 360.0), standard_error
-    for values, part in zip(found.values(), corrected, strict=True):
-        values[done] = part
-    ds = xr.Dataset({name: ("report", values) for name, values in found.items()})
+    ds = xr.Dataset()
+    for name, before, corrected in (
+        ("eastward_wind", columns[0], u),
+        ("northward_wind", columns[1], v),
+        ("heading", columns[3], np.mod(heading - error, 360.0)),
+        ("wind_standard_error", np.full(done.size, np.nan), standard_error),
+    ):
+        values = before.copy()
+        values[done] = corrected
+        ds[f"corrected_{name}"] = "report", values
     return ds.assign(correction_applied=("report", flag))
 
 

@@ -1,7 +1,5 @@
 """Headings and heading errors of every report: ground vector, both air vectors, magnetic field.
 
-Assumptions
------------
 Reports in the ragged order (aircraft, then time) with flights numbered over the archive; model
 winds relative to true north at the same reports. The unit computed its wind as ground velocity
 minus true airspeed along its indicated heading, so that the indicated heading is the argument of
@@ -10,7 +8,7 @@ V_A = V_G - V_W,reported: it is derived and needs no heading column.
 The ground velocity comes from chords between fixes (`airswing.physics.track`); where the path
 turns, from the legs around it (`airswing.physics.turns`); where an aircraft reports true heading
 and airspeed that agree with its fixes, from these: V_G = V_A + V_W is then the velocity of its GPS
-at the report, without the rounding of positions and times. In all cases V_G = V_A + V_W holds.
+at the report, without the rounding of positions and times.
 
 Test of reported headings
 -------------------------
@@ -31,9 +29,6 @@ times, and variation of the velocity between fixes. ``heading_standard_error`` i
 to the indicated heading, ``heading_error_standard_error`` to psi_err, to first order: V_G enters
 both air vectors, so that an error of it nearly cancels. Errors of the model and of the coding of
 the wind are not included; the fit estimates that scatter.
-
-On dask-backed Datasets nothing is computed: blocks of whole aircraft are derived when they are
-asked for, with the same result for any chunks (`airswing.compass.whole_aircraft`).
 """
 
 from __future__ import annotations
@@ -50,7 +45,7 @@ from airswing.errors import InputError
 from airswing.flags import GROUND_VECTOR_SOURCE, REPORTED_HEADING_USE
 from airswing.physics import triangle
 from airswing.physics.geomagnetism import geomagnetic_field
-from airswing.physics.track import ACCELERATION_DENSITY, GroundTrack, ground_track
+from airswing.physics.track import ACCELERATION_DENSITY, ground_track
 from airswing.physics.turns import near_turns
 from airswing.products.ragged import aircraft_of_report
 from airswing.reports.resolution import DIRECTION_STEPS, SPEED_STEPS, lattice_step
@@ -59,16 +54,9 @@ from airswing.vocabulary import VARIABLES, describe
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-_NEEDED = (
-    "time",
-    "latitude",
-    "longitude",
-    "pressure_altitude",
-    "eastward_wind",
-    "northward_wind",
-    "flight",
-    "row_size",
-)
+_POSITION = ("latitude", "longitude", "pressure_altitude")
+_WINDS = ("eastward_wind", "northward_wind")
+_NEEDED = ("time", *_POSITION, *_WINDS, "flight", "row_size")
 _WIND_NAMES = ("reference_eastward_wind", "reference_northward_wind")
 LARGEST_ERROR = float(np.pi / np.sqrt(3.0))
 """Radians: standard error of an unknown angle, uniform over the circle."""
@@ -168,16 +156,7 @@ def _derive(ds: xr.Dataset, *, acceleration_density: float, widen: bool) -> xr.D
             found=f"{total} for {ds.sizes['report']} reports",
         )
     aircraft, flight = aircraft_of_report(ds), ds["flight"].to_numpy()
-    latitude, longitude, altitude, *wind = (
-        _column(ds, name)
-        for name in (
-            "latitude",
-            "longitude",
-            "pressure_altitude",
-            "eastward_wind",
-            "northward_wind",
-        )
-    )
+    latitude, longitude, altitude, u, v = (_column(ds, name) for name in (*_POSITION, *_WINDS))
     time = ds["time"].to_numpy().astype("datetime64[ns]")
     seconds = np.where(np.isnat(time), np.nan, time.astype(np.int64) / 1e9)
     path = ground_track(
@@ -191,13 +170,30 @@ def _derive(ds: xr.Dataset, *, acceleration_density: float, widen: bool) -> xr.D
         acceleration_density=acceleration_density,
         widen=widen,
     )
+    chord = GroundVector(
+        path.eastward.copy(), path.northward.copy(), path.along_error, path.cross_error.copy()
+    )
+    # near turns from the legs around them
+    legs = path.leg_eastward, path.leg_northward, path.leg_error
     roll_flag = ds["roll_flag"].to_numpy() if "roll_flag" in ds else None
-    chord = _corrected_in_turns(path, (wind[0], wind[1]), seconds, flight, roll_flag)
-    ground, from_reported, use = _choose_ground_vector(ds, chord, (wind[0], wind[1]), aircraft)
-    air = triangle.air_vector(ground.eastward, ground.northward, *wind)
+    turning = near_turns(legs, (u, v), chord, seconds, flight, roll_flag=roll_flag)
+    rows = turning.report
+    east, north = triangle.vector_from_bearing(turning.airspeed, turning.heading)
+    chord.eastward[rows], chord.northward[rows] = east + u[rows], north + v[rows]
+    chord.along_error[rows] = turning.airspeed_error
+    # an error of the heading is one of the ground vector across it
+    chord.cross_error[rows] = turning.airspeed * turning.heading_error
+    ground, from_reported, use = _choose_ground_vector(ds, chord, (u, v), aircraft)
+    sources = {
+        "none": ~np.isfinite(ground.eastward),
+        "reported": from_reported,
+        "one_sided_chord": (path.before == 0) | (path.after == 0),
+        "widened_chord": np.maximum(path.before, path.after) > 1,
+    }
+    air = triangle.air_vector(ground.eastward, ground.northward, u, v)
     heading = triangle.bearing(*air)
     field = geomagnetic_field(latitude, longitude, np.nan_to_num(altitude), seconds)
-    by_report = {
+    derived: dict[str, NDArray[Any]] = {
         "ground_eastward_velocity": ground.eastward,
         "ground_northward_velocity": ground.northward,
         "ground_speed": np.hypot(ground.eastward, ground.northward),
@@ -215,30 +211,38 @@ def _derive(ds: xr.Dataset, *, acceleration_density: float, widen: bool) -> xr.D
         "declination": np.degrees(field.declination),
         "horizontal_field": field.horizontal,
         "dip": np.degrees(field.dip),
-        "ground_vector_source": _source(ground, from_reported, path),
+        "ground_vector_source": np.select(
+            list(sources.values()),
+            [GROUND_VECTOR_SOURCE[name] for name in sources],
+            GROUND_VECTOR_SOURCE["chord"],
+        ),
+        "reported_heading_use": use,
     }
-    derived: dict[str, tuple[tuple[str, ...], NDArray[Any]]] = {
-        name: (("report",), values) for name, values in by_report.items()
-    }
-    derived["reported_heading_use"] = (("aircraft",), use)
-    east, north = (
+    reference = (
         ds[name].transpose("reference", "report").to_numpy().astype(np.float64)
         for name in _WIND_NAMES
     )
-    implied = triangle.air_vector(ground.eastward, ground.northward, east, north)
-    by_reference = {
+    implied = triangle.air_vector(ground.eastward, ground.northward, *reference)
+    derived |= {
         "heading_error": np.degrees(triangle.heading_error(*air, *implied)),
         "heading_error_standard_error": np.degrees(_difference_error(ground, air, implied)),
         "airspeed_error": triangle.airspeed_error(*air, *implied),
     }
-    for name, values in by_reference.items():
-        derived[name] = (("reference", "report"), values)
     # in the type of the product, so that a stage gives the same bits from memory and from a file
-    typed = {
-        name: (dims, values.astype(VARIABLES[name].dtype))
-        for name, (dims, values) in derived.items()
-    }
-    return describe(ds.assign(typed))
+    return describe(
+        ds.assign(
+            {
+                name: (
+                    ("aircraft",) if name == "reported_heading_use" else _DIMS[values.ndim],
+                    values.astype(VARIABLES[name].dtype),
+                )
+                for name, values in derived.items()
+            }
+        )
+    )
+
+
+_DIMS = {1: ("report",), 2: ("reference", "report")}
 
 
 def _column(ds: xr.Dataset, name: str) -> Array:
@@ -255,40 +259,13 @@ def _resolution(ds: xr.Dataset, name: str, aircraft: Index) -> Array:
     return np.nan_to_num(np.asarray(ds[name].to_numpy(), dtype=np.float64))[aircraft]
 
 
-def _corrected_in_turns(
-    path: GroundTrack,
-    wind: tuple[Array, Array],
-    seconds: Array,
-    flight: NDArray[np.integer],
-    roll_flag: NDArray[np.integer] | None,
-) -> GroundVector:
-    """Ground vector from the fixes; near turns from the legs around them."""
-    chord = GroundVector(
-        path.eastward.copy(), path.northward.copy(), path.along_error, path.cross_error.copy()
-    )
-    legs = path.leg_eastward, path.leg_northward, path.leg_error
-    turning = near_turns(legs, wind, chord, seconds, flight, roll_flag=roll_flag)
-    rows = turning.report
-    east, north = triangle.vector_from_bearing(turning.airspeed, turning.heading)
-    chord.eastward[rows] = east + wind[0][rows]
-    chord.northward[rows] = north + wind[1][rows]
-    chord.along_error[rows] = turning.airspeed_error
-    # an error of the heading is one of the ground vector across it
-    chord.cross_error[rows] = turning.airspeed * turning.heading_error
-    return chord
-
-
 def _choose_ground_vector(
     ds: xr.Dataset, chord: GroundVector, wind: tuple[Array, Array], aircraft: Index
 ) -> tuple[GroundVector, NDArray[np.bool_], NDArray[np.int8]]:
     """Use reported heading and airspeed where they agree with the chords.
 
-    Returns
-    -------
-    ground : GroundVector
-    from_reported : array of bool, shape (report,)
-    use : array of int, shape (aircraft,)
-        Codes of `REPORTED_HEADING_USE`.
+    Returns the ground vector, whether it is the reported one (report,), and the use of each
+    aircraft's reports, codes of `REPORTED_HEADING_USE`.
     """
     number = ds.sizes["aircraft"]
     airspeed, degrees = _column(ds, "reported_airspeed"), _column(ds, "reported_heading")
@@ -318,12 +295,8 @@ def _choose_ground_vector(
     # a wind that was derived from heading, airspeed and ground vector goes with that vector
     derived = _column(ds, "wind_source") > 0
     chosen = known & (derived | ((use == REPORTED_HEADING_USE["used"])[aircraft] & agrees))
-    ground = GroundVector(
-        *(
-            np.where(chosen, reported, from_fixes)
-            for reported, from_fixes in zip((*vector, along, cross), chord, strict=True)
-        )
-    )
+    pairs = zip((*vector, along, cross), chord, strict=True)
+    ground = GroundVector(*(np.where(chosen, one, from_fixes) for one, from_fixes in pairs))
     return ground, chosen, use
 
 
@@ -371,20 +344,6 @@ def _judge_reported_heading(
     codes = [REPORTED_HEADING_USE[name] for name in reasons]
     found = np.select(list(reasons.values()), codes, REPORTED_HEADING_USE["used"])
     return np.asarray(found, dtype=np.int8)
-
-
-def _source(
-    ground: GroundVector, from_reported: NDArray[np.bool_], path: GroundTrack
-) -> NDArray[np.int64]:
-    """Codes of `GROUND_VECTOR_SOURCE`."""
-    sources = {
-        "none": ~np.isfinite(ground.eastward),
-        "reported": from_reported,
-        "one_sided_chord": (path.before == 0) | (path.after == 0),
-        "widened_chord": np.maximum(path.before, path.after) > 1,
-    }
-    codes = [GROUND_VECTOR_SOURCE[name] for name in sources]
-    return np.select(list(sources.values()), codes, GROUND_VECTOR_SOURCE["chord"])
 
 
 def _heading_error(ground: GroundVector, air: tuple[Array, Array]) -> Array:

@@ -29,10 +29,10 @@ A to E fitted to the directions of ``g - w`` and ``g - r``.
   airspeeds.
 * Headings that are tracks: 90 % of the headings are within 0.3 degrees of the reported track, where
   the reference implies drift angles of 2 degrees (root mean square) and more.
-* Kind of heading: the offsets of the headings from ``g - r`` are minus the declination (magnetic
-  headings mapped as true) or the declination (the reverse), by the odds of
-  :mod:`airswing.compass.heading_kind`. This is said, but the fits are kept, because an offset that
-  is constant over the area of flight is corrected like any other.
+* Kind of heading (:func:`taken_for`): a magnetic heading taken for true is in error by minus the
+  declination where it was flown, a true one taken for magnetic (or corrected twice) by the
+  declination. The fits are kept, because an offset that is constant over the area of flight is
+  corrected like any other.
 * Wind direction: ``|w - r|^2`` under one mistake is on average at least `RATIO` times smaller than
   ``|c - r|^2``; or the directions reach only a part of the circle where the reference's do not,
   and agree with it there in direction and speed; or the components of c and r along g have a
@@ -54,18 +54,12 @@ A to E fitted to the directions of ``g - w`` and ``g - r``.
 The wind tests need reference winds of at least 5 m/s (root mean square); scale and correlation
 along g need a standard deviation of 5 m/s.
 
-Calibration
------------
 ``python -m benchmarks.units`` on sample archives of two seeds: with any `RATIO` from 1.5 to 3 every
 wrong unit of every column is named for all aircraft, and no sound archive has a finding (deviations
 of 25 degrees and winds of a third of the strength included); with 1.2 a sound one has, and with 5
-some mistakes remain unnoticed.
-
-Validity
---------
-Aircraft that fly as airliners and commuter aircraft do, in air within 15 K of the standard
-atmosphere or colder by any amount at low level. A reference in the wrong unit looks like reports in
-the wrong unit; the sentence says so.
+some mistakes remain unnoticed. Valid for aircraft that fly as airliners and commuter aircraft do,
+in air within 15 K of the standard atmosphere or colder by any amount at low level. A reference in
+the wrong unit looks like reports in the wrong unit; the sentence says so.
 """
 
 from __future__ import annotations
@@ -76,15 +70,16 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from airswing.compass.heading_kind import taken_for
 from airswing.flags import STATUS, WIND_SOURCE, published
 from airswing.physics.airspeed import airspeed_from_calibrated
 from airswing.physics.atmosphere import pressure_from_altitude, standard_temperature
+from airswing.physics.compass_deviation import deviation_basis
 from airswing.physics.triangle import wrap_degrees
-from airswing.products.ragged import blocks, row_bounds
+from airswing.products.ragged import aircraft_of_report, blocks, row_bounds
 from airswing.units import EARTH_RADIUS, FOOT, KNOT, ZERO_CELSIUS
 
 Array = NDArray[np.float64]
@@ -95,7 +90,7 @@ FEWEST, MOST = 30, 2000  # reports: needed for a test, and used of an aircraft
 FEWEST_OF_AIRCRAFT, FEWEST_FLIGHTS = 100, 3  # for an aircraft to be judged by itself
 FASTEST_CALIBRATED = 195.0  # m/s, 380 kt
 RATIO = 2.0
-"""By which a mistake of an angle must reduce the mean square difference (see Calibration)."""
+"""By which a mistake of an angle must reduce the mean square difference (see the module)."""
 LARGEST_DEVIATION = 45.0  # degrees: validity of the fit
 SAME_COLUMN = 2.0 / 3.0
 """Share of the aircraft from which on a finding holds for all, because a column has one unit."""
@@ -105,16 +100,20 @@ WEAKEST = 5.0  # m/s: standard deviation of reference winds by which a scale is 
 MOST_TOGETHER = 30  # aircraft whose reports are compared with each other's reference winds
 SHIFT, _MOST_SHIFTS = 3.0, 4  # h: steps of the clock error that is looked for
 FEWEST_DAYS, CLOCK_RATIO = 8, 1.2
+FLEET_MEAN, SCATTER = 1.0, 0.7
+"""Degrees: standard deviation of the mean compass offset of a fleet, and scatter between its
+aircraft: in Mode-S data of 27 types (de Haan 2016, KNMI) mean and scatter."""
+EVIDENCE = float(np.log(100.0))  # log odds from which on another kind of heading is stated
 _VECTORS = {
     "wind": ("eastward_wind", "northward_wind"),
     "reference": ("reference_eastward_wind", "reference_northward_wind"),
     "ground": ("ground_eastward_velocity", "ground_northward_velocity"),
 }
-_NUMBERS = (
+_NEEDED = (
     *("time", "latitude", "longitude", "flight", "pressure_altitude", "air_temperature"),
     *("reported_airspeed", "reported_heading", "declination", "wind_source"),
+    *(name for pair in _VECTORS.values() for name in pair),
 )
-_NEEDED = (*_NUMBERS, *(name for pair in _VECTORS.values() for name in pair))
 _KMH = 1.0 / 3.6  # m/s
 
 _SPEED_MISTAKES = {
@@ -126,6 +125,11 @@ _SPEED_MISTAKES = {
     "values in m/s read as km/h": _KMH,
     "values in tenths": 10.0,
     "values ten times too small": 0.1,
+}
+_SPEEDS_EXPECTED = {
+    "wind_speed": "those of the reference",
+    "reported_airspeed": "the airspeed of ground velocity and reference wind",
+    "ground_speed": "the speed between successive positions",
 }
 _ALTITUDE_MISTAKES = {
     "values in m read as ft": 1.0 / FOOT,
@@ -148,52 +152,47 @@ _ANGLE_MISTAKES: dict[str, Callable[[Array], Array]] = {
     "angles anticlockwise from east, or exchanged components": lambda angle: 90.0 - angle,
     "angles anticlockwise from north": lambda angle: -angle,
 }
+# Offset over the declination; its name; the mistake; the remedy.
+_KINDS = {
+    "magnetic_for_true": (
+        -1.0,
+        "minus the declination",
+        "headings taken for true are magnetic",
+        "map their column as magnetic_heading_deg",
+    ),
+    "true_for_magnetic": (
+        1.0,
+        "the declination",
+        "headings taken for magnetic are true",
+        "map their column as heading_deg",
+    ),
+}
 _PLURALS = {"mach": "Mach numbers", "ground_velocity": "ground speeds or tracks"}
 
 
 @dataclass(frozen=True)
 class Finding:
-    """An implausible quantity.
+    """An implausible quantity."""
 
-    Attributes
-    ----------
-    quantity : str
-        A variable of the reports, or ``position, wind_speed, wind_direction, ground_speed, track,
-        ground_velocity``.
-    likely : str
-        The likely mistake, empty where none explains the values.
-    evidence : str
-        What contradicts the values.
-    factor : float
-        By which speeds are too large or small; 0 for other quantities.
-    aircraft : tuple of str
-    share : float
-        Of all aircraft.
-    refused : bool
-        Whether fits of these aircraft are not published.
-    """
-
-    quantity: str
-    likely: str
-    evidence: str
-    factor: float = 0.0
+    quantity: str  # a variable of the reports, or position, wind_speed, track, ...
+    likely: str  # the likely mistake, empty where none explains the values
+    evidence: str  # what contradicts the values
+    factor: float = 0.0  # by which speeds are too large or small; 0 for other quantities
     aircraft: tuple[str, ...] = ()
-    share: float = 0.0
-    refused: bool = True
+    share: float = 0.0  # of all aircraft
+    refused: bool = True  # whether fits of these aircraft are not published
 
     def __str__(self) -> str:
         number = len(self.aircraft)
         shown = ", ".join(self.aircraft[:3]) + (f" and {number - 3} more" if number > 3 else "")
-        whom = (
-            "all aircraft" if self.share == 1.0 and number > 1 else f"{number} aircraft ({shown})"
-        )
+        every = self.share == 1.0 and number > 1
+        whom = "all aircraft" if every else f"{number} aircraft ({shown})"
         cause = f"likely {self.likely}" if self.likely else "no usual mistake explains it"
-        advice = (
-            ". Check the unit of the column, and the units of the reference" if self.refused else ""
-        )
+        if self.refused:
+            cause += ". Check the unit of the column, and the units of the reference"
         plain = self.quantity.removeprefix("reported_").removeprefix("air_").replace("_", " ")
         names = _PLURALS.get(self.quantity, f"{plain}s")
-        return f"Implausible {names} of {whom}: {self.evidence}; {cause}{advice}"
+        return f"Implausible {names} of {whom}: {self.evidence}; {cause}"
 
 
 def plausibility(headings: xr.Dataset, *, references: Sequence[str] | None = None) -> list[Finding]:
@@ -262,20 +261,18 @@ def _clock_error(samples: Sequence[Sample]) -> float:
     from scipy.spatial import cKDTree
 
     names = ("wind", "reference", "time", "latitude", "longitude", "pressure_altitude")
-    every = {name: np.concatenate([one[name] for one in samples]) for name in names}
-    phi = np.radians(every["latitude"])
-    place = np.stack(
-        [
-            EARTH_RADIUS * phi / 100e3,
-            EARTH_RADIUS * np.cos(phi) * np.radians(every["longitude"]) / 100e3,
-            every["pressure_altitude"] / 400.0,
-        ],
-        axis=1,
+    every = (np.concatenate([one[name] for one in samples]) for name in names)
+    wind, reference, time, latitude, longitude, altitude = every
+    phi, unit = np.radians(latitude), EARTH_RADIUS / 100e3
+    east = unit * np.cos(phi) * np.radians(longitude)
+    place = np.stack([unit * phi, east, altitude / 400.0], axis=1)
+    known = np.isfinite(wind + reference) & np.isfinite(place).all(axis=1)
+    wind, reference, hours, place = (
+        wind[known],
+        reference[known],
+        time[known] / 3600.0,
+        place[known],
     )
-    known = np.isfinite(every["wind"]) & np.isfinite(every["reference"])
-    known &= np.isfinite(place).all(axis=1)
-    wind, reference, hours = (every[name][known] for name in ("wind", "reference", "time"))
-    hours, place = hours / 3600.0, place[known]
     chosen = np.arange(0, hours.size, max(1, hours.size // 8000))
     near = cKDTree(place).query_ball_point(place[chosen], 1.0)
     one = np.repeat(chosen, [len(others) for others in near])
@@ -295,11 +292,11 @@ def _clock_error(samples: Sequence[Sample]) -> float:
     for k in range(shape[1]):
         gain = mean[:, _MOST_SHIFTS] - mean[:, k]
         both = np.isfinite(gain)
-        if np.count_nonzero(both) < FEWEST_DAYS:
-            continue
-        significance = gain[both].mean() / (gain[both].std(ddof=1) + 1e-9)
-        if significance * np.sqrt(np.count_nonzero(both)) > 4.0:
-            ratio[k] = mean[both, _MOST_SHIFTS].mean() / mean[both, k].mean()
+        number_of_days = np.count_nonzero(both)
+        if number_of_days >= FEWEST_DAYS:
+            significance = gain[both].mean() / (gain[both].std(ddof=1) + 1e-9)
+            if significance * np.sqrt(number_of_days) > 4.0:
+                ratio[k] = mean[both, _MOST_SHIFTS].mean() / mean[both, k].mean()
     best = int(np.argmax(ratio))
     return SHIFT * (_MOST_SHIFTS - best) if ratio[best] > CLOCK_RATIO else 0.0
 
@@ -377,18 +374,11 @@ def _vector(length: Array, direction: Array) -> Complex:
 
 
 def findings_of(sample: Sample) -> list[Finding]:
-    """Findings of one aircraft.
+    """Findings of one aircraft, without its name; a mistake that explains others is named alone.
 
-    Parameters
-    ----------
-    sample : mapping of arrays, shape (report,)
-        The variables of ``headings`` that the tests use (m s-1, m, K, degrees); complex (eastward +
-        1j northward) ``wind``, ``reference``, ``ground`` and ``chord``; NaN where absent.
-
-    Returns
-    -------
-    list of Finding
-        Without aircraft. A mistake that explains others is named alone.
+    The sample holds the variables of ``headings`` that the tests use (m s-1, m, K, degrees) and,
+    complex (eastward + 1j northward), ``wind``, ``reference``, ``ground`` and ``chord``; NaN where
+    absent.
     """
     if wrong := _position_findings(sample):
         return wrong
@@ -465,14 +455,11 @@ def _against_standard_atmosphere(altitude: Array, kelvin: Array) -> list[Finding
     if apart <= 18.0 and alike:
         return []
     trials = {
-        **{
-            ("pressure_altitude", name): compared(factor, kelvin)
-            for name, factor in _ALTITUDE_MISTAKES.items()
-        },
-        **{
-            ("air_temperature", name): compared(1.0, corrected(kelvin))
-            for name, corrected in _TEMPERATURE_MISTAKES.items()
-        },
+        ("pressure_altitude", name): compared(factor, kelvin)
+        for name, factor in _ALTITUDE_MISTAKES.items()
+    } | {
+        ("air_temperature", name): compared(1.0, corrected(kelvin))
+        for name, corrected in _TEMPERATURE_MISTAKES.items()
     }
     possible = {key: distance for key, (distance, alike) in trials.items() if alike}
     possible["air_temperature", ""] = np.inf
@@ -499,12 +486,8 @@ def _speed_mistake(factor: float) -> str:
 
 
 def _scaled(quantity: str, factor: float) -> Finding:
-    of_what = {
-        "wind_speed": "those of the reference",
-        "reported_airspeed": "the airspeed of ground velocity and reference wind",
-        "ground_speed": "the speed between successive positions",
-    }[quantity]
-    return Finding(quantity, "", f"they are {factor:.2f} times {of_what}", factor)
+    evidence = f"they are {factor:.2f} times {_SPEEDS_EXPECTED[quantity]}"
+    return Finding(quantity, "", evidence, factor)
 
 
 def _reported_ground(sample: Sample) -> Complex:
@@ -554,12 +537,10 @@ def _angle_findings(quantity: str, angle: Array, expected: Array, *, curve: bool
 
 def _curve(difference: Array, heading: Array) -> Array:
     """Deviation curve A to E (degrees) fitted to differences of headings, at most 45 degrees."""
-    m = np.radians(heading)
-    design = np.stack([np.ones(m.size), np.sin(m), np.cos(m), np.sin(2 * m), np.cos(2 * m)], axis=1)
+    design = deviation_basis(np.radians(heading)).T
     known = np.isfinite(difference)
     coefficients = np.linalg.lstsq(design[known], difference[known], rcond=1e-6)[0]
-    curve = np.clip(design @ coefficients, -LARGEST_DEVIATION, LARGEST_DEVIATION)
-    return np.asarray(curve, dtype=np.float64)
+    return np.asarray(np.clip(design @ coefficients, -LARGEST_DEVIATION, LARGEST_DEVIATION))
 
 
 def _airspeed_findings(sample: Sample) -> list[Finding]:
@@ -624,23 +605,16 @@ def _kind_of_heading(
     kind = taken_for(offset, error, angle)
     if not kind:
         return []
-    likely, sign = {
-        "magnetic_for_true": (
-            "headings taken for true are magnetic: map their column as magnetic_heading_deg",
-            "minus the declination",
-        ),
-        "true_for_magnetic": (
-            "headings taken for magnetic are true: map their column as heading_deg",
-            "the declination",
-        ),
-    }[kind]
+    _, like, mistake, remedy = _KINDS[kind]
     evidence = (
-        f"their offsets (median {np.median(offset):+.1f} degrees) are {sign} "
+        f"their offsets (median {np.median(offset):+.1f} degrees) are {like} "
         f"({np.median(angle):+.1f} degrees)"
     )
-    tails = tuple(offsets)
-    share = len(tails) / fleet
-    return [Finding("reported_heading", likely, evidence, 0.0, tails, share, refused=False)]
+    share = len(offsets) / fleet
+    likely = f"{mistake}: {remedy}"
+    return [
+        Finding("reported_heading", likely, evidence, 0.0, tuple(offsets), share, refused=False)
+    ]
 
 
 def _wind_findings(sample: Sample) -> list[Finding]:
@@ -719,16 +693,14 @@ def _wind_directions(wind: Complex, reference: Complex, ground: Complex) -> list
     scale = float(np.sqrt(np.mean(speed**2) / np.mean(np.abs(reference) ** 2)))
     if share < 0.15 or high - low > 270.0 or not 0.8 <= scale <= 1.25:
         return []
-    if np.count_nonzero(inside) < FEWEST or _agreement(wind[inside], reference[inside]) < 0.8:
+    if np.count_nonzero(inside) < FEWEST:
+        return []
+    one, other = wind[inside], reference[inside]
+    correlation = np.sum((one * other.conj()).real) / np.linalg.norm(one) / np.linalg.norm(other)
+    if correlation < 0.8:
         return []
     missing = f"{evidence}, {share:.0%} of the reference's do not"
     return [Finding("wind_direction", "a part of the circle missing", missing)]
-
-
-def _agreement(one: Complex, other: Complex) -> float:
-    """Vector correlation about zero."""
-    product = float(np.sum((one * other.conj()).real))
-    return product / float(np.linalg.norm(one) * np.linalg.norm(other))
 
 
 def _scale(ours: Array, theirs: Array, flight: Array) -> float:
@@ -751,20 +723,10 @@ def _slope(one: Array, other: Array, flight: Array) -> tuple[float, float]:
 
 
 def with_implausible(fits: xr.Dataset, findings: Sequence[Finding]) -> xr.Dataset:
-    """Set the status of aircraft with implausible reports, and store the findings.
+    """Set the status of aircraft with implausible reports, and store the findings as JSON.
 
-    Parameters
-    ----------
-    fits : Dataset
-        Of :func:`airswing.compass.fit.deviation.fit_deviation`.
-    findings : sequence of Finding
-        Of :func:`plausibility`.
-
-    Returns
-    -------
-    Dataset
-        Status ``implausible_reports`` where the fit would be published or does not improve the
-        winds; attribute ``implausible_reports`` holds the findings as JSON.
+    The status becomes ``implausible_reports`` where the fit would be published or does not improve
+    the winds; the attribute ``implausible_reports`` holds the findings of :func:`plausibility`.
     """
     tails = {tail for finding in findings if finding.refused for tail in finding.aircraft}
     named = xr.DataArray([str(t) in tails for t in fits["aircraft"].to_numpy()], dims="aircraft")
@@ -781,3 +743,73 @@ def plausibility_warnings(fits: xr.Dataset) -> list[str]:
     """Return one sentence for each finding stored by :func:`with_implausible`."""
     stored = json.loads(str(fits.attrs.get("implausible_reports", "[]")))
     return [str(Finding(**one | {"aircraft": tuple(one["aircraft"])})) for one in stored]
+
+
+def taken_for(offset: ArrayLike, standard_error: ArrayLike, declination: ArrayLike) -> str:
+    """Whether the headings of a fleet are of another kind than assumed.
+
+    The offsets are weighed as two normal hypotheses: compass offsets proper differ from aircraft to
+    aircraft and have a mean. Where the declination is small (under 3 degrees all over; under 4 with
+    a single aircraft) nothing can be decided.
+
+    Parameters
+    ----------
+    offset, standard_error, declination : array_like, shape (aircraft,)
+        Offsets of the headings, their standard errors and the mean declinations, degrees.
+
+    Returns
+    -------
+    str
+        ``magnetic_for_true``, ``true_for_magnetic``, or empty: as assumed, or not known.
+    """
+    error, wide, angle = (
+        np.asarray(values, dtype=np.float64) for values in (offset, standard_error, declination)
+    )
+    if not error.size:
+        return ""
+    # offsets share a mean of variance FLEET_MEAN^2 and scatter by SCATTER^2 about it
+    inverse = np.linalg.inv(np.diag(SCATTER**2 + wide**2) + FLEET_MEAN**2)
+    odds = {}
+    for name, (sign, *_) in _KINDS.items():
+        # log likelihood ratio: the same covariance with the declination subtracted
+        rest = error - sign * angle
+        odds[name] = 0.5 * float(error @ inverse @ error - rest @ inverse @ rest)
+    best = max(odds, key=lambda name: odds[name])
+    return best if odds[best] > EVIDENCE else ""
+
+
+def mean_declination(headings: xr.Dataset) -> Array:
+    """Mean declination (aircraft,) of the reports used, degrees; NaN without a report."""
+    found = []
+    for block in blocks(headings, ["declination", "screening"]):
+        used = block["declination"].where(block["screening"] == 0).to_numpy()
+        mean = pd.Series(used.astype(np.float64)).groupby(aircraft_of_report(block)).mean()
+        found.append(mean.reindex(range(block.sizes["aircraft"])).to_numpy(np.float64))
+    return np.concatenate(found)
+
+
+def heading_kind_warnings(fits: xr.Dataset, reference: str) -> list[str]:
+    """One sentence where the offsets of the fits are those of the other kind of heading.
+
+    ``fits`` hold ``mean_declination`` (aircraft).
+    """
+    known_from_reports = '"reported_heading"' in str(fits.attrs.get("implausible_reports", ""))
+    if "mean_declination" not in fits or known_from_reports:
+        return []
+    fit = fits.sel(reference=reference)
+    offset, angle = fit["offset"].to_numpy(), fit["mean_declination"].to_numpy()
+    good = published(fit["status"]) & np.isfinite(offset) & np.isfinite(angle)
+    kind = taken_for(offset[good], fit["offset_standard_error"].to_numpy()[good], angle[good])
+    if not kind:
+        return []
+    _, like, mistake, remedy = _KINDS[kind]
+    if kind == "magnetic_for_true":
+        remedy += (
+            " (winds that a unit computed itself along a magnetic heading need the unit's own "
+            "remedy)"
+        )
+    return [
+        f"The heading offsets of {np.count_nonzero(good)} aircraft (median "
+        f"{np.median(offset[good]):+.1f} degrees) are {like} where they flew "
+        f"({np.median(angle[good]):+.1f} degrees): it seems that {mistake}; {remedy}"
+    ]

@@ -1,22 +1,16 @@
 """Screening: which reports the fit may use, as flag bits, and what each rule removed.
 
-Assumptions
------------
-Headings of `airswing.compass.headings`. Every rule is applied by itself and sets one bit: a
-report may carry several and is kept where it carries none. An absent value breaks only the rule
-about its absence: a missing roll flag is no bad roll flag unless the policy says so, and the end of
-a flight, where no turn can be computed, is no turn.
+Headings of `airswing.compass.headings`. Every rule is applied by itself and sets one bit: a report
+may carry several and is kept where it carries none. An absent value breaks only the rule about its
+absence: a missing roll flag is no bad roll flag unless the policy says so, and the end of a flight,
+where no turn can be computed, is no turn.
 
-Size of residuals
------------------
 Screening on the residual itself attenuates every deviation that is fitted afterwards. The gross
 error rule is therefore loose: 40 m/s or a third of the airspeed (a deviation of 19 degrees),
 whichever is larger, or an airspeed that no aircraft flies. Smaller errors are weighted by the
-robust fit. A report is tested against every reference it has, because it is used with all of them:
-a gross difference from one reference would bias its fits and those of every pool that holds it.
+robust fit. A report is tested against every reference it has: a gross difference from one would
+bias its fits and those of every pool that holds it.
 
-Units
------
 Keywords in SI and radians, like the configuration; the Dataset in degrees, like every Dataset.
 """
 
@@ -140,18 +134,8 @@ def mark_corrected_units(
 ) -> xr.Dataset:
     """Mark the reports of units that applied a correction themselves, so that they are not fitted.
 
-    Parameters
-    ----------
-    headings : Dataset
-        Screened.
-    aircraft : collection of str
-    start, end : datetime64
-        First time, and the time before which the marking ends; None: the end of the archive.
-
-    Returns
-    -------
-    Dataset
-        With the bit ``field_test`` of ``screening`` set; dask arrays stay lazy.
+    Sets the bit ``field_test`` of ``screening`` for the reports of some aircraft from ``start`` to
+    before ``end`` (None: the end of the archive); dask arrays stay lazy.
     """
     read = headings[["time", "row_size"]]
     found = map_aircraft(_field_test, read, aircraft=list(aircraft), start=start, end=end)
@@ -170,6 +154,14 @@ def _field_test(
         marked &= time < end
     bits = marked.astype(np.int32) * np.int32(SCREENING["field_test"])
     return xr.Dataset({"screening": ("report", bits)})
+
+
+_MEANINGS = {
+    "together": "reports the rule marked",
+    "alone": "reports only this rule marked",
+    "reports": "reports before screening",
+    "kept": "reports no rule marked",
+}
 
 
 def audit(headings: xr.Dataset) -> xr.Dataset:
@@ -195,9 +187,8 @@ def audit(headings: xr.Dataset) -> xr.Dataset:
     """
     found = map_aircraft(_counts, headings[["screening", "row_size"]])
     found = found.assign_coords(rule=list(SCREENING), aircraft=headings["aircraft"].to_numpy())
-    totals = {f"{name}_total": found[name].sum("aircraft") for name in found}
-    found = found.assign(totals)
     for name, meaning in _MEANINGS.items():
+        found[f"{name}_total"] = found[name].sum("aircraft")
         found[name].attrs["long_name"] = meaning
         found[f"{name}_total"].attrs["long_name"] = f"{meaning}, all aircraft"
     return found
@@ -219,14 +210,6 @@ def _counts(headings: xr.Dataset) -> xr.Dataset:
             "kept": ("aircraft", counted(bits == 0)),
         }
     )
-
-
-_MEANINGS = {
-    "together": "reports the rule marked",
-    "alone": "reports only this rule marked",
-    "reports": "reports before screening",
-    "kept": "reports no rule marked",
-}
 
 
 def _rejected(headings: xr.Dataset, name: str, codes: dict[str, int], policy: str) -> xr.DataArray:

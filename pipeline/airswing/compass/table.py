@@ -1,22 +1,15 @@
 """The 8-point correction table of a unit's firmware, its interpolation, and its CSV file.
 
-Assumptions
------------
 The firmware holds one number a node at indicated magnetic headings 0, 45, ... 315 degrees and
 interpolates linearly between them, periodically. The best table is then not the curve at its nodes
 (which multiplies harmonic k by sinc^2(k/8): 0.950, 0.811) but the least-squares projection of the
 curve on that piecewise-linear basis, weighted by the headings that the aircraft flies. A small even
-weight makes the table follow the curve at headings that are not flown. Where the status says that
-no correction is needed, the table is zero.
+weight makes the table follow the curve at headings that are not flown.
 
-Signs
------
 ``subtract_error``: the table holds the degrees to ADD to the indicated heading, minus the heading
 error, as a navigator's deviation card does (east positive = magnetic - compass).
 ``add_error``: the table holds the heading error itself, which the unit subtracts.
-The argument is the indicated magnetic heading: psi_corr = psi_ind - psi_err(psi_ind).
-
-Degrees throughout.
+The argument is the indicated magnetic heading: psi_corr = psi_ind - psi_err(psi_ind). Degrees.
 
 References
 ----------
@@ -29,7 +22,6 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-import pandas as pd
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
@@ -53,40 +45,19 @@ SIGNS: dict[str, float] = {"subtract_error": -1.0, "add_error": 1.0}
 
 
 def deviation_curve(coefficients: ArrayLike, heading: ArrayLike) -> Array:
-    """Heading error A + B sin m + C cos m + D sin 2m + E cos 2m.
+    """Heading error A + B sin m + C cos m + D sin 2m + E cos 2m, (..., m), degrees.
 
-    Parameters
-    ----------
-    coefficients : array_like, shape (..., 5)
-        Degrees.
-    heading : array_like, shape (m,)
-        Indicated magnetic heading, degrees.
-
-    Returns
-    -------
-    array, shape (..., m)
-        Degrees.
+    ``coefficients`` (..., 5) in degrees; ``heading`` (m,) indicated magnetic, degrees.
     """
     basis = deviation_basis(np.radians(np.asarray(heading, dtype=np.float64)))
     return np.asarray(np.asarray(coefficients, dtype=np.float64) @ basis)
 
 
 def curve_standard_error(covariance: ArrayLike, heading: ArrayLike, gain: ArrayLike = 1.0) -> Array:
-    """Standard error of a deviation curve.
+    """Standard error of a deviation curve, (n,), degrees.
 
-    Parameters
-    ----------
-    covariance : array_like, shape (n, 5, 5) or (5, 5)
-        degree2.
-    heading : array_like, shape (n,)
-        Indicated magnetic heading, degrees.
-    gain : array_like, shape (n,), default 1
-        Factor of the one-cycle part (B, C).
-
-    Returns
-    -------
-    array, shape (n,)
-        Degrees.
+    ``covariance`` (n, 5, 5) or (5, 5) in degree2; ``heading`` (n,) indicated magnetic, degrees;
+    ``gain`` (n,) the factor of the one-cycle part (B, C).
     """
     basis = deviation_basis(np.radians(heading), gain)
     product = np.einsum("...ij,j...->i...", np.asarray(covariance, dtype=np.float64), basis)
@@ -94,26 +65,17 @@ def curve_standard_error(covariance: ArrayLike, heading: ArrayLike, gain: ArrayL
 
 
 def unit_interpolation(table: ArrayLike, heading: ArrayLike) -> Array:
-    """Interpolate in a table as the unit does.
+    """Interpolate in a table as the unit does, (n,), degrees; NaN where a value is NaN.
 
-    Parameters
-    ----------
-    table : array_like, shape (node,) or (n, node)
-        One table, or one for each heading; nodes evenly spaced from 0 degrees.
-    heading : array_like, shape (n,)
-        Indicated magnetic heading, degrees, of any turn.
-
-    Returns
-    -------
-    array, shape (n,)
-        Degrees; NaN where the heading or a node is NaN.
+    ``table`` is one (node,) or one for each heading (n, node), nodes evenly spaced from 0 degrees;
+    ``heading`` (n,) indicated magnetic, degrees, of any turn.
     """
     lower, upper, share = _nodes_around(table, heading)
     return np.asarray(lower * (1 - share) + upper * share)
 
 
 def table_slope(table: ArrayLike, heading: ArrayLike) -> Array:
-    """Slope of tables, shape (n,), degrees per degree; arguments as of `unit_interpolation`."""
+    """Slope of tables, (n,), degrees per degree; arguments as of `unit_interpolation`."""
     lower, upper, _ = _nodes_around(table, heading)
     return np.asarray((upper - lower) * np.shape(table)[-1] / 360.0)
 
@@ -128,13 +90,6 @@ def _nodes_around(table: ArrayLike, heading: ArrayLike) -> tuple[Array, Array, A
     return values[*row, lower], values[*row, (lower + 1) % nodes], place - np.floor(place)
 
 
-def _project_curve(error: Array, weight: Array) -> Array:
-    """Least-squares projection (8,) of a curve (360,) on the periodic piecewise-linear basis."""
-    basis = np.stack([unit_interpolation(row, FINE) for row in np.eye(NODES.size)], axis=1)
-    normal = basis.T @ (basis * weight[:, np.newaxis])
-    return np.asarray(np.linalg.solve(normal, basis.T @ (weight * error)))
-
-
 def _round_to(values: Array, resolution: float) -> Array:
     """Round to the nearest multiple of a resolution, 0 for none; a negative zero becomes zero."""
     if resolution <= 0:
@@ -147,19 +102,10 @@ def _round_to(values: Array, resolution: float) -> Array:
 
 
 def heading_histogram(headings: xr.Dataset, *, abscissa: str = "magnetic") -> xr.DataArray:
-    """Count the reports used of each aircraft by 1-degree bin of heading.
+    """Number of reports used of each aircraft by 1-degree bin of heading, (aircraft, heading_bin).
 
-    Parameters
-    ----------
-    headings : Dataset
-        Screened.
-    abscissa : {"magnetic", "true"}
-        Which heading.
-
-    Returns
-    -------
-    DataArray of int, dimensions (aircraft, heading_bin)
-        Dask-backed where the headings are.
+    ``headings`` are screened; the abscissa is ``magnetic`` or ``true``. Dask-backed where the
+    headings are.
     """
     name = "magnetic_heading" if abscissa == "magnetic" else "heading"
     read = headings[[name, "screening", "row_size"]]
@@ -263,11 +209,14 @@ def _tables(
     total = np.maximum(histogram.sum(axis=-1, keepdims=True), 1)
     weights = (1 - EVEN_SHARE) * histogram / total + EVEN_SHARE / FINE.size
     weights[histogram.sum(axis=-1) == 0] = 1.0 / FINE.size
+    basis = np.stack([unit_interpolation(row, FINE) for row in np.eye(NODES.size)], axis=1)
     for place in zip(*np.nonzero(np.isfinite(deviation).all(axis=-1)), strict=True):
         weight, error = weights[place[-1]], deviation_curve(deviation[place], FINE)
         nodes = np.zeros(NODES.size)
         if status[place] != STATUS["no_correction_needed"]:
-            nodes = _round_to(_project_curve(error, weight), resolution)
+            weighted = basis * weight[:, np.newaxis]
+            projected = np.linalg.solve(basis.T @ weighted, weighted.T @ error)
+            nodes = _round_to(projected, resolution)
         tables[place] = sign * nodes + 0.0
         residual[place] = np.sqrt(weight @ (unit_interpolation(nodes, FINE) - error) ** 2)
     return tables, residual
@@ -280,18 +229,9 @@ def error_from_table(fits: xr.Dataset) -> xr.DataArray:
 
 
 def write_tables_csv(fits: xr.Dataset, path: str | Path) -> Path:
-    """Write the table of every aircraft as CSV, one row a node.
+    """Write the table of every aircraft as CSV, one row a node; return the path.
 
-    Parameters
-    ----------
-    fits : Dataset
-        With tables (:func:`add_tables`).
-    path : str or path
-
-    Returns
-    -------
-    Path
-        The path written. A refused fit has rows with its status and without numbers.
+    A refused fit has rows with its status and without numbers.
 
     Raises
     ------
@@ -303,32 +243,23 @@ def write_tables_csv(fits: xr.Dataset, path: str | Path) -> Path:
             "the fits hold no tables", field="table_correction", remedy="Call add_tables first"
         )
     dims = "reference", "aircraft"
-    covariance = fits["deviation_covariance"].transpose(*dims, ...).to_numpy()
-    status = fits["status"].transpose(*dims).to_numpy()
-    usable = published(status)[..., None]
-    correction = fits["table_correction"].transpose(*dims, "node").to_numpy() + 0.0
-    correction = np.where(usable, correction, np.nan)
-    names = {code: name for name, code in STATUS.items()}
-    shape = correction.shape
-
-    def column(values: ArrayLike, axis: int) -> NDArray[np.object_]:
-        sizes = [-1 if k == axis else 1 for k in range(3)]
-        return np.broadcast_to(np.asarray(values, object).reshape(sizes), shape).ravel()
-
+    usable = xr.DataArray(published(fits["status"]), dims=fits["status"].dims)
     basis = deviation_basis(np.radians(NODES))
+    covariance = fits["deviation_covariance"].transpose(*dims, ...).to_numpy()
     variance = np.einsum("in,raij,jn->ran", basis, covariance, basis)
-    error = np.where(usable, np.sqrt(np.maximum(variance, 0.0)), np.nan)
-    table = pd.DataFrame(
+    error = xr.DataArray(np.sqrt(np.maximum(variance, 0.0)), dims=(*dims, "node"))
+    rows = xr.Dataset(
         {
-            "aircraft": column(fits["aircraft"].to_numpy(), 1),
-            "reference": column(fits["reference"].to_numpy(), 0),
-            "status": [names[code] for code in np.repeat(status.ravel(), NODES.size)],
-            "heading_deg": column([f"{node:g}" for node in NODES], 2),
-            "table_correction_deg": correction.ravel(),
-            "standard_error_deg": error.ravel(),
+            "status": fits["status"],
+            "heading_deg": ("node", [f"{node:g}" for node in NODES]),
+            "table_correction_deg": fits["table_correction"].where(usable) + 0.0,
+            "standard_error_deg": error.where(usable),
             "sign": str(fits.attrs.get("table_sign", "subtract_error")),
         }
     )
+    columns = ["aircraft", "reference", *rows.data_vars]
+    table = rows.to_dataframe(dim_order=[*dims, "node"]).reset_index()[columns]
+    table["status"] = table["status"].map({code: name for name, code in STATUS.items()})
     with atomic(Path(path)) as temporary:
         table.to_csv(temporary, index=False, float_format="%.3f", lineterminator="\r\n")
     return Path(path)

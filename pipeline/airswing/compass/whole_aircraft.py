@@ -9,7 +9,7 @@ computing it; the Dataset is then one block.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Iterator, Mapping
 from typing import Any
 
 import dask.array as da
@@ -21,37 +21,25 @@ from numpy.typing import NDArray
 from airswing.products.ragged import aircraft_groups, row_bounds
 
 
-def is_lazy(ds: xr.Dataset, names: Iterable[str] | None = None) -> bool:
-    """Return True where a variable (of ``names``, of all by default) is a dask array."""
-    chosen = ds.variables if names is None else [name for name in names if name in ds.variables]
-    return any(ds.variables[name].chunks is not None for name in chosen)
+def _is_lazy(ds: xr.Dataset) -> bool:
+    return any(variable.chunks is not None for variable in ds.variables.values())
 
 
 def aircraft_batches(ds: xr.Dataset, reports: int) -> Iterator[xr.Dataset]:
     """Divide a Dataset into batches of whole aircraft without computing anything.
 
-    Parameters
-    ----------
-    ds : Dataset
-        Ragged; without index variables.
-    reports : int
-        Reports of a batch, where no single aircraft has more.
-
-    Yields
-    ------
-    Dataset
-        One batch, a single chunk in ``report`` and ``aircraft``.
+    A batch has at most so many ``reports``, where no single aircraft has more, and is a single
+    chunk.
     """
     row_size = ds.variables["row_size"]
-    lazy = is_lazy(ds)
+    lazy = _is_lazy(ds)
     if row_size.chunks is not None or not row_size.size:
         yield ds.chunk({"report": -1, "aircraft": -1}) if lazy else ds
         return
     start, stop = row_bounds(row_size.to_numpy())
     for group in aircraft_groups(row_size.to_numpy(), reports):
-        part = ds.isel(
-            {"aircraft": group, "report": slice(int(start[group.start]), int(stop[group.stop - 1]))}
-        )
+        rows = slice(int(start[group.start]), int(stop[group.stop - 1]))
+        part = ds.isel(aircraft=group, report=rows)
         yield part.chunk({"report": -1}) if lazy else part
 
 
@@ -71,7 +59,7 @@ def lazy_dataset(
     coordinates : Dataset
         Index variables of the result, in memory, where they differ from the template's.
     """
-    variables = {}
+    variables: dict[Hashable, xr.Variable] = {}
     for name, variable in template.variables.items():
         if name in template.indexes:
             variables[name] = coordinates.variables.get(name, variable)
@@ -81,17 +69,15 @@ def lazy_dataset(
             delayed(_values)(task, name), shape=shape, dtype=variable.dtype
         )
         variables[name] = xr.Variable(variable.dims, values, variable.attrs)
-    return _assembled(variables, template)
+    return _dataset(variables, list(template.coords), template.attrs)
+
+
+def _dataset(variables: Any, coords: list[Hashable], attrs: Any) -> xr.Dataset:
+    return xr.Dataset(variables, attrs=attrs).set_coords(coords)
 
 
 def _values(ds: xr.Dataset, name: Hashable) -> NDArray[Any]:
     return np.asarray(ds[name].to_numpy())
-
-
-def _assembled(variables: dict[Hashable, xr.Variable], like: xr.Dataset) -> xr.Dataset:
-    """Dataset of these variables, with the coordinates and attributes of another."""
-    coords = {name: variables.pop(name) for name in like.coords}
-    return xr.Dataset(variables, coords, like.attrs)
 
 
 def single_task(array: da.Array) -> Delayed:
@@ -102,10 +88,7 @@ def single_task(array: da.Array) -> Delayed:
 
 
 def _apply(function: Callable[..., xr.Dataset], parts: list[Any], kwargs: Any) -> xr.Dataset:
-    """Call a function with Datasets made from their variables, coordinates and attributes."""
-    return function(
-        *(xr.Dataset(v, attrs=attrs).set_coords(coords) for v, coords, attrs in parts), **kwargs
-    )
+    return function(*(_dataset(*part) for part in parts), **kwargs)
 
 
 def _empty(ds: xr.Dataset) -> xr.Dataset:
@@ -115,7 +98,7 @@ def _empty(ds: xr.Dataset) -> xr.Dataset:
         shape = [0 if dim in ("report", "aircraft") else ds.sizes[dim] for dim in variable.dims]
         values = variable[: shape[0]] if name in ds.indexes else np.zeros(shape, variable.dtype)
         variables[name] = xr.Variable(variable.dims, values, variable.attrs)
-    return _assembled(variables, ds)
+    return _dataset(variables, list(ds.coords), ds.attrs)
 
 
 def map_aircraft(
@@ -140,7 +123,7 @@ def map_aircraft(
     Dataset
         Dask-backed where ``ds`` or an argument is.
     """
-    if not any(is_lazy(part) for part in (ds, *args)):
+    if not any(_is_lazy(part) for part in (ds, *args)):
         return function(ds, *args, **kwargs)
     template = function(*(_empty(part) for part in (ds, *args)), **kwargs)
     chunks = [
@@ -150,27 +133,17 @@ def map_aircraft(
     ]
     blocks = []
     for batch in aircraft_batches(ds, max(chunks, default=ds.sizes["report"])):
-        # variables one by one: dask would not share the tasks of a whole Dataset
-        parts = [
-            (
-                {
-                    name: (
-                        v.dims,
-                        v.to_numpy() if v.chunks is None else single_task(v.data),
-                        v.attrs,
-                    )
-                    for name, v in part.variables.items()
-                },
-                list(part.coords),
-                part.attrs,
-            )
-            for part in (batch, *args)
-        ]
-        sizes = {"report": batch.sizes["report"], "aircraft": batch.sizes["aircraft"]}
+        parts = []
+        for part in (batch, *args):
+            # variables one by one: dask would not share the tasks of a whole Dataset
+            variables = {
+                name: (v.dims, v.to_numpy() if v.chunks is None else single_task(v.data), v.attrs)
+                for name, v in part.variables.items()
+            }
+            parts.append((variables, list(part.coords), part.attrs))
+        sizes = {name: batch.sizes[name] for name in ("report", "aircraft")}
         task = delayed(_apply)(function, parts, kwargs)
         blocks.append(lazy_dataset(task, template, sizes, batch))
-    if len(blocks) == 1:
-        return blocks[0]
     whole_variables: dict[Hashable, xr.Variable] = {}
     for name, variable in blocks[0].variables.items():
         dim = next((dim for dim in ("report", "aircraft") if dim in variable.dims), None)
@@ -183,4 +156,4 @@ def map_aircraft(
                 [block.variables[name].data for block in blocks], axis=variable.dims.index(dim)
             )
             whole_variables[name] = xr.Variable(variable.dims, whole, variable.attrs)
-    return _assembled(whole_variables, blocks[0])
+    return _dataset(whole_variables, list(blocks[0].coords), blocks[0].attrs)

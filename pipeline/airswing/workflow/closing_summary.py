@@ -14,8 +14,7 @@ from typing import NotRequired, TypedDict
 import numpy as np
 import xarray as xr
 
-from airswing.compass.heading_kind import heading_kind_warnings
-from airswing.compass.plausibility import plausibility_warnings
+from airswing.compass.plausibility import heading_kind_warnings, plausibility_warnings
 from airswing.config import Config
 from airswing.evaluation.monitoring import change_warnings
 from airswing.flags import STATUS

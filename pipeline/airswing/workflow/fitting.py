@@ -40,8 +40,7 @@ def make_fits(job: Job, headings: xr.Dataset | None = None) -> xr.Dataset:
         Screening left no report.
     """
     from airswing.compass.fit.deviation import fit_deviation
-    from airswing.compass.heading_kind import mean_declination
-    from airswing.compass.plausibility import plausibility, with_implausible
+    from airswing.compass.plausibility import mean_declination, plausibility, with_implausible
     from airswing.compass.table import add_tables, write_tables_csv
     from airswing.evaluation.monitoring import add_changes, watch_compasses
     from airswing.report.run.swing_cards import write_swing_cards
