@@ -50,7 +50,7 @@ if TYPE_CHECKING:  # for editors and mypy; at run time each is imported on first
     from airswing.reference.catalogue import build_catalogue as build_catalogue
     from airswing.reference.collocate import collocate as collocate
     from airswing.reference.fleet_wind import fleet_wind as fleet_wind
-    from airswing.report.gap.in_notebook import diagnose as diagnose
+    from airswing.report.gap.gap_page import diagnose as diagnose
     from airswing.reports.read import read_reports as read_reports
     from airswing.synthetic.archive import write_archive as write_archive
     from airswing.synthetic.mode_s import write_mode_s as write_mode_s
@@ -80,7 +80,7 @@ _STAGES = {
     "compare": "airswing.evaluation.comparison",
     "simulate_reports": "airswing.gap.simulation.report_table",
     "Frame": "airswing.gap.archive.frame",
-    "diagnose": "airswing.report.gap.in_notebook",
+    "diagnose": "airswing.report.gap.gap_page",
     "export": "airswing.handover.export",
     "observation_errors": "airswing.evaluation.observation_errors",
     "correct_forecasts": "airswing.handover.forecasts.correcting",

@@ -15,7 +15,7 @@ from airswing.evaluation.innovations import CELLS
 from airswing.evaluation.observation_errors import disagreements, observation_errors, used_error
 from airswing.evaluation.resampling import day_weights, interval, widened
 from airswing.products.netcdf import read_product, write_product
-from airswing.report.html.embed import Figures
+from airswing.report.html.document import Figures
 from airswing.report.run.evaluation import (
     report_errors_figure,
     report_errors_section,
@@ -287,10 +287,10 @@ def test_a_simulated_archive_against_its_truth(simulated, tmp_path):
     assert product["state"].to_numpy().tolist() == ["reported", "corrected"]
     section = report_errors_section(product, Figures())
     assert "has the weight of" in worth_sentence(product) and len(section.parts) == 2
-    figure = report_errors_figure(product, units="m/s")
+    figure = report_errors_figure(product, "m/s")
     few = product.copy(deep=True)
     few["observation_error"].loc[{"flight_phase": ["ascent", "descent"]}] = np.nan
-    cruise = report_errors_figure(few)
+    cruise = report_errors_figure(few, "kt")
     assert [axes.get_title("left") for axes in cruise.axes] == ["cruise"]
     assert "Too few reports near each other in ascent and descent." in cruise.caption
     shown = figure.axes[1].containers[-1].lines[0].get_ydata()

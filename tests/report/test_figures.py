@@ -15,9 +15,11 @@ from matplotlib.figure import Figure
 import airswing.report as report
 from airswing.evaluation.innovations import innovation_statistics
 from airswing.report.gap import figures
-from airswing.report.html import embed, maps, style
+from airswing.report.html import maps, style
+from airswing.report.html.document import Figures
+from airswing.report.html.text import Units
 from airswing.report.run import evaluation, fleet, heading_error, innovations
-from airswing.report.run.selection import disagreement
+from airswing.report.run.selection import disagreement, screening_audit
 from tests.report import factories
 
 HEADINGS = factories.headings()
@@ -27,9 +29,13 @@ TAILS = factories.names(6)
 STATISTICS = innovation_statistics(HEADINGS, CORRECTED, pools={"ruc": ["ruc"]})
 
 
-def disagreement_figure(units: style.Units) -> Figure:
-    found = disagreement(HEADINGS, CORRECTED, FITS, "ruc")
-    return fleet.before_after_figure(found, TAILS, TAILS, "ruc", units=units)
+def disagreement_figure(units: Units) -> Figure:
+    found = disagreement(HEADINGS, CORRECTED, "ruc")
+    return fleet.before_after_figure(found, TAILS, TAILS, "ruc", units)
+
+
+def audit_figure(headings: xr.Dataset) -> Figure:
+    return fleet.audit_figure(headings, screening_audit(headings))
 
 
 def mapped(headings: xr.Dataset) -> Figure:
@@ -41,19 +47,25 @@ FIGURES: dict[str, Callable[[], Figure]] = {
     "dense": lambda: mapped(factories.headings(aircraft=11, reports=2000)),
     "phases": lambda: maps.phase_maps_figure(maps.places_of(HEADINGS)),
     "levels": lambda: maps.level_maps_figure(maps.places_of(factories.headings(shift=-92))),
-    "heading errors": lambda: heading_error.heading_errors_figure(HEADINGS, FITS, TAILS, "ruc"),
-    "innovations": lambda: innovations.innovation_figure(STATISTICS, "ruc"),
-    "innovation histogram": lambda: innovations.innovation_histogram_figure(STATISTICS, "ruc"),
-    "innovation series": lambda: innovations.innovation_series_figure(STATISTICS, "ruc", TAILS),
-    "sounding": lambda: innovations.sounding_figure(HEADINGS, CORRECTED, FITS, "ruc"),
+    "heading errors": lambda: heading_error.heading_errors_figure(
+        HEADINGS, FITS, TAILS, "ruc", "kt"
+    ),
+    "innovations": lambda: innovations.innovation_figure(STATISTICS, "ruc", "kt"),
+    "innovation histogram": lambda: innovations.innovation_histogram_figure(
+        STATISTICS, "ruc", "kt"
+    ),
+    "innovation series": lambda: innovations.innovation_series_figure(
+        STATISTICS, "ruc", TAILS, "kt"
+    ),
+    "sounding": lambda: innovations.sounding_figure(HEADINGS, CORRECTED, TAILS, "ruc", "kt"),
     "heading error": lambda: report.heading_error_figure(HEADINGS, FITS, "N402"),
     "coverage": lambda: heading_error.coverage_figure(HEADINGS, TAILS),
     "fleet": lambda: fleet.fleet_figure(FITS, TAILS),
     "disagreement": lambda: disagreement_figure("kt"),
-    "audit": lambda: fleet.audit_figure(HEADINGS),
+    "audit": lambda: audit_figure(HEADINGS),
     "field test": lambda: report.field_test_figure(factories.field_test()),
     "full field test": lambda: report.field_test_figure(factories.full_field_test()),
-    "scrutiny": lambda: evaluation.scrutiny_figure(factories.full_field_test()),
+    "scrutiny": lambda: evaluation.scrutiny_figure(factories.full_field_test(), "kt"),
     "pairs": lambda: report.pair_differences_figure(factories.sensitivity()["pairs"]),
     "pair": lambda: evaluation.aircraft_differences_figure(factories.sensitivity()["pairs"][0]),
     "no slices": lambda: figures.slices_figure([]),
@@ -101,7 +113,7 @@ def test_speeds_are_shown_in_the_unit_that_is_asked_for() -> None:
 
 
 def test_innovation_figures_show_the_statistics_of_the_product() -> None:
-    axes = innovations.innovation_figure(STATISTICS, "ruc", units="m/s").axes[0]
+    axes = innovations.innovation_figure(STATISTICS, "ruc", "m/s").axes[0]
     names = [one.get_text() for one in axes.get_yticklabels()]
     shown = dict(zip(names, axes.lines[0].get_xdata(), strict=True))
     cells = STATISTICS.sel(reference="ruc", state="reported")
@@ -112,25 +124,25 @@ def test_innovation_figures_show_the_statistics_of_the_product() -> None:
         count = one["innovation_speed_count"]
         bias = (one["innovation_speed_bias"] * count).sum() / count.sum()
         assert shown[name] == pytest.approx(float(bias))
-    drawn = innovations.innovation_histogram_figure(STATISTICS, "ruc").axes[0].images[0]
+    drawn = innovations.innovation_histogram_figure(STATISTICS, "ruc", "kt").axes[0].images[0]
     counts = STATISTICS["innovation_histogram"].sel(state="reported")
     assert drawn.get_array().sum() == counts.sum()
 
 
 def test_a_sounding_shows_one_ascent_or_descent_by_pressure() -> None:
-    figure = innovations.sounding_figure(HEADINGS, CORRECTED, FITS, "ruc", units="m/s")
+    figure = innovations.sounding_figure(HEADINGS, CORRECTED, TAILS, "ruc", "m/s")
     lines = figure.axes[0].lines
     assert [line.get_label() for line in lines] == ["reported", "corrected", "ruc"]
     pressure = np.asarray(lines[0].get_ydata())
     assert np.all(np.diff(pressure) <= 0) and pressure.size >= 4
     short = HEADINGS.assign(phase=HEADINGS["phase"] * 0 + 2)
-    assert "n = 0" in innovations.sounding_figure(short, CORRECTED, FITS, "ruc").caption
+    assert "n = 0" in innovations.sounding_figure(short, CORRECTED, TAILS, "ruc", "kt").caption
 
 
 def test_captions_are_escaped_in_the_page() -> None:
     figure = figures.slices_figure([])
     figure.say("a < b & c (n = 0)")  # type: ignore[attr-defined]
-    html = embed.embedded(figure)
+    html = Figures()("x", figure)
     assert "a &lt; b &amp; c" in html
     assert 'alt="a &lt; b' in html
 
@@ -157,8 +169,8 @@ def test_what_screening_and_reading_left_out() -> None:
     headings = factories.headings(aircraft=1, reports=40)
     headings["screening"][:] = 0
     headings.attrs["reading_audit"] = "not json"
-    assert "40 (100.0 %) entered" in fleet.audit_figure(headings).caption
-    bars = fleet.audit_figure(HEADINGS).axes[1]
+    assert "40 (100.0 %) entered" in audit_figure(headings).caption
+    bars = audit_figure(HEADINGS).axes[1]
     assert [one.get_text() for one in bars.get_yticklabels()] == [
         "duplicate",
         "impossible position",

@@ -33,8 +33,8 @@ def tiny() -> tuple[xr.Dataset, xr.Dataset, xr.Dataset]:
 
 
 def test_disagreement_by_hand() -> None:
-    headings, fits, corrected = tiny()
-    found = selection.disagreement(headings, corrected, fits, "ruc")
+    headings, _, corrected = tiny()
+    found = selection.disagreement(headings, corrected, "ruc")
     assert found.before.tolist() == pytest.approx([4.0, 1.5])
     assert found.after.tolist() == pytest.approx([2.0, 0.75])
     assert found.number.tolist() == [4, 4]
@@ -46,26 +46,24 @@ def test_disagreement_by_hand() -> None:
 
 
 def test_uncorrected_and_screened_reports_do_not_count() -> None:
-    headings, fits, corrected = tiny()
+    headings, _, corrected = tiny()
     corrected["correction_applied"][:4] = 1
     headings["screening"][4:6] = SCREENING["turn"]
-    found = selection.disagreement(headings, corrected, fits, "ruc")
+    found = selection.disagreement(headings, corrected, "ruc")
     assert np.isnan(found.before[0])
     assert found.before[1] == pytest.approx(2.0)
     assert found.total.number == 2
 
 
 def test_a_pool_is_the_mean_of_its_members() -> None:
-    headings, fits, _ = tiny()
+    headings, _, _ = tiny()
     headings["heading_error"][0], headings["heading_error"][1] = 1.0, 4.0
     headings["heading_error"][1, 3] = np.nan
-    members = selection.members(headings, fits, factories.POOL)
+    members = selection.members(headings, factories.POOL)
     value = selection.pooled(headings, members, "heading_error")
     assert value[[0, 1, 2]].tolist() == [2.5] * 3
     assert value[3] == headings["heading_error"][0, 3], "the member that has a value, as in the fit"
-    fits.attrs["pools"] = '{"both": ["rtfdaa"]}'
-    assert selection.members(headings, fits, "both") == ["rtfdaa"]
-    assert selection.members(headings, fits, "a name without members") == ["ruc", "rtfdaa"]
+    assert selection.members(headings, "a name without members") == ["ruc", "rtfdaa"]
 
 
 def test_the_fitted_bias_of_the_reference_is_subtracted() -> None:
@@ -140,14 +138,14 @@ def test_fleet_order_puts_refused_fits_last() -> None:
 
 def test_headlines_have_at_most_25_words_and_say_which_way_the_winds_went() -> None:
     headings, fits, corrected = tiny()
-    total = selection.disagreement(headings, corrected, fits, "ruc").total
+    total = selection.disagreement(headings, corrected, "ruc").total
     text = selection.headline(fits, total, "ruc")
     assert text.startswith("Compass deviation fitted for 1 of 2 aircraft (median amplitude ")
     assert text.endswith("disagreement falls from 2.8 to 1.4 kt.")
     in_m_s = selection.headline(fits, total, "ruc", per_kt=KNOT, units="m/s")
     assert in_m_s.endswith("falls from 1.4 to 0.7 m/s.")
     corrected["corrected_eastward_wind"][:] = headings["eastward_wind"].to_numpy() * 2
-    worse = selection.disagreement(headings, corrected, fits, "ruc").total
+    worse = selection.disagreement(headings, corrected, "ruc").total
     assert "rises from" in selection.headline(fits, worse, "ruc")
     nothing = fits.assign(status=fits["status"] * 0 + STATUS["too_few_reports"])
     wrong = fits.assign(status=fits["status"] * 0 + STATUS["implausible_reports"])

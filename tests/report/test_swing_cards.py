@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from airswing.errors import InputError
 from airswing.flags import STATUS
-from airswing.report.run.swing_cards import steer, swing_card_figure, write_swing_cards
+from airswing.report.run.swing_cards import steer, swing_card, write_swing_cards
 from tests.report import factories
 
 HEADINGS = factories.headings(aircraft=3, reports=120)
@@ -22,7 +22,7 @@ FITS = factories.fits(aircraft=3).assign_attrs(
 
 
 def texts(aircraft: str, fits=FITS) -> list[str]:
-    figure = swing_card_figure(HEADINGS, fits, aircraft, "ruc")
+    figure = swing_card(HEADINGS, fits, aircraft, "ruc", "kt")
     inside = [text for axes in figure.axes for text in axes.texts]
     shown = [text.get_text() for text in [*figure.texts, *inside]]
     return [*shown, *(line for text in shown for line in text.split("\n"))]
@@ -76,7 +76,7 @@ def test_a_card_has_what_a_workshop_needs() -> None:
 
 
 def test_the_drawing_is_that_of_the_page() -> None:
-    axes = swing_card_figure(HEADINGS, FITS, "N402", "ruc").axes[0]
+    axes = swing_card(HEADINGS, FITS, "N402", "ruc", "kt").axes[0]
     lines = {line.get_label(): line for line in axes.get_lines()}
     x, y = lines["fitted curve"].get_data()
     fit = FITS.sel(reference="ruc", aircraft="N402")

@@ -18,7 +18,7 @@ from airswing.compass.plausibility import heading_kind_warnings, plausibility_wa
 from airswing.config import Config
 from airswing.evaluation.monitoring import change_warnings
 from airswing.flags import STATUS
-from airswing.report.html.style import Units, shown_per_kt
+from airswing.report.html.text import Units, shown_per_kt
 from airswing.report.run.reading_warnings import reading_warnings, reference_warnings, tally
 from airswing.report.run.selection import BeforeAfter, kept_reports, screening_warnings
 from airswing.units import NORMAL_95

@@ -140,7 +140,7 @@ def run_job(job: Job) -> Results:
         headings = make_headings(job)
         fits = make_fits(job, headings)
         corrected = make_corrected(job, headings, fits)
-        apart = disagreement(headings, corrected, fits, main_reference(job.config))
+        apart = disagreement(headings, corrected, main_reference(job.config))
         summary = summarise(job.config, headings, fits, apart)
         evaluation = make_evaluation(job, headings, fits, corrected)
         if evaluation.monitoring is not None:

@@ -19,32 +19,16 @@ from matplotlib.ticker import LogFormatter
 from numpy.typing import NDArray
 
 from airswing.report.gap.words import Entry, number, p_text, place_sentence, plain_name, slice_words
+from airswing.report.html import style
 from airswing.report.html.maps import draw_map, view_of
-from airswing.report.html.style import (
-    BLUE,
-    DIVERGING,
-    FAINT,
-    GREEN,
-    INK,
-    ORANGE,
-    SKY,
-    SOFT,
-    VERMILION,
-    CaptionedFigure,
-    Units,
-    empty_figure,
-    new_figure,
-    plural,
-    shown_per_kt,
-    shown_per_m_s,
-    styled,
-)
-from airswing.report.run.fleet import rows_axis
-from airswing.report.run.heading_error import Binned, draw_heading_error
+from airswing.report.html.style import BLUE, FAINT, INK, ORANGE, SKY, SOFT, rows_axis, zero_line
+from airswing.report.html.text import Units, plural, shown_per_kt, shown_per_m_s
+from airswing.report.run.heading_error import Binned, draw_heading_error, small_panels
 from airswing.units import NORMAL_95
 
 Floats = NDArray[np.float64]
-_OCTANTS = {"compass_offset": 0, "hard_iron": 1, "soft_iron": 2}
+# Cycles of the deviation of each compass effect.
+_CYCLES = {"compass_offset": 0, "hard_iron": 1, "soft_iron": 2}
 # Fraction of a colour scale's half width beyond which a cell is too dark for dark text.
 _DARK = 0.62
 _CATEGORIES = {"phase": ("ascent", "cruise", "descent"), "icing": ("off", "on")}
@@ -57,8 +41,7 @@ def _reports(gap: Entry) -> str:
 # --- closure and effects -----------------------------------------------------------------------
 
 
-@styled
-def waterfall_figure(gap: Entry, *, units: Units = "kt") -> Figure:
+def waterfall_figure(gap: Entry, units: Units) -> Figure:
     """Draw how the disagreement falls with each effect, down to the noise floor."""
     factor = shown_per_kt(units)
     steps = [
@@ -66,36 +49,29 @@ def waterfall_figure(gap: Entry, *, units: Units = "kt") -> Figure:
         for before, step in pairwise(gap.get("waterfall") or ())
         if step["step_ci"] is not None
     ]
-    before, floor = (
-        factor * number(value)
-        for value in (gap["closure"]["before"], gap["gap"].get("noise_floor_kt"))
-    )
-    end = factor * number(gap["closure"]["after"])
+    levels = gap["closure"]["before"], gap["closure"]["after"], gap["gap"].get("noise_floor_kt")
+    before, end, floor = (factor * number(value) for value in levels)
     labels = ["simulation so far", *(f"+ {plain_name(name)}" for name, *_ in steps)]
-    figure = new_figure(1.5 + 0.42 * (len(labels) + 2))
+    figure = style.new_figure(1.5 + 0.42 * (len(labels) + 2))
     axes = figure.add_subplot()
-    axes.barh(0, before, color=SOFT, height=0.62)
     previous = before
     for row, (_, step, interval) in enumerate(steps, 1):
-        level = factor * step
+        level, ends = factor * step, [factor * bound for bound in interval]
         colour = BLUE if level <= previous else ORANGE
         axes.barh(row, level - previous, left=previous, color=colour, height=0.62)
         axes.plot([previous, previous], [row - 1.31, row + 0.31], color=SOFT, linewidth=0.8)
-        ends = [factor * bound for bound in interval]
         axes.plot(ends, [row, row], color=INK, linewidth=1.2, zorder=4)
-        left = min([level, previous, *ends])
-        _label(axes, f"{level - previous:+.2f}", left, row, side="right")
+        _label(axes, f"{level - previous:+.2f}", min([level, previous, *ends]), row, side="right")
         previous = level
-    bars = [("with all effects", end, GREEN)]
-    bars += [("noise floor", floor, FAINT)] if np.isfinite(floor) else []
-    for row, (label, level, colour) in enumerate(bars, len(labels)):
+    last = [(len(labels), "with all effects", end, style.GREEN)]
+    if np.isfinite(floor):
+        last.append((len(labels) + 1, "noise floor", floor, FAINT))
+    for row, _, level, colour in [(0, "", before, SOFT), *last]:
         axes.barh(row, level, color=colour, height=0.62)
         _label(axes, f"{level:.2f} {units}", level, row, side="left")
-        labels = [*labels, label]
-    _label(axes, f"{before:.2f} {units}", before, 0, side="left")
-    rows_axis(axes, labels)
+    labels += [label for _, label, *_ in last]
+    rows_axis(axes, labels, f"mean vector disagreement on held-out flights ({units})")
     axes.set_xlim(0, 1.14 * max(before, end))
-    axes.set_xlabel(f"mean vector disagreement on held-out flights ({units})")
     return figure.say(
         f"Closure of the gap ({_reports(gap)}): disagreement of reports and simulation, the step "
         "of each effect added in turn (black: 95 % interval), what remains, and the noise floor "
@@ -104,54 +80,44 @@ def waterfall_figure(gap: Entry, *, units: Units = "kt") -> Figure:
 
 
 def _label(axes: Axes, text: str, x: float, row: int, *, side: str) -> None:
-    axes.annotate(
-        text,
-        (x, row),
-        xytext=(-5 if side == "right" else 5, 0),
-        textcoords="offset points",
-        ha=side,
-        va="center",
-        fontsize=9,
-        bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.8},
-    )
+    look: dict[str, Any] = {"ha": side, "va": "center", "fontsize": 9}
+    look["bbox"] = {"facecolor": "white", "edgecolor": "none", "pad": 0.8}
+    points = (-5 if side == "right" else 5, 0)
+    axes.annotate(text, (x, row), xytext=points, textcoords="offset points", **look)
 
 
 def _deviation_of(gap: Entry, tail: str) -> tuple[Floats, Floats]:
     """Return coefficients A to E of the compass effects found on an aircraft, and their errors."""
     value, error = np.zeros(5), np.zeros(5)
     for effect in gap["effects"]:
-        cycles = _OCTANTS.get(effect["name"])
+        cycles = _CYCLES.get(effect["name"])
         if cycles is None or (effect.get("tails") and tail not in effect["tails"]):
             continue
         entry = (effect.get("per_tail") or {}).get(tail) or effect
         parameters, errors = entry["parameters"], entry.get("standard_errors") or {}
-        if cycles == 0:
-            value[0] += number(parameters.get("offset_deg"))
-            error[0] = np.hypot(error[0], np.nan_to_num(number(errors.get("offset_deg"))))
-            continue
-        amplitude, phase = number(parameters["amplitude_deg"]), np.radians(parameters["phase_deg"])
-        places = slice(2 * cycles - 1, 2 * cycles + 1)
-        value[places] += amplitude * np.array([np.cos(phase), np.sin(phase)])
-        error[places] = np.hypot(error[places], np.nan_to_num(number(errors.get("amplitude_deg"))))
+        name, places, shape = "offset_deg", slice(0, 1), np.ones(1)
+        if cycles:
+            name, places = "amplitude_deg", slice(2 * cycles - 1, 2 * cycles + 1)
+            phase = np.radians(parameters["phase_deg"])
+            shape = np.array([np.cos(phase), np.sin(phase)])
+        value[places] += number(parameters.get(name)) * shape
+        error[places] = np.hypot(error[places], np.nan_to_num(number(errors.get(name))))
     return value, error
 
 
-@styled
 def compass_effects_figure(maps: xr.Dataset, gap: Entry) -> Figure:
     """Draw the heading error of the aircraft with compass effects, and those effects as a curve."""
     known = [str(tail) for tail in maps["aircraft"].to_numpy()]
     found = {tail: _deviation_of(gap, tail) for tail in known}
     tails = [tail for tail in known if np.any(found[tail][0])][:12]
     if not tails:
-        return empty_figure("No constant compass effect was found")
-    rows = -(-len(tails) // 4)
-    figure = new_figure(0.5 + 1.9 * rows)
-    grid = figure.subplots(rows, 4, sharex=True, sharey=True, squeeze=False)
+        return style.empty_figure("No constant compass effect was found")
+    figure, panels = small_panels(len(tails))
     shown = maps.sel(aircraft=tails)
     value, error = (shown[f"heading_map{end}"].to_numpy() for end in ("", "_standard_error"))
-    centres = maps["octant"].to_numpy().astype(float)
+    centres, half = maps["octant"].to_numpy().astype(float), NORMAL_95 * np.nan_to_num(error)
     limit = max(3.0, 1.1 * float(np.nanmax(np.abs(value) + np.nan_to_num(error))))
-    for place, (axes, tail) in enumerate(zip(grid.flat, tails, strict=False)):
+    for place, (axes, tail) in enumerate(zip(panels, tails, strict=True)):
         coefficients, errors = found[tail]
         fit = xr.Dataset(
             {
@@ -162,35 +128,31 @@ def compass_effects_figure(maps: xr.Dataset, gap: Entry) -> Figure:
                 "status": 0,
             }
         )
-        good = np.isfinite(value[place])
-        half = NORMAL_95 * np.nan_to_num(error[place][good])
-        bins = Binned(centres[good], value[place][good], half, np.ones(good.sum(), np.int64))
-        none = np.empty(0)
+        good, none = np.isfinite(value[place]), np.empty(0)
+        bins = Binned(centres[good], value[place][good], half[place][good])
         draw_heading_error(axes, none, none, fit, limit=limit, small=True, bins=bins)
         axes.set_title(tail, fontsize=9)
-    for axes in grid.flat[len(tails) :]:
-        axes.axis("off")
     return figure.say(
         "Heading error (degree) against magnetic heading (degree) of the aircraft with compass "
-        f"effects (n = {plural(len(tails), 'aircraft', 'aircraft')}): means in octants of what the "
+        f"effects (n = {plural(len(tails), 'aircraft')}): means in octants of what the "
         "simulation leaves, and the sum of compass offset, hard iron and soft iron found, both "
         "with 95 % intervals."
     )
 
 
-@styled
-def unknown_curve_figure(place: Entry | Any, *, units: Units = "kt") -> Figure:
+def unknown_curve_figure(place: Entry, units: Units) -> Figure:
     """Draw the fitted curve or table of an error that no catalogue effect explains."""
     curve = place["curve"]
     edges = [np.asarray(bounds, float) for bounds in curve.get("edges") or []]
     variables = [str(name) for name in curve.get("variables") or place.get("variables") or []]
-    unit = str(curve.get("unit") or "m/s")
-    factor = shown_per_m_s(units) if unit == "m/s" else 1.0
+    unit, factor = str(curve.get("unit") or "m/s"), 1.0
+    if unit == "m/s":
+        unit, factor = units, shown_per_m_s(units)
     values = curve["values"] if curve.get("values") is not None else curve["m_s"]
     value = factor * np.asarray([number(one) for one in values], float)
-    unit = units if unit == "m/s" else unit
+    colours = [BLUE if one >= 0 else ORANGE for one in np.nan_to_num(value)]
     labels = [_axis_label(name, curve, k) for k, name in enumerate(variables)]
-    figure = new_figure(2.9)
+    figure = style.new_figure(2.9)
     axes = figure.add_subplot()
     what = f"fitted residual ({unit})"
     if place["component"] == "reported_speed" and edges:
@@ -200,30 +162,27 @@ def unknown_curve_figure(place: Entry | Any, *, units: Units = "kt") -> Figure:
         axes.set_xlabel(f"simulated wind speed ({units})")
         axes.set_ylabel(f"reported wind speed ({units})")
     elif len(edges) == 1 and edges[0].size == value.size + 1:
-        colours = [BLUE if one >= 0 else ORANGE for one in np.nan_to_num(value)]
         axes.bar(edges[0][:-1], value, np.diff(edges[0]), align="edge", color=colours)
-        axes.axhline(0.0, color=INK, linewidth=0.8)
-        axes.set_xlabel(labels[0])
-        axes.set_ylabel(what)
+        zero_line(axes, across=True)
+        axes.set(xlabel=labels[0], ylabel=what)
         _set_ticks(axes.xaxis, variables[0], edges[0])
     elif len(edges) == 2:
         shown = value.reshape(edges[0].size - 1, edges[1].size - 1)
         most = max(float(np.nanmax(np.abs(shown))), 1e-9)
-        mesh = axes.pcolormesh(*edges, shown.T, cmap=DIVERGING, vmin=-most, vmax=most)
-        axes.set_xlabel(labels[0])
-        axes.set_ylabel(labels[1])
-        _set_ticks(axes.xaxis, variables[0], edges[0])
-        _set_ticks(axes.yaxis, variables[1], edges[1])
+        mesh = axes.pcolormesh(*edges, shown.T, cmap=style.DIVERGING, vmin=-most, vmax=most)
+        axes.set(xlabel=labels[0], ylabel=labels[1])
+        for axis, name, bounds in zip((axes.xaxis, axes.yaxis), variables, edges, strict=True):
+            _set_ticks(axis, name, bounds)
         figure.colorbar(mesh, ax=axes, label=what)
     else:
         names = [str(label) for label in curve["labels"]]
-        axes.bar(names, value, color=[BLUE if v >= 0 else ORANGE for v in np.nan_to_num(value)])
-        axes.axhline(0.0, color=INK, linewidth=0.8)
+        axes.bar(names, value, color=colours)
+        zero_line(axes, across=True)
         axes.margins(x=max(0.05, 0.5 - 0.1 * value.size))
         axes.tick_params(axis="x", labelrotation=45 if len(names) > 8 else 0, labelsize=8.5)
         axes.set_ylabel(what)
-    words = place_sentence(place, {}, units=units).rstrip(".")
-    return figure.say(f"{words} (n = {plural(int(value.size), 'value')}).")
+    sentence = place_sentence(place, {}, units=units).rstrip(".")
+    return figure.say(f"{sentence} (n = {plural(int(value.size), 'value')}).")
 
 
 def _axis_label(name: str, curve: Entry, place: int) -> str:
@@ -245,14 +204,13 @@ def _set_ticks(axis: Axis, variable: str, edges: Floats) -> None:
 # --- location -----------------------------------------------------------------------------------
 
 
-@styled
 def slices_figure(where: Sequence[Entry]) -> Figure:
     """Draw the slices of the archive with the largest shares of the gap, at most 15."""
     rows = sorted(where, key=lambda entry: -entry["share_of_gap"])[:15]
     rows = [entry for entry in rows if entry["share_of_gap"] >= 0.005] or rows[:3]
     if not rows:
-        return empty_figure("No slice has a larger share of the gap than noise")
-    figure = new_figure(1.0 + 0.3 * len(rows))
+        return style.empty_figure("No slice has a larger share of the gap than noise")
+    figure = style.new_figure(1.0 + 0.3 * len(rows))
     axes = figure.add_subplot()
     share = 100 * np.array([entry["share_of_gap"] for entry in rows])
     q_values = [number(entry.get("q_value")) for entry in rows]
@@ -261,11 +219,10 @@ def slices_figure(where: Sequence[Entry]) -> Figure:
     for row, value in enumerate(q_values):
         text = f"  {share[row]:.0f} %   q {p_text(value)}"
         axes.text(max(share[row], 0), row, text, va="center", fontsize=8.5)
-    rows_axis(axes, [slice_words(entry) for entry in rows])
+    rows_axis(axes, [slice_words(entry) for entry in rows], "share of the gap's variance (%)")
     axes.axvline(0.0, color=SOFT, linewidth=0.8)
     axes.set_xlim(right=max(float(share.max()) * 1.4, 5.0))
     axes.set_xticks([tick for tick in axes.get_xticks() if tick <= 100.0])
-    axes.set_xlabel("share of the gap's variance (%)")
     return figure.say(
         f"Slices of the archive by their cross-validated share of the gap (n = "
         f"{plural(len(rows), 'slice')}). Blue: significant at a false-discovery rate of 5 % (q "
@@ -291,7 +248,6 @@ def _edges(centres: Floats) -> Floats:
     return np.concatenate([[first], middle, [last]])
 
 
-@styled
 def aircraft_heading_figure(maps: xr.Dataset, gap: Entry) -> Figure:
     """Draw the mean heading error by aircraft and magnetic heading."""
     centres = np.asarray(maps["octant"].to_numpy(), float)
@@ -299,11 +255,9 @@ def aircraft_heading_figure(maps: xr.Dataset, gap: Entry) -> Figure:
     error = _cells(maps, "heading_map_standard_error", "aircraft", "octant")
     figure, axes = _aircraft_grid(maps, centres, shown, gap)
     if len(shown) <= 60:
-        strong = np.argwhere(np.abs(shown) > 2 * error)
-        cells = [(centres[column], row, shown[row, column]) for row, column in strong]
-        _print_cells(axes, cells, _even_limit(shown), decimals=1)
-    axes.set_xticks(range(0, 361, 45))
-    axes.set_xlabel("indicated magnetic heading (degree)")
+        strong = np.where(np.abs(shown) > 2 * error, shown, np.nan)
+        _print_cells(axes, strong, _even_limit(shown), centres, decimals=1)
+    axes.set(xticks=range(0, 361, 45), xlabel="indicated magnetic heading (degree)")
     first = min(float(_edges(centres)[0]), 0.0)
     axes.set_xlim(first, 360.0 + first)
     return figure.say(
@@ -313,7 +267,6 @@ def aircraft_heading_figure(maps: xr.Dataset, gap: Entry) -> Figure:
     )
 
 
-@styled
 def aircraft_time_figure(maps: xr.Dataset, gap: Entry) -> Figure:
     """Draw the mean heading error by aircraft and week."""
     weeks = maps["day"].to_numpy().min() + maps["week"].to_numpy().astype("timedelta64[W]")
@@ -330,43 +283,37 @@ def aircraft_time_figure(maps: xr.Dataset, gap: Entry) -> Figure:
 
 def _aircraft_grid(
     maps: xr.Dataset, centres: Floats, shown: Floats, gap: Entry
-) -> tuple[CaptionedFigure, Axes]:
+) -> tuple[style.CaptionedFigure, Axes]:
     tails = [str(tail) for tail in maps["aircraft"].to_numpy()]
     affected = {tail for effect in gap["effects"] for tail in effect["tails"]}
-    figure = new_figure(1.25 + max(0.19 * len(tails), 1.4))
+    figure = style.new_figure(1.25 + max(0.19 * len(tails), 1.4))
     axes = figure.add_subplot()
     limit = _even_limit(shown)
     edges, rows = _edges(centres), np.arange(len(tails) + 1) - 0.5
-    drawn = axes.pcolormesh(edges, rows, shown, cmap=DIVERGING, vmin=-limit, vmax=limit)
+    look: dict[str, Any] = {"cmap": style.DIVERGING, "vmin": -limit, "vmax": limit}
+    drawn = axes.pcolormesh(edges, rows, shown, **look)
     rows_axis(axes, tails)
     axes.set_ylim(len(tails) - 0.5, -0.5)
     for label in axes.get_yticklabels():
         if label.get_text() in affected:
-            label.set_fontweight("bold")
-            label.set_color(VERMILION)
+            label.set(fontweight="bold", color=style.VERMILION)
     axes.grid(visible=False)
     figure.colorbar(drawn, ax=axes, label="mean heading error (degree)", pad=0.01, extend="both")
     return figure, axes
 
 
-def _print_cells(
-    axes: Axes, cells: Sequence[tuple[float, float, float]], limit: float, *, decimals: int
-) -> None:
-    """Print (x, y, value) into the cells of a map, white on dark colours."""
-    for x, y, value in cells:
+def _print_cells(axes: Axes, cells: Floats, limit: float, x: Floats, *, decimals: int) -> None:
+    """Print the finite values into the cells (row, column) of a map, white on dark colours."""
+    for row, column in np.argwhere(np.isfinite(cells)):
+        value = cells[row, column]
         colour = "white" if abs(value) > _DARK * limit else INK
         text = f"{round(value, decimals) + 0.0:+.{decimals}f}"
-        axes.text(x, y, text, ha="center", va="center", fontsize=7.5, color=colour)
+        axes.text(x[column], row, text, ha="center", va="center", fontsize=7.5, color=colour)
 
 
-@styled
-def phase_level_figure(maps: xr.Dataset, gap: Entry, *, units: Units = "kt") -> Figure:
+def phase_level_figure(maps: xr.Dataset, gap: Entry, units: Units) -> Figure:
     """Draw the mean residual by phase of flight and level, along and across the heading."""
-    factor = shown_per_m_s(units)
-    across = factor * _cells(maps, "level_map_cross", "phase", "level")
-    along = factor * _cells(maps, "level_map_along", "phase", "level")
     level = np.asarray(maps["level"].to_numpy(), float)
-    filled, upwards = np.flatnonzero(np.isfinite(across).any(axis=1)), np.argsort(-level)
     # Layer boundaries from their middles: the first layer begins at zero pressure.
     bounds = [0.0]
     for middle in level:
@@ -375,20 +322,23 @@ def phase_level_figure(maps: xr.Dataset, gap: Entry, *, units: Units = "kt") -> 
         f"{top:.0f}-{bottom:.0f}" if top else f"above {bottom:.0f}"
         for top, bottom in pairwise(bounds)
     ]
-    pick = np.ix_(filled, upwards)
-    limit = _even_limit(np.concatenate([across[pick].ravel(), along[pick].ravel()]), least=0.2)
-    figure = new_figure(1.4 + 0.36 * level.size)
+    upwards = np.argsort(-level)
+    ways = ("level_map_along", "level_map_cross")
+    both = np.array([_cells(maps, way, "level", "phase") for way in ways])
+    filled = np.flatnonzero(np.isfinite(both[1]).any(axis=0))
+    both = shown_per_m_s(units) * both[:, upwards][..., filled]
+    limit = _even_limit(both, least=0.2)
+    figure = style.new_figure(1.4 + 0.36 * level.size)
     panels = figure.subplots(1, 2, sharey=True)
-    shown = {"along the heading": along[pick].T, "across the heading": across[pick].T}
-    for axes, (title, value) in zip(panels, shown.items(), strict=True):
-        look: dict[str, Any] = {"cmap": DIVERGING, "vmin": -limit, "vmax": limit}
+    titles = ("along the heading", "across the heading")
+    for axes, title, value in zip(panels, titles, both, strict=True):
+        look: dict[str, Any] = {"cmap": style.DIVERGING, "vmin": -limit, "vmax": limit}
         drawn = axes.imshow(value, origin="lower", aspect="auto", **look)
         axes.set_title(title)
         axes.set_xticks(range(filled.size), [str(maps["phase"].to_numpy()[i]) for i in filled])
         axes.set_yticks(range(level.size), [names[one] for one in upwards])
         axes.grid(visible=False)
-        cells = [(x, y, cell) for (y, x), cell in np.ndenumerate(value) if np.isfinite(cell)]
-        _print_cells(axes, cells, limit, decimals=2)
+        _print_cells(axes, value, limit, np.arange(filled.size, dtype=float), decimals=2)
     panels[0].set_ylabel("layer (hPa)")
     figure.colorbar(drawn, ax=list(panels), label=f"mean residual ({units})", pad=0.01)
     return figure.say(
@@ -397,18 +347,17 @@ def phase_level_figure(maps: xr.Dataset, gap: Entry, *, units: Units = "kt") -> 
     )
 
 
-@styled
-def gap_map_figure(maps: xr.Dataset, gap: Entry, *, units: Units = "kt") -> Figure:
+def gap_map_figure(maps: xr.Dataset, gap: Entry, units: Units) -> Figure:
     """Draw a map of the mean residual: length by colour, direction by arrows."""
     factor = shown_per_m_s(units)
     lon, lat = (np.asarray(maps[name].to_numpy(), float) for name in ("longitude", "latitude"))
     u, v = (factor * _cells(maps, f"region_map_{way}", "latitude", "longitude") for way in "uv")
     filled = np.isfinite(u) & np.isfinite(v)
     if not filled.any():
-        return empty_figure("No cell has enough reports for a map")
+        return style.empty_figure("No cell has enough reports for a map")
     rows, columns = np.nonzero(filled)
     view = view_of(lon[columns], lat[rows], margin=0.1)
-    figure = new_figure(min(8.2 * view.height_over_width, 6.5) + 0.7)
+    figure = style.new_figure(min(8.2 * view.height_over_width, 6.5) + 0.7)
     axes = figure.add_subplot()
     speed = np.hypot(u, v)
     length = _even_limit(speed)
@@ -431,7 +380,6 @@ def gap_map_figure(maps: xr.Dataset, gap: Entry, *, units: Units = "kt") -> Figu
 # --- statistics ------------------------------------------------------------------------------
 
 
-@styled
 def evidence_figure(gap: Entry) -> Figure:
     """Draw the log Bayes factor of the best candidate of each effect, the 20 largest."""
     best: dict[str, float] = {}
@@ -441,10 +389,10 @@ def evidence_figure(gap: Entry) -> Figure:
             best[row["name"]] = max(log_factor, best.get(row["name"], -np.inf))
     best = dict(sorted(best.items(), key=lambda item: -item[1])[:20])
     if not best:
-        return empty_figure("No effect of the catalogue could be tested")
+        return style.empty_figure("No effect of the catalogue could be tested")
     chosen = {effect["name"] for effect in gap["effects"]}
     ambiguous = {name for effect in gap["effects"] for name in effect["ambiguous_with"]}
-    figure = new_figure(1.0 + 0.27 * len(best))
+    figure = style.new_figure(1.0 + 0.27 * len(best))
     axes = figure.add_subplot()
     colours = [BLUE if name in chosen else SKY if name in ambiguous else FAINT for name in best]
     positive = np.clip(list(best.values()), 0.0, None)
@@ -453,9 +401,9 @@ def evidence_figure(gap: Entry) -> Figure:
     axes.xaxis.set_major_formatter(LogFormatter(linthresh=10.0))
     for row, value in enumerate(best.values()):
         axes.text(positive[row], row, f"  {round(value):,}", va="center", fontsize=8.5)
-    rows_axis(axes, [plain_name(name) for name in best])
+    label = "log Bayes factor against no effect (linear to 10, then logarithmic)"
+    rows_axis(axes, [plain_name(name) for name in best], label)
     axes.set_xlim(0, max(float(positive.max(initial=10.0)) * 2.5, 20.0))
-    axes.set_xlabel("log Bayes factor against no effect (linear to 10, then logarithmic)")
     return figure.say(
         f"Log Bayes factor of each catalogue effect ({_reports(gap)}). Dark blue: found; light "
         "blue: ambiguous with one found; grey: neither. Effects with similar columns share "
@@ -463,7 +411,6 @@ def evidence_figure(gap: Entry) -> Figure:
     )
 
 
-@styled
 def probability_figure(gap: Entry, tails: Sequence[str]) -> Figure:
     """Draw the probability that each aircraft is affected by each effect found."""
     found: dict[str, list[float]] = {}
@@ -473,9 +420,9 @@ def probability_figure(gap: Entry, tails: Sequence[str]) -> Figure:
             if len(chances) == len(tails):
                 found.setdefault(row["name"], chances)
     if not found:
-        return empty_figure("No effect on single aircraft was found")
+        return style.empty_figure("No effect on single aircraft was found")
     value = np.array(list(found.values()), float)
-    figure = new_figure(max(1.3 + 0.36 * len(value), 2.1))
+    figure = style.new_figure(max(1.3 + 0.36 * len(value), 2.1))
     axes = figure.add_subplot()
     drawn = axes.imshow(value, cmap="Blues", vmin=0, vmax=1, aspect="auto")
     # About 80 letters fit side by side.
@@ -492,25 +439,19 @@ def probability_figure(gap: Entry, tails: Sequence[str]) -> Figure:
     figure.colorbar(drawn, ax=axes, label="probability", pad=0.01)
     return figure.say(
         "Probability that an aircraft is affected, by effect (n = "
-        f"{plural(len(tails), 'aircraft', 'aircraft')})."
+        f"{plural(len(tails), 'aircraft')})."
     )
 
 
-@styled
 def autocorrelation_figure(gap: Entry) -> Figure:
     """Draw the autocovariance of residuals along flights, and the noise model."""
-    noise = gap.get("noise") or {}
-    if not noise.get("distance_km"):
-        return empty_figure("No noise model")
-    distance, measured, model = (
-        [number(one) for one in noise[name]]
-        for name in ("distance_km", "autocovariance", "autocovariance_model")
-    )
-    figure = new_figure(3.2)
+    names = ("distance_km", "autocovariance", "autocovariance_model")
+    distance, measured, model = ([number(one) for one in gap["noise"][name]] for name in names)
+    figure = style.new_figure(3.2)
     axes = figure.add_subplot()
     axes.plot(distance, measured, "o", color=INK, markersize=4, label="measured", clip_on=False)
     axes.plot(distance, model, color=BLUE, label="noise model")
-    axes.axhline(0.0, color=INK, linewidth=0.8)
+    zero_line(axes, across=True)
     axes.set_xlim(left=0)
     axes.set_xlabel("distance along the flight (km)")
     axes.set_ylabel("autocovariance of residuals (m²/s²)")
@@ -522,14 +463,11 @@ def autocorrelation_figure(gap: Entry) -> Figure:
     )
 
 
-@styled
 def pit_figure(maps: xr.Dataset) -> Figure:
     """Draw the histogram of the probability integral transform (PIT) of held-out reports."""
-    if "pit_count" not in maps:
-        return empty_figure("No calibration on held-out reports")
     after, before = (maps[name].to_numpy() for name in ("pit_count", "pit_count_before"))
     edges = np.linspace(0.0, 1.0, after.size + 1)
-    figure = new_figure(3.0)
+    figure = style.new_figure(3.0)
     axes = figure.add_subplot()
     share, early = (count / max(count.sum(), 1) * count.size for count in (after, before))
     axes.stairs(share, edges, fill=True, color=SKY, label="with the effects")

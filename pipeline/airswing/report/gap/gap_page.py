@@ -1,4 +1,4 @@
-"""The page of a gap diagnosis: missing effects, closure, location and statistics of the gap.
+"""The page of a gap diagnosis, and a diagnosis that a notebook displays.
 
 Takes the content of ``gap.json`` (docs/formats.md) and the maps of ``gap.nc``. Whatever a file of
 another version lacks is omitted. ± and ranges in brackets are 95 % intervals throughout.
@@ -7,40 +7,35 @@ another version lacks is omitted. ± and ranges in brackets are 95 % intervals t
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Callable
+from dataclasses import fields
+from functools import partial, wraps
 from pathlib import Path
-from typing import Any
+from typing import ParamSpec
 
 import xarray as xr
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
+from airswing.gap.diagnose import Diagnosis
+from airswing.gap.diagnose import diagnose as _diagnose
 from airswing.products.whole_files import write_text
 from airswing.report.gap import figures as draw
+from airswing.report.gap import words
 from airswing.report.gap.words import (
     Entry,
     Report,
-    caution_lines,
     closure_text,
-    content_of,
-    headline,
     joined,
-    levels_text,
-    nature_of,
     number,
     p_text,
     parameters_text,
-    period_text,
-    place_sentence,
     plain_name,
-    slice_words,
-    start_words,
     who_text,
 )
 from airswing.report.html.document import (
     Column,
-    Row,
+    Figures,
     Section,
     described,
     document,
@@ -50,21 +45,23 @@ from airswing.report.html.document import (
     paragraph,
     table,
 )
-from airswing.report.html.embed import Figures
-from airswing.report.html.style import Units, garbage_collection_rare, shown_per_kt, shown_per_m_s
-from airswing.report.run.selection import interval_text, number_text, range_text
+from airswing.report.html.style import drawing
+from airswing.report.html.text import (
+    Units,
+    interval_text,
+    number_text,
+    range_text,
+    shown_per_kt,
+    shown_per_m_s,
+)
 from airswing.units import NORMAL_95
 from airswing.version import __version__
 
-_CALIBRATION = (
-    ("spread", "spread over predicted spread", "1"),
-    ("crps", "CRPS", ""),
-    ("lag_one", "correlation of neighbours on a flight", "0"),
-    ("auc", "area under the ROC curve of a classifier", "0.5"),
-)
+P = ParamSpec("P")
+_Drawn = Callable[..., list[Markup]]
 
 
-@garbage_collection_rare()
+@drawing()
 def write_gap_page(
     directory: Path, *, gap: Report | Entry, maps: xr.Dataset, units: Units = "kt"
 ) -> Path:
@@ -91,27 +88,28 @@ def write_gap_page(
     InputError
         If the page cannot be written.
     """
-    content = content_of(gap)
-    show = Figures(directory / "figures", units)
-    show.clear()
+    content = words.content_of(gap)
+    show, figures = Figures(directory / "figures", units), gap_figures(content, maps, units=units)
+
+    def drawn(*names: str) -> list[Markup]:
+        return [show(name, figures[name](), dpi=120) for name in names if name in figures]
+
     text = document(
         title="airswing: the sim-to-real gap",
         kicker="Gap between real and simulated reports",
-        headline=headline(content, units=units),
+        headline=words.headline(content, units=units),
         facts=_facts(content, units),
         sections=[
-            _what_section(content, maps, show),
-            _closure_section(content, show),
-            _where_section(content, maps, show),
+            _what_section(content, drawn, units),
+            _closure_section(content, drawn, units),
+            _where_section(content, drawn),
             _ambiguous_section(content),
             _claims_section(content, units),
-            _statistics_section(content, maps, show),
+            _statistics_section(content, drawn, units),
         ],
-        footer=[
-            f"airswing {__version__}. Disagreement is the mean length of the difference between "
-            "reported and simulated wind, on held-out flights. ± and ranges in brackets are 95 % "
-            "intervals. Map outline: Natural Earth and US Census Bureau, public domain."
-        ],
+        footer=f"airswing {__version__}. Disagreement is the mean length of the difference between "
+        "reported and simulated wind, on held-out flights. ± and ranges in brackets are 95 % "
+        "intervals. Map outline: Natural Earth and US Census Bureau, public domain.",
     )
     return write_text(directory / "index.html", text)
 
@@ -120,54 +118,46 @@ def gap_figures(
     gap: Report | Entry, maps: xr.Dataset, *, units: Units = "kt"
 ) -> dict[str, Callable[[], Figure]]:
     """Return functions that draw the figures of a diagnosis that have data, by name."""
-    content = content_of(gap)
+    content = words.content_of(gap)
     found: dict[str, Callable[[], Figure]] = {}
     compass = {"compass_offset", "hard_iron", "soft_iron"}
     if "heading_map" in maps and compass & {effect["name"] for effect in content["effects"]}:
-        found["compass_effects"] = lambda: draw.compass_effects_figure(maps, content)
+        found["compass_effects"] = partial(draw.compass_effects_figure, maps, content)
     for place, entry in enumerate(content["unknown"]["where"], 1):
-        found[f"unknown_{place}"] = partial(draw.unknown_curve_figure, entry, units=units)
+        found[f"unknown_{place}"] = partial(draw.unknown_curve_figure, entry, units)
     if content["effects"] or content["unknown"]["where"]:
-        found["waterfall"] = lambda: draw.waterfall_figure(content, units=units)
-    found["slices"] = lambda: draw.slices_figure(content.get("where") or ())
-    in_maps: dict[str, tuple[str, Callable[[], Figure]]] = {
-        "aircraft_heading": ("heading_map", lambda: draw.aircraft_heading_figure(maps, content)),
-        "phase_level": (
-            "level_map_cross",
-            lambda: draw.phase_level_figure(maps, content, units=units),
-        ),
-        "map": ("region_map_u", lambda: draw.gap_map_figure(maps, content, units=units)),
-        "aircraft_time": ("time_line", lambda: draw.aircraft_time_figure(maps, content)),
-        "pit": ("pit_count", lambda: draw.pit_figure(maps)),
-    }
-    found |= {name: figure for name, (needed, figure) in in_maps.items() if needed in maps}
+        found["waterfall"] = partial(draw.waterfall_figure, content, units)
+    found["slices"] = partial(draw.slices_figure, content.get("where") or ())
+    if "heading_map" in maps:
+        found["aircraft_heading"] = partial(draw.aircraft_heading_figure, maps, content)
+    if "level_map_cross" in maps:
+        found["phase_level"] = partial(draw.phase_level_figure, maps, content, units)
+    if "region_map_u" in maps:
+        found["map"] = partial(draw.gap_map_figure, maps, content, units)
+    if "time_line" in maps:
+        found["aircraft_time"] = partial(draw.aircraft_time_figure, maps, content)
+    if "pit_count" in maps:
+        found["pit"] = partial(draw.pit_figure, maps)
     if content.get("evidence"):
-        found["evidence"] = lambda: draw.evidence_figure(content)
+        found["evidence"] = partial(draw.evidence_figure, content)
         tails = [str(tail) for tail in maps["aircraft"].to_numpy()]
-        found["probability"] = lambda: draw.probability_figure(content, tails)
+        found["probability"] = partial(draw.probability_figure, content, tails)
     if (content.get("noise") or {}).get("distance_km"):
-        found["autocorrelation"] = lambda: draw.autocorrelation_figure(content)
+        found["autocorrelation"] = partial(draw.autocorrelation_figure, content)
     return found
-
-
-def _shown(names: Sequence[str], gap: Entry, maps: xr.Dataset, show: Figures) -> list[Markup]:
-    known = gap_figures(gap, maps, units=show.units)
-    return [show(name, known[name](), dpi=120) for name in names if name in known]
 
 
 def _facts(gap: Entry, units: Units) -> list[tuple[str, str]]:
     closure, factor = gap["closure"], shown_per_kt(units)
     before, after = number(closure["before"]), number(closure["after"])
-    found = bool(gap["effects"] or gap["unknown"]["where"])
     facts = [(f"{factor * before:.2f} {units}", "disagreement of reports and simulation")]
-    if found:
-        interval = range_text(closure.get("ci"), factor=factor)
+    if gap["effects"] or gap["unknown"]["where"]:
+        interval, reduction = (
+            range_text(closure.get(name), factor=factor) for name in ("ci", "reduction_ci")
+        )
         facts = [
-            (levels_text(before, after, units=units), f"with the effects found{interval}"),
-            (
-                closure_text(closure, units=units).split(" (")[0],
-                f"reduction{range_text(closure.get('reduction_ci'), factor=factor)}",
-            ),
+            (words.levels_text(before, after, units=units), f"with the effects found{interval}"),
+            (closure_text(closure, units=units).split(" (")[0], f"reduction{reduction}"),
         ]
     floor = number(gap["gap"].get("noise_floor_kt"))
     if math.isfinite(floor):
@@ -176,98 +166,85 @@ def _facts(gap: Entry, units: Units) -> list[tuple[str, str]]:
     return [*facts, (p_value, "p value of the gap")]
 
 
-def _what_section(gap: Entry, maps: xr.Dataset, show: Figures) -> Section:
-    units, effects = show.units, gap["effects"]
-    places, fleet = gap["unknown"]["where"], int((gap.get("counts") or {}).get("aircraft") or 0)
+def _effect_columns(gap: Entry, units: Units) -> list[Column]:
+    effects, fleet = gap["effects"], words.fleet_of(gap)
+    rivals = [joined([plain_name(name) for name in one["ambiguous_with"]]) for one in effects]
+    shares = [f"{100 * number(one.get('share_of_gap')):.0f} %" for one in effects]
+    closes = [closure_text(one.get("closure"), units=units) for one in effects]
+    sizes = [parameters_text(one, units=units) or "-" for one in effects]
+    return [
+        Column("effect", [plain_name(one["name"]) for one in effects], "long"),
+        Column("aircraft", [who_text(one, fleet) for one in effects], "long"),
+        Column("parameters", sizes, "long"),
+        Column("period", [words.period_text(one) or "always" for one in effects], "words"),
+        Column("proba\u00adbility", [f"{number(one['probability']):.2f}" for one in effects]),
+        Column("closes", closes),
+        Column("share of the gap", shares),
+        Column("ambiguous with", [text or "-" for text in rivals], "long"),
+    ]
+
+
+def _what_section(gap: Entry, drawn: _Drawn, units: Units) -> Section:
+    effects, places = gap["effects"], gap["unknown"]["where"]
     parts: list[Markup] = []
-    if start := start_words(gap.get("known"), gap.get("simulation")).strip():
+    if start := words.start_words(gap.get("known"), gap.get("simulation")).strip():
         parts.append(paragraph(start))
     if effects:
-        rows = [
-            Row(
-                [
-                    plain_name(effect["name"]),
-                    who_text(effect, fleet),
-                    parameters_text(effect, units=units) or "-",
-                    period_text(effect) or "always",
-                    f"{number(effect['probability']):.2f}",
-                    closure_text(effect.get("closure"), units=units),
-                    f"{100 * number(effect.get('share_of_gap')):.0f} %",
-                    joined([plain_name(name) for name in effect["ambiguous_with"]]) or "-",
-                ]
-            )
-            for effect in effects
-        ]
-        columns = [Column(name, "long") for name in ("effect", "aircraft", "parameters")]
-        columns += [Column("period", "words"), Column("proba\u00adbility"), Column("closes")]
-        columns += [Column("share of the gap"), Column("ambiguous with", "long")]
         caption = (
-            f"Effects found (n = {len(rows)}), the largest share of the gap first. Parameters with "
-            "95 % intervals (±), or the range over aircraft."
+            f"Effects found (n = {len(effects)}), the largest share of the gap first. Parameters "
+            "with 95 % intervals (±), or the range over aircraft."
         )
-        parts.append(table(columns, rows, caption=caption))
+        parts.append(table(_effect_columns(gap, units), caption=caption))
     elif not places:
         parts.append(paragraph("No effect of the catalogue is needed to explain these reports."))
-    parts += _shown(["compass_effects"], gap, maps, show)
+    parts += drawn("compass_effects")
     for k, place in enumerate(places, 1):
-        parts.append(paragraph(place_sentence(place, gap, units=units), note=True))
+        parts.append(paragraph(words.place_sentence(place, gap, units=units), note=True))
         if place.get("settled_by"):
             parts.append(paragraph(f"A measurement that would decide: {place['settled_by']}."))
-        parts += _shown([f"unknown_{k}"], gap, maps, show)
-    parts += [paragraph(line) for line in caution_lines(gap, units=units)]
+        parts += drawn(f"unknown_{k}")
+    parts += [paragraph(line) for line in words.caution_lines(gap, units=units)]
     each = [
-        Row([tail, plain_name(effect["name"]), parameters_text(entry, units=units)])
+        (tail, plain_name(effect["name"]), parameters_text(entry, units=units))
         for effect in effects
         for tail, entry in (effect.get("per_tail") or {}).items()
     ]
     if each:
-        columns = [Column("aircraft", "words"), Column("effect", "long")]
-        inner = table([*columns, Column("parameters", "long")], each)
+        kinds = {"aircraft": "words", "effect": "long", "parameters": "long"}
+        cells = zip(kinds.items(), zip(*each, strict=True), strict=True)
+        inner = table([Column(title, column, kind) for (title, kind), column in cells])
         parts.append(folded("Parameters of each aircraft", [inner]))
-    natures = [nature_of(name) for name in dict.fromkeys(effect["name"] for effect in effects)]
-    described_ones = [
-        described(f"{one.title}.", one.physics, [one.source, one.confused])
-        for one in natures
-        if one
-    ]
-    if described_ones:
-        parts.append(folded("Physics of the effects found", [listing(described_ones)]))
+    known = dict.fromkeys(effect["name"] for effect in effects)
+    physics = [described(*nature) for name in known if (nature := words.nature_of(name))]
+    if physics:
+        parts.append(folded("Physics of the effects found", [listing(physics)]))
     return Section("what", "What is missing from the simulation", "", parts)
 
 
-def _closure_section(gap: Entry, show: Figures) -> Section:
-    closure, units, factor = gap["closure"], show.units, shown_per_kt(show.units)
+def _closure_section(gap: Entry, drawn: _Drawn, units: Units) -> Section:
+    closure, factor = gap["closure"], shown_per_kt(units)
     before, after = factor * number(closure["before"]), factor * number(closure["after"])
     interval = range_text(closure.get("ci"), factor=factor) or " (no interval from one day)"
     text = (
         f"On {'held-out' if closure.get('held_out') else 'the same'} flights the disagreement is "
         f"{before:.2f} {units} without and {after:.2f} {units}{interval} with all effects stated."
     )
-    parts: list[Markup] = []
-    if gap["effects"] or gap["unknown"]["where"]:
-        parts.append(show("waterfall", draw.waterfall_figure(gap, units=units), dpi=120))
-    parts.append(paragraph(text))
-    return Section("closure", "How far the gap closes", "", parts)
+    return Section("closure", "How far the gap closes", "", [*drawn("waterfall"), paragraph(text)])
 
 
-def _where_section(gap: Entry, maps: xr.Dataset, show: Figures) -> Section:
-    parts = _shown(["slices", "aircraft_heading"], gap, maps, show)
-    inner = _shown(["phase_level", "map", "aircraft_time"], gap, maps, show)
-    rows = [
-        Row(
-            [
-                slice_words(entry),
-                f"{100 * entry['share_of_gap']:.1f} %",
-                p_text(entry.get("q_value")).removeprefix("= "),
-            ]
-        )
-        for entry in sorted(gap.get("slices") or (), key=lambda entry: -entry["share_of_gap"])
-    ]
-    if inner:
+def _where_section(gap: Entry, drawn: _Drawn) -> Section:
+    parts = drawn("slices", "aircraft_heading")
+    if inner := drawn("phase_level", "map", "aircraft_time"):
         parts.append(folded("By phase and level, on a map, by week", inner))
+    rows = sorted(gap.get("slices") or (), key=lambda entry: -entry["share_of_gap"])
     if rows:
-        columns = [Column("slice", "long"), Column("share of the gap"), Column("q value")]
-        parts.append(folded(f"All {len(rows)} slices", [table(columns, rows)]))
+        q_values = [p_text(entry.get("q_value")).removeprefix("= ") for entry in rows]
+        columns = [
+            Column("slice", map(words.slice_words, rows), "long"),
+            Column("share of the gap", [f"{100 * one['share_of_gap']:.1f} %" for one in rows]),
+            Column("q value", q_values),
+        ]
+        parts.append(folded(f"All {len(rows)} slices", [table(columns)]))
     lead = "Slices of the archive by their share of the gap, before any effect is assumed."
     return Section("where", "Where the gap is", lead, parts)
 
@@ -276,8 +253,7 @@ def _ambiguous_section(gap: Entry) -> Section:
     parts: list[Markup] = []
     lines = []
     for effect in gap["effects"]:
-        rivals = effect.get("ambiguity") or ()
-        if rivals:
+        if rivals := effect.get("ambiguity") or ():
             names = joined([plain_name(rival["name"]) for rival in rivals])
             needed = joined(list(dict.fromkeys(rival["separated_by"] for rival in rivals)))
             lines.append(
@@ -293,10 +269,10 @@ def _ambiguous_section(gap: Entry) -> Section:
     ]
     if similar:
         parts.append(folded("Effects with shared variance on these flights", [listing(similar)]))
-    if gap.get("untestable"):
-        rows = [Row([plain_name(name), reason]) for name, reason in gap["untestable"].items()]
-        columns = [Column("effect", "long"), Column("why", "long")]
-        parts += [heading("Effects that could not be tested"), table(columns, rows)]
+    if reasons := gap.get("untestable"):
+        columns = [Column("effect", map(plain_name, reasons), "long")]
+        columns.append(Column("why", reasons.values(), "long"))
+        parts += [heading("Effects that could not be tested"), table(columns)]
     if not parts:
         parts.append(paragraph("No effect found is ambiguous on these data."))
     return Section("ambiguous", "Ambiguous effects", "", parts)
@@ -308,6 +284,7 @@ def _claims_section(gap: Entry, units: Units) -> Section:
     if not claims:
         return Section("claims", title)
     if not claims.get("taken_off"):
+        text = "No effect was found, so the fitted deviations remain as they are."
         if gap["unknown"]["where"]:
             text = (
                 "An unexplained error is not subtracted before the fit: the fitted deviations "
@@ -315,8 +292,6 @@ def _claims_section(gap: Entry, units: Units) -> Section:
             )
         elif gap["effects"]:
             text = "Only compass effects were found, so the fitted deviations remain as they are."
-        else:
-            text = "No effect was found, so the fitted deviations remain as they are."
         return Section("claims", title, "", [paragraph(text)])
     names = joined([plain_name(name) for name in claims["taken_off"]])
     lead = (
@@ -336,80 +311,85 @@ def _claims_section(gap: Entry, units: Units) -> Section:
                 f"{after:.2f} {units}, {'within' if test['stays'] else 'outside'} its interval."
             )
         )
-    rows = []
-    for entry in claims.get("aircraft") or ():
-        cells = [entry["aircraft"]]
-        for key in ("offset_deg", "amplitude_deg"):
-            half = NORMAL_95 * number(entry[f"{key}_standard_error"])
-            cells += [interval_text(number(entry[key]), half), number_text(entry[f"{key}_after"])]
-        word = {True: "yes", False: "no", None: "not tested"}[entry["stays"]]
-        rows.append(Row([*cells, word], doubt=entry["stays"] is not True))
-    columns = [Column("aircraft", "words"), Column("offset (°)"), Column("afterwards")]
-    columns += [Column("amplitude (°)"), Column("afterwards"), Column("within the interval")]
+    rows = claims.get("aircraft") or ()
+    columns = [Column("aircraft", [entry["aircraft"] for entry in rows], "words")]
+    for name in ("offset", "amplitude"):
+        key = f"{name}_deg"
+        errors = [NORMAL_95 * number(entry[f"{key}_standard_error"]) for entry in rows]
+        sizes = zip([number(entry[key]) for entry in rows], errors, strict=True)
+        columns.append(Column(f"{name} (°)", [interval_text(*one) for one in sizes]))
+        columns.append(Column("afterwards", [number_text(one[f"{key}_after"]) for one in rows]))
+    answers = {True: "yes", False: "no", None: "not tested"}
+    columns.append(Column("within the interval", [answers[entry["stays"]] for entry in rows]))
     caption = f"Fits before and after the subtraction (n = {len(rows)})."
-    parts.append(folded("Each aircraft", [table(columns, rows, caption=caption)]))
+    inner = table(columns, caption=caption, doubt=[entry["stays"] is not True for entry in rows])
+    parts.append(folded("Each aircraft", [inner]))
     return Section("claims", title, lead, parts)
 
 
-def _statistics_section(gap: Entry, maps: xr.Dataset, show: Figures) -> Section:
+def _statistics_section(gap: Entry, drawn: _Drawn, units: Units) -> Section:
     parts: list[Markup] = []
-    assumptions = gap.get("assumptions") or ()
-    held = sum(bool(one["ok"]) for one in assumptions)
-    lead = f"{held} of {len(assumptions)} tested assumptions hold." if assumptions else ""
-    if assumptions:
-        rows = [
-            Row(
-                [one["assumption"], one["check"], one["result"], "yes" if one["ok"] else "no"],
-                doubt=not one["ok"],
-            )
-            for one in assumptions
+    tested = gap.get("assumptions") or ()
+    lead = ""
+    if tested:
+        held = [bool(one["ok"]) for one in tested]
+        lead = f"{sum(held)} of {len(tested)} tested assumptions hold."
+        columns = [
+            Column("assumption", [one["assumption"] for one in tested], "long"),
+            Column("test", [one["check"] for one in tested], "long"),
+            Column("result", [one["result"] for one in tested], "long"),
+            Column("holds", ["yes" if ok else "no" for ok in held]),
         ]
-        columns = [Column(name, "long") for name in ("assumption", "test", "result")]
         caption = (
             "Assumptions with their tests on these reports. One that does not hold (grey italics) "
             "makes intervals less certain; the effects stated rest on held-out flights."
         )
-        inner = table([*columns, Column("holds")], rows, caption=caption)
+        inner = table(columns, caption=caption, doubt=[not ok for ok in held])
         parts.append(folded("Assumptions", [inner]))
-    evidence = _shown(["evidence", "probability"], gap, maps, show)
-    if evidence:
-        parts.append(folded("Evidence for each effect", evidence))
-    calibration = _calibration(gap, show.units) + _shown(["pit"], gap, maps, show)
-    if calibration:
-        parts.append(folded("Calibration on held-out flights", calibration))
-    noise = _noise(gap, show.units) + _shown(["autocorrelation"], gap, maps, show)
-    if noise:
-        parts.append(folded("Noise model", noise))
+    calibration = _calibration(gap, units) + drawn("pit")
+    noise = _noise(gap, units) + drawn("autocorrelation")
+    for title, inner_parts in (
+        ("Evidence for each effect", drawn("evidence", "probability")),
+        ("Calibration on held-out flights", calibration),
+        ("Noise model", noise),
+    ):
+        if inner_parts:
+            parts.append(folded(title, inner_parts))
     return Section("statistics", "Statistics", lead, parts)
 
 
 def _calibration(gap: Entry, units: Units) -> list[Markup]:
-    pair, factor = gap.get("calibration"), shown_per_m_s(units)
     parts: list[Markup] = []
-    if pair:
-        rows = []
-        for key, label, ideal in _CALIBRATION:
-            name, scale = (f"{key}_m_s", factor) if key == "crps" else (key, 1.0)
-            values: list[Any] = [
-                scale * number(pair[when].get(name)) for when in ("before", "after")
-            ]
-            if key == "crps":
-                label = f"{label} ({units})"
-                ideal = number_text(scale * number(pair["after"].get("crps_expected_m_s")))
-            rows.append(Row([label, *(number_text(value) for value in values), ideal]))
-        columns = [Column("", "words"), Column("without the effects")]
-        columns += [Column("with the effects"), Column("if right")]
-        parts.append(table(columns, rows))
-    if placebo := gap.get("decoy"):
-        scale = shown_per_kt(units)
-        reduction = scale * number(placebo["reduction_kt"])
-        interval = range_text(placebo.get("reduction_ci_kt"), factor=scale)
-        parts.append(
-            paragraph(
-                f"Placebo: effects with the same columns but random dates and aircraft close "
-                f"{reduction:.2f} {units}{interval} ({placebo['draws']} draws)."
-            )
+    if pair := gap.get("calibration"):
+        factor = shown_per_m_s(units)
+        labels = {
+            "spread": "spread over predicted spread",
+            "crps_m_s": f"CRPS ({units})",
+            "lag_one": "correlation of neighbours on a flight",
+            "auc": "area under the ROC curve of a classifier",
+        }
+        scale = {"crps_m_s": factor}
+        without, with_effects = (
+            [number_text(pair[when].get(key), factor=scale.get(key, 1.0)) for key in labels]
+            for when in ("before", "after")
         )
+        crps = number_text(pair["after"].get("crps_expected_m_s"), factor=factor)
+        columns = [
+            Column("", labels.values(), "words"),
+            Column("without the effects", without),
+            Column("with the effects", with_effects),
+            Column("if right", ["1", crps, "0", "0.5"]),
+        ]
+        parts.append(table(columns))
+    if placebo := gap.get("decoy"):
+        factor = shown_per_kt(units)
+        reduction = factor * number(placebo["reduction_kt"])
+        interval = range_text(placebo.get("reduction_ci_kt"), factor=factor)
+        text = (
+            f"Placebo: effects with the same columns but random dates and aircraft close "
+            f"{reduction:.2f} {units}{interval} ({placebo['draws']} draws)."
+        )
+        parts.append(paragraph(text))
     return parts
 
 
@@ -417,13 +397,49 @@ def _noise(gap: Entry, units: Units) -> list[Markup]:
     noise, factor = gap.get("noise"), shown_per_m_s(units)
     if not noise:
         return []
-    rows = [
-        Row(
-            [f"correlated part ({units})", number_text(factor * number(noise["correlated_sd_m_s"]))]
-        ),
-        Row([f"white part ({units})", number_text(factor * number(noise["white_sd_m_s"]))]),
-        Row(["correlation length (km)", number_text(noise["length_km"], digits=0)]),
-        Row(["factor across the heading", number_text(noise.get("across_heading"))]),
-        Row(["factor along the heading", number_text(noise.get("along_heading"))]),
-    ]
-    return [table([Column("noise model", "words"), Column("fitted")], rows)]
+    fitted = {
+        f"correlated part ({units})": number_text(noise["correlated_sd_m_s"], factor=factor),
+        f"white part ({units})": number_text(noise["white_sd_m_s"], factor=factor),
+        "correlation length (km)": number_text(noise["length_km"], digits=0),
+        "factor across the heading": number_text(noise.get("across_heading")),
+        "factor along the heading": number_text(noise.get("along_heading")),
+    }
+    return [table([Column("noise model", fitted, "words"), Column("fitted", fitted.values())])]
+
+
+class ShownDiagnosis(Diagnosis):
+    """Result of :func:`airswing.diagnose`, with the figures of the gap's page."""
+
+    @property
+    def figures(self) -> dict[str, Figure]:
+        """The figures of the gap's page by name, newly drawn."""
+        with drawing():
+            return {name: draw() for name, draw in gap_figures(self.report, self.dataset).items()}
+
+    def _repr_html_(self) -> str:
+        gap = words.content_of(self.report)
+        found = [*gap["effects"], *gap["unknown"]["where"]]
+        names = [plain_name(effect["name"]) for effect in gap["effects"]]
+        for place in gap["unknown"]["where"]:
+            variables = " and ".join(place["variables"]).replace("_", " ")
+            names.append(f"unexplained, by {variables}")
+        columns = [
+            Column("effect", names),
+            Column("aircraft", [who_text(one, words.fleet_of(gap)) for one in found]),
+            Column("probability", [number_text(one["probability"]) for one in found]),
+            Column("closes", [closure_text(one.get("closure")) for one in found]),
+        ]
+        text = paragraph(words.headline(gap))
+        return str(text + table(columns) if found else text)
+
+
+def _shown(find: Callable[P, Diagnosis]) -> Callable[P, ShownDiagnosis]:
+    @wraps(find)
+    def diagnose(*args: P.args, **kwargs: P.kwargs) -> ShownDiagnosis:
+        found = find(*args, **kwargs)
+        return ShownDiagnosis(*(getattr(found, one.name) for one in fields(found)))
+
+    return diagnose
+
+
+diagnose = _shown(_diagnose)

@@ -1,9 +1,8 @@
 """A gap diagnosis in words: headline, effects, parameters, aircraft, dates, slices.
 
-Takes the content of ``gap.json`` (docs/formats.md), as read from the file or as the diagnosis
-returns it: disagreement in knots, shares in 0 to 1, parameter names that end in their unit, NaN or
-null for an unknown number. An effect has one name everywhere: that of ``gap.json``. ± is half the
-95 % interval.
+Takes the content of ``gap.json`` (docs/formats.md): disagreement in knots, shares in 0 to 1,
+parameter names that end in their unit, NaN or null for an unknown number. ± is half the 95 %
+interval.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ import numpy as np
 
 from airswing.gap.effects import CATALOGUE
 from airswing.physics.triangle import wrap_degrees
-from airswing.report.html.style import Units, shown_per_kt, shown_per_m_s
+from airswing.report.html.text import Units, plural, range_text, shown_per_kt, shown_per_m_s
 from airswing.units import NORMAL_95
 
 #: An object of ``gap.json``.
@@ -36,7 +35,25 @@ _ENDINGS = {
     "_h": " h",
     "_s": " s",
 }
-_MOST_NAMES = 6
+COMPONENTS = {
+    "cross": "across the heading",
+    "across": "across the heading",
+    "along": "along the heading",
+    "both": "both components",
+    "scatter": "scatter of single reports",
+    "reported_speed": "distribution of reported speeds",
+    "reported_direction": "distribution of reported directions",
+    "reported_wind": "repeated winds",
+    "wind_map": "a linear map of the wind",
+    "across_heading": "across the heading",
+    "along_heading": "along the heading",
+    "heading_angle": "heading angle",
+    "airspeed_factor": "factor of the airspeed",
+    "across_wind": "across the wind",
+    "along_wind": "along the wind",
+    "wind_angle": "wind direction",
+    "wind_factor": "factor of the wind speed",
+}
 
 
 class Report(Protocol):
@@ -51,6 +68,11 @@ def content_of(gap: Report | Entry) -> Entry:
     return gap if isinstance(gap, Mapping) else gap.content()
 
 
+def fleet_of(gap: Entry) -> int:
+    """Return the number of aircraft diagnosed, 0 where it is not known."""
+    return int((gap.get("counts") or {}).get("aircraft") or 0)
+
+
 def number(value: float | None) -> float:
     """Return a number, NaN for None."""
     return math.nan if value is None else float(value)
@@ -61,7 +83,11 @@ def plain_name(name: str) -> str:
     return re.sub(r"\btas\b", "TAS", name.replace("_", " "))
 
 
-def joined(words: Sequence[object], *, most: int = _MOST_NAMES) -> str:
+def _capital(text: str) -> str:
+    return text[0].upper() + text[1:]
+
+
+def joined(words: Sequence[object], *, most: int = 6) -> str:
     """Return ``a, b and c``, cut after `most` with the number of the rest."""
     shown = [str(word) for word in words[:most]]
     if len(words) > most:
@@ -76,12 +102,11 @@ def p_text(value: float | None) -> str:
 
 
 class Nature(NamedTuple):
-    """An effect of the catalogue: description, physics, source, and easily confused effects."""
+    """An effect of the catalogue: description, physics, and its source and confusable effects."""
 
     title: str
     physics: str
-    source: str
-    confused: str
+    smaller: list[str]
 
 
 def nature_of(name: str) -> Nature | None:
@@ -94,13 +119,9 @@ def nature_of(name: str) -> Nature | None:
         names, _, when = hint.partition(": ")
         others = [plain_name(one) if one in CATALOGUE else one for one in names.split(", ")]
         hints.append(" or ".join(others) + (f" ({when})" if when else ""))
-    plain = plain_name(name)
-    return Nature(
-        f"{plain[0].upper()}{plain[1:]} ({effect.title})",
-        effect.physics,
-        f"Source: {effect.source}",
-        f"Easily confused with {'; '.join(hints)}." if hints else "",
-    )
+    confused = f"Easily confused with {'; '.join(hints)}." if hints else ""
+    title = f"{_capital(plain_name(name))} ({effect.title})."
+    return Nature(title, effect.physics, [f"Source: {effect.source}", confused])
 
 
 def _shown(name: str, units: Units) -> tuple[str, str, float]:
@@ -140,9 +161,8 @@ def parameters_text(effect: Entry, *, units: Units = "kt", brief: bool = False) 
     each = [entry["parameters"] for entry in (effect.get("per_tail") or {}).values()]
     parts = []
     for name, value in (effect.get("parameters") or {}).items():
-        if value is None or (brief and name.startswith("at_")):
-            continue
-        if isinstance(value, list | tuple):  # the two aircraft of an exchange
+        # a list: the two aircraft of an exchange
+        if value is None or isinstance(value, list | tuple) or (brief and name.startswith("at_")):
             continue
         low, high = _range(name, each, number(errors.get(name)))
         if not low < high:
@@ -194,8 +214,7 @@ def closure_text(entry: Entry | None, *, units: Units = "kt") -> str:
         return "-"
     factor = shown_per_kt(units)
     text = f"{round(factor * number(entry['reduction']), 2) + 0.0:.2f} {units}"
-    low, high = (factor * number(end) for end in entry.get("reduction_ci") or (None, None))
-    return text + (f" ({low:.2f} to {high:.2f})" if np.isfinite(low + high) else "")
+    return text + range_text(entry.get("reduction_ci"), factor=factor)
 
 
 def levels_text(before: float, after: float, *, units: Units = "kt") -> str:
@@ -206,21 +225,21 @@ def levels_text(before: float, after: float, *, units: Units = "kt") -> str:
     return f"{factor * before:.{digits}f} → {factor * after:.{digits}f} {units}"
 
 
-def headline(gap: Report | Entry, *, units: Units = "kt") -> str:
+def headline(gap: Entry, *, units: Units = "kt") -> str:
     """Return the result of a diagnosis in at most 25 words, with its closure."""
-    gap = content_of(gap)
     effects, places = gap["effects"], (gap.get("unknown") or {}).get("where") or []
-    closure, counts = gap["closure"], gap.get("counts") or {}
-    levels = levels_text(number(closure["before"]), number(closure["after"]), units=units)
-    fleet = int(counts.get("aircraft") or 0)
+    closure, fleet = gap["closure"], fleet_of(gap)
     if not effects and not places:
         level = f"{shown_per_kt(units) * number(closure['before']):.1f} {units}"
-        if counts.get("days") == 1:
+        if (gap.get("counts") or {}).get("days") == 1:
             return f"One day of reports is too short to decide what explains the gap of {level}."
         return (
             f"No missing effect found: noise of reports and reference explains the gap of {level}."
         )
-    claims = [_claim(effect, fleet) for effect in effects]
+    claims = []
+    for effect in effects:
+        name, who = plain_name(effect["name"]), who_text(effect, fleet, brief=True)
+        claims.append(name if name.startswith("reference") else f"{name} on {who}")
     for place in places:
         text = _unexplained(place)
         text = text if place["component"] == "scatter" else f"an {text}"
@@ -228,13 +247,13 @@ def headline(gap: Report | Entry, *, units: Units = "kt") -> str:
     several = len(claims) > 1
     if len(claims) > 2:
         claims = [claims[0], f"{len(claims) - 1} more effects"]
-    verb = "account for" if places else "explain"
-    if not several:
-        verb = "accounts for" if places else "explains"
+    verb = ("account" if several else "accounts") + " for"
+    if not places:
+        verb = "explain" if several else "explains"
     share = number(closure.get("fraction_of_excess"))
     of = f"{100 * share:.0f} % of the gap" if share < 0.95 else "the gap"
-    text = joined(claims)
-    return f"{text[0].upper()}{text[1:]} {verb} {of}: {levels}."
+    levels = levels_text(number(closure["before"]), number(closure["after"]), units=units)
+    return f"{_capital(joined(claims))} {verb} {of}: {levels}."
 
 
 def _unexplained(place: Entry) -> str:
@@ -245,70 +264,55 @@ def _unexplained(place: Entry) -> str:
     return "unexplained scatter" + (f" by {variables}" if variables != "scatter" else "")
 
 
-def _claim(effect: Entry, fleet: int) -> str:
-    name = plain_name(effect["name"])
-    return (
-        name if name.startswith("reference") else f"{name} on {who_text(effect, fleet, brief=True)}"
-    )
-
-
 def start_words(known: Sequence[Entry] | None, simulation: Entry | None = None) -> str:
     """Return what a diagnosis compared the reports with; empty for a perfect instrument."""
-    out = []
+    text = ""
     if simulation:
         text = f"Compared with the simulation in {simulation['source']}"
         if simulation.get("matched_by") == "distribution":
-            text += ", which flew other paths: distributions were compared"
+            text += ", which flew other paths: distributions were compared. "
         else:
-            text += f" ({simulation['matched']:,} of {simulation['of']:,} reports matched)"
-        out.append(f"{text}.")
+            text += f" ({simulation['matched']:,} of {simulation['of']:,} reports matched). "
     for one in known or ():
-        effects = len(one["effects"])
-        levels = levels_text(
-            number(one["disagreement_without_kt"]), number(one["disagreement_with_kt"])
+        ends = (one[f"disagreement_{which}_kt"] for which in ("without", "with"))
+        text += (
+            f"The simulation contains {plural(len(one['effects']), 'known effect')} of "
+            f"{one['source']} ({levels_text(*map(number, ends))}). "
         )
-        out.append(
-            f"The simulation contains {effects} known effect{'' if effects == 1 else 's'} of "
-            f"{one['source']} ({levels})."
-        )
-    return "".join(f"{text} " for text in out)
+    return text
 
 
 def verdict(gap: Report | Entry, *, units: Units = "kt") -> str:
     """Return the result of a diagnosis as text: headline, then a line for every finding."""
     gap = content_of(gap)
     start = start_words(gap.get("known"), gap.get("simulation"))
-    lines = [start + headline(gap, units=units)]
-    lines += [f"  {effect_sentence(effect, gap, units=units)}" for effect in gap["effects"]]
-    lines += [f"  {place_sentence(place, gap, units=units)}" for place in gap["unknown"]["where"]]
-    lines += [f"  {line}" for line in caution_lines(gap, units=units)]
-    return "\n".join(lines)
+    lines = [effect_sentence(effect, gap, units=units) for effect in gap["effects"]]
+    lines += [place_sentence(place, gap, units=units) for place in gap["unknown"]["where"]]
+    lines += caution_lines(gap, units=units)
+    return "\n  ".join([start + headline(gap, units=units), *lines])
 
 
 def effect_sentence(effect: Entry, gap: Entry, *, units: Units = "kt") -> str:
     """Return an effect with aircraft, parameters, period, probability and closure."""
-    fleet = int((gap.get("counts") or {}).get("aircraft") or 0)
     details = [
         parameters_text(effect, units=units, brief=True),
         period_text(effect),
         f"probability {number(effect['probability']):.2f}",
     ]
-    closes = closure_text(effect.get("closure"), units=units)
-    if closes != "-":
-        details.append(f"closes {closes}")
+    if effect.get("closure"):
+        details.append(f"closes {closure_text(effect['closure'], units=units)}")
     elif number(effect.get("share_of_gap")) >= 0.005:
         details.append(f"explains {100 * number(effect['share_of_gap']):.0f} % of the gap")
-    text = f"{plain_name(effect['name'])} on {who_text(effect, fleet)}"
-    return f"{text[0].upper()}{text[1:]}: {', '.join(part for part in details if part)}."
+    text = f"{plain_name(effect['name'])} on {who_text(effect, fleet_of(gap))}"
+    return f"{_capital(text)}: {', '.join(part for part in details if part)}."
 
 
 def place_sentence(place: Entry, gap: Entry, *, units: Units = "kt") -> str:
     """Return an unexplained error: variable, component, shape, aircraft, closure, nearest name."""
-    fleet = int((gap.get("counts") or {}).get("aircraft") or 0)
     text = _unexplained(place)
     if place["component"] != "scatter":
         text += f", {COMPONENTS.get(place['component'], place['component'].replace('_', ' '))},"
-    text = f"{text[0].upper()}{text[1:]} on {who_text(place, fleet)}"
+    text = f"{_capital(text)} on {who_text(place, fleet_of(gap))}"
     details = [place["title"]] if place.get("title") else []
     if place.get("closure"):
         details.append(f"closes {closure_text(place['closure'], units=units)}")
@@ -317,10 +321,8 @@ def place_sentence(place: Entry, gap: Entry, *, units: Units = "kt") -> str:
         details.append(f"directions in steps of {steps['step_deg']:g}° up to {top:.0f} {units}")
     if place.get("nearest_effect"):
         share = 100 * number(place.get("nearest_effect_share"))
-        details.append(
-            f"no catalogue effect fits (closest: {plain_name(place['nearest_effect'])}, "
-            f"{share:.0f} %)"
-        )
+        nearest = plain_name(place["nearest_effect"])
+        details.append(f"no catalogue effect fits (closest: {nearest}, {share:.0f} %)")
     return f"{text}{': ' if details else ''}{'; '.join(details)}."
 
 
@@ -340,27 +342,6 @@ def caution_lines(gap: Entry, *, units: Units = "kt") -> list[str]:
             "days count as weather and may be larger."
         )
     return lines
-
-
-COMPONENTS = {
-    "cross": "across the heading",
-    "across": "across the heading",
-    "along": "along the heading",
-    "both": "both components",
-    "scatter": "scatter of single reports",
-    "reported_speed": "distribution of reported speeds",
-    "reported_direction": "distribution of reported directions",
-    "reported_wind": "repeated winds",
-    "wind_map": "a linear map of the wind",
-    "across_heading": "across the heading",
-    "along_heading": "along the heading",
-    "heading_angle": "heading angle",
-    "airspeed_factor": "factor of the airspeed",
-    "across_wind": "across the wind",
-    "along_wind": "along the wind",
-    "wind_angle": "wind direction",
-    "wind_factor": "factor of the wind speed",
-}
 
 
 def slice_words(entry: Entry) -> str:

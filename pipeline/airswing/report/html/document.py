@@ -1,18 +1,38 @@
-"""Parts of a page: sections, tables, folded details, and the whole HTML document.
+"""Parts of a page: sections, tables, figures, folded details, and the whole HTML document.
 
-The result is one HTML text with its styles and images inside. Nothing is fetched, and all of it can
-be read without scripts (the script opens folded parts for printing, and sorts and searches
-tables). Jinja2 and markupsafe escape every text.
+The page is one HTML text with styles and images inside; nothing is fetched, and all of it can be
+read without scripts. Jinja2 and markupsafe escape every text.
 """
 
 from __future__ import annotations
 
+import base64
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
+from pathlib import Path
+from typing import NamedTuple
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
+from matplotlib.figure import Figure
+
+from airswing.products.whole_files import atomic
+from airswing.report.html.style import PAGE_DPI, png_bytes
+from airswing.report.html.text import Units
+
+#: Colours of the palette: a drawing has few, and their mixtures along edges.
+_COLOURS = 256
+#: Width in CSS pixels below which a figure is scrolled instead of made smaller: text of 9 points
+#: is then 7 pixels high.
+_LEAST_WIDTH = 560
+_TEMPLATES = Environment(
+    loader=PackageLoader("airswing.report.html", "templates"),
+    autoescape=True,
+    undefined=StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+)
 
 
 @dataclass(frozen=True)
@@ -25,43 +45,65 @@ class Section:
     parts: list[Markup] = field(default_factory=list)
 
 
-@dataclass(frozen=True)
-class Column:
+class Column(NamedTuple):
     """A column of a table; kind is "" for numbers, "words" or "long" for text."""
 
     title: str
+    cells: Iterable[object]
     kind: str = ""
 
 
-@dataclass(frozen=True)
-class Row:
-    """A row of a table; a row in doubt is printed in grey italics."""
+class Figures:
+    """Figures of a page, each also a PNG file in a folder, if there is one.
 
-    cells: Sequence[object]
-    doubt: bool = False
+    Files of an earlier page are removed.
+    """
 
+    def __init__(self, folder: Path | None = None, units: Units = "kt") -> None:
+        self.folder, self.units = folder, units
+        for file in folder.glob("*.png") if folder else ():
+            file.unlink()
 
-@lru_cache(maxsize=1)
-def _environment() -> Environment:
-    found = Environment(
-        loader=PackageLoader("airswing.report.html", "templates"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    found.globals["zip"] = zip
-    return found
+    def __call__(self, name: str, figure: Figure, *, dpi: float = PAGE_DPI) -> Markup:
+        """Return an HTML figure; `name`, in plain letters, is the name of its file."""
+        content = png_bytes(figure, dpi=dpi, colours=_COLOURS)
+        width = round(float(figure.get_figwidth()) * 96)
+        caption = str(getattr(figure, "caption", ""))
+        image = Markup('<img src="{}" alt="{}" style="width:{}px;min-width:{}px">').format(
+            f"data:image/png;base64,{base64.b64encode(content).decode('ascii')}",
+            caption.split(". ")[0].rstrip("."),
+            width,
+            min(width, _LEAST_WIDTH),
+        )
+        if self.folder is not None:
+            plain = re.sub(r"[^A-Za-z0-9.-]+", "_", name).strip("_.")
+            with atomic(self.folder / f"{plain}.png") as temporary:
+                temporary.write_bytes(content)
+            image = Markup('<a href="{}">{}</a>').format(f"{self.folder.name}/{plain}.png", image)
+        return Markup(
+            '<figure><div class="scroll">{}</div><figcaption>{}</figcaption></figure>'
+        ).format(image, caption)
 
 
 def table(
-    columns: Sequence[Column], rows: Iterable[Row], *, caption: str = "", sortable: bool = False
+    columns: Sequence[Column],
+    *,
+    caption: str = "",
+    doubt: Iterable[bool] | None = None,
+    sortable: bool = False,
 ) -> Markup:
-    """Return a table with a text below it; a sortable one can be searched if it is long."""
-    text = (
-        _environment()
-        .get_template("table.html")
-        .render(columns=columns, rows=list(rows), caption=caption, sortable=sortable)
+    """Return a table with a text below it; a sortable one can be searched if it is long.
+
+    Rows in `doubt` are printed in grey italics.
+    """
+    rows = list(zip(*(column.cells for column in columns), strict=True))
+    marks = [False] * len(rows) if doubt is None else list(doubt)
+    text = _TEMPLATES.get_template("table.html").render(
+        columns=columns,
+        kinds=[column.kind for column in columns],
+        rows=list(zip(marks, rows, strict=True)),
+        caption=caption,
+        sortable=sortable,
     )
     return Markup(text)
 
@@ -97,9 +139,9 @@ def link(address: str, text: str) -> Markup:
 
 def folded(summary: str, parts: Iterable[Markup], *, unfolded: bool = False) -> Markup:
     """Return parts below a title that opens on a click (and when the page is printed)."""
-    inside = Markup("").join(parts)
-    state = Markup(" open") if unfolded else Markup("")
-    return Markup("<details{}><summary>{}</summary>{}</details>").format(state, summary, inside)
+    return Markup("<details{}><summary>{}</summary>{}</details>").format(
+        Markup(" open") if unfolded else "", summary, Markup("").join(parts)
+    )
 
 
 def document(
@@ -110,19 +152,15 @@ def document(
     sections: Sequence[Section],
     facts: Sequence[tuple[str, str]] = (),
     warnings: Sequence[str] = (),
-    footer: Sequence[str] = (),
+    footer: str = "",
 ) -> str:
     """Return a whole page as HTML; sections without parts are omitted."""
-    return (
-        _environment()
-        .get_template("page.html")
-        .render(
-            title=title,
-            kicker=kicker,
-            headline=headline,
-            sections=[section for section in sections if section.parts],
-            facts=facts,
-            warnings=warnings,
-            footer=footer,
-        )
+    return _TEMPLATES.get_template("page.html").render(
+        title=title,
+        kicker=kicker,
+        headline=headline,
+        sections=[section for section in sections if section.parts],
+        facts=facts,
+        warnings=warnings,
+        footer=footer,
     )

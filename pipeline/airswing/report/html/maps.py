@@ -1,13 +1,10 @@
-"""Maps: where the reports are, over coasts, borders and states.
+"""Maps: positions of the reports over coasts, borders and states.
 
-Longitudes are degrees east of any range, latitudes degrees north, pressure Pa. A map is a plain
-equirectangular view: x is the longitude unwrapped around the middle of the data, and a degree of
-longitude is drawn cos(latitude of the middle) as wide as one of latitude. That serves up to the
-size of a continent. The outline is part of the package (``data/SOURCE.md``); nothing is fetched.
-
-Few reports are drawn as points, many (over 20,000) as a density of hexagons on a logarithmic scale;
-of more than `MOST_DRAWN` reports every n-th is drawn, and the caption says so. Counts are always of
-all reports.
+A map is equirectangular: x is the longitude unwrapped around the middle of the data, and a degree
+of longitude is drawn cos(latitude of the middle) as wide as one of latitude, which serves up to the
+size of a continent. The outline is part of the package (``data/SOURCE.md``). Many reports (over
+20,000) are drawn as a density of hexagons; of more than `MOST_DRAWN` every n-th is drawn, as the
+caption says. Counts are of all reports.
 """
 
 from __future__ import annotations
@@ -31,48 +28,32 @@ from numpy.typing import ArrayLike, NDArray
 from airswing.flags import PHASE
 from airswing.physics.triangle import wrap_degrees
 from airswing.products.ragged import blocks
-from airswing.report.html.style import (
-    BLUE,
-    DENSITY,
-    FULL_WIDTH,
-    MANY,
-    SOFT,
-    count_ticks,
-    new_figure,
-    plural,
-    styled,
-    thousands,
-)
+from airswing.report.html import style
+from airswing.report.html.document import Figures, Section, folded
+from airswing.report.html.text import plural
 
 Floats = NDArray[np.float64]
 
 LAYERS: dict[str, dict[str, object]] = {
     "state": {"color": "#c3cad2", "linewidth": 0.5},
     "border": {"color": "#98a2ae", "linewidth": 0.7},
-    "lake": {"color": SOFT, "linewidth": 0.6},
-    "coast": {"color": SOFT, "linewidth": 0.7},
+    "lake": {"color": style.SOFT, "linewidth": 0.6},
+    "coast": {"color": style.SOFT, "linewidth": 0.7},
 }
-
-
 TALLEST, FLATTEST = 0.66, 0.42  # Limits of the drawn height of a map over its width
+_LEVELS_HPA = (0, 400, 600, 800, 1100)  # Boundaries of the layers
+_PHASES = ("ascent", "cruise", "descent", "unknown")
+MOST_DRAWN = 500_000  # Reports a map draws at most
 
 
 @dataclass(frozen=True)
 class View:
-    """Limits of a map in degrees.
-
-    ``west`` and ``east`` are unwrapped: they may pass -180 or 180, and ``west < east`` always.
-    """
+    """Limits of a map, degrees; west and east are unwrapped and may pass -180 or 180."""
 
     west: float
     east: float
     south: float
     north: float
-
-    @property
-    def middle(self) -> float:
-        """Longitude of the middle."""
-        return (self.west + self.east) / 2
 
     @property
     def aspect(self) -> float:
@@ -87,42 +68,34 @@ class View:
 
     def unwrapped(self, longitude: ArrayLike) -> Floats:
         """Shift longitudes by whole turns to within 180 degrees of the middle."""
-        return _unwrap_around(np.asarray(longitude, float), self.middle)
+        return _unwrap_around(np.asarray(longitude, float), (self.west + self.east) / 2)
 
 
 def _unwrap_around(longitude: Floats, middle: float) -> Floats:
-    """Shift longitudes by whole turns to lie in [middle - 180, middle + 180)."""
     return wrap_degrees(longitude - middle) + middle
 
 
-def middle_longitude(longitude: ArrayLike) -> float:
+def _middle_longitude(longitude: Floats) -> float:
     """Return the middle of the shortest arc that contains all longitudes, in [-180, 180)."""
-    values = np.asarray(longitude, float)
-    values = np.unique(np.round(values[np.isfinite(values)] % 360.0, 1))
-    if values.size == 0:
-        return 0.0
+    values = np.unique(np.round(longitude % 360.0, 1))
     gaps = np.diff(np.append(values, values[0] + 360.0))
     widest = int(np.argmax(gaps))
     first = values[(widest + 1) % values.size]
-    length = 360.0 - gaps[widest]
-    return float(wrap_degrees(first + length / 2))
+    return float(wrap_degrees(first + (360.0 - gaps[widest]) / 2))
 
 
 def view_of(longitude: ArrayLike, latitude: ArrayLike, *, margin: float = 0.06) -> View:
     """Return the map limits that contain all points, at least two degrees wide and high."""
-    lat = np.asarray(latitude, float)
-    lat = lat[np.isfinite(lat)]
-    middle = middle_longitude(longitude)
-    lon = _unwrap_around(np.asarray(longitude, float), middle)
-    lon = lon[np.isfinite(lon)]
+    lon, lat = np.asarray(longitude, float), np.asarray(latitude, float)
+    lon, lat = lon[np.isfinite(lon)], lat[np.isfinite(lat)]
     if lon.size == 0 or lat.size == 0:
         return View(-180.0, 180.0, -90.0, 90.0)
-    narrowing = max(float(np.cos(np.radians(y := (lat.min() + lat.max()) / 2))), 0.2)
-    width = max(float(np.ptp(lon)) * (1 + 2 * margin), 2.0)
-    height = max(float(np.ptp(lat)) * (1 + 2 * margin), 2.0)
+    lon = _unwrap_around(lon, _middle_longitude(lon))
+    x, y = (lon.min() + lon.max()) / 2, (lat.min() + lat.max()) / 2
+    narrowing = max(float(np.cos(np.radians(y))), 0.2)
+    width, height = (max(float(np.ptp(one)) * (1 + 2 * margin), 2.0) for one in (lon, lat))
     width = min(max(width, height / narrowing / TALLEST), 360.0)
     height = max(height, width * narrowing * FLATTEST)
-    x = (lon.min() + lon.max()) / 2
     south, north = max(y - height / 2, -90.0), min(y + height / 2, 90.0)
     return View(float(x - width / 2), float(x + width / 2), float(south), float(north))
 
@@ -155,14 +128,11 @@ def lines_in(view: View, layer: str) -> list[Floats]:
     return [part for part, seen in zip(np.split(shifted, starts[1:]), crosses, strict=True) if seen]
 
 
-def _degree_label(positive: str, negative: str, *, wraps: bool) -> FuncFormatter:
+def _degree_label(positive: str, negative: str) -> FuncFormatter:
     def text(value: float, _position: object = None) -> str:
-        shown = float(wrap_degrees(value)) if wraps else value
-        if round(shown, 6) == 0:
-            return "0°"
-        if wraps and round(abs(shown), 6) == 180:
-            return "180°"
-        return f"{abs(shown):g}°{positive if shown > 0 else negative}"
+        shown = float(wrap_degrees(value)) if positive == "E" else value
+        hemisphere = positive if shown > 0 else negative
+        return f"{abs(shown):g}°{'' if round(abs(shown), 6) in (0, 180) else hemisphere}"
 
     return FuncFormatter(text)
 
@@ -170,26 +140,15 @@ def _degree_label(positive: str, negative: str, *, wraps: bool) -> FuncFormatter
 def draw_map(axes: Axes, view: View, *, ticks: int = 6) -> None:
     """Draw the outline in a panel and set its limits, aspect and degree labels."""
     for name, look in LAYERS.items():
-        drawn = LineCollection(lines_in(view, name), zorder=1.5, **look)
-        axes.add_collection(drawn, autolim=False)
-    axes.set_xlim(view.west, view.east)
-    axes.set_ylim(view.south, view.north)
-    axes.set_aspect(view.aspect)
+        axes.add_collection(LineCollection(lines_in(view, name), zorder=1.5, **look), autolim=False)
+    limits = {"xlim": (view.west, view.east), "ylim": (view.south, view.north)}
+    axes.set(aspect=view.aspect, **limits)
     axes.grid(True, linewidth=0.4)
-    axes.xaxis.set_major_locator(MaxNLocator(ticks, steps=[1, 2, 3, 5, 10]))
-    axes.yaxis.set_major_locator(MaxNLocator(max(ticks - 1, 3), steps=[1, 2, 3, 5, 10]))
-    axes.xaxis.set_major_formatter(_degree_label("E", "W", wraps=True))
-    axes.yaxis.set_major_formatter(_degree_label("N", "S", wraps=False))
+    for axis, most, ends in ((axes.xaxis, ticks, "EW"), (axes.yaxis, max(ticks - 1, 3), "NS")):
+        axis.set_major_locator(MaxNLocator(most, steps=[1, 2, 3, 5, 10]))
+        axis.set_major_formatter(_degree_label(*ends))
     axes.tick_params(labelsize=8)
-    for spine in axes.spines.values():
-        spine.set_visible(True)
-
-
-# Boundaries of the layers.
-_LEVELS_HPA = (0, 400, 600, 800, 1100)
-_PHASES = ("ascent", "cruise", "descent", "unknown")
-
-MOST_DRAWN = 500_000  # Reports a map draws at most
+    axes.spines[:].set_visible(True)
 
 
 class Places(NamedTuple):
@@ -204,7 +163,7 @@ class Places(NamedTuple):
     phase_counts: NDArray[np.int64]
     layer_counts: NDArray[np.int64]
 
-    def words(self) -> str:
+    def thinning(self) -> str:
         """Return a sentence on the thinning, empty without any."""
         return f" One report in {self.every} is drawn." if self.every > 1 else ""
 
@@ -236,31 +195,30 @@ def places_of(headings: xr.Dataset) -> Places:
 
 
 def _height(view: View, columns: int, rows: int, *, colourbar: bool = False) -> float:
-    width = (FULL_WIDTH - (1.1 if colourbar else 0.0)) / columns - 0.55
+    width = (style.FULL_WIDTH - (1.1 if colourbar else 0.0)) / columns - 0.55
     return rows * (min(width * view.height_over_width, 7.0) + 0.55)
 
 
 def _draw_places(
     axes: Axes,
     view: View,
-    longitude: ArrayLike,
-    latitude: ArrayLike,
+    longitude: Floats,
+    latitude: Floats,
     *,
     cells: int,
+    dense: bool,
     size: float = 4.0,
-    dense: bool | None = None,
 ) -> PolyCollection | None:
     """Draw reports in a map panel, as points or, if many, as a density."""
-    x, y = view.unwrapped(longitude), np.asarray(latitude, float)
-    mappable = None
-    if x.size > MANY if dense is None else dense:
+    x, mappable = view.unwrapped(longitude), None
+    if dense:
         rows = max(int(cells * view.height_over_width / np.sqrt(3)), 4)
         mappable = axes.hexbin(
             x,
-            y,
+            latitude,
             gridsize=(cells, rows),
             mincnt=1,
-            cmap=DENSITY,
+            cmap=style.DENSITY,
             norm=LogNorm(),
             linewidths=0.1,
             extent=(view.west, view.east, view.south, view.north),
@@ -268,28 +226,27 @@ def _draw_places(
     else:
         # Fainter with more points, so that the densest places remain visible.
         alpha = float(np.clip(1500.0 / max(x.size, 1), 0.15, 0.8))
-        axes.scatter(x, y, s=size, color=BLUE, alpha=alpha, linewidths=0)
+        axes.scatter(x, latitude, s=size, color=style.BLUE, alpha=alpha, linewidths=0)
     draw_map(axes, view, ticks=6 if cells > 60 else 3)
     return mappable
 
 
-@styled
 def reports_figure(headings: xr.Dataset, places: Places) -> Figure:
     """Draw a map of every report."""
     view = view_of(places.longitude, places.latitude)
     shown = np.isfinite(places.longitude + places.latitude)
-    figure = new_figure(_height(view, 1, 1, colourbar=int(shown.sum()) > MANY))
-    axes = figure.add_subplot()
-    drawn = _draw_places(axes, view, places.longitude[shown], places.latitude[shown], cells=64)
+    dense = int(shown.sum()) > style.MANY
+    figure = style.new_figure(_height(view, 1, 1, colourbar=dense))
+    axes, points = figure.add_subplot(), (places.longitude[shown], places.latitude[shown])
+    drawn = _draw_places(axes, view, *points, cells=64, dense=dense)
     if drawn is not None:
         label = f"one in {places.every} reports" if places.every > 1 else "reports"
         bar = figure.colorbar(drawn, ax=axes, label=f"{label} in a cell", shrink=0.8, pad=0.01)
-        count_ticks(bar, float(np.max(np.asarray(drawn.get_array()))))
+        style.count_ticks(bar, float(np.max(np.asarray(drawn.get_array()))))
     how = "as a density of hexagons, darker where reports are many" if drawn else "one dot each"
     return figure.say(
         f"Positions of the reports (n = {plural(places.number, 'report')} of "
-        f"{plural(headings.sizes.get('aircraft', 0), 'aircraft', 'aircraft')}), {how}."
-        f"{places.words()}"
+        f"{plural(headings.sizes.get('aircraft', 0), 'aircraft')}), {how}.{places.thinning()}"
     )
 
 
@@ -303,22 +260,19 @@ def _panels(
 ) -> Figure:
     view = view_of(places.longitude, places.latitude)
     rows = -(-len(labels) // columns)
-    figure = new_figure(_height(view, columns, rows))
+    figure = style.new_figure(_height(view, columns, rows))
     masks = [group == number for number in range(len(labels))]
-    dense = max(int(mask.sum()) for mask in masks) > MANY
+    dense = max(int(mask.sum()) for mask in masks) > style.MANY
     grid = figure.subplots(rows, columns, squeeze=False).ravel()
-    for axes, label, mask, count in zip(grid, labels, masks, counts, strict=False):
-        axes.set_title(f"{label}  (n = {thousands(count)})")
+    for axes, label, mask, number in zip(grid, labels, masks, counts, strict=False):
+        axes.set_title(f"{label}  (n = {number:,})")
         shown = places.longitude[mask], places.latitude[mask]
-        _draw_places(axes, view, *shown, size=2.5, cells=40, dense=dense and mask.any())
+        _draw_places(axes, view, *shown, size=2.5, cells=40, dense=bool(dense and mask.any()))
         if not mask.any():
             axes.text(0.5, 0.5, "no reports", transform=axes.transAxes, ha="center")
-    return figure.say(
-        f"The reports by {what} (n = {thousands(int(counts.sum()))}).{places.words()}"
-    )
+    return figure.say(f"The reports by {what} (n = {counts.sum():,}).{places.thinning()}")
 
 
-@styled
 def phase_maps_figure(places: Places) -> Figure:
     """Draw a map of the reports of each phase of flight."""
     names = _PHASES if places.phase_counts[3] else _PHASES[:3]
@@ -326,7 +280,6 @@ def phase_maps_figure(places: Places) -> Figure:
     return _panels(places, places.phase, places.phase_counts, names, len(names), what)
 
 
-@styled
 def level_maps_figure(places: Places) -> Figure:
     """Draw a map of the reports of each pressure layer."""
     names = [
@@ -334,3 +287,15 @@ def level_maps_figure(places: Places) -> Figure:
         for top, bottom in pairwise(_LEVELS_HPA)
     ]
     return _panels(places, places.layer, places.layer_counts, names, 2, "layer")
+
+
+def places_section(headings: xr.Dataset, show: Figures) -> Section:
+    """Return the section on the positions of the reports."""
+    places = places_of(headings)
+    inner = [
+        show("map_by_phase", phase_maps_figure(places), dpi=120),
+        show("map_by_level", level_maps_figure(places), dpi=120),
+    ]
+    whole = show("map", reports_figure(headings, places), dpi=120)
+    parts = [whole, folded("By phase of flight and by level", inner)]
+    return Section("places", "Positions of the reports", "", parts)

@@ -1,19 +1,16 @@
-"""One look for every figure: sizes, type, colours and units of speed.
+"""One look for every figure: sizes, type, colours, rows and intervals.
 
-Figures are about 920 CSS pixels wide (9.6 inches) on a page or in a notebook. Everything uses
-matplotlib's object-oriented interface; pyplot is not touched and no figure is kept alive. Colours
-are those of Okabe and Ito (2008), "Color Universal Design", which colour-blind readers can
-distinguish.
+Figures are 9.6 inches wide, about 920 CSS pixels. pyplot is not used and no figure is kept alive.
+Colours: Okabe and Ito (2008), "Color Universal Design", which colour-blind readers can distinguish.
 """
 
 from __future__ import annotations
 
 import contextlib
-import functools
 import gc
 import io
-from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Literal, ParamSpec, TypeVar
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
 
 import matplotlib
 import numpy as np
@@ -21,17 +18,11 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colorbar import Colorbar
 from matplotlib.figure import Figure
+from numpy.typing import ArrayLike
 from PIL import Image
-
-from airswing.units import KNOT
 
 if TYPE_CHECKING:
     from matplotlib.typing import RcKeyType
-
-P = ParamSpec("P")
-R = TypeVar("R")
-#: Unit of every speed that is shown; the configuration's ``units``.
-Units = Literal["kt", "m/s"]
 
 INK = "#1f2933"
 SOFT = "#5f6b7a"
@@ -41,9 +32,10 @@ ORANGE = "#E69F00"
 GREEN = "#009E73"
 VERMILION = "#D55E00"
 SKY = "#56B4E9"
-_PURPLE = "#CC79A7"
-_SERIES = (BLUE, VERMILION, GREEN, _PURPLE, ORANGE, SKY, INK)
+_SERIES = (BLUE, VERMILION, GREEN, "#CC79A7", ORANGE, SKY, INK)
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+#: Colour and marker of winds as reported and as corrected.
+STATES = (("reported", ORANGE, "o"), ("corrected", BLUE, "D"))
 DENSITY = "viridis_r"
 DIVERGING = "PuOr_r"
 
@@ -123,37 +115,25 @@ def png_bytes(figure: Figure, *, dpi: float = 110, colours: int | None = None) -
 
 
 @contextlib.contextmanager
-def garbage_collection_rare() -> Iterator[None]:
-    """Run Python's cyclic garbage collection rarely while the figures of a page are drawn.
+def drawing() -> Iterator[None]:
+    """Use this style, and collect garbage rarely, while figures are drawn; also a decorator.
 
-    Each figure creates many objects, and each collection visits all there are: a fifth of the time.
-    Thresholds are raised, because extension modules call the collector's switch themselves.
+    Each figure creates many objects, and each collection visits all: a fifth of the time. The
+    thresholds are raised, because extension modules use the collector's switch themselves.
     """
     thresholds = gc.get_threshold()
     gc.set_threshold(1_000_000, 100, 100)
     try:
-        yield
+        with matplotlib.rc_context(RC):
+            yield
     finally:
         gc.set_threshold(*thresholds)
 
 
-def styled(function: Callable[P, R]) -> Callable[P, R]:
-    """Run a figure function with this style; matplotlib's settings are restored afterwards."""
-
-    @functools.wraps(function)
-    def inner(*args: P.args, **kwargs: P.kwargs) -> R:
-        with matplotlib.rc_context(RC):
-            return function(*args, **kwargs)
-
-    return inner
-
-
-def new_figure(
-    height: float, *, width: float = FULL_WIDTH, constrained: bool = True
-) -> CaptionedFigure:
-    """Return an empty figure, sizes in inches; without `constrained` the caller places panels."""
+def new_figure(height: float, *, constrained: bool = True) -> CaptionedFigure:
+    """Return an empty figure, height in inches; without `constrained` the caller places panels."""
     return CaptionedFigure(
-        figsize=(width, height), dpi=120, layout="constrained" if constrained else None
+        figsize=(FULL_WIDTH, height), dpi=120, layout="constrained" if constrained else None
     )
 
 
@@ -167,24 +147,43 @@ def place_panels(
     wspace: float = 0.35,
     hspace: float = 0.2,
 ) -> None:
-    """Set the margins and the spaces between the panels of a figure with many panels, in inches.
+    """Set margins and spaces between panels in inches, where labels are short.
 
-    It replaces the constrained layout where all labels are short: measuring them takes longer than
-    drawing them.
+    The constrained layout takes longer to measure the labels of many panels than to draw them.
     """
     width, height = (float(size) for size in figure.get_size_inches())
     grid = figure.axes[0].get_gridspec()
     rows, columns = (1, 1) if grid is None else grid.get_geometry()
-    across = (width - left - right - (columns - 1) * wspace) / columns
-    upwards = (height - top - bottom - (rows - 1) * hspace) / rows
     figure.subplots_adjust(
         left=left / width,
         right=1 - right / width,
         top=1 - top / height,
         bottom=bottom / height,
-        wspace=wspace / across,
-        hspace=hspace / upwards,
+        wspace=wspace * columns / (width - left - right - (columns - 1) * wspace),
+        hspace=hspace * rows / (height - top - bottom - (rows - 1) * hspace),
     )
+
+
+def rows_axis(axes: Axes, names: Sequence[str], label: str | None = None) -> None:
+    """Give a panel one named row an item, from top to bottom, and its x axis a label."""
+    axes.set_yticks(range(len(names)), names, fontsize=8.5 if len(names) <= 30 else 7.5)
+    axes.set_ylim(len(names) - 0.4, -0.6)
+    axes.grid(axis="y", visible=False)
+    axes.tick_params(axis="y", length=0)
+    if label is not None:
+        axes.set_xlabel(label)
+
+
+def zero_line(axes: Axes, *, across: bool = False) -> None:
+    """Draw a vertical line at zero; `across`: a horizontal one."""
+    draw = axes.axhline if across else axes.axvline
+    draw(0.0, color=INK, linewidth=0.8)
+
+
+def intervals(axes: Axes, value: ArrayLike, ends: ArrayLike, rows: ArrayLike, **look: Any) -> None:
+    """Draw values (n,) in rows (n,) with their intervals (2, n); `look` is of the markers."""
+    axes.hlines(rows, *np.asarray(ends, float), color=look["color"], linewidth=1.3)
+    axes.plot(value, rows, **{"marker": "o", "markersize": 5, "linestyle": "", **look})
 
 
 def count_ticks(bar: Colorbar, most: float) -> None:
@@ -204,32 +203,10 @@ def empty_figure(message: str) -> CaptionedFigure:
 def blank(axes: Axes, message: str) -> None:
     """Say in an empty panel why it is empty."""
     axes.axis("off")
-    axes.text(
-        0.5, 0.5, message, ha="center", va="center", color=SOFT, transform=axes.transAxes, wrap=True
-    )
+    look: dict[str, Any] = {"ha": "center", "va": "center", "color": SOFT, "wrap": True}
+    axes.text(0.5, 0.5, message, transform=axes.transAxes, **look)
 
 
 def series_style(index: int) -> tuple[str, str]:
     """Return the colour and the marker of a series; either is enough to identify it."""
     return _SERIES[index % len(_SERIES)], _MARKERS[index % len(_MARKERS)]
-
-
-def thousands(number: float) -> str:
-    """Format a count with separators: ``12,345``."""
-    return f"{int(number):,}"
-
-
-def plural(number: int, noun: str, plural_noun: str | None = None) -> str:
-    """Return ``1 flight`` or ``12,345 flights``."""
-    word = noun if number == 1 else (plural_noun or f"{noun}s")
-    return f"{thousands(number)} {word}"
-
-
-def shown_per_m_s(units: Units) -> float:
-    """Return the factor from m/s to the unit that is shown."""
-    return 1.0 / KNOT if units == "kt" else 1.0
-
-
-def shown_per_kt(units: Units) -> float:
-    """Return the factor from knots to the unit that is shown."""
-    return 1.0 if units == "kt" else KNOT

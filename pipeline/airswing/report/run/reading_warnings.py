@@ -11,7 +11,7 @@ import re
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, TypedDict, overload
+from typing import TYPE_CHECKING, Any
 
 import xarray as xr
 
@@ -25,26 +25,9 @@ _ENTRIES_KEPT = 200
 _REPEATED = "_column_repeated"
 # Reports left out or averaged because the configuration asks for it.
 _AS_ASKED = ("not_wanted", "averaged", "merged_message")
-_PLACE = re.compile(r"^message at \d+: ")
-# Messages that are no wind on levels: most files contain such, so they cause no warning.
-_EXPECTED = "wind"
 
 
-class ReferenceAudit(TypedDict, total=False):
-    """Counts of one reference."""
-
-    notes: list[str]
-    skipped: list[LeftOut]
-    unread: list[LeftOut]
-
-
-@overload
-def tally(ds: xr.Dataset, name: Literal["reading_audit"]) -> AuditContent: ...
-@overload
-def tally(ds: xr.Dataset, name: Literal["reference_audit"]) -> dict[str, ReferenceAudit]: ...
-@overload
-def tally(ds: xr.Dataset, name: Literal["screened_out", "lines_left_out"]) -> dict[str, int]: ...
-def tally(ds: xr.Dataset, name: str) -> Mapping[str, object]:
+def tally(ds: xr.Dataset, name: str) -> Any:
     """Return an audit from an attribute (JSON or mapping), empty if there is none."""
     stored = ds.attrs.get(name, {})
     try:
@@ -74,10 +57,8 @@ def reading_warnings(audit: AuditContent) -> list[str]:
         lines.append(f"values that cannot be read: {values}")
     for name in sorted(audit.get("repaired", {})):
         if name.endswith(_REPEATED):
-            lines.append(
-                f"a report file has two columns named {name.removesuffix(_REPEATED)}: the first is "
-                "used"
-            )
+            column = name.removesuffix(_REPEATED)
+            lines.append(f"a report file has two columns named {column}: the first is used")
     lines += audit.get("notes", [])
     if groups:
         shown = "; ".join(", ".join(map(repr, group)) for group in groups[:_GROUPS_SHOWN])
@@ -91,7 +72,8 @@ def reading_warnings(audit: AuditContent) -> list[str]:
 
 def model_warnings(skipped: Sequence[LeftOut]) -> list[str]:
     """Return what was left out of model files, without messages that are no wind on levels."""
-    return model_reasons([entry for entry in skipped if entry["what"] != _EXPECTED])
+    # most files contain messages of other kinds ("wind"), so they cause no warning
+    return model_reasons([entry for entry in skipped if entry["what"] != "wind"])
 
 
 def unread(problems: Iterable[tuple[object, str, str]]) -> list[LeftOut]:
@@ -99,7 +81,9 @@ def unread(problems: Iterable[tuple[object, str, str]]) -> list[LeftOut]:
 
     A reason begins with the position of its message, which is removed. At most 200 entries.
     """
-    counts = Counter((file, _PLACE.sub("", reason)) for _, file, reason in problems)
+    counts = Counter(
+        (file, re.sub(r"^message at \d+: ", "", reason)) for _, file, reason in problems
+    )
     often = sorted(counts.items(), key=lambda one: (-one[1], one[0]))[:_ENTRIES_KEPT]
     return [
         {"file": file, "what": "message", "reason": reason, "count": count}
@@ -107,28 +91,25 @@ def unread(problems: Iterable[tuple[object, str, str]]) -> list[LeftOut]:
     ]
 
 
-def reference_warnings(audits: Mapping[str, ReferenceAudit]) -> list[str]:
+def reference_warnings(audits: Mapping[str, Any]) -> list[str]:
     """Return warnings on the model files of every reference, from ``reference_audit``."""
     return [
         f"{name}: {line}"
         for name, audit in audits.items()
-        if isinstance(audit, Mapping)
         for line in model_warnings([*audit.get("skipped", []), *audit.get("unread", [])])
     ]
 
 
 def model_reasons(skipped: Sequence[LeftOut]) -> list[str]:
     """Return what was left out of model files, a line a reason, the most files first."""
-    files: dict[tuple[str, str], list[str]] = defaultdict(list)
-    counts: dict[tuple[str, str], int] = defaultdict(int)
+    found: dict[tuple[str, str], list[LeftOut]] = defaultdict(list)
     for entry in skipped:
-        key = entry["what"], entry["reason"]
-        files[key].append(Path(entry["file"]).name)
-        counts[key] += int(entry["count"])
+        found[entry["what"], entry["reason"]].append(entry)
     lines = []
-    for key in sorted(files, key=lambda key: -len(files[key])):
-        (what, reason), names = key, files[key]
+    for (what, reason), entries in sorted(found.items(), key=lambda one: -len(one[1])):
+        names = [Path(entry["file"]).name for entry in entries]
         where = names[0] + (f" and {len(names) - 1} more files" if len(names) > 1 else "")
-        number = "" if what == "file" else f"{counts[key]:,} times "
+        total = sum(int(entry["count"]) for entry in entries)
+        number = "" if what == "file" else f"{total:,} times "
         lines.append(f"left out: {reason}, {number}in {where}")
     return lines

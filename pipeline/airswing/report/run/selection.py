@@ -1,33 +1,39 @@
 """Which reports and which fit a figure shows; numbers of the page, and of a fit in words.
 
-Products as in docs/formats.md: reports sorted by aircraft with ``row_size``, ``screening`` equal to
-0 for the reports of the fit, fits by reference and by pool. The heading error of a pool is the mean
-over its members. Angles are degrees.
-
-Disagreement is the mean length of the vector difference between reported and reference wind, in
-knots; its interval takes flights as the independent units. Only reports that passed the screening
-and were corrected are compared, the same ones before and after.
+Reports are sorted by aircraft with ``row_size``; ``screening`` is 0 for the reports of the fit. The
+heading error of a pool is the mean over its members. Angles are degrees. Disagreement is the mean
+length of the vector difference between reported and reference wind (kt) over screened and corrected
+reports, the same ones before and after; its interval takes flights as the independent units.
 """
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
-from typing import NamedTuple, SupportsFloat, SupportsInt
+from typing import NamedTuple, SupportsInt
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from airswing.compass.table import curve_standard_error, deviation_curve
+from airswing.compass.table import deviation_curve, error_from_table
 from airswing.errors import InputError
 from airswing.evaluation.disagreement import member_mean
 from airswing.evaluation.resampling import cluster_sums, clustered_mean
 from airswing.flags import SCREENING, STATUS, is_corrected, published
-from airswing.products.ragged import aircraft_of_report, blocks
+from airswing.physics.compass_deviation import deviation_basis
+from airswing.products.ragged import aircraft_of_report, blocks, row_bounds
+from airswing.report.html.text import interval_text
 from airswing.units import KNOT, NORMAL_95
 
 Floats = NDArray[np.float64]
+#: The deviation's formula and the words of its one-cycle part, for page and card.
+FORMULA = (
+    "Deviation = A + B sin m + C cos m + D sin 2m + E cos 2m, with m the indicated magnetic "
+    "heading.",
+    "Offset = A, amplitude² = B² + C².",
+    "The one-cycle part B sin m + C cos m equals amplitude × sin(m + phase): it is largest at "
+    "m = 90° - phase.",
+)
 
 
 def tails(ds: xr.Dataset) -> list[str]:
@@ -51,24 +57,19 @@ def _aircraft_index(ds: xr.Dataset, aircraft: str | int) -> int:
 
 def rows_of(ds: xr.Dataset, aircraft: str | int) -> slice:
     """Return the slice of the reports of one aircraft."""
-    row_size = ds["row_size"].to_numpy()
-    stop = np.cumsum(row_size)
+    start, stop = row_bounds(ds["row_size"].to_numpy())
     index = _aircraft_index(ds, aircraft)
-    return slice(int(stop[index] - row_size[index]), int(stop[index]))
+    return slice(int(start[index]), int(stop[index]))
 
 
-def members(headings: xr.Dataset, fits: xr.Dataset, reference: str) -> list[str]:
+def members(headings: xr.Dataset, reference: str) -> list[str]:
     """Return the references behind a fit: the reference itself, or the members of a pool.
 
-    A pool's members come from the JSON attribute ``pools`` of the fits if present, else from its
-    name (``ruc+rtfdaa``); otherwise they are all references of the headings.
+    The members are those in the pool's name (``ruc+rtfdaa``), else all references of the headings.
     """
     known = [str(name) for name in headings["reference"].to_numpy()]
-    if reference in known:
-        return [reference]
-    stored: dict[str, list[str]] = json.loads(str(fits.attrs.get("pools", "{}")) or "{}")
-    found = [name for name in stored.get(reference, reference.split("+")) if name in known]
-    return found or known
+    parts = [reference] if reference in known else reference.split("+")
+    return [name for name in parts if name in known] or known
 
 
 def headline_reference(fits: xr.Dataset, headings: xr.Dataset) -> str:
@@ -83,9 +84,9 @@ def pooled(headings: xr.Dataset, chosen: Sequence[str], name: str) -> Floats:
     return np.asarray(member_mean(headings[name].sel(reference=chosen).astype(float)).to_numpy())
 
 
-def used(headings: xr.Dataset, rows: slice = slice(None)) -> NDArray[np.bool_]:
+def used(headings: xr.Dataset) -> NDArray[np.bool_]:
     """Return which reports passed every screening rule."""
-    return np.asarray(headings["screening"].isel(report=rows).to_numpy() == 0)
+    return np.asarray(headings["screening"].to_numpy() == 0)
 
 
 def fitted_bias(fits: xr.Dataset, reference: str) -> tuple[float, float]:
@@ -105,12 +106,9 @@ def compass_points(
     about the fitted curve: psi_err - (b_u cos psi - b_v sin psi) / V (docs/method.md).
     """
     abscissa = "heading" if fits.attrs.get("abscissa") == "true" else "magnetic_heading"
-    names = {abscissa, "heading", "airspeed", "heading_error", "screening"} & set(
-        headings.variables
-    )
-    reports = headings[sorted(map(str, names))].isel(report=rows_of(headings, aircraft)).load()
+    reports = drawn_columns(headings.isel(report=rows_of(headings, aircraft)))
     heading = reports[abscissa].to_numpy().astype(float) % 360.0
-    error = pooled(reports, members(headings, fits, reference), "heading_error")
+    error = pooled(reports, members(headings, reference), "heading_error")
     eastward, northward = fitted_bias(fits, reference)
     if eastward or northward:
         true = np.radians(reports["heading"].to_numpy().astype(float))
@@ -122,17 +120,9 @@ def compass_points(
 
 
 def drawn_columns(headings: xr.Dataset) -> xr.Dataset:
-    """Return what the drawings of heading errors need, in memory: read once, not by aircraft."""
-    names = (
-        "heading_error",
-        "magnetic_heading",
-        "heading",
-        "airspeed",
-        "screening",
-        "time",
-        "row_size",
-    )
-    return headings[[name for name in names if name in headings]].load()
+    """Return what the drawings of heading errors need, in memory."""
+    names = "heading_error magnetic_heading heading airspeed screening time row_size"
+    return headings[[name for name in names.split() if name in headings]].load()
 
 
 def one_fit(fits: xr.Dataset, aircraft: str | int, reference: str) -> xr.Dataset:
@@ -152,8 +142,7 @@ def by_amplitude(fits: xr.Dataset, reference: str) -> list[str]:
     """Return the aircraft with the largest amplitude first and refused fits last."""
     fit = fits.sel(reference=reference)
     amplitude = np.nan_to_num(fit["amplitude"].to_numpy().astype(float), nan=-1.0)
-    order = np.lexsort((-amplitude, ~published(fit["status"])))
-    names = tails(fits)
+    order, names = np.lexsort((-amplitude, ~published(fit["status"]))), tails(fits)
     return [names[i] for i in order]
 
 
@@ -164,52 +153,31 @@ def adds_error(fits: xr.Dataset) -> bool:
 
 def table_error(fit: xr.Dataset) -> tuple[Floats, Floats]:
     """Return the nodes of the 8-point table and the heading error it represents, degrees."""
-    correction = fit["table_correction"].to_numpy().astype(float)
-    nodes = fit["table_heading"].to_numpy().astype(float)
-    return nodes, correction if adds_error(fit) else -correction
-
-
-def table_words(fits: xr.Dataset) -> str:
-    """Return how the heading error of a drawing follows from the numbers of the table."""
-    return "the table" if adds_error(fits) else "minus the table"
+    error = error_from_table(fit).to_numpy().astype(float)
+    return fit["table_heading"].to_numpy().astype(float), error
 
 
 def needs_no_correction(fits: xr.Dataset) -> NDArray[np.bool_]:
-    """Return for which fits the 8-point table is zero within its error.
+    """Return for which fits against one reference the 8-point table is zero within its error.
 
     Either the status says so (``no_correction_needed``), or every node of the table is smaller than
     half the width of the 95 % interval of the curve there, or rounds to zero.
-
-    Parameters
-    ----------
-    fits : Dataset
-        One fit, or several against one reference.
-
-    Returns
-    -------
-    array of bool
-        Without dimension, or (aircraft,).
     """
     status = fits["status"].to_numpy()
     nodes, error = table_error(fits)
-    half = np.stack(
-        [
-            NORMAL_95
-            * curve_standard_error(fits["deviation_covariance"], np.full_like(status, node, float))
-            for node in nodes
-        ],
-        -1,
-    )
+    half = curve_half_width(fits, nodes)
     small = ((np.abs(error) <= half) | (np.abs(error) < 0.05)).all(axis=-1)
     return np.asarray(
         (status == STATUS["no_correction_needed"]) | ((status == STATUS["ok"]) & small)
     )
 
 
-def curve_half_width(fit: xr.Dataset, heading: Floats) -> Floats:
-    """Return half the width of the 95 % interval of the fitted curve, degrees."""
-    covariance = np.nan_to_num(fit["deviation_covariance"].to_numpy().astype(float))
-    return np.asarray(NORMAL_95 * curve_standard_error(covariance, heading))
+def curve_half_width(fits: xr.Dataset, heading: Floats) -> Floats:
+    """Return half the width of the 95 % interval of fitted curves at headings, (..., heading)."""
+    covariance = np.nan_to_num(fits["deviation_covariance"].to_numpy().astype(float))
+    basis = deviation_basis(np.radians(heading))
+    variance = np.einsum("...ij,ik,jk->...k", covariance, basis, basis)
+    return np.asarray(NORMAL_95 * np.sqrt(np.maximum(variance, 0.0)))
 
 
 def curve_of(fit: xr.Dataset, heading: Floats) -> Floats:
@@ -221,33 +189,6 @@ def status_words(code: SupportsInt) -> str:
     """Return the status of a fit in words."""
     names = {value: name.replace("_", " ") for name, value in STATUS.items()}
     return names.get(int(code), f"status {int(code)}")
-
-
-def number_text(value: SupportsFloat | None, *, digits: int = 2, factor: float = 1.0) -> str:
-    """Return `factor` times a number with fixed digits, or a dash where there is none."""
-    number = float("nan") if value is None else factor * float(value)
-    return f"{number:.{digits}f}" if np.isfinite(number) else "-"
-
-
-def interval_text(value: float, half: float, *, digits: int = 2, sign: bool = False) -> str:
-    """Return ``value ± half width``, the number alone without an interval, or a dash."""
-    if not np.isfinite(value):
-        return "-"
-    number = f"{value:+.{digits}f}" if sign else f"{value:.{digits}f}"
-    return number + (f" ± {half:.{digits}f}" if np.isfinite(half) else "")
-
-
-def scaled(interval: Sequence[float | None] | None, factor: float) -> list[float]:
-    """Return `factor` times an interval; NaN where JSON has null."""
-    return [float("nan") if end is None else factor * end for end in interval or (None, None)]
-
-
-def range_text(
-    interval: Sequence[float | None] | None, *, digits: int = 2, factor: float = 1.0
-) -> str:
-    """Return `factor` times an interval, `` (low to high)``; empty where it is not known."""
-    low, high = scaled(interval, factor)
-    return f" ({low:.{digits}f} to {high:.{digits}f})" if np.isfinite(low + high) else ""
 
 
 def fit_words(fit: xr.Dataset) -> str:
@@ -268,17 +209,6 @@ def fit_words(fit: xr.Dataset) -> str:
     return ", ".join(f"{name} {value}°" for name, value in text.items())
 
 
-#: The deviation's formula, for page and card.
-FORMULA = (
-    "deviation = A + B sin m + C cos m + D sin 2m + E cos 2m, with m the indicated magnetic heading"
-)
-PHASE_WORDS = (
-    "Offset = A, amplitude² = B² + C².",
-    "The one-cycle part B sin m + C cos m equals amplitude × sin(m + phase): it is largest at "
-    "m = 90° - phase.",
-)
-
-
 def coefficient_texts(fit: xr.Dataset) -> dict[str, str]:
     """Return the coefficients A to E with 95 % intervals and unit; zero where not fitted."""
     value = fit["deviation"].to_numpy().astype(float)
@@ -290,17 +220,6 @@ def coefficient_texts(fit: xr.Dataset) -> dict[str, str]:
     if "harmonics" in fit and int(fit["harmonics"]) == 1:
         found |= {"D": "0", "E": "0"}
     return found
-
-
-_WINDS = (
-    "eastward_wind",
-    "northward_wind",
-    "reference_eastward_wind",
-    "reference_northward_wind",
-    "screening",
-    "flight",
-)
-_CORRECTED = ("corrected_eastward_wind", "corrected_northward_wind", "correction_applied")
 
 
 class Total(NamedTuple):
@@ -324,35 +243,22 @@ class BeforeAfter(NamedTuple):
     total: Total
 
 
-def disagreement(
-    headings: xr.Dataset, corrected: xr.Dataset, fits: xr.Dataset, reference: str
-) -> BeforeAfter:
+def disagreement(headings: xr.Dataset, corrected: xr.Dataset, reference: str) -> BeforeAfter:
     """Return the disagreement of each aircraft with a reference or pool, before and after.
 
-    Parameters
-    ----------
-    headings, corrected, fits : Dataset
-        Products of docs/formats.md, reports in the same order, in memory or lazy.
-    reference : str
-        Reference or pool.
-
-    Returns
-    -------
-    BeforeAfter
-        NaN for aircraft that were not corrected.
+    Headings and corrected winds have the reports in the same order, in memory or lazy. NaN for
+    aircraft that were not corrected.
     """
-    chosen = members(headings, fits, reference)
+    chosen = members(headings, reference)
+    names = [f"{of}{way}_wind" for of in ("", "reference_") for way in ("eastward", "northward")]
+    better_names = ["corrected_eastward_wind", "corrected_northward_wind", "correction_applied"]
     parts = []
-    pairs = zip(blocks(headings, _WINDS), blocks(corrected, _CORRECTED), strict=True)
-    for block, better in pairs:
-        u, v = (pooled(block, chosen, f"reference_{way}_wind") for way in ("eastward", "northward"))
+    both = blocks(headings, [*names, "screening", "flight"]), blocks(corrected, better_names)
+    for block, better in zip(*both, strict=True):
+        u, v = (pooled(block, chosen, name) for name in names[2:])
         before, after = (
-            np.hypot(
-                ds[f"{prefix}eastward_wind"].to_numpy() - u,
-                ds[f"{prefix}northward_wind"].to_numpy() - v,
-            )
-            / KNOT
-            for ds, prefix in ((block, ""), (better, "corrected_"))
+            np.hypot(ds[east].to_numpy() - u, ds[north].to_numpy() - v) / KNOT
+            for ds, (east, north) in ((block, names[:2]), (better, better_names[:2]))
         )
         # Reports without a correction have the same disagreement twice and would dilute the gain.
         keep = used(block) & is_corrected(better["correction_applied"].to_numpy())
@@ -365,15 +271,12 @@ def disagreement(
             ]
         )
     sums = np.concatenate([np.array(part) for part in parts], axis=-1)  # (3, 6, aircraft)
-    (before, after, gain), (*_, error) = zip(*map(clustered_mean, sums), strict=True)
     # A flight belongs to one aircraft, so clustered sums of the fleet are sums over aircraft.
-    whole = sums.sum(axis=-1)
-    total = Total(np.nan, np.nan, np.nan, np.nan, 0)
-    if number := int(whole[0, 0]):
-        (start, end, reduction), (*_, spread) = zip(*map(clustered_mean, whole), strict=True)
-        half = float(NORMAL_95 * spread)
-        total = Total(float(start), float(end), float(reduction), half, number)
-    reports = sums[0, 0].astype(np.int64)
+    whole = sums.sum(axis=-1, keepdims=True)
+    (before, after, gain), (*_, error) = zip(*map(clustered_mean, sums), strict=True)
+    (start, end, change), (*_, spread) = zip(*map(clustered_mean, whole), strict=True)
+    numbers = start.item(), end.item(), change.item(), NORMAL_95 * spread.item()
+    total, reports = Total(*numbers, int(whole[0, 0, 0])), sums[0, 0].astype(np.int64)
     return BeforeAfter(before, after, gain, NORMAL_95 * error, reports, total)
 
 
@@ -392,10 +295,7 @@ def screening_audit(headings: xr.Dataset) -> list[Rule]:
         flags = block["screening"].to_numpy()
         together += [np.count_nonzero(flags & bit) for bit in SCREENING.values()]
         alone += [np.count_nonzero(flags == bit) for bit in SCREENING.values()]
-    rules = [
-        Rule(name, int(one), int(other))
-        for name, one, other in zip(SCREENING, together, alone, strict=True)
-    ]
+    rules = [Rule(*one) for one in zip(SCREENING, together.tolist(), alone.tolist(), strict=True)]
     return sorted((rule for rule in rules if rule.together), key=lambda rule: -rule.together)
 
 
@@ -435,10 +335,8 @@ def headline(
     """Return the headline of a run, at most 25 words."""
     sizes, constants = amplitudes(fits, reference), offsets_only(fits, reference)
     fitted, fleet = sizes.size + constants.size, fits.sizes["aircraft"]
-    implausible = int(
-        (fits["status"].sel(reference=reference) == STATUS["implausible_reports"]).sum()
-    )
-    if implausible:
+    status = fits["status"].sel(reference=reference)
+    if implausible := int((status == STATUS["implausible_reports"]).sum()):
         return (
             f"Reports of {implausible} of {fleet} aircraft contradict the reference {reference}: "
             "check their units before any correction."

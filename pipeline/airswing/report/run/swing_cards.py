@@ -1,9 +1,8 @@
 """Swing cards: a PDF with a page for each aircraft that has a deviation fit.
 
-A swing card is the deviation card of a compass swing: the 8-point table for the unit, for each
-magnetic heading to be flown the compass heading to steer, the deviation's formula with its
-coefficients, and the data behind them. Headings are magnetic and indicated, in degrees. The file
-depends on its input alone: the date on the card is that of the fits.
+A swing card is the deviation card of a compass swing: the 8-point table for the unit, the compass
+heading to steer for each magnetic heading, the deviation's formula and the data behind them. The
+file depends on its input alone: the date on the card is that of the fits.
 """
 
 from __future__ import annotations
@@ -23,25 +22,10 @@ from numpy.typing import ArrayLike, NDArray
 from airswing.errors import InputError
 from airswing.flags import STATUS, published
 from airswing.products.whole_files import atomic
-from airswing.report.html.style import INK, RC, SOFT, Units, garbage_collection_rare, plural, styled
+from airswing.report.html.style import INK, SOFT, drawing
+from airswing.report.html.text import Units, plural
+from airswing.report.run import selection
 from airswing.report.run.heading_error import bias_words, draw_heading_error
-from airswing.report.run.selection import (
-    FORMULA,
-    PHASE_WORDS,
-    adds_error,
-    coefficient_texts,
-    compass_points,
-    curve_half_width,
-    drawn_columns,
-    fit_words,
-    headline_reference,
-    needs_no_correction,
-    one_fit,
-    rows_of,
-    table_error,
-    tails,
-    used,
-)
 from airswing.version import __version__
 
 if TYPE_CHECKING:
@@ -89,6 +73,7 @@ def steer(error: ArrayLike, wanted: ArrayLike) -> Floats:
     return np.asarray(np.mod(np.interp(aim, magnetic, compass), 360.0))
 
 
+@drawing()
 def write_swing_cards(
     fits: xr.Dataset,
     headings: xr.Dataset,
@@ -126,21 +111,20 @@ def write_swing_cards(
         raise InputError(
             "the fits contain no tables", field="table_correction", remedy="Call add_tables first"
         )
-    reference = reference or headline_reference(fits, headings)
-    headings = drawn_columns(headings)
-    status = fits["status"].sel(reference=reference).to_numpy()
-    chosen = [name for name, code in zip(tails(fits), status, strict=True) if published(code)]
+    reference = reference or selection.headline_reference(fits, headings)
+    headings = selection.drawn_columns(headings)
+    usable = published(fits["status"].sel(reference=reference))
+    chosen = [name for name, good in zip(selection.tails(fits), usable, strict=True) if good]
     # Without dates, or the same cards would differ from run to run.
     metadata = {"Title": "airswing swing cards", "CreationDate": None}
     fonts = _PDF_FONTS if "".join([reference, *chosen]).isascii() else {}
     with (
         atomic(Path(path)) as temporary,
-        matplotlib.rc_context({**RC, **fonts}),
-        garbage_collection_rare(),
+        matplotlib.rc_context(fonts),
         PdfPages(temporary, metadata=metadata) as pages,
     ):
         for name in chosen:
-            pages.savefig(_card(headings, fits, name, reference, units), dpi=150)
+            pages.savefig(swing_card(headings, fits, name, reference, units), dpi=150)
         if not chosen:
             empty = Figure(figsize=_A4)
             empty.text(0.1, 0.9, f"No aircraft has a fit against {reference}.")
@@ -148,39 +132,31 @@ def write_swing_cards(
     return len(chosen)
 
 
-@styled
-def swing_card_figure(
-    headings: xr.Dataset, fits: xr.Dataset, aircraft: str, reference: str, *, units: Units = "kt"
-) -> Figure:
-    """Draw the swing card of one aircraft, an A4 page."""
-    return _card(headings, fits, aircraft, reference, units)
-
-
-def _card(
+def swing_card(
     headings: xr.Dataset, fits: xr.Dataset, aircraft: str, reference: str, units: Units
 ) -> Figure:
-    fit = one_fit(fits, aircraft, reference)
+    """Draw the swing card of one aircraft, an A4 page."""
+    fit = selection.one_fit(fits, aircraft, reference)
     figure = Figure(figsize=_A4)
     figure.text(0.08, 0.955, f"Compass deviation card  {aircraft}", fontsize=16, weight="bold")
-    figure.text(
-        0.08, 0.935, "Magnetic compass, swung in flight. All angles in degrees.", color=SOFT
-    )
+    subtitle = "Magnetic compass, swung in flight. All angles in degrees."
+    figure.text(0.08, 0.935, subtitle, color=SOFT)
     labels, values = zip(*_facts(fit, headings, reference), strict=True)
     _lines(figure, 0.08, 0.915, labels, SOFT)
     _lines(figure, 0.22, 0.915, values, INK)
     figure.text(0.08, 0.795, _advice(fit), fontsize=12, weight="bold", va="top")
-    heading, error = compass_points(headings, fits, aircraft, reference)
+    heading, error = selection.compass_points(headings, fits, aircraft, reference)
     axes = figure.add_axes((0.11, 0.53, 0.82, 0.235))
     draw_heading_error(axes, heading, error, fit)
     axes.legend(loc="upper center", bbox_to_anchor=(0.47, -0.16), ncols=4, fontsize=8)
     _unit_table(figure.add_axes((0.08, 0.225, 0.40, 0.215)), fit)
-    _steering(figure.add_axes((0.53, 0.225, 0.40, 0.215)), table_error(fit)[1])
-    coefficients = ",  ".join(f"{k} = {v}" for k, v in coefficient_texts(fit).items())
+    _steering(figure.add_axes((0.53, 0.225, 0.40, 0.215)), selection.table_error(fit)[1])
+    coefficients = ",  ".join(f"{k} = {v}" for k, v in selection.coefficient_texts(fit).items())
     words = [
-        f"{FORMULA[0].upper()}{FORMULA[1:]}.",
+        selection.FORMULA[0],
         f"{coefficients}   (± 95 %)",
-        f"{fit_words(fit)}. {PHASE_WORDS[0]}",
-        PHASE_WORDS[1],
+        f"{selection.fit_words(fit)}. {selection.FORMULA[1]}",
+        selection.FORMULA[2],
         bias_words(fits, reference, units).strip(),
     ]
     _lines(figure, 0.08, 0.2, words, INK, fontsize=8)
@@ -193,29 +169,26 @@ def _card(
 
 
 def _facts(fit: xr.Dataset, headings: xr.Dataset, reference: str) -> list[tuple[str, str]]:
-    name = str(fit["aircraft"].to_numpy())
-    reports = headings[["time", "screening"]].isel(report=rows_of(headings, name)).load()
-    times = reports["time"].to_numpy()[used(reports)]
+    rows = selection.rows_of(headings, str(fit["aircraft"].to_numpy()))
+    reports = headings[["time", "screening"]].isel(report=rows).load()
+    times = reports["time"].to_numpy()[selection.used(reports)]
     period = "-"
     if times.size:
         period = " to ".join(str(np.datetime_as_string(t, "D")) for t in (times.min(), times.max()))
     made = str(fit.attrs.get("history", "")).split("T")[0] or "-"
+    behind = [plural(int(fit[f"{name}_count"]), name) for name in ("report", "flight")]
+    points = f"{int(fit['compass_points'])} of 8 compass points"
     return [
         ("Reference", f"{reference} (model winds)"),
         ("Period", f"{period} (UTC)"),
-        (
-            "Reports",
-            f"{plural(int(fit['report_count']), 'report')} of "
-            f"{plural(int(fit['flight_count']), 'flight')}, "
-            f"{int(fit['compass_points'])} of 8 compass points",
-        ),
+        ("Reports", f"{' of '.join(behind)}, {points}"),
         ("Units", "degrees; headings magnetic, as indicated"),
         ("Made", f"{made} with airswing {fit.attrs.get('airswing_version', __version__)}"),
     ]
 
 
 def _advice(fit: xr.Dataset) -> str:
-    if needs_no_correction(fit):
+    if selection.needs_no_correction(fit):
         return "No correction needed: the deviation is zero within its 95 % interval."
     if int(fit["status"]) == STATUS["offset_only"]:
         return "Constant correction only: too few headings or flights for a curve."
@@ -232,8 +205,7 @@ def _lines(
 def _columns(axes: Axes, title: str, columns: list[tuple[float, str, list[str]]]) -> None:
     """Write columns of text (place, title, cells) with a rule below their titles."""
     axes.axis("off")
-    axes.set_xlim(0, 1)
-    axes.set_ylim(0, 1)
+    axes.set(xlim=(0, 1), ylim=(0, 1))
     axes.text(0, 1.0, title, weight="bold", fontsize=10, va="bottom")
     axes.axhline(0.885, color=SOFT, linewidth=0.8)
     for x, label, cells in columns:
@@ -244,34 +216,27 @@ def _columns(axes: Axes, title: str, columns: list[tuple[float, str, list[str]]]
 
 
 def _unit_table(axes: Axes, fit: xr.Dataset) -> None:
-    nodes, error = table_error(fit)
-    half = curve_half_width(fit, nodes)
-    sign = 1.0 if adds_error(fit) else -1.0
-    what = "heading error, to subtract" if adds_error(fit) else "to add"
-    _columns(
-        axes,
-        "8-point table for the unit",
-        [
-            (0.10, "", list(_POINTS)),
-            (0.32, "indicated", [f"{node:03.0f}" for node in nodes]),
-            (0.66, what, [f"{value:+.1f}" for value in sign * error + 0.0]),
-            (0.94, "± 95 %", [f"{value:.1f}" for value in half]),
-        ],
-    )
+    nodes = fit["table_heading"].to_numpy().astype(float)
+    half = selection.curve_half_width(fit, nodes)
+    correction = fit["table_correction"].to_numpy().astype(float) + 0.0
+    what = "heading error, to subtract" if selection.adds_error(fit) else "to add"
+    columns = [
+        (0.10, "", list(_POINTS)),
+        (0.32, "indicated", [f"{node:03.0f}" for node in nodes]),
+        (0.66, what, [f"{value:+.1f}" for value in correction]),
+        (0.94, "± 95 %", [f"{value:.1f}" for value in half]),
+    ]
+    _columns(axes, "8-point table for the unit", columns)
 
 
 def _steering(axes: Axes, error: Floats) -> None:
     names = {0: "N", 90: "E", 180: "S", 270: "W"}
     aims = [names.get(int(aim), f"{aim:03.0f}") for aim in CARD_HEADINGS]
     steered = [f"{np.rint(one) % 360:03.0f}" for one in steer(error, CARD_HEADINGS)]
-    half = len(aims) // 2
-    _columns(
-        axes,
-        "Deviation card (magnetic headings)",
-        [
-            (0.15, "FOR", aims[:half]),
-            (0.38, "STEER", steered[:half]),
-            (0.67, "FOR", aims[half:]),
-            (0.90, "STEER", steered[half:]),
-        ],
-    )
+    columns = [
+        (0.15, "FOR", aims[:6]),
+        (0.38, "STEER", steered[:6]),
+        (0.67, "FOR", aims[6:]),
+        (0.90, "STEER", steered[6:]),
+    ]
+    _columns(axes, "Deviation card (magnetic headings)", columns)
