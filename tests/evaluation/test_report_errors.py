@@ -291,7 +291,7 @@ def test_a_simulated_archive_against_its_truth(simulated, tmp_path):
     few = product.copy(deep=True)
     few["observation_error"].loc[{"flight_phase": ["ascent", "descent"]}] = np.nan
     cruise = report_errors_figure(few, "kt")
-    assert [axes.get_title("left") for axes in cruise.axes] == ["cruise"]
+    assert [axes.get_title() for axes in cruise.axes] == ["cruise"]
     assert "Too few reports near each other in ascent and descent." in cruise.caption
     shown = figure.axes[1].containers[-1].lines[0].get_ydata()
     bottom, top = (product[f"layer_{end}_pressure"].to_numpy() for end in ("bottom", "top"))
