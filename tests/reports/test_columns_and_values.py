@@ -10,7 +10,7 @@ from airswing.errors import InputError
 from airswing.flags import ICING, PHASE, ROLL
 from airswing.reports import Audit
 from airswing.reports.columns import canonical_names, parse_mapping, sources, split_name
-from airswing.reports.values import FLAG_CODES, decode_flags, parse_times, possible
+from airswing.reports.values import decode_flags, parse_times, possible
 
 PLAIN = ["tail", "time", "latitude", "longitude"]
 WIND = ["wind_direction_deg", "wind_speed_kt"]
@@ -41,14 +41,9 @@ def test_the_unit_at_the_end_of_a_name_is_understood(name: str, value: float, si
     assert value * source.factor + source.offset == pytest.approx(si, rel=1e-12)
 
 
-@pytest.mark.parametrize("name", ["pressure_altitude", "wind_speed", "pressure_m", "speed_kt"])
-def test_a_name_without_a_fitting_unit_is_not_guessed(name: str):
-    assert split_name(name) is None
-
-
 def test_mapped_columns_take_the_users_unit_and_come_first():
     for name in canonical_names():
-        ((_, source),) = parse_mapping({"theirs": name}).values()
+        (source,) = parse_mapping({"theirs": name}).values()
         assert source.column == "theirs"
     mapping = parse_mapping(
         {"WSPD": {"name": "wind_speed_kt", "unit": "m/s"}, "ALT": "pressure_altitude_m"}
@@ -93,12 +88,6 @@ def test_an_absent_column_is_named_with_the_nearest(
     with pytest.raises(InputError, match=message) as error:
         sources(names, parse_mapping(mapping), "fleet.csv")
     assert "fleet.csv" in str(error.value) and "airswing inspect" in str(error.value)
-
-
-def test_a_name_of_one_letter_is_near_no_other():
-    with pytest.raises(InputError, match="tail: a required column is missing") as error:
-        sources(["T", *PLAIN[1:], *WIND, "pressure_hPa"], {}, "fleet.csv")
-    assert "Nearest" not in str(error.value)
 
 
 @pytest.mark.parametrize(
@@ -154,7 +143,7 @@ def test_times_that_no_report_can_have_are_not_possible(value: object):
 def test_flag_codes_are_decoded_and_counted():
     def decoded(name: str, values: list[object]) -> tuple[list[int], Audit]:
         audit = Audit()
-        return decode_flags(values, *FLAG_CODES[name], name=name, audit=audit).tolist(), audit
+        return decode_flags(values, name, audit).tolist(), audit
 
     found, audit = decoded("roll_flag", ["G", "b", "N", "", "-", " G ", None, "Z", float("nan")])
     names = ["good", "bad", "not_available", "missing", "missing", "good", *["missing"] * 3]

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from airswing.flags import PHASE
-from airswing.reports.flights import climb_rate, derive_flight, derive_phase, step_distance
+from airswing.reports.flights import derive_flight, derive_phase
 
 FOOT = 0.3048
-DEGREE = 2 * np.pi * 6371008.8 / 360.0  # m along a great circle
 
 
 def columns(
@@ -30,11 +29,6 @@ def columns(
             np.asarray(altitude, dtype=np.float32), minutes.shape
         ).copy(),
     }
-
-
-def test_distance_of_one_degree_and_across_the_antimeridian():
-    found = step_distance(np.array([0.0, 0.0, 0.0, 1.0]), np.array([178.5, 179.5, -179.5, -179.5]))
-    np.testing.assert_allclose(found, DEGREE, rtol=1e-9)
 
 
 STEADY = None  # 111 m/s due east
@@ -104,18 +98,6 @@ def test_two_aircraft_under_one_identifier_are_separated(labels: tuple[int, int]
     assert found.tolist() == np.where(second, 1, 0).tolist()
 
 
-def test_numbers_are_unique_over_tails():
-    found = derive_flight(columns([0, 10, 0, 10], tail=np.array([0, 0, 1, 1]), label=5))
-    assert found.tolist() == [0, 0, 1, 1]
-
-
-def test_climb_rate_of_a_steady_climb_and_of_a_lone_report():
-    seconds = np.array([0.0, 60.0, 120.0, 0.0])
-    rate = climb_rate(seconds, 5.0 * seconds, np.array([0, 0, 0, 1]))
-    np.testing.assert_allclose(rate[:3], 5.0)
-    assert np.isnan(rate[3])
-
-
 def profile(step: float, altitude_step_ft: float) -> tuple[dict[str, np.ndarray], np.ndarray]:
     """Climb at 1500 ft/min to 25,000 ft, cruise, descend; every ``step`` minutes."""
     minutes = np.arange(0.0, 60.0, step)
@@ -164,12 +146,6 @@ def test_phase_of_a_whole_flight(altitude: np.ndarray, phase: str):
     size = altitude.size
     found = derive_phase(columns(np.arange(float(size)), altitude=altitude), np.zeros(size, int))
     assert (found == PHASE[phase]).all()
-
-
-def test_an_unknown_altitude_has_no_phase():
-    altitude = np.array([6000.0, np.nan, 6000.0])
-    found = derive_phase(columns([0, 1, 2], altitude=altitude), np.zeros(3, dtype=int))
-    assert found.tolist() == [PHASE["cruise"], PHASE["unknown"], PHASE["cruise"]]
 
 
 def test_interleaved_flights_have_phases_of_their_own():

@@ -69,11 +69,6 @@ def test_real_mode_s_is_understood_as_it_stands(real: Callable[[str], Path]):
     assert np.isfinite(heading[derived]).all()
 
 
-def test_real_tamdar_among_other_data_of_the_hour(real: Callable[[str], Path]):
-    reports = read_reports(real(TAMDAR), columns={"source": {"only": "TAMDAR"}})
-    assert (reports.sizes["aircraft"], reports.sizes["report"]) == (43, 878)
-
-
 def test_real_tamdar_winds_are_those_of_the_soundings_of_the_same_hour(
     tmp_path: Path, real: Callable[[str], Path]
 ):

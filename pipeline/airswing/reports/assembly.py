@@ -1,41 +1,33 @@
 """From cleaned reports to the reports Dataset: order, duplicates, flights, ragged layout.
 
-The result does not depend on the order of rows or files.
+The result does not depend on the order of rows or files: aircraft are in alphabetical order, within
+an aircraft flights in order of their first reports, within a flight time.
 
-Duplicates
-----------
-Two reports of one aircraft at one time and place (within 1e-4 degree and 15 m) are one: the more
-complete stays, then the one with the smaller values. Two reports of one aircraft and time at
-different places are both kept if the time is coarse enough for both (a whole minute, or the time of
-a profile whose levels take time to climb through) or if their flight labels differ; otherwise they
-are a conflict and the more complete stays. Reports of one time that are kept follow the climb or
-descent around them.
+Duplicates: two reports of one aircraft at one time and place (within 1e-4 degree and 15 m) are one;
+the more complete stays, then the one with the smaller values. Two of one time at different places
+are both kept if the time is coarse enough for both (a whole minute, or the time of a profile whose
+levels take time to climb through) or if their flight labels differ; otherwise they are a conflict
+and the more complete stays. Reports of one time follow the climb or descent around them.
 
-Two aircraft under one identifier
----------------------------------
-Flights of one identifier that fly for half of their time while another flies are of two aircraft.
-All flights of such an identifier are then divided into sequences that one aircraft can have flown:
-each flight, in order of time, continues the sequence that has ended and whose callsigns have the
-same operator (leading letters), of these the one that ended nearest; a sequence that ended too far
-away to be there in time is not continued. The sequences become aircraft of their own, numbered from
-west to east (``4840D6-1``, ``4840D6-2``). The numbers are those of one call, in a run of one month;
-where the two aircraft do not fly at the same time within it, they remain one.
-
-Order
------
-Aircraft in alphabetical order, within an aircraft flights in order of their first reports, within a
-flight time.
+Two aircraft under one identifier: flights that fly for half of their time while another flies are
+of two aircraft. All flights of such an identifier are divided into sequences that one aircraft can
+have flown: each flight continues the sequence that has ended and whose callsigns have the same
+operator (leading letters), of these the one that ended nearest, if it can be there in time. The
+sequences become separate aircraft, numbered from west to east (``4840D6-1``, ``4840D6-2``) within
+one call, in a run of one month; where the two do not fly at the same time in it, they remain one.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from itertools import takewhile
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
+from pandas.api.types import union_categoricals
 
 from airswing.flags import PHASE, PLATFORM
 from airswing.physics.triangle import direction_in_degrees, wrap_degrees
@@ -50,6 +42,8 @@ from airswing.reports.flights import (
 from airswing.reports.resolution import resolutions
 from airswing.units import METRES_PER_DEGREE
 from airswing.vocabulary import describe
+
+Period = tuple[np.datetime64, np.datetime64]
 
 # m/s over ground, and m/s of climb: what is farther apart is not one moment of a flight.
 FASTEST, CLIMB = 350.0, 10.0
@@ -74,10 +68,10 @@ def assemble(
     parts: Iterable[pd.DataFrame],
     *,
     interval: float = 0.0,
-    begins: tuple[np.datetime64, np.datetime64] | None = None,
+    begins: Period | None = None,
     audit: Audit | None = None,
 ) -> xr.Dataset:
-    """Assemble the cleaned reports of several files into one ragged Dataset.
+    """Assemble the cleaned reports of several files into one ragged Dataset, which may be empty.
 
     Parameters
     ----------
@@ -91,12 +85,6 @@ def assemble(
     audit : Audit, optional
         Duplicates and derived values are added to it; with ``begins`` those of that time alone,
         so that each is counted once over all periods. The caller adds the audits of the files.
-
-    Returns
-    -------
-    Dataset
-        As of :func:`airswing.reports.read.read_reports`, without its audit; aircraft without a
-        report are left out, so that it may be empty.
     """
     audit = Audit() if audit is None else audit
     columns, tails, labels = _gathered(parts)
@@ -112,7 +100,7 @@ def assemble(
         kept = ((start >= begins[0]) & (start < begins[1]))[number]
         _take(columns, kept)
         flight = flight[kept]
-    audit.repair("flight_derived", int(np.count_nonzero(columns["flight"] < 0)))
+    audit.repair("flight_derived", np.count_nonzero(columns["flight"] < 0))
     tails = _separate(columns, flight, tails, labels, audit)
     order = np.lexsort((flight, columns["tail"]))
     _take(columns, order)
@@ -121,7 +109,7 @@ def assemble(
     derived = derive_phase(columns, columns["flight"])
     unknown = columns["phase"] == PHASE["unknown"]
     columns["phase"] = np.where(unknown, derived, columns["phase"]).astype(np.int8)
-    audit.repair("phase_derived", int(np.count_nonzero(unknown & (derived != 0))))
+    audit.repair("phase_derived", np.count_nonzero(unknown & (derived != 0)))
     for name in _MAY_BE_MISSING:
         if absent := int(np.count_nonzero(np.isnan(columns[name]))):
             audit.missing[name] += absent
@@ -156,25 +144,16 @@ def _gathered(
         for name in frames[0].columns
         if name not in ("tail", "flight")
     }
-    tails, columns["tail"] = _numbered(frame["tail"] for frame in frames)
-    labels, flight = _numbered(frame["flight"] for frame in frames)
+    names = {}
+    for name in ("tail", "flight"):
+        labels = union_categoricals([frame[name] for frame in frames], sort_categories=True)
+        labels = labels.remove_unused_categories()
+        columns[name] = labels.codes.astype(np.int32)
+        names[name] = np.array([str(label) for label in labels.categories], dtype=object)
     # The blank label comes first in alphabetical order.
-    blank = int(labels.size > 0 and labels[0] == "")
-    columns["flight"] = flight - np.int32(blank)
-    return columns, tails, labels[blank:]
-
-
-def _numbered(
-    columns: Iterable[pd.Series[str]],
-) -> tuple[NDArray[np.object_], NDArray[np.int32]]:
-    """Labels that occur, in alphabetical order, and the number of each value's label."""
-    together = pd.api.types.union_categoricals(list(columns), ignore_order=True)
-    used, index = np.unique(np.asarray(together.codes), return_inverse=True)
-    labels = np.array([str(label) for label in together.categories[used]], dtype=object)
-    order = np.argsort(labels)
-    number = np.empty(labels.size, dtype=np.int32)
-    number[order] = np.arange(labels.size, dtype=np.int32)
-    return labels[order], number[index]
+    blank = int(names["flight"].size > 0 and names["flight"][0] == "")
+    columns["flight"] -= np.int32(blank)
+    return columns, names["tail"], names["flight"][blank:]
 
 
 def _take(columns: Columns, index: NDArray[np.integer | np.bool_]) -> None:
@@ -211,18 +190,14 @@ def _number_missing(columns: Columns, members: NDArray[np.integer]) -> NDArray[n
     return np.asarray(sum(np.isnan(columns[name][members]).astype(np.int64) for name in names))
 
 
-def _within(
-    time: NDArray[np.datetime64], begins: tuple[np.datetime64, np.datetime64] | None
-) -> NDArray[np.bool_]:
+def _within(time: NDArray[np.datetime64], begins: Period | None) -> NDArray[np.bool_]:
     """Which times are counted: those of the margin are counted with their own period."""
     if begins is None:
         return np.ones(time.shape, dtype=bool)
     return np.asarray((time >= begins[0]) & (time < begins[1]))
 
 
-def _drop_same_place(
-    columns: Columns, audit: Audit, begins: tuple[np.datetime64, np.datetime64] | None
-) -> None:
+def _drop_same_place(columns: Columns, audit: Audit, begins: Period | None) -> None:
     later = np.flatnonzero(_same_moment(columns["tail"], columns["time"]))
     north, east, up = _apart(columns, later, later - 1)
     # An unknown altitude (NaN) passes.
@@ -234,15 +209,13 @@ def _drop_same_place(
         # NaN differs from itself: two absent values are equal here.
         exact &= (one == other) | ((one != one) & (other != other))
     counted = _within(columns["time"][later], begins)
-    audit.drop("exact_duplicate", int(np.count_nonzero(exact & counted)))
-    audit.drop("same_tail_and_time", int(np.count_nonzero(~exact & counted)))
+    audit.drop("exact_duplicate", np.count_nonzero(exact & counted))
+    audit.drop("same_tail_and_time", np.count_nonzero(~exact & counted))
     if later.size:
         _take(columns, np.delete(np.arange(columns["tail"].size), later))
 
 
-def _drop_conflicts(
-    columns: Columns, audit: Audit, begins: tuple[np.datetime64, np.datetime64] | None
-) -> None:
+def _drop_conflicts(columns: Columns, audit: Audit, begins: Period | None) -> None:
     """Of two places where one aircraft cannot both have been, drop the less complete report."""
     while True:
         later = np.flatnonzero(_same_moment(columns["tail"], columns["time"]))
@@ -259,7 +232,7 @@ def _drop_conflicts(
             return
         worse_before = _number_missing(columns, later - 1) > _number_missing(columns, later)
         counted = _within(columns["time"][later], begins)
-        audit.drop("conflicting_position", int(np.count_nonzero(counted)))
+        audit.drop("conflicting_position", np.count_nonzero(counted))
         _take(columns, np.delete(np.arange(columns["tail"].size), later - worse_before))
 
 
@@ -300,7 +273,7 @@ def _apart(
     return north, wrap_degrees(east), np.abs(up)
 
 
-def _number_of_run(*keys: NDArray[np.integer]) -> NDArray[np.int32]:
+def _number_of_run(*keys: NDArray[Any]) -> NDArray[np.int32]:
     """Number, from 0, of the run of equal keys that each report is in."""
     new = np.zeros(keys[0].size, dtype=bool)
     for key in keys:
@@ -371,12 +344,7 @@ def _sequences(
     return np.array(number)
 
 
-def _average(
-    columns: Columns,
-    interval: float,
-    audit: Audit,
-    begins: tuple[np.datetime64, np.datetime64] | None,
-) -> None:
+def _average(columns: Columns, interval: float, audit: Audit, begins: Period | None) -> None:
     """Average reports in order of tail and time over intervals (s; 0: none), in place.
 
     Reports of neighbouring seconds differ by coding noise; the errors of model and compass are the
@@ -388,46 +356,38 @@ def _average(
     if interval <= 0.0 or number < 2:
         return
     seconds = columns["time"].astype("datetime64[ms]").astype(np.int64) / 1e3
-    cell = np.floor(seconds / interval).astype(np.int64)
-    new = np.ones(number, dtype=bool)
-    new[1:] = (np.diff(columns["tail"]) != 0) | (np.diff(cell) != 0)
-    new[1:] |= np.diff(columns["flight"]) != 0
-    starts = np.flatnonzero(new)
+    group = _number_of_run(columns["tail"], np.floor(seconds / interval), columns["flight"])
+    starts = np.flatnonzero(np.diff(group, prepend=-1))
     sizes = np.diff(np.r_[starts, number])
-    middle = starts + sizes // 2
-
-    def mean(values: NDArray[np.floating]) -> NDArray[np.float64]:
-        known = np.isfinite(values)
-        total = np.add.reduceat(np.where(known, values, 0.0).astype(np.float64), starts)
-        with np.errstate(invalid="ignore"):
-            return np.asarray(total / np.add.reduceat(known.astype(np.int64), starts))
-
-    def from_first(values: NDArray[np.floating]) -> NDArray[np.float64]:
-        first = values[starts].repeat(sizes)
-        return wrap_degrees(values.astype(np.float64) - first)
-
-    turn = from_first(columns["reported_heading"])
-    highest = np.maximum.reduceat(np.where(np.isnan(turn), -np.inf, turn), starts)
-    lowest = np.minimum.reduceat(np.where(np.isnan(turn), np.inf, turn), starts)
-    straight = (sizes > 1) & ~(highest - lowest > STRAIGHT)
-    means = {name: mean(columns[name]) for name in _MEANS}
     heading, longitude = columns["reported_heading"], columns["longitude"]
-    means["reported_heading"] = (heading[starts] + mean(turn)) % 360.0
-    means["longitude"] = wrap_degrees(longitude[starts] + mean(from_first(longitude)))
+    # Less the first: sums of seconds since 1970 lose the milliseconds.
+    first = starts[group]
+    offsets = {
+        "heading": wrap_degrees(heading.astype(np.float64) - heading[first]),
+        "longitude": wrap_degrees(longitude - longitude[first]),
+        "seconds": seconds - seconds[first],
+    }
+    values = {name: columns[name].astype(np.float64) for name in _MEANS}
+    grouped = pd.DataFrame(values | {f"{n} offset": v for n, v in offsets.items()}).groupby(group)
+    mean = {str(name): column.to_numpy() for name, column in grouped.mean().items()}
+    turn = grouped["heading offset"].max() - grouped["heading offset"].min()
+    straight = (sizes > 1) & ~(turn.to_numpy() > STRAIGHT)
+    means = {name: mean[name] for name in _MEANS}
+    means["reported_heading"] = (heading[starts] + mean["heading offset"]) % 360.0
+    means["longitude"] = wrap_degrees(longitude[starts] + mean["longitude offset"])
     if "wind_speed" in columns:
         east, north = means["eastward_wind"], means["northward_wind"]
         means["wind_speed"] = np.hypot(east, north)
         means["wind_direction"] = direction_in_degrees(east, north)
-    # Less the first: sums of seconds since 1970 lose the milliseconds.
-    mean_time = seconds[starts] + mean(seconds - seconds[starts].repeat(sizes))
+    mean_time = np.round((seconds[starts] + mean["seconds offset"]) * 1e9)
     counted = _within(columns["time"], begins)
     audit.drop("averaged", int(counted.sum()) - int(counted[starts].sum()))
-    for name, values in columns.items():
-        chosen = values[middle]
+    for name, original in columns.items():
+        chosen = original[starts + sizes // 2]
         if name == "time":
-            chosen = np.where(straight, np.round(mean_time * 1e9).astype("datetime64[ns]"), chosen)
+            chosen = np.where(straight, mean_time.astype("datetime64[ns]"), chosen)
         elif name in means:
-            chosen = np.where(straight, means[name], chosen).astype(values.dtype)
+            chosen = np.where(straight, means[name], chosen).astype(original.dtype)
         columns[name] = chosen
 
 

@@ -1,8 +1,7 @@
 """Counts of what happened to reports while they were read.
 
-Every report that was read is kept or dropped for exactly one reason, so that
-``reports_read = reports_kept + sum(dropped)`` at any time. A kept report may have been repaired for
-several reasons.
+Each report read is kept or dropped for one reason: ``reports_read = reports_kept + sum(dropped)``.
+A kept report may have been repaired for several reasons.
 """
 
 from __future__ import annotations
@@ -11,86 +10,51 @@ import json
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import TypedDict
+from typing import Any, SupportsInt
 
 import numpy as np
 
+AuditContent = dict[str, Any]
+"""Plain form of an :class:`Audit`, as stored in ``reading_audit``."""
+_COUNTERS = ("dropped", "repaired", "missing", "formats")
+_OTHERS = ("files_skipped", "examples", "mistakes", "similar_tails", "remarks")
 _LARGE_SHARE = 0.5  # of the reports, above which a note says what their values lack
-
-
-class AuditContent(TypedDict, total=False):
-    """Plain form of an :class:`Audit`, as stored in ``reading_audit``."""
-
-    reports_read: int
-    reports_kept: int
-    dropped: dict[str, int]
-    repaired: dict[str, int]
-    missing: dict[str, int]
-    flags: dict[str, dict[str, int]]
-    formats: dict[str, int]
-    files: int
-    files_skipped: list[dict[str, str]]
-    examples: dict[str, str]
-    mistakes: dict[str, str]
-    similar_tails: list[list[str]]
-    remarks: list[str]
-    notes: list[str]
 
 
 @dataclass
 class Audit:
-    """Counts of one reading.
+    """Counts of one reading."""
 
-    Attributes
-    ----------
-    read : int
-        Reports in the files, damaged ones included.
-    dropped, repaired : Counter
-        Reports left out, and values corrected or set missing in kept reports, by reason.
-    missing : Counter
-        Kept reports without a value, by variable.
-    flags : dict of Counter
-        Codes that occurred, by flag field of the source.
-    formats : Counter
-        Files read, by format.
-    files_skipped : list of dict
-        ``file`` and ``reason`` of each file that could not be read.
-    examples : dict
-        The first value that could not be read, by column.
-    mistakes : dict
-        The likely mistake of the unit of a quantity of which most values are impossible.
-    similar_tails : list of list of str
-        Aircraft identifiers that differ only in case or blanks; they are kept apart.
-    remarks : list of str
-        Sentences of the readers that a user should see.
-    """
-
-    read: int = 0
-    dropped: Counter[str] = field(default_factory=Counter)
+    read: int = 0  # reports in the files, damaged ones included
+    dropped: Counter[str] = field(default_factory=Counter)  # reports left out, by reason
+    # values of kept reports corrected or set missing, by reason
     repaired: Counter[str] = field(default_factory=Counter)
-    missing: Counter[str] = field(default_factory=Counter)
+    missing: Counter[str] = field(default_factory=Counter)  # kept reports without a variable
+    # codes that occurred, by flag field of the source
     flags: dict[str, Counter[str]] = field(default_factory=dict)
-    formats: Counter[str] = field(default_factory=Counter)
-    files_skipped: list[dict[str, str]] = field(default_factory=list)
-    examples: dict[str, str] = field(default_factory=dict)
+    formats: Counter[str] = field(default_factory=Counter)  # files read, by format
+    files_skipped: list[dict[str, str]] = field(default_factory=list)  # ``file`` and ``reason``
+    examples: dict[str, str] = field(default_factory=dict)  # first unreadable value, by column
+    # likely mistake of the unit of a quantity of which most values are impossible
     mistakes: dict[str, str] = field(default_factory=dict)
+    # aircraft identifiers that differ only in case or blanks; they are kept apart
     similar_tails: list[list[str]] = field(default_factory=list)
-    remarks: list[str] = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)  # sentences of the readers for the user
 
     @property
     def kept(self) -> int:
         """Reports read less reports dropped."""
         return self.read - sum(self.dropped.values())
 
-    def drop(self, reason: str, number: int, *, unread: bool = False) -> None:
+    def drop(self, reason: str, number: SupportsInt, *, unread: bool = False) -> None:
         """Count reports left out; ``unread`` ones are not yet counted in ``read``."""
         self.read += int(number) if unread else 0
-        if number:
+        if int(number):
             self.dropped[reason] += int(number)
 
-    def repair(self, reason: str, number: int) -> None:
+    def repair(self, reason: str, number: SupportsInt) -> None:
         """Count values corrected or set missing."""
-        if number:
+        if int(number):
             self.repaired[reason] += int(number)
 
     def example(self, column: str, value: object) -> None:
@@ -140,17 +104,10 @@ class Audit:
         return {
             "reports_read": self.read,
             "reports_kept": self.kept,
-            "dropped": dict(sorted(self.dropped.items())),
-            "repaired": dict(sorted(self.repaired.items())),
-            "missing": dict(sorted(self.missing.items())),
+            **{name: dict(sorted(getattr(self, name).items())) for name in _COUNTERS},
             "flags": {name: dict(sorted(counts.items())) for name, counts in self.flags.items()},
-            "formats": dict(sorted(self.formats.items())),
             "files": sum(self.formats.values()),
-            "files_skipped": self.files_skipped,
-            "examples": self.examples,
-            "mistakes": self.mistakes,
-            "similar_tails": self.similar_tails,
-            "remarks": self.remarks,
+            **{name: getattr(self, name) for name in _OTHERS},
             "notes": self.notes(),
         }
 
@@ -161,27 +118,17 @@ class Audit:
     @classmethod
     def from_dict(cls, content: AuditContent) -> Audit:
         """Make an audit of its plain form."""
-        return cls(
-            read=content["reports_read"],
-            dropped=Counter(content["dropped"]),
-            repaired=Counter(content["repaired"]),
-            missing=Counter(content["missing"]),
-            flags={name: Counter(counts) for name, counts in content["flags"].items()},
-            formats=Counter(content["formats"]),
-            files_skipped=list(content["files_skipped"]),
-            examples=dict(content["examples"]),
-            mistakes=dict(content.get("mistakes", {})),
-            similar_tails=[list(group) for group in content.get("similar_tails", [])],
-            remarks=list(content.get("remarks", [])),
-        )
+        made = cls(content["reports_read"])
+        made.flags = {name: Counter(counts) for name, counts in content["flags"].items()}
+        for name in (*_COUNTERS, *_OTHERS):
+            setattr(made, name, type(getattr(made, name))(content.get(name, ())))
+        return made
 
     def add(self, other: Audit) -> None:
         """Add the counts of another audit, such as that of one file."""
         self.read += other.read
-        self.dropped += other.dropped
-        self.repaired += other.repaired
-        self.missing += other.missing
-        self.formats += other.formats
+        for name in _COUNTERS:
+            getattr(self, name).update(getattr(other, name))
         for name, counts in other.flags.items():
             self.codes(name, counts)
         self.files_skipped += other.files_skipped

@@ -15,17 +15,12 @@ two-layer standard atmosphere, or the reverse.
 
 Derived winds
 -------------
-Mode-S (registers 5,0 and 6,0), flight recorders and some data links report the magnetic heading, an
-airspeed and the ground vector of their satellite navigation. Where they report no wind it is ground
-velocity minus air velocity, and the heading error of such a report is that of its heading. A
-magnetic heading is turned to true north by the IGRF declination at the report's place and date: an
-aircraft with an older table of declinations carries the difference in its deviation, as it does in
-flight.
-
-Airspeed is the true airspeed if reported, else from the Mach number, else from the indicated
-airspeed, at the reported temperature. Without a temperature that of the standard atmosphere is
-used, which is in error by up to 4 %; ``wind_source`` says so of every such wind, and the airspeed
-scale of the aircraft contains the mean of that error.
+Where no wind is reported it is ground velocity minus air velocity. A magnetic heading is turned to
+true north by the IGRF declination at the report's place and date: an aircraft with an older table
+of declinations has the difference in its deviation, as in flight. Airspeed is the true airspeed if
+reported, else from the Mach number, else from the indicated airspeed, at the reported temperature,
+else at that of the standard atmosphere, which is in error by up to 4 % (marked in ``wind_source``;
+the airspeed scale of the aircraft contains the mean of that error).
 
 Validity
 --------
@@ -40,15 +35,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from airswing.flags import (
-    ICING,
-    PHASE,
-    PLATFORM,
-    ROLL,
-    TEMPERATURE_QC,
-    WIND_QC,
-    WIND_SOURCE,
-)
+from airswing.flags import ICING, PHASE, PLATFORM, ROLL, TEMPERATURE_QC, WIND_QC, WIND_SOURCE
 from airswing.physics.airspeed import airspeed_from_calibrated, airspeed_from_mach
 from airswing.physics.atmosphere import (
     altitude_from_pressure,
@@ -146,20 +133,11 @@ _ORIGIN = 1e-6  # degrees: a position nearer to 0 N 0 E than this is an unset on
 
 
 def clean(raw: pd.DataFrame, audit: Audit) -> pd.DataFrame:
-    """Bring raw columns to canonical columns.
+    """Bring raw columns to the canonical columns of :func:`airswing.reports.read.read_file`.
 
-    Parameters
-    ----------
-    raw : DataFrame
-        ``tail`` (str), ``time`` (datetime64[ns]), ``latitude``, ``longitude`` and any of the
-        columns of :data:`LIMITS` and :data:`FLAGS`, ``flight`` (str) and ``time_blank`` (bool).
-    audit : Audit
-        Every drop and repair is added to it; its ``read`` grows by the rows.
-
-    Returns
-    -------
-    DataFrame
-        As described in :func:`airswing.reports.read.read_file`.
+    Raw are ``tail`` (str), ``time`` (datetime64[ns]), ``latitude``, ``longitude`` and any of the
+    columns of :data:`LIMITS` and :data:`FLAGS`, ``flight`` (str) and ``time_blank`` (bool). Every
+    drop and repair is counted, and the rows as read.
     """
     audit.read += len(raw)
     tail = _stripped(raw["tail"])
@@ -182,11 +160,11 @@ def clean(raw: pd.DataFrame, audit: Audit) -> pd.DataFrame:
         ("latitude_out_of_range", beyond["latitude"]),
         ("longitude_out_of_range", beyond["longitude"]),
     ):
-        audit.drop(reason, int(np.count_nonzero(keep & bad)))
+        audit.drop(reason, np.count_nonzero(keep & bad))
         keep &= ~bad
     raw = raw.loc[keep]
     longitude = longitude[keep]
-    audit.repair("longitude_wrapped", int(np.count_nonzero(longitude >= 180.0)))
+    audit.repair("longitude_wrapped", np.count_nonzero(longitude >= 180.0))
     flight = _stripped(raw["flight"]) if "flight" in raw else pd.Series("", raw.index, dtype=str)
     frame = pd.DataFrame(
         {
@@ -197,9 +175,13 @@ def clean(raw: pd.DataFrame, audit: Audit) -> pd.DataFrame:
             "longitude": np.where(longitude >= 180.0, longitude - 360.0, longitude),
         }
     )
-    for columns in (_levels(raw, audit), _wind(raw, audit)):
-        for name, values in columns.items():
-            frame[name] = values.astype(np.float32)
+    altitude = _number(raw, "pressure_altitude", audit)
+    pressure = _number(raw, "pressure", audit)
+    pressure = np.where(np.isnan(pressure), pressure_from_altitude(altitude), pressure)
+    altitude = np.where(np.isnan(altitude), altitude_from_pressure(pressure), altitude)
+    levels = {"pressure": pressure, "pressure_altitude": altitude}
+    for name, values in (levels | _wind(raw, audit)).items():
+        frame[name] = values.astype(np.float32)
     for name in _KEPT:
         frame[name] = _number(raw, name, audit).astype(np.float32)
     for name, missing in FLAGS.items():
@@ -223,11 +205,11 @@ def _number(raw: pd.DataFrame, name: str, audit: Audit) -> Array:
     low, high = LIMITS[name]
     if name in _ANGLES:
         west = (values >= -180.0) & (values < 0.0)
-        audit.repair(f"{name}_wrapped", int(np.count_nonzero(west)))
+        audit.repair(f"{name}_wrapped", np.count_nonzero(west))
         values[west] += 360.0
     with np.errstate(invalid="ignore"):
         bad = (values < low) | (values > high) | np.isinf(values)
-    audit.repair(f"{name}_out_of_range", int(np.count_nonzero(bad)))
+    audit.repair(f"{name}_out_of_range", np.count_nonzero(bad))
     _name_mistake(name, values, bad, audit)
     values[bad] = np.nan
     return values
@@ -251,27 +233,19 @@ def _name_mistake(name: str, values: Array, bad: NDArray[np.bool_], audit: Audit
             return
 
 
-def _levels(raw: pd.DataFrame, audit: Audit) -> dict[str, Array]:
-    altitude = _number(raw, "pressure_altitude", audit)
-    pressure = _number(raw, "pressure", audit)
-    pressure = np.where(np.isnan(pressure), pressure_from_altitude(altitude), pressure)
-    altitude = np.where(np.isnan(altitude), altitude_from_pressure(pressure), altitude)
-    return {"pressure": pressure, "pressure_altitude": altitude}
-
-
 def _wind(raw: pd.DataFrame, audit: Audit) -> dict[str, Array]:
     """Speed, direction and components of the reported wind; a calm has no direction."""
     if {"wind_speed", "wind_direction"} <= set(raw):
         speed = _number(raw, "wind_speed", audit)
         direction = _number(raw, "wind_direction", audit)
         # 360 means north, and 0 calm in some codes: the speed decides.
-        audit.repair("wind_direction_360", int(np.count_nonzero(direction == 360.0)))
+        audit.repair("wind_direction_360", np.count_nonzero(direction == 360.0))
         direction[direction == 360.0] = 0.0
         calm = speed == 0.0
-        audit.repair("calm_without_direction", int(np.count_nonzero(calm & np.isnan(direction))))
+        audit.repair("calm_without_direction", np.count_nonzero(calm & np.isnan(direction)))
         direction[calm] = np.nan
         half = ~calm & (np.isnan(direction) != np.isnan(speed))
-        audit.repair("wind_incomplete", int(np.count_nonzero(half)))
+        audit.repair("wind_incomplete", np.count_nonzero(half))
         speed[half] = direction[half] = np.nan
         eastward = np.where(calm, 0.0, -speed * np.sin(np.radians(direction)))
         northward = np.where(calm, 0.0, -speed * np.cos(np.radians(direction)))
@@ -296,18 +270,28 @@ def _derive_wind(frame: pd.DataFrame, raw: pd.DataFrame, audit: Audit) -> None:
     values = {name: _number(raw, name, audit) for name in _FOR_DERIVED_WIND}
     known = (*_KEPT, "latitude", "longitude", "pressure", "pressure_altitude")
     values |= {name: frame[name].to_numpy(dtype=np.float64) for name in known}
-    seconds = frame["time"].to_numpy().astype("datetime64[ns]").astype(np.int64) / 1e9
-    heading = _true_heading(values, seconds)
-    airspeed, at_standard_temperature = _true_airspeed(values)
+    heading, magnetic = values["reported_heading"].copy(), values["magnetic_heading"]
+    wanted = np.flatnonzero(np.isnan(heading) & np.isfinite(magnetic))
+    if wanted.size:
+        seconds = frame["time"].to_numpy().astype("datetime64[ns]").astype(np.int64) / 1e9
+        places = (values[name] for name in ("latitude", "longitude", "pressure_altitude"))
+        east = declination(*(part[wanted] for part in (*places, seconds)))
+        heading[wanted] = (magnetic[wanted] + east) % 360.0
+    measured, reported = values["air_temperature"], values["reported_airspeed"]
+    standard = standard_temperature(values["pressure_altitude"])
+    kelvin = np.where(np.isnan(measured), standard, measured)
+    from_mach = airspeed_from_mach(values["mach"], kelvin)
+    indicated = airspeed_from_calibrated(values["indicated_airspeed"], values["pressure"], kelvin)
+    computed = np.where(np.isnan(from_mach), indicated, from_mach)
+    airspeed = np.where(np.isnan(reported), computed, reported)
+    at_standard_temperature = np.isnan(reported) & np.isnan(measured) & np.isfinite(airspeed)
     ground = vector_from_bearing(values["ground_speed"], np.radians(values["track"]))
     eastward, northward = wind_from_triangle(*ground, airspeed, np.radians(heading))
     # False for NaN too: a wind that cannot be derived is not usable.
     usable = np.hypot(eastward, northward) <= LIMITS["wind_speed"][1]
-    audit.repair(
-        "derived_wind_out_of_range", int(np.count_nonzero(np.isfinite(eastward) & ~usable))
-    )
+    audit.repair("derived_wind_out_of_range", np.count_nonzero(np.isfinite(eastward) & ~usable))
     derived = frame["eastward_wind"].isna().to_numpy() & usable
-    audit.repair("wind_derived", int(np.count_nonzero(derived)))
+    audit.repair("wind_derived", np.count_nonzero(derived))
     speed, direction = wind_from_direction(eastward, northward)
     for name, wind in {
         "eastward_wind": eastward,
@@ -326,44 +310,9 @@ def _derive_wind(frame: pd.DataFrame, raw: pd.DataFrame, audit: Audit) -> None:
 
 
 def declination(latitude: Array, longitude: Array, altitude: Array, seconds: Array) -> Array:
-    """IGRF declination (degrees east of true north) at places and times.
+    """IGRF declination (degrees east of true north), each array of shape (n,).
 
-    Parameters
-    ----------
-    latitude, longitude : array, shape (n,)
-        degrees
-    altitude : array, shape (n,)
-        m; an unknown one is taken as zero.
-    seconds : array, shape (n,)
-        Since 1970.
+    Places in degrees and m (an unknown altitude is taken as zero), times in seconds since 1970.
     """
     field = geomagnetic_field(latitude, longitude, np.nan_to_num(altitude), seconds)
     return np.asarray(np.degrees(field.declination))
-
-
-def _true_heading(values: dict[str, Array], seconds: Array) -> Array:
-    """True heading as reported, else magnetic heading plus declination, degrees from 0 to 360."""
-    heading, magnetic = values["reported_heading"].copy(), values["magnetic_heading"]
-    wanted = np.flatnonzero(np.isnan(heading) & np.isfinite(magnetic))
-    if wanted.size:
-        east = declination(
-            values["latitude"][wanted],
-            values["longitude"][wanted],
-            values["pressure_altitude"][wanted],
-            seconds[wanted],
-        )
-        heading[wanted] = (magnetic[wanted] + east) % 360.0
-    return heading
-
-
-def _true_airspeed(values: dict[str, Array]) -> tuple[Array, NDArray[np.bool_]]:
-    """True airspeed (m s-1), and whether it rests on the standard atmosphere's temperature."""
-    measured = values["air_temperature"]
-    standard = standard_temperature(values["pressure_altitude"])
-    kelvin = np.where(np.isnan(measured), standard, measured)
-    from_mach = airspeed_from_mach(values["mach"], kelvin)
-    indicated = airspeed_from_calibrated(values["indicated_airspeed"], values["pressure"], kelvin)
-    computed = np.where(np.isnan(from_mach), indicated, from_mach)
-    reported = values["reported_airspeed"]
-    airspeed = np.where(np.isnan(reported), computed, reported)
-    return airspeed, np.isnan(reported) & np.isnan(measured) & np.isfinite(airspeed)

@@ -24,7 +24,9 @@ import difflib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, SupportsFloat
+from typing import TYPE_CHECKING
+
+import pandas as pd
 
 from airswing.errors import InputError
 
@@ -88,10 +90,7 @@ _SPELLINGS = {
     **dict.fromkeys(("m s-1", "m s**-1"), "m/s"),
     **dict.fromkeys(("meters", "metres"), "m"),
     **dict.fromkeys(("celsius", "°C", "deg C"), "degC"),
-    "°": "degree",
-    "kelvin": "K",
-    "feet": "ft",
-    "arcmin": "arcminute",
+    **{"°": "degree", "kelvin": "K", "feet": "ft", "arcmin": "arcminute"},
 }
 
 NO_WIND = (
@@ -99,10 +98,6 @@ NO_WIND = (
     "the constant .nan)"
 )
 REQUIRED = ("tail", "time", "latitude", "longitude")
-# A wind can be derived from one of the first two each and from both of the last.
-HEADINGS = ("reported_heading", "magnetic_heading")
-AIRSPEEDS = ("reported_airspeed", "mach", "indicated_airspeed")
-GROUND = ("ground_speed", "track")
 
 
 @dataclass(frozen=True)
@@ -125,81 +120,49 @@ class Source:
         return (*first, *self.others, *self.parts)
 
 
-Mapped = Mapping[str, tuple[str, Source]]
-"""The user's name and the source of each variable; of :func:`parse_mapping`."""
+Mapped = Mapping[str, Source]
+"""The source of each variable; of :func:`parse_mapping`."""
 
 
 @dataclass(frozen=True)
 class Layout:
-    """A program whose tables are recognised by column names that are always there."""
+    """Tables of one program, recognised by column names that are always there."""
 
-    program: str
     signature: frozenset[str]
     columns: Mapping[str, str | tuple[str, ...]]
     messages: bool = False  # a row holds one message, not all values of a report
 
-    def mapping(self, names: Iterable[str]) -> ColumnMapping:
-        """Mapping of the columns that are in a table."""
-        there = {name.strip() for name in names}
-        mapping: dict[str, str | list[str]] = {}
-        for key, target in self.columns.items():
-            if isinstance(target, tuple):
-                if some := [name for name in target if name in there]:
-                    mapping[key] = some
-            elif key in there:
-                mapping[key] = target
-        return mapping
 
-
+# Headings of Mode-S register 6,0 are magnetic; tracks are true (ADS-B, register 5,0).
 LAYOUTS = (
-    Layout(
-        "meteo-particle-model, decoded Mode-S",
+    Layout(  # meteo-particle-model, decoded Mode-S
         frozenset({"ts", "icao", "lat", "lon", "alt", "hdg"}),
         {
-            "icao": "tail",
-            "ts": "time",
-            "lat": "latitude",
-            "lon": "longitude",
-            "alt": "pressure_altitude_ft",
-            "hdg": "magnetic_heading_deg",
-            "ias": "indicated_airspeed_kt",
-            "ground_speed_kt": ("gs_adsb", "gs"),
-            "track_deg": ("trk_adsb", "trk"),
-            "tas": "true_airspeed_kt",
+            **{"icao": "tail", "ts": "time", "lat": "latitude", "lon": "longitude"},
+            **{"alt": "pressure_altitude_ft", "hdg": "magnetic_heading_deg"},
+            **{"ias": "indicated_airspeed_kt", "tas": "true_airspeed_kt"},
+            **{"ground_speed_kt": ("gs_adsb", "gs"), "track_deg": ("trk_adsb", "trk")},
         },
     ),
-    Layout(
-        "traffic, Mode-S",
+    Layout(  # traffic, Mode-S
         frozenset({"timestamp", "icao24", "latitude", "longitude", "altitude"}),
         {
-            "icao24": "tail",
-            "timestamp": "time",
-            "altitude": "pressure_altitude_ft",
-            "groundspeed": "ground_speed_kt",
-            "track": "track_deg",
-            "heading": "magnetic_heading_deg",
-            "IAS": "indicated_airspeed_kt",
-            "TAS": "true_airspeed_kt",
-            "Mach": "mach",
-            "callsign": "flight",
+            **{"icao24": "tail", "timestamp": "time", "altitude": "pressure_altitude_ft"},
+            **{"groundspeed": "ground_speed_kt", "track": "track_deg", "callsign": "flight"},
+            **{"heading": "magnetic_heading_deg", "IAS": "indicated_airspeed_kt"},
+            **{"TAS": "true_airspeed_kt", "Mach": "mach"},
         },
         messages=True,
     ),
-    Layout(
-        "OpenSky state vectors",
+    Layout(  # OpenSky state vectors, whose heading is the direction of movement over ground
         frozenset({"time", "icao24", "lat", "lon", "velocity", "heading", "baroaltitude"}),
         {
-            "icao24": "tail",
-            "lat": "latitude",
-            "lon": "longitude",
-            "baroaltitude": "pressure_altitude_m",
-            "velocity": "ground_speed_m_s",
-            "heading": "track_deg",  # the direction of movement over ground
-            "callsign": "flight",
+            **{"icao24": "tail", "lat": "latitude", "lon": "longitude", "callsign": "flight"},
+            **{"baroaltitude": "pressure_altitude_m", "velocity": "ground_speed_m_s"},
+            "heading": "track_deg",
         },
     ),
 )
-"""Headings of Mode-S register 6,0 are magnetic; tracks are true (ADS-B, register 5,0)."""
 
 
 def layout_of(names: Iterable[str]) -> Layout | None:
@@ -208,67 +171,74 @@ def layout_of(names: Iterable[str]) -> Layout | None:
     return next((layout for layout in LAYOUTS if layout.signature <= there), None)
 
 
+def with_layout(names: Sequence[str], mapping: Mapped) -> Mapped:
+    """Return the mapping of the program that wrote a table, overridden by the user's."""
+    layout, there = layout_of(names), {name.strip() for name in names}
+    known: dict[str, str | list[str]] = {}
+    for key, target in ({} if layout is None else layout.columns).items():
+        if isinstance(target, str):
+            known |= {key: target} if key in there else {}
+        elif some := [name for name in target if name in there]:
+            known[key] = some
+    return {**parse_mapping(known), **mapping}
+
+
 def canonical_names() -> list[str]:
     """List the canonical column names."""
     return [*TEXT, *(quantity.canonical for quantity in QUANTITIES.values())]
 
 
-def parse_mapping(columns: ColumnMapping | None) -> dict[str, tuple[str, Source]]:
-    """Check a user's column mapping before any file is opened.
-
-    Returns
-    -------
-    dict
-        The user's name and the source of each mapped variable.
+def parse_mapping(columns: ColumnMapping | None) -> dict[str, Source]:
+    """Check a user's column mapping before any file is opened; the source of each variable.
 
     Raises
     ------
     InputError
         Unknown canonical name, unknown unit, or a unit of another kind than the column's.
     """
-    mapping: dict[str, tuple[str, Source]] = {}
+    mapping: dict[str, Source] = {}
     for key, target in (columns or {}).items():
-        theirs = str(key)
-        name, variable, source = _mapped(theirs, target)
+        name, variable, source = _mapped(str(key), target)
         if variable in mapping:
             raise InputError(
                 f"two columns are mapped to {name}",
                 field="reports.columns",
-                found=f"{mapping[variable][1].column}, {theirs}",
+                found=f"{mapping[variable].column}, {key}",
                 remedy="Keep one of them",
             )
-        mapping[variable] = (theirs, source)
+        mapping[variable] = source
     return mapping
 
 
 def _mapped(key: str, target: object) -> tuple[str, str, Source]:
     """Canonical name, variable and source of one entry of a mapping."""
-    if isinstance(target, str):
-        return target, *_resolve(key, target, None)
-    if isinstance(target, list | tuple) and target:
-        first, *others = map(str, target)
-        variable, source = _resolve(first, key, None)
-        return key, variable, replace(source, others=tuple(others))
-    keys = set(target) if isinstance(target, Mapping) else set()
-    entry: Mapping[str, object] = target if isinstance(target, Mapping) else {}
-    if entry.get("name") == "time" and keys == {"name", "format"}:
-        return "time", "time", Source(key, format=_format(key, entry["format"]))
-    if "name" in keys and keys <= {"name", "unit"}:
-        unit = entry.get("unit")
-        return str(entry["name"]), *_resolve(
-            key, str(entry["name"]), None if unit is None else str(unit)
-        )
-    if keys == {"value"}:
-        variable, source = _resolve(key, key, None)
-        return key, variable, replace(source, value=_constant(key, entry["value"]))
-    if key == "time" and {"date", "time"} <= keys <= {"date", "time", "offset", "format"}:
-        parts = tuple(str(entry[part]) for part in ("time", "offset") if part in keys)
-        format = _format(key, entry["format"]) if "format" in keys else None
-        return key, key, Source(str(entry["date"]), parts=parts, format=format)
-    if keys == {"only"}:
-        values = entry["only"]
-        several = values if isinstance(values, list | tuple) else [values]
-        return key, f"{ONLY}{key}", Source(key, wanted=tuple(map(str, several)))
+    match target:
+        case str():
+            return target, *_resolve(key, target)
+        case [first, *others]:
+            variable, source = _resolve(str(first), key)
+            return key, variable, replace(source, others=tuple(map(str, others)))
+        case {"name": "time", "format": written, **rest} if not rest:
+            return "time", "time", Source(key, format=_format(key, written))
+        case {"name": name, **rest} if rest.keys() <= {"unit"}:
+            return str(name), *_resolve(key, str(name), rest.get("unit"))
+        case {"value": value, **rest} if not rest:
+            variable, source = _resolve(key, key)
+            try:
+                constant = str(value) if key in TEXT else float(value)
+            except (TypeError, ValueError) as error:
+                field = f"reports.columns.{key}"
+                raise InputError("is no number", field=field, found=value) from error
+            return key, variable, replace(source, value=constant)
+        case {"date": date, "time": time, **rest} if key == "time" and (
+            rest.keys() <= {"offset", "format"}
+        ):
+            parts = (str(time), *([str(rest["offset"])] if "offset" in rest else []))
+            format = _format(key, rest["format"]) if "format" in rest else None
+            return key, key, Source(str(date), parts=parts, format=format)
+        case {"only": wanted, **rest} if not rest:
+            values = wanted if isinstance(wanted, list | tuple) else [wanted]
+            return key, f"{ONLY}{key}", Source(key, wanted=tuple(map(str, values)))
     raise InputError(
         "a mapped column must be a canonical name or {name: ..., unit: ...}",
         field=f"reports.columns.{key}",
@@ -279,8 +249,6 @@ def _mapped(key: str, target: object) -> tuple[str, str, Source]:
 
 
 def _format(theirs: str, written: object) -> str:
-    import pandas as pd
-
     try:
         pd.to_datetime([""], format=str(written), errors="coerce")
     except ValueError as error:
@@ -293,33 +261,25 @@ def _format(theirs: str, written: object) -> str:
     return str(written)
 
 
-def _constant(name: str, value: object) -> str | float:
-    if name in TEXT:
-        return str(value)
-    try:
-        return float(value if isinstance(value, str | bytes | SupportsFloat) else str(value))
-    except (TypeError, ValueError) as error:
-        raise InputError("is no number", field=f"reports.columns.{name}", found=value) from error
-
-
-def _resolve(theirs: str, name: str, unit: str | None) -> tuple[str, Source]:
+def _resolve(theirs: str, name: str, unit: object = None) -> tuple[str, Source]:
+    field = f"reports.columns.{theirs}"
     if name in TEXT:
         if unit is not None:
-            raise InputError(f"{name} has no unit", field=f"reports.columns.{theirs}", found=unit)
+            raise InputError(f"{name} has no unit", field=field, found=str(unit))
         return name, Source(theirs)
     known = split_name(name)
     if known is None:
         near = difflib.get_close_matches(name, canonical_names(), n=3, cutoff=0.5)
         raise InputError(
             f"{name!r} is no canonical column",
-            field=f"reports.columns.{theirs}",
+            field=field,
             remedy=f"Nearest: {', '.join(near)}" if near else "See the list of columns",
         )
-    quantity, unit = known[0], unit or known[1]
+    quantity, unit = known[0], str(unit or known[1])
     if not compatible(unit, quantity.si_unit):
         raise InputError(
             f"unit {unit!r} is no unit of {quantity.canonical}",
-            field=f"reports.columns.{theirs}",
+            field=field,
             found=unit,
             remedy=f"Give a unit that converts to {quantity.si_unit!r}",
         )
@@ -355,8 +315,7 @@ def conversion(unit: str, si_unit: str) -> tuple[float, float]:
     """Factor and offset from a unit to another; pint's errors where there is none."""
     quantity = _registry().Quantity
     unit = _SPELLINGS.get(unit.strip(), unit.strip())
-    zero = quantity(0.0, unit).to(si_unit).magnitude
-    one = quantity(1.0, unit).to(si_unit).magnitude
+    zero, one = (quantity(value, unit).to(si_unit).magnitude for value in (0.0, 1.0))
     return float(one - zero), float(zero)
 
 
@@ -370,21 +329,9 @@ def compatible(unit: str, si_unit: str) -> bool:
 
 
 def sources(names: Iterable[str], mapping: Mapped, file: object) -> dict[str, Source]:
-    """Find the columns of a file that its variables are read from.
+    """Find the columns of a file that each variable is read from.
 
-    Parameters
-    ----------
-    names : iterable of str
-        Columns of the file.
-    mapping : mapping
-        Of :func:`parse_mapping`; overrides names that are understood without it.
-    file : path
-        Named in messages.
-
-    Returns
-    -------
-    dict of Source
-        By variable.
+    A mapping (of :func:`parse_mapping`) overrides names that are understood without it.
 
     Raises
     ------
@@ -393,10 +340,18 @@ def sources(names: Iterable[str], mapping: Mapped, file: object) -> dict[str, So
     """
     names = list(names)
     by_stripped = {name.strip(): name for name in names}
-    found = {
-        variable: _present(source, by_stripped, names, file)
-        for variable, (_, source) in mapping.items()
-    }
+    found = {}
+    for variable, source in mapping.items():
+        there = [by_stripped[n] for n in (source.column, *source.others) if n in by_stripped]
+        if source.others and there:
+            source = replace(source, column=there[0], others=tuple(there[1:]))
+        elif source.value is None:
+            for name in (source.column, *source.parts):
+                if name not in by_stripped:
+                    raise _absent(name, names, file, "the mapped column is not in the file")
+            parts = tuple(by_stripped[name] for name in source.parts)
+            source = replace(source, column=by_stripped[source.column], parts=parts)
+        found[variable] = source
     taken = {column for source in found.values() for column in source.columns}
     for stripped, name in by_stripped.items():
         if name in taken:
@@ -406,28 +361,6 @@ def sources(names: Iterable[str], mapping: Mapped, file: object) -> dict[str, So
         elif (known := split_name(stripped)) is not None:
             quantity, unit = known
             found.setdefault(quantity.variable, Source(name, *conversion(unit, quantity.si_unit)))
-    _check_required(found, names, file)
-    return found
-
-
-def _present(
-    source: Source, by_stripped: Mapping[str, str], names: list[str], file: object
-) -> Source:
-    """A mapped source with its columns as the file writes them."""
-    if source.value is not None:
-        return source
-    if source.others:
-        wanted = (source.column, *source.others)
-        if there := [by_stripped[name] for name in wanted if name in by_stripped]:
-            return replace(source, column=there[0], others=tuple(there[1:]))
-    for name in (source.column, *source.parts):
-        if name not in by_stripped:
-            raise _absent(name, names, file, "the mapped column is not in the file")
-    parts = tuple(by_stripped[name] for name in source.parts)
-    return replace(source, column=by_stripped[source.column], parts=parts)
-
-
-def _check_required(found: Mapping[str, Source], names: list[str], file: object) -> None:
     taken = {column for source in found.values() for column in source.columns}
     free = [name for name in names if name not in taken]
     for variable in REQUIRED:
@@ -436,16 +369,24 @@ def _check_required(found: Mapping[str, Source], names: list[str], file: object)
     if "pressure_altitude" not in found and "pressure" not in found:
         what = "neither pressure_altitude_ft nor pressure_hPa is there"
         raise _absent("pressure_altitude_ft", names, file, what, free)
-    derivable = (
-        not found.keys().isdisjoint(HEADINGS)
-        and not found.keys().isdisjoint(AIRSPEEDS)
-        and found.keys() >= set(GROUND)
+    if not gives_wind(found):
+        absent = next(name for name in ("wind_direction", "wind_speed") if name not in found)
+        raise _absent(QUANTITIES[absent].canonical, names, file, NO_WIND, free)
+    return found
+
+
+def gives_wind(variables: Iterable[str]) -> bool:
+    """Whether variables hold a wind, or a heading, an airspeed and a ground vector."""
+    found = set(variables)
+    return (
+        found >= {"wind_direction", "wind_speed"}
+        or found >= {"eastward_wind", "northward_wind"}
+        or bool(
+            found & {"reported_heading", "magnetic_heading"}
+            and found & {"reported_airspeed", "mach", "indicated_airspeed"}
+            and found >= {"ground_speed", "track"}
+        )
     )
-    if derivable or found.keys() >= {"eastward_wind", "northward_wind"}:
-        return
-    for variable in ("wind_direction", "wind_speed"):
-        if variable not in found:
-            raise _absent(QUANTITIES[variable].canonical, names, file, NO_WIND, free)
 
 
 def _absent(

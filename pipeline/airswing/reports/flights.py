@@ -4,10 +4,9 @@ Assumes reports in order of aircraft and time.
 
 Flights
 -------
-1. Paths. Two aircraft may report under one identifier, and a position may be wrong. Where an
-   aircraft's reports jump (over 50 km at more than 400 m/s) or its flight labels alternate, each
-   report is added to the nearest path flown in the last 6 hours that has no other label and that
-   it can have come from without a jump; otherwise it begins a new path.
+1. Paths. Where an aircraft's reports jump (over 50 km at more than 400 m/s) or its flight labels
+   alternate, each report is added to the nearest path flown in the last 6 hours that has no other
+   label and that it can have come from without a jump; otherwise it begins a new path.
 2. Labels. A report without a flight label gets that of the reports around it on its path: the
    common label of the labelled reports before and after it, if these are less than 6 hours apart;
    else that of the nearer one to which no gap, stop or jump lies between.
@@ -30,6 +29,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from airswing.flags import PHASE
@@ -64,18 +64,10 @@ def step_distance(
 
 
 def derive_flight(columns: Columns) -> NDArray[np.int32]:
-    """Number the flights of an archive.
+    """Number the flights (report,), from 0 in the order in which they begin within each aircraft.
 
-    Parameters
-    ----------
-    columns : dict of arrays, shape (report,)
-        ``tail`` (int), ``time``, ``latitude``, ``longitude`` and ``flight`` (label as int, -1
-        where there is none), in order of tail and time.
-
-    Returns
-    -------
-    array of int32, shape (report,)
-        Unique over the archive, from 0 in the order in which flights begin within each aircraft.
+    Columns are ``tail`` (int), ``time``, ``latitude``, ``longitude`` and ``flight`` (label as int,
+    -1 where there is none), in order of tail and time. Numbers are unique over the archive.
     """
     tail = columns["tail"]
     if not tail.size:
@@ -166,46 +158,33 @@ def _filled_labels(columns: Columns, path: NDArray[np.int64]) -> NDArray[np.int6
     if not absent.any() or absent.all():
         return label
     order = np.lexsort((path, columns["tail"]))
-    ordered = label[order]
-    place = np.arange(ordered.size)
-    _, _, breaks = _steps(columns, order)
     other = (np.diff(columns["tail"][order]) != 0) | (np.diff(path[order]) != 0)
-    leg = np.r_[0, np.cumsum(breaks | other)]
-    group = np.r_[0, np.cumsum(other)]
-    before = np.maximum.accumulate(np.where(ordered >= 0, place, -1))
-    after = np.minimum.accumulate(np.where(ordered >= 0, place, ordered.size)[::-1])[::-1]
-    has_before = (before >= 0) & (group[before] == group)
-    has_after = (after < ordered.size) & (group[np.minimum(after, ordered.size - 1)] == group)
-    after = np.minimum(after, ordered.size - 1)
-    seconds = seconds_since_1970(columns["time"])[order]
-    same = has_before & has_after & (ordered[before] == ordered[after])
-    same &= seconds[after] - seconds[before] <= LABELLED_GAP
-    from_before = np.where(has_before & (leg[before] == leg), seconds - seconds[before], np.inf)
-    from_after = np.where(has_after & (leg[after] == leg), seconds[after] - seconds, np.inf)
-    source = np.where(same | (from_before <= from_after), before, after)
-    fill = (ordered < 0) & (same | np.isfinite(np.minimum(from_before, from_after)))
+    rows = pd.DataFrame(
+        {
+            "label": label[order],
+            "seconds": seconds_since_1970(columns["time"])[order],
+            "leg": np.r_[0, np.cumsum(_steps(columns, order)[2] | other)],
+        }
+    )
+    labelled = rows.where(rows["label"] >= 0).groupby(np.r_[0, np.cumsum(other)])
+    before, after = labelled.ffill(), labelled.bfill()
+    same = before["label"] == after["label"]
+    same &= after["seconds"] - before["seconds"] <= LABELLED_GAP
+    since = (rows["seconds"] - before["seconds"]).where(before["leg"] == rows["leg"], np.inf)
+    until = (after["seconds"] - rows["seconds"]).where(after["leg"] == rows["leg"], np.inf)
+    source = before["label"].where(same | (since <= until), after["label"])
+    fill = (rows["label"] < 0) & (same | np.isfinite(np.minimum(since, until)))
     filled = label.copy()
-    filled[order[fill]] = ordered[source[fill]]
+    filled[order[fill]] = source[fill]
     return filled
 
 
 def climb_rate(
     seconds: NDArray[np.float64], altitude: NDArray[np.float64], flight: NDArray[np.integer]
 ) -> NDArray[np.float64]:
-    """Slope of altitude over the neighbours of each report.
+    """Slope (m s-1) of altitude (m) over the neighbours of each report; NaN without a neighbour.
 
-    Parameters
-    ----------
-    seconds : array, shape (n,)
-        s, in order within each flight; flights are contiguous.
-    altitude : array, shape (n,)
-        m, not NaN.
-    flight : array of int, shape (n,)
-
-    Returns
-    -------
-    array, shape (n,)
-        m s-1; NaN where a report has no neighbour.
+    Flights are contiguous, and times (s) are in order within each; all arrays have shape (n,).
     """
     begins = np.r_[True, np.diff(flight) != 0] if flight.size else np.zeros(0, dtype=bool)
     block = np.cumsum(begins) - 1
@@ -231,19 +210,7 @@ def climb_rate(
 
 
 def derive_phase(columns: Columns, flight: NDArray[np.integer]) -> NDArray[np.int8]:
-    """Derive ascent, cruise and descent from pressure altitude.
-
-    Parameters
-    ----------
-    columns : dict of arrays, shape (report,)
-        ``time`` and ``pressure_altitude`` (m).
-    flight : array of int, shape (report,)
-
-    Returns
-    -------
-    array of int8, shape (report,)
-        Codes of `airswing.flags.PHASE`.
-    """
+    """Codes of `airswing.flags.PHASE` (report,) from ``time`` and ``pressure_altitude`` (m)."""
     phase = np.full(flight.size, PHASE["unknown"], dtype=np.int8)
     altitude = columns["pressure_altitude"].astype(np.float64)
     known = np.flatnonzero(np.isfinite(altitude))

@@ -17,7 +17,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TypedDict
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -29,11 +29,12 @@ from airswing.reports.columns import (
     Source,
     compatible,
     conversion,
+    gives_wind,
     split_name,
 )
 from airswing.reports.flights import step_distance
 from airswing.reports.formats.tabular import column_of, first_rows
-from airswing.reports.values import Column, parse_times, possible
+from airswing.reports.values import Column, numbers, parse_times, possible
 from airswing.units import KNOT
 
 _NAMES = (
@@ -81,39 +82,15 @@ _FASTEST_WIND = 60.0  # median of a column of winds, in any unit; aircraft are f
 Entry = str | dict[str, str]  # a canonical name, or one with its unit, parts or value
 
 
-class ProposedMapping(TypedDict):
-    """How an unknown table would be read.
-
-    Attributes
-    ----------
-    columns : dict
-        As ``reports.columns`` of the configuration takes them.
-    yaml : str
-        The same as text, with its guesses marked.
-    unused : list of str
-        Columns for which no quantity was found.
-    missing : list of str
-        What is needed and was not found.
-    """
-
-    columns: dict[str, Entry]
-    yaml: str
-    unused: list[str]
-    missing: list[str]
-
-
-def propose_mapping(path: str | Path) -> ProposedMapping | None:
-    """Propose how an unknown table would be read.
-
-    Parameters
-    ----------
-    path : path
-        CSV or Parquet.
+def propose_mapping(path: str | Path) -> dict[str, Any] | None:
+    """Propose how an unknown CSV or Parquet table would be read; None for fewer than two columns.
 
     Returns
     -------
-    dict or None
-        None where fewer than two columns are recognised.
+    dict
+        ``columns`` as ``reports.columns`` of the configuration takes them, ``yaml`` (the same as
+        text, with its guesses marked), ``unused`` (columns for which no quantity was found) and
+        ``missing`` (what is needed and was not found).
 
     Raises
     ------
@@ -125,7 +102,7 @@ def propose_mapping(path: str | Path) -> ProposedMapping | None:
     found: dict[str, str] = {}
     for column in table.columns:
         stem, values = _stem(column), table[column].dropna()
-        if stem in QUANTITIES and len(values) and _numbers(values).isna().all():
+        if stem in QUANTITIES and len(values) and np.isnan(numbers(values)).all():
             continue  # text
         if stem is not None and stem not in found:
             found[stem] = column
@@ -162,7 +139,7 @@ def _motion(table: pd.DataFrame, found: dict[str, str], remarks: dict[str, str])
     airspeed = bool(found.keys() & {"true_airspeed", "indicated_airspeed", "mach"})
     speed, direction = found.get("wind_speed"), found.get("wind_direction")
     plain = "ground_speed" not in found and speed is not None and speed.lower() == "speed"
-    if plain and float(_numbers(table[speed]).abs().median()) > _FASTEST_WIND:
+    if plain and float(pd.Series(numbers(table[speed])).abs().median()) > _FASTEST_WIND:
         found["ground_speed"] = found.pop("wind_speed")
         remarks[str(speed)] = "as fast as an aircraft: the ground speed, not the wind"
         if direction is not None and direction.lower() == "direction":
@@ -177,21 +154,13 @@ def _motion(table: pd.DataFrame, found: dict[str, str], remarks: dict[str, str])
         remarks[found["magnetic_heading"]] = "magnetic is a guess: heading_deg where it is true"
 
 
-def _numbers(column: Column) -> pd.Series[float]:
-    numbers: pd.Series[float] = pd.to_numeric(column, errors="coerce").astype(np.float64)
-    return numbers
-
-
 def _speed_of_positions(
     table: pd.DataFrame, found: Mapping[str, str], times: NDArray[np.datetime64] | None
 ) -> float:
     """Median speed between successive positions of an aircraft, m s-1; NaN where unknown."""
     if times is None or not {"latitude", "longitude"} <= found.keys():
         return float("nan")
-    latitude, longitude = (
-        np.asarray(_numbers(table[found[name]]), dtype=np.float64)
-        for name in ("latitude", "longitude")
-    )
+    latitude, longitude = (numbers(table[found[name]]) for name in ("latitude", "longitude"))
     tail = pd.factorize(table[found["tail"]])[0] if "tail" in found else np.zeros(len(table))
     order = np.lexsort((times, tail))
     seconds = times[order].astype("datetime64[ms]").astype(np.int64) / 1e3
@@ -260,7 +229,7 @@ def _entry(
         return canonical if known[1] == "degree" else {"name": canonical, "unit": known[1]}
     if unit := _written_unit(column, quantity.si_unit):
         return {"name": canonical, "unit": unit}
-    largest = float(_numbers(table[column]).abs().max())
+    largest = float(pd.Series(numbers(table[column])).abs().max())
     if name in _SPEEDS:
         unit, remark = _unit_of_speed(name, table, found, speed)
     else:
@@ -299,14 +268,14 @@ def _unit_of_speed(
     please_check = "kt or m/s cannot be decided from the name: please check"
     if name not in _AIRBORNE:
         return "kt", please_check
-    values = _numbers(table[found[name]])
+    values = pd.Series(numbers(table[found[name]]))
     typical = float(values[values > 0].median())
     if not np.isfinite(speed):
         for other in _AIRBORNE:
             column = found.get(other)
             if column is None or other == "indicated_airspeed":
                 continue
-            others = _numbers(table[column])
+            others = pd.Series(numbers(table[column]))
             unit = _written_unit(column, "m/s") or (
                 known[1] if (known := split_name(column)) else ""
             )
@@ -334,28 +303,20 @@ def _missing(found: set[str]) -> list[str]:
     absent = [name for name in REQUIRED if name not in found and name != "tail"]
     if not found & {"pressure_altitude", "pressure"}:
         absent.append("pressure_altitude_ft or pressure_hPa")
-    reported = {"wind_direction", "wind_speed"} <= found
-    components = {"eastward_wind", "northward_wind"} <= found
-    derived = (
-        found & {"heading", "magnetic_heading"}
-        and found & {"true_airspeed", "mach", "indicated_airspeed"}
-        and {"ground_speed", "track"} <= found
-    )
-    if not (reported or components or derived):
+    if not gives_wind(QUANTITIES[name].variable for name in found & QUANTITIES.keys()):
         absent.append("a wind, or heading, airspeed, ground_speed and track")
     return absent
 
 
 def _as_yaml(mapping: Mapping[str, object], remarks: Mapping[str, str]) -> str:
+    import yaml
+
     lines = ["columns:"]
     for key, value in mapping.items():
-        left, right = (_in_yaml(one) for one in (key, value))
+        left, right = (
+            yaml.safe_dump(one, default_flow_style=True, width=1000).split("\n")[0]
+            for one in (key, value)
+        )
         remark = f"   # {remarks[key]}" if key in remarks else ""
         lines.append(f"  {left}: {right}{remark}")
     return "\n".join(lines)
-
-
-def _in_yaml(value: object) -> str:
-    import yaml
-
-    return yaml.safe_dump(value, default_flow_style=True, width=1000).split("\n")[0]

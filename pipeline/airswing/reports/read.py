@@ -1,18 +1,16 @@
 """Read aircraft reports of any known format.
 
-Two steps, each usable by itself: :func:`read_file` brings one file to cleaned canonical columns,
+:func:`read_file` brings one file to cleaned canonical columns,
 :func:`airswing.reports.assembly.assemble` makes one Dataset of the columns of several files.
-:func:`read_reports` does both.
-
-Assumes files named by path or glob. The format follows from a file's content, not from its name,
-and a file that cannot be read to its end counts as not read at all.
+The format follows from a file's content, not from its name; a file that cannot be read to its end
+counts as not read at all.
 """
 
 from __future__ import annotations
 
 import glob
 import os
-from collections import Counter
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Literal
@@ -28,37 +26,71 @@ from airswing.reports.assembly import assemble
 from airswing.reports.audit import Audit, similar
 from airswing.reports.cleaning import FLAGS, clean
 from airswing.reports.columns import ONLY, ColumnMapping, Mapped, parse_mapping
-from airswing.reports.foreign import refusal_of
-from airswing.reports.formats import first_bytes, formats
+from airswing.reports.formats import damage_named, first_bytes, formats, is_text
 
 Format = str
 """``auto``, or the name of a registered format."""
 Policy = Literal["skip", "fail"]
 
-# What libraries raise at content that contradicts itself.
-_DAMAGE = (
-    ArithmeticError,
-    AttributeError,
-    EOFError,
-    LookupError,
-    MemoryError,
-    OSError,
-    RuntimeError,
-    TypeError,
-    ValueError,
+_UNPACK = "Unpack it first and name the files in it"
+_TABLE = "Save the reports as a CSV or Parquet table, or as one of the formats that are read"
+# Files that are no reports: how they begin, what they are, and what to do with them.
+_CONTAINERS = (
+    (
+        rb"PK\x03\x04(?s:.*)(\[Content_Types\]\.xml|xl/)",
+        "is an Excel workbook",
+        "Save the sheet as CSV",
+    ),
+    (rb"PK\x03\x04", "is a zip archive", _UNPACK),
+    (rb"(?s:.{257})ustar", "is a tar archive", _UNPACK),
+    (
+        rb"\x80[\x02-\x05](?s:.)",
+        "is a Python pickle, which is not opened because it may run code",
+        _TABLE,
+    ),
+)
+_BINARY = (
+    (rb"(?s:.{,4092})GRIB", "is a GRIB file, not reports", "Name it under references"),
+    (rb"\xfd7zXZ\x00", "is compressed with xz", _UNPACK),
+    (rb"\x28\xb5\x2f\xfd", "is compressed with zstd", _UNPACK),
+    (rb"7z\xbc\xaf\x27\x1c", "is a 7z archive", _UNPACK),
+    (rb"%PDF", "is a PDF document", "Save its table as CSV"),
+    (rb"SQLite format 3", "is a SQLite database", "Export its table as CSV or Parquet"),
+    (rb"\xd0\xcf\x11\xe0", "is an Excel workbook", "Save the sheet as CSV"),
+    (rb"ARROW1", "is an Arrow (Feather) file", "Save the table as Parquet"),
+)
+_TEXT = (
+    (
+        rb"(?i)<!doctype html|<html",
+        "is a page of HTML, not reports: the download failed or needs a login",
+        "Download it again and look at it in a browser",
+    ),
+    (
+        rb"(?i)version https://git-lfs",
+        "is a Git LFS pointer: the file itself has not been downloaded",
+        "Run git lfs pull in its folder",
+    ),
+    (rb"<", "is an XML file", _TABLE),
+    (
+        rb"(\d+)[^\S\n]*,[^\S\n]*1001[^\S\n]*(,[^\n]*)?(\n|\Z)",
+        "is an ICARTT file (file format index 1001) with a header of {} lines",
+        "Save its table as CSV: the last header line holds the names; map them under "
+        "reports.columns and give the time as date and time",
+    ),
+    # The keys are those by which the JSON formats are recognised.
+    (
+        rb'[\[{](?!(?s:.*)"icao(24)?")',
+        "is JSON of no known layout",
+        "Known are traces of readsb and tables of Mode-S messages of traffic, rs1090 and "
+        "jet1090; save other reports as a CSV or Parquet table",
+    ),
 )
 
 
 def read_file(
     path: str | Path, *, format: Format = "auto", columns: ColumnMapping | None = None
 ) -> tuple[pd.DataFrame, Audit]:
-    """Read one report file to cleaned canonical columns.
-
-    Parameters
-    ----------
-    path : str or path
-    format, columns
-        As for :func:`read_reports`.
+    """Read one report file to cleaned canonical columns; options as for :func:`read_reports`.
 
     Returns
     -------
@@ -86,7 +118,7 @@ def read_file(
             for raw in _pieces(name, path, mapping, audit)
         ]
     except InputError as error:
-        if format != "auto" and (refusal := refusal_of(first_bytes(path), path)) is not None:
+        if format != "auto" and (refusal := _refusal_of(first_bytes(path), path)) is not None:
             raise refusal from error
         raise
     for name in ("latitude", "longitude"):
@@ -176,21 +208,14 @@ def read_reports(
 
 
 def reports_summary(path: str | Path, *, columns: ColumnMapping | None = None) -> dict[str, object]:
-    """Summarise what a report file holds; duplicates count as reports.
-
-    Parameters
-    ----------
-    path : str or path
-    columns : mapping, optional
-        As for :func:`read_reports`.
+    """Summarise what report files hold, in types that JSON has; duplicates count as reports.
 
     Returns
     -------
     dict
         ``file, format, reports, aircraft, first, last`` (ISO 8601 UTC), ``bounding_box``
         (``{"south", "north", "west", "east"}`` in degrees), ``columns`` (reports that have a
-        value, per quantity), ``flags`` (reports per code, per field) and ``audit`` (the rest of
-        it), in types that JSON has.
+        value, per quantity), ``flags`` (reports per code, per field) and ``audit`` (the rest).
 
     Raises
     ------
@@ -205,17 +230,9 @@ def reports_summary(path: str | Path, *, columns: ColumnMapping | None = None) -
     if not audit.kept:
         raise none_usable(audit)
     frame = pd.concat(parts, ignore_index=True)
-    present: Counter[str] = Counter()
-    for name in (
-        "pressure",
-        "eastward_wind",
-        "air_temperature",
-        "reported_airspeed",
-        "reported_heading",
-    ):
-        present[name] = int(frame[name].notna().sum())
-    for name, missing in FLAGS.items():
-        present[name] = int((frame[name] != missing).sum())
+    measured = ("pressure", "eastward_wind", "air_temperature", "reported_airspeed")
+    present = {name: int(frame[name].notna().sum()) for name in (*measured, "reported_heading")}
+    present |= {name: int((frame[name] != missing).sum()) for name, missing in FLAGS.items()}
     present["flight"] = int((frame["flight"].astype(str) != "").sum())
     audit.missing["eastward_wind"] = audit.kept - present["eastward_wind"]
     summary = audit.as_dict()
@@ -315,7 +332,7 @@ def _format_of(path: Path) -> str:
     start = first_bytes(path)
     if not start:
         raise InputError("is empty", file=path)
-    if (refusal := refusal_of(start, path)) is not None:
+    if (refusal := _refusal_of(start, path)) is not None:
         raise refusal
     for name, one in formats().items():
         if one.recognises(start):
@@ -323,26 +340,36 @@ def _format_of(path: Path) -> str:
     raise InputError("is no report file of a known format", file=path, found=start[:16])
 
 
+def _refusal_of(start: bytes, path: Path) -> InputError | None:
+    """Error for a file of a known kind that holds no reports, by its (decompressed) first bytes."""
+    text = start.removeprefix(b"\xef\xbb\xbf").lstrip() if is_text(start) else None
+    kinds = [(start, kind) for kind in _CONTAINERS]
+    kinds += [(start, kind) for kind in _BINARY] if text is None else [(text, k) for k in _TEXT]
+    for content, (pattern, what, remedy) in kinds:
+        if found := re.match(pattern, content):
+            number = int(found[1]) if "{}" in what else ""
+            return InputError(what.format(number), file=path, remedy=remedy)
+    return None
+
+
 def _pieces(name: str, path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
     """Raw pieces of a file; whatever a library raises at its content is a fault of the file."""
-    try:
-        yield from formats()[name].read(path, mapping, audit)
-    except _DAMAGE as error:
-        kind = "" if isinstance(error, OSError) else f"{type(error).__name__}: "
-        raise InputError(f"cannot be read: {kind}{error}", file=path) from error
+    one = formats()[name]
+    with damage_named(path, one.title):
+        yield from one.read(path, mapping, audit)
 
 
 def _wanted(raw: pd.DataFrame, mapping: Mapped, path: Path, audit: Audit) -> pd.DataFrame:
     """Rows whose values are among those the configuration selects."""
     keep = np.ones(len(raw), dtype=bool)
-    for name, (theirs, source) in mapping.items():
+    for name, source in mapping.items():
         if not name.startswith(ONLY):
             continue
         if name not in raw:
             raise InputError(
                 "has no column by which reports could be selected",
                 file=path,
-                field=f"reports.only.{theirs}",
+                field=f"reports.only.{source.column}",
                 found=", ".join(raw.columns),
                 remedy="Leave it out for these files",
             )

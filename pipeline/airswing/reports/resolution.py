@@ -1,15 +1,11 @@
 """Resolution of position, time and wind, found in the values themselves.
 
-Assumes that a source codes a quantity on a lattice of equal steps (0.1 arc-minute, whole knots,
-whole minutes) and that a few values may be off it (another source, a conversion). The resolution is
-the coarsest of a list of steps in use on which at least 90 % of an aircraft's values lie, with a
-tolerance for values stored with fewer digits after the coding.
-
-Validity: from 5 reports an aircraft; with fewer the most frequent step of the fleet is used. At
-most 2,000 reports an aircraft are used, spread evenly. An aircraft that truly reports on whole
-minutes looks like one whose times are truncated to the minute, unless its ground speeds are far
-steadier than such a clock allows and no minute holds two reports; then its clock is exact to a
-second.
+The resolution is the coarsest of a list of steps in use (0.1 arc-minute, whole knots) on which at
+least 90 % of an aircraft's values lie, with a tolerance for values stored with fewer digits. Valid
+from 5 reports an aircraft; with fewer the most frequent step of the fleet is used. An aircraft that
+reports on whole minutes looks like one whose times are truncated to the minute, unless its ground
+speeds are far steadier than such a clock allows and no minute holds two reports; then its clock is
+exact to a second.
 """
 
 from __future__ import annotations
@@ -26,69 +22,27 @@ ARC_MINUTE = 1.0 / 60.0
 Step = tuple[float, float]
 """Step of a lattice and how far off it a stored value may lie."""
 
-POSITION_STEPS: tuple[Step, ...] = tuple(
+POSITION_STEPS: tuple[Step, ...] = tuple(  # degrees
     (step, float(min(0.1 * step, max(0.04 * step, 7e-6))))
     for step in (
-        0.1,
-        0.05,
-        ARC_MINUTE,
-        0.01,
-        0.5 * ARC_MINUTE,
-        0.005,
-        0.1 * ARC_MINUTE,
-        0.001,
-        1.0 / 3600.0,
-        0.01 * ARC_MINUTE,
-        1e-4,
-        0.1 / 3600.0,
-        1e-5,
+        *(0.1, 0.05, ARC_MINUTE, 0.01, 0.5 * ARC_MINUTE, 0.005, 0.1 * ARC_MINUTE, 0.001),
+        *(1.0 / 3600.0, 0.01 * ARC_MINUTE, 1e-4, 0.1 / 3600.0, 1e-5),
     )
 )
-"""degrees"""
 TIME_STEPS: tuple[Step, ...] = tuple((step, 0.02 * step) for step in (60.0, 6.0, 1.0, 0.1, 0.01))
 """s; coarser ones are schedules, not codings"""
 SPEED_STEPS: tuple[Step, ...] = (
-    (5.0 * KNOT, 0.051),
-    (1.0, 0.02),
-    (KNOT, 0.051),
-    (0.5, 0.01),
-    (0.1, 0.005),
-    (0.1 * KNOT, 0.0026),
-    (0.01, 0.001),
+    *((5.0 * KNOT, 0.051), (1.0, 0.02), (KNOT, 0.051), (0.5, 0.01), (0.1, 0.005)),
+    *((0.1 * KNOT, 0.0026), (0.01, 0.001)),
 )
 """m/s; knots may be stored to 0.1 m/s"""
 DIRECTION_STEPS: tuple[Step, ...] = tuple(
     (step, 0.02 * step) for step in (10.0, 5.0, 1.0, 0.1, 0.01)
 )
 """degrees"""
-
-SHARE = 0.9  # Share of values that must lie on a lattice
-FEWEST = 5
-"""Values below which no lattice is looked for."""
-# Reports of an aircraft, evenly spread: a step shows in far fewer.
-_MOST_REPORTS = 2000
-
-
-def lattice_step(
-    values: NDArray[np.float64],
-    group: NDArray[np.integer],
-    groups: int,
-    steps: tuple[Step, ...],
-) -> NDArray[np.float64]:
-    """Coarsest step on which the values of each group lie, (groups,).
-
-    Parameters
-    ----------
-    values : array, shape (n,)
-        NaN is left out.
-    group : array of int, shape (n,)
-        Group of each value, 0 to ``groups - 1``.
-    steps : tuple of (step, tolerance)
-        Coarse to fine, in the unit of ``values``; the last where none fits.
-    """
-    return _coarsest(_on_steps(values, group, groups, steps), steps, FEWEST)
-
-
+SHARE = 0.9  # of values that must lie on a lattice
+FEWEST = 5  # values below which no lattice is looked for
+_MOST_REPORTS = 2000  # of an aircraft, evenly spread: a step shows in far fewer
 # Steps looked for, and the step of a fleet in which no aircraft has enough reports.
 _FIELDS: dict[str, tuple[tuple[Step, ...], float]] = {
     "position_resolution": (POSITION_STEPS, 0.01),
@@ -98,21 +52,25 @@ _FIELDS: dict[str, tuple[tuple[Step, ...], float]] = {
 }
 
 
+def lattice_step(
+    values: NDArray[np.float64],
+    group: NDArray[np.integer],
+    groups: int,
+    steps: tuple[Step, ...],
+) -> NDArray[np.float64]:
+    """Coarsest step on which the values (n,) of each group lie, (groups,).
+
+    NaN is left out. Steps and their tolerances are coarse to fine, in the unit of ``values``; the
+    last is the result where none fits.
+    """
+    return _coarsest(_on_steps(values, group, groups, steps), steps, FEWEST)
+
+
 def resolutions(columns: Columns, row_size: NDArray[np.integer]) -> dict[str, NDArray[np.float64]]:
-    """Resolution of each aircraft's reports.
+    """Resolution of position, time, wind speed and direction (degree, s, m/s, degree) by aircraft.
 
-    Parameters
-    ----------
-    columns : dict of arrays, shape (report,)
-        ``tail`` (int), ``time``, ``latitude``, ``longitude`` (degrees), ``wind_speed`` (m/s)
-        and ``wind_direction`` (degrees, NaN in calm), in order of tail, flight and time.
-    row_size : array of int, shape (aircraft,)
-
-    Returns
-    -------
-    dict
-        ``position_resolution`` (degree), ``time_resolution`` (s), ``wind_speed_resolution``
-        (m/s), ``wind_direction_resolution`` (degree), each of shape (aircraft,).
+    Columns are ``tail`` (int), ``time``, ``latitude``, ``longitude``, ``wind_speed`` and
+    ``wind_direction`` (NaN in calm), in order of tail, flight and time.
     """
     number = int(row_size.size)
     stride = np.repeat(np.maximum(row_size // _MOST_REPORTS, 1), row_size)

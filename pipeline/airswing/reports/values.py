@@ -1,24 +1,17 @@
-"""Times and flag codes of report files.
+"""Times, numbers and flag codes of report files.
 
-Times
------
-ISO 8601 text (UTC where it has no offset), or a number, which is read by the first of these
-notations that gives a possible time: seconds since 1970, ``yyyymmddHH``, ``yyyymmddHHMM``,
+Times are ISO 8601 text (UTC where it has no offset), or a number, which is read by the first of
+these notations that gives a possible time: seconds since 1970, ``yyyymmddHH``, ``yyyymmddHHMM``,
 ``yyyymmddHHMMSS``, milliseconds, microseconds or nanoseconds since 1970, Julian date. Other
 notations (``01/02/2009``) are ambiguous and count as unparsable unless their format is given.
-
 Possible are the times from :data:`EARLIEST` to one day after now. The notations do not overlap for
 possible times before July 2032, when seconds since 1970 become as large as ``1973010100``.
 
-Flag codes
-----------
-One or a few characters, compared without regard to case and to blanks around them. An unknown code
-counts as missing.
+Flag codes are compared without regard to case and blanks; an unknown code counts as missing.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -36,46 +29,44 @@ EARLIEST = np.datetime64("1973-01-01", "ns")
 """First year of aircraft reports in the archives that reanalyses use (NCAR ds353.4)."""
 _LARGEST_SECONDS = 4.2e9  # the year 2103
 _JULIAN_DATE_1970 = 2440587.5
-_SCALES = (1.0, 1e3, 1e6, 1e9)
 _CALENDARS = ((10, "%Y%m%d%H"), (12, "%Y%m%d%H%M"), (14, "%Y%m%d%H%M%S"))
 
 LARGEST_ROLL = 5.0  # degrees: limit of a good roll angle in AMDAR and ACARS
 
-ROLL_CODES = {
-    "": ROLL["missing"],
-    "-": ROLL["missing"],
-    "M": ROLL["missing"],
-    "G": ROLL["good"],
-    "GOOD": ROLL["good"],
-    "B": ROLL["bad"],
-    "BAD": ROLL["bad"],
-    "N": ROLL["not_available"],
-    "NOT_AVAILABLE": ROLL["not_available"],
+_QC = {"missing": ("", "-"), "pass": ("P", "PASS", "PASSED"), "fail": ("F", "FAIL", "FAILED")}
+# Of each flag column the values by meaning, and the codes of each meaning, missing first.
+_CODES: dict[str, tuple[dict[str, int], dict[str, tuple[str, ...]]]] = {
+    "roll_flag": (
+        ROLL,
+        {
+            "missing": ("", "-", "M"),
+            "good": ("G", "GOOD"),
+            "bad": ("B", "BAD"),
+            "not_available": ("N", "NOT_AVAILABLE"),
+        },
+    ),
+    "temperature_qc": (TEMPERATURE_QC, _QC),
+    "wind_qc": (TEMPERATURE_QC, _QC),
+    "phase": (
+        PHASE,
+        {
+            "unknown": ("", "-", "UNKNOWN"),
+            "ascent": ("ASCENT", "ASC", "CLIMB"),
+            "cruise": ("CRUISE", "LEVEL", "ENROUTE", "LVR", "LVW"),
+            "descent": ("DESCENT", "DES"),
+        },
+    ),
+    "icing": (
+        ICING,
+        {
+            "missing": ("", "-", "NAN"),
+            "off": ("0", "0.0", "FALSE", "OFF", "NO"),
+            "on": ("1", "1.0", "TRUE", "ON", "YES"),
+        },
+    ),
 }
-_QC_CODES = {
-    **dict.fromkeys(("", "-"), TEMPERATURE_QC["missing"]),
-    **dict.fromkeys(("P", "PASS", "PASSED"), TEMPERATURE_QC["pass"]),
-    **dict.fromkeys(("F", "FAIL", "FAILED"), TEMPERATURE_QC["fail"]),
-}
-_PHASE_CODES = {
-    **dict.fromkeys(("", "-", "UNKNOWN"), PHASE["unknown"]),
-    **dict.fromkeys(("ASCENT", "ASC", "CLIMB"), PHASE["ascent"]),
-    **dict.fromkeys(("CRUISE", "LEVEL", "ENROUTE", "LVR", "LVW"), PHASE["cruise"]),
-    **dict.fromkeys(("DESCENT", "DES"), PHASE["descent"]),
-}
-_ICING_CODES = {
-    **dict.fromkeys(("", "-", "NAN"), ICING["missing"]),
-    **dict.fromkeys(("0", "0.0", "FALSE", "OFF", "NO"), ICING["off"]),
-    **dict.fromkeys(("1", "1.0", "TRUE", "ON", "YES"), ICING["on"]),
-}
-FLAG_CODES = {
-    "roll_flag": (ROLL_CODES, ROLL["missing"]),
-    "temperature_qc": (_QC_CODES, TEMPERATURE_QC["missing"]),
-    "wind_qc": (_QC_CODES, TEMPERATURE_QC["missing"]),
-    "phase": (_PHASE_CODES, PHASE["unknown"]),
-    "icing": (_ICING_CODES, ICING["missing"]),
-}
-"""Flag values by upper-case code, and the value for missing, for each flag column of a table."""
+FLAGS = tuple(_CODES)
+"""Flag columns of a table."""
 
 
 def possible(time: Times) -> NDArray[np.bool_]:
@@ -132,23 +123,27 @@ def from_epoch(seconds: NDArray[np.float64]) -> Times:
 
 
 def _of_numbers(values: NDArray[np.float64]) -> Times:
-    time = from_epoch(values)
-
-    def fill(candidates: Times) -> None:
-        better = possible(candidates) & ~possible(time)
-        time[better] = candidates[better]
-
+    notations = []
     for width, pattern in _CALENDARS:
         dates = (values >= 10.0 ** (width - 1)) & (values < 10.0**width)
         if dates.any():
             text = pd.Series(np.where(dates, values, 0.0).astype(np.int64)).astype(str)
             parsed = pd.to_datetime(text, format=pattern, errors="coerce")
-            fill(parsed.to_numpy(dtype="datetime64[ns]"))
-    for scale in _SCALES[1:]:
-        fill(from_epoch(values / scale))
+            notations.append(parsed.to_numpy(dtype="datetime64[ns]"))
+    notations += [from_epoch(values / scale) for scale in (1e3, 1e6, 1e9)]
     # A float64 of a Julian date resolves 40 microseconds.
-    fill(from_epoch(np.round((values - _JULIAN_DATE_1970) * 86400.0, 3)))
+    notations.append(from_epoch(np.round((values - _JULIAN_DATE_1970) * 86400.0, 3)))
+    time = from_epoch(values)
+    for candidates in notations:
+        better = possible(candidates) & ~possible(time)
+        time[better] = candidates[better]
     return time
+
+
+def numbers(column: Column, factor: float = 1.0, offset: float = 0.0) -> NDArray[np.float64]:
+    """Numbers of a column times a factor plus an offset; NaN where a value is none."""
+    found = pd.to_numeric(column, errors="coerce").to_numpy(dtype=np.float64, na_value=np.nan)
+    return np.asarray(found * factor + offset)
 
 
 def roll_flags(roll: NDArray[np.float64]) -> NDArray[np.int8]:
@@ -158,27 +153,20 @@ def roll_flags(roll: NDArray[np.float64]) -> NDArray[np.int8]:
 
 
 def decode_flags(
-    values: ArrayLike, codes: Mapping[str, int], missing: int, *, name: str, audit: Audit
+    values: ArrayLike, flag: str, audit: Audit, *, name: str | None = None
 ) -> NDArray[np.int8]:
-    """Turn codes into flag values and count each code under the field's name.
+    """Turn codes (report,) into values of one of :data:`FLAGS`.
 
-    Parameters
-    ----------
-    values : array_like of str, shape (report,)
-        Codes of the source.
-    codes : mapping of str to int
-        Flag values by upper-case code.
-    missing : int
-        Flag value of an unknown code, which is counted as a repair.
-
-    Returns
-    -------
-    array of int8, shape (report,)
+    Each code is counted under the flag's name, or that of its field in the source, an unknown one
+    also as a repair.
     """
+    name = name or flag
+    meanings, words = _CODES[flag]
+    codes = {code: meanings[word] for word, spelled in words.items() for code in spelled}
     index, labels = pd.factorize(np.asarray(values, dtype=object), use_na_sentinel=True)
     texts = [*(str(label).strip() for label in labels), ""]  # the last is that of absent values
     counts = np.bincount(np.where(index < 0, len(labels), index), minlength=len(texts))
-    flags = np.array([codes.get(text.upper(), missing) for text in texts], dtype=np.int8)
+    flags = np.array([codes.get(text.upper(), codes[""]) for text in texts], dtype=np.int8)
     for text, count in zip(texts, counts.tolist(), strict=True):
         if count:
             audit.codes(name, {text or "blank": count})

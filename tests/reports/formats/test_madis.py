@@ -17,7 +17,7 @@ import xarray as xr
 from airswing.errors import InputError
 from airswing.flags import PLATFORM
 from airswing.products.ragged import aircraft_of_report
-from airswing.reports import read_file, read_reports
+from airswing.reports import read_reports
 
 REAL = "reports/acars_19990209_14z.nc"
 CODES_OF_THE_REAL_FILE = {  # counted by another program; see the notes beside the file
@@ -93,16 +93,6 @@ def test_values_agree_with_an_independent_reading(real: Callable[[str], Path]):
         np.testing.assert_allclose(
             ds[name].to_numpy()[known], wanted[index], rtol=1e-5, atol=1e-4, err_msg=name
         )
-
-
-def test_quality_of_the_real_file(real: Callable[[str], Path]):
-    frame, _ = read_file(real(REAL))
-    # 15 T + 11 B fail the temperature; 32 W + 11 B the wind (counted by cross-tabulation)
-    assert int((frame["temperature_qc"] == 2).sum()) == 26
-    assert int((frame["wind_qc"] == 2).sum()) == 43
-    assert int((frame["roll_flag"] == 1).sum()) == 388
-    assert int(frame["wind_speed"].isna().sum()) == 15
-    assert int(frame["air_temperature"].isna().sum()) == 13
 
 
 def made(path: Path, **variables: Any) -> Path:
@@ -187,12 +177,6 @@ def test_error_letters_and_descriptor_x(tmp_path: Path):
     assert audit_of(ds)["flags"]["correctedFlag"] == {"r": 2, "f": 1, "l": 1}
 
 
-def test_an_unknown_roll_letter_is_counted(tmp_path: Path):
-    audit = audit_of(read_reports(made(tmp_path / "a.nc", rollFlag=letters("GGQ\x00"))))
-    assert audit["flags"]["rollFlag"] == {"G": 2, "Q": 1, "blank": 1}
-    assert audit["repaired"]["rollFlag_unknown_code"] == 1
-
-
 def test_true_airspeed_where_present_and_fill_values(tmp_path: Path):
     ds = read_reports(
         made(
@@ -225,16 +209,6 @@ def test_a_file_that_xarray_wrote_again_reads_the_same(tmp_path: Path, real, for
         assert file["en_tailNumber"].ndim == 3  # xarray adds a dimension of one
     again, whole = read_reports(tmp_path / "again.nc"), read_reports(real(REAL))
     xr.testing.assert_equal(again, whole)
-
-
-def test_tails_as_strings_and_as_numbers(tmp_path: Path):
-    with xr.open_dataset(made(tmp_path / "a.nc"), decode_times=False) as raw:
-        text = raw.assign(en_tailNumber=("recNum", np.array(["N1", "N1", "N2", "N2"], object)))
-        text.to_netcdf(tmp_path / "text.nc")
-        number = raw.assign(en_tailNumber=("recNum", np.array([1, 1, 20, 20])))
-        number.to_netcdf(tmp_path / "number.nc")
-    assert read_reports(tmp_path / "text.nc")["aircraft"].to_numpy().tolist() == ["N1", "N2"]
-    assert read_reports(tmp_path / "number.nc")["aircraft"].to_numpy().tolist() == ["1", "20"]
 
 
 @pytest.mark.parametrize(

@@ -31,22 +31,6 @@ def test_tails_stay_text(tmp_path: Path):
     assert audit_of(ds)["dropped"] == {}
 
 
-def test_values_reach_si(tmp_path: Path):
-    ds = read_reports(write(tmp_path / "a.csv", [row(true_airspeed_kt=250, heading_deg=91.5)]))
-    report = ds.isel(report=0)
-    assert report["time"].to_numpy() == np.datetime64("2009-01-05T12:00:00")
-    assert float(report["eastward_wind"]) == pytest.approx(40 * 1852 / 3600, rel=1e-6)
-    assert float(report["northward_wind"]) == pytest.approx(0.0, abs=1e-5)
-    assert float(report["air_temperature"]) == pytest.approx(253.15)
-    assert float(report["pressure_altitude"]) == pytest.approx(6096.0)
-    # ICAO Doc 7488: 20,000 ft is 465.6 hPa
-    assert float(report["pressure"]) == pytest.approx(46563.0, abs=2.0)
-    assert float(report["reported_airspeed"]) == pytest.approx(128.611, abs=1e-3)
-    assert float(report["reported_heading"]) == 91.5
-    assert (int(report["roll_flag"]), int(report["temperature_qc"])) == (1, 1)
-    assert int(report["icing"]) == -1
-
-
 def test_rows_with_too_many_fields_are_dropped_and_counted(tmp_path: Path):
     path = write(tmp_path / "a.csv", flight())
     lines = path.read_text().splitlines()
@@ -93,19 +77,6 @@ def test_a_nul_in_a_row_costs_no_other(tmp_path: Path):
     assert not any("\x00" in str(name) for name in found["aircraft"].values)
     others = found["time"].isin(sound["time"][2:])
     np.testing.assert_array_equal(found["eastward_wind"][others.values], sound["eastward_wind"][2:])
-
-
-@pytest.mark.parametrize("separator", [",", ";", "\t"])
-def test_separators(tmp_path: Path, separator: str):
-    flight().to_csv(tmp_path / "a.txt", sep=separator, index=False)
-    assert read_reports(tmp_path / "a.txt").sizes["report"] == 10
-
-
-def test_byte_order_mark_crlf_and_spaces(tmp_path: Path):
-    text = flight().to_csv(index=False).replace("tail,time", "Tail , TIME").replace("\n", "\r\n")
-    (tmp_path / "a.csv").write_bytes(b"\xef\xbb\xbf" + text.encode())
-    plain = read_reports(tmp_path / "a.csv")
-    assert plain["aircraft"].to_numpy().tolist() == ["N412XJ"]
 
 
 def test_a_repeated_column_name_keeps_the_first(tmp_path: Path):
@@ -192,13 +163,6 @@ def test_columns_that_stand_in_the_names_of_folders(tmp_path: Path):
     whole = read_reports(tmp_path / "whole.parquet")
     assert sorted(divided["aircraft"].to_numpy()) == ["007", "N 1/2"]
     xr.testing.assert_equal(divided, whole)
-
-
-def test_a_column_of_the_file_comes_before_that_of_its_folder(tmp_path: Path):
-    pytest.importorskip("pyarrow")
-    (tmp_path / "tail=X").mkdir()
-    flight(tail="N1").to_parquet(tmp_path / "tail=X" / "a.parquet")
-    assert read_reports(tmp_path / "tail=X" / "a.parquet")["aircraft"].to_numpy() == ["N1"]
 
 
 def test_a_parquet_file_damaged_inside_is_named(tmp_path: Path):

@@ -1,4 +1,4 @@
-"""Report formats, one file each: every module of this package that registers one is found.
+"""Report formats: every module of this package that registers one is found.
 
 The format of a file follows from its first bytes (of a compressed file the decompressed ones): each
 format says whether it recognises them, the specific before the general (``priority``). A new format
@@ -10,10 +10,10 @@ from __future__ import annotations
 import bz2
 import gzip
 import importlib
-import io
 import pkgutil
 import zlib
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO, Literal, cast
@@ -43,6 +43,7 @@ class ReportFormat:
     recognises: Callable[[bytes], bool]  # whether a file that begins with these bytes is one
     read: Reader
     priority: int = 0
+    title: str = "reports"  # in messages
 
 
 _FORMATS: dict[str, ReportFormat] = {}
@@ -68,12 +69,28 @@ def formats() -> dict[str, ReportFormat]:
     return dict(sorted(_FORMATS.items(), key=lambda item: (item[1].priority, item[0])))
 
 
+@contextmanager
+def damage_named(path: Path, title: str) -> Iterator[None]:
+    """Turn whatever a library raises at the content of a file into an InputError."""
+    try:
+        yield
+    except InputError:
+        raise
+    except UnicodeDecodeError as error:
+        remedy = "Save it as UTF-8, or remove it"
+        raise InputError("is not UTF-8 text", file=path, remedy=remedy) from error
+    except Exception as error:
+        plain = isinstance(error, OSError | ValueError | EOFError | zlib.error)
+        what = str(error) if plain else f"{type(error).__name__}: {error}"
+        raise InputError(f"cannot be read as {title}: {what}", file=path) from error
+
+
 def is_text(start: bytes) -> bool:
     """Return True where bytes look like those of a text file."""
     # A NUL or two is a damaged row; in UTF-16 every second byte is one.
-    head = start[:4096]
-    control = sum(byte < 32 and byte not in (9, 10, 13) for byte in head)
-    return control <= 0.05 * len(head)
+    beginning = start[:4096]
+    control = sum(byte < 32 and byte not in (9, 10, 13) for byte in beginning)
+    return control <= 0.05 * len(beginning)
 
 
 def compression_of(path: Path) -> Literal["gzip", "bz2"] | None:
@@ -102,23 +119,14 @@ def first_bytes(path: Path) -> bytes:
 
 def content_of(path: Path) -> bytes:
     """Return a file's decompressed content, which is at most :data:`LARGEST_FILE`."""
-    try:
-        with opened(path) as file:
-            content = file.read(LARGEST_FILE + 1)
-    except (OSError, EOFError, zlib.error) as error:
-        raise InputError(f"cannot be read: {error}", file=path) from error
+    with opened(path) as file:
+        content = file.read(LARGEST_FILE + 1)
     if len(content) > LARGEST_FILE:
         raise InputError(f"decompresses to more than {LARGEST_FILE:,} bytes", file=path)
     return content
 
 
-def lines_of(path: Path, number: int, longest: int = 20_000) -> list[str]:
-    """Return the first lines of a text file, without line ends."""
-    with io.TextIOWrapper(opened(path), encoding="utf-8-sig", errors="replace") as file:
-        return [file.readline(longest).rstrip("\r\n") for _ in range(number)]
-
-
 def constant_tail(mapping: Mapped) -> str | None:
     """Return the aircraft that the configuration gives for a whole file, or None."""
-    value = mapping["tail"][1].value if "tail" in mapping else None
+    value = mapping["tail"].value if "tail" in mapping else None
     return None if value is None else str(value)

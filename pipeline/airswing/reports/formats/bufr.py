@@ -1,27 +1,21 @@
 """AMDAR, ACARS and AIREP BUFR (WMO FM 94), through ecCodes.
 
-Assumptions
------------
 ``flightLevel``, ``indicatedAircraftAltitude`` and ``height`` (007010, 010070, 007002) are
 pressure altitudes in m, as AMDAR reports them; where only ``pressure`` is given it is used. The
 aircraft is the tail number (001110) if given, else the registration (001008), else the flight
 number (001006), in which European AMDAR has its aircraft identifier. Times are as coarse as coded:
 older templates have whole minutes.
 
-Levels of a profile (3-11-008, 3-11-009)
-    What precedes the first level holds for all levels. A level begins where the vertical
-    coordinate occurs again and holds all that follows up to the next, its latitude and longitude
-    too. A key that occurs again within a level is used where the first had no value, and what
-    follows a second vertical coordinate without level, wind and temperature belongs to the first.
+Levels of a profile (3-11-008, 3-11-009): what precedes the first level holds for all. A level
+begins where the vertical coordinate occurs again and holds all that follows up to the next. A key
+that occurs again within a level is used where the first had no value, and what follows a second
+vertical coordinate without level, wind and temperature belongs to the first.
 
 A message of edition 2 or later whose table version is not available is decoded with a current one;
 one that still cannot be decoded, or that ends the process which decodes it, is counted as dropped
 (``undecodable_message``), and the rest of the file is read.
 
-References
-----------
-WMO Manual on Codes, Volume I.2: code tables 0 08 004, 0 08 009, 0 02 064; templates 3 11 001 to
-3 11 010.
+Source: WMO Manual on Codes, Volume I.2, templates 3 11 001 to 3 11 010.
 """
 
 from __future__ import annotations
@@ -31,7 +25,6 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.flags import ICING, PHASE, PLATFORM, ROLL
@@ -39,7 +32,7 @@ from airswing.guarded import WorkerEndedError, guarded
 from airswing.reports.audit import Audit
 from airswing.reports.columns import Mapped
 from airswing.reports.formats import ReportFormat, content_of, is_text, register
-from airswing.reports.values import LARGEST_ROLL
+from airswing.reports.values import LARGEST_ROLL, numbers
 
 _TIME = ("year", "month", "day", "hour", "minute", "second")
 _TAILS = (
@@ -60,22 +53,27 @@ _NUMBERS = {
     "aircraftTrueAirspeed": "reported_airspeed",
     "aircraftTrueHeading": "reported_heading",
 }
-_PHASES = ("phaseOfAircraftFlight", "detailedPhaseOfFlight")
+# Code table 0 08 004: 2 unsteady, 3 and 4 level, 5 ascending, 6 descending, 7 missing; 0 08 009: 0
+# and 1 level but unsteady, 2 unsteady, then as above by interval.
+_PHASES = {
+    "phaseOfAircraftFlight": {
+        **dict.fromkeys((3, 4), PHASE["cruise"]),
+        **{5: PHASE["ascent"], 6: PHASE["descent"]},
+    },
+    "detailedPhaseOfFlight": {
+        **dict.fromkeys((0, 1, 3, 4), PHASE["cruise"]),
+        **dict.fromkeys((5, 7, 9, 11, 13), PHASE["ascent"]),
+        **dict.fromkeys((6, 8, 10, 12, 14), PHASE["descent"]),
+    },
+}
+# Codes that mean a roll angle of 5 degrees or more.
+_UNSTEADY = {"phaseOfAircraftFlight": (2,), "detailedPhaseOfFlight": (0, 1, 2)}
 _ROLLS = ("aircraftRollAngleQuality", "aircraftRollAngle")
-_ICINGS = ("airframeIcingPresent", "airframeIcing")
+# The largest code that means icing: tables 0 20 042 (1: icing) and 0 20 041 (kinds, 15 missing).
+_ICINGS = {"airframeIcingPresent": 1.0, "airframeIcing": 14.0}
 KEYS = (*_TIME, *_TAILS, *_ALTITUDES, *_NUMBERS, *_PHASES, *_ROLLS, *_ICINGS)
 """Keys of ecCodes that are read."""
 
-# Phase of aircraft flight: 2 unsteady, 3 and 4 level, 5 ascending, 6 descending, 7 missing.
-PHASE_008004 = {3: PHASE["cruise"], 4: PHASE["cruise"], 5: PHASE["ascent"], 6: PHASE["descent"]}
-# Detailed phase of flight: 0 and 1 level but unsteady, 2 unsteady, then as above by interval.
-PHASE_008009 = {
-    **dict.fromkeys((0, 1, 3, 4), PHASE["cruise"]),
-    **dict.fromkeys((5, 7, 9, 11, 13), PHASE["ascent"]),
-    **dict.fromkeys((6, 8, 10, 12, 14), PHASE["descent"]),
-}
-# Codes that mean a roll angle of 5 degrees or more.
-UNSTEADY = {"phaseOfAircraftFlight": (2,), "detailedPhaseOfFlight": (0, 1, 2)}
 _OLDEST_TABLES = 6  # older versions of the master table do not come with ecCodes
 _CURRENT_TABLES = 33  # version of 2019, which holds every older descriptor
 _MESSAGES_TOGETHER = 200
@@ -128,16 +126,11 @@ def _decoded(messages: list[bytes]) -> tuple[list[Record], int]:
 
 
 def decode_messages(messages: list[bytes]) -> tuple[list[Record], int]:
-    """Decode BUFR messages with their own tables or with current ones.
+    """Decode BUFR messages with the tables they name or with current ones.
 
-    ecCodes may end the process at a damaged message: called by :func:`airswing.guarded.guarded`.
-
-    Returns
-    -------
-    records : list of dict
-        Values by `KEYS`, one entry a report or a level of a profile.
-    failed : int
-        Messages that no tables decode.
+    Returns the values by `KEYS` of each report or level of a profile, and the number of messages
+    that no tables decode. ecCodes may end the process at a damaged message: called by
+    :func:`airswing.guarded.guarded`.
     """
     import eccodes
 
@@ -221,72 +214,54 @@ def _levels(subset: Iterable[tuple[str, Value]]) -> list[Record]:
 
 
 def _raw(table: pd.DataFrame, audit: Audit) -> pd.DataFrame:
-    for name in (*_PHASES, *_ROLLS[:1], *_ICINGS):
-        counts = _column(table, name).value_counts(dropna=False)
+    column = {
+        name: pd.Series(numbers(table[name]), table.index) for name in KEYS if name not in _TAILS
+    }
+    for name in (*_PHASES, "aircraftRollAngleQuality", *_ICINGS):
+        counts = column[name].value_counts(dropna=False)
         audit.codes(name, {"missing" if c != c else f"{c:g}": int(n) for c, n in counts.items()})
-    parts = pd.DataFrame({name: _column(table, name) for name in _TIME})
+    parts = pd.DataFrame({name: column[name] for name in _TIME})
     parts["second"] = parts["second"].fillna(0.0)
-    altitude = _column(table, _ALTITUDES[0])
+    altitude = column[_ALTITUDES[0]]
     for name in _ALTITUDES[1:]:
-        altitude = altitude.fillna(_column(table, name))
+        altitude = altitude.fillna(column[name])
     tail = pd.Series("", index=table.index, dtype=object)
     for name in reversed(_TAILS):  # the best last, so that it overwrites
         text = table[name].astype(object).fillna("").astype(str).str.strip()
         tail = text.where(text != "", tail)
+    phase = np.zeros(len(table), dtype=np.int8)
+    for name, codes in _PHASES.items():  # the detailed table comes last and overrides
+        known = column[name].map(codes).fillna(0).to_numpy(dtype=np.int8)
+        phase = np.where(known != 0, known, phase)
+    roll = np.full(len(table), ROLL["missing"], dtype=np.int8)
+    for name, unsteady in _UNSTEADY.items():
+        roll[column[name].isin(unsteady)] = ROLL["bad"]
+    angle, quality = column["aircraftRollAngle"].abs(), column["aircraftRollAngleQuality"]
+    roll[angle < LARGEST_ROLL] = ROLL["good"]
+    roll[angle >= LARGEST_ROLL] = ROLL["bad"]
+    roll[quality == 0.0] = ROLL["good"]
+    roll[quality == 1.0] = ROLL["bad"]
+    icing = np.full(len(table), ICING["missing"], dtype=np.int8)
+    for name, largest in reversed(_ICINGS.items()):
+        icing[column[name] == 0.0] = ICING["off"]
+        icing[column[name].between(1.0, largest)] = ICING["on"]
     return pd.DataFrame(
         {
             "tail": tail,
             "time": pd.to_datetime(parts, errors="coerce").astype("datetime64[ns]"),
             "time_blank": parts.isna().any(axis=1),
             "pressure_altitude": altitude,
-            **{ours: _column(table, name) for name, ours in _NUMBERS.items()},
-            "phase": _phases(table),
-            "roll_flag": _rolls(table),
-            "icing": _icing(table),
+            **{ours: column[name] for name, ours in _NUMBERS.items()},
+            "phase": phase,
+            "roll_flag": roll,
+            "icing": icing,
             "platform": np.int8(PLATFORM["AMDAR"]),
         }
     )
-
-
-def _column(table: pd.DataFrame, name: str) -> pd.Series[float]:
-    return pd.to_numeric(table[name], errors="coerce").astype(np.float64)
-
-
-def _phases(table: pd.DataFrame) -> NDArray[np.int8]:
-    phase = np.zeros(len(table), dtype=np.int8)
-    for name, codes in zip(_PHASES, (PHASE_008004, PHASE_008009), strict=True):
-        known = _column(table, name).map(codes).fillna(0).to_numpy(dtype=np.int8)
-        # The detailed table comes last and overrides where it knows.
-        phase = np.where(known != 0, known, phase)
-    return phase
-
-
-def _rolls(table: pd.DataFrame) -> NDArray[np.int8]:
-    roll = np.full(len(table), ROLL["missing"], dtype=np.int8)
-    for name, codes in UNSTEADY.items():
-        roll[_column(table, name).isin(codes)] = ROLL["bad"]
-    angle = _column(table, "aircraftRollAngle").abs()
-    roll[angle < LARGEST_ROLL] = ROLL["good"]
-    roll[angle >= LARGEST_ROLL] = ROLL["bad"]
-    quality = _column(table, "aircraftRollAngleQuality")
-    roll[quality == 0.0] = ROLL["good"]
-    roll[quality == 1.0] = ROLL["bad"]
-    return roll
-
-
-def _icing(table: pd.DataFrame) -> NDArray[np.int8]:
-    icing = np.full(len(table), ICING["missing"], dtype=np.int8)
-    for name in reversed(_ICINGS):
-        code = _column(table, name)
-        icing[code == 0.0] = ICING["off"]
-        # Code tables 0 20 042 (1: icing) and 0 20 041 (1 to 14 kinds of it, 15 missing).
-        largest = 1.0 if name == "airframeIcingPresent" else 14.0
-        icing[(code >= 1.0) & (code <= largest)] = ICING["on"]
-    return icing
 
 
 def _recognises(start: bytes) -> bool:
     return b"BUFR" in start[:4096] and not is_text(start)
 
 
-register(ReportFormat("bufr", _recognises, _read_bufr))
+register(ReportFormat("bufr", _recognises, _read_bufr, title="BUFR"))

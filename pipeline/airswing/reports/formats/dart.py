@@ -1,15 +1,12 @@
 """DART observation sequences (``obs_seq``, ASCII) of aircraft.
 
 Assumes types named ``ACARS_...``, ``AIRCRAFT_...``, ``AMDAR_...`` or ``TAMDAR_...`` with
-``U_WIND_COMPONENT, V_WIND_COMPONENT`` (m/s) or ``TEMPERATURE`` (K); other types are left out. The
-components and the temperature of a report are observations of their own at one time and place.
-Locations are ``loc3d``: longitude and latitude in radians, the vertical coordinate as pressure (Pa,
-kind 2) or height (m, kind 3; taken as pressure altitude, as aircraft report it). Times are seconds
-and days since 1601-01-01. The value is that of the first copy; a quality code of a copy ``... QC
-...`` above 3 fails the wind (NCEP: 0 to 3 usable; DART: 0 assimilated to 3 evaluated only).
-
-An observation sequence does not name the aircraft: all reports of a type are one "aircraft", so
-that compasses cannot be fitted; model winds and the statistics of the differences can be made.
+``U_WIND_COMPONENT, V_WIND_COMPONENT`` (m/s) or ``TEMPERATURE`` (K), each a separate observation;
+other types are left out. Locations are ``loc3d``: longitude and latitude in radians, the vertical
+coordinate as pressure (Pa, kind 2) or height (m, kind 3; taken as pressure altitude). Times are
+seconds and days since 1601-01-01. The value is that of the first copy; a quality code above 3 fails
+the wind (NCEP: 0 to 3 usable; DART: 0 assimilated to 3 evaluated only). A sequence does not name
+the aircraft: all reports of a type are one "aircraft".
 
 Source: NCAR/DART, guide, "Detailed structure of an obs_seq file".
 """
@@ -43,14 +40,7 @@ _PLACE = ["kind", "days", "seconds", "longitude", "latitude", "vertical", "coord
 
 def _read_sequence(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
     lines = content_of(path).decode("ascii", "replace").splitlines()
-    try:
-        records, left_out = _records(lines)
-    except (IndexError, ValueError, KeyError) as error:
-        raise InputError(
-            f"cannot be read as a DART observation sequence: {error}",
-            file=path,
-            remedy="Binary sequences are converted to ASCII by obs_sequence_tool",
-        ) from error
+    records, left_out = _records(lines)
     audit.drop("other_type", left_out, unread=True)
     if not records:
         raise InputError("holds no winds or temperatures of aircraft", file=path)
@@ -91,7 +81,7 @@ def _find(lines: list[str], pattern: str) -> int:
 
 
 def _records(lines: list[str]) -> tuple[list[dict[str, object]], int]:
-    """Values of the aircraft's observations, and how many observations are others."""
+    """Observations of aircraft, and the number of other observations."""
     first = _find(lines, r"obs_(type|kind)_definitions")
     number = int(lines[first + 1])
     types = dict(line.split()[:2] for line in lines[first + 2 : first + 2 + number])
@@ -133,5 +123,10 @@ def _records(lines: list[str]) -> tuple[list[dict[str, object]], int]:
 
 
 register(
-    ReportFormat("dart", lambda start: start.lstrip().startswith(b"obs_sequence"), _read_sequence)
+    ReportFormat(
+        "dart",
+        lambda start: start.lstrip().startswith(b"obs_sequence"),
+        _read_sequence,
+        title="a DART observation sequence (binary ones are converted by obs_sequence_tool)",
+    )
 )

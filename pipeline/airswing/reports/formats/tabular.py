@@ -13,7 +13,6 @@ import csv
 import io
 import re
 import warnings
-import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -26,23 +25,16 @@ from numpy.typing import NDArray
 from airswing.errors import InputError
 from airswing.physics.triangle import wrap_degrees
 from airswing.reports.audit import Audit
-from airswing.reports.columns import (
-    ONLY,
-    TEXT,
-    Mapped,
-    Source,
-    layout_of,
-    parse_mapping,
-    sources,
-)
+from airswing.reports.columns import ONLY, TEXT, Mapped, Source, layout_of, sources, with_layout
 from airswing.reports.formats import (
     ReportFormat,
     compression_of,
+    damage_named,
     is_text,
     opened,
     register,
 )
-from airswing.reports.values import FLAG_CODES, Column, decode_flags, parse_times, possible
+from airswing.reports.values import FLAGS, Column, decode_flags, parse_times, possible
 
 ROWS_PER_PIECE = 250_000  # the text of a table is many times larger than what is kept of it
 _BUFFER = 2**20
@@ -56,22 +48,14 @@ _BLANKS = [
 ]
 _FARTHEST, _NEAR = 10.0, 1.0  # s: how far messages may be apart
 _FILLED = (
-    "latitude",
-    "longitude",
-    "pressure_altitude",
-    "ground_speed",
-    "track",
-    "reported_airspeed",
-    "indicated_airspeed",
-    "mach",
-    "air_temperature",
+    *("latitude", "longitude", "pressure_altitude", "ground_speed", "track", "reported_airspeed"),
+    *("indicated_airspeed", "mach", "air_temperature"),
 )
 _ANGLES = ("longitude", "track")
 _HEADINGS = ("magnetic_heading", "reported_heading")
 _EXTRA = "columns past the header"
 _NO_VALUE = "__HIVE_DEFAULT_PARTITION__"
 _SKIPPED = re.compile(r"Skipping line \d+")
-_DAMAGE = (ValueError, EOFError, OSError, zlib.error)
 
 
 class _Header(NamedTuple):
@@ -92,7 +76,7 @@ def _read_csv(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFram
         and (name != "time" or source.parts or source.format)
         for column in source.columns
     }
-    numbers = {c for source in found.values() for c in source.columns if c not in text}
+    numeric = {c for source in found.values() for c in source.columns if c not in text}
     repeated = [
         variable
         for variable, source in found.items()
@@ -105,7 +89,7 @@ def _read_csv(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFram
         on_bad_lines="warn",
         # pandas' own list makes a tail named NA a missing one: ours is of number columns only.
         keep_default_na=False,
-        na_values={column: _BLANKS for column in numbers},
+        na_values={column: _BLANKS for column in numeric},
         # A type is inferred of a whole piece: in parts one column may become two types.
         low_memory=False,
         chunksize=ROWS_PER_PIECE,
@@ -113,8 +97,7 @@ def _read_csv(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFram
 
     def tables() -> Iterator[pd.DataFrame]:
         for table in _tables(path, header, options, audit):
-            # pandas skips rows of two columns too many by itself; those are counted by its
-            # warnings.
+            # pandas skips rows of two columns too many itself; those are counted by its warnings.
             ragged = (table.pop(_EXTRA).fillna("").str.strip() != "").to_numpy(dtype=bool)
             for variable in repeated:
                 audit.repair(f"{variable}_column_repeated", len(table))
@@ -164,24 +147,19 @@ def _tables(
     reader = None
     try:
         while True:
-            try:
-                with warnings.catch_warnings(record=True) as caught:
-                    warnings.simplefilter("always")
-                    reader = reader or pd.read_csv(
-                        path,
-                        sep=header.separator,
-                        header=None,
-                        skiprows=header.lines,
-                        index_col=False,
-                        encoding="utf-8",
-                        compression=compression_of(path),
-                        **options,
-                    )
-                    table = next(reader, None)
-            except UnicodeDecodeError as error:
-                raise _not_utf8(path) from error
-            except _DAMAGE as error:
-                raise InputError(f"cannot be read as CSV: {error}", file=path) from error
+            with warnings.catch_warnings(record=True) as caught:
+                warnings.simplefilter("always")
+                reader = reader or pd.read_csv(
+                    path,
+                    sep=header.separator,
+                    header=None,
+                    skiprows=header.lines,
+                    index_col=False,
+                    encoding="utf-8",
+                    compression=compression_of(path),
+                    **options,
+                )
+                table = next(reader, None)
             ragged = sum(len(_SKIPPED.findall(str(entry.message))) for entry in caught)
             audit.drop("ragged_row", ragged, unread=True)
             if table is None:
@@ -202,26 +180,16 @@ def first_rows(path: Path) -> pd.DataFrame:
         with pq.ParquetFile(path) as table:
             first: pd.DataFrame = next(table.iter_batches(batch_size=2000)).to_pandas()
         return first
-    header = _header(path)
-    options = dict(names=header.names, chunksize=2000, on_bad_lines="skip", na_values=_BLANKS)
-    return next(_tables(path, header, options, Audit()))
-
-
-def with_layout(names: Sequence[str], mapping: Mapped) -> Mapped:
-    """Return the mapping of the program that wrote a table, overridden by the user's."""
-    layout = layout_of(names)
-    return mapping if layout is None else {**parse_mapping(layout.mapping(names)), **mapping}
+    with damage_named(path, "CSV"):
+        header = _header(path)
+        options = dict(names=header.names, chunksize=2000, on_bad_lines="skip", na_values=_BLANKS)
+        return next(_tables(path, header, options, Audit()))
 
 
 def _header(path: Path) -> _Header:
-    try:
-        # utf-8-sig: a byte order mark is no part of the first name.
-        with io.TextIOWrapper(opened(path), encoding="utf-8-sig", newline="") as file:
-            line, lines = _naming_line(file)
-    except UnicodeDecodeError as error:
-        raise _not_utf8(path) from error
-    except _DAMAGE as error:
-        raise InputError(f"cannot be read as CSV: {error}", file=path) from error
+    # utf-8-sig: a byte order mark is no part of the first name.
+    with io.TextIOWrapper(opened(path), encoding="utf-8-sig", newline="") as file:
+        line, lines = _naming_line(file)
     if len(line) >= _LONGEST_HEADER:
         raise InputError(
             f"has no header row within {_LONGEST_HEADER:,} characters",
@@ -253,10 +221,6 @@ def _naming_line(file: io.TextIOWrapper) -> tuple[str, int]:
     return line, lines
 
 
-def _not_utf8(path: Path) -> InputError:
-    return InputError("is not UTF-8 text", file=path, remedy="Save it as UTF-8, or remove it")
-
-
 def _read_parquet(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
     try:
         import pyarrow.parquet as pq
@@ -266,12 +230,8 @@ def _read_parquet(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.Data
             file=path,
             remedy="Install it with: pip install 'airswing[parquet]'",
         ) from error
-    try:
-        # A little at a time: whole column chunks of a large row group are hundreds of MB.
-        file = pq.ParquetFile(path, buffer_size=_BUFFER, pre_buffer=False)
-    except Exception as error:  # pyarrow's errors have no common base
-        raise InputError(f"cannot be read as Parquet: {error}", file=path) from error
-    with file:
+    # A little at a time: whole column chunks of a large row group are hundreds of MB.
+    with pq.ParquetFile(path, buffer_size=_BUFFER, pre_buffer=False) as file:
         inside = file.schema_arrow.names
         # A column of the file comes before one of its folder.
         pairs = (part.split("=", 1) for part in path.absolute().parent.parts if "=" in part)
@@ -288,15 +248,9 @@ def _read_parquet(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.Data
         )
 
         def tables() -> Iterator[pd.DataFrame]:
-            while True:
-                try:
-                    if (batch := next(batches, None)) is None:
-                        return
-                    batch.validate(full=True)  # text that is not UTF-8
-                    table = batch.to_pandas(ignore_metadata=True)
-                except Exception as error:  # pyarrow's errors have no common base
-                    raise InputError(f"cannot be read as Parquet: {error}", file=path) from error
-                yield table.assign(**folders)
+            for batch in batches:
+                batch.validate(full=True)  # text that is not UTF-8
+                yield batch.to_pandas(ignore_metadata=True).assign(**folders)
 
         yield from _in_si(tables(), names, found, path, audit)
 
@@ -309,15 +263,8 @@ def to_raw(
 ) -> pd.DataFrame:
     """Bring a table with the file's own column names to raw columns in SI.
 
-    Parameters
-    ----------
-    table : DataFrame
-    found : mapping of str to Source
-        Of :func:`airswing.reports.columns.sources`.
-    audit : Audit
-        Values that cannot be read are added to it.
-    unreadable : dict, optional
-        To which the number of values that are no numbers is added, by variable.
+    ``found`` is of :func:`airswing.reports.columns.sources`; to ``unreadable`` the number of values
+    that are no numbers is added, by variable.
     """
     raw: dict[str, NDArray[np.generic]] = {}
     for variable, source in found.items():
@@ -326,20 +273,22 @@ def to_raw(
             time, blank = parse_times(column, source.format)
             raw |= {"time": time, "time_blank": blank}
             _example(column, ~possible(time) & ~blank, variable, audit)
-        elif variable in FLAG_CODES:
-            codes, missing = FLAG_CODES[variable]
-            raw[variable] = decode_flags(column, codes, missing, name=variable, audit=audit)
+        elif variable in FLAGS:
+            raw[variable] = decode_flags(column, variable, audit)
         elif variable in TEXT or variable.startswith(ONLY):
-            raw[variable] = _as_text(column)
+            # A whole number that another program wrote as 12.0 is 12.
+            if pd.api.types.is_float_dtype(column.dtype) and (column.dropna() % 1 == 0).all():
+                column = column.astype("Int64")
+            raw[variable] = column.astype("string").fillna("").astype(str).to_numpy(dtype=object)
         else:
-            numbers = pd.to_numeric(column, errors="coerce")
-            bad = (numbers.isna() & column.notna()).to_numpy(dtype=bool)
+            values = pd.to_numeric(column, errors="coerce")
+            bad = (values.isna() & column.notna()).to_numpy(dtype=bool)
             audit.repair(f"{variable}_unparsable", int(bad.sum()))
             _example(column, bad, variable, audit)
             if unreadable is not None:
                 unreadable[variable] += int(bad.sum())
-            values = numbers.to_numpy(dtype=np.float64, na_value=np.nan)
-            raw[variable] = values * source.factor + source.offset
+            plain = values.to_numpy(dtype=np.float64, na_value=np.nan)
+            raw[variable] = plain * source.factor + source.offset
     return pd.DataFrame(raw)
 
 
@@ -366,46 +315,37 @@ def _example(column: Column, bad: NDArray[np.bool_], variable: str, audit: Audit
         audit.example(variable, column.iloc[int(np.argmax(bad))])
 
 
-def _as_text(column: Column) -> NDArray[np.object_]:
-    """Text of a column; a whole number that another program wrote as 12.0 is 12."""
-    if pd.api.types.is_float_dtype(column.dtype) and (column.dropna() % 1 == 0).all():
-        column = column.astype("Int64")
-    return column.astype("string").fillna("").astype(str).to_numpy(dtype=object)
-
-
 def merged(raw: pd.DataFrame, audit: Audit) -> pd.DataFrame:
-    """Make reports of single Mode-S messages.
+    """Make reports, a row each, of single Mode-S messages in SI, a row each in any order.
 
     A transponder sends position, ground vector (ADS-B or register 5,0), and heading and airspeed
-    (register 6,0) in messages of their own. A report is made of each message with a heading: what
-    it lacks is interpolated linearly in time between the messages of the same aircraft that have
-    it, angles the short way round. Both must be within 10 s, or one within 1 s. Tables whose rows
-    are complete pass unchanged; where no row has a heading every row with a position is a report.
-    Valid in straight flight, where speeds change slowly; turns are found by screening.
-
-    Parameters
-    ----------
-    raw : DataFrame
-        Raw columns in SI, one row a message, in any order.
-    audit : Audit
-        Messages that are no reports are added to it as ``merged_message``.
-
-    Returns
-    -------
-    DataFrame
-        One row a report.
+    (register 6,0) in separate messages. A report is made of each message with a heading: what it
+    lacks is interpolated linearly in time between the messages of the same aircraft that have it,
+    angles the short way round. Both must be within 10 s, or one within 1 s. Tables whose rows are
+    complete pass unchanged; where no row has a heading every row with a position is a report. Valid
+    in straight flight, where speeds change slowly; turns are found by screening. Messages that are
+    no reports are counted as ``merged_message``.
     """
     raw = raw.sort_values(["tail", "time"], kind="stable", ignore_index=True)
     heading = raw[raw.columns.intersection(list(_HEADINGS))].notna().any(axis=1)
     position = raw[["latitude", "longitude"]].notna().all(axis=1)
     wanted = (heading if heading.any() else position).to_numpy()
-    audit.drop("merged_message", int(np.count_nonzero(~wanted)), unread=True)
+    audit.drop("merged_message", np.count_nonzero(~wanted), unread=True)
     seconds = raw["time"].to_numpy(dtype="datetime64[ns]").astype(np.int64) / 1e9
-    tail = pd.factorize(raw["tail"])[0]
     reports = raw.loc[wanted].copy()
     for name in raw.columns.intersection(list(_FILLED)):
-        values = raw[name].to_numpy(dtype=np.float64)
-        reports[name] = _filled(values, seconds, tail, name in _ANGLES)[wanted]
+        values = pd.DataFrame({"value": raw[name], "seconds": seconds})
+        known = values.where(np.isfinite(values["value"])).groupby(raw["tail"])
+        before, after = known.ffill(), known.bfill()
+        since = (values["seconds"] - before["seconds"]).fillna(np.inf)
+        until = (after["seconds"] - values["seconds"]).fillna(np.inf)
+        step = after["value"] - before["value"]
+        step = pd.Series(wrap_degrees(step.to_numpy())) if name in _ANGLES else step
+        filled = before["value"].where(since <= until, after["value"])
+        filled = filled.where(np.minimum(since, until) <= _NEAR)
+        both = (since <= _FARTHEST) & (until <= _FARTHEST) & (since + until > 0.0)
+        filled = (before["value"] + step * since / (since + until)).where(both, filled)
+        reports[name] = raw[name].where(np.isfinite(raw[name]), filled)[wanted]
     if "flight" in raw:
         # A callsign is sent every few seconds and holds until another is.
         label = raw["flight"].where(raw["flight"].str.strip() != "")
@@ -413,31 +353,7 @@ def merged(raw: pd.DataFrame, audit: Audit) -> pd.DataFrame:
     return reports.reset_index(drop=True)
 
 
-def _filled(
-    values: NDArray[np.float64],
-    seconds: NDArray[np.float64],
-    tail: NDArray[np.integer],
-    angle: bool,
-) -> NDArray[np.float64]:
-    known = np.isfinite(values) & np.isfinite(seconds)
-    place = np.arange(values.size)
-    before = np.maximum.accumulate(np.where(known, place, -1))
-    after = np.minimum.accumulate(np.where(known, place, values.size)[::-1])[::-1]
-    has_before = (before >= 0) & (tail[before] == tail)
-    after = np.minimum(after, values.size - 1)
-    has_after = known[after] & (tail[after] == tail)
-    since = np.where(has_before, seconds - seconds[before], np.inf)
-    until = np.where(has_after, seconds[after] - seconds, np.inf)
-    step = values[after] - values[before]
-    step = wrap_degrees(step) if angle else step
-    with np.errstate(invalid="ignore", divide="ignore"):
-        between = values[before] + step * since / (since + until)
-    nearest = np.where(since <= until, values[before], values[after])
-    filled = np.where(np.minimum(since, until) <= _NEAR, nearest, np.nan)
-    both = (since <= _FARTHEST) & (until <= _FARTHEST) & (since + until > 0.0)
-    filled = np.where(both, between, filled)
-    return np.where(known, values, filled)
-
-
-register(ReportFormat("csv", is_text, _read_csv, priority=9))
-register(ReportFormat("parquet", lambda start: start.startswith(b"PAR1"), _read_parquet))
+register(ReportFormat("csv", is_text, _read_csv, 9, "CSV"))
+register(
+    ReportFormat("parquet", lambda start: start.startswith(b"PAR1"), _read_parquet, title="Parquet")
+)
