@@ -103,10 +103,8 @@ def test_unusable_reports_and_weak_winds_are_left_out():
 def test_disagreement_by_hand():
     """Heading east: a northerly error of 3 is across, an easterly one of 4 along."""
     sums = disagreement_sums(
-        np.array([10.0, 14.0]),
-        np.array([3.0, 0.0]),
-        np.array([10.0, 10.0]),
-        np.zeros(2),
+        np.array([[10.0, 14.0], [3.0, 0.0]]),
+        np.array([[10.0, 10.0], [0.0, 0.0]]),
         np.full(2, np.pi / 2),
         np.zeros(2, np.int64),
         1,

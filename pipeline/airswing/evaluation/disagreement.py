@@ -8,16 +8,21 @@ well.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from airswing.errors import InputError
 from airswing.physics.compass_deviation import deviation_basis
+from airswing.products.ragged import aircraft_of_report, blocks
 
 Floats = NDArray[np.float64]
 FloatArray = NDArray[np.floating]
+Ints = NDArray[np.int64]
 _Winds = TypeVar("_Winds", xr.DataArray, xr.Dataset)
 WINDS = ("eastward_wind", "northward_wind", "reference_eastward_wind", "reference_northward_wind")
 CORRECTED_WINDS = ("corrected_eastward_wind", "corrected_northward_wind")
@@ -25,12 +30,76 @@ MIN_DIRECTION_WIND = 5.0
 """Reference wind, m/s, below which the direction has no meaning: it is mostly that of the error."""
 
 
+@dataclass(frozen=True)
+class Part:
+    """Some whole aircraft of an archive, in memory."""
+
+    block: xr.Dataset
+    aircraft: Ints  # (report,): numbered over the archive
+    day: Ints  # (report,): since 1970
+    wind: Floats  # (2, report): eastward and northward, as reported, m/s
+    model: dict[str, Floats]  # (2, report): of each reference or pool
+    corrected: Floats  # (2, report): as reported without a corrected product
+    applied: NDArray[np.integer] | None  # (report,): codes of `CORRECTION`
+
+    def column(self, name: str) -> Floats:
+        """A variable of the reports."""
+        return self.block[name].to_numpy().astype(np.float64)
+
+
+def parts_of(
+    headings: xr.Dataset,
+    pools: Mapping[str, list[str]],
+    names: Sequence[str] = (),
+    corrected: xr.Dataset | None = None,
+) -> Iterator[Part]:
+    """Read an archive, some whole aircraft at a time.
+
+    ``names`` are further variables to read; ``corrected`` the corrected winds of the same reports.
+    """
+    first = 0
+    wanted = (*CORRECTED_WINDS, "correction_applied")
+    others = iter(()) if corrected is None else blocks(corrected, wanted)
+    for block in blocks(headings, [*WINDS, "time", *names]):
+        aircraft = aircraft_of_report(block) + first
+        first += block.sizes["aircraft"]
+        better = next(others, block)
+        applied = better.get("correction_applied")
+        yield Part(
+            block,
+            aircraft,
+            block["time"].to_numpy().astype("datetime64[D]").astype(np.int64),
+            _vectors(block, WINDS[:2]),
+            {
+                key: _vectors(reference_mean(block, members), WINDS[2:])
+                for key, members in pools.items()
+            },
+            _vectors(better, WINDS[:2] if better is block else CORRECTED_WINDS),
+            None if applied is None else applied.to_numpy(),
+        )
+
+
+def _vectors(ds: xr.Dataset, names: Sequence[str]) -> Floats:
+    return np.array([ds[name].to_numpy() for name in names], dtype=np.float64)
+
+
+def require_reference(pools: Mapping[str, list[str]], reference: str) -> None:
+    """Raise InputError for a reference or pool that is not known."""
+    if reference not in pools:
+        raise InputError(
+            "no such reference or pool",
+            field="reference",
+            found=reference,
+            remedy=f"Known: {', '.join(pools)}",
+        )
+
+
 def innovations(
     eastward: FloatArray,
     northward: FloatArray,
     reference_eastward: FloatArray,
     reference_northward: FloatArray,
-) -> dict[str, NDArray[np.float64]]:
+) -> dict[str, Floats]:
     """Innovation of the speed, the direction and both components of a wind, m/s and degrees.
 
     Directions are in (-180, 180], positive where the observation is veered (clockwise). NaN where a
@@ -51,43 +120,24 @@ def innovations(
 
 
 def disagreement_sums(
-    eastward: FloatArray,
-    northward: FloatArray,
-    reference_eastward: FloatArray,
-    reference_northward: FloatArray,
-    heading: FloatArray,
-    group: NDArray[np.int64],
-    groups: int,
-) -> NDArray[np.float64]:
+    wind: Floats, reference: Floats, heading: FloatArray, group: Ints, groups: int
+) -> Floats:
     """Sums behind the measures of disagreement by group, (11, group), for :func:`measures_of`.
 
-    Winds in m/s and headings in radians are (report,). Sums of parts of an archive add up.
+    Winds (2, report) in m/s, headings (report,) in radians. Sums of parts of an archive add up.
     """
-    found = innovations(eastward, northward, reference_eastward, reference_northward)
+    found = innovations(*wind, *reference)
     du, dv, turned = found["eastward"], found["northward"], np.radians(found["direction"])
-    parts = [
-        np.ones(du.size),
-        np.hypot(du, dv),
-        du**2 + dv**2,
-        du**2,
-        dv**2,
-        (du * np.sin(heading) + dv * np.cos(heading)) ** 2,
-        (du * np.cos(heading) - dv * np.sin(heading)) ** 2,
-        du,
-        dv,
-        np.ones(du.size),
-        turned**2,
-    ]
-    good = [np.isfinite(du + dv)] * 9 + [np.isfinite(turned)] * 2
-    return np.array(
-        [
-            np.bincount(group[rows], part[rows], groups)
-            for rows, part in zip(good, parts, strict=True)
-        ]
-    )
+    one = np.ones(du.size)
+    along = du * np.sin(heading) + dv * np.cos(heading)
+    across = du * np.cos(heading) - dv * np.sin(heading)
+    rows = [one, np.hypot(du, dv), du**2 + dv**2, du**2, dv**2, along**2, across**2, du, dv]
+    columns = [(np.isfinite(du + dv), row) for row in rows]
+    columns += [(np.isfinite(turned), row) for row in (one, turned**2)]
+    return np.array([np.bincount(group[good], row[good], groups) for good, row in columns])
 
 
-def measures_of(sums: NDArray[np.float64]) -> dict[str, float]:
+def measures_of(sums: Floats) -> dict[str, float]:
     """Measures of disagreement from sums (11,) of one group, m/s and degrees.
 
     The direction counts over reference winds of 5 m/s or more.
@@ -108,8 +158,7 @@ def measures_of(sums: NDArray[np.float64]) -> dict[str, float]:
 
 def reference_mean(ds: xr.Dataset, members: list[str]) -> xr.Dataset:
     """Wind of a pool (``report``): the mean of the members that have a value at the report."""
-    names = ["reference_eastward_wind", "reference_northward_wind"]
-    return member_mean(ds[names].sel(reference=members))
+    return member_mean(ds[list(WINDS[2:])].sel(reference=members))
 
 
 def member_mean(values: _Winds) -> _Winds:

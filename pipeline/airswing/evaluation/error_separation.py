@@ -133,9 +133,14 @@ def separate(
     of_cell = number / np.maximum(number.sum(axis=1, keepdims=True), 1.0)
     of_class = number / np.maximum(number.sum(axis=0, keepdims=True), 1.0)
     cell_part, class_part = drawn[:, column], drawn[:, cells : cells + classes]
-    return Separated(
-        cell_part + class_part @ of_cell.T, cell_part @ of_class + class_part, resolved
-    )
+    by_class = cell_part @ of_class + class_part
+    return Separated(cell_part + class_part @ of_cell.T, by_class, resolved)
+
+
+def rows_by_day(day: Ints, days: int) -> list[Ints]:
+    """Rows of each day, in their order."""
+    order = np.argsort(day, kind="stable")
+    return np.split(order, np.searchsorted(day[order], np.arange(1, days)))
 
 
 def _solved(design: Floats, table: PairTable, weights: Floats, variances: int) -> Floats:
@@ -148,10 +153,7 @@ def _solved(design: Floats, table: PairTable, weights: Floats, variances: int) -
     precision = 1.0 / np.maximum(mean[place], 1e-12) ** 2
     matrix = np.zeros((weights.shape[1], design.shape[1], design.shape[1]))
     right = np.zeros(matrix.shape[:2])
-    order = np.argsort(table.day, kind="stable")
-    edges = np.searchsorted(table.day[order], np.arange(weights.shape[1] + 1))
-    for day in range(weights.shape[1]):
-        rows = order[edges[day] : edges[day + 1]]
+    for day, rows in enumerate(rows_by_day(table.day, weights.shape[1])):
         weighted = design[rows] * precision[rows, None]
         matrix[day], right[day] = weighted.T @ design[rows], weighted.T @ table.squares[rows]
     matrix, right = np.tensordot(weights, matrix, axes=1), weights @ right

@@ -26,17 +26,12 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
-from airswing.evaluation.disagreement import (
-    WINDS,
-    disagreement_sums,
-    measures_of,
-    reference_mean,
-)
+from airswing.evaluation.disagreement import disagreement_sums, measures_of, parts_of
 from airswing.evaluation.resampling import Floats, day_weights, interval, permutation_test, ratio
 from airswing.evaluation.results import Content
 from airswing.flags import ROLL, SCREENING, TEMPERATURE_QC
 from airswing.products.findings import findings
-from airswing.products.ragged import aircraft_of_report, blocks, time_span
+from airswing.products.ragged import blocks, time_span
 from airswing.units import KNOT
 
 GROUPS, WINDOWS = ("controls", "corrected"), ("before", "during")
@@ -74,9 +69,9 @@ class DaySums:
     during: NDArray[np.bool_]  # (day,): whether the day is of the test
 
     def means(self, weights: Floats) -> Floats:
-        """Mean disagreement (draw, group, window) with days weighted; NaN without a report.
+        """Mean disagreement (draw, group, window) with days weighted (draw, day).
 
-        ``weights`` are (draw, day); groups and windows are in the order of `GROUPS` and `WINDOWS`.
+        NaN without a report; groups and windows are in the order of `GROUPS` and `WINDOWS`.
         """
         found = np.empty((len(weights), 2, 2))
         for i, members in enumerate((~self.corrected, self.corrected)):
@@ -177,7 +172,15 @@ def field_test(
     ['controls', 'corrected']
     """
     names = headings["aircraft"].to_numpy().astype(str)
-    _require_groups(names, corrected, controls)
+    require_aircraft(names, [*corrected, *controls], "field_test")
+    both = sorted(set(corrected) & set(controls))
+    if both or not corrected or not controls:
+        raise InputError(
+            "aircraft in both groups" if both else "a group names no aircraft",
+            field="field_test",
+            found=", ".join(both) or ("corrected" if not corrected else "controls"),
+            remedy="Every aircraft is either corrected or a control",
+        )
     required, notes = _required_flags(headings, roll=roll, temperature_qc=temperature_qc)
     low, high = (time.astype("datetime64[D]").astype(np.int64) for time in time_span(headings))
     begin, switch = (int(np.datetime64(day).astype(np.int64)) for day in (before_start, start))
@@ -186,28 +189,23 @@ def field_test(
     member = np.where(np.isin(names, corrected), 1, np.where(np.isin(names, controls), 0, -1))
     sums = {key: np.zeros((2, names.size, days.size)) for key in pools}
     components = np.zeros((11, 4))
-    first = 0
-    for block in blocks(headings, [*WINDS, "time", "screening", "heading", *dict(required)]):
-        aircraft = aircraft_of_report(block) + first
-        first += block.sizes["aircraft"]
-        day = block["time"].to_numpy().astype("datetime64[D]").astype(np.int64)
-        chosen = (member[aircraft] >= 0) & (day >= begin) & (day < stop)
-        chosen &= (block["screening"].to_numpy() & sum(SCREENING[name] for name in _NEVER)) == 0
+    for part in parts_of(headings, pools, ["screening", "heading", *dict(required)]):
+        chosen = (member[part.aircraft] >= 0) & (part.day >= begin) & (part.day < stop)
+        screening = part.block["screening"].to_numpy()
+        chosen &= (screening & sum(SCREENING[name] for name in _NEVER)) == 0
         for name, (code, wanted) in required:
-            chosen &= (block[name].to_numpy() == code) == wanted
-        u, v = (block[name].to_numpy()[chosen] for name in WINDS[:2])
-        place = aircraft[chosen] * days.size + day[chosen] - max(int(low), begin)
-        for key, members in pools.items():
-            model = reference_mean(block, members)
-            model_u, model_v = (model[name].to_numpy()[chosen] for name in WINDS[2:])
-            difference = np.hypot(u - model_u, v - model_v) / KNOT
+            chosen &= (part.block[name].to_numpy() == code) == wanted
+        aircraft, day, wind = part.aircraft[chosen], part.day[chosen], part.wind[:, chosen]
+        place = aircraft * days.size + day - max(int(low), begin)
+        for key, model in part.model.items():
+            difference = np.hypot(*(wind - model[:, chosen])) / KNOT
             good = np.isfinite(difference)
             for table, values in zip(sums[key], (good * 1.0, difference), strict=True):
-                table.ravel()[:] += np.bincount(place[good], values[good].astype(float), table.size)
+                table.ravel()[:] += np.bincount(place[good], values[good], table.size)
             if key == reference:
-                group = 2 * member[aircraft[chosen]] + (day[chosen] >= switch)
-                heading = np.radians(block["heading"].to_numpy()[chosen])
-                components += disagreement_sums(u, v, model_u, model_v, heading, group, 4)
+                group = 2 * member[aircraft] + (day >= switch)
+                heading = np.radians(part.column("heading")[chosen])
+                components += disagreement_sums(wind, model[:, chosen], heading, group, 4)
     by_reference = {}
     for key, (count, total) in sums.items():
         rows, seen = member >= 0, count[member >= 0].any(axis=0)
@@ -251,21 +249,18 @@ def _reductions(sums: DaySums, *, draws: int, seed: int) -> Content:
         )
     drawn = sums.bootstrap(draws=draws, seed=seed)
     groups = {}
-    for i, (group, members) in enumerate(
-        zip(GROUPS, (~sums.corrected, sums.corrected), strict=True)
-    ):
+    for i, members in enumerate((~sums.corrected, sums.corrected)):
         entry: Content = {"aircraft": int(members.sum())}
         for j, window in enumerate(WINDOWS):
-            here = sums.during == bool(j)
             entry[f"{window}_kt"] = float(means[i, j])
             entry[f"{window}_ci_kt"] = interval(drawn[:, i, j]).tolist()
+            here = sums.during == bool(j)
             entry[f"reports_{window}"] = int(sums.count[members][:, here].sum())
         entry["reduction_kt"] = float(means[i, 0] - means[i, 1])
         entry["reduction_ci_kt"] = interval(drawn[:, i, 0] - drawn[:, i, 1]).tolist()
-        groups[group] = entry
-    four = (means[1, 0], means[1, 1], means[0, 0], means[0, 1])
-    linear, quadrature = adjusted_reductions(*map(float, four))
-    spread = adjusted_reductions(drawn[:, 1, 0], drawn[:, 1, 1], drawn[:, 0, 0], drawn[:, 0, 1])
+        groups[GROUPS[i]] = entry
+    linear, quadrature = adjusted_reductions(*means[::-1].ravel().tolist())
+    spread = adjusted_reductions(*drawn[:, ::-1].reshape(draws, 4).T)
     return {
         "groups": groups,
         "adjusted_reduction_kt": float(linear),
@@ -285,12 +280,13 @@ def _checks(sums: DaySums, names: NDArray[np.str_], *, draws: int, seed: int) ->
     effect, p_value, null = permutation_test(
         -second, group, covariate=first, draws=draws, seed=seed
     )
-    unconditional = permutation_test(first - second, group, draws=draws, seed=seed)
     return {
         "permutation": {
             "effect_kt": effect,
             "p_value": p_value,
-            "p_value_unconditional": unconditional[1],
+            "p_value_unconditional": permutation_test(
+                first - second, group, draws=draws, seed=seed
+            )[1],
             "draws": draws,
             "null_effects_kt": null[:_MOST_NULL_EFFECTS].tolist(),
         },
@@ -358,18 +354,6 @@ def require_aircraft(names: NDArray[np.str_], chosen: list[str], field: str) -> 
             field=field,
             found=", ".join(unknown[:5]) or "no aircraft",
             remedy=f"Known aircraft: {', '.join(sorted(names)[:20])}",
-        )
-
-
-def _require_groups(names: NDArray[np.str_], corrected: list[str], controls: list[str]) -> None:
-    require_aircraft(names, [*corrected, *controls], "field_test")
-    both = sorted(set(corrected) & set(controls))
-    if both or not corrected or not controls:
-        raise InputError(
-            "aircraft in both groups" if both else "a group names no aircraft",
-            field="field_test",
-            found=", ".join(both) or ("corrected" if not corrected else "controls"),
-            remedy="Every aircraft is either corrected or a control",
         )
 
 

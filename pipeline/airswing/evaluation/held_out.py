@@ -27,20 +27,19 @@ from airswing.compass.correction import corrected_wind
 from airswing.compass.fit.acceptance import FitOptions
 from airswing.compass.fit.deviation import fit_deviation
 from airswing.compass.table import (
-    Sign,
     add_tables,
     error_from_table,
     heading_histogram,
     unit_interpolation,
 )
 from airswing.errors import InputError
-from airswing.evaluation.disagreement import WINDS, reference_mean
+from airswing.evaluation.disagreement import parts_of, require_reference
 from airswing.evaluation.field_test import require_aircraft
-from airswing.evaluation.ranking import rank_aircraft, require_reference
+from airswing.evaluation.ranking import rank_aircraft
 from airswing.evaluation.resampling import Floats, day_weights, interval
 from airswing.evaluation.results import Content
 from airswing.flags import SCREENING, published
-from airswing.products.ragged import aircraft_of_report, blocks, time_span
+from airswing.products.ragged import time_span
 from airswing.units import KNOT, NORMAL_95
 
 Mask = NDArray[np.bool_]
@@ -156,7 +155,8 @@ def virtual_field_test(
     fit = fits.sel(reference=reference)
     table = error_from_table(fit).to_numpy()[np.newaxis]
     sums = _sum_by_day(headings, pools[reference], fit, [table])
-    late = sums.first + np.arange(sums.number.shape[1]) >= np.datetime64(learned_until, "D")
+    until = np.datetime64(learned_until, "D").astype(np.int64)
+    late = sums.first + np.arange(sums.number.shape[1]) >= until
     groups = {}
     for group, member in (("controls", ~treated), ("corrected", treated)):
         number, before, after = (
@@ -206,32 +206,29 @@ def predicted_reduction(
 
     Part of ``field_test.json``: ``ranking`` of all aircraft before ``start``, and
     ``predicted_reduction_kt`` with ``predicted_reduction_ci_kt`` of the ``predicted_aircraft``
-    corrected aircraft that have a fit (None without any), to compare with the adjusted reduction.
-    Nothing from ``start`` on is used. Options as for :func:`fitted`.
+    corrected aircraft that have a fit (None without any). Options as for :func:`fitted`.
     """
     require_reference(pools, reference)
     before = only(headings, headings["time"].to_numpy() < np.datetime64(start))
     fits = fitted(before, pools, reference, **fit_options)
     ranking = rank_aircraft(before, fits, pools=pools, reference=reference, seed=seed)
     known = [
-        entry
+        (entry["expected_gain_kt"], entry["expected_gain_standard_error_kt"])
         for entry in ranking
         if entry["aircraft"] in corrected and entry["expected_gain_kt"] is not None
     ]
-    result: Content = {
+    mean, interval_of_mean = None, None
+    if known:
+        gains, errors = np.array(known).T
+        # the errors of the fits of different aircraft are independent
+        mean, half = float(gains.mean()), NORMAL_95 * float(np.linalg.norm(errors) / errors.size)
+        interval_of_mean = [mean - half, mean + half]
+    return {
         "ranking": ranking,
-        "predicted_reduction_kt": None,
-        "predicted_reduction_ci_kt": None,
+        "predicted_reduction_kt": mean,
+        "predicted_reduction_ci_kt": interval_of_mean,
         "predicted_aircraft": len(known),
     }
-    if known:
-        mean = float(np.mean([entry["expected_gain_kt"] for entry in known]))
-        # the errors of the fits of different aircraft are independent
-        errors = [entry["expected_gain_standard_error_kt"] for entry in known]
-        half = NORMAL_95 * float(np.sqrt(np.sum(np.square(errors))) / len(known))
-        result["predicted_reduction_kt"] = mean
-        result["predicted_reduction_ci_kt"] = [mean - half, mean + half]
-    return result
 
 
 def cross_validate(
@@ -284,20 +281,15 @@ def cross_validate(
     if ranking is None:
         ranking = rank_aircraft(headings, fits, pools=pools, reference=reference, seed=seed)
     fit = fits.sel(reference=reference)
-    folds = fit.sizes["fold"]
-    plain = fit[["held_out_deviation", "status"]].drop_vars("reference")
-    parts = xr.Dataset(
-        {
-            "deviation": plain["held_out_deviation"].rename(fold="reference"),
-            "status": plain["status"].expand_dims(reference=folds),
-        }
-    )
-    sign: Sign = fits.attrs.get("table_sign", "subtract_error")
+    # fits without each part of the days take the place of references
+    parts = fit[["held_out_deviation", "status"]].drop_vars("reference")
+    parts = parts.rename(held_out_deviation="deviation", fold="reference")
+    folds = parts.sizes["reference"]
     left_out = add_tables(
-        parts,
+        parts.assign(status=parts["status"].expand_dims(reference=folds)),
         heading_histogram(headings, abscissa=fits.attrs.get("abscissa", "magnetic")).compute(),
         resolution=fits.attrs.get("table_resolution", 0.1),
-        sign=sign,
+        sign=fits.attrs.get("table_sign", "subtract_error"),
     )
     tables = [error_from_table(left_out).to_numpy(), error_from_table(fit).to_numpy()[np.newaxis]]
     sums = _sum_by_day(headings, pools[reference], fit, tables)
@@ -332,7 +324,7 @@ def cross_validate(
 class _DaySums:
     """Reports and their summed disagreement by aircraft and day, (aircraft, day); knots."""
 
-    first: np.datetime64  # day
+    first: int  # day since 1970
     correctable: Mask  # (aircraft,): there is a table that the unit would use
     number: Floats
     before: Floats
@@ -348,42 +340,29 @@ def _sum_by_day(
     each part of the days that are held out.
     """
     argument = "heading" if fit.attrs.get("abscissa") == "true" else "magnetic_heading"
-    names = (*WINDS, argument, "heading", "airspeed", "time", "screening")
     correctable = published(fit["status"].to_numpy())
     for table in tables:
         correctable = correctable & np.isfinite(table).all(axis=(0, 2))
-    first, last = (day.astype("datetime64[D]") for day in time_span(headings))
-    days = int((last - first).astype(np.int64)) + 1
-    shape = (correctable.size, days)
+    first, last = (day.astype("datetime64[D]").astype(np.int64) for day in time_span(headings))
+    shape = (correctable.size, int(last - first) + 1)
     sums = np.zeros((2 + len(tables), *shape))
-    begin = 0
-    for block in blocks(headings, names):
-        model = reference_mean(block, members)
-        u, v, heading, magnetic, airspeed = (
-            block[name].to_numpy().astype(np.float64)
-            for name in (*WINDS[:2], "heading", argument, "airspeed")
-        )
-        model_u, model_v = (model[name].to_numpy() for name in WINDS[2:])
-        used = np.isfinite(u + v + heading + magnetic + airspeed + model_u + model_v)
-        used &= block["screening"].to_numpy() == 0
-        u, v, heading, magnetic, airspeed, model_u, model_v = (
-            column[used] for column in (u, v, heading, magnetic, airspeed, model_u, model_v)
-        )
-        aircraft = aircraft_of_report(block)[used] + begin
-        begin += block.sizes["aircraft"]
-        day = (block["time"].to_numpy()[used].astype("datetime64[D]") - first).astype(np.int64)
-        part = day + first.astype(np.int64)
-        columns = [np.ones(day.size), np.hypot(u - model_u, v - model_v) / KNOT]
+    names = ("heading", argument, "airspeed")
+    for part in parts_of(headings, {"": members}, [*names, "screening"]):
+        columns = np.array([*part.wind, *part.model[""], *map(part.column, names)])
+        used = (part.column("screening") == 0) & np.isfinite(columns.sum(axis=0))
+        u, v, model_u, model_v, heading, magnetic, airspeed = columns[:, used]
+        aircraft, day = part.aircraft[used], part.day[used]
+        values = [np.ones(day.size), np.hypot(u - model_u, v - model_v) / KNOT]
         for table in tables:
-            rows = table[part % len(table), aircraft]
+            rows = table[day % len(table), aircraft]
             error = np.radians(unit_interpolation(np.nan_to_num(rows), magnetic))
             error[~correctable[aircraft]] = 0.0
             better = corrected_wind(u, v, airspeed, np.radians(heading), error)
-            columns.append(np.hypot(better[0] - model_u, better[1] - model_v) / KNOT)
-        cell = aircraft * days + day
-        for total, column in zip(sums, columns, strict=True):
+            values.append(np.hypot(better[0] - model_u, better[1] - model_v) / KNOT)
+        cell = aircraft * shape[1] + day - first
+        for total, column in zip(sums, values, strict=True):
             total += np.bincount(cell, column, total.size).reshape(shape)
-    return _DaySums(first, correctable, sums[0], sums[1], list(sums[2:]))
+    return _DaySums(int(first), correctable, sums[0], sums[1], list(sums[2:]))
 
 
 def _compared(
@@ -400,38 +379,41 @@ def _compared(
     ``number`` of reports and their summed ``gain`` are (aircraft, day). ``agree`` is None where one
     day leaves the intervals unknown; the gains are None where nothing could be compared.
     """
-    predicted = {entry["aircraft"]: entry for entry in ranking}
-    entries: list[Content] = []
-    together = np.zeros(names.size, dtype=bool)
-    for k, name in enumerate(names):
-        known = predicted[name]
-        if not number[k].any() or known["expected_gain_kt"] is None:
-            continue
-        together[k] = True
-        entries.append(
-            {
-                "aircraft": str(name),
-                "reports": int(number[k].sum()),
-                **_side_by_side(
-                    known["expected_gain_kt"],
-                    known["expected_gain_standard_error_kt"],
-                    *_bootstrapped(number[k], gain[k], draws=draws, seed=seed),
-                ),
-            }
-        )
-    if not entries:
+    ranked = {entry["aircraft"]: entry for entry in ranking}
+    known = [ranked[name] for name in names]
+    chosen = [
+        k
+        for k, entry in enumerate(known)
+        if number[k].any() and entry["expected_gain_kt"] is not None
+    ]
+    if not chosen:
         return {"by_aircraft": [], "predicted_gain_kt": None, "realised_gain_kt": None}
-    reports, total = number[together].sum(axis=0), gain[together].sum(axis=0)
-    share = np.array([entry["reports"] for entry in entries]) / reports.sum()
-    error = np.linalg.norm(share * [entry["predicted_standard_error_kt"] for entry in entries])
+    predicted, errors = (
+        np.array([known[k][f"expected_gain_{name}kt"] for k in chosen])
+        for name in ("", "standard_error_")
+    )
+    number, gain = number[chosen], gain[chosen]
+    reports = number.sum(axis=1)
+    share = reports / reports.sum()
     return {
         **_side_by_side(
-            float(share @ [entry["predicted_gain_kt"] for entry in entries]),
-            float(error),
-            *_bootstrapped(reports, total, draws=draws, seed=seed),
+            float(share @ predicted),
+            float(np.linalg.norm(share * errors)),
+            *_bootstrapped(number.sum(axis=0), gain.sum(axis=0), draws=draws, seed=seed),
         ),
         "reports": int(reports.sum()),
-        "by_aircraft": entries,
+        "by_aircraft": [
+            {
+                "aircraft": str(names[k]),
+                "reports": int(reports[row]),
+                **_side_by_side(
+                    float(predicted[row]),
+                    float(errors[row]),
+                    *_bootstrapped(number[row], gain[row], draws=draws, seed=seed),
+                ),
+            }
+            for row, k in enumerate(chosen)
+        ],
     }
 
 

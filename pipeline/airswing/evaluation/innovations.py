@@ -17,18 +17,16 @@ m/s, degrees.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from airswing.evaluation.disagreement import CORRECTED_WINDS, WINDS, innovations, reference_mean
+from airswing.evaluation.disagreement import Floats, innovations, parts_of
 from airswing.evaluation.resampling import SUMS, cluster_sums, clustered_mean, ratio
 from airswing.flags import PHASE, SCREENING
-from airswing.products.ragged import aircraft_of_report, blocks, time_span
-
-Floats = NDArray[np.float64]
+from airswing.products.ragged import time_span
 
 STATES = ("reported", "corrected")
 LEVEL_EDGES_HPA = (1100.0, 900.0, 800.0, 700.0, 600.0, 500.0, 400.0, 300.0, 200.0)
@@ -91,16 +89,6 @@ def profile_cells(headings: xr.Dataset) -> NDArray[np.int64]:
     return np.asarray(cell, dtype=np.int64)
 
 
-def _innovations_by_state(
-    block: xr.Dataset, corrected: xr.Dataset, pools: Mapping[str, list[str]]
-) -> Iterator[tuple[int, int, dict[str, Floats]]]:
-    """Number of the reference, number of the state, and innovations of a block."""
-    for i, members in enumerate(pools.values()):
-        model = [reference_mean(block, members)[name].to_numpy() for name in WINDS[2:]]
-        for j, (source, pair) in enumerate(((block, WINDS[:2]), (corrected, CORRECTED_WINDS))):
-            yield i, j, innovations(*(source[name].to_numpy() for name in pair), *model)
-
-
 def innovation_statistics(
     headings: xr.Dataset, corrected: xr.Dataset, *, pools: Mapping[str, list[str]]
 ) -> xr.Dataset:
@@ -150,25 +138,19 @@ def innovation_products(
     daily = {name: np.zeros((2, *shape, days.size)) for name in QUANTITIES}
     classes = HISTOGRAM_EDGES.size - 1
     histogram = np.zeros((*shape[:2], classes * classes), np.int64)
-    begin = 0
-    names = (*WINDS, "pressure", "phase", "flight", "screening", "time")
-    pairs = zip(blocks(headings, names), blocks(corrected, CORRECTED_WINDS), strict=True)
-    for block, better in pairs:
-        aircraft = slice(begin, begin + block.sizes["aircraft"])
-        begin = aircraft.stop
-        cell, row = profile_cells(block), aircraft_of_report(block)
-        flight = block["flight"].to_numpy().astype(np.int64)
-        day = (block["time"].to_numpy().astype("datetime64[D]") - first).astype(np.int64)
-        for i, j, found in _innovations_by_state(block, better, pools):
+    for part in parts_of(headings, pools, ("pressure", "phase", "flight", "screening"), corrected):
+        cell, day = profile_cells(part.block), part.day - first.astype(np.int64)
+        flight = part.block["flight"].to_numpy().astype(np.int64)
+        for i, j in np.ndindex(*shape[:2]):
+            wind, model = (part.wind, part.corrected)[j], list(part.model.values())[i]
+            found = innovations(*wind, *model)
             for name, values in found.items():
                 good = np.isfinite(values) & (cell >= 0)
                 moments = [values[good] ** power for power in (0, 1, 2)]
                 for table, place in ((cells[name], cell), (daily[name], day)):
-                    part = table[:, i, j, aircraft]
-                    key = row[good] * part.shape[-1] + place[good]
-                    for power in range(len(table)):
-                        flat = np.bincount(key, moments[power], part[power].size)
-                        part[power] = flat.reshape(part[power].shape)
+                    key = part.aircraft[good] * table.shape[-1] + place[good]
+                    for power, total in enumerate(table[:, i, j]):
+                        total += np.bincount(key, moments[power], total.size).reshape(total.shape)
                 if name in PROFILED:
                     profiles[i, j, PROFILED.index(name)] += cluster_sums(
                         moments[2], cell[good], flight[good], CELLS
@@ -229,13 +211,8 @@ def combined(statistics: xr.Dataset, over: Iterable[str]) -> xr.Dataset:
     found = xr.Dataset()
     for name in QUANTITIES:
         count = statistics[f"innovation_{name}_count"].astype(np.float64)
-        moments = [
-            count.sum(dims),
-            *(
-                (count * statistics[f"innovation_{name}_{kind}"] ** power).sum(dims)
-                for kind, power in (("bias", 1), ("rms", 2))
-            ),
-        ]
+        bias, rms = (statistics[f"innovation_{name}_{kind}"] for kind in ("bias", "rms"))
+        moments = [one.sum(dims) for one in (count, count * bias, count * rms**2)]
         for kind, values in _statistics(*(one.to_numpy() for one in moments)).items():
             found[f"innovation_{name}_{kind}"] = moments[0].dims, values
     return found.assign_coords(

@@ -39,13 +39,14 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from airswing.evaluation.disagreement import CORRECTED_WINDS, WINDS, reference_mean
+from airswing.evaluation.disagreement import Part, parts_of
 from airswing.evaluation.error_separation import (
     FEWEST_DAYS,
     PairTable,
     added_variance,
     half_squares,
     neighbouring_pairs,
+    rows_by_day,
     separate,
 )
 from airswing.evaluation.innovations import (
@@ -57,7 +58,6 @@ from airswing.evaluation.innovations import (
 )
 from airswing.evaluation.resampling import day_weights, interval, ratio, widened
 from airswing.flags import CORRECTION, PHASE
-from airswing.products.ragged import aircraft_of_report, blocks
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -86,7 +86,7 @@ USED = {
 """Wind errors that assimilation systems use for aircraft, constant beyond the ends."""
 _SPEED_BINS = 100  # of 1 m/s, for the median speed of a layer
 _LAYERS = len(LEVEL_EDGES_HPA) - 1
-_NAMES = (*WINDS, "latitude", "longitude", "pressure", "time", "phase", "screening")
+_NAMES = ("latitude", "longitude", "pressure", "phase", "screening")
 _APPLIED = [CORRECTION[name] for name in ("corrected", "already_corrected", "no_correction_needed")]
 _PAIRED = ("latitude", "longitude", "pressure", "time", "aircraft", "cell", "day", "east", "north")
 
@@ -99,34 +99,20 @@ def used_error(name: str, pressure: Floats | list[float] | float) -> Floats:
 
 @dataclass(frozen=True)
 class Disagreements:
-    """Disagreement of an archive, summed by aircraft, day and cell.
+    """Disagreement of an archive, summed by aircraft, day and cell."""
 
-    Attributes
-    ----------
-    days : array of datetime64[D], shape (day,)
-    number : int
-        Aircraft.
-    key : array of int, shape (3, group)
-        Aircraft, day and cell of every group of reports.
-    sums : dict of str to array, shape (group,)
-        ``number`` of reports; ``reported`` and ``corrected``: summed squared disagreement;
-        ``change``: of c, what the correction changed; all three means of both components;
-        ``crossed``: summed products of c and the corrected disagreement, both components; and
-        ``product i``: of the disagreements with two references, for each of ``pairs``.
-    pairs : list of (int, int)
-        References by number, every two of them and each with itself.
-    speeds : array, shape (layer, speed class)
-    reports : dict of str to array
-        The reports that are paired, of whole days: :data:`_PAIRED`; ``east`` and ``north``:
-        disagreement of the corrected wind.
-    """
-
-    days: NDArray[np.datetime64]
-    number: int
-    key: Ints
+    days: NDArray[np.datetime64]  # (day,)
+    number: int  # of aircraft
+    key: Ints  # (3, group): aircraft, day and cell of every group of reports
+    # (group,): ``number`` of reports; summed squares, ``reported`` and ``corrected`` of the
+    # disagreement, ``change`` of c, what the correction changed, all three means of both
+    # components; ``crossed``: summed products of c and the corrected disagreement, both components;
+    # and ``product i``: of the disagreements with two references, for each of ``pairs``
     sums: dict[str, Floats]
-    pairs: list[tuple[int, int]]
-    speeds: Floats
+    pairs: list[tuple[int, int]]  # references by number, every two of them and each with itself
+    speeds: Floats  # (layer, speed class)
+    # the reports that are paired, of whole days; ``east`` and ``north``: disagreement of the
+    # corrected wind
     reports: dict[str, NDArray[Any]]
 
     def by(self, first: str, second: str, name: str) -> Floats:
@@ -158,16 +144,11 @@ def disagreements(
     pairs = list(combinations_with_replacement(range(len(members)), 2))
     keys, sums, kept = [], [], []
     speeds = np.zeros((CELLS, _SPEED_BINS))
-    first = 0
-    blocks_of_both = zip(
-        blocks(headings, _NAMES),
-        blocks(corrected, (*CORRECTED_WINDS, "correction_applied")),
-        strict=True,
-    )
-    for block, better in blocks_of_both:
-        columns, of_each = _columns(block, better, members, pool, days)
-        columns["aircraft"] = columns["aircraft"] + first
-        first += block.sizes["aircraft"]
+    number = headings.sizes["aircraft"]
+    # a pool and its members may have the same name
+    pools = {"pool": pool} | {f"single {member}": [member] for member in members}
+    for part in parts_of(headings, pools, _NAMES, corrected):
+        columns, of_each = _columns(part, days)
         aircraft, day, cell = (columns[name] for name in ("aircraft", "day", "cell"))
         groups, place = np.unique((aircraft * days.size + day) * CELLS + cell, return_inverse=True)
         after = np.stack([columns["east"], columns["north"]])
@@ -181,71 +162,59 @@ def disagreements(
         }
         for k, (one, two) in enumerate(pairs):
             values[f"product {k}"] = 0.5 * (of_each[one] * of_each[two]).sum(axis=0)
-        keys.append(np.stack(np.unravel_index(groups, (first, days.size, CELLS))))
-        sums.append({name: np.bincount(place, part, groups.size) for name, part in values.items()})
+        keys.append(np.stack(np.unravel_index(groups, (number, days.size, CELLS))))
+        sums.append({name: np.bincount(place, one, groups.size) for name, one in values.items()})
         speed = np.minimum(columns["speed"], _SPEED_BINS - 1).astype(np.int64)
-        speeds += np.bincount(cell * _SPEED_BINS + speed, minlength=speeds.size).reshape(
-            speeds.shape
-        )
+        np.add.at(speeds, (cell, speed), 1.0)
         chosen = day % stride == 0
         kept.append({name: columns[name][chosen] for name in _PAIRED})
     return Disagreements(
         days,
-        first,
+        number,
         np.concatenate(keys, axis=1),
-        {name: np.concatenate([part[name] for part in sums]) for name in sums[0]},
+        {name: np.concatenate([one[name] for one in sums]) for name in sums[0]},
         pairs,
         speeds.reshape(len(PHASE), _LAYERS, -1).sum(axis=0),
-        {name: np.concatenate([part[name] for part in kept]) for name in _PAIRED},
+        {name: np.concatenate([one[name] for one in kept]) for name in _PAIRED},
     )
 
 
 def _columns(
-    block: xr.Dataset,
-    better: xr.Dataset,
-    members: list[str],
-    pool: list[str],
-    days: NDArray[np.datetime64],
-) -> tuple[dict[str, NDArray[Any]], Floats]:
-    """Usable reports of a block, and their disagreement with each reference."""
-    cell = profile_cells(block)
-    model = reference_mean(block, pool)
-    time = block["time"].to_numpy()
-    before, after, pooled, *single = (
-        np.array([source[name].to_numpy() for name in names], dtype=np.float64)
-        for source, names in (
-            (block, WINDS[:2]),
-            (better, CORRECTED_WINDS),
-            (model, WINDS[2:]),
-            *((block.sel(reference=member), WINDS[2:]) for member in members),
-        )
+    part: Part, days: NDArray[np.datetime64]
+) -> tuple[dict[str, NDArray[Any]], list[Floats]]:
+    """Usable reports of a part, and their disagreement with each reference."""
+    cell, time, before, after = (
+        profile_cells(part.block),
+        part.block["time"],
+        part.wind,
+        part.corrected,
     )
-    good = (cell >= 0) & ~np.isnat(time)
+    pooled, *single = part.model.values()
+    good = (cell >= 0) & time.notnull().to_numpy()
     good &= np.all(np.isfinite([before, after, pooled, *single]), axis=(0, 1))
-    if "correction_applied" in better:
-        good &= np.isin(better["correction_applied"].to_numpy(), _APPLIED)
-    found: dict[str, NDArray[Any]] = {
-        name: block[name].to_numpy()[good].astype(np.float64)
-        for name in ("latitude", "longitude", "pressure")
+    if part.applied is not None:
+        good &= np.isin(part.applied, _APPLIED)
+    columns: dict[str, NDArray[Any]] = {
+        "time": time.to_numpy().astype("datetime64[ms]").astype(np.float64) / 1000.0,
+        "day": np.searchsorted(days, part.day.astype("datetime64[D]")),
+        "cell": cell,
+        "aircraft": part.aircraft,
+        "reported": before - pooled,
+        "east": after[0] - pooled[0],
+        "north": after[1] - pooled[1],
+        "speed": np.hypot(*pooled),
     }
-    found["time"] = time[good].astype("datetime64[ms]").astype(np.float64) / 1000.0
-    found["day"] = np.searchsorted(days, time[good].astype("datetime64[D]"))
-    found["cell"], found["aircraft"] = cell[good], aircraft_of_report(block)[good]
-    found["reported"] = (before - pooled)[:, good]
-    found["east"], found["north"] = (after - pooled)[:, good]
-    found["speed"] = np.hypot(*pooled[:, good])
-    return found, np.array([(after - one)[:, good] for one in single])
+    columns |= {name: part.column(name) for name in ("latitude", "longitude", "pressure")}
+    found = {name: values[..., good] for name, values in columns.items()}
+    return found, [(after - one)[:, good] for one in single]
 
 
 def near_pairs(found: Disagreements, classes: Ints) -> PairTable:
     """Pair the neighbouring reports of every day; ``classes`` (aircraft,)."""
     table, days = found.reports, found.days.size
-    order = np.argsort(table["day"], kind="stable")
-    edges = np.searchsorted(table["day"][order], np.arange(days + 1))
     rng, most = np.random.default_rng(0), max(MOST_PAIRS // max(days, 1), 1)
     parts = []
-    for day in range(days):
-        rows = order[edges[day] : edges[day + 1]]
+    for day, rows in enumerate(rows_by_day(table["day"], days)):
         part = {name: values[rows] for name, values in table.items()}
         ends, separation = neighbouring_pairs(
             part["latitude"], part["longitude"], part["pressure"], part["time"], part["aircraft"]
@@ -272,6 +241,12 @@ class _Variances:
     cells: Floats  # (1 + draw, state, cell): NaN where not known
     fleet: Floats  # (1 + draw, state)
     aircraft: Floats  # (1 + draw, state, aircraft): NaN where not known
+
+    @classmethod
+    def of_states(cls, cells: Floats, fleet: Floats, added: Floats, aircraft: Floats) -> _Variances:
+        """Of both states, from the variances of corrected winds by cell and of the fleet."""
+        both = np.stack([cells + added[:, 1:], cells], axis=1)
+        return cls(both, np.stack([fleet + added[:, 0], fleet], axis=1), aircraft)
 
 
 def observation_errors(
@@ -350,14 +325,6 @@ def observation_errors(
     )
 
 
-def _of_states(cells: Floats, fleet: Floats, added: Floats) -> tuple[Floats, Floats]:
-    """Variances of both states by cell and of the fleet, from those of corrected winds."""
-    return (
-        np.stack([cells + added[:, 1:], cells], axis=1),
-        np.stack([fleet + added[:, 0], fleet], axis=1),
-    )
-
-
 def _separation(
     found: Disagreements, number: Floats, weights: Floats, added: Floats
 ) -> _Variances | None:
@@ -385,7 +352,7 @@ def _separation(
     aircraft = parts.by_class[:, classes][:, None] + more
     aircraft[..., flown.sum(axis=1) == 0] = np.nan
     cells = np.where(parts.resolved, parts.by_cell, np.nan)
-    return _Variances(*_of_states(cells, fleet, added), aircraft)
+    return _Variances.of_states(cells, fleet, added, aircraft)
 
 
 def _hat_pair(found: Disagreements) -> int | None:
@@ -414,7 +381,7 @@ def _hat(
     cells[:, found.reports_by_day.sum(axis=1) < FEWEST_REPORTS] = np.nan
     fleet = ratio(total.sum(-1), number.sum(-1)) - covariance
     none = np.full((len(weights), len(STATES), found.number), np.nan)
-    return _Variances(*_of_states(cells, fleet, added), none)
+    return _Variances.of_states(cells, fleet, added, none)
 
 
 def _preferred(methods: Mapping[str, _Variances | None], members: int) -> tuple[str, str]:
@@ -449,31 +416,29 @@ def _labelled(
     known = {name: methods[name] or none for name in METHODS}
     tables = {name: _table(one.cells, number) for name, one in known.items()}
     fleet = known[preferred].fleet
-    shared = (known[METHODS[1]].fleet - known[METHODS[0]].fleet)[:, -1]
     cell = ("flight_phase", "layer", "state")
-    data: dict[str, Any] = {}
-    for name, dims, drawn in (
-        ("observation_error", cell, _root(tables[preferred])),
-        ("fleet_observation_error", ("state",), _root(fleet)),
-        (
-            "observation_error_by_method",
+    by_method = [known[one] for one in METHODS]
+    drawn_of = {
+        "observation_error": (cell, _root(tables[preferred])),
+        "fleet_observation_error": (("state",), _root(fleet)),
+        "observation_error_by_method": (
             ("way", *cell),
             np.stack([_root(tables[one]) for one in METHODS], axis=1),
         ),
-        (
-            "fleet_observation_error_by_method",
+        "fleet_observation_error_by_method": (
             ("way", "state"),
-            np.stack([_root(known[one].fleet) for one in METHODS], axis=1),
+            np.stack([_root(one.fleet) for one in by_method], axis=1),
         ),
-        ("weight_gain", cell[:2], _gain(tables[preferred])),
-        ("fleet_weight_gain", (), _gain(fleet)),
-        ("reference_error_covariance", (), shared),
-        (
-            "aircraft_observation_error",
+        "weight_gain": (cell[:2], _gain(tables[preferred])),
+        "fleet_weight_gain": ((), _gain(fleet)),
+        "reference_error_covariance": ((), (by_method[1].fleet - by_method[0].fleet)[:, -1]),
+        "aircraft_observation_error": (
             ("aircraft", "state"),
-            _root(known[METHODS[0]].aircraft).swapaxes(1, 2),
+            _root(by_method[0].aircraft).swapaxes(1, 2),
         ),
-    ):
+    }
+    data: dict[str, Any] = {}
+    for name, (dims, drawn) in drawn_of.items():
         data[name] = (dims, drawn[0])
         bounds = np.full((2, *drawn.shape[1:]), np.nan)
         if draws > 1:

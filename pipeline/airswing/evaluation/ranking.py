@@ -18,17 +18,15 @@ from collections.abc import Mapping
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from airswing.compass.correction import corrected_wind
 from airswing.compass.table import curve_standard_error
-from airswing.errors import InputError
-from airswing.evaluation.disagreement import WINDS, reference_mean
+from airswing.evaluation.disagreement import Ints, parts_of, require_reference
 from airswing.evaluation.resampling import Floats, cluster_sums, clustered_mean
 from airswing.evaluation.results import Content
 from airswing.flags import STATUS, published
 from airswing.physics.compass_deviation import deviation_basis
-from airswing.products.ragged import blocks, row_bounds
+from airswing.products.ragged import row_bounds
 from airswing.units import KNOT
 
 MOST_REPORTS = 1500
@@ -42,7 +40,7 @@ def expected_gain(
     heading: Floats,
     argument: Floats,
     airspeed: Floats,
-    day: NDArray[np.int64],
+    day: Ints,
     deviation: Floats,
     covariance: Floats,
     *,
@@ -59,24 +57,26 @@ def expected_gain(
     """
     basis = np.radians(deviation_basis(argument).T)
     fitted = basis @ deviation
-    u, v = corrected_wind(wind[0], wind[1], airspeed, heading, fitted)
-    after = np.stack([u, v]) - reference
+    after = np.stack(corrected_wind(wind[0], wind[1], airspeed, heading, fitted)) - reference
     lengths = np.hypot(*(wind - reference)), np.hypot(*after)
     gains = lengths[0] - lengths[1]
     spread = airspeed * np.radians(curve_standard_error(covariance, np.degrees(argument)))
     # E|e| of a normal vector changes by |e| / (4 s^2) per unit of one component's variance
     optimism = 2.0 * float((spread**2).mean()) * np.pi / (8.0 * max(float(lengths[1].mean()), 1e-6))
     gain = float(gains.mean()) - optimism
+    # gain of the fitted correction if the coefficients were others, as the covariance allows: if
+    # the deviation were larger by x, both winds would differ by -x V across the heading
     some = slice(None, None, max(1, gains.size // MOST_REPORTS))
-    drawn = _drawn_gains(
-        after[:, some],
-        heading[some],
-        airspeed[some],
-        fitted[some],
-        basis[some],
-        covariance,
-        np.random.default_rng(seed).standard_normal((draws, deviation.size)),
-    )
+    values, vectors = np.linalg.eigh(covariance)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    normal = np.random.default_rng(seed).standard_normal((draws, deviation.size))
+    east, north = np.cos(heading[some]), -np.sin(heading[some])
+    across = (after[0, some] * east + after[1, some] * north)[:, np.newaxis]
+    along = ((after[0, some] * north - after[1, some] * east) ** 2)[:, np.newaxis]
+    turned = (airspeed[some] * np.sin(fitted[some]))[:, np.newaxis] - across
+    off = (basis[some] * airspeed[some, np.newaxis]) @ (root @ normal.T)
+    drawn = np.sqrt((off + turned) ** 2 + along) - np.sqrt((off - across) ** 2 + along)
+    drawn = drawn.mean(axis=0)
     # about their mean, so that the squares of the sums do not cancel
     sums = cluster_sums(gains - gains.mean(), np.zeros(gains.size, np.int64), day, 1)
     by_day = float(clustered_mean(sums)[1][0])
@@ -84,29 +84,6 @@ def expected_gain(
     # the optimism is an expectation: how far this curve is off is known to half of it only
     wide = np.hypot(by_day, optimism / 2.0) if np.isfinite(by_day) else np.inf
     return float(lengths[0].mean()), gain, gain + drawn - drawn.mean() + wide * sampled
-
-
-def _drawn_gains(
-    after: Floats,
-    heading: Floats,
-    airspeed: Floats,
-    fitted: Floats,
-    basis: Floats,
-    covariance: Floats,
-    normal: Floats,
-) -> Floats:
-    """Gain of the fitted correction if the coefficients were others, as the covariance allows."""
-    values, vectors = np.linalg.eigh(covariance)
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
-    # If the deviation were larger by x, both winds would differ by -x V across the heading: only
-    # the component across it changes.
-    east, north = np.cos(heading), -np.sin(heading)
-    across = (after[0] * east + after[1] * north)[:, np.newaxis]
-    along = ((after[0] * north - after[1] * east) ** 2)[:, np.newaxis]
-    turned = (airspeed * np.sin(fitted))[:, np.newaxis] - across
-    off = (basis * airspeed[:, np.newaxis]) @ (root @ normal.T)
-    before = np.sqrt((off + turned) ** 2 + along).mean(axis=0)
-    return np.asarray(before - np.sqrt((off - across) ** 2 + along).mean(axis=0))
 
 
 def rank_aircraft(
@@ -161,22 +138,13 @@ def rank_aircraft(
     entries: list[Content] = []
     ranked: list[Content] = []
     drawn: list[Floats] = []
-    names = [*WINDS, "heading", argument, "airspeed", "time", "screening"]
-    for block in blocks(headings, names):
-        model = reference_mean(block, pools[reference])
-        columns = np.array(
-            [
-                *(block[name].to_numpy() for name in WINDS[:2]),
-                *(model[name].to_numpy() for name in WINDS[2:]),
-                np.radians(block["heading"].to_numpy()),
-                np.radians(block[argument].to_numpy()),
-                block["airspeed"].to_numpy(),
-            ],
-            dtype=np.float64,
-        )
-        day = block["time"].to_numpy().astype("datetime64[D]").astype(np.int64)
-        good = (block["screening"].to_numpy() == 0) & np.isfinite(columns.sum(axis=0))
-        for start, stop in zip(*row_bounds(block["row_size"].to_numpy()), strict=True):
+    names = ["heading", argument, "airspeed", "screening"]
+    for part in parts_of(headings, {reference: pools[reference]}, names):
+        wind, model = part.wind, part.model[reference]
+        heading, angle = (np.radians(part.column(name)) for name in names[:2])
+        airspeed, used = part.column("airspeed"), part.column("screening") == 0
+        good = used & np.isfinite(wind.sum(axis=0) + model.sum(axis=0) + heading + angle + airspeed)
+        for start, stop in zip(*row_bounds(part.block["row_size"].to_numpy()), strict=True):
             rows = np.flatnonzero(good[start:stop]) + start
             number = len(entries)
             status = int(fit["status"][number])
@@ -188,17 +156,16 @@ def rank_aircraft(
                 "expected_gain_kt": None,
             }
             entries.append(entry)
-            if not published(fit["status"][number]) or not rows.size:
+            if not published(status) or not rows.size:
                 entry["why"] = f"no published fit: {words[status]}"
                 continue
-            part = columns[:, rows]
             before, gain, spread = expected_gain(
-                part[:2],
-                part[2:4],
-                part[4],
-                part[5],
-                part[6],
-                day[rows],
+                wind[:, rows],
+                model[:, rows],
+                heading[rows],
+                angle[rows],
+                airspeed[rows],
+                part.day[rows],
                 fit["deviation"].to_numpy()[number],
                 fit["deviation_covariance"].to_numpy()[number],
                 seed=seed + number,
@@ -223,14 +190,3 @@ def rank_aircraft(
         for rank, entry in enumerate(ranked, start=1):
             entry["rank"] = rank
     return [*ranked, *(entry for entry in entries if entry["rank"] is None)]
-
-
-def require_reference(pools: Mapping[str, list[str]], reference: str) -> None:
-    """Raise InputError for a reference or pool that is not known."""
-    if reference not in pools:
-        raise InputError(
-            "no such reference or pool",
-            field="reference",
-            found=reference,
-            remedy=f"Known: {', '.join(pools)}",
-        )

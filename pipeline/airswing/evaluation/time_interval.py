@@ -15,14 +15,10 @@ from airswing.evaluation.results import Content
 from airswing.reference.catalogue import Catalogue
 from airswing.reference.collocate import collocate
 
-# intervals at which archives of models hold winds
-_INTERVALS_H = (3, 6)
-# spread evenly over the archive, and collocated once for each interval
-DAYS = 10
+_INTERVALS_H = (3, 6)  # at which archives of models hold winds
+DAYS = 10  # spread evenly over the archive
 REPORTS = 20_000  # of those days at most
 _HOUR = 3_600_000_000_000  # ns
-# reports nearer than this to the middle of an interval are counted there
-_MIDDLE = _HOUR // 2
 
 
 def interval_cost(reports: xr.Dataset, catalogue: Catalogue) -> list[Content]:
@@ -62,7 +58,7 @@ def interval_cost(reports: xr.Dataset, catalogue: Catalogue) -> list[Content]:
     for number, name in enumerate(kept, start=1):
         length = np.hypot(u[number] - u[0], v[number] - v[0])
         step = int(name) * _HOUR
-        middle = np.abs(np.mod(time, step) - step // 2) <= _MIDDLE
+        middle = np.abs(np.mod(time, step) - step // 2) <= _HOUR // 2
         known = np.isfinite(length)
         rows.append(
             {
@@ -87,10 +83,14 @@ def _some(reports: xr.Dataset, catalogue: Catalogue) -> xr.Dataset:
     inside = (stamp >= catalogue.valid[0]) & (stamp <= catalogue.valid[-1]) & ~np.isnat(time)
     day = time.astype("M8[D]").astype(np.int64)
     days = np.unique(day[inside])
-    if days.size > DAYS:
-        days = days[np.linspace(0, days.size - 1, DAYS).astype(int)]
-    rows = np.flatnonzero(inside & np.isin(day, days))
-    if rows.size > REPORTS:
-        rows = rows[np.linspace(0, rows.size - 1, REPORTS).astype(int)]
+    rows = np.flatnonzero(inside & np.isin(day, _spread(days, DAYS)))
+    rows = _spread(rows, REPORTS)
     names = ["time", "latitude", "longitude", "pressure"]
     return xr.Dataset({name: ("report", reports[name].values[rows]) for name in names})
+
+
+def _spread(values: NDArray[np.int64], most: int) -> NDArray[np.int64]:
+    """At most so many values, evenly spread."""
+    if values.size <= most:
+        return values
+    return np.asarray(values[np.linspace(0, values.size - 1, most).astype(int)])
