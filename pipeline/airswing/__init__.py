@@ -32,8 +32,8 @@ if TYPE_CHECKING:  # for editors and mypy; at run time each is imported on first
     from airswing.evaluation.held_out import virtual_field_test as virtual_field_test
     from airswing.evaluation.innovations import error_profiles as error_profiles
     from airswing.evaluation.innovations import innovation_statistics as innovation_statistics
-    from airswing.evaluation.monitoring import find_events as find_events
-    from airswing.evaluation.monitoring import watch_compasses as watch_compasses
+    from airswing.evaluation.monitoring.changes import watch_compasses as watch_compasses
+    from airswing.evaluation.monitoring.events import find_events as find_events
     from airswing.evaluation.observation_errors import (
         observation_errors as observation_errors,
     )
@@ -75,8 +75,8 @@ _STAGES = {
     "rank_aircraft": "airswing.evaluation.ranking",
     "virtual_field_test": "airswing.evaluation.held_out",
     "cross_validate": "airswing.evaluation.held_out",
-    "watch_compasses": "airswing.evaluation.monitoring",
-    "find_events": "airswing.evaluation.monitoring",
+    "watch_compasses": "airswing.evaluation.monitoring.changes",
+    "find_events": "airswing.evaluation.monitoring.events",
     "compare": "airswing.evaluation.comparison",
     "simulate_reports": "airswing.gap.simulation.report_table",
     "Frame": "airswing.gap.archive.frame",

@@ -14,7 +14,7 @@ from airswing.compass.fit.deviation import fit_deviation
 from airswing.compass.table import add_tables
 from airswing.config import Config
 from airswing.config_file import load_config
-from airswing.evaluation.monitoring import add_changes, watch_compasses
+from airswing.evaluation.monitoring.changes import add_changes, watch_compasses
 from airswing.workflow import evaluation_stage as stages
 from airswing.workflow.job import Job
 from airswing.workflow.progress import Progress
@@ -118,7 +118,7 @@ def test_the_virtual_field_test_is_a_product_and_says_why_where_it_cannot_be(job
 def test_monitoring_reads_the_products_and_reports_events_once(tmp_path, headings, fits):
     from airswing.config_file import load_config
     from airswing.errors import InputError
-    from airswing.evaluation.monitoring import read_events
+    from airswing.evaluation.monitoring.events import read_events
     from airswing.products.netcdf import write_product
     from airswing.workflow import make_monitoring
 
@@ -149,8 +149,7 @@ output: {tmp_path}/out
 
 
 def test_after_a_change_the_table_is_that_of_the_reports_since(tmp_path):
-    from airswing.evaluation.monitoring import tables_of
-    from airswing.evaluation.monitoring.events import tables_differ
+    from airswing.evaluation.monitoring.events import tables_differ, tables_of
     from airswing.products.netcdf import write_product
     from airswing.products.ragged import some_reports
     from airswing.workflow import events_said, make_monitoring

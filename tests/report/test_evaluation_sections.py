@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from airswing.evaluation.monitoring import Event, Monitoring, State, UnitTable
+from airswing.evaluation.monitoring.events import Event, Monitoring, State, UnitTable
 from airswing.report.html.document import Figures
 from airswing.report.run.changes import (
     MOST_EVENT_ROWS,

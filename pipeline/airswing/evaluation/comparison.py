@@ -21,7 +21,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import combinations, pairwise
-from math import comb
 from typing import Any, Unpack
 
 import numpy as np
@@ -32,17 +31,15 @@ from scipy import special  # not scipy.stats, whose import takes longer than a s
 from airswing.compass.fit.acceptance import FitOptions
 from airswing.compass.fit.deviation import fit_deviation
 from airswing.errors import InputError
-from airswing.evaluation.disagreement import member_mean, paired_design, reference_mean
+from airswing.evaluation.disagreement import Floats, Ints, member_mean, paired_design, parts_of
 from airswing.evaluation.held_out import only
 from airswing.evaluation.results import Content
 from airswing.flags import PHASE, SCREENING
 from airswing.physics.triangle import wrap_degrees
 from airswing.products.findings import findings
-from airswing.products.ragged import blocks, row_bounds
+from airswing.products.ragged import row_bounds
 from airswing.units import NORMAL_95
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 Columns = dict[str, NDArray[Any]]
 
@@ -60,22 +57,11 @@ FEWEST_OF_SLICE, FEWEST_OF_HAT = 500, 100
 """Fewest reports of a slice that is tested, and of a triple of references."""
 _LAG = 3  # days that a weather situation, and with it a model's error, lasts
 _MIN_REGION_DAYS = 10
-_HAT_PAIRS = ((0, 1), (0, 2), (1, 2))
 _SEASONS = ("DJF", "MAM", "JJA", "SON")
 KINDS = ("by_lead_time", "by_phase", "by_level", "by_season")
 _COLUMNS = (
-    "time",
-    "latitude",
-    "longitude",
-    "pressure",
-    "phase",
-    "heading",
-    "magnetic_heading",
-    "airspeed",
-    "screening",
-    "lead_time",
-    "reference_eastward_wind",
-    "reference_northward_wind",
+    *("latitude", "longitude", "pressure", "phase", "heading", "magnetic_heading", "airspeed"),
+    *("screening", "lead_time"),
 )
 
 
@@ -141,25 +127,26 @@ def compare(
     day = headings["time"].to_numpy().astype("datetime64[D]").astype(np.int64)
     first, days = int(day.min()), int(np.ptp(day)) + 1
     members = [(name, one) for name, inside in pools.items() if len(inside) > 1 for one in inside]
-    whole = {pair: PairSums(*pair, days) for pair in [*combinations(singles, 2), *members]}
+    tested = list(combinations(singles, 2))
+    whole = {pair: PairSums(*pair, days) for pair in [*tested, *members]}
     slices: dict[tuple[str, str, tuple[str, str]], PairSums] = {}
-    hats = np.zeros((comb(len(singles), 3), 4, days))
+    hats = np.zeros((len(list(combinations(singles, 3))), 4, days))
     number = begin = 0
-    for block in blocks(shared, _COLUMNS):
-        reports = slice(begin, begin + block.sizes["report"])
-        begin = reports.stop
-        columns = _columns(block, pools, region[reports], first)
-        for low, high in zip(*row_bounds(block["row_size"].to_numpy()), strict=True):
-            rows = {name: values[low:high] for name, values in columns.items()}
+    for part in parts_of(shared, pools, _COLUMNS):
+        columns = _columns(part.block, part.model, pools)
+        columns |= {"day": part.day - first, "region": region[begin : begin + part.day.size]}
+        begin += part.day.size
+        for low, high in zip(*row_bounds(part.block["row_size"].to_numpy()), strict=True):
+            rows = {name: values[..., low:high] for name, values in columns.items()}
             kept = rows["kept"]
             for sums in whole.values():
                 sums.add(rows, kept, aircraft=number)
-            for pair in combinations(singles, 2):
+            for pair in tested:
                 for kind, name, chosen in _slices(rows, *pair):
-                    part = slices.setdefault((kind, name, pair), PairSums(*pair, days))
-                    part.add(rows, chosen)
+                    sums = slices.setdefault((kind, name, pair), PairSums(*pair, days))
+                    sums.add(rows, chosen)
             if hats.size:
-                u, v = (np.array([rows[f"{way} {name}"][kept] for name in singles]) for way in "uv")
+                u, v = np.stack([rows[f"wind {name}"][:, kept] for name in singles], axis=1)
                 hats += hat_sums(u, v, rows["day"][kept], days)
             number += 1
     reports_used = next(iter(whole.values())).reports
@@ -180,7 +167,7 @@ def compare(
                 "aircraft": [
                     _aircraft_entry(*one, fits.sel(reference=list(pair))) for one in sums.aircraft
                 ],
-                "own_test": set(pair) <= set(singles),
+                "own_test": pair in tested,
             }
             for pair, sums in whole.items()
         ],
@@ -188,7 +175,7 @@ def compare(
     for kind in KINDS:
         content[kind] = [
             {"slice": name, **_judged(sums, barred), "own_test": True}
-            for pair in combinations(singles, 2)
+            for pair in tested
             for (of, name, names), sums in slices.items()
             if (of, names) == (kind, pair) and sums.reports >= FEWEST_OF_SLICE
         ]
@@ -213,13 +200,13 @@ def regions_of(latitude: Floats, longitude: Floats) -> Ints:
 
 
 def _columns(
-    block: xr.Dataset, pools: Mapping[str, list[str]], region: Ints, first: int
+    block: xr.Dataset, model: Mapping[str, Floats], pools: Mapping[str, list[str]]
 ) -> Columns:
-    """Plain columns of reports, radians and SI units; days from the first of the archive.
+    """Plain columns of reports, radians and SI units.
 
-    ``u``, ``v`` and ``lead`` are followed by the name of a reference or pool.
+    ``wind`` (2, report) and ``lead`` are followed by the name of a reference or pool.
     """
-    time, screening = block["time"].to_numpy(), block["screening"].to_numpy()
+    screening = block["screening"].to_numpy()
     found: Columns = {
         name: np.radians(block[name].to_numpy().astype(float))
         for name in ("heading", "magnetic_heading")
@@ -227,22 +214,22 @@ def _columns(
     found["airspeed"] = block["airspeed"].to_numpy().astype(float)
     known = np.isfinite(sum(found.values()))
     # months count from January 1970: December, January and February are season 0
-    month = time.astype("datetime64[M]").astype(np.int64)
-    found |= {
-        "day": time.astype("datetime64[D]").astype(np.int64) - first,
-        "season": (month + 1) % 12 // 3,
-        "region": region,
-        "phase": block["phase"].to_numpy(),
-        "pressure": block["pressure"].to_numpy(),
-        "kept": (screening == 0) & known,
-        "kept_any_phase": ((screening & ~SCREENING["phase"]) == 0) & known,
-    }
-    for name, members in pools.items():
-        winds = reference_mean(block, members)
-        for letter, way in zip("uv", COMPONENTS, strict=True):
-            found[f"{letter} {name}"] = winds[f"reference_{way}_wind"].to_numpy().astype(float)
-        found[f"lead {name}"] = member_mean(block["lead_time"].sel(reference=members)).to_numpy()
-    return found
+    month = block["time"].to_numpy().astype("datetime64[M]").astype(np.int64)
+    return (
+        found
+        | {
+            "season": (month + 1) % 12 // 3,
+            "phase": block["phase"].to_numpy(),
+            "pressure": block["pressure"].to_numpy(),
+            "kept": (screening == 0) & known,
+            "kept_any_phase": ((screening & ~SCREENING["phase"]) == 0) & known,
+        }
+        | {f"wind {name}": wind for name, wind in model.items()}
+        | {
+            f"lead {name}": member_mean(block["lead_time"].sel(reference=members)).to_numpy()
+            for name, members in pools.items()
+        }
+    )
 
 
 def _slices(rows: Columns, one: str, two: str) -> list[tuple[str, str, Mask]]:
@@ -287,7 +274,7 @@ class PairSums:
         """Add the chosen reports of one aircraft; its number where its difference is wanted."""
         if not chosen.any():
             return
-        du, dv = ((rows[f"{way} {self.one}"] - rows[f"{way} {self.two}"])[chosen] for way in "uv")
+        du, dv = (rows[f"wind {self.one}"] - rows[f"wind {self.two}"])[:, chosen]
         day = rows["day"][chosen]
         self.reports += du.size
         self.distance += float(np.hypot(du, dv).sum())
@@ -415,54 +402,46 @@ def regional_bias(sums: Floats) -> list[Content]:
         length = int(np.ptp(seen)) + 1
         block[seen] = (seen - seen[0]) * int(np.clip(length // 5, 6, 12)) // length
     found: list[Content] = []
-    for region in np.flatnonzero(number.any(axis=1)):
+    for region in np.flatnonzero(np.count_nonzero(number, axis=1) >= _MIN_REGION_DAYS):
         here = number[region]
-        days = int(np.count_nonzero(here))
-        if days < _MIN_REGION_DAYS:
-            continue
         others = number.sum(axis=0) - here
         both = (here > 0) & (others > 0)
         for component, values in zip(COMPONENTS, sums[1:], strict=True):
-            mean, error, p_value = _block_mean(values[region], here, block)
             entry: Content = {
                 "region": int(region),
                 "component": component,
-                "days": days,
-                "difference": mean,
-                "difference_standard_error": error,
-                "difference_p_value": p_value,
+                "days": int(np.count_nonzero(here)),
+                **_block_mean("difference", values[region], here, block),
                 "contrast": None,
                 "contrast_p_value": None,
             }
             if np.unique(block[both]).size >= 4:
                 rest = values.sum(axis=0) - values[region]
                 less = values[region][both] - here[both] * rest[both] / others[both]
-                mean, error, p_value = _block_mean(less, here[both], block[both])
-                entry["contrast"], entry["contrast_p_value"] = mean, p_value
-                entry["contrast_standard_error"] = error
+                entry |= _block_mean("contrast", less, here[both], block[both])
             found.append(entry)
     tests = ("difference", "contrast")
     p_values = [one[f"{name}_p_value"] for one in found for name in tests]
     adjusted = iter(holm([np.nan if p is None else p for p in p_values]))
     for entry in found:
-        for name in tests:
-            entry[f"{name}_adjusted_p_value"] = next(adjusted)
+        entry |= {f"{name}_adjusted_p_value": next(adjusted) for name in tests}
     return found
 
 
-def _block_mean(total: Floats, number: Floats, block: Ints) -> tuple[float, float, float]:
+def _block_mean(name: str, total: Floats, number: Floats, block: Ints) -> dict[str, float]:
     """Mean, standard error clustered by block and two-sided p value, from sums by day."""
     some = number > 0
     total, number = total[some], number[some]
     _, index = np.unique(block[some], return_inverse=True)
     blocks_seen = int(index.max()) + 1
-    mean = float(total.sum() / number.sum())
-    if blocks_seen < 2:
-        return mean, float("nan"), float("nan")
-    summed = np.bincount(index, weights=total - mean * number, minlength=blocks_seen)
-    error = float(np.sqrt((summed**2).sum() * blocks_seen / (blocks_seen - 1.0)) / number.sum())
-    # two references with the same wind have a difference of exactly zero
-    return mean, error, float(2 * special.stdtr(blocks_seen - 1, -abs(mean) / max(error, 1e-12)))
+    mean, error, p_value = float(total.sum() / number.sum()), float("nan"), float("nan")
+    if blocks_seen > 1:
+        summed = np.bincount(index, weights=total - mean * number, minlength=blocks_seen)
+        square = (summed**2).sum() * blocks_seen / (blocks_seen - 1.0)
+        error = float(np.sqrt(square) / number.sum())
+        # two references with the same wind have a difference of exactly zero
+        p_value = float(2 * special.stdtr(blocks_seen - 1, -abs(mean) / max(error, 1e-12)))
+    return {name: mean, f"{name}_standard_error": error, f"{name}_p_value": p_value}
 
 
 def _judged(sums: PairSums, barred: set[str]) -> Content:
@@ -544,16 +523,10 @@ def verdict(fleet: Content, regions: list[Content], barred: set[str]) -> Content
 
 def _aircraft_entry(number: int, values: Floats, influence: Floats, fits: xr.Dataset) -> Content:
     """Differences of one aircraft in degrees, with 95 % intervals; fits of both references."""
-
-    def bounds(value: float, error: float) -> list[float]:
-        return [value - NORMAL_95 * error, value + NORMAL_95 * error]
-
     covariance = influence.T @ influence
-    difference = _by_name(np.degrees(values))
-    error = _by_name(np.degrees(np.sqrt(np.diag(covariance))))
+    difference, errors = np.degrees(values), np.degrees(np.sqrt(np.diag(covariance)))
+    bounds = np.stack([difference - NORMAL_95 * errors, difference + NORMAL_95 * errors], axis=1)
     pair = fits.isel(aircraft=number)
-    change = {name: float(-np.diff(pair[name])[0]) for name in ("offset", "amplitude", "phase")}
-    change["phase"] = float(wrap_degrees(change["phase"]))
     # B = amplitude cos(phase), C = amplitude sin(phase): the delta method
     phase, amplitude = np.radians(float(pair["phase"].mean())), float(pair["amplitude"].mean())
     gradients = {
@@ -565,16 +538,19 @@ def _aircraft_entry(number: int, values: Floats, influence: Floats, fits: xr.Dat
     entry: Content = {
         "aircraft": str(pair["aircraft"].item()),
         "p_value": wald(values, covariance, len(influence)),
-        "difference": difference,
-        "standard_error": error,
-        "ci": {name: bounds(difference[name], error[name]) for name in NAMES},
+        "difference": _by_name(difference),
+        "standard_error": _by_name(errors),
+        "ci": dict(zip(NAMES, bounds.tolist(), strict=True)),
     }
     for name, gradient in gradients.items():
+        change = float(-np.diff(pair[name])[0])
+        if name == "phase":
+            change = float(wrap_degrees(change))
         wide = float(np.sqrt(gradient @ block @ gradient))
         entry[name] = {
-            "difference": change[name],
+            "difference": change,
             "standard_error": wide,
-            "ci": bounds(change[name], wide),
+            "ci": [change - NORMAL_95 * wide, change + NORMAL_95 * wide],
         }
     return entry
 
@@ -589,8 +565,7 @@ def hat_sums(u: Floats, v: Floats, day: Ints, days: int) -> Floats:
     for triple in combinations(range(len(u)), 3):
         good = np.all(np.isfinite(u[list(triple)]), axis=0)
         weights = [np.ones(int(good.sum()))]
-        for i, j in _HAT_PAIRS:
-            one, two = triple[i], triple[j]
+        for one, two in combinations(triple, 2):
             weights.append(((u[one] - u[two]) ** 2 + (v[one] - v[two]) ** 2)[good] / 2.0)
         found.append([np.bincount(day[good], one, minlength=days) for one in weights])
     return np.array(found, dtype=np.float64).reshape(-1, 4, days)
@@ -612,8 +587,7 @@ def hats_of(sums: Floats, names: list[str]) -> list[Content]:
         variances, errors = corner @ (total.sum(1) / count.sum()), np.full(3, np.nan)
         if count.size > 1:
             without = (total.sum(1, keepdims=True) - total) / (count.sum() - count)
-            spread = np.var(corner @ without, axis=1)
-            errors = np.sqrt(spread * (count.size - 1.0))
+            errors = np.sqrt(np.var(corner @ without, axis=1) * (count.size - 1.0))
         found.append(
             {
                 "references": list(triple),

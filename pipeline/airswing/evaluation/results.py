@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import xarray as xr
 
 if TYPE_CHECKING:
-    from airswing.evaluation.monitoring import Monitoring
+    from airswing.evaluation.monitoring.events import Monitoring
 
 Content = dict[str, Any]
 """Content of a JSON file, or of a part of it, by the keys of docs/formats.md."""

@@ -16,7 +16,7 @@ import xarray as xr
 
 from airswing.compass.plausibility import heading_kind_warnings, plausibility_warnings
 from airswing.config import Config
-from airswing.evaluation.monitoring import change_warnings
+from airswing.evaluation.monitoring.changes import change_warnings
 from airswing.flags import STATUS
 from airswing.report.html.text import Units, shown_per_kt
 from airswing.report.run.reading_warnings import reading_warnings, reference_warnings, tally

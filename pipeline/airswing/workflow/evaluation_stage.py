@@ -129,7 +129,7 @@ def make_stability(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> Content:
 
     Windows before the first month that was made anew keep their fits of the last run.
     """
-    from airswing.evaluation.monitoring import fit_by_window, noted_changes
+    from airswing.evaluation.monitoring.changes import fit_by_window, noted_changes
 
     config, reference = job.config, main_reference(job.config)
     with job.progress.stage("stability") as stage:

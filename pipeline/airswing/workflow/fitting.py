@@ -42,7 +42,7 @@ def make_fits(job: Job, headings: xr.Dataset | None = None) -> xr.Dataset:
     from airswing.compass.fit.deviation import fit_deviation
     from airswing.compass.plausibility import mean_declination, plausibility, with_implausible
     from airswing.compass.table import add_tables, write_tables_csv
-    from airswing.evaluation.monitoring import add_changes, watch_compasses
+    from airswing.evaluation.monitoring.changes import add_changes, watch_compasses
     from airswing.report.run.swing_cards import write_swing_cards
 
     config, screened = job.config, ready(job, headings, HEADINGS)

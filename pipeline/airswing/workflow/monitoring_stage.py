@@ -14,7 +14,7 @@ from airswing.products.ragged import aircraft_of_report, blocks, some_reports
 from airswing.workflow.job import CORRECTED, EVENTS, FITS, HEADINGS, Job, main_reference, ready
 
 if TYPE_CHECKING:
-    from airswing.evaluation.monitoring import Monitoring, UnitTable
+    from airswing.evaluation.monitoring.events import Monitoring, UnitTable
 
 PAGE = "monitoring.html"
 
@@ -35,7 +35,7 @@ def make_monitoring(
     headings, fits, corrected : Dataset, optional
         Opened from the output folder when not given; corrected winds only where they are there.
     """
-    from airswing.evaluation.monitoring import (
+    from airswing.evaluation.monitoring.events import (
         changed_since,
         find_events,
         read_events,
@@ -80,7 +80,7 @@ def events_said(job: Job, number: int) -> None:
     number : int
         Of all events, as of :func:`make_monitoring`; a later run may have found more.
     """
-    from airswing.evaluation.monitoring import read_events, write_events
+    from airswing.evaluation.monitoring.events import read_events, write_events
 
     path = job.output / EVENTS
     found = read_events(path)
@@ -99,7 +99,7 @@ def _tables_since(
     """
     from airswing.compass.fit.deviation import fit_deviation
     from airswing.compass.table import add_tables
-    from airswing.evaluation.monitoring import tables_of
+    from airswing.evaluation.monitoring.events import tables_of
     from airswing.products.ragged import joined
 
     if not since:

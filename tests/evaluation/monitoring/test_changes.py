@@ -19,7 +19,7 @@ from tests.evaluation.daily_fleets import World, watched
 
 from airswing.compass.fit.deviation import fit_deviation
 from airswing.errors import InputError
-from airswing.evaluation.monitoring import (
+from airswing.evaluation.monitoring.changes import (
     add_changes,
     change_warnings,
     fit_by_window,

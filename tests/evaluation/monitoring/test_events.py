@@ -13,14 +13,15 @@ from airswing.compass.correction import correct
 from airswing.compass.fit.deviation import fit_deviation
 from airswing.compass.table import add_tables, write_tables_csv
 from airswing.errors import InputError
-from airswing.evaluation.monitoring import (
+from airswing.evaluation.monitoring.events import (
     UnitTable,
     find_events,
+    first_days_and_silences,
     read_events,
     read_tables,
+    tables_differ,
     write_events,
 )
-from airswing.evaluation.monitoring.events import first_days_and_silences, tables_differ
 from airswing.products.ragged import aircraft_of_report, some_reports
 from airswing.units import KNOT
 

@@ -32,12 +32,7 @@ from airswing.compass.fit.acceptance import FitOptions
 from airswing.compass.fit.deviation import FITTED_FROM, fit_sums, sum_aircraft
 from airswing.errors import InputError
 from airswing.evaluation.monitoring.daily_sums import CompassDays, compass_days, rows_by_aircraft
-from airswing.evaluation.monitoring.fleet_watch import (
-    COMPASS,
-    Tested,
-    month_of,
-    watch_fleet,
-)
+from airswing.evaluation.monitoring.fleet_watch import COMPASS, Tested, month_of, watch_fleet
 from airswing.evaluation.monitoring.step_test import Step, step_of_series
 from airswing.evaluation.results import Content
 from airswing.flags import STATUS, published
@@ -55,25 +50,13 @@ MOST_CHANGES = 4
 """Depth of the search: each part of an archive is cut in two at its date."""
 
 
-_Series = tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]
-
-
 @dataclass(frozen=True)
 class CompassWatch:
-    """The test of all compasses of an archive.
-
-    Attributes
-    ----------
-    aircraft : array of str
-    days : CompassDays
-        Daily sums; their ``aircraft`` number the names.
-    tested : Tested
-        Alarms of the nightly test.
-    """
+    """The test of all compasses of an archive."""
 
     aircraft: NDArray[np.str_]
-    days: CompassDays
-    tested: Tested
+    days: CompassDays  # daily sums; their ``aircraft`` number the names
+    tested: Tested  # alarms of the nightly test
 
     def __repr__(self) -> str:
         changed = [entry["aircraft"] for entry in self.changes if entry["changes"]]
@@ -86,91 +69,71 @@ class CompassWatch:
     def changes(self) -> list[Content]:
         """Changes stated of every aircraft, as ``stability.json`` holds them.
 
-        Returns
-        -------
-        list of dict
-            One an aircraft: ``aircraft``, ``days`` with reports, ``p_value`` and ``statistic`` of
-            the largest step (None with too few days for a test), and ``changes``, each with
-            ``date`` (first day of the new compass), ``date_ci``, ``change_deg`` and
-            ``standard_error_deg`` of A to E, ``curve_rms_deg`` (rms over the compass) and
-            ``p_value``: the expected number of changes as clear as this in a fleet without any.
+        One entry an aircraft: ``aircraft``, ``days`` with reports, ``p_value`` and ``statistic`` of
+        the largest step (None with too few days for a test), and ``changes``, each with ``date``
+        (first day of the new compass), ``date_ci``, ``change_deg`` and ``standard_error_deg`` of A
+        to E, ``curve_rms_deg`` (rms over the compass) and ``p_value``: the expected number of
+        changes as clear as this in a fleet without any.
         """
-        found = []
         rows = rows_by_aircraft(self.days.aircraft, self.aircraft.size)
-        for number, (name, part) in enumerate(zip(self.aircraft.tolist(), rows, strict=True)):
-            entry: Content = {
-                "aircraft": name,
-                "days": part.stop - part.start,
-                "p_value": None,
-                "statistic": None,
-                "changes": [],
-            }
-            series = self._series(part)
-            scale = float(self.tested.scale[number])
-            first = self._step(series, slice(None), scale)
-            if first is not None:
-                entry["statistic"] = first.statistic
-                entry["p_value"] = self.false_changes(first.statistic)
-                if self._stated(first):
-                    entry["changes"] = [
-                        {
-                            "date": date_of(one.day),
-                            **step_numbers(one),
-                            "p_value": self.false_changes(one.statistic),
-                        }
-                        for one in self._steps(series, scale)
-                    ]
-            found.append(entry)
-        return found
+        return [self._entry(number, part) for number, part in enumerate(rows)]
+
+    def _entry(self, number: int, rows: slice) -> Content:
+        """Entry of an aircraft from its rows of the daily sums."""
+        scale, day = float(self.tested.scale[number]), self.days.day[rows]
+        months, right = month_of(day), self.days.right[rows].astype(np.float64)
+        weight = self.days.normal[rows].astype(np.float64)
+        for month in np.unique(months):
+            here = months == month
+            weight[here], right[here] = self.tested.noise[int(month)].weights(
+                weight[here], right[here]
+            )
+        # without the fleet's common part
+        common = self.tested.common[rows].astype(np.float64)
+        right -= np.einsum("nij,nj->ni", weight, common)
+
+        def step(low: int, high: int) -> Step | None:
+            if low >= high:
+                return None
+            noise = self.tested.noise[int(months[high - 1])]
+            part = slice(low, high)
+            return step_of_series(COMPASS.law, noise, scale, day[part], weight[part], right[part])
+
+        def stated(steps: list[Step | None]) -> list[Step]:
+            found = [one for one in steps if one is not None]
+            return [one for one in found if self.false_changes(one.statistic) <= FALSE_CHANGES]
+
+        first = step(0, day.size)
+        new, changes = stated([first]), []
+        dates: list[int] = []
+        for _ in range(MOST_CHANGES):
+            if not new:
+                break
+            dates = sorted({*dates, *(one.day for one in new)})
+            edges = np.searchsorted(day, [day[0], *dates, day[-1] + 1]).tolist()
+            new = stated([step(*ends) for ends in pairwise(edges)])
+        if dates:
+            # each once more between its neighbours, so that its error is that of both parts
+            changes = stated([step(*ends) for ends in zip(edges[:-2], edges[2:], strict=True)])
+        return {
+            "aircraft": str(self.aircraft[number]),
+            "days": day.size,
+            "p_value": None if first is None else self.false_changes(first.statistic),
+            "statistic": None if first is None else first.statistic,
+            "changes": [
+                {
+                    "date": date_of(one.day),
+                    **step_numbers(one),
+                    "p_value": self.false_changes(one.statistic),
+                }
+                for one in changes
+            ],
+        }
 
     def false_changes(self, statistic: float) -> float:
         """Expected number of steps beyond a statistic in a fleet without any, at most 1."""
         years = self.days.day.size / 365.25
         return float(min(RATE * years * np.exp(-statistic), 1.0))
-
-    def _steps(self, series: _Series, scale: float) -> list[Step]:
-        """All steps of an aircraft that can be stated, in order."""
-        day = series[0]
-        dates: list[int] = []
-        for _ in range(MOST_CHANGES):
-            edges = np.searchsorted(day, [day[0], *dates, day[-1] + 1])
-            parts = [self._step(series, slice(*ends), scale) for ends in pairwise(edges)]
-            new = [one.day for one in parts if one is not None and self._stated(one)]
-            if not new:
-                break
-            dates = sorted({*dates, *new})
-        # each once more between its neighbours, so that its error is that of both parts
-        edges = np.searchsorted(day, [day[0], *dates, day[-1] + 1])
-        again = [
-            self._step(series, slice(low, high), scale)
-            for low, high in zip(edges[:-2], edges[2:], strict=True)
-        ]
-        return [one for one in again if one is not None and self._stated(one)]
-
-    def _stated(self, step: Step) -> bool:
-        return self.false_changes(step.statistic) <= FALSE_CHANGES
-
-    def _step(self, series: _Series, part: slice, scale: float) -> Step | None:
-        day, weight, right = series[0][part], series[1][part], series[2][part]
-        if not day.size:
-            return None
-        noise = self.tested.noise[int(month_of(day[-1:])[0])]
-        return step_of_series(COMPASS.law, noise, scale, day, weight, right)
-
-    def _series(self, rows: slice) -> _Series:
-        """Days of an aircraft: day, weight, right side, the fleet's common part removed."""
-        day = self.days.day[rows]
-        normal, right = (
-            values[rows].astype(np.float64) for values in (self.days.normal, self.days.right)
-        )
-        weight = np.empty(normal.shape)
-        months = month_of(day)
-        for month in np.unique(months):
-            here = months == month
-            noise = self.tested.noise[int(month)]
-            weight[here], right[here] = noise.weights(normal[here], right[here])
-        common = self.tested.common[rows].astype(np.float64)
-        return day, weight, right - np.einsum("nij,nj->ni", weight, common)
 
 
 def step_numbers(step: Step) -> Content:
@@ -232,34 +195,23 @@ def compass_watch(aircraft: NDArray[np.str_], days: CompassDays) -> CompassWatch
 def add_changes(fits: xr.Dataset, changes: list[Content]) -> xr.Dataset:
     """Add to the fits whether their period contains a change of the compass.
 
-    Parameters
-    ----------
-    fits : Dataset
-        With ``aircraft``.
-    changes : list of dict
-        :attr:`CompassWatch.changes`.
-
-    Returns
-    -------
-    Dataset
-        With ``change_count``, ``change_p_value`` (NaN with too few days for a test), and of the
-        largest change ``change_rms``, ``change_date``, ``change_date_low``,
-        ``change_date_high`` (NaT where there is none); all changes in the attribute
-        ``compass_changes``, which :func:`noted_changes` reads.
+    ``changes`` are those of a :class:`CompassWatch`. Adds ``change_count``, ``change_p_value`` (NaN
+    with too few days for a test), and of the largest change ``change_rms``, ``change_date``,
+    ``change_date_low``, ``change_date_high`` (NaT where there is none); all changes in the
+    attribute ``compass_changes``, which :func:`noted_changes` reads.
     """
     known = {entry["aircraft"]: entry for entry in changes}
     none: Content = {"p_value": None, "changes": []}
     rows = [known.get(str(name), none) for name in fits["aircraft"].to_numpy()]
     largest = [max(row["changes"], key=lambda c: c["curve_rms_deg"], default=None) for row in rows]
+    p_values = [np.nan if row["p_value"] is None else row["p_value"] for row in rows]
 
     def dates(of: list[Any]) -> NDArray[np.datetime64]:
         return np.array([np.datetime64(day or "NaT", "ns") for day in of], "datetime64[ns]")
 
     columns: dict[str, NDArray[np.generic]] = {
         "change_count": np.array([len(row["changes"]) for row in rows], np.int8),
-        "change_p_value": np.array(
-            [np.nan if row["p_value"] is None else row["p_value"] for row in rows]
-        ),
+        "change_p_value": np.array(p_values, np.float64),
         "change_rms": np.array([one["curve_rms_deg"] if one else 0.0 for one in largest]),
         "change_date": dates([one and one["date"] for one in largest]),
         "change_date_low": dates([one and one["date_ci"][0] for one in largest]),
@@ -289,10 +241,8 @@ def noted_changes(fits: xr.Dataset) -> list[Content]:
 
 def change_warnings(fits: xr.Dataset) -> list[str]:
     """One sentence for every fit whose period contains a change of the compass."""
-    if "compass_changes" not in fits.attrs:
-        return []
     lines = []
-    for entry in noted_changes(fits):
+    for entry in noted_changes(fits) if "compass_changes" in fits.attrs else []:
         changes = entry["changes"]
         if changes:
             one = max(changes, key=lambda change: change["curve_rms_deg"])
@@ -384,10 +334,12 @@ def _window_entry(fit: xr.Dataset, first: str) -> Content:
         "status": next(name for name, code in STATUS.items() if code == status),
     }
     if published(fit["status"]):
-        for name in ("offset", "amplitude", "phase"):
-            entry[name] = float(fit[name])
-            entry[f"{name}_standard_error"] = float(fit[f"{name}_standard_error"])
         errors = np.sqrt(np.diag(fit["deviation_covariance"].to_numpy()))
-        for name, value, error in zip("ABCDE", fit["deviation"].to_numpy(), errors, strict=True):
+        pairs = [(fit[name], fit[f"{name}_standard_error"]) for name in _SINUSOID]
+        pairs += zip(fit["deviation"], errors, strict=True)
+        for name, (value, error) in zip((*_SINUSOID, *"ABCDE"), pairs, strict=True):
             entry[name], entry[f"{name}_standard_error"] = float(value), float(error)
     return entry
+
+
+_SINUSOID = ("offset", "amplitude", "phase")

@@ -21,21 +21,13 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from airswing.evaluation.disagreement import (
-    CORRECTED_WINDS,
-    WINDS,
-    member_mean,
-    paired_design,
-    reference_mean,
-)
+from airswing.evaluation.disagreement import Floats, Ints, member_mean, paired_design, parts_of
 from airswing.flags import is_corrected
-from airswing.products.ragged import aircraft_of_report, blocks, row_bounds
-
-Floats = NDArray[np.float64]
-Index = NDArray[np.int64]
+from airswing.products.ragged import blocks, row_bounds
 
 ANGLES = 5  # A, B, C, D, E
 UNKNOWNS = 12
@@ -52,8 +44,8 @@ LEAST = 0.3
 class CompassDays:
     """Normal equations of one row an aircraft and day, sorted by aircraft and day."""
 
-    aircraft: Index  # (row,)
-    day: Index  # (row,): days since 1970
+    aircraft: Ints  # (row,)
+    day: Ints  # (row,): days since 1970
     normal: NDArray[np.float32]  # (row, 12, 12)
     right: NDArray[np.float32]  # (row, 12)
 
@@ -65,8 +57,8 @@ class WindDays:
     Every day with a report has a row; its ``count`` is 0 where screening left none.
     """
 
-    aircraft: Index  # (row,)
-    day: Index  # (row,)
+    aircraft: Ints  # (row,)
+    day: Ints  # (row,)
     count: Floats  # (row,): reports used
     difference: Floats  # (row,): summed wind vector difference, m/s
     log_difference: Floats  # (row,): summed natural logarithm of it
@@ -74,7 +66,7 @@ class WindDays:
     def until(self, last: int) -> WindDays:
         """Rows up to a day, inclusive."""
         chosen = self.day <= last
-        return WindDays(*(getattr(self, name)[chosen] for name in self.__dataclass_fields__))
+        return WindDays(*(values[chosen] for values in vars(self).values()))
 
 
 def compass_days(headings: xr.Dataset, members: list[str], *, abscissa: str) -> CompassDays:
@@ -84,39 +76,35 @@ def compass_days(headings: xr.Dataset, members: list[str], *, abscissa: str) -> 
     """
     argument = "magnetic_heading" if abscissa == "magnetic" else "heading"
     names = ["heading_error", "airspeed_error", "airspeed", "heading", argument]
-    parts: list[tuple[NDArray[np.generic], ...]] = []
+    none = np.zeros(0, np.int64)
+    parts: list[tuple[NDArray[np.generic], ...]] = [
+        (none, none, np.zeros((0, UNKNOWNS, UNKNOWNS), "f4"), np.zeros((0, UNKNOWNS), "f4"))
+    ]
     first = 0
     for block in blocks(headings, [*names, "time", "flight", "screening"]):
         part = block.sel(reference=members)
         error, along = (member_mean(part[name]).to_numpy().astype(float) for name in names[:2])
         airspeed, heading, magnetic = (block[name].to_numpy().astype(float) for name in names[2:])
-        day = block["time"].to_numpy().astype("datetime64[D]").astype(np.int64)
-        flight = block["flight"].to_numpy().astype(np.int64)
-        good = (block["screening"].to_numpy() == 0) & np.isfinite(
-            error + along + airspeed + heading + magnetic
+        good = np.isfinite(error + along + airspeed + heading + magnetic)
+        good &= block["screening"].to_numpy() == 0
+        columns = (
+            np.radians(magnetic),
+            np.radians(heading),
+            airspeed,
+            airspeed * np.radians(error),
+            along,
+            block["time"].to_numpy().astype("datetime64[D]").astype(np.int64),
+            block["flight"].to_numpy().astype(np.int64),
         )
-        for number, (start, stop) in enumerate(
-            zip(*row_bounds(block["row_size"].to_numpy()), strict=True), first
-        ):
+        bounds = zip(*row_bounds(block["row_size"].to_numpy()), strict=True)
+        for number, (start, stop) in enumerate(bounds, first):
             rows = np.flatnonzero(good[start:stop]) + start
             if rows.size:
-                days, normal, right = normal_equations_by_day(
-                    np.radians(magnetic[rows]),
-                    np.radians(heading[rows]),
-                    airspeed[rows],
-                    airspeed[rows] * np.radians(error[rows]),
-                    along[rows],
-                    day[rows],
-                    flight[rows],
-                )
+                days, normal, right = normal_equations_by_day(*(one[rows] for one in columns))
                 # in single precision: a large fleet has millions of these matrices
                 sums = normal.astype(np.float32), right.astype(np.float32)
                 parts.append((np.full(days.size, number), days, *sums))
         first += block.sizes["aircraft"]
-    if not parts:
-        none = np.zeros(0, np.int64)
-        normal, right = np.zeros((0, UNKNOWNS, UNKNOWNS)), np.zeros((0, UNKNOWNS))
-        return CompassDays(none, none, normal.astype(np.float32), right.astype(np.float32))
     return CompassDays(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
@@ -126,9 +114,9 @@ def normal_equations_by_day(
     airspeed: Floats,
     cross: Floats,
     along: Floats,
-    day: Index,
-    flight: Index,
-) -> tuple[Index, Floats, Floats]:
+    day: Ints,
+    flight: Ints,
+) -> tuple[Ints, Floats, Floats]:
     """Normal equations of one aircraft by day, each flight's bias eliminated.
 
     Headings (n,) in radians, speeds in m/s; ``cross`` is airspeed times heading error, ``along``
@@ -202,42 +190,24 @@ def wind_days(
 
     Corrected winds, where given, are used where a correction was applied.
     """
-    parts = []
-    better = (
-        None if corrected is None else blocks(corrected, (*CORRECTED_WINDS, "correction_applied"))
-    )
-    first = 0
-    for block in blocks(headings, [*WINDS, "time", "screening"]):
-        model = reference_mean(block, members)
-        u, v = (block[name].to_numpy() for name in WINDS[:2])
-        if better is not None:
-            winds = next(better)
-            applied = is_corrected(winds["correction_applied"].to_numpy())
-            u, v = (
-                np.where(applied, winds[name].to_numpy(), wind)
-                for name, wind in zip(CORRECTED_WINDS, (u, v), strict=True)
-            )
-        model_u, model_v = (model[name].to_numpy() for name in WINDS[2:])
-        difference = np.hypot(u - model_u, v - model_v)
-        used = (block["screening"].to_numpy() == 0) & np.isfinite(difference)
-        day = block["time"].to_numpy().astype("datetime64[D]").astype(np.int64)
-        aircraft = aircraft_of_report(block)
-        order = np.lexsort((day, aircraft))
-        new = (np.diff(aircraft[order]) != 0) | (np.diff(day[order]) != 0)
-        start = np.flatnonzero(np.append(True, new))[: order.size]
-        columns = [used * 1.0, difference, np.log(np.maximum(difference, LEAST))]
-        sums = [
-            np.add.reduceat(np.where(used, column, 0.0)[order].astype(float), start)
-            if order.size
-            else np.zeros(0)
-            for column in columns
-        ]
-        parts.append((aircraft[order][start] + first, day[order][start], *sums))
-        first += block.sizes["aircraft"]
-    return WindDays(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+    tables = []
+    for part in parts_of(headings, {"": members}, ["screening"], corrected):
+        applied = False if part.applied is None else is_corrected(part.applied)
+        wind = np.where(applied, part.corrected, part.wind)
+        difference = np.hypot(*(wind - part.model[""]))
+        used = (part.column("screening") == 0) & np.isfinite(difference)
+        values = {
+            "count": used * 1.0,
+            "difference": np.where(used, difference, 0.0),
+            "log_difference": np.where(used, np.log(np.maximum(difference, LEAST)), 0.0),
+        }
+        frame = pd.DataFrame({"aircraft": part.aircraft, "day": part.day} | values)
+        tables.append(frame.groupby(["aircraft", "day"], as_index=False).sum())
+    whole = pd.concat(tables)
+    return WindDays(*(whole[name].to_numpy() for name in WindDays.__dataclass_fields__))
 
 
-def rows_by_aircraft(aircraft: Index, number: int) -> list[slice]:
+def rows_by_aircraft(aircraft: Ints, number: int) -> list[slice]:
     """Rows of each aircraft, in sorted sums."""
     edges = np.searchsorted(aircraft, np.arange(number + 1))
     return [slice(int(low), int(high)) for low, high in pairwise(edges)]

@@ -18,7 +18,6 @@ Days are UTC dates, angles degrees, winds knots.
 
 from __future__ import annotations
 
-import csv
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
@@ -26,18 +25,21 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
+from airswing.compass.correction import main_reference
 from airswing.compass.table import NODES, SIGNS, curve_standard_error, error_from_table
 from airswing.errors import InputError
+from airswing.evaluation.disagreement import Ints
 from airswing.evaluation.monitoring.changes import (
     CompassWatch,
     date_of,
     step_numbers,
     watch_compasses,
 )
-from airswing.evaluation.monitoring.daily_sums import Index, WindDays, rows_by_aircraft, wind_days
+from airswing.evaluation.monitoring.daily_sums import WindDays, rows_by_aircraft, wind_days
 from airswing.evaluation.monitoring.fleet_watch import COMPASS, WIND, Alarm, watch_fleet
 from airswing.evaluation.monitoring.step_test import LONGEST
 from airswing.flags import published
@@ -64,11 +66,7 @@ LARGEST_OF_EIGHT = 2.727
 RESOLUTION = 0.1
 """Degrees by which two tables may differ from rounding."""
 Kind = Literal[
-    "compass_changed",
-    "disagreement_rose",
-    "aircraft_new",
-    "aircraft_silent",
-    "reference_changed",
+    "compass_changed", "disagreement_rose", "aircraft_new", "aircraft_silent", "reference_changed"
 ]
 WORDS: dict[str, str] = {
     "compass_changed": "compass changed",
@@ -81,41 +79,34 @@ WORDS: dict[str, str] = {
 
 @dataclass(frozen=True)
 class Event:
-    """Something that happened.
-
-    Attributes
-    ----------
-    evidence : dict
-        Of a step ``date_ci``, ``statistic``, its ``threshold`` and ``aircraft_that_night``; of a
-        compass ``change_deg``, ``standard_error_deg`` (of A to E) and ``curve_rms_deg``; of a
-        disagreement ``factor`` and ``standard_error``; of a silence ``days`` and ``usual_days``.
-    """
+    """Something that happened."""
 
     kind: Kind
     date: str  # first day of it
     noticed: str  # day whose reports showed it
     aircraft: str | None  # None: all aircraft
+    # of a step ``date_ci``, ``statistic``, its ``threshold`` and ``aircraft_that_night``; of a
+    # compass ``change_deg``, ``standard_error_deg`` (of A to E) and ``curve_rms_deg``; of a
+    # disagreement ``factor`` and ``standard_error``; of a silence ``days`` and ``usual_days``
     evidence: dict[str, Any]
 
     @property
     def line(self) -> str:
         """The event in one line."""
-        return f"{self.date}  {self.aircraft or 'fleet'}: {WORDS[self.kind]}{self._details()}"
-
-    def _details(self) -> str:
-        found = self.evidence
-        if self.kind == "aircraft_new":
-            return ""
+        found, details = self.evidence, ""
         if self.kind == "aircraft_silent":
-            return f" (no report for {found['days']} days; up to {found['usual_days']} is usual)"
-        if "factor" in found:
-            change = f"wind disagreement {found['factor']:.2f} times that of the past"
-        else:
-            offset = found["change_deg"]["A"]
-            change = f"by {found['curve_rms_deg']:.1f} degrees rms, offset {offset:+.1f}"
-        low, high = found["date_ci"]
-        between = f", between {low} and {high}" if low != high else ""
-        return f" ({change}{between}; noticed {self.noticed})"
+            usual = f"up to {found['usual_days']} is usual"
+            details = f" (no report for {found['days']} days; {usual})"
+        elif self.kind != "aircraft_new":
+            if "factor" in found:
+                change = f"wind disagreement {found['factor']:.2f} times that of the past"
+            else:
+                offset = found["change_deg"]["A"]
+                change = f"by {found['curve_rms_deg']:.1f} degrees rms, offset {offset:+.1f}"
+            low, high = found["date_ci"]
+            between = f", between {low} and {high}" if low != high else ""
+            details = f" ({change}{between}; noticed {self.noticed})"
+        return f"{self.date}  {self.aircraft or 'fleet'}: {WORDS[self.kind]}{details}"
 
 
 @dataclass(frozen=True)
@@ -291,14 +282,17 @@ def find_events(
         WIND,
         aircraft.size,
     ).alarms
-    steps = [
-        *(_compass_event(alarm, aircraft) for alarm in turned),
+    steps = [_step_event(alarm, aircraft, "compass_changed") for alarm in turned]
+    steps += [
+        _step_event(alarm, aircraft, "disagreement_rose")
+        for alarm in risen
         # a fall needs no action, and a step of the compass or the reference explains a rise
-        *(
-            _wind_event(alarm, aircraft)
-            for alarm in risen
-            if alarm.step.change[0] > 0 and not _explained(alarm, turned)
-        ),
+        if alarm.step.change[0] > 0
+        and not any(
+            other.step.number == alarm.step.number
+            and abs(other.step.day - alarm.step.day) <= LONGEST // 2
+            for other in turned
+        )
     ]
     if previous is not None and previous.reference != name:
         # the tables are of another reference
@@ -346,48 +340,28 @@ def with_tables(found: Monitoring, now: Mapping[str, UnitTable | None]) -> Monit
     return replace(found, states=states)
 
 
-def main_reference(fits: xr.Dataset) -> str:
-    """First pool, else first reference, of fits as a run makes them."""
-    names = fits["reference"].to_numpy().astype(str)
-    single = int(fits.attrs.get("reference_count", names.size))
-    return str(names[single if single < names.size else 0])
-
-
-def _explained(rise: Alarm, turned: list[Alarm]) -> bool:
-    return any(
-        other.step.number == rise.step.number
-        and abs(other.step.day - rise.step.day) <= LONGEST // 2
-        for other in turned
-    )
-
-
-def _compass_event(alarm: Alarm, aircraft: NDArray[np.str_]) -> Event:
-    evidence = step_numbers(alarm.step) | {"threshold": COMPASS.law.threshold}
-    return _step_event(alarm, aircraft, "compass_changed", evidence)
-
-
-def _wind_event(alarm: Alarm, aircraft: NDArray[np.str_]) -> Event:
-    step = alarm.step
-    factor = float(np.exp(step.change[0]))
-    evidence = {
-        "factor": factor,
-        "standard_error": factor * float(step.error[0]),
-        "threshold": WIND.law.threshold,
-        "date_ci": [date_of(step.earliest), date_of(step.latest)],
-    }
-    return _step_event(alarm, aircraft, "disagreement_rose", evidence)
-
-
-def _step_event(
-    alarm: Alarm, aircraft: NDArray[np.str_], kind: Kind, evidence: dict[str, Any]
-) -> Event:
+def _step_event(alarm: Alarm, aircraft: NDArray[np.str_], kind: Kind) -> Event:
     step, fleet = alarm.step, alarm.step.number < 0
+    if kind == "compass_changed":
+        evidence, law = step_numbers(step), COMPASS.law
+    else:
+        factor, law = float(np.exp(step.change[0])), WIND.law
+        evidence = {
+            "factor": factor,
+            "standard_error": factor * float(step.error[0]),
+            "date_ci": [date_of(step.earliest), date_of(step.latest)],
+        }
     return Event(
         "reference_changed" if fleet else kind,
         date_of(step.day),
         date_of(alarm.night),
         None if fleet else str(aircraft[step.number]),
-        evidence | {"statistic": step.statistic, "aircraft_that_night": alarm.aircraft},
+        evidence
+        | {
+            "threshold": law.threshold,
+            "statistic": step.statistic,
+            "aircraft_that_night": alarm.aircraft,
+        },
     )
 
 
@@ -433,8 +407,8 @@ class Silence:
 
 
 def first_days_and_silences(
-    aircraft: Index, day: Index, number: int, last: int
-) -> tuple[Index, list[Silence]]:
+    aircraft: Ints, day: Ints, number: int, last: int
+) -> tuple[Ints, list[Silence]]:
     """First day of every aircraft, and its silences.
 
     ``aircraft`` and ``day`` (since 1970) are the days with reports, sorted by aircraft and day. The
@@ -451,7 +425,13 @@ def first_days_and_silences(
         edge = np.append(open_days[day[rows] - base], open_days[-1])
         gaps = np.diff(edge) - 1  # open days between two days with reports
         gaps[-1] += 1
-        usual = _usual_gaps(gaps)
+        # longest gap that the days before each gap make usual
+        flown = np.arange(1, gaps.size + 1)
+        before = np.concatenate([[0], np.cumsum(gaps)[:-1]])
+        idle = (before + 1.0) / (flown + before + 2.0)
+        longest = np.concatenate([[0], np.maximum.accumulate(gaps)[:-1]])
+        chance = np.ceil(np.log(RARE) / np.log(idle))
+        usual = np.maximum(np.maximum(SHORTEST, 2 * longest), chance).astype(np.int64)
         for j in np.flatnonzero(gaps > usual):
             noticed = int(np.searchsorted(open_days, edge[j] + usual[j] + 1))
             first = int(np.searchsorted(open_days, edge[j] + 1))
@@ -460,16 +440,6 @@ def first_days_and_silences(
                 Silence(k, base + first, base + noticed, int(usual[j]) + 1, int(usual[j]), lasts)
             )
     return begin, silences
-
-
-def _usual_gaps(gaps: Index) -> Index:
-    """Longest gap that the days before each gap make usual."""
-    flown = np.arange(1, gaps.size + 1)
-    before = np.concatenate([[0], np.cumsum(gaps)[:-1]])
-    idle = (before + 1.0) / (flown + before + 2.0)
-    longest = np.concatenate([[0], np.maximum.accumulate(gaps)[:-1]])
-    chance = np.ceil(np.log(RARE) / np.log(idle))
-    return np.asarray(np.maximum(np.maximum(SHORTEST, 2 * longest), chance), np.int64)
 
 
 def _not_reported(found: list[Event], before: Monitoring) -> list[Event]:
@@ -563,37 +533,37 @@ def tables_of(fits: xr.Dataset) -> dict[str, UnitTable]:
 
 
 def read_tables(path: Path | str, *, reference: str) -> dict[str, UnitTable]:
-    """Tables in use, from a file as a run writes it (``tables.csv``).
+    """Tables in use by aircraft, from a file as a run writes it (``tables.csv``).
 
-    Parameters
-    ----------
-    reference : str
-        Whose rows, where the file holds those of several references.
-
-    Returns
-    -------
-    dict of str to UnitTable
-        Of the aircraft that have all eight nodes; rows without a number are no table.
+    Of the rows of ``reference``, where the file holds those of several; of the aircraft that have
+    all eight nodes. Rows without a number are no table.
 
     Raises
     ------
     InputError
         If it is not such a file.
     """
-    nodes: dict[str, dict[float, tuple[float, float]]] = {}
     try:
-        with Path(path).open(newline="", encoding="utf-8") as stream:
-            lines = list(csv.DictReader(stream))
-        known = {line["reference"] for line in lines}
+        numbers = ("table_correction_deg", "standard_error_deg")
+        lines = pd.read_csv(
+            path,
+            dtype={"aircraft": str, "reference": str, "sign": str},
+            keep_default_na=False,
+            na_values={name: [""] for name in numbers},
+        )
+        known = lines["reference"].drop_duplicates().tolist()
         wanted = reference if reference in known else next(iter(known), reference)
-        for line in lines:
-            if line["reference"] != wanted or not line["table_correction_deg"]:
-                continue
-            to_add = -SIGNS[line["sign"]] * float(line["table_correction_deg"])
-            error = float(line["standard_error_deg"] or 0.0)
-            if not (abs(to_add) <= 180.0 and 0.0 <= error <= 180.0):
-                raise ValueError(f"{to_add} with error {error} at {line['aircraft']}")
-            nodes.setdefault(line["aircraft"], {})[float(line["heading_deg"])] = (to_add, error)
+        lines = lines[(lines["reference"] == wanted) & lines["table_correction_deg"].notna()]
+        lines["to_add"] = -lines["sign"].map(SIGNS.__getitem__) * lines["table_correction_deg"]
+        lines["error"] = lines["standard_error_deg"].fillna(0.0)
+        bad = ~(lines["to_add"].abs() <= 180.0) | ~lines["error"].between(0.0, 180.0)
+        if bad.any():
+            one = lines[bad].iloc[0]
+            raise ValueError(f"{one.to_add} with error {one.error} at {one.aircraft}")
+        tables = [
+            (str(name), rows.drop_duplicates("heading_deg", keep="last").sort_values("heading_deg"))
+            for name, rows in lines.groupby("aircraft", sort=False)
+        ]
     except (OSError, ValueError, KeyError, TypeError, UnicodeError) as err:
         raise InputError(
             "not a file of tables",
@@ -602,9 +572,9 @@ def read_tables(path: Path | str, *, reference: str) -> dict[str, UnitTable]:
             remedy="It has the columns and rows of tables.csv, as a run writes it",
         ) from err
     return {
-        name: UnitTable([found[node][0] for node in NODES], [found[node][1] for node in NODES])
-        for name, found in nodes.items()
-        if set(NODES) == set(found)
+        name: UnitTable(rows["to_add"].tolist(), rows["error"].tolist())
+        for name, rows in tables
+        if rows["heading_deg"].tolist() == NODES.tolist()
     }
 
 

@@ -37,10 +37,13 @@ MONTH_BEFORE = 28
 LIKELY = 3.0
 """Log likelihood ratio beyond which an aircraft of a small fleet seems to have stepped too."""
 _DEGREE = np.pi / 180.0
-# Which of the twelve unknowns are angles, the airspeed scale and winds.
-_ANGLES = np.repeat([1.0, 0.0], [9, 3])
-_SCALE = np.repeat([0.0, 1.0, 0.0], [9, 1, 2])
-_WINDS = np.repeat([0.0, 1.0], [10, 2])
+
+
+def _of_compass(angles: list[float], scale: float = 0.0, winds: float = 0.0) -> Floats:
+    """Values of the twelve unknowns: nine angles (degrees), airspeed scale, two winds (m/s)."""
+    degrees = np.zeros(9)
+    degrees[: len(angles)] = angles
+    return np.concatenate([degrees * _DEGREE, [scale, winds, winds]])
 
 
 @dataclass(frozen=True)
@@ -56,24 +59,15 @@ COMPASS = Quantity(
     Law(
         # an offset; A to C; A to E. A bias of the reference or the airspeed is no compass change.
         shapes=1.4
-        * _DEGREE
-        * np.array(
-            [
-                [1.0, 0, 0, 0, 0, *[0.0] * 7],
-                [1.0, 1.0, 1.0, 0, 0, *[0.0] * 7],
-                [1.0, 1.0, 1.0, 0.5, 0.5, *[0.0] * 7],
-            ]
-        ),
-        level=_DEGREE * np.array([10.0, 10, 10, 5, 5, 1, 1, 0.5, 0.5, 0, 0, 0])
-        + 0.05 * _SCALE
-        + 0.7 * _WINDS,
-        drift=0.13 * _DEGREE * _ANGLES + 0.005 * _SCALE + 0.15 * _WINDS,
+        * np.stack([_of_compass(s) for s in ([1.0], [1.0] * 3, [1.0, 1.0, 1.0, 0.5, 0.5])]),
+        level=_of_compass([10.0, 10.0, 10.0, 5.0, 5.0, 1.0, 1.0, 0.5, 0.5], 0.05, 0.7),
+        drift=_of_compass([0.13] * 9, 0.005, 0.15),
         farthest=30.0,
         threshold=7.0,
         student_from=4.0,
     ),
-    Noise(4.0, (0.2 * _DEGREE) ** 2 * _ANGLES + 0.5**2 * _WINDS),
-    0.3 * _DEGREE * _ANGLES + 0.005 * _SCALE + 0.8 * _WINDS,
+    Noise(4.0, _of_compass([0.2] * 9, 0.0, 0.5) ** 2),
+    _of_compass([0.3] * 9, 0.005, 0.8),
 )
 """Calibrated by ``python -m benchmarks.monitoring``."""
 WIND = Quantity(
@@ -128,10 +122,7 @@ def watch_fleet(
     months = month_of(day)
     first = int(day.min(initial=0))
     for month in np.unique(months).tolist():
-        begin, end = (
-            int(np.datetime64(one, "M").astype("M8[D]").astype(np.int64))
-            for one in (month, month + 1)
-        )
+        begin, end = np.array([month, month + 1], "M8[M]").astype("M8[D]").astype(np.int64)
         known = day < (begin if begin - first >= MONTH_BEFORE else end)
         # of large fleets every so many aircraft
         every = max(min(int(known.sum()) // ENOUGH_ROWS, number // FEWEST_AIRCRAFT), 1)
@@ -222,12 +213,9 @@ def estimated_noise(
 ) -> Noise:
     """Errors of the days of a fleet, from their scatter about levels of three weeks.
 
-    Parameters
-    ----------
-    normal, right : array, shape (row, p, p) and (row, p)
-    aircraft, day : array of int, shape (row,)
-    usual : Noise
-        Taken where there are too few days; its components of one size stay of one size.
+    ``normal`` (row, p, p), ``right`` (row, p), ``aircraft`` and ``day`` (row,) as in
+    :func:`watch_fleet`. ``usual`` is taken where there are too few days; its components of one size
+    stay of one size.
     """
     # one number for both: days since 1970 have five digits
     block = aircraft * 100_000 + day // BLOCK_DAYS

@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,30 +102,18 @@ class Step:
     error: Floats  # (p,): its standard error
 
 
-@dataclass
 class StepTest:
     """Levels of many aircraft, and their test for a step."""
 
-    law: Law
-    noise: Noise
-    number: int  # of aircraft
-    # sums of all days so far: weight; right side with far days limited, and without that limit
-    weight: Floats = field(init=False)
-    limited: Floats = field(init=False)
-    right: Floats = field(init=False)
-    days: Floats = field(init=False)
-    # squared distances and their degrees of freedom, for the scale of each aircraft's noise
-    excess: Floats = field(init=False)
-    freedom: Floats = field(init=False)
-    # day, and weight, limited, right, days as they were before it
-    _ring: deque[tuple[int, Floats, Floats, Floats, Floats]] = field(init=False)
-
-    def __post_init__(self) -> None:
-        n, p = self.number, self.law.level.size
-        self.weight = np.zeros((n, p, p))
-        self.limited, self.right = np.zeros((2, n, p))
-        self.days, self.excess, self.freedom = np.zeros((3, n))
-        self._ring = deque(maxlen=LONGEST)
+    def __init__(self, law: Law, noise: Noise, number: int) -> None:
+        self.law, self.noise, p = law, noise, law.level.size
+        # sums of all days so far: weight; right side with far days limited, and without that limit
+        self.weight = np.zeros((number, p, p))
+        self.limited, self.right = np.zeros((2, number, p))
+        # squared distances and their degrees of freedom, for the scale of each aircraft's noise
+        self.days, self.excess, self.freedom = np.zeros((3, number))
+        # day, and weight, limited, right, days as they were before it
+        self._ring: deque[tuple[int, Floats, Floats, Floats, Floats]] = deque(maxlen=LONGEST)
 
     def scale(self, of: Index) -> Floats:
         """Error variance of each aircraft over that of the fleet."""
@@ -148,9 +136,8 @@ class StepTest:
 
         Distances beyond the law's farthest are limited.
         """
-        before = (self.weight, self.limited, self.right, self.days)
-        first, *rest = (part.copy() for part in before)
-        self._ring.append((day, first, rest[0], rest[1], rest[2]))
+        before = self.weight.copy(), self.limited.copy(), self.right.copy(), self.days.copy()
+        self._ring.append((day, *before))
         if not of.size:
             return
         level = self.level(of)[0]
@@ -245,14 +232,8 @@ class StepTest:
         scale = np.broadcast_to(self.scale(of), weight.shape[:2])
         inflation = np.array([self.noise.inflation(lag) for lag in lags])
         after = self.weight[of] - weight
-        return _relative(
-            self.law,
-            self.noise,
-            (weight, limited),
-            (after, right),
-            scale,
-            scale * inflation[:, np.newaxis],
-        )
+        inflated = scale * inflation[:, np.newaxis]
+        return _relative(self.law, self.noise, (weight, limited), (after, right), scale, inflated)
 
     def _dated(self, number: int) -> Step:
         """Date and size of the step of an aircraft."""

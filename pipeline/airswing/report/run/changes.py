@@ -25,7 +25,7 @@ from airswing.units import NORMAL_95
 from airswing.version import __version__
 
 if TYPE_CHECKING:
-    from airswing.evaluation.monitoring import Event, Monitoring
+    from airswing.evaluation.monitoring.events import Event, Monitoring
 
 # Aircraft in a figure; rows of the tables. The files contain all.
 FEWEST_AIRCRAFT, MOST_AIRCRAFT, MOST_EVENT_ROWS = 2, 10, 24
