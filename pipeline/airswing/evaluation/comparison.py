@@ -31,9 +31,9 @@ from scipy import special  # not scipy.stats, whose import takes longer than a s
 from airswing.compass.fit.acceptance import FitOptions
 from airswing.compass.fit.deviation import fit_deviation
 from airswing.errors import InputError
+from airswing.evaluation import Content
 from airswing.evaluation.disagreement import Floats, Ints, member_mean, paired_design, parts_of
 from airswing.evaluation.held_out import only
-from airswing.evaluation.results import Content
 from airswing.flags import PHASE, SCREENING
 from airswing.physics.triangle import wrap_degrees
 from airswing.products.findings import findings

@@ -26,9 +26,9 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
+from airswing.evaluation import Content
 from airswing.evaluation.disagreement import disagreement_sums, measures_of, parts_of
 from airswing.evaluation.resampling import Floats, day_weights, interval, permutation_test, ratio
-from airswing.evaluation.results import Content
 from airswing.flags import ROLL, SCREENING, TEMPERATURE_QC
 from airswing.products.findings import findings
 from airswing.products.ragged import blocks, time_span

@@ -33,11 +33,11 @@ from airswing.compass.table import (
     unit_interpolation,
 )
 from airswing.errors import InputError
+from airswing.evaluation import Content
 from airswing.evaluation.disagreement import parts_of, require_reference
 from airswing.evaluation.field_test import require_aircraft
 from airswing.evaluation.ranking import rank_aircraft
 from airswing.evaluation.resampling import Floats, day_weights, interval
-from airswing.evaluation.results import Content
 from airswing.flags import SCREENING, published
 from airswing.products.ragged import time_span
 from airswing.units import KNOT, NORMAL_95

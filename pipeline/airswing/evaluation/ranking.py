@@ -21,9 +21,9 @@ import xarray as xr
 
 from airswing.compass.correction import corrected_wind
 from airswing.compass.table import curve_standard_error
+from airswing.evaluation import Content
 from airswing.evaluation.disagreement import Ints, parts_of, require_reference
 from airswing.evaluation.resampling import Floats, cluster_sums, clustered_mean
-from airswing.evaluation.results import Content
 from airswing.flags import STATUS, published
 from airswing.physics.compass_deviation import deviation_basis
 from airswing.products.ragged import row_bounds

@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from airswing.evaluation.results import Content
+from airswing.evaluation import Content
 from airswing.reference.catalogue import Catalogue
 from airswing.reference.collocate import collocate
 

@@ -41,7 +41,7 @@ from airswing.workflow.job import (
 from airswing.workflow.monitoring_stage import make_monitoring
 
 if TYPE_CHECKING:
-    from airswing.evaluation.results import Content
+    from airswing.evaluation import Content
 
 Found = TypeVar("Found")
 _TITLES = (

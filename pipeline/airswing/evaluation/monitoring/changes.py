@@ -31,10 +31,10 @@ from numpy.typing import NDArray
 from airswing.compass.fit.acceptance import FitOptions
 from airswing.compass.fit.deviation import FITTED_FROM, fit_sums, sum_aircraft
 from airswing.errors import InputError
+from airswing.evaluation import Content
 from airswing.evaluation.monitoring.daily_sums import CompassDays, compass_days, rows_by_aircraft
 from airswing.evaluation.monitoring.fleet_watch import COMPASS, Tested, month_of, watch_fleet
 from airswing.evaluation.monitoring.step_test import Step, step_of_series
-from airswing.evaluation.results import Content
 from airswing.flags import STATUS, published
 from airswing.products.ragged import blocks, some_reports
 from airswing.vocabulary import describe

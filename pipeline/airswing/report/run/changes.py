@@ -16,7 +16,7 @@ from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
-from airswing.evaluation.results import Content
+from airswing.evaluation import Content
 from airswing.products.whole_files import write_text
 from airswing.report.html import style
 from airswing.report.html.document import Column, Figures, Section, document, folded, table

@@ -17,7 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from airswing.evaluation.results import Content
+from airswing.evaluation import Content
 from airswing.physics.compass_deviation import COEFFICIENTS
 from airswing.report.html import style
 from airswing.report.html.document import Column, Figures, Section, folded, heading, listing, table
