@@ -29,8 +29,11 @@ from airswing.compass.fit.deviation import fit_deviation
 from airswing.compass.screening import screen
 from airswing.errors import InputError
 from airswing.flags import published
-from airswing.physics.airspeed import airspeed_from_calibrated
-from airswing.physics.atmosphere import pressure_from_altitude, standard_temperature
+from airswing.physics.atmosphere import (
+    airspeed_from_calibrated,
+    pressure_from_altitude,
+    standard_temperature,
+)
 from airswing.reference.catalogue import build_catalogue
 from airswing.reports import read_reports
 from airswing.units import FOOT, KNOT

@@ -24,7 +24,7 @@ import yaml
 
 from airswing import cli
 from airswing.products.netcdf import open_product
-from airswing.products.workspace import workspace
+from airswing.products.whole_files import workspace
 from tests import perfect
 from tests.forked import forked
 

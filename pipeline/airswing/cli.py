@@ -61,29 +61,13 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-# Exit status of a command that SIGINT ended: 128 + 2.
-_INTERRUPTED = 130
+_INTERRUPTED = 130  # exit status of a command that SIGINT ended: 128 + 2
 # Faults of the disk or the folders: bad input, not a defect of airswing.
-_NOT_OURS = (
-    errno.ENOSPC,
-    errno.EDQUOT,
-    errno.EFBIG,
-    errno.EROFS,
-    errno.EACCES,
-    errno.EPERM,
-    errno.ENOENT,
-    errno.ENOTDIR,
-    errno.EISDIR,
-    errno.EEXIST,
-    errno.EIO,
-    errno.ENAMETOOLONG,
-    errno.ELOOP,
-    errno.EMFILE,
-    errno.ENFILE,
-    errno.ENOMEM,
-    errno.ENOTEMPTY,
-    errno.ESTALE,
+_FAULTS = (
+    "ENOSPC EDQUOT EFBIG EROFS EACCES EPERM ENOENT ENOTDIR EISDIR EEXIST EIO ENAMETOOLONG ELOOP "
+    "EMFILE ENFILE ENOMEM ENOTEMPTY ESTALE"
 )
+_NOT_OURS = {getattr(errno, name, None) for name in _FAULTS.split()}
 # Base of every error in how a command was called; typer exports it neither by name nor by type.
 _USAGE_ERROR: Any = typer.BadParameter.__base__
 
@@ -123,20 +107,13 @@ def _job(
     return Job(loaded, Progress(quiet=quiet), fresh)
 
 
-def _inside(job: Job, stage: Callable[[Job], T]) -> T:
-    """Run a stage on the scheduler the configuration asks for."""
+def _alone(job: Job, stage: Callable[[Job], T]) -> T:
+    """Run a stage on the scheduler asked for, with no other run in its output folder."""
+    from airswing.products.whole_files import workspace
     from airswing.workflow.compute import scheduler
 
-    with scheduler(job.config.compute, job.progress):
+    with workspace(job.output), scheduler(job.config.compute, job.progress):
         return stage(job)
-
-
-def _alone(job: Job, stage: Callable[[Job], T]) -> T:
-    """Run a stage likewise, with no other run in its output folder."""
-    from airswing.products.workspace import workspace
-
-    with workspace(job.output):
-        return _inside(job, stage)
 
 
 def _print(content: object, *, as_json: bool, text: str) -> None:
@@ -163,10 +140,12 @@ def run(
     an interrupted run and includes new files.
     """
     from airswing import workflow
+    from airswing.workflow import compute
     from airswing.workflow.closing_summary import as_text
 
     job = _job(config, output=output, fresh=fresh, quiet=quiet, scheduler=scheduler)
-    summary = _inside(job, workflow.run_job).summary
+    with compute.scheduler(job.config.compute, job.progress):
+        summary = workflow.run_job(job).summary
     _print(summary, as_json=json, text=as_text(summary, job.output, units=job.config.units))
     workflow.events_said(job, summary.get("events", 0))
 
@@ -359,14 +338,8 @@ def export(
     from airswing.products.netcdf import product_path
 
     job = _job(config, quiet=quiet)
-    given = {
-        "domain": domain,
-        "platform": platform,
-        "identifiers": identifiers,
-        "base": base,
-        "start": start,
-        "end": end,
-    }
+    given: dict[str, object] = {"domain": domain, "platform": platform, "identifiers": identifiers}
+    given |= {"base": base, "start": start, "end": end}
     with job.progress.stage("export") as stage:
         result = write_export(
             product_path(job.output, workflow.CORRECTED),
@@ -482,13 +455,9 @@ def gap_check(
     )
     report = write_report(output, check, command=plan.command)
     reached = targets(check.scores)
-    summary = {
-        "digest": check.digest,
-        "targets": reached.to_dict("records"),
-        "settings": check.settings,
-    }
+    summary = {"digest": check.digest, "targets": reached.to_dict("records")}
     text = f"{reached.to_string(index=False, float_format='%.3g')}\nreport: {report}"
-    _print(summary, as_json=json, text=text)
+    _print(summary | {"settings": check.settings}, as_json=json, text=text)
 
 
 @app.command()
@@ -567,31 +536,26 @@ def main() -> None:
     except (KeyboardInterrupt, typer.Abort):
         print("airswing: interrupted; finished products are intact", file=sys.stderr)
         raise SystemExit(_INTERRUPTED) from None
-    except AirswingError as err:
-        print(f"airswing: {err}", file=sys.stderr)
-        raise SystemExit(2) from None
-    except MemoryError:
-        print(
-            "airswing: not enough memory; compute.workers and compute.threads say how much is "
-            "worked on at a time",
-            file=sys.stderr,
-        )
-        raise SystemExit(2) from None
     except BrokenPipeError:  # the reader of standard output has ended, as in `... | head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         raise SystemExit(1) from None
-    except (OSError, RuntimeError) as err:
-        message = _not_ours(err)
+    except (AirswingError, MemoryError, OSError, RuntimeError) as err:
+        message = _input_fault(err)
         if message is None:
             raise
         print(f"airswing: {message}", file=sys.stderr)
         raise SystemExit(2) from None
 
 
-def _not_ours(err: OSError | RuntimeError) -> str | None:
-    """Message for a fault of the disk, a folder or a damaged file; None for a defect."""
-    from airswing.errors import shortened
+def _input_fault(err: Exception) -> str | None:
+    """Message for bad input, or a fault of the disk, a folder or a file; None for a defect."""
+    from airswing.errors import AirswingError, shortened
 
+    if isinstance(err, AirswingError):
+        return str(err)
+    if isinstance(err, MemoryError):
+        limits = "compute.workers and compute.threads say how much is worked on at a time"
+        return f"not enough memory; {limits}"
     if isinstance(err, OSError) and err.errno in _NOT_OURS:
         return f"{shortened(err.filename or 'a file')}: {err.strerror}"
     # The NetCDF and HDF5 libraries report damaged data by these words alone.

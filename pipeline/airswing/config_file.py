@@ -51,22 +51,12 @@ def load_config(path: Path | str, *, output: Path | None = None) -> Config:
 def load_postprocess(
     path: Path | str, *, output: Path | None = None
 ) -> tuple[Postprocess, Path, BaseModel]:
-    """Read the section ``postprocess`` of a configuration with or without the main job.
-
-    Parameters
-    ----------
-    path, output
-        As for :func:`load_config`.
+    """Read a configuration with the section ``postprocess``, with or without the main job.
 
     Returns
     -------
     Postprocess, Path, BaseModel
         The section, the output folder, and the whole configuration.
-
-    Raises
-    ------
-    ConfigError
-        As for :func:`load_config`, and if the section is absent.
     """
     content = _content(Path(path), output)
     if content.get("postprocess") is None:
@@ -84,20 +74,7 @@ def load_postprocess(
 
 
 def with_handover(config: Config, given: Mapping[str, object]) -> Handover:
-    """Return the section ``handover`` with the options of a command.
-
-    Parameters
-    ----------
-    config : Config
-        The configuration.
-    given : mapping
-        Keys of the section; a value of None is ignored.
-
-    Raises
-    ------
-    ConfigError
-        If an option is invalid or contradicts the section.
-    """
+    """Return the section ``handover`` with the options of a command that are not None."""
     options = {key: value for key, value in given.items() if value is not None}
     try:
         return Handover.model_validate(config.handover.model_dump() | options)

@@ -1,10 +1,7 @@
-"""Errors for invalid user input, each shown as one message without a traceback.
+"""Errors for invalid user input (exit status 2), each shown as one message without a traceback.
 
-They are caused by the user's input or configuration (exit status 2 of the command); every other
-exception is a defect of airswing (exit status 1).
-
-A message is one line of at most `LONGEST` characters, whatever a file contains: its parts are
-shortened in this module only.
+Every other exception is a defect of airswing (exit status 1). A message is one line of at most
+`LONGEST` characters, whatever a file contains: its parts are shortened in this module only.
 """
 
 from __future__ import annotations
@@ -22,19 +19,10 @@ _REPR.maxstring = _REPR.maxother = _REPR.maxlong = 120
 
 
 def shortened(value: object, most: int = _LONGEST_PART) -> str:
-    """Return a value as one line of text.
+    """Return a value as one line of at most `most` characters.
 
-    Parameters
-    ----------
-    value : object
-        Text is kept; numbers, lists and mappings are written as in Python, with few items.
-    most : int, optional
-        Maximum number of characters.
-
-    Returns
-    -------
-    str
-        Control characters are replaced by blanks, omitted parts by an ellipsis.
+    Text is kept; numbers, lists and mappings are written as in Python, with few items. Control
+    characters are replaced by blanks, omitted parts by an ellipsis.
     """
     if isinstance(value, str):
         text = value
@@ -68,14 +56,8 @@ class InputError(AirswingError):
     ----------
     what : str
         What is wrong, in a short phrase.
-    file : str or path-like, optional
-        The file concerned.
-    field : str, optional
-        The column, variable or configuration key concerned.
-    found : object, optional
-        What was found there.
-    remedy : str, optional
-        What the user can do about it.
+    file, field, found, remedy : optional
+        The file and the column, variable or key concerned, what was found, what the user can do.
     """
 
     def __init__(

@@ -78,17 +78,7 @@ SCREENING = {
 
 
 def published(status: ArrayLike) -> NDArray[np.bool_]:
-    """Return True where a fit has coefficients: a curve (zero within its error or not), an offset.
-
-    Parameters
-    ----------
-    status : array_like
-        Codes of `STATUS`.
-
-    Returns
-    -------
-    ndarray of bool
-    """
+    """Return where a fit (code of `STATUS`) has coefficients: a curve or an offset."""
     with_coefficients = ("ok", "offset_only", "no_correction_needed")
     return np.isin(status, [STATUS[name] for name in with_coefficients])
 

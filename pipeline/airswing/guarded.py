@@ -4,12 +4,10 @@ ecCodes calls ``abort()`` where one of its assertions fails, and damaged lengths
 outside its buffers or never return. Such work is done by a worker process; if the worker ends, the
 caller gets a `WorkerEndedError` and the next call starts a new worker.
 
-Assumptions
------------
-* Functions are module-level functions of this package; arguments and results can be pickled.
-* A worker serves one call at a time and is used again. If a worker that has served earlier calls
-  ends, the call is repeated once in a new worker, because the earlier calls may be the cause.
-* Workers end with the process that started them, also if that process is killed.
+Functions are module-level functions of this package; arguments and results can be pickled. A worker
+serves one call at a time and is used again. If a worker that has served earlier calls ends, the
+call is repeated once in a new worker, because the earlier calls may be the cause. Workers end with
+the process that started them, also if that process is killed.
 """
 
 from __future__ import annotations
@@ -70,19 +68,12 @@ if hasattr(os, "register_at_fork"):  # workers serve the process that started th
 def guarded(
     function: Callable[Parameters, Result], *args: Parameters.args, **kwargs: Parameters.kwargs
 ) -> Result:
-    """Call a function in a worker process.
-
-    Returns
-    -------
-    object
-        What the function returns.
+    """Call a function in a worker process; what it returns or raises is passed on.
 
     Raises
     ------
     WorkerEndedError
         If the worker ended, or the call took longer than `SECONDS`.
-    Exception
-        What the function raises.
     """
     while True:
         try:

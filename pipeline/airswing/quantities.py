@@ -36,19 +36,9 @@ def _registry() -> pint.UnitRegistry[float]:
 
 
 def quantity(text: object, unit: str) -> float:
-    """Turn a unit-bearing string into a float in a given unit.
+    """Turn a string such as ``"3 h"`` into a float in a given unit.
 
-    Parameters
-    ----------
-    text : str
-        Such as ``"3 h"`` or ``"0.1 arcmin"``.
-    unit : str
-        Unit of the result.
-
-    Raises
-    ------
-    ValueError
-        If there is no unit, or one of another kind.
+    A ValueError says that there is no unit, or one of another kind.
     """
     # A bare number would pass for radians, 57 degrees each.
     if not isinstance(text, str) or _NUMBER.fullmatch(text):
@@ -92,13 +82,7 @@ _COMPACT = {8: "%Y%m%d", 10: "%Y%m%d%H", 12: "%Y%m%d%H%M", 14: "%Y%m%d%H%M%S"}
 
 
 def spelt_out(value: object) -> object:
-    """Give a time of digits alone its separators; what is no number is left as it is.
-
-    Raises
-    ------
-    ValueError
-        If digits, or a number, are no time.
-    """
+    """Give a time of digits alone its separators; what is no number is left as it is."""
     digits = str(value).strip()
     # pydantic takes numbers, also in strings, for seconds since 1970: 2009102006 is in 2033.
     if not isinstance(value, int | float) and not _NUMBER.fullmatch(digits):
@@ -120,18 +104,7 @@ _TIME_UNITS = {"h": 3600.0, "hour": 3600.0, "hours": 3600.0, "min": 60.0, "s": 1
 
 
 def lead_condition(text: str) -> Callable[[NDArray[np.float64]], NDArray[np.bool_]]:
-    """Turn ``any``, ``analysis`` or a comparison such as ``>= 1 h`` into a function.
-
-    Returns
-    -------
-    callable
-        From an array of lead times (s) to booleans.
-
-    Raises
-    ------
-    InputError
-        If the text is none of these.
-    """
+    """Turn ``any``, ``analysis`` or a comparison such as ``>= 1 h`` into a test of leads (s)."""
     words = text.strip().lower()
     if words == "any":
         return lambda lead: np.ones(np.shape(lead), dtype=bool)

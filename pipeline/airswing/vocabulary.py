@@ -79,25 +79,10 @@ _BY_DIMS = {(line.name, line.dims): line for line in reversed(_LINES)}
 
 
 def lookup(name: str, dims: tuple[Hashable, ...] = ()) -> Variable:
-    """Find the line of a variable.
+    """Find the line of a variable: with these dimensions if there is one, else the first.
 
-    Parameters
-    ----------
-    name : str
-        Name of the variable.
-    dims : tuple of str, optional
-        Its dimensions; they distinguish the phase of a fit (reference, aircraft) from the phase of
-        flight (report), and a report's latitude from a map's.
-
-    Returns
-    -------
-    Variable
-        With these dimensions if there is such a line, else the first of this name.
-
-    Raises
-    ------
-    KeyError
-        If the table has no such variable.
+    The dimensions distinguish the phase of a fit (reference, aircraft) from the phase of flight
+    (report), and a report's latitude from a map's.
     """
     if name not in VARIABLES:
         raise KeyError(f"{name!r} is not in airswing/vocabulary.csv; add it there first")
@@ -105,18 +90,7 @@ def lookup(name: str, dims: tuple[Hashable, ...] = ()) -> Variable:
 
 
 def describe(ds: xr.Dataset) -> xr.Dataset:
-    """Write units, names and flag meanings on every variable of a Dataset.
-
-    Returns
-    -------
-    Dataset
-        The same data with the table's attributes; other attributes are kept.
-
-    Raises
-    ------
-    KeyError
-        If a variable is not in the table.
-    """
+    """Write units, names and flag meanings on every variable of a Dataset; others are kept."""
     ds = ds.copy()
     for name, variable in ds.variables.items():
         variable.attrs = {**variable.attrs, **lookup(str(name), variable.dims).attributes()}

@@ -1,9 +1,8 @@
 """YAML files written by people: plain values, each fault in one message with its line.
 
-Assumes files of at most a megabyte. Aliases are refused, because a few lines of aliases of aliases
-can expand to a billion values. Also refused are tags that construct anything but plain values,
-repeated keys, values that contradict their kind (``2009-06-31``), and text that no file system
-accepts.
+Aliases are refused, because a few lines of aliases of aliases can expand to a billion values. Also
+refused are tags that construct anything but plain values, repeated keys, values that contradict
+their kind (``2009-06-31``), and text that no file system accepts.
 """
 
 from __future__ import annotations
@@ -23,25 +22,7 @@ _MOST_BITS = 256
 
 
 def load_yaml(path: Path, kind: type[InputError] = InputError) -> object:
-    """Read a YAML file.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    kind : type, optional
-        Class of the error.
-
-    Returns
-    -------
-    object
-        Mappings, lists, text, numbers, dates, None.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read or is not plain YAML.
-    """
+    """Read a YAML file; an error of the class `kind` says that it is not plain YAML."""
     try:
         with path.open("rb") as file:
             content = file.read(MOST_BYTES + 1)

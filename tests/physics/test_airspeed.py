@@ -3,8 +3,13 @@
 import numpy as np
 import pytest
 
-from airswing.physics.airspeed import airspeed_from_calibrated, airspeed_from_mach, speed_of_sound
-from airswing.physics.atmosphere import pressure_from_altitude, standard_temperature
+from airswing.physics.atmosphere import (
+    airspeed_from_calibrated,
+    airspeed_from_mach,
+    pressure_from_altitude,
+    speed_of_sound,
+    standard_temperature,
+)
 from airswing.units import KNOT
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import pickle
 
-from airswing.products.findings import Findings
+from airswing.products.whole_files import Findings
 
 
 def made() -> Findings:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from airswing.products.fingerprint import code_digest, file_identities, fingerprint
+from airswing.products.whole_files import code_digest, file_identities, fingerprint
 
 
 def test_a_file_counts_by_size_and_time(tmp_path: Path):

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from airswing.errors import InputError
-from airswing.products.named_files import none_found
+from airswing.products.whole_files import none_found
 from airswing.reference.files import find_files
 from airswing.reports import expand
 

@@ -20,7 +20,7 @@ from airswing import workflow
 from airswing.config_file import load_config
 from airswing.errors import InputError
 from airswing.products import whole_files
-from airswing.products.workspace import workspace
+from airswing.products.whole_files import workspace
 from airswing.workflow.progress import Progress
 
 HOURS, REPORTS, AIRCRAFT = 24 * 66, 4_000, 4

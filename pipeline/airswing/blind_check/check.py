@@ -25,8 +25,7 @@ from pathlib import Path
 from typing import Any
 
 from airswing.blind_check.score import Score, draws, score_case
-from airswing.products.fingerprint import code_digest
-from airswing.products.whole_files import write_json
+from airswing.products.whole_files import code_digest, write_json
 from airswing.synthetic.sealed.cases import Case, Size, plan_cases
 from airswing.synthetic.sealed.draws import World
 from airswing.synthetic.sealed.labels import Label, open_seal, seal

@@ -75,8 +75,11 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from airswing.flags import STATUS, WIND_SOURCE, published
-from airswing.physics.airspeed import airspeed_from_calibrated
-from airswing.physics.atmosphere import pressure_from_altitude, standard_temperature
+from airswing.physics.atmosphere import (
+    airspeed_from_calibrated,
+    pressure_from_altitude,
+    standard_temperature,
+)
 from airswing.physics.compass_deviation import deviation_basis
 from airswing.physics.triangle import wrap_degrees
 from airswing.products.ragged import aircraft_of_report, blocks, row_bounds

@@ -36,8 +36,8 @@ from airswing.evaluation.disagreement import Floats, Ints, member_mean, paired_d
 from airswing.evaluation.held_out import only
 from airswing.flags import PHASE, SCREENING
 from airswing.physics.triangle import wrap_degrees
-from airswing.products.findings import findings
 from airswing.products.ragged import row_bounds
+from airswing.products.whole_files import findings
 from airswing.units import NORMAL_95
 
 Mask = NDArray[np.bool_]

@@ -30,8 +30,8 @@ from airswing.evaluation import Content
 from airswing.evaluation.disagreement import disagreement_sums, measures_of, parts_of
 from airswing.evaluation.resampling import Floats, day_weights, interval, permutation_test, ratio
 from airswing.flags import ROLL, SCREENING, TEMPERATURE_QC
-from airswing.products.findings import findings
 from airswing.products.ragged import blocks, time_span
+from airswing.products.whole_files import findings
 from airswing.units import KNOT
 
 GROUPS, WINDOWS = ("controls", "corrected"), ("before", "during")

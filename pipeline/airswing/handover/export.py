@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from airswing.errors import InputError
-from airswing.products.findings import findings
+from airswing.products.whole_files import findings
 
 if TYPE_CHECKING:
     import xarray as xr

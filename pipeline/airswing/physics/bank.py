@@ -1,10 +1,10 @@
 """Bank at a report, from the track between fixes and the roll flags.
 
-Assumptions: a turn lasts about as long as the interval between reports, so the bank of three fixes
-is distributed over neighbouring reports and too small at the turn (factor 1.4 to 1.8 in trials).
-The roll flag says at which reports the aircraft banked by more than five degrees. Reports come at
-fixed intervals whatever the aircraft does, so that the share of flagged reports is the share of
-time in such a bank, and the total turned angle, which chords conserve, gives its mean:
+A turn lasts about as long as the interval between reports, so the bank of three fixes is
+distributed over neighbouring reports and too small at the turn (factor 1.4 to 1.8 in trials). The
+roll flag says at which reports the aircraft banked by more than five degrees. Reports come at fixed
+intervals whatever the aircraft does, so that the share of flagged reports is the share of time in
+such a bank, and the total turned angle, which chords conserve, gives its mean:
 ``mean bank = (turned angle - part turned in a lesser bank) / time flagged``.
 
 * flagged: that mean, towards the side the track turns;
@@ -12,13 +12,9 @@ time in such a bank, and the total turned angle, which chords conserve, gives it
   lasting turn), else zero: the turn was flown before or after; never over five degrees;
 * no flag in the archive: the bank of the track.
 
-The remaining error is of Berkson's kind (true = estimate + independent), which leaves regressions
-on the bank unbiased.
-
-Validity: at least 30 flagged reports with a bank of three fixes; turns of less than half a circle
-between reports. Radians and seconds.
-
-Source: Carroll et al. 2006, Measurement Error in Nonlinear Models, ch. 1.4 (Berkson error).
+The remaining error is of Berkson's kind (true = estimate + independent; Carroll et al. 2006,
+Measurement Error in Nonlinear Models, ch. 1.4), which leaves regressions on the bank unbiased.
+Valid for turns of less than half a circle between reports. Radians and seconds.
 """
 
 from __future__ import annotations
@@ -58,14 +54,8 @@ def bank_at_reports(
     ----------
     bank : (n,) float
         Of a coordinated turn through three fixes, rad, right wing down positive; NaN unknown.
-    roll_flag : (n,) int
-        Codes of `airswing.flags`.
-    flight : (n,) int
-        In order of flight and time.
-    time : (n,) float
-        s.
-    latitude, longitude : (n,) float
-        Degrees.
+    roll_flag, flight, time, latitude, longitude : (n,)
+        Codes of `airswing.flags`; number of the flight; s; degrees; in order of flight and time.
     """
     flagged = (roll_flag == ROLL["bad"]) & np.isfinite(bank)
     level = (roll_flag == ROLL["good"]) & np.isfinite(bank)

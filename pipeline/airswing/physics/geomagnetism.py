@@ -1,27 +1,20 @@
 """Geomagnetic field at many reports: IGRF interpolated from a fixed lattice.
 
-Assumptions
------------
-The main field of the International Geomagnetic Reference Field (IGRF-14, through ``ppigrf``):
-no crustal anomalies and no magnetic storms, which change declination by some tenths of a degree.
+The main field of the International Geomagnetic Reference Field (IGRF-14, through ``ppigrf``): no
+crustal anomalies and no magnetic storms, which change declination by some tenths of a degree.
 Height is taken above the WGS84 ellipsoid; giving pressure altitude instead is wrong by a few
 hundred metres at most, 0.02 % of the field.
 
-Method
-------
 IGRF takes tens of microseconds a point, so it is evaluated at the nodes of a lattice and the
 components X (north), Y (east), Z (down) are interpolated, never the angles: cubic (four-point
 Lagrange) in latitude and longitude between nodes 2 degrees apart, linear in height between 0 and
-16 km and linear in time between the epochs of IGRF five years apart, where IGRF is itself linear,
-so that the interpolation in time is exact. Nodes are at fixed places of the globe and are computed
-in tiles of one shape, so that the field at a report is the same to the last bit whatever the other
-reports. Tiles are kept for the life of the process.
+16 km and linear in time between the epochs of IGRF five years apart, where IGRF is itself linear.
+Nodes are at fixed places of the globe and are computed in tiles of one shape, so that the field at
+a report is the same to the last bit whatever the other reports. Tiles are kept for the life of the
+process.
 
-Validity
---------
-1900 to 2030, heights -1 to 20 km, any longitude, both sides of the antimeridian; NaN outside the
-epochs. Against IGRF itself the components are within about 1 nT; declination is within 0.01 degrees
-wherever the horizontal field exceeds 5,000 nT.
+Valid from 1900 to 2030, heights -1 to 20 km; NaN outside the epochs. Against IGRF itself components
+are within about 1 nT, declination within 0.01 degrees where the horizontal field exceeds 5,000 nT.
 
 References
 ----------
@@ -72,19 +65,9 @@ def geomagnetic_field(
 ) -> GeomagneticField:
     """Declination, horizontal field and dip at points whose shapes broadcast.
 
-    Parameters
-    ----------
-    latitude, longitude : array_like
-        Degrees; longitudes may run from -180 or from 0.
-    height : array_like
-        Metres above the ellipsoid (pressure altitude will do).
-    seconds : array_like
-        Since 1970-01-01T00:00 UTC.
-
-    Returns
-    -------
-    GeomagneticField
-        Of the broadcast shape; NaN where an argument is not finite, and outside 1900 to 2030.
+    Latitude and longitude in degrees, height in metres above the ellipsoid (pressure altitude will
+    do), seconds since 1970-01-01T00:00 UTC. NaN where an argument is not finite, and outside 1900
+    to 2030.
     """
     values = (np.asarray(value, np.float64) for value in (latitude, longitude, height, seconds))
     arrays = np.broadcast_arrays(*values)

@@ -1,7 +1,6 @@
-"""Angles along great circles of a sphere, by the haversine formula.
+"""Angles along great circles of a sphere: distances are within 0.5 % of the ellipsoid's.
 
-Assumes a sphere: distances are within 0.5 % of the ellipsoid's. The formula holds for places close
-together, where the formula of cosines loses all digits.
+The haversine formula holds for places close together, where that of cosines loses all digits.
 """
 
 from __future__ import annotations

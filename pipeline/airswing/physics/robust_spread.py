@@ -15,18 +15,9 @@ SD_OF_MAD = 1.4826
 
 
 def robust_sd(values: Floats, middle: float | None = None) -> float:
-    """Return the standard deviation from the median absolute deviation.
+    """Return the standard deviation of values (n,) about the median, or another `middle`.
 
-    Parameters
-    ----------
-    values : array, shape (n,)
-    middle : float, optional
-        Where the deviations are from; the median by default.
-
-    Returns
-    -------
-    float
-        0 where there is no value.
+    0 where there is no value.
     """
     if not values.size:
         return 0.0

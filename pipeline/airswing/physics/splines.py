@@ -1,7 +1,4 @@
-"""Linear B-splines on given knots: a piecewise-linear partition of unity.
-
-Assumes increasing knots; values outside them take the nearest knot's function.
-"""
+"""Linear B-splines on increasing knots: a piecewise-linear partition of unity."""
 
 from __future__ import annotations
 
@@ -13,18 +10,9 @@ Short = NDArray[np.int32]
 
 
 def hats(values: Floats, knots: Floats) -> Floats:
-    """Hat functions (piecewise-linear partition of unity) at the knots.
+    """Hat functions (k, n) of values (n,) at knots (k,).
 
-    Parameters
-    ----------
-    values : (n,) float
-    knots : (k,) float
-        Increasing.
-
-    Returns
-    -------
-    (k, n) float
-        Rows sum to 1 over k; values outside the knots take the nearest; NaN gives zeros.
+    They sum to 1 over k; values outside the knots take the nearest; NaN gives zeros.
     """
     ramps = (values - knots[:-1, None]) / np.diff(knots)[:, None]
     np.clip(ramps, 0.0, 1.0, out=ramps)
@@ -38,17 +26,8 @@ def hats(values: Floats, knots: Floats) -> Floats:
 def hats_not_zero(values: Floats, knots: Floats) -> tuple[Short, Floats]:
     """The one or two hats that are not zero at each value, for more knots than :func:`hats` stores.
 
-    Parameters
-    ----------
-    values : (n,) float
-        None NaN.
-    knots : (k,) float
-        Increasing; one alone is one everywhere.
-
-    Returns
-    -------
-    index, value : (n, 2), of one knot (n, 1)
-        Row of :func:`hats` and its value.
+    Row of :func:`hats` and its value, each (n, 2); of one knot, which is one everywhere, (n, 1).
+    Values (n,) without NaN.
     """
     if knots.size == 1:
         return np.zeros((values.size, 1), dtype=np.int32), np.ones((values.size, 1))

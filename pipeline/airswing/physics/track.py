@@ -1,39 +1,24 @@
 """Ground velocity at each report, from the fixes of the same flight before and after it.
 
-Assumptions
------------
-Reports are ordered by flight and time (the ragged order of an archive). Positions and
-times are rounded to a known resolution: uniform errors, independent between fixes, of variance
-resolution^2 / 12. (A time *cut* to the minute shifts every fix by half a minute on average; that
-cancels in a velocity.) Between fixes the velocity varies as a random walk of spectral density
-``acceleration_density`` per component: 0.02 m2 s-3, which is the 1.8 m2 s-2 that upper-air winds
-change by over the 20 km of three minutes' flight, with a margin for speed changes.
+Reports are ordered by flight and time. Positions and times are rounded to a known resolution:
+uniform errors, independent between fixes, of variance resolution^2 / 12. (A time *cut* to the
+minute shifts every fix by half a minute on average; that cancels in a velocity.) Between fixes the
+velocity varies as a random walk of spectral density ``acceleration_density`` per component: 0.02
+m2 s-3, which is the 1.8 m2 s-2 that upper-air winds change by over the 20 km of three minutes'
+flight (Lindborg 1999, J. Fluid Mech. 388:259-288), with a margin for speed changes.
 
-Method
-------
 A chord between two fixes is the velocity at its middle, and reports are at its ends. The velocity
 at a fix is therefore the derivative of the parabola through it and one fix on each side: the two
-chords, each weighted by the other's duration, with geodesic distances and the azimuths of both
-geodesics *at the shared fix*. For close or coarsely timed fixes the neighbours are noisy: then of
-all windows reaching 1, 2, 3, 4, 6, 9 or 13 fixes back and forward the one with the least expected
-error (rounding plus random walk) is used; no window reaches past a fix where the track bends. At
-the ends of a flight there is a single chord; its larger random-walk error is in its standard
-error.
+chords, each weighted by the other's duration, with geodesic distances (Karney 2013, J. Geodesy
+87:43-55) and the azimuths of both geodesics *at the shared fix*. For close or coarsely timed fixes
+the neighbours are noisy: then of all windows reaching 1, 2, 3, 4, 6, 9 or 13 fixes back and forward
+the one with the least expected error (rounding plus random walk) is used; no window reaches past a
+fix where the track bends. At the ends of a flight there is a single chord; its larger random-walk
+error is in its standard error.
 
-Validity
---------
-Any longitude, both sides of the antimeridian; not at a pole. Chords with no duration, longer than
-`MAX_GAP` or faster than 400 m/s are rejected and divide the flight; a report without chord has no
-value (NaN).
-
-Units
------
-Degrees for position, seconds, metres; velocities m s-1; angles in results radians.
-
-References
-----------
-Karney 2013, Algorithms for geodesics, J. Geodesy 87:43-55; Lindborg 1999, J. Fluid Mech.
-388:259-288 for the change of wind over distance.
+Valid for any longitude, not at a pole. Chords with no duration, longer than `MAX_GAP` or faster
+than 400 m/s are rejected and divide the flight; a report without chord has no value (NaN). Degrees
+for position, seconds, metres; velocities m s-1; angles in results radians.
 """
 
 from __future__ import annotations
@@ -123,24 +108,15 @@ def ground_track(
 
     Parameters
     ----------
-    latitude, longitude : array_like, shape (report,)
-        Degrees.
-    seconds : array_like, shape (report,)
-        Since any fixed instant; ascending within a flight.
-    altitude : array_like, shape (report,)
-        Pressure altitude, m.
-    flight : array_like of int, shape (report,)
-        Number of the flight; its reports are consecutive.
+    latitude, longitude, seconds, altitude, flight : array_like, shape (report,)
+        Degrees; since any fixed instant, ascending within a flight; pressure altitude, m; number of
+        the flight, whose reports are consecutive.
     position_step, time_step : array_like, scalar or shape (report,)
         Resolution of the positions (degrees) and of the times (s); NaN counts as zero.
     acceleration_density : float
         Spectral density of each component's acceleration, m2 s-3.
     widen : bool
         Whether windows may reach past the neighbouring fixes where that lowers the error.
-
-    Returns
-    -------
-    GroundTrack
 
     References
     ----------

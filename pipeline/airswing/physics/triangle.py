@@ -1,26 +1,17 @@
 """The wind triangle: ground velocity = air velocity + wind, and the heading error it implies.
 
-Assumptions
------------
-Everything is horizontal and the sideslip is zero, so the air vector lies along the heading.
-Vectors are (east, north) components: a calm wind has no direction and an aircraft at rest no
-heading, so directions are made last and only where the speed is not zero (NaN otherwise).
-
-Conventions
------------
-Headings and tracks are radians clockwise from north; a wind *direction* is where it blows from.
-Unit vectors along a heading h = (sin psi, cos psi) and to its right n = (cos psi, -sin psi).
-The heading error is indicated minus implied by the reference wind (seed paper, equation 3):
-positive when the compass reads too far clockwise.
-
-Units
------
-Radians and metres per second. All arguments broadcast; NaN in gives NaN out.
+Everything is horizontal and the sideslip is zero, so the air vector lies along the heading. Vectors
+are (east, north) components: a calm wind has no direction and an aircraft at rest no heading, so
+directions are made last and only where the speed is not zero (NaN otherwise). Headings and tracks
+are radians clockwise from north; a wind *direction* is where it blows from. The heading error is
+indicated minus implied by the reference wind (Jacobs et al. 2010, equation 3): positive when the
+compass reads too far clockwise. Radians and metres per second. All arguments broadcast; NaN in
+gives NaN out.
 
 References
 ----------
-Jacobs et al. 2010 (the seed paper), steps b and c; Mulally & Anderson 2011 for the reversal of
-the TAMDAR wind computation.
+Jacobs et al. 2010, steps b and c; Mulally & Anderson 2011 for the reversal of the TAMDAR wind
+computation.
 """
 
 from __future__ import annotations
@@ -156,20 +147,8 @@ def heading_error(
 ) -> Array:
     """Heading error psi_err = wrap(arg V_A - arg V'_A), radians in (-pi, pi].
 
-    Parameters
-    ----------
-    air_east, air_north : array_like
-        Air vector the unit used, V_G - V_W,reported, m s-1.
-    implied_east, implied_north : array_like
-        Air vector the reference wind implies, V_G - V_W,reference, m s-1.
-
-    Returns
-    -------
-    ndarray
-        Positive when the compass reads too far clockwise; NaN where either vector is zero.
-
-    References
-    ----------
+    V_A is the air vector the unit used, V_G - V_W,reported, V'_A that which the reference wind
+    implies. Positive when the compass reads too far clockwise; NaN where either vector is zero.
     Jacobs et al. 2010, equation 3 (its prose for step c has the other sign; equation 3 is right).
     """
     return angle_of_vector(implied_east, implied_north, air_east, air_north)

@@ -1,7 +1,5 @@
 """Heading and airspeed at reports near a turn, from the legs around them.
 
-Assumptions
------------
 A turn is short compared with the time between reports, so that neither the leg before nor the leg
 after a report, nor their mean, has the direction flown at the report: the parabola through three
 fixes is in error by 10 to 20 degrees there. The aircraft flies straight, makes at most one turn of
@@ -9,28 +7,19 @@ constant rate within the two legs before and the two after the report, and flies
 mean air vector of a leg, ground vector minus reported wind, then has a mean direction of the
 courses before and after, weighted by when the turn began and ended.
 
-Method
-------
 Each pair of a begin and an end on a lattice of a quarter of a leg is a hypothesis. Initial course
 and turn follow from the four legs by linear least squares; the probability of the hypothesis from
-the misfit of the legs (with the determinant: the evidence of a linear model), from the bank it
-needs and from the roll flags of the report and its neighbours (G: bank below five degrees, B:
+the misfit of the legs (with the determinant: the evidence of a linear model; MacKay 1992, Neural
+Computation 4:415-447), from the bank it needs (ordinary turns have 15 to 25 degrees: FAA-H-8083-15B
+ch. 4) and from the roll flags of the report and its neighbours (G: bank below five degrees, B:
 above). Heading and standard error are mean and spread over all hypotheses, so that the error is
 large where a turn may or may not have begun at the report. The airspeed is that of the adjacent
 legs, longer than their mean vectors because these are shortened by the turn.
 
 The error of assuming a constant rate (rolling in and out, intercepted courses) is a share of the
 turn: `SHAPE`. The first and last report of a flight have legs on one side only, and a larger error.
-
-Validity
---------
-Intervals of half a minute to some minutes, one turn within four legs; several turns are treated as
+Valid for intervals of half a minute to some minutes; several turns within four legs are treated as
 one, and the misfit of the legs increases the standard error. Units: m s-1, s, radians.
-
-References
-----------
-MacKay 1992, Neural Computation 4:415-447, for the evidence of linear models; FAA-H-8083-15B ch. 4
-for ordinary turns (standard rate, bank of 15 to 25 degrees at these speeds).
 """
 
 from __future__ import annotations
@@ -114,16 +103,10 @@ def near_turns(
     straight : four ndarrays, shape (report,)
         Eastward and northward ground velocity at each report assuming straight flight, and its
         standard errors along and across the track, m s-1.
-    seconds : ndarray, shape (report,)
-        Ascending within a flight.
-    flight : ndarray of int, shape (report,)
-        Number of the flight; its reports are consecutive.
+    seconds, flight : ndarray, shape (report,)
+        Ascending within a flight; number of the flight, whose reports are consecutive.
     roll_flag : ndarray of int, shape (report,), optional
         Codes of `airswing.flags.ROLL`.
-
-    Returns
-    -------
-    NearTurns
     """
     size = seconds.size
     roll = np.zeros(size, np.int64) if roll_flag is None else np.asarray(roll_flag, np.int64)

@@ -5,14 +5,10 @@ that are not there, as zeros. The HDF5 library follows whatever the bytes of a d
 say: it may never end, or end the process; such files are opened in a worker process first
 (:mod:`airswing.guarded`).
 
-Assumptions and validity
-------------------------
-* NetCDF classic, 64-bit offset and 64-bit data (CDF-1, 2 and 5), laid out as in the NetCDF Classic
-  Format Specification (Unidata, file format specifications, 2024).
-* A last record may lack its padding of up to three bytes, as some programs write it.
-* A NetCDF-4 file that the worker process has described without fault can be opened here. A file
-  this process wrote, and has not been changed since, is sound.
-* Data are not read: each packed chunk carries a checksum that the HDF5 library checks.
+Classic files (CDF-1, 2 and 5) are laid out as in the NetCDF Classic Format Specification (Unidata,
+file format specifications, 2024). A NetCDF-4 file that the worker process has described without
+fault can be opened here; so can one that this process wrote and that has not been changed since.
+Data are not read: each packed chunk carries a checksum that the HDF5 library checks.
 """
 
 from __future__ import annotations
@@ -52,17 +48,7 @@ class _HeaderError(Exception):
 
 
 def require_sound(path: Path) -> None:
-    """Refuse a damaged NetCDF file; files of other kinds pass.
-
-    Parameters
-    ----------
-    path : Path
-
-    Raises
-    ------
-    InputError
-        If the file is damaged; the message says how.
-    """
+    """Refuse a damaged NetCDF file with the reason; files of other kinds pass."""
     with path.open("rb") as file:
         start = file.read(len(_HDF5))
     if start.startswith(b"CDF"):

@@ -1,9 +1,5 @@
 """NetCDF products: described by the vocabulary, CF-1.11 and ACDD, written whole or not at all.
 
-A product is written under a temporary name next to its target and renamed when complete
-(:mod:`airswing.products.whole_files`), so that a reader never sees half a file and an interruption
-leaves the earlier product intact.
-
 Products of every report are contiguous ragged arrays of trajectories (CF-1.11, sections 9.3.3 and
 H.4.3): the reports of one aircraft follow each other, and ``row_size`` counts them.
 """
@@ -25,7 +21,7 @@ import xarray as xr
 
 from airswing.errors import InputError
 from airswing.products.damaged_netcdf import DAMAGE, require_sound, written_here
-from airswing.products.monthly import joined_months
+from airswing.products.ragged import joined_months
 from airswing.products.whole_files import atomic, plain
 from airswing.version import __version__
 from airswing.vocabulary import describe, lookup
@@ -104,10 +100,8 @@ def write_product(
     config_json : str, optional
         The configuration the product was made with, as JSON; its section ``metadata`` is written
         as global attributes.
-    sources : sequence of str, optional
-        Descriptions of the input data.
-    source_uuids : sequence of str, optional
-        Identifiers of the products this one was made from.
+    sources, source_uuids : sequence of str, optional
+        Descriptions of the input data; identifiers of the products this one was made from.
 
     Returns
     -------
@@ -174,12 +168,8 @@ def _as_trajectories(ds: xr.Dataset) -> xr.Dataset:
 def as_stored(ds: xr.Dataset) -> xr.Dataset:
     """Give every variable the precision it is written with: its type, and `STORED_STEP`.
 
-    A stage then gives the same result from a Dataset in memory as from its product.
-
-    Parameters
-    ----------
-    ds : Dataset
-        Every variable must be in the vocabulary; dask-backed variables stay lazy.
+    A stage then gives the same result from a Dataset in memory as from its product. Every variable
+    must be in the vocabulary; dask-backed variables stay lazy.
     """
     changed: dict[object, xr.Variable] = {}
     for name, variable in ds.variables.items():
@@ -276,11 +266,6 @@ def read_product(path: str | Path) -> xr.Dataset:
     Dataset
         In memory; the files are closed.
 
-    Raises
-    ------
-    InputError
-        If the product is absent, damaged or not one of airswing.
-
     Examples
     --------
     >>> fits = airswing.read_product(folder / "fits.nc")
@@ -331,15 +316,7 @@ def open_results(folder: str | Path) -> xr.DataTree:
 
 
 def product_path(folder: Path, name: str) -> Path:
-    """Path of a product of a run: the folder of its months, or the file.
-
-    Parameters
-    ----------
-    folder : Path
-        Output folder of the run.
-    name : str
-        Of the product without a suffix, as ``headings``.
-    """
+    """Path of a product (such as ``headings``) of a run: the folder of its months, or the file."""
     months = Path(folder) / name
     file = months.with_suffix(".nc")
     by_month = name in ("headings", "corrected") and not file.exists()

@@ -1,27 +1,47 @@
-"""Contiguous ragged arrays: reports of many aircraft on one dimension.
+"""Contiguous ragged arrays: reports of many aircraft on one dimension, also of many months.
 
 Assumes the CF contiguous ragged form: the reports of one aircraft are consecutive, in the order of
 the ``aircraft`` dimension, and ``row_size`` counts them. Archives larger than memory are read in
 blocks of whole aircraft (:func:`blocks`).
+
+A product by month is a folder of files named in order of time (``2008-07.nc``), each with the
+flights that begin in one calendar month (UTC), the aircraft of each in alphabetical order
+(:func:`joined_months`). What an aircraft has once (its platform, its resolutions) is that of its
+last month. Flights are numbered month after month.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import hashlib
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
+import dask.array as da
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
+
+BLOCK_REPORTS = 200_000
+"""Reports of a block, where no single aircraft has more."""
+FLIGHTS = "flight_total"
+"""Attribute of a month: how many flights it has."""
+_TALLIES = ("screened_out", "reading_audit", "reference_audit")
+COVERAGE = (
+    "time_coverage_start",
+    "time_coverage_end",
+    "geospatial_lat_min",
+    "geospatial_lat_max",
+    "geospatial_lon_min",
+    "geospatial_lon_max",
+)
+"""Attributes of the time and space that a product covers (ACDD 1.3)."""
 
 
 def row_bounds(row_size: NDArray[np.integer]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """First report and one past the last report (int64) of every aircraft, from their counts."""
     stop = np.cumsum(row_size, dtype=np.int64)
     return stop - np.asarray(row_size, dtype=np.int64), stop
-
-
-BLOCK_REPORTS = 200_000
-"""Reports of a block, where no single aircraft has more."""
 
 
 def aircraft_groups(row_size: NDArray[np.integer], limit: int = BLOCK_REPORTS) -> list[slice]:
@@ -41,21 +61,16 @@ def aircraft_groups(row_size: NDArray[np.integer], limit: int = BLOCK_REPORTS) -
 def blocks(
     ds: xr.Dataset, names: Sequence[str] | None = None, *, limit: int | None = None
 ) -> Iterator[xr.Dataset]:
-    """Iterate over an archive in blocks of whole aircraft.
+    """Iterate over an archive in blocks of whole aircraft, each in memory.
 
     Parameters
     ----------
     ds : Dataset
         Ragged, in memory or opened lazily; without ``row_size`` the reports of one aircraft.
     names : sequence of str, optional
-        Variables to read, where they exist, besides ``row_size``; all by default.
+        Variables to read, where they exist, in addition to ``row_size``; all by default.
     limit : int, optional
         Reports of a block; `BLOCK_REPORTS` by default.
-
-    Yields
-    ------
-    Dataset
-        In memory; the aircraft in their order.
     """
     if "row_size" not in ds:
         ds = ds.assign(row_size=("aircraft", np.array([ds.sizes["report"]])))
@@ -132,3 +147,138 @@ def aircraft_reports(ds: xr.Dataset, aircraft: str) -> xr.Dataset:
     number = names.index(aircraft)
     start, stop = row_bounds(ds["row_size"].to_numpy())
     return ds.isel(aircraft=number, report=slice(int(start[number]), int(stop[number])))
+
+
+def joined_months(months: Sequence[xr.Dataset]) -> xr.Dataset:
+    """Months, in order of time and opened lazily, as one lazy Dataset by aircraft.
+
+    It is dask-backed in chunks of whole aircraft: of each month a chunk needs one contiguous slice.
+    Its ``uuid`` is a hash of those of the months; counts in its attributes are summed over them. A
+    ValueError says that months hold different variables or references, or aircraft out of order.
+    """
+    first = months[0]
+    for other in months[1:]:
+        same = set(other.variables) == set(first.variables) and all(
+            np.array_equal(other[name].to_numpy(), first[name].to_numpy())
+            for name in first.coords
+            if not {"report", "aircraft"} & set(first[name].dims)
+        )
+        if not same:
+            raise ValueError("the months hold different variables or references")
+    names = [month["aircraft"].to_numpy().astype(str) for month in months]
+    if any((part[1:] <= part[:-1]).any() for part in names):
+        raise ValueError("the aircraft are not in alphabetical order")
+    aircraft = np.unique(np.concatenate(names))
+    places = [np.searchsorted(aircraft, part) for part in names]
+    counts = np.zeros((len(months), aircraft.size), dtype=np.int64)
+    for number, (place, month) in enumerate(zip(places, months, strict=True)):
+        counts[number, place] = month["row_size"].to_numpy()
+    attributes = _attributes(months)
+    flights = np.cumsum([0, *(int(month.attrs.get(FLIGHTS, 0)) for month in months[:-1])])
+    columns: dict[str, xr.Variable] = {}
+    for name, variable in first.variables.items():
+        parts = [month.variables[name] for month in months]
+        if "report" in variable.dims:
+            added = flights if name == "flight" else None
+            token = f"months-{attributes['uuid']}-{name}"
+            lazy = _reports_by_aircraft(parts, counts, added, token)
+            columns[str(name)] = xr.Variable(variable.dims, lazy, variable.attrs)
+        elif name != "aircraft" and "aircraft" in variable.dims:
+            columns[str(name)] = _last_values(parts, places, aircraft.size)
+    row_size = counts.sum(axis=0).astype(np.int32)
+    columns["row_size"] = xr.Variable("aircraft", row_size, first["row_size"].attrs)
+    coordinate = xr.Variable("aircraft", aircraft.astype(object), first["aircraft"].attrs)
+    rest = first.drop_dims(["report", "aircraft"]).assign_attrs(attributes)
+    order = [str(name) for name in first.data_vars if name in columns]
+    return rest.assign({name: columns[name] for name in order}).assign_coords(aircraft=coordinate)
+
+
+def _reports_by_aircraft(
+    parts: Sequence[xr.Variable],
+    counts: NDArray[np.int64],
+    added: NDArray[np.int64] | None,
+    token: str,
+) -> da.Array:
+    """One variable of all months, (..., report), in lazy chunks of whole aircraft.
+
+    ``counts`` (month, aircraft) are numbers of reports, ``added`` (month,) is added to the values.
+    """
+    stop = np.cumsum(counts, axis=1)
+    start = stop - counts
+    groups = aircraft_groups(counts.sum(axis=0))
+    outer = parts[0].shape[:-1]
+    dtype = np.result_type(*(part.dtype for part in parts))
+
+    def chunk(block_id: tuple[int, ...]) -> NDArray[np.generic]:
+        group = groups[block_id[-1]]
+        values = [
+            part[..., low[group.start] : high[group.stop - 1]].to_numpy()
+            for part, low, high in zip(parts, start, stop, strict=True)
+        ]
+        if added is not None:
+            values = [part + more for part, more in zip(values, added.astype(dtype), strict=True)]
+        owner = np.concatenate([np.repeat(np.arange(row.size), row) for row in counts[:, group]])
+        order = np.argsort(owner, kind="stable")
+        return np.concatenate(values, axis=-1)[..., order].astype(dtype)
+
+    sizes = tuple(int(counts[:, group].sum()) for group in groups)
+    lazy: da.Array = da.map_blocks(
+        chunk,
+        chunks=(*((size,) for size in outer), sizes),
+        dtype=dtype,
+        meta=np.empty((0,) * (len(outer) + 1), dtype),
+        name=token,
+    )
+    return lazy
+
+
+def _last_values(
+    parts: Sequence[xr.Variable], places: Sequence[NDArray[np.int64]], aircraft: int
+) -> xr.Variable:
+    """Value of every aircraft in the last month that has it."""
+    axis = parts[0].dims.index("aircraft")
+    shape = list(parts[0].shape)
+    shape[axis] = aircraft
+    values = np.zeros(shape, np.result_type(*(part.dtype for part in parts)))
+    for part, place in zip(parts, places, strict=True):
+        np.moveaxis(values, axis, 0)[place] = np.moveaxis(part.to_numpy(), axis, 0)
+    return xr.Variable(parts[0].dims, values, parts[0].attrs)
+
+
+def _attributes(months: Sequence[xr.Dataset]) -> dict[str, object]:
+    """Attributes of all months: counts summed, those of the last month for the rest."""
+    found = dict(months[-1].attrs)
+    if len(months) == 1:
+        return found
+    uuids = "".join(str(month.attrs["uuid"]) for month in months)
+    found["uuid"] = hashlib.sha256(uuids.encode()).hexdigest()[:32]
+    for name in (FLIGHTS, "kept_reports"):
+        if name in found:
+            found[name] = sum(int(month.attrs.get(name, 0)) for month in months)
+    for name in COVERAGE:
+        values = [month.attrs[name] for month in months if name in month.attrs]
+        if values:
+            found[name] = min(values) if name.endswith(("_start", "_min")) else max(values)
+    for name in _TALLIES:
+        if name in found:
+            found[name] = json.dumps(_summed([json.loads(month.attrs[name]) for month in months]))
+    return found
+
+
+def _summed(parts: Sequence[Any]) -> object:
+    """Tallies of several months: counts summed, lists joined, else the last value."""
+    if all(isinstance(part, Mapping) for part in parts):
+        names = dict.fromkeys(name for part in parts for name in part)
+        return {name: _summed([part[name] for part in parts if name in part]) for name in names}
+    if all(isinstance(part, int) for part in parts):
+        return sum(parts)
+    full = [part for part in parts if part]
+    if all(isinstance(part, list) and isinstance(part[0], dict) for part in full):
+        return [entry for part in full for entry in part]
+    return parts[-1]
+
+
+def month_bounds(month: str) -> tuple[np.datetime64, np.datetime64]:
+    """Begin of a month such as ``2008-07`` and of the next one, datetime64[ns]."""
+    begin = np.datetime64(month, "M")
+    return begin.astype("M8[ns]"), (begin + 1).astype("M8[ns]")

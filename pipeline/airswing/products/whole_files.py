@@ -1,24 +1,39 @@
-"""Files written whole or not at all, also if the process is killed or the power is lost.
+"""Files and folders: written whole or not at all, locked, named in errors, and their fingerprints.
 
 Assumes that the file system renames atomically within a folder and has written to the disk what it
-reports as flushed. A file is written under a temporary name, flushed and renamed; then its folder
-is flushed. If the disk is full or not writable, the earlier file stays.
+reports as flushed: a file is written under a temporary name, flushed and renamed, then its folder
+is flushed, so that a full disk, a kill or a loss of power leaves the earlier file. A file that
+keeps its size and its modification time keeps its content. Where files cannot be locked (some
+network file systems, Windows), a second run into the same folder is not refused, and partial files
+stay.
 """
 
 from __future__ import annotations
 
 import contextlib
+import functools
+import glob
+import hashlib
 import json
 import os
 import re
 import uuid
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
 from airswing.errors import InputError
+from airswing.version import __version__
+
+Content = TypeVar("Content", bound=Mapping[str, object])
+ZARR_MARKS = ("zarr.json", ".zmetadata", ".zgroup")
+"""Files of which every Zarr store has one at its top."""
+PACKAGE = Path(__file__).parents[1]
+_LOCK, _PARTIAL = ".running", "*.part"
+_DIGITS = 32  # hexadecimal: 128 bits, so that no two fingerprints are equal by chance
+_MOST, _WIDTH = 6, 100  # entries of a list in a line of `Findings`; characters of a line
 
 
 @contextlib.contextmanager
@@ -39,15 +54,7 @@ def made_folder(folder: Path) -> Iterator[None]:
 def atomic(path: Path) -> Iterator[Path]:
     """Give a temporary name to write to, and rename it to ``path`` when the block ends well.
 
-    Parameters
-    ----------
-    path : Path
-        Of the finished file; its folder is made when absent.
-
-    Raises
-    ------
-    InputError
-        If the folder cannot be written to or the disk is full.
+    Its folder is made when absent.
     """
     path = Path(path)
     # In the same folder, because a rename is atomic within one file system only; hidden, so that
@@ -133,3 +140,163 @@ def plain(value: object) -> object:
     if value is None or isinstance(value, (bool, int, float, str)):
         return value
     return str(value)
+
+
+@contextlib.contextmanager
+def workspace(folder: Path) -> Iterator[None]:
+    """Lock an output folder for one run, and remove partial files of a killed run.
+
+    The folder is made when absent, and removed when the run leaves nothing in it.
+    """
+    folder = Path(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        descriptor = os.open(folder / _LOCK, os.O_RDWR | os.O_CREAT, 0o644)
+    except OSError as err:
+        raise InputError(
+            "cannot write to the output folder",
+            file=folder,
+            found=err.strerror,
+            remedy="Choose another folder with --output",
+        ) from err
+    try:
+        try:
+            import fcntl
+
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as err:
+            raise InputError(
+                "another run is writing to this folder",
+                file=folder,
+                remedy="Wait for its end or choose another folder with --output",
+            ) from err
+        except (ImportError, OSError):
+            pass  # files cannot be locked here
+        else:
+            # only with the lock: temporary files of a running process look the same
+            for left in folder.rglob(_PARTIAL):
+                left.unlink(missing_ok=True)
+        try:
+            yield
+        finally:
+            (folder / _LOCK).unlink(missing_ok=True)
+            with contextlib.suppress(OSError):  # not empty
+                folder.rmdir()
+    finally:
+        os.close(descriptor)
+
+
+def none_found(pattern: str | os.PathLike[str], field: str) -> InputError:
+    """Return the error for a path or pattern of a key (`field`) that names no file."""
+    text = os.fspath(pattern)
+    closed = _unreadable_folder(Path(text))
+    if closed is not None:
+        return InputError(
+            "the folder may not be read: permission denied",
+            file=closed,
+            field=field,
+            found=f"pattern {text!r}",
+            remedy="Its owner can let you list and enter it",
+        )
+    folder = Path(text)
+    if folder.is_dir():
+        first = next((path for path in sorted(folder.rglob("*")) if path.is_file()), folder / "*")
+        below = folder if first.parent == folder else folder / "**"
+        what, remedy = "is a folder", f"Name the files in it, such as {below}/*{first.suffix}"
+    else:
+        what = "no file found"
+        remedy = "Check the pattern; relative paths start at the current directory"
+    return InputError(
+        what, field=field, found=f"pattern {text!r} in folder {os.getcwd()}", remedy=remedy
+    )
+
+
+def _unreadable_folder(path: Path) -> Path | None:
+    """Folder on the path to a pattern's files that this user may not list or enter."""
+    while glob.has_magic(str(path)):
+        path = path.parent
+    try:
+        path.stat()
+        if path.is_dir():
+            os.scandir(path).close()
+    except PermissionError:
+        # of a folder that may be listed but not entered, the last path that can be seen
+        return next(folder for folder in (path, *path.parents) if os.path.exists(folder))
+    except OSError:
+        return None
+    return None
+
+
+def fingerprint(*parts: object) -> str:
+    """Hash (32 hex digits) of everything a product depends on, the version of airswing included."""
+    text = json.dumps([__version__, plain(list(parts))], sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:_DIGITS]
+
+
+def file_identities(patterns: Sequence[str]) -> list[tuple[str, int, int]]:
+    """Name, size and modification time (ns) of every file and Zarr store the patterns match."""
+    paths = [os.path.expanduser(pattern) for pattern in patterns]
+    matches = [
+        [path] if os.path.isfile(path) else glob.glob(path, recursive=True) for path in paths
+    ]
+    found = []
+    for name in sorted({name for names in matches for name in names}):
+        if os.path.isfile(name):
+            status = os.stat(name)
+            found.append((name, status.st_size, status.st_mtime_ns))
+        elif any(os.path.isfile(os.path.join(name, mark)) for mark in ZARR_MARKS):
+            entries = [path.stat() for path in Path(name).rglob("*") if path.is_file()]
+            # with the number of files: chunks of the same size may be added and removed
+            size = sum(entry.st_size for entry in entries) + len(entries)
+            found.append((name, size, max(entry.st_mtime_ns for entry in entries)))
+    return found
+
+
+@functools.cache
+def code_digest() -> str:
+    """Hash (32 hex digits) of the source code and tables of the package.
+
+    Products of an earlier state of the code are remade also where the version is the same.
+    """
+    digest = hashlib.sha256()
+    for path in sorted(PACKAGE.rglob("*")):
+        if path.suffix in (".py", ".csv"):
+            digest.update(f"{path.relative_to(PACKAGE)}\0".encode())
+            digest.update(path.read_bytes())
+    return digest.hexdigest()[:_DIGITS]
+
+
+class Findings(dict[str, object]):
+    """A mapping whose ``repr`` has one line a key and abbreviates long values."""
+
+    def __repr__(self) -> str:
+        lines = (f"{key}: {_short(value)}" for key, value in self.items())
+        return "\n".join(
+            line if len(line) <= _WIDTH else line[: _WIDTH - 3] + "..." for line in lines
+        )
+
+
+def findings(content: Content) -> Content:
+    """Return a stage's result as :class:`Findings`, typed as before."""
+    # a TypedDict with the same keys
+    return cast(Content, Findings(content))
+
+
+def _short(value: object) -> str:
+    if isinstance(value, Mapping):
+        if any(isinstance(entry, Mapping | list) for entry in value.values()):
+            return _some(value)
+        return _some(f"{key} {_short(entry)}" for key, entry in value.items()) or "none"
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        first = value[0] if value else None
+        if isinstance(first, Mapping):
+            return f"{len(value):,} of {_some(first)}"
+        return _some(map(_short, value)) or "none"
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    return "none" if value is None else str(value)
+
+
+def _some(values: Iterable[object]) -> str:
+    words = [str(value) for value in values]
+    return ", ".join(words[:_MOST]) + (f" and {len(words) - _MOST:,} more" * (len(words) > _MOST))

@@ -24,8 +24,7 @@ from functools import lru_cache
 from typing import IO, Any, NamedTuple, TypedDict
 
 from airswing.errors import InputError
-from airswing.products.fingerprint import ZARR_MARKS
-from airswing.products.named_files import none_found
+from airswing.products.whole_files import ZARR_MARKS, none_found
 
 NOT_OPENED, REPLACED = "cannot be opened", "replaced since it was catalogued"
 _KEPT_COPIES = 8

@@ -36,8 +36,9 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from airswing.flags import ICING, PHASE, PLATFORM, ROLL, TEMPERATURE_QC, WIND_QC, WIND_SOURCE
-from airswing.physics.airspeed import airspeed_from_calibrated, airspeed_from_mach
 from airswing.physics.atmosphere import (
+    airspeed_from_calibrated,
+    airspeed_from_mach,
     altitude_from_pressure,
     pressure_from_altitude,
     standard_temperature,

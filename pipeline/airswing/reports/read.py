@@ -21,7 +21,7 @@ import xarray as xr
 from pandas.api.types import union_categoricals
 
 from airswing.errors import InputError
-from airswing.products.named_files import none_found
+from airswing.products.whole_files import none_found
 from airswing.reports.assembly import assemble
 from airswing.reports.audit import Audit, similar
 from airswing.reports.cleaning import FLAGS, clean

@@ -18,7 +18,7 @@ import dask
 
 from airswing.config import Compute
 from airswing.errors import InputError
-from airswing.products.fingerprint import code_digest
+from airswing.products.whole_files import code_digest
 from airswing.workflow.progress import Progress
 
 if TYPE_CHECKING:

@@ -20,10 +20,15 @@ import xarray as xr
 
 from airswing.errors import ConfigError, InputError
 from airswing.evaluation.results import Evaluation
-from airswing.products.findings import findings
-from airswing.products.fingerprint import code_digest, fingerprint
 from airswing.products.ragged import time_span
-from airswing.products.whole_files import read_note, write_json, write_text
+from airswing.products.whole_files import (
+    code_digest,
+    findings,
+    fingerprint,
+    read_note,
+    write_json,
+    write_text,
+)
 from airswing.workflow.job import (
     FIELD_TEST,
     HEADINGS,

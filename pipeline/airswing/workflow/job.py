@@ -11,8 +11,8 @@ import xarray as xr
 
 from airswing.config import Config
 from airswing.errors import InputError
-from airswing.products.monthly import COVERAGE
 from airswing.products.netcdf import open_product, product_path, write_product
+from airswing.products.ragged import COVERAGE
 from airswing.products.whole_files import require_writable
 from airswing.report.run.reading_warnings import tally
 from airswing.workflow.progress import Progress

@@ -14,7 +14,7 @@ import xarray as xr
 
 from airswing.config import Config
 from airswing.evaluation.results import Evaluation
-from airswing.products.workspace import workspace
+from airswing.products.whole_files import workspace
 from airswing.workflow.evaluation_stage import make_evaluation
 from airswing.workflow.fitting import make_corrected, make_fits
 from airswing.workflow.job import Job, main_reference

@@ -32,11 +32,15 @@ import pandas as pd
 import xarray as xr
 
 from airswing.errors import InputError
-from airswing.products.fingerprint import code_digest, file_identities, fingerprint
-from airswing.products.monthly import FLIGHTS, month_bounds
 from airswing.products.netcdf import as_stored, open_product, read_product
-from airswing.products.ragged import BLOCK_REPORTS
-from airswing.products.whole_files import read_note, write_json
+from airswing.products.ragged import BLOCK_REPORTS, FLIGHTS, month_bounds
+from airswing.products.whole_files import (
+    code_digest,
+    file_identities,
+    fingerprint,
+    read_note,
+    write_json,
+)
 from airswing.report.run.reading_warnings import model_warnings, reading_warnings, tally, unread
 from airswing.workflow.job import CORRECTED, HEADINGS, Job
 

@@ -13,10 +13,8 @@ from pydantic import BaseModel
 from airswing.config import Config, FlightLevelWinds, Postprocess
 from airswing.config_file import load_postprocess
 from airswing.errors import ConfigError
-from airswing.products.named_files import none_found
 from airswing.products.netcdf import open_product, product_path, read_product, write_product
-from airswing.products.whole_files import require_writable
-from airswing.products.workspace import workspace
+from airswing.products.whole_files import none_found, require_writable, workspace
 from airswing.workflow.job import CORRECTED, HEADINGS, main_reference
 from airswing.workflow.progress import Progress
 

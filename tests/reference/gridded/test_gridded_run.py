@@ -73,7 +73,7 @@ def test_inspect(archive: Path) -> None:
 
 
 def test_a_zarr_store_is_inspected_and_told_apart_when_it_changes(tmp_path: Path) -> None:
-    from airswing.products.fingerprint import file_identities
+    from airswing.products.whole_files import file_identities
 
     ds = latlon(latitude=LAT, longitude=LON)
     ds.to_zarr(tmp_path / "a.zarr")

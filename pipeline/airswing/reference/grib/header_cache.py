@@ -21,7 +21,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from airswing.errors import InputError
-from airswing.products.fingerprint import code_digest
+from airswing.products.whole_files import code_digest
 from airswing.reference.files import SourceFile, local_path
 from airswing.reference.grib import headers
 from airswing.reference.grib.headers import Field, FileContents
