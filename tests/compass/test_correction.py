@@ -14,7 +14,7 @@ from airswing.compass.correction import (
 from airswing.compass.fit.deviation import fit_deviation
 from airswing.compass.headings import derive_headings
 from airswing.compass.screening import screen
-from airswing.compass.table import add_tables, curve_standard_error
+from airswing.compass.table import add_tables
 from airswing.errors import InputError
 from airswing.flags import CORRECTION, STATUS
 from airswing.reports.read import read_reports
@@ -32,13 +32,6 @@ def fleet():
     return headings, truth, add_tables(fit_deviation(headings), headings)
 
 
-def test_wind_by_hand():
-    # 100 m/s of air toward an indicated 090 that is truly 080; ground vector (110, 0)
-    u, v = corrected_wind(10.0, 0.0, 100.0, np.radians(90), np.radians(10))
-    assert u == pytest.approx(110 - 100 * np.sin(np.radians(80)))
-    assert v == pytest.approx(-100 * np.cos(np.radians(80)))
-
-
 @given(st.floats(-20, 20), st.floats(0, 360), st.floats(40, 250), st.floats(-50, 50))
 def test_correction_undoes_a_deviation(error, true, speed, wind):
     # fly at a true heading, report along the deviated one, correct: the wind is back
@@ -47,18 +40,6 @@ def test_correction_undoes_a_deviation(error, true, speed, wind):
     reported = ground - speed * np.array([np.sin(shown), np.cos(shown)])
     found = corrected_wind(*reported, speed, shown, np.radians(error))
     assert np.allclose(found, [wind, -wind], atol=1e-9)
-
-
-def test_standard_error_of_the_curve_is_the_quadratic_form_of_each_aircraft():
-    rng = np.random.default_rng(4)
-    root = rng.normal(size=(3, 5, 5))
-    covariance, row = root @ root.transpose(0, 2, 1), np.array([0, 0, 2, 2, 1, 0])
-    heading, gain = rng.uniform(0, 360, row.size), rng.uniform(0.5, 2, row.size)
-    angle = np.radians(heading)
-    one, two = gain * np.exp(1j * angle), np.exp(2j * angle)
-    slope = np.stack([angle**0, one.imag, one.real, two.imag, two.real], axis=1)
-    expected = [np.sqrt(s @ covariance[k] @ s) for s, k in zip(slope, row, strict=True)]
-    assert curve_standard_error(covariance[row], heading, gain) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("method", ["table", "curve"])
@@ -160,21 +141,20 @@ def test_airspeed_scale_is_removed_on_request():
     assert rms(apply_airspeed_scale=True) < 0.5 * rms()
 
 
-def test_parts_of_the_standard_error_by_hand():
-    # 100 m/s, curve known to 0.003 rad: 0.3 m/s
-    assert correction_error(100.0, 0.1, 0.0, curve_error=0.003) == pytest.approx(0.3)
-    # airspeed known to 4 m/s under a deviation of 0.1: 0.4 m/s
-    assert correction_error(100.0, 0.1, 0.0, airspeed_error=4.0) == pytest.approx(0.4)
-    # heading known to 0.05 rad: the correction of 10 m/s turns with it, 0.5 m/s
-    found = correction_error(100.0, 0.1, 0.0, heading_error=0.05)
-    assert found == pytest.approx(0.5, rel=1e-3)
-    # as much where the curve is steep and zero
-    found = correction_error(100.0, 0.0, 0.1, heading_error=0.05)
-    assert found == pytest.approx(0.5, rel=1e-3)
-    # heading unknown: at most the correction back and forth
-    found = correction_error(100.0, 0.1, 0.0, heading_error=50.0)
-    assert found == pytest.approx(np.sqrt(2.0) * 10.0)
-    assert correction_error(100.0, 0.1, 0.0, coding=0.09) == pytest.approx(0.3)
+@pytest.mark.parametrize(
+    ("slope", "deviation", "options", "expected"),
+    [
+        (0.0, 0.1, {"curve_error": 0.003}, 0.3),  # the curve known to 0.003 rad
+        (0.0, 0.1, {"airspeed_error": 4.0}, 0.4),
+        (0.0, 0.1, {"heading_error": 0.05}, 0.5),  # the correction of 10 m/s turns with it
+        (0.1, 0.0, {"heading_error": 0.05}, 0.5),  # as much where the curve is steep and zero
+        (0.0, 0.1, {"heading_error": 50.0}, np.sqrt(2.0) * 10.0),  # at most back and forth
+        (0.0, 0.1, {"coding": 0.09}, 0.3),
+    ],
+)
+def test_parts_of_the_standard_error_by_hand(slope, deviation, options, expected):
+    """At 100 m/s."""
+    assert correction_error(100.0, deviation, slope, **options) == pytest.approx(expected, rel=1e-3)
 
 
 def test_coding_of_two_reports():

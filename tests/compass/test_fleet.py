@@ -5,20 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import xarray as xr
-from scipy.optimize import minimize
 
 from airswing.compass.fit.deviation import fit_deviation, fit_sums, sum_aircraft
 from airswing.compass.fleet import information, solution
 from airswing.compass.fleet.blocks import Blocks
-from airswing.compass.fleet.field import MOST_NODES, FieldBasis, Stretch, estimate_variances
 from airswing.compass.fleet.information import Reference
 from airswing.compass.fleet.solution import (
-    UNKNOWN_VARIANCE,
     Equations,
     FleetFit,
     Iterated,
     Written,
-    group_variances,
     solve_fleet,
 )
 from airswing.physics.compass_deviation import deviation_basis
@@ -101,23 +97,6 @@ def spread_of(fit: FleetFit) -> np.ndarray:
     return np.sqrt(np.diagonal(fit.covariance, axis1=1, axis2=2))
 
 
-def test_the_information_is_that_of_the_dense_matrix():
-    (one,) = references()
-    expected, score = dense(one)
-    size = np.abs(expected).max()
-    equations = Equations([one], FREE)
-    found = equations.times(np.eye(equations.size))
-    np.testing.assert_allclose(found / size, expected / size, atol=1e-12)
-    blocks = one.aircraft_blocks()
-    for block, place in zip(blocks, equations.craft[0], strict=True):
-        np.testing.assert_allclose(block / size, expected[np.ix_(place, place)] / size, atol=1e-12)
-    for low in equations.lasting[0]:
-        block = one.lasting_block()
-        np.testing.assert_allclose(block, expected[np.ix_(low, low)], atol=1e-8)
-    np.testing.assert_allclose(one.start.sum(axis=0), score, rtol=1e-7, atol=1e-7)
-    np.testing.assert_allclose(one.scores(np.zeros(equations.size)), one.start, atol=1e-9)
-
-
 @pytest.mark.parametrize("count", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_both_inverses_are_that_of_the_dense_matrix(count):
     every = references(count)
@@ -163,22 +142,6 @@ def test_a_large_fleet_is_solved_as_a_small_one_and_repeats(monkeypatch):
     np.testing.assert_array_equal(again.covariance, iterated.covariance)
 
 
-@pytest.mark.parametrize("most", [60, 200, 10_000])
-def test_the_scores_do_not_depend_on_where_the_days_are_divided(monkeypatch, most):
-    days = 40_000 + 4 * np.arange(20)
-    blocks = fleet_blocks(AIRCRAFT, 20, 0)
-    whole = Reference(blocks, FREE, days)
-    monkeypatch.setattr(information, "MOST_BLOCKS", most)
-    cut = Reference(blocks, FREE, days)
-    assert cut.thinned == (most < 10_000)
-    np.testing.assert_array_equal(np.concatenate(cut.runs), 40_000 + np.arange(80))
-    assert [run[0] % 4 for run in cut.runs] == [0] * len(cut.runs)
-    cut.variances = whole.variances
-    unknowns = np.random.default_rng(1).normal(0, 0.01, whole.start.shape[1])
-    np.testing.assert_allclose(cut.scores(unknowns), whole.scores(unknowns), rtol=1e-9, atol=1e-7)
-    np.testing.assert_allclose(cut.worth, whole.worth, rtol=1e-12)
-
-
 @pytest.mark.parametrize("most", [400, 4])
 def test_the_date_line_changes_nothing(monkeypatch, most):
     """Also where the field is divided into regions."""
@@ -191,84 +154,6 @@ def test_the_date_line_changes_nothing(monkeypatch, most):
     assert np.abs((there.step - here.step) / spread_of(here)).max() < 1e-4
     np.testing.assert_allclose(there.covariance, here.covariance, rtol=1e-4, atol=1e-12)
     assert here.regions == (1 if most == 400 else 9)
-
-
-def noise_blocks(n: int = 3000, each: int = 3, segments: int = 20) -> Blocks:
-    """Blocks of one aircraft, ``each`` a piece, with unit white noise alone."""
-    rng = np.random.default_rng(0)
-    sums = np.zeros((15, n))
-    sums[0] = 5.0
-    sums[1:3] = 5.0 * rng.normal(0, np.sqrt(0.2), (2, n))
-    sums[3:] = 5.0 * rng.normal(0, 100, (12, n))
-    piece = np.arange(n) // each
-    segment = piece * segments // (n // each)
-    places = rng.uniform(39, 46, n), rng.uniform(-92, -82, n), np.log(rng.uniform(3e4, 9e4, n))
-    return Blocks(sums.astype(np.float32), 4.0 * n, 4.0 * n, *places, segment, piece)
-
-
-def test_borders_move_and_regions_are_small():
-    """Over a globe; two places near each other share a region in four segments of five."""
-    rng = np.random.default_rng(4)
-    latitude, longitude = rng.uniform(-60, 80, 20_000), rng.uniform(-180, 180, 20_000)
-    basis = FieldBasis.of(latitude, longitude, np.log(rng.uniform(3e4, 9e4, latitude.size)))
-    assert basis.passing_size > 3000
-    other = np.clip(latitude + rng.uniform(-2, 2, latitude.size), -60, 80)
-    shared = np.zeros(latitude.size)
-    for segment in range(40_000, 40_005):
-        number = np.full(latitude.size, segment)
-        cell = basis.cells(latitude, longitude, number)
-        assert set(cell // basis.regions) == {segment}
-        shared += cell == basis.cells(other, longitude, number)
-        index, _ = basis.passing_at(latitude, longitude)
-        nodes = [np.unique(index[cell == one]).size for one in np.unique(cell)]
-        assert max(nodes) <= basis.region_size <= 1.25 * MOST_NODES
-    assert (shared >= 4).mean() > 0.99
-
-
-def test_known_variances_are_found_and_zero_stays_zero():
-    one = noise_blocks()
-    stretch = Stretch.of([one], FieldBasis.of(one.latitude, one.longitude, one.log_pressure))
-    nothing = estimate_variances(stretch, np.ones(1))
-    assert max(nothing.block, nothing.piece, nothing.passing) < 0.05
-    rng = np.random.default_rng(2)
-    field = rng.normal(0, 1.2, (stretch.passing_design.shape[1], 2))
-    stretch.residual[:] += (stretch.passing_design @ field).T
-    stretch.residual[:] += rng.normal(0, 0.8, (2, stretch.opens.size))[:, stretch.piece]
-    stretch.residual[:] += rng.normal(0, 0.5, stretch.residual.shape)
-    found = estimate_variances(stretch, np.ones(1))
-    assert found.passing == pytest.approx(1.44, rel=0.2)
-    assert found.piece == pytest.approx(0.64, rel=0.25)
-    assert found.block == pytest.approx(0.25, rel=0.3)
-
-
-@pytest.mark.parametrize("seed", range(2))
-@pytest.mark.parametrize("small", [0.0, 0.03])
-def test_prior_variances_maximize_the_restricted_likelihood(seed, small):
-    """Against a search over the likelihood itself, also where one of the variances is zero."""
-    rng = np.random.default_rng(seed)
-    groups = [np.arange(20), 20 + np.arange(60)]
-    effects = np.concatenate([rng.normal(0, 0.5, 20), rng.normal(0, np.sqrt(small), 60), [3.0]])
-    design = rng.normal(size=(200, effects.size))
-    info = design.T @ design / 4.0
-    score = design.T @ (design @ effects + 2.0 * rng.normal(size=200)) / 4.0
-
-    def minus_twice_log_likelihood(logarithms):
-        variance = np.full(effects.size, UNKNOWN_VARIANCE)
-        for group, logarithm in zip(groups, logarithms, strict=True):
-            variance[group] = np.exp(logarithm)
-        total = info + np.diag(1.0 / variance)
-        quadratic = score @ np.linalg.solve(total, score)
-        return np.linalg.slogdet(total)[1] + np.log(variance).sum() - quadratic
-
-    best = minimize(
-        minus_twice_log_likelihood,
-        np.log([0.05, 0.05]),
-        method="L-BFGS-B",
-        bounds=[(np.log(1e-4), np.log(9.0))] * 2,
-    )
-    found = group_variances(info, score, groups)
-    assert minus_twice_log_likelihood(np.log([found[0], found[20]])) < best.fun + 0.05
-    assert found[-1] == UNKNOWN_VARIANCE
 
 
 def errors(seed: int, **options) -> tuple[np.ndarray, np.ndarray]:
@@ -332,15 +217,3 @@ def test_regions_lose_little_of_the_information(monkeypatch):
     assert np.abs((whole.step - parts.step) / spread_of(whole)).max() < 0.5
     assert np.mean(spread_of(parts) / spread_of(whole)) == pytest.approx(1.0, abs=0.05)
     assert np.std(parts.step / spread_of(parts)) == pytest.approx(1.0, abs=0.15)
-
-
-def test_all_round_the_globe_the_fleet_is_solved(monkeypatch):
-    monkeypatch.setattr(information, "MOST_NUMBERS", 10_000)
-    every = np.ones((AIRCRAFT, 6), dtype=bool)
-    blocks = fleet_blocks(AIRCRAFT, 2, 0, middle=179.0, reach=(180.0, 40.0))
-    one = Reference(blocks, every, 40_000 + 4 * np.arange(2))
-    assert [nodes.size for nodes in one.basis.lasting[:2]] == [5, 15]
-    assert one.thinned
-    found = solve_fleet([[one] for one in blocks], every)
-    assert np.isfinite(found.step).all()
-    assert (np.linalg.eigvalsh(found.covariance) > 0).all()

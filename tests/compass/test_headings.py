@@ -235,19 +235,13 @@ def test_a_column_of_another_quantity_is_not_used(column: str, reason: str) -> N
 
 
 def test_too_few_reports_or_one_wild_one() -> None:
-    reports = flown(flights=2, fixes=8)
-    truth = reports.attrs["truth"]
-    few = derive_headings(
-        with_reported(reports, truth["unit_heading"], truth["unit_airspeed"]), model(reports)
-    )
-    assert uses(few) == ["too_few"] * 2
-    reports = flown()
-    truth = reports.attrs["truth"]
-    heading = truth["unit_heading"].copy()
-    heading[7] += 40.0
-    airspeed = truth["unit_airspeed"].copy()
-    airspeed[9] = np.nan
-    found = derive_headings(with_reported(reports, heading, airspeed), model(reports))
+    for reports, use in ((flown(flights=2, fixes=8), "too_few"), (flown(), "used")):
+        truth = reports.attrs["truth"]
+        heading, airspeed = truth["unit_heading"].copy(), truth["unit_airspeed"].copy()
+        heading[7] += 40.0
+        airspeed[9] = np.nan
+        found = derive_headings(with_reported(reports, heading, airspeed), model(reports))
+        assert uses(found) == [use] * 2
     assert sources(found)["reported"] == reports.sizes["report"] - 2
     np.testing.assert_allclose(found.heading_error[0], truth["error"], atol=3e-3)
 

@@ -12,10 +12,8 @@ from airswing.evaluation.comparison import (
     equations_by_day,
     hat_sums,
     hats_of,
-    holm,
     persistent_covariance,
     regional_bias,
-    regions_of,
     solved,
     verdict,
 )
@@ -31,15 +29,15 @@ TWO = {"ruc": ["ruc"], "rtfdaa": ["rtfdaa"]}
 @pytest.fixture(scope="module")
 def equal():
     # verdicts and differences of A to E do not depend on the fits: the quickest is used
-    return [compare(references(seed, SETTING), pools=TWO, joint=False) for seed in range(8)]
+    return [compare(references(seed, SETTING), pools=TWO, joint=False) for seed in range(5)]
 
 
 def test_references_of_equal_truth_are_poolable_and_intervals_contain_zero(equal):
     poolable = [found["pairs"][0]["poolable"] for found in equal]
-    # of 95 % each, 8 draws fall below 7 once in 18; the benchmark measures the rate
-    assert sum(poolable) >= 6
+    # of 95 % each; the benchmark measures the rate
+    assert sum(poolable) >= 4
     entries = [entry for found in equal for entry in found["pairs"][0]["aircraft"]]
-    assert len(entries) >= 32
+    assert len(entries) >= 20
     for name in (*"ABCDE", "offset", "amplitude", "phase"):
         bounds = [one[name]["ci"] if name in one else one["ci"][name] for one in entries]
         inside = np.mean([low <= 0 <= high for low, high in bounds])
@@ -121,18 +119,6 @@ def test_the_same_reference_twice_does_not_differ_at_all():
     assert pair["poolable"] is not False
 
 
-def test_the_three_cornered_hat_finds_each_error():
-    rng = np.random.default_rng(0)
-    truth, day = rng.normal(0, 8, (2, 40_000)), np.repeat(np.arange(40), 1000)
-    sizes = np.array([1.0, 1.5, 2.0])
-    u, v = (truth[k] + sizes[:, None] * rng.normal(size=(3, 40_000)) for k in range(2))
-    (found,) = hats_of(hat_sums(u, v, day, 40), ["a", "b", "c"])
-    for entry, size in zip(found["errors"], sizes, strict=True):
-        assert entry["component_rms"] == pytest.approx(size, rel=0.02)
-        assert abs(entry["variance"] - size**2) < 4 * entry["variance_standard_error"]
-    assert found["reports"] == 40_000
-
-
 def test_the_three_cornered_hat_by_hand_and_a_negative_variance():
     """Differences a-b, a-c, b-c with mean squares 1, 4, 9: (1+4-9)/2 = -2, (1+9-4)/2 = 3, 6."""
     u = np.array([[0.0], [1.0], [-2.0]]) * np.ones((3, 200))
@@ -140,20 +126,6 @@ def test_the_three_cornered_hat_by_hand_and_a_negative_variance():
     (found,) = hats_of(hat_sums(u, v, np.repeat([0, 1], 100), 2), ["a", "b", "c"])
     assert [entry["variance"] for entry in found["errors"]] == pytest.approx([-2.0, 3.0, 6.0])
     assert found["errors"][0]["component_rms"] is None
-
-
-def test_holm_by_hand():
-    assert holm([0.01, 0.04, 0.03]) == pytest.approx([0.03, 0.06, 0.06])
-    adjusted = holm([0.2, float("nan")])
-    assert adjusted[0] == 0.2
-    assert np.isnan(adjusted[1])
-
-
-def test_the_paired_design_by_hand():
-    """Heading east at 100 m/s: a compass error A moves the cross component by V."""
-    cross, along = paired_design(np.array([np.pi / 2]), np.array([np.pi / 2]), np.array([100.0]))
-    np.testing.assert_allclose(cross[0], [100, 100, 0, 0, -100, 0, 0, -1], atol=1e-12)
-    np.testing.assert_allclose(along[0], [0, 0, 0, 0, 0, 100, 1, 0], atol=1e-12)
 
 
 def test_errors_that_last_widen_the_covariance_and_independent_ones_do_not():
@@ -219,12 +191,3 @@ def test_the_common_difference_is_least_squares_with_scales_and_biases_of_each()
     expected = np.linalg.lstsq(np.vstack(rows), np.concatenate(right), rcond=None)[0]
     np.testing.assert_allclose(found, expected[:5], rtol=1e-9)
     np.testing.assert_allclose(influence.sum(axis=0), 0.0, atol=1e-12)
-
-
-def test_regions_are_thirds_of_the_reports():
-    rng = np.random.default_rng(4)
-    latitude, longitude = rng.uniform(30, 50, 9000), rng.uniform(-110, -70, 9000)
-    region = regions_of(latitude, longitude)
-    assert np.bincount(region, minlength=9).min() > 950
-    assert latitude[region < 3].max() <= latitude[region >= 6].min()
-    assert longitude[region == 0].max() <= longitude[region == 2].min()

@@ -12,7 +12,6 @@ from airswing.evaluation.field_test import (
     DaySums,
     adjusted_reductions,
     field_test,
-    matched_controls,
     regression_to_the_mean,
 )
 from airswing.units import KNOT
@@ -40,12 +39,12 @@ def test_the_seeds_table_gives_its_adjusted_reduction_both_ways():
 
 def test_intervals_hold_the_truth_over_many_fleets():
     inside = 0
-    for seed in range(40):
+    for seed in range(20):
         fleet = simulate_fleet(seed, days=(25, 25), corrected=6, controls=5, flights=2, reports=4)
         low, high = run(fleet, draws=300)["adjusted_reduction_ci_kt"]
         inside += low <= fleet.true_adjusted <= high
-    # 40 draws of a 95 % interval fall below 33 with probability 0.3 %.
-    assert inside >= 33
+    # 20 draws of a 95 % interval fall below 16 with probability 0.3 %
+    assert inside >= 16
 
 
 def test_a_fleet_built_to_the_seeds_numbers_gives_its_table():
@@ -89,13 +88,6 @@ def test_means_by_hand_and_blocks_of_aircraft_make_no_difference(monkeypatch):
     assert parts["groups"]["corrected"]["before_kt"] == pytest.approx(
         result["groups"]["corrected"]["before_kt"]
     )
-
-
-def test_each_corrected_aircraft_is_compared_with_the_control_nearest_before():
-    """Levels 9 and 6 are matched with the controls at 8 and 5, whose change is 1 and -1."""
-    before, during = np.array([9.0, 6.0, 8.0, 5.0]), np.array([5.0, 4.0, 7.0, 6.0])
-    found = matched_controls(before, during, np.array([True, True, False, False]))
-    assert found == {"adjusted_reduction_kt": 3.0, "mean_distance_kt": 1.0}
 
 
 def test_the_worst_of_the_first_half_fall_by_themselves():

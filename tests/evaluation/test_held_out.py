@@ -33,16 +33,16 @@ def headings():
 
 def test_predicted_and_realised_gains_agree_over_many_fleets():
     scores = []
-    for seed in range(8):
+    for seed in range(5):
         ds = fleet(seed, SETTING, amplitude=5.0)[0]
         found = virtual_field_test(ds, learned_until=UNTIL, draws=300, **QUICK)
         for entry in found["by_aircraft"]:
             low, high = entry["difference_ci_kt"]
             scores.append(entry["difference_kt"] / ((high - low) / 3.92))
     scores = np.array(scores)
-    assert scores.size >= 36
-    # 40 standard scores: the mean within 3 / sqrt(40), 84 % or more inside 95 % intervals.
-    assert abs(scores.mean()) < 0.48
+    assert scores.size >= 22
+    # 25 standard scores: the mean within 3 / sqrt(25), 84 % or more inside 95 % intervals.
+    assert abs(scores.mean()) < 0.6
     assert np.mean(np.abs(scores) < 1.96) >= 0.84
     assert np.abs(scores).max() < 4.5
 

@@ -10,7 +10,6 @@ from airswing.evaluation.disagreement import (
     disagreement_sums,
     innovations,
     measures_of,
-    reference_mean,
 )
 from airswing.evaluation.innovations import combined, error_profiles, innovation_statistics
 from airswing.flags import PHASE, SCREENING
@@ -118,20 +117,6 @@ def test_disagreement_by_hand():
     assert found["eastward_mean"] == pytest.approx(2.0)
     turned = np.degrees(np.arctan2(3.0, 10.0))
     assert found["direction_rms_deg"] == pytest.approx(turned / np.sqrt(2))
-
-
-def test_a_pool_is_the_mean_of_the_members_that_have_a_value():
-    both = ("reference", "report")
-    ds = xr.Dataset(
-        {
-            "reference_eastward_wind": (both, [[1.0, 5.0], [3.0, np.nan]]),
-            "reference_northward_wind": (both, [[0.0, 1.0], [2.0, np.nan]]),
-        },
-        coords={"reference": ["ruc", "rr"]},
-    )
-    found = reference_mean(ds, ["ruc", "rr"])
-    assert found["reference_eastward_wind"].to_numpy().tolist() == [2.0, 5.0]
-    assert found["reference_northward_wind"].to_numpy().tolist() == [1.0, 1.0]
 
 
 def test_innovations_of_compass_points():

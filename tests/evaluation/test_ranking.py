@@ -93,15 +93,6 @@ def test_one_day_leaves_the_interval_open(ranked):
     assert np.isnan(ranking[0]["expected_gain_ci_kt"]).all()
 
 
-def test_reports_that_do_not_count_are_left_out(ranked):
-    ds, fits, ranking = ranked
-    few = ds.copy(deep=True)
-    few["screening"][:7] = 1
-    few["eastward_wind"][7:9] = np.nan
-    part = rank_aircraft(few, fits, pools={"ruc": ["ruc"]}, reference="ruc")
-    assert ranking[0]["reports"] - part[0]["reports"] == 9
-
-
 def test_an_unknown_reference_is_named(ranked):
     ds, fits, _ = ranked
     with pytest.raises(InputError, match="rr"):

@@ -11,13 +11,11 @@ from airswing.evaluation.error_separation import (
     half_squares,
     neighbouring_pairs,
 )
-from airswing.evaluation.innovations import CELLS
-from airswing.evaluation.observation_errors import disagreements, observation_errors, used_error
+from airswing.evaluation.observation_errors import observation_errors
 from airswing.evaluation.resampling import day_weights, interval, widened
 from airswing.products.netcdf import read_product, write_product
 from airswing.report.html.document import Figures
 from airswing.report.run.evaluation import (
-    report_errors_figure,
     report_errors_section,
     worth_sentence,
 )
@@ -195,54 +193,6 @@ def test_what_could_not_be_corrected_does_not_count():
     assert int(found["observation_count"].sel(flight_phase="all").sum()) == (applied == 0).sum()
 
 
-def test_errors_that_assimilation_systems_use():
-    errors = used_error("wrfda_tamdar", [10_000, 20_000, 70_000, 100_000])
-    assert errors.tolist() == [3.6, 3.2, 2.7, 2.3]
-    assert used_error("wrfda_tamdar", 17_500) == pytest.approx(3.4)
-    assert used_error("nam_tamdar", 70_000) == 4.80
-
-
-def two_aircraft(change, model_error):
-    """Two aircraft on days of one report each, corrected winds right but for the model's error."""
-    days = change.shape[1]
-    size = change.size
-    one, zero = ("report",), np.zeros(size)
-    day = np.tile(np.arange(days), 2)
-    time = (np.datetime64("2009-01-01") + day).astype("datetime64[ns]")
-    headings = xr.Dataset(
-        {
-            "latitude": (one, zero + 40.0),
-            "longitude": (one, zero - 90.0),
-            "pressure": (one, zero + 45_000.0),
-            "time": (one, time),
-            "phase": (one, np.full(size, 2, dtype=np.int8)),
-            "screening": (one, np.zeros(size, dtype=np.int32)),
-            "eastward_wind": (one, change.ravel()),
-            "northward_wind": (one, zero),
-            "reference_eastward_wind": (("reference", "report"), model_error.reshape(1, -1)),
-            "reference_northward_wind": (("reference", "report"), zero[None]),
-            "row_size": ("aircraft", [days, days]),
-        },
-        coords={"reference": ["a"], "aircraft": ["N0", "N1"]},
-    )
-    still = {f"corrected_{way}_wind": (one, zero) for way in ("eastward", "northward")}
-    return headings, xr.Dataset(still | {"row_size": ("aircraft", [days, days])})
-
-
-def test_the_added_variance_of_reported_winds_by_hand():
-    # East alone is changed: half of c^2, and c d with d = -model error.
-    change = np.array([[2.0, 2.0, 4.0], [-1.0, -1.0, -2.0]])
-    model = np.array([[0.5, 0.5, 1.0], [1.0, 0.0, 1.0]])
-    found = disagreements(*two_aircraft(change, model), ["a"], ["a"])
-    crossed = -change * model
-    assert np.sort(found.sums["crossed"]) == pytest.approx(np.sort(crossed.ravel()))
-    sums = (found.sums[name] for name in ("number", "change", "crossed"))
-    draws = added_variance(found.key, *sums, np.ones((1, 3)), cells=CELLS, seed=0)
-    assert draws[0, 0] == pytest.approx(0.5 * (change**2).mean() + crossed.mean())
-    cell = np.flatnonzero(np.isfinite(draws[0, 1:]))
-    assert draws[0, 1 + cell] == pytest.approx(draws[0, :1])
-
-
 def test_a_model_error_that_lasts_is_in_the_interval_of_reported_winds():
     """Days alone cannot see it: each aircraft's product with it is the same every day."""
     rng = np.random.default_rng(5)
@@ -287,13 +237,3 @@ def test_a_simulated_archive_against_its_truth(simulated, tmp_path):
     assert product["state"].to_numpy().tolist() == ["reported", "corrected"]
     section = report_errors_section(product, Figures())
     assert "has the weight of" in worth_sentence(product) and len(section.parts) == 2
-    figure = report_errors_figure(product, "m/s")
-    few = product.copy(deep=True)
-    few["observation_error"].loc[{"flight_phase": ["ascent", "descent"]}] = np.nan
-    cruise = report_errors_figure(few, "kt")
-    assert [axes.get_title() for axes in cruise.axes] == ["cruise"]
-    assert "Too few reports near each other in ascent and descent." in cruise.caption
-    shown = figure.axes[1].containers[-1].lines[0].get_ydata()
-    bottom, top = (product[f"layer_{end}_pressure"].to_numpy() for end in ("bottom", "top"))
-    # the states are drawn 4 hPa above and below the middle of the layer
-    assert np.abs(shown[:, None] - (bottom + top) / 200.0).min(axis=1) == pytest.approx(4.0)

@@ -57,15 +57,6 @@ def test_exact_for_ten_degrees_with_bias_and_scale():
     assert fits["harmonics"].item() == 2
 
 
-def test_intervals_hold_the_truth(fleet):
-    _, truth, fits = fleet
-    z = (fits["deviation"].to_numpy()[0] - truth["deviation"]) / errors_of(fits)[0]
-    assert np.abs(z).max() < 4
-    assert 0.4 < np.sqrt(np.mean(z**2)) < 1.6
-    scale = fits["airspeed_scale"].to_numpy()[0] - truth["scale"]
-    assert np.all(np.abs(scale) < 4 * fits["airspeed_scale_standard_error"].to_numpy()[0])
-
-
 @pytest.mark.parametrize("fleets", [8, pytest.param(30, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("shared_error", [False, True])
 def test_coverage_and_bias_over_fleets(shared_error, fleets):
@@ -101,33 +92,12 @@ def test_nga_swing_gives_its_published_a():
     # NGA Handbook of Magnetic Compass Adjustment: easterly positive, N NE E SE S SW W NW
     card = np.array([10.5, 20.0, 11.5, -1.2, -5.5, -8.0, -12.5, -6.8])
     points = np.arange(0, 360, 45.0)
-    rng = np.random.default_rng(0)
-    heading = np.tile(points, 60)
-    flight = np.repeat(np.arange(60), 8)
-    error = -np.tile(card, 60)  # psi_err = compass - magnetic
-    n = heading.size
-    speed = np.full(n, 110.0)
-    ds = xr.Dataset(
-        {
-            "row_size": ("aircraft", [n]),
-            "flight": ("report", flight),
-            "time": (
-                "report",
-                np.datetime64("2009-01-01", "ns") + (flight * 24 * 3600).astype("timedelta64[s]"),
-            ),
-            "latitude": ("report", np.full(n, 50.0)),
-            "longitude": ("report", np.full(n, -30.0)),
-            "pressure": ("report", np.full(n, 1e5)),
-            "heading": ("report", heading),
-            "magnetic_heading": ("report", heading),
-            "airspeed": ("report", speed),
-            "screening": ("report", np.zeros(n, int)),
-            "heading_error": (("reference", "report"), [error + rng.normal(0, 0.01, n)]),
-            "airspeed_error": (("reference", "report"), [rng.normal(0, 0.01, n)]),
-            "heading_error_standard_error": (("reference", "report"), np.full((1, n), 0.1)),
-        },
-        coords={"aircraft": ["ship"], "reference": ["swing"]},
-    )
+    ds, _ = fly([[0.0] * 5], Setting(aircraft=1, days=15, flights_a_day=4, reports_a_flight=8), 0)
+    noise = np.random.default_rng(0).normal(0, 0.01, ds.sizes["report"])
+    heading = ("report", np.tile(points, 60))
+    error = np.tile(-card, 60) + noise  # psi_err = compass - magnetic
+    ds = ds.assign(heading=heading, magnetic_heading=heading)
+    ds["heading_error"][0] = error
     fits = fit_deviation(ds, joint=False)
     expected_b = -np.mean(card * np.sin(np.radians(points))) * 2
     got = fits["deviation"].to_numpy()[0, 0]
@@ -257,16 +227,3 @@ def test_a_fit_that_diverges_is_refused():
     few = Setting(aircraft=40, days=1, flights_a_day=2, reports_a_flight=14, legs=1)
     headings, _ = fly(fleet_deviations(40, np.random.default_rng(7)), few, 7)
     assert set(fit_deviation(headings)["status"].to_numpy().ravel()) == {STATUS["too_few_reports"]}
-
-
-@pytest.mark.slow
-def test_coarse_positions_and_times_do_not_bend_the_curve():
-    # noise of the ground vector (0.1' positions; clock to the minute: tens of m/s along track)
-    # is common to both air vectors: no bias, a dilution of exp(-sigma^2 / 2) at the most
-    deviation = np.array([[1.0, 5.0, -4.0, 0.0, 0.0]] * 6)
-    for ground_error, allowed in ((0.3, 0.06), (8.0, 0.15)):
-        setting = Setting(aircraft=6, days=60, ground_error=ground_error)
-        # one fleet's mean has a standard error of 0.035 degrees, its days being shared: take three
-        runs = [fit_deviation(fly(deviation, setting, seed)[0]) for seed in (15, 16, 17)]
-        mean = np.mean([fits["deviation"].to_numpy()[0] for fits in runs], axis=(0, 1))
-        assert np.abs(mean - deviation[0]).max() < allowed

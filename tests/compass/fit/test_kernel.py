@@ -13,10 +13,9 @@ from airswing.compass.fit.kernel import (
     fit_aircraft,
     influences,
     inverse_root,
-    robust_scatter,
 )
 from airswing.compass.fleet.blocks import Reports
-from airswing.physics.compass_deviation import deviation_basis, deviation_slope
+from airswing.physics.compass_deviation import deviation_basis
 
 THETA = (1.0, 8.0, -6.0, 1.5, -1.0, 0.02, 0.6, -0.5)  # degrees, 1, m/s
 
@@ -58,18 +57,6 @@ def fit(reports, **options):
 
 def in_degrees(theta):
     return np.concatenate([np.degrees(theta[:5]), theta[5:]])
-
-
-def test_the_basis_and_its_slope_at_the_compass_points():
-    coefficients = np.arange(1.0, 6.0)
-    north, east, north_east = (coefficients @ deviation_basis(np.radians(m)) for m in (0, 90, 45))
-    half = np.sqrt(0.5)
-    assert north == pytest.approx(1 + 3 + 5) and east == pytest.approx(1 + 2 - 5)
-    assert north_east == pytest.approx(1 + 2 * half + 3 * half + 4)
-    assert coefficients @ deviation_basis(0.0, gain=2.0) == pytest.approx(1 + 6 + 5)
-    m = np.linspace(0, 6, 50)
-    by_step = coefficients @ (deviation_basis(m + 1e-6) - deviation_basis(m - 1e-6)) / 2e-6
-    assert deviation_slope(np.tile(coefficients, (50, 1)), m) == pytest.approx(by_step, abs=1e-7)
 
 
 @pytest.mark.parametrize("gain", [None, (0.8, 1.25)])
@@ -119,33 +106,6 @@ def test_clusters_are_in_the_influences():
     expected = np.sqrt(np.diagonal(np.linalg.inv(found.normal)))
     for covariance in (found.covariance, found.day_covariance):
         assert np.sqrt(np.diagonal(covariance)) == pytest.approx(expected, rel=0.3)
-
-
-def test_the_known_variance_is_separated_from_the_unknown():
-    rng = np.random.default_rng(6)
-    known = rng.choice([1.0, 4.0], 8000)
-    residual = rng.normal(size=(2, 8000)) * np.stack([np.sqrt(4.0 + known**2), np.full(8000, 2.0)])
-    scatter = robust_scatter(residual, known**2)
-    assert scatter.part == pytest.approx(1.0, abs=0.2)
-    assert scatter.cross == pytest.approx(4.0, rel=0.25)
-
-
-def test_block_sums_are_those_of_their_reports():
-    reports = vector_reports(
-        (1.0, 3.0, -2.0, 0, 0, 0, 0.4, -0.3), 8, n=6000, noise=1.0, flights=150
-    )
-    found = fit(reports, with_blocks=True)
-    (blocks,) = found.blocks
-    # 40 reports three minutes apart: blocks of half an hour, segments of six
-    assert np.bincount(np.unique(blocks.piece)).max() == 1
-    assert blocks.sums[0].sum() == pytest.approx(6000, rel=1e-4)
-    assert 600 < blocks.segment.size < 1000
-    assert blocks.within / blocks.freedom == pytest.approx(1.0 / 0.95, abs=0.06)
-    # the bias stays in the residual; the scale's slope is the heading times the airspeed
-    mean = blocks.sums[1:3].sum(axis=1) / blocks.sums[0].sum()
-    assert mean == pytest.approx([0.4, -0.3], abs=0.06)
-    speed = np.hypot(blocks.sums[8], blocks.sums[14]) / blocks.sums[0]
-    assert speed.max() < 131
 
 
 def test_cr2_is_unbiased_where_the_working_model_holds():

@@ -95,32 +95,6 @@ def _headings_of(headings, aircraft):
     return headings["heading"].to_numpy()[rows][kept]
 
 
-@pytest.mark.slow
-def test_out_and_back_the_amplitude_is_in_the_error():
-    """One octant and the one opposite: the mean of both is no correction of either."""
-    rng = np.random.default_rng(8)
-    z = []
-    for seed in range(10):
-        deviation = np.zeros((FLEET.aircraft, 5))
-        deviation[:, 1:3] = rng.normal(0, 3.0, (FLEET.aircraft, 2))
-        headings, _ = fly(deviation, FLEET, seed)
-        aircraft_of = np.repeat(np.arange(FLEET.aircraft), headings["row_size"])
-        line = headings["heading"].to_numpy() - rng.uniform(0, 360, FLEET.aircraft)[aircraft_of]
-        off = (aircraft_of > 5) & (np.abs((line + 45) % 180 - 45) > 15.0)
-        headings["screening"] = ("report", np.where(off, 8, 0).astype(np.int32))
-        fits = fit_deviation(headings, min_reports=100).isel(reference=0)
-        for k in np.flatnonzero(fits["status"] == STATUS["offset_only"]):
-            at = _headings_of(headings, k)[:2000:200]
-            truth = deviation[k, 1] * np.sin(np.radians(at)) + deviation[k, 2] * np.cos(
-                np.radians(at)
-            )
-            apart = truth - float(fits["offset"][k])
-            wide = curve_standard_error(fits["deviation_covariance"].to_numpy()[k], at)
-            z.append(np.sqrt(np.mean((apart / wide) ** 2)))
-    assert len(z) > 6  # others are refused: their constant improves nothing
-    assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.6
-
-
 def test_corrections_tables_and_the_simulation_use_the_offset(fleet, tmp_path):
     headings, _, fits = fleet
     name = str(fits["aircraft"].to_numpy()[9])

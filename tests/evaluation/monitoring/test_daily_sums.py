@@ -29,16 +29,6 @@ def reports():
     return magnetic, heading, airspeed, one @ truth + noise[0], two @ truth + noise[1]
 
 
-def test_higher_harmonics_follow_a_to_e():
-    """m = 30 degrees at 100 m/s: 3m = 90, 4m = 120 degrees; no compass changes the airspeed."""
-    one = np.array([np.pi / 6.0])
-    cross, along = compass_design(one, one, np.array([100.0]))
-    root = np.sqrt(3.0) / 2.0
-    expected = [100, 50, 100 * root, 100 * root, 50, 100, 0, 100 * root, -50, 0, root, -0.5]
-    np.testing.assert_allclose(cross[0], expected, atol=1e-12)
-    np.testing.assert_allclose(along[0], [0] * 9 + [100, 0.5, root], atol=1e-12)
-
-
 def test_sums_are_weighted_by_the_covariance_of_a_flights_reports(reports):
     """A day of two flights: X' S^-1 X with the covariance S of reports that share a bias."""
     magnetic, heading, airspeed, cross, along = (column[:7] for column in reports)
@@ -91,11 +81,3 @@ def test_blocks_of_aircraft_make_no_difference_and_counts_are_those_of_days(monk
     assert winds.difference[winds.aircraft == 2].sum() == pytest.approx(
         np.hypot(du, dv)[third].sum()
     )
-
-
-def test_without_any_heading_there_is_no_day() -> None:
-    none = np.empty(0)
-    days, normal, right = normal_equations_by_day(
-        none, none, none, none, none, none.astype(int), none.astype(int)
-    )
-    assert days.size == normal.shape[0] == right.shape[0] == 0

@@ -14,12 +14,10 @@ from airswing.compass.fit.deviation import fit_deviation
 from airswing.compass.table import add_tables, write_tables_csv
 from airswing.errors import InputError
 from airswing.evaluation.monitoring.events import (
-    UnitTable,
     find_events,
     first_days_and_silences,
     read_events,
     read_tables,
-    tables_differ,
     write_events,
 )
 from airswing.products.ragged import aircraft_of_report, some_reports
@@ -108,16 +106,6 @@ def test_a_table_on_board_that_is_off_is_reported(changed, monitored, tmp_path):
     path.write_text("aircraft,heading\nN1,0\n")
     with pytest.raises(InputError, match="not a file of tables"):
         read_tables(path, reference="ruc")
-
-
-def test_tables_differ_beyond_both_errors_and_the_units_resolution():
-    one = UnitTable([0.0] * 8, [0.3] * 8)
-    # 2.727 x hypot(0.3, 0.4) = 1.36
-    for gap, unlike in ((1.3, False), (1.4, True)):
-        other = UnitTable([0.0] * 7 + [gap], [0.4] * 8)
-        assert tables_differ(one, other) == (unlike, pytest.approx(gap / np.sqrt(8)))
-    exact = replace(one, standard_error_deg=[0.0] * 8)
-    assert not tables_differ(exact, replace(exact, correction_deg=[0.05] * 8))[0]
 
 
 def test_winds_that_grow_worse_are_reported_and_corrected_winds_are_what_counts():

@@ -6,43 +6,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.integrate import quad
-from scipy.stats import multivariate_normal, norm
-from scipy.stats import t as student
 from tests.evaluation.daily_fleets import World, daily_sums, watched
 
 from airswing.evaluation.monitoring.fleet_watch import (
     COMPASS,
-    common_part,
     estimated_noise,
     watch_fleet,
 )
 from airswing.evaluation.monitoring.step_test import (
-    FREEDOM,
     SINGLE_DAY,
     Noise,
-    _marginal,
-    _mixture,
-    _student_ratio,
     corroborated_ratio,
 )
 
 WORLD = World(days_off=0.0)
-
-
-def test_the_ratio_is_that_of_the_two_normal_laws():
-    """A score of a level known with error, with and without a step drawn from its prior."""
-    rng = np.random.default_rng(4)
-    root = rng.normal(size=(2, 2))
-    weight, level = root @ root.T + np.eye(2), np.diag([0.3, 0.1])
-    score, shape = rng.normal(size=2) * 3, np.array([2.0, 0.5])
-    quiet = weight + weight @ level @ weight
-    stepped = quiet + weight @ np.diag(shape**2) @ weight
-    expected = multivariate_normal(cov=stepped).logpdf(score) - multivariate_normal(
-        cov=quiet
-    ).logpdf(score)
-    inside, outside = _marginal(weight[None], score[None], level[None])
-    assert _mixture(inside, outside, shape[None])[0] == pytest.approx(expected, rel=1e-9)
 
 
 def test_a_days_weight_is_the_inverse_of_its_two_errors():
@@ -70,16 +47,6 @@ def test_the_errors_of_days_are_estimated():
     assert found.within == pytest.approx(4.0, rel=0.15)
     assert found.between[0] == pytest.approx(0.09, rel=0.25)
     assert found.persistence < 0.05
-
-
-def test_one_aircraft_far_off_does_not_move_the_common_part():
-    weight = np.tile(25.0 * np.eye(1), (9, 1, 1))
-    x = np.full(9, 0.5)
-    x[3] = 8.0
-    found = common_part(weight, 25.0 * x[:, None], np.zeros(1), np.array([1.0]))
-    np.testing.assert_allclose(np.delete(found[0], 3), 0.5, atol=0.03)
-    few = common_part(weight[:4], 25.0 * x[:4, None], np.array([0.2]), np.array([1.0]))
-    assert (few[0] == 0.2).all() and not few[1].any()
 
 
 @pytest.mark.parametrize("size", [[2, 0, 0, 0, 0], [0, 2.4, 1.5, 0, 0]])
@@ -126,26 +93,6 @@ def test_a_fleet_without_a_change_has_no_alarm():
     watch = watched(world, aircraft=30, days=180, seed=21)
     assert watch.tested.alarms == []
     assert not any(entry["changes"] for entry in watch.changes)
-
-
-def test_the_ratio_of_student_errors_is_that_of_the_integrals():
-    """One unknown: days of Student's t integrated over a normal level by quadrature."""
-    days, weight = np.array([2.1, 2.6, 1.7, 9.0]), np.array([4.0, 6.0, 3.0, 5.0])
-    level, step = 0.04, 2.0
-
-    def law(variance):
-        def density(x):
-            z = np.sqrt(weight) * (days - x)
-            return norm.pdf(x, scale=np.sqrt(variance)) * np.prod(student.pdf(z, FREEDOM))
-
-        return np.log(quad(density, -15, 15, points=[0.0, 2.1], limit=500)[0])
-
-    expected = law(level + step**2) - law(level)
-    found, farthest = _student_ratio(
-        weight[:, None, None], (weight * days)[:, None], np.array([[level]]), np.array([[step]])
-    )
-    assert found == pytest.approx(expected, abs=0.3) and expected > 8.0
-    assert farthest == 3
 
 
 def test_no_single_day_decides_and_two_do():
