@@ -1,7 +1,7 @@
 """Export of corrected winds in the format an assimilation system reads.
 
-Assumes the corrected product of a run or its Dataset. A format is a module of this folder with a
-function ``write(request)``, named in `FORMATS`.
+Assumes the corrected product of a run or its Dataset. A format of `FORMATS` is a function
+``write_NAME(request)`` of the module of its name, or of ``wrf_reports``.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ FORMATS = {
     "obs_errors": "wind errors for OBSPROC and WRFDA (obserr.txt)",
     "reject_list": "a GSI reject list without the aircraft whose corrected winds pass",
 }
-"""Formats by name, each written by the module of its name."""
-SHOWN = 5
-"""Files, and aircraft, named in the text for a person."""
+"""Formats by name."""
+_MODULES = dict.fromkeys(("little_r", "ob_ascii", "obs_domain"), "wrf_reports")  # else of its name
+SHOWN = 5  # files, and aircraft, named in the text for a person
 ERRORS = "observation_errors.nc"
 
 
@@ -116,7 +116,7 @@ def export(
         raise InputError(
             "no such winds", field="--winds", found=winds, remedy="Known: corrected, reported"
         )
-    length = _seconds(window)
+    length = None if window is None else _seconds(window)
     product = Path(corrected) if isinstance(corrected, (str, Path)) else None
     ds = open_product(product) if product is not None else corrected
     if not isinstance(ds, xr.Dataset):
@@ -133,19 +133,17 @@ def export(
             overwrite,
             None if product is None else product.parent,
         )
-        module = importlib.import_module(f"airswing.handover.{to}")
-        written: dict[str, Any] = module.write(request)
+        module = importlib.import_module(f"airswing.handover.{_MODULES.get(to, to)}")
+        written: dict[str, Any] = getattr(module, f"write_{to}")(request)
         return findings({"format": to, "winds": winds, **written})
     finally:
         if product is not None:
             ds.close()
 
 
-def _seconds(window: str | None) -> float | None:
+def _seconds(window: str) -> float:
     from airswing.quantities import quantity
 
-    if window is None:
-        return None
     try:
         seconds = quantity(window, "second")
     except ValueError as err:
@@ -180,20 +178,7 @@ def as_text(result: dict[str, Any]) -> str:
 
 
 def product_of_run(request: Request, name: str, *, why: str) -> xr.Dataset:
-    """Open another product of the same run lazily.
-
-    Parameters
-    ----------
-    name : str
-        Name of the product: a file ``NAME.nc`` or a folder of months.
-    why : str
-        Reason for the need; part of the message.
-
-    Raises
-    ------
-    InputError
-        If it does not exist or cannot be read.
-    """
+    """Open another product of the same run lazily; ``why`` it is needed is part of the message."""
     from airswing.products.netcdf import open_product, product_path
 
     if request.products is None:

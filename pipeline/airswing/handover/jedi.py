@@ -5,15 +5,10 @@ Layout of files that UFO's DataExtractor reads (ufo, src/ufo/utils/dataextractor
 are for stations without rows. A file has one payload column, so each wind component has a file.
 ObsFunction DrawObsErrorFromFile reads variances from the group ``ErrorVariance``; stations are
 matched ``exact``, pressure is ``linear`` or ``nearest``, and ``extrapolation mode`` has to be
-``nearest``: by default a pressure outside the table stops the run. JEDI before 2022 wrote
-``variable@Group``.
-
-Files of ioda-converters pad aircraft identifiers to eight characters, others do not, and a station
-without an exact match gets the rows of ``_`` silently: a shorter identifier has its rows twice, as
-it is and padded.
-
-A deviation varies with the heading, so it is no observation bias that could be drawn from a table:
-a further table holds the coefficients for those who correct before the assimilation.
+``nearest``: by default a pressure outside the table stops the run. Files of ioda-converters pad
+aircraft identifiers to eight characters: a shorter one has its rows twice, as it is and padded. A
+deviation varies with the heading and is no observation bias of a table: a further table holds the
+coefficients for those who correct before the assimilation.
 """
 
 from __future__ import annotations
@@ -25,8 +20,7 @@ import numpy as np
 from airswing.errors import InputError
 from airswing.flags import published
 from airswing.handover.export import Request, product_of_run, refuse_existing
-from airswing.handover.platforms import identifiers, names_of
-from airswing.handover.selection import selected_rows
+from airswing.handover.selection import identifiers, names_of, selected_rows
 from airswing.handover.wind_errors import WindErrors, base_variance, bounded, known_errors
 
 if TYPE_CHECKING:
@@ -37,11 +31,10 @@ PRESSURE = "MetaData/pressure"
 COMPONENTS = ("windEastward", "windNorthward")
 COEFFICIENTS = "deviation_coefficients.csv"
 EVERY_STATION = "_"
-PADDED = 8
-"""Characters of an aircraft identifier in files of ioda-converters."""
+PADDED = 8  # characters of an aircraft identifier in files of ioda-converters
 
 
-def write(request: Request) -> dict[str, Any]:
+def write_jedi(request: Request) -> dict[str, Any]:
     """Write the tables into a folder."""
     from airswing.products.whole_files import write_text
 
@@ -54,13 +47,8 @@ def write(request: Request) -> dict[str, Any]:
     targets = {name: request.path / f"wind_error_{name}.csv" for name in COMPONENTS}
     coefficients = request.path / COEFFICIENTS
     refuse_existing(request, *targets.values(), coefficients)
-    written = dict(
-        zip(
-            names_of(request.corrected),
-            identifiers(request.corrected, request.settings),
-            strict=True,
-        )
-    )
+    names = names_of(request.corrected)
+    written = dict(zip(names, identifiers(request.corrected, request.settings), strict=True))
     rows = _error_rows(request, written)
     with product_of_run(request, "fits", why="it holds the coefficients") as fits:
         reference = str(request.corrected.attrs.get("correction_reference", ""))
@@ -104,19 +92,13 @@ def _station(name: str, pressure: np.ndarray, variance: np.ndarray) -> list[str]
 
 
 def _coefficient_rows(fits: xr.Dataset, reference: str, written: dict[str, str]) -> list[str]:
-    """Lines of the table of coefficients: names, types, and a row for each published fit.
-
-    ``reference`` is the one the correction was fitted against; the first where it is not named.
-    """
+    """Table of coefficients: names, types, and a row for each published fit of a reference."""
     names = [str(name) for name in fits["reference"].to_numpy()]
     fit = fits.sel(reference=reference if reference in names else names[0])
     columns = [str(name) for name in fit["coefficient"].to_numpy()]
-    header = [STATION]
-    header += [
-        f"DeviationCoefficientValue/{name}"
-        for name in [*columns, "airspeedScale", "horizontalField"]
-    ]
-    rows = [",".join(header), ",".join(["string", *["float"] * (len(columns) + 2)])]
+    payload = [*columns, "airspeedScale", "horizontalField"]
+    header = [STATION, *(f"DeviationCoefficientValue/{name}" for name in payload)]
+    rows = [",".join(header), ",".join(["string", *["float"] * len(payload)])]
     deviation = fit["deviation"].transpose("aircraft", "coefficient").to_numpy()
     more = [fit[name].to_numpy() for name in ("airspeed_scale", "mean_horizontal_field")]
     for place in np.flatnonzero(published(fit["status"])):

@@ -2,15 +2,12 @@
 
 Layout of var/obsproc/obserr.txt of WRF 4.7.1: tables of seven values a line, four lines a type of
 report, at 26 pressures from 10 to 1100 hPa and two place holders; for wind one table each of the
-components (UV), of speed (SPD) and of direction (DIR). OBSPROC interpolates in pressure and gives
-every report of a type the same profile: the file holds no error by report, phase or aircraft
-(ob.ascii does), so a folder gets a further table for each phase of flight, for one run of OBSPROC
-each. WRFDA uses SPD and DIR only with ``wind_sd_tamdar`` or ``wind_sd_airep``.
+components (UV), of speed (SPD) and of direction (DIR). Every report of a type gets the same
+profile, so a folder gets a further table for each phase of flight, for one run of OBSPROC each.
 
 All levels are written of the types the archive's aircraft have (TAMDARS; AIREPS for AMDAR, ACARS
-and AIREP), from the same base errors as ob.ascii and JEDI's tables (`wind_errors`): interpolated
-between the middles of the layers, and beyond them those of the nearest layer. All else remains as
-in the table begun from. Values have two decimals in the six columns of the original.
+and AIREP), from the same base errors as ob.ascii and JEDI's tables (`wind_errors`), interpolated
+between the middles of the layers, beyond them those of the nearest layer. All else is unchanged.
 """
 
 from __future__ import annotations
@@ -24,14 +21,13 @@ import numpy as np
 
 from airswing.errors import InputError
 from airswing.handover.export import Request, refuse_existing
-from airswing.handover.platforms import PLATFORMS, platforms
+from airswing.handover.selection import PLATFORMS, platforms
 from airswing.handover.wind_errors import base_variance, bounded, known_errors
 
 if TYPE_CHECKING:
     import xarray as xr
 
-LEVELS = (10, 20, 30, 40, 50, *range(100, 1101, 50))
-"""hPa of the values of a wind table; two place holders follow."""
+LEVELS = (10, 20, 30, 40, 50, *range(100, 1101, 50))  # hPa of the values of a wind table
 FILE_NAME = "obserr.txt"
 GROSS_CHECK = 5.0  # errors beyond which WRFDA rejects a component (``max_error_uv``)
 LARGEST_ANGLE = 90.0  # degrees; a direction error of that size says that nothing is known
@@ -41,7 +37,7 @@ _A_LINE, _LINES = 7, 4  # numbers in a line, lines of a type of report
 Tables = dict[str, dict[int, float]]
 
 
-def write(request: Request) -> dict[str, Any]:
+def write_obs_errors(request: Request) -> dict[str, Any]:
     """Write the error table, and one for each phase of flight where the path is a folder."""
     from airswing.products.whole_files import write_text
 
@@ -71,14 +67,26 @@ def write(request: Request) -> dict[str, Any]:
         write_text(target, changed_table(text, tables, types))
         levels = {str(level): round(value, 2) for level, value in tables["UV"].items()}
         written.append({"path": str(target), "flight_phase": phase, "errors": levels})
-    return {"files": written, "types": types, "notes": _notes(known, request.winds)}
+    error = float(known["fleet_observation_error"])
+    number = known["observation_count"].sel(flight_phase="all")
+    square = known["disagreement_rms"].sel(flight_phase="all") ** 2
+    spread = float(np.sqrt((square.fillna(0.0) * number).sum() / number.sum()))
+    notes = [
+        f"error of a component {error:.2f} m/s as {request.winds}; WRFDA's gross check rejects "
+        f"components more than {GROSS_CHECK:g} errors, {GROSS_CHECK * error:.1f} m/s, from its "
+        f"first guess: {GROSS_CHECK * error / spread:.1f} times the rms disagreement with the "
+        f"reference here ({spread:.1f} m/s). Where that is under 3, raise max_error_uv in the "
+        "namelist",
+        "speed and direction errors count only with wind_sd_tamdar or wind_sd_airep",
+    ]
+    return {"files": written, "types": types, "notes": notes}
 
 
 def wind_tables(known: xr.Dataset, phase: str) -> Tables:
     """Errors at the pressures (hPa) of a wind table, by section.
 
-    ``UV`` and ``SPD`` (m/s) are the error of a component; ``DIR`` (degrees) is the angle it has
-    at the median wind speed of the layer.
+    ``UV`` and ``SPD`` (m/s) are the error of a component, ``DIR`` (degrees) its angle at the median
+    wind speed of the layer.
     """
     middle = 0.005 * (known["layer_bottom_pressure"] + known["layer_top_pressure"]).to_numpy()[::-1]
     error = np.sqrt(bounded(base_variance(known, phase), 0.0))[::-1]
@@ -97,13 +105,7 @@ def wind_tables(known: xr.Dataset, phase: str) -> Tables:
 
 
 def changed_table(text: str, tables: Tables, types: list[str]) -> str:
-    """Text of an obserr.txt with the errors of some types of report replaced, all else unchanged.
-
-    Raises
-    ------
-    InputError
-        If a row is absent.
-    """
+    """Text of an obserr.txt in which the errors of some types of report are replaced."""
     lines = text.splitlines(keepends=True)
     section, done = "", set()
     for place, line in enumerate(lines):
@@ -142,18 +144,3 @@ def _changed_line(line: str, number: int, errors: dict[int, float]) -> str:
         if index < len(LEVELS) and LEVELS[index] in errors:
             values[place] = f"{errors[LEVELS[index]]:6.2f}"
     return "".join(values) + match[2] + match[3]
-
-
-def _notes(known: xr.Dataset, winds: str) -> list[str]:
-    """Describe the effect of a small error in WRFDA."""
-    error = float(known["fleet_observation_error"])
-    number = known["observation_count"].sel(flight_phase="all")
-    square = known["disagreement_rms"].sel(flight_phase="all") ** 2
-    spread = float(np.sqrt((square.fillna(0.0) * number).sum() / number.sum()))
-    return [
-        f"error of a component {error:.2f} m/s as {winds}; WRFDA's gross check rejects components "
-        f"more than {GROSS_CHECK:g} errors, {GROSS_CHECK * error:.1f} m/s, from its first guess: "
-        f"{GROSS_CHECK * error / spread:.1f} times the rms disagreement with the reference here "
-        f"({spread:.1f} m/s). Where that is under 3, raise max_error_uv in the namelist",
-        "speed and direction errors count only with wind_sd_tamdar or wind_sd_airep",
-    ]

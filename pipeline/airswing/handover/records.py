@@ -22,8 +22,14 @@ from numpy.typing import ArrayLike, NDArray
 from airswing.errors import InputError
 from airswing.flags import PHASE
 from airswing.handover.export import Request, refuse_existing
-from airswing.handover.platforms import PLATFORMS, identifiers, names_of, platforms
-from airswing.handover.selection import Rows, Selected
+from airswing.handover.selection import (
+    PLATFORMS,
+    Rows,
+    Selected,
+    identifiers,
+    names_of,
+    platforms,
+)
 from airswing.physics.triangle import direction_in_degrees
 from airswing.products.whole_files import made_folder
 
@@ -59,13 +65,10 @@ class Records:
     def names(self) -> list[str]:
         """A unique name of 40 characters for each report; readers merge or drop equal names.
 
-        It begins with a word that no reader takes for a type of report (WRF looks for ``ACARS`` and
-        others there).
+        It begins with a word that no reader takes for a type of report (WRF looks there).
         """
-        phases = (_PHASES[code] for code in self.places["phase"].tolist())
-        numbers = self.number.tolist()
-        pairs = zip(numbers, phases, strict=True)
-        return [f"airswing {number:10d} {phase:<20}" for number, phase in pairs]
+        pairs = zip(self.number.tolist(), self.places["phase"].tolist(), strict=True)
+        return [f"airswing {number:10d} {_PHASES[code]:<20}" for number, code in pairs]
 
     def by_platform(self, texts: Sequence[str]) -> list[str]:
         """Text of each report's platform, given one for each of `PLATFORMS`."""
@@ -89,20 +92,9 @@ def dates(seconds: NDArray[np.int64], *, separators: bool) -> list[str]:
 
 
 def lines(template: str, columns: Sequence[Sequence[object]]) -> list[str]:
-    """Text of fixed columns, one for each place in the batch.
+    """Text of fixed columns from a printf template and the values of each field.
 
-    Parameters
-    ----------
-    template : str
-        In printf style.
-    columns : sequence of sequence
-        Values of each field, each as long as the batch.
-
-    Raises
-    ------
-    ValueError
-        If a value does not fit into its field: Fortran would write asterisks, which no reader
-        accepts.
+    ValueError if a value does not fit into its field: no reader accepts Fortran's asterisks.
     """
     found = [template % values for values in zip(*columns, strict=True)]
     width = len(_FIELD.sub(lambda field: " " * int(field[1]), template))
@@ -124,21 +116,9 @@ def joined(
 
 
 def speed_and_direction(u: ArrayLike, v: ArrayLike, *, least: float = 0.0) -> tuple[Array, Array]:
-    """Speed and direction of the wind as the formats require them.
+    """Speed (m/s) and direction in (0, 360] degrees, 360 for a calm, of components (n,) in m/s.
 
-    Parameters
-    ----------
-    u, v : array_like, shape (n,)
-        Components towards east and north, m/s.
-    least : float, default 0
-        Degrees; a direction that is no larger is written as 360, since readers take 0 as missing.
-
-    Returns
-    -------
-    speed : array, shape (n,)
-        m/s.
-    direction : array, shape (n,)
-        Degrees from which the wind blows, in (0, 360]; 360 for a calm.
+    A direction no larger than ``least`` degrees becomes 360, since readers take 0 as missing.
     """
     east, north = np.asarray(u, dtype=np.float64), np.asarray(v, dtype=np.float64)
     speed = np.hypot(east, north)
@@ -154,27 +134,11 @@ def write_records(
     *,
     header: Callable[[dict[str, int]], bytes] = lambda numbers: b"",
 ) -> dict[str, Any]:
-    """Write selected reports.
+    """Write selected reports; the file name is that of files in a folder.
 
-    Parameters
-    ----------
-    file_name : str
-        As the reader of the format expects it, for files in a folder.
-    encode : callable
-        From `Records` to bytes.
-    header : callable, optional
-        From the number of reports of each platform to the bytes before the first report.
-
-    Returns
-    -------
-    dict
-        ``files``, ``reports``, ``levels``, ``platforms``, ``left_out``, ``notes``, and
-        ``identifiers`` where aircraft are written as numbers.
-
-    Raises
-    ------
-    InputError
-        If a file exists already or cannot be written.
+    ``encode`` turns `Records` into bytes, ``header`` the number of reports of each platform into
+    the bytes before the first report. Returns ``files``, ``reports``, ``levels``, ``platforms``,
+    ``left_out``, ``notes``, and ``identifiers`` where aircraft are written as numbers.
     """
     rows, order = selected.rows, selected.order
     fleet = identifiers(request.corrected, request.settings)

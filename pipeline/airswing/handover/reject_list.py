@@ -4,14 +4,13 @@ Layout as GSI reads it (src/gsi/aircraftobsqc.f90): 16 lines are skipped; of eve
 columns 1-8 are an identifier, columns 11, 13 and 15 hold ``T``, ``W`` and ``R`` where temperature,
 wind and humidity are rejected, columns 22-29 are a second (MDCRS) identifier. Blank columns 22-29
 match every report with a blank station identifier; ``--------`` matches none. The rest of a line
-(number of reports, biases and standard deviations, type, reasons in brackets) is for people, and
-so are the criteria in the header, such as ``bias_DIR > 7`` (m/s, degrees).
+(statistics, type, reasons in brackets) is for people, and so are the criteria in the header, such
+as ``bias_DIR > 7`` (m/s, degrees).
 
-The criteria are applied to the reported and to the corrected winds of the archive. An aircraft
-loses its ``W`` when every reason of its entry is a criterion of wind with a limit in the header and
-its corrected winds meet all criteria of wind on `FEWEST` reports or more; with no ``T`` or ``R``
-left its line goes. An entry that gives no reason, or one that the corrected winds cannot answer (a
-type of aircraft, research), remains. Nothing is added: aircraft that fail and are not listed are
+An aircraft loses its ``W`` when every reason of its entry is a criterion of wind with a limit in
+the header and its corrected winds meet all criteria of wind on `FEWEST` reports or more; with no
+``T`` or ``R`` left its line goes. An entry that gives no reason, or one that the corrected winds
+cannot answer (a type of aircraft, research), remains. Aircraft that fail and are not listed are
 named. All other lines are unchanged byte for byte.
 
 Statistics are of report minus reference: speed (``S``, m/s), direction (``DIR``, degrees, wrapped,
@@ -23,7 +22,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -38,14 +37,12 @@ from airswing.handover.export import (
     product_of_run,
     refuse_existing,
 )
-from airswing.handover.platforms import names_of
-from airswing.handover.selection import APPLIED
+from airswing.handover.selection import APPLIED, names_of
 
 Floats = NDArray[np.float64]
 
 FILE_NAME = "current_bad_aircraft"
-HEADER_LINES = 16
-"""Lines GSI skips, whatever they hold."""
+HEADER_LINES = 16  # that GSI skips, whatever they hold
 FEWEST = 200
 """Reports below which an aircraft is not judged; the least that real lists name."""
 LARGEST_LIST = 500
@@ -55,7 +52,6 @@ _SHOWN = 12  # aircraft named in the notes
 _CRITERION = re.compile(r"\b((?:bias|std|rms)_\w+)\s*>\s*(\d+(?:\.\d*)?|\.\d+)")
 _FLAGS = ((10, b"T"), (12, b"W"), (14, b"R"))
 _SECOND = slice(21, 29)
-_NONE = b"--------"
 _WINDS = ("eastward_wind", "northward_wind")
 
 
@@ -94,22 +90,19 @@ class Judged:
 
     def content(self) -> dict[str, Any]:
         """Values for JSON."""
-        return asdict(self) | {
+        return vars(self) | {
             "winds_a_day": round(self.winds_a_day, 1),
             "reported": {name: round(value, 2) for name, value in self.reported.items()},
             "corrected": {name: round(value, 2) for name, value in self.corrected.items()},
         }
 
 
-def write(request: Request) -> dict[str, Any]:
+def write_reject_list(request: Request) -> dict[str, Any]:
     """Write the changed list.
 
-    Returns
-    -------
-    dict
-        ``files``, ``criteria``, ``taken_off`` and ``stay`` (entries with a rejected wind, with
-        ``why`` and statistics), ``not_listed``, ``winds_a_day_gained``,
-        ``blank_identifiers_filled`` and ``notes``.
+    Returns ``files``, ``criteria``, ``taken_off`` and ``stay`` (entries with a rejected wind, with
+    ``why`` and statistics), ``not_listed``, ``winds_a_day_gained``, ``blank_identifiers_filled``
+    and ``notes``.
     """
     from airswing.products.whole_files import atomic
 
@@ -122,7 +115,7 @@ def write(request: Request) -> dict[str, Any]:
     current = read_reject_list(request.settings.base)
     target = request.path / FILE_NAME if request.folder else request.path
     refuse_existing(request, target)
-    fleet = judge(request, current.criteria)
+    fleet = _judged(request, current.criteria)
     by_name = {_plain(judged.name): judged for judged in fleet}
     lines = [current.header]
     removed: list[dict[str, Any]] = []
@@ -131,7 +124,7 @@ def write(request: Request) -> dict[str, Any]:
         line = entry.line
         if "W" in entry.flags:
             judged = by_name.get(_plain(entry.identifier)) or by_name.get(_plain(entry.second))
-            passes, why = verdict(entry, judged, current.criteria)
+            passes, why = _verdict(entry, judged, current.criteria)
             content = {} if judged is None else judged.content()
             found = {"aircraft": entry.identifier, "why": why, **content}
             if passes:
@@ -149,25 +142,6 @@ def write(request: Request) -> dict[str, Any]:
         for judged in fleet
         if judged.reported_fails and judged.reports >= FEWEST and judged.name not in listed
     ]
-    entries = sum(bool(entry.flags) for entry in current.entries)
-    return {
-        "files": [{"path": str(target), "entries": entries}],
-        "criteria": current.criteria,
-        "taken_off": removed,
-        "stay": kept,
-        "not_listed": failing,
-        "winds_a_day_gained": round(sum(one["winds_a_day"] for one in removed), 1),
-        "blank_identifiers_filled": current.filled,
-        "notes": _notes(current, removed, kept, failing),
-    }
-
-
-def _notes(
-    current: RejectList,
-    removed: list[dict[str, Any]],
-    kept: list[dict[str, Any]],
-    failing: list[dict[str, Any]],
-) -> list[str]:
     known = [one for one in kept if "name" in one]
     gained = sum(one["winds_a_day"] for one in removed)
     notes = [f"off the list: {one['aircraft']} ({one['why']})" for one in removed[:_SHOWN]]
@@ -188,24 +162,25 @@ def _notes(
             f"{current.filled} blank second identifiers, which match every report without one, "
             "filled with dashes"
         )
-    return notes
+    entries = sum(bool(entry.flags) for entry in current.entries)
+    return {
+        "files": [{"path": str(target), "entries": entries}],
+        "criteria": current.criteria,
+        "taken_off": removed,
+        "stay": kept,
+        "not_listed": failing,
+        "winds_a_day_gained": round(gained, 1),
+        "blank_identifiers_filled": current.filled,
+        "notes": notes,
+    }
 
 
-def verdict(entry: Entry, judged: Judged | None, criteria: dict[str, float]) -> tuple[bool, str]:
-    """Decide whether the wind of an entry is accepted again.
-
-    Parameters
-    ----------
-    judged : Judged or None
-        None where the aircraft is not in the archive.
-    criteria : dict
-        Limits in the header of the list.
-
-    Returns
-    -------
-    passes : bool
-    why : str
-    """
+def _verdict(entry: Entry, judged: Judged | None, criteria: dict[str, float]) -> tuple[bool, str]:
+    """Whether the wind of an entry is accepted again, and why; None is not in the archive."""
+    if judged is None:
+        return False, "not in the archive"
+    if judged.reports == 0:
+        return False, "its winds could not be corrected"
     # Reasons of temperature or humidity are answered by the flags T and R that remain.
     others = "T" in entry.flags or "R" in entry.flags
     unanswered = [
@@ -213,10 +188,6 @@ def verdict(entry: Entry, judged: Judged | None, criteria: dict[str, float]) -> 
         for name in entry.reasons
         if not (name in WIND_CRITERIA and name in criteria) and not (others and not _of_wind(name))
     ]
-    if judged is None:
-        return False, "not in the archive"
-    if judged.reports == 0:
-        return False, "its winds could not be corrected"
     if unanswered:
         return False, f"listed for another reason: {' '.join(unanswered)}"
     if not any(_of_wind(name) for name in entry.reasons):
@@ -242,10 +213,7 @@ def _plain(identifier: str) -> str:
 def read_reject_list(path: Path) -> RejectList:
     """Read a list; blank second identifiers are replaced by dashes.
 
-    Raises
-    ------
-    InputError
-        If it cannot be read, has no entry, or names no criterion of wind.
+    InputError if it cannot be read, has no entry, or names no criterion of wind.
     """
     try:
         content = Path(path).read_bytes()
@@ -274,7 +242,7 @@ def read_reject_list(path: Path) -> RejectList:
     for place, entry in enumerate(entries):
         body = entry.line.rstrip(b"\r\n")
         if entry.identifier and not body[_SECOND].strip():
-            line = body[:21].ljust(21) + _NONE + body[29:] + entry.line[len(body) :]
+            line = body[:21].ljust(21) + b"--------" + body[29:] + entry.line[len(body) :]
             entries[place] = replace(entry, line=line)
             filled += 1
     return RejectList(header, entries, criteria, filled)
@@ -298,17 +266,16 @@ def _entry(line: bytes) -> Entry:
     )
 
 
-def judge(request: Request, criteria: dict[str, float]) -> list[Judged]:
-    """Apply the criteria of wind to every aircraft of the archive, as reported and as corrected.
+def _judged(request: Request, criteria: dict[str, float]) -> list[Judged]:
+    """Every aircraft of the archive by the criteria of wind, as reported and as corrected.
 
-    Both states are judged on the same reports: those that passed the screening and were corrected.
-    Reports are compared with the mean of the references the correction was fitted against.
+    Both states are judged on the reports that passed the screening and were corrected, which are
+    compared with the mean of the references the correction was fitted against.
     """
     from airswing.evaluation.disagreement import reference_mean
     from airswing.evaluation.innovations import profile_cells
     from airswing.products.ragged import aircraft_of_report, blocks, time_span
 
-    aircraft = names_of(request.corrected)
     needed = [*_WINDS, *(f"reference_{name}" for name in _WINDS), "pressure", "phase", "screening"]
     better = [*(f"corrected_{name}" for name in _WINDS), "correction_applied"]
     parts, first_aircraft = [], 0
@@ -322,53 +289,44 @@ def judge(request: Request, criteria: dict[str, float]) -> list[Judged]:
             blocks(headings, needed), blocks(request.corrected, better), strict=True
         ):
             model = reference_mean(block, members or known[:1])
-            u, v = (model[f"reference_{name}"].to_numpy() for name in _WINDS)
+            wind = [model[f"reference_{name}"].to_numpy() for name in _WINDS]
             reported = [block[name].to_numpy() for name in _WINDS]
             corrected = [other[f"corrected_{name}"].to_numpy() for name in _WINDS]
-            known_cell = profile_cells(block) >= 0
-            usable = known_cell & np.isfinite(u) & np.isfinite(reported[0])
-            applied = np.isin(other["correction_applied"].to_numpy(), APPLIED)
+            usable = (profile_cells(block) >= 0) & np.isfinite(wind[0]) & np.isfinite(reported[0])
+            good = usable & np.isin(other["correction_applied"].to_numpy(), APPLIED)
+            good &= np.isfinite(corrected[0])
             row = pd.Index(aircraft_of_report(block) + first_aircraft)
-            table = pd.DataFrame(
-                _differences("reported", reported, (u, v))
-                | _differences("corrected", corrected, (u, v)),
-                index=row,
-            )
-            good = table[usable & applied & np.isfinite(corrected[0])].groupby(level=0)
-            mean, spread = good.mean(), good.std(ddof=0)
+            differences = _differences("reported", reported, wind)
+            differences |= _differences("corrected", corrected, wind)
+            grouped = pd.DataFrame(differences, index=row)[good].groupby(level=0)
+            mean, spread = grouped.mean(), grouped.std(ddof=0)
             found = {"bias": mean, "std": spread, "rms": (mean**2 + spread**2) ** 0.5}
-            found["reports"] = good.size().rename("good").to_frame()
+            found["reports"] = grouped.size().rename("good").to_frame()
             found["reports"]["usable"] = row[usable].value_counts()
             # Aircraft are whole in a block.
-            parts.append(
-                pd.concat(found, axis=1).reindex(
-                    first_aircraft + np.arange(block.sizes["aircraft"])
-                )
-            )
+            places = first_aircraft + np.arange(block.sizes["aircraft"])
+            parts.append(pd.concat(found, axis=1).reindex(places))
             first_aircraft += block.sizes["aircraft"]
     days = max((last - first) / np.timedelta64(1, "D"), 1.0)
     statistics = pd.concat(parts)
     number = statistics["reports"].fillna(0)
-    wanted = {one: one.split("_") for one in WIND_CRITERIA if one in criteria}
     judged = []
-    for place, name in enumerate(aircraft):
+    for place, name in enumerate(names_of(request.corrected)):
         values: dict[str, dict[str, float]] = {}
         fails: dict[str, list[str]] = {}
         for state in ("reported", "corrected"):
-            values[state] = {
-                one: float(statistics[kind, f"{what} {state}"].iloc[place])
-                for one, (kind, what) in wanted.items()
-            }
-            fails[state] = [one for one in wanted if abs(values[state][one]) > criteria[one]]
+            values[state] = {}
+            for one in (one for one in WIND_CRITERIA if one in criteria):
+                kind, what = one.split("_")
+                values[state][one] = float(statistics[kind, f"{what} {state}"].iloc[place])
+            fails[state] = [one for one, v in values[state].items() if abs(v) > criteria[one]]
         judged.append(
             Judged(
-                name=name,
-                reports=int(number["good"].iloc[place]),
-                winds_a_day=float(number["usable"].iloc[place] / days),
-                reported=values["reported"],
-                corrected=values["corrected"],
-                reported_fails=fails["reported"],
-                corrected_fails=fails["corrected"],
+                name,
+                int(number["good"].iloc[place]),
+                float(number["usable"].iloc[place] / days),
+                *(values["reported"], values["corrected"]),
+                *(fails["reported"], fails["corrected"]),
             )
         )
     return judged

@@ -1,19 +1,21 @@
-"""Reports that are exported, the reasons for leaving out the others, and joined soundings.
+"""Reports that are exported, joined soundings, and identifiers and platforms of the aircraft.
 
-Assumes screened reports with their correction. A report is exported when every screening rule let
-it pass, except the rules the configuration accepts (``handover: {accept: [...]}``; by default
-``phase``, which only selects the reports of the fit, and ``field_test``, which marks units that
-apply their own correction). A report without a model wind near it (``no_reference``) could not be
-checked for gross errors and is left out. Of corrected winds, those without a correction are left
-out, and those of aircraft corrected by a constant alone (``offset_only``: a deviation that varies
-with the heading remains in them).
+A report is exported when every screening rule let it pass, except the rules the configuration
+accepts (``handover: {accept: [...]}``; by default ``phase``, which only selects the reports of the
+fit, and ``field_test``, which marks units that apply a correction themselves). Reports without a
+model wind (``no_reference``) could not be checked for gross errors and are left out, and of
+corrected winds those without a correction or with a constant alone (``offset_only``). WRF and WRFDA
+accept whatever number they read, including NaN: limits are those of reading reports.
 
-WRF and WRFDA accept whatever number they read, including NaN; limits of possible values are those
-of reading reports (:mod:`airswing.reports.cleaning`).
+The platform comes from the configuration (``handover: {aircraft: {AMDAR: ["EU*"]}}``, then
+``platform``), else from the reports, else it is TAMDAR. The code after ``FM-`` decides how a reader
+treats a report: OBSPROC and WRFDA take 101 as ``tamdar`` and 42, 96, 97 as ``airep`` (WRF 4.7,
+var/obsproc/src/fm_decoder.F90), each with its error table and rules.
 """
 
 from __future__ import annotations
 
+import fnmatch
 from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -22,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
-from airswing.flags import CORRECTION, PHASE, SCREENING
+from airswing.flags import CORRECTION, PHASE, PLATFORM, SCREENING
 from airswing.handover.export import Request
 from airswing.physics.atmosphere import pressure_from_altitude
 from airswing.physics.great_circle import central_angle
@@ -31,6 +33,8 @@ from airswing.units import EARTH_RADIUS
 
 if TYPE_CHECKING:
     import xarray as xr
+
+    from airswing.config import Handover
 
 Rows = NDArray[np.void]
 Mask = NDArray[np.bool_]
@@ -59,12 +63,20 @@ _FIRST_TIME, _END_TIME = (
 )
 _NO_TIME = np.iinfo(np.int64).min
 
-LARGEST_GAP = 600
-"""s between reports of one sounding; in a climb reports are seconds to a few minutes apart."""
-LEAST_STEP = 2.0
-"""Pa between levels; OBSPROC merges levels less than 1 Pa apart."""
-MOST_LEVELS = 1000
-"""WRFDA cuts reports of more than 1001 levels."""
+_LARGEST_GAP = 600  # s between reports of one sounding; in a climb they are closer
+_LEAST_STEP = 2.0  # Pa between levels; OBSPROC merges levels less than 1 Pa apart
+_MOST_LEVELS = 1000  # WRFDA cuts reports of more than 1001 levels
+
+PLATFORMS = tuple(name for name in PLATFORM if name != "unknown")
+CODES = {
+    "TAMDAR": "FM-101 TAMDAR",
+    "AMDAR": "FM-42 AMDAR",
+    "ACARS": "FM-97 ACARS",
+    "AIREP": "FM-97 AIREP",
+}
+"""Platform in LITTLE_R and ob.ascii."""
+_LONGEST_IDENTIFIER = 40  # columns of LITTLE_R, ob.ascii and OBS_DOMAIN
+_LARGEST_NUMBER = 99_999  # WRFDA's bias correction reads identifiers as five-digit numbers
 
 
 @dataclass
@@ -86,7 +98,7 @@ def selected_rows(
     largest_step: float = np.inf,
     least_depth: float = 0.0,
 ) -> Selected:
-    """Select the reports of an archive and put them in order of time.
+    """Select the reports of an archive and put them in order of time; InputError if none remains.
 
     Parameters
     ----------
@@ -96,11 +108,6 @@ def selected_rows(
         Pa; a joined sounding is split at a larger step between levels.
     least_depth : float, default 0
         Pa; a shallower sounding is written as single levels.
-
-    Raises
-    ------
-    InputError
-        If a variable is missing or no report remains.
     """
     from airswing.products.ragged import aircraft_of_report, blocks
 
@@ -224,7 +231,7 @@ def _join_soundings(
     """Give the levels of each sounding one report number, place and time, in place.
 
     A sounding is a run of reports of one flight in ascent or in descent without a gap over
-    `LARGEST_GAP`. It has the place and time of its middle report, since the formats hold one for
+    `_LARGEST_GAP`. It has the place and time of its middle report, since the formats hold one for
     all levels. A second report at the same pressure (level flight), a run of one report, and a
     sounding of less than ``least_depth`` remain single reports. Rows are whole aircraft in order of
     aircraft and time.
@@ -234,7 +241,7 @@ def _join_soundings(
     members, run = order, run[order]
     step = -np.diff(rows["pressure"][members])
     # Of levels too near to each other the earlier report keeps the level.
-    repeated = np.r_[False, (np.diff(run) == 0) & (step < LEAST_STEP)]
+    repeated = np.r_[False, (np.diff(run) == 0) & (step < _LEAST_STEP)]
     members, run = members[~repeated], run[~repeated]
     pressure = rows["pressure"][members]
     parted = np.r_[False, (np.diff(run) == 0) & (-np.diff(pressure) > largest_step)]
@@ -274,8 +281,61 @@ def _runs(rows: Rows, flight: NDArray[np.int64]) -> NDArray[np.int64]:
         | (phase[1:] != phase[:-1])
         | (flight[1:] != flight[:-1])
         | (rows["aircraft"][1:] != rows["aircraft"][:-1])
-        | (time[1:] - time[:-1] > LARGEST_GAP)
+        | (time[1:] - time[:-1] > _LARGEST_GAP)
     )
     start = np.flatnonzero(new)[np.cumsum(new) - 1]
-    too_many = (np.arange(rows.size) - start) // MOST_LEVELS
+    too_many = (np.arange(rows.size) - start) // _MOST_LEVELS
     return np.asarray(np.cumsum(new | (np.diff(too_many, prepend=0) > 0)) - 1, dtype=np.int64)
+
+
+def names_of(corrected: xr.Dataset) -> list[str]:
+    """Names of all aircraft, in the order of the product."""
+    return [str(name) for name in corrected["aircraft"].to_numpy()]
+
+
+def identifiers(corrected: xr.Dataset, settings: Handover) -> list[str]:
+    """Identifier of every aircraft in the files: its name, or a number of five digits.
+
+    An aircraft whose name is a number keeps it; the others get the numbers that are free. A name
+    that is too long or not printable is refused: changed it could be that of another aircraft.
+    """
+    names = names_of(corrected)
+    for name in names:
+        if len(name) > _LONGEST_IDENTIFIER or not (name.isascii() and name.isprintable() and name):
+            raise InputError(
+                f"the format takes an aircraft identifier of 1 to {_LONGEST_IDENTIFIER} characters "
+                "of printable ASCII",
+                field="aircraft",
+                found=ascii(name[:120]),
+                remedy="Give the aircraft a shorter name in the reports and run again",
+            )
+    if settings.identifiers == "tail":
+        return names
+    if len(names) > _LARGEST_NUMBER:
+        raise InputError("more aircraft than numbers of five digits", found=len(names))
+    holder: dict[int, str] = {}
+    for name in names:
+        if name.isdigit() and 0 < int(name) <= _LARGEST_NUMBER:
+            holder.setdefault(int(name), name)
+    number_of = {name: number for number, name in holder.items()}
+    free = (number for number in range(1, _LARGEST_NUMBER + 1) if number not in holder)
+    return [f"{number_of.get(name) or next(free):05d}" for name in names]
+
+
+def platforms(corrected: xr.Dataset, settings: Handover) -> NDArray[np.int8]:
+    """Platform of every aircraft, as index (aircraft,) of `PLATFORMS`."""
+    names = names_of(corrected)
+    reported = [PLATFORM["unknown"]] * len(names)
+    if "platform" in corrected:
+        reported = corrected["platform"].to_numpy().tolist()
+    words = {code: name for name, code in PLATFORM.items()} | {PLATFORM["unknown"]: "TAMDAR"}
+    found = []
+    for name, code in zip(names, reported, strict=True):
+        default = words[code] if settings.platform == "auto" else str(settings.platform)
+        matched = (
+            platform
+            for platform, patterns in settings.aircraft.items()
+            if any(fnmatch.fnmatchcase(name, pattern) for pattern in patterns)
+        )
+        found.append(PLATFORMS.index(next(matched, default)))
+    return np.array(found, dtype=np.int8)

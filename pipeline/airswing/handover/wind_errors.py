@@ -29,8 +29,7 @@ from numpy.typing import NDArray
 from airswing.errors import InputError
 from airswing.flags import PHASE
 from airswing.handover.export import ERRORS, Request, product_of_run
-from airswing.handover.platforms import PLATFORMS, names_of, platforms
-from airswing.handover.selection import Rows
+from airswing.handover.selection import PLATFORMS, Rows, names_of, platforms
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -38,10 +37,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 BASE, BY_AIRCRAFT = "observation_error_filled", "aircraft_observation_error"
-LEAST = 0.5
-"""m/s: coding in whole knots and degrees alone costs 0.4 m/s at a wind of 30 m/s."""
-LEAST_SHARE = 0.25
-"""Of the base variance, that the variance of a report is at least."""
+LEAST = 0.5  # m/s: coding in whole knots and degrees alone costs 0.4 m/s at a wind of 30 m/s
+LEAST_SHARE = 0.25  # of the base variance, that the variance of a report is at least
 TAMDARS = (
     (150, 200, 350, 400, 450, 500, 600, 650, 750, 800, 850, 900),
     (3.6, 3.2, 3.2, 3.0, 3.0, 2.9, 2.9, 2.7, 2.7, 2.5, 2.5, 2.3),
@@ -53,10 +50,7 @@ AIREPS = 3.6  # m/s at all levels; WRFDA uses it for AMDAR and ACARS too
 def known_errors(request: Request, *, required: bool = False) -> xr.Dataset | None:
     """``observation_errors.nc`` of the run, for the winds to export; None where it is absent.
 
-    Raises
-    ------
-    InputError
-        If the product is another one, or ``required`` and absent or without any known error.
+    InputError if it is another product, or ``required`` and absent or without any known error.
     """
     if not required and (request.products is None or not (request.products / ERRORS).exists()):
         return None
@@ -96,16 +90,7 @@ def table_error(pressure: Array, platform: NDArray[np.int8]) -> Array:
 
 
 class WindErrors:
-    """Error of every report of an archive.
-
-    Parameters
-    ----------
-    request : Request
-    rows : array of `~airswing.handover.selection.ROW`
-        All reports that are exported.
-    known : Dataset or None
-        Of :func:`known_errors`.
-    """
+    """Error of every report of an archive, from all rows exported and :func:`known_errors`."""
 
     def __init__(self, request: Request, rows: Rows, known: xr.Dataset | None) -> None:
         aircraft = names_of(request.corrected)

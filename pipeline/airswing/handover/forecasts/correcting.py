@@ -17,7 +17,7 @@ blocks of start days, with all stations and lead times of a day drawn together.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import xarray as xr
@@ -39,18 +39,14 @@ FORECASTS = {
 }
 """Variable of each method."""
 METHODS = tuple(FORECASTS)
-RATIOS = (0.005, 0.01, 0.02, 0.04, 0.06, 0.1, 0.2, 0.4)
-"""Ratios to choose from."""
+RATIOS = (0.005, 0.01, 0.02, 0.04, 0.06, 0.1, 0.2, 0.4)  # to choose from
+# Optimum of Delle Monache et al. (2008), J. Geophys. Res. 113, D16310; used without a choice.
 USUAL_RATIO = 0.06
-"""Optimum of Delle Monache et al. (2008), J. Geophys. Res. 113, D16310; used without a choice."""
-FEWEST_TRAINING_DAYS = 14
-"""Days below which a ratio cannot be chosen."""
-LEAST = {"wind_speed": 0.0}
-"""Bound of variables that have one."""
+FEWEST_TRAINING_DAYS = 14  # below which a ratio cannot be chosen
+LEAST = {"wind_speed": 0.0}  # bound of variables that have one
 SCORES = ("forecast_error_mean", "forecast_error_centred_rms", "forecast_error_rms", "skill")
 PERIODS = ("held_out", "all")
-FEWEST_DAYS = 5
-"""Days below which there is no interval."""
+FEWEST_DAYS = 5  # below which there is no interval
 TIME = "forecast_reference_time"
 DIMS = ("variable", "station", TIME, "lead")
 _DRAWS = 1000  # of days; 25 of them lie beyond either end of an interval
@@ -169,6 +165,12 @@ def _known_bias(
     days_ahead = np.maximum(np.ceil(errors["lead"].to_numpy() / 24.0 - 1e-9), 1.0)
     ahead = xr.DataArray(days_ahead.astype(np.int64), dims="lead")
     parts: list[xr.DataArray] = []
+    along_time: dict[str, Any] = {
+        "input_core_dims": [[TIME], []],
+        "output_core_dims": [[TIME]],
+        "dask": "parallelized",
+        "output_dtypes": [np.float64],
+    }
     day = starts.astype("datetime64[D]")
     hour = (starts - day).astype(np.int64)
     for one in np.unique(hour):
@@ -179,40 +181,18 @@ def _known_bias(
         source[place] = chosen
         there = xr.DataArray(source >= 0, dims=TIME)
         whole = errors.isel({TIME: source}).drop_vars(TIME).where(there)
-        known = _along_time(known_before, _along_time(kernel, whole, setting), ahead)
+        bias = xr.apply_ufunc(kernel, whole, setting, **along_time)
+        known = xr.apply_ufunc(known_before, bias, ahead, **along_time)
         parts.append(known.isel({TIME: place}).assign_coords({TIME: starts[chosen]}))
     return parts[0] if len(parts) == 1 else xr.concat(parts, TIME).sortby(TIME)
 
 
-def _along_time(
-    kernel: Callable[..., Floats], errors: xr.DataArray, setting: xr.DataArray | float
-) -> xr.DataArray:
-    found: xr.DataArray = xr.apply_ufunc(
-        kernel,
-        errors,
-        setting,
-        input_core_dims=[[TIME], []],
-        output_core_dims=[[TIME]],
-        dask="parallelized",
-        output_dtypes=[np.float64],
-    )
-    return found
-
-
 def score_forecasts(corrected: xr.Dataset) -> xr.Dataset:
-    """Score each method by variable: over all pairs, by lead time and by station.
+    """Score each method of :func:`correct_forecasts` by variable: all pairs, by lead, by station.
 
-    Parameters
-    ----------
-    corrected : Dataset
-        Of :func:`correct_forecasts`.
-
-    Returns
-    -------
-    Dataset
-        Each of `SCORES` (variable, period, correction); with ``_by_lead``, (variable, period,
-        correction, lead); with ``_by_station`` on the days held out, (variable, correction,
-        station); each with ``*_interval`` (..., bound); ``pair_count`` (variable, period).
+    Returns each of `SCORES` (variable, period, correction); with ``_by_lead``, (variable, period,
+    correction, lead); with ``_by_station`` on the days held out, (variable, correction, station);
+    each with ``*_interval`` (..., bound); ``pair_count`` (variable, period).
     """
     judged = corrected["held_out"].to_numpy().astype(bool)
     by_lead = _moments(corrected, "station").load()
@@ -300,17 +280,9 @@ def _scores(moments: xr.DataArray) -> dict[str, xr.DataArray]:
 def station_distribution(scored: xr.Dataset, variable: str, method: str) -> dict[str, object]:
     """Distribution over stations of the rms error of a method relative to the raw forecast.
 
-    Parameters
-    ----------
-    scored : Dataset
-        Of :func:`score_forecasts`.
-
-    Returns
-    -------
-    dict
-        ``stations`` judged; ``rms_ratio_quantiles`` (0, 10, 50, 90 and 100 %); shares of stations
-        ``better``, ``surely_better`` and ``surely_worse`` (95 % interval of the skill on one side
-        of zero); ``worst_station``. Empty without a station.
+    From :func:`score_forecasts`: ``stations`` judged; ``rms_ratio_quantiles`` (0, 10, 50, 90 and
+    100 %); shares of stations ``better``, ``surely_better`` and ``surely_worse`` (95 % interval of
+    the skill on one side of zero); ``worst_station``. Empty without a station.
     """
     chosen = scored.sel(variable=variable, correction=method)
     skill = chosen["skill_by_station"].to_numpy()

@@ -3,12 +3,11 @@
 Assumes text tables with one line of names, divided by commas, semicolons, tabs or blanks. Lines
 that begin with ``#`` are comments; ``# variable: T`` and ``# units: K`` are used (text format of
 the program Verif, Nipen et al. 2023, Bull. Amer. Meteor. Soc. 104). ``-999``, ``NA``, ``nan`` and
-empty values are missing. Lines that cannot be used are counted by reason. Times are UTC; units are
-those of the table.
+empty values are missing. Lines that cannot be used are counted by reason. Times are UTC.
 
 At flight levels a place is a box of latitude and longitude in a layer of pressure. Its pair of a
-day is the mean model wind and the mean corrected wind of the reports in it, so a mean of the
-reports, not of the box. The bias of a day is known on the next, whatever the model's lead time.
+day is the mean model wind and the mean corrected wind of the reports in it. The bias of a day is
+known on the next, whatever the model's lead time.
 """
 
 from __future__ import annotations
@@ -42,51 +41,28 @@ PLACES = {
     "longitude": ("longitude", "lon"),
     "altitude": ("altitude", "elev", "elevation"),
 }
-VARIABLES = {
-    "t": "air_temperature",
-    "t2m": "air_temperature",
-    "2t": "air_temperature",
-    "temperature": "air_temperature",
-    "u": "eastward_wind",
-    "10u": "eastward_wind",
-    "u10": "eastward_wind",
-    "v": "northward_wind",
-    "10v": "northward_wind",
-    "v10": "northward_wind",
-    "ff": "wind_speed",
-    "ws": "wind_speed",
+VARIABLES = {  # by short name; other names are kept
+    **dict.fromkeys(("t", "t2m", "2t", "temperature"), "air_temperature"),
+    **dict.fromkeys(("u", "10u", "u10"), "eastward_wind"),
+    **dict.fromkeys(("v", "10v", "v10"), "northward_wind"),
+    **dict.fromkeys(("ff", "ws"), "wind_speed"),
 }
-"""Short names of variables; other names are kept."""
-LEAD_HOURS = 24.0
-"""Lead time of pairs at flight levels: the bias of a day is known on the next."""
+LEAD_HOURS = 24.0  # of pairs at flight levels: the bias of a day is known on the next
 _VALUES = ("forecast", "observation")
 _KEYS = ["variable", "station", TIME, "lead"]
 _MISSING = ["-999", "-999.0", "-999.00", "NA", "nan", "NaN", "null", ""]
 _COMMENT = re.compile(r"#\s*(variable|units)\s*:\s*(.*?)\s*$", re.IGNORECASE)
+_CALENDARS = {8: "%Y%m%d", 10: "%Y%m%d%H", 12: "%Y%m%d%H%M", 14: "%Y%m%d%H%M%S"}
 # A time outside this range is a number misread as a date.
 _FIRST, _LAST = pd.Timestamp("1900-01-01"), pd.Timestamp("2200-01-01")
 _WINDS = ("eastward_wind", "northward_wind")
 
 
 def read_table(path: Path, columns: Mapping[str, str]) -> tuple[pd.DataFrame, dict[str, str]]:
-    """Read one table as text.
+    """Read one table as text, and ``variable`` and ``units`` of its comments.
 
-    Parameters
-    ----------
-    columns : mapping of str to str
-        Names in the table to names used here; other columns keep theirs, in lower case.
-
-    Returns
-    -------
-    table : DataFrame
-        Every value as text; ``attrs["lines_skipped"]`` counts broken lines.
-    comments : dict
-        ``variable`` and ``units`` where comments give them.
-
-    Raises
-    ------
-    InputError
-        If the file is absent, not text, or not a table.
+    ``columns`` are names in the table and names used here; other columns keep theirs, in lower
+    case. ``attrs["lines_skipped"]`` counts broken lines.
     """
     try:
         text = Path(path).read_text(encoding="utf-8-sig")
@@ -128,14 +104,13 @@ def read_table(path: Path, columns: Mapping[str, str]) -> tuple[pd.DataFrame, di
     return table, comments
 
 
-def optional_column(table: pd.DataFrame, names: Sequence[str]) -> pd.Series | None:
-    """First existing column of several names, or None."""
+def _optional_column(table: pd.DataFrame, names: Sequence[str]) -> pd.Series | None:
     return next((table[name] for name in names if name in table), None)
 
 
 def column(table: pd.DataFrame, names: Sequence[str], *, file: Path) -> pd.Series:
     """First existing column of several names; InputError, naming ``file``, if there is none."""
-    found = optional_column(table, names)
+    found = _optional_column(table, names)
     if found is None:
         raise InputError(
             f"no column {' or '.join(names)}",
@@ -159,32 +134,28 @@ def numbers(values: pd.Series | None, index: pd.Index) -> Floats:
 def times(values: pd.Series) -> Times:
     """Read times in UTC: ISO 8601, yyyymmdd[HH[MM[SS]]] or seconds since 1970; else NaT."""
     codes, labels = pd.factorize(values)  # a time is read once
-    read = [_time(str(label).strip()) for label in labels]
-    return np.array([*read, np.datetime64("NaT")], dtype="datetime64[ns]")[codes]
-
-
-def _time(text: str) -> np.datetime64:
-    digits = text.removesuffix(".0")
-    layout = {8: "%Y%m%d", 10: "%Y%m%d%H", 12: "%Y%m%d%H%M", 14: "%Y%m%d%H%M%S"}
-    try:
-        # Ten digits may be a date or seconds since 1970; those that begin with 19 or 20 would
-        # be seconds of 2030 and later.
-        if digits.isdigit() and len(digits) in layout and digits[:2] in ("19", "20"):
-            stamp = pd.to_datetime(digits, format=layout[len(digits)])
-        elif digits.isdigit():
-            stamp = pd.Timestamp(int(digits), unit="s")
-        else:
-            stamp = pd.Timestamp(text)
-    except (ValueError, OverflowError):
-        return np.datetime64("NaT", "ns")
-    plain = stamp.tz_convert("UTC").tz_localize(None) if stamp.tz is not None else stamp
-    return np.datetime64(plain if _FIRST <= plain <= _LAST else "NaT", "ns")
+    text = pd.Series(labels, dtype=object).map(lambda label: str(label).strip())
+    digits = text.str.removesuffix(".0")
+    whole = digits.str.fullmatch(r"\d+").astype(bool)
+    read = pd.to_datetime(text.where(~whole), format="mixed", utc=True, errors="coerce")
+    seconds = pd.to_numeric(digits.where(whole), errors="coerce")
+    seconds = seconds.where(seconds <= _LAST.timestamp())
+    read = read.fillna(pd.to_datetime(seconds, unit="s", utc=True))
+    for width, layout in _CALENDARS.items():
+        # Ten digits may be a date or seconds since 1970; those that begin with 19 or 20 would be
+        # seconds of 2030 and later.
+        dates = digits.where(digits.str.fullmatch(rf"(19|20)\d{{{width - 2}}}").astype(bool))
+        dated = pd.to_datetime(dates, format=layout, utc=True, errors="coerce")
+        read = dated.where(dates.notna(), read)
+    plain = read.dt.tz_localize(None)
+    found = plain.where((plain >= _FIRST) & (plain <= _LAST)).to_numpy(dtype="datetime64[ns]")
+    return np.append(found, np.datetime64("NaT", "ns"))[codes]
 
 
 def places(table: pd.DataFrame) -> dict[str, Floats]:
     """Latitude, longitude and altitude of each line, NaN where there is no such column."""
     return {
-        name: numbers(optional_column(table, known), table.index) for name, known in PLACES.items()
+        name: numbers(_optional_column(table, known), table.index) for name, known in PLACES.items()
     }
 
 
@@ -195,26 +166,12 @@ def pairs_from_tables(
     variable: str | None = None,
     units: str | None = None,
 ) -> xr.Dataset:
-    """Read tables of forecast and observation.
+    """Read tables of forecast and observation for `correct_forecasts`.
 
-    Parameters
-    ----------
-    columns : mapping of str to str, optional
-        Names in the tables to ``station, start, lead (h), time (valid), variable, forecast,
-        observation, latitude, longitude``; usual names are known.
-    variable, units : str, optional
-        Of tables that do not give them.
-
-    Returns
-    -------
-    Dataset
-        As :func:`airswing.handover.forecasts.correcting.correct_forecasts` takes it, with
-        ``lines_left_out`` (by reason) in its attributes.
-
-    Raises
-    ------
-    InputError
-        If a file is not such a table, or nothing in them can be used.
+    ``columns`` are names in the tables and ``station, start, lead (h), time (valid), variable,
+    forecast, observation, latitude, longitude``; usual names are known. ``variable`` and ``units``
+    are for tables that do not give them. Attribute ``lines_left_out`` counts lines by reason.
+    InputError if a file is not such a table, or nothing in them can be used.
     """
     left_out: Counter[str] = Counter()
     parts = [_part(Path(file), columns or {}, variable, units, left_out) for file in files]
@@ -244,11 +201,11 @@ def _part(
     raw, comments = read_table(file, columns)
     left_out["another number of columns"] += int(raw.attrs["lines_skipped"])
     start, lead = _starts_and_leads(raw, file)
-    names = optional_column(raw, ("variable", "parameter"))
+    names = _optional_column(raw, ("variable", "parameter"))
     if names is None:
         names = pd.Series(variable or comments.get("variable") or "forecast", index=raw.index)
     names = names.map(lambda name: str(name).strip())
-    unit = optional_column(raw, ("units", "unit"))
+    unit = _optional_column(raw, ("units", "unit"))
     table = pd.DataFrame(
         {
             "station": column(raw, STATION, file=file),
@@ -273,7 +230,7 @@ def _part(
 
 def _starts_and_leads(raw: pd.DataFrame, file: Path) -> tuple[Times, Floats]:
     """Start and lead time (h), of which one may be given by the valid time."""
-    start, lead = optional_column(raw, START), optional_column(raw, LEAD)
+    start, lead = _optional_column(raw, START), _optional_column(raw, LEAD)
     if start is not None and lead is not None:
         return times(start), numbers(lead, raw.index)
     valid = times(column(raw, VALID, file=file))
@@ -293,11 +250,7 @@ def _cf_units(text: str) -> str:
 
 
 def on_axes(table: pd.DataFrame) -> xr.Dataset:
-    """Put lines of forecasts on the axes of `DIMS`.
-
-    The table has ``variable, station, forecast_reference_time, lead, units, forecast,
-    observation`` and the places of stations where known.
-    """
+    """Put a table of `DIMS`, units, forecast, observation and places on the axes of `DIMS`."""
     codes, axes = zip(*(pd.factorize(table[key], sort=True) for key in _KEYS), strict=True)
     shape = tuple(len(axis) for axis in axes)
     flat = np.ravel_multi_index(codes, shape)
@@ -344,18 +297,13 @@ def flight_level_pairs(
     region : float
         Side of a box, degrees.
     fewest : int
-        Reports of a box, layer and day that make a pair.
+        Reports of a box, layer and day that make a pair; InputError where no box has so many.
 
     Returns
     -------
     Dataset
-        As :func:`airswing.handover.forecasts.correcting.correct_forecasts` takes it; a station is
-        a box in a layer, with ``latitude``, ``longitude`` and ``pressure`` of its middle.
-
-    Raises
-    ------
-    InputError
-        If no box has enough reports on any day.
+        For `correct_forecasts`; a station is a box in a layer, with ``latitude``, ``longitude`` and
+        ``pressure`` of its middle.
     """
     needed = ["latitude", "longitude", "pressure", "time", "phase", "screening"]
     needed += [f"reference_{name}" for name in _WINDS]

@@ -9,8 +9,7 @@ the station is not corrected: the filter finds its effect as a systematic error.
 
 Observations are tables with one line a station and time, latitude and longitude in degrees, and any
 of temperature and wind with the unit in the column's name. A forecast is paired with the
-observation nearest to its valid time within a given gap. A calm has no direction: its components
-are zero. SI units.
+observation nearest to its valid time within a given gap. SI units.
 """
 
 from __future__ import annotations
@@ -55,20 +54,15 @@ Floats = NDArray[np.float64]
 Skipped = Counter[tuple[str, str]]
 _Field = tuple[str, int, float, Grid, Floats]
 """Variable, start (ns since 1970), lead (h), grid, and values at the stations along the grid."""
-UNITS = {
-    "air_temperature": "K",
-    "eastward_wind": "m s-1",
-    "northward_wind": "m s-1",
-    "wind_speed": "m s-1",
-}
 _RANGE = {
     "air_temperature": (150.0, 350.0),
     "wind_speed": (0.0, 150.0),
     "eastward_wind": (-150.0, 150.0),
     "northward_wind": (-150.0, 150.0),
 }
+UNITS = {name: "K" if name == "air_temperature" else "m s-1" for name in _RANGE}
 # Short name and height of a field, and its variable; winds are along the grid at first.
-_WANTED = {
+_WANTED: dict[tuple[object, object], str] = {
     ("2t", 2): "air_temperature",
     ("10u", 10): "eastward_wind",
     ("10v", 10): "northward_wind",
@@ -97,7 +91,7 @@ def pairs_at_stations(
     columns: Mapping[str, str] | None = None,
     max_time_gap: float = 1800.0,
 ) -> xr.Dataset:
-    """Pair forecasts from GRIB with observations at stations.
+    """Pair forecasts from GRIB with observations at stations, for `correct_forecasts`.
 
     Parameters
     ----------
@@ -109,16 +103,6 @@ def pairs_at_stations(
         Names in the tables to those.
     max_time_gap : float, default 1800
         Seconds between an observation and the valid time.
-
-    Returns
-    -------
-    Dataset
-        As :func:`airswing.handover.forecasts.correcting.correct_forecasts` takes it.
-
-    Raises
-    ------
-    InputError
-        If a table cannot be used, or no observation meets a forecast.
     """
     left_out: Counter[str] = Counter()
     parts = [_observations(Path(file), columns or {}, left_out) for file in observations]
@@ -182,7 +166,14 @@ def _observations(file: Path, columns: Mapping[str, str], left_out: Counter[str]
     for name in known_columns:
         variable, factor, offset = _COLUMNS[name]
         table[variable] = numbers(raw[name], raw.index) * factor + offset
-    _derive(table)
+    if {"wind_speed", "wind_direction"} <= set(table):
+        speed = table["wind_speed"].to_numpy()
+        # The direction of a calm may be anything, or missing.
+        angle = np.radians(np.where(speed == 0.0, 0.0, table["wind_direction"].to_numpy()))
+        table["eastward_wind"] = -speed * np.sin(angle)
+        table["northward_wind"] = -speed * np.cos(angle)
+    elif {"eastward_wind", "northward_wind"} <= set(table):
+        table["wind_speed"] = np.hypot(table["eastward_wind"], table["northward_wind"])
     for name, (least, most) in _RANGE.items():
         if name in table:
             absurd = table[name].notna() & ~table[name].between(least, most)
@@ -192,18 +183,6 @@ def _observations(file: Path, columns: Mapping[str, str], left_out: Counter[str]
     good &= table["longitude"].between(-180, 360)
     left_out["observations without a time or place that can be read"] += int((~good).sum())
     return table[good]
-
-
-def _derive(table: pd.DataFrame) -> None:
-    """Components from speed and direction, and the speed from components."""
-    if {"wind_speed", "wind_direction"} <= set(table):
-        speed = table["wind_speed"].to_numpy()
-        # The direction of a calm may be anything, or missing.
-        angle = np.radians(np.where(speed == 0.0, 0.0, table["wind_direction"].to_numpy()))
-        table["eastward_wind"] = -speed * np.sin(angle)
-        table["northward_wind"] = -speed * np.cos(angle)
-    elif {"eastward_wind", "northward_wind"} <= set(table):
-        table["wind_speed"] = np.hypot(table["eastward_wind"], table["northward_wind"])
 
 
 def _paired(table: pd.DataFrame, observed: pd.DataFrame, max_time_gap: float) -> pd.DataFrame:
@@ -232,27 +211,10 @@ def _paired(table: pd.DataFrame, observed: pd.DataFrame, max_time_gap: float) ->
 def forecasts_at_stations(
     files: Sequence[Path], stations: pd.DataFrame
 ) -> tuple[pd.DataFrame, dict[str, int]]:
-    """Read the forecasts of every file at the stations.
+    """Read the forecasts of GRIB files at stations (``station, latitude, longitude``).
 
-    Parameters
-    ----------
-    files : sequence of Path
-        GRIB, edition 1 or 2.
-    stations : DataFrame
-        ``station, latitude, longitude`` (degrees), one line a station.
-
-    Returns
-    -------
-    DataFrame
-        ``variable, station, forecast_reference_time, lead`` (h), ``forecast``; variables are
-        ``air_temperature``, ``eastward_wind``, ``northward_wind`` and ``wind_speed``.
-    dict of str to int
-        Counts of fields left out, by reason.
-
-    Raises
-    ------
-    InputError
-        If no file holds such a field.
+    Returns a table of ``variable`` (`UNITS`), ``station, forecast_reference_time, lead`` (h),
+    ``forecast``, and counts of fields left out by reason. InputError if no file holds such a field.
     """
     skipped: Skipped = Counter()
     latitude, longitude = (stations[name].to_numpy(float) for name in ("latitude", "longitude"))
@@ -350,7 +312,7 @@ def _at_stations(
         if (product[9], product[10]) not in _NUMBERS or product[22] != 103:
             return None
     keys = read_keys(message, _HEADER)
-    name = _WANTED.get((str(keys.get("shortName")), _whole(keys, "level")))
+    name = _WANTED.get((str(keys.get("shortName")), keys.get("level")))
     if name is None or keys.get("stepType") != "instant":
         return None
     reason = grib_statistic(edition, sections)
@@ -374,15 +336,10 @@ def _at_stations(
     return name, int(start.astype(np.int64)), float(lead), grid, at
 
 
-def _whole(keys: Mapping[str, KeyValue], name: str) -> int:
-    found = keys.get(name)
-    return found if isinstance(found, int) else -1
-
-
 def _stamp(keys: Mapping[str, KeyValue], kind: str) -> np.datetime64:
     """A time of the header, within the years that int64 counts in ns (to 2262)."""
-    date, clock = (_whole(keys, kind + part) for part in ("Date", "Time"))
-    if not 19000101 <= date < 22000101:
+    date, clock = keys.get(kind + "Date"), keys.get(kind + "Time")
+    if not (isinstance(date, int) and isinstance(clock, int) and 19000101 <= date < 22000101):
         raise UnreadableMessageError("damaged: impossible reference time")
     stamp = f"{date // 10000:04d}-{date // 100 % 100:02d}-{date % 100:02d}"
     return np.datetime64(f"{stamp}T{clock // 100:02d}:{clock % 100:02d}", "ns")

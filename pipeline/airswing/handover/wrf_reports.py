@@ -1,0 +1,287 @@
+"""Reports as text files for WRF: OBS_DOMAIN (nudging), LITTLE_R (OBSPROC) and ob.ascii (WRFDA).
+
+OBS_DOMAIN: layout of subroutine in4dob, share/wrf_fddaobs_in.F of WRF 4.7 (formats 101 to 104): 4
+lines a report, a line a level, no header, in order of time, levels in descending pressure.
+
+* Quality 129 on both components marks the wind as earth-relative, and WRF rotates it to its grid;
+  any other number marks it as grid-relative. Quality admits a report or not; there is no error.
+* u = v = 0 means missing: a wind that rounds to calm gets an eastward component of 0.001 m/s.
+* ``is_sound`` is true for a single level too: false makes a surface report.
+* At 80 hPa and above no wind is used; such reports are left out and counted.
+* Where platform or name contains ACARS, a later report of equal place, time and pressure overwrites
+  the earlier one: ACARS reports are written as ``FM-97 AIREP`` with ACARS as source.
+* A report of many levels is used between its lowest and its highest level only, and not at all
+  where two levels are more than 200 hPa apart (``obs_max_sndng_gap``): a joined sounding is split
+  there. A single level reaches 75 hPa up and down with declining weight: a sounding of less than
+  150 hPa would reach fewer points than its reports, and is written as single levels.
+
+LITTLE_R: layout of var/obsproc/src/module_decoded.F90 of WRF 4.7: a header of 600 characters, 200
+a level, an end record and a trailer of three counts, without which later reports are lost.
+
+* The wind counts as speed and direction only, the direction in (0.001, 360] degrees and the speed
+  at least 0.1 m/s: north is 360, and a weaker wind is raised to 0.1 m/s in its direction.
+* Pressure alone gives the level: with a height of quality 0 OBSPROC replaces the pressure of FM-42,
+  96 and 97 by that of the standard atmosphere above 3,000 m. Their missing height has quality 1.
+* The elevation is 0: OBSGRID takes a level whose height equals the elevation for the surface, also
+  where both are missing, and drops it. The date is right-justified.
+* Reports of one place and name are merged, or all but one dropped: names are unique. Levels less
+  than 1 Pa apart are merged: joined soundings keep 2 Pa.
+* Quality is 0: the 129 of OBS_DOMAIN would reject the wind here. The format holds no error of a
+  report; OBSPROC takes errors by type from obserr.txt.
+
+ob.ascii: layout of var/da/da_obs_io/da_read_obs_ascii.inc of WRF 4.7 (``ob_format = 2``): a header
+that ends one line after the formats, then a line of information, one of surface values and a line a
+level; no line is blank.
+
+* The error of the speed weighs both components; that of the direction counts only with
+  ``wind_sd_tamdar`` or ``wind_sd_airep``. Every error is positive and has its decimal point, also
+  that of a missing value, whose quality is -88.
+* The elevation is missing: a TAMDAR report whose height equals its elevation is a surface report.
+* Pressure alone gives the level. Seconds are written, but WRFDA reads minutes.
+"""
+
+from __future__ import annotations
+
+import re
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from airswing.errors import InputError
+from airswing.handover.export import ERRORS, Request
+from airswing.handover.records import (
+    MISSING,
+    Records,
+    dates,
+    fixed,
+    joined,
+    lines,
+    speed_and_direction,
+    write_records,
+)
+from airswing.handover.selection import CODES, PLATFORMS, selected_rows
+from airswing.handover.wind_errors import WindErrors, known_errors
+
+# OBS_DOMAIN
+HIGHEST = 8000.0  # Pa; WRF takes no wind at this pressure and above
+CALM = 0.001  # m/s; smallest component the format holds
+LARGEST_STEP = 20_000.0  # Pa between levels; default of ``obs_max_sndng_gap`` (20 cbar)
+LEAST_DEPTH = 15_000.0  # Pa; twice the reach of a single level
+_DOMAIN_BEFORE = (
+    " %14s\n  %9.4f %9.4f \n  %-40s   %-40s   \n  %-16s  %-16s  -888888.     T     F  %5d\n"
+)
+# Format 104: pairs of value and quality of pressure, height, temperature, u, v and humidity.
+_NO_PAIR = "-888888.000 -888888.000 "
+_EARTH_RELATIVE = "    129.000 "
+_DOMAIN_LEVEL = (
+    f" %11.3f       0.000 {_NO_PAIR}%11.3f %11.3f %11.3f {_EARTH_RELATIVE}%11.3f {_EARTH_RELATIVE}"
+    f"{_NO_PAIR}\n"
+)
+
+
+def write_obs_domain(request: Request) -> dict[str, Any]:
+    """Write reports for WRF's observation nudging.
+
+    ``max_obs`` of the result is for the namelist; WRF stops at more observations than that.
+    """
+    domain = request.settings.domain
+    match = re.fullmatch(r"OBS_DOMAIN(\d)01", request.path.name)
+    if match and not request.folder and int(match[1]) != domain:
+        raise InputError(
+            "WRF reads a file of this name for another domain",
+            file=request.path,
+            found=f"domain {domain}",
+            remedy=f"Name it OBS_DOMAIN{domain}01 or give --domain {match[1]}",
+        )
+    selected = selected_rows(
+        request, above=HIGHEST, largest_step=LARGEST_STEP, least_depth=LEAST_DEPTH
+    )
+    result = write_records(request, selected, f"OBS_DOMAIN{domain}01", _encode_obs_domain)
+    result["max_obs"] = max(file["levels"] for file in result["files"]) + 2
+    result["notes"] += [
+        f"WRF namelist, &fdda: max_obs = {result['max_obs']} holds every file whole"
+    ]
+    return result
+
+
+def _encode_obs_domain(records: Records) -> bytes:
+    places, levels = records.places, records.levels
+    codes = [CODES["AIREP" if name == "ACARS" else name] for name in PLATFORMS]
+    before = [
+        dates(places["time"], separators=False),
+        fixed(places["latitude"], 4),
+        fixed(places["longitude"], 4),
+        records.aircraft(),
+        records.names(),
+        records.by_platform(codes),
+        records.by_platform(PLATFORMS),
+        records.size.tolist(),
+    ]
+    # Rounded to the three decimals of the format.
+    calm = np.hypot(np.round(levels["u"], 3), np.round(levels["v"], 3)) == 0.0
+    missing = np.isnan(levels["temperature"])
+    columns = [
+        fixed(levels["pressure"], 3),
+        fixed(np.where(missing, MISSING, levels["temperature"]), 3),
+        np.where(missing, MISSING, 0.0).tolist(),
+        fixed(np.where(calm, CALM, levels["u"]), 3),
+        fixed(np.where(calm, 0.0, levels["v"]), 3),
+    ]
+    return joined(records, lines(_DOMAIN_BEFORE, before), lines(_DOMAIN_LEVEL, columns))
+
+
+# LITTLE_R
+SLOWEST = 0.10001  # m/s; OBSPROC takes slower winds as missing
+LEAST_DIRECTION = 0.00101  # degrees; OBSPROC takes smaller ones as missing
+_NO_VALUE = "-888888.00000      0"
+# Latitude, longitude, identifier, name, platform, source, elevation; numbers of fields, errors,
+# warnings, order, duplicates; sounding, bogus, discarded; seconds since a date and a Julian day
+# that no reader uses, the date, 13 surface values.
+_R_BEFORE = (
+    f"%20.5f%20.5f%-40s%-40s%-40s%-40s{'0.00000':>20}"
+    f"%10d{0:10}{0:10}%10d{0:10}{'T':>10}{'F':>10}{'F':>10}{-888888:10}{-888888:10}"
+    f"{'':6}%14s{_NO_VALUE * 13}\n"
+)
+# Pairs of a value (F13.5) and its quality (I7): pressure, height, temperature, dew point, speed,
+# direction, u, v, humidity, thickness.
+_R_LEVEL = (
+    f"%13.5f      0-888888.00000%7d%13.5f      0{_NO_VALUE}%13.5f      0%13.5f      0"
+    f"{_NO_VALUE * 4}\n"
+)
+_R_AFTER = f"{'-777777.00000      0' * 2}%13.5f      0{_NO_VALUE * 7}\n%7d{0:7}{0:7}\n"
+
+
+def write_little_r(request: Request) -> dict[str, Any]:
+    """Write reports for OBSPROC or OBSGRID."""
+    encode = partial(_encode_little_r, winds=request.winds)
+    result = write_records(request, selected_rows(request), "obs.little_r", encode)
+    most = max(file["reports"] for file in result["files"])
+    result["notes"] += [
+        f"OBSPROC namelist, &record3: max_number_of_obs of {most} or more; it ends with status 0 "
+        "whatever happens: compare the TOTAL of what it writes"
+    ]
+    if request.soundings:
+        result["notes"] += [
+            "OBSPROC namelist, &record4: qc_test_convective_adj = .FALSE., or it changes the "
+            "temperatures of soundings"
+        ]
+    return result
+
+
+def _encode_little_r(records: Records, *, winds: str) -> bytes:
+    places, levels, size = records.places, records.levels, records.size.tolist()
+    before = [
+        fixed(places["latitude"], 5),
+        fixed(places["longitude"], 5),
+        records.aircraft(),
+        records.names(),
+        records.by_platform([CODES[name] for name in PLATFORMS]),
+        records.by_platform([f"airswing {winds} {name}" for name in PLATFORMS]),
+        size,
+        records.number.tolist(),
+        dates(places["time"], separators=False),
+    ]
+    speed, direction = speed_and_direction(levels["u"], levels["v"], least=LEAST_DIRECTION)
+    tamdar = records.platform[levels["aircraft"]] == PLATFORMS.index("TAMDAR")
+    temperature = levels["temperature"]
+    columns = [
+        fixed(levels["pressure"], 5),
+        np.where(tamdar, 0, 1).tolist(),
+        fixed(np.where(np.isnan(temperature), MISSING, temperature), 5),
+        fixed(np.maximum(speed, SLOWEST), 5),
+        fixed(direction, 5),
+    ]
+    return joined(
+        records, lines(_R_BEFORE, before), lines(_R_LEVEL, columns), lines(_R_AFTER, [size, size])
+    )
+
+
+# ob.ascii
+_KINDS = (
+    "SYNOP METAR SHIP BUOY BOGUS TEMP",
+    "AMDAR AIREP TAMDAR PILOT SATEM SATOB",
+    "GPSPW GPSZD GPSRF GPSEP SSMT1 SSMT2",
+    "TOVS QSCAT PROFL AIRSR OTHER",
+)
+_FORMATS = (
+    "INFO  = PLATFORM, DATE, NAME, LEVELS, LATITUDE, LONGITUDE, ELEVATION, ID.\n"
+    "SRFC  = SLP, PW (DATA,QC,ERROR).\n"
+    "EACH  = PRES, SPEED, DIR, HEIGHT, TEMP, DEW PT, HUMID (DATA,QC,ERROR)*LEVELS.\n"
+    "INFO_FMT = (A12,1X,A19,1X,A40,1X,I6,3(F12.3,11X),6X,A40)\n"
+    "SRFC_FMT = (F12.3,I4,F7.2,F12.3,I4,F7.3)\n"
+    "EACH_FMT = (3(F12.3,I4,F7.2),11X,3(F12.3,I4,F7.2),11X,3(F12.3,I4,F7.2))\n"
+    f"#{78 * '-'}#\n"
+)
+_GAP = f"{'':11}"
+_ASCII_BEFORE = (
+    f"%-12s %19s %-40s %6d%12.3f{_GAP}%12.3f{_GAP} -888888.000{_GAP}{'':6}%-40s\n"
+    " -888888.000 -88 200.00 -888888.000 -88  0.200\n"
+)
+# Value, quality and error by EACH_FMT. Errors other than that of the wind are those of
+# var/obsproc/obserr.txt: 200 Pa, 1 K, 10 %.
+_ASCII_LEVEL = (
+    f"%12.3f   0 200.00%12.3f   0%7.2f%12.3f   0%7.2f{_GAP}"
+    f" -888888.000 -88  10.00%12.3f%4d   1.00 -888888.000 -88   1.00{_GAP}"
+    " -888888.000 -88  10.00\n"
+)
+# Range of F7.2 with a blank before it; an error of zero would have infinite weight.
+LEAST_ERROR, LARGEST_ERROR = 0.01, 999.99
+
+
+def write_ob_ascii(request: Request) -> dict[str, Any]:
+    """Write reports for WRFDA."""
+    selected, known = selected_rows(request), known_errors(request)
+    errors = WindErrors(request, selected.rows, known)
+    encode = partial(_encode_ob_ascii, errors=errors)
+    result = write_records(request, selected, "ob.ascii", encode, header=_ob_ascii_header)
+    result["errors_from"] = errors.source
+    unknown = known is not None and errors.source != ERRORS
+    result["notes"] += [
+        f"errors of the winds from {errors.source}"
+        + ", with the uncertainty of each correction" * (request.winds == "corrected")
+        + f" ({ERRORS} holds none for these)" * unknown,
+        "WRFDA namelist: ob_format = 2; its gross check rejects a component that departs from the "
+        "first guess by more than max_error_uv (5.0) times the report's error",
+    ]
+    return result
+
+
+def _ob_ascii_header(numbers: dict[str, int]) -> bytes:
+    kinds = dict(numbers)
+    # WRFDA counts FM-97 as AIREP.
+    kinds["AIREP"] += kinds.pop("ACARS")
+    lines = [
+        "".join(f"{kind:<6}={kinds.get(kind, 0):7}, " for kind in line.split()) for line in _KINDS
+    ]
+    total = f"TOTAL ={sum(kinds.values()):7}, MISS. =-888888.,"
+    return "\n".join([total, *lines, _FORMATS]).encode("ascii")
+
+
+def _encode_ob_ascii(records: Records, *, errors: WindErrors) -> bytes:
+    places, levels = records.places, records.levels
+    before = [
+        records.by_platform([CODES[name][:12] for name in PLATFORMS]),
+        dates(places["time"], separators=True),
+        records.names(),
+        records.size.tolist(),
+        fixed(places["latitude"], 3),
+        fixed(places["longitude"], 3),
+        records.aircraft(),
+    ]
+    # A smaller direction would be written as 0.000.
+    speed, direction = speed_and_direction(levels["u"], levels["v"], least=0.0005)
+    error = errors.of(levels)
+    # The angle of the component error across the wind.
+    angle = np.degrees(np.arctan2(error, speed))
+    missing = np.isnan(levels["temperature"])
+    columns = [
+        fixed(levels["pressure"], 3),
+        fixed(speed, 3),
+        fixed(np.clip(error, LEAST_ERROR, LARGEST_ERROR), 2),
+        fixed(direction, 3),
+        fixed(np.clip(angle, LEAST_ERROR, LARGEST_ERROR), 2),
+        fixed(np.where(missing, MISSING, levels["temperature"]), 3),
+        np.where(missing, -88, 0).tolist(),
+    ]
+    return joined(records, lines(_ASCII_BEFORE, before), lines(_ASCII_LEVEL, columns))
