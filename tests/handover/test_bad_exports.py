@@ -10,7 +10,6 @@ import pytest
 import airswing
 from airswing import cli
 from airswing.errors import InputError
-from airswing.flags import SCREENING
 from airswing.products.netcdf import write_product
 from tests.handover.archives import corrected
 
@@ -94,12 +93,6 @@ def test_the_command_writes_and_reports(folder, monkeypatch, capsys):
     assert not [*folder.rglob(".airswing*")]
 
 
-def test_a_folder_gets_the_name_its_reader_expects(folder, monkeypatch, capsys):
-    for to, name in (("obs_domain", "OBS_DOMAIN401"), ("little_r", "obs.little_r")):
-        status, _, _ = call(monkeypatch, capsys, "--to", to, "-o", "d/", "--domain", "4")
-        assert status == 0 and (folder / "d" / name).is_file()
-
-
 @pytest.mark.parametrize("name", ["x" * 41, "Ä1", "N1\nN2", "N\t1"])
 @pytest.mark.parametrize("to", FORMATS)
 def test_identifiers_no_format_can_hold(tmp_path, name, to):
@@ -129,12 +122,3 @@ def test_a_full_disk_leaves_nothing(folder, to, monkeypatch, capsys):
     assert status == 2, result
     assert "Traceback" not in result and "cannot write the export" in result
     assert left(folder) == before
-
-
-@pytest.mark.parametrize("to", FORMATS)
-def test_a_failed_export_leaves_no_folder(tmp_path, to):
-    """Neither the folder asked for nor those above it, of which one was there."""
-    ds = corrected({"N1": 2}, screening=SCREENING["wind_qc"])
-    with pytest.raises(InputError, match="no report is left"):
-        airswing.export(ds, to=to, path=tmp_path / "new" / "newer" / "f")
-    assert not [*tmp_path.iterdir()]

@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 
 from airswing.errors import InputError
-from airswing.handover.forecasts.correcting import TIME, correct_forecasts
+from airswing.handover.forecasts.correcting import TIME
 from airswing.handover.forecasts.forecast_pairs import flight_level_pairs
 from tests.handover.archives import corrected
 
@@ -40,13 +40,6 @@ def test_boxes_by_hand():
     assert (chosen["latitude"].item(), chosen["longitude"].item()) == (42.5, -92.5)
     other = found.sel(station="0450_hPa_2.5S_177.5E", variable="eastward_wind")
     np.testing.assert_allclose(other["forecast"], other["observation"])
-
-
-def test_the_filter_follows_the_box():
-    headings, ds = archive(20, 2.0)
-    made = correct_forecasts(flight_level_pairs(headings, ds, ["ruc"], region=5.0, fewest=1))
-    error = (made["corrected_forecast"] - made["observation"]).isel({TIME: slice(2, None)})
-    np.testing.assert_allclose(error, 0.0, atol=1e-5)
 
 
 def test_uncorrected_winds_and_thin_boxes_do_not_count():

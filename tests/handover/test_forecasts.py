@@ -14,7 +14,6 @@ from airswing.cli import app
 from airswing.errors import ConfigError, InputError
 from airswing.handover.forecasts.correcting import (
     DIMS,
-    METHODS,
     TIME,
     correct_forecasts,
     score_forecasts,
@@ -106,16 +105,6 @@ def test_nothing_observed_after_the_start_is_used():
         assert float(moved.isel({"lead": index, TIME: start}).squeeze()) > 5.0
 
 
-def test_missing_days_are_bridged_and_hours_kept_apart():
-    errors = np.zeros((1, 60, 1))
-    errors[0, ::2, 0], errors[0, 1::2, 0] = 3.0, -2.0
-    both = pairs(errors, step="12h")
-    kept = both.isel({TIME: [i for i in range(60) if not 20 <= i < 28]})
-    found = correct_forecasts(kept, ratio=0.06)
-    left = (found["corrected_forecast"] - found["observation"]).isel({TIME: slice(4, None)})
-    np.testing.assert_allclose(left, 0.0, atol=1e-12)
-
-
 def test_ratio_is_chosen_on_the_first_part_of_the_days():
     rng = np.random.default_rng(5)
     calm = 2.0 + rng.normal(size=(30, 60, 1))
@@ -140,15 +129,6 @@ def test_a_variable_the_filter_would_make_worse_is_unchanged(tmp_path):
     assert abs(float(error.mean())) < 0.5
     given = correct_forecasts(noise, ratio=0.06)
     assert not np.allclose(given["corrected_forecast"], given["forecast"])
-
-
-def test_one_day_is_left_as_it_is():
-    found = correct_forecasts(pairs(np.ones((3, 1, 1))))
-    np.testing.assert_array_equal(found["corrected_forecast"], found["forecast"])
-    assert int(found["ratio_chosen"][0]) == 0
-    scored = score_forecasts(found)
-    assert float(scored["skill"].sel(period="all", correction="kalman")[0]) == 0.0
-    assert bool(scored["skill_interval"].isnull().all())
 
 
 def test_scores_by_hand():
@@ -194,29 +174,6 @@ def test_scores_of_stations_have_intervals_by_days():
     alone = score_forecasts(made.isel(station=[0]))
     whole = alone["skill_interval"].sel(period="held_out", correction="kalman")[0]
     np.testing.assert_allclose(whole, one["skill_by_station_interval"][0], rtol=1e-12)
-
-
-def test_the_last_pairs_are_a_better_rival_on_series_with_gaps():
-    """Three days of every ten have a pair: the mean of seven days is often missing."""
-    rng = np.random.default_rng(6)
-    errors = 2.0 + rng.normal(size=(40, 120, 1))
-    errors[:, np.arange(120) % 10 >= 3] = np.nan
-    scored = score_forecasts(correct_forecasts(pairs(errors)))
-    assert tuple(scored["correction"].to_numpy()) == METHODS
-    rms = scored["forecast_error_rms"].isel(variable=0).sel(period="held_out")
-    assert float(rms.sel(correction="mean_of_pairs")) < float(rms.sel(correction="running_mean"))
-
-
-def test_a_gross_error_of_one_station_does_not_set_the_axes():
-    from airswing.report.forecast_page import stations_figure
-
-    rng = np.random.default_rng(8)
-    errors = 1.0 + rng.normal(size=(50, 40, 1))
-    errors[7] += 46.0 * (rng.uniform(size=(40, 1)) < 0.5)
-    made = correct_forecasts(pairs(errors))
-    figure = stations_figure(xr.merge([made, score_forecasts(made)]), "air_temperature")
-    left, right = figure.axes
-    assert left.get_xlim()[1] < 6.0 and right.get_ylim() == (-1.05, 1.05)
 
 
 def test_wind_speed_is_never_negative():
@@ -378,13 +335,6 @@ def test_bad_tables_are_refused(tmp_path, text, what):
     with pytest.raises(InputError, match=what) as error:
         pairs_from_tables([file])
     assert str(file) in str(error.value) and len(str(error.value)) < 2000
-
-
-def test_stations_without_a_usable_observation(tmp_path):
-    file = tmp_path / "stations.csv"
-    file.write_text("id,lat,lon,time,temperature_degC\nA,400,0,2009-01-01,3\n")
-    with pytest.raises(InputError, match="no observation can be used"):
-        pairs_at_stations([tmp_path / "none.grib"], [file])
 
 
 def test_bad_lines_are_counted_and_others_kept(tmp_path):

@@ -63,20 +63,6 @@ def test_series_one_by_one():
         np.testing.assert_allclose(found[place], wanted, rtol=1e-12)
 
 
-def test_gain_settles_at_the_riccati_limit():
-    # With a constant noise variance the gain of a random walk in noise is this (Harvey 1989, 4.1).
-    ratio, errors = 0.1, np.tile([1.0, -1.0], 200)
-    bias = kalman_bias(errors, ratio)
-    gain = (bias[-1] - bias[-2]) / (errors[-1] - bias[-2])
-    assert gain == pytest.approx(0.5 * ratio * (math.sqrt(1.0 + 4.0 / ratio) - 1.0), rel=1e-6)
-
-
-def test_unit_does_not_matter():
-    errors = np.random.default_rng(1).normal(size=(4, 30))
-    scaled = kalman_bias(1000.0 * errors, 0.06)
-    np.testing.assert_allclose(scaled, 1000.0 * kalman_bias(errors, 0.06), rtol=1e-12)
-
-
 def test_equal_errors_are_no_division_by_zero():
     assert kalman_bias(np.full(10, 2.5), 0.06)[1:] == pytest.approx(np.full(9, 2.5))
 
@@ -92,16 +78,6 @@ def test_mean_of_the_last_pairs_by_hand():
     found = mean_of_pairs(errors, 2)
     np.testing.assert_allclose(found[0], [np.nan, 1.0, 1.0, 2.0, 4.0, 4.0, 4.0, 7.5])
     assert np.isnan(found[1]).all()
-
-
-def test_a_start_of_zero_helps_on_short_series_with_a_small_bias():
-    """Against the first error taken whole, as after a start without prior knowledge."""
-    rng = np.random.default_rng(2)
-    errors = rng.normal(0.0, 0.5, (4000, 1)) + rng.normal(size=(4000, 10))
-    bias = kalman_bias(errors, 0.06)
-    assert np.square(bias[:, 0]).mean() < 0.7 * np.square(errors[:, 0]).mean()
-    later = errors[:, 1:] - bias[:, :-1]
-    assert np.sqrt(np.square(later).mean()) < 1.2
 
 
 def test_known_before_counts_the_days_to_the_valid_time():

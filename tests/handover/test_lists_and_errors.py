@@ -170,20 +170,6 @@ def test_other_lines_are_unchanged_and_blank_identifiers_are_filled(tmp_path):
     assert done["blank_identifiers_filled"] == 2
 
 
-@pytest.mark.parametrize("number", [500, 501])
-def test_more_entries_than_gsi_holds_are_noted(tmp_path, number):
-    base = tmp_path / "list"
-    rows = [f"{place:08d}  - W -      --------  100 SAAB ( bias_DIR )\n" for place in range(number)]
-    base.write_text(HEADER + "".join(rows) + "90000000  T - -      --------\n")
-    done = export(
-        run(tmp_path, {"751": (0.0, 0.0)}),
-        to="reject_list",
-        path=tmp_path / "out",
-        settings=Handover(base=base),
-    )
-    assert any("GSI holds 500" in note for note in done["notes"]) == (number > 500)
-
-
 @pytest.mark.parametrize(
     ("text", "what"),
     [
@@ -249,25 +235,6 @@ def test_error_table_holds_the_measured_errors(tmp_path, root):
     ]
     assert sum(changed) == 12  # four rows in three tables
     assert done["types"] == ["TAMDARS"] and "6.5 m/s" in done["notes"][0]
-
-
-def test_a_folder_gets_a_table_for_each_phase_and_reported_winds_are_worse(tmp_path):
-    product = run(tmp_path, {"A": (9.0, 0.0)})
-    settings = Handover(platform="AMDAR")
-    done = export(
-        product, to="obs_errors", path=f"{tmp_path}/tables/", winds="reported", settings=settings
-    )
-    assert [file["flight_phase"] for file in done["files"]] == [
-        "all",
-        "ascent",
-        "cruise",
-        "descent",
-    ]
-    tables = read_wind_tables((tmp_path / "tables" / "obserr.txt").read_text())
-    assert dict(zip(LEVELS, tables["UV", "AIREPS"], strict=False))[850] == 2.2
-    cruise = read_wind_tables((tmp_path / "tables" / "obserr_cruise.txt").read_text())
-    # The lowest layer of the cruise is not measured: the filled value, as in ob.ascii.
-    assert dict(zip(LEVELS, cruise["UV", "AIREPS"], strict=False))[1000] == 1.0
 
 
 def test_other_files_are_no_error_table(tmp_path):

@@ -16,7 +16,7 @@ import pytest
 
 from tests.conftest import ROOT
 from tests.handover import obsproc, wrf_nudging, wrfda
-from tests.handover.fortran import Lines, ReadError, real
+from tests.handover.fortran import Lines, real
 
 GOLDEN = ROOT.parent / "shared" / "handover"
 NOON = datetime(2008, 7, 15, 12)
@@ -60,12 +60,6 @@ def assert_same(
 )
 def test_real_numbers_as_fortran_has_them(field, decimals, value):
     assert real(field, decimals) == pytest.approx(value, rel=1e-6)
-
-
-@pytest.mark.parametrize("field", ["*******", "N751A", "1.2.3", "-", "."])
-def test_text_that_is_not_a_number(field):
-    with pytest.raises(ReadError):
-        real(field, 3)
 
 
 @pytest.mark.parametrize(

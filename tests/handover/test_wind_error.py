@@ -9,7 +9,6 @@ import pytest
 import xarray as xr
 
 import airswing
-from airswing.errors import InputError
 from airswing.flags import PHASE
 from airswing.handover.wind_errors import table_error
 from airswing.products.netcdf import write_product
@@ -118,13 +117,6 @@ def test_errors_by_hand(tmp_path, sizes, columns, winds, by_hand):
     write_known(tmp_path)
     found = errors(tmp_path, corrected(sizes, **columns), winds=winds)
     assert found[: len(by_hand)] == pytest.approx(by_hand, abs=0.006)
-
-
-def test_a_product_without_errors_is_refused(tmp_path):
-    write_known(tmp_path, "observation_error_filled")
-    write_product(corrected({"N1": 2}), tmp_path / "corrected.nc", title="test")
-    with pytest.raises(InputError, match=r"observation_errors.nc: observation_error_filled"):
-        airswing.export(tmp_path / "corrected.nc", to="ob_ascii", path=tmp_path / "f")
 
 
 @pytest.mark.parametrize("winds", ["corrected", "reported"])
