@@ -18,8 +18,8 @@ from airswing.errors import InputError
 from airswing.flags import STATUS
 from airswing.products.netcdf import read_product
 from airswing.vocabulary import lookup
-from airswing.workflow.evaluation_stage import make_observation_errors
 from airswing.workflow.progress import Progress
+from airswing.workflow.stages import make_observation_errors
 
 PRODUCTS = (
     workflow.HEADINGS,

@@ -141,12 +141,12 @@ def run(
     """
     from airswing import workflow
     from airswing.workflow import compute
-    from airswing.workflow.closing_summary import as_text
+    from airswing.workflow.main import summary_text
 
     job = _job(config, output=output, fresh=fresh, quiet=quiet, scheduler=scheduler)
     with compute.scheduler(job.config.compute, job.progress):
         summary = workflow.run_job(job).summary
-    _print(summary, as_json=json, text=as_text(summary, job.output, units=job.config.units))
+    _print(summary, as_json=json, text=summary_text(summary, job.output, units=job.config.units))
     workflow.events_said(job, summary.get("events", 0))
 
 

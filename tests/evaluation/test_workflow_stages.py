@@ -15,7 +15,7 @@ from airswing.compass.table import add_tables
 from airswing.config import Config
 from airswing.config_file import load_config
 from airswing.evaluation.monitoring.changes import add_changes, watch_compasses
-from airswing.workflow import evaluation_stage as stages
+from airswing.workflow import stages
 from airswing.workflow.job import Job
 from airswing.workflow.progress import Progress
 from tests.compass.flown import Setting

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-from airswing.workflow.closing_summary import as_text
+from airswing.workflow.main import summary_text as as_text
 
 FITTED = ("offset", "amplitude", "phase", "before_kt", "after_kt")
 ERRORS = ("offset_standard_error", "amplitude_standard_error")

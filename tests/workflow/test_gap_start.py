@@ -20,7 +20,6 @@ from airswing.gap.result.schema import GapReport
 from airswing.gap.simulation.effects_file import read_effects
 from airswing.report.gap.words import start_words, verdict
 from airswing.workflow import Job, gap_stage
-from airswing.workflow.gap_start import read_start, starting_point
 from airswing.workflow.progress import Progress
 
 IRON, SCALE = (
@@ -51,12 +50,8 @@ def frame(gap_archive, collocated, tmp_path_factory):
     return job, Frame.from_headings(gap_stage.make_headings(job), reference=members)
 
 
-def never(job):
-    raise AssertionError("the simulation flew the archive's paths")
-
-
-def begin(job, frame, effects_of=never, **given):
-    return starting_point(job, frame, read_start(job, **given), effects_of=effects_of)
+def begin(job, frame, **given):
+    return gap_stage.starting_point(job, **given)(frame)
 
 
 def test_known_effects_are_not_stated_again(archive, collocated, tmp_path):
@@ -106,7 +101,7 @@ def test_simulated_reports_match_and_leave_the_effects_they_lack(
     assert "reports matched)" in verdict(found)
 
 
-def test_a_simulation_on_other_paths_is_known_by_what_it_has(archive, frame, tmp_path):
+def test_a_simulation_on_other_paths_is_known_by_what_it_has(archive, frame, tmp_path, monkeypatch):
     job, archive_frame = frame
     folder = tmp_path / "other"
     folder.mkdir()
@@ -124,7 +119,8 @@ def test_a_simulation_on_other_paths_is_known_by_what_it_has(archive, frame, tmp
         ]
         return read_effects(effects_file(tmp_path / "its.yaml", *entries))
 
-    start = begin(job, archive_frame, effects_of, simulated=f"{folder}/*.csv")
+    monkeypatch.setattr(gap_stage, "effects_of_archive", effects_of)
+    start = begin(job, archive_frame, simulated=f"{folder}/*.csv")
     assert asked[0].config.reports.files == [f"{folder}/*.csv"]
     assert asked[0].output.parent == job.output
     assert [(one.name, one.tails) for one in start.known] == [

@@ -325,13 +325,11 @@ def test_one_run_at_a_time_holds_a_folder(tmp_path):
 
 
 def test_the_virtual_field_test_is_made_when_a_month_begins(archive, whole, monkeypatch):
-    from airswing.workflow import evaluation_stage
+    from airswing.workflow import stages
 
     kept_from(archive, whole)
     calls = []
-    monkeypatch.setattr(
-        evaluation_stage, "make_virtual", lambda job, *_: calls.append(job) or {"later": {}}
-    )
+    monkeypatch.setattr(stages, "make_virtual", lambda job, *_: calls.append(job) or {"later": {}})
 
     def night(*patterns: str) -> int:
         before = len(calls)
@@ -339,7 +337,7 @@ def test_the_virtual_field_test_is_made_when_a_month_begins(archive, whole, monk
             path.unlink()
         job = job_of(archive)
         headings = workflow.make_headings(job)
-        evaluation_stage.virtual_of_month(job, headings, headings, [])
+        stages.virtual_of_month(job, headings, headings, [])
         (job.output / "virtual_field_test.json").write_text("{}")
         return len(calls) - before
 

@@ -1,8 +1,8 @@
 """Where the work runs: threads or processes of this machine, or a dask scheduler at an address.
 
-Assumes that every stage builds dask graphs and leaves the choice of scheduler to this module, so
-that the same code runs in all three places with the same results. Workers at an address must see
-the files under the same paths and have the same airswing.
+Every stage builds dask graphs and leaves the choice of scheduler to this module, so that the same
+code runs in all three places with the same results. Workers at an address must see the files under
+the same paths and have the same airswing.
 """
 
 from __future__ import annotations
@@ -31,14 +31,6 @@ _AGAIN = "then run the same command again: finished months are kept"
 @contextlib.contextmanager
 def scheduler(compute: Compute, progress: Progress) -> Iterator[None]:
     """Make every dask computation inside the block run where the configuration says.
-
-    Parameters
-    ----------
-    compute : Compute
-        ``scheduler`` an address, or None; ``workers`` a number of processes, or "auto" for
-        threads of this process; ``threads`` for each worker, or "auto".
-    progress : Progress
-        Gets the number of threads, and says where the dashboard is, if there is one.
 
     Raises
     ------
@@ -117,25 +109,18 @@ def _at_address(address: str, progress: Progress) -> Iterator[None]:
 
 
 def require_same_code(client: Client) -> None:
-    """Refuse workers whose airswing would give other values; workers to come are not asked.
-
-    Raises
-    ------
-    InputError
-        Naming the workers.
-    """
-    here = code_digest()
+    """Refuse, with InputError, workers whose airswing would give other values."""
     answers = client.run(code_digest, on_error="return")
     # a worker that was lost meanwhile (OSError) does no work
-    other = [
+    other = sorted(
         worker
         for worker, digest in answers.items()
-        if digest != here and not isinstance(digest, OSError)
-    ]
+        if digest != code_digest() and not isinstance(digest, OSError)
+    )
     if other:
         raise InputError(
             "workers have no airswing of this version",
             field="scheduler",
-            found=", ".join(sorted(other)[:3]),
+            found=", ".join(other[:3]),
             remedy="Install the same airswing where the workers run",
         )

@@ -1,50 +1,52 @@
-"""The stages of the gap, in order: simulate the reports, diagnose where and why the real ones part.
+"""The stages of the gap: simulate the reports; diagnose where and why the real ones differ.
 
 Assumes the configuration of the main job, and works on its headings; months of them that are not
-there, or whose inputs changed, are made as the main job makes them.
+there, or whose inputs changed, are made as the main job makes them. A diagnosis starts from the
+perfect instrument, from known effects, which are removed from the reports, or from the reports of
+another simulation: on the paths of the archive their wind replaces the wind of the reference; on
+other paths the simulation is diagnosed like an archive, against model winds at its positions, and
+its effects on the whole fleet and on aircraft in both are known effects of the archive.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+import shutil
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from glob import glob
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 import xarray as xr
 
 from airswing.errors import InputError
-from airswing.products.netcdf import write_product
 from airswing.products.whole_files import write_json
+from airswing.units import KNOT
 from airswing.workflow.job import Job
 from airswing.workflow.months import make_headings
 
 if TYPE_CHECKING:
+    from airswing.config import Reports
     from airswing.gap.archive.frame import Frame
     from airswing.gap.diagnose import Diagnosis
     from airswing.gap.effects import ActiveEffect, Effect
-    from airswing.gap.result.schema import ClaimsEntry, GapReport
+    from airswing.gap.result.schema import ClaimsEntry, GapReport, KnownEntry, SimulationEntry
 
 GAP_JSON, GAP_PRODUCT, GAP_EFFECTS = "gap.json", "gap.nc", "effects.yaml"
+# Where the collocation of a simulation on other paths is kept while it is diagnosed.
+_SIMULATION_FOLDER = ".simulation"
 
 
 def simulation(job: Job, effects: Path | None, output: Path, *, seed: int = 0) -> Path:
-    """Simulate the archive's reports forward through the reference and write them.
-
-    Parameters
-    ----------
-    effects : Path, optional
-        Effects file; none is the perfect instrument.
-    output : Path
-        ``.csv`` or ``.parquet``.
-    """
+    """Simulate the archive's reports, with the effects of a file, and write a CSV or Parquet."""
     from airswing.gap.simulation.effects_file import read_effects
     from airswing.gap.simulation.report_table import report_path, simulate_reports, write_reports
 
     output = report_path(output)  # before an archive is read for nothing
     active = read_effects(effects) if effects is not None else []
     headings = make_headings(job)
-    members = job.config.pools()[job.config.gap_reference()]
+    members = job.pools[job.config.gap_reference()]
     with job.progress.stage("simulate") as stage:
         table = simulate_reports(headings, reference=members, effects=active, seed=seed)
         stage.note = f"{len(table):,} reports, {len(active)} effects"
@@ -68,7 +70,8 @@ def diagnosis(
         ``effects.yaml`` or ``fits.nc``: effects that the simulation already contains. The diagnosis
         concerns the remaining gap, and ``effects.yaml`` then holds both.
     simulated : str, optional
-        Reports of another simulation, in place of those of a perfect instrument.
+        Reports of another simulation, in place of those of a perfect instrument: a file, a glob,
+        or the configuration of a separate archive.
 
     Returns
     -------
@@ -85,17 +88,15 @@ def diagnosis(
     from airswing.gap.result.effect_entries import active_effects, not_known, unknown_not_known
     from airswing.gap.simulation.effects_file import write_effects
     from airswing.report.gap.gap_page import write_gap_page
-    from airswing.workflow.gap_start import read_start, starting_point
 
-    config = job.config
     # before anything is read: a mistyped file must not cost the hour that headings may take
-    asked = read_start(job, known=known, simulated=simulated)
+    begin = starting_point(job, known=known, simulated=simulated)
     archive = make_headings(job)
     with job.progress.stage("read") as stage:
         headings = sampled(archive)
         frame = _frame(job, headings)
         stage.note = f"{archive.sizes['report']:,} reports, {frame.size:,} diagnosed"
-    start = starting_point(job, frame, asked, effects_of=_effects_of_archive)
+    start = begin(frame)
     with job.progress.stage("diagnose") as stage:
         found = diagnose(start.frame, catalogue=_catalogue(without), progress=stage.enter)
         # Effects of scatter cannot be removed from the reports, so known ones are found again.
@@ -109,7 +110,7 @@ def diagnosis(
         found.report,
         effects=effects,
         unknown=unknown,
-        reference=config.gap_reference(),
+        reference=job.config.gap_reference(),
         headings_uuid=archive.attrs["uuid"],
         known=start.known_entries or None,
         simulation=start.simulation,
@@ -118,64 +119,41 @@ def diagnosis(
     )
     write_json(job.output / GAP_JSON, report.content())
     write_effects([*start.known, *active_effects(report)], job.output / GAP_EFFECTS)
-    write_product(
-        found.dataset,
-        job.output / GAP_PRODUCT,
-        title="Gap between reported and simulated winds: maps, evidence and statistics",
-        config_json=config.model_dump_json(),
-        sources=[*config.reports.files, *config.references],
-        source_uuids=[archive.attrs["uuid"]],
-    )
+    title = "Gap between reported and simulated winds: maps, evidence and statistics"
+    job.write(found.dataset, GAP_PRODUCT, title=title, sources=(archive,))
     with job.progress.stage("page") as stage:
-        stage.note = str(
-            write_gap_page(job.output / "gap", gap=report, maps=found.dataset, units=config.units)
-        )
+        folder, units = job.output / "gap", job.config.units
+        stage.note = str(write_gap_page(folder, gap=report, maps=found.dataset, units=units))
     return report
-
-
-def _effects_of_archive(job: Job) -> list[ActiveEffect]:
-    """Diagnose the archive of a simulation and return its effects."""
-    from airswing.gap.archive.sample import sampled
-    from airswing.gap.diagnose import diagnose
-    from airswing.gap.result.effect_entries import active_effects
-
-    frame = _frame(job, sampled(make_headings(job)))
-    with job.progress.stage("diagnose the simulation") as stage:
-        found = active_effects(diagnose(frame, progress=stage.enter).report)
-        stage.note = f"{len(found)} effects"
-    return found
 
 
 def _frame(job: Job, headings: xr.Dataset) -> Frame:
     """Reports of headings against the gap's reference or pool."""
     from airswing.gap.archive.frame import Frame
 
-    config = job.config
-    reference = config.pools()[config.gap_reference()]
-    return Frame.from_headings(headings, reference=reference, phases=config.gap.phases)
+    reference = job.pools[job.config.gap_reference()]
+    return Frame.from_headings(headings, reference=reference, phases=job.config.gap.phases)
 
 
 def _claims(job: Job, headings: xr.Dataset, found: Diagnosis) -> ClaimsEntry:
     """Repeat the deviations and the field test without the effects other than deviation."""
     from airswing.gap.checks.refit_claims import review_claims
 
-    config = job.config
-    test = config.field_test
+    config, test = job.config, job.config.field_test
     with job.progress.stage("claims") as stage:
         reviewed = review_claims(
             headings,
             found.adjustment,
-            pools=config.pools(),
+            pools=job.pools,
             reference=config.gap_reference(),
             fit=config.fit.model_dump(),
             field_test=None if test is None else test.model_dump(),
         )
+        stage.note = "no effect other than the deviation to remove"
         if found.adjustment.names:
             stage.note = f"{reviewed.stay} of {reviewed.of} fits stay within their interval"
         elif found.report.unknown.where:
             stage.note = "unexplained errors are not removed from the reports"
-        else:
-            stage.note = "no effect other than the deviation to remove"
     return reviewed
 
 
@@ -192,3 +170,157 @@ def _catalogue(without: Sequence[str]) -> dict[str, Effect]:
                 remedy=f"the catalogue holds {', '.join(CATALOGUE)}",
             )
     return {name: effect for name, effect in CATALOGUE.items() if name not in without}
+
+
+# --- starting point ----------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Start:
+    """Reports for a diagnosis, and the effects that were removed from them."""
+
+    frame: Frame
+    known: list[ActiveEffect] = field(default_factory=list)  # removed from the reports
+    known_entries: list[KnownEntry] = field(default_factory=list)  # for ``gap.json``
+    # entry of ``gap.json``; None for the perfect instrument
+    simulation: SimulationEntry | None = None
+
+
+def starting_point(
+    job: Job, *, known: Path | None = None, simulated: str | None = None
+) -> Callable[[Frame], Start]:
+    """Read where a diagnosis starts from; return what makes the start of the archive's reports.
+
+    Parameters as of `diagnosis`.
+
+    Raises
+    ------
+    InputError
+        If a file is missing or has other content; later, if an effect needs an aircraft or a
+        variable that the archive does not have.
+    """
+    effects, reports = None, None
+    if known is not None:
+        from airswing.gap.simulation.effects_file import read_known
+
+        effects = read_known(known, reference=job.config.gap_reference())
+    if simulated is not None:
+        reports, section = _read(job, simulated)
+
+    def begin(frame: Frame) -> Start:
+        start = Start(frame)
+        if simulated is not None and reports is not None:
+            start = _against(job, frame, simulated, reports, section)
+        if effects is not None and known is not None:
+            start = _without(start, effects, str(known), strict=known.suffix != ".nc")
+        return start
+
+    return begin
+
+
+def _without(start: Start, effects: Sequence[ActiveEffect], source: str, *, strict: bool) -> Start:
+    """Remove effects; those of aircraft that are not in the archive are refused or left out."""
+    from airswing.gap.result.schema import KnownEntry
+    from airswing.gap.simulation.effects_file import plain_effects
+    from airswing.gap.simulation.forward import remove_effects
+
+    removed = list(effects) if strict else _of_archive(effects, start.frame.tails)
+    try:
+        left = remove_effects(start.frame, removed)
+    except InputError as err:
+        raise InputError(
+            err.what, file=source, field=err.field, found=err.found, remedy=err.remedy
+        ) from err
+    # mean vector disagreement of reports and simulation
+    before, after = (float(np.hypot(*one.residual.T).mean() / KNOT) for one in (start.frame, left))
+    entry = KnownEntry(
+        source=source,
+        effects=plain_effects(removed),
+        left_out=len(effects) - len(removed),
+        disagreement_without_kt=before,
+        disagreement_with_kt=after,
+    )
+    known, entries = [*start.known, *removed], [*start.known_entries, entry]
+    return replace(start, frame=left, known=known, known_entries=entries)
+
+
+def _of_archive(effects: Sequence[ActiveEffect], tails: Sequence[str]) -> list[ActiveEffect]:
+    """Return the effects on aircraft of the archive; those on all stay."""
+    out = []
+    for one in effects:
+        both = None if one.tails is None else tuple(t for t in one.tails if t in tails)
+        if both is None or (both and (one.name != "tail_swap" or len(both) == 2)):
+            out.append(replace(one, tails=both))
+    return out
+
+
+def _against(
+    job: Job, frame: Frame, simulated: str, reports: xr.Dataset, section: Reports
+) -> Start:
+    """Replace the perfect instrument by another simulation."""
+    from airswing.config_file import load_config
+    from airswing.gap.result.schema import SimulationEntry
+    from airswing.gap.simulation.report_table import match_reports, with_simulated_wind
+
+    with job.progress.stage("match") as stage:
+        matched = match_reports(frame, reports)
+        number = int(matched.found.sum())
+        stage.note = f"{number:,} of {frame.size:,} reports are in the simulation"
+    entry = SimulationEntry(
+        source=simulated,
+        reports=matched.simulated,
+        matched=number,
+        of=frame.size,
+        matched_by="aircraft and time",
+    )
+    if matched.same_paths:
+        return Start(with_simulated_wind(frame, matched), simulation=entry)
+    # the references of the archive, unless the simulation has others
+    output = job.output / _SIMULATION_FOLDER
+    config = job.config.model_copy(update={"reports": section, "output": output})
+    if _is_configuration(simulated):
+        config = load_config(Path(simulated), output=output)
+    effects = effects_of_archive(replace(job, config=config, fresh=True))
+    shutil.rmtree(output, ignore_errors=True)
+    shared = set(frame.tails) & {str(name) for name in reports["aircraft"].values}
+    entry = replace(entry, matched_by="distribution", aircraft_in_both=sorted(shared))
+    return _without(Start(frame, simulation=entry), effects, simulated, strict=False)
+
+
+def effects_of_archive(job: Job) -> list[ActiveEffect]:
+    """Diagnose the archive of a simulation and return its effects."""
+    from airswing.gap.archive.sample import sampled
+    from airswing.gap.diagnose import diagnose
+    from airswing.gap.result.effect_entries import active_effects
+
+    frame = _frame(job, sampled(make_headings(job)))
+    with job.progress.stage("diagnose the simulation") as stage:
+        found = active_effects(diagnose(frame, progress=stage.enter).report)
+        stage.note = f"{len(found)} effects"
+    return found
+
+
+def _is_configuration(simulated: str) -> bool:
+    return Path(simulated).suffix in {".yaml", ".yml"}
+
+
+def _read(job: Job, simulated: str) -> tuple[xr.Dataset, Reports]:
+    """Read simulated reports, with the column mapping of the archive where it is needed."""
+    from airswing.config_file import load_config
+    from airswing.reports import read_reports
+
+    if _is_configuration(simulated):
+        section = load_config(Path(simulated)).reports
+        found = read_reports(section.files, format=section.format, columns=section.columns)
+        return found, section
+    archive = job.config.reports
+    section = archive.model_copy(update={"files": [simulated], "format": "auto", "columns": {}})
+    if not glob(simulated, recursive=True):
+        raise InputError("no reports of a simulation", file=simulated, field="--simulated")
+    try:
+        return read_reports(section.files), section
+    except InputError:
+        if not archive.columns:
+            raise
+    section = section.model_copy(update={"columns": archive.columns})
+    return read_reports(section.files, columns=section.columns), section

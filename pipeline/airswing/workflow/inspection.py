@@ -13,12 +13,7 @@ _LONGEST_LIST = 20  # numbers that are shown of a list
 
 
 def inspect_file(path: Path) -> dict[str, object]:
-    """Say what one file holds.
-
-    Returns
-    -------
-    dict
-        ``file``, ``kind`` and what that kind has to say.
+    """Return ``file``, ``kind`` and the summary of that kind.
 
     Raises
     ------

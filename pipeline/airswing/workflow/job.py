@@ -45,31 +45,41 @@ class Job:
         """Folder of notes on the files used, for the next run."""
         return self.output / ".airswing"
 
+    @property
+    def pools(self) -> dict[str, list[str]]:
+        """Members of each reference and pool."""
+        return self.config.pools()
+
+    @property
+    def reference(self) -> str:
+        """Whose fits correct the winds: see `main_reference`."""
+        return main_reference(self.config)
+
+    @property
+    def against(self) -> dict[str, Any]:
+        """Options ``pools`` and ``reference`` of the evaluations."""
+        return {"pools": self.pools, "reference": self.reference}
+
     def write(
         self, ds: xr.Dataset, name: str, *, title: str, sources: tuple[xr.Dataset, ...] = ()
     ) -> None:
-        """Write a product into the output folder.
-
-        Parameters
-        ----------
-        ds : Dataset
-        name : str
-            Path in the output folder.
-        title : str
-        sources : tuple of Dataset
-            Products it is made from.
-        """
+        """Write a product, made from the products `sources`, under a name in the output folder."""
         require_writable(self.output)
         covered = sources[0].attrs if sources else {}
-        coverage = {key: covered[key] for key in COVERAGE if key in covered}
         write_product(
-            ds.assign_attrs(coverage),
+            ds.assign_attrs({key: covered[key] for key in COVERAGE if key in covered}),
             self.output / name,
             title=title,
             config_json=self.config.model_dump_json(),
             sources=[*self.config.reports.files, *self.config.references],
             source_uuids=[source.attrs["uuid"] for source in sources],
         )
+
+    def ready(self, given: xr.Dataset | None, name: str) -> xr.Dataset:
+        """Take a product as given, or open that of the output folder."""
+        if given is not None:
+            return given
+        return open_product(product_path(self.output, name.removesuffix(".nc")))
 
 
 def months_text(months: Mapping[str, Sequence[str]]) -> str:
@@ -88,27 +98,8 @@ def main_reference(config: Config) -> str:
     return next(iter([*config.pool, *config.references]))
 
 
-def ready(job: Job, given: xr.Dataset | None, name: str) -> xr.Dataset:
-    """Take a product as given, or open that of the output folder.
-
-    Parameters
-    ----------
-    name : str
-        `HEADINGS`, `CORRECTED` or `FITS`.
-    """
-    if given is not None:
-        return given
-    return open_product(product_path(job.output, name.removesuffix(".nc")))
-
-
 def require_kept(headings: xr.Dataset) -> None:
-    """Require that screening left reports.
-
-    Raises
-    ------
-    InputError
-        If it left none; the message names the rules that removed them.
-    """
+    """Raise InputError, with the rules that removed them, if screening left no report."""
     if headings.attrs.get("kept_reports", 1):
         return
     counts = tally(headings, "screened_out")

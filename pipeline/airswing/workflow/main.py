@@ -1,29 +1,37 @@
-"""The main job: every stage in order, every product, the page.
+"""The main job: every stage in order, every product, the page, and the summary of a run.
 
 By month reports -> collocate -> headings -> screen; then fit -> table -> correct -> evaluate ->
-page.
+page. Disagreement is the mean magnitude of the wind vector difference over screened reports (kt)
+against the main reference or pool, the same reports before and after; it is computed from the data
+of the fit (the field test uses held-out data).
 """
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import xarray as xr
 
 from airswing.config import Config
 from airswing.evaluation.results import Evaluation
+from airswing.flags import STATUS
 from airswing.products.whole_files import workspace
-from airswing.workflow.evaluation_stage import make_evaluation
-from airswing.workflow.fitting import make_corrected, make_fits
-from airswing.workflow.job import Job, main_reference
+from airswing.report.html.text import Units, shown_per_kt
+from airswing.units import NORMAL_95
+from airswing.workflow.job import Job, months_text
 from airswing.workflow.months import make_headings
 from airswing.workflow.progress import Progress
+from airswing.workflow.stages import make_corrected, make_evaluation, make_fits
 
 if TYPE_CHECKING:
     from airswing.report.run.selection import BeforeAfter
-    from airswing.workflow.closing_summary import Summary
+
+Summary = dict[str, Any]
+"""Main results of a run: what ``airswing run --json`` prints."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -56,7 +64,8 @@ class Results:
     @property
     def months(self) -> dict[str, list[str]]:
         """Months made and kept."""
-        return self.summary["months"]
+        months: dict[str, list[str]] = self.summary["months"]
+        return months
 
     @property
     def page(self) -> Path:
@@ -134,14 +143,13 @@ def run(
 def run_job(job: Job) -> Results:
     """The main job on the scheduler that is in use; see :func:`run`."""
     from airswing.report.run.selection import disagreement
-    from airswing.workflow.closing_summary import summarise
 
     with workspace(job.output):
         headings = make_headings(job)
         fits = make_fits(job, headings)
         corrected = make_corrected(job, headings, fits)
-        apart = disagreement(headings, corrected, main_reference(job.config))
-        summary = summarise(job.config, headings, fits, apart)
+        apart = disagreement(headings, corrected, job.reference)
+        summary = summarise(job, headings, fits, apart)
         evaluation = make_evaluation(job, headings, fits, corrected)
         if evaluation.monitoring is not None:
             summary["events"] = len(evaluation.monitoring.events)
@@ -161,20 +169,7 @@ def make_page(
     evaluation: Evaluation,
     apart: BeforeAfter,
 ) -> Path:
-    """The page of the results: ``report/index.html``.
-
-    Parameters
-    ----------
-    job : Job
-    headings, fits, corrected : Dataset
-        Products of the run.
-    summary : Summary
-        Of :func:`airswing.workflow.closing_summary.summarise`.
-    evaluation : Evaluation
-        Of :func:`~airswing.workflow.evaluation_stage.make_evaluation`.
-    apart : BeforeAfter
-        Disagreement with the main reference.
-    """
+    """The page of the results: ``report/index.html``."""
     from airswing.report.run.page import write_page
 
     with job.progress.stage("page") as stage:
@@ -190,3 +185,102 @@ def make_page(
         )
         stage.note = str(page)
     return page
+
+
+def summarise(job: Job, headings: xr.Dataset, fits: xr.Dataset, apart: BeforeAfter) -> Summary:
+    """Collect the main results of a run.
+
+    ``reference``, ``reports``, ``aircraft``, ``months``, counts by ``status``, ``disagreement_kt``
+    before and after, ``warnings``, and under ``fits`` an entry for each aircraft (degrees, kt).
+    """
+    from airswing.compass.plausibility import heading_kind_warnings, plausibility_warnings
+    from airswing.evaluation.monitoring.changes import change_warnings
+    from airswing.report.run.reading_warnings import reading_warnings, reference_warnings, tally
+    from airswing.report.run.selection import kept_reports, screening_warnings
+
+    chosen = fits.sel(reference=job.reference)
+    names = {code: name for name, code in STATUS.items()}
+    status = [names[int(code)] for code in chosen["status"].to_numpy()]
+    columns: dict[str, Any] = {
+        "aircraft": chosen["aircraft"].to_numpy().astype(str),
+        "status": np.array(status),
+        **{
+            f"{name}{ending}": chosen[f"{name}{ending}"].to_numpy()
+            for ending in ("", "_standard_error")
+            for name in ("offset", "amplitude", "phase")
+        },
+        "reports": chosen["report_count"].to_numpy(),
+        "before_kt": apart.before,
+        "after_kt": apart.after,
+    }
+    reading = tally(headings, "reading_audit")
+    return {
+        "reference": job.reference,
+        "reports": {
+            "read": reading.get("reports_read", headings.sizes["report"]),
+            "usable": headings.sizes["report"],
+            "kept": kept_reports(headings),
+        },
+        "aircraft": headings.sizes["aircraft"],
+        "months": json.loads(headings.attrs.get("months", "{}")),
+        "status": {name: status.count(name) for name in STATUS},
+        "disagreement_kt": {"before": apart.total.before, "after": apart.total.after},
+        "warnings": [
+            *plausibility_warnings(fits),
+            *screening_warnings(headings),
+            *reading_warnings(reading),
+            *reference_warnings(tally(headings, "reference_audit")),
+            *heading_kind_warnings(fits, job.reference),
+            *change_warnings(fits),
+        ],
+        "fits": [
+            {name: values[i].item() for name, values in columns.items()} for i in range(len(status))
+        ],
+    }
+
+
+def summary_text(summary: Summary, output: Path, *, units: Units = "kt") -> str:
+    """Lay the summary out for a terminal; `output` is the folder of the products."""
+    reports, status, factor = summary["reports"], summary["status"], shown_per_kt(units)
+    before, after = (factor * summary["disagreement_kt"][when] for when in ("before", "after"))
+    lines = [
+        f"{reports['read']:,} reports read, {reports['kept']:,} kept for the fit; "
+        f"{status['ok']} of {summary['aircraft']} aircraft fitted against {summary['reference']}"
+        + (f", {status['offset_only']} with an offset alone" if status["offset_only"] else ""),
+        "",
+        "aircraft    amplitude*       phase   offset*          reports   "
+        f"{f'wind disagreement ({units})':<24}status",
+        *(_line(fit, factor) for fit in summary["fits"]),
+        "* degrees, with 95 % intervals",
+    ]
+    lines += ["", *summary.get("warnings", [])] if summary.get("warnings") else []
+    lines += ["", summary["watched"]] if summary.get("watched") else []
+    months = summary.get("months")
+    lines += ["", months_text(months)] if months else []
+    lines += [
+        "",
+        f"mean wind vector disagreement of the corrected reports: {before:.2f} {units} before, "
+        f"{after:.2f} {units} after (same data as the fit)"
+        if np.isfinite(before)
+        else "no report could be corrected",
+        f"products: {output}",
+        f"page:     {output / 'report' / 'index.html'}",
+    ]
+    return "\n".join(lines)
+
+
+def _line(fit: dict[str, Any], factor: float) -> str:
+    """One aircraft; a dash for what was not fitted."""
+    wide = NORMAL_95 * fit["amplitude_standard_error"], NORMAL_95 * fit["offset_standard_error"]
+    amplitude = _digits("{:6.2f} +- {:4.2f}", fit["amplitude"], wide[0])
+    offset = _digits("{:8.2f} +- {:4.2f}", fit["offset"], wide[1])
+    winds = _digits("{:7.2f} -> {:5.2f}", factor * fit["before_kt"], factor * fit["after_kt"])
+    return (
+        f"{fit['aircraft']:<10} {amplitude} {_digits('{:8.1f}', fit['phase'])} "
+        f"{offset} {fit['reports']:9,}   {winds}         {fit['status']}"
+    )
+
+
+def _digits(form: str, *values: float) -> str:
+    text = form.format(*values)
+    return text if np.isfinite(values).all() else "-".rjust(len(form.format(*[0.0] * len(values))))

@@ -1,20 +1,13 @@
 """Headings by month: the month is the unit of work of a run.
 
 A month (UTC) has the flights whose first report lies in it, whole: it is made from the reports of
-the month and `MARGIN` around it, read, collocated, screened and written as
-``headings/2008-07.nc``. What it was made from is noted: the reports (a hash of their rows, day by
-day, so that it does not matter in which files they came), the model files (path, size and time of
-change), the settings and the code. A month whose note still holds is kept: that is how a run that
-was killed goes on, and how new files are taken up.
+the month and `MARGIN` around it, and written as ``headings/2008-07.nc``. What it was made from is
+noted: the reports (a hash of their rows by day, whatever files they came in), the model files
+(path, size and time of change), the settings and the code. A month whose note holds is kept.
 
-Assumptions
------------
-* A file that keeps its path, size and time of change keeps its content.
-* No flight lasts longer than `MARGIN`: a longer one is cut there.
-* Whether an aircraft's reported headings and airspeeds are used, and how finely its reports are
-  coded, is judged month by month.
-* A model file that is no longer there takes no wind away: a month is made anew for model files
-  that are new, not for those that are gone.
+Assumes that a file that keeps its path, size and time of change keeps its content, and that no
+flight lasts longer than `MARGIN`. Whether reported headings and airspeeds are used is judged month
+by month. A month is made anew for model files that are new, not for those that are gone.
 """
 
 from __future__ import annotations
@@ -62,13 +55,9 @@ Days = dict[int, tuple[int, int]]
 def make_headings(job: Job) -> xr.Dataset:
     """Reports, model winds, headings and screening of every month: ``headings/2008-07.nc``.
 
-    Months whose inputs are unchanged are kept, unless the job is fresh.
-
-    Returns
-    -------
-    Dataset
-        Of all months, lazy. Its attribute ``months`` (JSON) has those ``made`` and ``kept``. Where
-        screening left no report the months are there all the same: with the model's winds.
+    Months whose inputs are unchanged are kept, unless the job is fresh. The Dataset of all months
+    is lazy; its attribute ``months`` (JSON) has those ``made`` and ``kept``. Months without a
+    screened report are there too, with the model's winds.
 
     Raises
     ------
@@ -104,26 +93,21 @@ def make_headings(job: Job) -> xr.Dataset:
             "reports have no wind, the next run reads them again"
         )
     kept = [month.name for month in months if month not in wanted]
-    months_now = {"made": made, "kept": kept}
     headings = open_product(job.output / HEADINGS)
-    audit = archive.audit_of(headings)
-    headings.attrs["reading_audit"] = audit.as_json()
-    headings.attrs["months"] = json.dumps(months_now)
+    headings.attrs["reading_audit"] = archive.audit_of(headings).as_json()
+    headings.attrs["months"] = json.dumps({"made": made, "kept": kept})
     return headings
 
 
 def _settings(job: Job) -> dict[str, str]:
     """Hashes of the settings and the code a month depends on, by what they concern."""
-    config = job.config
-    references = {
-        name: asked.model_dump(exclude={"files"}) for name, asked in config.references.items()
-    }
-    reports = config.reports.model_dump(exclude={"files"})
+    config, without_files = job.config, {"reports": {"files"}, "references": {"__all__": {"files"}}}
+    kept = {"reports", "references", "collocation"}
+    asked = config.model_dump(include=kept, exclude=without_files)  # type: ignore[arg-type]
+    screening = config.model_dump(include={"screening", "field_test"})
     return {
-        "collocation": fingerprint(
-            reports, references, config.collocation.model_dump(), code_digest()
-        ),
-        "screening": fingerprint(config.model_dump(include={"screening", "field_test"})),
+        "collocation": fingerprint(asked, code_digest()),
+        "screening": fingerprint(screening),
     }
 
 
@@ -131,15 +115,6 @@ class ReportArchive:
     """The report files of a configuration, cleaned, and the days that each has reports of.
 
     Files that an earlier run has noted are read only where one of their reports is needed.
-
-    Attributes
-    ----------
-    files : dict of Identity to Days
-        Of every file that can be read.
-    audit : Audit
-        Of the reading of all files.
-    bytes_read : int
-        Size of the files read so far.
     """
 
     def __init__(self, job: Job) -> None:
@@ -153,9 +128,7 @@ class ReportArchive:
         self.files: dict[Identity, Days] = {}
         self.audit, self.bytes_read = Audit(), 0
         self._audits: dict[Identity, Audit] = {}
-        noted = self._noted()
-        errors = []
-        paths = expand(self._asked.files)
+        noted, errors, paths = self._noted(), [], expand(self._asked.files)
         for path in paths:
             status = path.stat() if path.exists() else path.lstat()
             identity = (str(path), status.st_size, status.st_mtime_ns)
@@ -228,8 +201,7 @@ class ReportArchive:
     def months(self) -> list[str]:
         """Months with reports, as ``2008-07``, in order of time."""
         days = sorted({day for days in self.files.values() for day in days})
-        known = np.unique(np.array(days, dtype="M8[D]").astype("M8[M]"))
-        return [str(month) for month in known]
+        return [str(month) for month in np.unique(np.array(days, "M8[D]").astype("M8[M]"))]
 
     def _days_around(self, month: str) -> tuple[int, int]:
         start, stop = month_bounds(month)
@@ -302,20 +274,12 @@ def _days_of(frame: pd.DataFrame) -> Days:
     known, number = np.unique(day, return_inverse=True)
     total = np.zeros(known.size, dtype=np.uint64)
     np.add.at(total, number, marks)  # modulo 2^64
-    count = np.bincount(number, minlength=known.size)
-    return {
-        int(one): (int(size), int(mark))
-        for one, size, mark in zip(known, count, total, strict=True)
-    }
+    both = zip(np.bincount(number, minlength=known.size).tolist(), total.tolist(), strict=True)
+    return dict(zip(known.tolist(), both, strict=True))
 
 
 def catalogues(job: Job) -> dict[str, Catalogue]:
-    """Catalogue the files of every reference that is read from files.
-
-    Returns
-    -------
-    dict of str to Catalogue
-    """
+    """Catalogue the files of every reference that is read from files."""
     from airswing.reference.catalogue import build_catalogue
 
     found = {}
@@ -404,7 +368,7 @@ class _Month:
         return self.job.notes / f"{self.name}.json"
 
     def _before(self, *, screening: bool) -> dict[str, Any]:
-        """The note the month was made with, where it holds but for the screening; else empty."""
+        """The note the month was made with, where it holds (but for the screening); else empty."""
         before = read_note(self._note_path)
         try:
             same = (

@@ -18,8 +18,6 @@ from airswing.products.whole_files import none_found, require_writable, workspac
 from airswing.workflow.job import CORRECTED, HEADINGS, main_reference
 from airswing.workflow.progress import Progress
 
-_POSTPROCESSED = "postprocessed.nc"
-
 
 class Postprocessed(TypedDict):
     """Result of correcting forecasts."""
@@ -70,14 +68,14 @@ def postprocess(config: Path, *, output: Path | None = None, quiet: bool = False
             made = xr.merge([corrected, score_forecasts(corrected)], combine_attrs="override")
             path = write_product(
                 made,
-                folder / _POSTPROCESSED,
+                folder / "postprocessed.nc",
                 title="Forecasts at stations corrected by a Kalman filter",
                 config_json=whole.model_dump_json(),
                 sources=["forecasts and observations at stations"],
             )
         with progress.stage("page"):
             page = write_forecast_page(folder / "postprocess", read_product(path))
-    variables = _scores(made)
+    variables = {name: _scores(made, name) for name in map(str, made["variable"].to_numpy())}
     return {
         "headline": forecast_headline(made),
         "variables": variables,
@@ -134,12 +132,9 @@ def _flight_levels(section: FlightLevelWinds, whole: BaseModel) -> xr.Dataset:
         open_product(product_path(whole.output, name)) for name in (HEADINGS, CORRECTED)
     )
     with headings, corrected:
+        region, fewest = math.degrees(section.region), section.fewest
         return flight_level_pairs(
-            headings,
-            corrected,
-            pools[reference],
-            region=math.degrees(section.region),
-            fewest=section.fewest,
+            headings, corrected, pools[reference], region=region, fewest=fewest
         )
 
 
@@ -147,7 +142,7 @@ def _found(patterns: list[str], field: str) -> list[Path]:
     """Files of several patterns, each named once."""
     files: dict[Path, None] = {}
     for pattern in patterns:
-        matches = [Path(name) for name in sorted(glob.glob(pattern, recursive=True))]
+        matches = map(Path, sorted(glob.glob(pattern, recursive=True)))
         found = [path for path in matches if path.is_file()]
         if not found:
             raise none_found(pattern, field)
@@ -155,30 +150,27 @@ def _found(patterns: list[str], field: str) -> list[Path]:
     return list(files)
 
 
-def _scores(made: xr.Dataset) -> dict[str, dict[str, Any]]:
-    """Scores on the days held out, by variable and method."""
+def _scores(made: xr.Dataset, variable: str) -> dict[str, Any]:
+    """Scores of a variable on the days held out, by method."""
     from airswing.handover.forecasts.correcting import SCORES, station_distribution
 
-    found: dict[str, dict[str, Any]] = {}
-    for variable in map(str, made["variable"].to_numpy()):
-        chosen = made.sel(variable=variable, period="held_out")
-        found[variable] = {
-            "ratio": float(chosen["ratio"]),
-            "ratio_chosen": bool(chosen["ratio_chosen"]),
-            "pairs": int(chosen["pair_count"]),
-        }
-        for method in map(str, chosen["correction"].to_numpy()):
-            one = chosen.sel(correction=method)
-            scores: dict[str, Any] = {
-                name.removeprefix("forecast_error_"): {
-                    "value": float(one[name]),
-                    "ci": one[f"{name}_interval"].to_numpy(),
-                }
-                for name in SCORES
+    chosen = made.sel(variable=variable, period="held_out")
+    found: dict[str, Any] = {
+        "ratio": float(chosen["ratio"]),
+        "ratio_chosen": bool(chosen["ratio_chosen"]),
+        "pairs": int(chosen["pair_count"]),
+    }
+    for method in map(str, chosen["correction"].to_numpy()):
+        one = chosen.sel(correction=method)
+        found[method] = {
+            name.removeprefix("forecast_error_"): {
+                "value": float(one[name]),
+                "ci": one[f"{name}_interval"].to_numpy(),
             }
-            if method != "raw":
-                scores["stations"] = station_distribution(made, variable, method)
-            found[variable][method] = scores
+            for name in SCORES
+        }
+        if method != "raw":
+            found[method]["stations"] = station_distribution(made, variable, method)
     return found
 
 
@@ -192,12 +184,12 @@ def _lines(variable: str, scores: dict[str, Any]) -> list[str]:
         if not stations or stations["stations"] == 1:
             continue
         least, tenth, median, ninetieth, most = stations["rms_ratio_quantiles"]
-        lines += [
+        lines.append(
             f"{variable.replace('_', ' ')}, {label}: rms error over the raw forecast's at "
             f"{stations['stations']:,} stations: median {median:.2f}, 10 to 90 % {tenth:.2f} to "
             f"{ninetieth:.2f}, range {least:.2f} to {most:.2f} (worst: "
             f"{stations['worst_station']}); better at {stations['better']:.0%}, beyond the 95 % "
             f"interval better at {stations['surely_better']:.0%} and worse at "
             f"{stations['surely_worse']:.0%}"
-        ]
+        )
     return lines

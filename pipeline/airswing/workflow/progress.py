@@ -12,7 +12,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sized
 from dataclasses import asdict, dataclass, field
-from typing import TYPE_CHECKING, TypedDict
+from typing import TYPE_CHECKING, Any
 
 from dask.callbacks import Callback
 
@@ -39,14 +39,9 @@ class StageRecord:
     _began: tuple[str, float] = ("", 0.0)
 
     def enter(self, phase: str, done: float) -> None:
-        """Note the phase under way; the time since the last call is that of the phase before.
+        """Note the phase under way (empty at the end) and the fraction of it that is done.
 
-        Parameters
-        ----------
-        phase : str
-            Empty at the end of the stage.
-        done : float
-            Fraction of the phase that is done.
+        The time since the last call is that of the phase before.
         """
         before, since = self._began
         now = time.process_time()
@@ -54,16 +49,6 @@ class StageRecord:
             self.phases[before] = self.phases.get(before, 0.0) + now - since
         self._began = phase, now
         self.phase = f"{phase} {done:.0%}" if done else phase
-
-
-class Accounts(TypedDict):
-    """Cost of a run; times in seconds."""
-
-    seconds: float
-    threads: int
-    decoding_seconds: float  # summed over threads
-    decoding_share: float  # of the time those threads had
-    stages: list[dict[str, object]]  # of each :class:`StageRecord`
 
 
 @dataclass
@@ -83,15 +68,7 @@ class Progress:
     def stage(self, name: str) -> Iterator[StageRecord]:
         """Time a stage, with a bar that follows the dask tasks run inside it.
 
-        Parameters
-        ----------
-        name : str
-            Shown with the bar.
-
-        Yields
-        ------
-        StageRecord
-            Set its ``note`` to the result of the stage, and its counts.
+        The block sets the ``note`` of the record to its result, and its counts.
         """
         record, began = StageRecord(name), time.perf_counter()
         with self._bar(record):
@@ -105,8 +82,12 @@ class Progress:
             parts = (f"{phase} {seconds:.1f} s" for phase, seconds in record.phases.items())
             self.say(f"  processor time: {', '.join(parts)}")
 
-    def accounts(self) -> Accounts:
-        """Cost of the run so far."""
+    def accounts(self) -> dict[str, Any]:
+        """Cost of the run so far, times in seconds.
+
+        ``decoding_seconds`` are summed over threads, ``decoding_share`` is of the time these had;
+        ``stages`` has the records.
+        """
         seconds = sum(record.seconds for record in self.records)
         decoding = sum(record.decoding for record in self.records)
         hidden = ("phase", "_began")
@@ -164,24 +145,16 @@ class Progress:
 
 
 class Tasks(Callback):
-    """Counts the tasks of dask's local schedulers; graphs that run in turn add up.
-
-    Attributes
-    ----------
-    done, total : int
-        Tasks finished, and tasks of all graphs so far.
-    """
+    """Counts the tasks ``done`` and in ``total`` of dask's local schedulers; graphs add up."""
 
     def __init__(self) -> None:
         self.done = self.total = 0
         super().__init__(start_state=self._begin, posttask=self._finished)
 
-    def _begin(self, dsk: object, state: Mapping[str, Sized]) -> None:
+    def _begin(self, _graph: object, state: Mapping[str, Sized]) -> None:
         self.total += len(state["ready"]) + len(state["waiting"])
 
-    def _finished(
-        self, key: object, result: object, dsk: object, state: object, worker_id: object
-    ) -> None:
+    def _finished(self, *_: object) -> None:
         self.done += 1
 
 

@@ -1,8 +1,7 @@
 """Model winds appended to any table of times, places and levels: ``airswing collocate TRACK``.
 
-Assumes one row a place, in any order, with a column for time, latitude, longitude and pressure or
-pressure altitude. Winds are relative to true north (earth-relative), interpolated in time, in the
-horizontal and in ln p as for aircraft reports; rows outside the model get no wind.
+Winds are relative to true north (earth-relative), interpolated in time, in the horizontal and in
+ln p as for aircraft reports; rows outside the model get no wind.
 """
 
 from __future__ import annotations
@@ -23,6 +22,7 @@ if TYPE_CHECKING:
     from airswing.reference.catalogue import Catalogue
 
 _SHORT = {"lat": "latitude", "lon": "longitude"}
+_PLACE = ("time", "latitude", "longitude", "pressure")
 TABLES = (".csv", ".parquet")
 
 
@@ -103,24 +103,10 @@ def collocate_track(
     columns: Sequence[str] = (),
     say: Callable[[str], None] = lambda text: None,
 ) -> Path:
-    """Append model winds to a CSV or Parquet file.
+    """Append model winds to a CSV or Parquet file, as :func:`append_winds`.
 
-    Parameters
-    ----------
-    track : Path
-    references : sequence of str
-        ``NAME=GLOB`` each.
-    output : Path
-        ``.csv`` or ``.parquet``.
-    columns : sequence of str, optional
-        ``COLUMN=NAME`` each, as `columns` of :func:`append_winds`.
-    say : callable, optional
-        Takes one line for each reference: the rows that have a wind, and the times of the model.
-
-    Raises
-    ------
-    InputError
-        As of :func:`append_winds`, and where a file cannot be read or written.
+    References are ``NAME=GLOB`` each, columns ``COLUMN=NAME``; `say` takes one line for each
+    reference: the rows that have a wind, and the times of the model.
     """
     from airswing.products.whole_files import atomic
     from airswing.reference.catalogue import build_catalogue
@@ -194,19 +180,14 @@ def _places(table: pd.DataFrame, columns: Mapping[str, str]) -> xr.Dataset:
             if unreadable.any():
                 first = table[name].iloc[int(np.argmax(unreadable))]
                 raise InputError("a time cannot be read", field=name, found=first)
-        elif (known := split_name(meant)) is not None and known[0].variable in (
-            "latitude",
-            "longitude",
-            "pressure",
-            "pressure_altitude",
-        ):
+        elif (known := split_name(meant)) and known[0].variable in (*_PLACE, "pressure_altitude"):
             quantity, unit = known
             factor, offset = conversion(unit, quantity.si_unit)
             values = pd.to_numeric(table[name].replace("", np.nan), errors="coerce")
             found[quantity.variable] = values.to_numpy(np.float64) * factor + offset
     if "pressure" not in found and "pressure_altitude" in found:
         found["pressure"] = pressure_from_altitude(found.pop("pressure_altitude"))
-    for name in ("time", "latitude", "longitude", "pressure"):
+    for name in _PLACE:
         if name not in found:
             raise InputError(
                 "the table has no column for it",
@@ -215,5 +196,4 @@ def _places(table: pd.DataFrame, columns: Mapping[str, str]) -> xr.Dataset:
                 remedy="Rename the column, or give its name by --columns COLUMN=NAME (in Python: "
                 "columns={...})",
             )
-    names = ("time", "latitude", "longitude", "pressure")
-    return xr.Dataset({name: ("report", found[name]) for name in names})
+    return xr.Dataset({name: ("report", found[name]) for name in _PLACE})

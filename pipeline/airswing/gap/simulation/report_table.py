@@ -10,7 +10,7 @@ aircraft at the same time (within `SAME_TIME`) and position (within `SAME_PLACE`
 the reference wind, whose derivatives are kept. Reports of the archive without a match are left out
 and counted. If fewer than `LEAST_SHARE` of the reports, or fewer than `LEAST_MATCHED`, have a
 match, the simulation is of other paths and only distributions can be compared
-(`airswing.workflow.gap_start`). Winds in m/s, degrees.
+(`airswing.workflow.gap_stage`). Winds in m/s, degrees.
 """
 
 from __future__ import annotations

@@ -1,0 +1,514 @@
+"""Stages after the headings, a function for each product: fit, correct, evaluate, monitor.
+
+Each takes the products of the run, calls one function of :mod:`airswing.compass` or
+:mod:`airswing.evaluation` and writes the result. Products that are not given are opened in the
+output folder.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from datetime import date
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from airswing.errors import ConfigError, InputError
+from airswing.evaluation.results import Evaluation
+from airswing.flags import published
+from airswing.products.netcdf import open_product, product_path
+from airswing.products.ragged import aircraft_of_report, blocks, joined, some_reports, time_span
+from airswing.products.whole_files import (
+    code_digest,
+    findings,
+    fingerprint,
+    read_note,
+    write_json,
+    write_text,
+)
+from airswing.vocabulary import describe
+from airswing.workflow.job import (
+    CORRECTED,
+    EVENTS,
+    FIELD_TEST,
+    FITS,
+    HEADINGS,
+    INNOVATIONS,
+    OBSERVATION_ERRORS,
+    PROFILES,
+    RANKING,
+    SENSITIVITY,
+    STABILITY,
+    VIRTUAL,
+    Job,
+    require_kept,
+)
+
+if TYPE_CHECKING:
+    from airswing.evaluation import Content
+    from airswing.evaluation.monitoring.events import Monitoring, UnitTable
+
+Found = TypeVar("Found")
+_LEARNED_SHARE = 2.0 / 3.0
+"""Share of the days a correction is learned from where no field test gives a date."""
+_MOST_DAYS_BY_MONTH = 400
+"""Days of the longest archive whose stability is shown by month; longer ones go by quarter."""
+
+
+# --- fit and correction ------------------------------------------------------------------------
+
+
+def make_fits(job: Job, headings: xr.Dataset | None = None) -> xr.Dataset:
+    """Deviation fits and 8-point tables: ``fits.nc``, ``tables.csv`` and the swing cards.
+
+    Raises
+    ------
+    InputError
+        Screening left no report.
+    """
+    from airswing.compass.plausibility import mean_declination, plausibility, with_implausible
+    from airswing.compass.table import write_tables_csv
+    from airswing.evaluation.monitoring.changes import add_changes, watch_compasses
+    from airswing.report.run.swing_cards import write_swing_cards
+
+    screened, members = job.ready(headings, HEADINGS), job.pools[job.reference]
+    require_kept(screened)
+    with job.progress.stage("fit") as stage:
+        fits = _fitted(job, screened, sign=job.config.table.sign)
+        fits = describe(fits.assign(mean_declination=("aircraft", mean_declination(screened))))
+        fits = with_implausible(fits, plausibility(screened, references=members))
+        watch = watch_compasses(screened, members=members, abscissa=job.config.fit.abscissa)
+        job.shared["compass_watch"] = watch
+        fits = add_changes(fits, watch.changes)
+        stage.note = f"{int(published(fits['status']).sum())} of {fits['status'].size} fits usable"
+        if (regions := int(fits["shared_error_regions"].max())) > 1:
+            stage.note += f"; the references' shared error in {regions} regions"
+        title = "Compass deviation per aircraft and 8-point correction tables"
+        job.write(fits, FITS, title=title, sources=(screened,))
+    fits = open_product(job.output / FITS).load()
+    with job.progress.stage("swing cards") as stage:
+        write_tables_csv(fits, job.output / "tables.csv")
+        path, reference, units = job.output / "swing_cards.pdf", job.reference, job.config.units
+        number = write_swing_cards(fits, screened, path, reference=reference, units=units)
+        stage.note = f"{number} of {fits.sizes['aircraft']} aircraft"
+    return fits
+
+
+def _fitted(job: Job, headings: xr.Dataset, **options: Any) -> xr.Dataset:
+    """Fits with tables, in memory."""
+    from airswing.compass.fit.deviation import fit_deviation
+    from airswing.compass.table import add_tables
+
+    fits = fit_deviation(headings, pools=job.pools, **job.config.fit.model_dump())
+    resolution = math.degrees(job.config.table.resolution)
+    return add_tables(fits, headings, resolution=resolution, **options).compute()
+
+
+def make_corrected(
+    job: Job, headings: xr.Dataset | None = None, fits: xr.Dataset | None = None
+) -> xr.Dataset:
+    """The archive with corrected winds, month by month: ``corrected/2008-07.nc``; lazy."""
+    from airswing.compass.correction import correct
+
+    fitted, method = job.ready(fits, FITS), job.config.correction.method
+    folder = product_path(job.output, HEADINGS)
+    if not folder.exists():
+        job.ready(None, HEADINGS)  # says what is missing
+    months = sorted(folder.glob("*.nc")) if folder.is_dir() else [folder]
+    title = "Aircraft reports with winds corrected for compass deviation"
+    with job.progress.stage("correct") as stage:
+        for path in months:
+            with open_product(path) as month:
+                corrected = correct(month, fitted, reference=job.reference, method=method)
+                name, sources = f"{CORRECTED}/{path.name}", (month, fitted)
+                job.write(corrected, name, title=title, sources=sources)
+                stage.reports += month.sizes["report"]
+        for path in (job.output / CORRECTED).glob("*.nc"):
+            if path.name not in {month.name for month in months}:
+                path.unlink()
+    return open_product(job.output / CORRECTED)
+
+
+# --- evaluation --------------------------------------------------------------------------------
+
+
+def make_evaluation(
+    job: Job, headings: xr.Dataset, fits: xr.Dataset, corrected: xr.Dataset
+) -> Evaluation:
+    """Evaluate the corrections, as far as the configuration allows it.
+
+    With a field test where the configuration has one, and with a comparison of references where
+    there are two or more.
+    """
+    ranking = make_ranking(job, headings, fits)
+    profiles, innovations = make_innovations(job, headings, corrected)
+    return Evaluation(
+        profiles=profiles,
+        innovations=innovations,
+        observation_errors=make_observation_errors(job, headings, corrected),
+        stability=make_stability(job, headings, fits),
+        ranking=ranking,
+        virtual=virtual_of_month(job, headings, fits, ranking),
+        field_test=None if job.config.field_test is None else make_field_test(job, headings),
+        sensitivity=make_sensitivity(job, headings) if len(job.config.references) > 1 else None,
+        monitoring=make_monitoring(job, headings, fits, corrected),
+    )
+
+
+def make_innovations(
+    job: Job, headings: xr.Dataset, corrected: xr.Dataset
+) -> tuple[xr.Dataset, xr.Dataset]:
+    """``error_profiles.nc`` and ``innovation_statistics.nc``."""
+    from airswing.evaluation.innovations import innovation_products
+
+    titles = {
+        PROFILES: "Wind error by phase of flight and level, as reported and as corrected",
+        INNOVATIONS: "Statistics of observation minus reference by aircraft, phase and level",
+    }
+    with job.progress.stage("innovations"):
+        found = innovation_products(headings, corrected, pools=job.pools)
+        for product, (name, title) in zip(found, titles.items(), strict=True):
+            job.write(product, name, title=title, sources=(headings, corrected))
+    return found
+
+
+def make_observation_errors(job: Job, headings: xr.Dataset, corrected: xr.Dataset) -> xr.Dataset:
+    """Errors of the reports alone by phase of flight and layer: ``observation_errors.nc``."""
+    from airswing.evaluation.observation_errors import observation_errors
+
+    covariance = job.config.observation_errors.reference_covariance
+    with job.progress.stage("observation errors") as stage:
+        found = observation_errors(headings, corrected, covariance=covariance, **job.against)
+        title = "Standard error of a wind component of the reports alone"
+        job.write(found, OBSERVATION_ERRORS, title=title, sources=(headings, corrected))
+        stage.note = found.attrs["method"] or found.attrs["method_reason"]
+    return found
+
+
+def make_stability(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> Content:
+    """Fits by month (by quarter in long archives) and changes of compasses: ``stability.json``.
+
+    Windows before the first month that was made anew keep their fits of the last run.
+    """
+    from airswing.evaluation.monitoring.changes import fit_by_window, noted_changes
+
+    with job.progress.stage("stability") as stage:
+        first, last = (day.astype("datetime64[D]") for day in time_span(headings))
+        days = (last - first).astype(int)
+        window: Literal["month", "quarter"] = "month" if days <= _MOST_DAYS_BY_MONTH else "quarter"
+        note, made = _months_note(job, headings)
+        path, noted = job.output / STABILITY, job.notes / STABILITY
+        earlier: list[Content] = []
+        if not job.fresh and path.exists() and read_note(noted).get("settings") == note["settings"]:
+            last_time = read_note(path)
+            earlier = last_time["windows"] if last_time["window"] == window else []
+        since = np.datetime64(min(made, default=str(last + 1)), "M").astype(np.int64)
+        since -= since % (1 if window == "month" else 3)
+        begin = np.datetime64(int(since), "M").astype("datetime64[D]")
+        earlier = [entry for entry in earlier if np.datetime64(entry["window"]) < begin]
+        windows = fit_by_window(
+            headings,
+            window=window,
+            since=begin if earlier else None,
+            **job.against,
+            **job.config.fit.model_dump(),
+        )
+        # aircraft that had no report in the earlier windows
+        known = {entry["aircraft"] for entry in earlier}
+        windows += earlier + [
+            {"aircraft": name, "window": one, "reports": 0, "status": "too_few_reports"}
+            for name in headings["aircraft"].to_numpy().astype(str).tolist()
+            for one in sorted({entry["window"] for entry in earlier})
+            if name not in known
+        ]
+        windows.sort(key=lambda entry: (entry["aircraft"], entry["window"]))
+        changes = noted_changes(fits)
+        result: Content = {"reference": job.reference, "window": window}
+        result |= {"changes": changes, "windows": windows}
+        write_json(path, result)
+        if note["months"]:
+            write_json(noted, note)
+        changed = [entry["aircraft"] for entry in changes if entry["changes"]]
+        stage.note = f"compass changed: {', '.join(changed) or 'none'}"
+    return result
+
+
+def _months_note(job: Job, headings: xr.Dataset) -> tuple[Content, list[str]]:
+    """Settings and months of a run, to compare with those of the next, and the months made."""
+    months = json.loads(str(headings.attrs.get("months", "{}")))
+    made = months.get("made", [])
+    config = job.config.model_dump(exclude={"compute", "output", "metadata"})
+    settings = fingerprint(config, code_digest())
+    return {"settings": settings, "months": sorted([*made, *months.get("kept", [])])}, made
+
+
+def make_ranking(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> list[Content]:
+    """Aircraft in the order of the gain expected of a correction: ``ranking.csv``."""
+    from airswing.evaluation.ranking import rank_aircraft
+
+    with job.progress.stage("ranking") as stage:
+        ranking = rank_aircraft(headings, fits, **job.against)
+        write_text(job.output / RANKING, _ranking_table(ranking))
+        first = ranking[0]
+        if first["expected_gain_kt"] is not None:
+            stage.note = f"{first['aircraft']} would gain {first['expected_gain_kt']:.2f} kt"
+    return ranking
+
+
+def _ranking_table(ranking: Sequence[Content]) -> str:
+    rows = []
+    for entry in ranking:
+        gain, rank = (entry.get(key) or (None, None) for key in ("expected_gain_ci_kt", "rank_ci"))
+        ends = dict(zip(("expected_gain_low_kt", "expected_gain_high_kt"), gain, strict=True))
+        rows.append(entry | ends | dict(zip(("rank_low", "rank_high"), rank, strict=True)))
+    columns = (
+        "rank aircraft status reports disagreement_kt expected_gain_kt expected_gain_low_kt "
+        "expected_gain_high_kt rank_low rank_high amplitude_deg"
+    )
+    table = pd.DataFrame(rows, columns=columns.split())
+    table = table.astype(dict.fromkeys(("rank", "rank_low", "rank_high"), "Int64"))
+    return table.to_csv(index=False, float_format="%.3f", lineterminator="\n")
+
+
+def virtual_of_month(
+    job: Job, headings: xr.Dataset, fits: xr.Dataset, ranking: list[Content]
+) -> Content:
+    """The virtual field test, made anew when a month begins or an earlier month was made anew.
+
+    It fits the earlier reports again: a night that adds to the last month alone keeps that of the
+    last time.
+    """
+    note, made = _months_note(job, headings)
+    names = note["months"]
+    path, noted = job.output / VIRTUAL, job.notes / VIRTUAL
+    kept = not job.fresh and set(made) <= set(names[-1:]) and read_note(noted) == note
+    if kept and path.exists():
+        job.progress.say(f"{VIRTUAL}: kept until the next month begins")
+        return read_note(path)
+    found = make_virtual(job, headings, fits, ranking)
+    if names:
+        write_json(noted, note)
+    return found
+
+
+def make_virtual(
+    job: Job, headings: xr.Dataset, fits: xr.Dataset, ranking: list[Content]
+) -> Content:
+    """Corrections learned from one part and judged on another: ``virtual_field_test.json``.
+
+    ``later``: learned up to the start of the field test and applied to the aircraft that were not
+    corrected in it; without a field test learned from the first two thirds of the days.
+    ``held_out``: cross-validation over days. Where one of them cannot be computed it says why.
+    """
+    from airswing.evaluation.held_out import cross_validate, virtual_field_test
+
+    config, test = job.config, job.config.field_test
+    if test is None:
+        first, last = (day.astype("datetime64[D]").astype(object) for day in time_span(headings))
+        until: date = first + (last - first) * _LEARNED_SHARE
+        uncorrected = None
+    else:
+        until, names = test.start, headings["aircraft"].to_numpy().astype(str).tolist()
+        uncorrected = [name for name in names if name not in test.corrected]
+    with job.progress.stage("virtual field test") as stage:
+        result: Content = {
+            "later": _tried(
+                lambda: virtual_field_test(
+                    headings,
+                    learned_until=until,
+                    corrected=uncorrected,
+                    resolution=math.degrees(config.table.resolution),
+                    **job.against,
+                    **config.fit.model_dump(),
+                )
+            ),
+            "held_out": _tried(
+                lambda: cross_validate(headings, fits, ranking=ranking, **job.against)
+            ),
+        }
+        write_json(job.output / VIRTUAL, result)
+        gains = [
+            f"{name.replace('_', ' ')} {part['predicted_gain_kt']:.2f} kt predicted, "
+            f"{part['realised_gain_kt']:.2f} realised"
+            for name, part in result.items()
+            if "why" not in part and part["realised_gain_kt"] is not None
+        ]
+        stage.note = "; ".join(gains) or "too few reports"
+    return result
+
+
+def _tried(make: Callable[[], Found]) -> Found | Content:
+    try:
+        return make()
+    except InputError as err:
+        return {"why": str(err)}
+
+
+def make_field_test(job: Job, headings: xr.Dataset | None = None) -> Content:
+    """The field test of the configuration: ``field_test.json``.
+
+    With the reduction that the fits to the reports before the test predict.
+
+    Raises
+    ------
+    ConfigError
+        If the configuration has no ``field_test``.
+    """
+    from airswing.evaluation.field_test import field_test
+    from airswing.evaluation.held_out import predicted_reduction
+
+    config, test = job.config, job.config.field_test
+    if test is None:
+        raise ConfigError(
+            "there is no field test to evaluate",
+            field="field_test",
+            remedy="Add field_test with start, before_start, corrected and controls",
+        )
+    with job.progress.stage("field test") as stage:
+        screened = job.ready(headings, HEADINGS)
+        found = field_test(screened, **job.against, **test.model_dump())
+        options = {**job.against, **config.fit.model_dump(), "corrected": test.corrected}
+        expected = predicted_reduction(screened, start=test.start, **options)
+        content: Content = {**found, **expected}
+        result = findings(content)
+        write_json(job.output / FIELD_TEST, result)
+        low, high = result["adjusted_reduction_ci_kt"]
+        stage.note = (
+            f"adjusted reduction {result['adjusted_reduction_kt']:.2f} kt ({low:.2f} to {high:.2f})"
+        )
+    return result
+
+
+def make_sensitivity(
+    job: Job, headings: xr.Dataset | None = None, *, intervals: bool = False
+) -> Content:
+    """Every reference and pool fitted on the same reports: ``sensitivity.json``.
+
+    `intervals` also computes what hourly references lose where only every third or sixth hour is
+    used, which reads some of their files again. With one reference this is the whole result.
+    """
+    from airswing.evaluation.comparison import compare
+
+    config = job.config
+    screened = job.ready(headings, HEADINGS)
+    costs = _interval_costs(job, screened) if intervals else {}
+    result: Content = {}
+    if not costs or len(config.references) > 1:
+        with job.progress.stage("compare") as stage:
+            options: dict[str, Any] = {"pools": job.pools, "never_pool": config.never_pool}
+            result = compare(screened, **options, **config.fit.model_dump())
+            verdicts = (
+                f"{' and '.join(pair['references'])}: "
+                + ("poolable" if pair["poolable"] else "not poolable")
+                for pair in result["pairs"]
+            )
+            stage.note = "; ".join(verdicts)
+    if costs:
+        result["time_interval"] = costs
+    write_json(job.output / SENSITIVITY, result)
+    return result
+
+
+def _interval_costs(job: Job, headings: xr.Dataset) -> dict[str, list[Content]]:
+    from airswing.evaluation.time_interval import interval_cost
+    from airswing.workflow.months import catalogues
+
+    models = catalogues(job)
+    with job.progress.stage("time interval") as stage:
+        costs = {name: interval_cost(headings, model) for name, model in models.items()}
+        stage.note = "; ".join(
+            f"{name} every {row['interval_h']} h: {row['rms_vector_difference_m_s']:.2f} m/s, "
+            f"{row['rms_vector_difference_at_middle_m_s'] or float('nan'):.2f} at the middle"
+            for name, rows in costs.items()
+            for row in rows
+        )
+    return {name: rows for name, rows in costs.items() if rows}
+
+
+# --- monitoring --------------------------------------------------------------------------------
+
+
+def make_monitoring(
+    job: Job,
+    headings: xr.Dataset | None = None,
+    fits: xr.Dataset | None = None,
+    corrected: xr.Dataset | None = None,
+) -> Monitoring:
+    """States of the aircraft and events: ``events.json``, and the page that shows them.
+
+    An event that ``events.json`` of an earlier run has is not reported again. Corrected winds are
+    opened only where they are there.
+    """
+    from airswing.evaluation.monitoring import events as monitoring
+    from airswing.report.run.changes import write_monitoring_page
+
+    path, in_use = job.output / EVENTS, job.config.monitoring.tables_in_use
+    with job.progress.stage("monitoring") as stage:
+        tables = None
+        if in_use is not None:
+            tables = monitoring.read_tables(in_use, reference=job.reference)
+        screened, fitted = job.ready(headings, HEADINGS), job.ready(fits, FITS)
+        if corrected is None and product_path(job.output, CORRECTED).exists():
+            corrected = job.ready(None, CORRECTED)
+        found = monitoring.find_events(
+            screened,
+            fitted,
+            corrected=corrected,
+            previous=monitoring.read_events(path) if path.exists() else None,
+            reference=job.reference,
+            members=job.pools[job.reference],
+            tables_in_use=tables,
+            compass=job.shared.get("compass_watch"),
+        )
+        since = _tables_since(job, screened, monitoring.changed_since(found))
+        found = monitoring.with_tables(found, since)
+        number = len(found.new_events)
+        found = replace(found, unsaid=number)
+        monitoring.write_events(found, path)
+        page = job.output / "report" / "monitoring.html"
+        write_monitoring_page(page, found, units=job.config.units)
+        stage.note = f"{number:,} new event{'s' * (number != 1)}"
+    return found
+
+
+def events_said(job: Job, number: int) -> None:
+    """Note that all `number` events have been printed; a later run may have found more."""
+    from airswing.evaluation.monitoring.events import read_events, write_events
+
+    path = job.output / EVENTS
+    found = read_events(path)
+    if found.unsaid:
+        left = min(max(len(found.events) - number, 0), found.unsaid)
+        write_events(replace(found, unsaid=left), path)
+
+
+def _tables_since(
+    job: Job, headings: xr.Dataset, since: dict[str, str]
+) -> dict[str, UnitTable | None]:
+    """Tables of aircraft whose compass changed, from the reports since; None where they are few.
+
+    These aircraft are fitted alone: the others' evidence on the reference's error is left out,
+    which widens the tables' errors.
+    """
+    from airswing.evaluation.monitoring.events import tables_of
+
+    if not since:
+        return {}
+    names = headings["aircraft"].to_numpy().astype(str)
+    begin = np.array([since.get(name, "NaT") for name in names], dtype="datetime64[ns]")
+    parts, first = [], 0
+    for block in blocks(headings):
+        since_day = begin[first : first + block.sizes["aircraft"]]
+        first += since_day.size
+        if not np.isnat(since_day).all():  # no time is later than a missing one
+            late = block["time"].to_numpy() >= since_day[aircraft_of_report(block)]
+            parts.append(some_reports(block, late))
+    recent = joined(parts)
+    recent = recent.isel(aircraft=np.isin(recent["aircraft"].to_numpy().astype(str), list(since)))
+    now = tables_of(_fitted(job, recent).sel(reference=job.reference))
+    return dict.fromkeys(since) | {name: now[name] for name in since if name in now}
