@@ -8,10 +8,10 @@ interpolation adds no error; the remaining error is that of the ground velocity 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import airswing  # noqa: F401  (pyproj before eccodes)
 
@@ -21,6 +21,8 @@ import numpy as np
 import pandas as pd
 import ppigrf
 import pyproj
+
+from tests.reference.builders import build
 
 START = datetime(2009, 2, 27)
 LEVELS = (600, 500, 400, 300)
@@ -42,15 +44,17 @@ class Place:
     first: tuple[float, float]  # longitude, latitude of the first point
     crs: str | None = None
     edition: int = 2
-    sample: str = "regular_ll_pl_grib1"
     periodic: bool = False
     along_grid: bool = True
-    extra: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def rotated(self) -> bool:
+        return self.crs is not None and "ob_tran" in self.crs
 
     def _plane(self) -> pyproj.Transformer:
-        return pyproj.Transformer.from_crs(
-            pyproj.CRS(self.crs).geodetic_crs, pyproj.CRS(self.crs), always_xy=True
-        )
+        sphere = "+proj=longlat +R=6371229 +no_defs"
+        earth = sphere if self.rotated else pyproj.CRS(self.crs).geodetic_crs
+        return pyproj.Transformer.from_crs(earth, pyproj.CRS(self.crs), always_xy=True)
 
     def plane(self, lon: Any, lat: Any) -> tuple[np.ndarray, np.ndarray]:
         """Coordinates in the units of ``step``, from the first grid point."""
@@ -58,9 +62,9 @@ class Place:
         if self.crs is None:
             return (lon - self.first[0]) % 360.0, lat - self.first[1]
         turn = self._plane()
-        x, y = turn.transform(lon, lat)
-        x0, y0 = turn.transform(*self.first)
-        return np.asarray(x) - x0, np.asarray(y) - y0
+        x, y = (np.asarray(one) for one in turn.transform(lon, lat))
+        x0, y0 = self.first if self.rotated else turn.transform(*self.first)
+        return ((x - x0 + 180) % 360 - 180 if self.rotated else x - x0), y - y0
 
     def index(self, lon: Any, lat: Any) -> tuple[np.ndarray, np.ndarray]:
         x, y = self.plane(lon, lat)
@@ -71,18 +75,16 @@ class Place:
         if self.crs is None:
             return self.first[0] + x, self.first[1] + y
         turn = self._plane()
-        x0, y0 = turn.transform(*self.first)
+        x0, y0 = self.first if self.rotated else turn.transform(*self.first)
         return turn.transform(x + x0, y + y0, direction="INVERSE")
 
     def to_earth(self, u: Any, v: Any, lon: Any, lat: Any) -> tuple[np.ndarray, np.ndarray]:
         """True east and north components of a wind along the message's axes."""
         if self.crs is None or not self.along_grid:
             return u, v
-        small = 1e-5
-        turn = self._plane()
-        x, y = turn.transform(lon, lat)
-        x2, y2 = turn.transform(lon, np.asarray(lat) + small)
-        angle = np.arctan2(x2 - x, y2 - y)  # of north in the plane, clockwise from +y
+        (x, y), (x2, y2) = self.plane(lon, lat), self.plane(lon, np.asarray(lat) + 1e-5)
+        stretch = np.cos(np.radians(y + self.first[1])) if self.rotated else 1.0
+        angle = np.arctan2((x2 - x) * stretch, y2 - y)  # of north in the plane, clockwise from +y
         return u * np.cos(angle) - v * np.sin(angle), u * np.sin(angle) + v * np.cos(angle)
 
     def wind(self, i: Any, j: Any, lnp: Any, hours: Any) -> tuple[np.ndarray, np.ndarray]:
@@ -96,39 +98,6 @@ class Place:
         u = 14 + 16 * x - 9 * y - 8 * z + 6 * t + 5 * x * y
         v = -6 + 11 * x + 14 * y + 5 * z - 8 * t
         return u, v
-
-
-def message(
-    place: Place,
-    values: np.ndarray,
-    *,
-    u: bool,
-    level: int,
-    step: int,
-    pascals: bool = False,
-    lead: int = 0,
-) -> int:
-    """Handle of one message; the caller releases it."""
-    sample = "GRIB2" if place.edition == 2 else place.sample
-    handle = eccodes.codes_grib_new_from_samples(sample)
-    base = START + timedelta(hours=step - lead)
-    keys: dict[str, Any] = {"centre": 7, **place.keys}
-    if place.edition == 1:
-        keys |= {"table2Version": 2, "indicatorOfParameter": 33 if u else 34}
-    else:
-        keys |= {"discipline": 0, "parameterCategory": 2, "parameterNumber": 2 if u else 3}
-    for key, value in keys.items():
-        eccodes.codes_set(handle, key, value)
-    eccodes.codes_set(handle, "typeOfLevel", "isobaricInPa" if pascals else "isobaricInhPa")
-    eccodes.codes_set(handle, "level", level * 100 if pascals else level)
-    eccodes.codes_set(handle, "dataDate", int(base.strftime("%Y%m%d")))
-    eccodes.codes_set(handle, "dataTime", base.hour * 100)
-    eccodes.codes_set(handle, "endStep", lead)
-    for key, value in place.extra.items():
-        eccodes.codes_set(handle, key, value)
-    eccodes.codes_set(handle, "bitsPerValue", 20)
-    eccodes.codes_set_values(handle, values.ravel())
-    return handle
 
 
 def write_model(
@@ -145,38 +114,44 @@ def write_model(
     folder.mkdir(parents=True, exist_ok=True)
     i, j = np.meshgrid(np.arange(place.size[0]), np.arange(place.size[1]))
     for step in steps:
-        handles = []
+        base = START + timedelta(hours=step - lead)
+        when = int(base.strftime("%Y%m%d")), base.hour * 100
+        options: Any = {"edition": place.edition, "when": when, "step": lead, "bits": 20}
+        pairs = []
         for level in levels:
             both = place.wind(i, j, np.log(level * 100.0), step)
-            handles.append(
+            if pascals:
+                options["extra"] = {"typeOfLevel": "isobaricInPa", "level": level * 100}
+            pairs.append(
                 [
-                    message(
-                        place, part, u=first, level=level, step=step, pascals=pascals, lead=lead
-                    )
-                    for part, first in zip(both, (True, False), strict=True)
+                    build(place.keys, part.ravel(), parameter=name, level=level, **options)
+                    for name, part in zip("uv", both, strict=True)
                 ]
             )
+        us, vs = (b"".join(column) for column in zip(*pairs, strict=True))
         if layout == "multi":
             with open(folder / f"m{step:03d}.grib2", "wb") as sink:
-                for pair in handles:
-                    multi = eccodes.codes_grib_multi_new()
-                    eccodes.codes_grib_multi_append(pair[0], 0, multi)
-                    eccodes.codes_grib_multi_append(pair[1], 4, multi)
-                    eccodes.codes_grib_multi_write(multi, sink)
-                    eccodes.codes_grib_multi_release(multi)
+                for pair in pairs:
+                    _write_multi(pair, sink)
+        elif layout == "apart":
+            (folder / f"u{step:03d}.grb").write_bytes(us)
+            (folder / f"v{step:03d}.grb").write_bytes(vs)
+        elif layout == "blocks":
+            (folder / f"b{step:03d}.grb").write_bytes(vs + us)
         else:
-            coded = [[eccodes.codes_get_message(one) for one in pair] for pair in handles]
-            us, vs = (b"".join(column) for column in zip(*coded, strict=True))
-            if layout == "apart":
-                (folder / f"u{step:03d}.grb").write_bytes(us)
-                (folder / f"v{step:03d}.grb").write_bytes(vs)
-            elif layout == "blocks":
-                (folder / f"b{step:03d}.grb").write_bytes(vs + us)
-            else:
-                (folder / f"p{step:03d}.grb").write_bytes(b"".join(b"".join(p) for p in coded))
-        for pair in handles:
-            for one in pair:
-                eccodes.codes_release(one)
+            (folder / f"p{step:03d}.grb").write_bytes(b"".join(b"".join(p) for p in pairs))
+
+
+def _write_multi(pair: Sequence[bytes], sink: BinaryIO) -> None:
+    """Both messages as one, the second from its section 4 on."""
+    handles = [eccodes.codes_new_from_message(one) for one in pair]
+    multi = eccodes.codes_grib_multi_new()
+    eccodes.codes_grib_multi_append(handles[0], 0, multi)
+    eccodes.codes_grib_multi_append(handles[1], 4, multi)
+    eccodes.codes_grib_multi_write(multi, sink)
+    eccodes.codes_grib_multi_release(multi)
+    for handle in handles:
+        eccodes.codes_release(handle)
 
 
 def pressure_of(feet: np.ndarray) -> np.ndarray:
@@ -383,8 +358,7 @@ def _polar(
     if edition == 2:
         keys |= {"LaDInDegrees": 60.0 * sign, "shapeOfTheEarth": 6}
     crs = f"+proj=stere +lat_0={90 * sign} +lat_ts={60 * sign} +lon_0={lov} {_SPHERE[edition]}"
-    sample = "polar_stereographic_pl_grib1"
-    return Place(name, keys, size, (metres, metres), first, crs, edition, sample=sample)
+    return Place(name, keys, size, (metres, metres), first, crs, edition)
 
 
 def _mercator(
@@ -432,50 +406,9 @@ def _rotated(
         angleOfRotationInDegrees=0.0,
         uvRelativeToGrid=1,
     )
-    sample = "rotated_ll_pl_grib1"
-    # Not empty: the wind is along the grid, whose place the methods below compute.
-    return _RotatedPlace(name, keys, size, step, corner, "rotated", edition, sample=sample)
-
-
-class _RotatedPlace(Place):
-    """Rotated degrees by the rotation matrix of the pole, independent of PROJ."""
-
-    def _turn(self) -> np.ndarray:
-        lat = np.radians(self.keys["latitudeOfSouthernPoleInDegrees"])
-        lon = np.radians(self.keys["longitudeOfSouthernPoleInDegrees"])
-        theta = np.pi / 2 + lat
-        about_z = np.array(
-            [[np.cos(lon), np.sin(lon), 0], [-np.sin(lon), np.cos(lon), 0], [0, 0, 1]]
-        )
-        about_y = np.array(
-            [[np.cos(theta), 0, np.sin(theta)], [0, 1, 0], [-np.sin(theta), 0, np.cos(theta)]]
-        )
-        return about_y @ about_z
-
-    @staticmethod
-    def _vector(lon: Any, lat: Any) -> np.ndarray:
-        lon, lat = np.radians(lon), np.radians(lat)
-        return np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)])
-
-    def plane(self, lon: Any, lat: Any) -> tuple[np.ndarray, np.ndarray]:
-        x, y, z = np.tensordot(self._turn(), self._vector(lon, lat), 1)
-        rlon, rlat = np.degrees(np.arctan2(y, x)), np.degrees(np.arcsin(z))
-        return (rlon - self.first[0] + 180) % 360 - 180, rlat - self.first[1]
-
-    def position(self, i: Any, j: Any) -> tuple[np.ndarray, np.ndarray]:
-        rotated = self._vector(
-            self.first[0] + np.asarray(i) * self.step[0],
-            self.first[1] + np.asarray(j) * self.step[1],
-        )
-        x, y, z = np.tensordot(self._turn().T, rotated, 1)
-        return np.degrees(np.arctan2(y, x)), np.degrees(np.arcsin(z))
-
-    def to_earth(self, u: Any, v: Any, lon: Any, lat: Any) -> tuple[np.ndarray, np.ndarray]:
-        small = 1e-4
-        x, y = self.plane(lon, lat)
-        x2, y2 = self.plane(lon, np.asarray(lat) + small)
-        angle = np.arctan2((x2 - x) * np.cos(np.radians(y + self.first[1])), y2 - y)
-        return u * np.cos(angle) - v * np.sin(angle), u * np.sin(angle) + v * np.cos(angle)
+    sphere = "+R=6371229 +no_defs"
+    turned = f"+proj=ob_tran +o_proj=longlat +o_lon_p=0 +o_lat_p={-pole[1]} +lon_0={pole[0]} "
+    return Place(name, keys, size, step, corner, turned + sphere, edition)
 
 
 PLACES = {

@@ -237,11 +237,6 @@ def test_field_tests_that_cannot_be_evaluated(archive, tmp_path, capsys, changes
     refused(capsys, "evaluate", path, says=says)
 
 
-def test_one_reference_cannot_be_compared(archive, tmp_path, capsys):
-    with_products(archive, tmp_path)
-    refused(capsys, "compare", configure(archive, tmp_path), says=("references", "two"))
-
-
 @pytest.mark.parametrize(
     ("content", "says"),
     [
@@ -331,12 +326,6 @@ def test_a_disk_full_midway_leaves_the_earlier_products(archive, tmp_path):
     assert str(tmp_path / "out") in message.splitlines()[-1]
     assert digests(tmp_path / "out") == before
     assert not [*tmp_path.rglob("*.part")]
-
-
-@pytest.mark.parametrize("content", [b"\x89HDF\r\n\x1a\njunk", b"GRIB" + b"x" * 500, b""])
-def test_inspect_says_what_it_cannot_read(tmp_path, capsys, content):
-    (tmp_path / "file").write_bytes(content)
-    refused(capsys, "inspect", tmp_path / "file", says=(str(tmp_path / "file"),))
 
 
 def test_a_sample_where_no_folder_can_be(tmp_path, capsys):

@@ -52,25 +52,6 @@ def config(root: Path, folder: Path, **changes) -> Path:
     return path
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"colour": "red"}, ["colour", "unknown key"]),
-        ({"never_pool": ["ruc"]}, ["pool.ruc+rtfdaa", "never_pool"]),
-        ({"reports": {"files": "nowhere/*.csv"}}, ["nowhere/*.csv"]),
-        ({"references": {"ruc": {"files": "nowhere/*.grb"}}, "pool": {}}, ["nowhere/*.grb"]),
-    ],
-)
-def test_bad_input_is_one_message_and_status_2(root, tmp_path, changes, words):
-    done = airswing("run", config(root, tmp_path, **changes), folder=tmp_path)
-    assert done.returncode == 2, done.stderr
-    last = done.stderr.strip().splitlines()[-1]
-    assert last.startswith("airswing: ")
-    assert all(word in last for word in words), last
-    assert "Traceback" not in done.stderr
-    assert done.stdout == ""
-
-
 def test_wrong_usage_is_status_2(tmp_path):
     done = process("run", "--colour", "red", folder=tmp_path)
     assert done.returncode == 2 and "--colour" in done.stderr
@@ -135,16 +116,6 @@ def test_an_interrupt_is_status_130_and_leaves_no_half_product(root, tmp_path):
     assert "Traceback" not in message
     left = [p.name for p in (tmp_path / "results").rglob("*.part")]
     assert left == []
-
-
-def test_inspect_tells_what_files_hold(root, tmp_path):
-    grib = next((root / "data_samples/ruc").iterdir())
-    table = next((root / "data_samples/reports").iterdir())
-    done = airswing("inspect", grib, table, folder=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert "kind: grib" in done.stdout and "kind: reports" in done.stdout
-    (tmp_path / "empty").touch()
-    assert airswing("inspect", tmp_path / "empty", folder=tmp_path).returncode == 2
 
 
 def test_a_sample_is_not_mixed_with_what_is_there(tmp_path):

@@ -36,14 +36,6 @@ def test_defaults_are_the_documented_ones_in_si(tmp_path):
     assert config.reports.files == ["reports/*.csv"]
 
 
-def test_pools_and_the_gap_reference(tmp_path):
-    content = SMALLEST | {"references": {"ruc": {"files": "a"}, "rr": {"files": "b"}}}
-    assert load_config(write(tmp_path, content)).gap_reference() == "ruc"
-    config = load_config(write(tmp_path, content | {"pool": {"both": ["ruc", "rr"]}}))
-    assert config.gap_reference() == "both"
-    assert config.pools() == {"ruc": ["ruc"], "rr": ["rr"], "both": ["ruc", "rr"]}
-
-
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -119,15 +111,6 @@ def test_a_missing_key_is_named(tmp_path):
         ConfigError, match=r"colour: unknown key.*; unitts: unknown key; did you mean 'units'"
     ):
         load_config(write(tmp_path, two))
-
-
-def test_a_pool_that_names_a_reference_twice_is_refused(tmp_path):
-    twice = {
-        "references": {"ruc": {"files": "a"}, "rr": {"files": "b"}},
-        "pool": {"both": ["ruc", "rr", "ruc"]},
-    }
-    with pytest.raises(ConfigError, match=r"pool\.both: a reference is named twice"):
-        load_config(write(tmp_path, SMALLEST | twice))
 
 
 def test_a_configuration_prints_itself_in_a_few_lines():

@@ -45,10 +45,3 @@ def test_mean_bank_comes_from_the_angle_turned_and_the_time_flagged():
     np.testing.assert_allclose(np.abs(found[banked]).mean(), np.radians(10.0), rtol=0.15)
     np.testing.assert_array_equal(np.sign(found[banked]), np.sign(true[banked]))
     assert np.nanmax(np.abs(found[~banked])) < 0.2 * LIMIT
-
-
-def test_without_flags_the_bank_is_that_of_the_track():
-    seen, _, flight, time, latitude, longitude = flown(flights=3)
-    flag = np.zeros(flight.size, int)
-    found = bank_at_reports(seen, flag, flight, time, latitude=latitude, longitude=longitude)
-    np.testing.assert_array_equal(found, seen)

@@ -97,10 +97,3 @@ def test_unknown_places_and_times_outside_the_epochs_have_no_field() -> None:
     assert np.isnan(found.horizontal).all()
     assert np.isfinite(field_at(45.0, 10.0).dip)
     assert geomagnetic_field([], [], [], []).declination.shape == (0,)
-
-
-def test_shapes_broadcast() -> None:
-    found = field_at(np.array([[40.0], [41.0]]), np.array([-90.0, -89.0, -88.0]))
-    assert found.declination.shape == (2, 3)
-    single = field_at(41.0, -88.0)
-    assert single.dip.shape == () and single.declination == found.declination[1, 2]

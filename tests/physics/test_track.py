@@ -127,12 +127,6 @@ def test_no_time_no_velocity_and_broken_chords() -> None:
     assert np.isnan(tracked(lat, lon, bad).northward[3])
 
 
-def test_empty_and_single() -> None:
-    for size in (0, 1):
-        found = tracked(np.full(size, 45.0), np.zeros(size), np.zeros(size))
-        assert found.eastward.shape == (size,) and np.isnan(found.eastward).all()
-
-
 def rounded_flights(
     leg: float,
     *,

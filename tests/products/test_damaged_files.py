@@ -44,14 +44,6 @@ def test_a_count_of_records_that_is_not_there_is_refused(kind: str, tmp_path: Pa
         require_sound(path)
 
 
-def test_one_variable_of_records_has_no_padding(tmp_path: Path):
-    path = tmp_path / "a.nc"
-    with netCDF4.Dataset(path, "w", format="NETCDF3_CLASSIC") as file:
-        file.createDimension("time", None)
-        file.createVariable("flag", "i1", ("time",))[:] = np.ones(101, dtype="i1")
-    require_sound(path)
-
-
 def test_every_cut_of_a_header_is_refused(tmp_path: Path):
     path = classic(tmp_path / "a.nc", "NETCDF3_CLASSIC")
     data = path.read_bytes()

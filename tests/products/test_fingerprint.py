@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from airswing.products.whole_files import code_digest, file_identities, fingerprint
+from airswing.products.whole_files import file_identities, fingerprint
 
 
 def test_a_file_counts_by_size_and_time(tmp_path: Path):
@@ -26,7 +26,3 @@ def test_a_zarr_store_counts_by_its_chunks_and_other_folders_do_not(tmp_path: Pa
     assert name == str(store) and size == 5 + 2 + 2  # bytes, and one for each file
     (store / "u" / "0.1").write_bytes(b"")
     assert file_identities([str(store)])[0][1] == 10
-
-
-def test_the_code_has_one_digest():
-    assert code_digest() == code_digest() and len(code_digest()) == 32

@@ -98,6 +98,7 @@ def build(
     packing: str = "grid_simple",
     bits: int = 16,
     extra: dict[str, Any] | None = None,
+    pv: np.ndarray | None = None,
 ) -> bytes:
     """A message of the given grid; `values` in message order, NaN where missing."""
     sample = _EDITION_1.get(keys["gridType"], "regular_ll_pl_grib1")
@@ -120,6 +121,9 @@ def build(
             eccodes.codes_set_values(handle, data)
         for key, value in (extra or {}).items():
             eccodes.codes_set(handle, key, value)
+        if pv is not None:
+            eccodes.codes_set(handle, "PVPresent", 1)
+            eccodes.codes_set_double_array(handle, "pv", pv.tolist())
         return bytes(eccodes.codes_get_message(handle))
     finally:
         eccodes.codes_release(handle)

@@ -50,14 +50,6 @@ def test_what_the_catalogue_says_of_a_real_run(real: Callable[[str], Path], tmp_
     assert grid.wind_along_grid
 
 
-def test_leads_kept_apart_make_two_references(real: Callable[[str], Path], tmp_path: Path) -> None:
-    folder = real("grib/wrf_ruc13_g212")
-    late = build_catalogue(f"{folder}/*", name="x", lead=">= 12 h", cache_dir=tmp_path)
-    np.testing.assert_array_equal(late.leads / 3600, [12, 15, 18, 21, 24])
-    analyses = build_catalogue(f"{folder}/*", name="x", lead="analysis", cache_dir=tmp_path)
-    np.testing.assert_array_equal(analyses.leads, [0, 0])
-
-
 def test_shortest_lead_that_meets_the_condition_wins(tmp_path: Path) -> None:
     for run, step in ((600, 6), (900, 3), (1200, 0)):
         write(tmp_path / f"run{run:04d}.grib", *profile(when=(20090801, run), step=step))
@@ -184,18 +176,6 @@ def test_of_a_field_given_twice_with_other_values_neither_is_used(
     assert one["count"] == 4
 
 
-def test_empty_glob_and_bad_conditions_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no file found"):
-        build_catalogue(str(tmp_path / "*.grb"), name="x")
-    path = write(tmp_path / "x.grib", *profile())
-    with pytest.raises(InputError, match="lead condition not understood"):
-        build_catalogue(path, name="x", lead="a while", cache_dir=tmp_path)
-    with pytest.raises(InputError, match="no wind meets the lead condition"):
-        build_catalogue(path, name="x", lead=">= 1 h", cache_dir=tmp_path)
-    with pytest.raises(InputError, match="skip or fail"):
-        build_catalogue(path, name="x", on_bad_file="ignore", cache_dir=tmp_path)
-
-
 def test_lead_conditions() -> None:
     leads = np.array([0, 1800, 3600, 7200])
     for text, expected in [
@@ -268,14 +248,6 @@ def test_a_damaged_cache_is_made_anew(tmp_path: Path) -> None:
         for _ in range(2):
             again = build_catalogue(path, name="x", cache_dir=tmp_path / "c")
     assert content(again) == content(first)
-
-
-def test_unreadable_files_are_named(tmp_path: Path) -> None:
-    good, bad = write(tmp_path / "a.grib", *profile()), str(tmp_path / "b.grib")
-    os.symlink(tmp_path / "nowhere", bad)
-    catalogue = build_catalogue([good, bad], name="x", cache_dir=tmp_path / "c")
-    reason = "cannot be opened: No such file or directory"
-    assert catalogue.skipped == [{"file": bad, "what": "file", "reason": reason, "count": 1}]
 
 
 def test_ensemble_members_are_not_mixed(tmp_path: Path) -> None:

@@ -9,13 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
-from hypothesis import given
-from hypothesis import strategies as st
 
 from airswing.reference.catalogue import build_catalogue
 from airswing.reference.collocate import Sample, sample_model_times
 from airswing.reference.grids import LONGITUDE_LATITUDE, AxesGrid
-from airswing.reference.winds import ModelTime, bilinear, corners, level_brackets
+from airswing.reference.winds import ModelTime, level_brackets
 from airswing.units import MODEL_EARTH_RADIUS as EARTH_RADIUS
 from tests.reference.builders import LAMBERT, LATLON, MERCATOR, POLAR, ROTATED, build, write
 from tests.reference.test_grids import grid_of, points_of
@@ -44,19 +42,6 @@ def model_of(folder: Path, keys: dict[str, Any], fields: dict[int, tuple], **opt
     return build_catalogue(path, name="x", cache_dir=folder / "c").model_time(0)
 
 
-def test_bilinear_by_hand() -> None:
-    values = np.array([[1.0], [3.0], [5.0], [11.0]])
-    x, y = np.array([0.25]), np.array([0.5])
-    # Rows: 1 + 0.25 * 2 = 1.5 and 5 + 0.25 * 6 = 6.5; half way between: 4.
-    assert bilinear(values, x, y) == pytest.approx(4.0)
-
-
-def test_a_missing_corner_counts_only_where_it_has_weight() -> None:
-    values = np.array([[1.0], [np.nan], [3.0], [np.nan]])
-    assert bilinear(values, np.zeros(1), np.array([0.5])) == pytest.approx(2.0)
-    assert np.isnan(bilinear(values, np.array([1e-12]), np.array([0.5])))
-
-
 def test_brackets_by_hand() -> None:
     levels = np.array([30000.0, 50000.0, 70000.0])
     p = np.array([30000.0, 40000.0, 50000.0, 70000.0, 29999.9, 70000.1])
@@ -68,13 +53,6 @@ def test_brackets_by_hand() -> None:
     both = level_brackets(levels, p, both=True)
     np.testing.assert_array_equal(both.k[:4], [0, 0, 1, 1])
     np.testing.assert_allclose(both.weight[:4], [0, half, 0, 1])
-
-
-@given(p=st.floats(30000, 70000))
-def test_brackets_reproduce_ln_p(p: float) -> None:
-    got = level_brackets(np.array([30000.0, 35000.0, 50000.0, 70000.0]), np.array([p]))
-    mixed = (1 - got.weight) * got.upper + got.weight * got.lower
-    assert mixed[0] == pytest.approx(np.log(p), abs=1e-12)
 
 
 def test_linear_fields_come_back_exactly(tmp_path: Path) -> None:
@@ -135,13 +113,6 @@ def test_a_westerly_everywhere_is_a_westerly_at_the_reports(
     np.testing.assert_allclose(got[1][inside], 4.0, atol=0.03)
     if keys is not MERCATOR:
         assert np.ptp(np.degrees(angle)) > 5, "the test grid turns enough to matter"
-
-
-def test_true_winds_on_a_lambert_grid_are_left_alone(tmp_path: Path) -> None:
-    flat = np.full(LAMBERT["Nx"] * LAMBERT["Ny"], 10.0)
-    model = model_of(tmp_path, {**LAMBERT, "uvRelativeToGrid": 0}, {500: (flat, 0 * flat)})
-    got = sample_model_time(model, *(np.array([x]) for x in (30.0, -115.0, 5e4)))
-    np.testing.assert_allclose(got.table[:, 0], [10.0, 0.0])
 
 
 def test_values_do_not_depend_on_company(real: Callable[[str], Path], tmp_path: Path) -> None:
@@ -296,13 +267,6 @@ def by_interp(
         rot = np.radians((lon - 265.0 + 180) % 360 - 180) * np.sin(np.radians(25.0))
         u, v = np.cos(rot) * u + np.sin(rot) * v, -np.sin(rot) * u + np.cos(rot) * v
     return np.stack([u, v])
-
-
-def test_corners_of_a_globe_wrap() -> None:
-    grid = AxesGrid(LONGITUDE_LATITUDE, np.arange(36) * 10.0, np.arange(90.0, -91.0, -10.0))
-    cell = corners(grid, np.array([35.5]), np.array([18.0]))
-    np.testing.assert_array_equal(cell.points[:, 0], [17 * 36 + 35, 17 * 36, 18 * 36 + 35, 18 * 36])
-    assert (cell.x[0], cell.y[0]) == (0.5, 1.0)
 
 
 def test_native_levels_are_joined_in_each_column(tmp_path: Path) -> None:

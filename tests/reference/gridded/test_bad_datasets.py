@@ -81,6 +81,10 @@ CASES: dict[str, tuple[Callable[[], xr.Dataset], str]] = {
     "unknown projection": (odd_mapping, "projection not known.*my_own_projection"),
     "one along, one true": (mixed, "one component points along the grid"),
     "two of one kind": (lambda: two_winds(base()), "two candidates for u"),
+    "two level axes": (
+        lambda: base().rename(level="tier").expand_dims(layer=[1.0, 2.0]).drop_vars("tier"),
+        r"several dimensions may hold the levels.*level: NAME",
+    ),
     "hybrid without pressure": (lambda: hybrid_without_pressure(base()), "no wind"),
 }
 
@@ -97,12 +101,6 @@ def test_one_clear_message(case: str, tmp_path: Path) -> None:
         assert len(message) < 2000 and "Traceback" not in message
         if isinstance(given, str):
             assert "bad.nc" in message or "references.bad" in message
-
-
-def test_two_dimensions_that_could_be_levels() -> None:
-    ds = base().rename(level="tier").expand_dims(layer=[1.0, 2.0]).drop_vars("tier")
-    with pytest.raises(InputError, match=r"several dimensions may hold the levels.*level: NAME"):
-        airswing.build_catalogue(ds, name="bad")
 
 
 def test_damaged_files_are_named_and_skipped(tmp_path: Path) -> None:

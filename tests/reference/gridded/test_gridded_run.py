@@ -10,11 +10,9 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
-from airswing import cli, workflow
-from airswing.config_file import load_config
+from airswing import cli
 from airswing.products.netcdf import read_product
-from airswing.workflow.progress import Progress
-from tests.reference.gridded.datasets import LEVELS, START, by_hand, latlon
+from tests.reference.gridded.datasets import START, latlon
 
 LAT, LON = np.arange(30.0, 50.1, 2.5), np.arange(-110.0, -79.9, 2.5)
 
@@ -47,41 +45,10 @@ def archive(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_winds_of_the_run_are_those_of_the_files(archive: Path) -> None:
-    job = workflow.Job(load_config(archive / "mine.yaml"), Progress(quiet=True))
-    headings = workflow.make_headings(job)
-    time = (headings.time.values - START) / np.timedelta64(1, "h")
-    ds = latlon(latitude=LAT, longitude=LON, hours=3)
-    fi = (headings.longitude.values - LON[0]) / 2.5
-    fj = (headings.latitude.values - LAT[0]) / 2.5
-    p = headings.pressure.values.astype(float)
-    hours = [by_hand(ds.u.values[n], ds.v.values[n], LEVELS * 100, fi, fj, p)[0] for n in range(3)]
-    now = np.minimum(time.astype(int), 1)
-    both = np.array(hours)
-    n = np.arange(time.size)
-    expected = (1 - (time - now)) * both[now, n] + (time - now) * both[now + 1, n]
-    found = headings.reference_eastward_wind.values[0]
-    np.testing.assert_allclose(found, expected, atol=5e-3)  # winds are stored to a few millimetres
-    stored = read_product(archive / "results" / "headings")
-    assert "era5" in stored.reference.values
-
-
 def test_inspect(archive: Path) -> None:
     runner = CliRunner()
     shown = runner.invoke(cli.app, ["inspect", str(archive / "era5_0.nc")])
     assert shown.exit_code == 0 and "6 pressure levels, 200 to 1000 hPa" in shown.output
-
-
-def test_a_zarr_store_is_inspected_and_told_apart_when_it_changes(tmp_path: Path) -> None:
-    from airswing.products.whole_files import file_identities
-
-    ds = latlon(latitude=LAT, longitude=LON)
-    ds.to_zarr(tmp_path / "a.zarr")
-    shown = CliRunner().invoke(cli.app, ["inspect", str(tmp_path / "a.zarr")])
-    assert shown.exit_code == 0 and "engine: zarr" in shown.output
-    before = file_identities([str(tmp_path / "a.zarr")])
-    (ds + 1).to_zarr(tmp_path / "a.zarr", mode="w")
-    assert len(before) == 1 and file_identities([str(tmp_path / "a.zarr")]) != before
 
 
 def test_winds_alone_where_nothing_can_be_screened_or_fitted(archive: Path) -> None:

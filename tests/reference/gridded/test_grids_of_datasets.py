@@ -107,20 +107,6 @@ def test_outside_a_regional_grid_there_is_no_wind() -> None:
     assert u[0] == u[1]
 
 
-def test_gaussian_latitudes() -> None:
-    lat, _ = np.polynomial.legendre.leggauss(64)
-    lat = np.degrees(np.arcsin(lat))[::-1]
-    ds = latlon(latitude=lat, longitude=np.arange(0, 360, 2.8125))
-    where = RNG.uniform(-87, 87, 60), RNG.uniform(0, 360, 60)
-    u, _ = winds(airswing.collocate(points(*where, 60000.0), {"x": ds}))
-    stored = ds.latitude.values.astype(float)
-    fj = 63 - np.interp(where[0], stored[::-1], np.arange(64))
-    east, _ = by_hand(
-        ds.u.values[0], ds.v.values[0], LEVELS * 100, where[1] / 2.8125, fj, np.full(60, 60000.0)
-    )
-    np.testing.assert_allclose(u, east, atol=1e-3)
-
-
 @pytest.mark.parametrize("mapping", [True, False])
 @pytest.mark.parametrize("kind", [*KINDS, "rotated"])
 def test_points_give_the_winds_of_their_projection(kind: str, mapping: bool) -> None:
@@ -144,14 +130,6 @@ def test_points_give_the_winds_of_their_projection(kind: str, mapping: bool) -> 
     one, two = (winds(airswing.collocate(reports, {"x": d})) for d in (ds, bare))
     # without a projection: cells of 60 to 80 km, noise of 15 m/s
     np.testing.assert_allclose(one, two, atol=1e-4 if mapping else 4e-2)
-
-
-def test_the_inverse_of_every_frame() -> None:
-    lat, lon = RNG.uniform(20, 60, 40), RNG.uniform(-130, -70, 40)
-    for mapping in MAPPINGS.values():
-        frame = frame_of(mapping, file="", field="")
-        back = frame.places(*frame.xy(lat, lon))
-        np.testing.assert_allclose(back, (lat, lon), atol=1e-9)
 
 
 def test_a_pole_turned_in_its_own_frame() -> None:

@@ -194,14 +194,6 @@ def test_levels_of_any_type_with_a_pressure(surface: int, edition: int, tmp_path
     assert np.isfinite(v).all()
 
 
-def test_winds_at_10_m_are_no_profile(tmp_path: Path) -> None:
-    extra = {"typeOfFirstFixedSurface": 103, "scaleFactorOfFirstFixedSurface": 0}
-    extra |= {"scaledValueOfFirstFixedSurface": 10}
-    messages = [build(LATLON, parameter=p, extra=extra) for p in "uv"]
-    with pytest.raises(InputError, match=r"u not on pressure levels .level type 103"):
-        build_catalogue(write(tmp_path / "x", *messages), name="x", cache_dir=tmp_path)
-
-
 # keys of the configuration
 
 

@@ -241,14 +241,6 @@ def test_packed_integers_and_fill_values(tmp_path: Path) -> None:
     np.testing.assert_array_equal(np.isfinite(u), [False, True, False])
 
 
-def test_u_and_v_in_files_of_their_own(tmp_path: Path) -> None:
-    for name in "uv":
-        base()[[name]].to_netcdf(tmp_path / f"{name}.nc")
-    model = airswing.build_catalogue(str(tmp_path / "*.nc"), name="m")
-    found = airswing.collocate(points(*WHERE, PRESSURE), {"m": model})
-    np.testing.assert_allclose(winds(found), expected(), atol=1e-3)
-
-
 def test_calendars_without_leap_years() -> None:
     import cftime
 
