@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from airswing.evaluation.monitoring.step_test import Floats, Index, Law, Noise, Step, StepTest
+from airswing.evaluation.disagreement import Floats, Ints
+from airswing.evaluation.monitoring.step_test import Law, Noise, Step, StepTest
 
 FEWEST = 5
 """Aircraft of a day that have a common part."""
@@ -104,8 +105,8 @@ class Tested:
 
 
 def watch_fleet(
-    aircraft: Index,
-    day: Index,
+    aircraft: Ints,
+    day: Ints,
     normal: NDArray[np.floating],
     right: NDArray[np.floating],
     quantity: Quantity,
@@ -141,7 +142,7 @@ def watch_fleet(
     return replace(found, scale=single.scale(np.arange(number)))
 
 
-def month_of(day: Index) -> Index:
+def month_of(day: Ints) -> Ints:
     """Months since 1970 of days since then."""
     return day.astype("M8[D]").astype("M8[M]").astype(np.int64)
 
@@ -151,7 +152,7 @@ def _night(
     shared: StepTest,
     sigma: Floats,
     night: int,
-    of: Index,
+    of: Ints,
     normal: Floats,
     right: Floats,
 ) -> tuple[list[Step], Floats]:
@@ -209,7 +210,7 @@ def common_part(
 
 
 def estimated_noise(
-    normal: Floats, right: Floats, aircraft: Index, day: Index, *, usual: Noise
+    normal: Floats, right: Floats, aircraft: Ints, day: Ints, *, usual: Noise
 ) -> Noise:
     """Errors of the days of a fleet, from their scatter about levels of three weeks.
 
@@ -244,7 +245,7 @@ def estimated_noise(
     return replace(noise, persistence=_persistence(noise, normal, rest, day, groups))
 
 
-def _without_common(normal: Floats, rest: Floats, day: Index, rows: Index) -> Floats:
+def _without_common(normal: Floats, rest: Floats, day: Ints, rows: Ints) -> Floats:
     """Residuals less what the rows of a day have in common, scaled for its degrees of freedom."""
     _, place = np.unique(day[rows], return_inverse=True)
     number = np.bincount(place)
@@ -281,7 +282,7 @@ def _variances(terms: Floats, squares: Floats) -> Floats:
 
 
 def _persistence(
-    noise: Noise, normal: Floats, rest: Floats, day: Index, groups: list[Index]
+    noise: Noise, normal: Floats, rest: Floats, day: Ints, groups: list[Ints]
 ) -> float:
     """Correlation of the residuals of an aircraft's days with the next day's."""
     product = square = 0.0

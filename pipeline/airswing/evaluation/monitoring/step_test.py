@@ -28,8 +28,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Index = NDArray[np.int64]
+from airswing.evaluation.disagreement import Floats, Ints
 
 LONGEST = 30
 """Days that a step may lie back when it is detected."""
@@ -49,6 +48,7 @@ LIKELIHOOD_RATIO_95 = 7.35
 """-2 ln(1 - sqrt(0.95)): 95 % point of the likelihood ratio of a date (Eo & Morley 2015, Quant.
 Econ. 6, 463-497)."""
 _ROUNDS = 8
+_SUMS = ("weight", "limited", "right", "days")
 _SINGULAR = 1e-9  # a weight is known to about this share: directions below are rounding
 
 
@@ -107,23 +107,24 @@ class StepTest:
 
     def __init__(self, law: Law, noise: Noise, number: int) -> None:
         self.law, self.noise, p = law, noise, law.level.size
-        # sums of all days so far: weight; right side with far days limited, and without that limit
-        self.weight = np.zeros((number, p, p))
-        self.limited, self.right = np.zeros((2, number, p))
+        # of all days so far; the right side with far days limited, and without that limit
+        parts = [("weight", "f8", (p, p)), ("limited", "f8", p), ("right", "f8", p), ("days", "f8")]
+        self.sums = np.zeros(number, parts)
         # squared distances and their degrees of freedom, for the scale of each aircraft's noise
-        self.days, self.excess, self.freedom = np.zeros((3, number))
-        # day, and weight, limited, right, days as they were before it
-        self._ring: deque[tuple[int, Floats, Floats, Floats, Floats]] = deque(maxlen=LONGEST)
+        self.excess, self.freedom = np.zeros((2, number))
+        # day, and the sums as they were before it
+        self._ring: deque[tuple[int, NDArray[np.void]]] = deque(maxlen=LONGEST)
 
-    def scale(self, of: Index) -> Floats:
+    def scale(self, of: Ints) -> Floats:
         """Error variance of each aircraft over that of the fleet."""
         return np.asarray((SCALE_FREEDOM + self.excess[of]) / (SCALE_FREEDOM + self.freedom[of]))
 
-    def level(self, of: Index) -> tuple[Floats, Floats]:
+    def level(self, of: Ints) -> tuple[Floats, Floats]:
         """Level of aircraft and its covariance, drift included."""
-        return _level(self.law, self.noise, self.weight[of], self.limited[of], self.scale(of))
+        sums = self.sums[of]
+        return _level(self.law, self.noise, sums["weight"], sums["limited"], self.scale(of))
 
-    def innovation(self, of: Index, weight: Floats, right: Floats) -> tuple[Floats, Floats]:
+    def innovation(self, of: Ints, weight: Floats, right: Floats) -> tuple[Floats, Floats]:
         """Weight and score of a day's difference from the level, the level's error included."""
         level, covariance = self.level(of)
         scale = self.scale(of)
@@ -131,49 +132,44 @@ class StepTest:
         score = right / scale[:, np.newaxis] - np.einsum("nij,nj->ni", weight, level)
         return _marginal(weight, score, covariance)
 
-    def add(self, day: int, of: Index, weight: Floats, right: Floats) -> None:
+    def add(self, day: int, of: Ints, weight: Floats, right: Floats) -> None:
         """Take in a day later than any before, of aircraft ``of`` with weight and right side each.
 
         Distances beyond the law's farthest are limited.
         """
-        before = self.weight.copy(), self.limited.copy(), self.right.copy(), self.days.copy()
-        self._ring.append((day, *before))
+        self._ring.append((day, self.sums.copy()))
         if not of.size:
             return
-        level = self.level(of)[0]
         distance, freedom = _distance(
             *self.innovation(of, weight, right), self.law.shapes.max(axis=0)
         )
-        new = self.days[of] < FEWEST_DAYS
+        new = self.sums["days"][of] < FEWEST_DAYS
         share = np.where(new, 1.0, np.sqrt(self.law.farthest / np.maximum(distance, 1e-30)))
-        share = np.minimum(share, 1.0)[:, np.newaxis]
-        expected = np.einsum("nij,nj->ni", weight, level)
+        expected = np.einsum("nij,nj->ni", weight, self.level(of)[0])
+        limited = expected + np.minimum(share, 1.0)[:, np.newaxis] * (right - expected)
         usual = freedom + 3.0 * np.sqrt(2.0 * freedom)
         # the distance was measured with the scale before this day
         excess = np.where(new, freedom, np.minimum(distance, usual)) * self.scale(of)
-        self.weight[of] += weight
-        self.limited[of] += expected + share * (right - expected)
-        self.right[of] += right
-        self.days[of] += 1.0
+        for name, values in zip(_SUMS, (weight, limited, right, 1.0), strict=True):
+            self.sums[name][of] += values
         self.excess[of] += excess
         self.freedom[of] += freedom
 
-    def steps(self, of: Index) -> list[Step]:
+    def steps(self, of: Ints) -> list[Step]:
         """Steps of aircraft that the last day taken in shows."""
         law, lags = self.law, self._lags()
-        ratios = self._ratios(of, lags)
-        best = ratios.max(axis=0, initial=-np.inf)
         if law.student_from is None:
-            return [self._dated(int(k)) for k in of[best > law.threshold]]
+            return self.likely(of, law.threshold)
+        ratios = self._ratios(of, lags)
         found = []
-        for j in np.flatnonzero(best > law.student_from):
+        for j in np.flatnonzero(ratios.max(axis=0, initial=-np.inf) > law.student_from):
             tried = [lag for lag, ratio in zip(lags, ratios[:, j], strict=True) if ratio > 0.0]
             statistic = max(self._student_ratio(int(of[j]), lag) for lag in tried)
             if statistic > law.threshold:
                 found.append(replace(self._dated(int(of[j])), statistic=statistic))
         return found
 
-    def likely(self, of: Index, threshold: float) -> list[Step]:
+    def likely(self, of: Ints, threshold: float) -> list[Step]:
         """As :meth:`steps`, by normal errors and another threshold."""
         best = self._ratios(of, self._lags()).max(axis=0, initial=-np.inf)
         return [self._dated(int(k)) for k in of[best > threshold]]
@@ -183,79 +179,63 @@ class StepTest:
 
     def _student_ratio(self, number: int, lag: int) -> float:
         """Log likelihood ratio of a step so many days ago, by Student's t errors."""
-        rows = [self._ring[-k] for k in range(1, lag + 1)]
-        weight = np.stack([self.weight[number], *(row[1][number] for row in rows)])
-        right = np.stack([self.right[number], *(row[3][number] for row in rows)])
-        daily, score = -np.diff(weight, axis=0), -np.diff(right, axis=0)
-        flew = np.trace(daily, axis1=1, axis2=2) > 0
-        scale = self.scale(np.array([number]))
-        before, limited = rows[-1][1][number], rows[-1][2][number]
-        level, covariance = _level(self.law, self.noise, before, limited, scale[0])
-        inflated = scale[0] * self.noise.inflation(lag)
-        score = score[flew] - daily[flew] @ level
-        return corroborated_ratio(
-            daily[flew] / inflated, score / inflated, covariance, self.law.shapes
+        rows = [self.sums[number], *(self._ring[-k][1][number] for k in range(1, lag + 1))]
+        daily, score = (
+            -np.diff([row[name] for row in rows], axis=0) for name in ("weight", "right")
         )
+        flew = np.trace(daily, axis1=1, axis2=2) > 0
+        scale, before = float(self.scale(np.array([number]))[0]), rows[-1]
+        level, covariance = _level(self.law, self.noise, before["weight"], before["limited"], scale)
+        inflated = scale * self.noise.inflation(lag)
+        score = (score[flew] - daily[flew] @ level) / inflated
+        return corroborated_ratio(daily[flew] / inflated, score, covariance, self.law.shapes)
 
     def restart(self, step: Step) -> None:
         """Begin the level of an aircraft anew after its step."""
         k = step.number
-        _, weight, _, right, days = next(row for row in self._ring if row[0] == step.day)
-        before = weight[k].copy(), right[k].copy(), float(days[k])
-        for _, weight, limited, right, days in self._ring:
+        before = next(sums for day, sums in self._ring if day == step.day)[k].copy()
+        for sums in [*(sums for _, sums in self._ring), self.sums]:
             # days before the step say nothing of the new level
-            after = days[k] > before[2]
-            weight[k] = np.where(after, weight[k] - before[0], 0.0)
-            right[k] = np.where(after, right[k] - before[1], 0.0)
-            limited[k] = right[k]
-            days[k] = max(days[k] - before[2], 0.0)
-        self.weight[k] -= before[0]
-        self.right[k] -= before[1]
-        self.limited[k] = self.right[k]
-        self.days[k] -= before[2]
+            after = sums["days"][k] > before["days"]
+            for name in ("weight", "right", "days"):
+                sums[name][k] = sums[name][k] - before[name] if after else 0.0
+            sums["limited"][k] = sums["right"][k]
 
-    def _ratios(self, of: Index, lags: Sequence[int]) -> Floats:
+    def _ratios(self, of: Ints, lags: Sequence[int]) -> Floats:
         """Log likelihood ratios of a step so many days ago, (lag, n), normal errors."""
-        rows = [self._ring[-lag] for lag in lags]
-        weight = np.stack([row[1][of] for row in rows])
-        limited = np.stack([row[2][of] for row in rows])
-        days = np.stack([row[4][of] for row in rows])
-        ratio = _mixture(
-            *self._after(of, lags, weight, limited, self.limited[of] - limited), self.law.shapes
-        )
-        return np.where(days >= FEWEST_DAYS, ratio, -np.inf)
+        before = np.array([self._ring[-lag][1][of] for lag in lags], self.sums.dtype)
+        before = before.reshape(len(lags), of.size)
+        ratio = _mixture(*self._after(of, lags, before, "limited"), self.law.shapes)
+        return np.where(before["days"] >= FEWEST_DAYS, ratio, -np.inf)
 
     def _after(
-        self, of: Index, lags: Sequence[int], weight: Floats, limited: Floats, right: Floats
+        self, of: Ints, lags: Sequence[int], before: NDArray[np.void], side: str
     ) -> tuple[Floats, Floats]:
         """Weight and score of the days after, relative to the level of the days before."""
-        scale = np.broadcast_to(self.scale(of), weight.shape[:2])
+        scale = np.broadcast_to(self.scale(of), before.shape)
         inflation = np.array([self.noise.inflation(lag) for lag in lags])
-        after = self.weight[of] - weight
-        inflated = scale * inflation[:, np.newaxis]
-        return _relative(self.law, self.noise, (weight, limited), (after, right), scale, inflated)
+        weight, right = (self.sums[name][of] - before[name] for name in ("weight", side))
+        known, inflated = (before["weight"], before["limited"]), scale * inflation[:, np.newaxis]
+        return _relative(self.law, self.noise, known, (weight, right), scale, inflated)
 
     def _dated(self, number: int) -> Step:
         """Date and size of the step of an aircraft."""
-        lags = range(1, len(self._ring) + 1)
-        ratio = self._ratios(np.array([number]), lags)[:, 0]
+        lags, of = range(1, len(self._ring) + 1), np.array([number])
+        ratio = self._ratios(of, lags)[:, 0]
         best = int(np.argmax(ratio))
         likely = np.flatnonzero(2.0 * (ratio[best] - ratio) <= LIKELIHOOD_RATIO_95)
         day = [self._ring[-lag][0] for lag in lags]
-        of = np.array([number])
-        _, weight, limited, right, _ = self._ring[-(best + 1)]
         # by the days as they were, not limited
-        after = self._after(
-            of, [best + 1], weight[of][None], limited[of][None], (self.right - right)[of][None]
-        )
-        change, error = _step_estimate(after[0][0, 0], after[1][0, 0], self.law)
+        before = self._ring[-(best + 1)][1][of][np.newaxis]
+        weight, score = self._after(of, [best + 1], before, "right")
+        change, error = _step_estimate(weight[0, 0], score[0, 0], self.law)
         return Step(
             number, day[best], day[likely[-1]], day[likely[0]], float(ratio[best]), change, error
         )
 
 
 def step_of_series(
-    law: Law, noise: Noise, scale: float, day: Index, weight: Floats, right: Floats
+    law: Law, noise: Noise, scale: float, day: Ints, weight: Floats, right: Floats
 ) -> Step | None:
     """Most likely step of a series of days, from all days before and after it.
 
