@@ -234,8 +234,8 @@ def plausibility(headings: xr.Dataset, *, references: Sequence[str] | None = Non
             if len(together) < MOST_TOGETHER:
                 winds = (sample[name] for name in ("wind", "reference", "ground"))
                 together.append({**sample, "wind": _less_deviation(*winds)})
-            if (offset := _heading_offset(sample)) is not None:
-                offsets[tail] = offset
+            if (from_reference := _heading_offset(sample)) is not None:
+                offsets[tail] = from_reference
             flights = np.unique(sample["flight"]).size
             if sample["flight"].size < FEWEST_OF_AIRCRAFT or flights < FEWEST_FLIGHTS:
                 few[tail] = sample
@@ -246,16 +246,30 @@ def plausibility(headings: xr.Dataset, *, references: Sequence[str] | None = Non
         every = next(iter(few.values()))
         note(few, {name: np.concatenate([one[name] for one in few.values()]) for name in every})
     findings = [_of_fleet(group, aircraft) for group in found.values()]
-    findings += _impossible(headings, aircraft)
+    # quantities of which most values were removed on reading, with the mistake found there
+    audit = json.loads(headings.attrs.get("reading_audit", "{}"))
+    for name, likely in audit.get("mistakes", {}).items():
+        number, kept = audit["repaired"].get(f"{name}_out_of_range", 0), audit["reports_kept"]
+        if number > 0.5 * kept:
+            evidence = f"{number:,} of {kept:,} values are impossible"
+            findings.append(Finding(name, likely, evidence, 0.0, tuple(aircraft), 1.0))
     if not findings and (shift := _clock_error(together)):
         likely = "local times, or another time zone, read as UTC"
-        evidence = (
-            f"the winds agree better with the reference {abs(shift):.0f} h or more "
-            f"{'earlier' if shift > 0 else 'later'}"
-        )
+        when = "earlier" if shift > 0 else "later"
+        evidence = f"the winds agree better with the reference {abs(shift):.0f} h or more {when}"
         findings.append(Finding("time", likely, evidence, 0.0, tuple(aircraft), 1.0))
     if not any(finding.quantity in ("reported_heading", "track") for finding in findings):
-        findings += _kind_of_heading(offsets, len(aircraft))
+        offset, error, angle = np.array([*offsets.values()]).reshape(-1, 3).T
+        if kind := taken_for(offset, error, angle):
+            _, like, mistake, remedy = _KINDS[kind]
+            evidence = (
+                f"their offsets (median {np.median(offset):+.1f} degrees) are {like} "
+                f"({np.median(angle):+.1f} degrees)"
+            )
+            whose = tuple(offsets), len(offsets) / len(aircraft), False
+            findings.append(
+                Finding("reported_heading", f"{mistake}: {remedy}", evidence, 0.0, *whose)
+            )
     return sorted(findings, key=lambda finding: -len(finding.aircraft))
 
 
@@ -265,17 +279,12 @@ def _clock_error(samples: Sequence[Sample]) -> float:
 
     names = ("wind", "reference", "time", "latitude", "longitude", "pressure_altitude")
     every = (np.concatenate([one[name] for one in samples]) for name in names)
-    wind, reference, time, latitude, longitude, altitude = every
-    phi, unit = np.radians(latitude), EARTH_RADIUS / 100e3
+    wind, reference, time, latitude, longitude, altitude = _finite(*every)
+    if not wind.size:
+        return 0.0
+    phi, hours, unit = np.radians(latitude), time / 3600.0, EARTH_RADIUS / 100e3
     east = unit * np.cos(phi) * np.radians(longitude)
     place = np.stack([unit * phi, east, altitude / 400.0], axis=1)
-    known = np.isfinite(wind + reference) & np.isfinite(place).all(axis=1)
-    wind, reference, hours, place = (
-        wind[known],
-        reference[known],
-        time[known] / 3600.0,
-        place[known],
-    )
     chosen = np.arange(0, hours.size, max(1, hours.size // 8000))
     near = cKDTree(place).query_ball_point(place[chosen], 1.0)
     one = np.repeat(chosen, [len(others) for others in near])
@@ -318,18 +327,6 @@ def _of_fleet(group: Sequence[tuple[str, Finding]], aircraft: Sequence[str]) -> 
     return replace(first, aircraft=kept, share=len(kept) / len(aircraft))
 
 
-def _impossible(headings: xr.Dataset, aircraft: Sequence[str]) -> list[Finding]:
-    """Quantities of which most values were removed on reading, with the mistake found there."""
-    audit = json.loads(headings.attrs.get("reading_audit", "{}"))
-    found = []
-    for name, likely in audit.get("mistakes", {}).items():
-        number, kept = audit["repaired"].get(f"{name}_out_of_range", 0), audit["reports_kept"]
-        if number > 0.5 * kept:
-            evidence = f"{number:,} of {kept:,} values are impossible"
-            found.append(Finding(name, likely, evidence, 0.0, tuple(aircraft), 1.0))
-    return found
-
-
 def _samples(block: xr.Dataset, members: list[int]) -> Iterable[tuple[str, Sample]]:
     size = block.sizes["report"]
     columns: dict[str, NDArray[Any]] = {}
@@ -364,6 +361,13 @@ def _chord(columns: Mapping[str, Array]) -> Complex:
     step = EARTH_RADIUS * (east + 1j * np.diff(phi))
     velocity[:-1][same] = step[same] / gap[same]
     return velocity
+
+
+def _finite(*columns: NDArray[Any]) -> list[NDArray[Any]]:
+    """Rows where all columns are finite; none where these are too few for a test."""
+    known = np.isfinite(np.sum(columns, axis=0))
+    known &= np.count_nonzero(known) >= FEWEST
+    return [values[known] for values in columns]
 
 
 def _direction(vector: Complex) -> Array:
@@ -410,17 +414,15 @@ def _position_findings(sample: Sample) -> list[Finding]:
 
 
 def _level_findings(sample: Sample) -> list[Finding]:
-    altitude, kelvin = sample["pressure_altitude"], sample["air_temperature"]
-    known = np.isfinite(altitude) & np.isfinite(kelvin)
-    if np.count_nonzero(known) >= FEWEST:
-        return _against_standard_atmosphere(altitude[known], kelvin[known])
+    altitude, kelvin = _finite(sample["pressure_altitude"], sample["air_temperature"])
+    if altitude.size:
+        return _against_standard_atmosphere(altitude, kelvin)
     # Wrong levels may lie outside the reference's, which leaves the ground speed.
     air = sample["ground"] - sample["reference"]
     speed = np.abs(np.where(np.isnan(air), sample["ground"], air))
-    known = np.isfinite(altitude) & np.isfinite(speed)
-    if np.count_nonzero(known) < FEWEST:
+    altitude, speed = _finite(sample["pressure_altitude"], speed)
+    if not altitude.size:
         return []
-    altitude, speed = altitude[known], speed[known]
 
     def too_fast(factor: float) -> float:
         level = np.clip(factor * altitude, -700.0, 20_000.0)
@@ -503,11 +505,10 @@ def _reported_ground(sample: Sample) -> Complex:
 
 
 def _ground_findings(sample: Sample) -> list[Finding]:
-    chord, ground = sample["chord"], _reported_ground(sample)
-    known = np.isfinite(ground) & (np.abs(chord) > 20.0)
-    if np.count_nonzero(known) < FEWEST:
+    chord = np.where(np.abs(sample["chord"]) > 20.0, sample["chord"], np.nan)
+    chord, ground = _finite(chord, _reported_ground(sample))
+    if not chord.size:
         return []
-    chord, ground = chord[known], ground[known]
     factor = float(np.median(np.abs(ground) / np.abs(chord)))
     found = [] if 0.8 <= factor <= 1.25 else [_scaled("ground_speed", factor)]
     return found + _angle_findings(
@@ -549,12 +550,12 @@ def _curve(difference: Array, heading: Array) -> Array:
 def _airspeed_findings(sample: Sample) -> list[Finding]:
     reported = np.where(sample["reported_airspeed"] > 0.0, sample["reported_airspeed"], np.nan)
     implied = np.abs(sample["ground"] - sample["reference"])
-    known = np.isfinite(reported) & (implied > 20.0)
-    if np.count_nonzero(known) < FEWEST:
+    implied = np.where(implied > 20.0, implied, np.nan)
+    altitude = np.clip(np.nan_to_num(sample["pressure_altitude"]), -700.0, 20_000.0)
+    reported, implied, altitude = _finite(reported, implied, altitude)
+    if not implied.size:
         return []
-    reported, implied = reported[known], implied[known]
     factor = float(np.median(reported / implied))
-    altitude = np.clip(np.nan_to_num(sample["pressure_altitude"][known]), -700.0, 20_000.0)
     as_true = airspeed_from_calibrated(
         reported, pressure_from_altitude(altitude), standard_temperature(altitude)
     )
@@ -565,18 +566,18 @@ def _airspeed_findings(sample: Sample) -> list[Finding]:
 
 
 def _heading_findings(sample: Sample) -> list[Finding]:
-    heading, air = sample["reported_heading"], _direction(sample["ground"] - sample["reference"])
-    known = np.isfinite(heading) & np.isfinite(air)
-    if np.count_nonzero(known) < FEWEST:
+    air = _direction(sample["ground"] - sample["reference"])
+    heading, expected = _finite(sample["reported_heading"], air)
+    if not heading.size:
         return []
-    if found := _angle_findings("reported_heading", heading[known], air[known], curve=True):
+    if found := _angle_findings("reported_heading", heading, expected, curve=True):
         return found
-    track = _direction(_reported_ground(sample))
-    known &= _derived(sample) & np.isfinite(track)
-    if np.count_nonzero(known) < FEWEST:
+    track = np.where(_derived(sample), _direction(_reported_ground(sample)), np.nan)
+    heading, track, air = _finite(sample["reported_heading"], track, air)
+    if not heading.size:
         return []
-    drift = wrap_degrees(track - air)[known]
-    same = float(np.mean(np.abs(wrap_degrees(heading - track)[known]) < 0.3))
+    drift = wrap_degrees(track - air)
+    same = float(np.mean(np.abs(wrap_degrees(heading - track)) < 0.3))
     if same < 0.9 or np.sqrt(np.mean(drift**2)) < 2.0:
         return []
     evidence = f"{same:.0%} of them equal the tracks"
@@ -587,46 +588,22 @@ def _heading_offset(sample: Sample) -> tuple[float, float, float] | None:
     """Offset of the headings from the reference's, its standard error and the declination."""
     air = _direction(sample["ground"] - sample["reference"])
     apart = wrap_degrees(sample["reported_heading"] - air)
-    known = np.isfinite(apart) & np.isfinite(sample["declination"])
-    if np.count_nonzero(known) < FEWEST:
+    apart, declination, flight = _finite(apart, sample["declination"], sample["flight"])
+    if not apart.size:
         return None
-    flights, number = np.unique(sample["flight"][known], return_inverse=True)
-    means = np.bincount(number, weights=apart[known]) / np.bincount(number)
+    means = pd.Series(apart).groupby(flight).mean()
     # One flight has the reference's error of one day: 2 m/s across at 100 m/s is 1 degree.
-    error = float(np.std(means, ddof=1)) if flights.size > 2 else 1.0
-    middle = float(np.median(apart[known]))
-    angle = float(np.mean(sample["declination"][known]))
-    return middle, max(error / np.sqrt(flights.size), 0.2), angle
-
-
-def _kind_of_heading(
-    offsets: Mapping[str, tuple[float, float, float]], fleet: int
-) -> list[Finding]:
-    if not offsets:
-        return []
-    offset, error, angle = (np.array(column) for column in zip(*offsets.values(), strict=True))
-    kind = taken_for(offset, error, angle)
-    if not kind:
-        return []
-    _, like, mistake, remedy = _KINDS[kind]
-    evidence = (
-        f"their offsets (median {np.median(offset):+.1f} degrees) are {like} "
-        f"({np.median(angle):+.1f} degrees)"
-    )
-    share = len(offsets) / fleet
-    likely = f"{mistake}: {remedy}"
-    return [
-        Finding("reported_heading", likely, evidence, 0.0, tuple(offsets), share, refused=False)
-    ]
+    error = float(means.std()) if means.size > 2 else 1.0
+    middle, angle = float(np.median(apart)), float(np.mean(declination))
+    return middle, max(error / np.sqrt(means.size), 0.2), angle
 
 
 def _wind_findings(sample: Sample) -> list[Finding]:
-    wind, reference, ground = sample["wind"], sample["reference"], sample["ground"]
-    known = np.isfinite(wind) & np.isfinite(reference) & np.isfinite(ground)
-    known &= np.abs(ground) > 20.0
-    wind, reference, ground = wind[known], reference[known], ground[known]
-    strength = float(np.sqrt(np.mean(np.abs(reference) ** 2))) if wind.size else 0.0
-    if wind.size < FEWEST or strength < 5.0 or not np.any(wind):
+    ground = np.where(np.abs(sample["ground"]) > 20.0, sample["ground"], np.nan)
+    wind, reference, ground, flight = _finite(
+        sample["wind"], sample["reference"], ground, sample["flight"]
+    )
+    if not np.any(wind) or np.sqrt(np.mean(np.abs(reference) ** 2)) < 5.0:
         return []
     derived = bool(_derived(sample).any())
     if not derived and (wrong := _wind_directions(wind, reference, ground)):
@@ -634,9 +611,9 @@ def _wind_findings(sample: Sample) -> list[Finding]:
     corrected = _less_deviation(wind, reference, ground)
     along = ground.conj() / np.abs(ground)
     ours, theirs = (corrected * along).real, (reference * along).real
-    if factor := _scale(ours, theirs, sample["flight"][known]):
+    if factor := _scale(ours, theirs, flight):
         finding = _scaled("wind_speed", factor)
-        if np.count_nonzero(np.isfinite(sample["air_temperature"])) >= FEWEST:
+        if _finite(sample["air_temperature"])[0].size:
             return [finding] if _speed_mistake(factor) else []
         levels = "altitudes in m read as ft" if factor > 1.0 else "altitudes in ft read as m"
         return [replace(finding, likely=levels)]
@@ -649,16 +626,17 @@ def _wind_findings(sample: Sample) -> list[Finding]:
 
 def _wind_speed_by_ground_speed(sample: Sample) -> list[Finding]:
     """Wrong unit of the wind speed where the reference is of another level."""
-    known = np.isfinite(sample["wind"]) & (np.abs(sample["ground"]) > 20.0)
-    known &= np.isfinite(sample["pressure_altitude"])
-    if np.count_nonzero(known) < FEWEST or _derived(sample).any():
+    ground = np.where(np.abs(sample["ground"]) > 20.0, sample["ground"], np.nan)
+    wind, ground, altitude, flight = _finite(
+        sample["wind"], ground, sample["pressure_altitude"], sample["flight"]
+    )
+    if not wind.size or _derived(sample).any():
         return []
-    wind, ground = sample["wind"][known], sample["ground"][known]
     speed = np.abs(ground)
     both = np.stack([(wind * ground.conj()).real / speed, speed], axis=1)
-    design = np.vander(sample["pressure_altitude"][known] / 1e4, 4)  # climbs are slower
+    design = np.vander(altitude / 1e4, 4)  # climbs are slower
     both -= design @ np.linalg.lstsq(design, both, rcond=None)[0]
-    slope, error = _slope(both[:, 1], both[:, 0], sample["flight"][known])
+    slope, error = _slope(both[:, 1], both[:, 0], flight)
     if slope - 3.0 * error <= 1.25 and not 0.0 < slope < slope + 3.0 * error < 0.8:
         return []
     factor = 1.0 / slope

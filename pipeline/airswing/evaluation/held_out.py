@@ -70,9 +70,6 @@ def fitted(
     members = list(pools[reference])
     part = headings.sel(reference=members)
     fits = fit_deviation(part, pools={reference: members}, alone=False, **options)
-    attributes = fits.attrs
-    fits = fits.sel(reference=[reference])
-    fits.attrs = {**attributes, "reference_count": 1}
     # Computed here, because every later use of a lazy fit would repeat it.
     return add_tables(fits, part, resolution=resolution).compute()
 

@@ -32,7 +32,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import combinations_with_replacement
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -109,7 +109,7 @@ class Disagreements:
     # components; ``crossed``: summed products of c and the corrected disagreement, both components;
     # and ``product i``: of the disagreements with two references, for each of ``pairs``
     sums: dict[str, Floats]
-    pairs: list[tuple[int, int]]  # references by number, every two of them and each with itself
+    pairs: list[tuple[int, int]]  # references by number, every two of them
     speeds: Floats  # (layer, speed class)
     # the reports that are paired, of whole days; ``east`` and ``north``: disagreement of the
     # corrected wind
@@ -141,7 +141,7 @@ def disagreements(
     days = np.unique(time[~np.isnat(time)].astype("datetime64[D]"))
     stride = -(-headings.sizes["report"] // MOST_REPORTS)
     stride += stride > 1 and stride % 7 == 0  # else one day of the week would represent all
-    pairs = list(combinations_with_replacement(range(len(members)), 2))
+    pairs = list(combinations(range(len(members)), 2))
     keys, sums, kept = [], [], []
     speeds = np.zeros((CELLS, _SPEED_BINS))
     number = headings.sizes["aircraft"]
@@ -357,12 +357,8 @@ def _separation(
 
 def _hat_pair(found: Disagreements) -> int | None:
     """Pair of different references with the smallest mean product of disagreements."""
-    sums = [
-        (float(found.sums[f"product {k}"].sum()), k)
-        for k, (one, two) in enumerate(found.pairs)
-        if one != two
-    ]
-    return min(sums)[1] if sums and found.sums["number"].size else None
+    sums = [float(found.sums[f"product {k}"].sum()) for k in range(len(found.pairs))]
+    return int(np.argmin(sums)) if sums and found.sums["number"].size else None
 
 
 def _hat(

@@ -23,7 +23,7 @@ from airswing.compass.correction import corrected_wind
 from airswing.compass.table import curve_standard_error
 from airswing.evaluation import Content
 from airswing.evaluation.disagreement import Ints, parts_of, require_reference
-from airswing.evaluation.resampling import Floats, cluster_sums, clustered_mean
+from airswing.evaluation.resampling import Floats, cluster_sums, clustered_mean, interval
 from airswing.flags import STATUS, published
 from airswing.physics.compass_deviation import deviation_basis
 from airswing.products.ragged import row_bounds
@@ -170,13 +170,12 @@ def rank_aircraft(
                 fit["deviation_covariance"].to_numpy()[number],
                 seed=seed + number,
             )
-            known = bool(np.isfinite(spread).all())
-            low, high = np.percentile(spread / KNOT, [2.5, 97.5]) if known else (np.nan, np.nan)
+            ends = spread / KNOT if np.isfinite(spread).all() else np.full(DRAWS, np.nan)
             entry |= {
                 "disagreement_kt": before / KNOT,
                 "expected_gain_kt": gain / KNOT,
-                "expected_gain_ci_kt": [float(low), float(high)],
-                "expected_gain_standard_error_kt": float(spread.std() / KNOT) if known else np.nan,
+                "expected_gain_ci_kt": interval(ends).tolist(),
+                "expected_gain_standard_error_kt": float(ends.std()),
                 "amplitude_deg": float(fit["amplitude"][number]),
             }
             ranked.append(entry)
@@ -184,8 +183,8 @@ def rank_aircraft(
     if ranked:
         place = np.argsort(np.argsort(-np.array(drawn), axis=0), axis=0) + 1
         ends = np.percentile(place, [2.5, 97.5], axis=1, method="nearest")
-        for entry, interval in zip(ranked, ends.T.tolist(), strict=True):
-            entry["rank_ci"] = [int(end) for end in interval]
+        for entry, bounds in zip(ranked, ends.T.astype(int).tolist(), strict=True):
+            entry["rank_ci"] = bounds
         ranked.sort(key=lambda entry: -float(entry["expected_gain_kt"]))
         for rank, entry in enumerate(ranked, start=1):
             entry["rank"] = rank

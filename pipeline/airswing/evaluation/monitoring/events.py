@@ -294,29 +294,28 @@ def find_events(
             for other in turned
         )
     ]
-    if previous is not None and previous.reference != name:
+    silent, presence = _presence(winds, aircraft, last, previous)
+    if previous is None:
+        previous = Monitoring(date_of(0), name, [], [])
+    if previous.reference != name:
         # the tables are of another reference
         states = [replace(state, table_in_use=None) for state in previous.states]
         previous = replace(previous, states=states)
-    silent, presence = _presence(winds, aircraft, last, previous)
-    found = [*steps, *presence]
-    if previous is not None:
-        found = _not_reported(found, previous)
-    earlier = [] if previous is None else previous.events
-    news = sorted(found, key=lambda event: (event.noticed, event.date, event.aircraft or ""))
-    before = {} if previous is None else {state.aircraft: state for state in previous.states}
+    news = _not_reported([*steps, *presence], previous)
+    news.sort(key=lambda event: (event.noticed, event.date, event.aircraft or ""))
+    before = {state.aircraft: state for state in previous.states}
     now = tables_of(fits.sel(reference=name))
     in_use = now | {who: one.table_in_use for who, one in before.items() if one.table_in_use}
-    in_use |= dict(tables_in_use or {})
+    in_use |= tables_in_use or {}
     present = _states(winds, aircraft, silent, now, in_use)
     # an aircraft whose reports were removed is still known, and not new when it returns
     gone = set(before) - {state.aircraft for state in present}
     return Monitoring(
         date_of(last),
         name,
-        [*present, *(before[who] for who in before if who in gone)],
-        [*earlier, *news],
-        len(earlier) - (0 if previous is None else previous.unsaid),
+        [*present, *(one for who, one in before.items() if who in gone)],
+        [*previous.events, *news],
+        len(previous.events) - previous.unsaid,
     )
 
 
