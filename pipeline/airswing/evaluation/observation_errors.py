@@ -36,17 +36,17 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from airswing.evaluation.disagreement import Part, parts_of
+from airswing.evaluation.disagreement import Floats, Ints, parts_of
 from airswing.evaluation.error_separation import (
     FEWEST_DAYS,
     PairTable,
     added_variance,
     half_squares,
     neighbouring_pairs,
-    rows_by_day,
     separate,
 )
 from airswing.evaluation.innovations import (
@@ -58,9 +58,6 @@ from airswing.evaluation.innovations import (
 )
 from airswing.evaluation.resampling import day_weights, interval, ratio, widened
 from airswing.flags import CORRECTION, PHASE
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 METHODS = ("separation", "three_cornered_hat")
 FLIGHT_PHASES = ("all", "ascent", "cruise", "descent")
@@ -88,6 +85,8 @@ _SPEED_BINS = 100  # of 1 m/s, for the median speed of a layer
 _LAYERS = len(LEVEL_EDGES_HPA) - 1
 _NAMES = ("latitude", "longitude", "pressure", "phase", "screening")
 _APPLIED = [CORRECTION[name] for name in ("corrected", "already_corrected", "no_correction_needed")]
+_KEY = ["aircraft", "day", "cell"]
+_SUMMED = ("number", "reported", "corrected", "change", "crossed")
 _PAIRED = ("latitude", "longitude", "pressure", "time", "aircraft", "cell", "day", "east", "north")
 
 
@@ -99,28 +98,26 @@ def used_error(name: str, pressure: Floats | list[float] | float) -> Floats:
 
 @dataclass(frozen=True)
 class Disagreements:
-    """Disagreement of an archive, summed by aircraft, day and cell."""
+    """Disagreement of an archive."""
 
     days: NDArray[np.datetime64]  # (day,)
     number: int  # of aircraft
-    key: Ints  # (3, group): aircraft, day and cell of every group of reports
-    # (group,): ``number`` of reports; summed squares, ``reported`` and ``corrected`` of the
-    # disagreement, ``change`` of c, what the correction changed, all three means of both
-    # components; ``crossed``: summed products of c and the corrected disagreement, both components;
-    # and ``product i``: of the disagreements with two references, for each of ``pairs``
-    sums: dict[str, Floats]
-    pairs: list[tuple[int, int]]  # references by number, every two of them
-    speeds: Floats  # (layer, speed class)
+    # by aircraft, day and cell: ``number`` of reports; summed squares, ``reported`` and
+    # ``corrected`` of the disagreement, ``change`` of c, what the correction changed, all three
+    # means of both components; ``crossed``: summed products of c and the corrected disagreement,
+    # both components; and of the disagreements with two references, by their places
+    sums: pd.DataFrame
+    speeds: Floats  # (layer, speed class): reports
     # the reports that are paired, of whole days; ``east`` and ``north``: disagreement of the
     # corrected wind
-    reports: dict[str, NDArray[Any]]
+    reports: pd.DataFrame
 
-    def by(self, first: str, second: str, name: str) -> Floats:
+    def by(self, first: str, second: str, name: Any) -> Floats:
         """A sum by two of ``aircraft``, ``day`` and ``cell``."""
         sizes = {"aircraft": self.number, "day": self.days.size, "cell": CELLS}
-        places = dict(zip(sizes, self.key, strict=True))
         shape = sizes[first], sizes[second]
-        flat = places[first] * shape[1] + places[second]
+        places = (self.sums.index.get_level_values(level) for level in (first, second))
+        flat = np.ravel_multi_index([*places], shape)
         total = np.bincount(flat, self.sums[name], shape[0] * shape[1])
         return np.asarray(total, dtype=np.float64).reshape(shape)
 
@@ -141,84 +138,59 @@ def disagreements(
     days = np.unique(time[~np.isnat(time)].astype("datetime64[D]"))
     stride = -(-headings.sizes["report"] // MOST_REPORTS)
     stride += stride > 1 and stride % 7 == 0  # else one day of the week would represent all
-    pairs = list(combinations(range(len(members)), 2))
-    keys, sums, kept = [], [], []
+    sums, kept = [], []
     speeds = np.zeros((CELLS, _SPEED_BINS))
-    number = headings.sizes["aircraft"]
     # a pool and its members may have the same name
     pools = {"pool": pool} | {f"single {member}": [member] for member in members}
     for part in parts_of(headings, pools, _NAMES, corrected):
-        columns, of_each = _columns(part, days)
-        aircraft, day, cell = (columns[name] for name in ("aircraft", "day", "cell"))
-        groups, place = np.unique((aircraft * days.size + day) * CELLS + cell, return_inverse=True)
-        after = np.stack([columns["east"], columns["north"]])
-        change = columns["reported"] - after
-        values = {
-            "number": np.ones(day.size),
-            "reported": 0.5 * (columns["reported"] ** 2).sum(axis=0),
+        pooled, *single = part.model.values()
+        before, after = part.wind - pooled, part.corrected - pooled
+        change = before - after
+        time = part.block["time"].to_numpy()
+        columns = {
+            "aircraft": part.aircraft,
+            "day": np.searchsorted(days, time.astype("datetime64[D]")),
+            "cell": profile_cells(part.block),
+            "time": time.astype("datetime64[ms]").astype(np.float64) / 1000.0,
+            "east": after[0],
+            "north": after[1],
+            "speed": np.minimum(np.hypot(*pooled), _SPEED_BINS - 1),
+            "number": np.ones(time.size),
+            "reported": 0.5 * (before**2).sum(axis=0),
             "corrected": 0.5 * (after**2).sum(axis=0),
             "change": 0.5 * (change**2).sum(axis=0),
             "crossed": (change * after).sum(axis=0),
         }
-        for k, (one, two) in enumerate(pairs):
-            values[f"product {k}"] = 0.5 * (of_each[one] * of_each[two]).sum(axis=0)
-        keys.append(np.stack(np.unravel_index(groups, (number, days.size, CELLS))))
-        sums.append({name: np.bincount(place, one, groups.size) for name, one in values.items()})
-        speed = np.minimum(columns["speed"], _SPEED_BINS - 1).astype(np.int64)
-        np.add.at(speeds, (cell, speed), 1.0)
-        chosen = day % stride == 0
-        kept.append({name: columns[name][chosen] for name in _PAIRED})
+        columns |= {name: part.column(name) for name in ("latitude", "longitude", "pressure")}
+        apart = [part.corrected - one for one in single]
+        pairs = {
+            (one, two): 0.5 * (apart[one] * apart[two]).sum(axis=0)
+            for one, two in combinations(range(len(single)), 2)
+        }
+        good = (columns["cell"] >= 0) & ~np.isnat(time)
+        good &= np.all(np.isfinite([before, after, *apart]), axis=(0, 1))
+        if part.applied is not None:
+            good &= np.isin(part.applied, _APPLIED)
+        table = pd.DataFrame(columns | pairs)[good]
+        sums.append(table.groupby(_KEY)[[*_SUMMED, *pairs]].sum())
+        np.add.at(speeds, (table["cell"], table["speed"].astype(int)), 1.0)
+        kept.append(table.loc[table["day"] % stride == 0, [*_PAIRED]])
     return Disagreements(
         days,
-        number,
-        np.concatenate(keys, axis=1),
-        {name: np.concatenate([one[name] for one in sums]) for name in sums[0]},
-        pairs,
+        headings.sizes["aircraft"],
+        pd.concat(sums),
         speeds.reshape(len(PHASE), _LAYERS, -1).sum(axis=0),
-        {name: np.concatenate([one[name] for one in kept]) for name in _PAIRED},
+        pd.concat(kept),
     )
-
-
-def _columns(
-    part: Part, days: NDArray[np.datetime64]
-) -> tuple[dict[str, NDArray[Any]], list[Floats]]:
-    """Usable reports of a part, and their disagreement with each reference."""
-    cell, time, before, after = (
-        profile_cells(part.block),
-        part.block["time"],
-        part.wind,
-        part.corrected,
-    )
-    pooled, *single = part.model.values()
-    good = (cell >= 0) & time.notnull().to_numpy()
-    good &= np.all(np.isfinite([before, after, pooled, *single]), axis=(0, 1))
-    if part.applied is not None:
-        good &= np.isin(part.applied, _APPLIED)
-    columns: dict[str, NDArray[Any]] = {
-        "time": time.to_numpy().astype("datetime64[ms]").astype(np.float64) / 1000.0,
-        "day": np.searchsorted(days, part.day.astype("datetime64[D]")),
-        "cell": cell,
-        "aircraft": part.aircraft,
-        "reported": before - pooled,
-        "east": after[0] - pooled[0],
-        "north": after[1] - pooled[1],
-        "speed": np.hypot(*pooled),
-    }
-    columns |= {name: part.column(name) for name in ("latitude", "longitude", "pressure")}
-    found = {name: values[..., good] for name, values in columns.items()}
-    return found, [(after - one)[:, good] for one in single]
 
 
 def near_pairs(found: Disagreements, classes: Ints) -> PairTable:
     """Pair the neighbouring reports of every day; ``classes`` (aircraft,)."""
-    table, days = found.reports, found.days.size
-    rng, most = np.random.default_rng(0), max(MOST_PAIRS // max(days, 1), 1)
-    parts = []
-    for day, rows in enumerate(rows_by_day(table["day"], days)):
-        part = {name: values[rows] for name, values in table.items()}
-        ends, separation = neighbouring_pairs(
-            part["latitude"], part["longitude"], part["pressure"], part["time"], part["aircraft"]
-        )
+    rng, most = np.random.default_rng(0), max(MOST_PAIRS // max(found.days.size, 1), 1)
+    parts = [(np.zeros(0, np.int64), *np.zeros((2, 0, 2), np.int64), np.zeros((0, 3)), np.zeros(0))]
+    for day, rows in found.reports.groupby("day"):
+        part = {str(name): values.to_numpy() for name, values in rows.items()}
+        ends, separation = neighbouring_pairs(*(part[name] for name in _PAIRED[:5]))
         if len(ends) > most:
             chosen = np.sort(rng.permutation(len(ends))[:most])
             ends, separation = ends[chosen], separation[chosen]
@@ -302,8 +274,11 @@ def observation_errors(
     if days >= FEWEST_DAYS:
         weights = np.vstack([weights, day_weights(days, draws=DRAWS, seed=seed)])
     number = np.maximum(weights @ found.reports_by_day.T, 0.0)
-    number_of, change, crossed = (found.sums[name] for name in ("number", "change", "crossed"))
-    added = added_variance(found.key, number_of, change, crossed, weights, cells=CELLS, seed=seed)
+    key = np.array([found.sums.index.get_level_values(level) for level in _KEY])
+    number_of, change, crossed = (
+        found.sums[name].to_numpy() for name in ("number", "change", "crossed")
+    )
+    added = added_variance(key, number_of, change, crossed, weights, cells=CELLS, seed=seed)
     hat_pair = _hat_pair(found)
     methods = {
         "separation": _separation(found, number, weights, added),
@@ -313,7 +288,7 @@ def observation_errors(
         if variances is not None:
             methods[name] = _Variances(*(widened(one, days) for one in vars(variances).values()))
     method, reason = _preferred(methods, len(members))
-    hat_names = [members[k] for k in found.pairs[hat_pair]] if hat_pair is not None else []
+    hat_names = [members[k] for k in hat_pair or ()]
     ds = _labelled(methods, method or METHODS[0], number, found)
     return ds.assign_coords(aircraft=headings["aircraft"].to_numpy().astype(str)).assign_attrs(
         method=method,
@@ -329,7 +304,7 @@ def _separation(
     found: Disagreements, number: Floats, weights: Floats, added: Floats
 ) -> _Variances | None:
     """Variances from neighbours; None where too few meet."""
-    if not found.sums["number"].size:
+    if not len(found.sums):
         return None
     flown = found.by("aircraft", "cell", "number")
     squares = np.stack([found.by("aircraft", "day", state) for state in STATES])
@@ -355,15 +330,19 @@ def _separation(
     return _Variances.of_states(cells, fleet, added, aircraft)
 
 
-def _hat_pair(found: Disagreements) -> int | None:
+def _hat_pair(found: Disagreements) -> tuple[int, int] | None:
     """Pair of different references with the smallest mean product of disagreements."""
-    sums = [float(found.sums[f"product {k}"].sum()) for k in range(len(found.pairs))]
-    return int(np.argmin(sums)) if sums and found.sums["number"].size else None
+    pairs = [name for name in found.sums if isinstance(name, tuple)]
+    return (
+        min(pairs, key=lambda pair: found.sums[pair].sum(), default=None)
+        if len(found.sums)
+        else None
+    )
 
 
 def _hat(
     found: Disagreements,
-    pair: int | None,
+    pair: tuple[int, int] | None,
     number: Floats,
     weights: Floats,
     added: Floats,
@@ -372,7 +351,7 @@ def _hat(
     """Variances from two references; None with only one."""
     if pair is None:
         return None
-    total = weights @ found.by("cell", "day", f"product {pair}").T
+    total = weights @ found.by("cell", "day", pair).T
     cells = ratio(total, number) - covariance
     cells[:, found.reports_by_day.sum(axis=1) < FEWEST_REPORTS] = np.nan
     fleet = ratio(total.sum(-1), number.sum(-1)) - covariance
@@ -472,7 +451,7 @@ def _context(found: Disagreements) -> dict[str, Any]:
     bottom, top = (values for _, values in LAYER_PRESSURES.values())
     by_cell = np.array(
         [
-            np.bincount(found.key[2], found.sums[name], CELLS).reshape(len(PHASE), _LAYERS)
+            found.by("cell", "aircraft", name).sum(axis=1).reshape(len(PHASE), _LAYERS)
             for name in ("number", *STATES)
         ]
     )
