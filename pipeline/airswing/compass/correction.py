@@ -104,21 +104,12 @@ def correction_error(
     airspeed_error: ArrayLike = 0.0,
     coding: ArrayLike = 0.0,
 ) -> Array:
-    """Standard error of the corrected wind as a vector; see the module.
+    """Standard error of the corrected wind as a vector, (n,), m/s; see the module.
 
-    Parameters
-    ----------
-    airspeed : array_like, shape (n,)
-        m/s.
-    deviation, slope : array_like, shape (n,)
-        Deviation that is removed (radians) and its derivative by the heading.
-    curve_error : array_like, shape (n,)
-        Standard error of the deviation, with that of the airspeed scale where it is removed,
-        radians.
-    heading_error, airspeed_error : array_like, shape (n,)
-        Standard errors of the indicated heading at the report (radians) and of the airspeed (m/s).
-    coding : array_like, shape (n,)
-        Variance from rounding, m2/s2, of :func:`coding_variance`.
+    ``deviation`` is what is removed (radians) and ``slope`` its derivative by the heading;
+    ``curve_error`` the standard error of the deviation, with that of the airspeed scale where it is
+    removed (radians); ``heading_error`` (radians) and ``airspeed_error`` (m/s) those at the report;
+    ``coding`` the variance from rounding (m2/s2) of :func:`coding_variance`.
     """
     chord = 2.0 * (1.0 - np.exp(-0.5 * np.square(heading_error)))
     angle = np.square(curve_error) + (np.square(deviation) + np.square(slope)) * chord

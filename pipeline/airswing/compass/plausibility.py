@@ -199,21 +199,12 @@ class Finding:
 
 
 def plausibility(headings: xr.Dataset, *, references: Sequence[str] | None = None) -> list[Finding]:
-    """Find implausible reported quantities.
+    """Find implausible reported quantities in the headings of every report, in memory or lazy.
 
-    Parameters
-    ----------
-    headings : Dataset
-        Headings of every report (``headings/``), in memory or lazy. Screened reports count too,
-        because implausible ones are screened out. Values that are impossible were removed on
-        reading; they are counted in its attribute ``reading_audit``.
-    references : sequence of str, optional
-        References whose mean wind is used; by default all.
-
-    Returns
-    -------
-    list of Finding
-        At most one for each quantity and mistake, those of the most aircraft first.
+    Screened reports count too, because implausible ones are screened out. Values that are
+    impossible were removed on reading; they are counted in the attribute ``reading_audit``. The
+    mean wind of ``references`` is used, by default of all. Returns at most one finding for each
+    quantity and mistake, those of the most aircraft first.
     """
     names = list(map(str, np.atleast_1d(headings["reference"].to_numpy())))
     members = [names.index(name) for name in references or names]
@@ -729,19 +720,11 @@ def plausibility_warnings(fits: xr.Dataset) -> list[str]:
 def taken_for(offset: ArrayLike, standard_error: ArrayLike, declination: ArrayLike) -> str:
     """Whether the headings of a fleet are of another kind than assumed.
 
-    The offsets are weighed as two normal hypotheses: compass offsets proper differ from aircraft to
-    aircraft and have a mean. Where the declination is small (under 3 degrees all over; under 4 with
-    a single aircraft) nothing can be decided.
-
-    Parameters
-    ----------
-    offset, standard_error, declination : array_like, shape (aircraft,)
-        Offsets of the headings, their standard errors and the mean declinations, degrees.
-
-    Returns
-    -------
-    str
-        ``magnetic_for_true``, ``true_for_magnetic``, or empty: as assumed, or not known.
+    From offsets of the headings, their standard errors and mean declinations, (aircraft,), degrees:
+    ``magnetic_for_true``, ``true_for_magnetic``, or empty: as assumed, or not known. Two normal
+    hypotheses are weighed: compass offsets proper differ from aircraft to aircraft and have a mean.
+    Where the declination is small (under 3 degrees all over; under 4 with a single aircraft)
+    nothing can be decided.
     """
     error, wide, angle = (
         np.asarray(values, dtype=np.float64) for values in (offset, standard_error, declination)

@@ -231,12 +231,8 @@ def error_from_table(fits: xr.Dataset) -> xr.DataArray:
 def write_tables_csv(fits: xr.Dataset, path: str | Path) -> Path:
     """Write the table of every aircraft as CSV, one row a node; return the path.
 
-    A refused fit has rows with its status and without numbers.
-
-    Raises
-    ------
-    InputError
-        If the fits hold no tables or the file cannot be written.
+    A refused fit has rows with its status and without numbers. InputError where the fits hold no
+    tables or the file cannot be written.
     """
     if "table_correction" not in fits:
         raise InputError(

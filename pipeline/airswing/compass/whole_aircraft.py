@@ -46,18 +46,10 @@ def aircraft_batches(ds: xr.Dataset, reports: int) -> Iterator[xr.Dataset]:
 def lazy_dataset(
     task: Any, template: xr.Dataset, sizes: Mapping[str, int], coordinates: xr.Dataset
 ) -> xr.Dataset:
-    """Return the Dataset that a delayed task makes, as dask arrays.
+    """Return the Dataset that a delayed ``task`` makes, as dask arrays.
 
-    Parameters
-    ----------
-    task : Delayed
-        Of a Dataset.
-    template : Dataset
-        With the variables, dimensions, types and attributes of the result.
-    sizes : mapping of str to int
-        Sizes of dimensions that differ from the template's.
-    coordinates : Dataset
-        Index variables of the result, in memory, where they differ from the template's.
+    The ``template`` has its variables, dimensions, types and attributes; ``sizes`` and the index
+    variables of ``coordinates`` are those that differ from the template's.
     """
     variables: dict[Hashable, xr.Variable] = {}
     for name, variable in template.variables.items():
@@ -104,24 +96,12 @@ def _empty(ds: xr.Dataset) -> xr.Dataset:
 def map_aircraft(
     function: Callable[..., xr.Dataset], ds: xr.Dataset, *args: xr.Dataset, **kwargs: Any
 ) -> xr.Dataset:
-    """Apply a function of whole aircraft to a Dataset, block by block where it is lazy.
+    """Apply a function of whole aircraft to a ragged Dataset, block by block where it is lazy.
 
-    Parameters
-    ----------
-    function : callable
-        ``function(block, *args, **kwargs)`` returns a Dataset whose dimensions are those of the
-        block and others of fixed size; it must accept Datasets without reports and aircraft.
-    ds : Dataset
-        Ragged.
-    *args : Dataset
-        Computed before the function is called.
-    **kwargs
-        Given to the function.
-
-    Returns
-    -------
-    Dataset
-        Dask-backed where ``ds`` or an argument is.
+    ``function(block, *args, **kwargs)`` returns a Dataset whose dimensions are those of the block
+    and others of fixed size; it must accept Datasets without reports and aircraft. The Datasets
+    ``args`` are computed before it is called. The result is dask-backed where ``ds`` or an argument
+    is.
     """
     if not any(_is_lazy(part) for part in (ds, *args)):
         return function(ds, *args, **kwargs)

@@ -22,21 +22,12 @@ _HOUR = 3_600_000_000_000  # ns
 
 
 def interval_cost(reports: xr.Dataset, catalogue: Catalogue) -> list[Content]:
-    """Compare winds interpolated over three and six hours with hourly winds.
+    """Compare winds interpolated over three and six hours with those of an hourly reference.
 
-    Parameters
-    ----------
-    reports : Dataset
-        With `time`, `latitude`, `longitude` (degrees) and `pressure` (Pa) by ``report``.
-    catalogue : Catalogue
-        Of the hourly reference.
-
-    Returns
-    -------
-    list of dict
-        For each interval ``interval_h``, ``reports``, ``rms_vector_difference_m_s`` over all of
-        them, ``reports_at_middle`` and ``rms_vector_difference_at_middle_m_s``; empty where the
-        reference is not hourly.
+    ``reports`` hold time, latitude, longitude (degrees) and pressure (Pa). For each interval
+    ``interval_h``, ``reports``, ``rms_vector_difference_m_s`` over all of them,
+    ``reports_at_middle`` and ``rms_vector_difference_at_middle_m_s``; empty where the reference is
+    not hourly.
     """
     steps = np.diff(catalogue.valid)
     if steps.size <= 3 or np.median(steps) > _HOUR:

@@ -203,23 +203,12 @@ def pool(fits: list[AircraftFit], *, joint: bool) -> Fleet:
 def offsets(
     fits: list[AircraftFit], few: list[bool], curves: list[AircraftFit], *, joint: bool
 ) -> list[Offset | None]:
-    """Offset of every aircraft that has no curve.
+    """Offset of every aircraft that has no curve, from its fit with ``harmonics=0``.
 
-    Parameters
-    ----------
-    fits : list of AircraftFit
-        Fitted with ``harmonics=0``.
-    few : list of bool
-        Whether an aircraft has fewer than `MIN_FLIGHTS` flights, its clusters being stretches.
-    curves : list of AircraftFit
-        Of the aircraft with curves, against the same references.
-    joint : bool
-        Whether along-track errors were fitted.
-
-    Returns
-    -------
-    list of Offset or None
-        None where too few aircraft show the error of a single flight.
+    ``few`` says whether an aircraft has fewer than `MIN_FLIGHTS` flights, its clusters being
+    stretches; ``curves`` are those of the other aircraft against the same references; ``joint``
+    whether along-track errors were fitted. None where too few aircraft show the error of a single
+    flight.
     """
     found: list[Offset | None] = [None] * len(fits)
     # variance of B, C, D and E over the fleet

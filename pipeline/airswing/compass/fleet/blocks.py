@@ -92,20 +92,12 @@ def sum_blocks(
 ) -> Blocks:
     """Sum one aircraft's reports against one reference by block.
 
-    Parameters
-    ----------
-    rows : array, shape (15, n)
-        Weight, weighted residual and weighted derivatives of each report, as in :class:`Blocks`.
-    square : float
-        Sum over all reports of the square of weight times residual.
-    reports : Reports
-    bias : array, shape (2,)
-        Bias of the reference that was removed from the residual, m/s: it is added again.
-    step : array, shape (6,)
-        Step of A to E and the scale that was made after the residual.
-    kappa : float
-        Mean derivative of the robust score over the mean weight: robust residuals are smaller than
-        the shift that causes them by this factor.
+    ``rows`` (15, n) are weight, weighted residual and weighted derivatives of each report, as in
+    :class:`Blocks`; ``square`` the sum of the squares of weight times residual; ``bias`` (2,), m/s,
+    that of the reference that was removed from the residual and is added again; ``step`` (6,) that
+    of A to E and the scale after the residual; ``kappa`` the mean derivative of the robust score
+    over the mean weight: robust residuals are smaller than the shift that causes them by this
+    factor.
     """
     fastest = np.divide(LENGTH, DURATIONS[:-1])
     seconds = DURATIONS[int(np.searchsorted(fastest, np.median(reports.airspeed)))]

@@ -50,17 +50,9 @@ LEAST_FREEDOM = 30
 class Reference:
     """One reference's part of the equations of the fleet.
 
-    The unknowns are, in this order, the coefficients (aircraft, 6), the biases (aircraft, 2) and
-    the lasting part (2, functions).
-
-    Parameters
-    ----------
-    blocks : list of Blocks
-        One an aircraft.
-    free : array of bool, shape (aircraft, 6)
-        Coefficients that are fitted.
-    days : array of int
-        First segment of every day.
+    From the blocks of each aircraft, the coefficients that are fitted (aircraft, 6) and the first
+    segment of every day. The unknowns are, in this order, the coefficients (aircraft, 6), the
+    biases (aircraft, 2) and the lasting part (2, functions).
     """
 
     def __init__(self, blocks: list[Blocks], free: NDArray[np.bool_], days: Index) -> None:

@@ -134,25 +134,17 @@ class Equations:
     """The Newton matrix without its prior.
 
     The coefficients come first (aircraft, 6), then each reference's biases and lasting part.
-
-    Attributes
-    ----------
-    size : int
-        Number of unknowns.
-    places : list of array
-        Each reference's unknowns among all.
-    craft, lasting : lists of arrays, shapes (aircraft, 8) and (2, functions)
-        Places of the aircraft's unknowns and of the lasting part, by reference.
-    groups : list of array
-        Unknowns that share a prior variance: biases and lasting part of each reference. The mean of
-        a lasting part, the last of its functions, has no prior.
     """
 
     def __init__(self, parts: list[Reference], free: NDArray[np.bool_]) -> None:
         self.parts, self.free, self.aircraft = parts, free, free.shape[0]
+        # of each reference: its unknowns among all, those of the aircraft (aircraft, 8), and those
+        # of the lasting part (2, functions)
         self.places: list[Index] = []
         self.craft: list[Index] = []
         self.lasting: list[Index] = []
+        # unknowns that share a prior variance: biases and lasting part of each reference. The mean
+        # of a lasting part, the last of its functions, has no prior.
         self.groups: list[Index] = []
         coefficients, start = np.arange(free.size), free.size
         for part in parts:
@@ -369,16 +361,9 @@ def group_variances(information: Array, score: Array, groups: list[Index]) -> Ar
     """Variance of every effect (n,) by restricted maximum likelihood, in Schall's steps.
 
     Steps of expectation-maximization converge to the same values, ten to a hundred times more
-    slowly where a variance is small; one that is too large widens every interval.
-
-    Parameters
-    ----------
-    information : array, shape (n, n)
-        Of the data about the effects, with the other unknowns eliminated.
-    score : array, shape (n,)
-        Where the effects are zero.
-    groups : list of array of int
-        Effects that share a variance; those of no group have no prior.
+    slowly where a variance is small. ``information`` (n, n) is that of the data about the effects,
+    with the other unknowns eliminated; ``score`` (n,) that where the effects are zero; ``groups``
+    are the effects that share a variance; those of no group have no prior.
     """
     variance = np.full(score.size, UNKNOWN_VARIANCE)
     for group in groups:

@@ -266,31 +266,11 @@ def fit_by_window(
 ) -> list[Content]:
     """Fit every aircraft in each calendar window from the reports of that window alone.
 
-    Parameters
-    ----------
-    headings : Dataset
-        Screened headings.
-    pools : mapping of str to list of str
-        Members of each reference and pool.
-    reference : str
-        Key of ``pools``.
-    window : {"month", "quarter"}
-    since : datetime64, optional
-        First day of the first window wanted.
-    **fit_options
-        As for :func:`airswing.compass.fit.deviation.fit_deviation`.
-
-    Returns
-    -------
-    list of dict
-        One for each aircraft and window with reports, sorted: ``aircraft``, ``window`` (its first
-        day), ``reports``, ``status`` and, where the fit is published, ``offset``, ``amplitude``,
-        ``phase`` and ``A`` to ``E``, each with ``*_standard_error``; degrees.
-
-    Raises
-    ------
-    InputError
-        If the window or the reference is unknown.
+    Against the reference or pool ``reference``, from the window that begins on the day ``since``
+    on; options as for :func:`airswing.compass.fit.deviation.fit_deviation`. One entry for each
+    aircraft and window with reports, sorted: ``aircraft``, ``window`` (its first day), ``reports``,
+    ``status`` and, where the fit is published, ``offset``, ``amplitude``, ``phase`` and ``A`` to
+    ``E``, each with ``*_standard_error``; degrees. InputError for an unknown window or reference.
     """
     if window not in ("month", "quarter") or reference not in pools:
         raise InputError(

@@ -535,12 +535,7 @@ def read_tables(path: Path | str, *, reference: str) -> dict[str, UnitTable]:
     """Tables in use by aircraft, from a file as a run writes it (``tables.csv``).
 
     Of the rows of ``reference``, where the file holds those of several; of the aircraft that have
-    all eight nodes. Rows without a number are no table.
-
-    Raises
-    ------
-    InputError
-        If it is not such a file.
+    all eight nodes. Rows without a number are no table. InputError if it is not such a file.
     """
     try:
         numbers = ("table_correction_deg", "standard_error_deg")
