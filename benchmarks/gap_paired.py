@@ -81,13 +81,13 @@ def prepare(folder: Path, cases: int, seed: int, real: Path | None) -> None:
 def headings_frame(config: Path) -> Frame:
     """Make the headings of an archive and return its frame against the pool of references."""
     from airswing.config_file import load_config
+    from airswing.workflow.gap_stage import frame_of, with_near_winds
     from airswing.workflow.job import Job
     from airswing.workflow.months import make_headings
     from airswing.workflow.progress import Progress
 
-    settings = load_config(config)
-    headings = make_headings(Job(settings, Progress(quiet=True))).load()
-    return Frame.from_headings(headings, reference=settings.pools()[settings.gap_reference()])
+    job = Job(load_config(config), Progress(quiet=True))
+    return frame_of(job, with_near_winds(job, make_headings(job).load()))
 
 
 def read_frame(path: Path) -> Frame:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:  # `airswing --help` does without numpy
 KNOT = 1852.0 / 3600.0
 FOOT = 0.3048  # Metres in a foot: the international foot of 1959, exact
 ZERO_CELSIUS = 273.15  # Kelvin at zero degrees Celsius (BIPM, SI brochure)
-DAY = 86400.0  # Seconds in a day
+HOUR, DAY = 3600.0, 86400.0  # Seconds
 EARTH_RADIUS = 6371008.8  # Mean radius of the earth, m (IUGG 1980), where a sphere is near enough
 # Of latitude on the mean sphere: good to 0.5 % of the ellipsoid's, where that is near enough.
 METRES_PER_DEGREE = 111195.0

@@ -10,7 +10,7 @@ import pytest
 from tests.gap.toy import make_frame
 
 from airswing.errors import InputError
-from airswing.gap.diagnose import diagnose
+from airswing.gap.diagnose import attributed, diagnose
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.result.effect_entries import active_effects
 from airswing.products.whole_files import plain
@@ -118,6 +118,45 @@ def test_a_change_is_dated():
     assert effect.tails == [frame.tails[2]]
     start = np.datetime64(effect.period[0])
     assert abs((start - (np.datetime64("1970-01-01") + day)).astype(int)) <= 1
+
+
+def test_a_drift_of_the_last_days_has_its_rate():
+    begins = 12
+
+    def error(context):
+        days = np.maximum(0.0, context["time"] / 86400 - begins)
+        return np.where(context["aircraft"] % 2 == 0, np.radians(1.2) * days, 0.0)
+
+    frame = make_frame(seed=6, aircraft=6, days=16, noise=0.3, heading_error=error)
+    catalogue = SMALL | {"compass_drift": CATALOGUE["compass_drift"]}
+    (effect,) = diagnose(frame, catalogue=catalogue).report.effects
+    assert effect.name == "compass_drift" and effect.tails == list(frame.tails[::2])
+    error = effect.standard_errors["rate_deg_per_day"]
+    assert effect.parameters["rate_deg_per_day"] == pytest.approx(1.2, abs=2 * error)
+    assert error < 0.1
+
+
+def test_an_effect_of_one_reference_is_attributed_to_it_at_its_size():
+    offsets = {"right": 0.0, "late": -2.0}
+
+    def frame_against(reference, offset):
+        hours = offsets[reference] - offset
+        return make_frame(seed=5, aircraft=6, days=12, noise=0.3, reference_hours=hours)
+
+    pool = [frame_against(reference, 0.0) for reference in offsets]
+    names = [f"{c}_{when}" for c in "uv" for when in ("ref", "before", "after")]
+    mean = {n: (getattr(pool[0], n) + getattr(pool[1], n)) / 2 for n in names}
+    catalogue = {"reference_time_offset": CATALOGUE["reference_time_offset"]}
+    report = diagnose(replace(pool[0], **mean), catalogue=catalogue, dictionary=False).report
+    report = attributed(replace(report, reference="both"), list(offsets), frame_against)
+    (effect,) = report.effects
+    assert effect.reference == "late" and set(effect.by_reference) == {"both", "late"}
+    error = effect.standard_errors["offset_h"]
+    assert effect.parameters["offset_h"] == pytest.approx(-2.0, abs=3 * error)
+    assert error < 0.2
+    # the simulation of the pool has the offset of its mean
+    (active,) = active_effects(report)
+    assert active.parameters["offset_h"] == pytest.approx(-1.0, abs=0.2)
 
 
 def test_effect_outside_the_catalogue_is_located_and_closed():

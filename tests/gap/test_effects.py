@@ -120,12 +120,8 @@ def test_columns_are_the_derivative_of_the_simulation(perfect, name):
         up, down = difference(perfect, name, values), difference(perfect, name, back)
         slope = up / small[k] if years else (up - down) / (2.0 * small[k])
         size = np.sqrt(np.mean(columns[k] ** 2))
-        assert size > 0.0 or effect.column_names[k] in {
-            "above_250",
-            "above_300",
-            "above_350",
-            "above_400",
-        }
+        # the frame has no report above 425 hPa
+        assert size > 0.0 or int(effect.column_names[k].removeprefix("above_")) <= 425
         np.testing.assert_allclose(
             slope, columns[k], atol=(0.05 if years else 1e-6) * (size or 1.0)
         )

@@ -67,8 +67,12 @@ def make_frame(
     airspeed_factor: Callable[[dict[str, Any]], np.ndarray] | None = None,
     noise: float = 1.0,
     model_error: float = 2.0,
+    reference_hours: float = 0.0,
 ) -> Frame:
-    """Build an archive; `heading_error` (rad) and `airspeed_factor` get the context of reports."""
+    """Build an archive; `heading_error` (rad) and `airspeed_factor` get the context of reports.
+
+    The reference shows the atmosphere `reference_hours` after the time it is stamped with.
+    """
     rng = np.random.default_rng(seed)
     context = _paths(rng, aircraft, days)
     n = context["time"].size
@@ -82,8 +86,13 @@ def make_frame(
         -1,
     )
     height = 1 - np.log(context["pressure"] / 9e4)
-    wind = Waves(rng, sd=6.0, length=2500, hours=60)(points) * height[:, None]
-    wind[:, 0] += 9 * height
+    large = Waves(rng, sd=6.0, length=2500, hours=60)
+
+    def wind_after(hours: float) -> np.ndarray:
+        later = large(points + np.array([0.0, 0.0, 0.0, hours])) * height[:, None]
+        return later + np.stack([9 * height, np.zeros(n)], -1)
+
+    wind = wind_after(0.0)
     step = Waves(rng, sd=6.0, length=2500, hours=60)
     del step
     error = Waves(rng, sd=model_error, length=700, hours=18)(points)
@@ -113,7 +122,8 @@ def make_frame(
         context["airspeed"] = airspeed * airspeed_factor(context)
     pointer = np.stack([np.sin(context["heading"]), np.cos(context["heading"])], -1)
     reported = ground - context["airspeed"][:, None] * pointer + rng.normal(0, noise, (n, 2))
-    return _frame(context, reported, ground, wind, aircraft, points)
+    stamped = [wind_after(reference_hours + hours) for hours in (-1.0, 0.0, 1.0)]
+    return _frame(context, reported, ground, stamped, aircraft)
 
 
 def noise_of(frame: Frame, columns: Frame | None = None) -> NoiseFit:
@@ -167,10 +177,10 @@ def _frame(
     context: dict[str, Any],
     reported: np.ndarray,
     ground: np.ndarray,
-    wind: np.ndarray,
+    winds: list[np.ndarray],
     aircraft: int,
-    points: np.ndarray,
 ) -> Frame:
+    before, wind, after = winds
     n = reported.shape[0]
     air = ground - reported
     heading = np.arctan2(air[:, 0], air[:, 1])
@@ -223,6 +233,10 @@ def _frame(
         phase=phase,
         icing=(rng.random(n) < 0.15).astype(np.int64),
         **smooth,
+        u_before=before[:, 0],
+        v_before=before[:, 1],
+        u_after=after[:, 0],
+        v_after=after[:, 1],
         dudlnp=-wind[:, 0],
         dvdlnp=-wind[:, 1],
         grid_convergence=np.radians((context["longitude"] + 95) * 0.42),

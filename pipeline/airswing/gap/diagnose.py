@@ -26,7 +26,7 @@ from airswing.gap.distribution.scatter import Scatter, find_scatter
 from airswing.gap.distribution.sent_winds import SentWinds, find_sent_winds
 from airswing.gap.distribution.verdict import Verdict
 from airswing.gap.effects import CATALOGUE
-from airswing.gap.effects.base import Effect
+from airswing.gap.effects.base import Effect, number
 from airswing.gap.model.closure import Closure, Step, close
 from airswing.gap.model.localisation import slices
 from airswing.gap.model.passes import Fitted, fit_model, is_sensor
@@ -36,8 +36,11 @@ from airswing.gap.noise.model import gross_errors
 from airswing.gap.result.diagnosis_dataset import diagnosis_dataset
 from airswing.gap.result.report import STATED, Findings, assemble
 from airswing.gap.result.schema import EffectEntry, GapReport
-from airswing.gap.result.statement import claims_of
+from airswing.gap.result.statement import by_member, claims_of, effect_entry
 
+#: Steps of an offset of the reference's time, whose winds are known an hour before and after the
+#: reports, and the step (h) from which the second order is near enough.
+TIME_OFFSET, ROUNDS, CLOSE = "reference_time_offset", 5, 0.5
 Floats = NDArray[np.float64]
 Progress = Callable[[str, float], None]
 
@@ -162,6 +165,66 @@ def diagnose(
         )
     say = progress or (lambda stage, done: None)
     return _diagnosed(reports, CATALOGUE if catalogue is None else catalogue, dictionary, seed, say)
+
+
+def attributed(
+    report: GapReport,
+    members: Sequence[str],
+    frame_against: Callable[[str, float], Frame],
+    *,
+    seed: int = 0,
+) -> GapReport:
+    """Attribute the effects of a reference to the members of a pool.
+
+    The effects found against the pool are fitted again to the residual against each member, where
+    an effect of that member alone has its full size.
+
+    Parameters
+    ----------
+    report : GapReport
+        Diagnosis against the pool, its `reference`.
+    members : sequence of str
+        References of the pool.
+    frame_against : callable
+        Reports against a reference whose fields show the atmosphere of a time (h) after the
+        stamped one.
+    seed : int
+        As in `diagnose`.
+
+    Returns
+    -------
+    GapReport
+        With `reference` and `by_reference` of the effects of a reference.
+    """
+    if len(members) < 2 or all(effect.scope != "reference" for effect in report.effects):
+        return report
+    names = [effect.name for effect in report.effects]
+    found = {one: _effects_against(one, names, frame_against, seed) for one in members}
+    return replace(report, effects=by_member(report.effects, str(report.reference), found))
+
+
+def _effects_against(
+    reference: str, names: Sequence[str], frame_against: Callable[[str, float], Frame], seed: int
+) -> list[EffectEntry]:
+    """Entries of effects against one reference; an offset of its time is found in steps."""
+    offset, entries = 0.0, dict[str, EffectEntry]()
+    for _ in range(ROUNDS):
+        frame = frame_against(reference, offset)
+        effects, _untestable = usable_effects(frame, {name: CATALOGUE[name] for name in names})
+        fitted = fit_model(frame, effects, tables=False, exchanges=False, seed=seed)
+        found = {
+            claim.name: effect_entry(fitted, claim, effects, Step(0.0, (0.0, 0.0)), 0.0)
+            for claim in claims_of(fitted.terms)
+        }
+        entries = entries | found
+        if TIME_OFFSET not in found:
+            break
+        step = number(found[TIME_OFFSET].parameters["offset_h"])
+        offset += step
+        entries[TIME_OFFSET] = replace(found[TIME_OFFSET], parameters={"offset_h": offset})
+        if abs(step) < CLOSE:
+            break
+    return list(entries.values())
 
 
 def _asked(headings: xr.Dataset, reference: str | Sequence[str] | None) -> str | Sequence[str]:

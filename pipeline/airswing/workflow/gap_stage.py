@@ -24,7 +24,7 @@ from airswing.errors import InputError
 from airswing.products.whole_files import write_json
 from airswing.units import KNOT
 from airswing.workflow.job import Job
-from airswing.workflow.months import make_headings
+from airswing.workflow.months import catalogues, make_headings
 
 if TYPE_CHECKING:
     from airswing.config import Reports
@@ -84,7 +84,7 @@ def diagnosis(
         If an effect to do without is unknown, or what the diagnosis starts from cannot be read.
     """
     from airswing.gap.archive.sample import sampled
-    from airswing.gap.diagnose import diagnose
+    from airswing.gap.diagnose import attributed, diagnose
     from airswing.gap.result.effect_entries import active_effects, not_known, unknown_not_known
     from airswing.gap.simulation.effects_file import write_effects
     from airswing.report.gap.gap_page import write_gap_page
@@ -93,8 +93,8 @@ def diagnosis(
     begin = starting_point(job, known=known, simulated=simulated)
     archive = make_headings(job)
     with job.progress.stage("read") as stage:
-        headings = sampled(archive)
-        frame = _frame(job, headings)
+        headings = with_near_winds(job, sampled(archive))
+        frame = frame_of(job, headings)
         stage.note = f"{archive.sizes['report']:,} reports, {frame.size:,} diagnosed"
     start = begin(frame)
     with job.progress.stage("diagnose") as stage:
@@ -117,6 +117,13 @@ def diagnosis(
         claims=_claims(job, headings, found),
         counts=replace(found.report.counts, reports=archive.sizes["report"]),
     )
+    report = attributed(
+        report,
+        job.pools[job.config.gap_reference()],
+        lambda reference, offset: frame_of(
+            job, with_near_winds(job, headings, offset) if offset else headings, reference
+        ),
+    )
     write_json(job.output / GAP_JSON, report.content())
     write_effects([*start.known, *active_effects(report)], job.output / GAP_EFFECTS)
     title = "Gap between reported and simulated winds: maps, evidence and statistics"
@@ -127,12 +134,50 @@ def diagnosis(
     return report
 
 
-def _frame(job: Job, headings: xr.Dataset) -> Frame:
-    """Reports of headings against the gap's reference or pool."""
+def with_near_winds(job: Job, headings: xr.Dataset, offset: float = 0.0) -> xr.Dataset:
+    """Headings with the winds of the gap's references an hour before and after each report.
+
+    They show what a reference with wrong valid times would give. The tendency between two fields
+    shows half of it where waves are small.
+
+    Parameters
+    ----------
+    offset : float
+        Of the time (h) that the fields show from the one they are stamped with; the winds at the
+        reports are those of the right time.
+    """
+    from airswing.reference.collocate import collocate
+
+    config = job.config
+    members = job.pools[config.gap_reference()]
+    if "near" not in job.shared:
+        job.shared["near"] = {n: one for n, one in catalogues(job).items() if n in members}
+    if not job.shared["near"]:
+        return headings
+    places = headings[["time", "latitude", "longitude", "pressure"]]
+    hours = {"": 0.0, "_hour_before": -1.0, "_hour_after": 1.0}
+    near = {}
+    for when, hour in hours.items():
+        if not when and not offset:
+            continue
+        shift = np.timedelta64(round(3600 * (hour - offset)), "s")
+        winds = collocate(
+            places.assign(time=places["time"] + shift),
+            job.shared["near"],
+            max_time_gap=config.collocation.max_time_gap,
+        ).compute()
+        for name in ("reference_eastward_wind", "reference_northward_wind"):
+            near[name + when] = winds[name].reindex(reference=headings["reference"])
+    return headings.assign(near)
+
+
+def frame_of(job: Job, headings: xr.Dataset, reference: str | None = None) -> Frame:
+    """Reports of headings against a reference; against that of the gap, or its pool, by default."""
     from airswing.gap.archive.frame import Frame
 
-    reference = job.pools[job.config.gap_reference()]
-    return Frame.from_headings(headings, reference=reference, phases=job.config.gap.phases)
+    config = job.config
+    members = job.pools[config.gap_reference()] if reference is None else reference
+    return Frame.from_headings(headings, reference=members, phases=config.gap.phases)
 
 
 def _claims(job: Job, headings: xr.Dataset, found: Diagnosis) -> ClaimsEntry:
@@ -293,7 +338,7 @@ def effects_of_archive(job: Job) -> list[ActiveEffect]:
     from airswing.gap.diagnose import diagnose
     from airswing.gap.result.effect_entries import active_effects
 
-    frame = _frame(job, sampled(make_headings(job)))
+    frame = frame_of(job, with_near_winds(job, sampled(make_headings(job))))
     with job.progress.stage("diagnose the simulation") as stage:
         found = active_effects(diagnose(frame, progress=stage.enter).report)
         stage.note = f"{len(found)} effects"

@@ -66,6 +66,9 @@ _DERIVATIVES = {"t": "tendency", "lnp": "lnp_derivative", "x": "x_derivative", "
 for _axis, _suffix in _DERIVATIVES.items():
     _NAMES[f"dud{_axis}"] = f"reference_eastward_wind_{_suffix}"
     _NAMES[f"dvd{_axis}"] = f"reference_northward_wind_{_suffix}"
+for _when in ("before", "after"):
+    _NAMES[f"u_{_when}"] = f"reference_eastward_wind_hour_{_when}"
+    _NAMES[f"v_{_when}"] = f"reference_northward_wind_hour_{_when}"
 # fields that are angles, degrees in the product
 _ANGLES = {"heading", "magnetic_heading", "heading_error", "declination", "dip", "bank"}
 _ANGLES.add("grid_convergence")
@@ -126,6 +129,8 @@ class Frame:
         Derivative of the reference wind by ln p, m s-1.
     dudx, dvdx, dudy, dvdy : (n,) float
         Derivatives of the reference wind eastward and northward, s-1.
+    u_before, v_before, u_after, v_after : (n,) float
+        Reference wind an hour before and an hour after the report, m s-1; NaN where unknown.
     grid_convergence : (n,) float
         Rotation from grid-relative to earth-relative wind, rad:
         ``u = cos u_g + sin v_g``, ``v = -sin u_g + cos v_g``.
@@ -180,6 +185,10 @@ class Frame:
     dvdx: FloatArray
     dudy: FloatArray
     dvdy: FloatArray
+    u_before: FloatArray
+    v_before: FloatArray
+    u_after: FloatArray
+    v_after: FloatArray
     grid_convergence: FloatArray
     lead_time: FloatArray
     position_resolution: FloatArray

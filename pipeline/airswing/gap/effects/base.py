@@ -167,6 +167,17 @@ class Effect(ABC):
             Eastward and northward component, m s-1 per unit of the coefficient.
         """
 
+    def curvature(self, frame: Frame) -> Floats | None:
+        """Compute what each squared coefficient adds to the reported wind.
+
+        Returns
+        -------
+        (k, n, 2) float or None
+            None where the columns are exact, or the effect is one of the indicated heading or
+            airspeed, of which every order is known.
+        """
+        return None
+
     def tied(self, subset: tuple[int, ...]) -> Floats:
         """Return the linear map from free coefficients to those of an alternative.
 
@@ -182,22 +193,9 @@ class Effect(ABC):
         """
         return np.eye(len(subset))
 
-    def softened_columns(self, frame: Frame, shifts: Floats) -> Floats:
-        """Average the columns over shifts of ln p, which smooths edges in pressure.
-
-        Parameters
-        ----------
-        frame : Frame
-            Reports.
-        shifts : (m,) float
-            Shifts of ln p.
-
-        Returns
-        -------
-        (k, n, 2) float
-        """
-        shifted = [replace(frame, pressure=frame.pressure * np.exp(shift)) for shift in shifts]
-        return np.asarray(sum(self.columns(part) for part in shifted) / shifts.size)
+    def softened_columns(self, frame: Frame) -> Floats:
+        """Return the columns with soft edges where they have edges in pressure, (k, n, 2)."""
+        return self.columns(frame)
 
     @abstractmethod
     def apply(self, state: State, frame: Frame, values: Parameters, rng: Random) -> State:
@@ -344,7 +342,11 @@ class WindEffect(Effect):
 
     def apply(self, state: State, frame: Frame, values: Parameters, rng: Random) -> State:
         """See `Effect.apply`: coefficients times columns, exact to the order of the context."""
-        change = np.tensordot(self.from_parameters(values, frame), self.columns(frame), axes=1)
+        coefficients = self.from_parameters(values, frame)
+        change = np.tensordot(coefficients, self.columns(frame), axes=1)
+        curvature = self.curvature(frame)
+        if curvature is not None:
+            change = change + np.tensordot(coefficients**2, curvature, axes=1)
         return replace(
             state, wind_u=state.wind_u + change[:, 0], wind_v=state.wind_v + change[:, 1]
         )

@@ -28,8 +28,10 @@ from airswing.synthetic.sealed.draws import Draw, sign
 if TYPE_CHECKING:
     import pandas as pd
 
-LEVELS = tuple(float(level) for level in range(850, 200, -50))
-"""Candidate limits of a bias, above or below the level, hPa."""
+LEVELS = tuple(float(level) for level in range(875, 200, -50))
+"""Candidate limits of a bias, hPa: midway between model levels every 50 hPa."""
+HALF = 25.0
+"""Between a level with the bias and one without, 50 hPa apart, the bias changes linearly."""
 
 
 def _above(rng: np.random.Generator) -> dict[str, object]:
@@ -95,12 +97,15 @@ class ReferenceSpeedBias(Effect):
 
     def columns(self, frame: Frame) -> Floats:
         """See `Effect.columns`: minus the reference wind, by candidate level."""
-        return self.softened_columns(frame, np.zeros(1))
+        return self._columns(frame, 1e-9)
 
-    def softened_columns(self, frame: Frame, shifts: Floats) -> Floats:
-        """See `Effect.softened_columns`: shares of the layer above and below each level."""
-        bounds = 100.0 * np.array(LEVELS)[:, None, None] / np.exp(shifts)[:, None]
-        above = (frame.pressure < bounds).mean(axis=1)
+    def softened_columns(self, frame: Frame) -> Floats:
+        """See `Effect.softened_columns`: the bias changes linearly between two model levels."""
+        return self._columns(frame, HALF)
+
+    def _columns(self, frame: Frame, half: float) -> Floats:
+        apart = np.array(LEVELS)[:, None] - frame.pressure / 100.0
+        above = np.clip(0.5 + 0.5 * apart / half, 0.0, 1.0)
         shares = np.concatenate([np.ones((1, frame.size)), above, 1.0 - above])
         return np.stack([-shares * frame.u_ref, -shares * frame.v_ref], axis=-1)
 

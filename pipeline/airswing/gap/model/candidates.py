@@ -73,8 +73,6 @@ KNOTS = {
 CYCLES = 5
 #: Correlation length of neighbouring coefficients, in knots, and the share that is independent.
 LENGTH, FREE = 1.3, 0.1
-#: Shifts of ln p over which edges are softened: half the distance of model levels of 25 hPa.
-SOFT = np.linspace(-0.08, 0.08, 5)
 #: Quantiles between which knots lie: single values far out must not stretch the curve.
 INNER = (0.005, 0.995)
 #: Winds drawn to average a table of the reported wind over, and levels they are drawn within.
@@ -237,7 +235,7 @@ class Candidates:
         self.groups: list[Group] = []
         self.tables: dict[int, Table] = {}
         self._builders: dict[int, Callable[[Frame], Singles]] = {}
-        self._pending: list[tuple[slice, Singles]] = []
+        self._pending: list[slice] = []
         self.width = 0
         self.wind = np.stack([context.u_ref, context.v_ref], -1)
         self.variables = record(frame, context)
@@ -252,12 +250,12 @@ class Candidates:
     def _block(self, build: Callable[[Frame], Singles], columns: Singles) -> slice:
         where = slice(self.width, self.width + columns.shape[2])
         self._builders[where.start] = build
-        self._pending.append((where, columns))
+        self._pending.append(where)
         self.width = where.stop
         return where
 
-    def pending(self) -> list[tuple[slice, Singles]]:
-        """Columns built since the last call, to be summed; they are not kept."""
+    def pending(self) -> list[slice]:
+        """Columns added since the last call, to be summed; they are built again, one by one."""
         out, self._pending = self._pending, []
         return out
 
@@ -302,9 +300,11 @@ class Candidates:
             forms = effect.alternatives or (tuple(range(columns.shape[2])),)
             if effect.kind == "step":
                 forms = ((0,), (1, 2), (0, 1, 2))
-            weight = -np.log(2 * len(usable) * len(forms))
             scopes = "f" if effect.scope in ("reference", "fleet") else "af"
             for form in forms:
+                # the ordinary form is as likely as all others together
+                others = 1 if len(forms) == 1 else 2 * max(1, (len(forms) - 1) * (form != forms[0]))
+                weight = -float(np.log(2 * len(usable) * others))
                 tied = np.eye(1) if len(form) == 1 else effect.tied(form)
                 kind = "dated" if effect.kind == "step" else "name"
                 group = Group(
@@ -323,8 +323,16 @@ class Candidates:
                     self._group(columns, replace(group, kind="dated"), tied, form)
 
     def _effect_columns(self, effect: Effect, at: Frame) -> Singles:
-        raw = effect.softened_columns(at, SOFT)
+        raw = effect.softened_columns(at)
         return np.asarray(np.moveaxis(raw, 0, -1) * effect.column_scales, np.float32)
+
+    def curvature(self, group: Group, at: Frame) -> Singles | None:
+        """What the squared coefficients of an effect's raw columns add, (n, 2, k)."""
+        effect = self.effects.get(group.name) if group.named else None
+        raw = None if effect is None else effect.curvature(at)
+        if effect is None or raw is None:
+            return None
+        return np.asarray(np.moveaxis(raw, 0, -1) * effect.column_scales**2, np.float32)
 
     # --------------------------------------------------------------------------------- tables
     def _likely_winds(self) -> Floats:

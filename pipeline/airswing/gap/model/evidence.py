@@ -15,12 +15,16 @@ U_a + G_a T0 U_F with T0 = G_F^-1 - (sum_a G_a)^-1. Then
 with s on a grid. A change at a date has the same common part theta_F on all days and a change
 theta_a after its date (joint information [[G, G_d], [G_d, G_d]]); without it an error of the whole
 fleet looks like a change of all aircraft on the first days. A common date means that each aircraft
-changes on its next day with flights.
+changes on its next day with flights. The prior of a change has the shape of its information,
+theta_a ~ N(0, s^2 tr(G_d) G_d^-1 / m): its size is s where it acts, for a drift that begins in the
+last week as for one of the whole archive (Zellner 1986).
 
 References
 ----------
 Mitchell, T. J. and Beauchamp, J. J. (1988). Bayesian variable selection in linear regression. J.
 Am. Stat. Assoc. 83, 1023-1032 (spike and slab).
+Zellner, A. (1986). On assessing prior distributions and Bayesian regression analysis with g-prior
+distributions. In: Bayesian Inference and Decision Techniques, Elsevier, 233-243.
 """
 
 from __future__ import annotations
@@ -34,7 +38,14 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from airswing.gap.model.candidates import Group
-from airswing.gap.model.terms import Model, Statistics, number_prior
+from airswing.gap.model.terms import (
+    BLOCKS,
+    WIDE,
+    Model,
+    Statistics,
+    cluster_factor,
+    number_prior,
+)
 
 Floats = NDArray[Any]
 Integers = NDArray[np.int64]
@@ -61,6 +72,8 @@ INCLUDED = 0.75
 SHARES = np.linspace(0.02, 0.98, 25)
 #: Ratio of the spread of aircraft with one fault to its size: units of one make differ little.
 SPREAD = 0.25
+#: Share of the unit matrix in the shape of a prior, so that it has an inverse.
+SLIGHT = 1e-4
 #: Days with flights that must lie on either side of a change.
 SIDES = 2
 
@@ -83,6 +96,8 @@ class Found:
         `SPREAD` where the affected share a mean, otherwise 0.
     start : mapping
         First day in force of each affected aircraft, of a dated candidate.
+    shape : (m, m) float or None
+        Prior precision of a dated candidate's coefficients for s = 1.
     """
 
     evidence: float
@@ -91,6 +106,7 @@ class Found:
     inclusion: Floats
     spread: float = 0.0
     start: Mapping[int, int] = field(default_factory=dict)
+    shape: Floats | None = None
 
 
 def common_variance(found: Statistics) -> tuple[Floats, Floats]:
@@ -297,12 +313,11 @@ def _inclusion(gain: Floats) -> Floats:
 
 
 # ------------------------------------------------------------------------------------------- dates
-def dated_evidence(
-    model: Model, group: Group, kappas: tuple[float, float], least: float
-) -> tuple[Found, Found]:
+def dated_evidence(model: Model, group: Group, kappa: float, least: float) -> tuple[Found, Found]:
     """Evidence of a change at a date, each aircraft's own or one for all, for two noise factors.
 
-    The second is worked out only where the evidence by the first is ``least`` or more.
+    The second factor is that of the candidate itself given the change, worked out only where the
+    evidence by the first, ``kappa``, is ``least`` or more.
     """
     sums, t = model.sums, group.transform
     by_day, _ = sums.information(group)
@@ -325,7 +340,9 @@ def dated_evidence(
         return np.cumsum(x[:, ::-1], axis=1)[:, ::-1]
 
     known = np.einsum("ij,adjm->adim", model.inverse_root, after(cross), optimize=True)
-    information = after(by_day) - np.einsum("adim,adin->admn", known, known, optimize=True)
+    information = after(by_day)
+    shape = _shape(information)
+    information = information - np.einsum("adim,adin->admn", known, known, optimize=True)
     score = after(model.day_score[:, :, group.columns] @ t)
     flown = sums.flown
     before = np.cumsum(flown, axis=1) - flown
@@ -335,10 +352,38 @@ def dated_evidence(
         nothing = Found(-np.inf, float(SCALES[0]), (), np.zeros(sums.A))
         return nothing, nothing
     statistics = model.with_usual(group, model.statistics(group))
-    ranked = _dated(statistics, score, information, able, kappas[0])
-    if ranked.evidence < least or kappas[0] == kappas[1]:
+    ranked = _dated(statistics, score, information, shape, able, kappa)
+    if ranked.evidence < least:
         return ranked, ranked
-    return ranked, _dated(statistics, score, information, able, kappas[1])
+    day_score = model.day_score[:, :, group.columns] @ t
+    factor = max(kappa, float(np.mean(_factor_given(ranked.start, day_score, by_day, statistics))))
+    return ranked, _dated(statistics, score, information, shape, able, factor)
+
+
+def _factor_given(
+    start: Mapping[int, int], score: Floats, by_day: Floats, found: Statistics
+) -> Floats:
+    """Noise factor of each aircraft, whose changes are no scatter of its days."""
+    days, m = np.arange(score.shape[1]), score.shape[2]
+    apart = np.empty_like(score)
+    for a, (own, information) in enumerate(zip(score, by_day, strict=True)):
+        late = (days >= start.get(a, days.size))[:, None]
+        both = np.concatenate([own, own * late], axis=1).sum(axis=0)
+        whole, after = information.sum(axis=0), (information * late[..., None]).sum(axis=0)
+        joint = np.block([[whole, after], [after, after]]) + np.eye(2 * m) / WIDE**2
+        fit = np.linalg.solve(joint, both)
+        apart[a] = own - information @ fit[:m] - late * (information @ fit[m:])
+    inverse = np.asarray(np.linalg.inv(found.information + found.ridge), np.float64)
+    factors = [cluster_factor(apart, by_day, inverse, found.ridge, n) for n in BLOCKS]
+    return np.maximum(*factors)
+
+
+def _shape(information: Floats) -> Floats:
+    """Information with the trace of the unit matrix, which it is where nothing is known."""
+    m = information.shape[-1]
+    trace = np.trace(information, axis1=-2, axis2=-1)[..., None, None]
+    eye = np.eye(m)
+    return np.where(trace > 0, m * information / np.maximum(trace, 1e-12), eye) + SLIGHT * eye
 
 
 def next_day(able: NDArray[np.bool_]) -> Integers:
@@ -352,7 +397,12 @@ def next_day(able: NDArray[np.bool_]) -> Integers:
 
 
 def _dated(
-    found: Statistics, score: Floats, information: Floats, able: NDArray[np.bool_], kappa: float
+    found: Statistics,
+    score: Floats,
+    information: Floats,
+    shape: Floats,
+    able: NDArray[np.bool_],
+    kappa: float,
 ) -> Found:
     aircraft, days = able.shape
     m = score.shape[-1]
@@ -381,12 +431,12 @@ def _dated(
     rows = np.arange(aircraft)
     own, shared, kept = [], [], []
     for s in SCALES:
-        slab = information + eye / s**2
+        slab = information + shape / s**2
         turned = np.linalg.solve(slab, information)
         rest = whole[:, None] - information @ turned
         linear = whole_score[:, None] - np.einsum("adij,adi->adj", turned, score)
         change = 0.5 * (score * np.linalg.solve(slab, score[..., None])[..., 0]).sum(-1)
-        change -= 0.5 * np.linalg.slogdet(s**2 * slab)[1]
+        change -= 0.5 * (np.linalg.slogdet(s**2 * slab)[1] - np.linalg.slogdet(shape)[1])
         level, linear, rest = with_small(rest, linear)
         level = level + change
         by_date = np.full(days, -np.inf)
@@ -429,7 +479,8 @@ def _dated(
     inclusion = 1 / (1 + np.exp(-np.clip(gain, -30, 30)))
     tails = tuple(int(a) for a in np.flatnonzero(inclusion > INCLUDED))
     begins = {a: int(start[a]) for a in tails}
-    return Found(evidence, float(SCALES[k]), tails, inclusion, start=begins)
+    mean = shape[list(tails), start[list(tails)]].mean(axis=0) if tails else eye
+    return Found(evidence, float(SCALES[k]), tails, inclusion, start=begins, shape=mean)
 
 
 # --------------------------------------------------------------------------------------- exchanges

@@ -5,13 +5,14 @@ The search uses columns Z evaluated at a heading, airspeed and wind without the 
 which the unit made its errors, so that coefficients of Z are 2 to 3 % too small (soft iron of 1.1
 degrees and hard iron of 2 degrees put into archives without an effect: 0.98 and 0.97 of the truth).
 Columns X alone would correlate with the noise. Z are therefore instruments: with f(theta) the
-change of the reported wind by all terms, exact for errors of heading and airspeed and linear in X
-for others,
+change of the reported wind by all terms, exact for errors of heading and airspeed, and for others
+linear in X, with a square where the effect has one,
 
     Z' V^-1 (r - f(theta)) = kappa P theta,
 
-by Newton's method with A = Z' V^-1 X + kappa P. With B = A^-1 the covariance of theta is
-kappa B (Z' V^-1 Z + kappa P) B'. Coefficients without a group of days follow by one more step.
+by Newton's method with A = Z' V^-1 X + kappa P; of terms with a square, Z and X are the derivatives
+at theta. With B = A^-1 the covariance of theta is kappa B (Z' V^-1 Z + kappa P) B'. Coefficients
+without a group of days follow by one more step.
 
 The prior of a term of several aircraft is theta_a ~ N(mu, tau^2), mu ~ N(0, s^2): aircraft with the
 same fault share its size. s and tau are the most likely ones.
@@ -77,6 +78,7 @@ class Response:
         groups = [term.group for term in (model.base, *model.terms)]
         self.reported = [candidates.raw(group.columns, frame) for group in groups]
         self.raw = list(self.reported)
+        self.curved = [candidates.curvature(term.group, frame) for term in model.terms]
 
     def without_noise(self, k: int) -> None:
         """Fit the k-th term by its columns without the reports' noise."""
@@ -84,7 +86,7 @@ class Response:
         self.raw[k + 1] = candidates.raw(self.model.terms[k].group.columns)
 
     def linear(self, k: int, theta: Floats, raw: Singles | None = None) -> Floats:
-        """Change of the wind by the k-th term to first order, (n, 2) m/s.
+        """Change of the wind by the k-th term, (n, 2) m/s; to first order of a sensor's error.
 
         Parameters
         ----------
@@ -96,21 +98,37 @@ class Response:
         raw : (n, 2, k) float, optional
             Columns of the term in place of those it is fitted by.
         """
-        model = self.model
-        sums, term = model.sums, model.terms[k]
-        own = np.atleast_2d(theta)[:, model.offsets[k + 1] : model.offsets[k + 2]]
-        coefficients = np.zeros((own.shape[0], sums.A, term.group.size))
-        coefficients[:, list(term.tails)] = own.reshape(own.shape[0], -1, term.group.size)
-        each = coefficients @ term.group.transform.T
+        sums, term = self.model.sums, self.model.terms[k]
         columns = self.raw[k + 1] if raw is None else raw
-        fold = fold_of_day(sums.D)[sums.day] if own.shape[0] > 1 else np.zeros(sums.n, np.int64)
-        effect = np.einsum("nck,nk->nc", columns, each[fold, sums.aircraft])
+        of_report = self._of_reports(k, theta)
+        effect = np.einsum("nck,nk->nc", columns, of_report)
+        curved = self.curved[k]
+        if curved is not None and raw is None:
+            effect = effect + np.einsum("nck,nk->nc", curved, of_report**2)
         if term.start:
             first = np.full(sums.A, np.iinfo(np.int64).max)
             for a, day in term.start.items():
                 first[a] = day
             effect = effect * (sums.day >= first[sums.aircraft])[:, None]
         return np.asarray(effect)
+
+    def derivative(self, k: int, theta: Floats) -> Singles:
+        """Columns of a term at its coefficients, (n, 2, k)."""
+        curved = self.curved[k]
+        if curved is None:
+            return self.raw[k + 1]
+        return np.asarray(self.raw[k + 1] + 2 * curved * self._of_reports(k, theta)[:, None])
+
+    def _of_reports(self, k: int, theta: Floats) -> Floats:
+        """Coefficients of the k-th term's raw columns at each report."""
+        model = self.model
+        sums, term = model.sums, model.terms[k]
+        own = np.atleast_2d(theta)[:, model.offsets[k + 1] : model.offsets[k + 2]]
+        coefficients = np.zeros((own.shape[0], sums.A, term.group.size))
+        coefficients[:, list(term.tails)] = own.reshape(own.shape[0], -1, term.group.size)
+        each = coefficients @ term.group.transform.T
+        fold = fold_of_day(sums.D)[sums.day] if own.shape[0] > 1 else np.zeros(sums.n, np.int64)
+        return np.asarray(each[fold, sums.aircraft])
 
     def together(self, effects: Sequence[Floats], which: Sequence[int]) -> Floats:
         """Change by several terms, given the first-order change by each, (n, 2) m/s."""
@@ -190,7 +208,6 @@ def refit(frame: Frame, model: Model, sensor: Sequence[bool]) -> Refit:
         Columns(sums, term, sums.whitened(raw))
         for term, raw in zip(every, response.raw, strict=True)
     ]
-    gram, _, _ = model.system(model.terms)
     precision = model.kappa * _precision(model)
     for k, (z, x) in enumerate(zip(instruments[1:], exact[1:], strict=True)):
         if _is_weak([z], [x], _block(precision, model, [k])):
@@ -210,17 +227,20 @@ def refit(frame: Frame, model: Model, sensor: Sequence[bool]) -> Refit:
             exact[k + 1] = instruments[k + 1]
     fold = fold_of_day(sums.D)
     of_row, folds = fold[sums.day_of_row], int(fold.max()) + 1
-    by_fold = np.concatenate(
-        [
-            np.concatenate([z.product_by_fold(x, of_row, folds) for x in exact], axis=2)
-            for z in instruments
-        ],
-        axis=1,
-    )
-    whole = by_fold.sum(axis=0) + precision
+
+    def products() -> Floats:
+        rows = [[z.product_by_fold(x, of_row, folds) for x in exact] for z in instruments]
+        return np.concatenate([np.concatenate(row, axis=2) for row in rows], axis=1)
+
+    curved = [k for k in range(len(model.terms)) if response.curved[k] is not None]
+    by_fold = products()
     theta = np.array(model.theta)
-    scores = np.zeros((folds, theta.size))
     for step in range(STEPS + 1):
+        for k in curved:
+            raw = sums.whitened(response.derivative(k, theta))
+            exact[k + 1] = instruments[k + 1] = Columns(sums, model.terms[k], raw)
+        by_fold = products() if curved else by_fold
+        whole = by_fold.sum(axis=0) + precision
         linear = [response.linear(k, theta) for k in range(len(model.terms))]
         left = frame.residual - response.together(linear, range(len(model.terms)))
         left = left - _climatology(response, theta)
@@ -239,6 +259,7 @@ def refit(frame: Frame, model: Model, sensor: Sequence[bool]) -> Refit:
         if np.abs(move).max(initial=0.0) < SETTLED:
             break
     inner = np.linalg.inv(whole)
+    gram = np.block([[one.product(other) for other in instruments] for one in instruments])
     covariance = model.kappa * inner @ (gram + precision) @ inner.T
     without = np.stack(
         [theta - np.linalg.solve(whole - by_fold[j], scores[j]) for j in range(folds)]

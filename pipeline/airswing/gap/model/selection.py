@@ -62,7 +62,7 @@ def screen(model: Model) -> list[Term]:
     for group, found in statistics:
         factor = max(model.kappa, float(np.mean(found.factor)))
         if group.kind == "dated":
-            ranked, gated = dated_evidence(model, group, (model.kappa, factor), GATE - group.prior)
+            ranked, gated = dated_evidence(model, group, model.kappa, GATE - group.prior)
             if gated.tails:
                 out.append(
                     Term(
@@ -74,6 +74,7 @@ def screen(model: Model) -> list[Term]:
                         ranked.evidence + group.prior,
                         gated.evidence + group.prior,
                         gated.inclusion,
+                        shape=gated.shape,
                     )
                 )
             continue

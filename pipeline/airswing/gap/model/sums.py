@@ -95,7 +95,7 @@ class Sums:
         self.residual = self.whitened(residual[:, :, None])[:, 0]
         self._fit_fields()
         self.inverse_residual = self.invert(self.residual)
-        self.rows = np.empty((2 * self.n, candidates.width + SPARE), np.float32)
+        self.rows = np.empty((2 * self.n, candidates.width + SPARE), np.float32, order="F")
         self.shared = np.zeros(
             (self.A, self.D, self.fields.shape[1], self.rows.shape[1]), np.float32
         )
@@ -122,15 +122,14 @@ class Sums:
         """Whiten and sum the candidates' columns built since the last call."""
         pending = self.candidates.pending()
         # columns of groups that were forgotten are overwritten
-        first = min([self.width, *(where.start for where, _ in pending)])
+        first = min([self.width, *(where.start for where in pending)])
         self._grams = {key: made for key, made in self._grams.items() if key[1] <= first}
-        while pending:
-            where, columns = pending.pop(0)
+        for where in pending:
             if where.stop > self.rows.shape[1]:
                 more = where.stop + SPARE - self.rows.shape[1]
                 self.rows = np.pad(self.rows, ((0, 0), (0, more)))
                 self.shared = np.pad(self.shared, ((0, 0), (0, 0), (0, 0), (0, more)))
-            self.rows[:, where] = self.whitened(columns)
+            self.rows[:, where] = self.whitened(self.candidates.raw(where))
         self.width = self.candidates.width
         new = slice(first, self.width)
         for a, d, own in self.cells:

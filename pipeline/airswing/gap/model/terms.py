@@ -64,6 +64,8 @@ class Term:
         Posterior probability of each aircraft.
     rivals : tuple
         (evidence it lies ahead, name, scope) of the other candidates of the contest.
+    shape : (m, m) float or None
+        Prior precision of an aircraft's coefficients for s = 1; the unit matrix where None.
     """
 
     group: Group
@@ -76,6 +78,7 @@ class Term:
     inclusion: Floats | None = None
     spread: float = 0.0
     rivals: tuple[tuple[float, str, str], ...] = ()
+    shape: Floats | None = None
 
     @property
     def key(self) -> tuple[object, ...]:
@@ -104,7 +107,8 @@ class Term:
         if self.spread and number > 1:
             shared = np.ones((number, number)) + self.spread**2 * np.eye(number)
             each = np.asarray(np.linalg.inv(shared), np.float64)
-        return np.asarray(np.kron(each, np.eye(self.group.size)) / self.scale**2)
+        shape = np.eye(self.group.size) if self.shape is None else self.shape
+        return np.asarray(np.kron(each, shape) / self.scale**2)
 
     def with_score(self, score: float) -> Term:
         """The term with another score."""

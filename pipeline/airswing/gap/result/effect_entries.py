@@ -18,14 +18,16 @@ from airswing.products.whole_files import plain
 
 def active_effects(report: GapReport) -> list[ActiveEffect]:
     """Effects of a diagnosis as the simulation takes them: one entry per aircraft or fleet."""
-    entries = [one for effect in report.effects for one in _of_effect(effect)]
+    entries = [one for effect in report.effects for one in _of_effect(effect, report.reference)]
     entries += [one for place in report.unknown.where for one in _of_place(place)]
     return parse_effects(plain(entries))
 
 
-def _of_effect(effect: EffectEntry) -> list[dict[str, object]]:
+def _of_effect(effect: EffectEntry, reference: str | None) -> list[dict[str, object]]:
     who = "all" if effect.scope == "fleet" else effect.tails
-    pieces = [(who, effect.parameters)]
+    # of a pool, of which one member alone may have the effect
+    against_all = (effect.by_reference or {}).get(reference or "", effect)
+    pieces = [(who, against_all.parameters)]
     if effect.per_tail:
         pieces = [([tail], values.parameters) for tail, values in effect.per_tail.items()]
     return [

@@ -60,6 +60,7 @@ CREDIBLE = 3.0
 class Claim:
     """Terms that are one statement: a name of the catalogue, or tables of one variable."""
 
+    name: str
     terms: tuple[int, ...]
     named: bool
     score: float
@@ -75,6 +76,7 @@ def claims_of(terms: Sequence[Term]) -> list[Claim]:
         merged.setdefault(key, []).append(k)
     out = [
         Claim(
+            terms[own[0]].group.name,
             tuple(own),
             terms[own[0]].group.named,
             max(terms[k].score for k in own),
@@ -121,6 +123,42 @@ def coefficients(fitted: Fitted, claim: Claim) -> tuple[list[int], Floats, Float
     return tails, values, errors
 
 
+def by_member(
+    entries: Sequence[EffectEntry], pool: str, members: Mapping[str, Sequence[EffectEntry]]
+) -> list[EffectEntry]:
+    """Attribute the effects of a reference to the members of a pool that have them.
+
+    Parameters
+    ----------
+    entries : sequence of EffectEntry
+        Found against the pool.
+    members : mapping
+        Reference -> entries found against it alone.
+    """
+    out = []
+    for entry in entries:
+        same = {
+            reference: TailEntry(one.parameters, one.standard_errors)
+            for reference, found in members.items()
+            for one in found
+            if one.name == entry.name
+        }
+        if entry.scope == "reference" and same:
+            pooled = {pool: TailEntry(entry.parameters, entry.standard_errors)}
+            entry = replace(entry, by_reference=pooled | same)
+            if len(same) == 1:
+                ((reference, of_one),) = same.items()
+                errors = of_one.standard_errors or {}
+                entry = replace(
+                    entry,
+                    reference=reference,
+                    parameters=of_one.parameters,
+                    standard_errors=errors,
+                )
+        out.append(entry)
+    return out
+
+
 def effect_entry(
     fitted: Fitted, claim: Claim, effects: Mapping[str, Effect], step: Step, share_of_gap: float
 ) -> EffectEntry:
@@ -132,8 +170,9 @@ def effect_entry(
     tails, values, errors = coefficients(fitted, claim)
     whole = all(term.scope == "f" for term in terms)
     # noise in inferred gradients of the wind shrinks coefficients by the reliability of columns,
-    # unless their instruments are free of it
-    share = first.group.reliability
+    # unless their instruments are free of it; with the second order nothing is missing
+    exact = fitted.exact.response.curved[claim.terms[0]] is not None
+    share = 1.0 if exact else first.group.reliability
     if isinstance(effect, WindEffect) and not fitted.exact.instrumented[claim.terms[0]]:
         values, errors = values / share, errors / share**2
     doubt = np.hypot(0.5 * (1 - share), FIRST_ORDER)

@@ -198,7 +198,7 @@ def who_text(effect: Entry, aircraft: int = 0, *, brief: bool = False) -> str:
     """Return which of `aircraft` an effect acts on; `brief` counts more than two of them."""
     names = effect.get("tails") or []
     if effect.get("scope") == "reference" or str(effect.get("name")).startswith("reference_"):
-        return "the reference"
+        return f"the reference {effect.get('reference') or ''}".strip()
     if not names or effect.get("scope") == "fleet":
         return "all aircraft"
     if len(names) == aircraft > 2:

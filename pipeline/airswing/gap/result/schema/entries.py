@@ -111,7 +111,9 @@ class EffectEntry:
     """An effect of the catalogue that is at work.
 
     ``parameters`` are medians over aircraft where ``per_tail`` has several. ``closure`` is what the
-    effect closes in addition to those before it.
+    effect closes in addition to those before it. ``by_reference`` holds the parameters of an effect
+    of the reference against the pool and against each of its members that has it; where one alone
+    has it, ``reference`` names it and ``parameters`` are those against it.
     """
 
     name: str
@@ -125,6 +127,8 @@ class EffectEntry:
     cluster_factor: float = 1.0
     size_m_s: float = 0.0
     per_tail: Mapping[str, TailEntry] | None = field(default=None, metadata=LEFT_OUT)
+    reference: str | None = field(default=None, metadata=LEFT_OUT)
+    by_reference: Mapping[str, TailEntry] | None = field(default=None, metadata=LEFT_OUT)
     ambiguous_with: Sequence[str] = ()
     ambiguity: Sequence[RivalEntry] = ()
     share_of_gap: float = 0.0
