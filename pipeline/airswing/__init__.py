@@ -19,17 +19,18 @@ import pyproj  # noqa: F401
 from airswing.version import __version__ as __version__
 
 if TYPE_CHECKING:  # for editors and mypy; at run time each is imported on first use
+    from airswing.compass.correction import add_tables as add_tables
     from airswing.compass.correction import correct as correct
     from airswing.compass.fit.deviation import fit_deviation as fit_deviation
     from airswing.compass.headings import derive_headings as derive_headings
     from airswing.compass.screening import audit as audit
     from airswing.compass.screening import screen as screen
-    from airswing.compass.table import add_tables as add_tables
     from airswing.config_file import load_config as load_config
     from airswing.evaluation.comparison import compare as compare
     from airswing.evaluation.field_test import field_test as field_test
-    from airswing.evaluation.held_out import cross_validate as cross_validate
-    from airswing.evaluation.held_out import virtual_field_test as virtual_field_test
+    from airswing.evaluation.gains import cross_validate as cross_validate
+    from airswing.evaluation.gains import rank_aircraft as rank_aircraft
+    from airswing.evaluation.gains import virtual_field_test as virtual_field_test
     from airswing.evaluation.innovations import error_profiles as error_profiles
     from airswing.evaluation.innovations import innovation_statistics as innovation_statistics
     from airswing.evaluation.monitoring.changes import watch_compasses as watch_compasses
@@ -37,7 +38,6 @@ if TYPE_CHECKING:  # for editors and mypy; at run time each is imported on first
     from airswing.evaluation.observation_errors import (
         observation_errors as observation_errors,
     )
-    from airswing.evaluation.ranking import rank_aircraft as rank_aircraft
     from airswing.gap.archive.frame import Frame as Frame
     from airswing.gap.simulation.report_table import simulate_reports as simulate_reports
     from airswing.handover.export import export as export
@@ -67,14 +67,14 @@ _STAGES = {
     "screen": "airswing.compass.screening",
     "audit": "airswing.compass.screening",
     "fit_deviation": "airswing.compass.fit.deviation",
-    "add_tables": "airswing.compass.table",
+    "add_tables": "airswing.compass.correction",
     "correct": "airswing.compass.correction",
     "error_profiles": "airswing.evaluation.innovations",
     "field_test": "airswing.evaluation.field_test",
     "innovation_statistics": "airswing.evaluation.innovations",
-    "rank_aircraft": "airswing.evaluation.ranking",
-    "virtual_field_test": "airswing.evaluation.held_out",
-    "cross_validate": "airswing.evaluation.held_out",
+    "rank_aircraft": "airswing.evaluation.gains",
+    "virtual_field_test": "airswing.evaluation.gains",
+    "cross_validate": "airswing.evaluation.gains",
     "watch_compasses": "airswing.evaluation.monitoring.changes",
     "find_events": "airswing.evaluation.monitoring.events",
     "compare": "airswing.evaluation.comparison",

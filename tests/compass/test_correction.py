@@ -6,6 +6,7 @@ from hypothesis import strategies as st
 
 import airswing  # noqa: F401
 from airswing.compass.correction import (
+    add_tables,
     coding_variance,
     correct,
     corrected_wind,
@@ -14,7 +15,6 @@ from airswing.compass.correction import (
 from airswing.compass.fit.deviation import fit_deviation
 from airswing.compass.headings import derive_headings
 from airswing.compass.screening import screen
-from airswing.compass.table import add_tables
 from airswing.errors import InputError
 from airswing.flags import CORRECTION, STATUS
 from airswing.reports.read import read_reports

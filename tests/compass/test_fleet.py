@@ -8,7 +8,7 @@ import xarray as xr
 
 from airswing.compass.fit.deviation import fit_deviation, fit_sums, sum_aircraft
 from airswing.compass.fleet import information, solution
-from airswing.compass.fleet.blocks import Blocks
+from airswing.compass.fleet.field import Blocks
 from airswing.compass.fleet.information import Reference
 from airswing.compass.fleet.solution import (
     Equations,

@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from airswing.compass.correction import correct
+from airswing.compass.correction import add_tables, correct
 from airswing.compass.fit.deviation import fit_deviation
 from airswing.compass.headings import derive_headings
 from airswing.compass.screening import audit, mark_corrected_units, screen
-from airswing.compass.table import add_tables
 from tests.compass.test_headings import flown, model
 
 POOLS = {"both": ["ruc", "rtfdaa"]}

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import airswing  # noqa: F401
-from airswing.compass.table import (
+from airswing.compass.correction import (
     FINE,
     NODES,
     add_tables,

@@ -7,16 +7,16 @@ from datetime import date
 import numpy as np
 import pytest
 
+from airswing.compass.correction import add_tables
 from airswing.compass.fit.deviation import fit_deviation
-from airswing.compass.table import add_tables
 from airswing.errors import InputError
-from airswing.evaluation.held_out import (
+from airswing.evaluation.gains import (
     cross_validate,
     only,
     predicted_reduction,
+    rank_aircraft,
     virtual_field_test,
 )
-from airswing.evaluation.ranking import rank_aircraft
 from tests.compass.flown import Setting
 from tests.evaluation.archives import fleet, flown
 

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from airswing.compass.correction import add_tables
 from airswing.compass.fit.deviation import fit_deviation
-from airswing.compass.table import add_tables
 from airswing.config import Config
 from airswing.config_file import load_config
 from airswing.evaluation.monitoring.changes import add_changes, watch_compasses

@@ -33,7 +33,7 @@ from airswing.compass.fit.deviation import fit_deviation
 from airswing.errors import InputError
 from airswing.evaluation import Content
 from airswing.evaluation.disagreement import Floats, Ints, member_mean, paired_design, parts_of
-from airswing.evaluation.held_out import only
+from airswing.evaluation.gains import only
 from airswing.flags import PHASE, SCREENING
 from airswing.physics.triangle import wrap_degrees
 from airswing.products.ragged import row_bounds

@@ -71,8 +71,8 @@ def make_fits(job: Job, headings: xr.Dataset | None = None) -> xr.Dataset:
     InputError
         Screening left no report.
     """
+    from airswing.compass.correction import write_tables_csv
     from airswing.compass.plausibility import mean_declination, plausibility, with_implausible
-    from airswing.compass.table import write_tables_csv
     from airswing.evaluation.monitoring.changes import add_changes, watch_compasses
     from airswing.report.run.swing_cards import write_swing_cards
 
@@ -101,8 +101,8 @@ def make_fits(job: Job, headings: xr.Dataset | None = None) -> xr.Dataset:
 
 def _fitted(job: Job, headings: xr.Dataset, **options: Any) -> xr.Dataset:
     """Fits with tables, in memory."""
+    from airswing.compass.correction import add_tables
     from airswing.compass.fit.deviation import fit_deviation
-    from airswing.compass.table import add_tables
 
     fits = fit_deviation(headings, pools=job.pools, **job.config.fit.model_dump())
     resolution = math.degrees(job.config.table.resolution)
@@ -249,7 +249,7 @@ def _months_note(job: Job, headings: xr.Dataset) -> tuple[Content, list[str]]:
 
 def make_ranking(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> list[Content]:
     """Aircraft in the order of the gain expected of a correction: ``ranking.csv``."""
-    from airswing.evaluation.ranking import rank_aircraft
+    from airswing.evaluation.gains import rank_aircraft
 
     with job.progress.stage("ranking") as stage:
         ranking = rank_aircraft(headings, fits, **job.against)
@@ -305,7 +305,7 @@ def make_virtual(
     corrected in it; without a field test learned from the first two thirds of the days.
     ``held_out``: cross-validation over days. Where one of them cannot be computed it says why.
     """
-    from airswing.evaluation.held_out import cross_validate, virtual_field_test
+    from airswing.evaluation.gains import cross_validate, virtual_field_test
 
     config, test = job.config, job.config.field_test
     if test is None:
@@ -360,7 +360,7 @@ def make_field_test(job: Job, headings: xr.Dataset | None = None) -> Content:
         If the configuration has no ``field_test``.
     """
     from airswing.evaluation.field_test import field_test
-    from airswing.evaluation.held_out import predicted_reduction
+    from airswing.evaluation.gains import predicted_reduction
 
     config, test = job.config, job.config.field_test
     if test is None:

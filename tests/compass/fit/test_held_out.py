@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from tests.compass.flown import Setting, fly
 
-from airswing.compass.correction import correct
+from airswing.compass.correction import add_tables, correct
 from airswing.compass.fit.deviation import fit_deviation
-from airswing.compass.table import add_tables
 from airswing.flags import STATUS, published
 
 

@@ -14,7 +14,7 @@ from airswing.compass.fit.kernel import (
     influences,
     inverse_root,
 )
-from airswing.compass.fleet.blocks import Reports
+from airswing.compass.fleet.field import Reports
 from airswing.physics.compass_deviation import deviation_basis
 
 THETA = (1.0, 8.0, -6.0, 1.5, -1.0, 0.02, 0.6, -0.5)  # degrees, 1, m/s

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from tests.compass.flown import Setting, fly
 
-from airswing.compass.correction import correct, curve_standard_error
+from airswing.compass.correction import add_tables, correct, curve_standard_error, write_tables_csv
 from airswing.compass.fit.deviation import fit_deviation
-from airswing.compass.table import add_tables, write_tables_csv
 from airswing.flags import CORRECTION, STATUS, published
 from airswing.gap.simulation.effects_file import effects_of_fits
 

@@ -9,9 +9,8 @@ import pytest
 from tests.compass.flown import Setting
 from tests.evaluation.archives import fleet, with_change
 
-from airswing.compass.correction import correct
+from airswing.compass.correction import add_tables, correct, write_tables_csv
 from airswing.compass.fit.deviation import fit_deviation
-from airswing.compass.table import add_tables, write_tables_csv
 from airswing.errors import InputError
 from airswing.evaluation.monitoring.events import (
     find_events,

@@ -52,7 +52,7 @@ from airswing.compass.fit.pooling import (
     pool,
     t_inflation,
 )
-from airswing.compass.fleet.blocks import Array, Index
+from airswing.compass.fleet.field import Array, Index
 from airswing.compass.fleet.solution import SEGMENTS_A_DAY, solve_fleet
 from airswing.flags import STATUS, published
 from airswing.units import NORMAL_95

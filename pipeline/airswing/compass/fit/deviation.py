@@ -40,7 +40,7 @@ from airswing.compass.fit.acceptance import (
 )
 from airswing.compass.fit.kernel import AircraftFit, fit_aircraft
 from airswing.compass.fit.pooling import MIN_FLIGHTS, STRETCH
-from airswing.compass.fleet.blocks import Array, Index, Reports
+from airswing.compass.fleet.field import Array, Index, Reports
 from airswing.compass.whole_aircraft import aircraft_batches, lazy_dataset, single_task
 from airswing.errors import InputError
 from airswing.flags import STATUS

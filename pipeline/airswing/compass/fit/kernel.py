@@ -40,7 +40,7 @@ from functools import cached_property
 
 import numpy as np
 
-from airswing.compass.fleet.blocks import SLOPES, Array, Blocks, Index, Reports, sum_blocks
+from airswing.compass.fleet.field import SLOPES, Array, Blocks, Index, Reports, sum_blocks
 
 COMPASS = 5
 """Each parameter vector begins with A, B, C, D, E, then s, then b_u and b_v of each member."""

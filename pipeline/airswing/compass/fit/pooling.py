@@ -38,7 +38,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from airswing.compass.fit.kernel import COMPASS, AircraftFit
-from airswing.compass.fleet.blocks import Array
+from airswing.compass.fleet.field import Array
 from airswing.units import NORMAL_95
 
 TAU_GRID = np.linspace(0.0, 3.0, 61)

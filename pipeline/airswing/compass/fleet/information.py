@@ -23,9 +23,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from airswing.compass.fleet.blocks import SLOPES, Array, Blocks, Index
 from airswing.compass.fleet.field import (
+    SLOPES,
+    Array,
+    Blocks,
     FieldBasis,
+    Index,
     Precision,
     Stretch,
     as_sparse,

@@ -32,13 +32,12 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import LinearOperator, cg
 
 from airswing.compass.fit.kernel import FOLDS
-from airswing.compass.fleet.blocks import SLOPES, Array, Blocks, Index
-from airswing.compass.fleet.field import LARGEST_VARIANCE
+from airswing.compass.fleet.field import LARGEST_VARIANCE, SLOPES, Array, Blocks, Index
 from airswing.compass.fleet.information import Reference
 from airswing.errors import InputError
 
 SEGMENTS_A_DAY = 4
-"""Six hours each, as `airswing.compass.fleet.blocks` divides the time."""
+"""Six hours each, as `airswing.compass.fleet.field` divides the time."""
 FEW_DAYS = 15
 """Number of days below which their scatter may widen the model's covariance and not narrow it."""
 WRITTEN_OUT = 1500

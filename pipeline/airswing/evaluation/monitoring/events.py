@@ -29,8 +29,13 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from airswing.compass.correction import main_reference
-from airswing.compass.table import NODES, SIGNS, curve_standard_error, error_from_table
+from airswing.compass.correction import (
+    NODES,
+    SIGNS,
+    curve_standard_error,
+    error_from_table,
+    main_reference,
+)
 from airswing.errors import InputError
 from airswing.evaluation.disagreement import Ints
 from airswing.evaluation.monitoring.changes import (

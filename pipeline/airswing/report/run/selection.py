@@ -15,7 +15,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from airswing.compass.table import deviation_curve, error_from_table
+from airswing.compass.correction import deviation_curve, error_from_table
 from airswing.errors import InputError
 from airswing.evaluation.disagreement import member_mean
 from airswing.evaluation.resampling import cluster_sums, clustered_mean

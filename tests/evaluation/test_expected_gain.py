@@ -7,7 +7,7 @@ import pytest
 
 from airswing.compass.fit.deviation import fit_deviation
 from airswing.errors import InputError
-from airswing.evaluation.ranking import expected_gain, rank_aircraft
+from airswing.evaluation.gains import expected_gain, rank_aircraft
 from tests.compass.flown import Setting
 from tests.evaluation.archives import flown
 
