@@ -14,7 +14,7 @@ from airswing.synthetic.atmosphere import (
     model_wind,
     random_waves,
 )
-from airswing.synthetic.earth_field import EarthField, declination_of_year
+from airswing.synthetic.instrument import EarthField, declination_of_year
 
 GRID = np.meshgrid(np.arange(-800.0, 801.0, 50.0), np.arange(-600.0, 601.0, 50.0))
 BOX = (25.0, 48.0, -124.0, -75.0)

@@ -74,21 +74,10 @@ def test_acceleration_shows_north_in_the_northern_hemisphere() -> None:
     np.testing.assert_allclose(error, [-expected, expected], rtol=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("u", "v", "direction"),
-    [
-        (0, -10, 360),
-        (-10, -10, 45),
-        (-10, 0, 90),
-        (-10, 10, 135),
-        (0, 10, 180),
-        (10, 10, 225),
-        (10, 0, 270),
-        (10, -10, 315),
-    ],
-)
-def test_coded_direction_is_where_the_wind_comes_from(u: float, v: float, direction: int) -> None:
-    step = np.ones(1)
-    found, speed = coded(np.array([u]), np.array([v]), direction_step=step, speed_step=step)
-    assert found[0] == direction
-    assert speed[0] == round(np.hypot(u, v) * 3600 / 1852)
+def test_coded_direction_is_where_the_wind_comes_from() -> None:
+    u = np.array([0.0, -10, -10, -10, 0, 10, 10, 10])
+    v = np.array([-10.0, -10, 0, 10, 10, 10, 0, -10])
+    step = np.ones(8)
+    direction, speed = coded(u, v, direction_step=step, speed_step=step)
+    assert direction.tolist() == [360, 45, 90, 135, 180, 225, 270, 315]
+    assert (speed == np.round(np.hypot(u, v) * 3600 / 1852)).all()

@@ -1,9 +1,8 @@
 """The blind check: plan cases, write and seal them, diagnose them, open the seal, score.
 
-Assumptions: the diagnosis is ``airswing gap CONFIG --output DIR --quiet`` in a separate process.
-It receives the configuration of an archive and nothing else, except ``--without NAME`` in cases
-whose effect is withheld from the catalogue. The SHA-256 of the labels is published before the first
-diagnosis. A check that was interrupted continues: diagnosed cases are kept.
+The diagnosis is ``airswing gap CONFIG --output DIR --quiet`` in a separate process, which receives
+nothing but the configuration of an archive, and ``--without NAME`` for withheld effects. The
+SHA-256 of the labels is published before the first diagnosis. An interrupted check continues.
 """
 
 from __future__ import annotations
@@ -141,25 +140,7 @@ class Check:
 
 
 def run_command(config: Path, output: Path, without: Sequence[str]) -> Mapping[str, Any]:
-    """Diagnose one archive by the public command.
-
-    Parameters
-    ----------
-    config, output : Path
-        Configuration of the archive; folder for the products.
-    without : sequence of str
-        Effects to withhold from the catalogue.
-
-    Returns
-    -------
-    mapping
-        Content of ``gap.json``.
-
-    Raises
-    ------
-    RuntimeError
-        If the command fails; the message is the last line of its error output.
-    """
+    """Content of ``gap.json`` by the public command; RuntimeError if the command fails."""
     command = [sys.executable, "-m", "airswing", "gap", str(config), "--output", str(output)]
     command += ["--quiet", *(part for name in without for part in ("--without", name))]
     # Several commands run at a time, each in one thread.

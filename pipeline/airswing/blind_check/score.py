@@ -1,14 +1,8 @@
-"""Score of one diagnosis against the label of its sealed case.
+"""Score of one diagnosis (the documented keys of ``gap.json``) against the label of its case.
 
-Assumptions
------------
-* The diagnosis is the content of ``gap.json``, by its documented keys alone (docs/formats.md).
-* Hard worlds contain gross errors, and archives with the record of a real sensor contain irregular
-  heading errors of all aircraft. Such background effects are neither required nor counted as
-  false.
-* A false name precedes an unknown if it closes more than every entry of the unknown.
-* A variable of an unknown is right if the effect depends on it, under any of its names
-  (`SYNONYMS`).
+Hard worlds contain gross errors, and archives with the record of a real sensor irregular heading
+errors of all aircraft: such background effects are neither required nor counted as false. A false
+name precedes an unknown if it closes more than every entry of the unknown.
 
 Units: kt for closures, days for dates, fractions of 1 for shares.
 """
@@ -49,13 +43,7 @@ SYNONYMS: tuple[frozenset[str], ...] = (
 
 
 def draws() -> dict[str, Draw]:
-    """Return how each effect of the catalogue that the check uses is drawn.
-
-    Returns
-    -------
-    dict
-        Name of the effect to its draw.
-    """
+    """How each effect of the catalogue that the check uses is drawn, by name."""
     return {name: one.draw for name, one in CATALOGUE.items() if one.draw is not None}
 
 
@@ -173,22 +161,10 @@ def _stated(effect: Injected, found: Sequence[Entry]) -> list[Entry]:
 def parameter_errors(
     compared: Sequence[str], effect: Injected, found: Sequence[Entry]
 ) -> list[float]:
-    """Return relative errors of the stated parameters.
+    """Relative errors of the stated parameters, one for each aircraft that has the effect.
 
-    Parameters
-    ----------
-    compared : sequence of str
-        Names of the parameters.
-    effect : Injected
-        The true effect.
-    found : sequence of mapping
-        Entries of ``effects`` with its name.
-
-    Returns
-    -------
-    list of float
-        One for each aircraft that has the effect and is stated: the length of the difference over
-        the length of the truth. Amplitude and phase of a cycle are two orthogonal components.
+    The length of the difference over the length of the truth; amplitude and phase of a cycle are
+    two orthogonal components.
     """
     true = _components(compared, effect["parameters"])
     size = float(np.linalg.norm(true))
@@ -201,7 +177,7 @@ def parameter_errors(
 def standardised_errors(
     compared: Sequence[str], effect: Injected, found: Sequence[Entry]
 ) -> list[float]:
-    """Return errors of parameters in their stated standard errors (angles of phase excluded)."""
+    """Errors of parameters in their stated standard errors (angles of phase excluded)."""
     out = []
     for one in _stated(effect, found):
         for key in compared:
@@ -232,20 +208,7 @@ def _number(parameters: Mapping[str, object], key: str) -> float:
 def date_error(
     period: Sequence[str | None], stated: Sequence[Sequence[str | None] | None]
 ) -> float | None:
-    """Return the distance in days from the true start to the nearest stated one.
-
-    Parameters
-    ----------
-    period : sequence of (str or None)
-        True start and end, ISO 8601.
-    stated : sequence
-        Periods of the claims; None for a claim without one.
-
-    Returns
-    -------
-    float or None
-        None without a stated start.
-    """
+    """Days from the true start to the nearest stated one; None without a stated start."""
     true = _date(period[0])
     starts = [_date(one[0]) for one in stated if one]
     return min(
@@ -259,7 +222,7 @@ def _date(text: str | None) -> datetime | None:
 
 
 def same_variable(stated: str, true: str) -> bool:
-    """Return whether two names denote the same variable of a report."""
+    """Whether two names denote the same variable of a report."""
     return stated == true or any({stated, true} <= names for names in SYNONYMS)
 
 

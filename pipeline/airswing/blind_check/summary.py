@@ -1,10 +1,7 @@
 """Figures of a blind check against their targets, the report and its figure.
 
-Assumptions: scores of :func:`airswing.blind_check.score.score_case`. An effect counts as detectable
-from 0.4 m/s where it acts. Every figure is given with the number of cases it is based on. Intervals
-of shares are 95 % Wilson intervals (Wilson 1927). Reliability follows Murphy (1973).
-
-Units: kt for closures, days for dates, fractions of 1 for shares.
+An effect counts as detectable from 0.4 m/s where it acts. Intervals of shares are 95 % Wilson
+intervals (Wilson 1927); reliability follows Murphy (1973). Units: kt for closures, days for dates.
 """
 
 from __future__ import annotations
@@ -35,13 +32,7 @@ Target = float | tuple[float, float]
 
 
 def wilson(right: int, number: int) -> tuple[float, float]:
-    """Return the 95 % Wilson interval of a share.
-
-    Parameters
-    ----------
-    right, number : int
-        Successes and trials.
-    """
+    """The 95 % Wilson interval of a share."""
     if number == 0:
         return 0.0, 1.0
     share, z2 = right / number, 1.96**2
@@ -57,19 +48,7 @@ def _reach(share: float, right: int, number: int) -> list[float]:
 
 
 def reliability(claims: Sequence[tuple[str, float, bool]]) -> pd.DataFrame:
-    """Return stated probabilities against the share of right claims.
-
-    Parameters
-    ----------
-    claims : sequence of (kind, probability, right)
-        ``claims`` of all scores.
-
-    Returns
-    -------
-    DataFrame
-        One row for each bin of `EDGES` with claims: ``stated`` (mean), ``right`` (share),
-        ``number``.
-    """
+    """Stated probability (mean), share of right claims and number of each bin of `EDGES`."""
     frame = pd.DataFrame(claims, columns=["kind", "stated", "right"]).astype({"right": float})
     index = np.clip(np.searchsorted(EDGES, frame["stated"], side="right") - 1, 0, len(EDGES) - 2)
     grouped = frame.groupby(index)
@@ -289,17 +268,7 @@ Command: `{command}`. SHA-256 of the labels, published before the first diagnosi
 
 
 def check_figure(scores: Sequence[Score]) -> Figure:
-    """Draw identification against size, closure, reliability, and what was named for what.
-
-    Parameters
-    ----------
-    scores : sequence of mapping
-        Of the cases.
-
-    Returns
-    -------
-    Figure
-    """
+    """Draw identification against size, closure, reliability, and what was named for what."""
     done = [score for score in scores if score["failure"] is None]
     figure = Figure(figsize=(11, 10), layout="constrained")
     axes = figure.subplot_mosaic(
@@ -373,20 +342,7 @@ def _draw_reliability(axes: Axes, scores: Sequence[Score]) -> None:
 
 
 def confusion(scores: Sequence[Score]) -> tuple[list[str], list[str], NDArray[np.float64]]:
-    """Return which effect was stated first for which truth.
-
-    Parameters
-    ----------
-    scores : sequence of mapping
-        Of cases that did not fail; pairs are left out.
-
-    Returns
-    -------
-    truths, stated : list of str
-        Labels of rows and columns.
-    counts : ndarray
-        (rows, columns).
-    """
+    """Truths, statements, and how often each was stated first for each; pairs are left out."""
     pairs = []
     for score in scores:
         if score["kind"] == "pair":

@@ -1,8 +1,7 @@
 """Sample archives: reports and model winds of a fleet whose compasses are known.
 
-Assumptions: those of the modules of `airswing.synthetic`. The truth is written next to the archive,
-never into it. Everything follows from one seed; an effect that is switched on changes nothing else,
-so archives with and without it are paired. Units in the files: the canonical columns'.
+Everything follows from one seed, and an effect that is switched on changes nothing else, so that
+archives with and without it are paired. The truth is written next to the archive, never into it.
 """
 
 from __future__ import annotations
@@ -19,20 +18,17 @@ import yaml
 
 from airswing.physics.atmosphere import pressure_from_altitude
 from airswing.synthetic.atmosphere import Array, World, WorldParameters
-from airswing.synthetic.earth_field import EarthField
 from airswing.synthetic.fields import (
-    GRIB1_RADIUS,
-    GRIB2_RADIUS,
+    GRIB_RADIUS,
     GriddedReference,
-    LambertGrid,
-    build_references,
+    build_reference,
     centred_grid,
     plane,
     sample_reference,
     write_reference,
 )
 from airswing.synthetic.flights import NETWORKS, fly, report_steps, timetable
-from airswing.synthetic.instrument import Fault, parse_faults, reference_changes
+from airswing.synthetic.instrument import EarthField, Fault, parse_faults, reference_changes
 from airswing.synthetic.observe import Coding, Units, observe
 from airswing.synthetic.truth import (
     corrections,
@@ -83,23 +79,11 @@ class Scenario:
         """Names of the aircraft: N401, N402, ..."""
         return [f"N{401 + index}" for index in range(self.aircraft)]
 
-    def grid(self, radius: float) -> LambertGrid:
-        """Model grid on a sphere of this radius, m."""
-        return centred_grid(
-            *NETWORKS[self.network].centre,
-            columns=self.columns,
-            rows=self.rows,
-            spacing=float(round(1000 * self.spacing_km)),
-            radius=radius,
-        )
 
-
-Simulated = tuple[pd.DataFrame, dict[str, GriddedReference], list[Fault]]
-"""Reports (see `airswing.synthetic.observe.observe`), models by name, and faults of an archive."""
-
-
-def simulate(scenario: Scenario) -> Simulated:
-    """Fly, observe and build the models' fields."""
+def simulate(
+    scenario: Scenario,
+) -> tuple[pd.DataFrame, dict[str, GriddedReference], list[Fault]]:
+    """Reports (see `finished`), models by name, and faults of an archive."""
     sizes = WorldParameters.hard() if scenario.world == "hard" else WorldParameters()
     world = World(sizes, scenario.seed, 24.0 * scenario.days)
     effects = list(scenario.effects)
@@ -138,19 +122,20 @@ def simulate(scenario: Scenario) -> Simulated:
     interval = scenario.interval_hours
     last = float(np.ceil(reports["hours"].max())) + interval
     first = np.floor(reports["hours"].min() / interval) * interval
-    references: dict[str, GriddedReference] = {}
-    for edition, radius in ((1, GRIB1_RADIUS), (2, GRIB2_RADIUS)):
-        names = tuple(name for name in scenario.references if EDITIONS[name][0] == edition)
-        if names:
-            references |= build_references(
-                world,
-                scenario.grid(radius),
-                names=names,
-                levels=np.array(scenario.levels, float),
-                hours=np.arange(first, last + 1e-6, interval),
-                changes=reference_changes(faults, scenario.references),
-            )
-    return reports, references, faults
+    changes = reference_changes(faults, scenario.references)
+    references = {}
+    for name in sorted(scenario.references, key=EDITIONS.__getitem__):
+        grid = centred_grid(
+            *NETWORKS[scenario.network].centre,
+            columns=scenario.columns,
+            rows=scenario.rows,
+            spacing=float(round(1000 * scenario.spacing_km)),
+            radius=GRIB_RADIUS[EDITIONS[name][0]],
+        )
+        hours = np.arange(first, last + 1e-6, interval)
+        levels = np.array(scenario.levels, float)
+        references[name] = build_reference(world, grid, name, levels, hours, changes[name])
+    return finished(reports, scenario.start), references, faults
 
 
 def simulate_arrays(*, effects: Effects = (), **options: Any) -> pd.DataFrame:
@@ -176,9 +161,7 @@ def simulate_arrays(*, effects: Effects = (), **options: Any) -> pd.DataFrame:
         true_airspeed, ground_u, ground_v, bank, acceleration, declination, horizontal`` (nT),
         ``dip, temperature`` (K). For each model NAME: ``u_NAME, v_NAME`` (m/s).
     """
-    scenario = Scenario(effects=effects, **options)
-    reports, references, _ = simulate(scenario)
-    frame = finished(reports, scenario.start)
+    frame, references, _ = simulate(Scenario(effects=effects, **options))
     add_winds(frame, references)
     return frame
 
@@ -271,8 +254,8 @@ def write_archive(
     if effects is None:
         effects = fleet_deviations(scenario.tails, scenario.seed)
     scenario = replace(scenario, effects=effects)
-    reports, references, faults = simulate(scenario)
-    frame = finished(reports, scenario.start)
+    frame, references, faults = simulate(scenario)
+    usual = float(frame["horizontal"].median())
     for tail, share in (thinned or {}).items():
         flights = frame["flight"][frame["tail"] == tail].unique()
         kept = flights[: max(1, int(share * flights.size))]
@@ -291,7 +274,6 @@ def write_archive(
     config = _config(where, scenario, list(references), output or f"{where}/results")
     target = root / "config.yaml"
     target.write_text(yaml.safe_dump(config, sort_keys=False), encoding="utf-8")
-    usual = float(reports["horizontal"].median())
     save_truth(
         Path(truth) if truth is not None else root / "truth",
         truth_record(frame, faults, scenario.tails, effects, usual_field=usual),

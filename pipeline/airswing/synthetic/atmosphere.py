@@ -1,21 +1,12 @@
 """Atmosphere of the sample archives: a true wind, and models with errors.
 
-Assumptions
------------
-* A random wind field is a sum of M plane waves exp(i (k x + l y + m zeta - omega t)) whose complex
-  amplitudes are fixed, or first-order autoregressive series on an hourly lattice (linear between
-  hours). Wave numbers follow the Gaussian spectrum of a length, so the covariance in space is near
-  Gaussian: on purpose another family than the exponential one the fit assumes for model errors.
-* True wind = a westerly jet with shear and a meandering axis + baroclinic waves + mesoscale motion.
-* A model has jet and waves exactly, the mesoscale as far as it resolves the wavelength, and an
-  error that all aircraft share: correlated over some hundred kilometres, some hours and a fraction
-  of a scale height, partly common to all models, with a persistent and a daily part. The hard world
-  has errors of longer reach, stronger bias, and heavy tails (an amplitude that varies from day to
-  day and place to place).
-
-Validity: 200 to 1000 hPa, regions of up to 5000 km. Sizes are such that perfect instruments
-disagree with a model by 6 kt (mean vector difference) and a fleet with ordinary compass errors by 7
-to 9 kt, the range of the field test of the TAMDAR compass paper.
+A random wind field is a sum of M plane waves exp(i (k x + l y + m zeta - omega t)) whose amplitudes
+are fixed, or first-order autoregressive in time. Wave numbers follow the Gaussian spectrum of a
+length: another covariance than the exponential one that the fit assumes, on purpose. True wind =
+westerly jet + baroclinic waves + mesoscale motion. A model has the first two exactly, the mesoscale
+as far as it resolves it, and an error that all aircraft share. Perfect instruments disagree with a
+model by 6 kt, a fleet with ordinary compass errors by 7 to 9 kt, as in the field test of the TAMDAR
+compass paper. Valid from 200 to 1000 hPa over 5000 km.
 
 Units: km, hours since the start of the archive, zeta = ln(p / 1000 hPa), m/s.
 """
@@ -37,10 +28,7 @@ _BEFORE, _AFTER = 12.0, 24.0
 
 
 def stream(seed: int, name: str) -> np.random.Generator:
-    """Random generator of one named part of an archive.
-
-    Each part has other numbers, so that switching one part on leaves the others unchanged.
-    """
+    """Random generator of one named part: switching a part on leaves the others unchanged."""
     return np.random.default_rng([seed, zlib.crc32(name.encode())])
 
 
@@ -181,16 +169,7 @@ def _wave_growth(zeta: Array) -> Array:
 
 
 class World:
-    """The true wind.
-
-    Parameters
-    ----------
-    parameters : WorldParameters
-    seed : int
-        Of everything that is drawn.
-    end : float
-        Length of the archive, h.
-    """
+    """The true wind of an archive of ``end`` hours."""
 
     def __init__(self, parameters: WorldParameters, seed: int, end: float) -> None:
         self.parameters, self.seed = parameters, seed
@@ -241,25 +220,9 @@ class World:
 def model_wind(
     world: World, name: str, x: Array, y: Array, zeta: Array, hours: Array, large_scale: Fields
 ) -> Fields:
-    """Wind of a model on a grid.
+    """Wind of a model on a grid (T, 2, L, rows, columns), m/s; its name seeds its errors.
 
-    Parameters
-    ----------
-    world : World
-    name : str
-        Of the model; seeds its errors.
-    x, y : array, shape (rows, columns)
-        Grid points, km.
-    zeta : array, shape (L,)
-    hours : array, shape (T,)
-        Valid times.
-    large_scale : array
-        `World.large_scale_on_grid` for the same arguments.
-
-    Returns
-    -------
-    array of float32, shape (T, 2, L, rows, columns)
-        True eastward and northward wind, m/s.
+    ``large_scale`` is `World.large_scale_on_grid` for the same arguments.
     """
     sizes = world.parameters
 

@@ -1,11 +1,8 @@
 """Gridded winds of the sample's models: grid, stored fields, sampling, GRIB files.
 
-Assumes a tangent Lambert cone on a sphere (6367470 m in GRIB1, 6371229 m in GRIB2, as the RUC and
-WRF files of 2009), regular times and isobaric levels of whole hPa. Winds are kept as they are
-written: along the grid or the earth, rounded to the packing's decimal. Sampling is bilinear on the
-grid, linear in ln p and in time, without extrapolation; winds are rotated to true east and north at
-the points. GRIB1 is RUC-like (NCEP, simple packing), GRIB2 RTFDAA-like; all
-have simple packing; a message holds one component on one level, rows from the south-west corner.
+Tangent Lambert cone on a sphere, regular times, isobaric levels of whole hPa. Winds are kept as
+they are written: along the grid or the earth, rounded to the packing's decimal; GRIB1 as of the
+RUC, GRIB2 as of RTFDAA. Sampling is bilinear on the grid, linear in ln p and in time.
 
 Units: degrees and m for grids, hPa, hours since the start of the archive, m/s.
 """
@@ -22,16 +19,14 @@ import pyproj
 
 from airswing.synthetic.atmosphere import Array, Fields, World, model_wind
 
-GRIB1_RADIUS = 6367470.0
-"""Earth radius of GRIB1, m (WMO Manual on Codes, code table 7, bit 2 unset)."""
-GRIB2_RADIUS = 6371229.0
-"""Earth radius of GRIB2, m (WMO code table 3.2, value 6)."""
+GRIB_RADIUS = {1: 6367470.0, 2: 6371229.0}
+"""Earth radius of each edition, m (code tables 7, bit 2 unset, and 3.2, value 6, of the WMO)."""
 _DECIMALS = 1  # of m/s that are kept
 
 
 @dataclass(frozen=True)
 class LambertGrid:
-    """A tangent Lambert conformal grid with points in rows from the south-west corner."""
+    """A grid with points in rows from the south-west corner."""
 
     first_latitude: float  # of the south-west point, degrees
     first_longitude: float
@@ -40,19 +35,14 @@ class LambertGrid:
     spacing: float  # at the standard parallel, m
     orientation: float = -95.0  # longitude of the meridian parallel to y (LoV), degrees east
     standard_parallel: float = 25.0  # latitude where the cone touches, degrees
-    radius: float = GRIB1_RADIUS  # of the earth, m
+    radius: float = GRIB_RADIUS[1]  # of the earth, m
 
     @cached_property
     def projection(self) -> pyproj.Proj:
         """The cone's projection."""
-        return pyproj.Proj(
-            proj="lcc",
-            lat_1=self.standard_parallel,
-            lat_2=self.standard_parallel,
-            lat_0=self.standard_parallel,
-            lon_0=self.orientation,
-            R=self.radius,
-        )
+        touching = self.standard_parallel
+        cone = {"proj": "lcc", "lat_1": touching, "lat_2": touching, "lat_0": touching}
+        return pyproj.Proj(cone | {"lon_0": self.orientation, "R": self.radius})
 
     @cached_property
     def _origin(self) -> tuple[float, float]:
@@ -87,10 +77,7 @@ class LambertGrid:
 def centred_grid(
     latitude: float, longitude: float, *, columns: int, rows: int, spacing: float, radius: float
 ) -> LambertGrid:
-    """Grid whose middle is at a place (degrees), with spacing and earth radius in m.
-
-    The first point is rounded to 0.001 degree, the resolution of a GRIB1 header.
-    """
+    """Grid whose middle is at a place (degrees); its first point to 0.001 degree, as in GRIB1."""
     probe = LambertGrid(latitude, longitude, columns, rows, spacing, radius=radius)
     x, y = probe.projection(longitude, latitude)
     corner = probe.projection(
@@ -134,56 +121,36 @@ class GriddedReference:
     grid_relative: bool = True  # flag in the file
 
 
-def build_references(
+def build_reference(
     world: World,
     grid: LambertGrid,
-    *,
-    names: tuple[str, ...],
+    name: str,
     levels: Array,
     hours: Array,
-    changes: dict[str, ReferenceChange] | None = None,
-) -> dict[str, GriddedReference]:
-    """Stored fields of several models on one grid.
-
-    Parameters
-    ----------
-    levels : array, shape (L,)
-        hPa.
-    hours : array, shape (T,)
-        Valid times.
-    changes : dict, optional
-        Effects by name.
-    """
+    change: ReferenceChange | None = None,
+) -> GriddedReference:
+    """Stored fields of a model at ``levels`` (hPa) and valid times."""
+    change = change or ReferenceChange()
     lat, lon = grid.coordinates
-    x, y = plane(lat, lon)
-    zeta = np.log(levels / 1000.0)
-    angle = grid.convergence(lon)
-    large: dict[float, Fields] = {}
-    found = {}
-    for name in names:
-        change = (changes or {}).get(name, ReferenceChange())
-        stamp = hours + change.offset_hours
-        if change.offset_hours not in large:
-            large[change.offset_hours] = world.large_scale_on_grid(x, y, zeta, stamp)
-        wind = model_wind(world, name, x, y, zeta, stamp, large[change.offset_hours])
-        if change.speed_percent != 0.0:
-            acts = np.ones(levels.size, bool)
-            if change.above_hpa is not None:
-                acts &= levels <= change.above_hpa
-            if change.below_hpa is not None:
-                acts &= levels > change.below_hpa
-            factor = np.where(acts, 1.0 + change.speed_percent / 100.0, 1.0).astype(np.float32)
-            wind = wind * factor[:, None, None]
-        flag = change.unrotated != 1.0
-        turn = float(flag) + change.unrotated
-        if turn != 0.0:
-            # To axes turned by the angle: the inverse of eastward = cos u + sin v.
-            cosine = np.cos(turn * angle).astype(np.float32)
-            sine = np.sin(turn * angle).astype(np.float32)
-            east, north = wind[:, 0], wind[:, 1]
-            wind = np.stack([cosine * east - sine * north, sine * east + cosine * north], axis=1)
-        found[name] = GriddedReference(name, grid, levels, hours, np.round(wind, _DECIMALS), flag)
-    return found
+    places = *plane(lat, lon), np.log(levels / 1000.0), hours + change.offset_hours
+    wind = model_wind(world, name, *places, world.large_scale_on_grid(*places))
+    if change.speed_percent != 0.0:
+        acts = np.ones(levels.size, bool)
+        if change.above_hpa is not None:
+            acts &= levels <= change.above_hpa
+        if change.below_hpa is not None:
+            acts &= levels > change.below_hpa
+        factor = np.where(acts, 1.0 + change.speed_percent / 100.0, 1.0).astype(np.float32)
+        wind = wind * factor[:, None, None]
+    flag = change.unrotated != 1.0
+    turn = float(flag) + change.unrotated
+    if turn != 0.0:
+        # To axes turned by the angle: the inverse of eastward = cos u + sin v.
+        angle = turn * grid.convergence(lon)
+        cosine, sine = np.cos(angle).astype(np.float32), np.sin(angle).astype(np.float32)
+        east, north = wind[:, 0], wind[:, 1]
+        wind = np.stack([cosine * east - sine * north, sine * east + cosine * north], axis=1)
+    return GriddedReference(name, grid, levels, hours, np.round(wind, _DECIMALS), flag)
 
 
 def sample_reference(
@@ -195,22 +162,9 @@ def sample_reference(
     *,
     shift: tuple[Array, Array] | None = None,
 ) -> Array:
-    """Wind of a model at points.
+    """True wind (2, n) of a model at points (degrees, hPa, hours), m/s; NaN outside.
 
-    Parameters
-    ----------
-    latitude, longitude : array, shape (n,)
-        Degrees.
-    pressure : array, shape (n,)
-        hPa.
-    hours : array, shape (n,)
-    shift : pair of arrays (n,), optional
-        Rows and columns to look away from each point.
-
-    Returns
-    -------
-    array, shape (2, n)
-        True eastward and northward wind, m/s; NaN outside.
+    ``shift`` are rows and columns to look away from each point.
     """
     grid = stored.grid
     row, column = grid.indices(latitude, longitude)
@@ -288,59 +242,33 @@ def write_reference(
     edition: int,
     lead_hours: int,
     times_per_file: int = 1,
-) -> list[Path]:
-    """Write the fields of one model as GRIB files.
-
-    Parameters
-    ----------
-    directory : Path
-        Made where missing.
-    start : datetime
-        Hour zero, UTC.
-    edition : int
-        1 or 2.
-    lead_hours : int
-        Length of every forecast.
-    times_per_file : int
-        Valid times in one file.
-
-    Returns
-    -------
-    list of Path
-        In order of time.
-    """
+) -> None:
+    """Write the fields of one model as GRIB files, in order of time."""
     import eccodes
 
     directory.mkdir(parents=True, exist_ok=True)
-    flag = stored.grid_relative
+    flag, path = stored.grid_relative, directory
     templates = [
         _template(stored.grid, edition=edition, grid_relative=flag, component=component)
         for component in (0, 1)
     ]
-    bases = [start + timedelta(hours=float(hour) - lead_hours) for hour in stored.hours]
-    files: list[Path] = []
-    try:
-        for step, base in enumerate(bases):
-            if step % times_per_file == 0:
-                stem = f"{stored.name}_{base:%Y%m%d%H}_f{lead_hours:02d}"
-                files.append(directory / f"{stem}.{'grb' if edition == 1 else 'grb2'}")
-                files[-1].unlink(missing_ok=True)
-            with files[-1].open("ab") as sink:
-                for index, component in np.ndindex(stored.levels.size, 2):
-                    handle = templates[component]
-                    keys = {
-                        "dataDate": base.year * 10000 + base.month * 100 + base.day,
-                        "dataTime": base.hour * 100 + base.minute,
-                        "endStep": lead_hours,
-                        "level": int(stored.levels[index]),
-                        "decimalPrecision": _DECIMALS,  # encoding changes that of the handle
-                    }
-                    for key, value in keys.items():
-                        eccodes.codes_set(handle, key, value)
-                    values = stored.wind[step, component, index].astype(np.float64)
-                    eccodes.codes_set_values(handle, values.ravel())
-                    sink.write(eccodes.codes_get_message(handle))
-    finally:
-        for handle in templates:
-            eccodes.codes_release(handle)
-    return files
+    for step, hour in enumerate(stored.hours):
+        base = start + timedelta(hours=float(hour) - lead_hours)
+        if step % times_per_file == 0:
+            stem = f"{stored.name}_{base:%Y%m%d%H}_f{lead_hours:02d}"
+            path = directory / f"{stem}.{'grb' if edition == 1 else 'grb2'}"
+            path.unlink(missing_ok=True)
+        with path.open("ab") as sink:
+            for index, component in np.ndindex(stored.levels.size, 2):
+                handle = templates[component]
+                eccodes.codes_set(handle, "dataDate", int(f"{base:%Y%m%d}"))
+                eccodes.codes_set(handle, "dataTime", int(f"{base:%H%M}"))
+                eccodes.codes_set(handle, "endStep", lead_hours)
+                eccodes.codes_set(handle, "level", int(stored.levels[index]))
+                # Encoding changes that of the handle.
+                eccodes.codes_set(handle, "decimalPrecision", _DECIMALS)
+                values = stored.wind[step, component, index].astype(np.float64)
+                eccodes.codes_set_values(handle, values.ravel())
+                sink.write(eccodes.codes_get_message(handle))
+    for handle in templates:
+        eccodes.codes_release(handle)

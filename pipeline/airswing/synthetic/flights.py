@@ -1,18 +1,12 @@
 """Flights of the sample fleets: routes, timetables, and every aircraft's path in steps of 10 s.
 
-Assumptions
------------
-* Each aircraft has a home hub and an axis: most flights go out and back along it, as hub-and-spoke
-  turboprops do. Airport positions to 0.01 degree (public aeronautical data).
-* A flight is steered over the ellipsoid: climb-out on the runway's direction, a turn to course, a
-  way point off the direct line, an arrival fix, a last turn. Turns are coordinated (bank from turn
-  rate and ground speed), never over 14 degrees. Ground speed follows the airspeed schedule and the
-  large-scale wind, so the exact airspeed vector (ground minus true wind) carries the mesoscale too.
-* A tour, for a day of real model winds, is one day of straight cruise legs with directions spread
-  evenly over the compass, without landing; nothing is reported in the first two minutes of a leg.
+Each aircraft has a home hub and an axis along which most flights go out and back. A flight is
+steered over the ellipsoid: climb-out, turn to course, a way point off the direct line, arrival fix,
+last turn; turns are coordinated. Ground speed follows the airspeed schedule and the large-scale
+wind, so the exact airspeed vector (ground minus true wind) carries the mesoscale too. A tour, for a
+day of real model winds, is a day of straight legs spread evenly over the compass, without landing.
 
-Valid for turboprop speeds and altitudes up to 8 km. Units: SI, degrees for places, radians for
-angles, hours since the start of the archive.
+Units: SI, degrees for places, radians for angles, hours since the start of the archive.
 """
 
 from __future__ import annotations
@@ -101,11 +95,7 @@ def timetable(
     legs_per_day: float,
     shuttles: int = 0,
 ) -> Timetable:
-    """Draw the flights of a fleet.
-
-    ``legs_per_day`` is the mean of an aircraft; the last ``shuttles`` aircraft fly to and fro on a
-    single route, which gives too few headings for a fit.
-    """
+    """Draw the flights of a fleet; the last ``shuttles`` aircraft fly on a single route."""
     rows: list[tuple[int, float, str, str, float, float]] = []
     place = network.airports
     for index in range(aircraft):

@@ -1,7 +1,5 @@
-"""The unit on board: flux valve, airspeed, the wind it computes, and its faults.
+"""The unit on board: flux valve, airspeed, the wind it computes, its faults; the earth's field.
 
-Assumptions
------------
 The flux valve is a vector instrument. The earth's field (H, declination, Z) is turned into the
 airframe by the true magnetic heading, distorted by soft iron (a matrix) and hard iron (a constant
 vector), then seen in the plane of a pendulous sensing element along the apparent vertical:
@@ -33,17 +31,20 @@ Units: degrees in the mappings, radians inside, nT, SI otherwise. Body axes forw
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Iterable, Mapping, Sequence
+import contextlib
+import io
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime
-from typing import SupportsFloat
+from datetime import UTC, datetime, timedelta
+from typing import Any
 
 import numpy as np
+import ppigrf
 from numpy.typing import NDArray
+from scipy.interpolate import RegularGridInterpolator
 
 from airswing.errors import InputError
 from airswing.synthetic.atmosphere import Array
-from airswing.synthetic.earth_field import declination_of_year
 from airswing.synthetic.fields import ReferenceChange
 
 Mask = NDArray[np.bool_]
@@ -51,18 +52,50 @@ _G = 9.80665  # standard gravity, m/s2
 _CLIMB_ACCELERATION = 0.03  # g that an error by phase assumes in a climb
 
 
-def number(value: object) -> float:
-    """A parameter as a number; TypeError or ValueError if it is none."""
-    if isinstance(value, str | SupportsFloat):
-        return float(value)
-    raise TypeError(f"{value!r} is no number")
+_LATTICE = 1.5  # degrees
+# The field falls by 0.05 % a kilometre: one height serves climb and cruise.
+_HEIGHT_KM = 4.0
 
 
-def listed(value: object) -> list[object]:
-    """A parameter of several values; TypeError if it is a single one."""
-    if isinstance(value, Iterable):
-        return list(value)
-    raise TypeError(f"{value!r} is no list")
+class EarthField:
+    """The earth's field over a region (south, north, west, east, degrees) and some days, from IGRF.
+
+    Linear in time, bilinear on a lattice; apart from the package's, so that the truth of the
+    archives is independent of it.
+    """
+
+    def __init__(
+        self, start: datetime, days: float, box: tuple[float, float, float, float]
+    ) -> None:
+        self.days, self.box = days, box
+        south, north, west, east = box
+        lat = np.arange(np.floor(south) - 1, north + 1 + _LATTICE, _LATTICE)
+        lon = np.arange(np.floor(west) - 1, east + 1 + _LATTICE, _LATTICE)
+        columns, rows = np.meshgrid(lon, lat)
+        ends = []
+        for span in (0.0, days):
+            when = start + timedelta(days=span)
+            with contextlib.redirect_stdout(io.StringIO()):
+                parts = ppigrf.igrf(columns.ravel(), rows.ravel(), _HEIGHT_KM, when)
+            east_, north_, up = (np.asarray(part).reshape(rows.shape) for part in parts)
+            ends.append(np.stack([east_, north_, -up], axis=-1))
+        self._first = RegularGridInterpolator((lat, lon), ends[0])
+        self._change = RegularGridInterpolator((lat, lon), ends[1] - ends[0])
+
+    def at(self, latitude: Array, longitude: Array, hours: Array) -> tuple[Array, Array, Array]:
+        """Declination (radians, east positive), H and Z (nT) at points (n,)."""
+        points = np.stack([latitude, longitude], axis=-1)
+        share = (hours / (24.0 * self.days))[:, None]
+        east, north, down = (self._first(points) + share * self._change(points)).T
+        return np.arctan2(east, north), np.hypot(east, north), down
+
+
+def declination_of_year(
+    latitude: Array, longitude: Array, year: float, box: tuple[float, float, float, float]
+) -> Array:
+    """Declination (radians) of a table of some epoch, at points in degrees inside a box."""
+    when = datetime(int(year), 1, 1) + timedelta(days=365.25 * (year - int(year)))
+    return EarthField(when, 1.0, box).at(latitude, longitude, np.zeros_like(latitude))[0]
 
 
 @dataclass
@@ -90,17 +123,8 @@ class Unit:
 
 
 def sensed_heading(magnetic: Array, horizontal: Array, down: Array, unit: Unit) -> Array:
-    """Indicated magnetic heading, radians.
+    """Indicated magnetic heading, radians, in the earth's field ``horizontal``, ``down`` (nT).
 
-    Parameters
-    ----------
-    magnetic : array, shape (n,)
-        True magnetic heading, radians.
-    horizontal, down : array, shape (n,)
-        The earth's field H and Z, nT.
-
-    Notes
-    -----
     Archibald Smith's equations as in the Admiralty Manual; northerly turning error = tan(dip)
     tan(bank) at north.
     """
@@ -131,13 +155,7 @@ def compute_wind(
 def coded(
     eastward: Array, northward: Array, *, direction_step: Array, speed_step: Array
 ) -> tuple[Array, Array]:
-    """Wind (m/s) in whole steps of direction (degrees) and speed (kt).
-
-    Returns
-    -------
-    direction, speed : array, shape (n,)
-        Degrees from which the wind blows, (0, 360], 0 for a calm; kt.
-    """
+    """Direction (degrees, (0, 360], 0 for a calm) and speed (kt) of a wind (m/s), in steps."""
     speed = np.hypot(eastward, northward) * 3600.0 / 1852.0
     direction = np.degrees(np.arctan2(-eastward, -northward)) % 360.0
     whole = np.round(np.round(direction / direction_step) * direction_step, 9) % 360.0
@@ -146,19 +164,9 @@ def coded(
 
 
 def deviation_curve(horizontal: float, down: float, unit: Unit) -> dict[str, float]:
-    """Coefficients of a unit's heading error against indicated magnetic heading.
+    """Coefficients A to E (degrees) of a unit's heading error against indicated magnetic heading.
 
-    Parameters
-    ----------
-    horizontal, down : float
-        The earth's field, nT.
-    unit : Unit
-        Of length 1.
-
-    Returns
-    -------
-    dict
-        A to E, degrees, by least squares over evenly spread headings, and ``residual_rms``.
+    By least squares over evenly spread headings, with ``residual_rms``; the unit is of length 1.
     """
     true = np.linspace(0.0, 2 * np.pi, 7200, endpoint=False)
     indicated = sensed_heading(true, np.full(7200, horizontal), np.full(7200, down), unit)
@@ -180,7 +188,7 @@ class Fault:
 
     name: str
     tails: tuple[str, ...] | None  # None for all
-    parameters: Mapping[str, object]
+    parameters: Mapping[str, Any]
     period: tuple[float, float]  # hours since the start of the archive; infinite where open
 
     def value(self, key: str, default: float = 0.0) -> float:
@@ -191,7 +199,7 @@ class Fault:
     def given(self, key: str) -> float | None:
         """One parameter as a number; None where it is absent."""
         found = self.parameters.get(key)
-        return None if found is None else number(found)
+        return None if found is None else float(found)
 
     def cycle(self) -> tuple[float, float]:
         """Sine and cosine coefficient of the cycle, radians."""
@@ -207,7 +215,6 @@ class Setting:
     hours: Array
     latitude: Array  # degrees
     longitude: Array
-    altitude: Array  # m
     magnetic: Array  # true magnetic heading, radians
     declination: Array  # radians
     horizontal: Array  # H, nT
@@ -229,8 +236,28 @@ class Setting:
         self.usual_field = float(np.median(self.horizontal))
 
 
-def _offset(setting: Setting, fault: Fault, where: Mask) -> None:
-    setting.unit.rotation[where] += np.radians(fault.value("offset_deg"))
+UnitFault = Callable[[Setting, Fault, Mask], None]
+"""Puts a fault into a setting, where it acts."""
+
+
+def _adds(quantity: str, parameter: str, unit: float = 1.0) -> UnitFault:
+    """A fault whose parameter is added to a quantity of the unit."""
+
+    def add(setting: Setting, fault: Fault, where: Mask) -> None:
+        getattr(setting.unit, quantity)[where] += unit * fault.value(parameter)
+
+    return add
+
+
+def _adds_cycle(name: str) -> UnitFault:
+    def add(setting: Setting, fault: Fault, where: Mask) -> None:
+        for part, size in zip(("sine", "cosine"), fault.cycle(), strict=True):
+            getattr(setting.unit, f"{name}_{part}")[where] += size
+
+    return add
+
+
+_offset = _adds("rotation", "offset_deg", np.pi / 180.0)
 
 
 def _hard_iron(setting: Setting, fault: Fault, where: Mask) -> None:
@@ -238,12 +265,6 @@ def _hard_iron(setting: Setting, fault: Fault, where: Mask) -> None:
     strength = fault.value("at_horizontal_field_nT", setting.usual_field)
     setting.unit.hard_forward[where] -= strength * sine
     setting.unit.hard_right[where] -= strength * cosine
-
-
-def _soft_iron(setting: Setting, fault: Fault, where: Mask) -> None:
-    sine, cosine = fault.cycle()
-    setting.unit.soft_sine[where] += sine
-    setting.unit.soft_cosine[where] += cosine
 
 
 def _offset_and_hard_iron(setting: Setting, fault: Fault, where: Mask) -> None:
@@ -254,16 +275,15 @@ def _offset_and_hard_iron(setting: Setting, fault: Fault, where: Mask) -> None:
 def _drift(setting: Setting, fault: Fault, where: Mask) -> None:
     since = max(fault.period[0], float(setting.hours.min()))
     days = (setting.hours[where] - since) / 24.0
-    setting.unit.rotation[where] += np.radians(fault.value("rate_deg_per_day")) * days + np.radians(
-        fault.value("offset_deg")
-    )
+    rate, offset = (np.radians(fault.value(key)) for key in ("rate_deg_per_day", "offset_deg"))
+    setting.unit.rotation[where] += rate * days + offset
 
 
 def _heater(setting: Setting, fault: Fault, where: Mask) -> None:
     if fault.parameters.get("between_degC") is None:
         on = setting.icing
     else:
-        low, high = (number(edge) + 273.15 for edge in listed(fault.parameters["between_degC"]))
+        low, high = (float(edge) + 273.15 for edge in fault.parameters["between_degC"])
         on = (setting.temperature >= low) & (setting.temperature < high)
     _offset_and_hard_iron(setting, fault, where & on)
 
@@ -272,9 +292,8 @@ def _acceleration(setting: Setting, fault: Fault, where: Mask) -> None:
     gain = np.radians(fault.value("amplitude_deg"))
     speeding = setting.acceleration / _G
     if fault.parameters.get("by_phase"):
-        speeding = _CLIMB_ACCELERATION * np.select(
-            [setting.phase == 1, setting.phase == 3], [1.0, -1.0], 0.0
-        )
+        climbs = [setting.phase == 1, setting.phase == 3]
+        speeding = _CLIMB_ACCELERATION * np.select(climbs, [1.0, -1.0], 0.0)
     setting.unit.tilt_forward[where] -= gain * speeding[where]
 
 
@@ -299,25 +318,15 @@ def _tas_scale(setting: Setting, fault: Fault, where: Mask) -> None:
     setting.unit.airspeed_factor[where] *= 1.0 + fault.value("scale_percent") / 100.0
 
 
-def _tas_offset(setting: Setting, fault: Fault, where: Mask) -> None:
-    setting.unit.airspeed_offset[where] += fault.value("offset_m_s")
-
-
 def _by_temperature(setting: Setting, fault: Fault, where: Mask) -> None:
     cold = (setting.temperature[where] - 260.0) / 15.0
     setting.unit.rotation[where] += np.radians(fault.value("amplitude_deg")) * cold
 
 
-def _three_cycle(setting: Setting, fault: Fault, where: Mask) -> None:
-    sine, cosine = fault.cycle()
-    setting.unit.third_sine[where] += sine
-    setting.unit.third_cosine[where] += cosine
-
-
-UNIT_FAULTS: dict[str, Callable[[Setting, Fault, Mask], None]] = {
+UNIT_FAULTS: dict[str, UnitFault] = {
     "compass_offset": _offset,
     "hard_iron": _hard_iron,
-    "soft_iron": _soft_iron,
+    "soft_iron": _adds_cycle("soft"),
     "compass_step": _offset_and_hard_iron,
     "compass_drift": _drift,
     "heater_current": _heater,
@@ -325,79 +334,47 @@ UNIT_FAULTS: dict[str, Callable[[Setting, Fault, Mask], None]] = {
     "turn_error": _turn,
     "declination_error": _declination,
     "tas_scale": _tas_scale,
-    "tas_offset": _tas_offset,
+    "tas_offset": _adds("airspeed_offset", "offset_m_s"),
     "heading_by_temperature": _by_temperature,
-    "three_cycle": _three_cycle,
+    "three_cycle": _adds_cycle("third"),
 }
 """Faults of the unit itself."""
 _OTHER_FAULTS = (
-    "reference_speed_bias",
-    "reference_time_offset",
-    "reference_grid_relative",
-    "altitude_offset",
-    "time_lag",
-    "tail_swap",
-    "wind_coding",
-    "position_coding",
-    "heading_coding",
-    "outliers",
-    "outside",
+    *("reference_speed_bias", "reference_time_offset", "reference_grid_relative", "time_lag"),
+    *("altitude_offset", "tail_swap", "wind_coding", "position_coding", "heading_coding"),
+    *("outliers", "outside"),
 )
 
 
 def parse_faults(
-    effects: Sequence[Mapping[str, object]], *, start: datetime, tails: Sequence[str]
+    effects: Sequence[Mapping[str, Any]], *, start: datetime, tails: Sequence[str]
 ) -> list[Fault]:
-    """Mappings as faults, in the order given.
+    """Mappings as faults, in the order given; InputError if a name or an aircraft is unknown."""
 
-    Parameters
-    ----------
-    start : datetime
-        Hour zero, UTC.
-    tails : sequence of str
-        The fleet.
+    def hours(text: object, otherwise: float) -> float:
+        if text is None:
+            return otherwise
+        when = text if isinstance(text, datetime) else datetime.fromisoformat(str(text))
+        when = when.replace(tzinfo=UTC) if when.tzinfo is None else when
+        return (when - start.replace(tzinfo=UTC)).total_seconds() / 3600.0
 
-    Raises
-    ------
-    InputError
-        If a name or an aircraft is unknown.
-    """
     known = {*UNIT_FAULTS, *_OTHER_FAULTS}
     found = []
     for effect in effects:
-        name = str(effect.get("name"))
+        name, who = str(effect.get("name")), effect.get("tails")
         if name not in known:
             raise InputError(
                 "unknown effect", field="name", found=name, remedy=f"one of {sorted(known)}"
             )
-        who = effect.get("tails")
-        chosen = None if who is None or who == "all" else listed(who)
+        chosen = None if who is None or who == "all" else tuple(str(tail) for tail in who)
         missing = [tail for tail in chosen or () if tail not in tails]
         if missing:
             raise InputError("unknown aircraft", field="tails", found=str(missing))
         when = effect.get("period") or (None, None)
-        period = [when, None] if isinstance(when, str) else listed(when)
-        parameters = effect.get("parameters") or {}
-        if not isinstance(parameters, Mapping):
-            raise TypeError(f"{parameters!r} are no parameters")
-        found.append(
-            Fault(
-                name,
-                None if chosen is None else tuple(str(tail) for tail in chosen),
-                parameters,
-                (_hours(period[0], start, -np.inf), _hours(period[1], start, np.inf)),
-            )
-        )
+        begin, end = (when, None) if isinstance(when, str) else when
+        period = hours(begin, -np.inf), hours(end, np.inf)
+        found.append(Fault(name, chosen, effect.get("parameters") or {}, period))
     return found
-
-
-def _hours(text: object, start: datetime, otherwise: float) -> float:
-    """An ISO time as hours since the start."""
-    if text is None:
-        return otherwise
-    when = text if isinstance(text, datetime) else datetime.fromisoformat(str(text))
-    when = when.replace(tzinfo=UTC) if when.tzinfo is None else when
-    return (when - start.replace(tzinfo=UTC)).total_seconds() / 3600.0
 
 
 def acts(fault: Fault, tail: NDArray[np.int64], hours: Array, tails: Sequence[str]) -> Mask:
@@ -422,8 +399,7 @@ def reference_changes(faults: Sequence[Fault], names: Sequence[str]) -> dict[str
     for name in names:
         change = ReferenceChange()
         for fault in faults:
-            chosen = fault.parameters.get("references") or names
-            if isinstance(chosen, Container) and name not in chosen:
+            if name not in (fault.parameters.get("references") or names):
                 continue
             if fault.name == "reference_speed_bias":
                 change = replace(

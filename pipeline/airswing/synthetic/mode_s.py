@@ -1,10 +1,8 @@
 """Sample of ERA5 as NetCDF with aircraft that report their magnetic heading (Mode S).
 
-Assumes a compass with psi_ind = psi + A + B sin m + C cos m. The model's wind is linear in place,
-ln p and time, so that interpolation adds no error; the true wind is the model's plus an error of
-each flight and gusts. Reports are those of Mode-S registers 5,0 and 6,0 with their resolution,
-every ten seconds, in the columns of `traffic`; the NetCDF file is packed in 16 bits as by the
-Climate Data Store. Valid for middle latitudes; over the sphere.
+Compass: psi_ind = psi + A + B sin m + C cos m. The model's wind is linear in place, ln p and time,
+so that interpolation adds no error; the true wind adds an error of each flight and gusts. Reports
+have the resolution of Mode-S registers 5,0 and 6,0 and the columns of `traffic`.
 """
 
 from __future__ import annotations
@@ -16,7 +14,7 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from airswing.synthetic.earth_field import EarthField
+from airswing.synthetic.instrument import EarthField
 from airswing.units import KNOT
 
 Array = NDArray[np.float64]

@@ -1,10 +1,9 @@
 """From the exact state of the flights to the reports of the units.
 
-Assumptions: the GPS ground velocity is exact; airspeed and heading carry white noise; a lagging
-unit works from the state of some seconds ago; reports are coded in whole steps of position,
-direction, speed, time and degrees Celsius. Temperature is the standard atmosphere's plus a gradient
-with latitude and travelling waves; icing protection is on inside cold moist patches.
-Units: SI, degrees for places, hours since the start; coded values in the canonical columns' units.
+The GPS ground velocity is exact; airspeed and heading carry white noise; reports are coded in whole
+steps. Temperature is the standard atmosphere's plus a gradient with latitude and travelling waves;
+icing protection is on inside cold moist patches. Units: SI, degrees for places, hours since the
+start; coded values in the canonical columns' units.
 """
 
 from __future__ import annotations
@@ -18,10 +17,10 @@ from numpy.typing import NDArray
 
 from airswing.physics.atmosphere import pressure_from_altitude, standard_temperature
 from airswing.synthetic.atmosphere import Array, WaveKind, random_waves, stream
-from airswing.synthetic.earth_field import EarthField
 from airswing.synthetic.fields import plane
 from airswing.synthetic.flights import STEP, Flown
 from airswing.synthetic.instrument import (
+    EarthField,
     Fault,
     Mask,
     Setting,
@@ -29,7 +28,6 @@ from airswing.synthetic.instrument import (
     apply_unit_faults,
     coded,
     compute_wind,
-    listed,
     sensed_heading,
 )
 from airswing.synthetic.outside_effects import effect_change, report_variables
@@ -87,23 +85,12 @@ def observe(
     field: EarthField,
     units: Units,
 ) -> pd.DataFrame:
-    """Compute the reports of the units, with the truth in further columns.
+    """Reports of the units at steps (n,) of flights (n,), with the truth in further columns.
 
-    Parameters
-    ----------
-    flight, step : array of int, shape (n,)
-        Where on the flights the reports are made.
-    wind : callable
-        True wind, see `Wind`.
-
-    Returns
-    -------
-    DataFrame
-        One row a report. Coded: ``latitude, longitude`` degrees, ``altitude`` m, ``hours``,
-        ``direction`` degrees, ``speed`` kt, ``celsius``. Exact: ``true_*``, ``ground_u/v``,
-        ``heading, airspeed`` as indicated, ``bank``, ``acceleration``, ``declination``,
-        ``horizontal``, ``dip`` (radians, SI); ``computed_u/v``, the wind the unit computed before
-        outside effects and coding. ``made`` numbers the reports, with and without effects alike.
+    Coded: ``latitude, longitude`` degrees, ``altitude`` m, ``hours``, ``direction`` degrees,
+    ``speed`` kt, ``celsius``. Exact: `TRUTH`, ``dip`` (radians), ``heading, airspeed`` as
+    indicated; ``computed_u/v``, the wind the unit computed before outside effects and coding.
+    ``made`` numbers the reports, with and without effects alike.
     """
     tail, tails, faults = flown.aircraft[flight], units.tails, units.faults
     here = _state(flown, flight, step.astype(float), wind, field)
@@ -259,7 +246,7 @@ def _reported(
                 for wind, noise in zip((u, v), wild, strict=True)
             )
         elif fault.name == "tail_swap":
-            pair = fault.tails or listed(fault.parameters["pair"])
+            pair = fault.tails or fault.parameters["pair"]
             first, second = (list(tails).index(str(name)) for name in pair)
             inside = (hours >= fault.period[0]) & (hours < fault.period[1])
             for old, new in ((first, second), (second, first)):

@@ -1,70 +1,42 @@
 """Effects outside the catalogue: any component of the wind changed by one or two variables.
 
-Assumptions: a *part* turns one variable of the report into a number of order one (step, sector,
-bump ...); the parts of an effect are multiplied. The product changes one component of the wind the
-unit computed, before it is coded, so that heading and airspeed that follow from the wind triangle
-change with it. It is scaled to the stated root mean square over the reports where the effect acts
-(where the product exceeds a twentieth of its largest size). An effect of scatter changes no mean:
-it clips, rounds or jitters winds. Nothing here depends on a catalogue or a design column.
-
-Cyclic variables are taken as fractions of their turn, the others as their place between the 2nd and
-98th percentile of the archive, so that places drawn blindly fall where reports are.
+A *part* turns one variable of the report into a number of order one; the parts of an effect are
+multiplied. The product changes one component of the wind the unit computed, before it is coded, and
+is scaled to the stated root mean square over the reports where the effect acts. An effect of
+scatter changes no mean: it clips, rounds or jitters winds. Cyclic variables are taken as fractions
+of their turn, the others as their place between the 2nd and 98th percentile of the archive.
 Units: SI and radians; kt and degrees where a name says so.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from airswing.synthetic.atmosphere import Array
-from airswing.synthetic.instrument import Mask, listed, number
+from airswing.synthetic.instrument import Mask
 from airswing.units import KNOT
 
-if TYPE_CHECKING:
-    import pandas as pd
-
-Value = Mapping[str, object]
+Value = Mapping[str, Any]
 Winds = tuple[Array, Array]
 Variables = Mapping[str, Array]
 LEAST_SHARE = 0.05
 """An effect acts where its product exceeds this share of its largest size."""
-COMPONENTS = (
-    "across_heading",
-    "along_heading",
-    "across_wind",
-    "along_wind",
-    "speed",
-    "direction",
-)
+COMPONENTS = ("across_heading", "along_heading", "across_wind", "along_wind", "speed", "direction")
 """Changed component: body and wind axes (m/s), speed (relative), direction (radians)."""
-CYCLIC: dict[str, float] = {
-    "magnetic_heading": 2 * np.pi,
-    "heading": 2 * np.pi,
-    "track": 2 * np.pi,
-    "wind_direction": 2 * np.pi,
-    "hour": 24.0,
-}
+_ANGLES = ("magnetic_heading", "heading", "track", "wind_direction")
+CYCLIC: dict[str, float] = {**dict.fromkeys(_ANGLES, 2 * np.pi), "hour": 24.0}
 """Cyclic variables and their turn."""
 FLAGS = ("icing", "phase")
 """Variables with a few values; an effect acts on one of them."""
 VARIABLES = (
     *CYCLIC,
     *FLAGS,
-    "airspeed",
-    "ground_speed",
-    "latitude",
-    "longitude",
-    "altitude",
-    "temperature",
-    "bank",
-    "acceleration",
-    "date",
-    "flight_time",
-    "wind_speed",
-    "drift",
+    *("airspeed", "ground_speed", "latitude", "longitude", "altitude", "temperature", "bank"),
+    *("acceleration", "date", "flight_time", "wind_speed", "drift"),
 )
 """Everything a report records or that follows from it without a model."""
 SHAPES = ("step", "sector", "hinge", "bump", "saw")
@@ -72,23 +44,11 @@ SHAPES = ("step", "sector", "hinge", "bump", "saw")
 
 
 def report_variables(
-    frame: Mapping[str, object] | pd.DataFrame, u: Array, v: Array, hours: Array
+    frame: Mapping[str, Any] | pd.DataFrame, u: Array, v: Array, hours: Array
 ) -> dict[str, Array]:
-    """Every variable an outside effect may depend on.
+    """`VARIABLES` at the reports of `airswing.synthetic.observe.observe` with computed wind u, v.
 
-    Parameters
-    ----------
-    frame : mapping
-        Columns (n,) of `airswing.synthetic.observe.observe`.
-    u, v : array, shape (n,)
-        Wind as computed, m/s.
-    hours : array, shape (n,)
-        Since the start of the first day, UTC.
-
-    Returns
-    -------
-    dict
-        `VARIABLES` to arrays (n,): radians, m/s, degrees for places, m, K, hours, days.
+    Radians, m/s, degrees for places, m, K, hours, days.
     """
 
     def column(name: str) -> Array:
@@ -118,23 +78,8 @@ def report_variables(
     }
 
 
-Place = tuple[Array, Array, bool]
-"""A variable as a fraction of its turn or range, its signed distance to where the part is (the
-short way round where it is cyclic), and whether it is cyclic."""
-
-
-def _place(values: Array, name: str, at: float) -> Place:
-    """Variable in [0, 1], and ``at``, a fraction of the turn or a quantile, on it."""
-    if name in CYCLIC:
-        value = np.mod(values / CYCLIC[name], 1.0)
-        return value, np.mod(value - at + 0.5, 1.0) - 0.5, True
-    # The outermost reports would stretch the scale of places and widths.
-    low, middle, high = np.quantile(values, [0.02, at, 0.98])
-    width = max(high - low, 1e-12)
-    clipped = np.clip((values - low) / width, 0.0, 1.0)
-    return clipped, clipped - float(np.clip((middle - low) / width, 0.0, 1.0)), False
-
-
+# From a variable as a fraction of its turn or range, its signed distance to where the part is (the
+# short way round where it is cyclic), whether it is cyclic, and the width.
 _FORMS: dict[str, Callable[[Array, Array, bool, float], Array]] = {
     # 1 beyond the place; half a turn of a cyclic variable
     "step": lambda value, away, cyclic, width: np.asarray(away > 0.0, np.float64),
@@ -151,49 +96,37 @@ _FORMS: dict[str, Callable[[Array, Array, bool, float], Array]] = {
 
 
 def part_values(part: Value, variables: Variables) -> Array:
-    """One part of an effect at every report (n,), of order one.
-
-    Parameters
-    ----------
-    part : mapping
-        ``variable, shape, at, width`` (fractions), or ``variable, equals`` for a flag.
-
-    Raises
-    ------
-    ValueError
-        If the variable or the shape is unknown.
-    """
+    """One part, ``{variable, shape, at, width}`` or ``{variable, equals}``, at every report."""
     name = str(part["variable"])
     if name not in variables:
         raise ValueError(f"no variable {name}")
     values = np.asarray(variables[name], np.float64)
     if name in FLAGS:
-        return np.asarray(values == number(part["equals"]), np.float64)
+        return np.asarray(values == float(part["equals"]), np.float64)
     if part["shape"] not in _FORMS:
         raise ValueError(f"no shape {part['shape']}")
-    place = _place(values, name, number(part["at"]))
-    return _FORMS[str(part["shape"])](*place, number(part.get("width", 0.1)))
+    at = float(part["at"])
+    if name in CYCLIC:
+        value = np.mod(values / CYCLIC[name], 1.0)
+        away = np.mod(value - at + 0.5, 1.0) - 0.5
+    else:
+        # The outermost reports would stretch the scale of places and widths.
+        low, middle, high = np.quantile(values, [0.02, at, 0.98])
+        width = max(high - low, 1e-12)
+        value = np.clip((values - low) / width, 0.0, 1.0)
+        away = value - float(np.clip((middle - low) / width, 0.0, 1.0))
+    form = _FORMS[str(part["shape"])]
+    return form(value, away, name in CYCLIC, float(part.get("width", 0.1)))
 
 
-def parts_of(parameters: Value) -> Sequence[Value]:
-    """Parts whose product an effect depends on; TypeError if they are no list."""
-    parts = parameters["parts"]
-    if isinstance(parts, Sequence):
-        return parts
-    raise TypeError(f"{parts!r} are no parts")
-
-
-def _product(parameters: Value, variables: Variables) -> Array:
-    parts = [part_values(part, variables) for part in parts_of(parameters)]
-    return np.asarray(np.prod(parts, axis=0))
-
-
-def where_it_acts(parameters: Value, variables: Variables, chosen: Mask) -> Mask:
-    """Reports (n,) on which an effect acts, of those of its aircraft and period (``chosen``)."""
+def _product(parameters: Value, variables: Variables, chosen: Mask) -> tuple[Array, Mask]:
+    """Product of the parts of an effect, and the chosen reports (n,) on which it acts."""
     if not parameters.get("parts"):
-        return chosen.copy()
-    size = np.abs(_product(parameters, variables)) * chosen
-    return np.asarray(size > LEAST_SHARE * max(float(size.max(initial=0.0)), 1e-12))
+        return np.ones(chosen.size), chosen.copy()
+    parts = [part_values(part, variables) for part in parameters["parts"]]
+    product = np.prod(parts, axis=0) * chosen
+    size = np.abs(product)
+    return product, np.asarray(size > LEAST_SHARE * max(float(size.max(initial=0.0)), 1e-12))
 
 
 def component_axes(
@@ -215,13 +148,12 @@ def _mean_effect(
     component = str(parameters["component"])
     if component not in COMPONENTS:
         raise ValueError(f"no component {component}")
-    shape = _product(parameters, variables) * chosen
-    here = where_it_acts(parameters, variables, chosen)
+    shape, here = _product(parameters, variables, chosen)
     lever = np.hypot(u, v) if component in ("speed", "direction") else np.ones_like(u)
     size = float(np.sqrt(np.mean((shape * lever)[here] ** 2))) if here.any() else 0.0
     if size <= 0.0:
         return u, v
-    amount = number(parameters["sign"]) * number(parameters["size_m_s"]) / size * shape
+    amount = float(parameters["sign"]) * float(parameters["size_m_s"]) / size * shape
     if component == "speed":
         factor = np.maximum(1.0 + amount, 0.0)
         return u * factor, v * factor
@@ -242,25 +174,25 @@ def _scattered(value: Value, u: Array, v: Array, rng: np.random.Generator) -> Wi
     """Wind that an effect of scatter sends where it acts."""
     kind, speed = str(value["kind"]), np.hypot(u, v)
     if kind == "jitter":
-        noise = rng.normal(0.0, number(value["size_m_s"]) / np.sqrt(2.0), (2, u.size))
+        noise = rng.normal(0.0, float(value["size_m_s"]) / np.sqrt(2.0), (2, u.size))
         return u + noise[0], v + noise[1]
     if kind == "gross":
-        hit = rng.uniform(size=u.size) < number(value["fraction"])
+        hit = rng.uniform(size=u.size) < float(value["fraction"])
         turn = rng.uniform(0.0, 2 * np.pi, u.size)
         wild = (speed + 10.0) * np.sin(turn), (speed + 10.0) * np.cos(turn)
         return np.where(hit, wild[0], u), np.where(hit, wild[1], v)
     if kind == "lattice":
-        direction, step = np.arctan2(u, v), np.radians(number(value["direction_step_deg"]))
-        weak = speed < number(value["limit_kt"]) * KNOT
+        direction, step = np.arctan2(u, v), np.radians(float(value["direction_step_deg"]))
+        weak = speed < float(value["limit_kt"]) * KNOT
         rounded = np.where(weak, np.round(direction / step) * step, direction)
         return speed * np.sin(rounded), speed * np.cos(rounded)
     if kind == "hole":
         # The nearer edge of an interval of speeds.
-        low, high = (number(edge) * KNOT for edge in listed(value["between_kt"]))
+        low, high = (float(edge) * KNOT for edge in value["between_kt"])
         nearer = np.where(speed - low < high - speed, low, high)
         changed = np.where((speed > low) & (speed < high), nearer, speed)
     else:
-        limit = number(value["limit_kt"]) * KNOT
+        limit = float(value["limit_kt"]) * KNOT
         changed = np.maximum(speed, limit) if kind == "floor" else np.minimum(speed, limit)
     factor = changed / np.maximum(speed, 1e-9)
     return u * factor, v * factor
@@ -274,25 +206,15 @@ def effect_change(
     chosen: Mask,
     rng: np.random.Generator,
 ) -> Array:
-    """Change (n, 2), m/s, that an effect makes to the wind a unit computed.
+    """Change (n, 2), m/s, that an effect makes to the wind u, v that a unit computed.
 
-    Parameters
-    ----------
-    parameters : mapping
-        Of an effect on the mean ``component`` (of `COMPONENTS`), ``parts`` (see `part_values`),
-        ``size_m_s`` (root mean square of the change where the effect acts), ``sign`` (1 or -1); of
-        an effect of scatter ``kind`` (of `SCATTER`), its values, and ``parts`` where it acts on
-        some reports only.
-    u, v : array, shape (n,)
-        Wind as computed, m/s.
-    chosen : array of bool, shape (n,)
-        Reports of its aircraft and period.
-    rng : Generator
-        Of an effect of scatter.
+    An effect on the mean has ``component`` (of `COMPONENTS`), ``parts`` (see `part_values`),
+    ``size_m_s`` (root mean square where it acts) and ``sign``; an effect of scatter ``kind`` (of
+    `SCATTER`), its values, and ``parts`` where it acts on some reports only. ``chosen`` (n,) are
+    the reports of its aircraft and period.
     """
-    if "kind" not in parameters:
-        new = _mean_effect(parameters, u, v, variables, chosen)
-        return np.stack([new[0] - u, new[1] - v], axis=-1)
-    new = _scattered(parameters, u, v, rng)
-    here = where_it_acts(parameters, variables, chosen)
+    if "kind" in parameters:
+        new, here = _scattered(parameters, u, v, rng), _product(parameters, variables, chosen)[1]
+    else:
+        new, here = _mean_effect(parameters, u, v, variables, chosen), np.ones(u.size, bool)
     return np.where(here[:, None], np.stack([new[0] - u, new[1] - v], axis=-1), 0.0)

@@ -1,9 +1,8 @@
 """The small archive of ``data_samples/``: six aircraft, five weeks, and eight days of field test.
 
-Assumptions: a coarse grid over the lower Great Lakes, three-hourly fields on seven levels, in all
-below 8 MB. Run as ``python -m airswing.synthetic.quickstart data_samples``; the seed is fixed, so
-the files are reproduced. Reports before 20 October 2009 go to ``reports/``; later ones, where two
-aircraft apply their tables, to ``field_test/``. Units: those of the canonical columns.
+``python -m airswing.synthetic.quickstart data_samples`` reproduces the files. Reports before 20
+October 2009 go to ``reports/``; later ones, where two aircraft apply their tables, to
+``field_test/``.
 """
 
 from __future__ import annotations

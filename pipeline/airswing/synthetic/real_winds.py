@@ -1,15 +1,10 @@
 """Reports of one day flown through a real model run with its real forecast error.
 
-Assumptions: the folder holds one run (a 00Z cycle, valid times of one day) and an analysis of a
-later cycle valid at one of the run's times, GRIB1 on a Lambert grid, as the RUC-initialised WRF
-files do. The true wind of a flight is the run's wind plus (later analysis - run at the same time),
-the run's real 12-hour error, looked up some rows and columns away: every flight has another shift,
-so that flights see independent draws of an error with the true structure in space and height. Where
-the model has no value (outside its domain) the truth takes the nearest one. The error is that of 12
-hours at all times, a little too large for short lead times.
-
-Run as ``python -m airswing.synthetic.real_winds FOLDER GRIB_FOLDER``.
-Units: hours from the run's start, hPa, m/s.
+The folder holds one run (a 00Z cycle, valid times of one day) and an analysis of a later cycle,
+GRIB1 on a Lambert grid. True wind = run + (later analysis - run at the same time), looked up some
+rows and columns away: every flight has another shift, hence an independent draw of an error with
+the true structure in space and height. Run as ``python -m airswing.synthetic.real_winds FOLDER
+GRIB_FOLDER``. Units: hours from the run's start, hPa, m/s.
 """
 
 from __future__ import annotations
@@ -30,16 +25,17 @@ from airswing.errors import InputError
 from airswing.physics.atmosphere import pressure_from_altitude
 from airswing.synthetic.archive import Scenario, finished, write_reports
 from airswing.synthetic.atmosphere import Array, stream
-from airswing.synthetic.earth_field import EarthField
 from airswing.synthetic.fields import GriddedReference, LambertGrid, sample_reference
 from airswing.synthetic.flights import report_steps, tour
-from airswing.synthetic.instrument import parse_faults
+from airswing.synthetic.instrument import EarthField, parse_faults
 from airswing.synthetic.observe import Coding, Units, observe
 from airswing.synthetic.truth import fleet_deviations, save_truth, truth_record
 
 # Levels of lower pressure (hPa) are left out: tours fly below them.
 _LOWEST = 350
 _TRIES = 60
+# Latitude and longitude (degrees), pressure (Pa) and hours of points (n,).
+_Places = tuple[Array, Array, Array, Array]
 
 
 class _Message(NamedTuple):
@@ -88,26 +84,9 @@ def _messages(path: Path) -> tuple[list[_Message], LambertGrid | None]:
 
 
 def read_run(folder: Path) -> tuple[GriddedReference, GriddedReference, datetime]:
-    """Read a run, its error at one time, and its start.
+    """Run, its error at one time (analysis of the next cycle minus run), and its start.
 
-    Parameters
-    ----------
-    folder : Path
-        GRIB files of two cycles.
-
-    Returns
-    -------
-    run : GriddedReference
-        Every valid time of the first cycle, components along the grid, NaN where missing.
-    error : GriddedReference
-        Analysis of the second cycle minus the run at that time, the same at every hour.
-    start : datetime
-        Hour zero, UTC.
-
-    Raises
-    ------
-    InputError
-        Where no file of two overlapping cycles is found.
+    Components along the grid, NaN where missing.
     """
     messages: list[_Message] = []
     grid = None
@@ -132,12 +111,8 @@ def read_run(folder: Path) -> tuple[GriddedReference, GriddedReference, datetime
     same = hours.index(round((later - start).total_seconds() / 3600.0))
     error = np.stack([analysis - wind[same]] * 2)
     axes = grid, np.array(levels, float)
-    run = GriddedReference("run", *axes, np.array(hours, float), wind, grid_relative=True)
-    return (
-        run,
-        GriddedReference("error", *axes, np.array([-1e4, 1e4]), error, grid_relative=True),
-        start,
-    )
+    run = GriddedReference("run", *axes, np.array(hours, float), wind)
+    return run, GriddedReference("error", *axes, np.array([-1e4, 1e4]), error), start
 
 
 def _filled(stored: GriddedReference) -> GriddedReference:
@@ -152,15 +127,7 @@ def _filled(stored: GriddedReference) -> GriddedReference:
 
 
 class RealAir:
-    """The true wind of every flight: the run and its shifted error.
-
-    Parameters
-    ----------
-    run, error : GriddedReference
-        From `read_run`.
-    seed : int
-        Seed of the shifts.
-    """
+    """The true wind of every flight: the run and its shifted error."""
 
     def __init__(self, run: GriddedReference, error: GriddedReference, *, seed: int) -> None:
         self._run, self._error = _filled(run), error
@@ -169,23 +136,18 @@ class RealAir:
         self._shift = np.zeros((2, 0))
 
     def _sampled(
-        self,
-        stored: GriddedReference,
-        latitude: Array,
-        longitude: Array,
-        pressure: Array,
-        hours: Array,
-        shift: tuple[Array, Array] | None = None,
+        self, stored: GriddedReference, places: _Places, shift: tuple[Array, Array] | None = None
     ) -> Array:
         """Wind (2, n) with times and levels limited to those of the fields."""
+        latitude, longitude, pressure, hours = places
         level = np.clip(pressure / 100.0, stored.levels.min(), stored.levels.max())
         when = np.clip(hours, stored.hours[0], stored.hours[-1])
         return sample_reference(stored, latitude, longitude, level, when, shift=shift)
 
     def run_wind(self, latitude: Array, longitude: Array, altitude: Array, hours: Array) -> Array:
         """Wind (2, n) of the run at pressure altitudes in m; calm off the grid."""
-        pressure = pressure_from_altitude(altitude)
-        return np.nan_to_num(self._sampled(self._run, latitude, longitude, pressure, hours))
+        places = latitude, longitude, pressure_from_altitude(altitude), hours
+        return np.nan_to_num(self._sampled(self._run, places))
 
     def draw(
         self, flight: NDArray[np.int64], latitude: Array, longitude: Array, pressure: Array
@@ -203,32 +165,18 @@ class RealAir:
             trial = rng.uniform(-0.6, 0.6, (2, flights)) * size
             where = flight[rows]
             shift = trial[0, where], trial[1, where]
-            wind = self._sampled(
-                self._error,
-                latitude[rows],
-                longitude[rows],
-                pressure[rows],
-                np.zeros(rows.size),
-                shift,
-            )
+            places = latitude[rows], longitude[rows], pressure[rows], np.zeros(rows.size)
+            wind = self._sampled(self._error, places, shift)
             lost = np.bincount(where, np.isnan(wind[0]), flights)
             good = open_ & (lost == 0)
             self._shift[:, good] = trial[:, good]
             open_ &= ~good
 
-    def wind(
-        self,
-        flight: NDArray[np.int64],
-        latitude: Array,
-        longitude: Array,
-        pressure: Array,
-        hours: Array,
-    ) -> Array:
+    def wind(self, flight: NDArray[np.int64], *places: *_Places) -> Array:
         """True wind (2, n), m/s; see `airswing.synthetic.observe.Wind`."""
-        places = latitude, longitude, pressure, hours
         shift = self._shift[0, flight], self._shift[1, flight]
-        error = self._sampled(self._filled_error, *places, shift)
-        return np.nan_to_num(self._sampled(self._run, *places)) + np.nan_to_num(error)
+        error = self._sampled(self._filled_error, places, shift)
+        return np.nan_to_num(self._sampled(self._run, places)) + np.nan_to_num(error)
 
 
 def write_archive(
@@ -242,24 +190,12 @@ def write_archive(
 ) -> Path:
     """Write the reports of one day flown through a real run, and a configuration for them.
 
-    The configuration names two references: ``cycle_00``, every file of the first cycle, and
-    ``cycle_12``, the later analysis with the last four files of the first cycle.
-
-    Parameters
-    ----------
-    directory : path
-        Folder for ``reports/``, ``config.yaml`` and ``truth/``.
-    grib : path
-        Folder of the real files; read only.
-    effects : sequence of mapping, optional
-        As in `airswing.synthetic.write_archive`.
-    output : str, optional
-        The configuration's output folder.
+    The configuration names two references: ``cycle_00``, every file of the first cycle in the
+    folder ``grib``, and ``cycle_12``, the later analysis with the last four files of the first.
     """
     root, source = Path(directory), Path(grib)
     run, error, start = read_run(source)
-    scenario = Scenario(days=1, aircraft=aircraft, seed=seed, start=start)
-    tails = scenario.tails
+    tails = Scenario(aircraft=aircraft).tails
     effects = fleet_deviations(tails, seed) if effects is None else effects
     faults = parse_faults(effects, start=start, tails=tails)
     air = RealAir(run, error, seed=seed)
@@ -269,15 +205,8 @@ def write_archive(
     air.draw(flight, latitude, longitude, pressure_from_altitude(flown.altitude[step, flight]))
     box = (latitude.min(), latitude.max(), longitude.min(), longitude.max())
     earth = EarthField(start, 1.0, box)
-    reports = observe(
-        flown,
-        flight,
-        step,
-        wind=air.wind,
-        seed=seed,
-        field=earth,
-        units=Units(tails, faults, Coding(position_arcmin=0.01)),  # reports a minute apart
-    )
+    units = Units(tails, faults, Coding(position_arcmin=0.01))  # reports a minute apart
+    reports = observe(flown, flight, step, wind=air.wind, seed=seed, field=earth, units=units)
     frame = finished(reports, start)
     write_reports(root / "reports", frame)
     files = sorted(str(path.resolve()) for path in source.iterdir() if path.is_file())

@@ -1,8 +1,7 @@
 """Truth of a sample fleet: its deviations, drawn, evaluated and written.
 
-Assumptions: a deviation curve is evaluated from the vector instrument at the mean field of the
-reports, without the parts that depend on time, icing, acceleration or bank. Units: degrees, nT,
-m/s.
+A deviation curve is evaluated from the vector instrument at the mean field of the reports, without
+the parts that depend on time, icing, acceleration or bank. Units: degrees, nT, m/s.
 """
 
 from __future__ import annotations
@@ -16,9 +15,9 @@ import numpy as np
 import pandas as pd
 
 from airswing.synthetic.atmosphere import stream
-from airswing.synthetic.earth_field import EarthField
 from airswing.synthetic.instrument import (
     UNIT_FAULTS,
+    EarthField,
     Fault,
     Setting,
     Unit,
@@ -52,11 +51,8 @@ _PER_UNIT = {
 def fleet_deviations(tails: Sequence[str], seed: int) -> list[Effect]:
     """Ordinary compass errors of a fleet.
 
-    Returns
-    -------
-    list of dict
-        Offsets of about 0.8 degrees; one cycle of 0.6 to 2.6 degrees, 3 to 6 on every fourth
-        aircraft; two cycles on every fifth; airspeed scale of 0.3 %.
+    Offsets of about 0.8 degrees; one cycle of 0.6 to 2.6 degrees, 3 to 6 on every fourth aircraft;
+    two cycles on every fifth; airspeed scale of 0.3 %.
     """
     rng = stream(seed, "deviations")
     effects: list[Effect] = []
@@ -77,11 +73,7 @@ def fleet_deviations(tails: Sequence[str], seed: int) -> list[Effect]:
 
 
 def small_effects(tails: Sequence[str], seed: int, *, days: float = 45.0) -> list[Effect]:
-    """A little (`LITTLE`) of every effect for every aircraft, and one per cent of gross errors.
-
-    ``days`` is the length of the archive, which the size of a drift depends on. Signs are drawn;
-    lags are late.
-    """
+    """A little (`LITTLE`) of every effect for every aircraft, and one per cent of gross errors."""
     rng = stream(seed, "background")
     effects: list[Effect] = []
     for tail in tails:
@@ -105,28 +97,20 @@ def unit_of(
     *,
     usual_field: float | None = None,
 ) -> Unit:
-    """Steady errors of one aircraft's unit, arrays of length 1.
-
-    ``horizontal`` and ``down`` are the field around the unit, ``usual_field`` that at which hard
-    iron is stated (by default the same), nT.
-    """
-    one = np.zeros(1)
+    """Steady errors of one aircraft's unit, arrays of length 1, in the field around it (nT)."""
+    zero = np.zeros(1)
+    level = dict.fromkeys(
+        ("hours", "latitude", "longitude", "magnetic", "declination", "acceleration", "bank"), zero
+    )
     setting = Setting(
         tail=np.array([index]),
-        hours=one,
-        latitude=one,
-        longitude=one,
-        altitude=one + 4000.0,
-        magnetic=one,
-        declination=one,
-        horizontal=one + horizontal,
-        down=one + down,
-        acceleration=one,
-        bank=one,
-        temperature=one + 260.0,
+        horizontal=zero + horizontal,
+        down=zero + down,
+        temperature=zero + 260.0,
         icing=np.zeros(1, bool),
         phase=np.full(1, 2),
         box=(0.0, 1.0, 0.0, 1.0),
+        **level,
     )
     if usual_field is not None:
         setting.usual_field = usual_field
@@ -141,11 +125,7 @@ def corrections(
     chosen: Sequence[str],
     start: float,
 ) -> Correction:
-    """Eight-point tables to 0.1 degree, as loaded after an earlier swing.
-
-    Exact but for rounding where the field is that of the region's middle, which is taken for the
-    usual one. ``start`` is in hours since the start of the archive.
-    """
+    """Eight-point tables to 0.1 degree, as loaded after an earlier swing."""
     south, north, west, east = earth.box
     middle = [np.array([0.5 * (south + north)]), np.array([0.5 * (west + east)]), np.zeros(1)]
     _, horizontal, down = (float(value[0]) for value in earth.at(*middle))
@@ -168,22 +148,9 @@ def truth_record(
     *,
     usual_field: float | None = None,
 ) -> dict[str, object]:
-    """Truth of an archive as plain numbers.
+    """Truth of an archive as plain numbers: ``aircraft`` by tail, ``effects``, ``known_faults``.
 
-    Parameters
-    ----------
-    frame : DataFrame
-        Reports with their exact columns.
-    usual_field : float, optional
-        H (nT) at which hard iron is stated: the median over all simulated reports, by default over
-        those of ``frame``.
-
-    Returns
-    -------
-    dict
-        ``aircraft``: by tail ``deviation`` (A to E, degrees, against indicated magnetic heading),
-        ``offset, amplitude, phase`` of the sinusoid, ``reports``, ``cruise_reports``,
-        ``airspeed_scale, airspeed_offset``; ``effects``; ``known_faults``.
+    ``usual_field`` (nT) is that at which hard iron is stated, by default the median of the reports.
     """
     aircraft: dict[str, object] = {}
     if usual_field is None:

@@ -1,22 +1,12 @@
 """Plan of a blind check: which cases, on which rung, with which effect, in which world.
 
-Assumptions
------------
-Rungs: 1 the generator's ordinary world; 2 its hard world (longer-reaching error, heavy tails, bias,
-1 % outliers, a little of every effect everywhere); 3 two effects, every other time on the same
-aircraft; 4 effects outside the catalogue, drawn at random, and catalogue effects removed from it
-for the diagnosis; 5 real data: the residual errors of a real flux valve, and the real error of a
-real forecast, with an effect added. Every fourth world of rungs 1 and 4 has two weeks only. A
-quarter of every rung has no effect, or as many as are asked for.
-
-Effects, their variants and sizes are dealt like cards, every effect as often as every other. Cases
-of one rung share worlds, so that fields are not written for each; names are dealt last and carry no
-information. An outside effect is dealt as several draws: the first is taken that no name explains
-on its archive, two times in three the first of those that closes a tenth of a knot (many close
-less, which is no loss if missed). Pairs of variables that determine each other (heading and track)
-are not multiplied, and effects of the catalogue (a heading error that steps or grows with the date,
-or acts while icing protection is on) are not drawn. The size of a scatter effect is measured on the
-archive.
+Rungs: 1 the generator's ordinary world; 2 its hard world; 3 two effects, every other time on the
+same aircraft; 4 effects outside the catalogue, and catalogue effects removed from it for the
+diagnosis; 5 real data: the residual errors of a real flux valve, and the real error of a real
+forecast, with an effect added. A quarter of every rung has no effect, or as many as are asked for.
+Effects, their variants and sizes are dealt like cards; cases of one rung share worlds, so that
+fields are not written for each; names are dealt last and carry no information. An outside effect is
+dealt as several draws, of which the archive decides (`sealed_archives`).
 
 Units: m/s for sizes; kt and degrees where a name says so.
 """
@@ -104,21 +94,10 @@ def plan_cases(
     rungs: Sequence[int] = tuple(RUNGS),
     nulls: int | None = None,
 ) -> list[Case]:
-    """Draw the cases of a check.
+    """Draw the cases of a check, in the order of their names, which is random.
 
-    Parameters
-    ----------
-    draws : mapping
-        Effects to draw from, and how each is drawn.
-    rungs : sequence of int
-        Rungs to use; the shares of the others are spread over them.
-    nulls : int, optional
-        Number of cases without effect; a quarter by default.
-
-    Returns
-    -------
-    list of Case
-        In the order of their names, which is random.
+    The shares of rungs that are not used are spread over the others; ``nulls`` cases, by default a
+    quarter, have no effect.
     """
     rng = np.random.default_rng([seed, 8])
     counts = _counts(number, rungs)

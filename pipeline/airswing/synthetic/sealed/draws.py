@@ -1,11 +1,9 @@
 """One effect at unit strength, drawn at random: aircraft, date, signs and phases.
 
-Assumptions: how an effect is drawn is stated with the effect (`Draw`, in its file of the
-catalogue); its physics is the generator's (`airswing.synthetic.instrument`). Effects are the
-mappings the generator takes. A *unit* draw is later scaled so that it changes the wind by a stated
-root mean square where it acts (its strength); effects of the variance alone (coding) or of rare
-reports (gross errors) have a ladder of steps instead. Valid for archives of a week and more with
-two aircraft and more. Units: those of the parameters' names; m/s for strengths.
+How an effect is drawn is stated with the effect (`Draw`, in its file of the catalogue); its physics
+is the generator's. A draw is later scaled so that it changes the wind by a stated root mean square
+where it acts (its strength); effects of the variance alone (coding) or of rare reports (gross
+errors) have a ladder of steps instead.
 """
 
 from __future__ import annotations
@@ -13,20 +11,16 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timedelta
-from typing import TYPE_CHECKING, Literal
+from typing import Any, Literal
 
 import numpy as np
+import pandas as pd
 
-from airswing.synthetic.instrument import Fault, Mask, Setting, number
+from airswing.synthetic.instrument import Mask, UnitFault
 from airswing.synthetic.sealed.labels import Injected
 
-if TYPE_CHECKING:
-    import pandas as pd
-
-Parameters = Mapping[str, object]
 Unit = Callable[[np.random.Generator], dict[str, object]]
-Acts = Callable[["pd.DataFrame", Parameters], Mask]
-Realised = Callable[[Setting, Fault, Mask], None]
+Acts = Callable[[pd.DataFrame, Mapping[str, Any]], Mask]
 SIZES = (0.2, 0.4, 0.8, 1.6)
 """Strengths where an effect acts, m/s root mean square."""
 START = datetime(2009, 3, 1)
@@ -91,7 +85,7 @@ class Draw:
     compared: tuple[str, ...] = ()  # parameters compared with the truth
     places: tuple[str, ...] = ()  # variables that place it where the diagnosis has no name for it
     read_from: tuple[tuple[str, str], ...] = ()  # component and variable a person reads it from
-    fault: Realised | None = None  # physics, where it is not among the generator's
+    fault: UnitFault | None = None  # physics, where it is not among the generator's
 
     @property
     def variants(self) -> tuple[str, ...]:
@@ -150,17 +144,7 @@ def draw_effect(
     among: Sequence[str] | None = None,
     variant: str = "plain",
 ) -> Drawn:
-    """Draw aircraft, date and signs, at unit strength.
-
-    Parameters
-    ----------
-    step : int
-        Step of the ladder, for effects that have one.
-    among : sequence of str, optional
-        Aircraft it acts on; by default they are drawn.
-    variant : str
-        Of `Draw.variants`.
-    """
+    """Draw aircraft (unless they are ``among`` some), date and signs, at unit strength."""
     last, tails = variant == "last week", world.tails
     if how.whose == "pair":
         return _swap(name, how, rng, tails, _date(rng, world.days, last=last))
@@ -194,22 +178,17 @@ def _swap(name: str, how: Draw, rng: np.random.Generator, tails: list[str], date
     """Two aircraft with opposite deviations that exchange names at a date."""
     pair = sorted(str(tail) for tail in rng.choice(tails, 2, replace=False))
     phase = _phase(rng)
-    deviations: list[Injected] = [
-        {
-            "name": "hard_iron",
-            "tails": [tail],
-            "parameters": {"amplitude_deg": 0.5, "phase_deg": phase + turn},
-            "period": None,
-        }
+    found = [
+        Injected(
+            name="hard_iron",
+            tails=[tail],
+            parameters={"amplitude_deg": 0.5, "phase_deg": phase + turn},
+            period=None,
+        )
         for tail, turn in zip(pair, (0.0, 180.0), strict=True)
     ]
-    swap: Injected = {
-        "name": name,
-        "tails": pair,
-        "parameters": {"pair": pair},
-        "period": [date, None],
-    }
-    return Drawn(name, (*deviations, swap), how)
+    found += [Injected(name=name, tails=pair, parameters={"pair": pair}, period=[date, None])]
+    return Drawn(name, tuple(found), how)
 
 
 def scaled(drawn: Drawn, factor: float) -> Drawn:
@@ -219,12 +198,11 @@ def scaled(drawn: Drawn, factor: float) -> Drawn:
         return drawn
     found: list[Injected] = []
     for effect in drawn.effects:
-        parameters: Parameters = effect["parameters"]
         changed = {
-            key: float(f"{np.clip(factor * number(value), -how.limit, how.limit):.5g}")
+            key: float(f"{np.clip(factor * float(value), -how.limit, how.limit):.5g}")
             if key in how.scaled
             else value
-            for key, value in parameters.items()
+            for key, value in effect["parameters"].items()
         }
         found.append({**effect, "parameters": changed})
     return replace(drawn, effects=tuple(found))

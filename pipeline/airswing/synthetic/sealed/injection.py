@@ -1,19 +1,11 @@
 """Real data with an effect added: errors of a real flux valve, and of a real forecast.
 
-Assumptions
------------
-* **Sensor** (Garmin G1000, 1 Hz, light aircraft; headings and tracks magnetic): along each record
-  ground velocity = airspeed x heading vector + wind, with a wind piecewise linear in time (knots
-  every 5 minutes) and linear in height, a heading in error by a constant, one and two cycles, an
-  airspeed in error by a factor. The residual of that fit, less the mean of each heading, is the
-  irregular error of the real valve and pitot tube (and gusts), with its correlation and tails. It
-  replaces the generator's instrument noise: each report takes the residual of a moment when the
-  real aircraft was on about the same magnetic heading, advancing through the record along a flight.
-* **Model**: reports of one day flown through a real forecast run whose real 12-hour error is the
-  difference between truth and model (`airswing.synthetic.real_winds`).
-
-Valid for heading errors of one day's weather and of light aircraft; the added effect is exact.
-Units: radians, m/s inside; degrees, kt in the records.
+Sensor (Garmin G1000, 1 Hz; headings and tracks magnetic): along each record ground velocity =
+airspeed x heading vector + wind, with a wind piecewise linear in time (knots every 5 minutes) and
+linear in height, a heading in error by a constant, one and two cycles, an airspeed in error by a
+factor. The residual of that fit, less the mean of each heading, replaces the generator's instrument
+noise: each report takes that of a moment when the real aircraft was on about the same magnetic
+heading. Model: `airswing.synthetic.real_winds`. Units: radians, m/s; degrees, kt in the records.
 """
 
 from __future__ import annotations
@@ -29,6 +21,7 @@ from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.physics.atmosphere import pressure_from_altitude
+from airswing.synthetic import real_winds
 from airswing.synthetic.atmosphere import Array, stream
 from airswing.synthetic.fields import GriddedReference, sample_reference
 from airswing.synthetic.instrument import coded, compute_wind
@@ -51,19 +44,7 @@ class SensorRecord:
 
 
 def sensor_record(table: pd.DataFrame) -> SensorRecord:
-    """Irregular errors of the sensors in one record.
-
-    Parameters
-    ----------
-    table : DataFrame
-        Columns ``HDG, TRK`` (degrees magnetic), ``TAS, GndSpd`` (kt), ``AltMSL`` (ft), ``Roll``
-        (degrees), one row a second.
-
-    Raises
-    ------
-    InputError
-        If there are fewer than ten minutes of level flight at flying speed.
-    """
+    """Irregular errors of the sensors in one record of the Garmin's columns, one row a second."""
     names = ("HDG", "TRK", "TAS", "GndSpd", "AltMSL", "Roll")
     values = {name: table[name].to_numpy(float) for name in names}
     good = np.all([np.isfinite(column) for column in values.values()], axis=0)
@@ -140,22 +121,7 @@ def real_sensor(folder: Path) -> list[SensorRecord]:
 def with_real_sensor(
     frame: pd.DataFrame, records: Sequence[SensorRecord], *, seed: int
 ) -> pd.DataFrame:
-    """An archive whose instrument noise is that of real records.
-
-    Parameters
-    ----------
-    frame : DataFrame
-        Of `airswing.synthetic.simulate_arrays` with noiseless instruments.
-    records : sequence of SensorRecord
-        Dealt to the aircraft in turn.
-    seed : int
-        Of where in the records each flight begins.
-
-    Returns
-    -------
-    DataFrame
-        The same rows with other ``heading, airspeed, direction, speed, u, v``.
-    """
+    """An archive of noiseless instruments with errors of real records, dealt to the aircraft."""
     out = frame.copy()
     magnetic = (out["heading"] - out["declination"]).to_numpy(float)
     turned, longer = np.zeros(len(out)), np.zeros(len(out))
@@ -199,20 +165,7 @@ def _moments(
 def write_model_case(
     folder: Path, real: Path, effects: Sequence[Mapping[str, object]], world: World
 ) -> TwinClosure:
-    """Write a case on a real forecast run and measure its true closure.
-
-    Parameters
-    ----------
-    real : Path
-        Folder of real data, with ``grib/wrf_ruc13_g212``.
-
-    Returns
-    -------
-    dict
-        ``before, after``: disagreement with the first model with and without the effects, kt.
-    """
-    from airswing.synthetic import real_winds
-
+    """Write a case on a real forecast run and measure its true closure."""
     grib = real / "grib" / _MODEL_FOLDER
     if not grib.is_dir():
         raise InputError("no real model run", file=grib)

@@ -1,9 +1,7 @@
 """Labels of sealed cases: their keys, and their seal.
 
-Assumes labels as `airswing.synthetic.sealed.sealed_archives.Archivist.write` makes them. A
-diagnosis reads only the archives; the digest (SHA-256 of the file of labels, byte for byte), which
-is published before any diagnosis, proves afterwards that the labels were not changed. Sizes in m/s
-root mean square where an effect acts, disagreements in kt.
+The digest (SHA-256 of the file of labels), published before any diagnosis, proves afterwards that
+the labels were not changed. Sizes in m/s root mean square where an effect acts.
 """
 
 from __future__ import annotations
@@ -12,7 +10,7 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NotRequired, TypedDict
+from typing import Any, NotRequired, TypedDict
 
 from airswing.errors import InputError
 from airswing.products.whole_files import plain, write_text
@@ -23,7 +21,7 @@ class Injected(TypedDict):
 
     name: str
     tails: Sequence[str] | None
-    parameters: Mapping[str, object]  # of an outside effect also text and lists of parts
+    parameters: Mapping[str, Any]  # of an outside effect also text and lists of parts
     period: Sequence[str | None] | None
 
 
@@ -68,32 +66,21 @@ class Label(TypedDict):
     outside: OutsideTruth | None
 
 
-def digest_of(path: Path) -> str:
-    """SHA-256 of a file as 64 hexadecimal digits."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()
-
-
 def seal(labels: Sequence[Mapping[str, object]], folder: Path) -> str:
     """Write ``labels.json`` into a folder and its digest to ``<folder>.sha256``; the digest."""
     folder.mkdir(parents=True, exist_ok=True)
     path = write_text(folder / "labels.json", json.dumps(plain(list(labels)), indent=1))
-    digest = digest_of(path)
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()
     write_text(folder.with_suffix(".sha256"), f"{digest}  labels.json\n")
     return digest
 
 
 def open_seal(folder: Path, *, digest: str) -> list[Label]:
-    """Read the labels of `seal` after checking their digest.
-
-    Raises
-    ------
-    InputError
-        If the file is absent or is not the one that was sealed.
-    """
+    """Read the labels of `seal`; InputError if they are absent or not those of the digest."""
     path = folder / "labels.json"
     if not path.exists():
         raise InputError("no sealed labels", file=path)
-    found = digest_of(path)
+    found = hashlib.sha256(path.read_bytes()).hexdigest()
     if found != digest:
         raise InputError(
             "the sealed labels are not those whose digest was published",

@@ -1,18 +1,11 @@
 """Truth of an outside effect on its archive: size, variables, and how near a named effect comes.
 
-Assumptions: the change is known report by report (the archive against its twin). Named effects are
-written here once more, apart from the diagnosis: errors of heading by one and two cycles, by icing,
-date, acceleration and bank, errors of airspeed, a wind too strong or turned; least squares by
-aircraft gives the share of the change they explain. A variable carries the share of the
-signed size of the change that the means over its bins explain.
-
-An effect is fit for a case when it changes reports by `LEAST_SIZE` and more, its sum of squares
-exceeds `LEAST_ENERGY`, and named effects explain less than `MOST_NAMED` of it: otherwise a
-diagnosis that names them would be right. The least energy makes a single known curve four standard
-errors, with errors of the winds of 2.4 m/s along correlated flights (four reports to one
-independent value).
-
-Valid for a few hundred reports an aircraft. Units: m/s, radians, kt for a closure.
+Named effects are written here once more, apart from the diagnosis; least squares by aircraft gives
+the share of the change they explain. A variable carries the share of the signed size of the change
+that the means over its bins explain. An effect is fit for a case when it changes reports by
+`LEAST_SIZE` and more, its sum of squares exceeds `LEAST_ENERGY` (a single known curve is then four
+standard errors, with errors of the winds of 2.4 m/s and four reports to one independent value), and
+named effects explain less than `MOST_NAMED` of it. Units: m/s, radians, kt for a closure.
 """
 
 from __future__ import annotations
@@ -29,7 +22,6 @@ from airswing.synthetic.outside_effects import (
     FLAGS,
     component_axes,
     effect_change,
-    parts_of,
     report_variables,
 )
 from airswing.synthetic.sealed.labels import Injected, OutsideTruth
@@ -50,23 +42,7 @@ BINS = 36
 def outside_truth(
     frame: pd.DataFrame, innovation: Array, effect: Injected, *, seed: int
 ) -> OutsideTruth:
-    """Measure an outside effect on an archive without it.
-
-    Parameters
-    ----------
-    frame : DataFrame
-        Reports of the archive without the effect, with the exact state.
-    innovation : array, shape (n, 2)
-        Its reported minus model wind, m/s.
-    seed : int
-        Of effects that draw; another draw than the archive's gives the same figures.
-
-    Returns
-    -------
-    dict
-        ``component, shape, variables, scope, reports, size_m_s, named_share, closes_kt`` (before
-        the winds are coded), ``carried``.
-    """
+    """Measure an outside effect on an archive without it and its innovation (n, 2)."""
     u, v = frame["computed_u"].to_numpy(float), frame["computed_v"].to_numpy(float)
     variables = report_variables(frame, u, v, frame["hours"].to_numpy(float))
     parameters, tails, period = effect["parameters"], effect["tails"], effect["period"]
@@ -86,7 +62,7 @@ def outside_truth(
     if component != "scatter":
         named = named_share(change, variables, u, v, frame["aircraft"].to_numpy(int))
     longer = np.hypot(*(innovation + change).T) - np.hypot(*innovation.T)
-    acting = [str(part["variable"]) for part in parts_of(parameters)]
+    acting = [str(part["variable"]) for part in parameters["parts"]]
     if parameters.get("kind") == "lattice":
         acting += ["wind_direction", "wind_speed"]
     elif parameters.get("kind") in ("floor", "ceiling", "hole"):
@@ -121,19 +97,9 @@ def _named_forms(variables: Mapping[str, Array], u: Array, v: Array) -> Array:
     along = np.stack([np.sin(heading), np.cos(heading)])
     sine, cosine = np.sin(magnetic), np.cos(magnetic)
     icing = np.asarray(variables["icing"] == 1, np.float64)
-    turning = [
-        np.ones_like(u),
-        sine,
-        cosine,
-        np.sin(2 * magnetic),
-        np.cos(2 * magnetic),
-        icing,
-        icing * sine,
-        icing * cosine,
-        variables["date"] / 30.0,
-        variables["acceleration"] * sine,
-        variables["bank"] * cosine,
-    ]
+    turning = [np.ones_like(u), sine, cosine, np.sin(2 * magnetic), np.cos(2 * magnetic)]
+    turning += [icing, icing * sine, icing * cosine, variables["date"] / 30.0]
+    turning += [variables["acceleration"] * sine, variables["bank"] * cosine]
     wind = np.stack([u, v])
     forms = [across * factor for factor in turning]
     forms += [along, along * variables["airspeed"] / 100.0, wind / 10.0, np.stack([v, -u]) / 10.0]
@@ -173,17 +139,14 @@ def carried_by(size: Array, variables: Mapping[str, Array]) -> dict[str, float]:
     total = float((size**2).sum())
     found = {}
     for name, values in variables.items():
-        bins = _bins(np.asarray(values, np.float64), name)
+        if name in FLAGS:
+            bins = values.astype(np.int64) + 1
+        elif name in CYCLIC:
+            turn = np.mod(values / CYCLIC[name], 1.0)
+            bins = np.minimum((turn * BINS).astype(np.int64), BINS - 1)
+        else:
+            bins = np.searchsorted(np.quantile(values, np.linspace(0, 1, BINS + 1)[1:-1]), values)
         # Energy of the means of bins: that of the best step function of the variable.
         energy = np.bincount(bins, size) ** 2 / np.maximum(np.bincount(bins), 1)
         found[name] = float(energy.sum()) / total if total > 0.0 else 0.0
     return found
-
-
-def _bins(values: Array, name: str) -> NDArray[np.int64]:
-    if name in FLAGS:
-        return np.asarray(values, np.int64) + 1
-    if name in CYCLIC:
-        turn = np.mod(values / CYCLIC[name], 1.0)
-        return np.minimum((turn * BINS).astype(np.int64), BINS - 1)
-    return np.searchsorted(np.quantile(values, np.linspace(0, 1, BINS + 1)[1:-1]), values)

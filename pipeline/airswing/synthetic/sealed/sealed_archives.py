@@ -1,18 +1,10 @@
 """From a drawn case to an archive on disk and a label: strengths set, winds shared, truth measured.
 
-Assumptions
------------
-* A strength is the root mean square of the change in reported minus model wind over the reports
-  where the effect acts, measured on a short archive of the same world without coding. It is taken
-  as proportional to the effect's parameters.
-* The true closure is measured on the reports written: the mean vector disagreement with the effect,
-  and in the twin archive of the same seed without it (in the hard world with the background), over
-  the reports that both archives use.
-* Of the draws of an outside effect the first is taken that is fit (`airswing.synthetic.sealed
-  .outside`).
-* GRIB files are written once per world and state of the models; cases point to them.
-
-The generator shares no code with `airswing.gap.effects`. Units: m/s, kt for disagreement.
+A strength is the root mean square of the change in reported minus model wind where the effect acts,
+measured on a short archive of the same world without coding, and taken as proportional to the
+effect's parameters. The true closure is measured on the reports written and on the twin archive of
+the same seed without the effect. GRIB files are written once per world and state of the models. The
+generator shares no code with `airswing.gap.effects`. Units: m/s, kt for disagreement.
 """
 
 from __future__ import annotations
@@ -44,6 +36,7 @@ from airswing.synthetic.instrument import UNIT_FAULTS
 from airswing.synthetic.observe import Coding
 from airswing.synthetic.sealed.cases import Case
 from airswing.synthetic.sealed.draws import START, Drawn, World, scaled
+from airswing.synthetic.sealed.injection import real_sensor, with_real_sensor, write_model_case
 from airswing.synthetic.sealed.labels import Injected, Label, OutsideTruth, TwinClosure
 from airswing.synthetic.sealed.outside import WORTH_KT, is_fit, outside_truth
 from airswing.units import KNOT
@@ -56,14 +49,6 @@ _ACROSS = ("across_heading", "heading_angle", "cross", "scatter")
 # Rounding is no part of the strength of an effect.
 _EXACT = Coding(direction_deg=0.001, speed_kt=0.001, position_arcmin=0.001)
 _COARSE: dict[str, Any] = {"columns": 32, "rows": 25, "spacing_km": 57.0, "interval_hours": 2}
-# Fields that cost next to nothing, where only the reports are wanted.
-_NO_FIELDS: dict[str, Any] = {
-    "columns": 3,
-    "rows": 3,
-    "spacing_km": 600.0,
-    "levels": (1000, 350),
-    "interval_hours": 6,
-}
 # Fields good enough to measure a strength.
 _THIN_FIELDS: dict[str, Any] = {
     "columns": 16,
@@ -96,10 +81,7 @@ def innovation(frame: pd.DataFrame) -> Array:
 
 
 def twin_closure(made: pd.DataFrame, twin: pd.DataFrame) -> TwinClosure:
-    """Mean vector disagreement (kt) of an archive and of its twin, on the reports both use.
-
-    ``made`` numbers the reports in both.
-    """
+    """Mean vector disagreement (kt) of an archive and of its twin, on the reports both use."""
     frames = made.set_index("made"), twin.set_index("made").loc[made["made"]]
     both = np.ones(len(made), bool)
     for frame in frames:
@@ -110,13 +92,12 @@ def twin_closure(made: pd.DataFrame, twin: pd.DataFrame) -> TwinClosure:
 
 
 def strength_of(drawn: Drawn, world: World) -> float:
-    """Strength of an effect without a ladder, m/s root mean square where it acts.
-
-    It is measured on a few days of the world.
-    """
+    """Strength (m/s) of an effect without a ladder, measured on a few days of the world."""
     short = replace(world, days=min(world.days, _CALIBRATION_DAYS))
     bare = _calibration(short)
-    changed = _calibrating(short, [_always(effect) for effect in drawn.effects])
+    # Without its period; a swap is measured by the deviations it exchanges.
+    always: list[Injected] = [{**effect, "period": None} for effect in drawn.effects]
+    changed = _calibrating(short, [e for e in always if "pair" not in e["parameters"]])
     change = innovation(changed) - innovation(bare)
     here = np.isfinite(change).all(axis=1)
     if drawn.tails is not None:
@@ -144,14 +125,6 @@ def _calibrating(short: World, effects: Effects) -> pd.DataFrame:
     return simulate_arrays(effects=effects, **options)
 
 
-def _always(effect: Injected) -> Injected:
-    """The effect without its period; a swap is measured by the deviations it exchanges."""
-    if "pair" in effect["parameters"]:
-        name = "compass_offset"
-        return {"name": name, "tails": effect["tails"], "parameters": {}, "period": None}
-    return {**effect, "period": None}
-
-
 @functools.lru_cache(maxsize=2)
 def _fields(world: World, on_models: str) -> dict[str, GriddedReference]:
     """Gridded models of a world under some effects on them (JSON)."""
@@ -162,16 +135,9 @@ def _on_models(effects: Effects) -> str:
     return json.dumps([dict(e) for e in effects if e["name"].startswith("reference_")])
 
 
-def simulated(world: World, effects: Effects, *, coding: Coding | None = None) -> pd.DataFrame:
-    """Reports of a world with the winds of its models.
-
-    As `airswing.synthetic.simulate_arrays`, with fields built once for all cases of a world.
-    """
-    options: dict[str, Any] = {
-        **generator_options(world),
-        **_NO_FIELDS,
-        "coding": coding or Coding(),
-    }
+def simulated(world: World, effects: Effects, **options: Any) -> pd.DataFrame:
+    """Reports of a world with the winds of its models, which are built once for all its cases."""
+    options |= generator_options(world) | {"references": ()}
     frame = simulate_arrays(effects=effects, **options)
     add_winds(frame, _fields(world, _on_models(effects)))
     return frame
@@ -192,17 +158,16 @@ class Archivist:
                 UNIT_FAULTS.setdefault(part.name, part.how.fault)
         outside = None
         if case.kind == "outside":
-            drawn, outside = self._fit_draw(case)
+            part, outside = self._fit_draw(case)
+            drawn = [part]
         else:
-            drawn = tuple(
+            drawn = [
                 self._strengthened(part, size, case.world)
                 for part, size in zip(case.drawn, case.sizes, strict=True)
-            )
+            ]
         effects = [effect for part in drawn for effect in part.effects]
         folder = self.root / "cases" / case.name
         if case.world.kind == "model":
-            from airswing.synthetic.sealed.injection import write_model_case
-
             closure = write_model_case(folder, self._real(), effects, case.world)
         else:
             closure = self._write_sample(folder, case.world, effects)
@@ -227,7 +192,7 @@ class Archivist:
             "outside": outside,
         }
 
-    def _fit_draw(self, case: Case) -> tuple[tuple[Drawn, ...], OutsideTruth]:
+    def _fit_draw(self, case: Case) -> tuple[Drawn, OutsideTruth]:
         """First draw of an outside effect that is fit, and its truth.
 
         Of a case with ``worth``, the first that is fit and closes `WORTH_KT`, or the one with the
@@ -235,17 +200,17 @@ class Archivist:
         """
         bare = self._without(case.world)
         wind = innovation(bare)
-        fit, others = [], []
+        fit, every = [], []
         for part in (*case.drawn, *case.instead):
             truth = outside_truth(bare, wind, part.effects[0], seed=case.world.seed)
+            every.append((part, truth))
             if is_fit(truth):
-                fit.append(((part,), truth))
+                fit.append((part, truth))
                 if not case.worth or truth["closes_kt"] >= WORTH_KT:
                     return fit[-1]
-            others.append(((part,), truth))
         if fit:
             return max(fit, key=lambda one: one[1]["closes_kt"])
-        return min(others, key=lambda one: one[1]["named_share"])
+        return min(every, key=lambda one: one[1]["named_share"])
 
     def _real(self) -> Path:
         if self.real is None:
@@ -273,8 +238,6 @@ class Archivist:
     def _simulated(self, world: World, effects: Effects) -> pd.DataFrame:
         if world.kind != "sensor":
             return simulated(world, effects)
-        from airswing.synthetic.sealed.injection import real_sensor, with_real_sensor
-
         silent = Coding(heading_noise=0.0, airspeed_noise=0.0)
         frame = simulated(world, effects, coding=silent)
         return with_real_sensor(frame, real_sensor(self._real() / "heading"), seed=world.seed)
