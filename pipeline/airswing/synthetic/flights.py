@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,6 @@ from pyproj import Geod
 from airswing.synthetic.atmosphere import Array, stream
 
 Places = dict[str, tuple[float, float]]
-Kind = TypeVar("Kind", bound=np.generic)
 Wind = Callable[[Array, Array, Array, Array], Array]
 """(latitude, longitude, altitude m, hours) to the wind (2, n), m/s."""
 
@@ -48,7 +47,8 @@ _GREAT_LAKES: Places = {
     code: (float(latitude), float(longitude))
     for code, latitude, longitude in (row.split() for row in _AIRPORTS.split(","))
 }
-_LOWER_LAKES = "DTW ORD MKE CLE IND CVG TVC GRB CWA MLI SBN CMH LAN PIA APN"
+_LOWER_CODES = "DTW ORD MKE CLE IND CVG TVC GRB CWA MLI SBN CMH LAN PIA APN"
+_LOWER_LAKES = {code: _GREAT_LAKES[code] for code in _LOWER_CODES.split()}
 
 
 @dataclass(frozen=True)
@@ -65,12 +65,7 @@ NETWORKS = {
     "great_lakes": Network(
         _GREAT_LAKES, ("MSP", "DTW", "ORD", "MKE", "CLE"), (280, 800), (43.4, -87)
     ),
-    "lower_lakes": Network(
-        {code: _GREAT_LAKES[code] for code in _LOWER_LAKES.split()},
-        ("DTW", "ORD", "MKE"),
-        (230, 620),
-        (42.3, -86.2),
-    ),
+    "lower_lakes": Network(_LOWER_LAKES, ("DTW", "ORD", "MKE"), (230, 620), (42.3, -86.2)),
 }
 
 
@@ -210,17 +205,32 @@ def fly(table: Timetable, wind: Wind, *, seed: int) -> Flown:
         home = (home + 14e3 * (stage < 2)) / 0.83
         limit = _G * np.tan(_MAX_BANK) / speed
         # As an autopilot: onto the course in about 22 s, rolled into within 9 s.
-        wanted = np.clip(_wrap(aim - track) / 22.0, -limit, limit)
+        turn = np.pi - (np.pi - (aim - track)) % (2 * np.pi)  # in (-pi, pi]
+        wanted = np.clip(turn / 22.0, -limit, limit)
         wanted = np.where((phase == ASCENT) & (altitude < release), 0.0, wanted)
         new_rate = rate + (wanted - rate) * (1 - np.exp(-STEP / 9.0))
         new_track = track + 0.5 * (rate + new_rate) * STEP
-        ground = _ground_speed(_airspeed(table, altitude, phase), breeze, track)
+        share, top = np.clip(altitude / table.cruise_altitude, 0.0, 1.0), table.cruise_airspeed
+        # Climb takes thrust; idle descents are nearly as fast as cruise and end at 74 m/s.
+        climbing = 70.0 + (0.84 * top - 70.0) * share
+        sinking = 74.0 + (0.98 * top - 74.0) * share
+        airspeed = np.where(phase == ASCENT, climbing, np.where(phase == CRUISE, top, sinking))
+        along = breeze[0] * np.sin(track) + breeze[1] * np.cos(track)
+        across = breeze[0] * np.cos(track) - breeze[1] * np.sin(track)
+        # The root stays real in a gale at take-off.
+        ground = along + np.sqrt(np.maximum(airspeed**2 - across**2, 100.0))
         # m s-2; drag slows more than thrust accelerates.
         pull = np.clip((ground - speed) / 45.0, -0.35, 0.3)
         new_speed = np.maximum(speed + pull * STEP, 45.0)
         mean_track, mean_speed = 0.5 * (track + new_track), 0.5 * (speed + new_speed)
         moving = np.where(alive, STEP, 0.0)
-        lat, lon = _moved(lat, lon, mean_speed, mean_track, moving)
+        per_lat, _ = _metres(lat)
+        # The length of a degree of longitude is that at the middle of the step.
+        _, per_lon = _metres(
+            lat + np.degrees(0.5 * mean_speed * np.cos(mean_track) * STEP / per_lat)
+        )
+        lon = lon + np.degrees(mean_speed * np.sin(mean_track) * moving / per_lon)
+        lat = lat + np.degrees(mean_speed * np.cos(mean_track) * moving / per_lat)
         climb = np.where(phase == ASCENT, _CLIMB, np.where(phase == DESCENT, -_DESCENT, 0.0))
         altitude = np.maximum(altitude + climb * moving, 0.0)
         track, speed, rate = new_track, new_speed, new_rate
@@ -255,30 +265,6 @@ def _targets(table: Timetable, rng: np.random.Generator) -> tuple[Array, Array]:
     return course, np.stack([way, fix, table.destination])
 
 
-def _airspeed(table: Timetable, altitude: Array, phase: NDArray[np.int8]) -> Array:
-    """Scheduled true airspeed, m/s."""
-    share = np.clip(altitude / table.cruise_altitude, 0.0, 1.0)
-    top = table.cruise_airspeed
-    # Climb takes thrust; idle descents are nearly as fast as cruise and end at 74 m/s.
-    climb = 70.0 + (0.84 * top - 70.0) * share
-    descent = 74.0 + (0.98 * top - 74.0) * share
-    return np.where(phase == ASCENT, climb, np.where(phase == CRUISE, top, descent))
-
-
-def _ground_speed(airspeed: Array, wind: Array, track: Array) -> Array:
-    """Speed along the track at an airspeed in a wind (2, n), m/s."""
-    east, north = np.sin(track), np.cos(track)
-    along = wind[0] * east + wind[1] * north
-    across = wind[0] * north - wind[1] * east
-    # The root stays real in a gale at take-off.
-    return np.asarray(along + np.sqrt(np.maximum(airspeed**2 - across**2, 100.0)))
-
-
-def _wrap(angle: Array) -> Array:
-    """Angle in (-pi, pi]."""
-    return np.asarray(np.pi - (np.pi - angle) % (2 * np.pi))
-
-
 def _metres(latitude: Array) -> tuple[Array, Array]:
     """Metres per radian of latitude and of longitude on the WGS84 ellipsoid."""
     a, e2 = 6378137.0, 0.00669437999014  # semi-major axis, eccentricity squared
@@ -303,18 +289,6 @@ def _offset(place: Array, course: Array, distance: Array) -> Array:
     lat = place[:, 0] + np.degrees(distance * np.cos(course) / north)
     lon = place[:, 1] + np.degrees(distance * np.sin(course) / east)
     return np.stack([lat, lon], axis=1)
-
-
-def _moved(
-    lat: Array, lon: Array, speed: Array, track: Array, seconds: Array
-) -> tuple[Array, Array]:
-    """Places a step later; the length of a degree of longitude is that at its middle."""
-    per_lat, _ = _metres(lat)
-    _, per_lon = _metres(lat + np.degrees(0.5 * speed * np.cos(track) * STEP / per_lat))
-    return (
-        lat + np.degrees(speed * np.cos(track) * seconds / per_lat),
-        lon + np.degrees(speed * np.sin(track) * seconds / per_lon),
-    )
 
 
 def report_steps(
@@ -368,7 +342,7 @@ def tour(wind: Wind, *, aircraft: int, seed: int) -> Flown:
         kept["east"][leg], kept["north"][leg] = speed * np.sin(track), speed * np.cos(track)
         lon, lat = kept["longitude"][leg, steps], kept["latitude"][leg, steps]
 
-    def ordered(values: NDArray[Kind]) -> NDArray[Kind]:
+    def ordered(values: NDArray[Any]) -> NDArray[Any]:
         return np.ascontiguousarray(values.transpose(1, 2, 0).reshape(steps + 2, -1))
 
     return Flown(

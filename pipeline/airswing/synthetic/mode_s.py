@@ -48,11 +48,7 @@ def _model_wind(latitude: Array, longitude: Array, pressure: Array, hour: Array)
 
 
 def write_mode_s(
-    folder: str | Path,
-    *,
-    south: float = 45.0,
-    flights: int = 20,
-    seed: int = 1,
+    folder: str | Path, *, south: float = 45.0, flights: int = 20, seed: int = 1
 ) -> dict[str, tuple[float, float, float, float | None]]:
     """Write ``era5.nc`` and ``mode_s.csv``.
 
@@ -147,7 +143,12 @@ def _flight(
         lat += np.degrees(ground[1] * STEP_S / EARTH)
         lon += np.degrees(ground[0] * STEP_S / EARTH / np.cos(np.radians(lat)))
     hours, lats, lons, east, north = np.array(rows).T
-    declination = np.degrees(field.at(lats, lons, hours)[0])
+    magnetic = heading - np.degrees(field.at(lats, lons, hours)[0])
+    a, b, c = curve
+    indicated = magnetic
+    for _ in range(50):  # indicated - deviation(indicated) = magnetic
+        waves = b * np.sin(np.radians(indicated)) + c * np.cos(np.radians(indicated))
+        indicated = magnetic + a + waves
     stamp = START + (hours * 3.6e12).astype("timedelta64[ns]")
     return pd.DataFrame(
         {
@@ -159,19 +160,10 @@ def _flight(
             "altitude": _ALTITUDE_FT[level],
             "groundspeed": 2.0 * np.rint(np.hypot(east, north) / KNOT / 2.0),
             "track": _rounded(np.degrees(np.arctan2(east, north))),
-            "heading": _rounded(_indicated(heading - declination, curve)),
+            "heading": _rounded(indicated),
             "TAS": 2.0 * np.rint(airspeed / KNOT / 2.0),
         }
     )
-
-
-def _indicated(magnetic: Array, curve: list[float]) -> Array:
-    """Indicated magnetic heading m with m - deviation(m) = magnetic."""
-    a, b, c = curve
-    m = magnetic.copy()
-    for _ in range(50):
-        m = magnetic + a + b * np.sin(np.radians(m)) + c * np.cos(np.radians(m))
-    return m
 
 
 def _rounded(angle: Array) -> Array:
