@@ -29,7 +29,7 @@ LONGEST = (
     "blind_check/test_short_check.py",
     "gap/test_diagnose.py",
     "workflow/test_months.py",
-    "report/gap/test_gap_page.py",
+    "report/test_gap_page.py",
     "workflow/test_gap_start.py",
     "test_cli.py",
     "test_fuzz.py",

@@ -1,4 +1,4 @@
-"""The page of a run: whole, self-contained, headline first, small enough, written atomically."""
+"""The page of a run: whole, self-contained, headline first; every figure says what it shows."""
 
 from __future__ import annotations
 
@@ -10,19 +10,29 @@ import sys
 from html.parser import HTMLParser
 from pathlib import Path
 
+import matplotlib
+import numpy as np
 import pytest
 import xarray as xr
+from matplotlib.figure import Figure
 
+import airswing.report as report
 from airswing.errors import InputError
 from airswing.evaluation.innovations import innovation_statistics
 from airswing.evaluation.results import Evaluation
 from airswing.flags import STATUS
-from airswing.report import write_page
-from airswing.report.run import page
-from airswing.report.run.selection import by_amplitude
+from airswing.report.html import style
+from airswing.report.html.document import Figures
+from airswing.report.run import fleet, innovations, page
+from airswing.report.run.selection import by_amplitude, disagreement, screening_audit
 from tests.report import factories
+from tests.report.factories import POOL, POOLS, TAILS
 
-POOLS = {"ruc": ["ruc"], "rtfdaa": ["rtfdaa"], "ruc+rtfdaa": ["ruc", "rtfdaa"]}
+HEADINGS, FITS, CORRECTED = factories.products()
+UNIT = re.compile(
+    r"\((degree|kt|m/s|m²/s²|km|hPa|K|%|date|number)\)|degree|reports|probability|correlation|"
+    r"log Bayes factor|draws|expected|barbs|°C|phase"
+)
 
 
 class Balance(HTMLParser):
@@ -46,20 +56,15 @@ class Balance(HTMLParser):
         assert self.open.pop() == tag
 
 
-def parsed(page: Path) -> tuple[str, Balance]:
-    text = page.read_text("utf-8")
-    found = Balance()
-    found.feed(text)
-    return text, found
-
-
-def check_self_contained(page: Path) -> tuple[str, Balance]:
+def check_self_contained(written: Path) -> tuple[str, Balance]:
     """No tag stays open, nothing is fetched, and every figure is a file as well."""
-    text, found = parsed(page)
+    text, found = written.read_text("utf-8"), Balance()
+    found.feed(text)
     assert found.open == []
     outside = [a for a in found.addresses if not a.startswith(("data:image/", "#"))]
     files = sorted(a for a in outside if a.startswith("figures/"))
-    assert files == sorted(f"figures/{one.name}" for one in (page.parent / "figures").glob("*.png"))
+    drawn = (written.parent / "figures").glob("*.png")
+    assert files == sorted(f"figures/{one.name}" for one in drawn)
     assert len(files) == found.images
     assert not re.search(r"https?://", re.sub(r'src="data:[^"]*"', "", text))
     headline = re.search(r"<h1>(.*?)</h1>", text)
@@ -67,55 +72,72 @@ def check_self_contained(page: Path) -> tuple[str, Balance]:
     return text, found
 
 
+def check_no_knots(text: str) -> None:
+    words = re.sub(r"<[^>]*>", " ", text.split("<main>")[1].split("<script>")[0])
+    assert not re.search(r"\d kt\b|\(kt\)", words)
+
+
+def check_figure(figure: Figure) -> None:
+    """A figure counts what it shows and names its axes with units."""
+    caption = figure.caption  # type: ignore[attr-defined]
+    assert re.search(r"n = [\d,]+", caption), caption
+    assert "nan" not in caption
+    for axes in figure.axes:
+        for label in (axes.get_xlabel(), axes.get_ylabel()):
+            assert not label or label.startswith("N0") or UNIT.search(label), label
+    assert "matplotlib.pyplot" not in sys.modules or not matplotlib.pyplot.get_fignums()
+
+
+class Checked(Figures):
+    """Figures of a page that are checked as they are placed."""
+
+    def __call__(self, name: str, figure: Figure, **options: float) -> str:  # type: ignore[override]
+        check_figure(figure)
+        return super().__call__(name, figure, **options)
+
+
 def test_the_page_is_whole_and_asks_for_nothing_outside(tmp_path: Path) -> None:
-    headings, fits = factories.headings(), factories.fits()
     (tmp_path / "tables.csv").write_text("aircraft\n")
-    written = write_page(
+    before = dict(matplotlib.rcParams)
+    written = report.write_page(
         tmp_path / "report",
-        headings=headings,
-        fits=fits,
-        corrected=factories.corrected(headings),
+        headings=HEADINGS,
+        fits=FITS,
+        corrected=CORRECTED,
         summary={"links": [("notes", "notes.txt")], "configuration": "a.yaml"},
     )
+    assert dict(matplotlib.rcParams) == before
     assert written == tmp_path / "report" / "index.html"
     text, found = check_self_contained(written)
     assert {"../tables.csv", "notes.txt"} <= set(found.addresses)
     assert "5 of 6 aircraft" in text and "falls from" in text
-    assert all(name in text for name in factories.names(6))
-    assert "deviation = A + B sin m" in text.replace("Deviation", "deviation")
-    assert re.search(r"B = [+-]\d\.\d\d ± 0\.12°", text)
+    assert all(name in text for name in TAILS)
+    assert "Deviation = A + B sin m" in text and re.search(r"B = [+-]\d\.\d\d ± \d\.\d\d°", text)
     assert not list(written.parent.glob(".index*"))
+    first = (written.parent / "figures/fleet.png").read_bytes()
     (tmp_path / "report/figures/old.png").write_text("of an earlier page")
-    write_page(tmp_path / "report", headings=headings, fits=fits)
+    report.write_page(tmp_path / "report", headings=HEADINGS, fits=FITS)
     assert not (tmp_path / "report/figures/old.png").exists()
+    assert (written.parent / "figures/fleet.png").read_bytes() == first
 
 
-def test_a_fleet_with_refused_fits_alone_has_no_table_to_load(tmp_path: Path) -> None:
-    headings, fits = factories.headings(aircraft=2, reports=200), factories.fits(aircraft=2)
-    fits["status"][:] = STATUS["implausible_reports"]
-    text, _ = parsed(write_page(tmp_path / "report", headings=headings, fits=fits))
-    assert "No table may be loaded: implausible reports (2 aircraft)." in text
-    assert "Coefficients with" not in text
-    row = text[text.index('<td class="words">N402') :].split("</tr>")[0]
-    assert row.count("<td>-</td>") == 12 and "±" not in row
-
-
-def test_all_products_become_sections_in_the_unit_that_is_asked_for(tmp_path: Path) -> None:
-    headings, fits = factories.headings(aircraft=2, reports=200), factories.fits(aircraft=2)
-    fits["status"][:] = 0
-    corrected = factories.corrected(headings)
+def test_all_products_become_sections_in_the_unit_that_is_asked_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(page, "Figures", Checked)
+    tested = factories.field_tested()
     evaluation = Evaluation(
-        field_test=factories.full_field_test(),
-        sensitivity=factories.sensitivity(),
-        innovations=innovation_statistics(headings, corrected, pools=POOLS),
+        field_test=tested,
+        sensitivity=factories.compared(),
+        innovations=innovation_statistics(HEADINGS, CORRECTED, pools=POOLS),
     )
 
     def made(units: str) -> str:
-        written = write_page(
+        written = report.write_page(
             tmp_path / units[0],
-            headings=headings,
-            fits=fits,
-            corrected=corrected,
+            headings=HEADINGS,
+            fits=FITS,
+            corrected=CORRECTED,
             evaluation=evaluation,
             units=units,  # type: ignore[arg-type]
         )
@@ -124,93 +146,97 @@ def test_all_products_become_sections_in_the_unit_that_is_asked_for(tmp_path: Pa
     text = made("kt")
     for anchor in ("field-test", "sensitivity", "innovations"):
         assert f'<section id="{anchor}">' in text
-    assert "2.47 kt (2.10 to 2.80) as a linear difference" in text
-    assert "2.24 kt (1.90 to 2.60) in quadrature" in text
-    assert "Not poolable: ruc - nam (nam is in never_pool)" in text
-    assert "negative variance" in text
+    for name, words in {"": "as a linear difference", "_quadrature": "in quadrature"}.items():
+        low, high = tested[f"adjusted_reduction{name}_ci_kt"]
+        amount = f"{tested[f'adjusted_reduction{name}_kt']:.2f} kt ({low:.2f} to {high:.2f})"
+        assert f"{amount} {words}" in text
+    assert "Not poolable: ruc - nam (" in text and "nam is in never_pool" in text
+    assert text.count("a pool and one of its members") == 2
     metric = made("m/s")
-    assert "1.27 m/s (1.08 to 1.44) as a linear difference" in metric
-    words = re.sub(r"<[^>]*>", " ", metric.split("<main>")[1].split("<script>")[0])
-    assert not re.search(r"\d kt\b|\(kt\)", words)
+    assert f"{tested['adjusted_reduction_kt'] * 1852 / 3600:.2f} m/s" in metric
+    check_no_knots(metric)
 
 
-def test_lazy_products_are_read_aircraft_by_aircraft(tmp_path: Path) -> None:
-    headings, fits = factories.headings(aircraft=2, reports=200), factories.fits(aircraft=2)
-    corrected = factories.corrected(headings)
-    headings.attrs, corrected.attrs = {}, {}
-    headings.to_netcdf(tmp_path / "headings.nc")
-    corrected.to_netcdf(tmp_path / "corrected.nc")
-    eager = write_page(tmp_path / "a", headings=headings, fits=fits, corrected=corrected)
+def test_a_fleet_with_refused_fits_alone_has_no_table_to_load(tmp_path: Path) -> None:
+    headings, fits = factories.few()
+    fits["status"][:] = STATUS["implausible_reports"]
+    text = report.write_page(tmp_path, headings=headings, fits=fits).read_text()
+    assert "No table may be loaded: implausible reports (2 aircraft)." in text
+    assert "Coefficients with" not in text
+    row = text[text.index('<td class="words">N401') :].split("</tr>")[0]
+    assert row.count("<td>-</td>") == 12 and "±" not in row
+
+
+def test_lazy_products_give_the_same_page(tmp_path: Path) -> None:
+    for name, ds in (("headings", HEADINGS), ("corrected", CORRECTED)):
+        ds.to_netcdf(tmp_path / f"{name}.nc")
+    eager = report.write_page(tmp_path / "a", headings=HEADINGS, fits=FITS, corrected=CORRECTED)
     with (
         xr.open_dataset(tmp_path / "headings.nc", chunks={"report": 500}) as lazy,
         xr.open_dataset(tmp_path / "corrected.nc") as better,
     ):
-        written = write_page(tmp_path / "b", headings=lazy, fits=fits, corrected=better)
+        written = report.write_page(tmp_path / "b", headings=lazy, fits=FITS, corrected=better)
     assert written.read_text() == eager.read_text()
 
 
 def test_the_page_names_what_was_left_out(tmp_path: Path) -> None:
-    headings = factories.headings(aircraft=2, reports=60)
+    headings, fits = factories.few()
     skipped = [{"file": name, "reason": f"{name}: is empty"} for name in ("a.csv", "b.csv")]
-    headings.attrs["reading_audit"] = json.dumps(
-        {"files": 3, "files_skipped": skipped, "similar_tails": [["N401", "n401"]]}
-    )
+    audit = {"files": 3, "files_skipped": skipped, "similar_tails": [["N401", "n401"]]}
     broken = {"file": "x.grb", "what": "message", "reason": "truncated message", "count": 2}
-    headings.attrs["reference_audit"] = json.dumps({"ruc": {"skipped": [broken], "notes": []}})
-    text, _ = parsed(write_page(tmp_path, headings=headings, fits=factories.fits(aircraft=2)))
+    headings.attrs = {
+        "reading_audit": json.dumps(audit),
+        "reference_audit": json.dumps({"ruc": {"skipped": [broken], "notes": []}}),
+    }
+    text = report.write_page(tmp_path, headings=headings, fits=fits).read_text()
     for words in ("2 of 5 report files", "a.csv", "b.csv", "truncated message", "x.grb", "n401"):
         assert words in text
 
 
 def test_names_are_escaped_and_a_dollar_sign_begins_no_formula(tmp_path: Path) -> None:
-    headings = factories.headings(aircraft=5, reports=100)
-    fits = factories.fits(aircraft=5)
-    odd = headings["aircraft"].to_numpy().astype(object)
-    odd[:4] = r"$\frac{1$", "N_1^$2$", "<script>x</script>", "N&1"
-    written = write_page(
-        tmp_path,
-        headings=headings.assign_coords(aircraft=odd),
-        fits=fits.assign_coords(aircraft=odd),
-    )
-    text, _ = check_self_contained(written)
+    odd = [r"$\frac{1$", "N_1^$2$", "<script>x</script>", "N&1"]
+    headings, fits = (ds.assign_coords(aircraft=odd) for ds in factories.few(4))
+    text, _ = check_self_contained(report.write_page(tmp_path, headings=headings, fits=fits))
     assert "N_1^$2$" in text and "<script>x" not in text
 
 
 def test_an_unwritable_folder_is_refused(tmp_path: Path) -> None:
-    headings, fits = factories.headings(aircraft=1, reports=60), factories.fits(aircraft=1)
+    headings, fits = factories.few(1)
     (tmp_path / "report").write_text("a file where the folder should be")
     with pytest.raises(InputError, match="cannot write"):
-        write_page(tmp_path / "report", headings=headings, fits=fits)
+        report.write_page(tmp_path / "report", headings=headings, fits=fits)
     assert (tmp_path / "report").read_text() == "a file where the folder should be"
 
 
 def test_a_large_fleet_stays_usable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name, number in {"LARGE_PANELS": 2, "SMALL_PANELS": 5, "SMALL_TOGETHER": 3}.items():
+    sizes = {"LARGE_PANELS": 2, "SMALL_PANELS": 5, "SMALL_TOGETHER": 3, "OVERVIEW": 3}
+    for name, number in sizes.items():
         monkeypatch.setattr(page, name, number)
-    monkeypatch.setattr(page, "OVERVIEW", 3)
-    headings, fits = factories.headings(aircraft=8, reports=60), factories.fits(aircraft=8)
-    text, found = check_self_contained(write_page(tmp_path, headings=headings, fits=fits))
+    headings, fits = factories.few(8)
+    text, found = check_self_contained(report.write_page(tmp_path, headings=headings, fits=fits))
     assert "The 2 aircraft with the largest amplitude; the swing cards" in text
     assert "<p>The 3 aircraft with the largest amplitude.</p>" in text
-    small, large, fleet, roses, places, audit = 2, 2, 1, 1, 3, 1
-    assert found.images == small + large + fleet + roses + places + audit
+    small, large, overview, roses, places, audit = 2, 2, 1, 1, 3, 1
+    assert found.images == small + large + overview + roses + places + audit
     rows = re.search(r"<tbody>(.*?)</tbody>", text, re.DOTALL).group(1).split("<tr")[1:]
     shown = [re.findall(r"<td[^>]*>(.*?)</td>", row) for row in rows]
-    assert [cells[0] for cells in shown] == by_amplitude(fits, "ruc+rtfdaa")
-    assert shown[-1][0] == "N408" and shown[-1][-1] == "poor heading coverage"
+    assert [cells[0] for cells in shown] == by_amplitude(fits, POOL)
+    assert shown[-1][0] == "N405" and shown[-1][-1] == "poor heading coverage"
 
 
 @pytest.mark.slow
 def test_the_page_of_a_thousand_aircraft_is_small(tmp_path: Path) -> None:
-    headings = factories.headings(aircraft=1000, reports=4)
-    written = write_page(tmp_path, headings=headings, fits=factories.fits(aircraft=1000))
-    assert "N1400" in written.read_text() and written.stat().st_size < 3.5e6
+    headings, fits = factories.few(1000, 4)
+    written = report.write_page(tmp_path, headings=headings, fits=fits)
+    assert "N1399" in written.read_text() and written.stat().st_size < 3.5e6
 
 
 def test_importing_the_package_does_not_import_matplotlib() -> None:
     code = "import airswing.report, sys; print('matplotlib' in sys.modules)"
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert ran.stdout.strip() == "False"
+    with pytest.raises(AttributeError, match="no attribute 'pie_chart'"):
+        _ = report.pie_chart
 
 
 DOM = """
@@ -236,19 +262,18 @@ def test_the_search_finds_names_and_statuses_and_no_numbers(
     """By the page's own script on the table's cells."""
     monkeypatch.setattr(page, "LARGE_PANELS", 1)
     monkeypatch.setattr(page, "SMALL_PANELS", 1)
-    headings, fits = factories.headings(aircraft=30, reports=40), factories.fits(aircraft=30)
-    text = write_page(tmp_path, headings=headings, fits=fits).read_text("utf-8")
-    script = re.search(r"<script>(.*?)</script>", text, re.DOTALL)
-    head, body = (
-        re.search(rf"<{one}>(.*?)</{one}>", text, re.DOTALL) for one in ("thead", "tbody")
+    headings, fits = factories.few(30, 40)
+    text = report.write_page(tmp_path, headings=headings, fits=fits).read_text("utf-8")
+    script, head, body = (
+        re.search(rf"<{one}>(.*?)</{one}>", text, re.DOTALL).group(1)
+        for one in ("script", "thead", "tbody")
     )
-    assert script and head and body
-    rows = [re.findall(r"<td[^>]*>(.*?)</td>", row) for row in body.group(1).split("<tr")[1:]]
+    rows = [re.findall(r"<td[^>]*>(.*?)</td>", row) for row in body.split("<tr")[1:]]
     names = [cells[0] for cells in rows]
     given = {
-        "heads": ['class="words"' in one for one in head.group(1).split("<th ")[1:]],
+        "heads": ['class="words"' in one for one in head.split("<th ")[1:]],
         "rows": rows,
-        "script": script.group(1),
+        "script": script,
         "wanted": ["12", "n40", "coverage", ""],
     }
     ran = subprocess.run(
@@ -259,3 +284,74 @@ def test_the_search_finds_names_and_statuses_and_no_numbers(
     assert begin == [name for name in names if name.startswith("N40")]
     assert status == [cells[0] for cells in rows if "coverage" in cells[-1]] and status
     assert every == names
+
+
+# --- figures -----------------------------------------------------------------------------------
+
+
+def test_speeds_are_shown_in_the_unit_that_is_asked_for() -> None:
+    found = disagreement(HEADINGS, CORRECTED, "ruc")
+    knots, metric = (
+        fleet.before_after_figure(found, TAILS, TAILS, "ruc", units).axes[0]  # type: ignore[arg-type]
+        for units in ("kt", "m/s")
+    )
+    assert knots.get_xlabel().endswith("(kt)") and metric.get_xlabel().endswith("(m/s)")
+    one, other = (np.asarray(axes.lines[0].get_xdata()) for axes in (knots, metric))
+    assert np.allclose(other, one * 1852 / 3600)
+
+
+def test_innovation_figures_show_the_statistics_of_the_product() -> None:
+    statistics = innovation_statistics(HEADINGS, CORRECTED, pools={"ruc": ["ruc"]})
+    axes = innovations.innovation_figure(statistics, "ruc", "m/s").axes[0]
+    names = [one.get_text() for one in axes.get_yticklabels()]
+    shown = dict(zip(names, axes.lines[0].get_xdata(), strict=True))
+    cells = statistics.sel(reference="ruc", state="reported")
+    for name, chosen in (("cruise", {"flight_phase": "cruise"}), ("N002", {"aircraft": "N002"})):
+        one = cells.sel(chosen)
+        count = one["innovation_speed_count"]
+        bias = (one["innovation_speed_bias"] * count).sum() / count.sum()
+        assert shown[name] == pytest.approx(float(bias))
+    drawn = innovations.innovation_histogram_figure(statistics, "ruc", "kt").axes[0].images[0]
+    counts = statistics["innovation_histogram"].sel(state="reported")
+    assert drawn.get_array().sum() == counts.sum()
+
+
+def test_a_sounding_shows_one_ascent_or_descent_by_pressure() -> None:
+    figure = innovations.sounding_figure(HEADINGS, CORRECTED, TAILS, "ruc", "m/s")
+    lines = figure.axes[0].lines
+    assert [line.get_label() for line in lines] == ["reported", "corrected", "ruc"]
+    pressure = np.asarray(lines[0].get_ydata())
+    assert np.all(np.diff(pressure) <= 0) and pressure.size >= 4
+    level = HEADINGS.assign(phase=HEADINGS["phase"] * 0 + 2)
+    assert "n = 0" in innovations.sounding_figure(level, CORRECTED, TAILS, "ruc", "kt").caption
+
+
+def test_captions_are_escaped_in_the_page() -> None:
+    figure = style.empty_figure("x")
+    figure.say("a < b & c (n = 0)")
+    html = Figures()("x", figure)
+    assert "a &lt; b &amp; c" in html and 'alt="a &lt; b' in html
+
+
+def test_heading_error_figure_draws_the_fit_and_the_table() -> None:
+    axes = report.heading_error_figure(HEADINGS, FITS, "N002", "ruc").axes[0]
+    lines = {line.get_label(): line for line in axes.get_lines()}
+    fit = FITS.sel(reference="ruc", aircraft="N002")
+    x, y = lines["fitted curve"].get_data()
+    assert np.allclose(y, factories.curve(fit["deviation"].to_numpy(), x))
+    _, nodes = lines["removed by the 8-point table"].get_data()
+    assert nodes.tolist() == (-fit["table_correction"].to_numpy()).tolist()
+    refused = report.heading_error_figure(HEADINGS, FITS, "N005", "ruc")
+    labels = {line.get_label() for line in refused.axes[0].get_lines()}
+    assert "fit, not usable" in labels and "removed by the 8-point table" not in labels
+    assert "poor heading coverage" in refused.caption  # type: ignore[attr-defined]
+
+
+def test_what_screening_and_reading_left_out() -> None:
+    headings, _ = factories.few(1, 40)
+    headings["screening"][:] = 0
+    headings.attrs["reading_audit"] = "not json"
+    assert "40 (100.0 %) entered" in fleet.audit_figure(headings, []).caption
+    bars = fleet.audit_figure(HEADINGS, screening_audit(HEADINGS)).axes[1]
+    labels = [one.get_text() for one in bars.get_yticklabels()]
+    assert labels == ["duplicate", "impossible position", "repaired: longitude wrapped"]
