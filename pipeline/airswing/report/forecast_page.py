@@ -28,7 +28,7 @@ from airswing.report.html.document import (
     paragraph,
     table,
 )
-from airswing.report.html.text import number_text, plural, range_text
+from airswing.report.html.text import amount, plural
 from airswing.report.run.reading_warnings import tally
 from airswing.version import __version__
 
@@ -88,7 +88,7 @@ def _scores_section(corrected: xr.Dataset) -> Section:
     ]
 
     def score(one: xr.Dataset, name: str) -> str:
-        return number_text(one[name]) + range_text(one[f"{name}_interval"].to_numpy().tolist())
+        return amount(one[name], one[f"{name}_interval"].to_numpy().tolist())
 
     titles = dict(zip(SCORES, ("bias", "centred rms", "rms", "skill"), strict=True))
     columns = [

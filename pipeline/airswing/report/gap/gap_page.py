@@ -19,12 +19,12 @@ from matplotlib.figure import Figure
 
 from airswing.gap.diagnose import Diagnosis
 from airswing.gap.diagnose import diagnose as _diagnose
+from airswing.gap.result.schema import GapReport
 from airswing.products.whole_files import write_text
 from airswing.report.gap import figures as draw
 from airswing.report.gap import words
 from airswing.report.gap.words import (
     Entry,
-    Report,
     closure_text,
     joined,
     number,
@@ -48,6 +48,7 @@ from airswing.report.html.document import (
 from airswing.report.html.style import drawing
 from airswing.report.html.text import (
     Units,
+    amount,
     interval_text,
     number_text,
     range_text,
@@ -63,7 +64,7 @@ _Drawn = Callable[..., list[Markup]]
 
 @drawing()
 def write_gap_page(
-    directory: Path, *, gap: Report | Entry, maps: xr.Dataset, units: Units = "kt"
+    directory: Path, *, gap: GapReport | Entry, maps: xr.Dataset, units: Units = "kt"
 ) -> Path:
     """Write the page of a gap diagnosis, ``index.html``, and its figures, ``figures/*.png``.
 
@@ -115,7 +116,7 @@ def write_gap_page(
 
 
 def gap_figures(
-    gap: Report | Entry, maps: xr.Dataset, *, units: Units = "kt"
+    gap: GapReport | Entry, maps: xr.Dataset, *, units: Units = "kt"
 ) -> dict[str, Callable[[], Figure]]:
     """Return functions that draw the figures of a diagnosis that have data, by name."""
     content = words.content_of(gap)
@@ -223,11 +224,13 @@ def _what_section(gap: Entry, drawn: _Drawn, units: Units) -> Section:
 
 def _closure_section(gap: Entry, drawn: _Drawn, units: Units) -> Section:
     closure, factor = gap["closure"], shown_per_kt(units)
-    before, after = factor * number(closure["before"]), factor * number(closure["after"])
     interval = range_text(closure.get("ci"), factor=factor) or " (no interval from one day)"
+    before, after = (
+        amount(closure[when], factor=factor, unit=units) for when in ("before", "after")
+    )
     text = (
         f"On {'held-out' if closure.get('held_out') else 'the same'} flights the disagreement is "
-        f"{before:.2f} {units} without and {after:.2f} {units}{interval} with all effects stated."
+        f"{before} without and {after}{interval} with all effects stated."
     )
     return Section("closure", "How far the gap closes", "", [*drawn("waterfall"), paragraph(text)])
 
@@ -301,16 +304,12 @@ def _claims_section(gap: Entry, units: Units) -> Section:
     parts: list[Markup] = []
     if test := claims.get("field_test"):
         factor = shown_per_kt(units)
-        before, after = (
-            factor * number(test[key]) for key in ("reduction_kt", "reduction_kt_after")
-        )
-        interval = range_text(test.get("reduction_ci_kt"), factor=factor)
-        parts.append(
-            paragraph(
-                f"Field test: the adjusted reduction of {before:.2f} {units}{interval} becomes "
-                f"{after:.2f} {units}, {'within' if test['stays'] else 'outside'} its interval."
-            )
-        )
+        ends = test.get("reduction_ci_kt")
+        before = amount(test["reduction_kt"], ends, factor=factor, unit=units)
+        after = amount(test["reduction_kt_after"], factor=factor, unit=units)
+        within = f"{'within' if test['stays'] else 'outside'} its interval"
+        text = f"Field test: the adjusted reduction of {before} becomes {after}, {within}."
+        parts.append(paragraph(text))
     rows = claims.get("aircraft") or ()
     columns = [Column("aircraft", [entry["aircraft"] for entry in rows], "words")]
     for name in ("offset", "amplitude"):
@@ -382,12 +381,11 @@ def _calibration(gap: Entry, units: Units) -> list[Markup]:
         ]
         parts.append(table(columns))
     if placebo := gap.get("decoy"):
-        factor = shown_per_kt(units)
-        reduction = factor * number(placebo["reduction_kt"])
-        interval = range_text(placebo.get("reduction_ci_kt"), factor=factor)
+        ends, factor = placebo.get("reduction_ci_kt"), shown_per_kt(units)
+        closes = amount(placebo["reduction_kt"], ends, factor=factor, unit=units)
         text = (
-            f"Placebo: effects with the same columns but random dates and aircraft close "
-            f"{reduction:.2f} {units}{interval} ({placebo['draws']} draws)."
+            f"Placebo: effects with the same columns but random dates and aircraft close {closes} "
+            f"({placebo['draws']} draws)."
         )
         parts.append(paragraph(text))
     return parts

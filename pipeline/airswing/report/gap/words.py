@@ -10,14 +10,17 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from airswing.gap.effects import CATALOGUE
 from airswing.physics.triangle import wrap_degrees
-from airswing.report.html.text import Units, plural, range_text, shown_per_kt, shown_per_m_s
+from airswing.report.html.text import Units, amount, plural, shown_per_kt, shown_per_m_s
 from airswing.units import NORMAL_95
+
+if TYPE_CHECKING:
+    from airswing.gap.result.schema import GapReport
 
 #: An object of ``gap.json``.
 Entry = Mapping[str, Any]
@@ -56,14 +59,7 @@ COMPONENTS = {
 }
 
 
-class Report(Protocol):
-    """A diagnosis that can be turned into the content of ``gap.json``."""
-
-    def content(self) -> dict[str, object]:
-        """Return the content of ``gap.json``."""
-
-
-def content_of(gap: Report | Entry) -> Entry:
+def content_of(gap: GapReport | Entry) -> Entry:
     """Return the content of ``gap.json`` from a diagnosis or from the file's content."""
     return gap if isinstance(gap, Mapping) else gap.content()
 
@@ -212,9 +208,8 @@ def closure_text(entry: Entry | None, *, units: Units = "kt") -> str:
     """Return a reduction with its 95 % interval: ``1.20 kt (1.05 to 1.34)``."""
     if not entry:
         return "-"
-    factor = shown_per_kt(units)
-    text = f"{round(factor * number(entry['reduction']), 2) + 0.0:.2f} {units}"
-    return text + range_text(entry.get("reduction_ci"), factor=factor)
+    ends, factor = entry.get("reduction_ci"), shown_per_kt(units)
+    return amount(entry["reduction"], ends, factor=factor, unit=units)
 
 
 def levels_text(before: float, after: float, *, units: Units = "kt") -> str:
@@ -282,7 +277,7 @@ def start_words(known: Sequence[Entry] | None, simulation: Entry | None = None) 
     return text
 
 
-def verdict(gap: Report | Entry, *, units: Units = "kt") -> str:
+def verdict(gap: GapReport | Entry, *, units: Units = "kt") -> str:
     """Return the result of a diagnosis as text: headline, then a line for every finding."""
     gap = content_of(gap)
     start = start_words(gap.get("known"), gap.get("simulation"))

@@ -130,38 +130,9 @@ def drawing() -> Iterator[None]:
         gc.set_threshold(*thresholds)
 
 
-def new_figure(height: float, *, constrained: bool = True) -> CaptionedFigure:
-    """Return an empty figure, height in inches; without `constrained` the caller places panels."""
-    return CaptionedFigure(
-        figsize=(FULL_WIDTH, height), dpi=120, layout="constrained" if constrained else None
-    )
-
-
-def place_panels(
-    figure: Figure,
-    *,
-    left: float,
-    right: float = 0.1,
-    top: float = 0.35,
-    bottom: float = 0.5,
-    wspace: float = 0.35,
-    hspace: float = 0.2,
-) -> None:
-    """Set margins and spaces between panels in inches, where labels are short.
-
-    The constrained layout takes longer to measure the labels of many panels than to draw them.
-    """
-    width, height = (float(size) for size in figure.get_size_inches())
-    grid = figure.axes[0].get_gridspec()
-    rows, columns = (1, 1) if grid is None else grid.get_geometry()
-    figure.subplots_adjust(
-        left=left / width,
-        right=1 - right / width,
-        top=1 - top / height,
-        bottom=bottom / height,
-        wspace=wspace * columns / (width - left - right - (columns - 1) * wspace),
-        hspace=hspace * rows / (height - top - bottom - (rows - 1) * hspace),
-    )
+def new_figure(height: float) -> CaptionedFigure:
+    """Return an empty figure, height in inches."""
+    return CaptionedFigure(figsize=(FULL_WIDTH, height), dpi=120, layout="constrained")
 
 
 def rows_axis(axes: Axes, names: Sequence[str], label: str | None = None) -> None:

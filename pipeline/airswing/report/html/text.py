@@ -37,7 +37,7 @@ def cut(names: Sequence[str], most: int) -> str:
 def number_text(value: SupportsFloat | None, *, digits: int = 2, factor: float = 1.0) -> str:
     """Return `factor` times a number with fixed digits, or a dash where there is none."""
     number = float("nan") if value is None else factor * float(value)
-    return f"{number:.{digits}f}" if np.isfinite(number) else "-"
+    return f"{round(number, digits) + 0.0:.{digits}f}" if np.isfinite(number) else "-"
 
 
 def interval_text(value: float, half: float, *, digits: int = 2, sign: bool = False) -> str:
@@ -59,3 +59,15 @@ def range_text(
     """Return `factor` times an interval, `` (low to high)``; empty where it is not known."""
     low, high = scaled(interval, factor)
     return f" ({low:.{digits}f} to {high:.{digits}f})" if np.isfinite(low + high) else ""
+
+
+def amount(
+    value: SupportsFloat | None,
+    interval: Sequence[float | None] | None = None,
+    *,
+    factor: float = 1.0,
+    unit: str = "",
+) -> str:
+    """Return `factor` times a value with unit and interval: ``1.20 kt (1.05 to 1.34)``."""
+    text = number_text(value, factor=factor) + (f" {unit}" if unit else "")
+    return text + range_text(interval, factor=factor)

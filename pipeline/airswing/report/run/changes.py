@@ -69,7 +69,7 @@ def stability_figure(stability: Content, period: tuple[str, str] | None = None) 
     aircraft = known[: min(max(changed, FEWEST_AIRCRAFT), MOST_AIRCRAFT)]
     if not aircraft:
         return style.empty_figure("No calendar window has enough reports for a fit")
-    figure = style.new_figure(0.9 + 1.05 * len(aircraft), constrained=False)
+    figure = style.new_figure(0.9 + 1.05 * len(aircraft))
     grid = figure.subplots(len(aircraft), 2, squeeze=False, sharex=True, sharey="col")
     step = np.timedelta64(1 if stability["window"] == "month" else 3, "M")
     looks = (("offset", style.BLUE), ("amplitude", style.ORANGE))
@@ -95,7 +95,6 @@ def stability_figure(stability: Content, period: tuple[str, str] | None = None) 
     for axes, (quantity, _) in zip(grid[0], looks, strict=True):
         axes.set_title(f"{quantity} (degree)")
     date_axis(grid[-1, 0])
-    style.place_panels(figure, left=0.75, wspace=0.5)
     number = sum(len(changes.get(name, [])) for name in aircraft)
     text = (
         f"Fits by {stability['window']} with 95 % intervals, each from the reports of its window "

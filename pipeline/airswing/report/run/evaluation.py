@@ -8,6 +8,7 @@ page omits it. Intervals are 95 %.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,7 @@ from airswing.report.html.document import Column, Figures, Section, folded, head
 from airswing.report.html.style import BLUE, FAINT, SOFT, VERMILION, intervals, rows_axis, zero_line
 from airswing.report.html.text import (
     Units,
+    amount,
     cut,
     number_text,
     plural,
@@ -168,28 +170,22 @@ def field_test_section(field_test: Content | None, show: Figures) -> Section:
         return Section("field-test", "Field test")
     units, factor = show.units, shown_per_kt(show.units)
 
-    def amount(entry: Content, key: str) -> str:
-        interval = range_text(entry.get(f"{key}_ci_kt"), factor=factor)
-        return f"{factor * float(entry[f'{key}_kt']):.2f} {units}{interval}"
+    def reduction(entry: Content, key: str, unit: str = units) -> str:
+        return amount(entry[f"{key}_kt"], entry.get(f"{key}_ci_kt"), factor=factor, unit=unit)
 
-    gain = amount(field_test, "adjusted_reduction")
+    gain = reduction(field_test, "adjusted_reduction")
     lead = f"Reduction of the corrected aircraft beyond the controls: {gain}"
     if field_test.get("adjusted_reduction_quadrature_kt") is not None:
-        quadrature = amount(field_test, "adjusted_reduction_quadrature")
+        quadrature = reduction(field_test, "adjusted_reduction_quadrature")
         lead += f" as a linear difference, {quadrature} in quadrature"
     if field_test.get("reference"):
         lead += f", against {field_test['reference']}"
     groups = field_test["groups"].values()
-
-    def level(entry: Content, key: str) -> str:
-        interval = range_text(entry.get(f"{key}_ci_kt"), factor=factor)
-        return number_text(entry[f"{key}_kt"], factor=factor) + interval
-
     columns = [
         Column("group", field_test["groups"], "words"),
         Column("aircraft", [entry["aircraft"] for entry in groups]),
         *(
-            Column(f"{key} ({units})", [level(entry, key) for entry in groups])
+            Column(f"{key} ({units})", [reduction(entry, key, "") for entry in groups])
             for key in ("before", "during", "reduction")
         ),
         *(
@@ -217,7 +213,7 @@ def field_test_section(field_test: Content | None, show: Figures) -> Section:
             f"aircraft improved by {factor * matched:+.2f} {units} on average."
         )
     if field_test.get("predicted_reduction_kt") is not None:
-        predicted = amount(field_test, "predicted_reduction")
+        predicted = reduction(field_test, "predicted_reduction")
         lines.append(f"Predicted from the fits before the test: {predicted}.")
     if lines := lines + [str(note) for note in field_test.get("notes", [])]:
         checks.append(listing(lines))
@@ -295,13 +291,9 @@ def ranking_section(
     if ranking is None or not known:
         return Section("ranking", title)
     first, units = known[0], show.units
-
-    def amount(value: float | None, interval: Sequence[float] | None) -> str:
-        factor = shown_per_kt(units)
-        return f"{number_text(value, factor=factor)} {units}{range_text(interval, factor=factor)}"
-
-    gain = amount(first["expected_gain_kt"], first["expected_gain_ci_kt"])
-    level = amount(first.get("disagreement_kt"), None)
+    shown = partial(amount, factor=shown_per_kt(units), unit=units)
+    gain = shown(first["expected_gain_kt"], first["expected_gain_ci_kt"])
+    level = shown(first.get("disagreement_kt"))
     lead = f"Largest expected reduction: {first['aircraft']}, by {gain} of {level}."
     figure = ranking_figure(known, len(ranking) - len(known), units)
     parts, lines = [show("ranking", figure)], []
@@ -313,7 +305,7 @@ def ranking_section(
         if "why" in part or None in (part["realised_gain_kt"], part["predicted_gain_kt"]):
             continue
         realised, predicted = (
-            amount(part[f"{kind}_gain_kt"], part[f"{kind}_gain_ci_kt"])
+            shown(part[f"{kind}_gain_kt"], part[f"{kind}_gain_ci_kt"])
             for kind in ("realised", "predicted")
         )
         aircraft = plural(len(part["by_aircraft"]), "aircraft")
@@ -619,8 +611,8 @@ def _methods_table(errors: xr.Dataset, units: Units) -> Markup:
         for method in _METHODS:
             chosen = errors.sel(way=method, state=state)
             ends = chosen["fleet_observation_error_by_method_interval"].to_numpy().tolist()
-            text = number_text(chosen["fleet_observation_error_by_method"], factor=factor)
-            cells.append(text + range_text(ends, factor=factor))
+            value = chosen["fleet_observation_error_by_method"]
+            cells.append(amount(value, ends, factor=factor))
         columns.append(Column(f"{state} ({units})", cells))
     caption = (
         "Error of a component over all reports, with 95 % intervals. The three-cornered hat counts "

@@ -192,11 +192,11 @@ def heading_error_figure(
     fit = one_fit(fits, aircraft, reference)
     name = str(fit["aircraft"].to_numpy())
     heading, error = compass_points(headings, fits, aircraft, reference)
-    figure = style.new_figure(4.1, constrained=False)
-    axes = figure.add_axes((0.07, 0.205, 0.915, 0.72))
+    figure = style.new_figure(4.1)
+    axes = figure.add_subplot()
     draw_heading_error(axes, heading, error, fit)
     axes.set_title(f"{name} against {reference}:  {selection.fit_words(fit)}")
-    figure.legend(loc="lower center", ncols=5)
+    figure.legend(loc="outside lower center", ncols=5)
     refused = f" The fit is not usable: {selection.status_words(fit['status'])}."
     return figure.say(
         f"{name}: heading error (indicated minus the heading that {reference} implies) against "
@@ -235,9 +235,8 @@ def heading_errors_figure(
 def small_panels(number: int) -> tuple[style.CaptionedFigure, list[Axes]]:
     """Return a figure with so many panels of one scale, four in a row."""
     rows = -(-number // _COLUMNS)
-    figure = style.new_figure(0.45 + 1.85 * rows, constrained=False)
+    figure = style.new_figure(0.45 + 1.85 * rows)
     grid = figure.subplots(rows, _COLUMNS, sharex=True, sharey=True, squeeze=False).ravel()
-    style.place_panels(figure, left=0.45, top=0.28, bottom=0.25, wspace=0.2, hspace=0.5)
     for axes in grid[number:]:
         axes.axis("off")
     return figure, list(grid[:number])
@@ -286,8 +285,8 @@ def coverage_figure(headings: xr.Dataset, names: Sequence[str]) -> Figure:
     rows = -(-len(names) // columns)
     pitch_x, pitch_y = 2.45, 3.0
     height = min(9.6 / columns * pitch_y / pitch_x, 2.4) * rows + 0.1
-    figure = style.new_figure(height, constrained=False)
-    axes = figure.add_axes((0, 0, 1, 1))
+    figure = style.new_figure(height)
+    axes = figure.add_subplot()
     total = 0
     for index, name in enumerate(names):
         reports = headings[["magnetic_heading", "screening"]]

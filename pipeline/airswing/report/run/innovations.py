@@ -71,7 +71,7 @@ def innovation_figure(statistics: xr.Dataset, reference: str, units: Units) -> F
         return style.empty_figure(_NONE)
     order = np.argsort(-reports, kind="stable")[:_MOST_AIRCRAFT]
     rows = [aircraft[k] for k in order] + [name for names, _ in others for name in names]
-    figure = style.new_figure(1.1 + 0.2 * len(rows), constrained=False)
+    figure = style.new_figure(1.1 + 0.2 * len(rows))
     panels = figure.subplots(1, len(_QUANTITIES), sharey=True)
     for axes, quantity in zip(panels, _QUANTITIES, strict=True):
         unit, factor = _unit(quantity, units)
@@ -92,8 +92,7 @@ def innovation_figure(statistics: xr.Dataset, reference: str, units: Units) -> F
         style.zero_line(axes)
         axes.set_xlabel(f"{quantity} ({unit})")
     style.rows_axis(panels[0], rows)
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="upper right", ncols=2)
-    style.place_panels(figure, left=0.2 + 0.085 * max(map(len, rows)), top=0.35, wspace=0.12)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper right", ncols=2)
     return figure.say(
         f"Innovations (observation minus {reference}) of wind speed, direction and components by "
         "aircraft, phase of flight and layer: bias (marker) and one standard deviation to either "
@@ -110,7 +109,7 @@ def innovation_histogram_figure(statistics: xr.Dataset, reference: str, units: U
         return style.empty_figure(_NONE)
     lower = statistics["eastward_class"].to_numpy().astype(float)
     ends = shown_per_m_s(units) * np.array([lower[0], 2 * lower[-1] - lower[-2]])
-    figure = style.new_figure(4.6, constrained=False)
+    figure = style.new_figure(4.6)
     panels = figure.subplots(1, 2, sharex=True, sharey=True)
     look: dict[str, Any] = {"cmap": style.DENSITY, "norm": LogNorm(1, max(int(counts.max()), 2))}
     look |= {"extent": (*ends, *ends), "origin": "lower", "interpolation": "nearest"}
@@ -121,9 +120,7 @@ def innovation_histogram_figure(statistics: xr.Dataset, reference: str, units: U
         style.zero_line(axes, across=True)
         axes.set(title=state, xlabel=f"eastward innovation ({units})")
     panels[0].set_ylabel(f"northward innovation ({units})")
-    style.place_panels(figure, left=0.6, right=0.9, wspace=0.2)
-    bar = figure.colorbar(drawn, cax=figure.add_axes((0.93, 0.15, 0.015, 0.7)))
-    bar.set_label("reports in a class")
+    bar = figure.colorbar(drawn, ax=list(panels), label="reports in a class", shrink=0.8)
     style.count_ticks(bar, float(counts.max()))
     return figure.say(
         f"Histogram of the wind vector innovation (observation minus {reference}) in classes of "
@@ -140,7 +137,7 @@ def innovation_series_figure(
     number = int(chosen["daily_innovation_count"].sel(state="reported").sum())
     if not number:
         return style.empty_figure(_NONE)
-    figure = style.new_figure(4.6, constrained=False)
+    figure = style.new_figure(4.6)
     grid = figure.subplots(2, 2, sharex=True, sharey="row")
     for panels, quantity in zip(grid, ("speed", "direction"), strict=True):
         unit, factor = _unit(quantity, units)
@@ -154,8 +151,7 @@ def innovation_series_figure(
             axes.set_title(f"{quantity}, {state}")
         panels[0].set_ylabel(f"innovation ({unit})")
     date_axis(grid[-1, 0])
-    figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="lower center", ncols=7)
-    style.place_panels(figure, left=0.65, bottom=0.75, wspace=0.2, hspace=0.4)
+    figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=7)
     return figure.say(
         f"Daily mean innovation (observation minus {reference}) of wind speed and direction, as "
         f"reported and corrected, of {plural(len(names), 'aircraft')} (n = "
