@@ -30,7 +30,7 @@ LONGEST = (
     "gap/test_diagnose.py",
     "workflow/test_months.py",
     "report/test_gap_page.py",
-    "workflow/test_gap_start.py",
+    "workflow/test_gap_stage.py",
     "test_cli.py",
     "test_fuzz.py",
     "workflow/test_compute.py",

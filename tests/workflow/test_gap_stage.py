@@ -1,20 +1,206 @@
-"""The gap works on the headings of the main job: the same ones, and nothing is decoded again."""
+"""A diagnosis works on the headings of the main job, from known effects or other simulations."""
 
 from __future__ import annotations
 
 import json
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
+import yaml
+from tests.conftest import EFFECTS
+from typer.testing import CliRunner
+from xarray import Dataset
 
+from airswing import cli
+from airswing.cli import app
 from airswing.config_file import load_config
 from airswing.gap.archive.frame import Frame
+from airswing.gap.result.schema import GapReport
+from airswing.gap.simulation.effects_file import read_effects
 from airswing.products.netcdf import read_product
 from airswing.reference.collocate import DERIVATIVES
+from airswing.report.gap.words import start_words, verdict
 from airswing.synthetic.archive import write_archive
-from airswing.workflow import HEADINGS, Job, make_headings
-from airswing.workflow.gap_stage import GAP_JSON, diagnosis
+from airswing.workflow import Job, gap_stage
 from airswing.workflow.progress import Progress
+
+IRON, SCALE = (
+    {"name": name, "tails": [tail], "period": None, "parameters": values}
+    for name, tail, values in EFFECTS
+)
+
+
+@pytest.fixture
+def archive(gap_archive, names_only):
+    """Two effects at the strength they are drawn with: what names them, and not what has none."""
+    return gap_archive
+
+
+def effects_file(path, *effects):
+    path.write_text(yaml.safe_dump(list(effects)))
+    return path
+
+
+def job_of(config, output):
+    return Job(load_config(config, output=output), Progress(quiet=True))
+
+
+@pytest.fixture(scope="module")
+def frame(gap_archive, collocated, tmp_path_factory):
+    job = job_of(gap_archive, collocated(tmp_path_factory.mktemp("frame")))
+    members = job.config.pools()[job.config.gap_reference()]
+    return job, Frame.from_headings(gap_stage.make_headings(job), reference=members)
+
+
+def begin(job, frame, **given):
+    return gap_stage.starting_point(job, **given)(frame)
+
+
+def test_known_effects_are_not_stated_again(archive, collocated, tmp_path):
+    collocated(tmp_path / "out")
+    known = effects_file(tmp_path / "known.yaml", IRON)
+    result = CliRunner().invoke(
+        app,
+        ["gap", str(archive), "--output", str(tmp_path / "out"), "--known", str(known), "--quiet"],
+    )
+    assert result.exit_code == 0, result.output
+    found = json.loads((tmp_path / "out" / "gap.json").read_text())
+    assert [(e["name"], e["tails"]) for e in found["effects"]] == [("tas_scale", ["N403"])]
+    (known_entry,) = found["known"]
+    assert known_entry["disagreement_without_kt"] > known_entry["disagreement_with_kt"] + 0.2
+    assert found["gap"]["mean_vector_disagreement_kt"] == pytest.approx(
+        known_entry["disagreement_with_kt"], abs=0.05
+    )
+    assert "1 known effect of" in result.output
+    assert "1 known effect of" in (tmp_path / "out" / "gap" / "index.html").read_text()
+    both = read_effects(tmp_path / "out" / "effects.yaml")
+    assert [one.name for one in both] == ["hard_iron", "tas_scale"]
+
+
+def test_simulated_reports_match_and_leave_the_effects_they_lack(
+    archive, collocated, tmp_path, no_gap_page
+):
+    collocated(tmp_path / "out")
+    effects = effects_file(tmp_path / "effects.yaml", SCALE)
+    sent = tmp_path / "sent.csv"
+    done = CliRunner().invoke(
+        app, ["simulate", str(archive), "--effects", str(effects), "-o", str(sent), "--quiet"]
+    )
+    assert done.exit_code == 0, done.output
+    done = CliRunner().invoke(
+        app,
+        [
+            *("gap", str(archive), "--output", str(tmp_path / "out")),
+            *("--simulated", str(sent), "--quiet", "--json"),
+        ],
+    )
+    assert done.exit_code == 0, done.output
+    content = json.loads(done.output)
+    assert content == json.loads((tmp_path / "out" / "gap.json").read_text())
+    found = GapReport.of(content)
+    assert [(e.name, e.tails) for e in found.effects] == [("hard_iron", ["N401"])]
+    assert found.simulation.matched == found.simulation.of
+    assert "reports matched)" in verdict(found)
+
+
+def test_a_simulation_on_other_paths_is_known_by_what_it_has(archive, frame, tmp_path, monkeypatch):
+    job, archive_frame = frame
+    folder = tmp_path / "other"
+    folder.mkdir()
+    for path in archive.parent.glob("reports/*.csv"):
+        table = path.read_text().replace("2009-03-", "2009-04-").splitlines(keepends=True)
+        (folder / path.name).write_text("".join(table).replace("N406", "N906"))
+    asked = []
+
+    def effects_of(other):
+        asked.append(other)
+        entries = [
+            IRON,
+            {**SCALE, "tails": ["N906"]},
+            {**SCALE, "name": "tas_offset", "tails": "all", "parameters": {"offset_m_s": 1.0}},
+        ]
+        return read_effects(effects_file(tmp_path / "its.yaml", *entries))
+
+    monkeypatch.setattr(gap_stage, "effects_of_archive", effects_of)
+    start = begin(job, archive_frame, simulated=f"{folder}/*.csv")
+    assert asked[0].config.reports.files == [f"{folder}/*.csv"]
+    assert asked[0].output.parent == job.output
+    assert [(one.name, one.tails) for one in start.known] == [
+        ("hard_iron", ("N401",)),
+        ("tas_offset", None),
+    ]
+    entry = start.simulation
+    assert entry.matched == 0 and entry.matched_by == "distribution"
+    assert entry.aircraft_in_both == [f"N{k}" for k in range(401, 406)]
+    assert start.known_entries[0].left_out == 1
+    assert start.frame.airspeed == pytest.approx(archive_frame.airspeed - 1.0, abs=1e-9)
+    assert "flew other paths" in start_words(None, asdict(start.simulation))
+
+
+def test_an_archive_against_itself_has_no_gap(archive, frame):
+    job, archive_frame = frame
+    start = begin(job, archive_frame, simulated=str(archive.parent / "reports" / "*.csv"))
+    assert np.abs(start.frame.residual).max() < 1e-6
+    assert start.simulation.matched_by == "aircraft and time"
+
+
+def test_nothing_given_is_the_perfect_instrument(frame):
+    job, archive_frame = frame
+    start = begin(job, archive_frame)
+    assert start.frame is archive_frame and not start.known_entries and start_words([]) == ""
+
+
+@pytest.mark.parametrize(
+    ("option", "content", "message"),
+    [
+        ("--known", None, "no file of known effects"),
+        ("--known", "- {name: hard_irn}", "unknown effect"),
+        (
+            "--known",
+            "- {name: hard_iron, tails: [N999], parameters: {amplitude_deg: 1}}",
+            "unknown aircraft",
+        ),
+        ("--simulated", None, "no reports of a simulation"),
+        ("--simulated", "a,b\n1,2\n", "a required column is missing"),
+    ],
+)
+def test_bad_input_is_one_message_and_nothing_written(
+    archive, tmp_path, option, content, message, monkeypatch, frame, capsys
+):
+    _, archive_frame = frame
+    monkeypatch.setattr(gap_stage, "make_headings", lambda job: Dataset(coords={"report": []}))
+    monkeypatch.setattr("airswing.gap.archive.sample.sampled", lambda headings: headings)
+    monkeypatch.setattr(gap_stage, "with_near_winds", lambda job, headings: headings)
+    monkeypatch.setattr(gap_stage, "frame_of", lambda *_: archive_frame)
+    file = tmp_path / ("bad.yaml" if option == "--known" else "bad.csv")
+    if content is not None:
+        file.write_text(content)
+    words = ["airswing", "gap", str(archive), "--output", str(tmp_path / "out"), "--quiet"]
+    monkeypatch.setattr("sys.argv", [*words, option, str(file)])
+    with pytest.raises(SystemExit) as stopped:
+        cli.main()
+    message_shown = capsys.readouterr().err
+    assert stopped.value.code == 2
+    assert message in message_shown and "Traceback" not in message_shown
+    assert len(message_shown) < 2000 and str(file) in message_shown.replace("\n", "")
+    assert not list((tmp_path / "out").rglob("gap.*"))
+
+
+def test_reports_named_otherwise_are_read_by_the_archive_s_names(archive, frame, tmp_path):
+    job, archive_frame = frame
+    source = next(archive.parent.glob("reports/N401.csv"))
+    renamed = source.read_text().replace("wind_speed_kt", "spd", 1)
+    (tmp_path / "own.csv").write_text(renamed)
+    reports = job.config.reports.model_copy(update={"columns": {"spd": "wind_speed_kt"}})
+    config = job.config.model_copy(update={"reports": reports})
+    job = replace(job, config=config)
+    start = begin(
+        job,
+        archive_frame.take(archive_frame.aircraft_mask("N401")),
+        simulated=str(tmp_path / "own.csv"),
+    )
+    assert np.abs(start.frame.residual).max() < 1e-6
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +209,7 @@ def run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("gap")
     path = write_archive(folder, days=3, aircraft=2, seed=3, references=("ruc",))
     job = Job(load_config(path), Progress(quiet=True))
-    make_headings(job)
+    gap_stage.make_headings(job)
     return path, job
 
 
@@ -31,21 +217,17 @@ def decoded(job):
     return sum(record.messages for record in job.progress.records)
 
 
-def again(path, **changes):
-    return Job(load_config(path).model_copy(update=changes), Progress(quiet=True))
-
-
 def test_gap_json_is_of_the_same_headings(run, names_only, no_gap_page):
     path, first = run
-    job = again(path)
-    content = diagnosis(job)
+    job = Job(load_config(path), Progress(quiet=True))
+    content = gap_stage.diagnosis(job)
     assert decoded(first) > 0
     assert decoded(job) == 0  # nothing is decoded, or collocated, again
-    headings = read_product(job.output / HEADINGS)
+    headings = read_product(job.output / "headings")
     assert content.headings_uuid == headings.attrs["uuid"]
-    written = json.loads((job.output / GAP_JSON).read_text())
+    written = json.loads((job.output / gap_stage.GAP_JSON).read_text())
     assert written["headings_uuid"] == headings.attrs["uuid"]
-    frame = Frame.from_headings(make_headings(job), reference="ruc")
+    frame = Frame.from_headings(gap_stage.make_headings(job), reference="ruc")
     for field, name in (
         ("heading", "heading"),
         ("magnetic_heading", "magnetic_heading"),
@@ -65,7 +247,7 @@ def test_gap_json_is_of_the_same_headings(run, names_only, no_gap_page):
 
 def test_the_headings_hold_the_derivatives_the_gap_needs(run):
     _, job = run
-    headings = read_product(job.output / HEADINGS)
+    headings = read_product(job.output / "headings")
     known = np.isfinite(headings["reference_eastward_wind"].to_numpy())
     for name in DERIVATIVES:
         assert np.isfinite(headings[name].to_numpy()[known]).mean() > 0.9, name

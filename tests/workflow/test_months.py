@@ -148,38 +148,28 @@ def test_a_flight_over_the_end_of_a_month_is_whole_in_the_month_it_began_in(whol
         assert (np.diff(joined["flight"][own]) >= 0).all()
 
 
-@pytest.mark.parametrize("change", ["late", "corrected", "withdrawn"])
-def test_late_corrected_and_withdrawn_reports_make_their_month_anew(archive, whole, change):
+@pytest.mark.parametrize("change", ["late", "corrected", "withdrawn", "moved", "all withdrawn"])
+def test_changed_reports_make_their_month_anew(archive, whole, change):
+    """Late, corrected and withdrawn reports; not the same reports in other files."""
     kept_from(archive, whole)
-    day = min(days(archive, "2009-02-1*"))
+    day, files = min(days(archive, "2009-02-1*")), days(archive, "2009-02*")
     table = pd.read_parquet(day)
     if change == "late":
         moved = table.iloc[:30].assign(time=table["time"].iloc[:30] + pd.Timedelta("20 min"))
         moved.to_parquet(archive / "reports/late.parquet", index=False)
     elif change == "corrected":
         table.assign(wind_speed_kt=table["wind_speed_kt"] + 1).to_parquet(day, index=False)
-    else:
-        day.unlink()
-    assert made(archive) == [FEBRUARY]
-    assert made(archive) == []
-
-
-def test_the_same_reports_in_other_files_make_nothing_anew(archive, whole):
-    kept_from(archive, whole)
-    files = days(archive, "2009-02*")
-    pd.concat(map(pd.read_parquet, files)).to_parquet(archive / "reports/all.parquet", index=False)
-    for path in files:
+    elif change == "moved":
+        together = pd.concat(map(pd.read_parquet, files))
+        together.to_parquet(archive / "reports/all.parquet", index=False)
+    gone = {"withdrawn": [day], "moved": files, "all withdrawn": days(archive, "2009-03*")}
+    for path in gone.get(change, []):
         path.unlink()
+    assert made(archive) == ([] if change == "moved" else [FEBRUARY])
     assert made(archive) == []
-
-
-def test_a_month_whose_reports_are_all_withdrawn_goes(archive, whole):
-    kept_from(archive, whole)
-    for path in days(archive, "2009-03*"):
-        path.unlink()
-    made(archive)
-    found = sorted(path.name for path in (archive / "results").rglob("*2009-*.nc"))
-    assert found == [f"{month}.nc" for month in (JANUARY, JANUARY, FEBRUARY, FEBRUARY)]
+    if change == "all withdrawn":
+        found = sorted(path.name for path in (archive / "results").rglob("*2009-*.nc"))
+        assert found == [f"{month}.nc" for month in (JANUARY, JANUARY, FEBRUARY, FEBRUARY)]
 
 
 def test_new_model_files_make_their_month_anew_and_those_that_went_away_do_not(archive, whole):
@@ -309,19 +299,6 @@ def test_all_products_open_as_one_tree(whole):
     for name in ("headings", "corrected"):
         opened, read = airswing.open_product(whole / name), airswing.read_product(whole / name)
         xr.testing.assert_identical(opened.load(), read)
-
-
-def test_one_run_at_a_time_holds_a_folder(tmp_path):
-    with (
-        workspace(tmp_path / "out"),
-        pytest.raises(InputError, match="another run"),
-        workspace(tmp_path / "out"),
-    ):
-        pass
-    assert not (tmp_path / "out").exists()
-    (tmp_path / "out").write_text("a file")
-    with pytest.raises(InputError, match=r"out.*--output"), workspace(tmp_path / "out"):
-        pass
 
 
 def test_the_virtual_field_test_is_made_when_a_month_begins(archive, whole, monkeypatch):

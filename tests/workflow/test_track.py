@@ -1,16 +1,22 @@
-"""Model winds appended to any table: the model's own winds come back, the table as it was."""
+"""Tables with model winds, what files hold, and the summary of a run."""
 
 from __future__ import annotations
+
+import math
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
+from tests.reports.tables import row, write
 from typer.testing import CliRunner
 
 import airswing
 from airswing.cli import app
 from airswing.errors import InputError
+from airswing.workflow.inspection import as_text, inspect_file
+from airswing.workflow.main import summary_text
 
 LATITUDE, LONGITUDE = np.arange(40.0, 45.1, 0.5), np.arange(-92.0, -83.9, 0.5)
 TIMES = pd.date_range("2009-03-01", periods=4, freq="1h")
@@ -23,27 +29,20 @@ def model() -> xr.Dataset:
     shape = (TIMES.size, LEVELS.size, LATITUDE.size, LONGITUDE.size)
     lat, lon = np.meshgrid(LATITUDE, LONGITUDE, indexing="ij")
     dims = ("time", "pressure", "latitude", "longitude")
-    attrs = {"units": "m s-1"}
+    winds = {"eastward_wind": lat - 42.0, "northward_wind": lon + 88.0}
+    level = {"units": "Pa", "standard_name": "air_pressure", "positive": "down"}
     return xr.Dataset(
         {
-            "eastward_wind": (
+            name: (
                 dims,
-                np.broadcast_to(lat - 42.0, shape).copy(),
-                attrs | {"standard_name": "eastward_wind"},
-            ),
-            "northward_wind": (
-                dims,
-                np.broadcast_to(lon + 88.0, shape).copy(),
-                attrs | {"standard_name": "northward_wind"},
-            ),
+                np.broadcast_to(values, shape).copy(),
+                {"units": "m s-1", "standard_name": name},
+            )
+            for name, values in winds.items()
         },
         coords={
             "time": ("time", TIMES, {"standard_name": "time"}),
-            "pressure": (
-                "pressure",
-                LEVELS,
-                {"units": "Pa", "standard_name": "air_pressure", "positive": "down"},
-            ),
+            "pressure": ("pressure", LEVELS, level),
             "latitude": ("latitude", LATITUDE, {"units": "degrees_north"}),
             "longitude": ("longitude", LONGITUDE, {"units": "degrees_east"}),
         },
@@ -95,9 +94,13 @@ def test_what_is_missing_is_named(model, table, says):
 
 def test_the_command_keeps_the_table_as_it_is(model, tmp_path):
     model.to_netcdf(tmp_path / "m.nc")
+
+    def collocate(*options: str, reference: str = f"m={tmp_path}/*.nc"):
+        words = ["collocate", str(tmp_path / "track.csv"), "--reference", reference]
+        return CliRunner().invoke(app, [*words, "-o", str(tmp_path / "out.csv"), *options])
+
     track().to_csv(tmp_path / "track.csv", index=False)
-    words = ["collocate", str(tmp_path / "track.csv"), "--reference", f"m={tmp_path}/*.nc"]
-    done = CliRunner().invoke(app, [*words, "-o", str(tmp_path / "out.csv")])
+    done = collocate()
     assert done.exit_code == 0, done.output
     found = pd.read_csv(tmp_path / "out.csv", dtype=str)
     assert list(found["name"]) == ["007", "b", "c"]
@@ -105,11 +108,66 @@ def test_the_command_keeps_the_table_as_it_is(model, tmp_path):
     assert "2 of 3 rows have a wind of m" in done.output
     assert "covers 2009-03-01T00:00Z to 2009-03-01T03:00Z" in done.output
     track().rename(columns={"time": "when"}).to_csv(tmp_path / "track.csv", index=False)
-    refused = CliRunner().invoke(app, [*words, "-o", str(tmp_path / "out.csv")])
-    assert "--columns" in str(refused.exception)
-    words += ["--columns", "when=time"]
-    assert CliRunner().invoke(app, [*words, "-o", str(tmp_path / "out.csv")]).exit_code == 0
-    words = words[:-2]
-    assert CliRunner().invoke(app, words).exit_code == 2
-    words[-1] = "m.nc"
-    assert CliRunner().invoke(app, [*words, "-o", str(tmp_path / "out.csv")]).exit_code != 0
+    assert "--columns" in str(collocate().exception)
+    assert collocate("--columns", "when=time").exit_code == 0
+    assert collocate(reference="m.nc").exit_code != 0
+
+
+# --- inspection --------------------------------------------------------------------------------
+
+
+def test_a_product_of_grib_files_is_a_product_and_half_of_it_is_named(tmp_path):
+    ds = xr.Dataset({"row_size": ("aircraft", [1], {"comment": "from GRIB/*"})})
+    path = airswing.write_product(ds, tmp_path / "a.nc", title="T")
+    assert b"GRIB" in path.read_bytes()[:4096]
+    found = inspect_file(path)
+    assert (found["kind"], found["title"]) == ("product", "T")
+    path.write_bytes(path.read_bytes()[:3000])
+    with pytest.raises(InputError, match=r"a\.nc.*a damaged NetCDF file"):
+        inspect_file(path)
+
+
+def test_a_table_that_speaks_of_grib_is_reports(tmp_path):
+    found = inspect_file(write(tmp_path / "a.csv", [row(tail="GRIB1"), row(tail="N2")]))
+    assert (found["kind"], found["aircraft"]) == ("reports", 2)
+
+
+def test_text_omits_what_is_empty_and_rounds_numbers():
+    grid = {"kind": "latlon", "range": [38.28880756535601, 46.0], "gaps": {}}
+    found = {"grids": [grid], "skipped": [], "names": ["a", "b"], "format": None}
+    expected = "grids:\n  kind: latlon, range: [38.28881, 46]\nnames: a, b"
+    assert as_text(found | {"audit": {"dropped": {}}}) == expected
+
+
+# --- summary -----------------------------------------------------------------------------------
+
+FITTED = {"offset": 0.82, "amplitude": 5.83, "phase": 33.8, "before_kt": 17.4, "after_kt": 6.2}
+ERRORS = {"amplitude_standard_error": 0.1, "offset_standard_error": 0.05}
+
+
+def fit(aircraft: str, status: str = "ok", **changes: object) -> dict:
+    return {"aircraft": aircraft, "status": status, "reports": 4979} | FITTED | ERRORS | changes
+
+
+def test_the_summary_has_95_percent_intervals_and_a_dash_for_what_was_not_fitted():
+    alone = ("amplitude", "phase", "amplitude_standard_error")
+    summary = {
+        "reference": "ruc",
+        "reports": {"read": 30796, "usable": 30796, "kept": 22991},
+        "aircraft": 2,
+        "status": {"ok": 1, "offset_only": 1},
+        "disagreement_kt": {"before": 11.3, "after": 5.9},
+        "fits": [
+            fit("N401"),
+            fit("N406", "too_few_reports", **dict.fromkeys(FITTED | ERRORS, math.nan)),
+            fit("N407", "offset_only", **dict.fromkeys(alone, math.nan)),
+        ],
+    }
+    assert "5.81 m/s before, 3.04 m/s after" in summary_text(summary, Path("out"), units="m/s")
+    text = summary_text(summary, Path("out"))
+    assert "nan" not in text and "95 % intervals" in text
+    assert "1 of 2 aircraft fitted against ruc, 1 with an offset alone" in text
+    fitted, none, offset = (line for line in text.splitlines() if line.startswith("N4"))
+    assert "5.83 +- 0.20" in fitted
+    assert len(fitted.split("ok")[0]) == len(none.split("too_few")[0])
+    assert "0.82 +- 0.10" in offset and offset.count("+-") == 1

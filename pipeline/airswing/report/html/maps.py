@@ -27,7 +27,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from airswing.flags import PHASE
 from airswing.physics.triangle import wrap_degrees
-from airswing.products.ragged import blocks
 from airswing.report.html import style
 from airswing.report.html.document import Figures, Section, folded
 from airswing.report.html.text import plural
@@ -156,8 +155,8 @@ class Places(NamedTuple):
 
     longitude: Floats
     latitude: Floats
-    phase: NDArray[np.int64]  # place in `_PHASES`
-    layer: NDArray[np.int64]  # -1 outside all layers
+    phase: NDArray[np.int8]  # place in `_PHASES`
+    layer: NDArray[np.int8]  # -1 outside all layers
     every: int  # one report in so many is drawn
     number: int  # of reports with a position
     phase_counts: NDArray[np.int64]
@@ -171,27 +170,20 @@ class Places(NamedTuple):
 def places_of(headings: xr.Dataset) -> Places:
     """Return the positions of at most `MOST_DRAWN` reports, taken evenly from the archive."""
     every = max(1, -(-headings.sizes["report"] // MOST_DRAWN))
-    order = np.full(max(PHASE.values()) + 1, -1)
+    drawn = slice(None, None, every)
+    order = np.full(max(PHASE.values()) + 1, -1, np.int8)
     order[[PHASE[name] for name in _PHASES]] = range(len(_PHASES))
-    layers = len(_LEVELS_HPA) - 1
-    counts = [np.zeros(size, dtype=np.int64) for size in (len(_PHASES), layers)]
-    number, start = 0, 0
-    parts: list[list[NDArray[np.generic]]] = []
-    for block in blocks(headings, ["longitude", "latitude", "phase", "pressure"]):
-        longitude, latitude = (block[name].to_numpy() for name in ("longitude", "latitude"))
-        phase = order[block["phase"].to_numpy()]
-        layer = np.searchsorted(_LEVELS_HPA, block["pressure"].to_numpy() / 100.0, "right") - 1
-        layer = np.where(layer < layers, layer, -1)
-        number += int(np.isfinite(longitude + latitude).sum())
-        for total, group in zip(counts, (phase, layer), strict=True):
-            total += np.bincount(group[group >= 0], minlength=total.size)
-        drawn = slice(-start % every, None, every)
-        # Copies: a view of every n-th report would keep all of them in memory.
-        parts.append([column[drawn].copy() for column in (longitude, latitude, phase, layer)])
-        start += block.sizes["report"]
-    longitude, latitude, phase, layer = (np.concatenate(part) for part in zip(*parts, strict=True))
-    positions = longitude.astype(np.float64), latitude.astype(np.float64)
-    return Places(*positions, phase, layer, every, number, *counts)
+    phase, layers = order[headings["phase"].to_numpy()], len(_LEVELS_HPA) - 1
+    layer = np.searchsorted(_LEVELS_HPA, headings["pressure"].to_numpy() / 100.0, "right") - 1
+    layer = np.where(layer < layers, layer, -1).astype(np.int8)
+    longitude, latitude = (headings[name].to_numpy() for name in ("longitude", "latitude"))
+    number = int((np.isfinite(longitude) & np.isfinite(latitude)).sum())
+    positions = (values[drawn].astype(np.float64) for values in (longitude, latitude))
+    counts = (
+        np.bincount(group[group >= 0], minlength=size)
+        for group, size in ((phase, len(_PHASES)), (layer, layers))
+    )
+    return Places(*positions, phase[drawn], layer[drawn], every, number, *counts)
 
 
 def _height(view: View, columns: int, rows: int, *, colourbar: bool = False) -> float:
@@ -252,7 +244,7 @@ def reports_figure(headings: xr.Dataset, places: Places) -> Figure:
 
 def _panels(
     places: Places,
-    group: NDArray[np.int64],
+    group: NDArray[np.int8],
     counts: NDArray[np.int64],
     labels: Sequence[str],
     columns: int,

@@ -82,21 +82,11 @@ def draw_heading_error(
     small: bool = False,
     bins: Binned | None = None,
 ) -> None:
-    """Draw the heading error of one aircraft in a panel.
+    """Draw the heading error (n,) of one aircraft against magnetic heading, degrees, in a panel.
 
-    Parameters
-    ----------
-    axes : matplotlib Axes
-    heading, error : array, shape (n,)
-        Magnetic heading and heading error of the reports, degrees; may be empty.
-    fit : Dataset
-        The fit of this aircraft against one reference, as in ``fits.nc``.
-    limit : float, optional
-        Half the height of the panel in degrees; chosen from the data by default.
-    small : bool, optional
-        Fewer points, thinner lines and no axis titles, for one of many panels.
-    bins : Binned, optional
-        In place of the medians of the reports.
+    `fit` is the fit of this aircraft against one reference. `limit` is half the height of the
+    panel, degrees, by default from the data; `bins` replaces the medians of the reports. A small
+    panel, one of many, has fewer points, thinner lines and no axis titles.
     """
     usable = bool(published(fit["status"]))
     curve = curve_of(fit, _GRID)

@@ -48,21 +48,10 @@ _PDF_FONTS: dict[RcKeyType, str | float | bool] = {
 
 
 def steer(error: ArrayLike, wanted: ArrayLike) -> Floats:
-    """Return the compass heading to steer for magnetic headings wanted.
+    """Return the compass heading m to steer, m - error(m) = wanted, in [0, 360), shape (n,).
 
-    Parameters
-    ----------
-    error : array_like, shape (8,)
-        Heading error (indicated minus true) at indicated headings 0, 45, ... 315 degrees, linear
-        between them, degrees. Neighbours differ by less than 45 degrees, or there is no single
-        answer.
-    wanted : array_like, shape (n,)
-        Magnetic headings, degrees.
-
-    Returns
-    -------
-    array, shape (n,)
-        The indicated heading m with m - error(m) = wanted, in [0, 360).
+    The heading error (8,) at indicated headings 0, 45, ... 315 degrees is linear between them;
+    neighbours differ by less than 45 degrees, or there is no single answer. Degrees.
     """
     values = np.asarray(error, dtype=np.float64)
     nodes = np.arange(0.0, 360.0, 360.0 / values.size)
