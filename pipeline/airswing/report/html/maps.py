@@ -174,16 +174,20 @@ def places_of(headings: xr.Dataset) -> Places:
     order = np.full(max(PHASE.values()) + 1, -1, np.int8)
     order[[PHASE[name] for name in _PHASES]] = range(len(_PHASES))
     phase, layers = order[headings["phase"].to_numpy()], len(_LEVELS_HPA) - 1
-    layer = np.searchsorted(_LEVELS_HPA, headings["pressure"].to_numpy() / 100.0, "right") - 1
-    layer = np.where(layer < layers, layer, -1).astype(np.int8)
+    above = np.searchsorted(_LEVELS_HPA, headings["pressure"].to_numpy() / 100.0, "right") - 1
+    layer = np.where(above < layers, above, -1).astype(np.int8)
     longitude, latitude = (headings[name].to_numpy() for name in ("longitude", "latitude"))
     number = int((np.isfinite(longitude) & np.isfinite(latitude)).sum())
-    positions = (values[drawn].astype(np.float64) for values in (longitude, latitude))
-    counts = (
-        np.bincount(group[group >= 0], minlength=size)
-        for group, size in ((phase, len(_PHASES)), (layer, layers))
+    return Places(
+        longitude[drawn].astype(np.float64),
+        latitude[drawn].astype(np.float64),
+        phase[drawn],
+        layer[drawn],
+        every,
+        number,
+        np.bincount(phase[phase >= 0], minlength=len(_PHASES)),
+        np.bincount(layer[layer >= 0], minlength=layers),
     )
-    return Places(*positions, phase[drawn], layer[drawn], every, number, *counts)
 
 
 def _height(view: View, columns: int, rows: int, *, colourbar: bool = False) -> float:
