@@ -5,7 +5,7 @@ from __future__ import annotations
 import glob
 import math
 from pathlib import Path
-from typing import Any, TypedDict
+from typing import Any
 
 import xarray as xr
 from pydantic import BaseModel
@@ -19,20 +19,7 @@ from airswing.workflow.job import CORRECTED, HEADINGS, main_reference
 from airswing.workflow.progress import Progress
 
 
-class Postprocessed(TypedDict):
-    """Result of correcting forecasts."""
-
-    headline: str
-    variables: dict[str, dict[str, Any]]
-    """By variable ``ratio``, ``pairs``, and by method the scores on the days held out and, as
-    ``stations``, their distribution over stations."""
-    summary: list[str]  # lines for a person
-    product: str
-    page: str
-    left_out: dict[str, int]  # lines, by reason
-
-
-def postprocess(config: Path, *, output: Path | None = None, quiet: bool = False) -> Postprocessed:
+def postprocess(config: Path, *, output: Path | None = None, quiet: bool = False) -> dict[str, Any]:
     """Correct the forecasts of a configuration; write ``postprocessed.nc`` and its page.
 
     Parameters
@@ -44,7 +31,10 @@ def postprocess(config: Path, *, output: Path | None = None, quiet: bool = False
 
     Returns
     -------
-    Postprocessed
+    dict
+        ``headline``, ``summary`` (lines for a person), ``product``, ``page``, ``left_out`` (lines,
+        by reason) and by ``variables`` ``ratio``, ``pairs``, and by method the scores on the days
+        held out and, as ``stations``, their distribution over stations.
 
     Raises
     ------

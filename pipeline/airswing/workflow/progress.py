@@ -8,7 +8,6 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sized
 from dataclasses import asdict, dataclass, field
@@ -18,9 +17,6 @@ from dask.callbacks import Callback
 
 if TYPE_CHECKING:
     from rich.console import Console
-
-_REFRESH = 0.5
-"""Seconds between updates of the bar."""
 
 
 @dataclass
@@ -37,6 +33,11 @@ class StageRecord:
     phases: dict[str, float] = field(default_factory=dict)  # processor time of each phase, s
     phase: str = ""  # current part of the stage, and the fraction of it that is done
     _began: tuple[str, float] = ("", 0.0)
+
+    @property
+    def title(self) -> str:
+        """Name of the stage and of its current phase."""
+        return f"{self.name}: {self.phase}" if self.phase else self.name
 
     def enter(self, phase: str, done: float) -> None:
         """Note the phase under way (empty at the end) and the fraction of it that is done.
@@ -130,25 +131,23 @@ class Progress:
         from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
         from rich.progress import Progress as Bar
 
-        name = TextColumn("{task.description:<18}")
-        columns = (name, BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-        with Bar(*columns, console=console, transient=True) as bar, Tasks() as tasks:
-            number = bar.add_task(record.name, total=None)
-
-            def show() -> None:
-                title = f"{record.name}: {record.phase}" if record.phase else record.name
-                total = tasks.total or None
-                bar.update(number, description=title, completed=tasks.done, total=total)
-
-            with _repeated(show):
+        title = TextColumn("{task.fields[record].title:<18}")  # newly formatted at each refresh
+        columns = (title, BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+        with Bar(*columns, console=console, transient=True) as bar:
+            number = bar.add_task(record.name, total=None, record=record)
+            with Tasks(lambda done, total: bar.update(number, completed=done, total=total)):
                 yield
 
 
 class Tasks(Callback):
-    """Counts the tasks ``done`` and in ``total`` of dask's local schedulers; graphs add up."""
+    """Counts the tasks ``done`` and in ``total`` of dask's local schedulers; graphs add up.
 
-    def __init__(self) -> None:
+    `show` takes both numbers after each task.
+    """
+
+    def __init__(self, show: Callable[[int, int], None] = lambda done, total: None) -> None:
         self.done = self.total = 0
+        self._show = show
         super().__init__(start_state=self._begin, posttask=self._finished)
 
     def _begin(self, _graph: object, state: Mapping[str, Sized]) -> None:
@@ -156,6 +155,7 @@ class Tasks(Callback):
 
     def _finished(self, *_: object) -> None:
         self.done += 1
+        self._show(self.done, self.total)
 
 
 def _release_memory() -> None:
@@ -173,26 +173,6 @@ def _release_memory() -> None:
         sys.modules["pyarrow"].default_memory_pool().release_unused()
     with contextlib.suppress(OSError, AttributeError):  # only glibc has it
         ctypes.CDLL(None).malloc_trim(0)
-
-
-@contextlib.contextmanager
-def _repeated(act: Callable[[], object]) -> Iterator[None]:
-    """Act every `_REFRESH` seconds, from another thread, while the block runs."""
-    ended = threading.Event()
-
-    def loop() -> None:
-        while not ended.wait(_REFRESH):
-            with contextlib.suppress(Exception):  # an error of the display must not end the job
-                act()
-
-    # daemon: it must not keep an interrupted job alive
-    thread = threading.Thread(target=loop, daemon=True)
-    thread.start()
-    try:
-        yield
-    finally:
-        ended.set()
-        thread.join(timeout=5.0)
 
 
 def _console() -> Console:
