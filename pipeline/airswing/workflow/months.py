@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections import defaultdict
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -73,7 +73,7 @@ def make_headings(job: Job) -> xr.Dataset:
     models, settings, names = catalogues(job), _settings(job), archive.months()
     months = [_Month(job, name, archive, models, settings) for name in names]
     wanted = [month for month in months if not month.holds()]
-    if not any(month.has_winds() for month in months):
+    if not any(month.kept().get("product") for month in months):
         _require_overlap(job, archive, models)
     made, lost = [], 0
     for month in wanted:
@@ -159,11 +159,11 @@ class ReportArchive:
             return {}
         try:
             return {
-                (str(entry["path"]), int(entry["size"]), int(entry["changed"])): (
-                    {int(day): (int(n), int(mark)) for day, (n, mark) in entry["days"].items()},
-                    Audit.from_dict(entry["audit"]),
+                (str(path), int(size), int(changed)): (
+                    {int(day): (int(n), int(mark)) for day, (n, mark) in days.items()},
+                    Audit.from_dict(audit),
                 )
-                for entry in content["files"]
+                for (path, size, changed), days, audit in content["files"]
             }
         except (KeyError, TypeError, AttributeError, ValueError):  # damaged: all is read again
             return {}
@@ -171,13 +171,7 @@ class ReportArchive:
     def keep_notes(self) -> None:
         """Note the days of every file for the next run."""
         files = [
-            {
-                "path": identity[0],
-                "size": identity[1],
-                "changed": identity[2],
-                "days": days,
-                "audit": self._audits[identity].as_dict(),
-            }
+            (identity, days, self._audits[identity].as_dict())
             for identity, days in self.files.items()
         ]
         write_json(self._note, {"key": self._key, "files": files})
@@ -211,13 +205,13 @@ class ReportArchive:
     def mark(self, month: str) -> list[tuple[int, int, int]]:
         """Day, reports and hash of their rows for the days around a month."""
         first, stop = self._days_around(month)
-        found: dict[int, tuple[int, int]] = defaultdict(lambda: (0, 0))
+        counts, marks = Counter[int](), Counter[int]()
         for days in self.files.values():
             for day, (count, mark) in days.items():
-                if first <= day < stop:
-                    before = found[day]
-                    found[day] = before[0] + count, (before[1] + mark) % 2**64
-        return [(day, *found[day]) for day in sorted(found)]
+                counts[day] += count
+                marks[day] += mark
+        inside = (day for day in sorted(counts) if first <= day < stop)
+        return [(day, counts[day], marks[day] % 2**64) for day in inside]
 
     def around(self, month: str) -> list[pd.DataFrame]:
         """Cleaned reports of the days around a month, one table a file."""
@@ -367,9 +361,9 @@ class _Month:
     def _note_path(self) -> Path:
         return self.job.notes / f"{self.name}.json"
 
-    def _before(self, *, screening: bool) -> dict[str, Any]:
-        """The note the month was made with, where it holds (but for the screening); else empty."""
-        before = read_note(self._note_path)
+    def kept(self, *, screening: bool = False) -> dict[str, Any]:
+        """The note of an earlier run, where it holds (but for the screening); else empty."""
+        before = {} if self.job.fresh else read_note(self._note_path)
         try:
             same = (
                 before["reports"] == self.note["reports"]
@@ -380,6 +374,7 @@ class _Month:
                     set(files) <= set(before["models"].get(name, ()))
                     for name, files in self.note["models"].items()
                 )
+                and (not before["product"] or self._readable(before["product"]))
             )
         except (KeyError, TypeError, AttributeError):  # absent, or not a note of this version
             return {}
@@ -398,31 +393,25 @@ class _Month:
 
     def holds(self) -> bool:
         """Whether what an earlier run made of the month is still what this one would make."""
-        before = {} if self.job.fresh else self._before(screening=True)
-        if not before:
-            return False
-        self.empty = not before["product"]
-        return self.empty or self._readable(before["product"])
-
-    def has_winds(self) -> bool:
-        """Whether an earlier run brought the model winds to the month's reports."""
-        before = {} if self.job.fresh else self._before(screening=False)
-        return bool(before) and self._readable(before["product"])
+        before = self.kept(screening=True)
+        self.empty = bool(before) and not before["product"]
+        return bool(before)
 
     def make(self) -> bool:
         """Make the month's headings; False where no flight begins in it."""
-        if self.has_winds():
+        before = self.kept()
+        if before.get("product"):
             self.job.progress.say(f"{self.name}: model winds kept, screened anew")
-            self.note["models"] = self._before(screening=False)["models"]
+            self.note["models"] = before["models"]
             self._write(read_product(self.path).drop_vars("screening"))
             return True
         headings = self._collocated()
+        self.empty = headings is None
         if headings is None:
-            self.empty = True
             self._keep_note("")
-            return False
-        self._write(headings)
-        return True
+        else:
+            self._write(headings)
+        return not self.empty
 
     def _keep_note(self, product: str) -> None:
         # a run whose model files were lost on the way is not to be kept by the next
@@ -436,11 +425,8 @@ class _Month:
             stage.reports = headings.sizes["report"]
             stage.note = f"{headings.attrs['kept_reports']:,} of {stage.reports:,} reports kept"
             self._note_path.unlink(missing_ok=True)
-            self.job.write(
-                headings,
-                f"{HEADINGS}/{self.name}.nc",
-                title="Heading errors of aircraft reports against model winds",
-            )
+            title = "Heading errors of aircraft reports against model winds"
+            self.job.write(headings, f"{HEADINGS}/{self.name}.nc", title=title)
             with open_product(self.path) as written:
                 self._keep_note(str(written.attrs["uuid"]))
 
@@ -449,13 +435,9 @@ class _Month:
         from airswing.compass.headings import derive_headings
         from airswing.reports import Audit, assemble
 
-        parts, audit = self.archive.around(self.name), Audit()
-        reports = assemble(
-            parts,
-            interval=self.job.config.reports.interval,
-            begins=month_bounds(self.name),
-            audit=audit,
-        )
+        parts, audit, bounds = self.archive.around(self.name), Audit(), month_bounds(self.name)
+        interval = self.job.config.reports.interval
+        reports = assemble(parts, interval=interval, begins=bounds, audit=audit)
         if not reports.sizes["report"]:
             return None
         audit.read = reports.sizes["report"] + sum(audit.dropped.values())
@@ -504,9 +486,8 @@ class _Month:
             matched = ", ".join(f"{name} {one.matched:,}" for name, one in overlaps.items())
             stage.note = f"reports within the model: {matched}"
         problems = dict(zip(models, winds[PROBLEMS].to_numpy(), strict=True))
-        self.lost = len(
-            {file for met in problems.values() for _, file, why in met if is_lost_file(why)}
-        )
+        met = (problem for found in problems.values() for problem in found)
+        self.lost = len({file for _, file, why in met if is_lost_file(why)})
         audits = {
             name: overlaps[name].as_dict()
             | {"notes": model.notes, "skipped": model.skipped}
@@ -520,16 +501,14 @@ def _screened(job: Job, headings: xr.Dataset) -> xr.Dataset:
     """Mark what the fit should not use."""
     from airswing.compass.screening import audit, mark_corrected_units, screen
 
-    config, attrs = job.config, headings.attrs
-    headings = screen(headings, **config.screening.model_dump()).compute()
-    if config.field_test is not None:
-        test = config.field_test
-        headings = mark_corrected_units(
-            headings,
-            aircraft=test.corrected,
-            start=np.datetime64(test.start),
-            end=None if test.end is None else np.datetime64(test.end),
+    test, attrs = job.config.field_test, headings.attrs
+    headings = screen(headings, **job.config.screening.model_dump()).compute()
+    if test is not None:
+        start, end = (
+            np.datetime64(test.start),
+            None if test.end is None else np.datetime64(test.end),
         )
+        headings = mark_corrected_units(headings, aircraft=test.corrected, start=start, end=end)
     return headings.assign_attrs(
         attrs,
         kept_reports=int((headings["screening"] == 0).sum()),
