@@ -23,7 +23,7 @@ from airswing.evaluation.results import Evaluation
 from airswing.flags import STATUS
 from airswing.report.html import style
 from airswing.report.html.document import Figures
-from airswing.report.run import fleet, innovations, page
+from airswing.report.run import innovations, page
 from airswing.report.run.selection import by_amplitude, disagreement, screening_audit
 from tests.report import factories
 from tests.report.factories import POOL, POOLS, TAILS
@@ -292,7 +292,7 @@ def test_the_search_finds_names_and_statuses_and_no_numbers(
 def test_speeds_are_shown_in_the_unit_that_is_asked_for() -> None:
     found = disagreement(HEADINGS, CORRECTED, "ruc")
     knots, metric = (
-        fleet.before_after_figure(found, TAILS, TAILS, "ruc", units).axes[0]  # type: ignore[arg-type]
+        page.before_after_figure(found, TAILS, TAILS, "ruc", units).axes[0]  # type: ignore[arg-type]
         for units in ("kt", "m/s")
     )
     assert knots.get_xlabel().endswith("(kt)") and metric.get_xlabel().endswith("(m/s)")
@@ -351,7 +351,7 @@ def test_what_screening_and_reading_left_out() -> None:
     headings, _ = factories.few(1, 40)
     headings["screening"][:] = 0
     headings.attrs["reading_audit"] = "not json"
-    assert "40 (100.0 %) entered" in fleet.audit_figure(headings, []).caption
-    bars = fleet.audit_figure(HEADINGS, screening_audit(HEADINGS)).axes[1]
+    assert "40 (100.0 %) entered" in page.audit_figure(headings, []).caption
+    bars = page.audit_figure(HEADINGS, screening_audit(HEADINGS)).axes[1]
     labels = [one.get_text() for one in bars.get_yticklabels()]
     assert labels == ["duplicate", "impossible position", "repaired: longitude wrapped"]

@@ -316,24 +316,19 @@ def kept_reports(headings: xr.Dataset) -> int:
     return sum(int(used(block).sum()) for block in blocks(headings, ["screening"]))
 
 
-def amplitudes(fits: xr.Dataset, reference: str) -> Floats:
-    """Return the amplitude (degree) of each aircraft with a fitted curve."""
+def fitted_sizes(fits: xr.Dataset, reference: str) -> tuple[Floats, Floats]:
+    """Return the amplitudes of aircraft with a curve and the offsets of those with a constant."""
     fit = fits.sel(reference=reference)
     curve = np.isin(fit["status"], [STATUS["ok"], STATUS["no_correction_needed"]])
-    return np.asarray(fit["amplitude"].to_numpy()[curve], float)
-
-
-def offsets_only(fits: xr.Dataset, reference: str) -> Floats:
-    """Return the offset (degree) of each aircraft with a constant instead of a curve."""
-    fit = fits.sel(reference=reference)
-    return np.asarray(fit["offset"].to_numpy()[fit["status"] == STATUS["offset_only"]], float)
+    constant = fit["status"].to_numpy() == STATUS["offset_only"]
+    return fit["amplitude"].to_numpy()[curve], fit["offset"].to_numpy()[constant]
 
 
 def headline(
     fits: xr.Dataset, total: Total | None, reference: str, *, per_kt: float = 1.0, units: str = "kt"
 ) -> str:
     """Return the headline of a run, at most 25 words."""
-    sizes, constants = amplitudes(fits, reference), offsets_only(fits, reference)
+    sizes, constants = fitted_sizes(fits, reference)
     fitted, fleet = sizes.size + constants.size, fits.sizes["aircraft"]
     status = fits["status"].sel(reference=reference)
     if implausible := int((status == STATUS["implausible_reports"]).sum()):
