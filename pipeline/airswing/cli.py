@@ -88,23 +88,10 @@ def _common(
     """Swing the compass of an aircraft from its archive of wind reports and model winds."""
 
 
-def _job(
-    config: Path,
-    *,
-    output: Path | None = None,
-    fresh: bool = False,
-    quiet: bool = False,
-    scheduler: str | None = None,
-) -> Job:
-    from airswing.config_file import load_config
+def _job(config: Path, **options: Any) -> Job:
     from airswing.workflow import Job
-    from airswing.workflow.progress import Progress
 
-    loaded = load_config(config, output=output)
-    if scheduler is not None:
-        compute = loaded.compute.model_copy(update={"scheduler": scheduler})
-        loaded = loaded.model_copy(update={"compute": compute})
-    return Job(loaded, Progress(quiet=quiet), fresh)
+    return Job.of(config, **options)
 
 
 def _alone(job: Job, stage: Callable[[Job], T]) -> T:

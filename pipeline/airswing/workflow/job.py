@@ -10,6 +10,7 @@ from typing import Any
 import xarray as xr
 
 from airswing.config import Config
+from airswing.config_file import load_config
 from airswing.errors import InputError
 from airswing.products.netcdf import open_product, product_path, write_product
 from airswing.products.ragged import COVERAGE
@@ -34,6 +35,27 @@ class Job:
     fresh: bool = False  # make every month anew
     # what one stage has computed and a later one of the same run needs
     shared: dict[str, Any] = field(default_factory=dict, repr=False)
+
+    @classmethod
+    def of(
+        cls,
+        config: Config | str | Path,
+        *,
+        output: str | Path | None = None,
+        fresh: bool = False,
+        quiet: bool = False,
+        scheduler: str | None = None,
+    ) -> Job:
+        """Make a job of a configuration, or of its file; options as of :func:`airswing.run`."""
+        folder = None if output is None else Path(output)
+        if not isinstance(config, Config):
+            config = load_config(config, output=folder)
+        elif folder is not None:
+            config = config.model_copy(update={"output": folder})
+        if scheduler is not None:
+            compute = config.compute.model_copy(update={"scheduler": scheduler})
+            config = config.model_copy(update={"compute": compute})
+        return cls(config, Progress(quiet=quiet), fresh)
 
     @property
     def output(self) -> Path:

@@ -24,7 +24,6 @@ from airswing.report.html.text import Units, shown_per_kt
 from airswing.units import NORMAL_95
 from airswing.workflow.job import Job, months_text
 from airswing.workflow.months import make_headings
-from airswing.workflow.progress import Progress
 from airswing.workflow.stages import make_corrected, make_evaluation, make_fits
 
 if TYPE_CHECKING:
@@ -125,18 +124,10 @@ def run(
     >>> results.fits["status"].dims
     ('reference', 'aircraft')
     """
-    from airswing.config_file import load_config
     from airswing.workflow.compute import scheduler as on_scheduler
 
-    if not isinstance(config, Config):
-        config = load_config(config)
-    if output is not None:
-        config = config.model_copy(update={"output": Path(output)})
-    if scheduler is not None:
-        compute = config.compute.model_copy(update={"scheduler": scheduler})
-        config = config.model_copy(update={"compute": compute})
-    job = Job(config, Progress(quiet=quiet), fresh)
-    with on_scheduler(config.compute, job.progress):
+    job = Job.of(config, output=output, fresh=fresh, quiet=quiet, scheduler=scheduler)
+    with on_scheduler(job.config.compute, job.progress):
         return run_job(job)
 
 
