@@ -48,12 +48,7 @@ COMPONENTS = {
     "reported_direction": "distribution of reported directions",
     "reported_wind": "repeated winds",
     "wind_map": "a linear map of the wind",
-    "across_heading": "across the heading",
-    "along_heading": "along the heading",
-    "heading_angle": "heading angle",
     "airspeed_factor": "factor of the airspeed",
-    "across_wind": "across the wind",
-    "along_wind": "along the wind",
     "wind_angle": "wind direction",
     "wind_factor": "factor of the wind speed",
 }
@@ -77,6 +72,11 @@ def number(value: float | None) -> float:
 def plain_name(name: str) -> str:
     """Return an effect's name with blanks: ``hard iron``, ``TAS scale``."""
     return re.sub(r"\btas\b", "TAS", name.replace("_", " "))
+
+
+def _component(name: str) -> str:
+    plain = re.sub("^(across|along)_", r"\1 the ", name).replace("_", " ")
+    return COMPONENTS.get(name, plain)
 
 
 def _capital(text: str) -> str:
@@ -306,7 +306,7 @@ def place_sentence(place: Entry, gap: Entry, *, units: Units = "kt") -> str:
     """Return an unexplained error: variable, component, shape, aircraft, closure, nearest name."""
     text = _unexplained(place)
     if place["component"] != "scatter":
-        text += f", {COMPONENTS.get(place['component'], place['component'].replace('_', ' '))},"
+        text += f", {_component(place['component'])},"
     text = f"{_capital(text)} on {who_text(place, fleet_of(gap))}"
     details = [place["title"]] if place.get("title") else []
     if place.get("closure"):
@@ -344,6 +344,6 @@ def slice_words(entry: Entry) -> str:
 
     The test of a variable concerns all its values, so none of them is named.
     """
-    component = COMPONENTS.get(entry.get("component", ""), "")
+    component = _component(entry.get("component", ""))
     text = entry["variable"].replace("_", " ") + (f", {component}" if component else "")
     return f"{text}: {joined(entry['values'])}" if entry["variable"] == "aircraft" else text
