@@ -21,7 +21,6 @@ from airswing.gap.simulation.effects_file import read_effects
 from airswing.products.netcdf import read_product
 from airswing.reference.collocate import DERIVATIVES
 from airswing.report.gap.words import start_words, verdict
-from airswing.synthetic.archive import write_archive
 from airswing.workflow import Job, gap_stage
 from airswing.workflow.progress import Progress
 
@@ -57,8 +56,11 @@ def begin(job, frame, **given):
     return gap_stage.starting_point(job, **given)(frame)
 
 
-def test_known_effects_are_not_stated_again(archive, collocated, tmp_path):
-    collocated(tmp_path / "out")
+def test_known_effects_are_not_stated_again_and_headings_are_not_made_again(
+    archive, collocated, tmp_path
+):
+    months = sorted((collocated(tmp_path / "out") / "headings").glob("*.nc"))
+    made = [path.stat().st_mtime_ns for path in months]
     known = effects_file(tmp_path / "known.yaml", IRON)
     result = CliRunner().invoke(
         app,
@@ -67,6 +69,12 @@ def test_known_effects_are_not_stated_again(archive, collocated, tmp_path):
     assert result.exit_code == 0, result.output
     found = json.loads((tmp_path / "out" / "gap.json").read_text())
     assert [(e["name"], e["tails"]) for e in found["effects"]] == [("tas_scale", ["N403"])]
+    assert [path.stat().st_mtime_ns for path in months] == made
+    headings = read_product(tmp_path / "out" / "headings")
+    assert found["headings_uuid"] == headings.attrs["uuid"]
+    reached = np.isfinite(headings["reference_eastward_wind"].to_numpy())
+    for name in DERIVATIVES:
+        assert np.isfinite(headings[name].to_numpy()[reached]).mean() > 0.9, name
     (known_entry,) = found["known"]
     assert known_entry["disagreement_without_kt"] > known_entry["disagreement_with_kt"] + 0.2
     assert found["gap"]["mean_vector_disagreement_kt"] == pytest.approx(
@@ -201,53 +209,3 @@ def test_reports_named_otherwise_are_read_by_the_archive_s_names(archive, frame,
         simulated=str(tmp_path / "own.csv"),
     )
     assert np.abs(start.frame.residual).max() < 1e-6
-
-
-@pytest.fixture(scope="module")
-def run(tmp_path_factory):
-    """A job whose headings are made, and its configuration."""
-    folder = tmp_path_factory.mktemp("gap")
-    path = write_archive(folder, days=3, aircraft=2, seed=3, references=("ruc",))
-    job = Job(load_config(path), Progress(quiet=True))
-    gap_stage.make_headings(job)
-    return path, job
-
-
-def decoded(job):
-    return sum(record.messages for record in job.progress.records)
-
-
-def test_gap_json_is_of_the_same_headings(run, names_only, no_gap_page):
-    path, first = run
-    job = Job(load_config(path), Progress(quiet=True))
-    content = gap_stage.diagnosis(job)
-    assert decoded(first) > 0
-    assert decoded(job) == 0  # nothing is decoded, or collocated, again
-    headings = read_product(job.output / "headings")
-    assert content.headings_uuid == headings.attrs["uuid"]
-    written = json.loads((job.output / gap_stage.GAP_JSON).read_text())
-    assert written["headings_uuid"] == headings.attrs["uuid"]
-    frame = Frame.from_headings(gap_stage.make_headings(job), reference="ruc")
-    for field, name in (
-        ("heading", "heading"),
-        ("magnetic_heading", "magnetic_heading"),
-        ("heading_error", "heading_standard_error"),
-    ):
-        expected = np.radians(headings[name].to_numpy().astype(float))[frame.report]
-        np.testing.assert_array_equal(getattr(frame, field), expected)
-    for field, name in (
-        ("airspeed", "airspeed"),
-        ("ground_u", "ground_eastward_velocity"),
-        ("ground_v", "ground_northward_velocity"),
-    ):
-        np.testing.assert_array_equal(
-            getattr(frame, field), headings[name].to_numpy()[frame.report]
-        )
-
-
-def test_the_headings_hold_the_derivatives_the_gap_needs(run):
-    _, job = run
-    headings = read_product(job.output / "headings")
-    known = np.isfinite(headings["reference_eastward_wind"].to_numpy())
-    for name in DERIVATIVES:
-        assert np.isfinite(headings[name].to_numpy()[known]).mean() > 0.9, name
