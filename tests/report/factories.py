@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from airswing.compass.correction import correct
+from airswing.compass.correction import add_tables, correct
 from airswing.compass.fit.deviation import fit_deviation
-from airswing.compass.table import add_tables
 from airswing.evaluation.comparison import compare
 from airswing.evaluation.field_test import field_test
 from airswing.flags import SCREENING, STATUS
