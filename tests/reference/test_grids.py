@@ -334,8 +334,8 @@ def test_projections_are_those_of_cf_and_of_proj() -> None:
     }
     proj = "+proj=lcc +lat_1=38.5 +lat_2=38.5 +lat_0=38.5 +lon_0=-97.5 +R=6371229"
     place = np.array([45.0]), np.array([-80.0])
-    by_cf, by_proj = (frame_of(one, file="f", field="p").xy(*place) for one in (mapping, proj))
+    by_cf, by_proj = (frame_of(one, field="p").xy(*place) for one in (mapping, proj))
     np.testing.assert_allclose(by_cf, by_proj)
-    assert frame_of("EPSG:4326", file="f", field="p") == LONGITUDE_LATITUDE
+    assert frame_of("EPSG:4326", field="p") == LONGITUDE_LATITUDE
     with pytest.raises(InputError, match="projection not known"):
-        frame_of("+proj=nonsense", file="f", field="p")
+        frame_of("+proj=nonsense", field="p")

@@ -1,19 +1,13 @@
 """A wind field fitted to the winds of all aircraft of a fleet, as a reference for each of them.
 
-Assumptions
------------
 Each component of the wind is multilinear between nodes in latitude, longitude, ln p and time, with
 penalised second differences. A heading offset and an airspeed scale of each aircraft are unknowns
 of the same fit, so that no aircraft draws the field to itself: winds reported on other headings in
 the same air separate an offset from the wind. An offset common to all aircraft is determined only
 if headings cover the compass. Robust weights (Huber). Valid for hours to a day and some hundred
-kilometres where no model is available; a model is better elsewhere.
+kilometres where no model is available; a model is better elsewhere. SI units; degrees for places.
 
-SI units; degrees for places.
-
-References
-----------
-Sun, Vu, Ellerbroek & Hoekstra 2018 (PLoS ONE 13, e0205029): wind of a fleet's Mode-S reports.
+Source: Sun, Vu, Ellerbroek & Hoekstra 2018 (PLoS ONE 13, e0205029), wind of Mode-S reports.
 """
 
 from __future__ import annotations
@@ -88,19 +82,15 @@ def fleet_wind(reports: xr.Dataset | Iterable[xr.Dataset]) -> xr.Dataset:
     lat, lon, log_p, second = axes
     grids = [one.reshape([axis.size for axis in axes]).transpose(3, 2, 0, 1) for one in values]
     dims = ("time", "pressure", "latitude", "longitude")
-    names = ("eastward_wind", "northward_wind")
+    level = {"units": "Pa", "standard_name": "air_pressure", "positive": "down"}
     return xr.Dataset(
         {
             name: (dims, grid.astype(np.float32), {"units": "m s-1", "standard_name": name})
-            for name, grid in zip(names, grids, strict=True)
+            for name, grid in zip(("eastward_wind", "northward_wind"), grids, strict=True)
         },
         coords={
             "time": ("time", (second * 1e9).astype("datetime64[ns]"), {"standard_name": "time"}),
-            "pressure": (
-                "pressure",
-                np.exp(log_p),
-                {"units": "Pa", "standard_name": "air_pressure", "positive": "down"},
-            ),
+            "pressure": ("pressure", np.exp(log_p), level),
             "latitude": ("latitude", lat, {"units": "degrees_north"}),
             "longitude": ("longitude", lon, {"units": "degrees_east"}),
         },
@@ -158,12 +148,12 @@ def _nodes(place: Floats) -> list[Floats]:
     while True:
         counts = np.maximum(np.ceil((high - low) / spread).astype(int) + 1, 2)
         if np.prod(counts) <= MOST_NODES:
-            # the outermost reports lie between nodes, not on them
-            margin = np.maximum(1e-6 * np.abs(high), 1e-3)
-            ends = zip(low - margin, high + margin, counts, strict=True)
-            return [np.linspace(start, stop, count) for start, stop, count in ends]
-        # coarser little by little until the nodes are few enough
+            break
         spread = spread * 1.15
+    # the outermost reports lie between nodes, not on them
+    margin = np.maximum(1e-6 * np.abs(high), 1e-3)
+    ends = zip(low - margin, high + margin, counts, strict=True)
+    return [np.linspace(start, stop, count) for start, stop, count in ends]
 
 
 def _field(data: _Winds, axes: list[Floats]) -> Floats:

@@ -164,7 +164,7 @@ def rotated_frame(pole_latitude: float, pole_longitude: float, turned: float = 0
     )
 
 
-def frame_of(mapping: Mapping[str, object] | str, *, file: str, field: str) -> Frame:
+def frame_of(mapping: Mapping[str, object] | str, *, field: str) -> Frame:
     """Frame of a CF grid mapping (CF appendix F), or of a PROJ or WKT string."""
     try:
         if isinstance(mapping, str):
@@ -174,7 +174,6 @@ def frame_of(mapping: Mapping[str, object] | str, *, file: str, field: str) -> F
         named = mapping if isinstance(mapping, str) else mapping.get("grid_mapping_name", "")
         raise InputError(
             "projection not known",
-            file=file,
             field=field,
             found=named or str(mapping)[:300],
             remedy=PROJECTION_REMEDY,

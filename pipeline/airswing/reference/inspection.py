@@ -14,8 +14,9 @@ from airswing.reference.grib.grid_sections import read_grid
 from airswing.reference.grib.headers import FileContents, off_levels, scan_file
 from airswing.reference.gridded.datasets import engine_of
 from airswing.reference.grids import AxesGrid, Grid
-from airswing.reference.winds import HYBRID, ISOBARIC, PRESSURE, U
+from airswing.reference.winds import HYBRID, ISOBARIC, PRESSURE, U, V
 
+_UNITS = {ISOBARIC: "hPa", HYBRID: "hybrid level"}
 _PACKINGS = {
     1: {0: "simple", 4: "second order", 8: "spherical harmonics"},
     2: {
@@ -26,19 +27,7 @@ _PACKINGS = {
 
 
 def inspect_grib(path: str | os.PathLike[str]) -> dict[str, object]:
-    """Content of a GRIB file.
-
-    Returns
-    -------
-    dict
-        Ready for JSON: ``file``, ``messages``, ``fields``, ``winds`` (one entry a valid time, lead
-        and member, with its levels), ``grids``, ``packings``, ``skipped``.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read or holds no GRIB message.
-    """
+    """Content of a GRIB file, ready for JSON."""
     name = os.fspath(path)
     try:
         contents = scan_file(local_path(name))
@@ -78,8 +67,6 @@ def _winds(contents: FileContents) -> list[dict[str, object]]:
     found = []
     for (valid, lead, member, kind), levels in sorted(groups.items()):
         scale = 0.01 if kind == ISOBARIC else 1.0
-        unit = {ISOBARIC: "hPa", HYBRID: "hybrid level"}.get(kind, f"level of type {kind}")
-        both = [level for level, kinds in levels.items() if {0, 1} <= kinds]
         alone = {
             level * scale: "u" if U in kinds else "v"
             for level, kinds in levels.items()
@@ -90,8 +77,10 @@ def _winds(contents: FileContents) -> list[dict[str, object]]:
                 "valid_time": f"{np.datetime64(valid, 'ns').astype('datetime64[s]')}Z",
                 "lead_time_h": lead / 3600.0,
                 "member": member,
-                "level_unit": unit,
-                "levels": sorted(round(level * scale, 4) for level in both),
+                "level_unit": _UNITS.get(kind, f"level of type {kind}"),
+                "levels": sorted(
+                    round(level * scale, 4) for level, kinds in levels.items() if {U, V} <= kinds
+                ),
                 "levels_with_one_component": {str(k): v for k, v in sorted(alone.items())},
             }
         )
@@ -117,13 +106,7 @@ def _grid(grid: AxesGrid) -> dict[str, object]:
 
 
 def inspect_gridded(path: str) -> dict[str, object]:
-    """Model winds of a NetCDF file, Zarr store or other Dataset, ready for JSON.
-
-    Raises
-    ------
-    InputError
-        If it holds no usable winds.
-    """
+    """Model winds of a NetCDF file, Zarr store or other Dataset, ready for JSON."""
     used = engine_of(path)
     found = build_catalogue(path, name="inspected", engine=used)
     times = np.datetime_as_string(found.times, unit="s")
@@ -139,7 +122,7 @@ def inspect_gridded(path: str) -> dict[str, object]:
         "levels": f"{levels.size} pressure levels, {ends}"
         if found.is_isobaric(0)
         else f"{levels.size} native levels with their pressure",
-        "grids": [_grid_text(found.grids[int(n)]) for n in np.unique(found.profiles["grid"])],
+        "grids": [_grid_text(found.grids[n]) for n in np.unique(found.profiles["grid"]).tolist()],
         "notes": found.notes,
         "skipped": found.skipped,
     }

@@ -1,9 +1,9 @@
 """Whether a field is a state of the atmosphere at a time: one rule for every reader.
 
-Winds are compared with a state: an analysis, a forecast, a member of an ensemble, or the mean of an
-ensemble. The following look like winds (same parameter, same unit) and are none: averages over
-time, ensemble spread, percentiles, probabilities, errors of analysis or forecast, increments,
-climatologies, standard deviations. A field that is refused here is not tried by another reader.
+Winds are compared with an analysis, a forecast, a member of an ensemble, or the mean of an
+ensemble. Averages over time, ensemble spread, percentiles, probabilities, errors of analysis or
+forecast, increments, climatologies and standard deviations look like winds (same parameter, same
+unit) and are none. A field that is refused here is not tried by another reader.
 
 Sources: WMO Manual on Codes FM 92 GRIB, code tables 4.0, 4.3, 4.7 (edition 2) and 5 (edition 1);
 ECMWF's MARS types (local section of edition 1); NCEP Office Note 388, section 1 (ensembles);
@@ -74,15 +74,11 @@ _HORIZONTAL = ("area", "lat", "latitude", "lon", "longitude", "x", "y")
 def grib_statistic(edition: int, sections: Mapping[int, bytes]) -> str:
     """Reason why a field of GRIB is no state, from its sections; empty if it is one.
 
-    Parameters
-    ----------
-    sections : mapping of int to bytes
-        By number: 1 of edition 1; 1, 4 and, if there is one, 2 of edition 2.
+    Sections by number: 1 of edition 1; 1, 4 and, if there is one, 2 of edition 2.
     """
-    return _grib1(sections[1]) if edition == 1 else _grib2(sections)
-
-
-def _grib1(product: bytes) -> str:
+    if edition == 2:
+        return _grib2(sections)
+    product = sections[1]
     centre, indicator = product[4], product[20]
     if indicator not in (0, 1, 10):
         return f"not instantaneous: {_RANGES.get(indicator, 'time range')} (indicator {indicator})"
@@ -132,14 +128,10 @@ def variable_statistic(
     coordinates: Iterable[tuple[str, Mapping[object, object]]],
     dataset: Mapping[object, object],
 ) -> str:
-    """Reason why a variable of a Dataset is no state, from its attributes; empty if it is one.
+    """Reason why a variable is no state, from its attributes; empty if it is one.
 
-    Parameters
-    ----------
-    coordinates : iterable of (str, mapping)
-        Names and attributes of its dimensions and scalar coordinates.
-    dataset : mapping
-        Attributes of the Dataset.
+    `coordinates` are names and attributes of its dimensions and scalar coordinates, `dataset` the
+    attributes of the Dataset.
     """
     methods = re.sub(r"\([^)]*\)", " ", str(attrs.get("cell_methods", "")))
     for names, method in re.findall(r"((?:\w+\s*:\s*)+)(\w+)", methods):

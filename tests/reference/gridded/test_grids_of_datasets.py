@@ -113,7 +113,7 @@ def test_points_give_the_winds_of_their_projection(kind: str, mapping: bool) -> 
     """Latitudes and longitudes of every point, with a grid mapping whose axes are absent or not."""
     ds = projected(kind)
     x, y = axes_of(kind)
-    grid = AxesGrid(frame_of(MAPPINGS[kind], file="", field=""), x, y)
+    grid = AxesGrid(frame_of(MAPPINGS[kind], field=""), x, y)
     lat, lon = grid.frame.places(*(one.ravel() for one in np.meshgrid(x, y)))
     bare = ds.copy(deep=True).drop_vars(["x", "y"])
     if not mapping:
@@ -134,7 +134,7 @@ def test_points_give_the_winds_of_their_projection(kind: str, mapping: bool) -> 
 
 def test_a_pole_turned_in_its_own_frame() -> None:
     mapping = MAPPINGS["rotated"] | {"north_pole_grid_longitude": 20.0}
-    frame = frame_of(mapping, file="", field="")
+    frame = frame_of(mapping, field="")
     crs = CRS.from_cf(mapping)
     to = Transformer.from_crs(crs.source_crs or "EPSG:4326", crs, always_xy=True)
     lat, lon = RNG.uniform(30, 60, 20), RNG.uniform(-120, -80, 20)

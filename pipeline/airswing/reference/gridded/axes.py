@@ -72,11 +72,10 @@ class Axes(NamedTuple):
         return str(self.vertical.dims[0]) if self.vertical is not None else ""
 
 
-def unstructured(file: str, dimension: str) -> InputError:
+def unstructured(dimension: str) -> InputError:
     """The error for winds on an unstructured grid."""
     return InputError(
         "winds on an unstructured grid (one dimension of cells)",
-        file=file,
         field=dimension,
         remedy="Interpolate to latitude and longitude first, for instance with cdo remapbil",
     )
@@ -90,7 +89,7 @@ def cell_dimension(ds: xr.Dataset) -> str:
     return ""
 
 
-def axes_of(ds: xr.Dataset, name: str, naming: Naming, file: str) -> Axes:
+def axes_of(ds: xr.Dataset, name: str, naming: Naming) -> Axes:
     """Dimensions of a variable."""
     import metpy.xarray  # noqa: F401  (registers the accessor)
 
@@ -100,10 +99,10 @@ def axes_of(ds: xr.Dataset, name: str, naming: Naming, file: str) -> Axes:
             axis: getattr(parsed.metpy, axis, None)
             for axis in ("vertical", "time", "y", "x", "latitude", "longitude")
         }
-    y, x = _horizontal(ds, parsed, found, naming, file)
+    y, x = _horizontal(ds, parsed, found, naming)
     # levels before members, since only levels may be without any mark
     left = [str(d) for d in parsed.dims if d not in (*y.dims, *x.dims)]
-    vertical = _vertical(ds, parsed, found["vertical"], found["time"], left, naming, file)
+    vertical = _vertical(ds, parsed, found["vertical"], found["time"], left, naming)
     if vertical is not None:
         left.remove(str(vertical.dims[0]))
     crs = getattr(parsed.coords.get("metpy_crs"), "item", lambda: None)()
@@ -133,12 +132,11 @@ def _alone(ds: xr.Dataset, name: str) -> xr.Dataset:
     return kept
 
 
-def coordinate(ds: xr.Dataset, name: str, key: str, file: str) -> xr.DataArray:
+def coordinate(ds: xr.Dataset, name: str, key: str) -> xr.DataArray:
     """A coordinate that the configuration names."""
     if name not in ds.variables and name not in ds.dims:
         raise InputError(
             "no such variable",
-            file=file,
             field=f"{key}: {name}",
             found="variables " + ", ".join(map(str, ds.variables)),
         )
@@ -146,35 +144,24 @@ def coordinate(ds: xr.Dataset, name: str, key: str, file: str) -> xr.DataArray:
 
 
 def _horizontal(
-    ds: xr.Dataset,
-    parsed: xr.DataArray,
-    found: dict[str, xr.DataArray | None],
-    naming: Naming,
-    file: str,
+    ds: xr.Dataset, parsed: xr.DataArray, found: dict[str, xr.DataArray | None], naming: Naming
 ) -> tuple[xr.DataArray, xr.DataArray]:
     """Coordinates along y and x."""
-    named = [
-        coordinate(ds, str(name), key, file) if name else None
-        for name, key in (
-            (naming.y or naming.latitude, "y"),
-            (naming.x or naming.longitude, "x"),
-        )
-    ]
-    y = named[0] if named[0] is not None else found["y"]
-    x = named[1] if named[1] is not None else found["x"]
+    said = {"y": naming.y or naming.latitude, "x": naming.x or naming.longitude}
+    named = {key: coordinate(ds, name, key) for key, name in said.items() if name}
+    y, x = (named.get(key, found[key]) for key in ("y", "x"))
     # by axis first: a projected grid has y and x and also latitudes and longitudes of points
     if y is None or x is None or y.ndim != 1 or x.ndim != 1:
-        y = named[0] if named[0] is not None else found["latitude"]
-        x = named[1] if named[1] is not None else found["longitude"]
+        y, x = named.get("y", found["latitude"]), named.get("x", found["longitude"])
     cells = next((str(d) for d in parsed.dims if _CELLS.match(str(d))), "")
     if cells or (y is not None and x is not None and y.ndim == 1 and y.dims == x.dims):
-        raise unstructured(file, cells or str(parsed.dims[-1]))
-    if y is None or x is None:
-        y, x = _without_attributes(parsed)
+        raise unstructured(cells or str(parsed.dims[-1]))
+    last = [d for d in parsed.dims[-2:] if _PROJECTED.match(str(d)) and d in parsed.coords]
+    if (y is None or x is None) and len(last) == 2:  # known by name and place alone, y before x
+        y, x = (parsed.coords[d] for d in last)
     if y is None or x is None:
         raise InputError(
             "no horizontal coordinates",
-            file=file,
             field=str(parsed.name),
             found=f"dimensions {', '.join(map(str, parsed.dims))}",
             remedy="Give latitude: and longitude: (or y: and x:) in the configuration; if there "
@@ -185,16 +172,6 @@ def _horizontal(
     return y, x
 
 
-def _without_attributes(parsed: xr.DataArray) -> tuple[xr.DataArray | None, xr.DataArray | None]:
-    """Coordinates known by name and place only: the last two dimensions, y before x."""
-    if parsed.ndim < 2:
-        return None, None
-    y, x = (str(d) for d in parsed.dims[-2:])
-    if not (_PROJECTED.match(y) and _PROJECTED.match(x) and {y, x} <= set(parsed.coords)):
-        return None, None
-    return parsed.coords[y], parsed.coords[x]
-
-
 def _vertical(
     ds: xr.Dataset,
     parsed: xr.DataArray,
@@ -202,11 +179,10 @@ def _vertical(
     time: xr.DataArray | None,
     left: list[str],
     naming: Naming,
-    file: str,
 ) -> xr.DataArray | None:
     """Coordinate of the levels: configured, by MetPy, or the one that nothing else explains."""
     if naming.level:
-        named = coordinate(ds, naming.level, "level", file)
+        named = coordinate(ds, naming.level, "level")
         return named if named.ndim == 1 and named.dims[0] in left else None
     if found is not None and found.ndim == 1 and found.dims[0] in left:
         return found
@@ -226,7 +202,6 @@ def _vertical(
     if len(unexplained) > 1:
         raise InputError(
             "several dimensions may hold the levels",
-            file=file,
             field=str(parsed.name),
             found=", ".join(unexplained),
             remedy="Name it in the configuration as level: NAME",
@@ -270,26 +245,25 @@ def _grid_by_section(ds: xr.Dataset) -> AxesGrid | None:
     return grid if plain and grid.frame.kind != "longitude_latitude" else None
 
 
-def grid_of_axes(ds: xr.Dataset, name: str, axes: Axes, naming: Naming, file: str) -> Grid:
+def grid_of_axes(ds: xr.Dataset, name: str, axes: Axes, naming: Naming) -> Grid:
     """The grid of a variable, by its projection, its coordinates or its points."""
-    shape = ds.sizes[axes.y_dim], ds.sizes[axes.x_dim]
     known = _grid_by_section(ds)
+    shape = ds.sizes[axes.y_dim], ds.sizes[axes.x_dim]
     if known is not None and (known.nj, known.ni) == shape:
         return known
+    units = [naming.units.get(str(c.name), c.attrs.get("units")) for c in (axes.y, axes.x)]
     if axes.y.ndim == 2:
-        lat, lon = (np.asarray(one.values, dtype=np.float64) for one in (axes.y, axes.x))
         lat, lon = (
-            values * _degrees(naming.units.get(str(one.name), one.attrs.get("units")))
-            for values, one in ((lat, axes.y), (lon, axes.x))
+            np.asarray(one.values, dtype=np.float64) * _degrees(unit)
+            for one, unit in zip((axes.y, axes.x), units, strict=True)
         )
         mapping = naming.projection or axes.crs or _grib_projection(ds[name])
         laid = None
         if mapping is not None:
-            laid = through_points(frame_of(mapping, file=file, field="projection"), lat, lon)
+            laid = through_points(frame_of(mapping, field="projection"), lat, lon)
         if laid is None and naming.projection is not None:
             raise InputError(
                 "points that are no rows and columns of the projection given",
-                file=file,
                 field="projection",
                 found=str(naming.projection),
                 remedy="Correct or remove it: the points' latitudes and longitudes are enough",
@@ -299,39 +273,24 @@ def grid_of_axes(ds: xr.Dataset, name: str, axes: Axes, naming: Naming, file: st
             laid = AxesGrid(LONGITUDE_LATITUDE, lon[0], lat[:, 0])
         return laid or PointsGrid(lat, lon)
     if min(axes.y.size, axes.x.size) < 2:
-        raise InputError(
-            "a grid of a single row or column",
-            file=file,
-            field=name,
-            found=f"{axes.y.size} x {axes.x.size}",
-        )
-    units = [naming.units.get(str(c.name), c.attrs.get("units")) for c in (axes.y, axes.x)]
+        found = f"{axes.y.size} x {axes.x.size}"
+        raise InputError("a grid of a single row or column", field=name, found=found)
     frame = LONGITUDE_LATITUDE
     if naming.projection is not None:
-        frame = frame_of(naming.projection, file=file, field="projection")
+        frame = frame_of(naming.projection, field="projection")
     elif axes.crs is not None:
-        frame = frame_of(axes.crs, file=file, field="grid mapping")
+        frame = frame_of(axes.crs, field="grid mapping")
     elif _is_projected(axes, units):
         points = _points(ds, axes)
         if points is not None:
             return points
         raise InputError(
             "coordinates of a projection that is not given",
-            file=file,
             field="projection",
             found=f"{axes.y.name}, {axes.x.name} of {name}",
             remedy=PROJECTION_REMEDY,
         )
-    scales = [_degrees(unit) for unit in units]
-    if not frame.meridional:
-        scales = [
-            required_factor(unit, "length", file=file, name=str(one.name))
-            for one, unit in zip((axes.y, axes.x), units, strict=True)
-        ]
-    y, x = (
-        _monotonic(one, scale, frame, file)
-        for one, scale in zip((axes.y, axes.x), scales, strict=True)
-    )
+    y, x = (_monotonic(*one, frame) for one in zip((axes.y, axes.x), units, strict=True))
     return AxesGrid(frame, x, y)
 
 
@@ -342,11 +301,10 @@ def _degrees(unit: object) -> float:
 
 def _is_projected(axes: Axes, units: Sequence[object]) -> bool:
     """Coordinates that are lengths, or a rotated frame's, without a grid mapping."""
-    if any(factor_of(one, "length") is not None for one in units):
-        return True
-    names = [str(one.attrs.get("standard_name", "")) for one in (axes.y, axes.x)]
-    return any("projection" in name or "grid_" in name for name in names) or any(
-        str(one.name).lower().startswith(("projection_", "rlat", "rlon"))
+    return any(factor_of(one, "length") is not None for one in units) or any(
+        "projection" in str(one.attrs.get("standard_name", ""))
+        or "grid_" in str(one.attrs.get("standard_name", ""))
+        or str(one.name).lower().startswith(("projection_", "rlat", "rlon"))
         for one in (axes.y, axes.x)
     )
 
@@ -367,13 +325,15 @@ def _points(ds: xr.Dataset, axes: Axes) -> PointsGrid | None:
     return PointsGrid(found["latitude"], found["longitude"])
 
 
-def _monotonic(one: xr.DataArray, scale: float, frame: Frame, file: str) -> NDArray[np.float64]:
+def _monotonic(one: xr.DataArray, unit: object, frame: Frame) -> NDArray[np.float64]:
+    """Values of an axis in degrees, or metres of a projection."""
+    meridional = frame.meridional
+    scale = _degrees(unit) if meridional else required_factor(unit, "length", name=str(one.name))
     values = np.asarray(one.values, dtype=np.float64) * scale
-    steps = np.diff(np.unwrap(values, period=360.0) if frame.meridional else values)
+    steps = np.diff(np.unwrap(values, period=360.0) if meridional else values)
     if not ((steps > 0).all() or (steps < 0).all()):
         raise InputError(
             "a coordinate that is not monotonic",
-            file=file,
             field=str(one.name),
             remedy="Sort the Dataset by it",
         )
@@ -393,16 +353,18 @@ def _grib_projection(variable: xr.DataArray) -> str | None:
     kind = attrs.get("GRIB_gridType")
     try:
         if kind == "lambert":
-            one, two, lov, lad = (of(key) for key in ("Latin1", "Latin2", "LoV", "LaD"))
-            return f"+proj=lcc +lat_1={one} +lat_2={two} +lat_0={lad} +lon_0={lov} {sphere}"
+            lad, lov = of("LaD"), of("LoV")
+            parallels = f"+lat_1={of('Latin1')} +lat_2={of('Latin2')}"
+            return f"+proj=lcc {parallels} +lat_0={lad} +lon_0={lov} {sphere}"
         if kind == "polar_stereographic":
             lad, lov = of("LaD"), of("orientationOfTheGrid")
-            pole = 90.0 if lad >= 0 else -90.0
-            return f"+proj=stere +lat_0={pole} +lat_ts={lad} +lon_0={lov} {sphere}"
+            return (
+                f"+proj=stere +lat_0={np.copysign(90.0, lad)} +lat_ts={lad} +lon_0={lov} {sphere}"
+            )
         if kind == "mercator":
             # a meridian east of the first column keeps all columns away from the antimeridian
-            middle, lad = of("longitudeOfFirstGridPoint") + 90.0, of("LaD")
-            return f"+proj=merc +lat_ts={lad} +lon_0={middle} {sphere}"
+            middle = of("longitudeOfFirstGridPoint") + 90.0
+            return f"+proj=merc +lat_ts={of('LaD')} +lon_0={middle} {sphere}"
     except (KeyError, TypeError, ValueError):
         pass
     return None

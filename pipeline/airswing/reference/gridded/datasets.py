@@ -62,10 +62,15 @@ could not be read."""
 _OBSERVATIONS = ("point", "timeseries", "trajectory", "profile")
 _LOGGERS = ("metpy", "cfgrib", "cfgrib.dataset", "cfgrib.messages")
 _KEPT_OPEN = 16  # files at most; each has a handle and its chunks
-_ISOBARIC = ("isobaricInhPa", "isobaricInPa")
 _NATIVE = ("hybrid", "hybridLayer", "generalVertical", "generalVerticalLayer")
+#: Variables that are winds or may give one its pressure, by kind of level, in ecCodes' names.
+_NEEDED: dict[str, tuple[str, ...]] = {
+    **dict.fromkeys(("isobaricInhPa", "isobaricInPa"), ("u", "v")),
+    **dict.fromkeys(_NATIVE, ("u", "v", "pres", "lnsp")),
+    "surface": ("sp", "lnsp"),
+}
 _WITHOUT_ROWS = ("reduced_gg", "reduced_ll", "sh", "unstructured_grid", "healpix")
-_KEYS = ("gridType", "shortName", "typeOfLevel", "numberOfPoints", "Nx", "Ny", "md5GridSection")
+_KEYS = ("gridType", "shortName", "typeOfLevel", "numberOfPoints")
 
 
 def engine_of(path: str) -> str:
@@ -219,14 +224,12 @@ def _cfgrib_datasets(file: SourceFile) -> list[xr.Dataset]:
         )
     found = []
     for number, (part, name, dims, shape, attrs, section) in enumerate(parts):
-        outer = len(shape) - 2
-        chunks = tuple((1,) * n if axis < outer else (n,) for axis, n in enumerate(shape))
         values = da.map_blocks(  # type: ignore[no-untyped-call]
             _block,
             file.path,
             number,
             dtype=np.float64,
-            chunks=chunks,
+            chunks=(*((1,) * n for n in shape[:-2]), *((n,) for n in shape[-2:])),
             meta=np.empty((0,) * len(shape)),
         )
         ds = part.assign({name: (dims, values, attrs)})
@@ -250,8 +253,7 @@ def _block(path: str, number: int, block_info: Any = None) -> NDArray[np.float64
 
 def _described(path: str) -> tuple[list[tuple[Any, ...]], Counter[tuple[str, str]], list[str]]:
     """Coordinates and attributes of the variables of a file; in a worker process."""
-    status = os.stat(path)
-    datasets, skipped, odd = _variables(path, status.st_size, status.st_mtime_ns)
+    datasets, skipped, odd = _variables(path, os.stat(path).st_mtime_ns)
     parts = []
     for ds, section in datasets:
         name = str(next(iter(ds.data_vars)))
@@ -263,57 +265,52 @@ def _described(path: str) -> tuple[list[tuple[Any, ...]], Counter[tuple[str, str
 
 def _field(path: str, number: int, outer: tuple[int, ...]) -> NDArray[np.float64]:
     """Values of one field; in a worker process."""
-    status = os.stat(path)
-    ds, _ = _variables(path, status.st_size, status.st_mtime_ns)[0][number]
+    ds, _ = _variables(path, os.stat(path).st_mtime_ns)[0][number]
     one = next(iter(ds.data_vars.values()))
     return np.asarray(one[outer].values, dtype=np.float64)
 
 
 @lru_cache(maxsize=4)
 def _variables(
-    path: str, size: int, mtime_ns: int
+    path: str, mtime_ns: int
 ) -> tuple[list[tuple[xr.Dataset, tuple[int, bytes]]], Counter[tuple[str, str]], list[str]]:
     """Variables of a file by cfgrib, with edition and grid section, what is skipped, odd grids."""
+    import eccodes
     from cfgrib.messages import Message
 
     skipped: Counter[tuple[str, str]] = Counter()
-    kinds: dict[tuple[object, ...], dict[int, Any]] = {}
-    sections_of: dict[tuple[object, ...], tuple[int, bytes]] = {}
-    import eccodes
-
+    # by grid type, variable, kind of level, edition and grid section
+    kinds: dict[tuple[str, str, str, int, bytes], dict[int, Any]] = {}
     descriptor = os.open(path, os.O_RDONLY)
     try:
         for start, edition, length in whole_messages(Window(descriptor), skipped):
             message = os.pread(descriptor, length, start)
             try:
                 for single, sections in single_fields(message, edition):
-                    reason = grib_statistic(edition, sections)
                     one = Message(eccodes.codes_new_from_message(single))
-                    keys = {key: one.get(key) for key in _KEYS}
-                    if not _may_matter(keys):
+                    grid, name, level, count = (one.get(key) for key in _KEYS)
+                    if name not in _NEEDED.get(level, ()):
                         continue
-                    if reason:
-                        if keys["shortName"] in ("u", "v"):
+                    if reason := grib_statistic(edition, sections):
+                        if name in ("u", "v"):
                             skipped["wind", reason] += 1
                         continue
-                    if not 0 < int(keys["numberOfPoints"] or 0) <= MAX_POINTS:
+                    if not 0 < int(count or 0) <= MAX_POINTS:
                         raise ValueError
                     section = sections.get(2 if edition == 1 else 3, b"")
-                    kind = (*(keys[key] for key in _KEYS[:3]), section)
-                    fields = kinds.setdefault(kind, {})
+                    fields = kinds.setdefault((grid, name, level, edition, section), {})
                     fields[len(fields)] = one
-                    sections_of[kind] = edition, section
             except (GarbageError, LookupError, ValueError, TypeError, eccodes.CodesInternalError):
                 skipped["message", "garbage: section lengths do not add up"] += 1
     finally:
         os.close(descriptor)
-    native = any(kind[2] in _NATIVE for kind in kinds)
+    native = any(level in _NATIVE for _, _, level, _, _ in kinds)
     found, odd = [], set[str]()
-    for kind, fields in kinds.items():
-        if not native and kind[1] not in ("u", "v"):
+    for (grid, name, _, edition, section), fields in kinds.items():
+        if not native and name not in ("u", "v"):
             continue
-        if kind[0] in _WITHOUT_ROWS:
-            odd.add(str(kind[0]))
+        if grid in _WITHOUT_ROWS:
+            odd.add(grid)
             continue
         try:
             ds = xr.open_dataset(
@@ -327,18 +324,8 @@ def _variables(
             reason = f"cannot be opened: {type(error).__name__}: {' '.join(str(error).split())}"
             skipped["message", reason[:200]] += len(fields)
             continue
-        found.append((ds, sections_of[kind]))
+        found.append((ds, (edition, section)))
     return found, skipped, sorted(odd)
-
-
-def _may_matter(keys: dict[str, object]) -> bool:
-    """Whether a field is a wind or may give one its pressure."""
-    name, level = keys["shortName"], keys["typeOfLevel"]
-    if level in _ISOBARIC + _NATIVE and name in ("u", "v"):
-        return True
-    if level in _NATIVE:
-        return name in ("pres", "lnsp")
-    return level == "surface" and name in ("sp", "lnsp")
 
 
 class _Piece(NamedTuple):
@@ -353,10 +340,7 @@ class _Piece(NamedTuple):
 class DatasetReader:
     """Values of the fields of model times at grid points; problems are noted once.
 
-    Parameters
-    ----------
-    given : mapping of str to Dataset
-        Datasets given in Python, by the path that their catalogue has.
+    Datasets given in Python have the path that their catalogue has.
     """
 
     def __init__(self, given: Mapping[str, xr.Dataset]) -> None:
@@ -385,10 +369,12 @@ class DatasetReader:
                 key = (file, *numbers, id(points))
                 if key not in seen:
                     seen[key] = np.zeros(points.shape)
-                    columns = model.grids[min(int(row["kind"]), PRESSURE)].ni
-                    pieces[file, int(row["part"]), stored].append(
-                        _piece(stored, row, points, columns, seen[key])
-                    )
+                    at = {dim: int(place) for dim, place in stored.outer_places(row["index"])}
+                    if stored.level:
+                        at[stored.level] = int(row["level_index"])
+                    j, i = np.divmod(points, model.grids[min(int(row["kind"]), PRESSURE)].ni)
+                    piece = _Piece(at, j, i, seen[key])
+                    pieces[file, int(row["part"]), stored].append(piece)
                 mine.append((row, stored, seen[key]))
             answers.append(mine)
         began = time.perf_counter()
@@ -441,14 +427,6 @@ class DatasetReader:
                         piece.target[...] = np.nan
 
 
-def _piece(stored: StoredField, row: np.void, points: Ints, columns: int, target: Floats) -> _Piece:
-    at = {dim: int(place) for dim, place in stored.outer_places(row["index"])}
-    if stored.level:
-        at[stored.level] = int(row["level_index"])
-    j, i = np.divmod(points, columns)
-    return _Piece(at, j, i, target)
-
-
 def _add(variable: xr.Variable, stored: StoredField, pieces: list[_Piece]) -> int:
     """Read the box around all pieces and add their values to the targets; bytes read."""
     down, along = int(stored.stagger == "y"), int(stored.stagger == "x")
@@ -486,21 +464,17 @@ def _taken(
 ) -> Floats:
     """The values of a piece from those of a box."""
     place: dict[str, Ints | int] = {d: n - box[d].start for d, n in piece.at.items()}
-    place[stored.y], place[stored.x] = (
-        piece.j - box[stored.y].start + down,
-        (piece.i - box[stored.x].start + along),
-    )
-    if stored.either in stored.dims:
-        # each time is in one of the alternatives: the first that is not missing counts
-        values = np.moveaxis(values, stored.dims.index(stored.either), 0)
-        index = tuple(place.get(d, 0) for d in stored.dims if d != stored.either)
-        chosen = [np.asarray(one[index], dtype=np.float64) for one in values]
-        taken = chosen[0]
-        for other in chosen[1:]:
-            taken = np.where(np.isnan(taken), other, taken)
-        return taken
-    index = tuple(place.get(d, 0) for d in stored.dims)
-    return np.asarray(values[index], dtype=np.float64)
+    place[stored.y] = piece.j - box[stored.y].start + down
+    place[stored.x] = piece.i - box[stored.x].start + along
+    index = tuple(place.get(d, 0) for d in stored.dims if d != stored.either)
+    if not stored.either:
+        return np.asarray(values[index], dtype=np.float64)
+    # each time is in one of the alternatives: the first that is not missing counts
+    alternatives = np.moveaxis(values, stored.dims.index(stored.either), 0)
+    taken, *others = (np.asarray(one[index], dtype=np.float64) for one in alternatives)
+    for other in others:
+        taken = np.where(np.isnan(taken), other, taken)
+    return taken
 
 
 def _in_si(row: np.void, stored: StoredField, values: Floats) -> Floats:

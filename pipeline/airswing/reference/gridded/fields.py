@@ -24,6 +24,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
@@ -118,8 +119,7 @@ class Gathering:
         self.naming, self.skipped = naming, skipped
         self.stored: dict[StoredField, int] = {}
         self._tables: list[Table] = [np.empty(0, dtype=ROW_DTYPE)]
-        self._grids: dict[str, int] = {}
-        self._places: list[Grid] = []
+        self._grids: dict[Grid, int] = {}
         self._first = ""
         self._variables: set[str] = set()
         self._notes: dict[str, None] = {}
@@ -133,9 +133,17 @@ class Gathering:
             try:
                 self._variables |= {str(name) for name in (*ds.variables, *ds.dims)}
                 if is_wrf(ds) and not (self.naming.u or self.naming.v):
-                    found = _describe_wrf(ds, self.naming, path)
+                    found = _describe_wrf(ds, self.naming)
                 else:
-                    found = _describe_dataset(ds, self.naming, path)
+                    found = _describe_dataset(ds, self.naming)
+            except InputError as error:
+                raise InputError(
+                    error.what,
+                    file=path,
+                    field=error.field,
+                    found=error.found,
+                    remedy=error.remedy,
+                ) from error
             except _FAULTS as error:
                 raise InputError(
                     "cannot be understood",
@@ -153,12 +161,7 @@ class Gathering:
         table = rows.table
         table["file"], table["part"] = number, part
         table["offset"] = self.stored.setdefault(rows.stored, len(self.stored))
-        numbers = []
-        for grid in rows.grids:
-            if grid.key not in self._grids:
-                self._grids[grid.key] = len(self._places)
-                self._places.append(grid)
-            numbers.append(self._grids[grid.key])
+        numbers = [self._grids.setdefault(grid, len(self._grids)) for grid in rows.grids]
         table["grid"] = np.array(numbers)[table["grid"]]
         if table.size and table["kind"][0] < PRESSURE:
             for one in numbers:
@@ -175,7 +178,7 @@ class Gathering:
                     field=f"{key}: {name}",
                     found="variables " + ", ".join(sorted(self._variables)),
                 )
-        table = on_one_grid(np.concatenate(self._tables), self._places)
+        table = on_one_grid(np.concatenate(self._tables), list(self._grids))
         native = bool((table["level_kind"] != ISOBARIC).any())
         for key in ("pressure", "surface_pressure"):
             if getattr(self.naming, key) and table.size and not native:
@@ -191,7 +194,7 @@ class Gathering:
         """Grids, with the direction of the winds on them."""
         return tuple(
             grid.directed(not grid.north_up and self._is_along(number))
-            for number, grid in enumerate(self._places)
+            for grid, number in self._grids.items()
         )
 
     def _is_along(self, number: int) -> bool:
@@ -208,12 +211,12 @@ class Gathering:
     def notes(self, used: NDArray[np.int64]) -> list[str]:
         """Direction of the winds on each grid that is used, and the evidence."""
         notes = dict(self._notes)
-        for number in np.unique(used):
-            grid, known = self._places[int(number)], self._along.get(int(number), {})
-            if grid.north_up:
+        for grid, number in self._grids.items():
+            if grid.north_up or number not in used:
                 continue
+            known = self._along.get(number, {})
             why = ", ".join(dict.fromkeys(why for along, why in known.items() if along is not None))
-            way = "along the grid" if self._is_along(int(number)) else "to true east and north"
+            way = "along the grid" if self._is_along(number) else "to true east and north"
             notes[
                 f"winds point {way} ({why})"
                 if why
@@ -223,7 +226,7 @@ class Gathering:
         return list(notes)
 
 
-def _describe_dataset(ds: xr.Dataset, naming: Naming, file: str) -> Described:
+def _describe_dataset(ds: xr.Dataset, naming: Naming) -> Described:
     """Wind fields of a CF Dataset, and what gives their pressure."""
     found = Described([], Counter(ds.encoding.get(SKIPPED, {})), set())
     chosen: dict[tuple[int, bool], Component] = {}
@@ -238,13 +241,8 @@ def _describe_dataset(ds: xr.Dataset, naming: Naming, file: str) -> Described:
             found.skipped["wind", f"{one.name} is no state of the atmosphere ({why})"] += 1
             continue
         try:
-            axes = axes_of(ds, one.name, naming, file)
-            level = axes.vertical
-            if level is None:
-                level = _scalar_level(ds, one.name, naming)
-            if level is None:
-                raise OtherLevelsError("no vertical axis")
-            levels = _levels_of(ds, one.name, level, naming, file)
+            axes = axes_of(ds, one.name, naming)
+            levels = _levels_of(ds, one.name, axes.vertical, naming)
         except OtherLevelsError as reason:
             found.skipped["wind", f"{one.name} on {reason}"] += 1
             continue
@@ -254,56 +252,50 @@ def _describe_dataset(ds: xr.Dataset, naming: Naming, file: str) -> Described:
                 continue
             raise InputError(
                 f"two candidates for {'uv'[one.number]}",
-                file=file,
                 found=f"{other.name}, {one.name}",
                 remedy=f"Name one in the configuration as {'uv'[one.number]}: NAME",
             )
         chosen[one.number, levels.native] = one
         if levels.note:
             found.notes.add(levels.note)
-        found.rows.append(_rows(ds, one.name, one.number, axes, levels, naming, file))
+        found.rows.append(_rows(ds, one.name, one.number, axes, levels, naming))
         if levels.native:
             native.append(one.name)
-            found.rows.extend(_surface_pressure(ds, levels, naming, file))
-    found.rows.extend(_pressures(ds, native, naming, file))
+            found.rows.extend(_surface_pressure(ds, levels, naming))
+    found.rows.extend(_pressures(ds, native, naming))
     if not chosen and not candidates:
         cells, speed = cell_dimension(ds), speed_only(ds)
         if cells:
-            raise unstructured(file, cells)
+            raise unstructured(cells)
         if speed:
             raise InputError(
                 "a wind speed without components",
-                file=file,
                 field=speed,
                 remedy="Winds are needed as u and v",
             )
     return found
 
 
-def _scalar_level(ds: xr.Dataset, name: str, naming: Naming) -> xr.DataArray | None:
+def _only_level(ds: xr.Dataset, name: str, naming: Naming) -> xr.DataArray:
     """The only level of a variable, as a coordinate of one entry."""
-    if naming.level:
-        named: xr.DataArray = ds[naming.level]
-        return named.expand_dims(naming.level) if named.ndim == 0 else named
-    for key, one in ds[name].coords.items():
-        if one.size == 1 and factor_of(one.attrs.get("units"), "pressure") is not None:
-            found: xr.DataArray = one if one.ndim else one.expand_dims(str(key))
-            return found
-    return None
+    single = {
+        str(key)
+        for key, one in ds[name].coords.items()
+        if one.size == 1 and factor_of(one.attrs.get("units"), "pressure") is not None
+    }
+    key = naming.level or min(single, default=None)
+    if key is None:
+        raise OtherLevelsError("no vertical axis")
+    found: xr.DataArray = ds[key] if ds[key].ndim else ds[key].expand_dims(key)
+    return found
 
 
 def _rows(
-    ds: xr.Dataset,
-    name: str,
-    kind: int,
-    axes: Axes,
-    levels: Levels | None,
-    naming: Naming,
-    file: str,
+    ds: xr.Dataset, name: str, kind: int, axes: Axes, levels: Levels | None, naming: Naming
 ) -> Rows:
     """Rows of one variable; `levels` is None for a surface."""
     outer = {d: int(ds.sizes[d]) for d in axes.outer}
-    valid, lead = times_of(ds, name, outer, naming, file)
+    valid, lead = times_of(ds, name, outer, naming)
     member = np.zeros(valid.size, dtype=np.int64)
     if axes.member:
         numbers = members_of(ds, axes.member, outer[axes.member])
@@ -313,27 +305,24 @@ def _rows(
     written = naming.units.get(name, written_units(ds[name].attrs))
     # surface pressure without a unit of pressure is its logarithm, as spectral models write it
     exponential = kind == SURFACE and factor_of(written, "pressure") is None
-    scale = 1.0
-    if not exponential:
-        kind_of_unit = "wind" if wind else "pressure"
-        scale = required_factor(written, kind_of_unit, file=file, name=name)
-    one = ds[name]
+    unit = "wind" if wind else "pressure"
+    scale = 1.0 if exponential else required_factor(written, unit, name=name)
     stored = StoredField(
         names=(name,),
-        dims=tuple(map(str, one.dims)),
+        dims=tuple(map(str, ds[name].dims)),
         outer=tuple(outer.items()),
         level=axes.level_dim,
         y=axes.y_dim,
         x=axes.x_dim,
-        shape=tuple(one.shape),
-        chunks=_chunks_of(one, (axes.y_dim, axes.x_dim)),
+        shape=tuple(ds[name].shape),
+        chunks=_chunks_of(ds[name], (axes.y_dim, axes.x_dim)),
         scale=scale,
         exponential=exponential,
         either=axes.either,
     )
-    along, why = along_grid(one, naming) if wind else (None, "")
+    along, why = along_grid(ds[name], naming) if wind else (None, "")
     table = _table(kind, levels, valid, lead, member)
-    return Rows(stored, (grid_of_axes(ds, name, axes, naming, file),), table, along, why)
+    return Rows(stored, (grid_of_axes(ds, name, axes, naming),), table, along, why)
 
 
 def _table(
@@ -384,16 +373,16 @@ def _chunks_of(one: xr.DataArray, plane: tuple[str, str]) -> tuple[tuple[int, ..
     return tuple(found)
 
 
-def _surface_pressure(ds: xr.Dataset, levels: Levels, naming: Naming, file: str) -> list[Rows]:
+def _surface_pressure(ds: xr.Dataset, levels: Levels, naming: Naming) -> list[Rows]:
     """The surface pressure that a formula of hybrid levels names."""
     name = naming.surface_pressure or levels.surface
     if not name or np.isnan(levels.b).all():
         return []
-    coordinate(ds, name, "surface_pressure", file)
-    return [_rows(ds, name, SURFACE, axes_of(ds, name, naming, file), None, naming, file)]
+    coordinate(ds, name, "surface_pressure")
+    return [_rows(ds, name, SURFACE, axes_of(ds, name, naming), None, naming)]
 
 
-def _pressures(ds: xr.Dataset, native: list[str], naming: Naming, file: str) -> list[Rows]:
+def _pressures(ds: xr.Dataset, native: list[str], naming: Naming) -> list[Rows]:
     """Pressure variables on native levels, and surface pressure by its GRIB name."""
     found = []
     for key in ds.data_vars:
@@ -401,28 +390,27 @@ def _pressures(ds: xr.Dataset, native: list[str], naming: Naming, file: str) -> 
         same = any(set(ds[n].dims) == set(one.dims) or ds[n].ndim == one.ndim for n in native)
         named = one.attrs.get("standard_name") == "air_pressure" and same
         if name == naming.pressure or one.attrs.get("GRIB_shortName") == "pres" or named:
-            axes = axes_of(ds, name, naming, file)
+            axes = axes_of(ds, name, naming)
             if axes.vertical is not None:
-                levels = _levels_of(ds, name, axes.vertical, naming, file)
-                found.append(_rows(ds, name, PRESSURE, axes, levels, naming, file))
+                levels = _levels_of(ds, name, axes.vertical, naming)
+                found.append(_rows(ds, name, PRESSURE, axes, levels, naming))
         elif one.attrs.get("GRIB_shortName") in ("sp", "lnsp"):
-            axes = axes_of(ds, name, naming, file)
-            found.append(_rows(ds, name, SURFACE, axes, None, naming, file))
+            axes = axes_of(ds, name, naming)
+            found.append(_rows(ds, name, SURFACE, axes, None, naming))
     return found
 
 
-def _describe_wrf(ds: xr.Dataset, naming: Naming, file: str) -> Described:
+def _describe_wrf(ds: xr.Dataset, naming: Naming) -> Described:
     """Winds and pressure of a file of WRF."""
     odd = [key for key in naming.given() if key not in ("winds", "time")]
     if odd:
         raise InputError(
             "this key does not apply to files of WRF, which describe themselves",
-            file=file,
             field=odd[0],
             remedy="Remove it, or give u: and v: too to have the file read as any other NetCDF",
         )
-    layout = layout_of(ds, file)
-    valid, lead = times_of_wrf(ds, naming.time, file)
+    layout = layout_of(ds)
+    valid, lead = times_of_wrf(ds, naming.time)
     grids = grids_of_wrf(ds, valid.size)
     distinct = tuple(dict.fromkeys(grids))
     unknown = np.full(layout.levels.size, np.nan)
@@ -464,39 +452,34 @@ def _with_formula_pressures(table: Table) -> Table:
     rest["a"][rest["kind"] < PRESSURE], rest["b"][rest["kind"] < PRESSURE] = 0.0, 1.0
     if not levels.size or not surface.size:
         return rest
-    known: dict[tuple[int, ...], int] = {}
-    names = ("valid", "lead", "member", "grid")
-    # from the last to the first: of several of one time the first stays
-    for number in np.argsort(surface["offset"], kind="stable")[::-1]:
-        known[tuple(int(surface[c][number]) for c in names)] = int(number)
-    keys = zip(*(levels[c].tolist() for c in names), strict=True)
-    number = np.array([known.get(key, -1) for key in keys])
-    levels, number = levels[number >= 0], number[number >= 0]
-    made = surface[number]
+    names = ["valid", "lead", "member", "grid"]
+    # of several of one time the first stored field counts
+    last = pd.DataFrame({c: surface[c] for c in names} | {"row": np.arange(surface.size)})
+    last = last.iloc[np.argsort(surface["offset"], kind="stable")].drop_duplicates(names)
+    row = pd.DataFrame({c: levels[c] for c in names}).merge(last, "left", names)["row"]
+    levels, made = levels[row.notna()], surface[row.dropna().astype(int)]
     for column in ("level", "level_kind", "a", "b"):
         made[column] = levels[column]
     made["kind"] = PRESSURE
     # levels that have a pressure field keep it
-    given = rest[rest["kind"] == PRESSURE]
-    if given.size:
-        taken = {tuple(row) for row in given[[*names, "level"]].tolist()}
-        keep = [tuple(row) not in taken for row in made[[*names, "level"]].tolist()]
-        made = made[np.array(keep, dtype=bool)]
-    together: Table = np.concatenate([rest, made])
-    return together
+    keys = [*names, "level"]
+    given = pd.MultiIndex.from_frame(pd.DataFrame(rest[rest["kind"] == PRESSURE][keys]))
+    made = made[~pd.MultiIndex.from_frame(pd.DataFrame(made[keys])).isin(given)]
+    return np.concatenate([rest, made])
 
 
-def _levels_of(ds: xr.Dataset, name: str, level: xr.DataArray, naming: Naming, file: str) -> Levels:
+def _levels_of(ds: xr.Dataset, name: str, level: xr.DataArray | None, naming: Naming) -> Levels:
     """Levels of a variable from their one-dimensional coordinate."""
+    level = _only_level(ds, name, naming) if level is None else level
     words = str(level.attrs.get("formula_terms", level.encoding.get("formula_terms", ""))).split()
     terms = {key.rstrip(":"): value for key, value in zip(words[::2], words[1::2], strict=False)}
     kind, key = str(level.attrs.get("standard_name", "")), str(level.name)
     units = naming.units.get(key, level.attrs.get("units"))
     values, unknown = _numbers(level), np.full(level.size, np.nan)
     if kind == "atmosphere_ln_pressure_coordinate":
-        reference = _term(ds, terms, "p0", "pressure", file)
-        return _isobaric(reference * np.exp(-values), key, file)
-    formula = _formula(ds, kind, terms, level, file)
+        reference = _term(ds, terms, "p0", "pressure")
+        return _isobaric(reference * np.exp(-values), key)
+    formula = _formula(ds, kind, terms, level)
     if formula is not None:
         numbers = np.arange(level.size, dtype=np.float64)
         return Levels(numbers, True, *formula, surface=terms.get("ps", ""))
@@ -508,17 +491,17 @@ def _levels_of(ds: xr.Dataset, name: str, level: xr.DataArray, naming: Naming, f
             factor = _factor_by_values(key, values)
             unit = "hPa" if factor == 100.0 else "Pa"
             if factor is not None:
-                found = _isobaric(values * factor, key, file)
+                found = _isobaric(values * factor, key)
                 return found._replace(note=f"{key} has no units: taken as {unit} from its values")
         if factor is not None:
-            return _isobaric(values * factor, key, file)
+            return _isobaric(values * factor, key)
     pv = ds[name].attrs.get("GRIB_pv", ())
     if np.size(pv) > 2:
         return Levels(values, True, *_half_levels(np.asarray(pv), values))
     if native or naming.pressure or _pressure_on(ds, name):
         return Levels(np.arange(level.size, dtype=np.float64), True, unknown, unknown)
     if not units and any(word in key.lower() for word in _LIKE_PRESSURE):
-        required_factor(units, "pressure", file=file, name=key)
+        required_factor(units, "pressure", name=key)
     raise OtherLevelsError(f"levels of another kind ({key}{f', {units}' if units else ''})")
 
 
@@ -529,11 +512,10 @@ def _numbers(level: xr.DataArray) -> Floats:
         return np.arange(level.size, dtype=np.float64)
 
 
-def _isobaric(values: Floats, key: str, file: str) -> Levels:
+def _isobaric(values: Floats, key: str) -> Levels:
     if values.size > 1 and float(np.nanmax(values)) < _LOWEST_PRESSURE:
         raise InputError(
             f"pressure levels end at {float(np.nanmax(values)) / 100:g} hPa, above all aircraft",
-            file=file,
             field=key,
             remedy=f"Check their unit; if they are in hPa give units: {{{key}: hPa}}",
         )
@@ -564,45 +546,43 @@ def _pressure_on(ds: xr.Dataset, name: str) -> str:
 
 
 def _formula(
-    ds: xr.Dataset, kind: str, terms: dict[str, str], level: xr.DataArray, file: str
+    ds: xr.Dataset, kind: str, terms: dict[str, str], level: xr.DataArray
 ) -> tuple[Floats, Floats] | None:
     """Coefficients a (Pa) and b of each level; None without a formula of surface pressure."""
     if kind == "atmosphere_sigma_coordinate" or {"sigma", "ptop"} <= set(terms):
-        top = _term(ds, terms, "ptop", "pressure", file)
+        top = _term(ds, terms, "ptop", "pressure")
         sigma = np.asarray(level.values, dtype=np.float64)
         if terms.get("sigma") in ds.variables:
-            sigma = _term(ds, terms, "sigma", None, file)
+            sigma = _term(ds, terms, "sigma", None)
         return (1.0 - sigma) * top, sigma  # p = ptop + sigma (ps - ptop)
     if "b" not in terms or not {"a", "ap"} & set(terms):
         return None
-    b = _term(ds, terms, "b", None, file)
+    b = _term(ds, terms, "b", None)
     if "ap" in terms:
-        a = _term(ds, terms, "ap", "pressure", file)
+        a = _term(ds, terms, "ap", "pressure")
     else:
-        a = _term(ds, terms, "a", None, file) * _term(ds, terms, "p0", "pressure", file)
+        a = _term(ds, terms, "a", None) * _term(ds, terms, "p0", "pressure")
     if a.shape != b.shape or b.shape != level.shape:
         raise InputError(
             "formula terms do not fit the levels",
-            file=file,
             field=str(level.name),
             found=f"{a.size} and {b.size} coefficients of {level.size} levels",
         )
     return a, b
 
 
-def _term(ds: xr.Dataset, terms: dict[str, str], term: str, kind: str | None, file: str) -> Floats:
+def _term(ds: xr.Dataset, terms: dict[str, str], term: str, kind: str | None) -> Floats:
     """Values of a formula term, in SI units."""
     name = terms.get(term, "")
     if name not in ds.variables:
         raise InputError(
             f"formula term {term} of the hybrid levels is missing",
-            file=file,
             field=name or term,
             found="terms " + (", ".join(f"{k}: {v}" for k, v in terms.items()) or "none"),
         )
     values = np.asarray(ds[name].values, dtype=np.float64)
     if kind is not None:
-        values = values * required_factor(ds[name].attrs.get("units"), kind, file=file, name=name)
+        values = values * required_factor(ds[name].attrs.get("units"), kind, name=name)
     return values
 
 

@@ -174,14 +174,13 @@ def written_units(attrs: Mapping[object, object]) -> str | None:
     return found.group(1) if found else None
 
 
-def required_factor(text: object, kind: str, *, file: str, name: str) -> float:
+def required_factor(text: object, kind: str, *, name: str) -> float:
     """As :func:`factor_of`, but units must be known."""
     factor = factor_of(text, kind)
     if factor is None:
         absent = not str(text or "").strip()
         raise InputError(
             "units missing" if absent else f"units of another quantity than {kind}",
-            file=file,
             field=name,
             found=None if absent else text,
             remedy=f"Give them in the configuration as units: {{{name}: {_KINDS[kind]}}}",

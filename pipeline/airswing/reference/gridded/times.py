@@ -11,8 +11,10 @@ are taken by their dates; a year of 360 days is refused.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
@@ -27,40 +29,40 @@ _RUN = re.compile(
     r"|analysis_time|base_?time|run_?time)\w*$",
     re.I,
 )
-_ABSOLUTE = "day as %Y%m%d"
 _TIME = re.compile(r"(valid_?|forecast_?|x)?(times?|dates?)$|jd$|julian\w*$", re.I)
+_STANDARD = ("forecast_reference_time", "forecast_period", "time")
 _JULIAN = 2_415_020.0, 2_488_070.0  # Julian dates of the years 1900 and 2100
+_JULIAN_1970 = 2_440_587.5  # of 1970-01-01T00:00
+_DIGITS = {8: "%Y%m%d", 10: "%Y%m%d%H", 12: "%Y%m%d%H%M", 14: "%Y%m%d%H%M%S"}
 MISSING = int(np.iinfo(np.int64).min)
-"""Value of a time that is not known."""
+"""Value of a time that is not known, as numpy's NaT."""
 
 
-def times_of(
-    ds: xr.Dataset, name: str, outer: dict[str, int], naming: Naming, file: str
-) -> tuple[Ints, Ints]:
+def times_of(ds: xr.Dataset, name: str, outer: dict[str, int], naming: Naming) -> tuple[Ints, Ints]:
     """Valid times (ns since 1970; `MISSING`) and leads (s) of a variable's fields.
 
-    Parameters
-    ----------
-    outer : dict of str to int
-        Its dimensions other than level, y and x, and their sizes; fields are in their order, the
-        last varying first.
+    Fields are in the order of `outer`, its dimensions other than level, y and x with their sizes,
+    the last varying first.
     """
-    near = _candidates(ds, name, set(outer))
-    stamps = {key: one for key, one in near.items() if _is_stamp(one)}
-    leads = {key: one for key, one in near.items() if key not in stamps and _is_lead(key, one)}
-    valid, run, lead = _roles(stamps, leads, naming, file, name)
+    near = {str(key): one for key, one in ds[name].coords.items()}
+    for key, variable in ds.variables.items():
+        if variable.attrs.get("standard_name") in _STANDARD or _TIME.match(str(key)):
+            near.setdefault(str(key), ds[key])
+    near = {key: one for key, one in near.items() if set(map(str, one.dims)) <= set(outer)}
+    stamps = {key: times for key, one in near.items() if (times := _stamps(one)) is not None}
+    leads = [one for key, one in near.items() if key not in stamps and _is_lead(key, one)]
+    valid, run, lead = _roles([near[key] for key in stamps], leads, naming, name)
     if valid is None and run is None:
         raise InputError(
             "no time axis",
-            file=file,
             field=name,
             found="coordinates " + (", ".join(map(str, ds[name].coords)) or "none"),
             remedy="Each field needs a valid time; name its coordinate as time: NAME",
         )
-    begun = None if run is None else _spread(stamps_of(run, file), run, outer)
+    begun = None if run is None else _spread(stamps[str(run.name)], run, outer)
     after = None if lead is None else _spread(_seconds(lead, naming), lead, outer)
     if valid is not None:
-        at = _spread(stamps_of(valid, file), valid, outer)
+        at = _spread(stamps[str(valid.name)], valid, outer)
     else:
         assert begun is not None
         at = begun if after is None else begun + after * 1_000_000_000
@@ -69,66 +71,57 @@ def times_of(
     return at, np.where(at == MISSING, 0, after)
 
 
-def _candidates(ds: xr.Dataset, name: str, outer: set[str]) -> dict[str, xr.DataArray]:
-    """Coordinates of a variable, and variables with the standard name of a time."""
-    found = {str(key): one for key, one in ds[name].coords.items()}
-    for key in ds.variables:
-        standard = str(ds.variables[key].attrs.get("standard_name", ""))
-        named = standard in ("forecast_reference_time", "forecast_period", "time")
-        if named or _TIME.match(str(key)):
-            found.setdefault(str(key), ds[key])
-    return {key: one for key, one in found.items() if set(map(str, one.dims)) <= outer}
-
-
-def _is_stamp(one: xr.DataArray) -> bool:
-    if one.dtype.kind == "M" or _is_absolute(one):
-        return True
-    if one.dtype.kind == "O" and one.size and hasattr(one.values.ravel()[0], "calendar"):
-        return True
-    return bool(_TIME.match(str(one.name))) and bool(one.size) and _written(one) is not None
-
-
-def _is_absolute(one: xr.DataArray) -> bool:
-    return str(one.attrs.get("units", "")).startswith(_ABSOLUTE)
-
-
-def _written(one: xr.DataArray) -> Ints | None:
-    """Times written as text, as digits (yyyymmdd, yyyymmddHH ...) or as Julian dates, else None."""
+def _stamps(one: xr.DataArray) -> Ints | None:
+    """Times of a coordinate, ns since 1970; None if it holds no times."""
     values = np.asarray(one.values)
-    numeric = values.dtype.kind in "iuf"
-    units = f"{one.attrs.get('units', '')} {one.attrs.get('long_name', '')}".lower()
-    if values.dtype.kind not in "iufSUO" or (numeric and not np.isfinite(values).all()):
+    if values.dtype.kind == "M":
+        return values.astype("datetime64[ns]").astype(np.int64)
+    if str(one.attrs.get("units", "")).startswith("day as %Y%m%d"):
+        known = np.nan_to_num(values.ravel().astype(np.float64))
+        days = pd.to_datetime(known.astype(int).astype(str), format="%Y%m%d", errors="coerce")
+        return _nanoseconds(days + pd.to_timedelta(np.rint(known % 1 * 86400), unit="s"), values)
+    if values.dtype.kind == "O" and values.size and hasattr(values.ravel()[0], "calendar"):
+        calendar = str(values.ravel()[0].calendar)
+        if calendar == "360_day":
+            raise InputError(
+                "times of a calendar of 360 days, which no observation has",
+                field=str(one.name),
+                found=calendar,
+                remedy="Use winds of real dates",
+            )
+        dates = [np.datetime64(date.isoformat(), "ns") for date in values.ravel()]
+        return np.array(dates).reshape(values.shape).astype(np.int64)
+    return _written(one, values) if _TIME.match(str(one.name)) and values.size else None
+
+
+def _nanoseconds(times: pd.DatetimeIndex, values: NDArray[np.generic]) -> Ints:
+    return times.to_numpy().astype("datetime64[ns]").astype(np.int64).reshape(values.shape)
+
+
+def _written(one: xr.DataArray, values: NDArray[np.generic]) -> Ints | None:
+    """Times written as text, as digits (yyyymmdd, yyyymmddHH ...) or as Julian dates, else None."""
+    if values.dtype.kind not in "iufSUO":
         return None
-    if numeric and factor_of(one.attrs.get("units"), "time") is not None and "jul" not in units:
-        return None  # a lead
-    if numeric and _JULIAN[0] <= values.min() and values.max() <= _JULIAN[1]:
-        # the Julian date of 1970-01-01T00:00 is 2440587.5
-        seconds = np.rint((values.astype(np.float64) - 2_440_587.5) * 86400.0)
-        return seconds.astype(np.int64) * 1_000_000_000
-    return _parsed(values)
-
-
-def _parsed(values: NDArray[np.generic]) -> Ints | None:
-    """Dates of text or digits; None if one is none of the years 1900 to 2100."""
-    found = []
-    for value in values.ravel().tolist():
-        text = value.decode() if isinstance(value, bytes) else str(value)
-        text = text.strip().removesuffix("Z").replace("_", "T").replace(" ", "T")
-        if not isinstance(value, bytes | str) or text.isdigit():
-            digits = text.removesuffix(".0")
-            if not digits.isdigit() or len(digits) not in (8, 10, 12, 14):
-                return None
-            year, *rest = digits[:4], *(digits[n : n + 2] for n in range(4, len(digits), 2))
-            rest += ["00"] * (5 - len(rest))
-            text = f"{year}-{rest[0]}-{rest[1]}T{rest[2]}:{rest[3]}:{rest[4]}"
-        try:
-            stamp = np.datetime64(text, "ns")
-        except ValueError:
+    if values.dtype.kind in "iuf":
+        numbers = values.astype(np.float64)
+        units = f"{one.attrs.get('units', '')} {one.attrs.get('long_name', '')}".lower()
+        lead = factor_of(one.attrs.get("units"), "time") is not None and "jul" not in units
+        if lead or not np.isfinite(numbers).all():
             return None
-        if not np.datetime64("1900") <= stamp < np.datetime64("2100"):
-            return None
-        found.append(stamp.astype(np.int64))
-    return np.array(found, dtype=np.int64).reshape(values.shape)
+        if _JULIAN[0] <= numbers.min() and numbers.max() <= _JULIAN[1]:
+            seconds = np.rint((numbers - _JULIAN_1970) * 86400.0)
+            return seconds.astype(np.int64) * 1_000_000_000
+    texts = [v.decode() if isinstance(v, bytes) else str(v) for v in values.ravel().tolist()]
+    texts = [text.strip().removesuffix("Z").removesuffix(".0") for text in texts]
+    digits = all(text.isdigit() for text in texts)
+    written = _DIGITS.get(len(texts[0])) if digits else "ISO8601"
+    if written is None or (values.dtype.kind in "iuf" and not digits):
+        return None
+    texts = [text.replace("_", "T").replace(" ", "T") for text in texts]
+    times = pd.to_datetime(texts, format=written, errors="coerce")
+    if times.isna().any() or times.year.min() < 1900 or times.year.max() >= 2100:
+        return None
+    return _nanoseconds(times, values)
 
 
 def _is_lead(key: str, one: xr.DataArray) -> bool:
@@ -140,41 +133,40 @@ def _is_lead(key: str, one: xr.DataArray) -> bool:
 
 
 def _roles(
-    stamps: dict[str, xr.DataArray],
-    leads: dict[str, xr.DataArray],
+    stamps: Iterable[xr.DataArray],
+    leads: list[xr.DataArray],
     naming: Naming,
-    file: str,
     name: str,
 ) -> tuple[xr.DataArray | None, xr.DataArray | None, xr.DataArray | None]:
     """Coordinates of the valid time, the base time and the lead."""
     # a lead that varies takes precedence over one that is the same for all
-    lead = next((one for one in leads.values() if one.ndim), next(iter(leads.values()), None))
+    lead = max(leads, key=lambda one: one.ndim > 0, default=None)
     runs: list[xr.DataArray] = []
     valids: list[xr.DataArray] = []
-    for key, one in stamps.items():
+    by_name = {str(one.name): one for one in stamps}
+    for key, one in by_name.items():
         named = one.attrs.get("standard_name")
         of_run = named == "forecast_reference_time" or (named != "time" and bool(_RUN.match(key)))
         if not of_run and key != "valid_time" and lead is not None:
             same_for_all = bool(set(lead.dims) - set(one.dims))
-            of_run = same_for_all and (named != "time" or "valid_time" not in stamps)
+            of_run = same_for_all and (named != "time" or "valid_time" not in by_name)
         (runs if of_run else valids).append(one)
     if naming.time:
-        if naming.time not in stamps:
+        if naming.time not in by_name:
             raise InputError(
                 "no such time",
-                file=file,
                 field=f"time: {naming.time}",
-                found="times " + (", ".join(stamps) or "none"),
+                found="times " + (", ".join(by_name) or "none"),
             )
-        chosen = stamps[naming.time]
+        chosen = by_name[naming.time]
         if lead is not None and set(lead.dims) - set(chosen.dims):
             return None, chosen, lead
         valids, runs = [chosen], [one for one in runs if one.name != naming.time]
-    valid = _one_of(valids, file, name)
+    valid = _one_of(valids, name)
     return valid, max(runs, key=lambda one: one.ndim, default=None), lead
 
 
-def _one_of(found: list[xr.DataArray], file: str, name: str) -> xr.DataArray | None:
+def _one_of(found: list[xr.DataArray], name: str) -> xr.DataArray | None:
     """The valid time among the candidates: a dimension's own coordinate, or the only one."""
     most = max((one.ndim for one in found), default=0)
     for test in (
@@ -187,49 +179,11 @@ def _one_of(found: list[xr.DataArray], file: str, name: str) -> xr.DataArray | N
     if len(found) > 1:
         raise InputError(
             "two candidates for the valid time",
-            file=file,
             field=name,
             found=", ".join(str(one.name) for one in found),
             remedy="Name one in the configuration as time: NAME",
         )
     return found[0] if found else None
-
-
-def stamps_of(one: xr.DataArray, file: str) -> Ints:
-    """Times of a coordinate, ns since 1970."""
-    values = np.asarray(one.values)
-    if values.dtype.kind == "M":
-        return values.astype("datetime64[ns]").astype(np.int64)
-    if _is_absolute(one):
-        return _absolute(values.astype(np.float64))
-    if (written := _written(one)) is not None:
-        return written
-    calendar = str(values.ravel()[0].calendar)
-    if calendar == "360_day":
-        raise InputError(
-            "times of a calendar of 360 days, which no observation has",
-            file=file,
-            field=str(one.name),
-            found=calendar,
-            remedy="Use winds of real dates",
-        )
-    flat = [np.datetime64(date.isoformat(), "ns") for date in values.ravel()]
-    return np.array(flat).reshape(values.shape).astype(np.int64)
-
-
-def _absolute(values: NDArray[np.float64]) -> Ints:
-    """Times written as yyyymmdd and a fraction of the day, to the second."""
-    day = np.floor(values).astype(np.int64)
-    found = np.full(values.shape, MISSING)
-    for index in np.ndindex(values.shape):
-        year, month, date = day[index] // 10000, day[index] // 100 % 100, day[index] % 100
-        try:
-            start = np.datetime64(f"{year:04d}-{month:02d}-{date:02d}", "ns")
-        except ValueError:
-            continue
-        seconds = round(float(values[index] - day[index]) * 86400.0)
-        found[index] = start.astype(np.int64) + seconds * 1_000_000_000
-    return found
 
 
 def _seconds(one: xr.DataArray, naming: Naming) -> Ints:

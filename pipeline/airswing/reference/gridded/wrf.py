@@ -1,18 +1,16 @@
 """Files of WRF-ARW: wrfout, winds on pressure levels (pld, p_interp), and met_em.
 
-Assumptions and validity
-------------------------
-* U and V (met_em: UU, VV) are staggered (Arakawa C) and point along the grid; at a mass point the
-  mean of the two neighbours counts, as in wrf-python's ``ua`` and ``va``. Winds of WRF's pressure
-  level diagnostics (U_PL, V_PL) and of wrf-python (ua, va) are at mass points along the grid.
-* Pressure (Pa) is P + PB on model levels, PRES on those of met_em, whose first level is the ground
-  and is left out; P_PL, or PRES by level alone, are isobaric levels.
-* The grid is that of MAP_PROJ, TRUELAT1, TRUELAT2, STAND_LON, DX and DY on WRF's sphere of
-  6,370 km, through the first mass point (WRF share/module_llxy.F). If the last mass point differs
-  by more than a tenth of a grid length, and for rotated latitudes and longitudes, it is that of
-  XLAT and XLONG at every point, its direction that of SINALPHA and COSALPHA, or of the points.
-* A grid that moves (vortex-following nests) has one grid a time.
-* Times are those of Times, else of XTIME, else of a coordinate time.
+U and V (met_em: UU, VV) are staggered (Arakawa C) and point along the grid; at a mass point the
+mean of the two neighbours counts, as in wrf-python's ``ua`` and ``va``. Winds of WRF's pressure
+level diagnostics (U_PL, V_PL) and of wrf-python (ua, va) are at mass points along the grid.
+Pressure (Pa) is P + PB on model levels, PRES on those of met_em, whose first level is the ground
+and is left out; P_PL, or PRES by level alone, are isobaric levels.
+
+The grid is that of MAP_PROJ, TRUELAT1, TRUELAT2, STAND_LON, DX and DY on WRF's sphere, through the
+first mass point (WRF share/module_llxy.F). If the last mass point differs by more than a tenth of a
+grid length, and for rotated latitudes and longitudes, it is that of XLAT and XLONG at every point,
+its direction that of SINALPHA and COSALPHA, or of the points. A grid that moves (vortex-following
+nests) has one grid a time.
 """
 
 from __future__ import annotations
@@ -53,14 +51,13 @@ def is_wrf(ds: xr.Dataset) -> bool:
     return "MAP_PROJ" in ds.attrs and places and X in ds.dims
 
 
-def layout_of(ds: xr.Dataset, file: str) -> Layout:
+def layout_of(ds: xr.Dataset) -> Layout:
     """Winds and pressure of a file of WRF."""
     winds = next((names for names in _WINDS if set(names) <= set(ds.variables)), None)
     if winds is None:
         absent = [name for name in ("U", "V") if name not in ds.variables]
         raise InputError(
             "WRF file without " + " and ".join(absent),
-            file=file,
             remedy="Keep U and V in WRF's output stream",
         )
     level = str(ds[winds[0]].dims[-3])
@@ -68,7 +65,6 @@ def layout_of(ds: xr.Dataset, file: str) -> Layout:
         if ds[name].dims[-2:] not in ((y, x), (Y, X)):
             raise InputError(
                 "winds that are not on WRF's points",
-                file=file,
                 field=name,
                 found="dimensions " + ", ".join(map(str, ds[name].dims)),
                 remedy="Give the file as WRF wrote it, or both components at mass points with "
@@ -91,25 +87,16 @@ def layout_of(ds: xr.Dataset, file: str) -> Layout:
     if missing or level not in ds["P"].dims:
         raise InputError(
             "WRF file without pressure",
-            file=file,
             field=" and ".join(missing) or "P",
             remedy="Keep P and PB in WRF's output stream",
         )
     return Layout(winds, ("P", "PB"), level, 0, np.arange(size, dtype=np.float64))
 
 
-def times_of_wrf(
-    ds: xr.Dataset, named: str | None, file: str
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Valid times (ns since 1970) and leads (s) of a file of WRF.
-
-    Parameters
-    ----------
-    named : str, optional
-        ``Times`` or ``XTIME``; by default the first that is there.
-    """
+def times_of_wrf(ds: xr.Dataset, named: str | None) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Valid times (ns since 1970) and leads (s), by the named of ``Times`` and ``XTIME``."""
     if named not in (None, "Times", "XTIME"):
-        raise InputError("times of WRF are Times or XTIME", file=file, field=f"time: {named}")
+        raise InputError("times of WRF are Times or XTIME", field=f"time: {named}")
     written = ds.attrs.get("SIMULATION_START_DATE", ds.attrs.get("START_DATE"))
     begun = _stamp(written) if written is not None else np.datetime64("NaT", "ns")
     if "Times" in ds.variables and named != "XTIME":
@@ -119,7 +106,7 @@ def times_of_wrf(
         stamps = [] if coordinate is None else _from_xtime(ds[coordinate], begun)
     valid = np.array(stamps, dtype="datetime64[ns]")
     if not valid.size or np.isnat(valid).all():
-        raise InputError("no time axis", file=file, field="Times", remedy="Keep Times or XTIME")
+        raise InputError("no time axis", field="Times", remedy="Keep Times or XTIME")
     lead = (valid - begun) / np.timedelta64(1, "s")
     return valid.astype(np.int64), np.where(np.isfinite(lead), lead, 0).astype(np.int64)
 
