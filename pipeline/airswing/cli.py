@@ -95,7 +95,6 @@ def _job(config: Path, **options: Any) -> Job:
 
 
 def _alone(job: Job, stage: Callable[[Job], T]) -> T:
-    """Run a stage on the scheduler asked for, with no other run in its output folder."""
     from airswing.products.whole_files import workspace
     from airswing.workflow.compute import scheduler
 

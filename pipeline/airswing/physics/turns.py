@@ -311,7 +311,6 @@ def _fitted(window: _Window, turns: _Turns) -> _Fitted:
 
 
 def _prior(window: _Window, turns: _Turns, turn: Single) -> Single:
-    """Log prior probability of every hypothesis."""
     number = np.maximum(window.there.sum(axis=1), 1)
     speed = (window.speed.sum(axis=1) / number)[:, None].astype(np.float32)
     bank = np.arctan(np.abs(turn) / turns.length * speed / np.float32(GRAVITY))

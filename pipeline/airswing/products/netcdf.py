@@ -146,7 +146,6 @@ def write_product(
 
 
 def _as_trajectories(ds: xr.Dataset) -> xr.Dataset:
-    """Add the attributes of the contiguous ragged form and of the time and space covered."""
     ds = ds.assign_attrs(featureType="trajectory")
     ds["row_size"].attrs["sample_dimension"] = "report"
     ds["aircraft"].attrs["cf_role"] = "trajectory_id"
@@ -191,7 +190,6 @@ def as_stored(ds: xr.Dataset) -> xr.Dataset:
 def _provenance(
     title: str, config_json: str, sources: Sequence[str], source_uuids: Sequence[str]
 ) -> dict[str, object]:
-    """Global attributes that say what a product is and where it came from."""
     now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     stated = json.loads(config_json or "{}").get("metadata") or {}
     source = "; ".join(sources) or "aircraft reports and model winds"
@@ -376,7 +374,6 @@ def _damaged_entry(ds: xr.Dataset) -> str:
 
 
 def _with_plain_times(ds: xr.Dataset) -> xr.Dataset:
-    """Times as milliseconds: xarray cannot encode a variable whose times are all missing."""
     missing = np.iinfo(np.int64).min
     for name in [name for name in ds.variables if np.issubdtype(ds[name].dtype, np.datetime64)]:
         values = ds[name].to_numpy().astype("datetime64[ms]")

@@ -235,7 +235,6 @@ def _reports_by_aircraft(
 def _last_values(
     parts: Sequence[xr.Variable], places: Sequence[NDArray[np.int64]], aircraft: int
 ) -> xr.Variable:
-    """Value of every aircraft in the last month that has it."""
     axis = parts[0].dims.index("aircraft")
     shape = list(parts[0].shape)
     shape[axis] = aircraft
@@ -246,7 +245,6 @@ def _last_values(
 
 
 def _attributes(months: Sequence[xr.Dataset]) -> dict[str, object]:
-    """Attributes of all months: counts summed, those of the last month for the rest."""
     found = dict(months[-1].attrs)
     if len(months) == 1:
         return found
@@ -266,7 +264,6 @@ def _attributes(months: Sequence[xr.Dataset]) -> dict[str, object]:
 
 
 def _summed(parts: Sequence[Any]) -> object:
-    """Tallies of several months: counts summed, lists joined, else the last value."""
     if all(isinstance(part, Mapping) for part in parts):
         names = dict.fromkeys(name for part in parts for name in part)
         return {name: _summed([part[name] for part in parts if name in part]) for name in names}

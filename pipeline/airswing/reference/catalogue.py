@@ -345,7 +345,6 @@ def _catalogue(
     skipped: Skipped,
     given: dict[str, xr.Dataset] | None = None,
 ) -> Catalogue:
-    """Rows of all files, paired and chosen from."""
     given = given or {}
     reader: GribReader | DatasetReader
     stored: tuple[StoredField, ...] = ()
@@ -431,7 +430,6 @@ def _comparison(
     stored: tuple[StoredField, ...],
     engine: str,
 ) -> Callable[[Table], bool]:
-    """Function that says whether rows of one field have other values, at some of its points."""
     equal: Counter[tuple[int, ...]] = Counter()
     other: set[tuple[int, ...]] = set()
 
@@ -456,22 +454,18 @@ def _comparison(
 def catalogues_of(references: object) -> dict[str, Catalogue]:
     """Catalogues of references, some of which may be given as Datasets."""
     right = 'collocate(reports, {"ruc": build_catalogue("ruc/*.grb", name="ruc")})'
-    if isinstance(references, Catalogue | xr.Dataset):
-        raise TypeError(f"references are a mapping from names: {right}")
-    if not isinstance(references, Mapping):
+    if not isinstance(references, Mapping) or isinstance(references, xr.Dataset):
         kind = type(references).__name__
         raise TypeError(f"references are a mapping from names, not a {kind}: {right}")
     if not references:
         raise InputError("no reference given", field="references")
     found = {}
     for name, one in references.items():
+        if not isinstance(one, Catalogue | xr.Dataset):
+            kind = type(one).__name__
+            raise TypeError(f"reference {name!r} is a {kind}, no catalogue or Dataset: {right}")
         if isinstance(one, xr.Dataset):
             one = build_catalogue(one, name=str(name))
-        if not isinstance(one, Catalogue):
-            raise TypeError(
-                f"reference {name!r} is a {type(one).__name__}, not a catalogue or a Dataset: "
-                f"{right}"
-            )
         found[str(name)] = one
     return found
 
@@ -506,19 +500,20 @@ def _paired(
     native = some["level_kind"] != ISOBARIC
     # level kinds without any pressure hold no profile, whatever else they hold
     bare = native & ~np.isin(some["level_kind"], table["level_kind"][table["kind"] == PRESSURE])
-    reasons: Counter[tuple[str, str, str]] = Counter()
-    for n in np.flatnonzero(((u >= 0) ^ (v >= 0)) & ~(bare & (some["level_kind"] != HYBRID))):
-        row = table[max(u[n], v[n])]
-        why = "u without v" if u[n] >= 0 else "v without u"
-        reasons[sources[row["file"]].path, "level", why] += 1
-    for n in np.flatnonzero(both & native & (pressure < 0) & (~bare | (some["level_kind"] == 1))):
-        path = sources[table["file"][u[n]]].path
-        reasons[path, "level", "hybrid level without a pressure field"] += 1
-    for number in np.flatnonzero(np.isin(level, np.flatnonzero(bare & (some["level_kind"] > 1)))):
-        row = table[number]
-        why = off_levels(row["kind"], row["level_kind"])
-        reasons[sources[row["file"]].path, "wind", why] += 1
-    skipped += [skip(*key, n) for key, n in reasons.items()]
+
+    def leave_out(rows: NDArray[np.int64], what: str, why: str) -> None:
+        files = Counter(sources[number].path for number in table["file"][rows].tolist())
+        skipped.extend(skip(path, what, why, n) for path, n in files.items())
+
+    alone = ((u >= 0) ^ (v >= 0)) & ~(bare & (some["level_kind"] != HYBRID))
+    leave_out(u[alone & (u >= 0)], "level", "u without v")
+    leave_out(v[alone & (v >= 0)], "level", "v without u")
+    without = both & native & (pressure < 0) & (~bare | (some["level_kind"] == HYBRID))
+    leave_out(u[without], "level", "hybrid level without a pressure field")
+    others = np.isin(level, np.flatnonzero(bare & (some["level_kind"] > HYBRID)))
+    for kind, surface in np.unique(table[others][["kind", "level_kind"]]).tolist():
+        mine = others & (table["kind"] == kind) & (table["level_kind"] == surface)
+        leave_out(np.flatnonzero(mine), "wind", off_levels(kind, surface))
     both &= ~native | (pressure >= 0)
     # isobaric levels have no pressure field: any row takes its place
     return table[u[both]], table[v[both]], table[np.maximum(pressure[both], 0)], notes
@@ -577,7 +572,6 @@ def _refuse(skipped: Skipped) -> None:
 
 
 def _chosen(everything: Catalogue, wanted: _Wanted) -> Catalogue:
-    """Catalogue of one profile a valid time."""
     profiles, sizes = everything.profiles, np.diff(everything.bounds)
     # one level of heights with a pressure (10 m) is no profile
     usable = (sizes > 1) | (profiles["level_kind"] <= HYBRID)
@@ -617,29 +611,26 @@ def _chosen(everything: Catalogue, wanted: _Wanted) -> Catalogue:
 def _note_choices(
     profiles: Table, sizes: NDArray[np.int64], first: NDArray[np.bool_], notes: list[str]
 ) -> None:
-    """Count why sorted profiles were not taken: the first column that differs from the best."""
     texts = {
         "lead": "several leads: the shortest is used",
         "member": "several ensemble members: the lowest number is used",
         "level_kind": "isobaric and other levels: isobaric are used",
         "grid": "several grids: the one with most levels is used if it contains reports",
     }
-    counts: Counter[str] = Counter()
     best = np.maximum.accumulate(np.where(first, np.arange(first.size), 0))
-    for n in np.flatnonzero(~first):
-        reason = next((c for c in texts if profiles[c][n] != profiles[c][best[n]]), "grid")
-        counts[reason if reason != "grid" or sizes[n] != sizes[best[n]] else ""] += 1
-    notes += [
-        f"{counts[c]} further profile(s) at the same valid time, {texts[c]}"
-        for c in texts
-        if counts[c]
-    ]
+    left = ~first
+    for column, text in texts.items():
+        other = left & (profiles[column] != profiles[column][best])
+        left &= ~other
+        if column == "grid":
+            other &= sizes != sizes[best]
+        if other.any():
+            notes.append(f"{other.sum()} further profile(s) at the same valid time, {text}")
 
 
 def _no_winds(
     wanted: _Wanted, profiles: Table, skipped: Skipped, sources: Sequence[SourceFile]
 ) -> InputError:
-    """The error for files without a wind that can be used."""
     where = f"references.{wanted.name}"
     if profiles.size:
         members, leads = (np.unique(profiles[key]).tolist() for key in ("member", "lead"))

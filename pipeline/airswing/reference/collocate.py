@@ -269,7 +269,6 @@ def _joined(
 
 
 def _places_of(points: Points, times: Schedule, batch: Ints) -> list[Places]:
-    """Places of the reports that each model time of a batch serves."""
     runs = [slice(int(times.start[n]), int(times.stop[n])) for n in batch]
     return [(points.latitude[r], points.longitude[r], points.pressure[r]) for r in runs]
 
@@ -409,43 +408,32 @@ def overlap(
 ) -> dict[str, Overlap]:
     """Which reports have a model, before anything is decoded.
 
-    Parameters
-    ----------
-    reports : Dataset
-        With `time`, `latitude`, `longitude` (degrees), `pressure` (Pa) by ``report``.
-    max_time_gap : float
-        Longest time between two bracketing valid times, s.
-
-    Returns
-    -------
-    dict of str to Overlap
-        By reference.
+    Reports, catalogues and `max_time_gap` (s) as for :func:`collocate`.
     """
     _require_columns(reports)
     points = _points(*(reports[name].values for name in COLUMNS))
     return {
-        name: _overlap(
-            name, model.for_places(points.latitude, points.longitude), points, max_time_gap
-        )
+        name: _overlap(name, model, points, max_time_gap)
         for name, model in catalogues_of(catalogues).items()
     }
 
 
 def _overlap(name: str, model: Catalogue, points: Points, max_time_gap: float) -> Overlap:
+    latitude, longitude = points.latitude, points.longitude
+    model = model.for_places(latitude, longitude)
     times = _schedule(points, model.valid, max_time_gap=max_time_gap)
-    timed, pressure = times.earlier >= 0, points.pressure
+    timed = times.earlier >= 0
     placed, between = np.zeros((2, points.time.size), dtype=bool)
     for number in np.unique(times.earlier[timed]).tolist():
         mine = times.earlier == number
         grid, levels = model.grids[int(model.profiles["grid"][number])], model.levels(number)
-        placed[mine] = grid.contains(points.latitude[mine], points.longitude[mine])
-        between[mine] = np.isfinite(pressure[mine])
-        if model.is_isobaric(number):
-            between[mine] &= (pressure[mine] >= levels[0]) & (pressure[mine] <= levels[-1])
-    known = np.isfinite(points.latitude) & np.isfinite(points.longitude)
+        low, high = levels[[0, -1]] if model.is_isobaric(number) else (-np.inf, np.inf)
+        placed[mine] = grid.contains(latitude[mine], longitude[mine])
+        between[mine] = (points.pressure[mine] >= low) & (points.pressure[mine] <= high)
+    known = np.isfinite(latitude) & np.isfinite(longitude)
     box = [
         float(limit(place[known])) if known.any() else np.nan
-        for place in (points.latitude, points.longitude)
+        for place in (latitude, longitude)
         for limit in (np.min, np.max)
     ]
     isobaric = np.repeat(model.profiles["level_kind"] == ISOBARIC, np.diff(model.bounds))
@@ -476,38 +464,33 @@ def _span(time: Ints) -> tuple[str, str]:
 
 
 def require_overlap(overlaps: Mapping[str, Overlap]) -> None:
-    """Refuse references that serve no report at all.
-
-    Raises
-    ------
-    InputError
-        With the times, places or levels of reports and model.
-    """
+    """Refuse references that serve no report at all, with times, places or levels of both."""
     for name, one in overlaps.items():
         if one.matched:
             continue
-        field = f"references.{name}"
         if one.without_time == one.reports:
-            raise _untimed(one, field)
-        if one.outside_levels == 0:
-            raise InputError(
-                "no overlap in space between reports and model winds",
-                field=field,
-                found=f"reports {_place(one.report_box)}, model {_place(one.model_box)}",
+            what, found, remedy = _untimed(one)
+        elif one.outside_levels == 0:
+            what, remedy = "no overlap in space between reports and model winds", None
+            boxes = (("reports", one.report_box), ("model", one.model_box))
+            found = ", ".join(
+                f"{whose} latitude {south:g} to {north:g}, longitude {west:g} to {east:g}"
+                for whose, (south, north, west, east) in boxes
             )
-        levels = " to ".join(f"{level:g}" for level in dict.fromkeys(one.model_levels))
-        raise InputError(
-            "no report lies between the model's levels",
-            field=field,
-            found=f"{one.outside_levels} reports above the highest or below the lowest level "
-            f"({levels} hPa)",
-            remedy="Check the unit of the reports' altitude or pressure column, and of the levels"
-            if len(set(one.model_levels)) > 1
-            else "Winds are interpolated between levels: two are needed",
-        )
+        else:
+            what = "no report lies between the model's levels"
+            levels = " to ".join(f"{level:g}" for level in dict.fromkeys(one.model_levels))
+            found = (
+                f"{one.outside_levels} reports above the highest or below the lowest level "
+                f"({levels} hPa)"
+            )
+            remedy = "Winds are interpolated between levels: two are needed"
+            if len(set(one.model_levels)) > 1:
+                remedy = "Check the unit of the reports' altitude or pressure column, and of levels"
+        raise InputError(what, field=f"references.{name}", found=found, remedy=remedy)
 
 
-def _untimed(one: Overlap, field: str) -> InputError:
+def _untimed(one: Overlap) -> tuple[str, str, str]:
     """No report has a model time on both sides: the spans are apart, or the gaps too wide."""
     reports, model = one.report_times, one.model_span
     apart = reports[1] < model[0] or model[1] < reports[0]
@@ -517,13 +500,5 @@ def _untimed(one: Overlap, field: str) -> InputError:
         what = "the model has a single valid time; a report needs one before and one after it"
     else:
         what = "no report lies between two model times that are close enough together"
-    return InputError(
-        what,
-        field=field,
-        found=f"reports {' to '.join(reports)}, model {' to '.join(model)}",
-        remedy="Two valid times around a report may be at most max_time_gap apart",
-    )
-
-
-def _place(box: tuple[float, float, float, float]) -> str:
-    return f"latitude {box[0]:g} to {box[1]:g}, longitude {box[2]:g} to {box[3]:g}"
+    found = f"reports {' to '.join(reports)}, model {' to '.join(model)}"
+    return what, found, "Two valid times around a report may be at most max_time_gap apart"

@@ -114,7 +114,6 @@ def _is_zarr(path: str) -> bool:
 
 
 def _dated(path: str) -> str:
-    """File whose size and time count for a file or a Zarr store."""
     marks = (os.path.join(path, mark) for mark in ZARR_MARKS)
     return next((mark for mark in marks if os.path.isfile(mark)), path)
 
@@ -233,7 +232,6 @@ def identified(paths: Sequence[str], skipped: Skipped) -> list[SourceFile]:
 
 
 def _require_model_file(path: str) -> None:
-    """Refuse a file that cannot hold model winds by its first bytes."""
     if _is_zarr(path) or os.path.isdir(path):
         return
     content = first_bytes(path)
@@ -268,7 +266,6 @@ def unreadable(path: str, content: bytes) -> InputError | None:
 
 
 def _open(path: str) -> IO[bytes]:
-    """A file or a URL, opened to read."""
     if not is_url(path):
         return open(path, "rb")
     try:

@@ -99,7 +99,6 @@ def fleet_wind(reports: xr.Dataset | Iterable[xr.Dataset]) -> xr.Dataset:
 
 
 def _gathered(blocks: Iterable[xr.Dataset]) -> _Winds:
-    """Winds with their places, evenly thinned where there are very many."""
     parts, aircraft = [], 0
     for block in blocks:
         parts.append(_of_block(block, aircraft))
@@ -142,7 +141,6 @@ def _of_block(block: xr.Dataset, first: int) -> list[Floats]:
 
 
 def _nodes(place: Floats) -> list[Floats]:
-    """Nodes along latitude, longitude, ln p and time, coarser where they would be too many."""
     low, high = place.min(axis=1), place.max(axis=1)
     spread = np.array(STEPS)
     while True:

@@ -13,15 +13,16 @@ directions, metres in projections.
 
 from __future__ import annotations
 
+import copy
 import hashlib
 import json
 import threading
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -210,13 +211,13 @@ def _plain(value: object) -> object:
 class Grid(ABC):
     """A horizontal grid of ni columns and nj rows."""
 
+    name: str
     ni: int
     nj: int
-    wind_along_grid: bool  # wind components point along the grid, not to true east and north
-    periodic: bool  # the column after the last is the first
     key: str  # short hash of the positions of the grid points
+    wind_along_grid: bool  # wind components point along the grid, not to true east and north
+    periodic: bool = False  # the column after the last is the first
     north_up: bool = False  # the grid's y direction is true north everywhere
-    name: str = "points"
 
     @property
     def size(self) -> int:
@@ -248,9 +249,11 @@ class Grid(ABC):
     def outline(self) -> tuple[float, float, float, float]:
         """South, north, west and east of the grid points, degrees; longitudes -180 to 180."""
 
-    @abstractmethod
-    def directed(self, along: bool) -> Grid:
+    def directed(self, along: bool) -> Self:
         """The same grid with wind components along it or not."""
+        other = copy.copy(self)
+        other.wind_along_grid = along
+        return other
 
     def fractional_index(self, latitude: ArrayLike, longitude: ArrayLike) -> tuple[Floats, Floats]:
         """Fractional indices (n,) along x and y of places in degrees; NaN outside the grid."""
@@ -274,61 +277,31 @@ class Grid(ABC):
         return np.isfinite(fi) & np.isfinite(fj)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
 class AxesGrid(Grid):
-    """A grid of one coordinate along each axis, in the order in which values are stored."""
+    """A grid of one coordinate along each axis, in the order in which values are stored.
 
-    frame: Frame
-    x: Floats
-    y: Floats
-    wind_along_grid: bool = False
-    by_column: bool = False  # values are stored column after column
-    alternate: bool = False  # every other row (or column) is stored backwards
+    Values may be stored column after column, and every other row (or column) backwards.
+    """
 
-    @property
-    def ni(self) -> int:  # type: ignore[override]
-        """Points along x."""
-        return int(self.x.size)
-
-    @property
-    def nj(self) -> int:  # type: ignore[override]
-        """Points along y."""
-        return int(self.y.size)
-
-    @property
-    def name(self) -> str:  # type: ignore[override]
-        """Kind of the frame."""
-        return self.frame.kind
-
-    @property
-    def north_up(self) -> bool:  # type: ignore[override]
-        """Whether y points to true north everywhere."""
-        return self.frame.north_up
-
-    @cached_property
-    def key(self) -> str:  # type: ignore[override]
-        """Short hash of the positions and the order of the grid points."""
-        digest = hashlib.sha256(repr((self.frame, self.by_column, self.alternate)).encode())
-        for axis in (self.x, self.y):
-            digest.update(b"|" + np.ascontiguousarray(axis).tobytes())
-        return digest.hexdigest()[:16]
-
-    def directed(self, along: bool) -> AxesGrid:
-        """The same grid with wind components along it or not."""
-        return replace(self, wind_along_grid=along)
-
-    @cached_property
-    def _columns(self) -> Floats:  # longitudes without a jump of 360 degrees
-        return np.unwrap(self.x, period=360.0) if self.frame.meridional else self.x
-
-    @cached_property
-    def periodic(self) -> bool:  # type: ignore[override]
-        """Whether the column after the last is the first."""
-        if not self.frame.meridional or self.ni < 2:
-            return False
-        span = abs(float(self._columns[-1] - self._columns[0]))
-        step = span / (self.ni - 1)
-        return abs(span + step - 360.0) < _FULL_CIRCLE * step
+    def __init__(
+        self,
+        frame: Frame,
+        x: Floats,
+        y: Floats,
+        wind_along_grid: bool = False,
+        by_column: bool = False,
+        alternate: bool = False,
+    ) -> None:
+        self.frame, self.x, self.y, self.wind_along_grid = frame, x, y, wind_along_grid
+        self.by_column, self.alternate = by_column, alternate
+        self.ni, self.nj, self.name, self.north_up = x.size, y.size, frame.kind, frame.north_up
+        self.key = _short_hash(repr((frame, by_column, alternate)), x, y)
+        # longitudes without a jump of 360 degrees
+        self._columns = np.unwrap(x, period=360.0) if frame.meridional else x
+        if frame.meridional and self.ni > 1:
+            span = abs(float(self._columns[-1] - self._columns[0]))
+            step = span / (self.ni - 1)
+            self.periodic = abs(span + step - 360.0) < _FULL_CIRCLE * step
 
     def plane(self, latitude: Floats, longitude: Floats) -> tuple[Floats, Floats]:
         """Fractional indices (n,) along x and y of places (n,) in degrees, also outside."""
@@ -369,17 +342,13 @@ class AxesGrid(Grid):
 
 
 class PointsGrid(Grid):
-    """A grid given by the latitude and longitude of every point.
+    """A grid given by the latitude and longitude (nj, ni; degrees) of every point.
 
-    Parameters
-    ----------
-    latitude, longitude : (nj, ni) float arrays, degrees
-    turned : (nj, ni) float array, optional
-        Angle (rad) that turns grid components to true east and north, at each point; by default
-        that of the rows, by central differences.
+    The angle (rad) that turns grid components to true ones at each point is by default that of the
+    rows, by central differences.
     """
 
-    periodic = False
+    name = "points"
 
     def __init__(
         self,
@@ -395,22 +364,11 @@ class PointsGrid(Grid):
         self.latitude, self.longitude, self.turned = latitude, longitude, turned
         self.wind_along_grid = wind_along_grid
         self.nj, self.ni = (int(n) for n in latitude.shape)
-
-    def directed(self, along: bool) -> PointsGrid:
-        """The same grid with wind components along it or not."""
-        return PointsGrid(self.latitude, self.longitude, turned=self.turned, wind_along_grid=along)
+        self.key = _short_hash(f"points {self.ni} {self.nj}", latitude, longitude, turned)
 
     def __getstate__(self) -> dict[str, object]:
         derived = ("_vectors", "_directions", "_tree")  # large, and made again where needed
         return {name: value for name, value in self.__dict__.items() if name not in derived}
-
-    @cached_property
-    def key(self) -> str:  # type: ignore[override]
-        """Short hash of the positions of the grid points."""
-        digest = hashlib.sha256(f"points {self.ni} {self.nj}".encode())
-        for values in (self.latitude, self.longitude, self.turned):
-            digest.update(b"|" if values is None else np.ascontiguousarray(values).tobytes())
-        return digest.hexdigest()[:16]
 
     @cached_property
     def _vectors(self) -> Floats:  # (nj, ni, 3)
@@ -524,6 +482,13 @@ def are_shifted(one: Grid, other: Grid) -> bool:
     steps = np.repeat([(box[1] - box[0]) / rows, (box[3] - box[2]) / columns], 2)
     same_size = abs(one.ni - other.ni) <= 1 and abs(one.nj - other.nj) <= 1
     return same_size and bool((np.abs(box - outline) <= 1.5 * steps + 1e-3).all())
+
+
+def _short_hash(text: str, *arrays: Floats | None) -> str:
+    digest = hashlib.sha256(text.encode())
+    for values in arrays:
+        digest.update(b"|" if values is None else b"|" + np.ascontiguousarray(values).tobytes())
+    return digest.hexdigest()[:16]
 
 
 def as_floats(values: ArrayLike) -> Floats:

@@ -299,7 +299,6 @@ def _to_true(
     lon: Floats,
     derivatives: bool,
 ) -> Floats:
-    """Combine levels and columns, and rotate to true east and north."""
     weight, size = brackets.weight, lat.size
     columns = [_weighted(pair, (1.0 - weight, weight)).reshape(4, size) for pair in values]
     along = [bilinear(c, cell.x, cell.y) for c, cell in zip(columns, cells, strict=False)]
@@ -321,7 +320,6 @@ def _to_true(
 
 
 def _rotated(u: Floats, v: Floats, angle: Floats) -> tuple[Floats, Floats]:
-    """Grid components to true east and north."""
     cosine, sine = np.cos(angle), np.sin(angle)
     return cosine * u + sine * v, -sine * u + cosine * v
 

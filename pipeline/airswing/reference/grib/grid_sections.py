@@ -105,7 +105,6 @@ def _sample(edition: int) -> bytes:
 
 
 def _message(edition: int, section: bytes) -> bytes:
-    """A message of no values that holds a grid section."""
     sample = _sample(edition)
     if edition == 1:
         first = 8 + int.from_bytes(sample[8:11], "big")

@@ -9,9 +9,8 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import io
+import json
 import os
-import pickle
 import sqlite3
 import sys
 import warnings
@@ -35,10 +34,7 @@ def contents_of(
 ) -> Iterator[FileContents | OSError | InputError]:
     """Contents of files in turn, from the cache or a scan; the error if a file is unreadable.
 
-    Parameters
-    ----------
-    folder : path-like, optional
-        Folder of the cache; by default ``AIRSWING_CACHE``, else the system's cache folder.
+    The cache is by default in ``AIRSWING_CACHE``, else the system's cache folder.
     """
     cache = _Cache(Path(folder) if folder is not None else _default_folder())
     try:
@@ -67,11 +63,6 @@ def _default_folder() -> Path:
         return Path.home() / "Library" / "Caches" / "airswing"
     root = os.environ.get("LOCALAPPDATA") if sys.platform == "win32" else None
     return Path(root or os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "airswing"
-
-
-class _TuplesOnly(pickle.Unpickler):
-    def find_class(self, module: str, name: str) -> object:
-        raise pickle.UnpicklingError(f"{module}.{name} in the cache")
 
 
 class _Cache:
@@ -118,24 +109,26 @@ class _Cache:
             row = self.database.execute(query, (key,)).fetchone()
             if row is None:
                 return None
-            fields, grids, skipped, messages, parts = _TuplesOnly(
-                io.BytesIO(zlib.decompress(row[0]))
-            ).load()
-            rows = [Field(*one) for one in fields]
-            return FileContents(rows, grids, Counter(skipped), messages, parts)
-        except (sqlite3.Error, zlib.error, pickle.UnpicklingError, ValueError, TypeError, EOFError):
+            fields, grids, skipped, *counts = json.loads(zlib.decompress(row[0]))
+            return FileContents(
+                [Field(*one) for one in fields],
+                [(edition, bytes.fromhex(section)) for edition, section in grids],
+                Counter({(what, why): count for what, why, count in skipped}),
+                *counts,
+            )
+        except (sqlite3.Error, zlib.error, ValueError, TypeError):
             return None
 
     def put(self, key: str, contents: FileContents) -> None:
-        """Keep contents, as tuples and bytes, which unpickle without any class."""
+        """Keep contents."""
         plain = (
-            [tuple(one) for one in contents.fields],
-            contents.grids,
-            dict(contents.skipped),
+            contents.fields,
+            [(edition, section.hex()) for edition, section in contents.grids],
+            [(*reason, count) for reason, count in contents.skipped.items()],
             contents.messages,
             contents.parts,
         )
-        self.pending.append((key, zlib.compress(pickle.dumps(plain), 1)))
+        self.pending.append((key, zlib.compress(json.dumps(plain).encode(), 1)))
         if len(self.pending) >= _TOGETHER:
             self._write()
 

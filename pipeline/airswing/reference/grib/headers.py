@@ -13,7 +13,6 @@ WMO tables count from 1); times in ns since 1970, leads in s, pressure in Pa.
 from __future__ import annotations
 
 import calendar
-import errno
 import math
 import os
 import struct
@@ -209,12 +208,6 @@ def whole_messages(
 def _next_mark(window: Window, at: int) -> int:
     block = 1 << 16
     while at < window.size:
-        if hasattr(os, "SEEK_DATA"):
-            try:  # over the holes of a sparse file: a broken copy may be gigabytes of nothing
-                at = os.lseek(window.descriptor, at, os.SEEK_DATA)
-            except OSError as error:
-                if error.errno == errno.ENXIO:  # no data up to the end
-                    return -1
         found = os.pread(window.descriptor, block + 3, at).find(b"GRIB")
         if found >= 0:
             return at + found
@@ -565,7 +558,6 @@ def _check_level(pressure: float) -> None:
 
 
 def _check_length(n_bytes: int, bits: int, values: int) -> None:
-    """Compare the length of a simply packed data section with the number of its values."""
     needed = (bits * values + 7) // 8
     if n_bytes < needed:
         raise _damaged("data section too short for its grid")

@@ -251,7 +251,6 @@ def probes_of(size: int) -> Ints:
 
 
 def _read_bytes(descriptor: int, start: int, length: int, *, spare: int = 0) -> bytes:
-    """Bytes of a file, and `spare` bytes without meaning after them."""
     content = os.pread(descriptor, length + spare, start)
     if len(content) < length:
         raise UnreadableMessageError(f"file ends {length - len(content)} bytes early")
@@ -276,7 +275,6 @@ def sparse_values(descriptor: int, row: np.void, size: int, points: Ints) -> Flo
 
 
 def _unpack(descriptor: int, row: np.void, order: Ints) -> Floats:
-    """Values at places in the list of packed integers."""
     bits, reference = int(row["bits"]), float(row["reference_value"])
     assert bits <= MAX_BITS
     if bits == 0:
@@ -298,7 +296,6 @@ def _unpack(descriptor: int, row: np.void, order: Ints) -> Floats:
 
 
 def _power(base: int, exponent: int) -> float:
-    """Integer power by repeated products or quotients, rounded at each step as in ecCodes."""
     value = 1.0
     for _ in range(abs(exponent)):
         value = value * base if exponent > 0 else value / base

@@ -121,7 +121,6 @@ def axes_of(ds: xr.Dataset, name: str, naming: Naming) -> Axes:
 
 
 def _alone(ds: xr.Dataset, name: str) -> xr.Dataset:
-    """A variable with its coordinates and its grid mapping, wherever xarray has put them."""
     one = ds.reset_coords(name) if name in ds.coords and name not in ds.dims else ds
     mapping = one[name].attrs.get("grid_mapping", one[name].encoding.get("grid_mapping"))
     if mapping is None:
@@ -146,7 +145,6 @@ def coordinate(ds: xr.Dataset, name: str, key: str) -> xr.DataArray:
 def _horizontal(
     ds: xr.Dataset, parsed: xr.DataArray, found: dict[str, xr.DataArray | None], naming: Naming
 ) -> tuple[xr.DataArray, xr.DataArray]:
-    """Coordinates along y and x."""
     said = {"y": naming.y or naming.latitude, "x": naming.x or naming.longitude}
     named = {key: coordinate(ds, name, key) for key, name in said.items() if name}
     y, x = (named.get(key, found[key]) for key in ("y", "x"))
@@ -180,7 +178,6 @@ def _vertical(
     left: list[str],
     naming: Naming,
 ) -> xr.DataArray | None:
-    """Coordinate of the levels: configured, by MetPy, or the one that nothing else explains."""
     if naming.level:
         named = coordinate(ds, naming.level, "level")
         return named if named.ndim == 1 and named.dims[0] in left else None
@@ -215,7 +212,6 @@ def _is_member(ds: xr.Dataset, dim: str) -> bool:
 
 
 def _is_time(name: str, values: xr.DataArray | xr.Variable | None) -> bool:
-    """Whether a coordinate holds times or leads."""
     if LEAD_NAME.match(name):
         return True
     if values is None:
@@ -310,7 +306,6 @@ def _is_projected(axes: Axes, units: Sequence[object]) -> bool:
 
 
 def _points(ds: xr.Dataset, axes: Axes) -> PointsGrid | None:
-    """The grid by latitude and longitude of every point, where projected axes exist too."""
     found: dict[str, NDArray[np.float64]] = {}
     for key, one in ds.variables.items():
         if one.dims != (axes.y_dim, axes.x_dim):

@@ -174,7 +174,6 @@ def _is_julian(units: object) -> bool:
 
 
 def _groups(path: str) -> list[str]:
-    """Paths of all groups of a NetCDF file."""
     import netCDF4
 
     with netCDF4.Dataset(path) as file:
@@ -462,7 +461,6 @@ def _taken(
     down: int,
     along: int,
 ) -> Floats:
-    """The values of a piece from those of a box."""
     place: dict[str, Ints | int] = {d: n - box[d].start for d, n in piece.at.items()}
     place[stored.y] = piece.j - box[stored.y].start + down
     place[stored.x] = piece.i - box[stored.x].start + along

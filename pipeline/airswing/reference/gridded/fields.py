@@ -277,7 +277,6 @@ def _describe_dataset(ds: xr.Dataset, naming: Naming) -> Described:
 
 
 def _only_level(ds: xr.Dataset, name: str, naming: Naming) -> xr.DataArray:
-    """The only level of a variable, as a coordinate of one entry."""
     single = {
         str(key)
         for key, one in ds[name].coords.items()
@@ -374,7 +373,6 @@ def _chunks_of(one: xr.DataArray, plane: tuple[str, str]) -> tuple[tuple[int, ..
 
 
 def _surface_pressure(ds: xr.Dataset, levels: Levels, naming: Naming) -> list[Rows]:
-    """The surface pressure that a formula of hybrid levels names."""
     name = naming.surface_pressure or levels.surface
     if not name or np.isnan(levels.b).all():
         return []
@@ -383,7 +381,6 @@ def _surface_pressure(ds: xr.Dataset, levels: Levels, naming: Naming) -> list[Ro
 
 
 def _pressures(ds: xr.Dataset, native: list[str], naming: Naming) -> list[Rows]:
-    """Pressure variables on native levels, and surface pressure by its GRIB name."""
     found = []
     for key in ds.data_vars:
         one, name = ds[key], str(key)
@@ -401,7 +398,6 @@ def _pressures(ds: xr.Dataset, native: list[str], naming: Naming) -> list[Rows]:
 
 
 def _describe_wrf(ds: xr.Dataset, naming: Naming) -> Described:
-    """Winds and pressure of a file of WRF."""
     odd = [key for key in naming.given() if key not in ("winds", "time")]
     if odd:
         raise InputError(
@@ -469,7 +465,6 @@ def _with_formula_pressures(table: Table) -> Table:
 
 
 def _levels_of(ds: xr.Dataset, name: str, level: xr.DataArray | None, naming: Naming) -> Levels:
-    """Levels of a variable from their one-dimensional coordinate."""
     level = _only_level(ds, name, naming) if level is None else level
     words = str(level.attrs.get("formula_terms", level.encoding.get("formula_terms", ""))).split()
     terms = {key.rstrip(":"): value for key, value in zip(words[::2], words[1::2], strict=False)}
@@ -536,7 +531,6 @@ def _factor_by_values(key: str, values: Floats) -> float | None:
 
 
 def _pressure_on(ds: xr.Dataset, name: str) -> str:
-    """A pressure on the same dimensions as a variable, empty if there is none."""
     for key in ds.variables:
         one = ds.variables[key]
         pressure = one.attrs.get("standard_name") == "air_pressure"
@@ -572,7 +566,6 @@ def _formula(
 
 
 def _term(ds: xr.Dataset, terms: dict[str, str], term: str, kind: str | None) -> Floats:
-    """Values of a formula term, in SI units."""
     name = terms.get(term, "")
     if name not in ds.variables:
         raise InputError(

@@ -112,7 +112,6 @@ def times_of_wrf(ds: xr.Dataset, named: str | None) -> tuple[NDArray[np.int64], 
 
 
 def _from_xtime(one: xr.DataArray, begun: np.datetime64) -> list[np.datetime64]:
-    """Times by XTIME: dates, or minutes since the start that its attributes or the run give."""
     values = np.atleast_1d(one.values)
     if values.dtype.kind == "M":
         return list(values.astype("datetime64[ns]"))
@@ -152,7 +151,6 @@ def grids_of_wrf(ds: xr.Dataset, count: int) -> list[Grid]:
 
 
 def _grid(ds: xr.Dataset, lat: xr.DataArray, lon: xr.DataArray, number: int | None) -> Grid:
-    """The grid of one time, by the projection if that agrees with the points."""
     turned = None
     if {"SINALPHA", "COSALPHA"} <= set(ds.variables):
         sine, cosine = (
