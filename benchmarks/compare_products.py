@@ -1,28 +1,11 @@
-"""Compare the products of two result folders, each within its stated tolerance.
+"""Compare the products of two result folders, each within its tolerance.
 
     python -m benchmarks.compare_products BEFORE AFTER
 
 BEFORE and AFTER are output folders of ``airswing run`` on the same input, made by two versions of
-the package. A product of every report may be one file (``headings.nc``) or a folder of months
-(``headings/2008-07.nc``): reports are matched by aircraft and time. The exit status is 1 where a
-tolerance is exceeded.
-
-The tolerances are those that a change of the code must not exceed where the method stays the same:
-
-=============================  ==========================================
-model winds at the reports     0.001 m/s
-heading errors                 0.01 degrees
-screening                      the same reports
-deviation coefficients         0.1 of their standard error
-standard errors of the fit     5 %
-status of the fit              the same
-correction tables              0.1 degrees
-corrected winds                0.02 m/s
-standard errors of the winds   5 %
-=============================  ==========================================
-
-A node of a table that is rounded to the next step of the unit moves winds by up to 0.2 m/s:
-corrected winds are compared for the aircraft whose applied table is the same.
+the package. Reports are matched by aircraft and time; corrected winds are compared for the aircraft
+whose table is the same, because a node that is rounded to the next step moves winds by 0.2 m/s. The
+exit status is 1 where a tolerance is exceeded.
 """
 
 from __future__ import annotations
@@ -37,7 +20,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-WIND, ANGLE, CORRECTED = 1e-3, 0.01, 0.02
+WIND, ANGLE, CORRECTED = 1e-3, 0.01, 0.02  # m/s, degrees of heading errors, m/s
 TABLE = 0.1 + 1e-6  # one step of the unit's resolution
 RATIO = 0.05  # of standard errors
 SHARE_OF_ERROR = 0.1  # of the standard error of a coefficient

@@ -1,14 +1,9 @@
 """Cost of the fit by number of aircraft: processor time, memory and the exponent of its growth.
 
     python -m benchmarks.fleet --aircraft 600 1200 2400
-    python -m benchmarks.fleet --aircraft 6000 --days 10 --reports 20000000
-    python -m benchmarks.fleet --aircraft 300 600 --days 4 --over hemisphere
 
-Fleets over a continent, half the globe or all of it, against one reference whose error is a bias, a
-lasting and a passing field; each size in a separate process, whose peak memory is printed. Aircraft
-are summed `TOGETHER` at a time, as of a lazily opened archive, and the fleet is solved on the sums.
-Generation of the reports is not counted. Exit status 1 where the exponent of the processor time is
-above `EXPONENT`.
+Each size runs in a separate process, whose peak memory is printed; the generation of the reports is
+not counted. Exit status 1 where the exponent of the processor time is above `EXPONENT`.
 """
 
 from __future__ import annotations
@@ -34,11 +29,7 @@ from airswing.compass.fit.deviation import fit_sums, sum_aircraft
 
 EXPONENT = 1.1
 TOGETHER = 100
-PLACES = {
-    "continent": (27.0, 48.0, -122.0, -70.0),
-    "hemisphere": (0.0, 80.0, 90.0, 270.0),
-    "globe": (-60.0, 80.0, 0.0, 360.0),
-}
+CONTINENT = (27.0, 48.0, -122.0, -70.0)
 """Degrees: south, north, west, east."""
 FLIGHTS_A_DAY = 4
 FIRST_SEGMENT = np.datetime64("2008-07-01", "h").astype(np.int64) // 6
@@ -61,9 +52,9 @@ def field(latitude, longitude, time, seed: int) -> np.ndarray:
     return found
 
 
-def straight(flights: int, headings: xr.Dataset, each: int, rng, over: str) -> np.ndarray:
+def straight(flights: int, headings: xr.Dataset, each: int, rng) -> np.ndarray:
     """Latitude, longitude and pressure of flights from anywhere in a region, (3, n)."""
-    south, north, west, east = PLACES[over]
+    south, north, west, east = CONTINENT
     found = []
     for name, low, high, middle in (
         ("latitude", south, north, 43.0),
@@ -75,9 +66,7 @@ def straight(flights: int, headings: xr.Dataset, each: int, rng, over: str) -> n
     return np.stack([*found, np.repeat(rng.uniform(25e3, 85e3, flights), each)])
 
 
-def fleet(
-    aircraft: int, number: int, days: int, each: int, over: str
-) -> tuple[xr.Dataset, np.ndarray]:
+def fleet(aircraft: int, number: int, days: int, each: int) -> tuple[xr.Dataset, np.ndarray]:
     """Some aircraft of a fleet that shares its reference's error, and their deviations."""
     rng = np.random.default_rng([number, 5])
     deviation = fleet_deviations(aircraft, rng)
@@ -91,7 +80,7 @@ def fleet(
     )
     headings, _ = fly(deviation, setting, number + 1000)
     flights = aircraft * days * FLIGHTS_A_DAY
-    place = straight(flights, headings, each, rng, over)
+    place = straight(flights, headings, each, rng)
     for name, values in zip(("latitude", "longitude", "pressure"), place, strict=True):
         headings[name] = ("report", values.astype(headings[name].dtype))
     names = [f"N{number + k:05d}" for k in range(aircraft)]
@@ -117,13 +106,13 @@ def with_field(headings: xr.Dataset) -> xr.Dataset:
     )
 
 
-def one_size(aircraft: int, days: int, reports: int, over: str) -> dict[str, float]:
+def one_size(aircraft: int, days: int, reports: int) -> dict[str, float]:
     """Time, memory and quality of one fleet's fit."""
     each = max(reports // (aircraft * days * FLIGHTS_A_DAY), 1)
     parts: list[xr.DataArray] = []
     truth, summed = [], 0.0
     for number in range(0, aircraft, TOGETHER):
-        made = fleet(min(TOGETHER, aircraft - number), number, days, each, over)
+        made = fleet(min(TOGETHER, aircraft - number), number, days, each)
         truth.append(made[1])
         began = time.process_time()
         parts.append(sum_aircraft(made[0]))
@@ -154,13 +143,12 @@ def main() -> int:
     parser.add_argument("--aircraft", type=int, nargs="+", default=[150, 300, 600, 1200])
     parser.add_argument("--days", type=int, default=10)
     parser.add_argument("--reports", type=int, help="of all aircraft; 480 an aircraft if not given")
-    parser.add_argument("--over", choices=PLACES, default="continent", help="where they fly")
     parser.add_argument("--one", action="store_true", help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.one:
         aircraft = given.aircraft[0]
         reports = given.reports or 480 * aircraft
-        print(json.dumps(one_size(aircraft, given.days, reports, given.over)))
+        print(json.dumps(one_size(aircraft, given.days, reports)))
         return 0
     print(
         "aircraft   reports  fitted   sums s  fleet s  peak GB  regions   A to E covered, %",
@@ -169,7 +157,7 @@ def main() -> int:
     used = []
     for aircraft in given.aircraft:
         command = [sys.executable, "-m", "benchmarks.fleet", "--one", "--days", str(given.days)]
-        command += ["--aircraft", str(aircraft), "--over", given.over]
+        command += ["--aircraft", str(aircraft)]
         command += ["--reports", str(given.reports)] if given.reports else []
         result = json.loads(subprocess.run(command, check=True, capture_output=True).stdout)
         used.append(result["summed"] + result["solved"])

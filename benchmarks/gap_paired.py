@@ -2,17 +2,11 @@
 
     python -m benchmarks.gap_paired prepare [--folder DIR] [--cases 48] [--seed S] [--real DIR]
     python -m benchmarks.gap_paired run NAME [--folder DIR] [--only CASE ...]
-    python -m benchmarks.gap_paired compare OLD NEW [--folder DIR]
-    python -m benchmarks.gap_paired show NAME [--folder DIR]
-    python -m benchmarks.gap_paired calibrate NAME --folder DIR
+    python -m benchmarks.gap_paired compare OLD NEW | calibrate NAME [--folder DIR]
 
-``prepare`` draws sealed archives and stores the arrays of their frames with the truth, by default
-in the system's temporary folder. ``run`` diagnoses every archive without a result of that name and
-stores the content of ``gap.json``. ``compare`` prints every figure of two sets of results and the
-mean paired difference with its standard error. ``show`` prints one line an archive. ``calibrate``
-prints the constants of probabilities and standard errors that the results imply; it is run on
-archives of another seed (815) than those that score. Figures that are published come from
-``airswing gap-check`` on another seed than the default one, which is for development.
+``compare`` prints every figure of two sets of results and the mean paired difference with its
+standard error, ``calibrate`` the constants of probabilities and standard errors that the results
+imply, on archives of another seed (815) than those that score.
 """
 
 from __future__ import annotations
@@ -48,7 +42,6 @@ NULLS = 8
 SIZE = Size(days=24, aircraft=12, sizes=(0.2, 0.4, 0.8, 1.6, 3.2), coarse=True)
 
 
-# ------------------------------------------------------------------------------------ archives
 def prepare(folder: Path, cases: int, seed: int, real: Path | None) -> None:
     """Write frames and truth of all cases; those already there are kept."""
     from airswing.synthetic.sealed.sealed_archives import Archivist
@@ -100,7 +93,6 @@ def read_frame(path: Path) -> Frame:
     return Frame(**values)
 
 
-# ------------------------------------------------------------------------------------ diagnosis
 def labels(folder: Path) -> Iterator[Label]:
     """Truth of all archives that are ready."""
     for path in sorted(folder.glob("case_*.json")):
@@ -132,7 +124,6 @@ def run(folder: Path, name: str, only: Sequence[str]) -> None:
         print(line(folder, label, target), flush=True)
 
 
-# ------------------------------------------------------------------------------------ scores
 def scored(
     folder: Path, name: str
 ) -> dict[str, tuple[Label, dict[str, Any], dict[str, Any] | None]]:
@@ -170,51 +161,42 @@ def log_score(label: Label, gap: Mapping[str, Any]) -> float:
 
 def figures(label: Label, found: Mapping[str, Any]) -> dict[str, float]:
     """Figures of one archive; those that do not apply are left out."""
-    out: dict[str, float] = {"failed": float(bool(found["failure"]))}
+    out: dict[str, Any] = {"failed": bool(found["failure"])}
     if found["failure"]:
-        return out
-    kind = label["kind"]
-    out["log score"] = found["log_score"]
-    out["false name"] = float(bool(found["false_names"]))
+        return {"failed": 1.0}
+    kind, unknown, false = label["kind"], found["unknown"], bool(found["false_names"])
+    out |= {"log score": found["log_score"], "false name": false}
     if kind == "null":
-        out["null: any claim"] = float(found["detected"])
-    large = "" if label["size"] < 0.8 else " (0.8 m/s and more)"
-    if kind == "single":
-        out["single: first right"] = float(found["first_right"])
-        if large:
-            out["single: first right" + large] = float(found["first_right"])
-        out["single: in the set"] = float(bool(found["in_set"]))
-    if kind == "pair":
-        out["pair: both named"] = float(found["all_named"])
-        out["pair: first right"] = float(found["first_right"])
+        out["null: any claim"] = found["detected"]
+    elif kind == "single":
+        out["single: first right"] = found["first_right"]
+        if label["size"] >= 0.8:
+            out["single: first right (0.8 m/s and more)"] = found["first_right"]
+        out["single: in the set"] = bool(found["in_set"])
+    elif kind == "pair":
+        out["pair: both named"] = found["all_named"]
+        out["pair: first right"] = found["first_right"]
+    elif kind == "removed":
+        out["removed: raised, no false name"] = unknown and not false
     if kind in ("single", "pair"):
-        for key in ("precision", "recall", "parameter_error"):
-            if found.get(key) is not None:
-                out[f"named: {key}"] = found[key]
-        z = found["standardised_errors"]
-        if z:
-            out["parameters within two standard errors"] = float(np.mean(np.abs(z) < 2))
+        out |= {f"named: {k}": found[k] for k in ("precision", "recall", "parameter_error")}
+        if z := found["standardised_errors"]:
+            out["parameters within two standard errors"] = np.mean(np.abs(z) < 2)
     if label["outside"] is not None:
-        right = bool(found["unknown"] and found["unknown_first"] and found["variable_first"])
-        out["outside: raised"] = float(found["unknown"])
-        out["outside: right variable, no false name ahead"] = float(right)
-        if found["unknown"]:
-            for key in ("precision", "recall"):
-                out[f"outside: {key}"] = found[key]
-    if kind == "removed":
-        out["removed: raised, no false name"] = float(found["unknown"] and not found["false_names"])
-    true = label["closure"]["before"] - label["closure"]["after"]
+        right = bool(unknown and found["unknown_first"] and found["variable_first"])
+        out |= {"outside: raised": unknown, "outside: right variable, no false name ahead": right}
+        if unknown:
+            out |= {f"outside: {key}": found[key] for key in ("precision", "recall")}
     if kind not in ("null", "removed"):
+        true = abs(label["closure"]["before"] - label["closure"]["after"])
         out["closure: error, kt"] = found["closure_error"]
-        if abs(true) >= 0.05:
-            out["closure: relative error"] = found["closure_error"] / abs(true)
-        if found["closure_covered"] is not None and (found["claimed"] or found["unknown"]):
-            out["closure: interval holds"] = float(found["closure_covered"])
-    claims = [(p, right) for _, p, right in found["claims"]]
-    if claims:
-        out["Brier score of claims"] = float(np.mean([(p - r) ** 2 for p, r in claims]))
-    out["seconds"], out["gigabytes"] = found["seconds"], found["gigabytes"]
-    return out
+        out["closure: relative error"] = found["closure_error"] / true if true >= 0.05 else None
+        if found["claimed"] or unknown:
+            out["closure: interval holds"] = found["closure_covered"]
+    if claims := found["claims"]:
+        out["Brier score of claims"] = np.mean([(p - right) ** 2 for _, p, right in claims])
+    out |= {name: found[name] for name in ("seconds", "gigabytes")}
+    return {name: float(value) for name, value in out.items() if value is not None}
 
 
 def compare(folder: Path, old: str, new: str) -> None:
@@ -313,14 +295,6 @@ def line(folder: Path, label: Label, target: Path) -> str:
     )
 
 
-def show(folder: Path, name: str) -> None:
-    """Print one line an archive."""
-    for label in labels(folder):
-        target = folder / "results" / name
-        if (target / f"{label['name']}.json").exists():
-            print(line(folder, label, target))
-
-
 def main() -> int:
     """Run what the command line asks for."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -329,7 +303,6 @@ def main() -> int:
         ("prepare", ()),
         ("run", ("name",)),
         ("compare", ("old", "new")),
-        ("show", ("name",)),
         ("calibrate", ("name",)),
     ):
         sub = commands.add_parser(command)
@@ -351,10 +324,8 @@ def main() -> int:
         run(given.folder, given.name, given.only)
     elif given.command == "compare":
         compare(given.folder, given.old, given.new)
-    elif given.command == "calibrate":
-        calibrate(given.folder, given.name)
     else:
-        show(given.folder, given.name)
+        calibrate(given.folder, given.name)
     return 0
 
 

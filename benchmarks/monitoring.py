@@ -2,22 +2,10 @@
 
     python -m benchmarks.monitoring [--part alarms|noticed|changes] [--years 300] [--fleets 100]
 
-Simulated fleets as sums of days (tests/evaluation/daily_fleets.py). Parts:
-
-alarms
-    Alarms of the nightly test in 100 aircraft-years without a change, by kind, with the 95 %
-    Poisson interval of all together.
-noticed
-    Share of changes noticed by the 1st, 2nd, 3rd and 5th day with reports after it, by rms over all
-    headings and reports a day.
-changes
-    Changes stated of whole archives (``stability.json``): fleets without a change that get one, of
-    ``--fleets`` fleets of 45 days and a fifth as many of 180; share of changes of 1 and 2 degrees
-    that are stated within 5 days, and of 95 % intervals of date and size that contain the truth.
-
-Exit status 1 where a quiet world has more than one alarm in 100 aircraft-years, or more than one
-fleet in 50 a false change, beyond chance; where fewer than 90 % of the changes of 2 degrees are
-noticed within 3 days of 40 reports; or where an interval contains the truth in less than 90 %.
+Simulated fleets as sums of days. Exit status 1 where a quiet world has more than one alarm in 100
+aircraft-years, or more than one fleet in 50 a false change, beyond chance; where fewer than 90 % of
+the changes of 2 degrees are noticed within 3 days of 40 reports; or where an interval contains the
+truth in less than 90 %.
 """
 
 from __future__ import annotations

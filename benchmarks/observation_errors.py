@@ -2,12 +2,9 @@
 
     python -m benchmarks.observation_errors [--seeds 60] [--days 45] [--aircraft 14]
 
-The reports of every archive are written and read as files, the model winds are those of an exact
-reader, and headings, screening, fits, tables and corrected winds are the package's. Bars: the error
-estimated from reports and references within 10 % (root mean square over archives) of the simulated
-one, over the fleet and for every phase and layer, as reported and as corrected; 95 % intervals that
-contain the truth in 90 to 98 % of the cells. The cells of one archive are not independent: the
-share has a standard error over archives. Exit status 1 where a bar is missed.
+Bars: the estimated error within 10 % (root mean square over archives) of the simulated one, over
+the fleet and for every phase and layer, as reported and as corrected; 95 % intervals that contain
+the truth in 90 to 98 % of the cells. Exit status 1 where a bar is missed.
 """
 
 from __future__ import annotations

@@ -2,11 +2,9 @@
 
     python -m benchmarks.units [FOLDER ...]
 
-A folder is one of ``airswing sample``; without one an archive is made. Each case changes one column
-of the winds, or of headings, airspeeds and ground vectors of the same flights. Printed are findings
-and published fits by case, and for several values of `plausibility.RATIO` the cases with a mistake
-that are named for all aircraft and the valid ones (deviations of 25 degrees, weak winds) without a
-finding.
+A folder is one of ``airswing sample``; without one an archive is made. Printed are findings and
+published fits by case, and for several values of `plausibility.RATIO` the cases with a mistake that
+are named for all aircraft and the valid ones without a finding.
 """
 
 from __future__ import annotations

@@ -1,14 +1,10 @@
 """CSV tables for JEDI: wind errors by aircraft and pressure, and the coefficients of corrections.
 
-Layout of files that UFO's DataExtractor reads (ufo, src/ufo/utils/dataextractor): a line of names
-``Group/variable``, a line of types, then rows, ``_`` for a missing value; the rows of station ``_``
-are for stations without rows. A file has one payload column, so each wind component has a file.
-ObsFunction DrawObsErrorFromFile reads variances from the group ``ErrorVariance``; stations are
-matched ``exact``, pressure is ``linear`` or ``nearest``, and ``extrapolation mode`` has to be
-``nearest``: by default a pressure outside the table stops the run. Files of ioda-converters pad
-aircraft identifiers to eight characters: a shorter one has its rows twice, as it is and padded. A
-deviation varies with the heading and is no observation bias of a table: a further table holds the
-coefficients for those who correct before the assimilation.
+Files of UFO's DataExtractor: a line of names ``Group/variable``, a line of types, then rows, ``_``
+for a missing value; station ``_`` is for stations without rows. A file has one payload column, so
+each wind component has a file. ObsFunction DrawObsErrorFromFile reads variances from the group
+``ErrorVariance``. Files of ioda-converters pad aircraft identifiers to eight characters: a shorter
+one has its rows twice, as it is and padded.
 """
 
 from __future__ import annotations

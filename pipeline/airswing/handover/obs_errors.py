@@ -1,13 +1,9 @@
-"""obserr.txt: wind errors of aircraft reports as OBSPROC gives them to WRFDA.
+"""obserr.txt: wind errors of aircraft reports as OBSPROC gives them to WRFDA (WRF 4.7.1).
 
-Layout of var/obsproc/obserr.txt of WRF 4.7.1: tables of seven values a line, four lines a type of
-report, at 26 pressures from 10 to 1100 hPa and two place holders; for wind one table each of the
-components (UV), of speed (SPD) and of direction (DIR). Every report of a type gets the same
-profile, so a folder gets a further table for each phase of flight, for one run of OBSPROC each.
-
-All levels are written of the types the archive's aircraft have (TAMDARS; AIREPS for AMDAR, ACARS
-and AIREP), from the same base errors as ob.ascii and JEDI's tables (`wind_errors`), interpolated
-between the middles of the layers, beyond them those of the nearest layer. All else is unchanged.
+Tables of seven values a line, four lines a type of report, at 26 pressures and two place holders;
+for wind one table each of components (UV), speed (SPD) and direction (DIR). A folder gets a further
+table for each phase of flight. Only the types the archive's aircraft have are changed, by the base
+errors of `wind_errors`, interpolated between the middles of the layers.
 """
 
 from __future__ import annotations

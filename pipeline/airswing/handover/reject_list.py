@@ -2,20 +2,14 @@
 
 Layout as GSI reads it (src/gsi/aircraftobsqc.f90): 16 lines are skipped; of every further line
 columns 1-8 are an identifier, columns 11, 13 and 15 hold ``T``, ``W`` and ``R`` where temperature,
-wind and humidity are rejected, columns 22-29 are a second (MDCRS) identifier. Blank columns 22-29
-match every report with a blank station identifier; ``--------`` matches none. The rest of a line
-(statistics, type, reasons in brackets) is for people, and so are the criteria in the header, such
-as ``bias_DIR > 7`` (m/s, degrees).
+wind and humidity are rejected, columns 22-29 are a second (MDCRS) identifier. The rest of a line
+and the criteria in the header, such as ``bias_DIR > 7`` (m/s, degrees), are for people.
 
 An aircraft loses its ``W`` when every reason of its entry is a criterion of wind with a limit in
 the header and its corrected winds meet all criteria of wind on `FEWEST` reports or more; with no
-``T`` or ``R`` left its line goes. An entry that gives no reason, or one that the corrected winds
-cannot answer (a type of aircraft, research), remains. Aircraft that fail and are not listed are
-named. All other lines are unchanged byte for byte.
-
-Statistics are of report minus reference: speed (``S``, m/s), direction (``DIR``, degrees, wrapped,
-where the reference blows at 5 m/s or more) and length of the vector difference (``W``, m/s).
-Identifiers are compared without leading zeros.
+``T`` or ``R`` left its line goes. All other lines are unchanged byte for byte. Statistics are of
+report minus reference: speed (``S``), direction (``DIR``, where the reference blows at 5 m/s or
+more) and length of the vector difference (``W``). Identifiers are compared without leading zeros.
 """
 
 from __future__ import annotations

@@ -1,16 +1,10 @@
 """Reports that are exported, joined soundings, and identifiers and platforms of the aircraft.
 
 A report is exported when every screening rule let it pass, except the rules the configuration
-accepts (``handover: {accept: [...]}``; by default ``phase``, which only selects the reports of the
-fit, and ``field_test``, which marks units that apply a correction themselves). Reports without a
-model wind (``no_reference``) could not be checked for gross errors and are left out, and of
-corrected winds those without a correction or with a constant alone (``offset_only``). WRF and WRFDA
-accept whatever number they read, including NaN: limits are those of reading reports.
-
-The platform comes from the configuration (``handover: {aircraft: {AMDAR: ["EU*"]}}``, then
-``platform``), else from the reports, else it is TAMDAR. The code after ``FM-`` decides how a reader
-treats a report: OBSPROC and WRFDA take 101 as ``tamdar`` and 42, 96, 97 as ``airep`` (WRF 4.7,
-var/obsproc/src/fm_decoder.F90), each with its error table and rules.
+accepts (by default ``phase`` and ``field_test``). Reports without a model wind could not be checked
+for gross errors and are left out, and of corrected winds those without a correction or with a
+constant alone. The platform comes from the configuration, else from the reports, else it is TAMDAR;
+the code after ``FM-`` decides how a reader treats a report.
 """
 
 from __future__ import annotations

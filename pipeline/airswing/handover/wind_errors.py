@@ -5,18 +5,10 @@ Where the run has ``observation_errors.nc``, the error variance of a report is
     base(phase, layer) + [variance of its aircraft - mean base of the reports of that aircraft]
     + [q - mean q],   q = half the square of ``corrected_wind_standard_error``
 
-where q, for corrected winds, is the share of a component in the uncertainty of the correction, and
-its mean is over the reports of the aircraft; over the phase and layer where the variance of the
-aircraft is unknown (NaN). A variance of exactly 0 is an estimate that was clipped at zero, and
-counts. So an aircraft with a poorly known compass weighs less. No variance falls below a quarter
-of its base, nor an error below `LEAST`. Layers beyond the measured ones have the nearest one's
-base, and a phase without a profile has that of all phases.
-
-Without the product the error is that of WRFDA's table for the type of report (var/obsproc/
-obserr.txt of WRF 4.7, interpolated in pressure), with q added for corrected winds. That table is
-meant for winds as reported, and is generous for corrected ones.
-
-Assumes equal errors of both components, independent of the error of the correction.
+where the mean of q is over the reports of the aircraft; over the phase and layer where the variance
+of the aircraft is unknown. No variance falls below a quarter of its base, nor an error below
+`LEAST`. Without the product the error is that of WRFDA's table for the type of report, with q added
+for corrected winds. Assumes equal errors of both components.
 """
 
 from __future__ import annotations

@@ -1,43 +1,24 @@
-"""Reports as text files for WRF: OBS_DOMAIN (nudging), LITTLE_R (OBSPROC) and ob.ascii (WRFDA).
+"""Reports as text files for WRF 4.7: OBS_DOMAIN (nudging), LITTLE_R (OBSPROC) and ob.ascii (WRFDA).
 
-OBS_DOMAIN: layout of subroutine in4dob, share/wrf_fddaobs_in.F of WRF 4.7 (formats 101 to 104): 4
-lines a report, a line a level, no header, in order of time, levels in descending pressure.
+OBS_DOMAIN (share/wrf_fddaobs_in.F, formats 101 to 104). Quality 129 on both components marks the
+wind as earth-relative. u = v = 0 means missing: a wind that rounds to calm gets an eastward
+component of 0.001 m/s. ``is_sound`` is true for a single level too: false makes a surface report.
+At 80 hPa and above no wind is used. ACARS reports are written as ``FM-97 AIREP`` with ACARS as
+source, because names with ACARS overwrite each other. A report of many levels is not used where two
+levels are more than 200 hPa apart: a joined sounding is split there; one of less than 150 hPa would
+reach fewer points than its reports and is written as single levels.
 
-* Quality 129 on both components marks the wind as earth-relative, and WRF rotates it to its grid;
-  any other number marks it as grid-relative. Quality admits a report or not; there is no error.
-* u = v = 0 means missing: a wind that rounds to calm gets an eastward component of 0.001 m/s.
-* ``is_sound`` is true for a single level too: false makes a surface report.
-* At 80 hPa and above no wind is used; such reports are left out and counted.
-* Where platform or name contains ACARS, a later report of equal place, time and pressure overwrites
-  the earlier one: ACARS reports are written as ``FM-97 AIREP`` with ACARS as source.
-* A report of many levels is used between its lowest and its highest level only, and not at all
-  where two levels are more than 200 hPa apart (``obs_max_sndng_gap``): a joined sounding is split
-  there. A single level reaches 75 hPa up and down with declining weight: a sounding of less than
-  150 hPa would reach fewer points than its reports, and is written as single levels.
+LITTLE_R (var/obsproc/src/module_decoded.F90). The wind counts as speed and direction only, the
+direction in (0.001, 360] degrees and the speed at least 0.1 m/s. Pressure alone gives the level:
+with a height of quality 0 OBSPROC replaces the pressure; a missing height has quality 1. The
+elevation is 0: OBSGRID drops a level whose height equals the elevation. Names are unique, because
+reports of one place and name are merged; so are levels less than 1 Pa apart: joined soundings keep
+2 Pa. Quality is 0: 129 would reject the wind here.
 
-LITTLE_R: layout of var/obsproc/src/module_decoded.F90 of WRF 4.7: a header of 600 characters, 200
-a level, an end record and a trailer of three counts, without which later reports are lost.
-
-* The wind counts as speed and direction only, the direction in (0.001, 360] degrees and the speed
-  at least 0.1 m/s: north is 360, and a weaker wind is raised to 0.1 m/s in its direction.
-* Pressure alone gives the level: with a height of quality 0 OBSPROC replaces the pressure of FM-42,
-  96 and 97 by that of the standard atmosphere above 3,000 m. Their missing height has quality 1.
-* The elevation is 0: OBSGRID takes a level whose height equals the elevation for the surface, also
-  where both are missing, and drops it. The date is right-justified.
-* Reports of one place and name are merged, or all but one dropped: names are unique. Levels less
-  than 1 Pa apart are merged: joined soundings keep 2 Pa.
-* Quality is 0: the 129 of OBS_DOMAIN would reject the wind here. The format holds no error of a
-  report; OBSPROC takes errors by type from obserr.txt.
-
-ob.ascii: layout of var/da/da_obs_io/da_read_obs_ascii.inc of WRF 4.7 (``ob_format = 2``): a header
-that ends one line after the formats, then a line of information, one of surface values and a line a
-level; no line is blank.
-
-* The error of the speed weighs both components; that of the direction counts only with
-  ``wind_sd_tamdar`` or ``wind_sd_airep``. Every error is positive and has its decimal point, also
-  that of a missing value, whose quality is -88.
-* The elevation is missing: a TAMDAR report whose height equals its elevation is a surface report.
-* Pressure alone gives the level. Seconds are written, but WRFDA reads minutes.
+ob.ascii (var/da/da_obs_io/da_read_obs_ascii.inc, ``ob_format = 2``). The error of the speed weighs
+both components. Every error is positive and has its decimal point, also that of a missing value,
+whose quality is -88. The elevation is missing: a TAMDAR report whose height equals its elevation is
+a surface report.
 """
 
 from __future__ import annotations

@@ -1,20 +1,15 @@
 """From cleaned reports to the reports Dataset: order, duplicates, flights, ragged layout.
 
-The result does not depend on the order of rows or files: aircraft are in alphabetical order, within
-an aircraft flights in order of their first reports, within a flight time.
+The result does not depend on the order of rows or files. Two reports of one aircraft at one time
+and place are one: the more complete stays. Two of one time at different places are both kept if the
+time is coarse enough for both or if their flight labels differ; otherwise the more complete stays.
+Reports of one time follow the climb or descent around them.
 
-Duplicates: two reports of one aircraft at one time and place (within 1e-4 degree and 15 m) are one;
-the more complete stays, then the one with the smaller values. Two of one time at different places
-are both kept if the time is coarse enough for both (a whole minute, or the time of a profile whose
-levels take time to climb through) or if their flight labels differ; otherwise they are a conflict
-and the more complete stays. Reports of one time follow the climb or descent around them.
-
-Two aircraft under one identifier: flights that fly for half of their time while another flies are
-of two aircraft. All flights of such an identifier are divided into sequences that one aircraft can
-have flown: each flight continues the sequence that has ended and whose callsigns have the same
-operator (leading letters), of these the one that ended nearest, if it can be there in time. The
-sequences become separate aircraft, numbered from west to east (``4840D6-1``, ``4840D6-2``) within
-one call, in a run of one month; where the two do not fly at the same time in it, they remain one.
+Flights that fly for half of their time while another flight of the same identifier flies are of two
+aircraft. All flights of such an identifier are divided into sequences that one aircraft can have
+flown: each flight continues the sequence that has ended, whose callsigns have the same operator
+(leading letters), and that ended nearest, if it can be there in time. The sequences become aircraft
+numbered from west to east (``4840D6-1``, ``4840D6-2``).
 """
 
 from __future__ import annotations
@@ -73,18 +68,11 @@ def assemble(
 ) -> xr.Dataset:
     """Assemble the cleaned reports of several files into one ragged Dataset, which may be empty.
 
-    Parameters
-    ----------
-    parts : iterable of DataFrame
-        Cleaned reports, each of :func:`airswing.reports.read.read_file` or rows of it; read only.
-    interval : float, default 0
-        Reports are averaged over intervals of so many seconds of straight flight; 0 keeps them all.
-    begins : (datetime64, datetime64), optional
-        Keep only the flights whose first report lies from the first time to before the second:
-        give the reports of a margin around that time too, and every flight is kept whole once.
-    audit : Audit, optional
-        Duplicates and derived values are added to it; with ``begins`` those of that time alone,
-        so that each is counted once over all periods. The caller adds the audits of the files.
+    ``parts`` are of :func:`airswing.reports.read.read_file`, or rows of it; read only. With
+    ``interval`` reports are averaged over so many seconds of straight flight. With ``begins`` only
+    flights whose first report lies between these times are kept: given the reports of a margin too,
+    every flight is kept whole once. Duplicates and derived values are added to ``audit``, of
+    ``begins`` alone; the caller adds the audits of the files.
     """
     audit = Audit() if audit is None else audit
     columns, tails, labels = _gathered(parts)
@@ -134,10 +122,7 @@ def assemble(
 def _gathered(
     parts: Iterable[pd.DataFrame],
 ) -> tuple[Columns, NDArray[np.object_], NDArray[np.object_]]:
-    """Columns of all parts with tails and labels as numbers in alphabetical order, and the names.
-
-    A report without a flight label has the number -1.
-    """
+    """Columns of all parts, with tails and labels as numbers (-1: none), and their names."""
     frames = list(parts)
     columns: Columns = {
         name: np.concatenate([frame[name].to_numpy() for frame in frames])

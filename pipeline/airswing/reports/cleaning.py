@@ -1,30 +1,16 @@
 """Cleaning shared by every report format: raw columns in SI to canonical columns.
 
-Assumes numbers in SI (angles in degrees), NaN for absent numbers, NaT for absent times and decoded
-flags (:mod:`airswing.reports.values`).
-
-Rules
------
 A report is dropped only without aircraft, time or position. Every other impossible value becomes
-NaN and is counted: the position of a report without wind still serves the ground vector.
-Longitudes of 180..360 become -180..0. Headings and wind directions of -180..0 become 180..360,
-because some recorders write them so and dropping them would drop every westerly. Wind direction 360
-becomes 0, a calm (speed 0) has no direction, and a speed without a direction is no wind. The wind
-of a position exactly at 0 N 0 E fails its check. Pressure follows from pressure altitude by the
-two-layer standard atmosphere, or the reverse.
+NaN and is counted: the position of a report without wind still serves the ground vector. Headings
+and wind directions of -180..0 become 180..360, because some recorders write them so. Wind direction
+360 becomes 0, a calm has no direction, and a speed without a direction is no wind. The wind of a
+position exactly at 0 N 0 E fails its check. Pressure follows from pressure altitude by the standard
+atmosphere, or the reverse.
 
-Derived winds
--------------
 Where no wind is reported it is ground velocity minus air velocity. A magnetic heading is turned to
-true north by the IGRF declination at the report's place and date: an aircraft with an older table
-of declinations has the difference in its deviation, as in flight. Airspeed is the true airspeed if
+true north by the IGRF declination at the report's place and date. Airspeed is the true airspeed if
 reported, else from the Mach number, else from the indicated airspeed, at the reported temperature,
-else at that of the standard atmosphere, which is in error by up to 4 % (marked in ``wind_source``;
-the airspeed scale of the aircraft contains the mean of that error).
-
-Validity
---------
-Wind up to 150 m/s, temperature 150-340 K, pressure altitude -700 to 20,000 m.
+else at that of the standard atmosphere, which is in error by up to 4 % (``wind_source``).
 """
 
 from __future__ import annotations
@@ -217,10 +203,7 @@ def _number(raw: pd.DataFrame, name: str, audit: Audit) -> Array:
 
 
 def _name_mistake(name: str, values: Array, bad: NDArray[np.bool_], audit: Audit) -> None:
-    """Name the mistake under which values, of which many are impossible, all become possible.
-
-    One value that stands for missing ones (9999) is no mistake of the unit.
-    """
+    """Name the mistake under which values, of which many are impossible, all become possible."""
     low, high = LIMITS[name]
     if np.count_nonzero(bad) < _MANY * np.count_nonzero(np.isfinite(values)):
         return
@@ -311,9 +294,6 @@ def _derive_wind(frame: pd.DataFrame, raw: pd.DataFrame, audit: Audit) -> None:
 
 
 def declination(latitude: Array, longitude: Array, altitude: Array, seconds: Array) -> Array:
-    """IGRF declination (degrees east of true north), each array of shape (n,).
-
-    Places in degrees and m (an unknown altitude is taken as zero), times in seconds since 1970.
-    """
+    """IGRF declination (degrees east) at places in degrees and m and seconds since 1970."""
     field = geomagnetic_field(latitude, longitude, np.nan_to_num(altitude), seconds)
     return np.asarray(np.degrees(field.declination))

@@ -189,13 +189,7 @@ def canonical_names() -> list[str]:
 
 
 def parse_mapping(columns: ColumnMapping | None) -> dict[str, Source]:
-    """Check a user's column mapping before any file is opened; the source of each variable.
-
-    Raises
-    ------
-    InputError
-        Unknown canonical name, unknown unit, or a unit of another kind than the column's.
-    """
+    """Check a user's column mapping before any file is opened; the source of each variable."""
     mapping: dict[str, Source] = {}
     for key, target in (columns or {}).items():
         name, variable, source = _mapped(str(key), target)
@@ -329,15 +323,7 @@ def compatible(unit: str, si_unit: str) -> bool:
 
 
 def sources(names: Iterable[str], mapping: Mapped, file: object) -> dict[str, Source]:
-    """Find the columns of a file that each variable is read from.
-
-    A mapping (of :func:`parse_mapping`) overrides names that are understood without it.
-
-    Raises
-    ------
-    InputError
-        A mapped column or a required one is absent; names the nearest that are there.
-    """
+    """Find the columns of a file that each variable is read from; ``mapping`` goes first."""
     names = list(names)
     by_stripped = {name.strip(): name for name in names}
     found = {}

@@ -1,27 +1,16 @@
-"""Flights and phases of flight where the source does not report them.
+"""Flights and phases of flight where the source does not report them, of ordered reports.
 
-Assumes reports in order of aircraft and time.
-
-Flights
--------
-1. Paths. Where an aircraft's reports jump (over 50 km at more than 400 m/s) or its flight labels
-   alternate, each report is added to the nearest path flown in the last 6 hours that has no other
-   label and that it can have come from without a jump; otherwise it begins a new path.
-2. Labels. A report without a flight label gets that of the reports around it on its path: the
-   common label of the labelled reports before and after it, if these are less than 6 hours apart;
-   else that of the nearer one to which no gap, stop or jump lies between.
-3. Flights. Reports with one label are one flight until a gap of more than 6 hours, so the same
-   flight number on two days is two flights. Reports without a label are one flight until a gap over
-   45 minutes, a ground stop (10 minutes or more at a mean speed under 40 m/s, which no airliner
-   flies) or a jump. Midnight and the antimeridian end nothing.
-
-Phases
-------
-The climb rate is the slope of pressure altitude between neighbours at least 30 s away on each side
-in the same flight (up to 20 minutes away), so that altitudes rounded to 100 ft and times truncated
-to the minute do not look like climbs. More than 300 ft/min is ascent or descent, until the rate
-falls below 150 ft/min. The rest is cruise at or above 2,000 ft pressure altitude and unknown below
-(taxi, pattern), as is a report without a neighbour.
+1. Paths. Where an aircraft's reports jump or its flight labels alternate, each report is added to
+   the nearest path flown in the last 6 hours that has no other label and that it can have come from
+   without a jump; otherwise it begins a new path.
+2. Labels. A report without a flight label gets the common label of the labelled reports before and
+   after it on its path, if these are less than 6 hours apart; else that of the nearer one to which
+   no gap, stop or jump lies between.
+3. Flights. Reports with one label are one flight until a gap of more than 6 hours; without a label
+   until a gap over 45 minutes, a ground stop or a jump.
+4. Phases. The climb rate is the slope of pressure altitude between neighbours at least 30 s away on
+   each side, so that rounded altitudes and times do not look like climbs. More than 300 ft/min is
+   ascent or descent, until it falls below 150 ft/min. The rest is cruise at or above 2,000 ft.
 """
 
 from __future__ import annotations
@@ -67,7 +56,7 @@ def derive_flight(columns: Columns) -> NDArray[np.int32]:
     """Number the flights (report,), from 0 in the order in which they begin within each aircraft.
 
     Columns are ``tail`` (int), ``time``, ``latitude``, ``longitude`` and ``flight`` (label as int,
-    -1 where there is none), in order of tail and time. Numbers are unique over the archive.
+    -1 where there is none), in order of tail and time.
     """
     tail = columns["tail"]
     if not tail.size:

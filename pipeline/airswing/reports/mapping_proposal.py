@@ -1,15 +1,10 @@
 """Proposal of a column mapping for an unknown report table, to be pasted into a configuration.
 
-Assumes a table with a header. The quantity of a column follows from its name, its unit from the end
-of the name or from brackets in it. Where that leaves a choice the values decide, and the text marks
-the entry for a person to confirm:
-
-* of several time columns the one with the most possible times of reports;
-* the unit of a speed by comparison with the speed between successive positions, else with the
-  other speeds of the table;
-* a heading in a table with ground speed, track and airspeed is magnetic, because Mode-S and
-  recorders report the compass; a heading without track and airspeed is the track (OpenSky,
-  Flightradar24), and a plain ``speed`` as fast as an aircraft is the ground speed.
+The quantity of a column follows from its name, its unit from the end of the name or from brackets
+in it. Where that leaves a choice the values decide, and the text marks the entry to be confirmed:
+the time column with the most possible times; the unit of a speed by the speed between successive
+positions or other speeds; a heading in a table with ground speed, track and airspeed is magnetic, a
+heading without track and airspeed is the track, a plain ``speed`` as of aircraft the ground speed.
 """
 
 from __future__ import annotations
@@ -85,17 +80,9 @@ Entry = str | dict[str, str]  # a canonical name, or one with its unit, parts or
 def propose_mapping(path: str | Path) -> dict[str, Any] | None:
     """Propose how an unknown CSV or Parquet table would be read; None for fewer than two columns.
 
-    Returns
-    -------
-    dict
-        ``columns`` as ``reports.columns`` of the configuration takes them, ``yaml`` (the same as
-        text, with its guesses marked), ``unused`` (columns for which no quantity was found) and
-        ``missing`` (what is needed and was not found).
-
-    Raises
-    ------
-    InputError
-        The file is no table.
+    Returns ``columns`` as ``reports.columns`` of the configuration takes them, ``yaml`` (the same
+    as text, with its guesses marked), ``unused`` (columns for which no quantity was found) and
+    ``missing`` (what is needed and was not found).
     """
     table = first_rows(Path(path))
     table.columns = [str(column) for column in table.columns]

@@ -1,9 +1,6 @@
-"""Read aircraft reports of any known format.
+"""Read aircraft reports of any known format, which follows from the content of a file.
 
-:func:`read_file` brings one file to cleaned canonical columns,
-:func:`airswing.reports.assembly.assemble` makes one Dataset of the columns of several files.
-The format follows from a file's content, not from its name; a file that cannot be read to its end
-counts as not read at all.
+A file that cannot be read to its end counts as not read at all.
 """
 
 from __future__ import annotations
@@ -96,17 +93,11 @@ def read_file(
     -------
     reports : DataFrame
         One row a report in the order of the file, in SI units (angles in degrees): ``tail`` and
-        ``flight`` (categories; blank where there is no label), ``time`` (datetime64[ns], UTC),
-        ``latitude, longitude`` (float64), ``pressure, pressure_altitude, wind_speed,
-        wind_direction, eastward_wind, northward_wind, air_temperature, reported_airspeed,
-        reported_heading`` (float32) and the flags (int8). May be empty.
+        ``flight`` (categories), ``time`` (datetime64[ns], UTC), ``latitude, longitude`` (float64),
+        ``pressure, pressure_altitude, wind_speed, wind_direction, eastward_wind, northward_wind,
+        air_temperature, reported_airspeed, reported_heading`` (float32) and the flags (int8).
     audit : Audit
         Reports read, dropped and repaired, by reason.
-
-    Raises
-    ------
-    InputError
-        The file cannot be read to its end, or a mapped or required column is absent.
     """
     _require_format(format)
     path, mapping, audit = Path(path), parse_mapping(columns), Audit()
@@ -262,13 +253,7 @@ def reports_summary(path: str | Path, *, columns: ColumnMapping | None = None) -
 
 
 def expand(files: str | Path | Iterable[str | Path]) -> list[Path]:
-    """Return the paths that names and globs stand for, each once.
-
-    Raises
-    ------
-    InputError
-        If one of them matches nothing.
-    """
+    """The paths that names and globs stand for, each once; InputError if one matches nothing."""
     patterns = [files] if isinstance(files, str | Path) else list(files)
     found: dict[str, None] = {}
     for pattern in patterns:

@@ -1,11 +1,9 @@
 """Resolution of position, time and wind, found in the values themselves.
 
-The resolution is the coarsest of a list of steps in use (0.1 arc-minute, whole knots) on which at
-least 90 % of an aircraft's values lie, with a tolerance for values stored with fewer digits. Valid
-from 5 reports an aircraft; with fewer the most frequent step of the fleet is used. An aircraft that
-reports on whole minutes looks like one whose times are truncated to the minute, unless its ground
-speeds are far steadier than such a clock allows and no minute holds two reports; then its clock is
-exact to a second.
+The coarsest of a list of steps in use on which at least 90 % of an aircraft's values lie; with
+fewer than 5 reports the most frequent step of the fleet. An aircraft that reports on whole minutes
+looks like one whose times are truncated to the minute, unless its ground speeds are far steadier
+than such a clock allows and no minute holds two reports; then its clock is exact to a second.
 """
 
 from __future__ import annotations
@@ -58,20 +56,12 @@ def lattice_step(
     groups: int,
     steps: tuple[Step, ...],
 ) -> NDArray[np.float64]:
-    """Coarsest step on which the values (n,) of each group lie, (groups,).
-
-    NaN is left out. Steps and their tolerances are coarse to fine, in the unit of ``values``; the
-    last is the result where none fits.
-    """
+    """Coarsest step (of coarse to fine) on which the values (n,) of each group lie, (groups,)."""
     return _coarsest(_on_steps(values, group, groups, steps), steps, FEWEST)
 
 
 def resolutions(columns: Columns, row_size: NDArray[np.integer]) -> dict[str, NDArray[np.float64]]:
-    """Resolution of position, time, wind speed and direction (degree, s, m/s, degree) by aircraft.
-
-    Columns are ``tail`` (int), ``time``, ``latitude``, ``longitude``, ``wind_speed`` and
-    ``wind_direction`` (NaN in calm), in order of tail, flight and time.
-    """
+    """Resolution of position, time, wind speed and direction (degree, s, m/s) by aircraft."""
     number = int(row_size.size)
     stride = np.repeat(np.maximum(row_size // _MOST_REPORTS, 1), row_size)
     place = np.arange(stride.size) - np.repeat(np.cumsum(row_size) - row_size, row_size)

@@ -76,21 +76,10 @@ def possible(time: Times) -> NDArray[np.bool_]:
 
 
 def parse_times(values: Column, format: str | None = None) -> tuple[Times, NDArray[np.bool_]]:
-    """Read a column of text, numbers or timestamps.
+    """Read a column of text (in a format of ``strftime``), numbers or timestamps.
 
-    Parameters
-    ----------
-    values : Series, shape (report,)
-    format : str, optional
-        Of text in another notation than those of this module (codes of ``strftime``).
-
-    Returns
-    -------
-    time : array of datetime64[ns], shape (report,)
-        NaT where there is none or it cannot be read. Times that are not possible are returned as
-        they are.
-    blank : array of bool, shape (report,)
-        True where no time was given.
+    Returns times (report,), NaT where there is none or it cannot be read, whether they are possible
+    or not, and a mask (report,) of where no time was given.
     """
     if isinstance(values.dtype, pd.DatetimeTZDtype):
         values = values.dt.tz_convert("UTC").dt.tz_localize(None)
@@ -112,10 +101,7 @@ def parse_times(values: Column, format: str | None = None) -> tuple[Times, NDArr
 
 
 def from_epoch(seconds: NDArray[np.float64]) -> Times:
-    """Convert seconds since 1970 to times, to the microsecond; NaT for NaN and outside 1970-2103.
-
-    A float64 of seconds since 1970 resolves 0.2 microseconds.
-    """
+    """Seconds since 1970 as times, to the microsecond; NaT for NaN and outside 1970-2103."""
     time = np.full(seconds.shape, np.datetime64("NaT", "ns"))
     known = (seconds >= 0.0) & (seconds < _LARGEST_SECONDS)
     time[known] = np.round(seconds[known] * 1e6).astype(np.int64).view("datetime64[us]")
@@ -155,11 +141,7 @@ def roll_flags(roll: NDArray[np.float64]) -> NDArray[np.int8]:
 def decode_flags(
     values: ArrayLike, flag: str, audit: Audit, *, name: str | None = None
 ) -> NDArray[np.int8]:
-    """Turn codes (report,) into values of one of :data:`FLAGS`.
-
-    Each code is counted under the flag's name, or that of its field in the source, an unknown one
-    also as a repair.
-    """
+    """Codes (report,) as values of one of :data:`FLAGS`, counted under the name of their field."""
     name = name or flag
     meanings, words = _CODES[flag]
     codes = {code: meanings[word] for word, spelled in words.items() for code in spelled}

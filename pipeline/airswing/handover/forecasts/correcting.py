@@ -1,17 +1,12 @@
 """Forecasts corrected by their errors on earlier days, and scores of the correction.
 
-Assumes pairs of forecast and observation by variable, station, start and lead time, and that a
-forecast is corrected by nothing observed after its start: one of 30 h by errors of starts two days
-earlier and before. Each hour of start, lead time, station and variable has a filter
-(:mod:`airswing.handover.forecasts.kalman`) over whole days; days without a pair are bridged.
-
-The ratio of the filter is one number a variable: the one of least mean square error over the first
-part of the days. The other days are held out and judge it. Where no ratio has a smaller error than
-the raw forecast, the variable is left unchanged (ratio 0).
-
-Scores compare all methods on the same pairs; skill is one minus the mean square error over that of
-the raw forecast (Murphy 1988, Mon. Wea. Rev. 116, 2417-2424). Intervals (95 %) are a bootstrap over
-blocks of start days, with all stations and lead times of a day drawn together.
+A forecast is corrected by nothing observed after its start. Each hour of start, lead time, station
+and variable has a filter (`kalman`) over whole days. The ratio of the filter is one number a
+variable: the one of least mean square error over the first part of the days; the other days are
+held out and judge it. Where no ratio has a smaller error than the raw forecast, the variable is
+left unchanged (ratio 0). Scores compare all methods on the same pairs; skill is one minus the mean
+square error over that of the raw forecast (Murphy 1988, Mon. Wea. Rev. 116, 2417-2424). Intervals
+(95 %) are a bootstrap over blocks of start days.
 """
 
 from __future__ import annotations

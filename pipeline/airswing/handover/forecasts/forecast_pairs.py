@@ -1,13 +1,10 @@
 """Pairs of forecast and observation: from tables, and from a run's winds at flight levels.
 
-Assumes text tables with one line of names, divided by commas, semicolons, tabs or blanks. Lines
-that begin with ``#`` are comments; ``# variable: T`` and ``# units: K`` are used (text format of
-the program Verif, Nipen et al. 2023, Bull. Amer. Meteor. Soc. 104). ``-999``, ``NA``, ``nan`` and
-empty values are missing. Lines that cannot be used are counted by reason. Times are UTC.
-
-At flight levels a place is a box of latitude and longitude in a layer of pressure. Its pair of a
-day is the mean model wind and the mean corrected wind of the reports in it. The bias of a day is
-known on the next, whatever the model's lead time.
+Text tables have one line of names, divided by commas, semicolons, tabs or blanks; lines that begin
+with ``#`` are comments, of which ``# variable: T`` and ``# units: K`` are used (Verif, Nipen et al.
+2023, Bull. Amer. Meteor. Soc. 104). Lines that cannot be used are counted by reason. At flight
+levels a place is a box of latitude and longitude in a layer of pressure; its pair of a day is the
+mean model wind and the mean corrected wind of the reports in it.
 """
 
 from __future__ import annotations
@@ -286,24 +283,10 @@ def flight_level_pairs(
     region: float,
     fewest: int,
 ) -> xr.Dataset:
-    """Pair the model's winds with corrected aircraft winds, by box, layer and day.
+    """Pair the model's winds (mean of the members) with corrected winds, by box, layer and day.
 
-    Parameters
-    ----------
-    headings, corrected : Dataset
-        Of one run, in memory or opened lazily.
-    members : list of str
-        References whose mean is the forecast.
-    region : float
-        Side of a box, degrees.
-    fewest : int
-        Reports of a box, layer and day that make a pair; InputError where no box has so many.
-
-    Returns
-    -------
-    Dataset
-        For `correct_forecasts`; a station is a box in a layer, with ``latitude``, ``longitude`` and
-        ``pressure`` of its middle.
+    ``region`` is the side of a box, degrees; InputError where no box, layer and day has ``fewest``
+    reports. A station of the result is a box in a layer, with the place of its middle.
     """
     needed = ["latitude", "longitude", "pressure", "time", "phase", "screening"]
     needed += [f"reference_{name}" for name in _WINDS]

@@ -1,15 +1,9 @@
 """Near-surface forecasts at stations from GRIB, paired with observations.
 
-Assumes instantaneous fields of temperature at 2 m and wind at 10 m on grids that
-:mod:`airswing.reference.grids` places; a field that is no state of the atmosphere
-(:mod:`airswing.reference.state`) is left out. Interpolation is bilinear in the grid's index space,
-winds are rotated to true east and north at the station; nothing is extrapolated, and a missing
-corner that has weight gives no value. The difference between the heights of the model's ground and
-the station is not corrected: the filter finds its effect as a systematic error.
-
-Observations are tables with one line a station and time, latitude and longitude in degrees, and any
-of temperature and wind with the unit in the column's name. A forecast is paired with the
-observation nearest to its valid time within a given gap. SI units.
+Instantaneous fields of temperature at 2 m and wind at 10 m. Interpolation is bilinear in the grid's
+index space, winds are rotated to true east and north; nothing is extrapolated. The difference
+between the heights of the model's ground and the station is not corrected: the filter finds its
+effect. A forecast is paired with the observation nearest to its valid time within a gap. SI units.
 """
 
 from __future__ import annotations
@@ -93,16 +87,8 @@ def pairs_at_stations(
 ) -> xr.Dataset:
     """Pair forecasts from GRIB with observations at stations, for `correct_forecasts`.
 
-    Parameters
-    ----------
-    forecasts : sequence of Path
-        GRIB files with temperature at 2 m or wind at 10 m.
-    observations : sequence of Path
-        Tables; their columns are named as documented in docs/postprocessing.md, after ``columns``.
-    columns : mapping of str to str, optional
-        Names in the tables to those.
-    max_time_gap : float, default 1800
-        Seconds between an observation and the valid time.
+    The tables' columns are named as in docs/postprocessing.md, after ``columns``; an observation is
+    within ``max_time_gap`` (s) of the valid time.
     """
     left_out: Counter[str] = Counter()
     parts = [_observations(Path(file), columns or {}, left_out) for file in observations]

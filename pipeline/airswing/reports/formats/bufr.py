@@ -1,21 +1,13 @@
-"""AMDAR, ACARS and AIREP BUFR (WMO FM 94), through ecCodes.
+"""AMDAR, ACARS and AIREP BUFR (WMO FM 94, templates 3 11 001 to 3 11 010), through ecCodes.
 
-``flightLevel``, ``indicatedAircraftAltitude`` and ``height`` (007010, 010070, 007002) are
-pressure altitudes in m, as AMDAR reports them; where only ``pressure`` is given it is used. The
-aircraft is the tail number (001110) if given, else the registration (001008), else the flight
-number (001006), in which European AMDAR has its aircraft identifier. Times are as coarse as coded:
-older templates have whole minutes.
+``flightLevel``, ``indicatedAircraftAltitude`` and ``height`` are pressure altitudes in m. The
+aircraft is the tail number if given, else the registration, else the flight number, in which
+European AMDAR has its aircraft identifier. Levels of a profile (3-11-008, 3-11-009): what precedes
+the first level holds for all; a level begins where the vertical coordinate occurs again. What
+follows a second vertical coordinate without level, wind and temperature belongs to the first.
 
-Levels of a profile (3-11-008, 3-11-009): what precedes the first level holds for all. A level
-begins where the vertical coordinate occurs again and holds all that follows up to the next. A key
-that occurs again within a level is used where the first had no value, and what follows a second
-vertical coordinate without level, wind and temperature belongs to the first.
-
-A message of edition 2 or later whose table version is not available is decoded with a current one;
-one that still cannot be decoded, or that ends the process which decodes it, is counted as dropped
-(``undecodable_message``), and the rest of the file is read.
-
-Source: WMO Manual on Codes, Volume I.2, templates 3 11 001 to 3 11 010.
+A message whose table version is not available is decoded with a current one; one that cannot be
+decoded, or that ends the process which decodes it, is counted as dropped.
 """
 
 from __future__ import annotations
@@ -126,11 +118,9 @@ def _decoded(messages: list[bytes]) -> tuple[list[Record], int]:
 
 
 def decode_messages(messages: list[bytes]) -> tuple[list[Record], int]:
-    """Decode BUFR messages with the tables they name or with current ones.
+    """Values by `KEYS` of each report or level, and the number of messages that cannot be decoded.
 
-    Returns the values by `KEYS` of each report or level of a profile, and the number of messages
-    that no tables decode. ecCodes may end the process at a damaged message: called by
-    :func:`airswing.guarded.guarded`.
+    ecCodes may end the process at a damaged message: called by :func:`airswing.guarded.guarded`.
     """
     import eccodes
 

@@ -1,14 +1,9 @@
 """DART observation sequences (``obs_seq``, ASCII) of aircraft.
 
-Assumes types named ``ACARS_...``, ``AIRCRAFT_...``, ``AMDAR_...`` or ``TAMDAR_...`` with
-``U_WIND_COMPONENT, V_WIND_COMPONENT`` (m/s) or ``TEMPERATURE`` (K), each a separate observation;
-other types are left out. Locations are ``loc3d``: longitude and latitude in radians, the vertical
-coordinate as pressure (Pa, kind 2) or height (m, kind 3; taken as pressure altitude). Times are
-seconds and days since 1601-01-01. The value is that of the first copy; a quality code above 3 fails
-the wind (NCEP: 0 to 3 usable; DART: 0 assimilated to 3 evaluated only). A sequence does not name
-the aircraft: all reports of a type are one "aircraft".
-
-Source: NCAR/DART, guide, "Detailed structure of an obs_seq file".
+Locations are ``loc3d``: longitude and latitude in radians, the vertical coordinate as pressure (Pa,
+kind 2) or height (m, kind 3; taken as pressure altitude). Times are seconds and days since
+1601-01-01. A quality code above 3 fails the wind. A sequence does not name the aircraft: all
+reports of a type are one. Source: NCAR/DART, guide, "Detailed structure of an obs_seq file".
 """
 
 from __future__ import annotations

@@ -2,15 +2,10 @@
 
 Traces hold one aircraft and day: ``icao``, ``timestamp`` (the epoch) and points, each a list of
 seconds since then, latitude, longitude, barometric altitude (ft) or ``"ground"``, ground speed
-(kt), track (degrees true), flags, vertical rate, and perhaps an object with ``mag_heading,
-true_heading, ias, tas, mach, oat, roll, flight``, which holds for its point only. Points on the
-ground and stale ones (flag bit 1) are left out and counted. Source: readsb README-json.md.
-
-Messages are one object each with ``timestamp`` (seconds since 1970 or ISO 8601), ``icao24`` and
-decoded values: ``latitude, longitude, altitude`` (ft), ``groundspeed`` (kt), ``track``; of
-register 5,0 ``track, groundspeed, TAS, roll`` and of register 6,0 ``heading`` (magnetic), ``IAS,
-Mach``, directly or within ``bds50`` and ``bds60``. Objects are lines (rs1090, jet1090), entries of
-a list, or columns of a table (traffic). Sources: docs.rs/rs1090; traffic, "Mode-S data".
+(kt), track (degrees true), flags (bit 1: stale), vertical rate, and perhaps an object that holds
+for its point only (readsb, README-json.md). Messages are one object each with ``timestamp``,
+``icao24`` and decoded values of position, of register 5,0 and of register 6,0 (magnetic heading),
+directly or within ``bds50`` and ``bds60``, as lines, entries of a list or columns of a table.
 """
 
 from __future__ import annotations

@@ -2,25 +2,16 @@
 
 MADIS
     One hour a file, dimension ``recNum``; flags are bytes that hold ASCII codes; ``altitude`` is
-    pressure altitude (m); ``timeObs`` is seconds since 1970. Files that other programs wrote again
-    may hold text as strings or with a further dimension of one, and numbers of any numeric type.
-    ``heading`` is never read: it is atan2(dlon, dlat) of the last leg, neither heading nor track.
-    Error flags (``tempError``, ``windDirError``, ``windSpeedError``): ``p`` passed, ``-`` or blank
-    not tested, any other letter failed (real files hold letters that their units text does not
-    list). ``errorType``: T temperature, W wind, B both. ``dataDescriptor`` X without an error type
-    fails both. Later versions add ``<variable>DD``: C, S, V, G passed; X, Q, B failed; Z not
-    checked. The codes of every flag field are counted, ``correctedFlag`` among them (f: longitude
-    and wind direction flipped, t: time set to the receipt, T, l: temperature, position corrected).
+    pressure altitude (m). ``heading`` is never read: it is atan2(dlon, dlat) of the last leg.
+    Error flags: ``p`` passed, ``-`` or blank not tested, any other letter failed. ``errorType``: T
+    temperature, W wind, B both; ``dataDescriptor`` X without an error type fails both. Later
+    versions add ``<variable>DD``: C, S, V, G passed; X, Q, B failed; Z not checked.
 IODA
-    Groups ``MetaData`` and ``ObsValue`` over the dimension ``Location`` (``nlocs`` in old files),
-    or variables named ``variable@Group``. Winds are ``windEastward, windNorthward`` (m/s, before
-    2022 ``eastward_wind, northward_wind``), the temperature ``airTemperature`` (K), the level
-    ``pressure`` (Pa), else ``height`` (m; taken as pressure altitude). Times are numbers with CF
-    units or ISO 8601 text. The aircraft is the tail number, else the identifier, else the station.
-    A value of ``PreQC`` or ``QualityMarker`` above 3 fails the wind (PREPBUFR: 0 to 3 usable).
+    Groups ``MetaData`` and ``ObsValue``, or variables named ``variable@Group``. The level is
+    ``pressure`` (Pa), else ``height`` (m; taken as pressure altitude). A value of ``PreQC`` or
+    ``QualityMarker`` above 3 fails the wind (PREPBUFR: 0 to 3 usable).
 
-Sources: attributes of MADIS files (title "ACARS data, encrypted tail numbers, version 2.1"); MADIS
-ACARS variable list, madis.noaa.gov; JEDI documentation, "Naming conventions" (2022).
+Sources: attributes and variable list of MADIS ACARS; JEDI, "Naming conventions" (2022).
 """
 
 from __future__ import annotations

@@ -1,29 +1,20 @@
 """Logs of flight recorders as CSV: Garmin flight decks, and tables of Flightradar24.
 
 G1000 and relatives (log versions 1.00 to 1.03)
-    Airframe (``#airframe_info,...``), units and names stand before the rows, one a second. Date and
-    time are local; ``UTCOfst`` is local time minus UTC. ``HDG`` and ``TRK`` are magnetic. The
-    altitude is ``AltB``, from version 1.03 on ``AltInd``: indicated at the setting ``BaroA``
-    (inches of mercury). Pressure altitude is it plus the standard altitude of that setting.
+    Airframe, units and names stand before the rows, one a second. Date and time are local;
+    ``UTCOfst`` is local time minus UTC. The altitude ``AltB`` or ``AltInd`` is indicated at the
+    setting ``BaroA``: pressure altitude is it plus the standard altitude of that setting.
 G3X, G3X Touch, G5
     Names in words with units, then a second line of short names. Time is UTC or local with an
-    offset, the track is true where its unit says so, heading is magnetic and the altitude is the
-    pressure altitude.
+    offset, the track is true where its unit says so, the altitude is the pressure altitude.
 Flightradar24
-    Granular data: ``snapshot_id`` (seconds since 1970), ``altitude`` (ft, barometric at 1013 hPa, 0
-    on the ground), ``heading, latitude, longitude, speed`` (kt); the file is
-    ``<yyyymmdd>_<flight_id>_positions.csv``. Playback: ``Timestamp, UTC, Callsign, Position``
-    (``"latitude,longitude"``), ``Altitude, Speed, Direction``. ``heading`` and ``Direction`` are
-    the track over ground and ``speed`` is the ground speed. The aircraft is the flight. Positions
-    at altitude 0 are left out.
+    Granular data or playback; ``heading`` and ``Direction`` are the track over ground. The aircraft
+    is the flight. Positions at altitude 0 are left out.
 
 Magnetic directions are turned to true north by the IGRF declination, not by the log's variation.
-The aircraft of a deck is the tail number of the first line, else its system's identity, else the
-name of the file. The wind is derived from heading, true airspeed, track and ground speed, because
-the deck's wind is smoothed over many seconds. Rows without a position are counted.
-
-Sources: Garmin, G1000 pilot's guide, flight data logging; G3X Touch pilot's guide, data log; trrrj
-(EUROCONTROL PRU), read_positions_fr24; Flightradar24, "KML and CSV export tools".
+The wind is derived from heading, true airspeed, track and ground speed, because the deck's wind is
+smoothed over many seconds. Sources: Garmin, G1000 and G3X Touch pilot's guides; Flightradar24,
+"KML and CSV export tools".
 """
 
 from __future__ import annotations

@@ -263,8 +263,7 @@ def to_raw(
 ) -> pd.DataFrame:
     """Bring a table with the file's own column names to raw columns in SI.
 
-    ``found`` is of :func:`airswing.reports.columns.sources`; to ``unreadable`` the number of values
-    that are no numbers is added, by variable.
+    To ``unreadable`` the number of values that are no numbers is added, by variable.
     """
     raw: dict[str, NDArray[np.generic]] = {}
     for variable, source in found.items():
@@ -318,13 +317,11 @@ def _example(column: Column, bad: NDArray[np.bool_], variable: str, audit: Audit
 def merged(raw: pd.DataFrame, audit: Audit) -> pd.DataFrame:
     """Make reports, a row each, of single Mode-S messages in SI, a row each in any order.
 
-    A transponder sends position, ground vector (ADS-B or register 5,0), and heading and airspeed
-    (register 6,0) in separate messages. A report is made of each message with a heading: what it
-    lacks is interpolated linearly in time between the messages of the same aircraft that have it,
-    angles the short way round. Both must be within 10 s, or one within 1 s. Tables whose rows are
-    complete pass unchanged; where no row has a heading every row with a position is a report. Valid
-    in straight flight, where speeds change slowly; turns are found by screening. Messages that are
-    no reports are counted as ``merged_message``.
+    A transponder sends position, ground vector, and heading and airspeed in separate messages. A
+    report is made of each message with a heading (where there is none, of each position): what it
+    lacks is interpolated linearly in time between the messages of the same aircraft that have it.
+    Both must be within 10 s, or one within 1 s. Messages that are no reports are counted as
+    ``merged_message``.
     """
     raw = raw.sort_values(["tail", "time"], kind="stable", ignore_index=True)
     heading = raw[raw.columns.intersection(list(_HEADINGS))].notna().any(axis=1)
