@@ -117,17 +117,6 @@ def _nodes_around(table: ArrayLike, heading: ArrayLike) -> tuple[Array, Array, A
     return values[*row, lower], values[*row, (lower + 1) % nodes], place - np.floor(place)
 
 
-def _round_to(values: Array, resolution: float) -> Array:
-    """Round to the nearest multiple of a resolution, 0 for none; a negative zero becomes zero."""
-    if resolution <= 0:
-        return values
-    steps = np.rint(values / resolution)
-    # Division by a whole number gives 0.3 where three times 0.1 gives 0.30000000000000004.
-    inverse = round(1.0 / resolution)
-    exact = abs(inverse * resolution - 1.0) < 1e-9
-    return np.asarray((steps / inverse if exact else steps * resolution) + 0.0)
-
-
 def heading_histogram(headings: xr.Dataset, *, abscissa: str = "magnetic") -> xr.DataArray:
     """Number of reports used of each aircraft by 1-degree bin of heading, (aircraft, heading_bin).
 
@@ -242,8 +231,10 @@ def _tables(
         nodes = np.zeros(NODES.size)
         if status[place] != STATUS["no_correction_needed"]:
             weighted = basis * weight[:, np.newaxis]
-            projected = np.linalg.solve(basis.T @ weighted, weighted.T @ error)
-            nodes = _round_to(projected, resolution)
+            nodes = np.linalg.solve(basis.T @ weighted, weighted.T @ error)
+            if resolution > 0:
+                # three times 0.1 is 0.30000000000000004
+                nodes = np.round(np.rint(nodes / resolution) * resolution, 12)
         tables[place] = sign * nodes + 0.0
         residual[place] = np.sqrt(weight @ (unit_interpolation(nodes, FINE) - error) ** 2)
     return tables, residual

@@ -137,12 +137,6 @@ def separate(
     return Separated(cell_part + class_part @ of_cell.T, by_class, resolved)
 
 
-def rows_by_day(day: Ints, days: int) -> list[Ints]:
-    """Rows of each day, in their order."""
-    order = np.argsort(day, kind="stable")
-    return np.split(order, np.searchsorted(day[order], np.arange(1, days)))
-
-
 def _solved(design: Floats, table: PairTable, weights: Floats, variances: int) -> Floats:
     """Weighted least squares for every draw of the days: (draw, column)."""
     # the variance of a half square is the square of its mean, here by separation
@@ -153,7 +147,9 @@ def _solved(design: Floats, table: PairTable, weights: Floats, variances: int) -
     precision = 1.0 / np.maximum(mean[place], 1e-12) ** 2
     matrix = np.zeros((weights.shape[1], design.shape[1], design.shape[1]))
     right = np.zeros(matrix.shape[:2])
-    for day, rows in enumerate(rows_by_day(table.day, weights.shape[1])):
+    order = np.argsort(table.day, kind="stable")
+    ends = np.searchsorted(table.day[order], np.arange(1, weights.shape[1]))
+    for day, rows in enumerate(np.split(order, ends)):
         weighted = design[rows] * precision[rows, None]
         matrix[day], right[day] = weighted.T @ design[rows], weighted.T @ table.squares[rows]
     matrix, right = np.tensordot(weights, matrix, axes=1), weights @ right

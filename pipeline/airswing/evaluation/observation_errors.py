@@ -90,12 +90,6 @@ _SUMMED = ("number", "reported", "corrected", "change", "crossed")
 _PAIRED = ("latitude", "longitude", "pressure", "time", "aircraft", "cell", "day", "east", "north")
 
 
-def used_error(name: str, pressure: Floats | list[float] | float) -> Floats:
-    """Wind error, m/s, that a system of :data:`USED` uses at a pressure, Pa."""
-    levels, errors = USED[name]
-    return np.asarray(np.interp(np.asarray(pressure) / 100.0, levels, errors))
-
-
 @dataclass(frozen=True)
 class Disagreements:
     """Disagreement of an archive."""
@@ -279,7 +273,9 @@ def observation_errors(
         found.sums[name].to_numpy() for name in ("number", "change", "crossed")
     )
     added = added_variance(key, number_of, change, crossed, weights, cells=CELLS, seed=seed)
-    hat_pair = _hat_pair(found)
+    # of different references the pair with the smallest mean product of disagreements
+    pairs = [name for name in found.sums if isinstance(name, tuple) and len(found.sums)]
+    hat_pair = min(pairs, key=lambda pair: found.sums[pair].sum(), default=None)
     methods = {
         "separation": _separation(found, number, weights, added),
         "three_cornered_hat": _hat(found, hat_pair, number, weights, added, covariance),
@@ -328,16 +324,6 @@ def _separation(
     aircraft[..., flown.sum(axis=1) == 0] = np.nan
     cells = np.where(parts.resolved, parts.by_cell, np.nan)
     return _Variances.of_states(cells, fleet, added, aircraft)
-
-
-def _hat_pair(found: Disagreements) -> tuple[int, int] | None:
-    """Pair of different references with the smallest mean product of disagreements."""
-    pairs = [name for name in found.sums if isinstance(name, tuple)]
-    return (
-        min(pairs, key=lambda pair: found.sums[pair].sum(), default=None)
-        if len(found.sums)
-        else None
-    )
 
 
 def _hat(
@@ -467,7 +453,10 @@ def _context(found: Disagreements) -> dict[str, Any]:
         ),
         "median_wind_speed": ("layer", np.where(speeds[:, -1] > 0, median, np.nan)),
         **LAYER_PRESSURES,
-        **{f"{name}_error": ("layer", used_error(name, 0.5 * (bottom + top))) for name in USED},
+        **{
+            f"{name}_error": ("layer", np.interp((bottom + top) / 200.0, *table))
+            for name, table in USED.items()
+        },
     }
 
 

@@ -216,8 +216,14 @@ def _publish_curves(table: _Table, curves: dict[int, AircraftFit], options: Opti
         return
     ratio = day_ratio(list(curves.values()))
     for k, fit in curves.items():
-        rms, chi2 = _halves_apart(fit, enlarged(fit.covariance, ratio))
-        changed = np.degrees(rms) > HALVES_RMS and chi2 > HALVES_CHI2
+        # difference of the one-cycle curves of the first and second half of the flights: the
+        # estimate from one half differs by twice the sum of its influences, that from the other
+        # half by the opposite, because all influences add up to zero
+        first = fit.flight_order[: fit.flight_order.size // 2]
+        apart = 4.0 * fit.flight[first].sum(axis=0)[:3]
+        covariance = 4.0 * enlarged(fit.covariance, ratio)[:3, :3]
+        rms = np.degrees(np.sqrt(apart[0] ** 2 + 0.5 * (apart[1] ** 2 + apart[2] ** 2)))
+        changed = rms > HALVES_RMS and apart @ np.linalg.solve(covariance, apart) > HALVES_CHI2
         if changed or not fit.converged:
             table["status"][k] = STATUS["unstable_fit"]
     curves = {k: fit for k, fit in curves.items() if table["status"][k] == STATUS["ok"]}
@@ -238,20 +244,6 @@ def _publish_curves(table: _Table, curves: dict[int, AircraftFit], options: Opti
         variance = np.diagonal(average @ found.bias_covariance @ average.T)
         table["reference_bias"][:] = bias.mean(axis=0)
         table["reference_bias_standard_error"][:] = np.sqrt(variance)
-
-
-def _halves_apart(fit: AircraftFit, covariance: Array) -> tuple[float, float]:
-    """Difference of the curves of the first and second half of the flights.
-
-    Its root mean square over headings (of one cycle), and Wald's statistic on three degrees of
-    freedom.
-    """
-    first = fit.flight_order[: fit.flight_order.size // 2]
-    # the estimate from one half differs by twice the sum of its influences, that from the other
-    # half by the opposite, because all influences add up to zero
-    apart = 4.0 * fit.flight[first].sum(axis=0)[:3]
-    rms = float(np.sqrt(apart[0] ** 2 + 0.5 * (apart[1] ** 2 + apart[2] ** 2)))
-    return rms, float(apart @ np.linalg.solve(4.0 * covariance[:3, :3], apart))
 
 
 def _with_field(fits: list[AircraftFit], options: Options) -> _Estimate:
