@@ -11,10 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 
-from airswing.evaluation.monitoring.changes import CompassWatch, compass_watch
-from airswing.evaluation.monitoring.daily_sums import (
+from airswing.evaluation.monitoring.changes import (
     CompassDays,
+    CompassWatch,
     compass_design,
+    compass_watch,
     without_flight_bias,
 )
 

@@ -7,13 +7,13 @@ import pytest
 from tests.compass.flown import Setting
 from tests.evaluation.archives import fleet
 
-from airswing.evaluation.monitoring.daily_sums import (
+from airswing.evaluation.monitoring.changes import (
     FLIGHT_BIAS_PRECISION,
     compass_days,
     compass_design,
     normal_equations_by_day,
-    wind_days,
 )
+from airswing.evaluation.monitoring.events import wind_days
 from airswing.products.ragged import aircraft_of_report
 
 

@@ -12,6 +12,14 @@ A likelihood ratio exceeds exp(c) with probability exp(-c) at most where there i
 expected number of false changes in a fleet follows, and a change is stated where it is at most
 :data:`FALSE_CHANGES`.
 
+The test works on daily sums: a normal matrix and a right side of each aircraft and day. Each report
+gives two equations, across and along the indicated heading, in the unknowns :data:`UNKNOWNS`: the
+coefficients A to E, a third and a fourth harmonic of the deviation (radians), the airspeed scale
+and the bias b_u, b_v of the reference's wind (m/s). The higher harmonics absorb what A to E leave
+of a curve; without them it looks like a change wherever an aircraft turns to other headings. The
+errors of a flight's reports are correlated (the reference's error is common to them): each flight
+has a bias, a random effect that is eliminated.
+
 Dates are days, UTC; angles in degrees in the results.
 """
 
@@ -32,11 +40,11 @@ from airswing.compass.fit.acceptance import FitOptions
 from airswing.compass.fit.deviation import FITTED_FROM, fit_sums, sum_aircraft
 from airswing.errors import InputError
 from airswing.evaluation import Content
-from airswing.evaluation.monitoring.daily_sums import CompassDays, compass_days, rows_by_aircraft
+from airswing.evaluation.disagreement import Floats, Ints, member_mean, paired_design
 from airswing.evaluation.monitoring.fleet_watch import COMPASS, Tested, month_of, watch_fleet
 from airswing.evaluation.monitoring.step_test import Step, step_of_series
 from airswing.flags import STATUS, published
-from airswing.products.ragged import blocks, some_reports
+from airswing.products.ragged import blocks, row_bounds, some_reports
 from airswing.vocabulary import describe
 
 FALSE_CHANGES = 0.02
@@ -48,6 +56,23 @@ RATE = 1.0
 """
 MOST_CHANGES = 4
 """Depth of the search: each part of an archive is cut in two at its date."""
+ANGLES = 5  # A, B, C, D, E
+UNKNOWNS = 12
+"""A to E, sin 3m, cos 3m, sin 4m, cos 4m (radians), airspeed scale, b_u, b_v (m/s)."""
+FLIGHT_BIAS_PRECISION = 1.0
+"""Error variance of a report over that of a flight's bias: correlation of 0.5 within a flight."""
+GROSS = 8.0
+"""Robust standard deviations from a first fit beyond which a report is left out."""
+
+
+@dataclass(frozen=True)
+class CompassDays:
+    """Normal equations of one row an aircraft and day, sorted by aircraft and day."""
+
+    aircraft: Ints  # (row,)
+    day: Ints  # (row,): days since 1970
+    normal: NDArray[np.float32]  # (row, 12, 12)
+    right: NDArray[np.float32]  # (row, 12)
 
 
 @dataclass(frozen=True)
@@ -134,6 +159,126 @@ class CompassWatch:
         """Expected number of steps beyond a statistic in a fleet without any, at most 1."""
         years = self.days.day.size / 365.25
         return float(min(RATE * years * np.exp(-statistic), 1.0))
+
+
+def compass_days(headings: xr.Dataset, members: list[str], *, abscissa: str) -> CompassDays:
+    """Sum the reports of a fleet, against the mean of some references, for changes of compasses.
+
+    ``abscissa`` is the argument of the deviation: ``magnetic`` or ``true``.
+    """
+    argument = "magnetic_heading" if abscissa == "magnetic" else "heading"
+    names = ["heading_error", "airspeed_error", "airspeed", "heading", argument]
+    none = np.zeros(0, np.int64)
+    parts: list[tuple[NDArray[np.generic], ...]] = [
+        (none, none, np.zeros((0, UNKNOWNS, UNKNOWNS), "f4"), np.zeros((0, UNKNOWNS), "f4"))
+    ]
+    first = 0
+    for block in blocks(headings, [*names, "time", "flight", "screening"]):
+        part = block.sel(reference=members)
+        error, along = (member_mean(part[name]).to_numpy().astype(float) for name in names[:2])
+        airspeed, heading, magnetic = (block[name].to_numpy().astype(float) for name in names[2:])
+        good = np.isfinite(error + along + airspeed + heading + magnetic)
+        good &= block["screening"].to_numpy() == 0
+        columns = (
+            np.radians(magnetic),
+            np.radians(heading),
+            airspeed,
+            airspeed * np.radians(error),
+            along,
+            block["time"].to_numpy().astype("datetime64[D]").astype(np.int64),
+            block["flight"].to_numpy().astype(np.int64),
+        )
+        bounds = zip(*row_bounds(block["row_size"].to_numpy()), strict=True)
+        for number, (start, stop) in enumerate(bounds, first):
+            rows = np.flatnonzero(good[start:stop]) + start
+            if rows.size:
+                days, normal, right = normal_equations_by_day(*(one[rows] for one in columns))
+                # in single precision: a large fleet has millions of these matrices
+                sums = normal.astype(np.float32), right.astype(np.float32)
+                parts.append((np.full(days.size, number), days, *sums))
+        first += block.sizes["aircraft"]
+    return CompassDays(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+
+def normal_equations_by_day(
+    magnetic: Floats,
+    heading: Floats,
+    airspeed: Floats,
+    cross: Floats,
+    along: Floats,
+    day: Ints,
+    flight: Ints,
+) -> tuple[Ints, Floats, Floats]:
+    """Normal equations of one aircraft by day, each flight's bias eliminated.
+
+    Headings (n,) in radians, speeds in m/s; ``cross`` is airspeed times heading error, ``along``
+    the airspeed error. Returns the days (d,), normal matrices (d, 12, 12) and right sides (d, 12).
+    """
+    across, ahead = compass_design(magnetic, heading, airspeed)
+    kept = np.flatnonzero(_not_gross(across, ahead, cross, along))
+    order = kept[np.lexsort((flight[kept], day[kept]))]
+    # a flight past midnight is one flight of each day
+    new = (np.diff(day[order]) != 0) | (np.diff(flight[order]) != 0)
+    start = np.flatnonzero(np.append(order.size > 0, new))
+    one, two, y_one, y_two = across[order], ahead[order], cross[order], along[order]
+    normal, right = np.empty((start.size, UNKNOWNS, UNKNOWNS)), np.empty((start.size, UNKNOWNS))
+    # by pairs of columns: no loop over flights, and no matrix for each report
+    for i in range(UNKNOWNS):
+        right[:, i] = np.add.reduceat(one[:, i] * y_one + two[:, i] * y_two, start)
+        for j in range(i, UNKNOWNS):
+            products = one[:, i] * one[:, j] + two[:, i] * two[:, j]
+            normal[:, i, j] = normal[:, j, i] = np.add.reduceat(products, start)
+    normal, right = without_flight_bias(normal, right)
+    days, first = np.unique(day[order], return_index=True)
+    place = np.searchsorted(start, first)
+    return days, np.add.reduceat(normal, place), np.add.reduceat(right, place)
+
+
+def compass_design(magnetic: Floats, heading: Floats, airspeed: Floats) -> tuple[Floats, Floats]:
+    """Rows of a report's two equations in the unknowns :data:`UNKNOWNS`, each (n, 12).
+
+    Headings in radians, airspeed in m/s.
+    """
+    cross, along = paired_design(magnetic, heading, airspeed)
+    waves = [wave(k * magnetic) for k in (3, 4) for wave in (np.sin, np.cos)]
+    place = [ANGLES] * len(waves)
+    higher = airspeed[:, np.newaxis] * np.column_stack(waves)
+    return np.insert(cross, place, higher, axis=1), np.insert(along, place, 0.0, axis=1)
+
+
+def without_flight_bias(normal: Floats, right: Floats) -> tuple[Floats, Floats]:
+    """Eliminate a bias of the reference's wind of each flight, a random effect.
+
+    ``normal`` (..., p, p) and ``right`` (..., p) are of one flight each; the columns of b_u, b_v
+    come last.
+    """
+    side = normal[..., -2:]
+    inside = side[..., -2:, :] + FLIGHT_BIAS_PRECISION * np.eye(2)
+    gain = np.swapaxes(np.linalg.solve(inside, np.swapaxes(side, -1, -2)), -1, -2)
+    return (
+        normal - gain @ np.swapaxes(side, -1, -2),
+        right - np.einsum("...ij,...j->...i", gain, right[..., -2:]),
+    )
+
+
+def _not_gross(across: Floats, ahead: Floats, cross: Floats, along: Floats) -> NDArray[np.bool_]:
+    """Reports within :data:`GROSS` robust standard deviations of a first fit."""
+    keep = np.isfinite(cross + along)
+    for _ in range(2):
+        one, two = (rows if keep.all() else rows[keep] for rows in (across, ahead))
+        theta = np.linalg.pinv(one.T @ one + two.T @ two, hermitian=True) @ (
+            one.T @ cross[keep] + two.T @ along[keep]
+        )
+        distance = np.hypot(cross - across @ theta, along - ahead @ theta)
+        # the median of a Rayleigh variable is 1.177 times its parameter
+        keep = distance < GROSS * np.nanmedian(distance[keep]) / 1.177
+    return np.asarray(keep)
+
+
+def rows_by_aircraft(aircraft: Ints, number: int) -> list[slice]:
+    """Rows of each aircraft, in sorted sums."""
+    edges = np.searchsorted(aircraft, np.arange(number + 1))
+    return [slice(int(low), int(high)) for low, high in pairwise(edges)]
 
 
 def step_numbers(step: Step) -> Content:

@@ -37,17 +37,17 @@ from airswing.compass.correction import (
     main_reference,
 )
 from airswing.errors import InputError
-from airswing.evaluation.disagreement import Ints
+from airswing.evaluation.disagreement import Floats, Ints, parts_of
 from airswing.evaluation.monitoring.changes import (
     CompassWatch,
     date_of,
+    rows_by_aircraft,
     step_numbers,
     watch_compasses,
 )
-from airswing.evaluation.monitoring.daily_sums import WindDays, rows_by_aircraft, wind_days
 from airswing.evaluation.monitoring.fleet_watch import COMPASS, WIND, Alarm, watch_fleet
 from airswing.evaluation.monitoring.step_test import LONGEST
-from airswing.flags import published
+from airswing.flags import is_corrected, published
 from airswing.products.whole_files import write_json
 from airswing.units import KNOT
 
@@ -70,6 +70,8 @@ LARGEST_OF_EIGHT = 2.727
 """95 % point of the largest absolute value of eight standard normal numbers."""
 RESOLUTION = 0.1
 """Degrees by which two tables may differ from rounding."""
+LEAST = 0.3
+"""m/s: smaller differences are taken as this, so that rounding does not enter the logarithm."""
 Kind = Literal[
     "compass_changed", "disagreement_rose", "aircraft_new", "aircraft_silent", "reference_changed"
 ]
@@ -80,6 +82,25 @@ WORDS: dict[str, str] = {
     "aircraft_silent": "silent",
     "reference_changed": "reference changed for all aircraft",
 }
+
+
+@dataclass(frozen=True)
+class WindDays:
+    """Disagreement with the reference of one row an aircraft and day, sorted likewise.
+
+    Every day with a report has a row; its ``count`` is 0 where screening left none.
+    """
+
+    aircraft: Ints  # (row,)
+    day: Ints  # (row,)
+    count: Floats  # (row,): reports used
+    difference: Floats  # (row,): summed wind vector difference, m/s
+    log_difference: Floats  # (row,): summed natural logarithm of it
+
+    def until(self, last: int) -> WindDays:
+        """Rows up to a day, inclusive."""
+        chosen = self.day <= last
+        return WindDays(*(values[chosen] for values in vars(self).values()))
 
 
 @dataclass(frozen=True)
@@ -322,6 +343,30 @@ def find_events(
         [*previous.events, *news],
         len(previous.events) - previous.unsaid,
     )
+
+
+def wind_days(
+    headings: xr.Dataset, members: list[str], *, corrected: xr.Dataset | None = None
+) -> WindDays:
+    """Sum the wind vector differences of a fleet from the mean of some references, by day.
+
+    Corrected winds, where given, are used where a correction was applied.
+    """
+    tables = []
+    for part in parts_of(headings, {"": members}, ["screening"], corrected):
+        applied = False if part.applied is None else is_corrected(part.applied)
+        wind = np.where(applied, part.corrected, part.wind)
+        difference = np.hypot(*(wind - part.model[""]))
+        used = (part.column("screening") == 0) & np.isfinite(difference)
+        values = {
+            "count": used * 1.0,
+            "difference": np.where(used, difference, 0.0),
+            "log_difference": np.where(used, np.log(np.maximum(difference, LEAST)), 0.0),
+        }
+        frame = pd.DataFrame({"aircraft": part.aircraft, "day": part.day} | values)
+        tables.append(frame.groupby(["aircraft", "day"], as_index=False).sum())
+    whole = pd.concat(tables)
+    return WindDays(*(whole[name].to_numpy() for name in WindDays.__dataclass_fields__))
 
 
 def changed_since(found: Monitoring) -> dict[str, str]:

@@ -1,6 +1,6 @@
 """Test of a whole fleet, night by night: separates fleet-wide from single-aircraft changes.
 
-Assumes the daily sums of :mod:`airswing.evaluation.monitoring.daily_sums`. The innovations that all
+Assumes the daily sums of :mod:`airswing.evaluation.monitoring.changes`. The innovations that all
 aircraft have in common on a day are an error of the reference; each aircraft is tested
 (:mod:`airswing.evaluation.monitoring.step_test`) after the common part, as the *other* aircraft
 show it, has been removed. The common part is a robust mean, drawn towards the level of the days
