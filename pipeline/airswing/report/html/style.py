@@ -157,6 +157,13 @@ def intervals(axes: Axes, value: ArrayLike, ends: ArrayLike, rows: ArrayLike, **
     axes.plot(value, rows, **{"marker": "o", "markersize": 5, "linestyle": "", **look})
 
 
+def beside(
+    axes: Axes, text: str, place: tuple[float, float], points: tuple[int, int], **look: Any
+) -> None:
+    """Write a text so many points away from a place."""
+    axes.annotate(text, place, xytext=points, textcoords="offset points", **look)
+
+
 def count_ticks(bar: Colorbar, most: float) -> None:
     """Label a logarithmic colour bar of counts at powers of ten up to `most`."""
     powers = [10**k for k in range(int(np.log10(max(most, 1.0))) + 1)]

@@ -12,6 +12,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 from markupsafe import Markup
 from matplotlib.axes import Axes
@@ -69,8 +70,8 @@ def field_test_figure(field_test: Content, *, units: Units = "kt") -> Figure:
             ends = scaled(entry.get(f"{name}_ci_kt"), factor)
             left.plot(ends, [row + shift] * 2, color=colour, linewidth=1.3)
             side = 1 if (entry["before_kt"] > entry["during_kt"]) == (name == "before") else -1
-            at, edge = (value, row), "left" if side > 0 else "right"
-            _beside(left, f"{value:.2f}", at, (9 * side, 0), va="center", ha=edge, fontsize=9)
+            look = {"va": "center", "ha": "left" if side > 0 else "right", "fontsize": 9}
+            style.beside(left, f"{value:.2f}", (value, row), (9 * side, 0), **look)
     names = [f"{name}\n{entry['aircraft']} aircraft" for name, entry in groups.items()]
     rows_axis(left, names, f"mean vector disagreement ({units})")
     left.margins(x=0.16)
@@ -86,7 +87,7 @@ def field_test_figure(field_test: Content, *, units: Units = "kt") -> Figure:
     for row, (_, value, interval, colour) in enumerate(entries):
         intervals(right, factor * value, scaled(interval, factor), row, color=colour, markersize=6)
         label, place = f"{factor * value:+.2f}", (factor * value, row)
-        _beside(right, label, place, (0, 6), ha="center", fontsize=8.5, bbox=box)
+        style.beside(right, label, place, (0, 6), ha="center", fontsize=8.5, bbox=box)
     zero_line(right)
     rows_axis(right, [entry[0] for entry in entries], f"reduction ({units})")
     right.margins(x=0.14)
@@ -98,13 +99,6 @@ def field_test_figure(field_test: Content, *, units: Units = "kt") -> Figure:
         "group before and during the test, and the reduction of the corrected aircraft beyond "
         f"that of the controls; lines are 95 % intervals (n = {plural(number, 'report')})."
     )
-
-
-def _beside(
-    axes: Axes, text: str, place: tuple[float, float], points: tuple[int, int], **look: Any
-) -> None:
-    """Write a text so many points away from a place."""
-    axes.annotate(text, place, xytext=points, textcoords="offset points", **look)
 
 
 def scrutiny_figure(field_test: Content, units: Units) -> Figure:
@@ -121,7 +115,7 @@ def scrutiny_figure(field_test: Content, units: Units) -> Figure:
 
 def _equal_axes(axes: Axes, values: Floats, x_label: str, y_label: str) -> None:
     """Give both axes one range that holds the values, and draw the line of equality."""
-    low, high = float(values.min()), float(values.max())
+    low, high = float(np.nanmin(values)), float(np.nanmax(values))
     margin = 0.1 * (high - low) + 0.2
     ends = low - margin, high + margin
     axes.plot(ends, ends, color=FAINT, zorder=1)
@@ -130,18 +124,15 @@ def _equal_axes(axes: Axes, values: Floats, x_label: str, y_label: str) -> None:
 
 def _each_aircraft(axes: Axes, rows: Sequence[Content], units: Units) -> int:
     axes.set_title("Each aircraft")
-    both = np.array([[row["before_kt"], row["during_kt"]] for row in rows], float).reshape(-1, 2)
-    both *= shown_per_kt(units)
-    known = both[np.isfinite(both)]
-    if not known.size:
+    table = pd.DataFrame(rows, columns=["group", "before_kt", "during_kt"])
+    values = shown_per_kt(units) * table[["before_kt", "during_kt"]].to_numpy(float)
+    if not np.isfinite(values).any():
         style.blank(axes, "No single aircraft given.")
         return 0
-    group = np.array([row["group"] for row in rows])
     for name, colour, marker in (("controls", SOFT, "s"), ("corrected", BLUE, "o")):
-        if (group == name).any():
-            look: dict[str, Any] = {"color": colour, "alpha": 0.85, "markersize": 5.5}
-            axes.plot(*both[group == name].T, marker, label=name, **look)
-    _equal_axes(axes, known, f"before ({units})", f"during ({units})")
+        x, y = values[table["group"] == name].T
+        axes.plot(x, y, marker, color=colour, alpha=0.85, markersize=5.5, label=name)
+    _equal_axes(axes, values, f"before ({units})", f"during ({units})")
     axes.legend(loc="upper left")
     return len(rows)
 
@@ -264,21 +255,17 @@ def prediction_figure(virtual: Content, units: Units) -> Figure:
 
 
 def _predicted_and_realised(axes: Axes, rows: Sequence[Content], units: Units) -> None:
-    factor = shown_per_kt(units)
-    x, y, across, along = (
-        factor * np.array([row[f"{kind}_gain{ending}_kt"] for row in rows], float)
-        for ending in ("", "_ci")
-        for kind in ("predicted", "realised")
-    )
-    axes.hlines(y, *across.T, color=FAINT, linewidth=1.4)
-    axes.vlines(x, *along.T, color=FAINT, linewidth=1.4)
-    apart = np.array([row["agree"] is False for row in rows])
-    for chosen, color in ((~apart, BLUE), (apart, VERMILION)):
-        axes.plot(x[chosen], y[chosen], "o", color=color, markersize=5.5 if len(rows) < 200 else 3)
-    if len(rows) <= 12:
-        for row, place in zip(rows, zip(x, y, strict=True), strict=True):
-            _beside(axes, row["aircraft"], place, (5, -9), fontsize=8, color=SOFT)
-    values = np.concatenate([x, y, [0.0]])
+    kinds, factor = ("predicted", "realised"), shown_per_kt(units)
+    place = factor * np.array([[row[f"{kind}_gain_kt"] for kind in kinds] for row in rows], float)
+    ends = factor * np.array([[row[f"{kind}_gain_ci_kt"] for kind in kinds] for row in rows], float)
+    x, y = place.T
+    axes.hlines(y, *ends[:, 0].T, color=FAINT, linewidth=1.4)
+    axes.vlines(x, *ends[:, 1].T, color=FAINT, linewidth=1.4)
+    colours = [VERMILION if row["agree"] is False else BLUE for row in rows]
+    axes.scatter(x, y, s=30 if len(rows) < 200 else 9, c=colours, zorder=2)
+    for row, one in zip(rows, place, strict=True) if len(rows) <= 12 else ():
+        style.beside(axes, row["aircraft"], tuple(one), (5, -9), fontsize=8, color=SOFT)
+    values = np.append(place, 0.0)
     _equal_axes(axes, values, f"predicted reduction ({units})", f"realised reduction ({units})")
 
 
