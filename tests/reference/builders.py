@@ -10,76 +10,48 @@ import numpy as np
 
 import airswing  # noqa: F401
 
-LAMBERT = {
-    "gridType": "lambert",
-    "Nx": 31,
-    "Ny": 21,
-    "latitudeOfFirstGridPointInDegrees": 22.5,
-    "longitudeOfFirstGridPointInDegrees": 240.0,
-    "LoVInDegrees": 265.0,
-    "Latin1InDegrees": 25.0,
-    "Latin2InDegrees": 25.0,
-    "DxInMetres": 81271,
-    "DyInMetres": 81271,
-    "iScansNegatively": 0,
-    "jScansPositively": 1,
-    "uvRelativeToGrid": 1,
-}
-LATLON = {
-    "gridType": "regular_ll",
-    "Ni": 16,
-    "Nj": 11,
-    "latitudeOfFirstGridPointInDegrees": 60.0,
-    "longitudeOfFirstGridPointInDegrees": 5.0,
-    "latitudeOfLastGridPointInDegrees": 40.0,
-    "longitudeOfLastGridPointInDegrees": 35.0,
-    "iDirectionIncrementInDegrees": 2.0,
-    "jDirectionIncrementInDegrees": 2.0,
-    "iScansNegatively": 0,
-    "jScansPositively": 0,
-    "uvRelativeToGrid": 0,
-}
-ROTATED = {
-    **LATLON,
-    "gridType": "rotated_ll",
-    "latitudeOfFirstGridPointInDegrees": 10.0,
-    "longitudeOfFirstGridPointInDegrees": 350.0,
-    "latitudeOfLastGridPointInDegrees": -10.0,
-    "longitudeOfLastGridPointInDegrees": 20.0,
-    "latitudeOfSouthernPoleInDegrees": -35.0,
-    "longitudeOfSouthernPoleInDegrees": 15.0,
-    "angleOfRotationInDegrees": 0.0,
-    "uvRelativeToGrid": 1,
-}
-POLAR = {
-    "gridType": "polar_stereographic",
-    "Nx": 25,
-    "Ny": 19,
-    "latitudeOfFirstGridPointInDegrees": 30.0,
-    "longitudeOfFirstGridPointInDegrees": 230.0,
-    "orientationOfTheGridInDegrees": 255.0,
-    "DxInMetres": 190500,
-    "DyInMetres": 190500,
-    "iScansNegatively": 0,
-    "jScansPositively": 1,
-    "resolutionAndComponentFlags": 8,
-    "projectionCentreFlag": 0,
-}
-MERCATOR = {
-    "gridType": "mercator",
-    "Ni": 21,
-    "Nj": 15,
-    "latitudeOfFirstGridPointInDegrees": 10.0,
-    "longitudeOfFirstGridPointInDegrees": 175.0,
-    "latitudeOfLastGridPointInDegrees": 32.0,
-    "longitudeOfLastGridPointInDegrees": 205.0,
-    "DiInMetres": 160000,
-    "DjInMetres": 160000,
-    "LaDInDegrees": 20.0,
-    "iScansNegatively": 0,
-    "jScansPositively": 1,
-    "uvRelativeToGrid": 1,
-}
+
+def grid_keys(
+    kind: str,
+    size: tuple[int, int],
+    first: tuple[float, float],
+    last: tuple[float, float] | None = None,
+    **more: Any,
+) -> dict[str, Any]:
+    """Keys of ecCodes for a grid that scans to the east and north; points are longitude, latitude.
+
+    Increments of grids in degrees follow from the corners.
+    """
+    counts = ("Nx", "Ny") if kind in ("lambert", "polar_stereographic") else ("Ni", "Nj")
+    keys: dict[str, Any] = {"gridType": kind, **dict(zip(counts, size, strict=True))}
+    for name, point in (("First", first), ("Last", last)):
+        if point is not None:
+            keys[f"latitudeOf{name}GridPointInDegrees"] = point[1]
+            keys[f"longitudeOf{name}GridPointInDegrees"] = point[0] % 360
+    if last is not None and kind.endswith("_ll"):
+        for axis, n, start, stop in zip("ij", size, first, last, strict=True):
+            keys[f"{axis}DirectionIncrementInDegrees"] = round(abs(stop - start) / (n - 1), 3)
+    return keys | {"iScansNegatively": 0, "jScansPositively": 1} | more
+
+
+SOUTHWARD = {"jScansPositively": 0}
+METRES = {"DxInMetres": 81271, "DyInMetres": 81271}
+PARALLELS = {"LoVInDegrees": 265.0, "Latin1InDegrees": 25.0, "Latin2InDegrees": 25.0}
+LAMBERT = grid_keys("lambert", (31, 21), (240.0, 22.5), **PARALLELS, **METRES, uvRelativeToGrid=1)
+LATLON = grid_keys(
+    "regular_ll", (16, 11), (5.0, 60.0), (35.0, 40.0), **SOUTHWARD, uvRelativeToGrid=0
+)
+GLOBE = grid_keys("regular_ll", (36, 19), (0.0, 90.0), (350.0, -90.0), **SOUTHWARD)
+POLE = {"latitudeOfSouthernPoleInDegrees": -35.0, "longitudeOfSouthernPoleInDegrees": 15.0}
+ROTATED = grid_keys("rotated_ll", (16, 11), (-10.0, 10.0), (20.0, -10.0), **SOUTHWARD, **POLE)
+ROTATED |= {"angleOfRotationInDegrees": 0.0, "uvRelativeToGrid": 1}
+POLAR = grid_keys(
+    "polar_stereographic", (25, 19), (230.0, 30.0), orientationOfTheGridInDegrees=255.0
+)
+POLAR |= {"DxInMetres": 190500, "DyInMetres": 190500, "projectionCentreFlag": 0}
+POLAR |= {"resolutionAndComponentFlags": 8}
+MERCATOR = grid_keys("mercator", (21, 15), (175.0, 10.0), (205.0, 32.0), LaDInDegrees=20.0)
+MERCATOR |= {"DiInMetres": 160000, "DjInMetres": 160000, "uvRelativeToGrid": 1}
 _EDITION_1 = {
     "polar_stereographic": "polar_stereographic_pl_grib1",
     "rotated_ll": "rotated_ll_pl_grib1",

@@ -25,20 +25,9 @@ from airswing.reference.grids import (
     rotated_frame,
     through_points,
 )
-from tests.reference.builders import LAMBERT, LATLON, MERCATOR, POLAR, ROTATED, build, write
+from tests.reference.builders import GLOBE, LAMBERT, LATLON, MERCATOR, POLAR, ROTATED, build, write
 
 SOUTH_CONE = {"Latin1InDegrees": -30.0, "Latin2InDegrees": -60.0}
-GLOBE = {
-    **LATLON,
-    "Ni": 36,
-    "Nj": 19,
-    "iDirectionIncrementInDegrees": 10.0,
-    "jDirectionIncrementInDegrees": 10.0,
-    "latitudeOfFirstGridPointInDegrees": 90.0,
-    "latitudeOfLastGridPointInDegrees": -90.0,
-    "longitudeOfFirstGridPointInDegrees": 0.0,
-    "longitudeOfLastGridPointInDegrees": 350.0,
-}
 SOUTHWARD = {"latitudeOfFirstGridPointInDegrees": -30.0, "projectionCentreFlag": 128}
 UP = {"latitudeOfFirstGridPointInDegrees": 40.0, "latitudeOfLastGridPointInDegrees": 60.0}
 WEST = {"longitudeOfFirstGridPointInDegrees": 35.0, "longitudeOfLastGridPointInDegrees": 5.0}

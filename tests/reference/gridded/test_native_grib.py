@@ -8,23 +8,10 @@ import numpy as np
 import pytest
 
 import airswing
-from tests.reference.builders import LATLON, build
+from tests.reference.builders import GLOBE, build
 from tests.reference.gridded.datasets import by_hand, points, winds
 
 RNG = np.random.default_rng(21)
-
-
-GLOBE = {
-    **LATLON,
-    "Ni": 36,
-    "Nj": 19,
-    "latitudeOfFirstGridPointInDegrees": 90.0,
-    "longitudeOfFirstGridPointInDegrees": 0.0,
-    "latitudeOfLastGridPointInDegrees": -90.0,
-    "longitudeOfLastGridPointInDegrees": 350.0,
-    "iDirectionIncrementInDegrees": 10.0,
-    "jDirectionIncrementInDegrees": 10.0,
-}
 
 
 def message(values: np.ndarray, pv: np.ndarray | None = None, **keys: int) -> bytes:

@@ -1,0 +1,113 @@
+"""Files: fingerprints, errors for a pattern that names no file, results with a short ``repr``."""
+
+from __future__ import annotations
+
+import json
+import os
+import pickle
+import shutil
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from airswing.errors import InputError
+from airswing.products.whole_files import Findings, file_identities, fingerprint, none_found
+from airswing.reference.files import find_files
+from airswing.reports import expand
+
+NOBODY = 65534
+
+
+def made() -> Findings:
+    pair = {"references": ["ruc", "rr"], "verdict": "poolable"}
+    return Findings(
+        reports=22991,
+        references=["ruc", "rr"],
+        pairs=[pair] * 500,
+        groups={f"group {k}": {"kt": 1.0} for k in range(9)},
+        left_out={"no_fit": 3, "no_wind": 0},
+        reduction_kt=0.123456,
+        ci_kt=[0.1, 0.2],
+        end=None,
+        notes=[],
+        remark="long " * 99,
+    )
+
+
+def test_a_line_a_key_and_none_of_them_long():
+    lines = repr(made()).splitlines()
+    assert lines[:9] == [
+        "reports: 22991",
+        "references: ruc, rr",
+        "pairs: 500 of references, verdict",
+        "groups: group 0, group 1, group 2, group 3, group 4, group 5 and 3 more",
+        "left_out: no_fit 3, no_wind 0",
+        "reduction_kt: 0.1235",
+        "ci_kt: 0.1, 0.2",
+        "end: none",
+        "notes: none",
+    ]
+    assert len(lines[9]) == 100 and lines[9].endswith("...")
+
+
+def test_it_is_the_dict_that_json_and_pickle_take():
+    found = made()
+    assert json.loads(json.dumps(found)) == found
+    assert pickle.loads(pickle.dumps(found)) == found
+
+
+def test_a_file_counts_by_size_and_time(tmp_path: Path):
+    path = tmp_path / "a.csv"
+    path.write_text("one")
+    before = fingerprint(file_identities([str(path)]))
+    assert fingerprint(file_identities([str(tmp_path / "*.csv")])) == before
+    path.write_text("longer")
+    assert fingerprint(file_identities([str(path)])) != before
+
+
+def test_a_zarr_store_counts_by_its_chunks_and_other_folders_do_not(tmp_path: Path):
+    store = tmp_path / "winds.zarr"
+    (store / "u").mkdir(parents=True)
+    (store / "u" / "0.0").write_bytes(b"chunk")
+    assert file_identities([str(store)]) == []
+    (store / ".zgroup").write_text("{}")
+    ((name, size, _),) = file_identities([str(store)])
+    assert name == str(store) and size == 5 + 2 + 2  # bytes, and one for each file
+    (store / "u" / "0.1").write_bytes(b"")
+    assert file_identities([str(store)])[0][1] == 10
+
+
+@pytest.fixture
+def closed() -> Iterator[Path]:
+    """A folder of one file that this process, were it root or not, may neither list nor enter."""
+    above = Path(tempfile.mkdtemp())  # pytest's folders are closed to other users
+    above.chmod(0o755)
+    folder = above / "closed"
+    folder.mkdir()
+    (folder / "a.grb2").write_bytes(b"GRIB")
+    folder.chmod(0o000)
+    root = os.geteuid() == 0
+    if root:
+        os.seteuid(NOBODY)
+    try:
+        yield folder
+    finally:
+        if root:
+            os.seteuid(0)
+        folder.chmod(0o755)
+        shutil.rmtree(above)
+
+
+@pytest.mark.parametrize("pattern", ["*.grb2", "a.grb2", "**/*.grb2", ""])
+@pytest.mark.parametrize("find", [lambda p: find_files(p, "ruc"), expand])
+def test_a_folder_that_may_not_be_read_is_named(closed, pattern, find):
+    with pytest.raises(InputError, match=f"^{closed}: .*files: .*permission denied"):
+        find(str(closed / pattern) if pattern else str(closed))
+
+
+def test_a_readable_folder_without_such_a_file(tmp_path):
+    (tmp_path / "a.grb2").write_bytes(b"GRIB")
+    assert "no file found" in str(none_found(tmp_path / "b*.grb2", "files"))
+    assert f"such as {tmp_path}/*.grb2" in str(none_found(tmp_path, "files"))
