@@ -48,36 +48,26 @@ def test_neighbours_by_hand():
 def made(seed, *, days=30, aircraft=8, references=(("a", 2.0),), shared=0.0, size=0.5, far=False):
     """Aircraft over one place in smooth errors of references: size is the reports' true error."""
     rng = np.random.default_rng(seed)
-    meet, number = 12, days * 12
-    day = np.repeat(np.arange(days), meet)
-    waves = rng.normal(size=(len(references) + 1, 2, days, 6, 3))
+    shape = (aircraft, days, 12)
+    x, y = rng.uniform(-40, 40, (2, *shape)).reshape(2, -1)
+    if far:
+        x += np.repeat(500.0 * np.arange(aircraft), days * 12)
+    t = (1.5 * np.arange(12) + rng.uniform(0, 0.5, shape)).ravel()
+    day = np.broadcast_to(np.arange(days)[:, None], shape).ravel()
 
-    def field(number, x, y, t):
+    def field():
         """Sum of waves some 150 km long, drawn anew each day."""
-        angle = rng_angle[number]
-        total = np.zeros((2, x.size))
-        for k in range(6):
-            phase = (x * np.cos(angle[k]) + y * np.sin(angle[k])) / 60.0 + t / 3.0
-            amplitude = waves[number][:, day_of, k]
-            total += amplitude[..., 0] * np.sin(phase) + amplitude[..., 1] * np.cos(phase)
-        return total / np.sqrt(6.0)
+        angle, waves = rng.uniform(0, 2 * np.pi, 6), rng.normal(size=(2, days, 6, 2))[:, day]
+        phase = (np.outer(x, np.cos(angle)) + np.outer(y, np.sin(angle))) / 60.0 + t[:, None] / 3.0
+        total = waves[..., 0] * np.sin(phase) + waves[..., 1] * np.cos(phase)
+        return total.sum(axis=-1) / np.sqrt(6.0)
 
-    rng_angle = rng.uniform(0, 2 * np.pi, (len(references) + 1, 6))
-    columns = {name: [] for name in ("x", "y", "t", "day")}
-    for k in range(aircraft):
-        offset = 500.0 * k if far else 0.0
-        columns["x"].append(rng.uniform(-40, 40, number) + offset)
-        columns["y"].append(rng.uniform(-40, 40, number))
-        columns["t"].append(np.tile(np.arange(meet) * 1.5, days) + rng.uniform(0, 0.5, number))
-        columns["day"].append(day)
-    x, y, t = (np.concatenate(columns[name]) for name in ("x", "y", "t"))
-    day_of = np.concatenate(columns["day"])
-    common = np.sqrt(shared) * field(len(references), x, y, t)
-    winds = [spread * field(k, x, y, t) + common for k, (_, spread) in enumerate(references)]
+    common = np.sqrt(shared) * field()
+    winds = [spread * field() + common for _, spread in references]
     noise = size * rng.normal(size=(2, x.size))
-    fault = np.repeat(rng.normal(0, 2.0, (2, aircraft)), number, axis=1)
-    time = np.datetime64("2009-01-01", "ns") + (day_of * 86400e9 + t * 3600e9).astype(int)
-    one, sizes = ("report",), np.full(aircraft, number)
+    fault = np.repeat(rng.normal(0, 2.0, (2, aircraft)), days * 12, axis=1)
+    time = np.datetime64("2009-01-01", "ns") + (day * 86400e9 + t * 3600e9).astype(int)
+    one, sizes = ("report",), np.full(aircraft, days * 12)
     headings = xr.Dataset(
         {
             "latitude": (one, 40.0 + y / 111.2),
