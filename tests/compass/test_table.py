@@ -18,7 +18,6 @@ from airswing.compass.correction import (
     deviation_curve,
     error_from_table,
     heading_histogram,
-    table_slope,
     unit_interpolation,
     write_tables_csv,
 )
@@ -69,8 +68,6 @@ def test_interpolation_by_hand():
         [0, 1, 4.5, 9, 4.5, 0.2, 0, 1, 9]
     )
     assert np.isnan(unit_interpolation(table, [np.nan]))[0]
-    slopes = table_slope(np.tile(table, (3, 1)), [10.0, 80.0, -20.0])
-    np.testing.assert_allclose(slopes, [0.1, -0.1, -0.2])
 
 
 @given(st.lists(st.floats(-20, 20), min_size=8, max_size=8), st.floats(-720, 720))

@@ -101,12 +101,6 @@ def unit_interpolation(table: ArrayLike, heading: ArrayLike) -> Array:
     return np.asarray(lower * (1 - share) + upper * share)
 
 
-def table_slope(table: ArrayLike, heading: ArrayLike) -> Array:
-    """Slope of tables, (n,), degrees per degree; arguments as of `unit_interpolation`."""
-    lower, upper, _ = _nodes_around(table, heading)
-    return np.asarray((upper - lower) * np.shape(table)[-1] / 360.0)
-
-
 def _nodes_around(table: ArrayLike, heading: ArrayLike) -> tuple[Array, Array, Array]:
     """Values at the nodes below and above each heading; its distance from the lower, in steps."""
     values = np.asarray(table, dtype=np.float64)
@@ -472,7 +466,8 @@ def _correct(headings: xr.Dataset, fit: xr.Dataset, *, method: str, scaled: bool
         from_table = unit_interpolation(table, argument)
         # the difference of table and curve is known but stays: the unit would not remove it
         curve_error, error = np.hypot(curve_error, from_table - error), from_table
-        slope = table_slope(table, argument)
+        lower, upper, _ = _nodes_around(table, argument)
+        slope = (upper - lower) * table.shape[-1] / 360.0  # degrees per degree
     scale, scale_error = np.zeros(row.size), np.zeros(row.size)
     if scaled:  # an offset comes without one
         scale = np.nan_to_num(fit["airspeed_scale"].to_numpy()[row])

@@ -193,6 +193,12 @@ def _derive(ds: xr.Dataset, *, acceleration_density: float, widen: bool) -> xr.D
     air = triangle.air_vector(ground.eastward, ground.northward, u, v)
     heading = triangle.bearing(*air)
     field = geomagnetic_field(latitude, longitude, np.nan_to_num(altitude), seconds)
+    reference = (
+        ds[name].transpose("reference", "report").to_numpy().astype(np.float64)
+        for name in _WIND_NAMES
+    )
+    implied = triangle.air_vector(ground.eastward, ground.northward, *reference)
+    heading_error, difference_error = _heading_errors(ground, air, implied)
     derived: dict[str, NDArray[Any]] = {
         "ground_eastward_velocity": ground.eastward,
         "ground_northward_velocity": ground.northward,
@@ -205,7 +211,7 @@ def _derive(ds: xr.Dataset, *, acceleration_density: float, widen: bool) -> xr.D
         "climb_rate": path.climb_rate,
         "bank": np.degrees(path.bank),
         "heading": np.degrees(heading),
-        "heading_standard_error": np.degrees(_heading_error(ground, air)),
+        "heading_standard_error": np.degrees(heading_error),
         "airspeed": np.hypot(*air),
         "magnetic_heading": np.degrees(triangle.wrap_positive(heading - field.declination)),
         "declination": np.degrees(field.declination),
@@ -217,15 +223,8 @@ def _derive(ds: xr.Dataset, *, acceleration_density: float, widen: bool) -> xr.D
             GROUND_VECTOR_SOURCE["chord"],
         ),
         "reported_heading_use": use,
-    }
-    reference = (
-        ds[name].transpose("reference", "report").to_numpy().astype(np.float64)
-        for name in _WIND_NAMES
-    )
-    implied = triangle.air_vector(ground.eastward, ground.northward, *reference)
-    derived |= {
         "heading_error": np.degrees(triangle.heading_error(*air, *implied)),
-        "heading_error_standard_error": np.degrees(_difference_error(ground, air, implied)),
+        "heading_error_standard_error": np.degrees(difference_error),
         "airspeed_error": triangle.airspeed_error(*air, *implied),
     }
     # in the type of the product, so that a stage gives the same bits from memory and from a file
@@ -346,27 +345,19 @@ def _judge_reported_heading(
     return np.asarray(found, dtype=np.int8)
 
 
-def _heading_error(ground: GroundVector, air: tuple[Array, Array]) -> Array:
-    """Standard error of the indicated heading, radians: that of the ground vector across it."""
-    track = triangle.bearing(ground.eastward, ground.northward)
-    along, cross = triangle.along_cross(*air, track)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        across = np.hypot(cross * ground.along_error, along * ground.cross_error)
-        # first order is meaningless beyond the error of an unknown angle
-        return np.asarray(np.minimum(across / (air[0] ** 2 + air[1] ** 2), LARGEST_ERROR))
-
-
-def _difference_error(
+def _heading_errors(
     ground: GroundVector, air: tuple[Array, Array], implied: tuple[Array, Array]
-) -> Array:
-    """Standard error of the heading error, radians, (reference, report).
+) -> tuple[Array, Array]:
+    """Standard errors of the indicated heading and of the heading error, radians.
 
     The heading of a vector V turns by n.dV/|V|, n its right-hand normal. An error dV of the ground
     velocity enters both air vectors, so that the difference of the two n/|V| is left.
     """
-    used, other = air[0] ** 2 + air[1] ** 2, implied[0] ** 2 + implied[1] ** 2
+    track, errors = triangle.bearing(ground.eastward, ground.northward), []
     with np.errstate(divide="ignore", invalid="ignore"):
-        slope = air[1] / used - implied[1] / other, implied[0] / other - air[0] / used
-    track = triangle.bearing(ground.eastward, ground.northward)
-    along, cross = triangle.along_cross(*slope, track)
-    return np.asarray(np.hypot(along * ground.along_error, cross * ground.cross_error))
+        used, other = (np.stack([v, -u]) / (u**2 + v**2) for u, v in (air, implied))
+    for slope in (used, used[:, np.newaxis] - other):
+        along, cross = triangle.along_cross(slope[0], slope[1], track)
+        errors.append(np.hypot(along * ground.along_error, cross * ground.cross_error))
+    # first order is meaningless beyond the error of an unknown angle
+    return np.minimum(errors[0], LARGEST_ERROR), errors[1]

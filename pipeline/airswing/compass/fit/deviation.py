@@ -169,7 +169,8 @@ def fit_sums(sums: xr.DataArray) -> xr.Dataset:
         unfitted[...] = AircraftSums(0, 0, 0, None, STATUS["too_few_reports"], np.nan)
         empty = sums.copy(data=unfitted)
         template = fit_sums(empty)
-        return lazy_dataset(delayed(_fit)(empty, single_task(sums.data)), template, {}, template)
+        task = delayed(lambda values: fit_sums(empty.copy(data=values)))(single_task(sums.data))
+        return lazy_dataset(task, template, {}, template)
     options: Options = sums.attrs["options"]
     fits = xr.concat(
         [publish(list(row), options) for row in sums.to_numpy()],
@@ -191,10 +192,6 @@ def fit_sums(sums: xr.DataArray) -> xr.Dataset:
         reference_count=sums.attrs["reference_count"],
     )
     return describe(fits)
-
-
-def _fit(empty: xr.DataArray, values: NDArray[np.object_]) -> xr.Dataset:
-    return fit_sums(empty.copy(data=values))
 
 
 def _fit_batch(

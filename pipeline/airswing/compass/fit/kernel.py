@@ -164,16 +164,6 @@ class _Pass:
         self.normal = across @ self.design[0].T + along @ self.design[1].T
         self.score = -(across @ self.residual[0] + along @ self.residual[1])
 
-    def flight_scores(self, flights: int) -> Array:
-        """Score of each flight, (flights, 8)."""
-        each = (self.weighted * self.residual[:, np.newaxis]).sum(axis=0)
-        return -group_sums(each.T, self.reports.flight, flights)
-
-    def flight_normals(self, flights: int) -> Array:
-        """Normal matrix of each flight, (flights, 8, 8)."""
-        each = np.einsum("kin,kjn->nij", self.weighted, self.design, optimize=False)
-        return group_sums(each, self.reports.flight, flights)
-
     def blocks(self, bias: Array, step: Array, kappa: float) -> Blocks:
         """Sums of the blocks; ``bias`` of the residual, ``step`` of A to E and s made after it."""
         reports = self.reports
@@ -295,7 +285,8 @@ def fit_aircraft(
         for one, place in zip(passes, places, strict=True):
             normal[np.ix_(place, place)] += one.normal
             score[place] += one.score
-            scores[:, place] += one.flight_scores(flights)
+            each = (one.weighted * one.residual[:, np.newaxis]).sum(axis=0)
+            scores[:, place] -= group_sums(each.T, one.reports.flight, flights)
         total = sum(one.total for one in passes)
         # slope of the robust score over the mean weight (Huber): about 0.8 for normal errors; near
         # zero or negative where almost all residuals are gross
@@ -318,7 +309,8 @@ def fit_aircraft(
     if min(flights, day_number.size) < MANY:
         every = np.zeros((flights, size, size))
         for one, place in zip(passes, places, strict=True):
-            every[:, place[:, np.newaxis], place] += one.flight_normals(flights)
+            each = np.einsum("kin,kjn->nij", one.weighted, one.design, optimize=False)
+            every[:, place[:, np.newaxis], place] += group_sums(each, one.reports.flight, flights)
         normals = every[:, free[:, np.newaxis], free]
     # at the solution the scores add up to zero but for the last step
     centred = scores[:, free] - scores[:, free].mean(axis=0)

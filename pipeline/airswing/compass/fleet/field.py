@@ -250,24 +250,13 @@ class FieldBasis:
         ]
         return int(np.prod(sides))
 
-    def lasting_at(
-        self, latitude: Array, longitude: Array, log_pressure: Array
-    ) -> tuple[Short, Array]:
-        """Functions of the lasting part that are not zero, and their values, each (n, up to 8)."""
-        return _product((latitude, _eastward(longitude, self.origin), log_pressure), self.lasting)
-
-    def passing_at(self, latitude: Array, longitude: Array) -> tuple[Short, Array]:
-        """Functions of the passing part that are not zero, and their values, each (n, up to 4)."""
-        return _product((latitude, _eastward(longitude, self.origin)), self.passing)
-
-    def cells(self, latitude: Array, longitude: Array, segment: Index) -> Index:
+    def cells(self, latitude: Array, east: Array, segment: Index) -> Index:
         """Segment times number of regions, plus the region, of some places in their segments."""
         if self.regions == 1:
             return segment
         found = np.zeros(segment.size, dtype=np.int64)
         shift = (segment % SHIFTS) / SHIFTS
-        places = (latitude, _eastward(longitude, self.origin))
-        for values, nodes, parts in zip(places, self.passing, self.cuts, strict=True):
+        for values, nodes, parts in zip((latitude, east), self.passing, self.cuts, strict=True):
             if parts > 1:
                 width = float(nodes[-1] - nodes[0]) / parts
                 part = np.floor((values - nodes[0]) / width + shift).astype(np.int64)
@@ -348,14 +337,15 @@ class Stretch:
             for name in ("latitude", "longitude", "log_pressure", "segment", "piece")
         )
         aircraft = np.repeat(np.arange(len(parts)), [part.segment.size for part in parts])
-        cell = basis.cells(latitude, longitude, number)
+        east = _eastward(longitude, basis.origin)
+        cell = basis.cells(latitude, east, number)
         change = np.zeros(piece.size, dtype=np.bool_)
         change[:1] = True
         # a piece ends at the border of its region: only the lasting part extends over it
         for value in (piece, aircraft, cell):
             change[1:] |= value[1:] != value[:-1]
         segments, segment = np.unique(cell, return_inverse=True)
-        node, share = basis.passing_at(latitude, longitude)
+        node, share = _product((latitude, east), basis.passing)
         # number the nodes that have blocks, segment by segment
         present = np.zeros((segments.size, basis.passing_size), dtype=np.bool_)
         present[segment[:, np.newaxis], node] = True
@@ -363,7 +353,7 @@ class Stretch:
         nodes = int(place[:, -1].max()) + 1
         node = place[segment[:, np.newaxis], node]
         node += (segment * nodes).astype(np.int32)[:, np.newaxis]
-        lasting, lasting_share = basis.lasting_at(latitude, longitude, log_pressure)
+        lasting, lasting_share = _product((latitude, east, log_pressure), basis.lasting)
         mean = np.full((piece.size, 1), basis.lasting_size, dtype=np.int32)
         return cls(
             weight,

@@ -75,8 +75,12 @@ class Reference:
         every = -(-int(count.sum()) // most)
         self.thinned = every > 1
         some = self._stretch(segments[every // 2 :: every])
+        # variance of one report of each aircraft; the fleet's median where it has too few
         within, freedom = np.array([(part.within, part.freedom) for part in blocks]).T
-        self.variances = estimate_variances(some, _white(within, freedom))
+        known, white = freedom >= LEAST_FREEDOM, within / np.maximum(freedom, 1.0)
+        white = np.where(known, white, np.median(white[known]) if known.any() else 1.0)
+        # above zero also for made winds without noise: the precision divides by it
+        self.variances = estimate_variances(some, np.maximum(white, 1e-3))
         self.some = Precision(some, self.variances)
         self.runs = _runs(segments, count, self._day_of(segments), most)
         # what needs every block: report counts by aircraft and by function of the lasting part,
@@ -294,16 +298,6 @@ def _runs(segments: Index, count: Index, day: Index, most: int) -> list[Index]:
             total = 0
         total += blocks
     return np.split(segments, found[1:])
-
-
-def _white(within: Array, freedom: Array) -> Array:
-    """Variance of one report of each aircraft; the fleet's median where it has too few."""
-    known = freedom >= LEAST_FREEDOM
-    if not known.any():
-        return np.ones(within.size)
-    found = within / np.maximum(freedom, 1.0)
-    # above zero also for made winds without noise: the precision divides by it
-    return np.asarray(np.maximum(np.where(known, found, np.median(found[known])), 1e-3))
 
 
 def _factor(some: Array, every: Array) -> Array:
