@@ -20,11 +20,17 @@ def inspect_file(path: Path) -> dict[str, object]:
     InputError
         If the file is absent, empty or of no kind airswing knows.
     """
-    path = Path(path)
-    if path.is_dir():
-        return {"file": str(path), "kind": "model winds", **_winds(path)}
-    from airswing.reference.files import first_bytes, local_path, unreadable
+    kind, found = _content(Path(path))
+    return {"file": str(path), "kind": kind} | found
 
+
+def _content(path: Path) -> tuple[str, dict[str, object]]:
+    from airswing.reference.files import first_bytes, local_path, unreadable
+    from airswing.reference.inspection import inspect_grib, inspect_gridded
+    from airswing.reports.read import reports_summary
+
+    if path.is_dir():
+        return "model winds", inspect_gridded(str(path))
     try:
         start = first_bytes(str(path), 4096)
         refusal = unreadable(str(path), start)
@@ -34,30 +40,25 @@ def inspect_file(path: Path) -> dict[str, object]:
         raise refusal
     no_winds: InputError | None = None
     if start.startswith((b"CDF", b"\x89HDF")):
-        local = local_path(str(path))
-        product = _product(Path(local))
+        product = _product(Path(local_path(str(path))))
         if product is not None:
-            return {"file": str(path), "kind": "product"} | product
+            return "product", product
         try:
-            return {"file": str(path), "kind": "model winds", **_winds(path)}
+            return "model winds", inspect_gridded(str(path))
         except InputError as error:
             if not error.what.startswith(("no wind on", "holds observations")):
                 no_winds = error
     elif b"GRIB" in start and b"\x00" in start:  # text may speak of GRIB
-        from airswing.reference.inspection import inspect_grib
-
-        return {"file": str(path), "kind": "grib", **inspect_grib(path)}
-    from airswing.reports.read import reports_summary
-
+        return "grib", inspect_grib(path)
     try:
-        return {"file": str(path), "kind": "reports", **reports_summary(path)}
+        return "reports", reports_summary(path)
     except InputError as error:
         proposed = _proposal(path, error)
         if no_winds is not None:
             raise no_winds from error
         if proposed is None:
             raise
-        return {"file": str(path), "kind": "a table of unknown columns", **proposed}
+        return "a table of unknown columns", proposed
 
 
 def _proposal(path: Path, error: InputError) -> dict[str, object] | None:
@@ -86,13 +87,6 @@ def _proposal(path: Path, error: InputError) -> dict[str, object] | None:
     except InputError as again:
         summary["read with it"] = str(again)
     return summary
-
-
-def _winds(path: Path) -> dict[str, object]:
-    """What the model winds of a NetCDF file or a Zarr store are."""
-    from airswing.reference.inspection import inspect_gridded
-
-    return inspect_gridded(str(path))
 
 
 def _product(path: Path) -> dict[str, object] | None:
