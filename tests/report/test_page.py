@@ -259,7 +259,7 @@ console.log(JSON.stringify(given.wanted.map(text => { field.value = text; field.
 def test_the_search_finds_names_and_statuses_and_no_numbers(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """By the page's own script on the table's cells."""
+    """By the page's script on the table's cells."""
     monkeypatch.setattr(page, "LARGE_PANELS", 1)
     monkeypatch.setattr(page, "SMALL_PANELS", 1)
     headings, fits = factories.few(30, 40)

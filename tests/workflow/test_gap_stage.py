@@ -199,13 +199,13 @@ def test_reports_named_otherwise_are_read_by_the_archive_s_names(archive, frame,
     job, archive_frame = frame
     source = next(archive.parent.glob("reports/N401.csv"))
     renamed = source.read_text().replace("wind_speed_kt", "spd", 1)
-    (tmp_path / "own.csv").write_text(renamed)
+    (tmp_path / "renamed.csv").write_text(renamed)
     reports = job.config.reports.model_copy(update={"columns": {"spd": "wind_speed_kt"}})
     config = job.config.model_copy(update={"reports": reports})
     job = replace(job, config=config)
     start = begin(
         job,
         archive_frame.take(archive_frame.aircraft_mask("N401")),
-        simulated=str(tmp_path / "own.csv"),
+        simulated=str(tmp_path / "renamed.csv"),
     )
     assert np.abs(start.frame.residual).max() < 1e-6

@@ -143,9 +143,9 @@ def test_a_flight_over_the_end_of_a_month_is_whole_in_the_month_it_began_in(whol
     for start, size in zip(
         np.cumsum(joined["row_size"]) - joined["row_size"], joined["row_size"], strict=True
     ):
-        own = slice(int(start), int(start + size))
-        assert (np.diff(joined["time"][own]) >= np.timedelta64(0)).all()
-        assert (np.diff(joined["flight"][own]) >= 0).all()
+        rows = slice(int(start), int(start + size))
+        assert (np.diff(joined["time"][rows]) >= np.timedelta64(0)).all()
+        assert (np.diff(joined["flight"][rows]) >= 0).all()
 
 
 @pytest.mark.parametrize("change", ["late", "corrected", "withdrawn", "moved", "all withdrawn"])

@@ -82,7 +82,7 @@ def waterfall_figure(gap: Entry, units: Units) -> Figure:
 def _label(axes: Axes, text: str, x: float, row: int, *, side: str) -> None:
     look: dict[str, Any] = {"ha": side, "va": "center", "fontsize": 9}
     look["bbox"] = {"facecolor": "white", "edgecolor": "none", "pad": 0.8}
-    style.beside(axes, text, (x, row), (-5 if side == "right" else 5, 0), **look)
+    style.annotate(axes, text, (x, row), (-5 if side == "right" else 5, 0), **look)
 
 
 def _deviation_of(gap: Entry, tail: str) -> tuple[Floats, Floats]:

@@ -157,7 +157,7 @@ def intervals(axes: Axes, value: ArrayLike, ends: ArrayLike, rows: ArrayLike, **
     axes.plot(value, rows, **{"marker": "o", "markersize": 5, "linestyle": "", **look})
 
 
-def beside(
+def annotate(
     axes: Axes, text: str, place: tuple[float, float], points: tuple[int, int], **look: Any
 ) -> None:
     """Write a text so many points away from a place."""

@@ -71,7 +71,7 @@ def field_test_figure(field_test: Content, *, units: Units = "kt") -> Figure:
             left.plot(ends, [row + shift] * 2, color=colour, linewidth=1.3)
             side = 1 if (entry["before_kt"] > entry["during_kt"]) == (name == "before") else -1
             look = {"va": "center", "ha": "left" if side > 0 else "right", "fontsize": 9}
-            style.beside(left, f"{value:.2f}", (value, row), (9 * side, 0), **look)
+            style.annotate(left, f"{value:.2f}", (value, row), (9 * side, 0), **look)
     names = [f"{name}\n{entry['aircraft']} aircraft" for name, entry in groups.items()]
     rows_axis(left, names, f"mean vector disagreement ({units})")
     left.margins(x=0.16)
@@ -87,7 +87,7 @@ def field_test_figure(field_test: Content, *, units: Units = "kt") -> Figure:
     for row, (_, value, interval, colour) in enumerate(entries):
         intervals(right, factor * value, scaled(interval, factor), row, color=colour, markersize=6)
         label, place = f"{factor * value:+.2f}", (factor * value, row)
-        style.beside(right, label, place, (0, 6), ha="center", fontsize=8.5, bbox=box)
+        style.annotate(right, label, place, (0, 6), ha="center", fontsize=8.5, bbox=box)
     zero_line(right)
     rows_axis(right, [entry[0] for entry in entries], f"reduction ({units})")
     right.margins(x=0.14)
@@ -264,7 +264,7 @@ def _predicted_and_realised(axes: Axes, rows: Sequence[Content], units: Units) -
     colours = [VERMILION if row["agree"] is False else BLUE for row in rows]
     axes.scatter(x, y, s=30 if len(rows) < 200 else 9, c=colours, zorder=2)
     for row, one in zip(rows, place, strict=True) if len(rows) <= 12 else ():
-        style.beside(axes, row["aircraft"], tuple(one), (5, -9), fontsize=8, color=SOFT)
+        style.annotate(axes, row["aircraft"], tuple(one), (5, -9), fontsize=8, color=SOFT)
     values = np.append(place, 0.0)
     _equal_axes(axes, values, f"predicted reduction ({units})", f"realised reduction ({units})")
 
