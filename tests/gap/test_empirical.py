@@ -9,7 +9,6 @@ from tests.gap.toy import make_frame
 from airswing.errors import InputError
 from airswing.gap.effects import ActiveEffect, effect_named
 from airswing.gap.effects.empirical import Table, change_of
-from airswing.gap.simulation.effects_file import read_effects, write_effects
 from airswing.gap.simulation.forward import simulate
 
 
@@ -74,29 +73,12 @@ def test_a_constant_angle_equals_a_compass_offset(frame):
     np.testing.assert_allclose(one.v_rep, other.v_rep, atol=1e-9)
 
 
-def test_a_constant_factor_equals_an_airspeed_scale(frame):
-    one = simulate(frame, effects=[table("airspeed_factor", [1.5, 1.5])])
-    other = simulate(frame, effects=[ActiveEffect("tas_scale", {"scale_percent": 1.5}, None)])
-    np.testing.assert_allclose(one.u_rep, other.u_rep, atol=1e-9)
-
-
 def test_a_table_acts_in_its_cells(frame):
     middle = float(np.median(frame.longitude))
     effect = table("along_heading", [0.0, 3.0], edges=[(-500.0, middle, 500.0)])
     bare, made = simulate(frame), simulate(frame, effects=[effect])
     moved = np.hypot(made.u_rep - bare.u_rep, made.v_rep - bare.v_rep)
     np.testing.assert_allclose(moved, np.where(frame.longitude >= middle, 3.0, 0.0), atol=1e-9)
-
-
-def test_a_table_is_written_and_read(tmp_path):
-    effect = table(
-        "wind_angle",
-        [1.0, -2.5, 0.0, 4.0],
-        variables=["track", "hour"],
-        edges=[(0, 180, 360), (0, 12, 24)],
-    )
-    path = write_effects([effect], tmp_path / "effects.yaml")
-    assert read_effects(path) == [effect]
 
 
 @pytest.mark.parametrize(

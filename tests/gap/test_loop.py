@@ -13,8 +13,6 @@ from tests.gap.frames import linear_residual
 from airswing.compass.headings import derive_headings
 from airswing.gap.archive.frame import Frame
 from airswing.gap.effects import CATALOGUE, ActiveEffect
-from airswing.gap.simulation.effects_file import read_effects, write_effects
-from airswing.gap.simulation.forward import simulate
 from airswing.gap.simulation.report_table import simulate_reports, write_reports
 from airswing.reports.read import read_reports
 
@@ -97,15 +95,3 @@ def test_effects_are_found_in_the_archive_that_was_written(sent):
     assert found["phase_deg"] == pytest.approx(50.0, abs=0.6)
     found, _ = scale.to_parameters(fit[2:], np.zeros((1, 1)), one)
     assert found["scale_percent"] == pytest.approx(2.0, abs=0.03)
-
-
-def test_a_simulation_with_the_effects_agrees_with_the_archive(sent, tmp_path):
-    again = simulate(sent, effects=read_effects(write_effects(EFFECTS, tmp_path / "effects.yaml")))
-    difference = np.stack([sent.u_rep - again.u_rep, sent.v_rep - again.v_rep], -1)
-    affected = sent.aircraft == sent.tails.index("N401")
-    before = np.sqrt(np.mean(np.sum(sent.residual**2, -1)[affected]))
-    after = np.sqrt(np.mean(np.sum(difference**2, -1)[affected]))
-    control = np.sqrt(np.mean(np.sum(difference**2, -1)[~affected]))
-    assert before > 4.0
-    assert after < 1.1 * control  # the coding in knots and degrees remains
-    assert control < 0.5 * KNOT

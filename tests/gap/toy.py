@@ -12,25 +12,16 @@ from typing import Any
 
 import numpy as np
 
-from airswing.gap.archive.frame import Frame
+from airswing.gap.archive.frame import AIRCRAFT_FIELDS, Frame
 from airswing.gap.noise.model import NoiseFit, fit_noise
 
-AIRPORTS = np.array(
-    [
-        [41.98, -87.9],
-        [44.88, -93.2],
-        [42.2, -83.4],
-        [39.0, -84.7],
-        [35.0, -90.0],
-        [38.7, -90.4],
-        [43.0, -76.1],
-        [46.8, -92.2],
-        [40.7, -74.2],
-        [36.1, -86.7],
-        [32.9, -97.0],
-        [47.5, -100.0],
-    ]
-)
+LATITUDES = (41.98, 44.88, 42.2, 39.0, 35.0, 38.7, 43.0, 46.8, 40.7, 36.1, 32.9, 47.5)
+LONGITUDES = (87.9, 93.2, 83.4, 84.7, 90.0, 90.4, 76.1, 92.2, 74.2, 86.7, 97.0, 100.0)
+AIRPORTS = np.stack([LATITUDES, -np.array(LONGITUDES)], axis=-1)
+
+
+COPIED = ("aircraft", "flight", "time", "latitude", "longitude", "pressure")
+COPIED += ("declination", "horizontal_field")
 
 
 class Waves:
@@ -93,8 +84,7 @@ def make_frame(
         return later + np.stack([9 * height, np.zeros(n)], -1)
 
     wind = wind_after(0.0)
-    step = Waves(rng, sd=6.0, length=2500, hours=60)
-    del step
+    Waves(rng, sd=6.0, length=2500, hours=60)  # keeps the draws that follow
     error = Waves(rng, sd=model_error, length=700, hours=18)(points)
     error += Waves(rng, sd=0.4, length=1500, hours=1e5, count=20)(points)
     true = wind + error
@@ -191,28 +181,14 @@ def _frame(
         0, 0.03, n
     )
     smooth = {
-        name: rng.normal(0, s, n)
-        for name, s in (
-            ("dudt", 2e-4),
-            ("dvdt", 2e-4),
-            ("dudx", 2e-5),
-            ("dvdx", 2e-5),
-            ("dudy", 2e-5),
-            ("dvdy", 2e-5),
-        )
+        f"d{c}d{x}": rng.normal(0, 2e-4 if x == "t" else 2e-5, n) for x in "txy" for c in "uv"
     }
-    per_aircraft = np.full(aircraft, np.nan)
     return Frame(
         tails=tuple(f"N{400 + a}" for a in range(aircraft)),
         epoch=float(context["time"].min()),
         reference_field=float(np.median(context["horizontal_field"])),
         report=np.arange(n),
-        aircraft=context["aircraft"],
-        flight=context["flight"],
-        time=context["time"],
-        latitude=context["latitude"],
-        longitude=context["longitude"],
-        pressure=context["pressure"],
+        **{name: context[name] for name in COPIED},
         u_rep=reported[:, 0],
         v_rep=reported[:, 1],
         u_ref=wind[:, 0],
@@ -223,9 +199,7 @@ def _frame(
         ground_u=ground[:, 0],
         ground_v=ground[:, 1],
         heading_error=zeros,
-        declination=context["declination"],
         dip=zeros + 1.2,
-        horizontal_field=context["horizontal_field"],
         acceleration=acceleration,
         bank=rng.normal(0, 0.05, n),
         climb_rate=np.where(phase == 1, 5.0, np.where(phase == 3, -5.0, 0)),
@@ -241,8 +215,5 @@ def _frame(
         dvdlnp=-wind[:, 1],
         grid_convergence=np.radians((context["longitude"] + 95) * 0.42),
         lead_time=zeros + 1,
-        position_resolution=per_aircraft,
-        time_resolution=per_aircraft,
-        wind_speed_resolution=per_aircraft,
-        wind_direction_resolution=per_aircraft,
+        **dict.fromkeys(AIRCRAFT_FIELDS, np.full(aircraft, np.nan)),
     )

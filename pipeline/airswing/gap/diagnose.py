@@ -1,9 +1,5 @@
 """The diagnosis of an archive in one call: model, closure, what no mean shows, checks, statement.
 
-Order: the effects that can be tested (:mod:`airswing.gap.effects`); search by one statistical model
-(:mod:`airswing.gap.model`); effects that show in no mean (:mod:`airswing.gap.distribution`);
-closure on held-out days; statement as gap.json (:mod:`airswing.gap.result`) and gap.nc.
-
 Validity: at least two aircraft-weeks and some thousand reports for anything but "nothing found".
 """
 
@@ -14,34 +10,32 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.gap.archive.frame import Frame
 from airswing.gap.checks.assumptions import run_checks
 from airswing.gap.checks.refit_claims import Adjustment
-from airswing.gap.distribution.coded_values import coded_effects
-from airswing.gap.distribution.gross_errors import outliers
-from airswing.gap.distribution.scatter import Scatter, find_scatter
-from airswing.gap.distribution.sent_winds import SentWinds, find_sent_winds
-from airswing.gap.distribution.verdict import Verdict
+from airswing.gap.distribution.coded_values import coded_effects, reduction_of_coding
+from airswing.gap.distribution.gross_errors import outliers, reduction_of_gross
+from airswing.gap.distribution.scatter import find_scatter
+from airswing.gap.distribution.sent_winds import find_sent_winds
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.effects.base import Effect, number
-from airswing.gap.model.closure import Closure, Step, close
+from airswing.gap.model.closure import Closure, close
 from airswing.gap.model.localisation import slices
 from airswing.gap.model.passes import Fitted, fit_model, is_sensor
 from airswing.gap.model.refit import without_errors
-from airswing.gap.model.terms import GATE, Model
+from airswing.gap.model.terms import Model
 from airswing.gap.noise.model import gross_errors
-from airswing.gap.result.diagnosis_dataset import diagnosis_dataset
-from airswing.gap.result.report import STATED, Findings, assemble
-from airswing.gap.result.schema import EffectEntry, GapReport
+from airswing.gap.result.report import assemble, diagnosis_dataset
+from airswing.gap.result.schema import ClosesEntry, EffectEntry, GapReport, PlaceEntry
 from airswing.gap.result.statement import by_member, claims_of, effect_entry
 
 #: Steps of an offset of the reference's time, whose winds are known an hour before and after the
 #: reports, and the step (h) from which the second order is near enough.
 TIME_OFFSET, ROUNDS, CLOSE = "reference_time_offset", 5, 0.5
-Floats = NDArray[np.float64]
+#: Log evidence from which an effect that shows in no mean is stated: odds of a thousand.
+STATED = 7.0
 Progress = Callable[[str, float], None]
 
 
@@ -69,34 +63,20 @@ class Diagnosis:
 
     def __repr__(self) -> str:
         closure = self.report.closure
-        unnamed = [" x ".join(place.variables) for place in self.report.unknown.where]
-        return "\n".join(
-            [
-                f"Diagnosis: {closure.before:.2f} kt before, {closure.after:.2f} kt after",
-                *(f"  {_line(effect)}" for effect in self.report.effects),
-                *(f"  unknown, by {place}" for place in unnamed),
-            ]
-        )
-
-
-def _line(effect: EffectEntry) -> str:
-    tails = effect.tails
-    whom = "the fleet" if not tails else ", ".join(tails[:4]) + (" ..." if len(tails) > 4 else "")
-    return f"{effect.name} ({whom}), probability {effect.probability:.2f}"
+        lines = [f"Diagnosis: {closure.before:.2f} kt before, {closure.after:.2f} kt after"]
+        for effect in self.report.effects:
+            more = " ..." if len(effect.tails) > 4 else ""
+            whom = ", ".join(effect.tails[:4]) + more if effect.tails else "the fleet"
+            lines.append(f"  {effect.name} ({whom}), probability {effect.probability:.2f}")
+        places = self.report.unknown.where
+        lines += [f"  unknown, by {' x '.join(place.variables)}" for place in places]
+        return "\n".join(lines)
 
 
 def usable_effects(
     frame: Frame, catalogue: Mapping[str, Effect]
 ) -> tuple[dict[str, Effect], dict[str, str]]:
-    """Effects whose columns can be tested in an archive, and why the others cannot.
-
-    Returns
-    -------
-    effects : dict
-        Name -> effect with design columns.
-    untestable : dict
-        Name -> reason.
-    """
+    """Effects whose columns can be tested in an archive, and the reason why others cannot."""
     effects, untestable = {}, {}
     for name, effect in catalogue.items():
         reason = effect.testable(frame)
@@ -155,7 +135,11 @@ def diagnose(
                 field="reference_eastward_wind_tendency",
                 remedy="collocate with derivatives=True; without them four effects cannot be found",
             )
-        reports = Frame.from_headings(reports, reference=_asked(reports, reference))
+        if reference is None:
+            if "reference" not in reports.coords or not reports.sizes["reference"]:
+                raise InputError("the headings hold no reference", field="reference")
+            reference = str(reports["reference"].to_numpy()[0])
+        reports = Frame.from_headings(reports, reference=reference)
     flights = int(np.unique(reports.flight).size)
     if reports.size < 200 or flights < 4:
         raise InputError(
@@ -164,7 +148,25 @@ def diagnose(
             remedy="at least 200 reports of four flights with model winds are needed",
         )
     say = progress or (lambda stage, done: None)
-    return _diagnosed(reports, CATALOGUE if catalogue is None else catalogue, dictionary, seed, say)
+    frame, catalogue = reports, CATALOGUE if catalogue is None else catalogue
+    effects, untestable = usable_effects(frame, catalogue)
+    say("search", 0.0)
+    fitted = fit_model(
+        frame, effects, tables=dictionary, exchanges="tail_swap" in catalogue, seed=seed
+    )
+    say("closure", 0.0)
+    claims = claims_of(fitted.terms)
+    closure = close(fitted, [claim.terms for claim in claims], seed=seed)
+    say("distribution", 0.0)
+    unseen = _unseen_in_means(fitted, closure, catalogue, dictionary, seed)
+    say("where", 0.0)
+    where = slices(Model(fitted.model.sums)) if dictionary else []
+    report = assemble(fitted, effects, claims, closure, unseen, where)
+    say("checks", 0.0)
+    checks, histograms = run_checks(fitted, closure, seed=seed)
+    report = replace(report, untestable=untestable, seed=seed, **checks)
+    dataset = diagnosis_dataset(fitted).assign(histograms)
+    return Diagnosis(report, dataset, make_adjustment(fitted, effects))
 
 
 def attributed(
@@ -174,27 +176,11 @@ def attributed(
     *,
     seed: int = 0,
 ) -> GapReport:
-    """Attribute the effects of a reference to the members of a pool.
+    """Attribute the effects of a reference, in a report, to the members of a pool.
 
     The effects found against the pool are fitted again to the residual against each member, where
-    an effect of that member alone has its full size.
-
-    Parameters
-    ----------
-    report : GapReport
-        Diagnosis against the pool, its `reference`.
-    members : sequence of str
-        References of the pool.
-    frame_against : callable
-        Reports against a reference whose fields show the atmosphere of a time (h) after the
-        stamped one.
-    seed : int
-        As in `diagnose`.
-
-    Returns
-    -------
-    GapReport
-        With `reference` and `by_reference` of the effects of a reference.
+    an effect of that member alone has its full size. ``frame_against`` makes the reports against a
+    reference whose fields show the atmosphere of a time (h) after the stamped one.
     """
     if len(members) < 2 or all(effect.scope != "reference" for effect in report.effects):
         return report
@@ -213,7 +199,7 @@ def _effects_against(
         effects, _untestable = usable_effects(frame, {name: CATALOGUE[name] for name in names})
         fitted = fit_model(frame, effects, tables=False, exchanges=False, seed=seed)
         found = {
-            claim.name: effect_entry(fitted, claim, effects, Step(0.0, (0.0, 0.0)), 0.0)
+            claim.name: effect_entry(fitted, claim, effects, ClosesEntry(0.0, [0.0, 0.0]))
             for claim in claims_of(fitted.terms)
         }
         entries = entries | found
@@ -227,82 +213,33 @@ def _effects_against(
     return list(entries.values())
 
 
-def _asked(headings: xr.Dataset, reference: str | Sequence[str] | None) -> str | Sequence[str]:
-    if reference is not None:
-        return reference
-    if "reference" not in headings.coords or not headings.sizes["reference"]:
-        raise InputError("the headings hold no reference", field="reference")
-    return str(headings["reference"].to_numpy()[0])
-
-
-def _diagnosed(
-    frame: Frame,
-    catalogue: Mapping[str, Effect],
-    dictionary: bool,
-    seed: int,
-    say: Progress,
-) -> Diagnosis:
-    effects, untestable = usable_effects(frame, catalogue)
-    say("search", 0.0)
-    fitted = fit_model(
-        frame, effects, tables=dictionary, exchanges="tail_swap" in catalogue, seed=seed
-    )
-    say("closure", 0.0)
-    claims = claims_of(fitted.terms)
-    closure = close(fitted, [claim.terms for claim in claims], seed=seed)
-    say("distribution", 0.0)
-    named, scatter, sent = _distribution(fitted, closure, catalogue, dictionary, seed)
-    say("where", 0.0)
-    where = slices(Model(fitted.model.sums)) if dictionary else []
-    findings = Findings(
-        fitted, effects, claims, closure, named, scatter, sent, where, untestable, seed
-    )
-    report = assemble(findings)
-    say("checks", 0.0)
-    checks, histograms = run_checks(fitted, closure, seed=seed)
-    report = replace(
-        report,
-        calibration=checks.calibration,
-        decoy=checks.placebo,
-        aliases=checks.aliases,
-        assumptions=checks.assumptions,
-    )
-    dataset = diagnosis_dataset(fitted).assign(histograms)
-    return Diagnosis(report, dataset, make_adjustment(fitted, effects))
-
-
-def _distribution(
+def _unseen_in_means(
     fitted: Fitted, closure: Closure, catalogue: Mapping[str, Effect], dictionary: bool, seed: int
-) -> tuple[list[Verdict], Scatter | None, SentWinds | None]:
-    """What shows in no mean: effects with a name, scatter, winds sent otherwise."""
+) -> list[EffectEntry | PlaceEntry]:
+    """What shows in no mean: effects with a name, winds sent otherwise, scatter."""
     frame, rest = fitted.frame, closure.residual
-    named = [one for one in coded_effects(frame) if one.name in catalogue]
-    # with what moves means taken off: heavy tails of an effect are no gross errors
+    # without what moves means: heavy tails of an effect are no gross errors
     gross = gross_errors(rest, fitted.noise.order)
-    found = outliers(frame, rest, replace(fitted.noise, gross=gross))
-    if found is not None and "outliers" in catalogue:
-        named.append(found)
-    named = [one for one in named if one.evidence >= STATED]
+    found = [*coded_effects(frame), outliers(frame, rest, replace(fitted.noise, gross=gross))]
+    out: list[EffectEntry | PlaceEntry] = []
+    coded, erring = list[int](), list[int]()
+    for one in found:
+        if one is None or one.name not in catalogue or one.evidence_nats < STATED:
+            continue
+        reduction, whose = reduction_of_coding, coded
+        if one.name == "outliers":
+            reduction, whose = reduction_of_gross, erring
+        out.append(replace(one, closure=reduction(frame, rest, one, gross)))
+        whose.extend(frame.tails.index(tail) for tail in one.tails)
     if not dictionary:
-        return named, None, None
-    of_tail = {tail: a for a, tail in enumerate(frame.tails)}
-    coded = [of_tail[t] for one in named if one.name != "outliers" for t in one.tails]
-    erring = [of_tail[t] for one in named if one.name == "outliers" for t in one.tails]
+        return out
     left_out = gross & np.isin(frame.aircraft, erring)
-    sent = find_sent_winds(frame, rest, without=coded, gross=left_out, gate=GATE, seed=seed)
-    also = coded if sent is None else [*coded, *sent.tails]
-    scatter = find_scatter(
-        frame,
-        fitted.context,
-        rest,
-        fitted.noise,
-        fitted.model.sums.candidates.variables,
-        gross=left_out,
-        without=also,
-        gate=GATE,
-        seed=seed,
-    )
-    return named, scatter, sent
+    sent = find_sent_winds(frame, rest, without=coded, gross=left_out, seed=seed)
+    if sent is not None:
+        out.append(sent[0])
+        coded.extend(sent[1])
+    scatter = find_scatter(fitted, rest, gross=left_out, without=coded, seed=seed)
+    return out if scatter is None else [*out, scatter]
 
 
 def make_adjustment(fitted: Fitted, effects: Mapping[str, Effect]) -> Adjustment:
@@ -328,6 +265,3 @@ def make_adjustment(fitted: Fitted, effects: Mapping[str, Effect]) -> Adjustment
         moved = sensor.any(axis=1)
         change[moved] += (corrected.residual - frame.residual)[moved]
     return Adjustment(frame.report, change, reference, tuple(dict.fromkeys(names)))
-
-
-__all__ = ["Diagnosis", "Step", "diagnose", "usable_effects"]

@@ -83,7 +83,7 @@ def diagnosis(
     InputError
         If an effect to do without is unknown, or what the diagnosis starts from cannot be read.
     """
-    from airswing.gap.archive.sample import sampled
+    from airswing.gap.archive.frame import sampled
     from airswing.gap.diagnose import attributed, diagnose
     from airswing.gap.result.effect_entries import active_effects, not_known, unknown_not_known
     from airswing.gap.simulation.effects_file import write_effects
@@ -334,7 +334,7 @@ def _against(
 
 def effects_of_archive(job: Job) -> list[ActiveEffect]:
     """Diagnose the archive of a simulation and return its effects."""
-    from airswing.gap.archive.sample import sampled
+    from airswing.gap.archive.frame import sampled
     from airswing.gap.diagnose import diagnose
     from airswing.gap.result.effect_entries import active_effects
 

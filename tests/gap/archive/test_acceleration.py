@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from airswing.gap.archive.acceleration import (
     acceleration_at_reports,
@@ -11,7 +10,6 @@ from airswing.gap.archive.acceleration import (
     fit_levelling,
     time_since_levelling,
 )
-from airswing.physics.atmosphere import altitude_from_pressure, pressure_from_altitude
 
 
 def test_time_of_levelling_off_is_extrapolated_from_the_climb():
@@ -59,15 +57,24 @@ def test_unknown_acceleration_remains_unknown():
     assert np.isnan(found).all()
 
 
-def test_without_levelling_off_the_profile_is_used():
-    rng = np.random.default_rng(0)
-    altitude = np.tile(np.linspace(500, 5000, 30), 20)
-    pressure = pressure_from_altitude(altitude)
-    phase, flight = np.ones(600, int), np.repeat(np.arange(20), 30)
-    time = np.tile(60.0 * np.arange(30), 20) + 1e5 * flight
-    measured = 0.05 + rng.normal(0, 0.02, 600)
-    found = acceleration_at_reports(
-        measured, pressure, phase, flight, time, 40 + time / 1e6, -90 + time / 1e6
+def test_acceleration_is_the_fleets_profile_and_not_the_reports_noise():
+    rng = np.random.default_rng(2)
+    phase = np.tile(np.repeat([1, 2, 3], 20), 400)
+    flight = np.repeat(np.arange(400), 60)
+    level = np.tile(
+        np.concatenate(
+            [np.linspace(11.5, 10.6, 20), np.full(20, 10.6), np.linspace(10.6, 11.5, 20)]
+        ),
+        400,
     )
-    assert found == pytest.approx(expected_acceleration(measured, np.log(pressure), phase, flight))
-    np.testing.assert_allclose(altitude_from_pressure(pressure), altitude, atol=1.0)
+    true = np.choose(phase, [0.0, 0.06 - 0.02 * (11.5 - level), 0.0, -0.05])
+    found = expected_acceleration(true + rng.normal(0, 0.05, phase.size), level, phase, flight)
+    steady = phase != 2
+    np.testing.assert_allclose(found[steady], true[steady], atol=0.006)
+
+
+def test_chords_spreading_is_undone_in_cruise():
+    # a curve x^2 under a triangle over (-1, 1) is x^2 + 1/6
+    true = np.arange(-3.0, 4.0) ** 2
+    found = expected_acceleration(true + 1 / 6, np.full(7, 10.5), np.full(7, 2), np.zeros(7, int))
+    np.testing.assert_allclose(found[1:-1], true[1:-1], atol=1e-12)

@@ -108,13 +108,6 @@ def test_take_keeps_the_constants_of_the_archive(archive):
     np.testing.assert_array_equal(frame.take([5, 2]).time, frame.time[[5, 2]])
 
 
-def test_constants_of_the_archive_for_a_part_of_it(archive):
-    part = archive.isel(aircraft=[0], report=slice(10, archive.row_size.values[0]))
-    part["row_size"] = ("aircraft", [part.sizes["report"]])
-    frame = Frame.from_headings(part, reference="ruc", epoch=5.0, reference_field=2e4)
-    assert (frame.epoch, frame.reference_field) == (5.0, 2e4)
-
-
 def test_aircraft_are_chosen_by_name(archive):
     frame = Frame.from_headings(archive, reference="ruc")
     one = frame.take(frame.aircraft_mask("N402"))

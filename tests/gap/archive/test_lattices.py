@@ -7,8 +7,7 @@ import pytest
 from tests.gap.toy import make_frame, noise_of
 
 from airswing.gap.archive.lattices import direction_lattice, heading_lattices
-from airswing.gap.design.exogenous import exogenous
-from airswing.gap.design.heading_uncertainty import heading_doubt, rounding_of_headings
+from airswing.gap.design import exogenous, heading_doubt
 from airswing.gap.diagnose import diagnose
 from airswing.gap.distribution.coded_values import heading_coding
 from airswing.gap.distribution.gross_errors import outliers
@@ -65,7 +64,7 @@ def test_steps_and_their_north_are_found(plain, step, spread, true_north):
     assert heading_lattices(frame)[0] is None
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(4))
 def test_unrounded_headings_have_no_lattice(seed):
     frame = make_frame(seed=seed, aircraft=4, days=7)
     assert heading_coding(frame) is None
@@ -119,36 +118,25 @@ def test_jumps_between_steps_are_no_gross_errors_and_no_scatter(plain):
 
 
 @pytest.mark.parametrize(
-    ("step", "share", "found"),
-    [
-        (2.0, 0.02, True),
-        (5.0, 0.05, True),
-        (5.0, 0.0, False),
-        (10.0, 0.0, False),
-        (15.0, 0.0, False),
-    ],
+    ("step", "share"), [(2.0, 0.02), (5.0, 0.05), (5.0, 0.0), (10.0, 0.0), (15.0, 0.0)]
 )
-def test_gross_errors_are_distinguished_from_steps(plain, step, share, found):
+def test_gross_errors_are_distinguished_from_steps(plain, step, share):
     rng = np.random.default_rng(3)
     frame = stepped(plain, step, [1])
     hit = (rng.random(frame.size) < share) & (frame.aircraft == 1)
     error = hit[:, None] * rng.normal(0, 15, (frame.size, 2))
     frame = replace(frame, u_rep=frame.u_rep + error[:, 0], v_rep=frame.v_rep + error[:, 1])
     noise = noise_of(plain, exogenous(plain))
-    verdict = outliers(
-        frame, frame.residual, replace(noise, gross=gross_errors(frame.residual, noise.order))
-    )
-    if not found:
-        assert verdict is None
-    else:
-        assert verdict.tails == (frame.tails[1],)
-        assert verdict.parameters["fraction"] == pytest.approx(share, rel=0.4)
+    gross = gross_errors(frame.residual, noise.order)
+    effect = outliers(frame, frame.residual, replace(noise, gross=gross))
+    assert (effect is not None) == (share > 0)
+    if effect is not None:
+        assert effect.tails == [frame.tails[1]]
+        assert effect.parameters["fraction"] == pytest.approx(share, rel=0.4)
 
 
 def test_coarse_headings_have_a_larger_uncertainty(plain):
     frame = stepped(plain, 10.0, [1])
-    spread = rounding_of_headings(frame)
-    np.testing.assert_allclose(np.degrees(spread), [0.0, 10.0 / np.sqrt(12.0), 0.0, 0.0])
     more = heading_doubt(frame, frame) ** 2 - heading_doubt(plain, plain) ** 2
     affected = frame.aircraft == 1
     assert np.allclose(more[~affected], 0.0)

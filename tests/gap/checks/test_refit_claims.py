@@ -17,7 +17,6 @@ from airswing.gap.checks.refit_claims import (
 )
 from airswing.gap.diagnose import diagnose
 from airswing.gap.effects import CATALOGUE
-from airswing.gap.result.schema import ClaimsEntry
 
 FIT = {"shared_error": False, "min_reports": 100, "harmonics": 1}
 
@@ -122,11 +121,6 @@ def test_a_biased_reference_changes_the_fit_and_its_removal_restores_it():
         assert one.amplitude_deg_after == pytest.approx(two.amplitude_deg, abs=0.02)
         assert abs(one.amplitude_deg - one.amplitude_deg_after) > 0.5
     assert (clean.stay, clean.of) == (2, 2)
-
-
-def test_no_fit_without_removed_effects():
-    made = review_claims(xr.Dataset(), _adjustment(()), pools={}, reference="model", fit={})
-    assert made == ClaimsEntry([])
 
 
 def test_comparison_of_fits_by_hand():

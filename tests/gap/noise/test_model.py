@@ -12,7 +12,6 @@ from airswing.gap.noise.model import (
     fit_noise,
     gross_errors,
     level_factors,
-    remove_smooth_effects,
 )
 from airswing.gap.noise.whitening import flight_order, whiten
 
@@ -128,11 +127,3 @@ def test_level_factors_follow_the_spread():
     assert np.mean(factors**2) == pytest.approx(1.0)
     nodes, factors = level_factors(residual, np.full(10_000, 11.0))
     assert nodes.tolist() == [11.0] and factors.tolist() == [1.0]
-
-
-def test_smooth_effects_hardly_change_pure_noise():
-    data = flown_archive(4, flights=200)
-    out = remove_smooth_effects(
-        data["residual"], data["aircraft"], data["heading"], data["airspeed"]
-    )
-    assert out.std() == pytest.approx(data["residual"].std(), rel=0.05)

@@ -54,11 +54,6 @@ def test_errors_are_functions_of_the_indicated_heading(archive):
     np.testing.assert_allclose(sent.airspeed, 1.03 * speed)
 
 
-def test_order_of_the_effects_does_not_matter_for_sensors(archive):
-    one, other = simulate(archive, effects=STRONG), simulate(archive, effects=STRONG[::-1])
-    np.testing.assert_allclose(one.residual, other.residual, atol=1e-8)
-
-
 def test_regression_on_the_columns_recovers_the_effects(archive):
     truth = [
         ActiveEffect("hard_iron", {"amplitude_deg": 2.0, "phase_deg": 100.0}),
@@ -149,14 +144,6 @@ def test_noise_with_factors_along_and_across_the_heading():
     for direction, factor in ((along, 0.6), (across, 1.28)):
         scaled, before = ((one * direction).sum(axis=1) for one in (draw, isotropic))
         np.testing.assert_allclose(scaled, factor * before, atol=1e-12)
-
-
-def test_noise_does_not_depend_on_the_order_of_the_rows():
-    frame = _line(40, 12, 50e3)
-    mixed = np.random.default_rng(0).permutation(frame.size)
-    straight = draw_noise(frame, NOISE, rng=np.random.default_rng(5))
-    shuffled = draw_noise(frame.take(mixed), NOISE, rng=np.random.default_rng(5))
-    np.testing.assert_allclose(shuffled, straight[mixed], atol=1e-9)
 
 
 def test_noise_is_the_same_with_and_without_effects(archive):

@@ -79,13 +79,6 @@ def test_exchanged_identifiers_are_exchanged_back():
     assert removed.u_rep == pytest.approx(perfect.u_rep, abs=1e-12)
 
 
-def test_without_effects_nothing_changes():
-    perfect = frames.frame()
-    removed = remove_effects(perfect, [])
-    assert removed.u_rep == pytest.approx(perfect.u_rep, abs=1e-12)
-    assert removed.magnetic_heading == pytest.approx(np.mod(perfect.magnetic_heading, 2 * np.pi))
-
-
 def fits(status=STATUS["ok"]):
     values = np.array([[[1.5, 3.0, 4.0, 0.5, 0.0], [0.7, 1.0, 0.0, 0.0, 0.0]]])
     two = np.array([[0, status]], np.int8)
@@ -127,10 +120,6 @@ def test_the_removed_curve_is_the_fitted_curve():
     curve = 1.5 + 18000.0 / field * (3.0 * np.sin(m) + 4.0 * np.cos(m)) + 0.5 * np.sin(2 * m)
     turned = np.degrees(np.angle(np.exp(1j * (frame.heading - removed.heading))))[rows]
     assert turned == pytest.approx(curve, abs=1e-9)
-
-
-def test_fits_that_were_not_accepted_are_left_out():
-    assert {one.tails for one in effects_of_fits(fits(1), reference="ruc")} == {("N401",)}
 
 
 def test_errors_for_files_without_known_effects(tmp_path):

@@ -1,22 +1,17 @@
 """Longitudinal acceleration at a report, estimated from all flights of the archive.
 
-Assumptions: the difference of the mean speeds over two chords (segments between reports) is as
-noisy as the acceleration itself, and a regression on it is attenuated. The schedule of a flight is
-known better from all flights together:
+The difference of the mean speeds over two chords (segments between reports) is as noisy as the
+acceleration itself. The schedule of a flight is known better from all flights together:
 
 * in climb and descent, the mean acceleration of all flights by level;
-* after levelling off, an acceleration a(t) in the time t since, common to all flights. The
-  aircraft accelerates to its cruising speed within about a minute, less than the interval between
-  reports in cruise, so that the chords include a fraction of it that depends on the time of the
-  report (0.7 to 0.9 in trials). Mean speeds over chords are known integrals of a(t), from which
-  its values at a few knots follow by least squares. The time of levelling off is extrapolated from
-  the climb rate before it and the remaining height;
+* after levelling off, an acceleration a(t) in the time t since, common to all flights. Mean speeds
+  over chords are known integrals of a(t), from which its values at a few knots follow by least
+  squares. The time of levelling off is extrapolated from the climb rate and the remaining height;
 * elsewhere in cruise, the measured value, with the smoothing by chords removed.
 
-Validity: 50 reports and 50 flights; below that, measured values. The departure of a single flight
-from the mean is an error of Berkson's kind, which does not attenuate a regression. SI units.
-
-Source: Carroll et al. 2006, Measurement Error in Nonlinear Models, ch. 1.4 (Berkson error).
+The departure of a single flight from the mean is an error of Berkson's kind, which does not
+attenuate a regression (Carroll et al. 2006, Measurement Error in Nonlinear Models, ch. 1.4). SI
+units.
 """
 
 from __future__ import annotations
@@ -25,12 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.flags import PHASE
+from airswing.gap.arrays import Floats
 from airswing.gap.noise.whitening import flight_order, flight_steps
 from airswing.physics.atmosphere import altitude_from_pressure
 from airswing.physics.robust_spread import robust_sd
 from airswing.physics.splines import hats
 
-Floats = NDArray[np.float64]
 Integers = NDArray[np.integer]
 
 #: Weights of a report and of its neighbours that invert, to second order, the difference of two
@@ -55,25 +50,10 @@ def acceleration_at_reports(
     latitude: Floats,
     longitude: Floats,
 ) -> Floats:
-    """Estimate the longitudinal acceleration at each report.
+    """Estimate the longitudinal acceleration at each report, (n,) m s-2.
 
-    Parameters
-    ----------
-    acceleration : (n,) float
-        Measured over two chords, m s-2; NaN where unknown.
-    pressure : (n,) float
-        Pa.
-    phase, flight : (n,) int
-        In order of flight and time.
-    time : (n,) float
-        s.
-    latitude, longitude : (n,) float
-        Degrees.
-
-    Returns
-    -------
-    (n,) float
-        m s-2; all NaN where no acceleration is known.
+    Columns are those of a `Frame`, in order of flight and time; ``acceleration`` is the one
+    measured over two chords, NaN where unknown. All NaN where no acceleration is known.
     """
     if not np.isfinite(acceleration).any():
         return acceleration
@@ -97,20 +77,8 @@ def expected_acceleration(
 ) -> Floats:
     """Estimate the acceleration in climb and descent by the mean of all flights by level.
 
-    Parameters
-    ----------
-    acceleration : (n,) float
-        Measured, m s-2; NaN where unknown.
-    log_pressure : (n,) float
-        ln of pressure.
-    phase, flight : (n,) int
-        In order of flight and time.
-
-    Returns
-    -------
-    (n,) float
-        m s-2; outside climb and descent, and below 50 reports, the measured value (0 where
-        unknown) with the smoothing by chords removed.
+    Outside climb and descent, and below 50 reports, it is the measured value (0 where unknown) with
+    the smoothing by chords removed.
     """
     measured = np.nan_to_num(acceleration)
     out = measured.copy()
@@ -142,20 +110,7 @@ def expected_acceleration(
 def time_since_levelling(
     time: Floats, altitude: Floats, phase: Integers, flight: Integers
 ) -> Floats:
-    """Compute the time since the end of the climb at the first reports of a cruise.
-
-    Parameters
-    ----------
-    time, altitude : (n,) float
-        s, m.
-    phase, flight : (n,) int
-        In order of flight and time.
-
-    Returns
-    -------
-    (n,) float
-        s; NaN except at the first `CHORDS` + 1 reports in cruise after a climb of two reports.
-    """
+    """Seconds since the end of the climb at the first `CHORDS` + 1 reports in cruise; else NaN."""
     out = np.full(time.size, np.nan)
     climb, cruise = phase == PHASE["ascent"], phase == PHASE["cruise"]
     linked = (flight[1:-1] == flight[:-2]) & (flight[1:-1] == flight[2:])
@@ -172,25 +127,11 @@ def time_since_levelling(
 
 
 def fit_levelling(start: Floats, end: Floats, speed: Floats, flight: Integers) -> Floats | None:
-    """Fit the acceleration after levelling off.
+    """Fit the acceleration after levelling off, m s-2 at `KNOTS`; None for too few flights.
 
-    Differences of speed between successive chords are fitted, which do not depend on the cruising
-    speed of a flight. Differences four robust standard deviations from the fit (turns) are left
-    out.
-
-    Parameters
-    ----------
-    start, end : (m,) float
-        Ends of chords in cruise, s after levelling off, in order of flight and time.
-    speed : (m,) float
-        Mean ground speed over the chords, m s-1.
-    flight : (m,) int
-        Flight of each chord.
-
-    Returns
-    -------
-    (len(KNOTS),) float or None
-        m s-2 at `KNOTS`; None for too few flights.
+    Differences of speed between successive chords (ends in s after levelling off, mean ground
+    speeds in m s-1) do not depend on the cruising speed of a flight. Those four robust standard
+    deviations from the fit (turns) are left out.
     """
     same = flight[1:] == flight[:-1]
     if np.unique(flight[1:][same]).size < FEWEST:

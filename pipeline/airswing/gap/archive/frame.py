@@ -1,15 +1,11 @@
 """Reports of an archive against one reference, as plain arrays in SI units and radians.
 
-Assumptions and validity: SI units and radians everywhere except ``latitude`` and ``longitude``
-(degrees) and ``horizontal_field`` (nT). Heading and airspeed are the INDICATED values, that is
-direction and length of the air vector ``V_A = V_G - W_reported`` used by the unit. A frame
-contains the reports with known reported wind, reference wind and ground vector; no report is left
-out for the size of its residual (this would attenuate every effect).
-
-Names of variables are those of the headings product (docs/formats.md); the wind of a pool is the
-mean of its available members. Variables absent from the product are NaN (or the code for unknown).
-Constants of the whole archive (its first time, its median horizontal field) are kept in every
-subset, so that columns computed by parts agree with columns computed at once.
+``latitude`` and ``longitude`` are in degrees, ``horizontal_field`` in nT. Heading and airspeed are
+the INDICATED values: direction and length of the air vector ``V_A = V_G - W_reported`` used by the
+unit. A frame contains the reports with known reported wind, reference wind and ground vector; no
+report is left out for the size of its residual (this would attenuate every effect). Variables
+absent from the headings product are NaN (or the code for unknown). Constants of the whole archive
+are kept in every subset, so that columns computed by parts agree with columns computed at once.
 """
 
 from __future__ import annotations
@@ -26,15 +22,19 @@ from airswing.errors import InputError
 from airswing.evaluation.disagreement import member_mean
 from airswing.flags import PHASE, ROLL, SCREENING
 from airswing.gap.archive.acceleration import acceleration_at_reports
+from airswing.gap.arrays import Booleans, Floats, Integers
 from airswing.physics.bank import bank_at_reports
 from airswing.physics.great_circle import central_angle
 from airswing.physics.triangle import wrap_degrees
+from airswing.products.ragged import blocks, joined, some_reports
 from airswing.units import DAY, EARTH_RADIUS, Picked
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Columns = dict[str, NDArray[Any]]  # arrays of integers and of floats
 
+#: Approximate number of reports of a diagnosis in memory, 2.7 kB of whitened columns each.
+MOST = 150_000
+#: Multiplicative hash (Knuth, The Art of Computer Programming, 6.4).
+_FACTOR, _RANGE = 2654435761, 2**32
 DEFAULT_HORIZONTAL_FIELD = 20000.0
 """Horizontal field of an archive without magnetic data, nT."""
 EXCLUDED = ("temperature_qc", "wind_qc", "ground_speed")
@@ -83,59 +83,36 @@ class Frame:
 
     Attributes
     ----------
-    tails : tuple of str
-        Names of the aircraft; ``aircraft`` (n,) indexes them.
-    epoch : float
-        First time of the whole archive, s since 1970.
-    reference_field : float
-        Median horizontal field H of the whole archive, nT; amplitudes of cycles refer to it.
-    report : (n,) int
-        Position of each row in the Dataset it came from.
-    flight : (n,) int
-        Flight number, unique over the archive.
-    time : (n,) float
-        s since 1970.
-    latitude, longitude : (n,) float
-        Degrees.
-    pressure : (n,) float
-        Pa, from the reported pressure altitude.
+    tails, aircraft : tuple of str, (n,) int
+        Names of the aircraft; ``aircraft`` indexes them.
+    epoch, reference_field : float
+        First time (s since 1970) and median horizontal field (nT) of the whole archive.
+    report, flight : (n,) int
+        Position of each row in the Dataset it came from; flight number, unique over the archive.
+    time, latitude, longitude, pressure : (n,) float
+        s since 1970, degrees, Pa (from the reported pressure altitude).
     u_rep, v_rep, u_ref, v_ref : (n,) float
         Reported and reference wind, eastward and northward, m s-1.
-    heading, magnetic_heading : (n,) float
-        Indicated heading, rad from true north and from magnetic north.
-    airspeed : (n,) float
-        Indicated true airspeed, m s-1.
-    ground_u, ground_v : (n,) float
-        Ground velocity, m s-1.
-    heading_error : (n,) float
-        Standard error of the indicated heading, rad.
-    declination, dip : (n,) float
-        rad, dip positive downward.
-    horizontal_field : (n,) float
-        nT.
-    acceleration : (n,) float
-        Longitudinal acceleration, m s-2; see `airswing.gap.archive.acceleration`.
-    bank : (n,) float
-        rad, right wing down positive; see `airswing.physics.bank`.
-    climb_rate : (n,) float
-        m s-1.
-    temperature : (n,) float
-        K; NaN where not reported.
+    heading, magnetic_heading, heading_error : (n,) float
+        Indicated heading from true and from magnetic north, and its standard error, rad.
+    airspeed, ground_u, ground_v, climb_rate : (n,) float
+        Indicated true airspeed, ground velocity, rate of climb, m s-1.
+    declination, dip, horizontal_field : (n,) float
+        rad, rad (positive downward), nT.
+    acceleration, bank : (n,) float
+        Longitudinal acceleration, m s-2 (`airswing.gap.archive.acceleration`); rad, right wing down
+        positive (`airswing.physics.bank`).
+    temperature, lead_time : (n,) float
+        K, h.
     phase, icing : (n,) int
         Codes of `airswing.flags`; icing -1 where not reported.
-    dudt, dvdt : (n,) float
-        Tendency of the reference wind, m s-2.
-    dudlnp, dvdlnp : (n,) float
-        Derivative of the reference wind by ln p, m s-1.
-    dudx, dvdx, dudy, dvdy : (n,) float
-        Derivatives of the reference wind eastward and northward, s-1.
+    dudt, dvdt, dudlnp, dvdlnp, dudx, dvdx, dudy, dvdy : (n,) float
+        Derivatives of the reference wind: m s-2, m s-1 by ln p, s-1 eastward and northward.
     u_before, v_before, u_after, v_after : (n,) float
         Reference wind an hour before and an hour after the report, m s-1; NaN where unknown.
     grid_convergence : (n,) float
         Rotation from grid-relative to earth-relative wind, rad:
         ``u = cos u_g + sin v_g``, ``v = -sin u_g + cos v_g``.
-    lead_time : (n,) float
-        h.
     position_resolution, time_resolution : (aircraft,) float
         Steps of coded positions and times, degree, s; NaN where unknown.
     wind_speed_resolution, wind_direction_resolution : (aircraft,) float
@@ -151,50 +128,50 @@ class Frame:
     tails: tuple[str, ...]
     epoch: float
     reference_field: float
-    report: IntArray
-    aircraft: IntArray
-    flight: IntArray
-    time: FloatArray
-    latitude: FloatArray
-    longitude: FloatArray
-    pressure: FloatArray
-    u_rep: FloatArray
-    v_rep: FloatArray
-    u_ref: FloatArray
-    v_ref: FloatArray
-    heading: FloatArray
-    magnetic_heading: FloatArray
-    airspeed: FloatArray
-    ground_u: FloatArray
-    ground_v: FloatArray
-    heading_error: FloatArray
-    declination: FloatArray
-    dip: FloatArray
-    horizontal_field: FloatArray
-    acceleration: FloatArray
-    bank: FloatArray
-    climb_rate: FloatArray
-    temperature: FloatArray
-    phase: IntArray
-    icing: IntArray
-    dudt: FloatArray
-    dvdt: FloatArray
-    dudlnp: FloatArray
-    dvdlnp: FloatArray
-    dudx: FloatArray
-    dvdx: FloatArray
-    dudy: FloatArray
-    dvdy: FloatArray
-    u_before: FloatArray
-    v_before: FloatArray
-    u_after: FloatArray
-    v_after: FloatArray
-    grid_convergence: FloatArray
-    lead_time: FloatArray
-    position_resolution: FloatArray
-    time_resolution: FloatArray
-    wind_speed_resolution: FloatArray
-    wind_direction_resolution: FloatArray
+    report: Integers
+    aircraft: Integers
+    flight: Integers
+    time: Floats
+    latitude: Floats
+    longitude: Floats
+    pressure: Floats
+    u_rep: Floats
+    v_rep: Floats
+    u_ref: Floats
+    v_ref: Floats
+    heading: Floats
+    magnetic_heading: Floats
+    airspeed: Floats
+    ground_u: Floats
+    ground_v: Floats
+    heading_error: Floats
+    declination: Floats
+    dip: Floats
+    horizontal_field: Floats
+    acceleration: Floats
+    bank: Floats
+    climb_rate: Floats
+    temperature: Floats
+    phase: Integers
+    icing: Integers
+    dudt: Floats
+    dvdt: Floats
+    dudlnp: Floats
+    dvdlnp: Floats
+    dudx: Floats
+    dvdx: Floats
+    dudy: Floats
+    dvdy: Floats
+    u_before: Floats
+    v_before: Floats
+    u_after: Floats
+    v_after: Floats
+    grid_convergence: Floats
+    lead_time: Floats
+    position_resolution: Floats
+    time_resolution: Floats
+    wind_speed_resolution: Floats
+    wind_direction_resolution: Floats
 
     def __repr__(self) -> str:
         flights = np.unique(self.flight).size
@@ -210,47 +187,21 @@ class Frame:
         return int(self.time.size)
 
     @property
-    def day(self) -> IntArray:
+    def day(self) -> Integers:
         """Whole days since 1970, (n,)."""
         return np.floor_divide(self.time, DAY).astype(np.int64)
 
     @property
-    def residual(self) -> FloatArray:
+    def residual(self) -> Floats:
         """Reported minus reference wind, (n, 2), m s-1."""
         return np.stack([self.u_rep - self.u_ref, self.v_rep - self.v_ref], axis=-1)
 
     def take(self, index: Picked) -> Frame:
-        """Select reports by integer index, slice or boolean mask, in the given order.
-
-        Parameters
-        ----------
-        index : array or slice
-            Index of a 1-D array.
-
-        Returns
-        -------
-        Frame
-            Constants of the archive and of the aircraft are kept.
-        """
+        """Select reports by index, slice or mask; constants of archive and aircraft are kept."""
         return replace(self, **{name: getattr(self, name)[index] for name in REPORT_FIELDS})
 
-    def aircraft_mask(self, tails: str | Sequence[str]) -> NDArray[np.bool_]:
-        """Mark the reports of the named aircraft.
-
-        Parameters
-        ----------
-        tails : str or sequence of str
-            Names of aircraft.
-
-        Returns
-        -------
-        (n,) bool
-
-        Raises
-        ------
-        InputError
-            An aircraft is not in the archive.
-        """
+    def aircraft_mask(self, tails: str | Sequence[str]) -> Booleans:
+        """Mark the reports of the named aircraft, (n,); InputError for an unknown one."""
         wanted = [tails] if isinstance(tails, str) else list(tails)
         for tail in wanted:
             if tail not in self.tails:
@@ -262,15 +213,10 @@ class Frame:
                 )
         return np.isin(self.aircraft, [self.tails.index(tail) for tail in wanted])
 
-    def step_distance(self) -> FloatArray:
-        """Compute the great-circle distance from the previous row.
+    def step_distance(self) -> Floats:
+        """Great-circle distance from the previous row, (n,) m; NaN at the first of a flight.
 
         Rows must be in order of aircraft, flight and time (as from `from_headings`).
-
-        Returns
-        -------
-        (n,) float
-            m; NaN at the first report of a flight.
         """
         lat, lon = np.radians(self.latitude), np.radians(self.longitude)
         out = np.full(self.size, np.nan)
@@ -350,17 +296,14 @@ class Frame:
         )
 
 
-REPORT_FIELDS: tuple[str, ...] = tuple(
-    f.name
-    for f in fields(Frame)
-    if f.name not in {"tails", "epoch", "reference_field", *AIRCRAFT_FIELDS}
-)
+_CONSTANTS = {"tails", "epoch", "reference_field", *AIRCRAFT_FIELDS}
+REPORT_FIELDS = tuple(f.name for f in fields(Frame) if f.name not in _CONSTANTS)
 """Names of the fields with one value per report."""
 
 
 def _read_columns(
     ds: xr.Dataset, reference: str | Sequence[str], meridian: float | None
-) -> tuple[tuple[str, ...], Columns, IntArray]:
+) -> tuple[tuple[str, ...], Columns, Integers]:
     """Return names of aircraft, fields of a frame, and screening bits (report,)."""
     members = _members(ds, reference)
     ds = ds[[name for name in _VARIABLES if name in ds]].compute()  # one pass over a lazy graph
@@ -413,3 +356,18 @@ def _members(ds: xr.Dataset, reference: str | Sequence[str]) -> list[int]:
         if name not in known:
             raise InputError("unknown reference", found=name, remedy=f"one of {', '.join(known)}")
     return [known.index(name) for name in wanted]
+
+
+def sampled(headings: xr.Dataset, most: int = MOST) -> xr.Dataset:
+    """Draw whole flights of ragged headings, about ``most`` reports; all if there are no more.
+
+    They are drawn by a hash of their number, independent of the order of reading.
+    """
+    total = headings.sizes["report"]
+    if total <= most or "flight" not in headings:
+        return headings
+    parts = []
+    for block in blocks(headings):
+        hashed = np.asarray(block["flight"].to_numpy(), np.int64) * _FACTOR % _RANGE
+        parts.append(some_reports(block, hashed < most / total * _RANGE))
+    return joined(parts)

@@ -1,21 +1,12 @@
 """Coarse steps of headings and of the directions of weak winds.
 
-*Headings* in whole multiples of a step s, counted from true or magnetic north. Assumptions: the
-heading implied by ground vector and reported wind is the one the unit used, with an error of some
-tenths of a degree. Rounded headings are near multiples of s, so that the mean of cos(2 pi psi / s)
-over the reports, exp(-2 pi^2 sigma^2 / s^2) for an error sigma, is near one; other headings are
-distributed evenly by routes and winds. The scatter of the mean over flights is its uncertainty: a
-few flights on a few courses may have any mean. Validity: ten flights of an aircraft or more. On
-the 80 archives of a blind check, days among them, the mean was 0.15 at most for steps up to 5
-degrees and 0.18 for 10.
+*Headings* in whole multiples of a step s: the mean of cos(2 pi psi / s) is exp(-2 pi^2 sigma^2 /
+s^2) for an error sigma and near one (Mardia and Jupp 2000, Directional Statistics, ch. 2). The
+scatter of the mean over flights is its uncertainty. On 80 archives of a blind check it was 0.15 at
+most for steps up to 5 degrees and 0.18 for 10.
 
-*Directions of weak winds* in multiples of a step up to some speed. Assumptions: other directions
-are in whole degrees, of which one and a half in every step are on the lattice by chance. The step
-and speed with the largest log likelihood ratio against chance are chosen. Validity: some hundred
-reports; finer steps are the effect ``wind_coding``.
-
-Source: Mardia and Jupp (2000), Directional Statistics, ch. 2 (mean resultant length); likelihood
-ratio of two Bernoulli distributions as in docs/gap.md, section 6.
+*Directions of weak winds* in multiples of a step up to some speed; others are in whole degrees. The
+step and speed with the largest log likelihood ratio against chance are chosen.
 
 Units: rad and m s-1; steps in degrees.
 """
@@ -25,12 +16,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from airswing.gap.archive.frame import Frame
+from airswing.gap.arrays import Floats, Integers
 from airswing.physics.triangle import wind_from_triangle
-
-Floats = NDArray[np.float64]
 
 #: Steps of headings, degrees, and the least mean cosine of each.
 HEADING_STEPS = {2.0: 0.35, 5.0: 0.35, 10.0: 0.4, 15.0: 0.5, 30.0: 0.6}
@@ -78,18 +67,7 @@ class HeadingSteps:
         return cls(step, north, frame.ground_u, frame.ground_v)
 
     def apply(self, u: Floats, v: Floats) -> tuple[Floats, Floats]:
-        """Compute the wind that the unit derives from the rounded heading.
-
-        Parameters
-        ----------
-        u, v : (n,) float
-            Wind through which the aircraft flies, m s-1.
-
-        Returns
-        -------
-        u, v : (n,) float
-            m s-1.
-        """
+        """Wind (u, v) that the unit derives from the rounded heading in a wind, m s-1."""
         air_u, air_v = self.ground_u - u, self.ground_v - v
         airspeed, heading = np.hypot(air_u, air_v), np.arctan2(air_u, air_v)
         step = np.where(self.step > 0.0, self.step, 1.0)
@@ -100,18 +78,7 @@ class HeadingSteps:
 
 
 def heading_lattices(frame: Frame) -> list[HeadingLattice | None]:
-    """Find the steps of the headings of every aircraft.
-
-    Parameters
-    ----------
-    frame : Frame
-        The archive.
-
-    Returns
-    -------
-    list of HeadingLattice or None
-        One for each aircraft, from the north with the larger mean cosine; None without steps.
-    """
+    """Find the steps of each aircraft's headings, from the north with the larger mean cosine."""
     return [_heading_lattice(frame, a) for a in range(len(frame.tails))]
 
 
@@ -131,7 +98,7 @@ def _heading_lattice(frame: Frame, aircraft: int) -> HeadingLattice | None:
     return HeadingLattice(step, true_north, float(rows.size * mean**2))
 
 
-def _coarsest_step(heading: Floats, flight: NDArray[np.int64]) -> tuple[float, float]:
+def _coarsest_step(heading: Floats, flight: Integers) -> tuple[float, float]:
     """Mean cosine and the coarsest significant step, degrees; (0, 0) without one."""
     best = (0.0, 0.0)
     reports = np.bincount(flight)
@@ -155,17 +122,9 @@ class DirectionLattice:
 
 
 def direction_lattice(u: Floats, v: Floats) -> DirectionLattice | None:
-    """Find the steps of the directions of winds up to a speed.
+    """Find the steps of the directions of winds (u, v) up to a speed.
 
-    Parameters
-    ----------
-    u, v : (n,) float
-        Reported wind, m s-1.
-
-    Returns
-    -------
-    DirectionLattice or None
-        None where no lattice holds half of the reports up to any speed.
+    None where no lattice holds half of the reports up to any speed.
     """
     speed, angle = np.hypot(u, v), np.degrees(np.arctan2(u, v))
     order = np.argsort(speed)

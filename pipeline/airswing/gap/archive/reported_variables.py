@@ -1,16 +1,9 @@
 """Variables of every report on which an error may depend.
 
-Assumptions: a variable is linear (cells between quantiles), circular (equal sectors) or a
-category. Heading and airspeed are those of design columns, without the noise of the residual; so
-are drift angle and ground speed (computed from this airspeed in the reference wind, since the
-flown ground speed includes the error of the reference). Direction and speed of the reported wind
-include that noise: dependence on them is compared with simulated reports. A flight begins with its
-first report, and the track turns by less than half a circle between reports.
-
-Validity: a variable that is unknown in half of the reports, or constant, is left out; a report
-with an unknown value is in no cell.
-
-Units: see :data:`UNITS`.
+A variable is linear (cells between quantiles), circular (equal sectors) or a category. Heading and
+airspeed are those of design columns; so are drift angle and ground speed (computed from this
+airspeed in the reference wind, since the flown ground speed includes the error of the reference). A
+variable that is unknown in half of the reports, or constant, is left out. Units: see :data:`UNITS`.
 """
 
 from __future__ import annotations
@@ -19,14 +12,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from airswing.gap.archive.frame import Frame
+from airswing.gap.arrays import Booleans, Floats, Integers
 from airswing.physics.atmosphere import altitude_from_pressure
 from airswing.units import DAY, FOOT, ZERO_CELSIUS
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 #: Variables with kind, number of cells of a curve, and unit.
 VARIABLES: dict[str, tuple[str, int, str]] = {
@@ -82,18 +73,7 @@ class Variable:
         return PERIOD.get(self.name, 360.0)
 
     def edges(self, number: int) -> Floats:
-        """Divide the range of the values into cells.
-
-        Parameters
-        ----------
-        number : int
-            Approximate number of cells.
-
-        Returns
-        -------
-        (m + 1,) float
-            Edges of the cells, from the lowest to the highest.
-        """
+        """Divide the range of the values into about ``number`` cells; their edges, (m + 1,)."""
         if self.kind == "category":
             return np.asarray(np.arange(len(CATEGORIES[self.name]) + 1) - 0.5, np.float64)
         if self.kind == "circular":
@@ -139,40 +119,15 @@ def _edges_upward(ordered: Floats, least: float, width: float) -> Floats:
 
 
 def cells_of(values: Floats, edges: Floats) -> Integers:
-    """Assign values to cells.
-
-    Parameters
-    ----------
-    values : (n,) float
-        NaN where unknown.
-    edges : (m + 1,) float
-        Edges of the cells; the outer cells are open.
-
-    Returns
-    -------
-    (n,) int
-        Index of the cell; -1 where the value is unknown.
-    """
+    """Cell of each value between edges (m + 1,), the outer ones open; -1 where unknown."""
     cell = np.searchsorted(edges[1:-1], values, "right")
     return np.where(np.isfinite(values), cell, -1).astype(np.int64)
 
 
 def values_of(frame: Frame, quiet: Frame, name: str) -> Floats:
-    """Compute the values of a variable.
+    """Compute the values of a variable, (n,) in the unit of `UNITS`; NaN where unknown.
 
-    Parameters
-    ----------
-    frame : Frame
-        Real or simulated reports.
-    quiet : Frame
-        The same with heading and airspeed free of the noise of the residual.
-    name : str
-        Key of :data:`KINDS`.
-
-    Returns
-    -------
-    (n,) float
-        In the unit of :data:`UNITS`; NaN where unknown.
+    ``quiet`` are the reports with heading and airspeed free of the noise of the residual.
     """
     if name == "ground_speed":
         east = quiet.airspeed * np.sin(quiet.heading) + quiet.u_ref
@@ -208,18 +163,7 @@ def _positive_degrees(angle: Floats) -> Floats:
 
 
 def record(frame: Frame, quiet: Frame) -> dict[str, Variable]:
-    """Compute the variables that are known and vary.
-
-    Parameters
-    ----------
-    frame, quiet : Frame
-        See :func:`values_of`.
-
-    Returns
-    -------
-    dict
-        Name -> variable.
-    """
+    """Compute the variables that are known and vary, by name; arguments of `values_of`."""
     out = {}
     for name, (kind, number) in KINDS.items():
         variable = Variable(name, kind, values_of(frame, quiet, name))
@@ -265,7 +209,7 @@ def last_turn(frame: Frame) -> Floats:
     return out
 
 
-def _tracks(frame: Frame) -> tuple[Integers, NDArray[np.bool_], Floats]:
+def _tracks(frame: Frame) -> tuple[Integers, Booleans, Floats]:
     """Rows by flight and time, first reports of flights, and unwrapped tracks, degrees."""
     order = np.lexsort((frame.time, frame.flight))
     begins = np.r_[True, np.diff(frame.flight[order]) != 0][: order.size]

@@ -2,23 +2,19 @@
 
 All checks are made after the search, on the residual of the model, and change no claim; a failed
 check shows which intervals and claims are doubtful. Limits are of practical size, not of
-significance: with 100,000 reports every model is significantly wrong.
+significance: with 100,000 reports every model is significantly wrong. Gross errors are left out;
+standard errors and intervals count days, not reports.
 
-* Calibration: given the earlier reports of its flight, a held-out residual is normal with the mean
-  and standard deviation of the one-step prediction of :mod:`airswing.gap.noise.whitening`, u and v
-  independent. Held-out means that the effects were fitted to other days. PIT histogram, CRPS and
-  the correlation of neighbours test this.
+* Calibration: given the earlier reports of its flight, a residual of days to which the effects were
+  not fitted is normal with the mean and standard deviation of the one-step prediction of
+  :mod:`airswing.gap.noise.whitening`. PIT histogram, CRPS and the correlation of neighbours test
+  this.
 * A classifier is trained to separate held-out flights from simulated flights (unit noise after
-  whitening). It detects dependence on heading, level or the rest of the flight, which the PIT
-  histogram does not.
-* Placebo: a compass deviation of one cycle in the magnetic heading of *another* flight, drawn for
-  each flight, report by report. Its columns have the size, spread and correlation along the flight
-  of a real deviation. It is fitted to each aircraft on some days and removed on the others. The
-  reduction where it was fitted is due to chance; the reduction on the other days measures the
-  chance part of the closure of this archive.
+  whitening). It detects dependence on heading, level or the rest of the flight.
+* Placebo: a compass deviation of one cycle in the magnetic heading of *another* flight, report by
+  report. Its columns have the size, spread and correlation along the flight of a real deviation.
+  It is fitted to each aircraft on some days and removed on the others.
 * Aliases: pairs of effects whose whitened columns share energy on these flights.
-
-Validity: gross errors are left out. Standard errors and intervals count days, not reports.
 
 Source: Gneiting, Balabdaoui and Raftery (2007), J. R. Stat. Soc. B 69, 243-268 (PIT, CRPS of the
 normal distribution); Lopez-Paz and Oquab (2017) (two-sample classifier); Hanley and McNeil (1982)
@@ -27,19 +23,19 @@ normal distribution); Lopez-Paz and Oquab (2017) (two-sample classifier); Hanley
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import mannwhitneyu, norm
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.design.weather import unit_vectors
+from airswing.gap.arrays import Booleans, Floats, Integers
+from airswing.gap.design import unit_vectors
 from airswing.gap.effects import separated_by
+from airswing.gap.model.candidates import Group
 from airswing.gap.model.closure import Closure, day_interval
 from airswing.gap.model.passes import Fitted
 from airswing.gap.model.refit import fold_of_day
-from airswing.gap.model.terms import Term
 from airswing.gap.noise.model import NoiseFit
 from airswing.gap.noise.whitening import whiten
 from airswing.gap.result.schema import (
@@ -52,22 +48,10 @@ from airswing.gap.result.schema import (
 from airswing.physics.robust_spread import robust_sd
 from airswing.units import KNOT, NORMAL_95
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Booleans = NDArray[np.bool_]
-
 #: Limits of practical size: misfit of the autocovariance as a share of the variance; deviation of
 #: the whitened spread from 1; deviation of a PIT bin from its share; correlation of neighbours;
 #: area under the classifier's curve; share of gross errors; noise factor of daily scores.
-LIMITS = {
-    "autocovariance": 0.1,
-    "spread": 0.1,
-    "pit": 0.25,
-    "lag_one": 0.1,
-    "auc": 0.6,
-    "gross": 0.02,
-    "factor": 2.0,
-}
+MISFIT, SPREAD, PIT, LAG_ONE, AUC, GROSS, FACTOR = 0.1, 0.1, 0.25, 0.1, 0.6, 0.02, 2.0
 #: Share of common energy from which two effects are listed as aliases.
 LISTED = 0.8
 #: Bins of the PIT histogram.
@@ -82,121 +66,74 @@ PLACEBO_DRAWS = 4
 NEGLIGIBLE_KT = 0.01
 
 
-@dataclass(frozen=True)
-class Checks:
-    """Entries of gap.json on the assumptions of a diagnosis."""
-
-    calibration: CalibrationPair
-    placebo: PlaceboEntry
-    aliases: list[AliasEntry]
-    assumptions: list[AssumptionEntry]
-
-
 def run_checks(
     fitted: Fitted, closure: Closure, *, seed: int = 0
-) -> tuple[Checks, dict[str, tuple[str, object]]]:
-    """Check the assumptions of a diagnosis.
+) -> tuple[dict[str, Any], dict[str, tuple[str, object]]]:
+    """Check the assumptions of a diagnosis: fields of `GapReport`, and variables of gap.nc.
 
-    Parameters
-    ----------
-    fitted : Fitted
-        The fitted model.
-    closure : Closure
-        Held-out residual of all stated effects.
-    seed : int
-        Seed of simulated flights and placebos.
-
-    Returns
-    -------
-    checks : Checks
-        Entries of gap.json.
-    histograms : dict
-        Variables of gap.nc.
+    ``closure`` holds the held-out residual of all stated effects; ``seed`` is that of simulated
+    flights and placebos.
     """
-    sums, noise = fitted.model.sums, fitted.noise
-    fold = fold_of_day(sums.D)
-    climatology = _held_out_climatology(fitted, fold)
+    frame, noise, model = fitted.frame, fitted.noise, fitted.model
+    day, fold = model.sums.day, fold_of_day(model.sums.D)[model.sums.day]
+    # the climatology of the reference as fitted to other days
+    group = model.base.group
+    theta = fitted.exact.by_fold[:, : group.size] @ group.transform.T
+    columns = model.sums.candidates.raw(group.columns)
+    climatology = np.einsum("ncq,nq->nc", columns, theta[fold])
     (after, pit_after), (before, pit_before) = (
-        calibrate(fitted.frame, residual - climatology, noise=noise, day=sums.day, seed=seed)
-        for residual in (closure.residual, fitted.frame.residual)
+        calibrate(frame, residual - climatology, noise=noise, day=day, seed=seed)
+        for residual in (closure.residual, frame.residual)
     )
-    placebo = fit_placebo(
-        fitted.frame, closure.residual, noise=noise, day=sums.day, fold=fold[sums.day], seed=seed
-    )
-    gross = float(noise.gross.mean())
-    kappa = fitted.model.kappa
-    rows = [
-        _autocovariance_check(noise),
-        *_calibration_checks(after, pit_after),
-        AssumptionEntry(
-            "gross errors are few and do not influence the fit",
-            "reports that differ from both neighbours by five standard deviations",
-            f"{100 * gross:.2f} % set aside",
-            gross < LIMITS["gross"],
-        ),
-        AssumptionEntry(
-            "days are independent enough",
-            "scatter of daily scores over that of independent reports",
-            f"factor {kappa:.1f}, by which the noise variance is multiplied",
-            kappa < LIMITS["factor"],
-        ),
-        _placebo_check(placebo),
-    ]
-    checks = Checks(CalibrationPair(after, before), placebo, aliases(fitted), rows)
-    return checks, {
+    placebo = fit_placebo(frame, closure.residual, noise=noise, day=day, fold=fold, seed=seed)
+    fields = {
+        "calibration": CalibrationPair(after, before),
+        "decoy": placebo,
+        "aliases": aliases(fitted),
+        "assumptions": _assumptions(noise, model.kappa, after, pit_after, placebo),
+    }
+    return fields, {
         "pit_bin": ("pit_bin", np.arange(BINS) / BINS),
         "pit_count": ("pit_bin", pit_after.astype(np.int32)),
         "pit_count_before": ("pit_bin", pit_before.astype(np.int32)),
     }
 
 
-def _held_out_climatology(fitted: Fitted, fold: Integers) -> Floats:
-    """Climatology of the reference as fitted to other days, (n, 2) m s-1."""
-    model, sums = fitted.model, fitted.model.sums
-    group = model.base.group
-    theta = fitted.exact.by_fold[:, : group.size] @ group.transform.T
-    columns = sums.candidates.raw(group.columns)
-    return np.asarray(np.einsum("ncq,nq->nc", columns, theta[fold[sums.day]]))
-
-
-# ------------------------------------------------------------------------------------- entries
-def _autocovariance_check(noise: NoiseFit) -> AssumptionEntry:
+def _assumptions(
+    noise: NoiseFit, kappa: float, after: CalibrationEntry, pit: Integers, placebo: PlaceboEntry
+) -> list[AssumptionEntry]:
     known = np.isfinite(noise.autocovariance) & (noise.pair_count > 100)
     misfit = np.abs(noise.autocovariance - noise.autocovariance_model)[known]
-    text, worst = "too few pairs of reports", float("nan")
+    correlation, worst = "too few pairs of reports", float("nan")
     if misfit.size and noise.autocovariance_model[0] > 0:
         worst = float(misfit.max() / noise.autocovariance_model[0])
         distance = float(noise.distance_km[known][int(misfit.argmax())])
-        text = f"largest misfit {100 * worst:.0f} % of the variance, at {distance:.0f} km"
-    return AssumptionEntry(
-        "the correlation of errors along a flight follows the noise model",
-        "autocovariance against distance",
-        text,
-        bool(worst < LIMITS["autocovariance"]),
-    )
-
-
-def _calibration_checks(after: CalibrationEntry, pit: Integers) -> list[AssumptionEntry]:
-    size, neighbours, classifier = (
-        "too few held-out reports",
-        "too few neighbours",
-        "too few flights",
-    )
-    calibrated = False
+        correlation = f"largest misfit {100 * worst:.0f} % of the variance, at {distance:.0f} km"
+    size, calibrated = "too few held-out reports", False
     if np.isfinite(after.spread):
-        worst = float(np.abs(pit * pit.size / max(int(pit.sum()), 1) - 1).max())
+        bin_error = float(np.abs(pit * pit.size / max(int(pit.sum()), 1) - 1).max())
         size = (
             f"spread {after.spread:.2f} of the predicted, largest deviation of a PIT bin "
-            f"{100 * worst:.0f} %, CRPS {after.crps_m_s:.2f} m/s "
+            f"{100 * bin_error:.0f} %, CRPS {after.crps_m_s:.2f} m/s "
             f"({after.crps_expected_m_s:.2f} m/s expected)"
         )
-        calibrated = abs(after.spread - 1) < LIMITS["spread"] and worst < LIMITS["pit"]
+        calibrated = abs(after.spread - 1) < SPREAD and bin_error < PIT
+    neighbours, classifier = "too few neighbours", "too few flights"
     if np.isfinite(after.lag_one):
         neighbours = f"{after.lag_one:.3f} ± {NORMAL_95 * after.lag_one_standard_error:.3f}"
     if np.isfinite(after.auc):
         error = NORMAL_95 * after.auc_standard_error
         classifier = f"area under the curve {after.auc:.2f} ± {error:.2f} (0.5: no difference)"
+    gross = float(noise.gross.mean())
+    reductions = placebo.reduction_kt, placebo.reduction_where_fitted_kt, *placebo.reduction_ci_kt
+    held_out, where_fitted, low, high = (round(kt, 3) + 0.0 for kt in reductions)
     return [
+        AssumptionEntry(
+            "the correlation of errors along a flight follows the noise model",
+            "autocovariance against distance",
+            correlation,
+            bool(worst < MISFIT),
+        ),
         AssumptionEntry(
             "the error predicted for a report has the right size and shape",
             "PIT and CRPS of held-out reports",
@@ -207,63 +144,59 @@ def _calibration_checks(after: CalibrationEntry, pit: Integers) -> list[Assumpti
             "neighbours on a flight are independent after whitening",
             "correlation of whitened held-out residuals at lag 1",
             neighbours,
-            bool(abs(after.lag_one) < LIMITS["lag_one"]),
+            bool(abs(after.lag_one) < LAG_ONE),
         ),
         AssumptionEntry(
             "real flights cannot be distinguished from flights of the improved simulation",
             "linear classifier, evaluated on flights on which it was not trained",
             classifier,
-            bool(after.auc < LIMITS["auc"]),
+            bool(after.auc < AUC),
+        ),
+        AssumptionEntry(
+            "gross errors are few and do not influence the fit",
+            "reports that differ from both neighbours by five standard deviations",
+            f"{100 * gross:.2f} % set aside",
+            gross < GROSS,
+        ),
+        AssumptionEntry(
+            "days are independent enough",
+            "scatter of daily scores over that of independent reports",
+            f"factor {kappa:.1f}, by which the noise variance is multiplied",
+            kappa < FACTOR,
+        ),
+        AssumptionEntry(
+            "an effect that cannot exist closes nothing on held-out flights",
+            "a placebo, the deviation evaluated at the headings of other flights",
+            f"closes {held_out:+.3f} kt [{low:+.3f}, {high:+.3f}] on held-out flights "
+            f"({where_fitted:+.3f} where it was fitted)",
+            placebo.closes_nothing,
         ),
     ]
 
 
-def _placebo_check(placebo: PlaceboEntry) -> AssumptionEntry:
-    held_out, fitted, low, high = (
-        round(kt, 3) + 0.0
-        for kt in (
-            placebo.reduction_kt,
-            placebo.reduction_where_fitted_kt,
-            *placebo.reduction_ci_kt,
-        )
-    )
-    return AssumptionEntry(
-        "an effect that cannot exist closes nothing on held-out flights",
-        "a placebo, the deviation evaluated at the headings of other flights",
-        f"closes {held_out:+.3f} kt [{low:+.3f}, {high:+.3f}] on held-out flights "
-        f"({fitted:+.3f} where it was fitted)",
-        placebo.closes_nothing,
-    )
-
-
 # ------------------------------------------------------------------------------------- aliases
 def aliases(fitted: Fitted) -> list[AliasEntry]:
-    """List pairs of effects whose whitened columns share energy on these flights.
+    """List pairs of effects whose whitened columns share energy on these flights, largest first.
 
     The shared energy of an effect is tr(T' G_12 G_22^-1 G_21 T) / tr(T' G_11 T) over the aircraft
     of the effect; day fields are eliminated and the climatology is projected out.
-
-    Parameters
-    ----------
-    fitted : Fitted
-        The fitted model.
-
-    Returns
-    -------
-    list of AliasEntry
-        In order of decreasing share.
     """
     sums = fitted.model.sums
     shares: dict[tuple[str, str], float] = {}
+
+    def whitened(group: Group) -> Floats:
+        columns = sums.rows[:, group.columns]
+        return np.asarray(columns @ group.transform.astype(np.float32), np.float64)
+
     for term in fitted.terms:
         if not term.group.named or term.start:
             continue
-        columns = _whitened_columns(fitted, term)
+        columns = whitened(term.group)
         total = max(float((columns * columns).sum()), 1e-12)
         for group in sums.candidates.groups:
             if group.kind != "name" or group.name == term.group.name:
                 continue
-            other = _whitened_columns(fitted, Term(group, term.scope, term.tails, 1.0))
+            other = whitened(group)
             rows = [sums.rows_of(a) for a in term.tails]
             energy = sum(_shared_energy(columns[part], other[part]) for part in rows)
             key = (term.group.name, group.name)
@@ -273,11 +206,6 @@ def aliases(fitted: Fitted) -> list[AliasEntry]:
         for (effect, other), share in sorted(shares.items(), key=lambda item: -item[1])
         if share >= LISTED
     ]
-
-
-def _whitened_columns(fitted: Fitted, term: Term) -> Floats:
-    columns = fitted.model.sums.rows[:, term.group.columns]
-    return np.asarray(columns @ term.group.transform.astype(np.float32), np.float64)
 
 
 def _shared_energy(columns: Floats, other: Floats) -> float:
@@ -292,29 +220,11 @@ def _shared_energy(columns: Floats, other: Floats) -> float:
 def calibrate(
     frame: Frame, residual: Floats, *, noise: NoiseFit, day: Integers, seed: int = 0
 ) -> tuple[CalibrationEntry, Integers]:
-    """Compare held-out residuals with the noise model that predicts them.
+    """Compare held-out residuals (n, 2) with the noise model that predicts them.
 
-    Parameters
-    ----------
-    frame : Frame
-        The n reports.
-    residual : (n, 2) float
-        Held-out residuals, m s-1.
-    noise : NoiseFit
-        The noise model and its gains.
-    day : (n,) int
-        Day of each report's flight.
-    seed : int
-        Seed of the simulated flights and of the parts of the classifier.
-
-    Returns
-    -------
-    entry : CalibrationEntry
-        CRPS and its expectation where the prediction is correct (m s-1), standard deviation of the
-        whitened residual (1 where correct), correlation of neighbours (0 where correct), and area
-        under the curve of the classifier (0.5 where correct), with standard errors.
-    pit : (BINS,) int
-        PIT histogram.
+    Where the prediction is correct the CRPS has its expectation (m s-1), the whitened residual the
+    standard deviation 1, neighbours the correlation 0, and the area under the curve of the
+    classifier is 0.5. Also returns the PIT histogram, (BINS,).
     """
     rng = np.random.default_rng(seed)
     real = np.asarray(whiten(residual, noise.order, noise.gains))
@@ -326,8 +236,12 @@ def calibrate(
     auc, auc_error = two_sample(
         flight_features(frame, real, kept), flight_features(frame, simulated, kept), rng
     )
+    # in standard deviations; with the uniform probability integral transform
+    probability = norm.cdf(values)
+    score = values * (2 * probability - 1) + 2 * norm.pdf(values) - 1 / np.sqrt(np.pi)
+    where = np.clip((probability * BINS).astype(np.int64), 0, BINS - 1)
     entry = CalibrationEntry(
-        crps_m_s=float(crps_normal(values, sd[:, None]).mean()),
+        crps_m_s=float((sd[:, None] * score).mean()),
         crps_expected_m_s=float(sd.mean() / np.sqrt(np.pi)),
         spread=float(np.sqrt(np.mean(values**2))),
         lag_one=lag,
@@ -335,64 +249,15 @@ def calibrate(
         auc=auc,
         auc_standard_error=auc_error,
     )
-    return entry, pit_histogram(values)
-
-
-def pit_histogram(values: Floats) -> Integers:
-    """Count standardised values in bins of equal predicted probability.
-
-    Parameters
-    ----------
-    values : (...) float
-        Values of unit variance where the prediction is correct.
-
-    Returns
-    -------
-    (BINS,) int
-    """
-    where = np.clip((norm.cdf(values) * BINS).astype(np.int64), 0, BINS - 1)
-    return np.bincount(where.ravel(), minlength=BINS)
-
-
-def crps_normal(values: Floats, sd: Floats) -> Floats:
-    """Compute the continuous ranked probability score of a normal prediction.
-
-    Parameters
-    ----------
-    values : (...) float
-        Departures from the mean in standard deviations.
-    sd : (...) float
-        Standard deviation of the prediction.
-
-    Returns
-    -------
-    (...) float
-        In the unit of ``sd``.
-    """
-    score = values * (2 * norm.cdf(values) - 1) + 2 * norm.pdf(values) - 1 / np.sqrt(np.pi)
-    return np.asarray(sd * score)
+    return entry, np.bincount(where.ravel(), minlength=BINS)
 
 
 def lag_one(
     values: Floats, kept: Booleans, flight: Integers, time: Floats, day: Integers
 ) -> tuple[float, float]:
-    """Compute the correlation of neighbours on a flight, and its standard error over days.
+    """Correlation of neighbours on a flight and its standard error over days; NaN without any.
 
-    Parameters
-    ----------
-    values : (n, 2) float
-        Whitened residuals.
-    kept : (n,) bool
-        False: the report is left out.
-    flight, day : (n,) int
-        Flight and day of each report.
-    time : (n,) float
-        s.
-
-    Returns
-    -------
-    correlation, standard_error : float
-        NaN without neighbours.
+    ``values`` are whitened residuals (n, 2), ``kept`` the reports that are not left out.
     """
     order = np.lexsort((time, flight))
     order = order[kept[order]]
@@ -410,23 +275,11 @@ def lag_one(
 
 
 def flight_features(frame: Frame, values: Floats, kept: Booleans) -> Floats:
-    """Compute the features of every flight with five reports or more for the classifier.
+    """Features (f, k) of every flight with five reports or more for the classifier.
 
-    Parameters
-    ----------
-    frame : Frame
-        The n reports.
-    values : (n, 2) float
-        Whitened residuals (u, v).
-    kept : (n,) bool
-        False: the report is left out.
-
-    Returns
-    -------
-    (f, k) float
-        Sums divided by the root of the number of reports: u, v, components across and along the
-        heading, these times sine and cosine of the magnetic heading; their squares; energy;
-        product of neighbours.
+    Sums divided by the root of the number of reports: u, v, components across and along the
+    heading, these times sine and cosine of the magnetic heading; their squares; energy; product of
+    neighbours.
     """
     index = np.lexsort((frame.time, frame.flight))
     index = index[kept[index]]
@@ -446,19 +299,10 @@ def flight_features(frame: Frame, values: Floats, kept: Booleans) -> Floats:
 
 
 def two_sample(real: Floats, simulated: Floats, rng: np.random.Generator) -> tuple[float, float]:
-    """Compute the cross-validated area under the curve of a linear discriminant.
+    """Cross-validated area under the curve of a linear discriminant, and its standard error.
 
-    Parameters
-    ----------
-    real, simulated : (f, k) float
-        Features by flight; row i of both is the same flight and is in the same part.
-    rng : numpy.random.Generator
-        For the assignment of flights to parts.
-
-    Returns
-    -------
-    auc, standard_error : float
-        NaN with fewer than 8 flights in a part.
+    Row i of both samples of features is the same flight and is in the same part; NaN with fewer
+    than 8 flights in a part.
     """
     number = real.shape[0]
     if number < 8 * PARTS:
@@ -466,25 +310,16 @@ def two_sample(real: Floats, simulated: Floats, rng: np.random.Generator) -> tup
     part = rng.permutation(np.arange(number) % PARTS)
     areas = []
     for p in range(PARTS):
-        weights = discriminant(real[part != p], simulated[part != p])
-        areas.append(area(real[part == p] @ weights, simulated[part == p] @ weights))
+        weights = _discriminant(real[part != p], simulated[part != p])
+        first, second = (sample[part == p] @ weights for sample in (real, simulated))
+        # the probability that a value of the first sample exceeds one of the second
+        areas.append(float(mannwhitneyu(first, second).statistic / (first.size * second.size)))
     # standard error of the rank sum of two samples of one distribution (Mann and Whitney 1947)
     return float(np.mean(areas)), float(np.sqrt((2 * number + 1) / (12.0 * number**2)))
 
 
-def discriminant(first: Floats, second: Floats) -> Floats:
-    """Compute Fisher's linear discriminant, with features clipped at 5 robust sd.
-
-    Parameters
-    ----------
-    first, second : (f, k) float
-        Features of two samples.
-
-    Returns
-    -------
-    (k,) float
-        Weights of the features.
-    """
+def _discriminant(first: Floats, second: Floats) -> Floats:
+    """Weights (k,) of Fisher's linear discriminant, with features clipped at 5 robust sd."""
     both = np.vstack([first, second])
     scale = np.array([robust_sd(feature) for feature in both.T]) + 1e-9  # constant features
     middle = np.median(both, axis=0)
@@ -492,11 +327,6 @@ def discriminant(first: Floats, second: Floats) -> Floats:
     one, two = (np.clip(sample, low, high) / scale for sample in (first, second))
     spread = np.cov(one.T) + np.cov(two.T) + 0.02 * np.eye(scale.size)
     return np.asarray(np.linalg.solve(spread, one.mean(axis=0) - two.mean(axis=0)) / scale)
-
-
-def area(first: Floats, second: Floats) -> float:
-    """Return the probability that a value of the first sample exceeds one of the second."""
-    return float(mannwhitneyu(first, second).statistic / (first.size * second.size))
 
 
 # ------------------------------------------------------------------------------------- placebo
@@ -509,25 +339,9 @@ def fit_placebo(
     fold: Integers,
     seed: int = 0,
 ) -> PlaceboEntry:
-    """Fit placebos to a residual on all folds but one, and measure the reduction on that one.
+    """Fit placebos to a residual on all folds but one, and measure the reduction on that one, kt.
 
-    Parameters
-    ----------
-    frame : Frame
-        The n reports.
-    residual : (n, 2) float
-        Residual to which the placebo is fitted, m s-1.
-    noise : NoiseFit
-        The noise model and its gains.
-    day, fold : (n,) int
-        Index of the day and fold of each report.
-    seed : int
-        Seed of the draws.
-
-    Returns
-    -------
-    PlaceboEntry
-        Reduction of the mean vector disagreement, kt, with its 95 % interval over days.
+    ``day`` and ``fold`` are those of each report; the 95 % interval is over days.
     """
     rng = np.random.default_rng(seed)
     target = np.asarray(whiten(residual, noise.order, noise.gains))
@@ -551,20 +365,7 @@ def fit_placebo(
 
 
 def placebo_columns(frame: Frame, rng: np.random.Generator) -> Floats:
-    """Compute the columns of one cycle in the magnetic heading of other flights.
-
-    Parameters
-    ----------
-    frame : Frame
-        The n reports.
-    rng : numpy.random.Generator
-        For the draw of the other flights.
-
-    Returns
-    -------
-    (n, 2, 2) float
-        m s-1 per rad, by report, wind component and sine or cosine.
-    """
+    """Columns (n, 2, 2) of one cycle in the magnetic heading of other flights, m s-1 per rad."""
     order = np.lexsort((frame.time, frame.flight))
     _, start, number, reports = np.unique(
         frame.flight[order], return_index=True, return_inverse=True, return_counts=True
@@ -582,21 +383,10 @@ def placebo_columns(frame: Frame, rng: np.random.Generator) -> Floats:
 def placebo_errors(
     columns: Floats, white: Floats, target: Floats, aircraft: Integers, fold: Integers
 ) -> tuple[Floats, Floats]:
-    """Fit columns to each aircraft on all folds, and on all folds but that of the report.
+    """Fit columns (n, 2, k) to each aircraft on all folds, and on all but that of the report.
 
-    Parameters
-    ----------
-    columns, white : (n, 2, k) float
-        Columns, and the same whitened.
-    target : (n, 2) float
-        Whitened residual.
-    aircraft, fold : (n,) int
-        Aircraft and fold of each report.
-
-    Returns
-    -------
-    fitted, held_out : (n, 2) float
-        Wind errors of the two fits, m s-1.
+    ``white`` are the same whitened, ``target`` the whitened residual. Returns the wind errors of
+    the two fits, (n, 2) m s-1.
     """
     fleet, folds, k = int(aircraft.max()) + 1, int(fold.max()) + 1, columns.shape[-1]
     score, gram = np.zeros((fleet, folds, k)), np.zeros((fleet, folds, k, k))

@@ -1,13 +1,9 @@
 """Fit deviations and field test again with the other effects removed from the winds.
 
-Assumptions: a deviation is fitted as if there were no other error than those that the fit includes
-(an airspeed scale, the error of the reference shared by the fleet). Here the diagnosed effects
-other than a steady or stepping deviation are first removed, effects of the reference from the
-reference winds and all others from the reported winds, with coefficients of the whole archive.
-Both fits use the same reports and options; their difference has less noise than either.
-
-Validity: effects on scatter or rounding, and exchanged identifiers, are not removed. A deviation
-that changed at a date is one mean curve in both fits. Angles in degrees.
+The diagnosed effects other than a deviation are removed, those of the reference from the reference
+winds and all others from the reported winds. Both fits use the same reports and options; their
+difference has less noise than either. Effects on scatter or rounding, and exchanged identifiers,
+are not removed. Angles in degrees.
 """
 
 from __future__ import annotations
@@ -18,14 +14,12 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from airswing.gap.arrays import Floats, Integers
 from airswing.gap.result.schema import ClaimsEntry, FieldTestEntry, FitEntry
 from airswing.physics.triangle import wrap_degrees
 from airswing.units import NORMAL_95
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 Options = Mapping[str, Any]  # a section of the configuration as keyword arguments
 
 _SIDES = ("eastward", "northward")
@@ -43,21 +37,7 @@ class Adjustment:
 
 
 def adjusted_headings(headings: xr.Dataset, adjustment: Adjustment) -> xr.Dataset:
-    """Correct winds, headings and heading errors by an adjustment.
-
-    Parameters
-    ----------
-    headings : Dataset
-        Screened headings (``report``, ``reference``, ``aircraft``).
-    adjustment : Adjustment
-        Corrections of the winds.
-
-    Returns
-    -------
-    Dataset
-        Reported and reference winds, ``heading``, ``magnetic_heading``, ``airspeed``,
-        ``heading_error`` and ``airspeed_error`` replaced on the rows of the adjustment.
-    """
+    """Correct winds, headings, airspeeds and their errors on the rows of an adjustment."""
     rows = adjustment.report
     dims: dict[str, tuple[str, ...]]
     dims = {name: ("reference", "report") for name in ("heading_error", "airspeed_error")}
@@ -96,25 +76,8 @@ def review_claims(
 ) -> ClaimsEntry:
     """Fit the deviations and the field test before and after the other effects are removed.
 
-    Parameters
-    ----------
-    headings : Dataset
-        Screened headings.
-    adjustment : Adjustment
-        Corrections of the winds.
-    pools : mapping
-        Name -> references fitted together.
-    reference : str
-        Key of ``pools``.
-    fit : mapping
-        Options of :func:`airswing.compass.fit.deviation.fit_deviation`.
-    field_test : mapping, optional
-        Options of :func:`airswing.evaluation.field_test.field_test`.
-
-    Returns
-    -------
-    ClaimsEntry
-        Without fits where no effect was removed.
+    ``reference`` is one of the ``pools``; ``fit`` and ``field_test`` are options of `fit_deviation`
+    and `field_test`. Without fits where no effect was removed.
     """
     names = list(adjustment.names)
     if not names:
@@ -136,18 +99,7 @@ def review_claims(
 
 
 def compared_fits(before: xr.Dataset, after: xr.Dataset) -> list[FitEntry]:
-    """Compare offset and amplitude of each aircraft with the 95 % intervals of the first fit.
-
-    Parameters
-    ----------
-    before, after : Dataset
-        Fits against one reference (``aircraft``).
-
-    Returns
-    -------
-    list of FitEntry
-        One for each aircraft.
-    """
+    """Compare offset and amplitude of each aircraft with the 95 % intervals of the first fit."""
     entries = []
     for tail in before["aircraft"].to_numpy():
         first, second = before.sel(aircraft=tail), after.sel(aircraft=tail)

@@ -1,25 +1,22 @@
-"""Gross errors: single reports that stand out from both neighbours, more than would by chance.
+"""Gross errors: single reports that differ from both neighbours, more than would by chance.
 
-Assumptions: how many would without any, a simulated archive of the same paths, noise and coding
-tells, so that a rate which all aircraft share shows as one that a single aircraft has.
-
-Validity: at least 100 reports an aircraft. Units: m/s; shares of reports.
+How many would without any is that of a simulated archive of the same paths, noise and coding. At
+least 100 reports an aircraft. Units: m/s; shares of reports.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.distribution.verdict import Mask, Reduction, Verdict, against_chance, verdict_of
-from airswing.gap.effects.base import number
+from airswing.gap.arrays import Booleans, Floats
+from airswing.gap.distribution.entries import against_chance, closes, effect_of
+from airswing.gap.effects.base import Stated, number
 from airswing.gap.noise.model import NoiseFit, gross_errors
+from airswing.gap.result.schema import ClosesEntry, EffectEntry
 from airswing.gap.simulation.forward import Coding, draw_noise
 from airswing.physics.robust_spread import robust_sd
 from airswing.units import KNOT
-
-Floats = NDArray[np.float64]
 
 LEAST_RATE = 0.002
 """Share of gross errors from which they are worth a name: 0.1 kt at the usual size."""
@@ -34,15 +31,10 @@ LEAST_SIZE = 6.0
 """Standard deviation per component, m/s, under which what stands out is no gross error."""
 
 
-def outliers(frame: Frame, residual: Floats, noise: NoiseFit) -> Verdict | None:
+def outliers(frame: Frame, residual: Floats, noise: NoiseFit) -> EffectEntry | None:
     """Find aircraft with more gross errors than a simulated archive of the same paths has.
 
-    Parameters
-    ----------
-    residual : (n, 2) float
-        With the effects that move means taken off, m/s.
-    noise : NoiseFit
-        Holds the reports taken for gross errors.
+    ``residual`` (n, 2) is without the effects that move means; ``noise`` holds the gross errors.
     """
     fleet = len(frame.tails)
     count = np.bincount(frame.aircraft, minlength=fleet).astype(float)
@@ -60,18 +52,22 @@ def outliers(frame: Frame, residual: Floats, noise: NoiseFit) -> Verdict | None:
     if size < LEAST_SIZE:
         return None  # an effect that is switched on and off, not an error of single reports
     # gross errors of less than 5 m/s in both components pass for noise: those seen are scaled up by
-    # them, at most by a half
-    seen = 1.0 - float(np.clip(_inside(5.0 / size), 0, 0.6)) ** 2
+    # them, at most by a half; tanh form of the normal distribution, good to 0.0004
+    z = 5.0 / size
+    inside = float(np.tanh(z * 0.7979 * (1 + 0.044715 * z * z)))
+    seen = 1.0 - min(inside, 0.6) ** 2
     counting = (rate + chance[affected]) / count[affected]
-    own = _shrunk(hits[affected] / count[affected] - chance[affected], counting, rate)
-    per_tail = {
+    # drawn to the common rate as far as counting alone scatters them
+    apart = hits[affected] / count[affected] - chance[affected] - rate
+    spread = max(float(np.mean(apart**2 - counting)), 0.0)
+    own = rate + apart * spread / (spread + counting)
+    per_tail: dict[str, Stated] = {
         frame.tails[a]: {"fraction": float(max(one, 0.0) / seen), "size_m_s": size}
         for a, one in zip(affected, own, strict=True)
     }
-    verdict = verdict_of("outliers", per_tail, None, [float(gain[gain > 0].sum())])
-    error = np.sqrt(np.median(counting))
-    verdict.standard_errors["fraction"] = float(error) / seen
-    return verdict
+    error = float(np.sqrt(np.median(counting))) / seen
+    evidence = [float(gain[gain > 0].sum())]
+    return effect_of("outliers", per_tail, evidence, errors={"fraction": error})
 
 
 def simulated_rate(frame: Frame, noise: NoiseFit, *, seed: int = 0) -> Floats:
@@ -101,18 +97,8 @@ def simulated_rate(frame: Frame, noise: NoiseFit, *, seed: int = 0) -> Floats:
 def shared_rate(hits: Floats, count: Floats, chance: Floats) -> tuple[float, Floats]:
     """One rate of gross errors of those aircraft that have them, and what speaks for each.
 
-    Parameters
-    ----------
-    hits, count, chance : (m,) float
-        Hits and reports of each aircraft, and the share that chance gives.
-
-    Returns
-    -------
-    rate : float
-        Beyond chance; beginning with the clearest aircraft, that of a two-part mixture of Poisson
-        laws.
-    gain : (m,) float
-        Log likelihood ratio of each aircraft, that rate and chance against chance.
+    The rate is beyond chance: beginning with the clearest aircraft, that of a two-part mixture of
+    Poisson laws. The gain (m,) is the log likelihood ratio of that rate and chance against chance.
     """
 
     def gain(rate: float) -> Floats:
@@ -129,25 +115,7 @@ def shared_rate(hits: Floats, count: Floats, chance: Floats) -> tuple[float, Flo
     return rate, gain(rate)
 
 
-def _shrunk(rates: Floats, counting: Floats, common: float) -> Floats:
-    """Rates of single aircraft, drawn to the common one as far as counting alone scatters them.
-
-    Parameters
-    ----------
-    counting : (m,) float
-        Variance that counting gives each.
-    """
-    spread = max(float(np.mean((rates - common) ** 2 - counting)), 0.0)
-    return np.asarray(common + (rates - common) * spread / (spread + counting))
-
-
-def _inside(z: float) -> float:
-    """Probability that a standard normal value lies within z."""
-    # tanh form of the normal distribution, sqrt(2 / pi) and its cubic term: good to 0.0004
-    return float(np.tanh(z * 0.7979 * (1 + 0.044715 * z * z)))
-
-
-def _gross_size(residual: Floats, gross: NDArray[np.bool_]) -> float:
+def _gross_size(residual: Floats, gross: Booleans) -> float:
     """Standard deviation per component of the gross errors, m/s."""
     values = residual[gross]
     if values.shape[0] < 5:
@@ -162,19 +130,22 @@ def _gross_size(residual: Floats, gross: NDArray[np.bool_]) -> float:
 SHAPE_DOUBT = 0.08
 
 
-def reduction_of_gross(frame: Frame, residual: Floats, verdict: Verdict, gross: Mask) -> Reduction:
+def reduction_of_gross(
+    frame: Frame, residual: Floats, found: EffectEntry, gross: Booleans
+) -> ClosesEntry:
     """Gross errors: as much longer as a normal error of their size makes the calm reports."""
     rng = np.random.default_rng(0)
-    calm = np.isin(np.array(frame.tails)[frame.aircraft], verdict.tails) & ~gross
     total, doubt = 0.0, 0.0
-    for tail, values in verdict.per_tail.items():
-        own = residual[calm & (frame.aircraft == frame.tails.index(tail))]
+    for tail, one in (found.per_tail or {}).items():
+        whose = frame.aircraft_mask(tail)
+        own = residual[whose & ~gross]
         if own.size == 0:
             continue
-        error = number(values["size_m_s"]) * rng.standard_normal(own.shape)
+        size, fraction = (number(one.parameters[name]) for name in ("size_m_s", "fraction"))
+        error = size * rng.standard_normal(own.shape)
         longer = float((np.hypot(*(own + error).T) - np.hypot(*own.T)).mean())
-        count = float((frame.aircraft == frame.tails.index(tail)).sum())
-        total += count * number(values["fraction"]) * longer
-        doubt += (count * longer) ** 2 * number(values["fraction"]) / count
+        count = float(whose.sum())
+        total += count * fraction * longer
+        doubt += (count * longer) ** 2 * fraction / count
     kt = total / frame.size / KNOT
-    return Reduction(kt, float(np.hypot(np.sqrt(doubt) / frame.size / KNOT, SHAPE_DOUBT * kt)))
+    return closes(kt, float(np.hypot(np.sqrt(doubt) / frame.size / KNOT, SHAPE_DOUBT * kt)))

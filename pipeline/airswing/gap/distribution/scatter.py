@@ -1,44 +1,35 @@
 """Reports that scatter more than simulated ones: on some aircraft, or by what they record.
 
-What the other reports of a flight do not predict of a report is mostly its own: noise, coding, an
-instrument that jitters. The logarithm of its square, in units of what the noise model expects, less
-that of simulated archives of the same paths, noise and coding, is a scalar y of each report. A
-curve of y over a variable, on the fleet or on some aircraft, is a table as in the model of the
-mean: the same evidence (:func:`airswing.gap.model.evidence.static_evidence`), with the usual
-variation of log variance in place of that of the wind. Each aircraft has a level of its own; its
-level is compared with the fleet's.
-
-Larger scatter in turns is noise that all aircraft have: a common curve of the bank is removed
-first.
-
-References
-----------
-Harvey, A. C. (1976). Estimating regression models with multiplicative heteroscedasticity.
-Econometrica 44, 461-465 (logarithms of squares).
+The logarithm of the squared interpolation error of a report, in units of what the noise model
+expects, less that of simulated archives of the same paths, noise and coding, is a scalar y (Harvey
+1976, Econometrica 44, 461-465). A curve of y over a variable, on the fleet or on some aircraft, has
+the evidence of a table of the mean, with the usual variation of log variance in place of that of
+the wind. A common curve of the bank, which is noise, is removed first; the level of each aircraft
+is compared with the fleet's.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Collection
+from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.archive.reported_variables import KINDS, Variable
-from airswing.gap.design.heading_uncertainty import heading_doubt
-from airswing.gap.distribution.verdict import Reduction, mean_reduction
+from airswing.gap.archive.reported_variables import KINDS, UNITS, Variable
+from airswing.gap.arrays import Booleans, Floats, Integers
+from airswing.gap.design import heading_doubt
+from airswing.gap.distribution.entries import LEAST_LEFT, mean_reduction, place_of
 from airswing.gap.model.candidates import Curve, curve_of
-from airswing.gap.model.evidence import Found, Usual, static_evidence
+from airswing.gap.model.evidence import Found, static_evidence
+from airswing.gap.model.passes import Fitted
 from airswing.gap.model.sums import days_of
-from airswing.gap.model.terms import Statistics, noise_factor
-from airswing.gap.noise.model import NoiseFit, gains_without
+from airswing.gap.model.terms import GATE, Statistics, noise_factor
+from airswing.gap.noise.model import NoiseFit, whitening_gains
 from airswing.gap.noise.whitening import interpolation_errors
+from airswing.gap.result.schema import CurveEntry, PlaceEntry
 from airswing.gap.simulation.forward import Coding, draw_noise
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 #: Simulated archives that the reports are compared with.
 DRAWS = 2
@@ -47,39 +38,11 @@ DRAWS = 2
 LOG_VARIANCE = np.pi**2 / 6 * (1 + 1 / DRAWS)
 #: Variation of log variance that is no effect: over weather and routes, and of single aircraft;
 #: scales of an effect.
-NATURAL, LASTING = Usual(np.array([0.3, 0.6, 1.2]), small=0.2), 0.2
+LASTING, NATURAL, SCALES = 0.2, 0.2, np.array([0.3, 0.6, 1.2])
 #: Least excess of ln sd of an aircraft over the fleet that is stated, and the usual spread.
 LEAST_EXCESS, LEAST_SPREAD = 0.15, 0.03
 #: Reports an aircraft must have, and aircraft a fleet, to compare their levels.
 LEAST_REPORTS, LEAST_AIRCRAFT = 200, 5
-#: Share of the mean square that is always left.
-LEAST_LEFT = 0.05
-
-
-@dataclass(frozen=True)
-class Scatter:
-    """Reports that scatter more than simulated ones.
-
-    Attributes
-    ----------
-    tails : tuple of int
-        Aircraft.
-    variable : str
-        ``scatter`` where aircraft differ in their level only.
-    edges, values : (k + 1,), (k,) float
-        Excess standard deviation per component in cells of the variable, m/s.
-    sizes : (n,) float
-        The same of every report.
-    evidence : float
-        Log posterior odds.
-    """
-
-    tails: tuple[int, ...]
-    variable: str
-    edges: Floats
-    values: Floats
-    sizes: Floats
-    evidence: float
 
 
 def log_squares(residual: Floats, noise: NoiseFit) -> tuple[Floats, Floats]:
@@ -99,11 +62,12 @@ def excess_log_squares(
     context: Frame,
     residual: Floats,
     noise: NoiseFit,
-    gross: NDArray[np.bool_],
+    gross: Booleans,
     seed: int,
 ) -> tuple[Floats, Floats]:
     """Y of the module, and the variance that the noise model expects, (n,)."""
-    gains = gains_without(noise, context, ~gross, heading_doubt(frame, context))
+    doubt = heading_doubt(frame, context)
+    gains = whitening_gains(noise.model, noise.order, context, ~gross, doubt)
     noise = replace(noise, gains=gains, gross=gross)
     real, variance = log_squares(residual, noise)
     coding, rng = Coding.as_found(frame), np.random.default_rng(seed)
@@ -117,38 +81,27 @@ def excess_log_squares(
 
 
 def find_scatter(
-    frame: Frame,
-    context: Frame,
+    fitted: Fitted,
     residual: Floats,
-    noise: NoiseFit,
-    variables: Mapping[str, Variable],
     *,
-    gross: NDArray[np.bool_],
+    gross: Booleans,
     without: Collection[int] = (),
-    gate: float,
     seed: int = 0,
-) -> Scatter | None:
-    """Reports that scatter more than simulated ones, where the evidence passes the gate.
+) -> PlaceEntry | None:
+    """Reports that scatter more than simulated ones, where the log posterior odds pass the gate.
 
-    Parameters
-    ----------
-    residual : (n, 2) float
-        With the effects found taken off, m/s.
-    gross : (n,) bool
-        Reports left out: gross errors that have a name.
-    without : collection of int
-        Aircraft left out: their scatter has a name.
-    gate : float
-        Least log posterior odds.
+    ``residual`` (n, 2) is without the effects found; left out are ``gross`` errors that have a name
+    and aircraft (``without``) whose scatter has a name.
     """
-    y, variance = excess_log_squares(frame, context, residual, noise, gross, seed)
+    frame, variables = fitted.frame, fitted.model.sums.candidates.variables
+    y, variance = excess_log_squares(frame, fitted.context, residual, fitted.noise, gross, seed)
     y[np.isin(frame.aircraft, list(without))] = np.nan
     known = np.isfinite(y)
     if known.sum() < LEAST_REPORTS * 5:
         return None
     days, day, _ = days_of(frame)
     y = y - _in_turns(frame, y, known)
-    best: tuple[float, str, Curve, Found] | None = None
+    best: tuple[float, str, Found] | None = None
     number = 2 * max(len(variables), 1)
     for name, variable in variables.items():
         curve = curve_of(name, variable.values)
@@ -158,17 +111,18 @@ def find_scatter(
         functions = curve.functions(variable.values)
         statistics = _statistics(y, functions, curve, frame.aircraft, day, days.size, use)
         factor = max(1.0, float(np.mean(statistics.factor)))
-        for found in static_evidence(statistics, factor, "af", NATURAL).values():
+        by_scope = static_evidence(statistics, factor, "af", scales=SCALES, usual=NATURAL)
+        for found in by_scope.values():
             score = found.evidence - np.log(number)
-            if found.tails and score > gate and (best is None or score > best[0]):
-                best = score, name, curve, found
+            if found.tails and score > GATE and (best is None or score > best[0]):
+                best = score, name, found
     if best is None:
-        return _by_aircraft(frame, y, variance, day, gate)
-    score, name, curve, found = best
-    return _sized(frame, y, variance, variables[name], found, score)
+        return _by_aircraft(frame, y, variance, residual, gross)
+    score, name, found = best
+    return _by_variable(frame, y, variance, residual, gross, variables[name], found, score)
 
 
-def _in_turns(frame: Frame, y: Floats, known: NDArray[np.bool_]) -> Floats:
+def _in_turns(frame: Frame, y: Floats, known: Booleans) -> Floats:
     """Common curve of y over the size of the bank, (n,)."""
     bank = np.abs(np.degrees(np.nan_to_num(frame.bank)))
     edges = np.unique(np.quantile(bank[known], np.linspace(0, 1, 13)[1:-1]))
@@ -185,7 +139,7 @@ def _statistics(
     aircraft: Integers,
     day: Integers,
     days: int,
-    use: NDArray[np.bool_],
+    use: Booleans,
 ) -> Statistics:
     """Scores and information of a curve of y, with the level of each aircraft free."""
     root = np.linalg.cholesky(curve.covariance + 1e-9 * np.eye(functions.shape[1]))
@@ -209,9 +163,16 @@ def _statistics(
     return replace(noise_factor(score, gram), lasting=LASTING**2)
 
 
-def _sized(
-    frame: Frame, y: Floats, variance: Floats, variable: Variable, found: Found, evidence: float
-) -> Scatter | None:
+def _by_variable(
+    frame: Frame,
+    y: Floats,
+    variance: Floats,
+    residual: Floats,
+    gross: Booleans,
+    variable: Variable,
+    found: Found,
+    evidence: float,
+) -> PlaceEntry | None:
     """Excess over the quietest third of the cells, in m/s."""
     edges = variable.edges(24 if KINDS[variable.name][0] != "category" else 3)
     own = np.isin(frame.aircraft, found.tails) & np.isfinite(y)
@@ -232,12 +193,21 @@ def _sized(
     sizes = np.where(inside, values[np.maximum(cell, 0)], 0.0)
     if not sizes.any():
         return None
-    return Scatter(found.tails, variable.name, edges, values, sizes, evidence)
+    curve = CurveEntry(
+        [f"{a:.4g} to {b:.4g}" for a, b in pairwise(edges)],
+        values.tolist(),
+        unit="m/s",
+        variables=[variable.name],
+        variable_units=[UNITS[variable.name]],
+        edges=[edges.tolist()],
+        values=values.tolist(),
+    )
+    return _place(frame, residual, gross, variable.name, found.tails, evidence, sizes, curve)
 
 
 def _by_aircraft(
-    frame: Frame, y: Floats, variance: Floats, day: Integers, gate: float
-) -> Scatter | None:
+    frame: Frame, y: Floats, variance: Floats, residual: Floats, gross: Booleans
+) -> PlaceEntry | None:
     """Aircraft whose reports scatter more than the fleet's, whatever they record."""
     known = np.isfinite(y)
     count = np.bincount(frame.aircraft[known], minlength=len(frame.tails))
@@ -249,7 +219,7 @@ def _by_aircraft(
     ratio = 0.5 * (level - np.median(level))
     spread = max(1.4826 * float(np.median(np.abs(ratio))), LEAST_SPREAD)
     evidence = 0.5 * (ratio / spread) ** 2 - np.log(2 * used.size)
-    high = (ratio > LEAST_EXCESS) & (evidence > gate)
+    high = (ratio > LEAST_EXCESS) & (evidence > GATE)
     if not high.any():
         return None
     size = np.zeros(len(frame.tails))
@@ -258,19 +228,31 @@ def _by_aircraft(
         size[a] = np.sqrt(np.expm1(min(excess, 5.0)) * float(variance[own].mean()))
     tails = tuple(int(a) for a in used[high])
     best = float(evidence[high].max())
-    return Scatter(tails, "scatter", np.zeros(0), size[list(tails)], size[frame.aircraft], best)
+    curve = CurveEntry([frame.tails[a] for a in tails], size[list(tails)].tolist())
+    return _place(frame, residual, gross, "scatter", tails, best, size[frame.aircraft], curve)
 
 
-def reduction_of_scatter(residual: Floats, found: Scatter, gross: NDArray[np.bool_]) -> Reduction:
-    """How far the disagreement shrinks without the excess scatter.
+def _place(
+    frame: Frame,
+    residual: Floats,
+    gross: Booleans,
+    variable: str,
+    tails: tuple[int, ...],
+    evidence: float,
+    sizes: Floats,
+    curve: CurveEntry,
+) -> PlaceEntry:
+    """Entry with what the disagreement shrinks by without the excess, of each report (n,) m/s.
 
     Independent errors add in squares: reports of a cell would differ less by the root of the share
     of the mean square that is left.
     """
-    affected = (found.sizes > 0) & ~gross
-    longer = np.zeros(residual.shape[0])
-    for size in np.unique(found.sizes[affected]):
-        own = affected & (found.sizes == size)
+    affected = (sizes > 0) & ~gross
+    longer = np.zeros(frame.size)
+    for size in np.unique(sizes[affected]):
+        own = affected & (sizes == size)
         share = 2 * size**2 / float((residual[own] ** 2).sum(axis=1).mean())
         longer[own] = np.hypot(*residual[own].T) * (1 - np.sqrt(max(1 - share, LEAST_LEFT)))
-    return mean_reduction(longer[affected], affected)
+    closure = mean_reduction(longer[affected], affected)
+    size = float(np.median([value for value in curve.m_s if value > 0]))
+    return place_of("scatter", variable, tails, frame.tails, evidence, size, curve, closure)

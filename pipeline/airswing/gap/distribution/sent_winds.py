@@ -2,34 +2,29 @@
 
 Counts of reported speeds (classes of 2 kt) and directions (10 degrees) are compared with those of
 simulated reports: the reference wind plus the residual of another report of the same level, coded
-alike, so that the spread is right and nothing of coding, floors or faults of the original is left.
-A smooth ratio of the two is the weather's; a cell that differs from its neighbours is the unit's.
-The day is the unit of scatter. The evidence of the clearest cell is half its squared contrast less
-the log number of cells; regressions on the report's own wind are blind here, because its noise is
-on both sides.
-
-What the unit sends in place of each speed is the monotone map between the quantiles of simulated
-and reported speeds; the closure is what the map adds to the disagreement of simulated reports.
+alike. A smooth ratio of the two is the weather's; a cell that differs from its neighbours is the
+unit's. The day is the unit of scatter. What the unit sends in place of each speed is the monotone
+map between the quantiles of simulated and reported speeds; the closure is what the map adds to the
+disagreement of simulated reports.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.archive.lattices import DirectionLattice, direction_lattice
-from airswing.gap.distribution.verdict import Reduction
+from airswing.gap.archive.lattices import direction_lattice
+from airswing.gap.arrays import Booleans, Floats, Integers
+from airswing.gap.distribution.entries import closes, place_of
 from airswing.gap.effects.empirical import mapped_speed
 from airswing.gap.model.sums import days_of
+from airswing.gap.model.terms import GATE
+from airswing.gap.result.schema import ClosesEntry, CurveEntry, PlaceEntry, StepsEntry
 from airswing.gap.simulation.forward import Coding
 from airswing.units import KNOT
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 #: Simulated archives.
 DRAWS = 6
@@ -39,37 +34,6 @@ LEVELS = 8
 LEAST_COUNT, LEAST_CONTRAST = 50.0, 0.15
 #: Quantiles of the map of speeds, and the least change that is one.
 QUANTILES, LEAST_CHANGE = 80, 1.0 * KNOT
-
-
-@dataclass(frozen=True)
-class SentWinds:
-    """Winds sent otherwise than simulated ones.
-
-    Attributes
-    ----------
-    variable : str
-        ``wind_speed`` or ``wind_direction``.
-    tails : tuple of int
-        Aircraft.
-    evidence : float
-        Log posterior odds.
-    speeds, sent : (m,) float
-        Map of speeds, m/s; None where it is the identity.
-    directions : (36,) float
-        Reports in each ten degrees over simulated ones, less 1.
-    reduction : Reduction
-    lattice : DirectionLattice or None
-        Steps of the directions of weak winds.
-    """
-
-    variable: str
-    tails: tuple[int, ...]
-    evidence: float
-    speeds: Floats | None
-    sent: Floats | None
-    directions: Floats
-    reduction: Reduction
-    lattice: DirectionLattice | None
 
 
 def simulated_winds(frame: Frame, residual: Floats, rng: np.random.Generator) -> Floats:
@@ -122,18 +86,13 @@ def find_sent_winds(
     residual: Floats,
     *,
     without: Collection[int] = (),
-    gross: NDArray[np.bool_],
-    gate: float,
+    gross: Booleans,
     seed: int = 0,
-) -> SentWinds | None:
+) -> tuple[PlaceEntry, tuple[int, ...]] | None:
     """Winds sent otherwise than simulated ones, where the evidence passes the gate.
 
-    Parameters
-    ----------
-    residual : (n, 2) float
-        With the effects found taken off, m/s.
-    without : collection of int
-        Aircraft left out: their coding has a name.
+    ``residual`` (n, 2) is without the effects found; aircraft (``without``) whose coding has a name
+    are left out. Also returns the numbers of the affected aircraft.
     """
     rng = np.random.default_rng(seed)
     days, day, _ = days_of(frame)
@@ -169,7 +128,7 @@ def find_sent_winds(
             k = int(np.argmax(evidence))
             price = np.log(2.0 * size) + (0.0 if a < 0 else np.log(2.0 * aircraft))
             score = float(evidence[k] - price)
-            if score > gate and (best is None or score > best[0]):
+            if score > GATE and (best is None or score > best[0]):
                 best = score, name, k, a
     if best is None:
         return None
@@ -179,20 +138,29 @@ def find_sent_winds(
     speeds, sent = _speed_map(real, drawn, whole)
     count = [np.bincount(one["wind_direction"][whole], minlength=36) for one in cells]
     directions = count[0] / np.maximum(np.mean(count[1:], axis=0), 1.0) - 1.0
-    changed = bool((speeds != sent).any())
-    reduction = Reduction(0.0, 0.0)
-    if name == "wind_speed" and changed:
-        reduction = _closure(frame, drawn, whole, speeds, sent, day)
-    return SentWinds(
-        name,
-        tails,
-        score,
-        speeds if name == "wind_speed" and changed else None,
-        sent if name == "wind_speed" and changed else None,
-        directions,
-        reduction,
-        direction_lattice(*real[whole].T) if name == "wind_direction" else None,
-    )
+    component, size = "reported_direction", 0.0
+    closure = closes(0.0, 0.0)
+    percent = (100.0 * directions).tolist()
+    curve = CurveEntry([f"{10 * k}" for k in range(36)], percent, unit="percent")
+    if name == "wind_speed" and (speeds != sent).any():
+        component = "reported_speed"
+        size = float(np.sqrt(np.mean((sent - speeds) ** 2)))
+        closure = _closure(frame, drawn, whole, speeds, sent, day)
+        curve = CurveEntry(
+            [f"{speed:.3g}" for speed in speeds],
+            sent.tolist(),
+            unit="m/s",
+            variables=["wind_speed"],
+            variable_units=["m/s"],
+            edges=[speeds.tolist()],
+            values=sent.tolist(),
+        )
+    place = place_of(component, name, tails, frame.tails, score, size, curve, closure)
+    place = replace(place, settled_by="the unit's winds before coding and those it sends")
+    grid = direction_lattice(*real[whole].T) if name == "wind_direction" else None
+    if grid is not None:
+        place = replace(place, steps=StepsEntry(grid.step, grid.below / KNOT, grid.share))
+    return place, tails
 
 
 def _aircraft_of(
@@ -211,9 +179,7 @@ def _aircraft_of(
     return tuple(int(a) for a in np.flatnonzero(has))
 
 
-def _speed_map(
-    real: Floats, drawn: list[Floats], whole: NDArray[np.bool_]
-) -> tuple[Floats, Floats]:
+def _speed_map(real: Floats, drawn: list[Floats], whole: Booleans) -> tuple[Floats, Floats]:
     """Speeds and what is sent in their place, (m,) each, m/s."""
     levels = (np.arange(QUANTILES) + 0.5) / QUANTILES
     made = np.stack([np.quantile(np.hypot(*wind[whole].T), levels) for wind in drawn])
@@ -228,11 +194,11 @@ def _speed_map(
 def _closure(
     frame: Frame,
     drawn: list[Floats],
-    whole: NDArray[np.bool_],
+    whole: Booleans,
     speeds: Floats,
     sent: Floats,
     day: Integers,
-) -> Reduction:
+) -> ClosesEntry:
     """What the map adds to the disagreement of simulated reports, kt."""
     reference = np.stack([frame.u_ref, frame.v_ref], -1)
     added = np.zeros(frame.size)
@@ -245,4 +211,4 @@ def _closure(
     by_day, count = np.bincount(day, added), np.bincount(day)
     value = float(added.mean())
     spread = float(np.sqrt(((by_day - value * count) ** 2).sum()) / frame.size)
-    return Reduction(value, float(np.hypot(spread, 0.16 * value)))
+    return closes(value, float(np.hypot(spread, 0.16 * value)))

@@ -6,14 +6,13 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from airswing.flags import PHASE
 from airswing.gap.archive.frame import Frame
+from airswing.gap.arrays import Booleans, Floats
 from airswing.gap.effects.base import (
     DEGREE,
     Estimate,
-    Floats,
     HeadingEffect,
     Parameter,
     Stated,
@@ -37,7 +36,7 @@ def _by_phase(rng: np.random.Generator) -> dict[str, object]:
     return {"by_phase": True, "amplitude_deg": 10.0 * sign(rng)}
 
 
-def _out_of_cruise(frame: pd.DataFrame, values: Mapping[str, object]) -> NDArray[np.bool_]:
+def _out_of_cruise(frame: pd.DataFrame, values: Mapping[str, object]) -> Booleans:
     return np.asarray(frame["phase"] != 2)
 
 
@@ -86,17 +85,12 @@ class AccelerationError(HeadingEffect):
     )
     needs = ("magnetic_heading", "acceleration", "dip")
     confused_with = ("hard_iron: where climb and descent are not sampled equally",)
-    column_names = ("amplitude", "by_phase")
+    column_scales = np.full(2, 20.0 * DEGREE)
     alternatives = ((0,), (1,))
     reliability = 0.76  # correlation with the true acceleration in simulated archives
 
-    @property
-    def column_scales(self) -> Floats:
-        """See `Effect.column_scales`; rad."""
-        return np.full(2, 20.0 * DEGREE)
-
     def basis(self, frame: Frame) -> Floats:
-        """Return sin(m) tan(dip) a/g by acceleration and by phase, (2, n)."""
+        # sin(m) tan(dip) a/g by acceleration and by phase
         steady = (frame.phase == PHASE["cruise"]) & (np.abs(frame.acceleration) < STEADY)
         pull = np.where(steady, 0.0, frame.acceleration) / GRAVITY
         climbs = frame.phase == PHASE["ascent"]
@@ -106,7 +100,7 @@ class AccelerationError(HeadingEffect):
         )
 
     def to_parameters(self, coefficients: Floats, covariance: Floats, frame: Frame) -> Estimate:
-        """See `Effect.to_parameters`; for the form with the larger coefficient."""
+        # of the form with the larger coefficient
         k = int(np.argmax(np.abs(coefficients)))
         values: Stated = {
             "amplitude_deg": float(coefficients[k]) / DEGREE,
@@ -115,18 +109,12 @@ class AccelerationError(HeadingEffect):
         return values, {"amplitude_deg": standard_error(covariance, k) / DEGREE}
 
     def from_parameters(self, values: Mapping[str, object], frame: Frame) -> Floats:
-        """See `Effect.from_parameters`."""
         full = self.complete(values)
         out = np.zeros(2)
         out[int(bool(full["by_phase"]))] = number(full["amplitude_deg"]) * DEGREE
         return out
 
-    def acts(self, frame: Frame) -> NDArray[np.bool_]:
-        """See `Effect.acts`: in climb and descent."""
-        return np.asarray(np.isin(frame.phase, (PHASE["ascent"], PHASE["descent"])))
-
     def testable(self, frame: Frame) -> str | None:
-        """See `Effect.testable`; climb or descent is required."""
         reason = super().testable(frame)
         steep = np.isin(frame.phase, (PHASE["ascent"], PHASE["descent"]))
         if reason is None and not np.any(self.basis(frame)[:, steep]):

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
+from airswing.gap.arrays import Floats
 from airswing.gap.effects.base import (
-    Floats,
     Parameter,
     ProportionalEffect,
     WindEffect,
@@ -53,11 +53,9 @@ class AltitudeOffset(ProportionalEffect, WindEffect):
         "a height error of the model: an exact alias when the whole fleet shows it",
         "time_lag: where climb and shear always go together",
     )
-    column_names = ("offset",)
     reliability = 0.9  # correlation with the true shear in simulated archives
 
     def columns(self, frame: Frame) -> Floats:
-        """See `Effect.columns`: shear by ln p times the lapse of ln p with height."""
         shear = np.stack([frame.dudlnp, frame.dvdlnp], axis=-1)
         return known(shear * log_pressure_lapse(frame)[:, None])[None]
 

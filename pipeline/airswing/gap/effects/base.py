@@ -1,20 +1,17 @@
 """Definition of an effect, the catalogue of effects, and common forms of effects.
 
-Assumptions and validity: an effect acts at one stage of the simulated measurement,
+An effect acts at one stage of the simulated measurement:
 
-``identity``     the airframe behind a reported identifier;
-``atmosphere``   the wind met, where it differs from the reference wind as sampled;
-``sensor``       the indicated heading or airspeed, functions of the INDICATED magnetic heading;
-``report``       changes of the computed wind by the unit before it is sent;
+``identity`` the airframe behind a reported identifier; ``atmosphere`` the wind met, where it
+differs from the reference wind as sampled; ``sensor`` the indicated heading or airspeed, functions
+of the INDICATED magnetic heading; ``report`` changes of the computed wind by the unit before it is
+sent.
 
-and the wind computed between the last two is ``V_G - V_ind h(psi_ind)`` with
-``h = (sin psi, cos psi)``. A heading error is indicated minus true. Design columns are the exact
-derivatives of the simulated reported wind at zero effect, as functions of the indicated heading
-``psi``: ``d W = -V n d psi`` with ``n = (cos psi, -sin psi)`` and ``d W = -h d V``. An unknown
-quantity of the context contributes nothing.
-
-Units: radians, m/s and SI for coefficients; degrees, hours, feet and the like for the parameters
-in files, as given by each `Parameter`.
+The wind computed between the last two is ``V_G - V_ind h(psi_ind)`` with ``h = (sin psi, cos
+psi)``; a heading error is indicated minus true. With ``n = (cos psi, -sin psi)`` design columns are
+``-V n`` per heading error and ``-h`` per airspeed error. An unknown quantity of the context
+contributes nothing. Coefficients are in radians and SI, parameters in files as given by each
+`Parameter`.
 """
 
 from __future__ import annotations
@@ -27,11 +24,11 @@ from dataclasses import dataclass, field, replace
 from typing import ClassVar, Literal, SupportsFloat
 
 import numpy as np
-from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.gap.archive.frame import Frame
-from airswing.gap.result.schema.entries import Parameter as Value
+from airswing.gap.arrays import Floats, Integers
+from airswing.gap.result.schema import Parameter as Value
 from airswing.physics.atmosphere import (
     GAS_CONSTANT,
     GRAVITY,
@@ -40,8 +37,6 @@ from airswing.physics.atmosphere import (
 )
 from airswing.synthetic.sealed.draws import Draw
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 Random = np.random.Generator
 Scope = Literal["aircraft", "fleet", "reference", "pair"]
 Kind = Literal["mean", "step", "drift", "swap", "second_moment"]
@@ -88,13 +83,7 @@ class ActiveEffect:
 
 
 def number(value: object) -> float:
-    """Return the value of a numeric parameter.
-
-    Raises
-    ------
-    TypeError
-        The value is not a number.
-    """
+    """Return the value of a numeric parameter; TypeError for another."""
     if isinstance(value, str | SupportsFloat):
         return float(value)
     raise TypeError(f"{value!r} is no number")
@@ -135,16 +124,13 @@ class Effect(ABC):
     confused_with: ClassVar[tuple[str, ...]] = ()
     # other effect -> data that would separate the two
     distinguished_by: ClassVar[Mapping[str, str]] = {}
-    # names of the linear coefficients, in the order of `columns`
-    column_names: ClassVar[tuple[str, ...]] = ()
     # sets of columns that are one candidate each; empty: all columns together
     alternatives: ClassVar[tuple[tuple[int, ...], ...]] = ()
     # share of the effect's energy in its columns: below 1, as headings in turns are those of
     # chords, and lower where more of the context is inferred (bank, acceleration)
     reliability: ClassVar[float] = 0.99
-    deviates: ClassVar[bool] = (
-        False  # whether it is part of the deviation that the product corrects
-    )
+    # whether it is part of the deviation that the product corrects
+    deviates: ClassVar[bool] = False
     draw: ClassVar[Draw | None] = None  # draw of the blind check; None: not part of it
 
     @property
@@ -154,43 +140,22 @@ class Effect(ABC):
 
     @abstractmethod
     def columns(self, frame: Frame) -> Floats:
-        """Compute the derivative of the reported wind by each coefficient at zero effect.
+        """Derivative of the reported wind by each coefficient at zero effect, (k, n, 2).
 
-        Parameters
-        ----------
-        frame : Frame
-            Reports, with INDICATED heading and airspeed.
-
-        Returns
-        -------
-        (k, n, 2) float
-            Eastward and northward component, m s-1 per unit of the coefficient.
+        Eastward and northward component, m s-1 per unit of the coefficient, at the INDICATED
+        heading and airspeed of the frame.
         """
 
     def curvature(self, frame: Frame) -> Floats | None:
-        """Compute what each squared coefficient adds to the reported wind.
+        """Change of the reported wind by each squared coefficient, (k, n, 2).
 
-        Returns
-        -------
-        (k, n, 2) float or None
-            None where the columns are exact, or the effect is one of the indicated heading or
-            airspeed, of which every order is known.
+        None where the columns are exact, or the effect is one of the indicated heading or
+        airspeed, of which every order is known.
         """
         return None
 
     def tied(self, subset: tuple[int, ...]) -> Floats:
-        """Return the linear map from free coefficients to those of an alternative.
-
-        Parameters
-        ----------
-        subset : tuple of int
-            One of :attr:`alternatives`, with k columns.
-
-        Returns
-        -------
-        (k, m) float
-            The identity unless coefficients are constrained.
-        """
+        """Linear map (k, m) from free coefficients to those of one of `alternatives`."""
         return np.eye(len(subset))
 
     def softened_columns(self, frame: Frame) -> Floats:
@@ -201,39 +166,15 @@ class Effect(ABC):
     def apply(self, state: State, frame: Frame, values: Parameters, rng: Random) -> State:
         """Transform every report exactly (the simulation restricts aircraft and period).
 
-        Parameters
-        ----------
-        state : State
-            State before the effect.
-        frame : Frame
-            Context, with the simulated indicated heading and airspeed.
-        values : dict
-            Complete parameters in the catalogue's units.
-        rng : numpy.random.Generator
-            For random effects.
-
-        Returns
-        -------
-        State
+        The frame holds the simulated indicated heading and airspeed, ``values`` complete parameters
+        in the catalogue's units.
         """
 
     @abstractmethod
     def to_parameters(self, coefficients: Floats, covariance: Floats, frame: Frame) -> Estimate:
-        """Convert coefficients to parameters, with standard errors by the delta method.
+        """Convert coefficients (k,), rad and SI, and their covariance to parameters.
 
-        Parameters
-        ----------
-        coefficients : (k,) float
-            rad and SI.
-        covariance : (k, k) float
-            Covariance of the coefficients.
-        frame : Frame
-            For constants of the archive.
-
-        Returns
-        -------
-        parameters, standard_errors : dict
-            In the catalogue's units.
+        Parameters and standard errors (delta method) are in the catalogue's units.
         """
 
     @abstractmethod
@@ -248,31 +189,8 @@ class Effect(ABC):
                 return reason
         return None
 
-    def acts(self, frame: Frame) -> NDArray[np.bool_] | None:
-        """Mark the reports over which the rms size of the effect is computed, (n,).
-
-        None for all reports with nonzero columns. Columns may be nonzero on other reports (the end
-        of a turn, levelling off after a climb).
-        """
-        return None
-
     def complete(self, values: Mapping[str, object]) -> Parameters:
-        """Complete parameters by their defaults.
-
-        Parameters
-        ----------
-        values : mapping
-            Given parameters.
-
-        Returns
-        -------
-        dict
-
-        Raises
-        ------
-        InputError
-            A parameter is unknown or a required one absent.
-        """
+        """Complete parameters by their defaults; InputError for an unknown or absent one."""
         known = {parameter.name: parameter for parameter in self.parameters}
         for name in values:
             if name not in known:
@@ -293,55 +211,45 @@ class ProportionalEffect(Effect):
 
     @property
     def column_scales(self) -> Floats:
-        """See `Effect.column_scales`: the scales of the parameters."""
         return np.array([p.scale * p.si for p in self.parameters])
 
     def to_parameters(self, coefficients: Floats, covariance: Floats, frame: Frame) -> Estimate:
-        """See `Effect.to_parameters`."""
-        values: Stated = {}
-        errors: Errors = {}
-        for k, parameter in enumerate(self.parameters):
-            values[parameter.name] = float(coefficients[k]) / parameter.si
-            errors[parameter.name] = standard_error(covariance, k) / parameter.si
-        return values, errors
+        return (
+            {p.name: float(coefficients[k]) / p.si for k, p in enumerate(self.parameters)},
+            {p.name: standard_error(covariance, k) / p.si for k, p in enumerate(self.parameters)},
+        )
 
     def from_parameters(self, values: Mapping[str, object], frame: Frame) -> Floats:
-        """See `Effect.from_parameters`."""
         full = self.complete(values)
         return np.array([number(full[p.name]) * p.si for p in self.parameters])
 
 
 class MomentEffect(Effect):
-    """Effect on variances and coding only, without columns."""
+    """Effect on variances and coding only, without columns; its test states the parameters."""
 
     kind: ClassVar[Kind] = "second_moment"
     stage: ClassVar[Stage] = "report"
-
-    @property
-    def column_scales(self) -> Floats:
-        """See `Effect.column_scales`: none."""
-        return np.zeros(0)
+    column_scales = np.zeros(0)
 
     def columns(self, frame: Frame) -> Floats:
-        """See `Effect.columns`: none, (0, n, 2)."""
         return np.zeros((0, frame.size, 2))
 
     def to_parameters(self, coefficients: Floats, covariance: Floats, frame: Frame) -> Estimate:
-        """See `Effect.to_parameters`: none; they are stated by the test of the effect."""
         return {}, {}
 
     def from_parameters(self, values: Mapping[str, object], frame: Frame) -> Floats:
-        """See `Effect.from_parameters`: no coefficient."""
         return np.zeros(0)
 
 
 class WindEffect(Effect):
-    """Difference of the wind met from the reference as a linear combination of columns."""
+    """Difference of the wind met from the reference as a linear combination of columns.
+
+    It is exact to the order of the context.
+    """
 
     stage: ClassVar[Stage] = "atmosphere"
 
     def apply(self, state: State, frame: Frame, values: Parameters, rng: Random) -> State:
-        """See `Effect.apply`: coefficients times columns, exact to the order of the context."""
         coefficients = self.from_parameters(values, frame)
         change = np.tensordot(coefficients, self.columns(frame), axes=1)
         curvature = self.curvature(frame)
@@ -352,23 +260,40 @@ class WindEffect(Effect):
         )
 
 
+class AirspeedEffect(ProportionalEffect):
+    """Error of the indicated airspeed; columns are ``-h(psi)`` times a factor."""
+
+    needs: ClassVar[tuple[str, ...]] = ("heading",)
+
+    @abstractmethod
+    def indicated(self, airspeed: Floats, values: Parameters) -> Floats:
+        """Indicated airspeed for a true one, (n,) m s-1."""
+
+    def apply(self, state: State, frame: Frame, values: Parameters, rng: Random) -> State:
+        return replace(state, airspeed=self.indicated(state.airspeed, values))
+
+    def columns(self, frame: Frame) -> Floats:
+        return -np.stack([np.sin(frame.heading), np.cos(frame.heading)], axis=-1)[None]
+
+
 class HeadingEffect(Effect):
     """Heading error as a linear combination of known functions of the context."""
 
     @abstractmethod
     def basis(self, frame: Frame) -> Floats:
-        """Heading error per unit of each coefficient, (k, n)."""
+        """Heading error per unit of each coefficient, (k, n) rad."""
+
+    def error(self, frame: Frame, values: Parameters) -> Floats:
+        """Heading error at the indicated magnetic heading, (n,) rad."""
+        return np.asarray(self.from_parameters(values, frame) @ known(self.basis(frame)))
 
     def columns(self, frame: Frame) -> Floats:
-        """See `Effect.columns`: ``-V n(psi)`` times the basis."""
         right = np.stack([np.cos(frame.heading), -np.sin(frame.heading)], axis=-1)
         derivative = -frame.airspeed[:, None] * right
         return np.asarray(known(self.basis(frame))[:, :, None] * derivative)
 
     def apply(self, state: State, frame: Frame, values: Parameters, rng: Random) -> State:
-        """See `Effect.apply`: the basis at the indicated magnetic heading, added to the error."""
-        error = self.from_parameters(values, frame) @ known(self.basis(frame))
-        return replace(state, heading_error=state.heading_error + error)
+        return replace(state, heading_error=state.heading_error + self.error(frame, values))
 
 
 class CycleEffect(HeadingEffect):
@@ -377,22 +302,21 @@ class CycleEffect(HeadingEffect):
     number_of_cycles: ClassVar[int] = 1
 
     def basis(self, frame: Frame) -> Floats:
-        """Return sine and cosine of the cycles of the magnetic heading, (2, n)."""
-        return cycles(frame.magnetic_heading, self.number_of_cycles)
+        angle = self.number_of_cycles * frame.magnetic_heading
+        return np.stack([np.sin(angle), np.cos(angle)])
 
     def to_parameters(self, coefficients: Floats, covariance: Floats, frame: Frame) -> Estimate:
-        """See `Effect.to_parameters`."""
         (amplitude, phase), (error, phase_error) = amplitude_phase(coefficients, covariance)
         values: Stated = {"amplitude_deg": amplitude, "phase_deg": phase}
         return values, {"amplitude_deg": error, "phase_deg": phase_error}
 
     def from_parameters(self, values: Mapping[str, object], frame: Frame) -> Floats:
-        """See `Effect.from_parameters`."""
         full = self.complete(values)
-        return sine_cosine(number(full["amplitude_deg"]), number(full["phase_deg"]))
+        amplitude, angle = np.radians([number(full[p]) for p in ("amplitude_deg", "phase_deg")])
+        return np.array([amplitude * np.cos(angle), amplitude * np.sin(angle)])
 
 
-class OffsetAndCycle(HeadingEffect):
+class OffsetAndCycle(CycleEffect):
     """Heading error of an offset and one cycle in magnetic heading, under some condition."""
 
     parameters: ClassVar[tuple[Parameter, ...]] = (
@@ -400,49 +324,25 @@ class OffsetAndCycle(HeadingEffect):
         Parameter("amplitude_deg", "degree", 3.0, "amplitude of one cycle", si=DEGREE),
         Parameter("phase_deg", "degree", 180.0, "of amplitude sin(magnetic heading + phase)"),
     )
-    column_names: ClassVar[tuple[str, ...]] = ("offset", "sin", "cos")
-
-    @property
-    def column_scales(self) -> Floats:
-        """See `Effect.column_scales`; rad."""
-        return np.radians([1.5, 2.0, 2.0])
+    column_scales = np.radians([1.5, 2.0, 2.0])
 
     def basis(self, frame: Frame) -> Floats:
-        """Return one, sine and cosine of the magnetic heading, (3, n)."""
-        return np.concatenate([np.ones((1, frame.size)), cycles(frame.magnetic_heading)])
+        return np.concatenate([np.ones((1, frame.size)), super().basis(frame)])
 
     def to_parameters(self, coefficients: Floats, covariance: Floats, frame: Frame) -> Estimate:
-        """See `Effect.to_parameters`."""
-        cycle = amplitude_phase(coefficients[1:], np.asarray(covariance)[1:, 1:])
-        (amplitude, phase), (error, phase_error) = cycle
-        return (
-            {
-                "offset_deg": float(np.degrees(coefficients[0])),
-                "amplitude_deg": amplitude,
-                "phase_deg": phase,
-            },
-            {
-                "offset_deg": float(np.degrees(standard_error(covariance))),
-                "amplitude_deg": error,
-                "phase_deg": phase_error,
-            },
-        )
+        values, errors = super().to_parameters(coefficients[1:], covariance[1:, 1:], frame)
+        offset: Stated = {"offset_deg": float(np.degrees(coefficients[0]))}
+        error = {"offset_deg": float(np.degrees(standard_error(covariance)))}
+        return offset | values, error | errors
 
     def from_parameters(self, values: Mapping[str, object], frame: Frame) -> Floats:
-        """See `Effect.from_parameters`."""
-        full = self.complete(values)
-        cycle = sine_cosine(number(full["amplitude_deg"]), number(full["phase_deg"]))
-        return np.array([np.radians(number(full["offset_deg"])), *cycle])
+        offset = np.radians(number(self.complete(values)["offset_deg"]))
+        return np.array([offset, *super().from_parameters(values, frame)])
 
 
 def known(values: Floats) -> Floats:
     """Replace unknown values by 0."""
     return np.where(np.isfinite(values), values, 0.0)
-
-
-def airspeed_derivative(frame: Frame) -> Floats:
-    """Return the reported wind per m/s of airspeed error, (n, 2): ``-(sin psi, cos psi)``."""
-    return -np.stack([np.sin(frame.heading), np.cos(frame.heading)], axis=-1)
 
 
 def log_pressure_lapse(frame: Frame) -> Floats:
@@ -451,27 +351,12 @@ def log_pressure_lapse(frame: Frame) -> Floats:
     return np.asarray(GRAVITY / (GAS_CONSTANT * standard_temperature(altitude)))
 
 
-def cycles(angle: Floats, number_of_cycles: int = 1) -> Floats:
-    """Return sine and cosine of cycles of an angle, (2, n)."""
-    return np.stack([np.sin(number_of_cycles * angle), np.cos(number_of_cycles * angle)])
-
-
 def amplitude_phase(
     coefficients: Floats, covariance: Floats
 ) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Convert ``B sin + C cos`` to ``amplitude sin(. + phase)``.
+    """Convert ``B sin + C cos`` (rad) to ``amplitude sin(. + phase)``, with standard errors.
 
-    Parameters
-    ----------
-    coefficients : (2,) float
-        B and C, rad.
-    covariance : (2, 2) float
-        rad squared.
-
-    Returns
-    -------
-    (amplitude, phase), (standard errors)
-        Degrees; phase in (-180, 180]; errors by the delta method.
+    Degrees; the phase is in (-180, 180], errors are by the delta method.
     """
     sine, cosine = float(coefficients[0]), float(coefficients[1])
     covariance = np.asarray(covariance, dtype=np.float64)
@@ -489,12 +374,6 @@ def amplitude_phase(
     )
 
 
-def sine_cosine(amplitude: float, phase: float) -> Floats:
-    """Return B and C (rad) of an amplitude and a phase (degrees)."""
-    angle = np.radians(phase)
-    return np.asarray(np.radians(amplitude) * np.array([np.cos(angle), np.sin(angle)]))
-
-
 def standard_error(covariance: Floats, index: int = 0) -> float:
     """Return the standard error of one coefficient."""
     return float(np.sqrt(max(0.0, float(np.asarray(covariance)[index, index]))))
@@ -503,12 +382,7 @@ def standard_error(covariance: Floats, index: int = 0) -> float:
 # ------------------------------------------------------------------------------------ context
 _ABSENT = {
     "icing": "no icing column",
-    "temperature": "no temperature",
     "acceleration": "no longitudinal acceleration",
-    "bank": "no bank",
-    "climb_rate": "no climb rate",
-    "dip": "no dip",
-    "declination": "no declination",
     "dudt": "no tendency of the reference wind",
     "dudlnp": "no vertical derivative of the reference wind",
     "dudx": "no horizontal derivative of the reference wind",
@@ -560,23 +434,7 @@ CATALOGUE: dict[str, Effect] = {}
 
 
 def register(effect: Effect) -> Effect:
-    """Add an effect to the catalogue.
-
-    Parameters
-    ----------
-    effect : Effect
-        An instance with a new name.
-
-    Returns
-    -------
-    Effect
-        The same.
-
-    Raises
-    ------
-    ValueError
-        Another effect has the name.
-    """
+    """Add an effect to the catalogue; ValueError where another effect has the name."""
     if CATALOGUE.get(effect.name, effect) is not effect:
         raise ValueError(f"an effect named {effect.name} is already in the catalogue")
     CATALOGUE[effect.name] = effect

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.effects.base import DEGREE, Floats, HeadingEffect, Parameter, ProportionalEffect
+from airswing.gap.arrays import Floats
+from airswing.gap.effects.base import DEGREE, HeadingEffect, Parameter, ProportionalEffect
 from airswing.synthetic.sealed.draws import Draw, Signed
 from airswing.units import DAY
 
@@ -52,11 +53,9 @@ class CompassDrift(ProportionalEffect, HeadingEffect):
         "compass_step: where the record is short",
         "compass_offset: where the drift is slow",
     )
-    column_names = ("rate", "offset")
     alternatives = ((0,), (0, 1))
 
     def basis(self, frame: Frame) -> Floats:
-        """Return the time since the archive's first report (s) and one, (2, n)."""
         return np.stack([frame.time - frame.epoch, np.ones(frame.size)])
 
 

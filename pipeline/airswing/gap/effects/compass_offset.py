@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.effects.base import DEGREE, Floats, HeadingEffect, Parameter, ProportionalEffect
+from airswing.gap.arrays import Floats
+from airswing.gap.effects.base import DEGREE, HeadingEffect, Parameter, ProportionalEffect
 from airswing.synthetic.sealed.draws import Draw, Signed
 
 
@@ -38,10 +39,8 @@ class CompassOffset(ProportionalEffect, HeadingEffect):
         "declination_error: where the declination varies little over the region",
         "compass_drift, compass_step: where the record is short",
     )
-    column_names = ("offset",)
 
     def basis(self, frame: Frame) -> Floats:
-        """Return one for every report, (1, n)."""
         return np.ones((1, frame.size))
 
 

@@ -1,30 +1,25 @@
 """Magnetic variation of the unit out of date or scaled.
 
-Assumptions and validity: IGRF, 1900 to 2030; other epochs are replaced by its ends. The
-declination of both epochs is computed here, so that the pattern is the secular variation alone and
-does not depend on the declination of the frame:
-at whole degrees and years with linear interpolation (within 1 % away from the magnetic poles), so
-that the value of a report does not depend on the others.
+IGRF, 1900 to 2030; other epochs are replaced by its ends. The declination of both epochs is
+computed at whole degrees and years with linear interpolation (within 1 % away from the magnetic
+poles), so that the value of a report does not depend on the others.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from functools import lru_cache
 from typing import ClassVar
 
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
+from airswing.gap.arrays import Floats
 from airswing.gap.effects.base import (
     Estimate,
-    Floats,
     HeadingEffect,
     Parameter,
     Parameters,
-    Random,
-    State,
     Stated,
     known,
     number,
@@ -87,28 +82,21 @@ class DeclinationError(HeadingEffect):
     scope = "fleet"
     needs = ("heading", "declination")
     confused_with = ("compass_offset: of the whole fleet, where the region is small",)
-    column_names = ("years", "factor", "bend")
+    column_scales = np.array([10.0, 0.3, 10.0])  # years, 1, years
     alternatives = ((0,), (1,), (0, 2))
 
-    @property
-    def column_scales(self) -> Floats:
-        """See `Effect.column_scales`; years, 1, years."""
-        return np.array([10.0, 0.3, 10.0])
-
     def basis(self, frame: Frame) -> Floats:
-        """Return rad per year out of date, per unit of factor and per year of bend, (3, n)."""
+        # rad per year out of date, per unit of factor and per year of bend
         secular, bend = _secular_patterns(frame)
         return np.stack([secular, frame.declination, bend])
 
-    def apply(self, state: State, frame: Frame, values: Parameters, rng: Random) -> State:
-        """See `Effect.apply`: exact for a table of an old epoch."""
+    def error(self, frame: Frame, values: Parameters) -> Floats:
         if values["epoch_year"] is None:
-            return super().apply(state, frame, values, rng)
-        error = known(declination_change(frame, epoch_year=number(values["epoch_year"])))
-        return replace(state, heading_error=state.heading_error + error)
+            return super().error(frame, values)
+        return known(declination_change(frame, epoch_year=number(values["epoch_year"])))
 
     def to_parameters(self, coefficients: Floats, covariance: Floats, frame: Frame) -> Estimate:
-        """See `Effect.to_parameters`; for the age or the factor, whichever is larger."""
+        # of the age or the factor, whichever is larger
         aged, factor = np.array([coefficients[0], coefficients[2]]), float(coefficients[1])
         old = abs(aged[0] / self.column_scales[0]) >= abs(factor / self.column_scales[1])
         used = [0, 2] if old else [1]
@@ -124,7 +112,6 @@ class DeclinationError(HeadingEffect):
         return values, errors | {"factor": standard_error(covariance, 1)}
 
     def from_parameters(self, values: Mapping[str, object], frame: Frame) -> Floats:
-        """See `Effect.from_parameters`."""
         full = self.complete(values)
         if full["epoch_year"] is not None:
             subset = _subset(frame)
@@ -141,21 +128,9 @@ class DeclinationError(HeadingEffect):
 def declination_change(
     frame: Frame, *, years: float | None = None, epoch_year: float | None = None
 ) -> Floats:
-    """Compute the declination of an earlier epoch minus that of the date of each report.
+    """Declination of an earlier epoch minus that of the date of each report, (n,) rad.
 
-    Parameters
-    ----------
-    frame : Frame
-        The n reports.
-    years : float
-        Difference of the epoch from the date of each report; or
-    epoch_year : float
-        Decimal year, the same for all.
-
-    Returns
-    -------
-    (n,) float
-        rad.
+    The epoch is some ``years`` before the date, or a decimal ``epoch_year`` for all.
     """
     date = 1970.0 + frame.time / YEAR
     lon, lat = _bounds(frame.longitude), _bounds(frame.latitude)

@@ -1,10 +1,7 @@
 """An unexplained error as a table over one or two variables of the report.
 
-Assumptions: the wind changes in one direction (across or along the heading, across or along the
-wind) by an amount that depends on one or two variables and is constant in each cell, so that edges
-stay sharp.
-
-Validity: a report with an unknown variable is not changed. Values are in the unit of the component.
+The wind changes in one direction by an amount that is constant in each cell, so that edges stay
+sharp. A report with an unknown variable is not changed.
 """
 
 from __future__ import annotations
@@ -13,14 +10,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.gap.archive.frame import Frame
 from airswing.gap.archive.reported_variables import KINDS, cells_of, values_of
+from airswing.gap.arrays import Floats
 from airswing.gap.effects.base import MomentEffect, Parameter, Parameters, Random, State
 
-Floats = NDArray[np.float64]
 Wind = tuple[Floats, Floats]
 
 #: Components of an error and their units.
@@ -60,23 +56,7 @@ class Table:
 
     @classmethod
     def from_parameters(cls, values: Mapping[str, object]) -> Table:
-        """Read the parameters of the effect ``empirical``.
-
-        Parameters
-        ----------
-        values : mapping
-            ``component``; ``variables``, a list of one or two names; ``edges``, a list of numbers
-            for each; ``values``.
-
-        Returns
-        -------
-        Table
-
-        Raises
-        ------
-        InputError
-            A variable is unknown, or edges do not increase.
-        """
+        """Read the parameters of ``empirical``; InputError where one is wrong."""
         names, edges = values["variables"], values["edges"]
         if isinstance(names, str) or not isinstance(names, Sequence) or not 1 <= len(names) <= 2:
             raise InputError("a table has one or two variables", field="variables", found=names)
@@ -102,21 +82,9 @@ class Table:
         return cls(str(values["component"]), tuple(map(str, names)), tuple(cuts), table)
 
     def at(self, frame: Frame, wind: Wind, heading: Floats) -> Floats:
-        """Evaluate the table at every report.
+        """Evaluate the table at every report, (n,); 0 where a variable is unknown.
 
-        Parameters
-        ----------
-        frame : Frame
-            The n reports.
-        wind : tuple of (n,) float
-            Reported wind (u, v) on which variables depend, m s-1.
-        heading : (n,) float
-            Indicated heading, rad.
-
-        Returns
-        -------
-        (n,) float
-            0 where a variable is unknown.
+        Variables depend on the reported ``wind`` (u, v) and the indicated ``heading`` (rad).
         """
         magnetic = frame.magnetic_heading + heading - frame.heading
         changed = replace(
@@ -153,7 +121,6 @@ class Empirical(MomentEffect):
     confused_with = ("any effect that depends on the same variables",)
 
     def apply(self, state: State, frame: Frame, values: Parameters, rng: Random) -> State:
-        """See `Effect.apply`: heading and airspeed exactly, winds by addition."""
         table = Table.from_parameters(values)
         before = u, v = state.report_u, state.report_v
         if table.component == "reported_speed":
@@ -170,22 +137,10 @@ class Empirical(MomentEffect):
         return replace(state, report_u=u, report_v=v)
 
     def undo(self, state: State, frame: Frame, values: Parameters) -> State:
-        """Remove the table from the wind.
+        """Remove the table from the wind as sent.
 
-        Parameters
-        ----------
-        state : State
-            The wind as sent.
-        frame : Frame
-            The reports.
-        values : mapping
-            Complete parameters.
-
-        Returns
-        -------
-        State
-            Exact except very near an edge of a variable that the table itself changes; unchanged
-            for the components of `IRREVERSIBLE`.
+        Exact except very near an edge of a variable that the table itself changes; unchanged for
+        the components of `IRREVERSIBLE`.
         """
         table = Table.from_parameters(values)
         if table.component in IRREVERSIBLE:
@@ -198,7 +153,6 @@ class Empirical(MomentEffect):
         return replace(state, report_u=u, report_v=v)
 
     def complete(self, values: Mapping[str, object]) -> Parameters:
-        """See `Effect.complete`; the number of values must agree with the edges."""
         out = super().complete(values)
         if out["component"] not in UNIT_OF:
             raise InputError(
@@ -225,22 +179,7 @@ class Empirical(MomentEffect):
 
 
 def change_of(component: str, *, heading: Floats, airspeed: Floats, u: Floats, v: Floats) -> Floats:
-    """Compute the change of the wind by one unit of a component.
-
-    Parameters
-    ----------
-    component : str
-        Key of :data:`UNIT_OF`.
-    heading, airspeed : (n,) float
-        rad, m s-1.
-    u, v : (n,) float
-        Wind, m s-1.
-
-    Returns
-    -------
-    (n, 2) float
-        m s-1.
-    """
+    """Change (n, 2) of the wind (u, v) by one unit of a component (of `UNIT_OF`), m s-1."""
     sine, cosine = np.sin(heading), np.cos(heading)
     across, along = np.stack([cosine, -sine], -1), np.stack([sine, cosine], -1)
     wind, right = np.stack([u, v], -1), np.stack([v, -u], -1)
@@ -263,20 +202,7 @@ def change_of(component: str, *, heading: Floats, airspeed: Floats, u: Floats, v
 
 
 def mapped_speed(speed: Floats, speeds: Floats, sent: Floats) -> Floats:
-    """Map speeds to the speeds sent in their place.
-
-    Parameters
-    ----------
-    speed : (n,) float
-        m s-1.
-    speeds, sent : (m,) float
-        Points of the map, m s-1; speeds increase.
-
-    Returns
-    -------
-    (n,) float
-        Linear between the points, shifted beyond the last; not negative.
-    """
+    """Map speeds by points (m,) to those sent: linear between, shifted beyond the last."""
     inside = np.interp(speed, speeds, sent)
     return np.asarray(np.maximum(inside + np.maximum(speed - speeds[-1], 0.0), 0.0))
 

@@ -7,7 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.effects.base import CycleEffect, Estimate, Floats, Parameter, number
+from airswing.gap.arrays import Floats
+from airswing.gap.effects.base import CycleEffect, Estimate, Parameter, number
 from airswing.synthetic.sealed.draws import Cycle, Draw
 
 
@@ -52,26 +53,20 @@ class HardIron(CycleEffect):
         "vertical soft iron: one cycle proportional to tan(dip), equal within one region",
         "soft_iron: where headings lie in two lobes",
     )
-    column_names = ("sin", "cos")
 
-    @property
-    def column_scales(self) -> Floats:
-        """See `Effect.column_scales`; rad."""
-        return np.radians([2.5, 2.5])
+    column_scales = np.radians([2.5, 2.5])
 
     def basis(self, frame: Frame) -> Floats:
-        """Return sine and cosine of the magnetic heading times H_ref / H, (2, n)."""
         growth = frame.reference_field / frame.horizontal_field
         growth = np.where(np.isfinite(growth), growth, 1.0)
         return np.asarray(super().basis(frame) * growth)
 
     def to_parameters(self, coefficients: Floats, covariance: Floats, frame: Frame) -> Estimate:
-        """See `Effect.to_parameters`."""
         values, errors = super().to_parameters(coefficients, covariance, frame)
         return values | {"at_horizontal_field_nT": frame.reference_field}, errors
 
     def from_parameters(self, values: Mapping[str, object], frame: Frame) -> Floats:
-        """See `Effect.from_parameters`; converted to the median H of the archive."""
+        # converted to the median H of the archive
         field = self.complete(values)["at_horizontal_field_nT"]
         growth = 1.0 if field is None else number(field) / frame.reference_field
         return growth * super().from_parameters(values, frame)

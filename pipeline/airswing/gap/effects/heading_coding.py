@@ -44,7 +44,7 @@ class HeadingCoding(MomentEffect):
     confused_with = ("scatter across the heading: where the step is finer than the noise",)
 
     def apply(self, state: State, frame: Frame, values: Parameters, rng: Random) -> State:
-        """See `Effect.apply`: the implied air vector is rotated to the nearest step."""
+        # the implied air vector is rotated to the nearest step
         full = self.complete(values)
         step = np.radians(number(full["step_deg"]))
         if step <= 0.0:

@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
 from itertools import combinations
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.gap.archive.frame import Frame
+from airswing.gap.arrays import Booleans, Floats
 from airswing.gap.effects.base import (
     Estimate,
-    Floats,
     OffsetAndCycle,
     Parameter,
     Parameters,
-    Random,
-    State,
     absent_context,
     known,
     number,
@@ -54,7 +50,7 @@ def _band(rng: np.random.Generator) -> dict[str, object]:
     return {"between_degC": [low, low + float(rng.choice([10.0, 15.0]))]}
 
 
-def _heated(frame: pd.DataFrame, values: Mapping[str, object]) -> NDArray[np.bool_]:
+def _heated(frame: pd.DataFrame, values: Mapping[str, object]) -> Booleans:
     if values.get("between_degC") is None:
         return np.asarray(frame["icing"] == 1)
     low, high = _edges(values)
@@ -102,12 +98,7 @@ class HeaterCurrent(OffsetAndCycle):
             number=False,
         ),
     )
-    column_names = (
-        "offset",
-        "sin",
-        "cos",
-        *(f"{part}_colder_than_{edge}" for edge in EDGES for part in ("offset", "sin", "cos")),
-    )
+    column_scales = np.tile(OffsetAndCycle.column_scales, 1 + len(EDGES))
     alternatives = _subsets()
     # temperatures in whole degrees blur the edges of a band by half a degree: 0.9 for a band of ten
     # degrees in simulated archives
@@ -117,26 +108,20 @@ class HeaterCurrent(OffsetAndCycle):
         "errors of airspeed in icing: along the heading, separable where headings vary",
     )
 
-    @property
-    def column_scales(self) -> Floats:
-        """See `Effect.column_scales`; rad."""
-        return np.tile(super().column_scales, 1 + len(EDGES))
-
     def tied(self, subset: tuple[int, ...]) -> Floats:
-        """See `Effect.tied`: the two edges of a band have opposite coefficients."""
+        # the two edges of a band have opposite coefficients
         free = np.eye(len(subset))
         edges = {column // 3 for column in subset if column > 2}
         half = len(subset) // 2
         return free if len(edges) < 2 else free[:, :half] - free[:, half:]
 
     def basis(self, frame: Frame) -> Floats:
-        """Return offset and cycle by the flag, then below each temperature, (3 + 3 m, n)."""
+        # offset and cycle by the flag, then below each temperature, (3 + 3 m, n)
         cycle = super().basis(frame)
         on = [np.where(frame.icing == 1, 1.0, 0.0), *(_colder(frame, edge) for edge in EDGES)]
         return np.concatenate([cycle * switched for switched in on])
 
     def testable(self, frame: Frame) -> str | None:
-        """See `Effect.testable`; flag or temperature must vary."""
         reason = super().testable(frame)
         if reason is not None:
             return reason
@@ -146,8 +131,7 @@ class HeaterCurrent(OffsetAndCycle):
             return None
         return "no icing flag that changes and no temperature on both sides of freezing"
 
-    def apply(self, state: State, frame: Frame, values: Parameters, rng: Random) -> State:
-        """See `Effect.apply`: between two temperatures, or where the flag is on."""
+    def error(self, frame: Frame, values: Parameters) -> Floats:
         if values["between_degC"] is None:
             if (absent := absent_context(frame, "icing")) is not None:
                 raise InputError(
@@ -156,15 +140,14 @@ class HeaterCurrent(OffsetAndCycle):
                     found=absent,
                     remedy="Give between_degC, or reports with the flag",
                 )
-            return super().apply(state, frame, values, rng)
+            return super().error(frame, values)
         low, high = _edges(values)
         coefficients = super().from_parameters({**values, "between_degC": None}, frame)
         on = _colder(frame, high) - _colder(frame, low)
-        error = on * (coefficients @ known(super().basis(frame)))
-        return replace(state, heading_error=state.heading_error + error)
+        return np.asarray(on * (coefficients @ known(super().basis(frame))))
 
     def to_parameters(self, coefficients: Floats, covariance: Floats, frame: Frame) -> Estimate:
-        """See `Effect.to_parameters`: for the columns of the flag or of the warmest edge in use."""
+        # of the columns of the flag or of the warmest edge in use
         used = np.flatnonzero(np.reshape(coefficients, (-1, 3)).any(axis=1))
         first = int(used[0]) if used.size else 0
         part = slice(3 * first, 3 * first + 3)
@@ -176,7 +159,7 @@ class HeaterCurrent(OffsetAndCycle):
         return values | {"between_degC": band}, errors
 
     def from_parameters(self, values: Mapping[str, object], frame: Frame) -> Floats:
-        """See `Effect.from_parameters`, for the nearest candidate edges."""
+        # for the nearest candidate edges
         full = self.complete(values)
         coefficients = super().from_parameters(full, frame)
         out = np.zeros((1 + len(EDGES), 3))
@@ -184,9 +167,10 @@ class HeaterCurrent(OffsetAndCycle):
             out[0] = coefficients
             return out.ravel()
         low, high = _edges(full)
-        out[1 + _nearest(high)] += coefficients
+        nearest = [int(np.argmin(np.abs(np.array(EDGES, float) - edge))) for edge in (high, low)]
+        out[1 + nearest[0]] += coefficients
         if low > 2.0 * EDGES[-1]:
-            out[1 + _nearest(low)] -= coefficients
+            out[1 + nearest[1]] -= coefficients
         return out.ravel()
 
 
@@ -194,10 +178,6 @@ def _colder(frame: Frame, edge: float) -> Floats:
     """Return 1 where colder than an edge (degC), 0.5 at the edge, 0 where warmer or unknown."""
     below = (edge + ZERO_CELSIUS - frame.temperature) / CODED + 0.5
     return np.asarray(np.nan_to_num(np.clip(below, 0.0, 1.0)))
-
-
-def _nearest(edge: float) -> int:
-    return int(np.argmin(np.abs(np.array(EDGES, float) - edge)))
 
 
 def _edges(values: Mapping[str, object]) -> tuple[float, float]:

@@ -30,7 +30,6 @@ class Outliers(MomentEffect):
     confused_with = ("heavy tails of the model error",)
 
     def apply(self, state: State, frame: Frame, values: Parameters, rng: Random) -> State:
-        """See `Effect.apply`; affected reports and errors are random."""
         hit = rng.random(frame.size) < number(values["fraction"])
         error = number(values["size_m_s"]) * rng.standard_normal((2, frame.size)) * hit
         return replace(

@@ -32,7 +32,6 @@ class PositionCoding(MomentEffect):
     confused_with = ("noise of the ground velocity from irregular report times",)
 
     def apply(self, state: State, frame: Frame, values: Parameters, rng: Random) -> State:
-        """See `Effect.apply`."""
         step = number(values["step"]) / 60.0
         if step <= 0.0:
             return state

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
+from airswing.gap.arrays import Floats
 from airswing.gap.effects.base import (
-    Floats,
     Parameter,
     Parameters,
     ProportionalEffect,
@@ -54,15 +54,13 @@ class ReferenceGridRelative(ProportionalEffect):
         "hard_iron: where the wind is steady: turned, it is off by one cycle in the heading",
         "declination_error: both turn with longitude, one the wind, the other the heading",
     )
-    column_names = ("fraction",)
 
     def columns(self, frame: Frame) -> Floats:
-        """See `Effect.columns`: the wind's right-hand normal times the convergence angle."""
+        # the wind's right-hand normal times the convergence angle
         turned = np.stack([frame.v_ref, -frame.u_ref], axis=-1)
         return known(frame.grid_convergence[:, None] * turned)[None]
 
     def apply(self, state: State, frame: Frame, values: Parameters, rng: Random) -> State:
-        """See `Effect.apply`: the exact rotation."""
         angle = number(values["fraction"]) * known(frame.grid_convergence)
         cosine, sine = np.cos(angle), np.sin(angle)
         return replace(

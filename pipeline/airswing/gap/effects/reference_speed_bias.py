@@ -7,14 +7,13 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.gap.archive.frame import Frame
+from airswing.gap.arrays import Booleans, Floats
 from airswing.gap.effects.base import (
     Effect,
     Estimate,
-    Floats,
     Parameter,
     Parameters,
     Random,
@@ -44,7 +43,7 @@ def _below(rng: np.random.Generator) -> dict[str, object]:
     return {"above_hPa": None, "below_hPa": float(rng.choice([600.0, 700.0, 800.0]))}
 
 
-def _at_levels(frame: pd.DataFrame, values: Mapping[str, object]) -> NDArray[np.bool_]:
+def _at_levels(frame: pd.DataFrame, values: Mapping[str, object]) -> Booleans:
     above, below = values.get("above_hPa"), values.get("below_hPa")
     pressure = frame["pressure"].to_numpy() / 100.0
     low = np.inf if above is None else number(above)
@@ -83,24 +82,14 @@ class ReferenceSpeedBias(Effect):
         "regression dilution: model error makes reports seem 1 to 8 percent weaker",
         "tas_scale: where aircraft always fly along the wind",
     )
-    column_names = (
-        "all",
-        *(f"above_{level:.0f}" for level in LEVELS),
-        *(f"below_{level:.0f}" for level in LEVELS),
-    )
+    # at all levels, above each, below each
+    column_scales = np.full(1 + 2 * len(LEVELS), 0.05)
     alternatives = tuple((k,) for k in range(1 + 2 * len(LEVELS)))
 
-    @property
-    def column_scales(self) -> Floats:
-        """See `Effect.column_scales`; fraction."""
-        return np.full(len(self.column_names), 0.05)
-
     def columns(self, frame: Frame) -> Floats:
-        """See `Effect.columns`: minus the reference wind, by candidate level."""
         return self._columns(frame, 1e-9)
 
     def softened_columns(self, frame: Frame) -> Floats:
-        """See `Effect.softened_columns`: the bias changes linearly between two model levels."""
         return self._columns(frame, HALF)
 
     def _columns(self, frame: Frame, half: float) -> Floats:
@@ -110,7 +99,6 @@ class ReferenceSpeedBias(Effect):
         return np.stack([-shares * frame.u_ref, -shares * frame.v_ref], axis=-1)
 
     def apply(self, state: State, frame: Frame, values: Parameters, rng: Random) -> State:
-        """See `Effect.apply`: the wind met is the reference over 1 + bias."""
         bias = number(values["bias_percent"])
         if bias <= -100.0:
             raise InputError(
@@ -128,27 +116,24 @@ class ReferenceSpeedBias(Effect):
         return replace(state, wind_u=state.wind_u * factor, wind_v=state.wind_v * factor)
 
     def to_parameters(self, coefficients: Floats, covariance: Floats, frame: Frame) -> Estimate:
-        """See `Effect.to_parameters`; for the candidate with the largest coefficient.
-
-        A coefficient c is the relative deficit of the reports: bias = 1 / (1 - c) - 1.
-        """
+        # of the candidate with the largest coefficient c, the relative deficit of the reports
         k = int(np.argmax(np.abs(coefficients)))
         ratio = 1.0 - float(coefficients[k])
-        side, _, level = self.column_names[k].partition("_")
         values: Stated = {"bias_percent": 100.0 * (1.0 / ratio - 1.0)}
-        values["above_hPa"] = float(level) if side == "above" else None
-        values["below_hPa"] = float(level) if side == "below" else None
+        above, place = divmod(k - 1, len(LEVELS))
+        values["above_hPa"] = LEVELS[place] if above == 0 else None
+        values["below_hPa"] = LEVELS[place] if above == 1 else None
         return values, {"bias_percent": 100.0 * standard_error(covariance, k) / ratio**2}
 
     def from_parameters(self, values: Mapping[str, object], frame: Frame) -> Floats:
-        """See `Effect.from_parameters`, for the nearest candidate level."""
+        # for the nearest candidate level
         full = self.complete(values)
         bias = number(full["bias_percent"]) / 100.0
         k = 0
         for first, name in ((1, "above_hPa"), (1 + len(LEVELS), "below_hPa")):
             if full[name] is not None:
                 k = first + int(np.argmin(np.abs(np.log(np.array(LEVELS) / number(full[name])))))
-        out = np.zeros(len(self.column_names))
+        out = np.zeros(self.column_scales.size)
         out[k] = bias / (1.0 + bias)
         return out
 

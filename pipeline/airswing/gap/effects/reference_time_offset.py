@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.effects.base import Floats, Parameter, ProportionalEffect, WindEffect, known
+from airswing.gap.arrays import Floats
+from airswing.gap.effects.base import Parameter, ProportionalEffect, WindEffect, known
 from airswing.synthetic.sealed.draws import Draw, Signed
 from airswing.units import HOUR
 
@@ -51,17 +52,14 @@ class ReferenceTimeOffset(ProportionalEffect, WindEffect):
         "time_lag: where the wind's change along the path is its change in time",
         "a model whose waves move too fast or too slowly",
     )
-    column_names = ("offset",)
 
     def columns(self, frame: Frame) -> Floats:
-        """See `Effect.columns`: minus the tendency."""
         tendency = np.stack([frame.dudt, frame.dvdt], axis=-1)
         before, _, after = _near(frame)
         wide = (after - before) / (2.0 * HOUR)
         return known(-np.where(np.isfinite(wide), wide, tendency))[None]
 
     def curvature(self, frame: Frame) -> Floats | None:
-        """See `Effect.curvature`; None without the winds an hour before and after."""
         before, now, after = _near(frame)
         if not np.isfinite(before + after).any():
             return None

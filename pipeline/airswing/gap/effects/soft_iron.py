@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from airswing.gap.effects.base import DEGREE, CycleEffect, Floats, Parameter
+from airswing.gap.effects.base import DEGREE, CycleEffect, Parameter
 from airswing.synthetic.sealed.draws import Cycle, Draw
 
 
@@ -37,13 +37,8 @@ class SoftIron(CycleEffect):
         "hard_iron: where headings lie in two lobes",
         "compass_offset: where headings lie in two opposite lobes",
     )
-    column_names = ("sin2", "cos2")
     number_of_cycles = 2
-
-    @property
-    def column_scales(self) -> Floats:
-        """See `Effect.column_scales`; rad."""
-        return np.radians([1.5, 1.5])
+    column_scales = np.radians([1.5, 1.5])
 
 
 EFFECT = SoftIron()

@@ -36,13 +36,11 @@ class TailSwap(MomentEffect):
     confused_with = ("compass_step: of both aircraft at one date, by opposite amounts",)
 
     def testable(self, frame: Frame) -> str | None:
-        """See `Effect.testable`; two aircraft are required."""
         if np.unique(frame.aircraft).size < 2:
             return "only one aircraft in these reports"
         return super().testable(frame)
 
     def apply(self, state: State, frame: Frame, values: Parameters, rng: Random) -> State:
-        """See `Effect.apply`: exchange the airframes of the two identifiers."""
         pair = values["pair"]
         if not isinstance(pair, list | tuple) or len(pair) != 2:
             raise InputError("a swap needs two aircraft", field="pair", found=pair)

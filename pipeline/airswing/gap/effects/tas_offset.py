@@ -3,24 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import ClassVar
 
-from airswing.gap.archive.frame import Frame
-from airswing.gap.effects.base import (
-    Floats,
-    Parameter,
-    Parameters,
-    ProportionalEffect,
-    Random,
-    State,
-    airspeed_derivative,
-    number,
-)
+from airswing.gap.arrays import Floats
+from airswing.gap.effects.base import AirspeedEffect, Parameter, Parameters, number
 from airswing.synthetic.sealed.draws import Draw, Signed
 
 
-class TasOffset(ProportionalEffect):
+class TasOffset(AirspeedEffect):
     """Indicated true airspeed is the true one plus a constant."""
 
     name = "tas_offset"
@@ -37,17 +27,10 @@ class TasOffset(ProportionalEffect):
     parameters = (
         Parameter("offset_m_s", "m/s", 2.0, "positive: airspeed too high", required=True),
     )
-    needs = ("heading",)
     confused_with = ("tas_scale: where the airspeed varies little",)
-    column_names = ("offset",)
 
-    def columns(self, frame: Frame) -> Floats:
-        """See `Effect.columns`: ``-h(psi)``."""
-        return airspeed_derivative(frame)[None]
-
-    def apply(self, state: State, frame: Frame, values: Parameters, rng: Random) -> State:
-        """See `Effect.apply`."""
-        return replace(state, airspeed=state.airspeed + number(values["offset_m_s"]))
+    def indicated(self, airspeed: Floats, values: Parameters) -> Floats:
+        return airspeed + number(values["offset_m_s"])
 
 
 EFFECT = TasOffset()

@@ -3,27 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
+from airswing.gap.arrays import Floats
 from airswing.gap.effects.base import (
+    AirspeedEffect,
     Estimate,
-    Floats,
     Parameter,
     Parameters,
-    ProportionalEffect,
-    Random,
-    State,
-    airspeed_derivative,
     number,
     standard_error,
 )
 from airswing.synthetic.sealed.draws import Draw, Signed
 
 
-class TasScale(ProportionalEffect):
+class TasScale(AirspeedEffect):
     """Indicated true airspeed is (1 + scale) times the true one."""
 
     name = "tas_scale"
@@ -47,27 +43,21 @@ class TasScale(ProportionalEffect):
             "scale_percent", "percent", 2.0, "positive: airspeed too high", required=True, si=0.01
         ),
     )
-    needs = ("heading",)
     confused_with = ("tas_offset: where the airspeed varies little",)
-    column_names = ("scale",)
 
     def columns(self, frame: Frame) -> Floats:
-        """See `Effect.columns`: ``-V h(psi)``."""
-        return np.asarray((frame.airspeed[:, None] * airspeed_derivative(frame))[None])
+        return np.asarray(frame.airspeed[:, None] * super().columns(frame))
 
-    def apply(self, state: State, frame: Frame, values: Parameters, rng: Random) -> State:
-        """See `Effect.apply`."""
-        factor = 1.0 + number(values["scale_percent"]) / 100.0
-        return replace(state, airspeed=state.airspeed * factor)
+    def indicated(self, airspeed: Floats, values: Parameters) -> Floats:
+        return airspeed * (1.0 + number(values["scale_percent"]) / 100.0)
 
     def to_parameters(self, coefficients: Floats, covariance: Floats, frame: Frame) -> Estimate:
-        """See `Effect.to_parameters`; a coefficient is relative to the INDICATED airspeed."""
+        # a coefficient is relative to the INDICATED airspeed
         ratio = 1.0 - float(coefficients[0])
         error = 100.0 * standard_error(covariance) / ratio**2
         return {"scale_percent": 100.0 * (1.0 / ratio - 1.0)}, {"scale_percent": error}
 
     def from_parameters(self, values: Mapping[str, object], frame: Frame) -> Floats:
-        """See `Effect.from_parameters`: scale / (1 + scale)."""
         scale = number(self.complete(values)["scale_percent"]) / 100.0
         return np.array([scale / (1.0 + scale)])
 

@@ -8,8 +8,8 @@ from typing import ClassVar
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
+from airswing.gap.arrays import Floats
 from airswing.gap.effects.base import (
-    Floats,
     Parameter,
     ProportionalEffect,
     WindEffect,
@@ -52,11 +52,9 @@ class TimeLag(ProportionalEffect, WindEffect):
         "altitude_offset: in climb alone or in descent alone",
         "reference_time_offset: where the wind's change along the path is its change in time",
     )
-    column_names = ("offset",)
     reliability = 0.93  # correlation with the true change along the path in simulated archives
 
     def columns(self, frame: Frame) -> Floats:
-        """See `Effect.columns`: minus the change of the wind along the path."""
         sinking = known(-frame.climb_rate * log_pressure_lapse(frame))
         along = [
             known(t) + known(frame.ground_u * x + frame.ground_v * y) + sinking * known(p)

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.effects.base import DEGREE, Floats, HeadingEffect, Parameter, ProportionalEffect
+from airswing.gap.arrays import Booleans, Floats
+from airswing.gap.effects.base import DEGREE, HeadingEffect, Parameter, ProportionalEffect
 from airswing.synthetic.sealed.draws import Draw, Signed
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ BANKED = float(np.radians(2.0))
 """Bank above which an aircraft is in a turn, rad."""
 
 
-def _turning(frame: pd.DataFrame, values: Mapping[str, object]) -> NDArray[np.bool_]:
+def _turning(frame: pd.DataFrame, values: Mapping[str, object]) -> Booleans:
     return np.asarray(frame["bank"].abs() > BANKED)
 
 
@@ -54,17 +54,11 @@ class TurnError(ProportionalEffect, HeadingEffect):
     )
     needs = ("magnetic_heading", "bank", "dip")
     confused_with = ("noise of the ground velocity: bank is inferred from the turning track",)
-    column_names = ("amplitude",)
     reliability = 0.75  # correlation with the true bank in simulated archives
 
     def basis(self, frame: Frame) -> Floats:
-        """Return bank tan(dip) cos(m), (1, n)."""
         turning = frame.bank * np.tan(frame.dip) * np.cos(frame.magnetic_heading)
         return np.asarray(turning)[None]
-
-    def acts(self, frame: Frame) -> NDArray[np.bool_]:
-        """See `Effect.acts`: in turns."""
-        return np.asarray(np.abs(frame.bank) > BANKED)
 
 
 EFFECT = TurnError()

@@ -39,7 +39,6 @@ class WindCoding(MomentEffect):
     confused_with = ("noise: where the step is finer than the noise",)
 
     def apply(self, state: State, frame: Frame, values: Parameters, rng: Random) -> State:
-        """See `Effect.apply`."""
         speed, direction = wind_from_direction(state.report_u, state.report_v)
         step = number(values["step"]) * KNOT
         angle = np.radians(number(values["direction_step_deg"]))

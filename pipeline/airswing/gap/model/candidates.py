@@ -1,22 +1,12 @@
 """Candidates of the model: effects of the catalogue and tables of one or two variables.
 
-A candidate is a group of design columns. Its raw columns X (n, 2, k) are multiplied by a matrix
-T (k, m) such that X T z, with z standard normal, is an effect of 1 m/s root mean square where it
-acts. The prior of every candidate is then N(0, s^2 I) with the same grid of scales s (m/s).
-
-* Names are the catalogue's effects in all their forms; edges in pressure are softened by half the
-  distance of model levels.
-* Tables have no physics: one variable of a report times one component of the wind error, linear
-  B-splines (hat functions) whose coefficients are correlated over `LENGTH` knots, so that a smooth
-  curve costs little. Tables of two variables are products of two coarser ones.
-
-No column contains the report's own noise: heading and airspeed are those of
-`airswing.gap.design.exogenous`, and tables of the reported wind are averaged over winds that might
-have been reported given the large-scale wind (Berkson's case: blurred, with unbiased coefficients).
-
-References
-----------
-Berkson, J. (1950). Are there two regressions? J. Am. Stat. Assoc. 45, 164-180.
+The raw columns X (n, 2, k) of a candidate are multiplied by a matrix T (k, m) such that X T z, with
+z standard normal, is an effect of 1 m/s root mean square where it acts: every candidate has the
+prior N(0, s^2 I). Edges in pressure of the catalogue's effects are softened by half the distance of
+model levels. Coefficients of a table's hat functions are correlated over `LENGTH` knots, so that a
+smooth curve costs little. No column contains the report's own noise: heading and airspeed are those
+of `airswing.gap.design`, and tables of the reported wind are averaged over winds that might have
+been reported given the large-scale wind (Berkson 1950: blurred, with unbiased coefficients).
 """
 
 from __future__ import annotations
@@ -26,17 +16,13 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from airswing.gap.archive.frame import Frame
 from airswing.gap.archive.reported_variables import KINDS, PERIOD, record, values_of
-from airswing.gap.design.weather import climatology_columns
+from airswing.gap.arrays import Floats, Singles
+from airswing.gap.design import climatology_columns
 from airswing.gap.effects.base import Effect, HeadingEffect
 from airswing.gap.effects.empirical import change_of
-
-Floats = NDArray[np.float64]
-Singles = NDArray[np.float32]
-Integers = NDArray[np.int64]
 
 #: Components of a table, in the names of the effect ``empirical``, and the size of one unit of its
 #: columns: degrees of heading and of wind direction, m/s along the heading and along the wind.
@@ -85,39 +71,17 @@ PAIRED = 5
 
 @dataclass(frozen=True)
 class Group:
-    """A candidate: columns with a common prior.
+    """A candidate: columns with a common prior."""
 
-    Attributes
-    ----------
-    name : str
-        Effect of the catalogue, or ``variable|component`` of a table.
-    kind : {"name", "table", "dated", "nuisance"}
-        ``dated``: acts from a date on, which is searched for.
-    columns : slice
-        Raw columns.
-    transform : (k, m) float
-        T, see the module.
-    scopes : str
-        ``a`` each aircraft has coefficients of its own, ``f`` all have the same.
-    prior : float
-        Log prior weight.
-    form : tuple of int
-        Which coefficients of the effect the columns are; (1,) of a refined table.
-    reliability : float
-        Squared correlation of the columns with the true ones, measured on simulated archives.
-    part : {"heading", "airspeed", "wind"}
-        What it is an error of.
-    """
-
-    name: str
-    kind: str
-    columns: slice
-    transform: Floats
-    scopes: str
-    prior: float
-    form: tuple[int, ...] = ()
-    reliability: float = 1.0
-    part: str = "wind"
+    name: str  # effect of the catalogue, or ``variable|component`` of a table
+    kind: str  # ``name``, ``table``, ``nuisance``, ``probe``; ``dated``: acts from a date on
+    columns: slice  # raw columns
+    transform: Floats  # (k, m): T of the module
+    scopes: str  # ``a``: each aircraft has coefficients of its own, ``f``: all have the same
+    prior: float  # log prior weight
+    form: tuple[int, ...] = ()  # which coefficients of the effect; (1,) of a refined table
+    reliability: float = 1.0  # squared correlation of the columns with the true ones
+    part: str = "wind"  # what it is an error of: ``heading``, ``airspeed`` or ``wind``
 
     @property
     def size(self) -> int:
@@ -218,14 +182,8 @@ class Table:
 class Candidates:
     """Raw columns, built in blocks, and the groups made of them.
 
-    Parameters
-    ----------
-    frame, context : Frame
-        Reports, and the same with exogenous heading, airspeed and large-scale wind.
-    effects : mapping
-        Name -> effect that is looked for.
-    tables : bool
-        Also look for what is not in the catalogue.
+    ``context`` is the frame with exogenous heading, airspeed and large-scale wind; ``tables`` also
+    looks for what is not in the catalogue.
     """
 
     def __init__(
@@ -243,8 +201,12 @@ class Candidates:
         self._add_names()
         if tables:
             self._drawn = self._likely_winds()
+            weight = -float(np.log(2 * len(self.variables) * len(COMPONENTS)))
             for name in self.variables:
-                self._add_tables(name, len(self.variables) * len(COMPONENTS))
+                curve = self.curve(name)
+                if curve.knots.size > 1 or name == "magnetic_heading":
+                    for component in COMPONENTS:
+                        self.add_table(Table((curve,), component), weight)
 
     # ------------------------------------------------------------------------------ what is built
     def _block(self, build: Callable[[Frame], Singles], columns: Singles) -> slice:
@@ -262,13 +224,8 @@ class Candidates:
     def raw(self, where: slice, at: Frame | None = None) -> Singles:
         """Raw columns (n, 2, k) of a group, built again.
 
-        Parameters
-        ----------
-        where : slice
-            Columns of the group.
-        at : Frame, optional
-            Heading, airspeed and winds at which they are evaluated; without the reports' noise by
-            default.
+        They are evaluated at the heading, airspeed and winds of ``at``, by default those without
+        the reports' noise.
         """
         return self._builders[where.start](self.context if at is None else at)
 
@@ -301,23 +258,16 @@ class Candidates:
             if effect.kind == "step":
                 forms = ((0,), (1, 2), (0, 1, 2))
             scopes = "f" if effect.scope in ("reference", "fleet") else "af"
+            part = "heading" if isinstance(effect, HeadingEffect) else "airspeed"
+            part = part if effect.stage == "sensor" else "wind"
             for form in forms:
                 # the ordinary form is as likely as all others together
                 others = 1 if len(forms) == 1 else 2 * max(1, (len(forms) - 1) * (form != forms[0]))
                 weight = -float(np.log(2 * len(usable) * others))
                 tied = np.eye(1) if len(form) == 1 else effect.tied(form)
                 kind = "dated" if effect.kind == "step" else "name"
-                group = Group(
-                    effect.name,
-                    kind,
-                    where,
-                    tied,
-                    scopes,
-                    weight,
-                    tuple(form),
-                    effect.reliability,
-                    _part_of(effect),
-                )
+                known = tuple(form), effect.reliability, part
+                group = Group(effect.name, kind, where, tied, scopes, weight, *known)
                 self._group(columns, group, tied, form)
                 if effect.kind == "drift" and len(form) == columns.shape[2]:
                     self._group(columns, replace(group, kind="dated"), tied, form)
@@ -385,13 +335,6 @@ class Candidates:
         )
         return np.asarray(vectors[:, :, None] * functions[:, None, :], np.float32)
 
-    def _add_tables(self, name: str, number: int) -> None:
-        curve = curve_of(name, self.variables[name].values)
-        if curve.knots.size < 2 and name != "magnetic_heading":
-            return
-        for component in COMPONENTS:
-            self.add_table(Table((curve,), component), -float(np.log(2 * number)))
-
     def table_of(self, group: Group) -> Table:
         """Table that a group was made of."""
         return self.tables[group.columns.start]
@@ -422,7 +365,7 @@ class Candidates:
     def add_product(self, table: Group, curve: Floats, name: str) -> Group | None:
         """Add products of a table's fitted curve with functions of another variable."""
         columns = self.raw(table.columns) @ curve.astype(np.float32)
-        other = curve_of(name, self.variables[name].values, PAIRED)
+        other = self.curve(name, PAIRED)
         functions = other.functions(self.variables[name].values)[:, : 2 * PAIRED - 1]
         made = np.asarray(columns[:, :, None] * functions[:, None, :], np.float32)
         unit = np.eye(made.shape[2])
@@ -448,12 +391,6 @@ class Candidates:
 def of_wind(table: Table) -> bool:
     """Whether a table depends on the reported wind."""
     return bool({"wind_direction", "wind_speed"} & {curve.variable for curve in table.curves})
-
-
-def _part_of(effect: Effect) -> str:
-    if effect.stage != "sensor":
-        return "wind"
-    return "heading" if isinstance(effect, HeadingEffect) else "airspeed"
 
 
 def unit_size(columns: Singles, transform: Floats) -> Floats | None:

@@ -1,11 +1,8 @@
-"""How far the gap closes: mean vector disagreement on held-out days without what was found.
+"""How far the gap closes: mean vector disagreement on held-out days without what was found, kt.
 
-Terms are fitted to four of five groups of days (blocks of two days, in turn) and subtracted from
-the fifth, at the heading, airspeed and wind that were reported. The reduction of the mean length of
-the residual has an interval from a bootstrap over days and from draws of the coefficients, which
-hold what a fit to less than all days may miss.
-
-Units: kt.
+Terms are fitted to four of five groups of days and subtracted from the fifth, at the heading,
+airspeed and wind that were reported. The interval is from a bootstrap over days and from draws of
+the coefficients, which hold what a fit to less than all days may miss.
 """
 
 from __future__ import annotations
@@ -14,14 +11,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from airswing.gap.arrays import Floats, Integers
 from airswing.gap.model.passes import Fitted
 from airswing.gap.model.refit import BLOCK
+from airswing.gap.result.schema import ClosesEntry
 from airswing.units import KNOT, NORMAL_95
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 #: Bootstrap samples of days, and draws of the coefficients, on every how many-th report.
 SAMPLES, COEFFICIENTS, EVERY = 400, 30, 5
@@ -33,32 +28,13 @@ ROUNDING = 0.005
 
 
 @dataclass(frozen=True)
-class Step:
-    """Closure of one claim in addition to the claims before it, with its interval, kt."""
-
-    reduction: float
-    interval: tuple[float, float]
-
-
-@dataclass(frozen=True)
 class Closure:
-    """Disagreement before and after, kt, in steps.
-
-    Attributes
-    ----------
-    residual : (n, 2) float
-        Held-out residual with all claims taken off, m/s.
-    """
+    """Disagreement before, kt, and what each claim closes in addition to those before it."""
 
     before: float
-    steps: tuple[Step, ...]
-    whole: Step
-    residual: Floats
-
-    @property
-    def after(self) -> float:
-        """Disagreement with all claims taken off."""
-        return self.before - self.whole.reduction
+    steps: tuple[ClosesEntry, ...]
+    whole: ClosesEntry
+    residual: Floats  # (n, 2): held-out, with all claims taken off, m/s
 
 
 def is_held_out(days: int) -> bool:
@@ -71,13 +47,7 @@ def is_held_out(days: int) -> bool:
 
 
 def close(fitted: Fitted, claims: Sequence[Sequence[int]], *, seed: int = 0) -> Closure:
-    """Take claims off, one after the other.
-
-    Parameters
-    ----------
-    claims : sequence of sequence of int
-        Terms of each claim, in the order in which they are taken off.
-    """
+    """Take claims, each some of the terms, off one after the other."""
     sums, exact = fitted.model.sums, fitted.exact
     theta = exact.by_fold if is_held_out(sums.span) else exact.theta
     response = exact.response
@@ -110,10 +80,10 @@ def close(fitted: Fitted, claims: Sequence[Sequence[int]], *, seed: int = 0) -> 
     return Closure(float(means[0]), steps, whole, left)
 
 
-def _step(value: float, drawn: Floats, doubt: float, unseen: float) -> Step:
+def _step(value: float, drawn: Floats, doubt: float, unseen: float) -> ClosesEntry:
     half = NORMAL_95 * float(np.hypot(drawn.std(), doubt)) + ROUNDING
-    above = unseen * max(float(value), 0.0)
-    return Step(float(value), (float(value) - half, float(value) + half + above))
+    value = float(value)
+    return ClosesEntry(value, [value - half, value + half + unseen * max(value, 0.0)])
 
 
 def _unseen(fitted: Fitted, claim: Sequence[int]) -> float:

@@ -1,30 +1,10 @@
 """Log evidence of candidates: spike and slab over aircraft, a part all share, dates, exchanges.
 
-Given the terms in the model, a candidate has scores U_a and information G_a by aircraft, U_F and
-G_F of the fleet. Because the day fields absorb what all aircraft share, it is given back: U~_a =
-U_a + G_a T0 U_F with T0 = G_F^-1 - (sum_a G_a)^-1. Then
+The likelihood of scores U~_a = G_a (theta_a + theta_F) + N(0, kappa G_a) by aircraft, the priors of
+the scopes, of changes at a date and of exchanged identifiers are those of docs/gap.md, section 4.
 
-    U~_a = G_a (theta_a + theta_F) + N(0, kappa G_a),
-
-    null       theta_F ~ N(0, T), T = T0 + (kappa_F - 1)+ G_F^-1 + L^2 I;  theta_a ~ N(0, m^2)
-    aircraft   theta_a ~ N(0, s^2 + m^2) for the affected, inclusion by a Beta(1, 1) prior on their
-               share; or, as likely, theta_a ~ N(mu, (s / 4)^2 + m^2) with mu ~ N(0, s^2): one
-               fault on several aircraft
-    fleet      theta_F ~ N(0, T + s^2 I)
-
-with s on a grid. A change at a date has the same common part theta_F on all days and a change
-theta_a after its date (joint information [[G, G_d], [G_d, G_d]]); without it an error of the whole
-fleet looks like a change of all aircraft on the first days. A common date means that each aircraft
-changes on its next day with flights. The prior of a change has the shape of its information,
-theta_a ~ N(0, s^2 tr(G_d) G_d^-1 / m): its size is s where it acts, for a drift that begins in the
-last week as for one of the whole archive (Zellner 1986).
-
-References
-----------
-Mitchell, T. J. and Beauchamp, J. J. (1988). Bayesian variable selection in linear regression. J.
-Am. Stat. Assoc. 83, 1023-1032 (spike and slab).
-Zellner, A. (1986). On assessing prior distributions and Bayesian regression analysis with g-prior
-distributions. In: Bayesian Inference and Decision Techniques, Elsevier, 233-243.
+Source: Mitchell and Beauchamp (1988), J. Am. Stat. Assoc. 83, 1023-1032 (spike and slab); Zellner
+(1986), On assessing prior distributions with g-prior distributions, Elsevier, 233-243.
 """
 
 from __future__ import annotations
@@ -37,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from airswing.gap.arrays import Booleans, Integers
 from airswing.gap.model.candidates import Group
 from airswing.gap.model.terms import (
     BLOCKS,
@@ -48,7 +29,6 @@ from airswing.gap.model.terms import (
 )
 
 Floats = NDArray[Any]
-Integers = NDArray[np.int64]
 
 #: Scales of the slab, m/s rms where a candidate acts, from half a knot to three times the noise in
 #: steps of three: half a step off costs 0.1 nat a coefficient.
@@ -57,15 +37,6 @@ SCALES = np.array([0.3, 0.9, 2.7])
 SMALL = 0.06
 
 
-@dataclass(frozen=True)
-class Usual:
-    """Scales of an effect, and the size that no aircraft is free of."""
-
-    scales: Floats = field(default_factory=lambda: SCALES)
-    small: float = SMALL
-
-
-WIND = Usual()
 #: Posterior probability from which an aircraft is stated as affected.
 INCLUDED = 0.75
 #: Shares of affected aircraft that the Beta prior is integrated over.
@@ -80,31 +51,14 @@ SIDES = 2
 
 @dataclass(frozen=True)
 class Found:
-    """Evidence of a candidate in one scope.
+    """Evidence of a candidate in one scope."""
 
-    Attributes
-    ----------
-    evidence : float
-        Log Bayes factor against no effect, integrated over scales and sets of aircraft.
-    scale : float
-        Most probable s, m/s.
-    tails : tuple of int
-        Aircraft affected with the probability `INCLUDED` and more.
-    inclusion : (A,) float
-        Posterior probability of each.
-    spread : float
-        `SPREAD` where the affected share a mean, otherwise 0.
-    start : mapping
-        First day in force of each affected aircraft, of a dated candidate.
-    shape : (m, m) float or None
-        Prior precision of a dated candidate's coefficients for s = 1.
-    """
-
-    evidence: float
-    scale: float
-    tails: tuple[int, ...]
-    inclusion: Floats
-    spread: float = 0.0
+    evidence: float  # log Bayes factor against no effect, over scales and sets of aircraft
+    scale: float  # most probable s, m/s
+    tails: tuple[int, ...]  # aircraft affected with the probability `INCLUDED` and more
+    inclusion: Floats  # (A,): posterior probability of each
+    spread: float = 0.0  # `SPREAD` where the affected share a mean, otherwise 0
+    # of a dated candidate: first day of each affected aircraft; prior precision for s = 1, (m, m)
     start: Mapping[int, int] = field(default_factory=dict)
     shape: Floats | None = None
 
@@ -155,7 +109,7 @@ Parts = tuple[Floats, Floats, Floats]  # level (A,), score (A, m), information (
 
 
 def _nested(
-    common: _Common, null: Parts, slab: Parts, *, add: Floats, able: NDArray[np.bool_]
+    common: _Common, null: Parts, slab: Parts, *, add: Floats, able: Booleans
 ) -> tuple[Floats, Floats]:
     """Log evidence of the best set of each size, and each aircraft's gain given the common part."""
     phi = common.mean(null[2].sum(axis=0), null[1].sum(axis=0))
@@ -195,17 +149,13 @@ def _alike(
 
     def joint(rest: Parts, inside: Parts) -> Parts:
         """Level, score and information in (phi, mu) of sums over aircraft."""
-        information = np.concatenate(
-            [
-                np.concatenate([rest[2] + inside[2], inside[2]], axis=-1),
-                np.concatenate([inside[2], inside[2]], axis=-1),
-            ],
-            axis=-2,
-        )
+        top = np.concatenate([rest[2] + inside[2], inside[2]], axis=-1)
+        bottom = np.concatenate([inside[2], inside[2]], axis=-1)
+        information = np.concatenate([top, bottom], axis=-2)
         score = np.concatenate([rest[1] + inside[1], inside[1]], axis=-1)
         return rest[0] + inside[0], score, information
 
-    def summed(parts: Parts, chosen: NDArray[np.bool_]) -> Parts:
+    def summed(parts: Parts, chosen: Booleans) -> Parts:
         level, score, information = (part[chosen].sum(axis=0) for part in parts)
         return level, score, information
 
@@ -222,11 +172,8 @@ def _alike(
         return np.concatenate([np.zeros((1, *part.shape[1:])), np.cumsum(part[order], axis=0)])
 
     inside = (steps(slab[0]), steps(slab[1]), steps(slab[2]))
-    rest = (
-        null[0].sum(axis=0) - steps(null[0]),
-        null[1].sum(axis=0) - steps(null[1]),
-        null[2].sum(axis=0) - steps(null[2]),
-    )
+    level, score, information = (part.sum(axis=0) - steps(part) for part in null)
+    rest = (level, score, information)
     level, score, information = joint(rest, inside)
     precision = prior + information
     solved = np.linalg.solve(precision, score[..., None])[..., 0]
@@ -235,18 +182,16 @@ def _alike(
 
 
 def static_evidence(
-    found: Statistics, kappa: float, scopes: str, usual: Usual = WIND
+    found: Statistics,
+    kappa: float,
+    scopes: str,
+    *,
+    scales: Floats = SCALES,
+    usual: float = SMALL,
 ) -> dict[str, Found]:
-    """Evidence of a candidate that acts on the whole archive, by scope.
+    """Evidence of a candidate that acts on the whole archive, by scope (of ``a`` and ``f``).
 
-    Parameters
-    ----------
-    kappa : float
-        Noise factor of single aircraft.
-    scopes : str
-        ``a``, ``f`` or both.
-    usual : Usual
-        Scales and usual sizes; those of the wind's mean by default.
+    ``kappa`` is the noise factor of single aircraft, ``usual`` what no aircraft is free of.
     """
     aircraft, m = found.score.shape
     variance, given_back = common_variance(found)
@@ -255,7 +200,7 @@ def static_evidence(
     values = np.maximum(values, 1e-8 * max(float(values.max()), 1e-12))
     turned = np.einsum("aji,aj->ai", vectors, score)
 
-    small = usual.small**2 + np.broadcast_to(found.remainder, aircraft)[:, None]
+    small = usual**2 + np.broadcast_to(found.remainder, aircraft)[:, None]
 
     def parts(variance: Floats) -> Parts:
         """Each aircraft with a part of its own of these variances (A, 1) integrated."""
@@ -271,32 +216,28 @@ def static_evidence(
     nothing = float(common.total(sums[2], sums[1], sums[0]))
     out = {}
     if "f" in scopes:
-        each = np.array(
-            [
-                float(_Common(variance + s**2 * np.eye(m)).total(sums[2], sums[1], sums[0]))
-                for s in usual.scales
-            ]
-        )
-        evidence = float(logsumexp(each)) - np.log(usual.scales.size) - nothing
-        best = float(usual.scales[each.argmax()])
+        wider = [_Common(variance + s**2 * np.eye(m)) for s in scales]
+        each = np.array([float(one.total(sums[2], sums[1], sums[0])) for one in wider])
+        evidence = float(logsumexp(each)) - np.log(scales.size) - nothing
+        best = float(scales[each.argmax()])
         out["f"] = Found(evidence, best, tuple(range(aircraft)), np.ones(aircraft))
     if "a" in scopes:
         prior, able = number_prior(aircraft), np.ones(aircraft, bool)
         made = [
             _nested(common, null, parts(s**2 + small), add=np.zeros(aircraft), able=able)
-            for s in usual.scales
+            for s in scales
         ]
         made += [
             _alike(variance, null, parts((SPREAD * s) ** 2 + small), s, made[k][1])
-            for k, s in enumerate(usual.scales)
+            for k, s in enumerate(scales)
         ]
         each = np.array([by_size + prior for by_size, _ in made]) - nothing
         weight = np.exp(logsumexp(each, axis=1) - logsumexp(each))
         inclusion = sum(w * _inclusion(gain) for w, (_, gain) in zip(weight, made, strict=True))
         evidence = float(logsumexp(each)) - np.log(len(made))
-        alike, k = divmod(int(np.unravel_index(each.argmax(), each.shape)[0]), usual.scales.size)
+        alike, k = divmod(int(np.unravel_index(each.argmax(), each.shape)[0]), scales.size)
         chosen = tuple(int(a) for a in np.flatnonzero(np.asarray(inclusion) > INCLUDED))
-        best, spread = float(usual.scales[k]), SPREAD * alike
+        best, spread = float(scales[k]), SPREAD * alike
         out["a"] = Found(evidence, best, chosen, np.asarray(inclusion), spread)
     return out
 
@@ -336,17 +277,14 @@ def dated_evidence(model: Model, group: Group, kappa: float, least: float) -> tu
     shared = np.einsum("adqk,km->adqm", sums.shared[..., group.columns], t, optimize=True)
     cross -= np.einsum("dqi,adqm->adim", model.term_shared, shared, optimize=True)
 
-    def after(x: Floats) -> Floats:
-        return np.cumsum(x[:, ::-1], axis=1)[:, ::-1]
-
-    known = np.einsum("ij,adjm->adim", model.inverse_root, after(cross), optimize=True)
-    information = after(by_day)
+    known = np.einsum("ij,adjm->adim", model.inverse_root, _after(cross), optimize=True)
+    information = _after(by_day)
     shape = _shape(information)
     information = information - np.einsum("adim,adin->admn", known, known, optimize=True)
-    score = after(model.day_score[:, :, group.columns] @ t)
+    score = _after(model.day_score[:, :, group.columns] @ t)
     flown = sums.flown
     before = np.cumsum(flown, axis=1) - flown
-    left = np.cumsum(flown[:, ::-1], axis=1)[:, ::-1]
+    left = _after(flown)
     able = flown & (before >= SIDES) & (left >= SIDES)
     if not able.any():
         nothing = Found(-np.inf, float(SCALES[0]), (), np.zeros(sums.A))
@@ -358,6 +296,11 @@ def dated_evidence(model: Model, group: Group, kappa: float, least: float) -> tu
     day_score = model.day_score[:, :, group.columns] @ t
     factor = max(kappa, float(np.mean(_factor_given(ranked.start, day_score, by_day, statistics))))
     return ranked, _dated(statistics, score, information, shape, able, factor)
+
+
+def _after(x: Floats) -> Floats:
+    """Sums over each day and all after it, (A, D, ...)."""
+    return np.cumsum(x[:, ::-1], axis=1)[:, ::-1]
 
 
 def _factor_given(
@@ -386,7 +329,7 @@ def _shape(information: Floats) -> Floats:
     return np.where(trace > 0, m * information / np.maximum(trace, 1e-12), eye) + SLIGHT * eye
 
 
-def next_day(able: NDArray[np.bool_]) -> Integers:
+def next_day(able: Booleans) -> Integers:
     """Day on which each aircraft changes that is to change on a day, (A, D); -1 for none."""
     out = np.full(able.shape, -1, np.int64)
     later = np.full(able.shape[0], -1, np.int64)
@@ -401,7 +344,7 @@ def _dated(
     score: Floats,
     information: Floats,
     shape: Floats,
-    able: NDArray[np.bool_],
+    able: Booleans,
     kappa: float,
 ) -> Found:
     aircraft, days = able.shape
@@ -427,7 +370,7 @@ def _dated(
     nothing = float(common.total(sums[2], sums[1], sums[0]))
     prior, following = number_prior(aircraft), next_day(able)
     dates = np.maximum(able.sum(axis=1), 1)
-    anywhere: NDArray[np.bool_] = np.asarray(able.sum(axis=1) > 0)
+    anywhere: Booleans = np.asarray(able.sum(axis=1) > 0)
     rows = np.arange(aircraft)
     own, shared, kept = [], [], []
     for s in SCALES:
@@ -511,10 +454,7 @@ def exchange_evidence(model: Model, group: Group, kappa: float) -> Exchange | No
     information = by_day / kappa
     score = model.day_score[:, :, group.columns] @ t / kappa
 
-    def late(x: Floats) -> Floats:
-        return np.cumsum(x[:, ::-1], axis=1)[:, ::-1]
-
-    late_information, late_score = late(information), late(score)
+    late_information, late_score = _after(information), _after(score)
     early_information = information.sum(axis=1)[:, None] - late_information
     early_score = score.sum(axis=1)[:, None] - late_score
     eye = np.eye(group.size)

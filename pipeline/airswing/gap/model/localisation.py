@@ -1,49 +1,32 @@
 """Where real reports differ from simulated ones: slices with control of false discoveries.
 
 Each aircraft is judged by a constant and five cycles of heading error, each table by its
-coefficients of the whole fleet, given the climatology alone. The share of a slice
-in the gap is its cross-fitted energy: coefficients of one half of the day blocks predict the other,
-theta_A' G theta_B, with expectation zero where nothing is there. Significance is a chi-squared test
-of the score with the slice's noise factor; q values control false discoveries over all slices.
-
-References
-----------
-Benjamini, Y. and Hochberg, Y. (1995). Controlling the false discovery rate. J. R. Stat. Soc. B 57,
-289-300.
+coefficients of the whole fleet, given the climatology alone. The share of a slice in the gap is its
+cross-fitted energy: coefficients of one half of the day blocks predict the other, theta_A' G
+theta_B, with expectation zero where nothing is there. Significance is a chi-squared test of the
+score with the slice's noise factor; q values control false discoveries over all slices (Benjamini
+and Hochberg 1995).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.stats import chi2, false_discovery_control
 
 from airswing.gap.archive.reported_variables import CATEGORIES
+from airswing.gap.arrays import Booleans, Floats
 from airswing.gap.model.candidates import CYCLES, Table
 from airswing.gap.model.evidence import common_variance
 from airswing.gap.model.refit import fold_of_day
 from airswing.gap.model.terms import Model
 from airswing.gap.result.schema import CurveEntry, SliceEntry
 
-Floats = NDArray[np.float64]
-
 #: Table by which an aircraft as a whole is judged.
 AIRCRAFT_TABLE = "magnetic_heading|heading_angle"
 #: Directions of a slice known a thousandth as well as the best one say nothing.
 KNOWN = 1e-3
-
-
-def false_discovery(p_values: Sequence[float]) -> Floats:
-    """Q values of Benjamini and Hochberg, (n,)."""
-    p = np.asarray(p_values, float)
-    order = np.argsort(p)
-    raised = p[order] * p.size / np.arange(1, p.size + 1)
-    out = np.empty_like(p)
-    out[order] = np.minimum(1.0, np.minimum.accumulate(raised[::-1])[::-1])
-    return out
 
 
 def score_test(information: Floats, score: Floats, factor: float) -> tuple[float, Floats]:
@@ -56,7 +39,7 @@ def score_test(information: Floats, score: Floats, factor: float) -> tuple[float
     return p_value, np.asarray(half @ projected)
 
 
-def cross_fitted(information: Floats, by_day: Floats, half: NDArray[np.bool_]) -> float:
+def cross_fitted(information: Floats, by_day: Floats, half: Booleans) -> float:
     """Energy theta_A' G theta_B of two halves of the days."""
     m = information.shape[0]
     inner = 0.5 * information + 1e-3 * np.trace(information) / m * np.eye(m)
@@ -66,23 +49,28 @@ def cross_fitted(information: Floats, by_day: Floats, half: NDArray[np.bool_]) -
 
 
 def slices(model: Model) -> list[SliceEntry]:
-    """All slices of an archive, largest share of the gap first.
-
-    Parameters
-    ----------
-    model : Model
-        Conditioned on the climatology alone.
-    """
+    """All slices of an archive given the climatology alone, largest share of the gap first."""
     sums = model.sums
     half = fold_of_day(sums.D) % 2 == 0
     if half.all() or not half.any():
         half = np.arange(sums.D) % 2 == 0
     rows: list[SliceEntry] = []
+
+    def add(
+        about: tuple[str, str, str],
+        values: list[str],
+        tests: tuple[float, float],
+        knots: list[str],
+        curve: Floats,
+    ) -> None:
+        (variable, component, name), (p_value, energy) = about, tests
+        found = CurveEntry(knots, [float(x) for x in curve])
+        rows.append(SliceEntry(variable, component, values, 0.0, 1.0, p_value, energy, name, found))
+
     for group in (g for g in sums.candidates.groups if g.kind == "table"):
         found = model.statistics(group)
         score = model.day_score[:, :, group.columns] @ group.transform
-        variable, component = group.variables[0], group.component
-        labels = knots_in_words(sums.candidates.table_of(group))
+        knots = knots_in_words(sums.candidates.table_of(group))
         if group.name == AIRCRAFT_TABLE:
             for a, tail in enumerate(sums.frame.tails):
                 information = found.information[a]
@@ -90,21 +78,22 @@ def slices(model: Model) -> list[SliceEntry]:
                     continue
                 factor = max(1.0, float(found.factor[a]))
                 p_value, estimate = score_test(information, score[a].sum(axis=0), factor)
-                energy = cross_fitted(information, score[a], half)
-                rows.append(
-                    _entry("aircraft", "both", [tail], p_value, energy, "", labels, estimate)
-                )
+                tests = p_value, cross_fitted(information, score[a], half)
+                add(("aircraft", "both", ""), [tail], tests, knots, estimate)
         information = found.fleet_information
         if np.trace(information) <= 1e-9:
             continue
         # what lasts in the reference's error counts as noise of the fleet's coefficients
         variance, _ = common_variance(found)
-        p_value = _fleet_test(variance, found.fleet_inverse, score.sum(axis=(0, 1)))
-        _, estimate = score_test(information, score.sum(axis=(0, 1)), 1.0)
-        energy = cross_fitted(information, score.sum(axis=0), half)
-        curve = group.transform @ estimate
-        rows.append(_entry(variable, component, [], p_value, energy, group.name, labels, curve))
-    quality = false_discovery([row.p_value for row in rows]) if rows else np.zeros(0)
+        whole = score.sum(axis=(0, 1))
+        coefficients = found.fleet_inverse @ whole
+        spread = np.linalg.solve(variance + found.fleet_inverse, coefficients)
+        p_value = float(chi2.sf(float(coefficients @ spread), coefficients.size))
+        _, estimate = score_test(information, whole, 1.0)
+        tests = p_value, cross_fitted(information, score.sum(axis=0), half)
+        about = group.variables[0], group.component, group.name
+        add(about, knots, tests, knots, group.transform @ estimate)
+    quality = false_discovery_control([row.p_value for row in rows]) if rows else np.zeros(0)
     aircraft = sum(max(row.energy, 0.0) for row in rows if row.variable == "aircraft")
     total = max(aircraft, max((row.energy for row in rows), default=0.0), 1e-9)
     out = [
@@ -112,13 +101,6 @@ def slices(model: Model) -> list[SliceEntry]:
         for row, q in zip(rows, quality, strict=True)
     ]
     return sorted(out, key=lambda row: -row.share_of_gap)
-
-
-def _fleet_test(variance: Floats, inverse: Floats, score: Floats) -> float:
-    estimate = inverse @ score
-    spread = variance + inverse
-    statistic = float(estimate @ np.linalg.solve(spread, estimate))
-    return float(chi2.sf(statistic, estimate.size))
 
 
 def knots_in_words(table: Table) -> list[str]:
@@ -133,26 +115,3 @@ def knots_in_words(table: Table) -> list[str]:
             knots = [f"{knot:.5g}" for knot in curve.knots]
         out = [f"{one}; {knot}" if one else knot for one in out for knot in knots]
     return out
-
-
-def _entry(
-    variable: str,
-    component: str,
-    values: list[str],
-    p_value: float,
-    energy: float,
-    group: str,
-    labels: list[str],
-    curve: Floats,
-) -> SliceEntry:
-    return SliceEntry(
-        variable=variable,
-        component=component,
-        values=values or labels,
-        share_of_gap=0.0,
-        q_value=1.0,
-        p_value=p_value,
-        energy=energy,
-        group=group,
-        curve=CurveEntry(labels, [float(x) for x in curve]),
-    )

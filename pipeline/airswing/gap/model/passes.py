@@ -1,13 +1,10 @@
 """From reports to a fitted model: noise, sums, search, exchange of identifiers, second pass.
 
-An archive is searched once to first order. Where two aircraft look as if they had exchanged
-identifiers, the archive with their reports given back is searched as well, with the same noise, and
-the labelling with the larger evidence is kept. Where sensor effects are large, a second pass is
-linearised about them: heading and airspeed are corrected by what was found, the noise is fitted
-again, and the effects found are added to the residual of the corrected reports as their columns
-have them. What the columns do not hold of a large effect, turns of the heading by several degrees
-and the noise of the reports, is thus not searched. At last all coefficients are fitted exactly
-(:mod:`airswing.gap.model.refit`).
+Where two aircraft look as if they had exchanged identifiers, the archive with their reports given
+back is searched as well, and the labelling with the larger evidence is kept. Where sensor effects
+are large, a second pass is linearised about them: heading and airspeed are corrected by what was
+found, and the effects found are added to the residual as their columns have them, so that what the
+columns do not hold of a large effect is not searched.
 """
 
 from __future__ import annotations
@@ -16,12 +13,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.design.exogenous import exogenous
-from airswing.gap.design.heading_uncertainty import heading_doubt
-from airswing.gap.design.weather import day_field_columns
+from airswing.gap.arrays import Floats
+from airswing.gap.design import day_field_columns, exogenous, heading_doubt
 from airswing.gap.effects.base import Effect
 from airswing.gap.model.candidates import PARTS, Candidates
 from airswing.gap.model.evidence import Exchange, exchange_evidence
@@ -31,7 +26,6 @@ from airswing.gap.model.sums import Sums
 from airswing.gap.model.terms import GATE, Model, Term, set_prior
 from airswing.gap.noise.model import NoiseFit, fit_noise
 
-Floats = NDArray[np.float64]
 Say = Callable[[str], None]
 
 #: Size from which the model is linearised about an effect, m/s rms where it acts: at 120 m/s it is
@@ -42,14 +36,7 @@ LARGE, PEAK = 1.0, 2.5
 
 @dataclass
 class Fitted:
-    """A model with all that it was made of.
-
-    Attributes
-    ----------
-    frame : Frame
-        Reports as given, but with exchanged identifiers given back.
-    exchange : Exchange or None
-    """
+    """A model with all that it was made of; exchanged identifiers are given back in the frame."""
 
     frame: Frame
     context: Frame
@@ -77,15 +64,9 @@ def prepared(
 ) -> Fitted:
     """Build candidates and sums of an archive; nothing is searched yet.
 
-    Parameters
-    ----------
-    noise : NoiseFit, optional
-        Used instead of fitting it.
-    less : (n, 2) float, optional
-        Taken off the residual before the noise is fitted.
-    indicated : (n,) float, optional
-        Indicated magnetic heading, of which errors of the heading are functions, where that of the
-        frame is a corrected one, rad.
+    ``noise`` is used instead of fitting it; ``less`` (n, 2) is taken off the residual before.
+    Errors of the heading are functions of the ``indicated`` magnetic heading (n,), where that of
+    the frame is a corrected one.
     """
     context = exogenous(frame)
     if indicated is not None:
@@ -108,22 +89,10 @@ def fit_model(
     seed: int = 0,
     say: Say = lambda text: None,
 ) -> Fitted:
-    """Search an archive for what is at work.
+    """Search an archive for what is at work, with the effects that can be tested.
 
-    Parameters
-    ----------
-    frame : Frame
-        Reports against one reference.
-    effects : mapping
-        Name -> effect that can be tested.
-    tables : bool
-        Also look outside the catalogue.
-    exchanges : bool
-        Also look for exchanged identifiers.
-    seed : int
-        Of the draw of flights that the noise is fitted to.
-    say : callable
-        Called with a line on every step of the search.
+    ``tables`` also looks outside the catalogue, ``exchanges`` for exchanged identifiers. The noise
+    is fitted to flights drawn with the ``seed``; ``say`` gets a line on every step of the search.
     """
     fitted = prepared(frame, effects, tables=tables, seed=seed)
     found = _exchange(fitted, effects) if exchanges else None

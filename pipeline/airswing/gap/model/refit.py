@@ -1,25 +1,16 @@
 """Coefficients fitted exactly: effects at the reports, instruments free of the reports' noise.
 
-The search uses columns Z evaluated at a heading, airspeed and wind without the reports' noise
-(`airswing.gap.design.exogenous`). They differ from the columns X of the reports themselves, at
-which the unit made its errors, so that coefficients of Z are 2 to 3 % too small (soft iron of 1.1
-degrees and hard iron of 2 degrees put into archives without an effect: 0.98 and 0.97 of the truth).
-Columns X alone would correlate with the noise. Z are therefore instruments: with f(theta) the
-change of the reported wind by all terms, exact for errors of heading and airspeed, and for others
-linear in X, with a square where the effect has one,
+The columns Z of the search, without the reports' noise, give coefficients that are 2 to 3 % too
+small; the columns X of the reports, at which the unit made its errors, correlate with the noise. Z
+are therefore instruments (Durbin 1954): with f(theta) the exact change of the reported wind by all
+terms,
 
     Z' V^-1 (r - f(theta)) = kappa P theta,
 
 by Newton's method with A = Z' V^-1 X + kappa P; of terms with a square, Z and X are the derivatives
 at theta. With B = A^-1 the covariance of theta is kappa B (Z' V^-1 Z + kappa P) B'. Coefficients
-without a group of days follow by one more step.
-
-The prior of a term of several aircraft is theta_a ~ N(mu, tau^2), mu ~ N(0, s^2): aircraft with the
-same fault share its size. s and tau are the most likely ones.
-
-References
-----------
-Durbin, J. (1954). Errors in variables. Rev. Int. Stat. Inst. 22, 23-32 (instruments).
+without a group of days follow by one more step. The prior of a term of several aircraft is theta_a
+~ N(mu, tau^2), mu ~ N(0, s^2), with the most likely s and tau.
 """
 
 from __future__ import annotations
@@ -28,15 +19,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.model.candidates import Singles
+from airswing.gap.arrays import Floats, Integers, Singles
 from airswing.gap.model.terms import Columns, Model
 from airswing.physics.triangle import wind_from_triangle
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 #: Ratios of tau to s: from one size of all aircraft to independent ones, in steps of two.
 SPREADS = 2.0 ** -np.arange(7.0)
@@ -62,14 +49,7 @@ def fold_of_day(days: int) -> Integers:
 class Response:
     """What terms do to every report, at the heading, airspeed and wind that were reported.
 
-    Parameters
-    ----------
-    frame : Frame
-        Reports.
-    model : Model
-        Conditioned on the terms.
-    sensor : sequence of bool
-        Which terms act on the indicated heading or airspeed.
+    ``sensor`` marks the terms of the model that act on the indicated heading or airspeed.
     """
 
     def __init__(self, frame: Frame, model: Model, sensor: Sequence[bool]) -> None:
@@ -88,15 +68,9 @@ class Response:
     def linear(self, k: int, theta: Floats, raw: Singles | None = None) -> Floats:
         """Change of the wind by the k-th term, (n, 2) m/s; to first order of a sensor's error.
 
-        Parameters
-        ----------
-        k : int
-            Number of the term.
-        theta : (m,) or (folds, m) float
-            Coefficients of the whole model; with a row for each group of days, each report is
-            changed by the coefficients of its group.
-        raw : (n, 2, k) float, optional
-            Columns of the term in place of those it is fitted by.
+        ``theta`` are the coefficients of the whole model; with a row for each group of days, each
+        report is changed by the coefficients of its group. ``raw`` are columns (n, 2, k) in place
+        of those that the term is fitted by.
         """
         sums, term = self.model.sums, self.model.terms[k]
         columns = self.raw[k + 1] if raw is None else raw
@@ -160,27 +134,12 @@ def without_errors(frame: Frame, effect: Floats) -> tuple[Frame, Floats, Floats]
 
 @dataclass(frozen=True)
 class Refit:
-    """Coefficients of all terms after the exact fit.
+    """Coefficients of all terms after the exact fit."""
 
-    Attributes
-    ----------
-    theta : (m,) float
-        In the order of `Model.offsets`.
-    covariance : (m, m) float
-    by_fold : (FOLDS, m) float
-        Fitted without each group of days.
-    gains : tuple of float
-        Log likelihood of each term on days that its coefficients are not fitted to.
-    instrumented : tuple of bool
-        Terms whose columns differ from their instruments.
-    response : Response
-    """
-
-    theta: Floats
-    covariance: Floats
-    by_fold: Floats
-    gains: tuple[float, ...]
-    instrumented: tuple[bool, ...]
+    theta: Floats  # (m,): in the order of `Model.offsets`
+    covariance: Floats  # (m, m)
+    by_fold: Floats  # (FOLDS, m): fitted without each group of days
+    instrumented: tuple[bool, ...]  # terms whose columns differ from their instruments
     response: Response
 
     def effect(self, k: int) -> Floats:
@@ -189,17 +148,7 @@ class Refit:
 
 
 def refit(frame: Frame, model: Model, sensor: Sequence[bool]) -> Refit:
-    """Fit the coefficients of all terms exactly.
-
-    Parameters
-    ----------
-    frame : Frame
-        Reports as given.
-    model : Model
-        Conditioned on the terms.
-    sensor : sequence of bool
-        Which terms act on the indicated heading or airspeed.
-    """
+    """Fit the coefficients of all terms exactly; arguments of `Response`."""
     sums = model.sums
     every = [model.base, *model.terms]
     instruments = [model.columns(term) for term in every]
@@ -243,7 +192,8 @@ def refit(frame: Frame, model: Model, sensor: Sequence[bool]) -> Refit:
         whole = by_fold.sum(axis=0) + precision
         linear = [response.linear(k, theta) for k in range(len(model.terms))]
         left = frame.residual - response.together(linear, range(len(model.terms)))
-        left = left - _climatology(response, theta)
+        base = model.base.group
+        left = left - response.raw[0] @ (base.transform @ theta[: base.size])
         inverse = sums.invert(sums.whitened(left[:, :, None])[:, 0])
         scores = np.zeros((folds, theta.size))
         for start, one in zip(model.offsets, instruments, strict=False):
@@ -264,20 +214,11 @@ def refit(frame: Frame, model: Model, sensor: Sequence[bool]) -> Refit:
     without = np.stack(
         [theta - np.linalg.solve(whole - by_fold[j], scores[j]) for j in range(folds)]
     )
-    gains = []
-    for k in range(len(model.terms)):
-        own = slice(int(model.offsets[k + 1]), int(model.offsets[k + 2]))
-        total = 0.0
-        for j in range(folds):
-            left = scores[j] + by_fold[j] @ (theta - without[j])
-            part = without[j, own]
-            total += float(part @ left[own] + 0.5 * part @ by_fold[j][own, own] @ part)
-        gains.append(total / model.kappa)
     differs = [
         any(not np.array_equal(z.rows[a][1], x.rows[a][1]) for a in z.rows)
         for z, x in zip(instruments[1:], exact[1:], strict=True)
     ]
-    return Refit(theta, covariance, without, tuple(gains), tuple(differs), response)
+    return Refit(theta, covariance, without, tuple(differs), response)
 
 
 def _block(precision: Floats, model: Model, terms: Sequence[int]) -> Floats:
@@ -292,11 +233,6 @@ def _is_weak(z: Sequence[Columns], x: Sequence[Columns], prior: Floats) -> bool:
     inner = np.linalg.inv(np.linalg.cholesky(gram))
     shared = inner @ cross @ inner.T
     return bool(np.linalg.eigvalsh((shared + shared.T) / 2)[0] < WEAK)
-
-
-def _climatology(response: Response, theta: Floats) -> Floats:
-    group = response.model.base.group
-    return np.asarray(response.raw[0] @ (group.transform @ theta[: group.size]))
 
 
 def _precision(model: Model) -> Floats:

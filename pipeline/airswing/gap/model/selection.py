@@ -1,23 +1,8 @@
 """Selection of terms: screen, exact contest, and replacement until nothing changes.
 
-1. Every candidate is scored in closed form (:mod:`airswing.gap.model.evidence`) with one noise
-factor
-   kappa for all, and passes a gate if its evidence by its *own* noise factor plus its log prior
-   exceeds `GATE`. Mixing the two factors in one ranking would make a change and a table of the date
-   replace each other for ever.
-2. The best of each name and the best tables are fitted jointly with all terms in the model and
-   ranked by exact marginal likelihood. The screening score of a fleet-wide candidate is limited by
-   T and hardly says which shape fits.
-3. A name represents a table where it holds, alone or with further names, at least `REPRESENTS` of
-   the table's log evidence: its columns are first-order and made of inferred context. (One table of
-   the heading has more evidence than hard iron alone where soft iron acts as well.)
-4. After every addition each term is removed and contested again, until nothing changes.
-
-References
-----------
-Wang, G., Sarkar, A., Carbonetto, P. and Stephens, M. (2020). A simple new approach to variable
-selection in regression, with application to genetic fine mapping. J. R. Stat. Soc. B 82, 1273-1300
-(credible sets).
+The steps are those of docs/gap.md, section 5. All candidates are ranked with one noise factor kappa
+and gated with their own: mixing the two in one ranking would make a change and a table of the date
+replace each other for ever.
 """
 
 from __future__ import annotations
@@ -26,14 +11,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from airswing.gap.model.candidates import Group
+from airswing.gap.archive.reported_variables import KINDS
+from airswing.gap.arrays import Floats
+from airswing.gap.model.candidates import KNOTS, Group, Table
 from airswing.gap.model.evidence import dated_evidence, static_evidence
-from airswing.gap.model.refinement import refined
 from airswing.gap.model.terms import GATE, Model, Statistics, Term, describe, set_prior
-
-Floats = NDArray[np.float64]
 
 #: Share of a table's log evidence that a name must hold: a deviation of 5 degrees turns the heading
 #: its columns are evaluated at, an error of first order of (5 degrees)^2 / 2 = 0.4 % of the energy;
@@ -48,6 +31,18 @@ DAYS = 3
 NAMES, TABLES = 12, 6
 #: Most terms, and rounds of replacement after an addition.
 MOST, ROUNDS = 8, 2
+#: Other lever of each component, and times the usual number of knots.
+LEVERS = {
+    "heading_angle": "across_heading",
+    "along_heading": "airspeed_factor",
+    "wind_angle": "across_wind",
+    "along_wind": "wind_factor",
+}
+FINER = 2
+#: Cells of each variable in a table of two.
+PAIRED = 7
+#: Log evidence of a table from which a second variable is sought.
+LEAST = 30.0
 
 
 def screen(model: Model) -> list[Term]:
@@ -87,14 +82,9 @@ def usual_sizes(
 ) -> dict[str, tuple[float, float]]:
     """Variances of what no aircraft and no fleet is free of, by part, from the bulk of tables.
 
-    With coefficients theta of variance v by their noise, the variance m^2 for which the median of
-    theta^2 / (v + m^2) is that of chi squared; over all tables, aircraft and directions, of which
-    an effect concerns few. Directions that are hardly known say nothing of it.
-
-    Returns
-    -------
-    dict
-        Part -> (variance of single aircraft, variance of the fleet), m2 s-2.
+    With coefficients theta of variance v by their noise, the variance m^2 (m2 s-2) for which the
+    median of theta^2 / (v + m^2) is that of chi squared; over all tables, aircraft and directions,
+    of which an effect concerns few. Directions that are hardly known say nothing of it.
     """
     out = {}
     for part in ("heading", "airspeed", "wind"):
@@ -331,3 +321,93 @@ def _as_it_is(model: Model, terms: Sequence[Term], rest: Sequence[Term], term: T
     gain = model.evidence(terms, model.kappa) - model.evidence(rest, model.kappa)
     score = gain + term.group.prior + set_prior(model, term)
     return replace(term, score=score, gate=score / model.kappa)
+
+
+# ------------------------------------------------------------------------------------- refinement
+def refined(model: Model, terms: list[Term], term: Term, say: Callable[[str], None]) -> list[Term]:
+    """Terms, on which the model is conditioned, with one of their tables refined."""
+    if term.group.kind != "table" or term.group.refined or term.score < LEAST:
+        return terms
+    candidates = model.sums.candidates
+    (name,) = term.group.variables
+    known = term.group.component
+    usual = candidates.table_of(term.group).curves[0]
+    options = [Table((usual,), LEVERS[known])]
+    if KINDS[name][0] != "category":
+        fine = candidates.curve(name, FINER * KNOTS[name])
+        options += [Table((fine,), known), Table((fine,), LEVERS[known])]
+    best = _contested(model, terms, term, options, float(np.log(1 + len(options))))
+    if best is not term:
+        say(f"~ {describe(term)} -> {describe(best)}")
+        terms = [best if other is term else other for other in terms]
+        model.condition(terms)
+    second = _second_variable(model, best)
+    if second is not None:
+        curves = tuple(
+            candidates.curve(v, PAIRED + (KINDS[v][0] == "circular")) for v in (name, second)
+        )
+        weight = float(np.log(len(candidates.variables)))
+        table = Table(curves, best.group.component)
+        pair = _contested(model, terms, best, [table], weight)
+        if pair is not best:
+            say(f"~ {describe(best)} -> {describe(pair)}")
+            terms = [pair if other is best else other for other in terms]
+    model.condition(terms)
+    return terms
+
+
+def _second_variable(model: Model, term: Term) -> str | None:
+    """Variable with whose functions the fitted curve has the largest evidence as a product."""
+    candidates = model.sums.candidates
+    k = next(i for i, other in enumerate(model.terms) if other is term)
+    theta = model.theta[model.offsets[k + 1] : model.offsets[k + 2]]
+    # the curve that all aircraft of the term have in common
+    curve = term.group.transform @ theta.reshape(-1, term.group.size).mean(axis=0)
+    probes: list[tuple[str, Group]] = []
+    for name in candidates.variables:
+        if name == term.group.variables[0]:
+            continue
+        group = candidates.add_product(term.group, curve, name)
+        if group is not None:
+            probes.append((name, group))
+    model.sums.extend()
+    model.condition(model.terms)
+    best, found = GATE, None
+    number = np.log(2 * max(len(probes), 1))
+    for name, group in probes:
+        statistics = model.statistics(group)
+        factor = max(model.kappa, float(np.mean(statistics.factor)))
+        evidence = static_evidence(statistics, factor, term.scope)[term.scope].evidence - number
+        if evidence > best:
+            best, found = evidence, name
+    candidates.forget([group for _, group in probes])
+    return found
+
+
+def _contested(
+    model: Model, terms: list[Term], term: Term, tables: Sequence[Table], weight: float
+) -> Term:
+    """Best of a term and the same with other tables, whose log prior is less by ``weight``."""
+    candidates = model.sums.candidates
+    rest = [other for other in terms if other is not term]
+    before = model.evidence(rest, model.kappa)
+    now = model.evidence(terms, model.kappa) - before + term.group.prior + set_prior(model, term)
+    best, score = term, now + GATE * model.kappa
+    for table in tables:
+        group = candidates.add_table(table, term.group.prior - weight, refined=True)
+        model.sums.extend()
+        if group is None:
+            continue
+        options = []
+        for scale in (0.5 * term.scale, term.scale, 2.0 * term.scale):
+            other = replace(term, group=group, scale=scale)
+            exact = model.evidence([*rest, other], model.kappa) - before
+            options.append(other.with_score(exact + group.prior + set_prior(model, other)))
+        other = max(options, key=lambda one: one.score)
+        if other.score > score:
+            best, score = other, other.score
+        else:
+            candidates.forget([group])
+    if best is term:
+        return term
+    return replace(best, gate=term.gate + (best.score - now) / model.kappa)

@@ -1,18 +1,12 @@
 """Whitened columns and their sums by aircraft and day, with the days' common fields eliminated.
 
-The covariance of the residual is V = R + F Lambda F': R the noise along flights, which the
-recursion of `airswing.gap.noise.whitening` makes the identity, and F the fields that all aircraft
-of a day share (`airswing.gap.design.weather`), with coefficients N(0, Lambda) on each day. With
-M_d = F_d'F_d + Lambda^-1 and C_ad = M_d^-1/2 F_ad' Z_ad,
+With V = R + F Lambda F' (docs/gap.md, section 2), M_d = F_d'F_d + Lambda^-1 and C_ad = M_d^-1/2
+F_ad' Z_ad,
 
-    Z' V^-1 Z = Z'Z - C'C,
+    Z' V^-1 Z = Z'Z - C'C.
 
-so that all algebra of the model runs on sums by aircraft and day. Lambda is fitted by expectation
-maximisation on the residual alone.
-
-A day ends at the hour at which fewest reports are made, so that few flights cross it.
-
-Units: m/s; whitened values are dimensionless. Rows are kept in single precision, 2 (n p) numbers.
+A day ends at the hour at which fewest reports are made, so that few flights cross it. Units: m/s;
+whitened values are dimensionless. Rows are kept in single precision, 2 (n p) numbers.
 """
 
 from __future__ import annotations
@@ -23,13 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.model.candidates import Candidates, Group, Singles
+from airswing.gap.arrays import Floats, Integers, Singles
+from airswing.gap.model.candidates import Candidates, Group
 from airswing.gap.noise.model import NoiseFit
 from airswing.gap.noise.whitening import whiten
 from airswing.units import DAY
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 #: Columns for which memory is set aside at a time beyond those of the first call (finer tables).
 SPARE = 400
@@ -50,18 +42,9 @@ def days_of(frame: Frame) -> tuple[Integers, Integers, float]:
 class Sums:
     """Whitened rows of an archive by aircraft and day, and sums of their columns.
 
-    Attributes
-    ----------
-    days : (D,) int
-        Days since 1970, shifted by ``ends`` (s).
-    span : int
-        Days from the first to the last report.
-    aircraft, day : (n,) int
-        Of each report, in the frame's order.
-    rows : (2 n, p) float32
-        Whitened columns, sorted by aircraft and day.
-    shared : (A, D, q, p) float32
-        C of the module.
+    ``days`` (D,) are those since 1970, shifted by ``ends`` (s), ``span`` their number from the
+    first to the last report; ``aircraft`` and ``day`` are of each report, in the frame's order.
+    ``rows`` (2 n, p) are sorted by aircraft and day; ``shared`` (A, D, q, p) is C of the module.
     """
 
     def __init__(

@@ -16,14 +16,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag
 from scipy.special import gammaln
 
+from airswing.gap.arrays import Floats, Integers, Singles
 from airswing.gap.model.candidates import Group
 from airswing.gap.model.sums import Sums
-
-Floats = NDArray[np.float64]
 
 #: L, m/s: what lasts in the reference's error and no number of days averages out, in the frame of
 #: the wind and in that of the aircraft, where it averages over headings. Root mean square of fleet
@@ -41,58 +39,30 @@ CLIMATOLOGY = 0.6
 
 @dataclass(frozen=True)
 class Term:
-    """A candidate at work: on whom, since when, with which prior scale and evidence.
-
-    Attributes
-    ----------
-    group : Group
-    scope : {"a", "f"}
-    tails : tuple of int
-        Aircraft, by number.
-    scale : float
-        Prior standard deviation s, m/s where it acts.
-    spread : float
-        Ratio of tau to s where aircraft share a mean, theta_a ~ N(mu, tau^2), mu ~ N(0, s^2); 0
-        where each has coefficients of its own.
-    start : mapping
-        Aircraft -> index of the first day it is in force; empty for the whole archive.
-    score : float
-        Log evidence with the log prior: of the exact contest where it took part in one.
-    gate : float
-        The same by the candidate's own noise factor.
-    inclusion : (A,) float
-        Posterior probability of each aircraft.
-    rivals : tuple
-        (evidence it lies ahead, name, scope) of the other candidates of the contest.
-    shape : (m, m) float or None
-        Prior precision of an aircraft's coefficients for s = 1; the unit matrix where None.
-    """
+    """A candidate at work: on whom, since when, with which prior scale and evidence."""
 
     group: Group
-    scope: str
-    tails: tuple[int, ...]
-    scale: float
+    scope: str  # ``a`` or ``f``
+    tails: tuple[int, ...]  # aircraft, by number
+    scale: float  # prior standard deviation s, m/s where it acts
+    # aircraft -> index of the first day it is in force; empty for the whole archive
     start: Mapping[int, int] = field(default_factory=dict)
-    score: float = 0.0
-    gate: float = 0.0
-    inclusion: Floats | None = None
+    score: float = 0.0  # log evidence with the log prior: of the exact contest after one
+    gate: float = 0.0  # the same by the candidate's own noise factor
+    inclusion: Floats | None = None  # (A,): posterior probability of each aircraft
+    # ratio of tau to s where aircraft share a mean, theta_a ~ N(mu, tau^2), mu ~ N(0, s^2); or 0
     spread: float = 0.0
+    # (evidence it lies ahead, name, scope) of the other candidates of the contest
     rivals: tuple[tuple[float, str, str], ...] = ()
+    # (m, m): prior precision of an aircraft's coefficients for s = 1; None: the unit matrix
     shape: Floats | None = None
 
     @property
     def key(self) -> tuple[object, ...]:
         """What identifies its columns."""
-        return (
-            self.group.name,
-            self.group.columns.start,
-            self.group.columns.stop,
-            self.group.form,
-            self.group.kind,
-            self.scope,
-            self.tails,
-            tuple(sorted(self.start.items())),
-        )
+        group, columns = self.group, self.group.columns
+        what = (group.name, columns.start, columns.stop, group.form, group.kind)
+        return *what, self.scope, self.tails, tuple(sorted(self.start.items()))
 
     @property
     def label(self) -> tuple[str, str, tuple[int, ...]]:
@@ -149,12 +119,12 @@ class Columns:
         Whitened raw columns evaluated elsewhere than those of the sums.
     """
 
-    def __init__(self, sums: Sums, term: Term, raw: NDArray[np.float32] | None = None) -> None:
+    def __init__(self, sums: Sums, term: Term, raw: Singles | None = None) -> None:
         m = term.group.size
         self.sums = sums
         transform = term.group.transform.astype(np.float32)
         self.width = m if term.scope == "f" else m * len(term.tails)
-        self.rows: dict[int, tuple[NDArray[np.int64], NDArray[np.float32]]] = {}
+        self.rows: dict[int, tuple[Integers, Singles]] = {}
         self.shared = np.zeros((sums.D, sums.fields.shape[1], self.width))
         for j, a in enumerate(term.tails):
             own = sums.rows_of(a)
@@ -183,7 +153,7 @@ class Columns:
             out[np.ix_(i, j)] += x.T @ y
         return np.asarray(out)
 
-    def product_by_fold(self, other: Columns, of_row: NDArray[np.int64], folds: int) -> Floats:
+    def product_by_fold(self, other: Columns, of_row: Integers, folds: int) -> Floats:
         """The same over each group of days, (folds, i, j); ``of_row`` is the group of each row."""
         out = np.zeros((folds, self.width, other.width))
         of_day = np.zeros(self.shared.shape[0], np.int64)
@@ -206,10 +176,10 @@ class Statistics:
     score: Floats  # (A, m)
     information: Floats  # (A, m, m)
     fleet_information: Floats  # (m, m)
-    fleet_inverse: Floats
     ridge: Floats  # (m, m)
-    factor: Floats  # (A,): noise factor of single aircraft
-    fleet_factor: float
+    fleet_inverse: Floats = field(default_factory=lambda: np.zeros((0, 0)))
+    factor: Floats = field(default_factory=lambda: np.zeros(0))  # (A,): of single aircraft
+    fleet_factor: float = 1.0
     # lasting, remainder: variances of what lasts in the reference's error, and, by aircraft, of
     # what terms in the model leave because their columns are inexact, m2 s-2
     lasting: float = 0.0
@@ -317,25 +287,10 @@ class Model:
         fit = np.linalg.solve(information + np.eye(m) / WIDE**2, score[..., None])[..., 0]
         back = np.einsum("amn,an->am", np.linalg.solve(whole + ridge, information), fit)
         apart = day_score - np.einsum("adij,aj->adi", by_day, back)
-        inverse = np.linalg.inv(information + ridge)
-        fleet_inverse = np.linalg.inv(fleet_information + ridge)
-        factor = np.maximum(*(cluster_factor(apart, by_day, inverse, ridge, n) for n in BLOCKS))
-        together = apart.sum(axis=0)[None]
-        fleet_factor = max(
-            cluster_factor(together, fleet_by_day[None], fleet_inverse[None], ridge, n)[0]
-            for n in BLOCKS
+        found = _with_factors(
+            Statistics(score, information, fleet_information, ridge), apart, by_day, fleet_by_day
         )
-        return Statistics(
-            score,
-            information,
-            fleet_information,
-            fleet_inverse,
-            ridge,
-            factor,
-            float(fleet_factor),
-            self.lasting(group),
-            self._remainder(group),
-        )
+        return replace(found, lasting=self.lasting(group), remainder=self._remainder(group))
 
     def with_usual(self, group: Group, found: Statistics) -> Statistics:
         """Statistics with the sizes that are usual in this archive where those are larger."""
@@ -376,24 +331,26 @@ def noise_factor(score: Floats, by_day: Floats) -> Statistics:
     m = score.shape[-1]
     information, fleet = by_day.sum(axis=1), by_day.sum(axis=0)
     ridge = 1e-7 * np.trace(information.sum(axis=0)) / m * np.eye(m) + 1e-12 * np.eye(m)
-    inverse = np.linalg.inv(information + ridge)
-    fleet_inverse = np.linalg.inv(information.sum(axis=0) + ridge)
     fit = np.linalg.solve(information + np.eye(m), score.sum(axis=1)[..., None])[..., 0]
     apart = score - np.einsum("adij,aj->adi", by_day, fit)
+    found = Statistics(score.sum(axis=1), information, information.sum(axis=0), ridge)
+    return _with_factors(found, apart, by_day, fleet)
+
+
+def _with_factors(
+    found: Statistics, apart: Floats, by_day: Floats, fleet_by_day: Floats
+) -> Statistics:
+    """Statistics with the noise factors of day scores (A, D, m) less the aircraft's own fits."""
+    ridge = found.ridge
+    inverse = np.linalg.inv(found.information + ridge)
+    fleet_inverse = np.linalg.inv(found.fleet_information + ridge)
     factor = np.maximum(*(cluster_factor(apart, by_day, inverse, ridge, n) for n in BLOCKS))
     together = apart.sum(axis=0)[None]
     fleet_factor = max(
-        cluster_factor(together, fleet[None], fleet_inverse[None], ridge, n)[0] for n in BLOCKS
+        float(cluster_factor(together, fleet_by_day[None], fleet_inverse[None], ridge, n)[0])
+        for n in BLOCKS
     )
-    return Statistics(
-        score.sum(axis=1),
-        information,
-        information.sum(axis=0),
-        fleet_inverse,
-        ridge,
-        factor,
-        float(fleet_factor),
-    )
+    return replace(found, fleet_inverse=fleet_inverse, factor=factor, fleet_factor=fleet_factor)
 
 
 #: Prior scale, m/s, of the fit that is taken off before days' scores are compared.
@@ -407,20 +364,9 @@ def cluster_factor(
 ) -> Floats:
     """Scatter of scores of blocks of days over what independent errors give, by aircraft.
 
-    Parameters
-    ----------
-    score : (A, D, m) float
-        Less what the aircraft's own fit explains.
-    by_day : (A, D, m, m) float
-        Information by day.
-    inverse : (A, m, m) float
-        Inverse of the information given the terms.
-    block : int
-        Days in a cluster.
-
-    Notes
-    -----
-    sum_d s_d' G^-1 s_d / (m - tr sum_d (G^-1 G_d)^2): the fit takes a part of every block's score.
+    ``score`` (A, D, m) is less what the aircraft's own fit explains, ``by_day`` the information by
+    day, ``inverse`` (A, m, m) the inverse of the information given the terms. With the fit taking a
+    part of every block's score the factor is sum_d s_d' G^-1 s_d / (m - tr sum_d (G^-1 G_d)^2).
     """
     cuts = np.arange(0, score.shape[1], block)
     score = np.add.reduceat(score, cuts, axis=1)

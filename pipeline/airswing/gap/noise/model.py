@@ -1,19 +1,14 @@
 """Noise of the wind residual along flights, estimated from the residuals.
 
 Assumptions: the residual of each wind component is g(p) times the sum of an Ornstein-Uhlenbeck
-process in distance (and ln p) along the flight and white noise. Components u and v, or along and
-across the heading (each with a factor), are independent and equally distributed. The factor g is
-piecewise linear in ln p and has mean square 1 over the reports. Errors shared by the flights of a
-day are a separate part, estimated from the day sums (:mod:`airswing.gap.model.sums`). Sensor
-effects that are smooth functions of heading are removed first by a regression for each aircraft,
-so that the deviation of an aircraft is not counted as noise.
+process in distance (and ln p) along the flight and white noise, equally distributed in u and v, or
+with a factor each along and across the heading. The factor g is piecewise linear in ln p and has
+mean square 1 over the reports. Smooth functions of heading are removed first for each aircraft.
+Gross errors are single reports that differ from *both* neighbours: a screening on the size of the
+residual would also remove the effects that the diagnosis looks for.
 
-Validity: flights of three reports or more; some hundred reports. Gross errors are single reports
-that differ from *both* neighbours: a screening on the size of the residual would also remove the
-effects that the diagnosis looks for.
-
-Source: maximum likelihood by the exact recursion of :mod:`airswing.gap.noise.whitening`
-(Jones 1980, Technometrics 22, 389-395).
+Source: maximum likelihood by the exact recursion of :mod:`airswing.gap.noise.whitening` (Jones
+1980, Technometrics 22, 389-395).
 """
 
 from __future__ import annotations
@@ -26,6 +21,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from airswing.gap.archive.frame import Frame
+from airswing.gap.arrays import Booleans, Floats, Integers
 from airswing.gap.noise.whitening import (
     DirectionFactors,
     FlightOrder,
@@ -37,9 +33,6 @@ from airswing.gap.noise.whitening import (
     whiten_blocks,
 )
 from airswing.physics.robust_spread import robust_sd
-
-Floats = NDArray[np.float64]
-Booleans = NDArray[np.bool_]
 
 #: Reports on which the likelihood, which is evaluated about a hundred times, is maximised.
 LIKELIHOOD_REPORTS = 24_000
@@ -106,22 +99,11 @@ class NoiseFit:
 def fit_noise(
     residual: Floats, frame: Frame, extra_sd: Floats | None = None, *, seed: int = 0
 ) -> NoiseFit:
-    """Fit the noise model and compute the whitening gains of every report.
+    """Fit the noise model to a residual (n, 2) and compute the whitening gains of every report.
 
-    Parameters
-    ----------
-    residual : (n, 2) float
-        Reported minus simulated wind (u, v), m s-1.
-    frame : Frame
-        Reports, with the heading and airspeed from which design columns are computed.
-    extra_sd : (n,) float, optional
-        Standard deviation of a further white error of each report, m s-1.
-    seed : int
-        Seed of the draw of whole flights for the likelihood.
-
-    Returns
-    -------
-    NoiseFit
+    The frame holds the heading and airspeed from which design columns are computed; ``extra_sd``
+    (n,) is the standard deviation of a further white error, m s-1. The likelihood is that of whole
+    flights drawn with the ``seed``.
     """
     order = flight_order(frame.flight, frame.time)
     log_pressure = np.log(frame.pressure)
@@ -140,7 +122,7 @@ def fit_noise(
         values[chosen], part_order, distance[chosen], step[chosen], ~gross[chosen]
     )
     model = NoiseModel(signal, white, length, height, nodes, factors, along, across)
-    gains = _gains(model, order, frame, ~gross, extra_sd)
+    gains = whitening_gains(model, order, frame, ~gross, extra_sd)
     centre, covariance, correlation, pairs = autocovariance(
         np.where(gross[chosen, None], 0.0, values[chosen]),
         distance[chosen],
@@ -153,32 +135,10 @@ def fit_noise(
     return NoiseFit(model, order, gains, centre / 1e3, covariance, fitted, pairs, gross)
 
 
-def gains_without(
-    fit: NoiseFit, frame: Frame, keep: Booleans, extra_sd: Floats | None = None
-) -> Gains:
-    """Compute the gains of a fitted model with some reports treated as missing.
-
-    Parameters
-    ----------
-    fit : NoiseFit
-        From :func:`fit_noise`.
-    frame : Frame
-        The reports of the fit.
-    keep : (n,) bool
-        False: the report is treated as missing.
-    extra_sd : (n,) float, optional
-        As in :func:`fit_noise`.
-
-    Returns
-    -------
-    Gains
-    """
-    return _gains(fit.model, fit.order, frame, keep, extra_sd)
-
-
-def _gains(
+def whitening_gains(
     model: NoiseModel, order: FlightOrder, frame: Frame, keep: Booleans, extra_sd: Floats | None
 ) -> Gains:
+    """Gains of a model at reports, those not kept treated as missing; see `fit_noise`."""
     log_pressure = np.log(frame.pressure)
     distance, step = flight_steps(frame.latitude, frame.longitude, log_pressure, order)
     gains = kalman_gains(
@@ -194,7 +154,7 @@ def _gains(
     return gains if direction is None else replace(gains, direction=direction.inverse)
 
 
-def _draw_flights(flight: NDArray[np.integer], most: int, seed: int) -> NDArray[np.int64]:
+def _draw_flights(flight: NDArray[np.integer], most: int, seed: int) -> Integers:
     """Return the reports of randomly drawn whole flights, about ``most`` of them."""
     if flight.size <= most:
         return np.arange(flight.size)
@@ -242,21 +202,10 @@ def _maximise(
 
 
 def gross_errors(residual: Floats, order: FlightOrder) -> Booleans:
-    """Mark single reports that differ from both neighbours of their flight.
+    """Mark single reports that differ from both neighbours of their flight, (n,).
 
     A report is marked when it differs by more than five robust standard deviations from the median
     of itself and its two neighbours (at the ends of a flight, the two nearest reports).
-
-    Parameters
-    ----------
-    residual : (n, 2) float
-        Residual (u, v), m s-1.
-    order : FlightOrder
-        Order of the reports along flights.
-
-    Returns
-    -------
-    (n,) bool
     """
     n = residual.shape[0]
     before, after = np.full((2, n), -1, np.int64)
@@ -279,24 +228,7 @@ def gross_errors(residual: Floats, order: FlightOrder) -> Booleans:
 def remove_smooth_effects(
     residual: Floats, aircraft: NDArray[np.integer], heading: Floats, airspeed: Floats
 ) -> Floats:
-    """Remove a regression on heading harmonics and airspeed terms for each aircraft.
-
-    Parameters
-    ----------
-    residual : (n, 2) float
-        m s-1.
-    aircraft : (n,) int
-        Index of the aircraft.
-    heading : (n,) float
-        rad.
-    airspeed : (n,) float
-        m s-1.
-
-    Returns
-    -------
-    (n, 2) float
-        Residual of the regression, m s-1, for the estimate of the noise.
-    """
+    """Residual (n, 2) less each aircraft's regression on heading harmonics, airspeed and wind."""
     out = residual.copy()
     for a in np.unique(aircraft):
         rows = np.flatnonzero(aircraft == a)
@@ -327,19 +259,9 @@ def _smooth_columns(heading: Floats, airspeed: Floats) -> Floats:
 
 
 def level_factors(residual: Floats, log_pressure: Floats) -> tuple[Floats, Floats]:
-    """Estimate the robust standard deviation by level relative to that of all reports.
+    """Robust standard deviation by level relative to that of all reports.
 
-    Parameters
-    ----------
-    residual : (n, 2) float
-        m s-1.
-    log_pressure : (n,) float
-        ln of pressure.
-
-    Returns
-    -------
-    level_nodes, level_factors : (m,) float
-        Median ln p of each level, and its factor (mean square 1 over the reports).
+    Returns the median ln p of each level, and its factor (mean square 1 over the reports).
     """
     edges = np.unique(np.quantile(log_pressure, np.linspace(0, 1, LEVELS + 1)))
     if edges.size < 3:
@@ -372,25 +294,12 @@ def autocovariance(
     *,
     decay: Callable[[Floats, Floats], Floats],
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Compute the autocovariance along flights against distance, and a model's correlation.
+    """Autocovariance along flights against distance, and a model's correlation.
 
-    Parameters
-    ----------
-    residual : (n, 2) float
-        m s-1.
-    distance, step : (n,) float
-        Distance (m) and absolute change of ln p since the previous report of the flight.
-    order : FlightOrder
-        Order of the reports along flights.
-    decay : callable
-        Correlation of the model over a distance and a change of ln p. It is averaged over the
-        pairs, most of which also changed level.
-
-    Returns
-    -------
-    centre, covariance, correlation, pairs : (m,) float
-        Mean distance of the pairs (m), mean product of the two components (m2 s-2), mean
-        correlation of the model, number of pairs. The first entry is distance zero.
+    ``distance`` (m) and ``step`` (absolute change of ln p) are those since the previous report. The
+    correlation ``decay`` is averaged over the pairs, most of which also changed level. Returns mean
+    distance (m), mean product of a component (m2 s-2), mean correlation and number of pairs, (m,)
+    each; the first is of distance zero.
     """
     along, climbed = np.zeros((2, residual.shape[0]))
     blocks = [order.index[a:b] for a, b in zip(order.starts[:-1], order.starts[1:], strict=True)]

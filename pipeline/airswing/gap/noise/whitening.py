@@ -1,20 +1,13 @@
 """Exact one-step whitening of vectors along flights, and leave-one-out errors.
 
-Assumptions: within one flight the error of a wind component is a first-order autoregressive
-(Ornstein-Uhlenbeck) process in the distance flown and in ln p, plus independent errors. Both are
-multiplied by a factor of the level, and by factors along and across the heading where these differ
-(a compass scatters across the heading only). Flights are independent of each other; the errors
-that they share are modelled by the day fields of :mod:`airswing.gap.model.sums`. For such errors
-the Kalman recursion of one state is the exact Cholesky whitening in linear time: the innovation
-divided by its standard deviation is white. The gains depend on the geometry alone, so that one
-recursion whitens residuals and design columns.
-
-Validity: whole flights with any spacing of reports. Units: m, m s-1; ln p is dimensionless. The
+For the noise of :mod:`airswing.gap.noise.model` the Kalman recursion of one state is the exact
+Cholesky whitening in linear time: the innovation divided by its standard deviation is white. The
+gains depend on the geometry alone, so that one recursion whitens residuals and design columns. The
 work is vectorised over flights, in a loop over the position of a report in its flight.
 
-Source: Kalman (1960); Jones (1980), Technometrics 22, 389-395 (state space form of an
-Ornstein-Uhlenbeck process with white noise); de Jong (1988), Biometrika 75, 594-600 (backward
-recursion of the leave-one-out errors).
+Source: Jones (1980), Technometrics 22, 389-395 (state space form of an Ornstein-Uhlenbeck process
+with white noise); de Jong (1988), Biometrika 75, 594-600 (backward recursion of the leave-one-out
+errors).
 """
 
 from __future__ import annotations
@@ -24,10 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.gap.arrays import Booleans, Floats, Integers
 from airswing.physics.great_circle import central_angle
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 #: Columns of a report above which values are transposed for the recursion: numpy works on
 #: contiguous rows of many columns faster than on short stretches of every column.
@@ -95,19 +86,7 @@ class Gains:
 
 
 def flight_order(flight: NDArray[np.integer], time: Floats) -> FlightOrder:
-    """Order reports by their position in the flight.
-
-    Parameters
-    ----------
-    flight : (n,) int
-        Flight number of each report, unique over the archive.
-    time : (n,) float
-        Time of each report, s.
-
-    Returns
-    -------
-    FlightOrder
-    """
+    """Order reports by their position in the flight; flight numbers are unique in an archive."""
     n = flight.size
     if not n:
         return FlightOrder(np.zeros(0, np.int64), np.zeros(1, np.int64))
@@ -135,23 +114,9 @@ def neighbour_pairs(order: FlightOrder) -> list[tuple[Integers, Integers]]:
 def flight_steps(
     latitude: Floats, longitude: Floats, log_pressure: Floats, order: FlightOrder
 ) -> tuple[Floats, Floats]:
-    """Return distance and change of ln p since the previous report of the same flight.
+    """Distance (m) and absolute change of ln p since the previous report of the flight, (n,).
 
-    Parameters
-    ----------
-    latitude, longitude : (n,) float
-        Position, degrees.
-    log_pressure : (n,) float
-        ln of pressure.
-    order : FlightOrder
-        From :func:`flight_order`.
-
-    Returns
-    -------
-    distance : (n,) float
-        Great-circle distance, m; infinite at the first report of a flight.
-    step : (n,) float
-        Absolute change of ln p; infinite at the first report of a flight.
+    Both are infinite at the first report of a flight. Positions are in degrees.
     """
     distance, step = np.full((2, latitude.size), np.inf)
     lat, lon = np.radians(latitude), np.radians(longitude)
@@ -165,33 +130,17 @@ def kalman_gains(
     order: FlightOrder,
     decay: Floats,
     level_factor: Floats,
-    keep: NDArray[np.bool_],
+    keep: Booleans,
     *,
     correlated_sd: float,
     white_sd: float,
     extra_sd: Floats | None = None,
 ) -> Gains:
-    """Compute the gains of the whitening recursion.
+    """Compute the gains of the whitening recursion; reports not kept are treated as missing.
 
-    Parameters
-    ----------
-    order : FlightOrder
-        From :func:`flight_order`.
-    decay : (n,) float
-        Correlation of the correlated part with that at the previous report; not used at the first
-        report of a flight.
-    level_factor : (n,) float
-        Factor on both standard deviations.
-    keep : (n,) bool
-        False: the report is treated as missing.
-    correlated_sd, white_sd : float
-        Standard deviations of the two parts at level factor 1, m s-1.
-    extra_sd : (n,) float, optional
-        Standard deviation of a further white error of each report, m s-1.
-
-    Returns
-    -------
-    Gains
+    ``decay`` is the correlation of the correlated part with that at the previous report, not used
+    at the first of a flight; ``level_factor`` multiplies both standard deviations, given at factor
+    1; ``extra_sd`` is that of a further white error of each report. All (n,), m s-1.
     """
     n, index = decay.size, order.index
     used = np.where(np.isfinite(decay), decay, 0.0).astype(float)
@@ -218,52 +167,26 @@ def kalman_gains(
     return Gains(used, gain, weight, 1.0 / level_factor)
 
 
-def take_gains(gains: Gains, index: Integers) -> Gains:
-    """Return the gains of some reports, (m,) int, that make up whole flights."""
-    direction = gains.direction
-    if direction is not None:
-        unit = direction.heading_vector[:, index]
-        direction = DirectionFactors(unit, direction.along, direction.across)
-    return Gains(
-        gains.decay[index], gains.gain[index], gains.weight[index], gains.scale[index], direction
-    )
-
-
 def whiten(values: NDArray[np.floating], order: FlightOrder, gains: Gains) -> NDArray[np.floating]:
-    """Whiten vectors along flights.
+    """Whiten vectors (n, 2, ...) along flights: residuals, or design columns.
 
-    Parameters
-    ----------
-    values : (n, 2, ...) float
-        Vectors (east, north) by report: residuals, or design columns in the trailing dimensions.
-    order : FlightOrder
-        From :func:`flight_order`.
-    gains : Gains
-        Coefficients of these n reports, from :func:`kalman_gains`.
-
-    Returns
-    -------
-    (n, 2, ...) float
-        Whitened values, of unit variance where the noise model holds; 0 at masked reports.
+    The result has unit variance where the noise model holds; it is 0 at masked reports.
     """
-    blocks = np.ascontiguousarray(np.moveaxis(values[order.index], (0, 1), (-1, -2)))
-    whiten_blocks(blocks, order.starts, take_gains(gains, order.index))
+    index, way = order.index, gains.direction
+    if way is not None:
+        way = DirectionFactors(way.heading_vector[:, index], way.along, way.across)
+    parts = gains.decay[index], gains.gain[index], gains.weight[index], gains.scale[index]
+    blocks = np.ascontiguousarray(np.moveaxis(values[index], (0, 1), (-1, -2)))
+    whiten_blocks(blocks, order.starts, Gains(*parts, way))
     out = np.empty_like(values)
-    out[order.index] = np.moveaxis(blocks, (-1, -2), (0, 1))
+    out[index] = np.moveaxis(blocks, (-1, -2), (0, 1))
     return out
 
 
 def whiten_blocks(values: NDArray[np.floating], starts: Integers, gains: Gains) -> None:
-    """Whiten, in place, vectors that are in the order of a :class:`FlightOrder`.
+    """Whiten, in place, vectors (..., 2, n) that are in the order of a :class:`FlightOrder`.
 
-    Parameters
-    ----------
-    values : (..., 2, n) float
-        Vectors (east, north); overwritten. The last axis is that of the reports.
-    starts : (m + 1,) int
-        Blocks of the order.
-    gains : Gains
-        Coefficients of the n reports, in the same order.
+    ``starts`` are the blocks of the order, ``gains`` those of the n reports in the same order.
     """
     if gains.direction is not None:
         values[...] = gains.direction.scale(values)
@@ -290,28 +213,12 @@ def whiten_blocks(values: NDArray[np.floating], starts: Integers, gains: Gains) 
 
 
 def interpolation_errors(values: Floats, order: FlightOrder, gains: Gains) -> tuple[Floats, Floats]:
-    """Return the values minus their expectation given all other reports of the flight.
+    """Return the values (n, 2) minus their expectation given all other reports of the flight.
 
-    With V the covariance of a flight's errors, the error of report i given all others is
-    [V^-1 r]_i / [V^-1]_ii, with variance 1 / [V^-1]_ii. It is computed in linear time by the
-    whitening recursion and its adjoint, which runs backward along the flight.
-
-    Parameters
-    ----------
-    values : (n, 2) float
-        Vectors (east, north), m s-1.
-    order : FlightOrder
-        From :func:`flight_order`.
-    gains : Gains
-        Coefficients of the n reports.
-
-    Returns
-    -------
-    errors : (n, 2) float
-        m s-1; 0 at masked reports.
-    precision : (n,) float
-        Inverse variance of each error under the noise model, mean over directions, s2 m-2; 0 at
-        masked reports.
+    With V the covariance of a flight's errors, the error of report i given all others is [V^-1 r]_i
+    / [V^-1]_ii, with variance 1 / [V^-1]_ii. It is computed in linear time by the whitening
+    recursion and its adjoint, which runs backward along the flight. Errors (n, 2) and precision
+    (n,), the inverse variance as mean over directions, are 0 at masked reports.
     """
     white = whiten(values, order, gains)
     score, precision = np.zeros_like(white), np.zeros(values.shape[0])

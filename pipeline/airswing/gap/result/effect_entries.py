@@ -1,8 +1,4 @@
-"""From gap.json to effects.yaml: what a diagnosis found, as the simulation takes it.
-
-Assumptions: one entry an aircraft where each has parameters of its own, else one for all; unknowns
-with a table are effects of the name ``empirical``.
-"""
+"""From gap.json to effects.yaml: one entry an aircraft where each has parameters of its own."""
 
 from __future__ import annotations
 
@@ -62,10 +58,7 @@ def _of_place(place: PlaceEntry) -> list[dict[str, object]]:
 def not_known(entries: Sequence[EffectEntry], effects: Sequence[ActiveEffect]) -> list[EffectEntry]:
     """Return the effects found but for those of scatter that were known.
 
-    Returns
-    -------
-    list of EffectEntry
-        An effect known on some of its aircraft is kept with the others.
+    An effect known on some of its aircraft is kept with the others.
     """
     out = []
     for entry in entries:
@@ -85,15 +78,7 @@ def not_known(entries: Sequence[EffectEntry], effects: Sequence[ActiveEffect]) -
 def unknown_not_known(unknown: UnknownEntry, effects: Sequence[ActiveEffect]) -> UnknownEntry:
     """Return the unknowns but for known tables that no report can be rid of.
 
-    Parameters
-    ----------
-    effects : sequence of ActiveEffect
-        Known; other tables were taken off the reports before they were looked at.
-
-    Returns
-    -------
-    UnknownEntry
-        Without the closure of all of them where one is left out.
+    Where one is left out, the closure of all of them is too.
     """
     known = [one.parameters for one in effects if one.name == "empirical"]
     components = {str(t["component"]) for t in known} & set(IRREVERSIBLE)

@@ -1,29 +1,23 @@
-"""Puts the pieces of a diagnosis together as gap.json."""
+"""Content of gap.json, and of gap.nc: maps of the residual (m/s, degrees), evidence, noise."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
+import xarray as xr
 
-from airswing.gap.archive.reported_variables import UNITS
-from airswing.gap.distribution.coded_values import reduction_of_coding
-from airswing.gap.distribution.gross_errors import reduction_of_gross
-from airswing.gap.distribution.scatter import Scatter, reduction_of_scatter
-from airswing.gap.distribution.sent_winds import SentWinds
-from airswing.gap.distribution.verdict import Reduction, Verdict
+from airswing.gap.archive.frame import Frame
+from airswing.gap.arrays import Floats, Integers
+from airswing.gap.design import unit_vectors
 from airswing.gap.effects.base import Effect
-from airswing.gap.model.closure import Closure, Step, is_held_out
+from airswing.gap.model.closure import Closure, is_held_out
 from airswing.gap.model.passes import Fitted
-from airswing.gap.noise.model import gross_errors
 from airswing.gap.result.schema import (
     ClosesEntry,
     ClosureEntry,
     CountsEntry,
-    CurveEntry,
     DisagreementEntry,
     EffectClosureEntry,
     EffectEntry,
@@ -33,43 +27,15 @@ from airswing.gap.result.schema import (
     PlaceEntry,
     SliceEntry,
     StepEntry,
-    StepsEntry,
-    TailEntry,
     UnknownClosureEntry,
     UnknownEntry,
 )
-from airswing.gap.result.statement import (
-    Claim,
-    claims_of,
-    effect_entry,
-    place_entry,
-    probability,
-)
-from airswing.units import KNOT
-
-Floats = NDArray[np.float64]
+from airswing.gap.result.statement import Claim, effect_entry, place_entry, probability
+from airswing.units import DAY, KNOT
 
 #: Log evidence of independent reports below which an error outside the catalogue may stay
 #: unstated, and the size that every fleet has, m/s: see `could_hide`.
 STATED_FROM, EVERY_FLEET = 2000.0, 0.2
-#: Log evidence from which an effect that shows in no mean is stated: odds of a thousand.
-STATED = 7.0
-
-
-@dataclass(frozen=True)
-class Findings:
-    """Pieces of a diagnosis."""
-
-    fitted: Fitted
-    effects: Mapping[str, Effect]
-    claims: Sequence[Claim]
-    closure: Closure
-    distribution: Sequence[Verdict]
-    scatter: Scatter | None
-    sent: SentWinds | None
-    where: Sequence[SliceEntry]
-    untestable: Mapping[str, str]
-    seed: int
 
 
 def could_hide(disagreement: float, reports: int) -> float:
@@ -86,192 +52,111 @@ def could_hide(disagreement: float, reports: int) -> float:
     return float(min(unseen + small, disagreement))
 
 
-def assemble(findings: Findings) -> GapReport:
-    """Content of gap.json, but for the checks."""
-    fitted, closure = findings.fitted, findings.closure
+def assemble(
+    fitted: Fitted,
+    effects: Mapping[str, Effect],
+    claims: Sequence[Claim],
+    closure: Closure,
+    unseen: Sequence[EffectEntry | PlaceEntry],
+    where: Sequence[SliceEntry],
+) -> GapReport:
+    """Content of gap.json, but for the checks; ``unseen`` is what shows in no mean."""
     frame, sums = fitted.frame, fitted.model.sums
-    total = closure.whole.reduction
-    effects: list[EffectEntry] = []
-    places: list[PlaceEntry] = []
-    steps: list[tuple[str, Step]] = []
-    for claim, step in zip(findings.claims, closure.steps, strict=True):
-        if claim.named:
-            share = float(np.clip(step.reduction / total, 0, 1)) if total > 1e-6 else 0.0
-            entry = effect_entry(fitted, claim, findings.effects, step, share)
-            effects.append(entry)
-            steps.append((entry.name, step))
-        else:
-            place = place_entry(fitted, claim, step)
-            places.append(place)
-            steps.append((f"unknown: {' x '.join(place.variables)}", step))
+
+    entries: list[EffectEntry | PlaceEntry] = [
+        effect_entry(fitted, claim, effects, step)
+        if claim.named
+        else place_entry(fitted, claim, step)
+        for claim, step in zip(claims, closure.steps, strict=True)
+    ]
     if fitted.exchange is not None:
-        effects.append(_exchange_entry(fitted))
-        steps.append(("tail_swap", Step(0.0, (0.0, 0.0))))
-    gross = gross_errors(closure.residual, fitted.noise.order)
-    for verdict in findings.distribution:
-        reduction = (
-            reduction_of_gross(frame, closure.residual, verdict, gross)
-            if verdict.name == "outliers"
-            else reduction_of_coding(frame, closure.residual, verdict, gross)
-        )
-        effects.append(_verdict_entry(verdict, reduction, total))
-        steps.append((verdict.name, Step(reduction.kt, reduction.interval)))
-    for place, reduction in _unseen_in_means(findings, gross):
-        places.append(place)
-        steps.append((f"unknown: {place.variable}", Step(reduction.kt, reduction.interval)))
-    effects.sort(key=lambda entry: -entry.held_out_energy)
-    whole = _sum([step for _, step in steps], closure)
-    unnamed = [step for name, step in steps if name.startswith("unknown: ")]
-    named = whole.reduction - sum(step.reduction for step in unnamed)
+        entries.append(_exchange_entry(fitted))
+    entries += unseen
+    named = [entry for entry in entries if isinstance(entry, EffectEntry)]
+    places = [entry for entry in entries if isinstance(entry, PlaceEntry)]
+    steps = []
+    for entry in entries:
+        closed = entry.closure or ClosesEntry(0.0, [0.0, 0.0])
+        if isinstance(entry, PlaceEntry):
+            name = f"unknown: {' x '.join(entry.variables)}"
+        else:
+            name = entry.name
+        steps.append(EffectClosureEntry(name, closed.reduction, closed.reduction_ci))
+    value, low, high = _sum(steps, closure)
     before, hidden = closure.before, could_hide(closure.before, frame.size)
-    silent = not effects and not places
-    low, high = whole.interval
-    if silent:
+    unnamed = [step for step in steps if step.name.startswith("unknown: ")]
+    if not entries:
         # where nothing is stated the interval holds what could hide
         low, high = low - 0.25 * hidden, high + hidden
-    excess = whole.reduction / max(whole.reduction, 1e-9) if whole.reduction > 1e-6 else None
-    energy = sum(max(e.held_out_energy, 0.0) for e in effects) or 1.0
-    best = max((claim.gate for claim in findings.claims), default=0.0)
-    flights = np.unique(frame.flight).size
+    named.sort(key=lambda entry: -entry.held_out_energy)
+    energy = sum(max(e.held_out_energy, 0.0) for e in named) or 1.0
+    best = max((claim.gate for claim in claims), default=0.0)
+    left = before - (value - sum(step.reduction for step in unnamed))
     return GapReport(
-        gap=DisagreementEntry(before, before - whole.reduction, float(np.exp(-max(best, 0.0)))),
-        where=[row for row in findings.where if row.q_value < 0.05][:20],
-        effects=[replace(e, share_of_energy=max(e.held_out_energy, 0.0) / energy) for e in effects],
-        unknown=UnknownEntry(bool(places), places, _unknown_closure(before - named, unnamed)),
+        gap=DisagreementEntry(before, before - value, float(np.exp(-max(best, 0.0)))),
+        where=[row for row in where if row.q_value < 0.05][:20],
+        effects=[
+            replace(
+                entry,
+                share_of_energy=max(entry.held_out_energy, 0.0) / energy,
+                share_of_gap=_share(entry.closure, closure.whole.reduction),
+            )
+            for entry in named
+        ],
+        unknown=UnknownEntry(bool(places), places, _unknown_closure(left, unnamed)),
         closure=ClosureEntry(
             before=before,
-            after=before - whole.reduction,
+            after=before - value,
             ci=[before - high, before - low],
-            fraction_of_excess=excess,
-            held_out=is_held_out(fitted.model.sums.span),
-            reduction=whole.reduction,
+            fraction_of_excess=1.0 if value > 1e-6 else None,
+            held_out=is_held_out(sums.span),
+            reduction=value,
             reduction_ci=[low, high],
             could_hide_kt=hidden,
-            by_effect=[
-                EffectClosureEntry(name, step.reduction, list(step.interval))
-                for name, step in steps
-            ],
+            by_effect=steps,
         ),
         counts=CountsEntry(
             reports=frame.size,
-            flights=int(flights),
+            flights=int(np.unique(frame.flight).size),
             reports_in_view=frame.size,
             days=int(sums.D),
             clipped=0.0,
             gross=float(fitted.noise.gross.sum()),
             aircraft=len(frame.tails),
         ),
-        noise=noise_entry(fitted),
+        noise=_noise_entry(fitted),
         waterfall=_waterfall(before, steps),
-        evidence=evidence_entries(fitted),
-        untestable=dict(findings.untestable),
-        slices=list(findings.where),
-        seed=findings.seed,
-        ambiguity={entry.name: entry.ambiguity for entry in effects},
+        evidence=_evidence_entries(fitted),
+        slices=list(where),
+        ambiguity={entry.name: entry.ambiguity for entry in named},
     )
 
 
-def _unseen_in_means(
-    findings: Findings, gross: NDArray[np.bool_]
-) -> list[tuple[PlaceEntry, Reduction]]:
-    """Places of scatter and of winds sent otherwise."""
-    tails = findings.fitted.frame.tails
-    out = []
-    if findings.sent is not None:
-        found = findings.sent
-        curve = CurveEntry(
-            [f"{10 * k}" for k in range(36)], [100.0 * x for x in found.directions], unit="percent"
-        )
-        component, size = "reported_direction", 0.0
-        if found.speeds is not None and found.sent is not None:
-            component = "reported_speed"
-            size = float(np.sqrt(np.mean((found.sent - found.speeds) ** 2)))
-            curve = CurveEntry(
-                [f"{speed:.3g}" for speed in found.speeds],
-                _floats(found.sent),
-                unit="m/s",
-                variables=["wind_speed"],
-                variable_units=["m/s"],
-                edges=[_floats(found.speeds)],
-                values=_floats(found.sent),
-            )
-        place = _place(component, found.variable, found.tails, tails, found.evidence, size, curve)
-        if found.lattice is not None:
-            grid = found.lattice
-            steps = StepsEntry(grid.step, grid.below / KNOT, grid.share)
-            place = replace(place, steps=steps)
-        place = replace(place, settled_by="the unit's winds before coding and those it sends")
-        out.append((_closing(place, found.reduction), found.reduction))
-    if findings.scatter is not None:
-        one = findings.scatter
-        values = _floats(one.values)
-        labels = [tails[a] for a in one.tails]
-        curve = CurveEntry(labels, values)
-        if one.variable != "scatter":
-            edges = _floats(one.edges)
-            labels = [f"{a:.4g} to {b:.4g}" for a, b in pairwise(edges)]
-            curve = CurveEntry(
-                labels,
-                values,
-                unit="m/s",
-                variables=[one.variable],
-                variable_units=[UNITS[one.variable]],
-                edges=[edges],
-                values=values,
-            )
-        size = float(np.median([value for value in values if value > 0]))
-        place = _place("scatter", one.variable, one.tails, tails, one.evidence, size, curve)
-        reduction = reduction_of_scatter(findings.closure.residual, one, gross)
-        out.append((_closing(place, reduction), reduction))
-    return out
+def _share(closed: ClosesEntry | None, total: float) -> float:
+    if closed is None or total <= 1e-6:
+        return 0.0
+    return float(np.clip(closed.reduction / total, 0, 1))
 
 
-def _place(
-    component: str,
-    variable: str,
-    affected: Sequence[int],
-    tails: Sequence[str],
-    evidence: float,
-    size: float,
-    curve: CurveEntry,
-) -> PlaceEntry:
-    # three quarters of the fleet are taken for all of it: a cell may be met by few
-    whole = len(affected) >= 0.75 * len(tails)
-    return PlaceEntry(
-        component=component,
-        variable=variable,
-        variables=[variable],
-        group=f"{variable}|{component}",
-        tails=[] if whole else [tails[a] for a in affected],
-        scope="fleet" if whole else "aircraft",
-        evidence_nats=round(evidence, 2),
-        size_m_s=size,
-        curve=curve,
-        probability=probability(evidence),
-    )
-
-
-def _closing(place: PlaceEntry, reduction: Reduction) -> PlaceEntry:
-    return replace(place, closure=ClosesEntry(reduction.kt, list(reduction.interval)))
-
-
-def _sum(steps: Sequence[Step], closure: Closure) -> Step:
-    """All steps together: what moves means by its own interval, the others independent of it."""
+def _sum(steps: Sequence[EffectClosureEntry], closure: Closure) -> tuple[float, float, float]:
+    """All steps and their interval: that of the means, the others independent of it."""
     value = closure.whole.reduction
-    low, high = closure.whole.interval
+    low, high = closure.whole.reduction_ci
     below, above = value - low, high - value
     for step in steps[len(closure.steps) :]:
-        below = float(np.hypot(below, step.reduction - step.interval[0]))
-        above = float(np.hypot(above, step.interval[1] - step.reduction))
+        below = float(np.hypot(below, step.reduction - step.reduction_ci[0]))
+        above = float(np.hypot(above, step.reduction_ci[1] - step.reduction))
         value += step.reduction
-    return Step(value, (value - below, value + above))
+    return value, value - below, value + above
 
 
-def _unknown_closure(before: float, steps: Sequence[Step]) -> UnknownClosureEntry | None:
+def _unknown_closure(
+    before: float, steps: Sequence[EffectClosureEntry]
+) -> UnknownClosureEntry | None:
     if not steps:
         return None
     value = sum(step.reduction for step in steps)
-    half = float(np.sqrt(sum((step.interval[1] - step.reduction) ** 2 for step in steps)))
+    half = float(np.sqrt(sum((step.reduction_ci[1] - step.reduction) ** 2 for step in steps)))
     return UnknownClosureEntry(before, before - value, value, [value - half, value + half])
 
 
@@ -294,55 +179,37 @@ def _exchange_entry(fitted: Fitted) -> EffectEntry:
     )
 
 
-def _verdict_entry(verdict: Verdict, reduction: Reduction, total: float) -> EffectEntry:
-    return EffectEntry(
-        name=verdict.name,
-        probability=probability(verdict.evidence),
-        tails=list(verdict.tails),
-        parameters=dict(verdict.parameters),
-        standard_errors=dict(verdict.standard_errors),
-        period=verdict.period,
-        scope="aircraft",
-        evidence_nats=verdict.evidence,
-        per_tail={tail: TailEntry(values) for tail, values in verdict.per_tail.items()},
-        share_of_gap=float(np.clip(reduction.kt / total, 0, 1)) if total > 1e-6 else 0.0,
-        closure=ClosesEntry(reduction.kt, list(reduction.interval)),
-    )
-
-
-def _waterfall(before: float, steps: Sequence[tuple[str, Step]]) -> list[StepEntry]:
+def _waterfall(before: float, steps: Sequence[EffectClosureEntry]) -> list[StepEntry]:
     out, now = [StepEntry("reports as they are", before, None)], before
-    for name, step in steps:
+    for step in steps:
         now -= step.reduction
-        out.append(StepEntry(name, now, list(step.interval)))
+        out.append(StepEntry(step.name, now, step.reduction_ci))
     return [*out, StepEntry("noise floor", now, None)]
 
 
-def evidence_entries(fitted: Fitted) -> list[EvidenceEntry]:
+def _evidence_entries(fitted: Fitted) -> list[EvidenceEntry]:
     """Each term and the rivals of its contest."""
     out = []
     for term in fitted.terms:
-        rows = [(0.0, term.group.name, term.scope), *term.rivals]
-        for apart, name, scope in rows:
+        for apart, name, scope in [(0.0, term.group.name, term.scope), *term.rivals]:
+            same = name == term.group.name
             out.append(
                 EvidenceEntry(
                     instead_of=term.group.name,
                     name=name,
                     scope={"a": "aircraft", "f": "fleet"}[scope],
                     known="|" not in name,
-                    subset=list(term.group.form) if name == term.group.name else [],
+                    subset=list(term.group.form) if same else [],
                     tempered_nats=float(term.score - apart),
                     raw_nats=float(term.score - apart),
                     cluster_factor=float(fitted.model.kappa),
-                    posterior=[]
-                    if term.inclusion is None or name != term.group.name
-                    else [float(x) for x in term.inclusion],
+                    posterior=_floats(term.inclusion if same else None),
                 )
             )
     return out
 
 
-def noise_entry(fitted: Fitted) -> NoiseEntry:
+def _noise_entry(fitted: Fitted) -> NoiseEntry:
     """Noise model, and what weather and climatology vary by."""
     noise, model = fitted.noise, fitted.noise.model
     theta = fitted.exact.theta[: fitted.model.base.group.size]
@@ -363,8 +230,120 @@ def noise_entry(fitted: Fitted) -> NoiseEntry:
     )
 
 
-def _floats(values: Floats) -> list[float]:
-    return [float(value) for value in values]
+def _floats(values: Floats | None) -> list[float]:
+    return [] if values is None else [float(value) for value in values]
 
 
-__all__ = ["Findings", "assemble", "claims_of", "could_hide", "evidence_entries"]
+# ------------------------------------------------------------------------------------------ gap.nc
+def diagnosis_dataset(fitted: Fitted) -> xr.Dataset:
+    """Maps, evidence and noise as one Dataset."""
+    frame, noise, sums = fitted.frame, fitted.noise, fitted.model.sums
+    out = residual_maps(frame)
+    begins = ((sums.days * DAY + sums.ends) * 1e9).astype(np.int64).astype("datetime64[ns]")
+    out["day"] = ("day", begins)
+    counts = np.diff(sums.cuts).reshape(sums.A, sums.D) // 2
+    out["report_count"] = (("aircraft", "day"), counts)
+    gross = np.bincount(frame.aircraft, noise.gross, minlength=len(frame.tails))
+    out["gross_error_count"] = (("aircraft",), gross)
+    found: dict[str, tuple[float, Floats]] = {}
+    for term in fitted.terms:
+        if term.group.named:
+            own = np.zeros(sums.A) if term.inclusion is None else term.inclusion
+            score, others = found.get(term.group.name, (-np.inf, np.zeros(sums.A)))
+            found[term.group.name] = max(score, term.score), np.maximum(own, others)
+        for apart, name, _ in term.rivals:
+            if "|" not in name and term.score - apart > found.get(name, (-np.inf,))[0]:
+                others = found.get(name, (0.0, np.zeros(sums.A)))[1]
+                found[name] = term.score - apart, others
+    best = sorted(found, key=lambda name: -found[name][0])
+    out["effect"] = ("effect", np.array(best, dtype=object))
+    out["log_evidence"] = ("effect", np.array([found[name][0] for name in best], float))
+    out["aircraft_probability"] = (
+        ("effect", "aircraft"),
+        np.reshape([found[name][1] for name in best], (len(best), sums.A)),
+    )
+    out["noise_distance"] = (("distance",), noise.distance_km)
+    out["noise_autocovariance"] = (("distance",), noise.autocovariance)
+    out["noise_autocovariance_model"] = (("distance",), noise.autocovariance_model)
+    out["noise_level_factor"] = (("noise_level",), noise.model.level_factors)
+    out["noise_level"] = (("noise_level",), np.exp(noise.model.level_nodes) / 100)
+    return out
+
+
+def binned(values: Floats, key: Integers, flight: Integers, size: int) -> tuple[Floats, Floats]:
+    """Mean by bin and its standard error clustered by flight, (size,).
+
+    A negative key leaves a value out; NaN for fewer than two flights.
+    """
+    ok = key >= 0
+    values, key, flight = values[ok], key[ok], flight[ok]
+    count = np.bincount(key, minlength=size).astype(float)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = np.bincount(key, values, minlength=size) / count
+    pairs, where = np.unique(np.stack([key, flight]), axis=1, return_inverse=True)
+    sums = np.bincount(where.ravel(), values - mean[key], minlength=pairs.shape[1])
+    clusters = np.bincount(pairs[0], minlength=size).astype(float)
+    square = np.bincount(pairs[0], sums**2, minlength=size)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        error = np.sqrt(square * clusters / (clusters - 1)) / count
+    error[clusters < 2] = np.nan
+    mean[clusters < 2] = np.nan
+    return mean, error
+
+
+def residual_maps(frame: Frame) -> xr.Dataset:
+    """Pictures of the gap, each with ``*_standard_error``.
+
+    ``heading_map(aircraft, octant)`` and ``time_line(aircraft, week)`` in degrees;
+    ``level_map_cross``, ``level_map_along(phase, level)``, ``region_map_u``,
+    ``region_map_v(latitude, longitude)`` and ``time_line_along(aircraft, week)`` in m s-1.
+    """
+    cross, along = unit_vectors(frame.heading)
+    across = (frame.residual * cross).sum(-1)
+    parallel = (frame.residual * along).sum(-1)
+    # a heading error turns the air vector: across the heading it is V times the angle, and opposite
+    degrees = -np.degrees(across / np.maximum(frame.airspeed, 1.0))
+    octant = np.mod(np.round(np.degrees(frame.magnetic_heading) / 45.0).astype(np.int64), 8)
+    count = len(frame.tails)
+    week = np.floor((frame.time - frame.epoch) / (7 * DAY)).astype(np.int64)
+    weeks = int(week.max()) + 1
+    # hPa: layers a turboprop climbs through; few reports are from above 400
+    edges = np.array([0, 400, 500, 600, 700, 850, 1100.0]) * 100
+    level = np.searchsorted(edges, frame.pressure) - 1
+    # a hair beyond, for the northernmost and easternmost reports to lie in the last cell
+    lat = np.linspace(frame.latitude.min(), frame.latitude.max() + 1e-6, 9)
+    lon = np.linspace(frame.longitude.min(), frame.longitude.max() + 1e-6, 11)
+    box = (np.searchsorted(lat, frame.latitude, "right") - 1) * 10
+    box = box + np.searchsorted(lon, frame.longitude, "right") - 1
+    out: dict[str, tuple[tuple[str, ...], Floats]] = {}
+
+    def put(
+        name: str, dims: tuple[str, ...], shape: tuple[int, ...], value: Floats, key: Integers
+    ) -> None:
+        mean, error = binned(value, key, frame.flight, int(np.prod(shape)))
+        out[name] = (dims, mean.reshape(shape))
+        out[f"{name}_standard_error"] = (dims, error.reshape(shape))
+
+    put("heading_map", ("aircraft", "octant"), (count, 8), degrees, frame.aircraft * 8 + octant)
+    put("level_map_cross", ("phase", "level"), (4, 6), across, frame.phase * 6 + level)
+    put("level_map_along", ("phase", "level"), (4, 6), parallel, frame.phase * 6 + level)
+    put("region_map_u", ("latitude", "longitude"), (8, 10), frame.residual[:, 0], box)
+    put("region_map_v", ("latitude", "longitude"), (8, 10), frame.residual[:, 1], box)
+    put("time_line", ("aircraft", "week"), (count, weeks), degrees, frame.aircraft * weeks + week)
+    put(
+        "time_line_along",
+        ("aircraft", "week"),
+        (count, weeks),
+        parallel,
+        frame.aircraft * weeks + week,
+    )
+    coords = {
+        "aircraft": np.array(list(frame.tails), dtype=object),
+        "octant": np.arange(8) * 45.0,
+        "phase": np.array(["unknown", "ascent", "cruise", "descent"], dtype=object),
+        "level": 0.5 * (edges[1:] + edges[:-1]) / 100,
+        "latitude": 0.5 * (lat[1:] + lat[:-1]),
+        "longitude": 0.5 * (lon[1:] + lon[:-1]),
+        "week": np.arange(weeks),
+    }
+    return xr.Dataset(out, coords=coords)

@@ -2,10 +2,8 @@
 
 Terms of one name that act on the whole archive are one claim, whatever their scopes: the
 coefficients of an aircraft are the fleet's and its own. So are tables of one variable and
-component.
-
-The probability of a claim is ``1 / (1 + exp(-(c0 + c1 ln(1 + gate))))``, gate its
-log posterior odds with its own noise factor.
+component. The probability of a claim is ``1 / (1 + exp(-(c0 + c1 ln(1 + gate))))``, gate its log
+posterior odds with its own noise factor.
 """
 
 from __future__ import annotations
@@ -16,14 +14,13 @@ from datetime import UTC, datetime
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from airswing.gap.archive.reported_variables import CATEGORIES, KINDS, UNITS, Variable
+from airswing.gap.arrays import Floats
 from airswing.gap.effects import CATALOGUE, separated_by
-from airswing.gap.effects.base import Effect, Errors, Stated, WindEffect
+from airswing.gap.effects.base import Effect, Stated, WindEffect
 from airswing.gap.effects.empirical import UNIT_OF
 from airswing.gap.model.candidates import Table
-from airswing.gap.model.closure import Step
 from airswing.gap.model.passes import Fitted
 from airswing.gap.model.terms import Term
 from airswing.gap.result.schema import (
@@ -35,8 +32,6 @@ from airswing.gap.result.schema import (
     TailEntry,
 )
 from airswing.units import DAY
-
-Floats = NDArray[np.float64]
 
 #: Intercept and slope of the log odds that a claim is right, in the logarithm of its evidence.
 #: `python -m benchmarks.gap_paired calibrate` on 30 archives of seed 815, which score nothing else,
@@ -128,12 +123,7 @@ def by_member(
 ) -> list[EffectEntry]:
     """Attribute the effects of a reference to the members of a pool that have them.
 
-    Parameters
-    ----------
-    entries : sequence of EffectEntry
-        Found against the pool.
-    members : mapping
-        Reference -> entries found against it alone.
+    ``entries`` were found against the pool, those of ``members`` against each reference alone.
     """
     out = []
     for entry in entries:
@@ -160,7 +150,7 @@ def by_member(
 
 
 def effect_entry(
-    fitted: Fitted, claim: Claim, effects: Mapping[str, Effect], step: Step, share_of_gap: float
+    fitted: Fitted, claim: Claim, effects: Mapping[str, Effect], step: ClosesEntry
 ) -> EffectEntry:
     """Entry of a named effect."""
     terms = [fitted.model.terms[k] for k in claim.terms]
@@ -201,7 +191,7 @@ def effect_entry(
         probability=probability(claim.gate),
         tails=names,
         parameters=summary([p for p, _ in each]),
-        standard_errors=_typical([e for _, e in each]),
+        standard_errors={n: float(np.median([e[n] for _, e in each])) for n in each[0][1]},
         period=_period(fitted, first),
         scope="reference" if effect.scope == "reference" else "fleet" if whole else "aircraft",
         evidence_nats=round(claim.score, 2),
@@ -210,9 +200,8 @@ def effect_entry(
         per_tail=None if whole or len(each) < 2 else per_tail,
         ambiguous_with=[rival.name for rival in rivals],
         ambiguity=rivals,
-        share_of_gap=share_of_gap,
         held_out_energy=2.0 * claim.score,
-        closure=ClosesEntry(step.reduction, list(step.interval)),
+        closure=step,
     )
 
 
@@ -273,12 +262,8 @@ def summary(values: Sequence[Stated]) -> Stated:
     return out
 
 
-def _typical(errors: Sequence[Errors]) -> Errors:
-    return {name: float(np.median([one[name] for one in errors])) for name in errors[0]}
-
-
 # ------------------------------------------------------------------------------------------ tables
-def place_entry(fitted: Fitted, claim: Claim, step: Step) -> PlaceEntry:
+def place_entry(fitted: Fitted, claim: Claim, step: ClosesEntry) -> PlaceEntry:
     """Entry of a table."""
     terms = [fitted.model.terms[k] for k in claim.terms]
     group = terms[0].group
@@ -300,7 +285,7 @@ def place_entry(fitted: Fitted, claim: Claim, step: Step) -> PlaceEntry:
         size_m_s=float(np.median(size)),
         curve=curve,
         equally_good=list(dict.fromkeys(alike)),
-        closure=ClosesEntry(step.reduction, list(step.interval)),
+        closure=step,
         held_out_energy=2.0 * claim.score,
         probability=probability(claim.gate),
         nearest_effect=nearest,

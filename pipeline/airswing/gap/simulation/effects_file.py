@@ -1,18 +1,8 @@
 """Effects of a simulation in ``effects.yaml``, and fitted deviations of ``fits.nc`` as effects.
 
-A list, or a mapping with the one key ``effects``, of entries::
-
-    - name: hard_iron
-      tails: [N412, N418]        # or all
-      parameters: {amplitude_deg: 3.9, phase_deg: 40.1}
-      period: null               # or [2009-08-01, null]
-
-Values are numbers in the unit at the end of the parameter's name, or text with a compatible unit
-("2 kt" for m/s). Dates are ISO 8601, UTC. An unknown key, effect, parameter or unit is refused with
-the nearest known one.
-
-Source of the terms of a deviation: coefficients A-E of ``fits.nc``, see
-`airswing.compass.fit.deviation`.
+A list, or a mapping with the one key ``effects``, of entries with name, tails (or ``all``),
+parameters and period (null, or two dates, ISO 8601, UTC; see docs/formats.md). Values are numbers
+in the unit at the end of the parameter's name, or text with a compatible unit ("2 kt" for m/s).
 """
 
 from __future__ import annotations
@@ -41,23 +31,7 @@ _HEADER = "# Effects of a simulation: airswing simulate CONFIG --effects THIS -o
 
 # ------------------------------------------------------------------------------------- reading
 def read_effects(path: Path | str) -> list[ActiveEffect]:
-    """Read the effects of a file.
-
-    Parameters
-    ----------
-    path : path-like
-        YAML file.
-
-    Returns
-    -------
-    list of ActiveEffect
-        Parameters as numbers in the units of the catalogue.
-
-    Raises
-    ------
-    InputError
-        The file does not exist, is no YAML, or contains something unknown.
-    """
+    """Read the effects of a YAML file, with numbers in the units of the catalogue."""
     path = Path(path)
     return parse_effects(load_yaml(path), file=path)
 
@@ -65,21 +39,7 @@ def read_effects(path: Path | str) -> list[ActiveEffect]:
 def read_known(path: Path | str, *, reference: str) -> list[ActiveEffect]:
     """Read known effects from ``effects.yaml``, or the deviations of ``fits.nc`` as effects.
 
-    Parameters
-    ----------
-    path : path-like
-        A file with the suffix ``.nc`` contains fits, any other file effects.
-    reference : str
-        Reference or pool of the fits.
-
-    Returns
-    -------
-    list of ActiveEffect
-
-    Raises
-    ------
-    InputError
-        The file does not exist, or contains neither.
+    ``reference`` is the reference or pool of the fits; InputError where the file holds neither.
     """
     path = Path(path)
     if not path.is_file():
@@ -97,27 +57,10 @@ def read_known(path: Path | str, *, reference: str) -> list[ActiveEffect]:
 def effects_of_fits(
     fits: xr.Dataset, *, reference: str, file: Path | None = None
 ) -> list[ActiveEffect]:
-    """Convert the accepted fits of every aircraft into effects.
+    """Convert the accepted fits of every aircraft against a reference into effects.
 
-    Parameters
-    ----------
-    fits : xarray.Dataset
-        Content of ``fits.nc``.
-    reference : str
-        Reference or pool of the fits.
-    file : Path, optional
-        File for messages.
-
-    Returns
-    -------
-    list of ActiveEffect
-        Offset, hard iron (at the horizontal field of the coefficients), soft iron and airspeed
-        scale of each aircraft with an accepted fit.
-
-    Raises
-    ------
-    InputError
-        The reference was not fitted, or no fit was accepted.
+    These are offset, hard iron (at the horizontal field of the coefficients), soft iron and
+    airspeed scale. InputError where the reference was not fitted, or no fit was accepted.
     """
     names = [str(name) for name in fits["reference"].values]
     if reference not in names:
@@ -159,37 +102,14 @@ def _effects_of_fit(fit: xr.Dataset, tail: str) -> list[ActiveEffect]:
 
 # ------------------------------------------------------------------------------------- writing
 def write_effects(effects: Iterable[ActiveEffect], path: Path | str) -> Path:
-    """Write effects to a file that `read_effects` reads.
-
-    Parameters
-    ----------
-    effects : iterable of ActiveEffect
-        Effects.
-    path : path-like
-        YAML file, written atomically.
-
-    Returns
-    -------
-    Path
-    """
+    """Write effects to a YAML file that `read_effects` reads, atomically."""
     content = plain_effects(effects)
     text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=100)
     return write_text(Path(path), _HEADER + text)
 
 
 def plain_effects(effects: Iterable[ActiveEffect]) -> list[dict[str, object]]:
-    """Convert effects to plain lists and mappings, for YAML and JSON.
-
-    Parameters
-    ----------
-    effects : iterable of ActiveEffect
-        Effects.
-
-    Returns
-    -------
-    list of dict
-        Keys ``name, tails, parameters, period``; parameters that are None are left out.
-    """
+    """Convert effects to mappings for YAML and JSON; parameters that are None are left out."""
     return [
         {
             "name": active.name,
@@ -209,12 +129,12 @@ def plain_period(period: tuple[float | None, float | None] | None) -> list[str |
     """Convert a period (s since 1970) to ISO 8601 text, UTC; open ends are None."""
     if period is None:
         return None
-    return [None if end is None else _iso(end) for end in period]
-
-
-def _iso(seconds: float) -> str:
-    stamp = datetime.fromtimestamp(seconds, UTC).replace(tzinfo=None)
-    return f"{stamp.isoformat(timespec='milliseconds' if stamp.microsecond else 'seconds')}Z"
+    out: list[str | None] = []
+    for end in period:
+        stamp = None if end is None else datetime.fromtimestamp(end, UTC).replace(tzinfo=None)
+        digits = "milliseconds" if stamp and stamp.microsecond else "seconds"
+        out.append(None if stamp is None else f"{stamp.isoformat(timespec=digits)}Z")
+    return out
 
 
 def _plain(value: object) -> object:
@@ -225,24 +145,7 @@ def _plain(value: object) -> object:
 
 # ------------------------------------------------------------------------------------ checking
 def parse_effects(content: object, *, file: object | None = None) -> list[ActiveEffect]:
-    """Check effects given as plain lists and mappings.
-
-    Parameters
-    ----------
-    content : list or mapping or None
-        Content of a YAML or JSON file; None for no effects.
-    file : object, optional
-        File for messages.
-
-    Returns
-    -------
-    list of ActiveEffect
-
-    Raises
-    ------
-    InputError
-        Something is unknown or of the wrong kind.
-    """
+    """Check effects given as plain lists and mappings; InputError for anything unknown."""
     if isinstance(content, Mapping):
         _check_keys(content, ("effects",), file, "unknown key in effects file")
         content = content.get("effects")

@@ -1,22 +1,15 @@
 """Forward simulation of the reports of an archive, and removal of known effects from reports.
 
-Simulation. Assumptions: positions, times and ground velocity are those of the archive. The wind
-met by the aircraft is the reference wind with its effects and the noise; the true air vector is
-the ground velocity minus this wind. Indicated heading and airspeed follow from the sensor effects,
-evaluated at the INDICATED magnetic heading by fixed-point iteration; the reported wind is
-``V_G - V_ind h(psi_ind)``, then the effects of the unit, then its coding. Without effects and noise
-the reported wind is the reference wind as coded by the unit: the perfect instrument.
+Simulation. Positions, times and ground velocity are those of the archive. The wind met is the
+reference wind with its effects and the noise; the true air vector is the ground velocity minus this
+wind. Indicated heading and airspeed follow from the sensor effects, evaluated at the INDICATED
+magnetic heading by fixed-point iteration; the reported wind is ``V_G - V_ind h(psi_ind)``, then the
+effects of the unit, then its coding. Deviations must change by less than a degree per degree.
 
-Removal. The difference between an archive and a simulation with an effect equals that between the
-archive without the effect and a simulation without it. Errors of heading and airspeed are removed
-exactly: a unit that indicated ``psi`` and ``V`` flew ``psi - d(psi)`` at the airspeed that it would
+Removal. A unit that indicated ``psi`` and ``V`` flew ``psi - d(psi)`` at the airspeed that it would
 indicate as ``V``, and its wind differs by ``V h(psi) - V_true h(psi - d)``. Effects on the wind met
-(errors of the reference, of height or time) are added to the reference wind; exchanged identifiers
-are exchanged back. An empirical table is removed from the reported wind by iteration. Effects on
-scatter and coding cannot be removed from single reports: they are kept, and not stated again.
-
-Validity: effects of reference and path (time, height) are exact to first order in the derivatives
-of the frame. Deviations must change by less than a degree per degree of heading.
+are added to the reference wind; exchanged identifiers are exchanged back. An empirical table is
+removed by iteration. Effects on scatter and coding cannot be removed from single reports.
 
 Units: those of `airswing.gap.archive.frame`.
 """
@@ -29,11 +22,11 @@ from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.gap.archive.frame import Frame
 from airswing.gap.archive.lattices import HeadingSteps
+from airswing.gap.arrays import Booleans, Floats
 from airswing.gap.effects import CATALOGUE, EMPIRICAL, ActiveEffect, Effect, State, effect_named
 from airswing.gap.effects.base import Parameters, Stage, absent_context
 from airswing.gap.noise.model import NoiseModel
@@ -45,8 +38,6 @@ from airswing.physics.triangle import (
     wrap_positive,
     wrap_signed,
 )
-
-FloatArray = NDArray[np.float64]
 
 MOST_ITERATIONS = 100
 """Iterations for the indicated heading, of which about ten are usual."""
@@ -60,8 +51,8 @@ AIRSPEED_ITERATIONS = 8
 class Coding:
     """Steps in which a unit takes its heading and codes its wind; 0 for no rounding."""
 
-    speed: FloatArray | float  # (n,) or float; m s-1
-    direction: FloatArray | float  # (n,) or float; degree
+    speed: Floats | float  # (n,) or float; m s-1
+    direction: Floats | float  # (n,) or float; degree
     headings: HeadingSteps | None = None
 
     @classmethod
@@ -75,19 +66,8 @@ class Coding:
         """Return the coding of winds with the steps that are found in the headings."""
         return replace(cls.of_archive(frame), headings=HeadingSteps.of_archive(frame))
 
-    def apply(self, u: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Code winds.
-
-        Parameters
-        ----------
-        u, v : (n,) float
-            Wind as met or measured, m s-1.
-
-        Returns
-        -------
-        u, v : (n,) float
-            Wind as reported, m s-1.
-        """
+    def apply(self, u: Floats, v: Floats) -> tuple[Floats, Floats]:
+        """Code winds (u, v) as met or measured, m s-1."""
         if self.headings is not None:
             u, v = self.headings.apply(u, v)
         speed, direction = wind_from_direction(u, v)
@@ -95,7 +75,7 @@ class Coding:
         return wind_components(_rounded(speed, self.speed), np.radians(degrees))
 
 
-def _rounded(values: FloatArray, step: FloatArray | float) -> FloatArray:
+def _rounded(values: Floats, step: Floats | float) -> Floats:
     positive = np.where(np.asarray(step) > 0.0, step, 1.0)
     return np.where(np.asarray(step) > 0.0, np.round(values / positive) * positive, values)
 
@@ -113,13 +93,7 @@ class PreparedEffect:
     def all_of(
         cls, effects: Sequence[ActiveEffect], frame: Frame, seeds: Sequence[np.random.SeedSequence]
     ) -> list[PreparedEffect]:
-        """Check effects against a frame and complete their parameters.
-
-        Raises
-        ------
-        InputError
-            An effect or aircraft is unknown, a parameter missing, or the context absent.
-        """
+        """Check effects against a frame and complete their parameters."""
         out = []
         for active, seed in zip(effects, seeds, strict=True):
             effect = effect_named(active.name)
@@ -139,7 +113,7 @@ class PreparedEffect:
             out.append(cls(effect, active, effect.complete(active.parameters), seed))
         return out
 
-    def affected(self, state: State, frame: Frame) -> NDArray[np.bool_]:
+    def affected(self, state: State, frame: Frame) -> Booleans:
         """Mark the reports of the affected airframes within the period, (n,)."""
         affected = np.ones(frame.size, dtype=np.bool_)
         if self.active.tails is not None:
@@ -228,22 +202,10 @@ def simulate(
     )
 
 
-def draw_noise(frame: Frame, noise: NoiseModel, *, rng: np.random.Generator) -> FloatArray:
-    """Draw the error of the reference wind at the reports.
+def draw_noise(frame: Frame, noise: NoiseModel, *, rng: np.random.Generator) -> Floats:
+    """Draw the error of the reference wind at reports in any order, (n, 2) m s-1.
 
-    Parameters
-    ----------
-    frame : Frame
-        Reports in any order.
-    noise : NoiseModel
-        Correlated part along each flight, and white part.
-    rng : numpy.random.Generator
-        Random numbers.
-
-    Returns
-    -------
-    (n, 2) float
-        m s-1, stationary along each flight by the exact one-step recursion.
+    It is stationary along each flight by the exact one-step recursion.
     """
     order = np.lexsort((frame.time, frame.flight))
     path = frame.take(order)
@@ -273,24 +235,9 @@ def draw_noise(frame: Frame, noise: NoiseModel, *, rng: np.random.Generator) -> 
 
 
 def remove_effects(frame: Frame, effects: Sequence[ActiveEffect]) -> Frame:
-    """Remove known effects from the reports.
+    """Remove known effects from the reports; those on scatter and coding are ignored.
 
-    Parameters
-    ----------
-    frame : Frame
-        Reports with the effects.
-    effects : sequence of ActiveEffect
-        Effects to remove; those on scatter and coding are ignored.
-
-    Returns
-    -------
-    Frame
-        The same reports in the same order.
-
-    Raises
-    ------
-    InputError
-        An effect or an aircraft is unknown, or the context of an effect is absent.
+    InputError for an unknown effect or aircraft, or where the context of an effect is absent.
     """
     seeds = np.random.SeedSequence(0).spawn(len(effects))
     prepared = PreparedEffect.all_of(effects, frame, seeds)

@@ -1,16 +1,11 @@
 """Tables of simulated reports: written for an archive, or read from another simulation.
 
 *Writing.* Positions, times, levels, temperatures and flags are those of the archive; the wind (and
-airspeed and heading, where the archive reports them) is simulated. A report without a reference
-wind, a ground vector or a reported wind is kept with a blank wind, so that ground vectors are
-unchanged. Units are those of the canonical columns (knots, feet, degrees, Celsius).
+airspeed and heading, where the archive reports them) is simulated, and blank where it was.
 
-*Reading.* Where another simulation follows the paths of the archive, a report of it is of the same
-aircraft at the same time (within `SAME_TIME`) and position (within `SAME_PLACE`); its wind replaces
-the reference wind, whose derivatives are kept. Reports of the archive without a match are left out
-and counted. If fewer than `LEAST_SHARE` of the reports, or fewer than `LEAST_MATCHED`, have a
-match, the simulation is of other paths and only distributions can be compared
-(`airswing.workflow.gap_stage`). Winds in m/s, degrees.
+*Reading.* A report of another simulation is of the same aircraft at the same time (within
+`SAME_TIME`) and position (within `SAME_PLACE`). If fewer than `LEAST_SHARE` of the reports, or
+fewer than `LEAST_MATCHED`, have a match, the simulation is of other paths.
 """
 
 from __future__ import annotations
@@ -22,19 +17,18 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from airswing.errors import InputError
 from airswing.flags import ICING, PHASE, ROLL, TEMPERATURE_QC
 from airswing.gap.archive.frame import Frame
+from airswing.gap.arrays import Booleans, Floats
 from airswing.gap.effects import ActiveEffect
 from airswing.gap.noise.model import NoiseModel
 from airswing.gap.simulation.forward import Coding, simulate
 from airswing.physics.triangle import wind_from_direction, wrap_degrees
 from airswing.products.whole_files import atomic
 from airswing.units import FOOT, KNOT, ZERO_CELSIUS
-
-FloatArray = NDArray[np.float64]
 
 _FLAGS: dict[str, dict[int, str]] = {
     "roll_flag": {ROLL["good"]: "G", ROLL["bad"]: "B", ROLL["not_available"]: "N"},
@@ -97,12 +91,12 @@ def simulate_reports(
     sent = simulate(frame, effects=effects, noise=noise, coding=Coding.of_archive(frame), seed=seed)
     blank = np.full(headings.sizes["report"], np.nan)
 
-    def column(name: str) -> FloatArray:
+    def column(name: str) -> Floats:
         if name not in headings:
             return blank
         return np.asarray(headings[name].values, dtype=np.float64)
 
-    def merged(values: ArrayLike, simulated: FloatArray) -> FloatArray:
+    def merged(values: ArrayLike, simulated: Floats) -> Floats:
         out = np.array(values, dtype=np.float64)
         out[sent.report] = simulated
         return out
@@ -142,22 +136,7 @@ def simulate_reports(
 
 
 def report_path(path: Path | str) -> Path:
-    """Check the suffix of a file of reports, which determines its format.
-
-    Parameters
-    ----------
-    path : path-like
-        ``.csv`` or ``.parquet``.
-
-    Returns
-    -------
-    Path
-
-    Raises
-    ------
-    InputError
-        The suffix is neither ``.csv`` nor ``.parquet``.
-    """
+    """Check the suffix of a file of reports, ``.csv`` or ``.parquet``."""
     path = Path(path)
     if path.suffix not in {".csv", ".parquet"}:
         raise InputError(
@@ -169,21 +148,7 @@ def report_path(path: Path | str) -> Path:
 def write_reports(table: pd.DataFrame, path: Path | str) -> Path:
     """Write a table of reports atomically, in the format of the suffix.
 
-    Parameters
-    ----------
-    table : pandas.DataFrame
-        Canonical columns.
-    path : path-like
-        ``.csv`` or ``.parquet``.
-
-    Returns
-    -------
-    Path
-
-    Raises
-    ------
-    InputError
-        Another suffix, a missing extra, or a folder that cannot be written to.
+    InputError for another suffix, a missing extra, or a folder that cannot be written to.
     """
     path = report_path(path)
     with atomic(path) as temporary:
@@ -208,12 +173,12 @@ class Matched:
     """Simulated winds at the reports of an archive."""
 
     # (n,): simulated wind, m s-1; NaN without a match
-    u: FloatArray
-    v: FloatArray
+    u: Floats
+    v: Floats
     simulated: int  # number of reports of the simulation
 
     @property
-    def found(self) -> NDArray[np.bool_]:
+    def found(self) -> Booleans:
         """Whether each report has a match, (n,)."""
         return np.isfinite(self.u) & np.isfinite(self.v)
 
@@ -225,19 +190,7 @@ class Matched:
 
 
 def match_reports(frame: Frame, simulated: xr.Dataset) -> Matched:
-    """Find the simulated report of every report of an archive.
-
-    Parameters
-    ----------
-    frame : Frame
-        The archive.
-    simulated : xarray.Dataset
-        Reports of the simulation, as from `airswing.reports.read_reports`.
-
-    Returns
-    -------
-    Matched
-    """
+    """Find the simulated report (from `read_reports`) of every report of an archive."""
     names = [str(name) for name in simulated["aircraft"].values]
     ends = np.cumsum(simulated["row_size"].values)
     seconds = simulated["time"].values.astype("datetime64[ms]").astype(np.int64) / 1e3
@@ -267,25 +220,7 @@ def match_reports(frame: Frame, simulated: xr.Dataset) -> Matched:
 
 
 def with_simulated_wind(frame: Frame, matched: Matched) -> Frame:
-    """Replace the reference wind by the simulated wind, at the reports with a match.
-
-    Parameters
-    ----------
-    frame : Frame
-        The archive.
-    matched : Matched
-        From `match_reports`.
-
-    Returns
-    -------
-    Frame
-        The reports with a match.
-
-    Raises
-    ------
-    InputError
-        No report has a match.
-    """
+    """Replace the reference wind by the simulated wind, at the reports with a match."""
     found = matched.found
     if not found.any():
         raise InputError("no simulated report is of an aircraft and time of the archive")

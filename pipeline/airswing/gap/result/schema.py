@@ -1,17 +1,21 @@
-"""Entries of gap.json: where the gap lies, what makes it, how far that closes.
+"""gap.json as dataclasses: the diagnosis writes them, the page and the blind check read them.
 
 Names and units are those of docs/formats.md: kt for disagreement and closure, m s-1 for sizes and
-curves, parameters as in the catalogue. A number that is not known is NaN here and null in the file;
-a field marked `left_out` does not stand in the file where it is None.
+curves, degrees, parameters as in the catalogue. A number that is not known is NaN here and null in
+the file; a field marked `LEFT_OUT` is not in the file where it is None. Keys of a file that are not
+known here are passed over.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, is_dataclass
+from pathlib import Path
 from typing import Annotated
 
-from pydantic import BeforeValidator
+from pydantic import BeforeValidator, TypeAdapter, ValidationError
+
+from airswing.errors import InputError
 
 #: A number that may be unknown.
 Number = Annotated[float, BeforeValidator(lambda value: float("nan") if value is None else value)]
@@ -79,13 +83,12 @@ class RivalEntry:
     """An effect that cannot be distinguished from one found, and what data would distinguish them.
 
     ``difference_nats`` is the evidence it lies behind; None of one that looks alike whatever the
-    evidence. ``alias_share`` is the energy of the columns in common, 0 to 1.
+    evidence.
     """
 
     name: str
     difference_nats: float | None
     separated_by: str
-    alias_share: float | None = field(default=None, metadata=LEFT_OUT)
 
 
 @dataclass(frozen=True)
@@ -94,16 +97,6 @@ class TailEntry:
 
     parameters: Mapping[str, Parameter]
     standard_errors: Mapping[str, Number] | None = field(default=None, metadata=LEFT_OUT)
-
-
-@dataclass(frozen=True)
-class MeanEntry:
-    """An effect of the catalogue that is the mean of an unknown one."""
-
-    name: str
-    tails: Sequence[str]
-    parameters: Mapping[str, Parameter]
-    standard_errors: Mapping[str, Number]
 
 
 @dataclass(frozen=True)
@@ -135,7 +128,6 @@ class EffectEntry:
     share_of_energy: float = 0.0
     held_out_energy: float = 0.0
     held_out_energy_standard_error: float = 0.0
-    weighed: Sequence[float] | None = field(default=None, metadata=LEFT_OUT)
     closure: ClosesEntry | None = field(default=None, metadata=LEFT_OUT)
 
 
@@ -171,7 +163,6 @@ class PlaceEntry:
     nearest_effect_share: float | None = None
     settled_by: str | None = None
     steps: StepsEntry | None = field(default=None, metadata=LEFT_OUT)
-    mean: MeanEntry | None = field(default=None, metadata=LEFT_OUT)
     title: str | None = field(default=None, metadata=LEFT_OUT)  # what is sent wrongly, in words
 
 
@@ -219,19 +210,6 @@ class ClosureEntry:
     reduction_ci: Sequence[float] | None
     could_hide_kt: float | None = field(default=None, metadata=LEFT_OUT)
     by_effect: Sequence[EffectClosureEntry] | None = field(default=None, metadata=LEFT_OUT)
-
-
-@dataclass(frozen=True)
-class UnconfirmedEntry:
-    """A name the search came to that is not counted as found, and why."""
-
-    name: str
-    tails: Sequence[str]
-    period: Period | None
-    probability: float
-    evidence_nats: float
-    weighed: Sequence[float]
-    reason: str
 
 
 @dataclass(frozen=True)
@@ -289,3 +267,197 @@ class CountsEntry:
     clipped: float
     gross: float
     aircraft: int = 0
+
+
+@dataclass(frozen=True)
+class CalibrationEntry:
+    """How held-out reports keep to what was predicted for them; NaN where it is not known."""
+
+    crps_m_s: Number
+    crps_expected_m_s: Number
+    spread: Number
+    lag_one: Number
+    lag_one_standard_error: Number
+    auc: Number
+    auc_standard_error: Number
+
+
+@dataclass(frozen=True)
+class CalibrationPair:
+    """Calibration with the effects in the simulation, and without."""
+
+    after: CalibrationEntry
+    before: CalibrationEntry
+
+
+@dataclass(frozen=True)
+class PlaceboEntry:
+    """What a cause that cannot be at work closes, kt."""
+
+    reduction_kt: Number
+    reduction_ci_kt: Sequence[Number]
+    reduction_where_fitted_kt: Number
+    draws: int
+    closes_nothing: bool
+
+
+@dataclass(frozen=True)
+class AliasEntry:
+    """Two effects whose columns share energy on these flights, 0 to 1, and what would tell them."""
+
+    effect: str
+    other: str
+    alias_share: float
+    separated_by: str
+
+
+@dataclass(frozen=True)
+class AssumptionEntry:
+    """An assumption, how it is checked, the result in words, and whether it holds."""
+
+    assumption: str
+    check: str
+    result: str
+    ok: bool
+
+
+@dataclass(frozen=True)
+class FitEntry:
+    """A fitted deviation before and after the other effects are taken off, degrees.
+
+    ``stays``: both within 1.96 standard errors of before; None where a fit is not to be trusted.
+    """
+
+    aircraft: str
+    offset_deg: Number
+    offset_deg_after: Number
+    offset_deg_standard_error: Number
+    amplitude_deg: Number
+    amplitude_deg_after: Number
+    amplitude_deg_standard_error: Number
+    stays: bool | None
+
+
+@dataclass(frozen=True)
+class FieldTestEntry:
+    """Adjusted reduction of the field test before and after, kt."""
+
+    reduction_kt: Number
+    reduction_ci_kt: Sequence[Number]
+    reduction_kt_after: Number
+    stays: bool
+
+
+@dataclass(frozen=True)
+class ClaimsEntry:
+    """What of the fits and the field test stays with the other effects taken off."""
+
+    taken_off: Sequence[str]
+    aircraft: Sequence[FitEntry] = ()
+    stay: int = 0
+    of: int = 0
+    field_test: FieldTestEntry | None = None
+
+
+@dataclass(frozen=True)
+class KnownEntry:
+    """Known effects that were removed from the reports; ``effects`` as in effects.yaml."""
+
+    source: str
+    effects: Sequence[Mapping[str, object]]
+    left_out: int
+    disagreement_without_kt: float
+    disagreement_with_kt: float
+
+
+@dataclass(frozen=True)
+class SimulationEntry:
+    """A simulation in place of the perfect instrument, and how its reports were matched."""
+
+    source: str
+    reports: int
+    matched: int
+    of: int
+    matched_by: str
+    aircraft_in_both: Sequence[str] | None = field(default=None, metadata=LEFT_OUT)
+
+
+@dataclass(frozen=True)
+class GapReport:
+    """Content of gap.json.
+
+    ``where`` holds the slices beyond chance, ``slices`` all of them; ``effects`` stand by what they
+    explain on held-out reports. ``reference``, ``headings_uuid`` and ``claims`` are of a diagnosis
+    of products, None of one in a notebook.
+    """
+
+    gap: DisagreementEntry
+    where: Sequence[SliceEntry]
+    effects: Sequence[EffectEntry]
+    unknown: UnknownEntry
+    closure: ClosureEntry
+    counts: CountsEntry
+    noise: NoiseEntry
+    reference: str | None = None
+    headings_uuid: str | None = None
+    unconfirmed: Sequence[Mapping[str, object]] = ()
+    waterfall: Sequence[StepEntry] = ()
+    alone_kt: Sequence[float] = ()
+    evidence: Sequence[EvidenceEntry] = ()
+    untestable: Mapping[str, str] = field(default_factory=dict)
+    slices: Sequence[SliceEntry] = ()
+    reliability: Mapping[str, float] = field(default_factory=dict)
+    seed: int = 0
+    ambiguity: Mapping[str, Sequence[RivalEntry]] = field(default_factory=dict)
+    calibration: CalibrationPair | None = None
+    decoy: PlaceboEntry | None = None
+    aliases: Sequence[AliasEntry] = ()
+    assumptions: Sequence[AssumptionEntry] = ()
+    claims: ClaimsEntry | None = None
+    known: Sequence[KnownEntry] | None = field(default=None, metadata=LEFT_OUT)
+    simulation: SimulationEntry | None = field(default=None, metadata=LEFT_OUT)
+
+    def content(self) -> dict[str, object]:
+        """Mappings, lists and values, as :func:`airswing.products.whole_files.write_json` takes."""
+        return {str(key): value for key, value in _entries(self).items()}
+
+    @classmethod
+    def of(cls, content: Mapping[str, object]) -> GapReport:
+        """Make a report of what a file holds; pydantic.ValidationError where something is wrong."""
+        return TypeAdapter(cls).validate_python(content)
+
+    @classmethod
+    def read(cls, path: Path) -> GapReport:
+        """Read gap.json; InputError where it does not hold what it should."""
+        try:
+            return TypeAdapter(cls).validate_json(path.read_bytes())
+        except OSError as err:
+            raise InputError("gap.json cannot be read", file=path, found=str(err)) from err
+        except ValidationError as err:
+            first = err.errors()[0]
+            raise InputError(
+                "not the result of a diagnosis",
+                file=path,
+                field=".".join(str(part) for part in first["loc"]),
+                found=str(first["msg"]),
+                remedy="run airswing gap again",
+            ) from err
+
+
+def _entries(entry: object) -> dict[str, object]:
+    out = {}
+    for one in fields(entry):  # type: ignore[arg-type]
+        value = getattr(entry, one.name)
+        if value is not None or not one.metadata.get("left_out"):
+            out[one.name] = _plain(value)
+    return out
+
+
+def _plain(value: object) -> object:
+    if is_dataclass(value):
+        return _entries(value)
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return value

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from airswing.gap.design.heading_uncertainty import heading_doubt
+from airswing.gap.design import heading_doubt
 
 
 def test_only_a_deviated_aircraft_is_doubted_and_only_in_a_turn():

@@ -1,9 +1,13 @@
-"""What was found as the simulation takes it, and what was known taken out of it."""
+"""gap.json is read as written; its effects are those the simulation takes, less the known ones."""
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
+import pytest
+
+from airswing.errors import InputError
 from airswing.gap.effects import ActiveEffect
 from airswing.gap.result.effect_entries import active_effects, not_known, unknown_not_known
 from airswing.gap.result.schema import (
@@ -15,6 +19,7 @@ from airswing.gap.result.schema import (
     UnknownEntry,
 )
 from airswing.gap.simulation.effects_file import read_effects
+from airswing.products.whole_files import plain
 
 
 def found(name, *tails, each=None):
@@ -58,3 +63,33 @@ def test_a_known_floor_of_the_speeds_is_not_told_again():
     assert unknown_not_known(UnknownEntry(True, places[:1]), known) == UnknownEntry(False, [])
     along = [ActiveEffect("empirical", parameters | {"component": "along_wind"})]
     assert unknown_not_known(unknown, along) is unknown
+
+
+def test_what_is_written_is_read_and_written_again_alike(gap_product):
+    path = gap_product / "gap.json"
+    report = GapReport.read(path)
+    assert plain(report.content()) == json.loads(path.read_text())
+    assert {effect.name for effect in report.effects} == {"hard_iron", "tas_scale"}
+    assert report.closure.before > report.closure.after > report.gap.noise_floor_kt - 0.1
+
+
+@pytest.mark.parametrize("value", [[-15.0, 0.0], ["N401", "N402"], "flag", 2.0, True, None])
+def test_a_parameter_may_be_a_range_a_pair_a_word_or_a_number(gap_product, value):
+    content = json.loads((gap_product / "gap.json").read_text())
+    content["effects"][0]["parameters"] = {"one": value}
+    (told,) = GapReport.of(content).effects[0].parameters.values()
+    assert told == value and type(told) is type(value)
+
+
+def test_a_number_of_another_kind_is_named(gap_product, tmp_path):
+    content = json.loads((gap_product / "gap.json").read_text())
+    content["closure"]["before"] = "much"
+    bad = tmp_path / "gap.json"
+    bad.write_text(json.dumps(content))
+    with pytest.raises(InputError, match=r"closure\.before"):
+        GapReport.read(bad)
+    bad.write_text("{")
+    with pytest.raises(InputError, match="not the result of a diagnosis"):
+        GapReport.read(bad)
+    with pytest.raises(InputError, match="cannot be read"):
+        GapReport.read(tmp_path / "none.json")

@@ -1,1 +1,0 @@
-"""Columns: weather's, effects', the nonparametric basis, and the candidates made of them."""

@@ -1,0 +1,111 @@
+"""Entries of gap.json of what shows in no mean: on whom, how surely, and what it closes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from airswing.gap.arrays import Booleans, Floats
+from airswing.gap.effects.base import Stated
+from airswing.gap.result.schema import ClosesEntry, CurveEntry, EffectEntry, PlaceEntry, TailEntry
+from airswing.gap.result.schema import Parameter as Value
+from airswing.gap.result.statement import probability
+from airswing.units import KNOT, NORMAL_95
+
+PerTail = Mapping[str, Stated]  # aircraft -> parameters
+
+#: Log number of aircraft and steps among which the clearest is sought.
+TRIED = float(np.log(100.0))
+#: Share of the aircraft that is taken for the whole fleet: a cell may be met by few.
+WHOLE = 0.75
+#: Share of the mean square that is always left.
+LEAST_LEFT = 0.05
+
+
+def against_chance(count: int, share: float, chance: float) -> float:
+    """Log likelihood ratio of a share of ``count`` draws against the share by chance.
+
+    ``count`` times the Kullback-Leibler divergence of the two Bernoulli laws; 0 for a share not
+    above chance.
+    """
+    p, q = (float(np.clip(x, 1e-9, 1 - 1e-9)) for x in (share, chance))
+    return count * (p * np.log(p / q) + (1 - p) * np.log((1 - p) / (1 - q))) if p > q else 0.0
+
+
+def effect_of(
+    name: str,
+    per_tail: PerTail,
+    evidence: Sequence[float],
+    period: list[str | None] | None = None,
+    errors: Mapping[str, float] | None = None,
+) -> EffectEntry:
+    """Combine what was found on each aircraft, with the median of their parameters.
+
+    The evidence is the log likelihood ratio of the clearest aircraft against chance, less the
+    logarithm of the number of aircraft and steps that were tried.
+    """
+    clearest = float(max(evidence) - TRIED)
+    rows = list(per_tail.values())
+    return EffectEntry(
+        name=name,
+        probability=probability(clearest),
+        tails=list(per_tail),
+        parameters={one: _middle([row[one] for row in rows]) for one in rows[0]},
+        standard_errors=errors or {},
+        period=period,
+        scope="aircraft",
+        evidence_nats=clearest,
+        per_tail={tail: TailEntry(values) for tail, values in per_tail.items()},
+    )
+
+
+def _middle(values: list[Value]) -> Value:
+    numbers = [value for value in values if isinstance(value, float)]
+    if len(numbers) == len(values):
+        return float(np.median(numbers))
+    return max(values, key=values.count)
+
+
+def place_of(
+    component: str,
+    variable: str,
+    affected: Sequence[int],
+    tails: Sequence[str],
+    evidence: float,
+    size: float,
+    curve: CurveEntry,
+    closure: ClosesEntry,
+) -> PlaceEntry:
+    """Entry of something without a name on some aircraft, with its log posterior odds."""
+    whole = len(affected) >= WHOLE * len(tails)
+    return PlaceEntry(
+        component=component,
+        variable=variable,
+        variables=[variable],
+        group=f"{variable}|{component}",
+        tails=[] if whole else [tails[a] for a in affected],
+        scope="fleet" if whole else "aircraft",
+        evidence_nats=round(evidence, 2),
+        size_m_s=size,
+        curve=curve,
+        closure=closure,
+        probability=probability(evidence),
+    )
+
+
+def closes(kt: float, error: float) -> ClosesEntry:
+    """A reduction with its standard error, kt; the interval is not below zero."""
+    return ClosesEntry(kt, [max(kt + side * NORMAL_95 * error, 0.0) for side in (-1, 1)])
+
+
+def mean_reduction(longer: Floats, affected: Booleans, shape_error: float = 0.16) -> ClosesEntry:
+    """Mean over all reports of the length (m/s) that an effect adds to the affected ones.
+
+    ``shape_error`` is the relative error of the assumed distribution.
+    """
+    if longer.size == 0:
+        return closes(0.0, 0.0)
+    kt = float(longer.sum()) / affected.size / KNOT
+    drawn = float(longer.std()) * np.sqrt(longer.size) / affected.size / KNOT
+    return closes(max(kt, 0.0), float(np.hypot(drawn, shape_error * kt)))
