@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from airswing.gap.archive.frame import AIRCRAFT_FIELDS, Frame
-from airswing.gap.noise.model import NoiseFit, fit_noise
+from airswing.gap.noise import NoiseFit, fit_noise
 
 LATITUDES = (41.98, 44.88, 42.2, 39.0, 35.0, 38.7, 43.0, 46.8, 40.7, 36.1, 32.9, 47.5)
 LONGITUDES = (87.9, 93.2, 83.4, 84.7, 90.0, 90.4, 76.1, 92.2, 74.2, 86.7, 97.0, 100.0)

@@ -13,8 +13,7 @@ import xarray as xr
 
 from airswing.errors import InputError
 from airswing.gap.archive.frame import Frame
-from airswing.gap.checks.assumptions import run_checks
-from airswing.gap.checks.refit_claims import Adjustment
+from airswing.gap.checks import Adjustment, run_checks
 from airswing.gap.distribution.coded_values import coded_effects, reduction_of_coding
 from airswing.gap.distribution.gross_errors import outliers, reduction_of_gross
 from airswing.gap.distribution.scatter import find_scatter
@@ -26,7 +25,7 @@ from airswing.gap.model.localisation import slices
 from airswing.gap.model.passes import Fitted, fit_model, is_sensor
 from airswing.gap.model.refit import without_errors
 from airswing.gap.model.terms import Model
-from airswing.gap.noise.model import gross_errors
+from airswing.gap.noise import gross_errors
 from airswing.gap.result.report import assemble, diagnosis_dataset
 from airswing.gap.result.schema import ClosesEntry, EffectEntry, GapReport, PlaceEntry
 from airswing.gap.result.statement import by_member, claims_of, effect_entry

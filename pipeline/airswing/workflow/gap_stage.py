@@ -182,7 +182,7 @@ def frame_of(job: Job, headings: xr.Dataset, reference: str | None = None) -> Fr
 
 def _claims(job: Job, headings: xr.Dataset, found: Diagnosis) -> ClaimsEntry:
     """Repeat the deviations and the field test without the effects other than deviation."""
-    from airswing.gap.checks.refit_claims import review_claims
+    from airswing.gap.checks import review_claims
 
     config, test = job.config, job.config.field_test
     with job.progress.stage("claims") as stage:

@@ -1,6 +1,7 @@
 """Headings in coarse steps are found by their lattice; repeated courses are no lattice."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from airswing.gap.diagnose import diagnose
 from airswing.gap.distribution.coded_values import heading_coding
 from airswing.gap.distribution.gross_errors import outliers
 from airswing.gap.effects import CATALOGUE
-from airswing.gap.noise.model import gross_errors
+from airswing.gap.noise import gross_errors
 from airswing.gap.simulation.forward import Coding
 
 
@@ -153,3 +154,29 @@ def test_directions_of_weak_winds_in_steps():
     found = direction_lattice(speed * np.sin(angle), speed * np.cos(angle))
     assert (found.step, found.share) == (30.0, pytest.approx(1.0, abs=0.02))
     assert found.below == pytest.approx(3.0, abs=0.1)
+
+
+def test_only_a_deviated_aircraft_is_doubted_and_only_in_a_turn():
+    heading = np.radians([0.0, 0.0, 60.0, 60.0] * 2)
+    error = np.radians([np.nan, 12.0, 12.0, 0.0] * 2)
+    frame = SimpleNamespace(
+        tails=("N1", "N2"),
+        aircraft=np.repeat([0, 1], 4),
+        flight=np.repeat([0, 1], 4),
+        time=np.arange(8.0),
+        ground_u=100 * np.sin(heading),
+        ground_v=100 * np.cos(heading),
+        u_ref=np.zeros(8),
+        v_ref=np.zeros(8),
+        heading_error=error,
+        heading=heading,
+        magnetic_heading=heading,
+    )
+    deviated = np.repeat([0.0, np.radians(3.0)], 4)
+    columns = SimpleNamespace(
+        heading=heading + deviated, airspeed=np.full(8, 100.0), u_ref=np.zeros(8), v_ref=np.zeros(8)
+    )
+    doubt = heading_doubt(frame, columns)
+    np.testing.assert_allclose(doubt[:4], 0.0, atol=1e-9)
+    np.testing.assert_allclose(doubt[[4, 7]], 0.0, atol=1e-9)
+    np.testing.assert_allclose(doubt[5:7], 100 * np.radians(3.0) * np.radians(12.0), rtol=1e-6)

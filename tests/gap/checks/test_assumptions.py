@@ -9,15 +9,21 @@ import pytest
 from scipy.stats import norm
 from tests.gap.toy import make_frame, noise_of
 
-from airswing.gap.checks.assumptions import (
+from airswing.gap.checks import (
     calibrate,
     fit_placebo,
     lag_one,
     placebo_errors,
     two_sample,
 )
-from airswing.gap.noise.model import NoiseFit, NoiseModel
-from airswing.gap.noise.whitening import flight_order, flight_steps, kalman_gains, whiten
+from airswing.gap.noise import (
+    NoiseFit,
+    NoiseModel,
+    flight_order,
+    flight_steps,
+    kalman_gains,
+    whiten,
+)
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 from tests.gap.toy import make_frame
 
-from airswing.gap.checks.refit_claims import (
+from airswing.gap.checks import (
     Adjustment,
     adjusted_headings,
     compared_fits,

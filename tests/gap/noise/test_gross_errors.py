@@ -15,7 +15,7 @@ from airswing.gap.distribution.gross_errors import (
     shared_rate,
     simulated_rate,
 )
-from airswing.gap.noise.model import gross_errors
+from airswing.gap.noise import gross_errors
 from airswing.units import KNOT
 
 

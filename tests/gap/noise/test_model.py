@@ -7,13 +7,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from airswing.gap.noise.model import (
+from airswing.gap.noise import (
     autocovariance,
     fit_noise,
+    flight_order,
     gross_errors,
     level_factors,
+    whiten,
 )
-from airswing.gap.noise.whitening import flight_order, whiten
 
 
 def flown_archive(seed: int = 0, flights: int = 900) -> dict[str, np.ndarray]:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from airswing.gap.noise.whitening import (
+from airswing.gap.noise import (
     DirectionFactors,
     Gains,
     flight_order,

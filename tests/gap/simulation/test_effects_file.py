@@ -71,41 +71,27 @@ def test_empty_file(tmp_path):
     assert read_effects(write_effects([], path)) == []
 
 
+IRON = {"name": "hard_iron"}
+OUTLIERS = {"name": "outliers", "parameters": {"fraction": 0.1}}
+
+
 @pytest.mark.parametrize(
     ("entry", "message"),
     [
         ({"name": "hard_irn", "parameters": {}}, "Did you mean hard_iron"),
         ({"parameters": {}}, "unknown effect"),
-        ({"name": "hard_iron", "parameters": {"amplitude": 1}}, "Did you mean amplitude_deg"),
-        ({"name": "hard_iron", "parameters": {"amplitude_rad": 1}}, "Did you mean amplitude_deg"),
-        ({"name": "hard_iron", "parameters": {"phase_deg": 1}}, "needs a value of amplitude_deg"),
-        ({"name": "hard_iron", "parameters": {"amplitude_deg": "3 kt"}}, "in units of degree"),
-        ({"name": "hard_iron", "parameters": {"amplitude_deg": "3 dg"}}, "in units of degree"),
-        ({"name": "hard_iron", "parameters": {"amplitude_deg": [3]}}, "needs a number"),
-        ({"name": "hard_iron", "parameters": {"amplitude_deg": True}}, "needs a number"),
-        ({"name": "hard_iron", "parameters": [3]}, "must be a mapping"),
-        (
-            {"name": "outliers", "tail": ["N1"], "parameters": {"fraction": 0.1}},
-            "Did you mean tails",
-        ),
-        ({"name": "outliers", "tails": [], "parameters": {"fraction": 0.1}}, "list of aircraft"),
-        ({"name": "outliers", "parameters": {"fraction": 0.1}, "period": "July"}, "start, end"),
-        (
-            {"name": "outliers", "parameters": {"fraction": 0.1}, "period": ["July", None]},
-            "no date",
-        ),
-        (
-            {"name": "outliers", "parameters": {"fraction": 0.1}, "period": ["2009-08", None]},
-            "no date",
-        ),
-        (
-            {
-                "name": "outliers",
-                "parameters": {"fraction": 0.1},
-                "period": ["2009-08-02", "2009-08-01"],
-            },
-            "ends before",
-        ),
+        (IRON | {"parameters": {"amplitude": 1}}, "Did you mean amplitude_deg"),
+        (IRON | {"parameters": {"phase_deg": 1}}, "needs a value of amplitude_deg"),
+        (IRON | {"parameters": {"amplitude_deg": "3 kt"}}, "in units of degree"),
+        (IRON | {"parameters": {"amplitude_deg": "3 dg"}}, "in units of degree"),
+        (IRON | {"parameters": {"amplitude_deg": [3]}}, "needs a number"),
+        (IRON | {"parameters": {"amplitude_deg": True}}, "needs a number"),
+        (IRON | {"parameters": [3]}, "must be a mapping"),
+        (OUTLIERS | {"tail": ["N1"]}, "Did you mean tails"),
+        (OUTLIERS | {"tails": []}, "list of aircraft"),
+        (OUTLIERS | {"period": "July"}, "start, end"),
+        (OUTLIERS | {"period": ["2009-08", None]}, "no date"),
+        (OUTLIERS | {"period": ["2009-08-02", "2009-08-01"]}, "ends before"),
         ("hard_iron", "must be a mapping"),
     ],
 )
@@ -115,16 +101,18 @@ def test_errors_name_the_fault_and_the_file(entry, message):
     assert "mine.yaml" in str(caught.value)
 
 
-def test_other_files_are_refused(tmp_path):
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (None, "cannot read"),
+        ("a: [1\n", "not a YAML file"),
+        ("effect: []\n", "Did you mean effects"),
+        ("3\n", "must be a list"),
+    ],
+)
+def test_other_files_are_refused(tmp_path, text, message):
     path = tmp_path / "effects.yaml"
-    with pytest.raises(InputError, match="cannot read"):
-        read_effects(path)
-    path.write_text("a: [1\n")
-    with pytest.raises(InputError, match="not a YAML file"):
-        read_effects(path)
-    path.write_text("effect: []\n")
-    with pytest.raises(InputError, match="Did you mean effects"):
-        read_effects(path)
-    path.write_text("3\n")
-    with pytest.raises(InputError, match="must be a list"):
+    if text:
+        path.write_text(text)
+    with pytest.raises(InputError, match=message):
         read_effects(path)

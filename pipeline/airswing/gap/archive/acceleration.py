@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from airswing.flags import PHASE
 from airswing.gap.arrays import Floats
-from airswing.gap.noise.whitening import flight_order, flight_steps
+from airswing.gap.noise import flight_order, flight_steps
 from airswing.physics.atmosphere import altitude_from_pressure
 from airswing.physics.robust_spread import robust_sd
 from airswing.physics.splines import hats

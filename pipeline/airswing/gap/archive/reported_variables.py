@@ -19,32 +19,34 @@ from airswing.gap.arrays import Booleans, Floats, Integers
 from airswing.physics.atmosphere import altitude_from_pressure
 from airswing.units import DAY, FOOT, ZERO_CELSIUS
 
-#: Variables with kind, number of cells of a curve, and unit.
-VARIABLES: dict[str, tuple[str, int, str]] = {
-    "magnetic_heading": ("circular", 12, "degree"),
-    "track": ("circular", 12, "degree"),
-    "wind_direction": ("circular", 12, "degree"),
-    "hour": ("circular", 8, "hour"),
-    "wind_speed": ("linear", 8, "m/s"),
-    "airspeed": ("linear", 8, "m/s"),
-    "ground_speed": ("linear", 8, "m/s"),
-    "drift": ("linear", 8, "degree"),
-    "latitude": ("linear", 8, "degree"),
-    "longitude": ("linear", 8, "degree"),
-    "altitude": ("linear", 8, "ft"),
-    "temperature": ("linear", 8, "degC"),
-    "bank": ("linear", 6, "degree"),
-    "acceleration": ("linear", 6, "m/s2"),
-    "turn": ("linear", 12, "degree"),
-    "last_turn": ("linear", 6, "degree"),
-    "flight_time": ("linear", 8, "minute"),
-    "date": ("linear", 6, "day"),
-    "icing": ("category", 2, ""),
-    "phase": ("category", 3, ""),
+#: Variables with kind, number of cells of a curve, unit, and knots of a table: about the resolution
+#: that an archive of some weeks supports.
+VARIABLES: dict[str, tuple[str, int, str, int]] = {
+    "magnetic_heading": ("circular", 12, "degree", 12),
+    "track": ("circular", 12, "degree", 12),
+    "wind_direction": ("circular", 12, "degree", 18),
+    "hour": ("circular", 8, "hour", 8),
+    "wind_speed": ("linear", 8, "m/s", 8),
+    "airspeed": ("linear", 8, "m/s", 10),
+    "ground_speed": ("linear", 8, "m/s", 8),
+    "drift": ("linear", 8, "degree", 8),
+    "latitude": ("linear", 8, "degree", 7),
+    "longitude": ("linear", 8, "degree", 8),
+    "altitude": ("linear", 8, "ft", 9),
+    "temperature": ("linear", 8, "degC", 8),
+    "bank": ("linear", 6, "degree", 5),
+    "acceleration": ("linear", 6, "m/s2", 6),
+    "turn": ("linear", 12, "degree", 6),
+    "last_turn": ("linear", 6, "degree", 4),
+    "flight_time": ("linear", 8, "minute", 8),
+    "date": ("linear", 6, "day", 9),
+    "icing": ("category", 2, "", 1),
+    "phase": ("category", 3, "", 1),
 }
 #: Kind and number of cells, and unit, of each variable.
-KINDS = {name: (kind, cells) for name, (kind, cells, _) in VARIABLES.items()}
-UNITS = {name: unit for name, (_, _, unit) in VARIABLES.items()}
+KINDS = {name: row[:2] for name, row in VARIABLES.items()}
+UNITS = {name: row[2] for name, row in VARIABLES.items()}
+KNOTS = {name: row[3] for name, row in VARIABLES.items()}
 #: Period of the circular variables that are not angles.
 PERIOD = {"hour": 24.0}
 CATEGORIES = {"icing": ("off", "on"), "phase": ("ascent", "cruise", "descent")}

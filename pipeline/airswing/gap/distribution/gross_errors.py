@@ -12,7 +12,7 @@ from airswing.gap.archive.frame import Frame
 from airswing.gap.arrays import Booleans, Floats
 from airswing.gap.distribution.entries import against_chance, closes, effect_of
 from airswing.gap.effects.base import Stated, number
-from airswing.gap.noise.model import NoiseFit, gross_errors
+from airswing.gap.noise import NoiseFit, gross_errors
 from airswing.gap.result.schema import ClosesEntry, EffectEntry
 from airswing.gap.simulation.forward import Coding, draw_noise
 from airswing.physics.robust_spread import robust_sd

@@ -26,8 +26,7 @@ from airswing.gap.model.evidence import Found, static_evidence
 from airswing.gap.model.passes import Fitted
 from airswing.gap.model.sums import days_of
 from airswing.gap.model.terms import GATE, Statistics, noise_factor
-from airswing.gap.noise.model import NoiseFit, whitening_gains
-from airswing.gap.noise.whitening import interpolation_errors
+from airswing.gap.noise import NoiseFit, interpolation_errors, whitening_gains
 from airswing.gap.result.schema import CurveEntry, PlaceEntry
 from airswing.gap.simulation.forward import Coding, draw_noise
 
@@ -58,12 +57,7 @@ def log_squares(residual: Floats, noise: NoiseFit) -> tuple[Floats, Floats]:
 
 
 def excess_log_squares(
-    frame: Frame,
-    context: Frame,
-    residual: Floats,
-    noise: NoiseFit,
-    gross: Booleans,
-    seed: int,
+    frame: Frame, context: Frame, residual: Floats, noise: NoiseFit, gross: Booleans, seed: int
 ) -> tuple[Floats, Floats]:
     """Y of the module, and the variance that the noise model expects, (n,)."""
     doubt = heading_doubt(frame, context)

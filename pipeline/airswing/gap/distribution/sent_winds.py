@@ -82,12 +82,7 @@ def contrasts(real: Floats, simulated: Floats, periodic: bool) -> tuple[Floats, 
 
 
 def find_sent_winds(
-    frame: Frame,
-    residual: Floats,
-    *,
-    without: Collection[int] = (),
-    gross: Booleans,
-    seed: int = 0,
+    frame: Frame, residual: Floats, *, without: Collection[int] = (), gross: Booleans, seed: int = 0
 ) -> tuple[PlaceEntry, tuple[int, ...]] | None:
     """Winds sent otherwise than simulated ones, where the evidence passes the gate.
 
@@ -138,13 +133,13 @@ def find_sent_winds(
     speeds, sent = _speed_map(real, drawn, whole)
     count = [np.bincount(one["wind_direction"][whole], minlength=36) for one in cells]
     directions = count[0] / np.maximum(np.mean(count[1:], axis=0), 1.0) - 1.0
-    component, size = "reported_direction", 0.0
+    component, rms = "reported_direction", 0.0
     closure = closes(0.0, 0.0)
     percent = (100.0 * directions).tolist()
     curve = CurveEntry([f"{10 * k}" for k in range(36)], percent, unit="percent")
     if name == "wind_speed" and (speeds != sent).any():
         component = "reported_speed"
-        size = float(np.sqrt(np.mean((sent - speeds) ** 2)))
+        rms = float(np.sqrt(np.mean((sent - speeds) ** 2)))
         closure = _closure(frame, drawn, whole, speeds, sent, day)
         curve = CurveEntry(
             [f"{speed:.3g}" for speed in speeds],
@@ -155,7 +150,7 @@ def find_sent_winds(
             edges=[speeds.tolist()],
             values=sent.tolist(),
         )
-    place = place_of(component, name, tails, frame.tails, score, size, curve, closure)
+    place = place_of(component, name, tails, frame.tails, score, rms, curve, closure)
     place = replace(place, settled_by="the unit's winds before coding and those it sends")
     grid = direction_lattice(*real[whole].T) if name == "wind_direction" else None
     if grid is not None:
@@ -192,12 +187,7 @@ def _speed_map(real: Floats, drawn: list[Floats], whole: Booleans) -> tuple[Floa
 
 
 def _closure(
-    frame: Frame,
-    drawn: list[Floats],
-    whole: Booleans,
-    speeds: Floats,
-    sent: Floats,
-    day: Integers,
+    frame: Frame, drawn: list[Floats], whole: Booleans, speeds: Floats, sent: Floats, day: Integers
 ) -> ClosesEntry:
     """What the map adds to the disagreement of simulated reports, kt."""
     reference = np.stack([frame.u_ref, frame.v_ref], -1)

@@ -40,12 +40,7 @@ class AltitudeOffset(ProportionalEffect, WindEffect):
     source = "First-order Taylor expansion of the reference wind in ln p; ICAO Doc 7488/3."
     parameters = (
         Parameter(
-            "offset_ft",
-            "ft",
-            300.0,
-            "positive: reported higher than flown",
-            required=True,
-            si=FOOT,
+            "offset_ft", "ft", 300.0, "positive: reported higher than flown", required=True, si=FOOT
         ),
     )
     needs = ("dudlnp",)

@@ -66,7 +66,7 @@ class DeclinationError(HeadingEffect):
         read_from=(("across", "longitude"),),
     )
     distinguished_by: ClassVar[Mapping[str, str]] = {
-        "compass_offset": "flights over a larger region, where the declination varies",
+        "compass_offset": "flights over a larger region, where the declination varies"
     }
     physics = (
         "The unit turns magnetic into true heading by a stored table of the magnetic variation. "

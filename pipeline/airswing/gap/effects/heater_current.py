@@ -77,7 +77,7 @@ class HeaterCurrent(OffsetAndCycle):
         read_from=(("across", "icing"),),
     )
     distinguished_by: ClassVar[Mapping[str, str]] = {
-        "compass_offset": "the icing flag, on and off on each heading",
+        "compass_offset": "the icing flag, on and off on each heading"
     }
     physics = (
         "The direct current of electric de-icing makes a magnetic field fixed in the aircraft; the "

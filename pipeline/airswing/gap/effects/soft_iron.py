@@ -20,9 +20,7 @@ class SoftIron(CycleEffect):
     draw = Draw(
         Cycle(), ("amplitude_deg",), on_real_data=True, compared=("amplitude_deg", "phase_deg")
     )
-    distinguished_by: ClassVar[Mapping[str, str]] = {
-        "hard_iron": "headings in more compass points",
-    }
+    distinguished_by: ClassVar[Mapping[str, str]] = {"hard_iron": "headings in more compass points"}
     physics = (
         "Soft iron lying in the horizontal is magnetised by the earth's horizontal field and turns "
         "with the aircraft: two cycles in magnetic heading, independent of the field strength."

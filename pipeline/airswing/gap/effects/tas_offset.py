@@ -17,7 +17,7 @@ class TasOffset(AirspeedEffect):
     title = "airspeed wrong by an amount"
     draw = Draw(Signed("offset_m_s"), ("offset_m_s",), on_real_data=True, compared=("offset_m_s",))
     distinguished_by: ClassVar[Mapping[str, str]] = {
-        "tas_scale": "reports over a wider range of airspeeds",
+        "tas_scale": "reports over a wider range of airspeeds"
     }
     physics = (
         "A zero error of the pressure transducers makes the airspeed wrong by an amount rather "

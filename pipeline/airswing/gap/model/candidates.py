@@ -18,7 +18,7 @@ from functools import partial
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.archive.reported_variables import KINDS, PERIOD, record, values_of
+from airswing.gap.archive.reported_variables import KINDS, KNOTS, PERIOD, record, values_of
 from airswing.gap.arrays import Floats, Singles
 from airswing.gap.design import climatology_columns
 from airswing.gap.effects.base import Effect, HeadingEffect
@@ -33,27 +33,6 @@ PARTS = {
     "across_heading": "heading",
     "along_heading": "airspeed",
     "airspeed_factor": "airspeed",
-}
-#: Knots of a curve, by variable: about the resolution that an archive of some weeks supports.
-KNOTS = {
-    "magnetic_heading": 12,
-    "track": 12,
-    "drift": 8,
-    "airspeed": 10,
-    "altitude": 9,
-    "temperature": 8,
-    "bank": 5,
-    "acceleration": 6,
-    "turn": 6,
-    "last_turn": 4,
-    "hour": 8,
-    "date": 9,
-    "latitude": 7,
-    "longitude": 8,
-    "flight_time": 8,
-    "wind_speed": 8,
-    "wind_direction": 18,
-    "ground_speed": 8,
 }
 #: Cycles of a table of the magnetic heading: a flux valve's error holds five at most.
 CYCLES = 5
@@ -157,7 +136,7 @@ def curve_of(name: str, values: Floats, count: int | None = None) -> Curve:
     """Curve of a variable with knots at quantiles of its values; ``count`` knots at most."""
     if name == "magnetic_heading" and count is None:
         return Curve(name, np.zeros(1))
-    number = count or KNOTS.get(name, 1)
+    number = count or KNOTS[name]
     if KINDS[name][0] == "category":
         return Curve(name, np.unique(values[np.isfinite(values)]))
     if KINDS[name][0] == "circular":

@@ -19,14 +19,7 @@ from scipy.special import logsumexp
 
 from airswing.gap.arrays import Booleans, Integers
 from airswing.gap.model.candidates import Group
-from airswing.gap.model.terms import (
-    BLOCKS,
-    WIDE,
-    Model,
-    Statistics,
-    cluster_factor,
-    number_prior,
-)
+from airswing.gap.model.terms import BLOCKS, WIDE, Model, Statistics, cluster_factor, number_prior
 
 Floats = NDArray[Any]
 
@@ -182,12 +175,7 @@ def _alike(
 
 
 def static_evidence(
-    found: Statistics,
-    kappa: float,
-    scopes: str,
-    *,
-    scales: Floats = SCALES,
-    usual: float = SMALL,
+    found: Statistics, kappa: float, scopes: str, *, scales: Floats = SCALES, usual: float = SMALL
 ) -> dict[str, Found]:
     """Evidence of a candidate that acts on the whole archive, by scope (of ``a`` and ``f``).
 
@@ -469,8 +457,7 @@ def exchange_evidence(model: Model, group: Group, kappa: float) -> Exchange | No
 
     whole = evidence(information.sum(axis=1), score.sum(axis=1))
     crossed = evidence(
-        early_information[:, None] + late_information[None],
-        early_score[:, None] + late_score[None],
+        early_information[:, None] + late_information[None], early_score[:, None] + late_score[None]
     )
     gain = crossed + crossed.transpose(1, 0, 2) - (whole[:, None] + whole[None])[..., None]
     change = (

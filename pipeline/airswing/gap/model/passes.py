@@ -24,7 +24,7 @@ from airswing.gap.model.refit import Refit, refit, without_errors
 from airswing.gap.model.selection import search
 from airswing.gap.model.sums import Sums
 from airswing.gap.model.terms import GATE, Model, Term, set_prior
-from airswing.gap.noise.model import NoiseFit, fit_noise
+from airswing.gap.noise import NoiseFit, fit_noise
 
 Say = Callable[[str], None]
 

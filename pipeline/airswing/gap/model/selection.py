@@ -12,9 +12,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from airswing.gap.archive.reported_variables import KINDS
+from airswing.gap.archive.reported_variables import KINDS, KNOTS
 from airswing.gap.arrays import Floats
-from airswing.gap.model.candidates import KNOTS, Group, Table
+from airswing.gap.model.candidates import Group, Table
 from airswing.gap.model.evidence import dated_evidence, static_evidence
 from airswing.gap.model.terms import GATE, Model, Statistics, Term, describe, set_prior
 
@@ -92,9 +92,7 @@ def usual_sizes(
         aircraft = [_directions(s.information, s.score, kappa) for s in own]
         fleet = [
             _directions(
-                s.fleet_information[None],
-                s.score.sum(axis=0)[None],
-                max(1.0, s.fleet_factor),
+                s.fleet_information[None], s.score.sum(axis=0)[None], max(1.0, s.fleet_factor)
             )
             for s in own
         ]
@@ -252,10 +250,7 @@ def _without_idle(model: Model, terms: Sequence[Term], term: Term, before: float
 
 
 def search(
-    model: Model,
-    *,
-    start: Sequence[Term] = (),
-    say: Callable[[str], None] = lambda text: None,
+    model: Model, *, start: Sequence[Term] = (), say: Callable[[str], None] = lambda text: None
 ) -> list[Term]:
     """Add terms, and replace or remove them, until nothing changes."""
     terms = list(start)

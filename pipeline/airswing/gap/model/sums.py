@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 from airswing.gap.archive.frame import Frame
 from airswing.gap.arrays import Floats, Integers, Singles
 from airswing.gap.model.candidates import Candidates, Group
-from airswing.gap.noise.model import NoiseFit
-from airswing.gap.noise.whitening import whiten
+from airswing.gap.noise import NoiseFit, whiten
 from airswing.units import DAY
 
 #: Columns for which memory is set aside at a time beyond those of the first call (finer tables).

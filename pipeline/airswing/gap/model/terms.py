@@ -342,8 +342,8 @@ def _with_factors(
 ) -> Statistics:
     """Statistics with the noise factors of day scores (A, D, m) less the aircraft's own fits."""
     ridge = found.ridge
-    inverse = np.linalg.inv(found.information + ridge)
-    fleet_inverse = np.linalg.inv(found.fleet_information + ridge)
+    inverse = np.asarray(np.linalg.inv(found.information + ridge), np.float64)
+    fleet_inverse = np.asarray(np.linalg.inv(found.fleet_information + ridge), np.float64)
     factor = np.maximum(*(cluster_factor(apart, by_day, inverse, ridge, n) for n in BLOCKS))
     together = apart.sum(axis=0)[None]
     fleet_factor = max(

@@ -36,11 +36,7 @@ def _of_place(place: PlaceEntry) -> list[dict[str, object]]:
     curve = place.curve
     if curve.edges is None:
         return []
-    parameters = {
-        "component": place.component,
-        "variables": curve.variables,
-        "edges": curve.edges,
-    }
+    parameters = {"component": place.component, "variables": curve.variables, "edges": curve.edges}
     pieces = [(place.tails or "all", curve.values)]
     if curve.per_tail:
         pieces = [([tail], values) for tail, values in curve.per_tail.items()]

@@ -140,10 +140,7 @@ def by_member(
                 ((reference, of_one),) = same.items()
                 errors = of_one.standard_errors or {}
                 entry = replace(
-                    entry,
-                    reference=reference,
-                    parameters=of_one.parameters,
-                    standard_errors=errors,
+                    entry, reference=reference, parameters=of_one.parameters, standard_errors=errors
                 )
         out.append(entry)
     return out

@@ -29,7 +29,7 @@ from airswing.gap.archive.lattices import HeadingSteps
 from airswing.gap.arrays import Booleans, Floats
 from airswing.gap.effects import CATALOGUE, EMPIRICAL, ActiveEffect, Effect, State, effect_named
 from airswing.gap.effects.base import Parameters, Stage, absent_context
-from airswing.gap.noise.model import NoiseModel
+from airswing.gap.noise import NoiseModel
 from airswing.physics.triangle import (
     bearing,
     wind_components,

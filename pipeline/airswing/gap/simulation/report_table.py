@@ -24,7 +24,7 @@ from airswing.flags import ICING, PHASE, ROLL, TEMPERATURE_QC
 from airswing.gap.archive.frame import Frame
 from airswing.gap.arrays import Booleans, Floats
 from airswing.gap.effects import ActiveEffect
-from airswing.gap.noise.model import NoiseModel
+from airswing.gap.noise import NoiseModel
 from airswing.gap.simulation.forward import Coding, simulate
 from airswing.physics.triangle import wind_from_direction, wrap_degrees
 from airswing.products.whole_files import atomic

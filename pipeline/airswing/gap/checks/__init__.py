@@ -1,1 +1,0 @@
-"""Checks of the assumptions of a diagnosis, each on the archive at hand."""

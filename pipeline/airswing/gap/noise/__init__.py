@@ -1,1 +1,0 @@
-"""Covariance of the wind residual along flights, and whitening by it."""
