@@ -232,12 +232,12 @@ def _unseen_in_means(
         whose.extend(frame.tails.index(tail) for tail in one.tails)
     if not dictionary:
         return out
-    left_out = gross & np.isin(frame.aircraft, erring)
-    sent = find_sent_winds(frame, rest, without=coded, gross=left_out, seed=seed)
+    named = gross & np.isin(frame.aircraft, erring)
+    sent = find_sent_winds(frame, rest, without=coded, gross=named, seed=seed)
     if sent is not None:
         out.append(sent[0])
         coded.extend(sent[1])
-    scatter = find_scatter(fitted, rest, gross=left_out, without=coded, seed=seed)
+    scatter = find_scatter(fitted, rest, gross=gross, named=named, without=coded, seed=seed)
     return out if scatter is None else [*out, scatter]
 
 

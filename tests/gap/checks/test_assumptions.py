@@ -24,6 +24,7 @@ from airswing.gap.noise import (
     kalman_gains,
     whiten,
 )
+from airswing.gap.simulation.forward import draw_noise
 
 
 @pytest.fixture(scope="module")
@@ -48,19 +49,9 @@ def archive():
 
 @pytest.fixture(scope="module")
 def drawn(archive):
-    """Noise drawn along each flight from its definition, without the whitening."""
+    """Noise drawn along each flight, without the whitening."""
     frame, noise = archive
-    rng = np.random.default_rng(0)
-    out = rng.normal(size=(frame.size, 2))
-    for number in np.unique(frame.flight):
-        rows = np.flatnonzero(frame.flight == number)
-        state = 2.0 * rng.normal(size=2)
-        for k, i in enumerate(rows[np.argsort(frame.time[rows])]):
-            if k:
-                phi = noise.gains.decay[i]
-                state = phi * state + 2.0 * np.sqrt(1 - phi**2) * rng.normal(size=2)
-            out[i] += state
-    return out
+    return draw_noise(frame, noise.model, rng=np.random.default_rng(0))
 
 
 def check(archive, residual):

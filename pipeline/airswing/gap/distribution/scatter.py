@@ -79,16 +79,17 @@ def find_scatter(
     residual: Floats,
     *,
     gross: Booleans,
+    named: Booleans,
     without: Collection[int] = (),
     seed: int = 0,
 ) -> PlaceEntry | None:
     """Reports that scatter more than simulated ones, where the log posterior odds pass the gate.
 
-    ``residual`` (n, 2) is without the effects found; left out are ``gross`` errors that have a name
-    and aircraft (``without``) whose scatter has a name.
+    ``residual`` (n, 2) is without the effects found; left out are gross errors that have a name
+    (``named``) and aircraft (``without``) whose scatter has a name.
     """
     frame, variables = fitted.frame, fitted.model.sums.candidates.variables
-    y, variance = excess_log_squares(frame, fitted.context, residual, fitted.noise, gross, seed)
+    y, variance = excess_log_squares(frame, fitted.context, residual, fitted.noise, named, seed)
     y[np.isin(frame.aircraft, list(without))] = np.nan
     known = np.isfinite(y)
     if known.sum() < LEAST_REPORTS * 5:
