@@ -21,18 +21,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from airswing.gap.archive.frame import Frame
 from airswing.gap.arrays import Booleans, Floats, Integers
 from airswing.physics.great_circle import central_angle
 from airswing.physics.robust_spread import robust_sd
-
-if TYPE_CHECKING:
-    from airswing.gap.archive.frame import Frame
 
 #: Columns of a report above which values are transposed for the recursion: numpy works on
 #: contiguous rows of many columns faster than on short stretches of every column.

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from airswing.flags import PHASE
 from airswing.gap.arrays import Floats
-from airswing.gap.noise import flight_order, flight_steps
 from airswing.physics.atmosphere import altitude_from_pressure
+from airswing.physics.great_circle import central_angle
 from airswing.physics.robust_spread import robust_sd
 from airswing.physics.splines import hats
 
@@ -37,8 +37,8 @@ KNOTS = np.array([0.0, 20.0, 40.0, 65.0, 100.0, 150.0, 210.0])
 SMOOTH = 12.0
 #: Reports (climb, descent) and flights (levelling off) below which nothing is fitted.
 FEWEST = 50
-#: Chords in cruise used from each flight.
-CHORDS = 4
+#: Chords in cruise used from each flight, and the sphere on which they are measured, m.
+CHORDS, SPHERE_RADIUS = 4, 6.371e6
 
 
 def acceleration_at_reports(
@@ -60,11 +60,12 @@ def acceleration_at_reports(
     log_pressure = np.log(pressure)
     out = expected_acceleration(acceleration, log_pressure, phase, flight)
     since = time_since_levelling(time, altitude_from_pressure(pressure), phase, flight)
-    distance, _ = flight_steps(latitude, longitude, log_pressure, flight_order(flight, time))
     known = np.flatnonzero(np.isfinite(since[:-1]) & np.isfinite(since[1:]))
     known = known[flight[known] == flight[known + 1]]
     start, end = since[known], since[known + 1]
-    speed = distance[known + 1] / np.maximum(end - start, 1.0)
+    lat, lon = np.radians(latitude), np.radians(longitude)
+    chord = central_angle(lat[known], lon[known], lat[known + 1], lon[known + 1])
+    speed = SPHERE_RADIUS * chord / np.maximum(end - start, 1.0)
     fitted = fit_levelling(start, end, speed, flight[known])
     if fitted is not None:
         near = since < KNOTS[-1]
