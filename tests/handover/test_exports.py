@@ -19,7 +19,6 @@ import airswing
 from airswing.config import Handover
 from airswing.flags import CORRECTION, PHASE, PLATFORM, SCREENING
 from airswing.handover.export import as_text
-from airswing.handover.records import fixed, lines
 from airswing.products.netcdf import write_product
 from tests.handover import obsproc, wrf_nudging, wrfda
 from tests.handover.archives import corrected
@@ -28,28 +27,6 @@ EPOCH = datetime(1970, 1, 1)
 FORMATS = ("obs_domain", "little_r", "ob_ascii")
 STEP = {"obs_domain": 1e-3, "little_r": 1e-4, "ob_ascii": 6e-3}
 """m/s of a component that a format's rounding may cost: direction to 0.001 degree at 150 m/s."""
-
-
-@pytest.mark.parametrize(
-    ("value", "field", "decimals", "text"),
-    [
-        (-888888.0, "%11.3f", 3, "-888888.000"),
-        (-0.0004, "%9.3f", 3, "    0.000"),  # some readers stop at -0
-        (-12.5, "%8.2f", 2, "  -12.50"),
-        (9.9996, "%8.3f", 3, "  10.000"),
-        (100000.0, "%5.0f", 0, None),
-        (-888888.0, "%10.3f", 3, None),
-        (np.nan, "%11.3f", 3, None),
-        (np.inf, "%11.3f", 3, None),
-        (9999.9999, "%8.3f", 3, None),
-    ],
-)
-def test_numbers_fill_their_columns_or_are_refused(value, field, decimals, text):
-    if text is None:
-        with pytest.raises(ValueError, match=r"columns|finite"):
-            lines(f"|{field}|", [fixed([1.0, value], decimals)])
-    else:
-        assert lines(f"|{field}|", [fixed([value], decimals)]) == [f"|{text}|"]
 
 
 def understood(to, path):
@@ -336,20 +313,6 @@ def test_soundings_that_the_nudging_would_ignore(tmp_path, pressure, phase, size
     # Other readers have no such limits.
     result = airswing.export(profile(pressure), to="little_r", path=tmp_path / "g", soundings=True)
     assert result["reports"] == 1 or phase == "descent"
-
-
-def test_the_notes_give_how_far_soundings_move_reports(tmp_path):
-    """By hand: 7 reports, 0.25 degrees of latitude and 3 minutes apart."""
-    ds = profile(
-        np.linspace(900, 400, 7),
-        latitude=40.0 + 0.25 * np.arange(7),
-        longitude=-90.0,
-        time=np.datetime64("2008-07-15T12", "ns") + np.arange(7) * np.timedelta64(3, "m"),
-    )
-    for to in FORMATS:
-        result = airswing.export(ds, to=to, path=tmp_path / to, soundings=True)
-        assert "moved a report by up to 83 km and 9 min" in result["notes"][0]
-        assert airswing.export(ds, to=to, path=tmp_path / f"{to}1")["notes"][0][0] != "1"
 
 
 @pytest.mark.parametrize("to", FORMATS)

@@ -1,7 +1,6 @@
 """Forecasts corrected after the fact: real stations, real GRIB, and nothing from the future."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -20,9 +19,8 @@ from airswing.handover.forecasts.correcting import (
     station_distribution,
 )
 from airswing.handover.forecasts.forecast_pairs import pairs_from_tables
-from airswing.handover.forecasts.stations import UNITS, forecasts_at_stations, pairs_at_stations
+from airswing.handover.forecasts.stations import forecasts_at_stations, pairs_at_stations
 from airswing.products.netcdf import read_product
-from tests.reference.builders import LAMBERT, LATLON, build, write
 
 
 def pairs(errors, *, first="2009-01-01", step="1D", leads=(12.0,), variable="air_temperature"):
@@ -105,16 +103,6 @@ def test_nothing_observed_after_the_start_is_used():
         assert float(moved.isel({"lead": index, TIME: start}).squeeze()) > 5.0
 
 
-def test_ratio_is_chosen_on_the_first_part_of_the_days():
-    rng = np.random.default_rng(5)
-    calm = 2.0 + rng.normal(size=(30, 60, 1))
-    wild = np.cumsum(rng.normal(0, 2.0, (30, 60, 1)), axis=1) + 0.1 * rng.normal(size=(30, 60, 1))
-    found = correct_forecasts(pairs(np.concatenate([calm, wild], axis=1)))
-    assert found["ratio"].item() <= 0.01
-    found = correct_forecasts(pairs(np.concatenate([wild, calm], axis=1)))
-    assert found["ratio"].item() == 0.4
-
-
 def test_a_variable_the_filter_would_make_worse_is_unchanged(tmp_path):
     rng = np.random.default_rng(4)
     noise = pairs(rng.normal(size=(1, 60, 1)))
@@ -176,13 +164,6 @@ def test_scores_of_stations_have_intervals_by_days():
     np.testing.assert_allclose(whole, one["skill_by_station_interval"][0], rtol=1e-12)
 
 
-def test_wind_speed_is_never_negative():
-    found = correct_forecasts(pairs(np.linspace(0, 300, 40)[None, ::-1, None]))
-    low = found.assign_coords(variable=["wind_speed"])
-    low = correct_forecasts(low[["forecast", "observation"]] - 280.0)
-    assert float(low["corrected_forecast"].min()) == 0.0
-
-
 def wrf(real):
     folder = real("grib/wrf_ruc13_g212")
     return sorted(folder.iterdir())
@@ -219,74 +200,6 @@ def test_grib_at_grid_points_is_the_grids_value_turned_to_true_north(real):
     np.testing.assert_allclose(got.loc["eastward_wind"], east, atol=0.02)
     np.testing.assert_allclose(got.loc["northward_wind"], north, atol=0.02)
     assert abs(angle).max() > 0.05 and skipped == {}
-
-
-NEAR = {
-    "t": {"typeOfLevel": "heightAboveGround", "level": 2},
-    "u": {"typeOfLevel": "heightAboveGround", "level": 10},
-    "v": {"typeOfLevel": "heightAboveGround", "level": 10},
-}
-
-
-@pytest.mark.parametrize("packing", ["grid_simple", "grid_png", "grid_ccsds"])
-def test_a_message_that_ends_the_decoder_costs_one_field(tmp_path, packing):
-    """GRIB2; a stream whose depth is not what its section says aborts ecCodes."""
-    values = 10.0 + np.arange(LAMBERT["Nx"] * LAMBERT["Ny"]) / 100.0
-    parts = [
-        build(
-            LAMBERT,
-            values + 270.0 * (name == "t"),
-            parameter=name,
-            packing=packing,
-            extra=NEAR[name],
-        )
-        for name in "tuv"
-    ]
-    stations = pd.DataFrame({"station": ["A"], "latitude": [30.0], "longitude": [-105.0]})
-    whole = Path(write(tmp_path / "whole.grib2", *parts))
-    table, skipped = forecasts_at_stations([whole], stations)
-    found = table.set_index("variable")["forecast"]
-    assert skipped == {} and set(found.index) == set(UNITS)
-    # The three fields are one but for 270 K: the wind is that along both axes of the grid.
-    along = found["air_temperature"] - 270.0
-    assert found["wind_speed"] == pytest.approx(np.sqrt(2.0) * along, abs=0.02)
-    png = build(LAMBERT, values, parameter="u", packing="grid_png", extra=NEAR["u"])
-    at = png.index((21).to_bytes(4, "big") + b"\x05") + 19
-    deadly = png[:at] + b"\x08" + png[at + 1 :]
-    bad = Path(write(tmp_path / "bad.grib2", parts[0], deadly, parts[2]))
-    table, skipped = forecasts_at_stations([bad], stations)
-    assert table["variable"].unique().tolist() == ["air_temperature"]
-    assert list(skipped.values()) == [1] and "message" in next(iter(skipped))
-
-
-@pytest.mark.parametrize("spread_first", [True, False])
-def test_the_spread_of_an_ensemble_is_no_forecast(tmp_path, spread_first):
-    """Of a mean and a spread of one time the mean is read, whatever their order."""
-    mean = {"productDefinitionTemplateNumber": 2, "derivedForecast": 0, **NEAR["t"]}
-    values = 280.0 + np.zeros(LAMBERT["Nx"] * LAMBERT["Ny"])
-    # A spread of 200 K is in the range of temperatures: it is known by its header alone.
-    parts = [
-        build(LAMBERT, kelvin + 0 * values, parameter="t", extra=mean | {"derivedForecast": code})
-        for kelvin, code in ((280.0, 0), (200.0, 4))
-    ]
-    path = Path(write(tmp_path / "m.grib2", *(parts[::-1] if spread_first else parts)))
-    stations = pd.DataFrame({"station": ["A"], "latitude": [30.0], "longitude": [-105.0]})
-    table, skipped = forecasts_at_stations([path], stations)
-    assert table["forecast"].tolist() == pytest.approx([280.0], abs=0.01)
-    assert list(skipped.values()) == [1] and "spread" in next(iter(skipped))
-
-
-def test_other_heights_levels_and_averages_are_no_forecasts_at_stations(tmp_path):
-    others = [
-        build(LAMBERT, None, parameter="t", extra={**NEAR["t"], "level": 80}),
-        build(LAMBERT, None, parameter="u", extra={**NEAR["u"], "level": 2}),
-        build(LATLON, None, parameter="v"),
-        build(LATLON, None, parameter="t", edition=1),
-    ]
-    path = Path(write(tmp_path / "m.grib", *others))
-    stations = pd.DataFrame({"station": ["A"], "latitude": [50.0], "longitude": [10.0]})
-    with pytest.raises(InputError, match="no temperature at 2 m and no wind at 10 m"):
-        forecasts_at_stations([path], stations)
 
 
 def test_grib_forecasts_meet_observations(real, tmp_path):

@@ -16,7 +16,7 @@ import pytest
 
 from tests.conftest import ROOT
 from tests.handover import obsproc, wrf_nudging, wrfda
-from tests.handover.fortran import Lines, real
+from tests.handover.fortran import Lines
 
 GOLDEN = ROOT.parent / "shared" / "handover"
 NOON = datetime(2008, 7, 15, 12)
@@ -44,22 +44,6 @@ def assert_same(
             np.testing.assert_allclose(found[name], value, rtol=close, atol=1e-9, err_msg=name)
         else:
             assert found[name] == value, name
-
-
-@pytest.mark.parametrize(
-    ("field", "decimals", "value"),
-    [
-        ("    129", 3, 0.129),
-        ("  129.000", 3, 129.0),
-        ("", 3, 0.0),
-        ("-888888.", 0, -888888.0),
-        ("-888888", 2, -8888.88),
-        (" 1.5E2", 3, 150.0),
-        ("  -.5", 3, -0.5),
-    ],
-)
-def test_real_numbers_as_fortran_has_them(field, decimals, value):
-    assert real(field, decimals) == pytest.approx(value, rel=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -101,14 +101,6 @@ def test_order_of_rows_and_files_does_not_matter(tmp_path: Path, order: list[int
     xr.testing.assert_equal(split, wanted)
 
 
-def test_midnight_and_the_antimeridian_end_no_flight(tmp_path: Path):
-    table = flight(start="2008-12-31T23:50:00", longitude=179.5, speed=200.0)
-    ds, _ = read(tmp_path, table)
-    assert float(ds["longitude"].min()) < -179 < 179 < float(ds["longitude"].max())
-    assert np.unique(ds["flight"]).tolist() == [0]
-    assert ds["time"].to_numpy()[-1] > np.datetime64("2009-01-01")
-
-
 def test_given_phases_and_flights_are_kept_and_the_rest_derived(tmp_path: Path):
     first = flight(flight="MES1", phase=["descent"] + [""] * 9)
     second = flight(flight="MES1", start="2009-01-06T12:00:00", phase="")
@@ -127,15 +119,6 @@ def test_levels_of_a_profile_are_no_conflict_and_follow_the_climb(tmp_path: Path
     ds, audit = read(tmp_path, rows)
     assert audit["dropped"] == {}
     np.testing.assert_allclose(ds["pressure_altitude"] / 0.3048, [1000, 3000, 9800], atol=0.1)
-
-
-def test_flights_of_one_aircraft_are_contiguous(tmp_path: Path):
-    both = pd.concat([flight(flight="A"), flight(flight="B", longitude=10.0)])
-    ds, audit = read(tmp_path, both.sort_values("time"))
-    assert audit["dropped"] == {}
-    assert ds["aircraft"].to_numpy().tolist() == ["N412XJ-1", "N412XJ-2"]
-    assert ds["flight"].to_numpy().tolist() == [0] * 10 + [1] * 10
-    assert (np.diff(ds["time"].to_numpy().astype(np.int64)).reshape(-1)[:9] > 0).all()
 
 
 def test_a_mean_over_straight_flight_and_the_middle_of_a_turn(tmp_path: Path):

@@ -88,16 +88,6 @@ def test_flights_of_one_aircraft(minutes, east, label, flights):
     assert found.tolist() == flights
 
 
-@pytest.mark.parametrize("labels", [(-1, -1), (3, 7), (3, -1)])
-def test_two_aircraft_under_one_identifier_are_separated(labels: tuple[int, int]):
-    minutes = np.repeat(np.arange(20.0), 2) + np.tile([0, 0.4], 20)
-    second = np.tile([False, True], 20)
-    east = np.where(second, 10.0, -87.0) + 0.06 * minutes
-    label = np.where(second, labels[1], labels[0])
-    found = derive_flight(columns(minutes, longitude=east, label=label))
-    assert found.tolist() == np.where(second, 1, 0).tolist()
-
-
 def profile(step: float, altitude_step_ft: float) -> tuple[dict[str, np.ndarray], np.ndarray]:
     """Climb at 1500 ft/min to 25,000 ft, cruise, descend; every ``step`` minutes."""
     minutes = np.arange(0.0, 60.0, step)
@@ -146,12 +136,3 @@ def test_phase_of_a_whole_flight(altitude: np.ndarray, phase: str):
     size = altitude.size
     found = derive_phase(columns(np.arange(float(size)), altitude=altitude), np.zeros(size, int))
     assert (found == PHASE[phase]).all()
-
-
-def test_interleaved_flights_have_phases_of_their_own():
-    flown = columns(np.repeat(np.arange(10.0), 2), altitude=6000.0)
-    flight = np.tile([0, 1], 10)
-    flown["pressure_altitude"][1::2] = 2000.0 + 300.0 * np.arange(10)
-    found = derive_phase(flown, flight)
-    assert (found[::2] == PHASE["cruise"]).all()
-    assert (found[1::2] == PHASE["ascent"]).all()

@@ -13,10 +13,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
-from typer.testing import CliRunner
 
-from airswing import cli
-from airswing.config_file import load_config
 from airswing.errors import InputError
 from airswing.reports import Audit, assemble, expand, read_file, read_reports, reports_summary
 from airswing.reports.formats import unregister
@@ -248,12 +245,5 @@ def test_a_format_is_one_new_file(added: None, tmp_path: Path):
     assert reports["aircraft"].values.tolist() == ["N9"]
     np.testing.assert_allclose(reports["eastward_wind"] * 3600 / 1852, [30, 31, 32, 33, 34], 1e-5)
     assert read_reports(path, format="printout").equals(reports)
-    shown = CliRunner().invoke(cli.app, ["inspect", str(path)])
-    assert shown.exit_code == 0 and "printout" in shown.output
-    (tmp_path / "c.yaml").write_text(
-        f"reports: {{files: {path}, format: printout}}\n"
-        "references: {m: {files: m.grb}}\noutput: out\n"
-    )
-    assert load_config(tmp_path / "c.yaml").reports.format == "printout"
     with pytest.raises(InputError, match="printout"):
         read_reports(path, format="printed")

@@ -97,11 +97,3 @@ def test_an_aircraft_with_few_reports_takes_the_usual_step_of_the_others():
     found = resolutions(joined, np.array([60, 2]))
     for values in found.values():
         assert values[1] == values[0]
-
-
-def test_an_archive_of_one_report_claims_nothing_coarse():
-    made = {name: values[:1] for name, values in reports(5, every=180.0, clock=60.0).items()}
-    made["latitude"][:], made["longitude"][:] = 40.0, -80.0
-    made["wind_speed"][:], made["wind_direction"][:] = 10.0 * KNOT, 90.0
-    found = resolutions(made, np.array([1]))
-    assert found["position_resolution"][0] <= 0.01 and found["wind_speed_resolution"][0] <= KNOT

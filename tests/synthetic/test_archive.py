@@ -118,16 +118,8 @@ def test_field_test_units_apply_their_tables(tmp_path: Path) -> None:
     assert error[treated & after].std() < 0.6
     assert error[treated & ~after].std() > 2.0
     assert error[~treated & after].std() > 2.0
-    config = write_archive(
-        tmp_path,
-        days=1,
-        aircraft=2,
-        seed=6,
-        effects=effects,
-        field_test=(0, ("N401",)),
-        columns=20,
-        rows=16,
-        spacing_km=90.0,
-    )
+    sizes = {"columns": 20, "rows": 16, "spacing_km": 90.0}
+    options = {"days": 1, "aircraft": 2, "seed": 6, "field_test": (0, ("N401",)), **sizes}
+    config = write_archive(tmp_path, effects=effects, **options)
     section = yaml.safe_load(config.read_text())["field_test"]
     assert (section["corrected"], section["controls"]) == (["N401"], ["N402"])

@@ -10,15 +10,16 @@ import pytest
 
 from airswing.synthetic.outside_effects import (
     COMPONENTS,
+    MOST_NAMED,
     SCATTER,
     VARIABLES,
     effect_change,
+    named_share,
     part_values,
     report_variables,
 )
 from airswing.synthetic.sealed.cases import ALIKE, OUTSIDE_SHAPES, draw_outside
 from airswing.synthetic.sealed.draws import START, World
-from airswing.synthetic.sealed.outside import MOST_NAMED, named_share
 
 KNOT = 1852.0 / 3600.0
 RNG = np.random.default_rng(0)
@@ -44,20 +45,6 @@ def test_shapes_of_a_variable_that_turns_by_hand():
         part("hour", "saw", at=0.0, width=0.5), {"hour": np.array([0.0, 6.0, 11.999])}
     )
     assert saw == pytest.approx([-1.0, 0.0, 1.0], abs=1e-3)
-
-
-def test_shapes_of_a_variable_with_a_range_by_hand():
-    z = {"altitude": np.linspace(0.0, 100.0, 1001)}
-    step = part_values(part("altitude", "step", at=0.75), z)
-    assert step.mean() == pytest.approx(0.25, abs=0.002)
-    hinge = part_values(part("altitude", "hinge", at=0.5), z)
-    assert hinge[500] == 0.0 and hinge[400] == 0.0
-    # the range is that between the 2nd and 98th percentile: 96 of 100 units
-    assert hinge[740] == pytest.approx(24 / 96, abs=1e-6)
-    flag = part_values(
-        {"variable": "phase", "shape": "flag", "equals": 3.0}, {"phase": np.array([1, 2, 3])}
-    )
-    assert flag.tolist() == [0, 0, 1]
 
 
 def surroundings(n=4000, seed=0):

@@ -13,9 +13,7 @@ from airswing.gap.effects import CATALOGUE
 from airswing.synthetic.instrument import parse_faults
 from airswing.synthetic.sealed.cases import RUNGS, Size
 from airswing.synthetic.sealed.cases import plan_cases as plan
-from airswing.synthetic.sealed.draws import START, Draw, Drawn, World, draw_effect
-from airswing.synthetic.sealed.sealed_archives import strength_of
-from airswing.synthetic.truth import LITTLE, small_effects
+from airswing.synthetic.sealed.draws import START, World, draw_effect
 
 TAILS = World(0, "default", 45, 14).tails
 DRAWS = draws()
@@ -77,19 +75,6 @@ def test_kinds_and_variants_of_cases(planned):
     same = [case for case in pairs if case.variant == "same aircraft"]
     assert 5 < len(same) < len(pairs) - 5
     assert all(case.drawn[0].tails == case.drawn[1].tails for case in same)
-
-
-@pytest.mark.slow
-def test_background_of_the_hard_world_has_the_stated_size():
-    world = World(71, "default", 6, 1, True)  # all effects measured are on the first aircraft
-    tails = [f"N{401 + index}" for index in range(8)]
-    effects = small_effects(tails, 71, days=6.0)
-    for name in {effect["name"] for effect in effects} - {"outliers"}:
-        chosen = [effect for effect in effects if effect["name"] == name]
-        assert len(chosen) == 8
-        how = DRAWS.get(name, Draw())
-        size = strength_of(Drawn(name, ({**chosen[0], "period": None},), how), world)
-        assert 0.75 * LITTLE[0] < size < 1.4 * LITTLE[1], name  # one aircraft's turns differ
 
 
 @pytest.mark.parametrize("name", DRAWS)

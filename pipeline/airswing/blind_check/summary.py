@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from airswing.blind_check.check import Check
 from airswing.blind_check.score import Score
 from airswing.products.whole_files import write_text
-from airswing.synthetic.sealed.outside import WORTH_KT
+from airswing.synthetic.outside_effects import WORTH_KT
 
 DETECTABLE_M_S = 0.4
 #: Edges of the bins of stated probabilities; finer where most claims are.

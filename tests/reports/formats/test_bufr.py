@@ -15,7 +15,7 @@ from benchmarks.fuzz.seeds import bufr_file
 
 from airswing.guarded import WorkerEndedError, guarded
 from airswing.products.ragged import aircraft_of_report
-from airswing.reports import Audit, assemble, read_file, read_reports
+from airswing.reports import read_file, read_reports
 from airswing.reports.formats.bufr import decode_messages
 
 eccodes = pytest.importorskip("eccodes")
@@ -27,109 +27,35 @@ def audit_of(ds: xr.Dataset) -> dict[str, Any]:
     return json.loads(ds.attrs["reading_audit"])
 
 
-def decoded(path: Path, keys: tuple[str, ...]) -> list[dict[str, Any]]:
-    """Single-subset messages straight through eccodes."""
+def test_the_real_file_agrees_with_eccodes_report_by_report(real: Callable[[str], Path]):
+    tails = ("aircraftRegistrationNumberOrOtherIdentification", "aircraftFlightNumber")
+    numbers = ("latitude", "longitude", "hour", "minute", "windSpeed", "airTemperature")
+
+    def value(message: int, key: str) -> Any:
+        try:
+            return eccodes.codes_get(message, f"#1#{key}")
+        except eccodes.KeyValueNotFoundError:
+            return ""
+
     rows = []
-    with path.open("rb") as file:
+    with real(AMDAR).open("rb") as file:
         while (message := eccodes.codes_bufr_new_from_file(file)) is not None:
             eccodes.codes_set(message, "unpack", 1)
-            row = {}
-            for key in keys:
-                try:
-                    row[key] = eccodes.codes_get(message, f"#1#{key}")
-                except eccodes.KeyValueNotFoundError:
-                    row[key] = None
-            rows.append(row)
+            names = [value(message, key).strip() for key in tails]
+            rows.append([names[0] or names[1], *(value(message, key) for key in numbers)])
             eccodes.codes_release(message)
-    return rows
-
-
-@pytest.fixture(scope="module")
-def amdar_file(real: Callable[[str], Path]) -> tuple[pd.DataFrame, Audit]:
-    return read_file(real(AMDAR))
-
-
-@pytest.fixture(scope="module")
-def amdar(amdar_file: tuple[pd.DataFrame, Audit]) -> xr.Dataset:
-    frame, counts = amdar_file
-    audit = Audit.from_dict(counts.as_dict())
-    return assemble([frame], audit=audit).assign_attrs(reading_audit=audit.as_json())
-
-
-@pytest.fixture(scope="module")
-def messages(real: Callable[[str], Path]) -> list[dict[str, Any]]:
-    return decoded(
-        real(AMDAR),
-        (
-            "aircraftFlightNumber",
-            "aircraftRegistrationNumberOrOtherIdentification",
-            "latitude",
-            "longitude",
-            "hour",
-            "minute",
-            "height",
-            "pressure",
-            "windDirection",
-            "windSpeed",
-            "airTemperature",
-            "phaseOfAircraftFlight",
-        ),
-    )
-
-
-def tail_of(message: dict[str, Any]) -> str:
-    registration = message["aircraftRegistrationNumberOrOtherIdentification"]
-    return (registration or message["aircraftFlightNumber"]).strip()
-
-
-def test_the_real_file_loads_whole(amdar: xr.Dataset, messages: list[dict[str, Any]]):
-    audit = audit_of(amdar)
-    tails = {tail_of(message) for message in messages} - {""}
-    assert audit["reports_read"] == len(messages) == 6698
-    assert set(amdar["aircraft"].to_numpy()) == tails
-    nameless = sum(tail_of(message) == "" for message in messages)
-    assert audit["dropped"] == {"missing_tail": nameless}
-    assert audit["reports_kept"] == amdar.sizes["report"] == 6698 - nameless
-
-
-def test_the_real_file_agrees_with_eccodes_report_by_report(
-    amdar: xr.Dataset, messages: list[dict[str, Any]]
-):
-    minutes = (amdar["time"].values - np.datetime64("2009-01-23", "ns")) // np.timedelta64(1, "m")
-    names = ["tail", "minute", "latitude", "longitude", "speed", "kelvin"]
-    ours = pd.DataFrame(
-        dict(
-            zip(
-                names,
-                (
-                    amdar["aircraft"].values[aircraft_of_report(amdar)],
-                    minutes,
-                    amdar["latitude"].values.round(5),
-                    amdar["longitude"].values.round(5),
-                    np.hypot(amdar["eastward_wind"], amdar["northward_wind"]).values.round(1),
-                    amdar["air_temperature"].values.round(1),
-                ),
-                strict=True,
-            )
-        )
-    )
-    raw = pd.DataFrame(messages).assign(tail=[tail_of(message) for message in messages])
-    raw = raw[raw["tail"] != ""].replace(-1e100, np.nan)
-    whole = raw["windSpeed"].notna() & ((raw["windDirection"] <= 360) | (raw["windSpeed"] == 0))
-    theirs = pd.DataFrame(
-        {
-            "tail": raw["tail"],
-            "minute": 60 * raw["hour"] + raw["minute"],
-            "latitude": raw["latitude"].round(5),
-            "longitude": raw["longitude"].round(5),
-            "speed": raw["windSpeed"].where(whole & (raw["windDirection"] < 1e9)),
-            "kelvin": raw["airTemperature"],
-        }
-    )
-    theirs.loc[raw["windSpeed"] == 0, "speed"] = 0.0
-    ours, theirs = (one.sort_values(names, ignore_index=True) for one in (ours, theirs))
-    assert ours["tail"].tolist() == theirs["tail"].tolist()
-    np.testing.assert_allclose(ours[names[1:]], theirs[names[1:]].astype(float), atol=0.051)
+    theirs = pd.DataFrame(rows, columns=["tail", *numbers])
+    named = theirs[theirs["tail"] != ""].replace(-1e100, np.nan).reset_index(drop=True)
+    frame, audit = read_file(real(AMDAR))
+    assert audit.read == len(theirs) == 6698
+    assert audit.dropped == {"missing_tail": len(theirs) - len(named)}
+    assert frame["tail"].tolist() == named["tail"].tolist()
+    minute = (frame["time"] - pd.Timestamp("2009-01-23")) // pd.Timedelta("1min")
+    assert minute.tolist() == (60 * named["hour"] + named["minute"]).tolist()
+    np.testing.assert_allclose(frame[["latitude", "longitude"]], named[["latitude", "longitude"]])
+    np.testing.assert_allclose(frame["air_temperature"], named["airTemperature"], rtol=1e-6)
+    known = frame["wind_speed"].notna()
+    np.testing.assert_allclose(frame["wind_speed"][known], named["windSpeed"][known], rtol=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -64,27 +64,6 @@ def test_unreadable_numbers_are_missing_and_counted(tmp_path: Path):
     assert audit["missing"]["eastward_wind"] == 2
 
 
-def test_a_nul_in_a_row_costs_no_other(tmp_path: Path):
-    table = flight()
-    rows = table.to_csv(index=False).encode().split(b"\n")
-    rows[2] = rows[2].replace(b",", b",\x00", 3)
-    rows.insert(4, b"\x00\x00")
-    path = tmp_path / "a.csv"
-    path.write_bytes(b"\n".join(rows))
-    found, sound = read_reports(path), read_reports(write(tmp_path / "b.csv", table))
-    kept = np.isin(sound["time"], found["time"])
-    assert kept.sum() >= sound.sizes["report"] - 1
-    assert not any("\x00" in str(name) for name in found["aircraft"].values)
-    others = found["time"].isin(sound["time"][2:])
-    np.testing.assert_array_equal(found["eastward_wind"][others.values], sound["eastward_wind"][2:])
-
-
-def test_a_repeated_column_name_keeps_the_first(tmp_path: Path):
-    text = flight().to_csv(index=False).replace("\n", ",X\n").replace("_kt,X", "_kt,tail")
-    (tmp_path / "a.csv").write_text(text)
-    assert read_reports(tmp_path / "a.csv")["aircraft"].to_numpy().tolist() == ["N412XJ"]
-
-
 def test_pieces_do_not_show(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     path = write(tmp_path / "a.csv", flight(seconds=np.arange(50) * 60.0))
     whole = read_reports(path)
@@ -163,14 +142,6 @@ def test_columns_that_stand_in_the_names_of_folders(tmp_path: Path):
     whole = read_reports(tmp_path / "whole.parquet")
     assert sorted(divided["aircraft"].to_numpy()) == ["007", "N 1/2"]
     xr.testing.assert_equal(divided, whole)
-
-
-def test_a_parquet_file_damaged_inside_is_named(tmp_path: Path):
-    path = tmp_path / "a.parquet"
-    flight(tail="N412XJ").to_parquet(path, compression=None, use_dictionary=False)
-    path.write_bytes(path.read_bytes().replace(b"N412XJ", b"\xff412XJ"))  # no UTF-8
-    with pytest.raises(InputError, match=r"a\.parquet.*cannot be read as Parquet"):
-        read_reports(path)
 
 
 def test_forms_of_a_mapping(tmp_path: Path):
