@@ -30,7 +30,6 @@ LONG = {
 
 
 def names() -> list[str]:
-    """Every benchmark of this folder, those with a short size first."""
     found = {path.stem for path in Path(__file__).parent.glob("[a-z]*.py")}
     return [*SHORT, *sorted(found - set(SHORT))]
 

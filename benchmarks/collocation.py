@@ -59,7 +59,6 @@ def smooth_field(rng: np.random.Generator) -> np.ndarray:
 
 
 def write_hour(path: Path, label: str, fields: list[np.ndarray]) -> None:
-    """Write one hour of u and v on every level."""
     edition = int(label[4])
     with path.open("wb") as file:
         for number, values in enumerate(fields):
@@ -100,7 +99,6 @@ def copy_hours(path: Path, hours: int) -> list[str]:
 
 
 def some_reports(hours: int) -> xr.Dataset:
-    """Reports inside the grid, its levels and its times."""
     rng = np.random.default_rng(7)
     count = REPORTS * hours
     seconds = rng.uniform(0, (hours - 1) * 3600.0, count)
@@ -115,7 +113,6 @@ def some_reports(hours: int) -> xr.Dataset:
 
 
 def decode(paths: list[str]) -> None:
-    """Plain decoding of every message by ecCodes, and nothing else."""
     for path in paths:
         with open(path, "rb") as file:
             while (handle := eccodes.codes_grib_new_from_file(file)) is not None:
@@ -141,7 +138,6 @@ def ratio(work: Callable[[], None], plain: Callable[[], None], repeats: int) -> 
 
 
 def main() -> None:
-    """Measure and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--hours", type=int, default=48)
     parser.add_argument("--repeats", type=int, default=3)

@@ -37,12 +37,10 @@ class Difference:
 
     @property
     def ok(self) -> bool:
-        """Whether the difference is within its tolerance."""
         return self.largest <= self.allowed
 
 
 def reports_of(folder: Path, product: str) -> xr.Dataset:
-    """Read a product of every report, ordered by aircraft and time."""
     months = sorted((folder / product).glob("*.nc"))
     parts = []
     for path in months or [folder / f"{product}.nc"]:
@@ -83,7 +81,6 @@ def largest(name: str, before: xr.DataArray, after: xr.DataArray, allowed: float
 
 
 def ratio(name: str, before: xr.DataArray, after: xr.DataArray) -> Difference:
-    """The largest relative difference of positive values."""
     a, b = np.asarray(before.fillna(0).values, float), np.asarray(after.fillna(0).values, float)
     if a.shape != b.shape or np.any((a > 0) != (b > 0)):
         return Difference(name, np.inf, RATIO)
@@ -91,7 +88,6 @@ def ratio(name: str, before: xr.DataArray, after: xr.DataArray) -> Difference:
 
 
 def of_reports(before: Path, after: Path) -> Iterator[Difference]:
-    """Differences of headings and corrected winds."""
     a, b = reports_of(before, "headings"), reports_of(after, "headings")
     alone = abs(a.sizes["report"] - b.sizes["report"])
     yield Difference("reports", alone, 0, "in one of the two alone" if alone else "")
@@ -116,7 +112,6 @@ def of_reports(before: Path, after: Path) -> Iterator[Difference]:
 
 
 def rounded_otherwise(before: Path, after: Path, reference: str) -> list[str]:
-    """Aircraft whose tables against a reference differ."""
     tables = [
         xr.open_dataset(folder / "fits.nc")["table_correction"].sel(reference=reference)
         for folder in (before, after)
@@ -161,7 +156,6 @@ def estimates(folder: Path) -> dict[str, tuple[float, float]]:
 
 
 def of_evaluation(before: Path, after: Path) -> Iterator[Difference]:
-    """Differences of estimates of the evaluation, in their standard errors."""
     a, b = estimates(before), estimates(after)
     for name in a:
         if name not in b:
@@ -172,7 +166,6 @@ def of_evaluation(before: Path, after: Path) -> Iterator[Difference]:
 
 
 def compared(before: Path, after: Path) -> pd.DataFrame:
-    """Every quantity with its largest difference and whether it is within its tolerance."""
     found = [*of_reports(before, after), *of_fits(before, after), *of_evaluation(before, after)]
     rows = [(d.name, d.largest, d.allowed, d.ok, d.note) for d in found]
     return pd.DataFrame(rows, columns=["quantity", "largest", "allowed", "ok", "note"])

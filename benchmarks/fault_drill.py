@@ -35,7 +35,6 @@ NOTES = (".airswing", "events.json")
 
 
 def start(config: Path) -> subprocess.Popen[bytes]:
-    """Start the main job in a separate process."""
     return subprocess.Popen(
         [sys.executable, "-m", "airswing", "run", str(config), "--quiet"],
         cwd=config.parent,
@@ -80,13 +79,11 @@ def kill_at(config: Path, moment: float, pick: random.Random) -> str:
 
 
 def files_of(folder: Path) -> set[str]:
-    """Names of all files of a run but its notes."""
     found = {path.relative_to(folder) for path in folder.rglob("*") if path.is_file()}
     return {str(name) for name in found if name.parts[0] not in NOTES}
 
 
 def differences(one: Path, other: Path) -> list[str]:
-    """What differs between the products of two runs."""
     found = [f"only in one: {name}" for name in sorted(files_of(one) ^ files_of(other))]
     for name in sorted(files_of(one) & files_of(other)):
         first, second = one / name, other / name
@@ -98,7 +95,6 @@ def differences(one: Path, other: Path) -> list[str]:
 
 
 def product_differences(one: Path, other: Path) -> list[str]:
-    """Variables and attributes that differ between two products."""
     options = {"engine": "netcdf4", "decode_cf": False}
     with xr.open_dataset(one, **options) as a, xr.open_dataset(other, **options) as b:
         if set(a.variables) != set(b.variables):

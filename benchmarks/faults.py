@@ -32,7 +32,6 @@ Outcome = tuple[bool, str]
 def started(
     folder: Path, *words: str, limit: tuple[int, int] | None = None
 ) -> subprocess.Popen[str]:
-    """Start a command, under a limit of the system where one is given."""
     settings = {
         "PYTHONPATH": os.pathsep.join([str(ROOT / "pipeline"), str(ROOT)]),
         "AIRSWING_CACHE": str(folder / "cache"),
@@ -88,7 +87,6 @@ def disk_full(folder: Path) -> Outcome:
 
 
 def worker_lost(folder: Path) -> Outcome:
-    """One of two worker processes is killed while it works."""
     config = archive(folder, compute={"workers": 2, "threads": 1})
     process = started(folder, "collocate", str(config))
     deadline = time.monotonic() + 60
@@ -104,7 +102,6 @@ def worker_lost(folder: Path) -> Outcome:
 
 
 def file_changes(folder: Path) -> Outcome:
-    """A model file is replaced between the catalogue and the reading."""
     from airswing.reference.catalogue import build_catalogue
     from airswing.reference.collocate import collocate
     from airswing.reports import read_reports
@@ -149,7 +146,6 @@ def little_memory(folder: Path) -> Outcome:
 
 
 def two_runs(folder: Path) -> Outcome:
-    """A second run into the folder of one that is under way."""
     config = archive(folder)
     first = started(folder, "run", str(config))
     while not (folder / "results" / ".running").exists() and first.poll() is None:

@@ -67,7 +67,6 @@ def straight(flights: int, headings: xr.Dataset, each: int, rng) -> np.ndarray:
 
 
 def fleet(aircraft: int, number: int, days: int, each: int) -> tuple[xr.Dataset, np.ndarray]:
-    """Some aircraft of a fleet that shares its reference's error, and their deviations."""
     rng = np.random.default_rng([number, 5])
     deviation = fleet_deviations(aircraft, rng)
     setting = Setting(
@@ -88,7 +87,6 @@ def fleet(aircraft: int, number: int, days: int, each: int) -> tuple[xr.Dataset,
 
 
 def with_field(headings: xr.Dataset) -> xr.Dataset:
-    """Headings and airspeeds against a reference with the field."""
     heading, airspeed = headings["heading"].to_numpy(), headings["airspeed"].to_numpy()
     toward = np.radians(heading - headings["heading_error"].to_numpy()[0])
     speed = airspeed - headings["airspeed_error"].to_numpy()[0]
@@ -107,7 +105,6 @@ def with_field(headings: xr.Dataset) -> xr.Dataset:
 
 
 def one_size(aircraft: int, days: int, reports: int) -> dict[str, float]:
-    """Time, memory and quality of one fleet's fit."""
     each = max(reports // (aircraft * days * FLIGHTS_A_DAY), 1)
     parts: list[xr.DataArray] = []
     truth, summed = [], 0.0

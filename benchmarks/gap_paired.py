@@ -72,7 +72,6 @@ def prepare(folder: Path, cases: int, seed: int, real: Path | None) -> None:
 
 
 def headings_frame(config: Path) -> Frame:
-    """Make the headings of an archive and return its frame against the pool of references."""
     from airswing.config_file import load_config
     from airswing.workflow.gap_stage import frame_of, with_near_winds
     from airswing.workflow.job import Job
@@ -84,7 +83,6 @@ def headings_frame(config: Path) -> Frame:
 
 
 def read_frame(path: Path) -> Frame:
-    """Read the arrays of a frame."""
     with np.load(path) as stored:
         values: dict[str, Any] = {name: stored[name] for name in stored.files}
     values["tails"] = tuple(str(name) for name in values["tails"])
@@ -94,13 +92,11 @@ def read_frame(path: Path) -> Frame:
 
 
 def labels(folder: Path) -> Iterator[Label]:
-    """Truth of all archives that are ready."""
     for path in sorted(folder.glob("case_*.json")):
         yield json.loads(path.read_text())
 
 
 def run(folder: Path, name: str, only: Sequence[str]) -> None:
-    """Diagnose the archives that have no result of this name."""
     from airswing.gap.diagnose import diagnose
 
     target = folder / "results" / name
@@ -127,7 +123,6 @@ def run(folder: Path, name: str, only: Sequence[str]) -> None:
 def scored(
     folder: Path, name: str
 ) -> dict[str, tuple[Label, dict[str, Any], dict[str, Any] | None]]:
-    """Scores of all archives that have a result of this name."""
     out = {}
     for label in labels(folder):
         path = folder / "results" / name / f"{label['name']}.json"
@@ -200,7 +195,6 @@ def figures(label: Label, found: Mapping[str, Any]) -> dict[str, float]:
 
 
 def compare(folder: Path, old: str, new: str) -> None:
-    """Print every figure of two sets of results on the archives of both, and the paired change."""
     before, after = scored(folder, old), scored(folder, new)
     both = sorted(before.keys() & after.keys())
     print(
@@ -264,7 +258,6 @@ def calibrate(folder: Path, name: str) -> None:
 
 
 def line(folder: Path, label: Label, target: Path) -> str:
-    """One archive's truth and what was found."""
     found, gap = score(label, target / f"{label['name']}.json")
     truth = "; ".join(
         f"{e['name']}{'' if e['tails'] is None else len(e['tails'])}" for e in label["effects"]
@@ -296,7 +289,6 @@ def line(folder: Path, label: Label, target: Path) -> str:
 
 
 def main() -> int:
-    """Run what the command line asks for."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     commands = parser.add_subparsers(dest="command", required=True)
     for command, names in (

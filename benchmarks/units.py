@@ -85,7 +85,6 @@ TRIANGLE: dict[str, dict[str, Change]] = {
 
 
 def triangle(headings: xr.Dataset) -> pd.DataFrame:
-    """Headings, airspeeds and ground vectors of an archive of winds."""
     ground, wind = complex_of(headings, "ground_{}_velocity"), complex_of(headings, "{}_wind")
     air, level = ground - wind, headings["pressure_altitude"].to_numpy().astype(float)
     pressure, kelvin = pressure_from_altitude(level), standard_temperature(level)
@@ -176,7 +175,6 @@ class Archive:
 
 
 def judged(headings: xr.Dataset) -> tuple[list[plausibility.Finding], int]:
-    """Findings, and fits published."""
     phases = ("ascent", "cruise", "descent", "unknown")
     findings = plausibility.plausibility(headings)
     fits = fit_deviation(screen(headings, phases=phases)).compute()
@@ -198,7 +196,6 @@ def main() -> None:
 
 
 def judge(folders: list[Path]) -> None:
-    """Print every case of the archives, and the counts."""
     named, silent = dict.fromkeys(RATIOS, 0), dict.fromkeys(RATIOS, 0)
     wrong = sound = 0
     usual = plausibility.RATIO

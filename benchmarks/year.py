@@ -149,7 +149,6 @@ def measured(config: str) -> None:
 
 
 def memory(key: str) -> int:
-    """A line of /proc/self/status, bytes."""
     for line in Path("/proc/self/status").read_text().splitlines():
         if line.startswith(key):
             return int(line.split()[1]) * 1024
@@ -176,7 +175,6 @@ def run_on(folder: Path, *, workers: int = 1) -> dict[str, Any]:
 
 
 def shown(found: dict[str, Any], what: str) -> None:
-    """Print one run's table."""
     reports, months = found["reports"]["usable"], found["months"]
     print(f"\n{what}: {reports:,} reports; {len(months['made'])} months made")
     print(f"{'stage':<22}{'processor s':>12}{'peak MB':>9}")
@@ -194,7 +192,6 @@ def shown(found: dict[str, Any], what: str) -> None:
 
 
 def main() -> None:
-    """Run the year, and the night after it."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--share", type=float, default=1.0, help="share of hours and of reports")
     parser.add_argument("--workers", type=int, default=1)

@@ -90,14 +90,12 @@ class Worker:
         return dict(json.loads(line))
 
     def end(self, how: signal.Signals = signal.SIGTERM) -> None:
-        """End the process."""
         if self._process is not None:
             self._process.send_signal(how)
             self._process.wait()
 
 
 def drawn(cases: int, seed: int, shares: Mapping[str, int] = SHARES) -> list[tuple[str, int]]:
-    """Kind and seed of every case."""
     pick = random.Random(seed)
     kinds = pick.choices(list(shares), list(shares.values()), k=cases)
     return [(kind, seed * 1_000_000 + number) for number, kind in enumerate(kinds)]
@@ -134,7 +132,6 @@ def campaign(cases: list[tuple[str, int]], kept: Path | None) -> dict[str, Count
 
 
 def as_text(table: dict[str, Counter[str]]) -> str:
-    """Lay the outcomes out, a line a kind."""
     ends = ("result", "refused", *COLUMNS)
     rows = {kind: table[kind] for kind in SHARES if kind in table}
     rows["together"] = sum(rows.values(), Counter())

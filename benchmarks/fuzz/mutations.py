@@ -106,7 +106,6 @@ BYTES += [_bytes, _cut, _inserted, _deleted, _doubled, _blanked, _swapped]
 
 
 def sections(data: bytes) -> list[list[tuple[int, int]]]:
-    """Start and length of the sections of each GRIB message, as far as they can be followed."""
     found, at = [], data.find(b"GRIB")
     while 0 <= at < len(data) - 16:
         edition = data[at + 7]
@@ -180,7 +179,6 @@ def _sections_swapped(data: bytes, pick: random.Random) -> bytes:
 
 
 def _message_doubled(data: bytes, pick: random.Random) -> bytes:
-    """A message once more at the end, with one bit of it changed."""
     messages = sections(data)
     if not messages:
         return data
@@ -191,8 +189,6 @@ def _message_doubled(data: bytes, pick: random.Random) -> bytes:
 
 
 def _with_length(change: Change) -> Change:
-    """A change after which the message states its new length."""
-
     def changed(data: bytes, pick: random.Random) -> bytes:
         messages = sections(data)
         if not messages:

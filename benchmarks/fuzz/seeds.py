@@ -143,12 +143,10 @@ def _winds(levels: int) -> np.ndarray:
 
 
 def fields() -> list[np.ndarray]:
-    """u and v of each level by turns."""
     return [part.round(2).ravel() for level in zip(*_winds(3), strict=True) for part in level]
 
 
 def reports(count: int = 60) -> pd.DataFrame:
-    """Reports at the model's time, each of another aircraft."""
     rng = np.random.default_rng(3)
     return pd.DataFrame(
         {
@@ -235,7 +233,6 @@ def _message(keys: dict[str, Any], values: np.ndarray, pv: np.ndarray | None = N
 
 
 def _model_levels(path: Path) -> None:
-    """Six hybrid levels with their coefficients in every message, and ln of surface pressure."""
     pv = np.concatenate([np.zeros(7), np.linspace(0.2, 1.0, 7)])
     level = LATLON | {"typeOfFirstFixedSurface": 105, "discipline": 0}
     made = [

@@ -99,7 +99,6 @@ def _work(kind: str, pick: random.Random, seeds: Paths, folder: Path) -> str:
 
 
 def damaged(kind: str, pick: random.Random, seeds: Paths, folder: Path) -> Path:
-    """A damaged copy of a valid file or store."""
     source, other = seeds[kind], seeds[pick.choice([*GRIBS, *TEXTS, *TABLES])]
     path = folder / f"damaged.{kind.replace(' ', '_').replace(',', '')}"
     if kind in STORES:
@@ -118,7 +117,6 @@ def damaged(kind: str, pick: random.Random, seeds: Paths, folder: Path) -> Path:
 
 
 def _refusable(work: Callable[[], None]) -> str:
-    """Run a function that may refuse its input, in one message of one line."""
     try:
         work()
     except AirswingError as error:
@@ -130,7 +128,6 @@ def _refusable(work: Callable[[], None]) -> str:
 
 
 def _require_possible(east: Any, north: Any) -> None:
-    """Winds are missing, or possible in the atmosphere."""
     speed = np.hypot(np.asarray(east, np.float64), np.asarray(north, np.float64))
     absurd = ~(speed <= MAX_WIND) & ~np.isnan(speed)
     if absurd.any():
@@ -177,7 +174,6 @@ def _places() -> xr.Dataset:
 
 
 def _winds(path: Path, cache: Path, **options: bool) -> Winds:
-    """u and v of a file or store at the reports, as the command gets them."""
     from airswing.reference.catalogue import build_catalogue
     from airswing.reference.collocate import collocate
 
@@ -231,7 +227,6 @@ def _effects(path: Path) -> None:
 
 
 def _error_table(path: Path) -> None:
-    """Put measured errors into a damaged table of errors."""
     from airswing.handover.obs_errors import changed_table
 
     errors = {"UV": dict.fromkeys((1000, 700, 500, 300, 200, 100), 1.7)}
@@ -334,7 +329,6 @@ def _rows_differ(found: pd.DataFrame, sound: pd.DataFrame, changed: str | None) 
 
 # ------------------------------------------------------------------------------------- commands
 def command(*words: str) -> str:
-    """Run a command of the package in this process."""
     from airswing import cli
 
     before, sys.argv = sys.argv, ["airswing", *words]
@@ -361,7 +355,6 @@ def _require_short(messages: str) -> None:
 def _export(
     kind: str, path: Path, seeds: Paths, folder: Path, pick: random.Random
 ) -> tuple[str, ...]:
-    """Words of an export of a run of which one input is damaged."""
     run, output = seeds["kept notes"], folder / "results"
     output.mkdir()
     for product in (run / "results").glob("*.nc"):
@@ -395,7 +388,6 @@ def _product(kind: str, path: Path, seeds: Paths, folder: Path, pick: random.Ran
 
 @functools.cache
 def _truth(folder: Path) -> dict[str, Any]:
-    """Headings of the undamaged run."""
     from airswing.products.netcdf import open_product
 
     with open_product(folder / "results" / "headings") as ds:
@@ -459,7 +451,6 @@ _sound_catalogue = functools.cache(_catalogue)
 
 
 def _command(pick: random.Random, seeds: Paths, folder: Path) -> str:
-    """A whole command in a separate process, on damaged reports or model files."""
     kind = pick.choice([*GRIBS, "csv", "netcdf3", "netcdf4", "parquet", "bufr", "yaml"])
     path = damaged(kind, pick, seeds, folder)
     config = folder / "config.yaml"
@@ -496,7 +487,6 @@ def _command(pick: random.Random, seeds: Paths, folder: Path) -> str:
 
 # -------------------------------------------------------------------------------------- process
 def answer(kind: str, seed: int, seeds: Paths, folder: Path) -> dict[str, str]:
-    """Run one case and describe its end."""
     try:
         return {"end": case(kind, seed, seeds, folder)}
     except FoundError as found:
@@ -511,7 +501,6 @@ def answer(kind: str, seed: int, seeds: Paths, folder: Path) -> dict[str, str]:
 
 
 def main() -> None:
-    """Answer until there are no more cases."""
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, resource.getrlimit(resource.RLIMIT_AS)[1]))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     answers = os.fdopen(os.dup(1), "w")

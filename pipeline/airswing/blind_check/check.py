@@ -222,7 +222,6 @@ def _sealed(
     workers: int,
     say: Say,
 ) -> str:
-    """Write archives and sealed labels unless those of the same check are there."""
     output.mkdir(parents=True, exist_ok=True)
     note, published = output / "settings.json", output / "sealed.sha256"
     same = note.exists() and json.loads(note.read_text()) == settings
@@ -266,7 +265,6 @@ def _write_world(output: Path, real: Path | None, cases: Sequence[Case]) -> list
 
 
 def _discard_other_code(output: Path) -> None:
-    """Remove diagnoses that another version of the code has made in this folder."""
     note, code = output / "diagnosed" / "code.txt", code_digest()
     if not note.exists() or note.read_text(encoding="utf-8") != code:
         shutil.rmtree(output / "diagnosed", ignore_errors=True)

@@ -120,7 +120,6 @@ def _claims(
 
 
 def _of_names(label: Label, claims: Sequence[Entry]) -> Score:
-    """Scores of the aircraft, parameters and dates of the effects that were named."""
     precision, recall, errors, deviations, dates = [], [], [], [], []
     for name in label["focus"]:
         effects = [effect for effect in label["effects"] if effect["name"] == name]

@@ -40,7 +40,6 @@ def wilson(right: int, number: int) -> tuple[float, float]:
 
 
 def _reach(share: float, number: int) -> list[float]:
-    """Distances from a share down and up to the ends of its interval."""
     low, high = wilson(round(share * number), number) if number else (0.0, 1.0)
     return [max(share - low, 0.0), max(high - share, 0.0)]
 

@@ -128,7 +128,6 @@ def changed_table(text: str, tables: Tables, types: list[str]) -> str:
 
 
 def _changed_line(line: str, number: int, errors: dict[int, float]) -> str:
-    """One of the four lines of a type, with its errors replaced."""
     match = _ROW.match(line)
     if match is None:
         raise InputError(

@@ -178,7 +178,6 @@ def _all_rows(block: xr.Dataset, winds: tuple[str, str]) -> Rows:
 
 
 def _reasons(rows: Rows, block: xr.Dataset, request: Request) -> dict[str, Mask]:
-    """Reasons for leaving reports out, in the order in which they count."""
     from airswing.reports.cleaning import LIMITS
 
     start, end = request.settings.start, request.settings.end

@@ -126,7 +126,6 @@ class WindErrors:
         return np.asarray(np.sqrt(np.where(np.isnan(base), table, bounded(base, excess))))
 
     def _cell(self, rows: Rows) -> NDArray[np.int64]:
-        """Index of every report's phase and layer."""
         # A report is in the layer above as many tops as its pressure does not exceed.
         layer = np.sum(rows["pressure"][:, np.newaxis] <= self._tops, axis=1)
         layer = np.minimum(layer, self._tops.size - 1)

@@ -205,7 +205,6 @@ def parse_mapping(columns: ColumnMapping | None) -> dict[str, Source]:
 
 
 def _mapped(key: str, target: object) -> tuple[str, str, Source]:
-    """Canonical name, variable and source of one entry of a mapping."""
     match target:
         case str():
             return target, *_resolve(key, target)

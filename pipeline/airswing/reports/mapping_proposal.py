@@ -122,7 +122,6 @@ def propose_mapping(path: str | Path) -> dict[str, Any] | None:
 
 
 def _motion(table: pd.DataFrame, found: dict[str, str], remarks: dict[str, str]) -> None:
-    """Decide what a plain heading and a plain speed are by the other columns."""
     airspeed = bool(found.keys() & {"true_airspeed", "indicated_airspeed", "mach"})
     speed, direction = found.get("wind_speed"), found.get("wind_direction")
     plain = "ground_speed" not in found and speed is not None and speed.lower() == "speed"
@@ -206,7 +205,6 @@ def _entry(
     speed: float,
     remarks: dict[str, str],
 ) -> Entry:
-    """Canonical name of a column, with the unit of its name or of its values."""
     quantity = QUANTITIES.get(name)
     if quantity is None:
         return name
@@ -232,7 +230,6 @@ def _written_unit(column: str, si_unit: str) -> str | None:
 
 
 def _unit_by_size(name: str, largest: float) -> tuple[str | None, str]:
-    """Unit by the size of the values, and the remark that says so."""
     if name == "pressure":
         # 1013 hPa is the largest there is, and the least at flight level still 15,000 Pa.
         return ("Pa" if largest > 2000 else "hPa"), "unit guessed from its values"
@@ -251,7 +248,6 @@ def _unit_by_size(name: str, largest: float) -> tuple[str | None, str]:
 def _unit_of_speed(
     name: str, table: pd.DataFrame, found: Mapping[str, str], speed: float
 ) -> tuple[str, str]:
-    """Unit of a speed by that between positions, else by the other speeds of the table."""
     please_check = "kt or m/s cannot be decided from the name: please check"
     if name not in _AIRBORNE:
         return "kt", please_check
@@ -286,7 +282,6 @@ def _unit_of_speed(
 
 
 def _missing(found: set[str]) -> list[str]:
-    """What is needed and was not found."""
     absent = [name for name in REQUIRED if name not in found and name != "tail"]
     if not found & {"pressure_altitude", "pressure"}:
         absent.append("pressure_altitude_ft or pressure_hPa")

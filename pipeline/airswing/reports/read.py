@@ -345,7 +345,6 @@ def _pieces(name: str, path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd
 
 
 def _wanted(raw: pd.DataFrame, mapping: Mapped, path: Path, audit: Audit) -> pd.DataFrame:
-    """Rows whose values are among those the configuration selects."""
     keep = np.ones(len(raw), dtype=bool)
     for name, source in mapping.items():
         if not name.startswith(ONLY):

@@ -126,7 +126,6 @@ def timetable(
 
 
 def _routes(rng: np.random.Generator, network: Network, hub: str) -> tuple[list[str], Array]:
-    """Destinations of one aircraft and how often it goes there."""
     here = network.airports[hub]
     names, bearings = [], []
     for code, (lat, lon) in network.airports.items():

@@ -241,8 +241,6 @@ UnitFault = Callable[[Setting, Fault, Mask], None]
 
 
 def _adds(quantity: str, parameter: str, unit: float = 1.0) -> UnitFault:
-    """A fault whose parameter is added to a quantity of the unit."""
-
     def add(setting: Setting, fault: Fault, where: Mask) -> None:
         getattr(setting.unit, quantity)[where] += unit * fault.value(parameter)
 

@@ -127,7 +127,6 @@ def _flight(
     rng: np.random.Generator,
     corner: tuple[float, float],
 ) -> pd.DataFrame:
-    """One straight leg, from near the middle of the region."""
     airspeed = 225.0 + rng.normal(0, 4)
     level = list(_ALTITUDE_FT)[int(rng.integers(2))]
     error = rng.normal(0, 1.0, 2)

@@ -152,7 +152,6 @@ def component_axes(
 def _mean_effect(
     parameters: Value, u: Array, v: Array, variables: Variables, chosen: Mask
 ) -> Winds:
-    """Wind changed by an effect on the mean."""
     component = str(parameters["component"])
     if component not in COMPONENTS:
         raise ValueError(f"no component {component}")
@@ -179,7 +178,6 @@ directions only, noise, and winds of any direction in place of a fraction of the
 
 
 def _scattered(value: Value, u: Array, v: Array, rng: np.random.Generator) -> Winds:
-    """Wind that an effect of scatter sends where it acts."""
     kind, speed = str(value["kind"]), np.hypot(u, v)
     if kind == "jitter":
         noise = rng.normal(0.0, float(value["size_m_s"]) / np.sqrt(2.0), (2, u.size))

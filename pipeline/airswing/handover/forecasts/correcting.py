@@ -134,7 +134,6 @@ def correct_forecasts(
 def _ratios(
     errors: xr.DataArray, held_out: NDArray[np.bool_], ratio: float | Literal["auto"]
 ) -> tuple[xr.DataArray, NDArray[np.bool_]]:
-    """Ratio of each variable, and whether the training days chose it."""
     ones = xr.DataArray(np.ones(errors.sizes["variable"]), dims="variable")
     if ratio != "auto":
         return ones * float(ratio), np.zeros(ones.size, dtype=bool)
@@ -235,7 +234,6 @@ def _moments(corrected: xr.Dataset, over: str) -> xr.DataArray:
 
 
 def _with_intervals(moments: xr.DataArray) -> dict[str, xr.DataArray]:
-    """Scores of moments by start, and their intervals over blocks of start days."""
     # Several starts of a day are drawn together.
     day = moments[TIME].astype("datetime64[D]").astype(np.int64).rename("day")
     by_day = moments.groupby(day).sum().transpose("day", ...)

@@ -172,7 +172,6 @@ def _observations(file: Path, columns: Mapping[str, str], left_out: Counter[str]
 
 
 def _paired(table: pd.DataFrame, observed: pd.DataFrame, max_time_gap: float) -> pd.DataFrame:
-    """Forecasts with the observation nearest to each valid time."""
     table = table.assign(time=_valid(table)).sort_values("time")
     parts = []
     for variable, forecasts in table.groupby("variable", sort=True):
@@ -235,7 +234,6 @@ def forecasts_at_stations(
 def _variables(
     found: Mapping[str, tuple[Grid, Floats]], latitude: Floats, longitude: Floats
 ) -> dict[str, Floats]:
-    """Variables of one start and lead, winds to true east and north."""
     variables = {name: found[name][1] for name in found if name == "air_temperature"}
     if "eastward_wind" in found and "northward_wind" in found:
         (grid, u), (other, v) = found["eastward_wind"], found["northward_wind"]

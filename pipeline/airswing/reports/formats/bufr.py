@@ -106,7 +106,6 @@ def _messages(content: bytes, audit: Audit) -> Iterator[bytes]:
 
 
 def _decoded(messages: list[bytes]) -> tuple[list[Record], int]:
-    """Records of messages, and the number of messages that cannot be decoded."""
     try:
         return guarded(decode_messages, messages)
     except (WorkerEndedError, ValueError):
@@ -149,7 +148,6 @@ def decode_messages(messages: list[bytes]) -> tuple[list[Record], int]:
 
 
 def _subsets(message: int) -> Iterator[list[tuple[str, Value]]]:
-    """Keys and values of each subset of a message, in order."""
     import eccodes
 
     number = int(eccodes.codes_get(message, "numberOfSubsets"))

@@ -76,7 +76,6 @@ def _find(lines: list[str], pattern: str) -> int:
 
 
 def _records(lines: list[str]) -> tuple[list[dict[str, object]], int]:
-    """Observations of aircraft, and the number of other observations."""
     first = _find(lines, r"obs_(type|kind)_definitions")
     number = int(lines[first + 1])
     types = dict(line.split()[:2] for line in lines[first + 2 : first + 2 + number])

@@ -134,7 +134,6 @@ def _parsed(text: str) -> object:
 
 
 def _flat(message: Mapping[str, object]) -> dict[str, object]:
-    """The values of a message, those of its registers too."""
     values: dict[str, object] = {}
     for part in (message, message.get("bds50"), message.get("bds60")):
         if isinstance(part, Mapping):

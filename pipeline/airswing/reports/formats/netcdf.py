@@ -233,7 +233,6 @@ def _characters(values: NDArray[np.generic]) -> NDArray[np.str_]:
 def _quality(
     flags: Flags, blank: NDArray[np.str_], variables: tuple[str, ...], kind_of_error: str
 ) -> NDArray[np.int8]:
-    """Quality by the error flags and descriptors of variables, and the type of error."""
     passed, failed = np.zeros(blank.size, dtype=bool), np.zeros(blank.size, dtype=bool)
     for name in variables:
         if (error := flags.get(f"{name}Error")) is not None:

@@ -207,7 +207,6 @@ class _Dealer:
         )
 
     def _pair(self, case: Case) -> Case:
-        """Two effects, every other time on the same aircraft where that is possible."""
         first, size, _ = self._paired.deal()
         second, other, _ = self._paired.deal()
         while second == first:
@@ -270,7 +269,6 @@ def draw_outside(rng: np.random.Generator, world: World, *, shape: str, size: fl
 
 
 def _moving(rng: np.random.Generator, shape: str, size: float) -> dict[str, object]:
-    """Component and parts of an effect on the mean."""
     component = str(rng.choice(COMPONENTS))
     first = _variable(rng, component, shape)
     if shape == "product":
@@ -300,7 +298,6 @@ def _variable(
     other: str | None = None,
     flags: bool = False,
 ) -> str:
-    """A variable that makes sense with the shape, the component and the other variable."""
     able = [name for name in VARIABLES if name not in FLAGS or flags or shape == "step"]
     if component == "across_heading":
         # The catalogue has such a shape of the date as a step or a drift.
@@ -313,7 +310,6 @@ def _variable(
 
 
 def _part(rng: np.random.Generator, variable: str, shape: str) -> dict[str, object]:
-    """Place and width of a part."""
     if variable in FLAGS:
         value = 1.0 if variable == "icing" else float(rng.choice(_PHASES))
         return {"variable": variable, "shape": "flag", "equals": value}
@@ -328,7 +324,6 @@ def _part(rng: np.random.Generator, variable: str, shape: str) -> dict[str, obje
 
 
 def _scatter(rng: np.random.Generator, size: float) -> dict[str, object]:
-    """An effect that changes no mean."""
     kind = str(rng.choice(SCATTER))
     values: dict[str, object] = {"kind": kind, "shape": "scatter", "component": "scatter"}
     values["parts"] = []

@@ -161,13 +161,11 @@ def draw_effect(
 
 
 def _aircraft(rng: np.random.Generator, tails: list[str]) -> list[str]:
-    """One to a third of the aircraft."""
     number = int(rng.integers(1, max(2, len(tails) // 3) + 1))
     return sorted(str(tail) for tail in rng.choice(tails, min(number, len(tails)), replace=False))
 
 
 def _date(rng: np.random.Generator, days: int, *, last: bool) -> str:
-    """A day in the middle half of the archive, or two to six days before its end."""
     day = round(float(rng.uniform(0.25, 0.75)) * days)
     if last:
         day = days - int(rng.integers(2, 7))
@@ -175,7 +173,6 @@ def _date(rng: np.random.Generator, days: int, *, last: bool) -> str:
 
 
 def _swap(name: str, how: Draw, rng: np.random.Generator, tails: list[str], date: str) -> Drawn:
-    """Two aircraft with opposite deviations that exchange names at a date."""
     pair = sorted(str(tail) for tail in rng.choice(tails, 2, replace=False))
     phase = _phase(rng)
     found = [

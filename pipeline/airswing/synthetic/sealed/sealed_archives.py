@@ -128,7 +128,6 @@ def strength_of(drawn: Drawn, world: World) -> float:
 
 @functools.lru_cache(maxsize=1)
 def _calibration(short: World) -> pd.DataFrame:
-    """The short archive without effect."""
     return _calibrating(short, [])
 
 
@@ -432,7 +431,6 @@ class Archivist:
         return self._bare[1]
 
     def _winds_of(self, world: World, effects: Effects) -> Path:
-        """Folder with the fields of a world under the effects on its models."""
         on_models = _on_models(effects)
         key = json.dumps([*astuple(world), on_models])
         folder = self.root / "winds" / hashlib.sha256(key.encode()).hexdigest()[:10]
