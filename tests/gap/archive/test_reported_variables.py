@@ -105,12 +105,3 @@ def test_flight_time_from_the_first_report_of_each_flight():
     assert flown_minutes([], []).size == 0
     days = flown_minutes([0, 0, 0], [0.0, 86400.0, 86460.0])
     assert days[:2].tolist() == [0.0, 1440.0] and np.isnan(days[2])
-
-
-@given(st.permutations(range(12)), st.floats(-1e6, 1e6))
-def test_flight_time_does_not_depend_on_order_and_epoch(order, epoch):
-    flight, time = np.repeat([4, 1, 9], 4), np.arange(12) * 97.0
-    minutes = flown_minutes(flight, time)
-    other = flown_minutes(flight[order], time[order] + epoch)
-    np.testing.assert_allclose(other, minutes[order], atol=1e-6)
-    assert minutes.min() == 0.0

@@ -9,13 +9,7 @@ import pytest
 from scipy.stats import norm
 from tests.gap.toy import make_frame, noise_of
 
-from airswing.gap.checks import (
-    calibrate,
-    fit_placebo,
-    lag_one,
-    placebo_errors,
-    two_sample,
-)
+from airswing.gap.checks import calibrate, fit_placebo, lag_one, placebo_errors, two_sample
 from airswing.gap.noise import (
     NoiseFit,
     NoiseModel,

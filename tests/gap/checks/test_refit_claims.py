@@ -9,12 +9,7 @@ import pytest
 import xarray as xr
 from tests.gap.toy import make_frame
 
-from airswing.gap.checks import (
-    Adjustment,
-    adjusted_headings,
-    compared_fits,
-    review_claims,
-)
+from airswing.gap.checks import Adjustment, adjusted_headings, compared_fits, review_claims
 from airswing.gap.diagnose import diagnose
 from airswing.gap.effects import CATALOGUE
 

@@ -9,12 +9,7 @@ import pytest
 from tests.gap.toy import make_frame, noise_of
 
 from airswing.gap.design import exogenous
-from airswing.gap.distribution.gross_errors import (
-    outliers,
-    reduction_of_gross,
-    shared_rate,
-    simulated_rate,
-)
+from airswing.gap.distribution.gross_errors import outliers, reduction_of_gross
 from airswing.gap.noise import gross_errors
 from airswing.units import KNOT
 
@@ -60,18 +55,3 @@ def test_moderate_scatter_is_no_gross_error(archive):
     made, noise = with_gross_errors(archive, [1, 2], 0.3, size=2.5)
     assert noise.gross.mean() > 0.002
     assert outliers(made, made.residual, noise) is None
-
-
-def test_rate_in_simulated_archives_equals_that_of_the_archive(archive):
-    frame, noise = archive
-    real = gross_errors(frame.residual, noise.order).mean()
-    assert simulated_rate(frame, noise).mean() == pytest.approx(real, abs=1e-3)
-
-
-def test_the_shared_rate_by_hand():
-    count, chance = np.full(4, 1000.0), np.full(4, 0.001)
-    rate, gain = shared_rate(np.array([20.0, 1.0, 20.0, 1.0]), count, chance)
-    assert rate == pytest.approx(0.019, rel=1e-3)
-    assert list(gain > 0) == [True, False, True, False]
-    # 20 ln(20) - 1000 (0.02 - 0.001)
-    assert gain[0] == pytest.approx(20 * np.log(20) - 19, rel=0.01)

@@ -7,14 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from airswing.gap.noise import (
-    autocovariance,
-    fit_noise,
-    flight_order,
-    gross_errors,
-    level_factors,
-    whiten,
-)
+from airswing.gap.noise import fit_noise, flight_order, gross_errors, level_factors, whiten
 
 
 def flown_archive(seed: int = 0, flights: int = 900) -> dict[str, np.ndarray]:
@@ -68,24 +61,6 @@ def test_large_deviation_of_one_aircraft_is_not_noise():
     fit = fitted(data)
     assert fit.model.correlated_sd == pytest.approx(2.3, rel=0.07)
     assert fit.gross.mean() < 1e-3
-
-
-def test_autocovariance_of_pairs_that_changed_level():
-    """The correlation of a pair depends on the distance and on all changes of level between."""
-    flight, time = np.zeros(3, int), np.arange(3.0)
-    residual = np.array([[1.0, 0.0], [2.0, 0.0], [4.0, 2.0]])
-    distance, step = np.array([np.inf, 30e3, 40e3]), np.array([np.inf, 0.1, 0.2])
-    _, covariance, correlation, count = autocovariance(
-        residual,
-        distance,
-        step,
-        flight_order(flight, time),
-        decay=lambda distance, step: np.exp(-distance / 100e3 - step / 0.5),
-    )
-    np.testing.assert_array_equal(count[[0, 3, 4]], [3, 2, 1])
-    assert covariance[3] == pytest.approx((0.5 * 2.0 + 0.5 * 8.0) / 2)
-    assert correlation[3] == pytest.approx((np.exp(-0.5) + np.exp(-0.8)) / 2)
-    assert correlation[4] == pytest.approx(np.exp(-0.7 - 0.6))
 
 
 def test_larger_scatter_across_the_heading():

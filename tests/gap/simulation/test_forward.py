@@ -58,26 +58,6 @@ def test_errors_are_functions_of_the_indicated_heading(archive):
     np.testing.assert_allclose(sent.airspeed, 1.03 * speed)
 
 
-def test_regression_on_the_columns_recovers_the_effects(archive):
-    truth = [
-        ActiveEffect("hard_iron", {"amplitude_deg": 2.0, "phase_deg": 100.0}),
-        ActiveEffect("tas_offset", {"offset_m_s": -1.0}),
-        ActiveEffect("reference_speed_bias", {"bias_percent": 4.0}),
-    ]
-    sent = simulate(archive, effects=truth, coding=Coding(KNOT, 1.0))
-    wanted = [(a.name, CATALOGUE[a.name].from_parameters(a.parameters, sent)) for a in truth]
-    columns = np.concatenate(
-        [CATALOGUE[name].columns(sent)[: 1 if "speed" in name else None] for name, _ in wanted]
-    )
-    coefficients = np.concatenate([c[: 1 if "speed" in name else None] for name, c in wanted])
-    design = columns.reshape(len(columns), -1).T
-    fit = np.linalg.lstsq(design, frames.linear_residual(sent).ravel(), rcond=None)[0]
-    np.testing.assert_allclose(fit, coefficients, rtol=0.02, atol=2e-4)
-    # in the plain residual the second order of the heading error is an error of airspeed
-    plain = np.linalg.lstsq(design, sent.residual.ravel(), rcond=None)[0]
-    assert plain[2] - fit[2] == pytest.approx(130.0 * np.radians(2.0) ** 2 / 4.0, rel=0.3)
-
-
 def test_effect_acts_on_its_aircraft_and_period(archive):
     start, end = np.quantile(archive.time, [0.3, 0.7])
     effect = ActiveEffect("compass_step", {"offset_deg": 3.0}, ("N402",), (start, end))
@@ -148,15 +128,6 @@ def test_noise_with_factors_along_and_across_the_heading():
     for direction, factor in ((along, 0.6), (across, 1.28)):
         scaled, before = ((one * direction).sum(axis=1) for one in (draw, isotropic))
         np.testing.assert_allclose(scaled, factor * before, atol=1e-12)
-
-
-def test_noise_is_the_same_with_and_without_effects(archive):
-    plain = simulate(archive, noise=NOISE, seed=4)
-    affected = simulate(archive, noise=NOISE, effects=STRONG[2:3], seed=4)
-    size = np.hypot(*(affected.residual - plain.residual).T)
-    np.testing.assert_allclose(size, 2.0 * np.sin(np.radians(0.5)) * plain.airspeed, rtol=1e-6)
-    other = simulate(archive, noise=NOISE, seed=5)
-    assert np.abs(other.residual - plain.residual).max() > 1.0
 
 
 def test_unknown_effect_aircraft_parameter_and_context_are_refused(archive):

@@ -42,12 +42,6 @@ too often, a few directions at weak winds are at most twelve; a coding in steps 
 LEAST_SHARE = 0.15
 
 
-def lattice_evidence(values: Floats, step: float, *, base: float) -> float:
-    """Log likelihood ratio of values on a lattice against chance."""
-    on, chance = _on_lattice(values, step, base=base)
-    return against_chance(values.size, on, chance)
-
-
 def _on_lattice(values: Floats, step: float, *, base: float) -> tuple[float, float]:
     """Share of values on a lattice, and what chance puts there."""
     offset = np.abs(values - step * np.round(values / step))
@@ -57,29 +51,24 @@ def _on_lattice(values: Floats, step: float, *, base: float) -> tuple[float, flo
     return float((offset <= tolerance).mean()), min(0.98, max(base, 2 * tolerance) / step)
 
 
-def lattice_share(values: Floats, step: float, *, base: float) -> float:
-    """Share of values on a lattice above what chance gives.
-
-    1 where all lie on the coarse lattice, about 0 where only chance puts them there; ``base`` is
-    the fine step in which values come anyway.
-    """
-    if values.size == 0:
-        return 0.0
-    on, chance = _on_lattice(values, step, base=base)
-    return (on - chance) / (1 - chance)
-
-
 def coarsest(values: Floats, steps: tuple[float, ...], *, base: float) -> tuple[float, float]:
-    """Coarsest of increasing steps with a clear share, and that share; (base, 1) where none."""
+    """Coarsest of increasing steps with a clear share of the values, and that share.
+
+    The share is that above chance: 1 where all lie on the lattice. ``base`` is the fine step in
+    which values come anyway; (base, 1) where there is no step.
+    """
+    shares = {}
+    for step in steps:
+        on, chance = _on_lattice(values, step, base=base) if values.size else (0.0, 0.0)
+        shares[step] = (on - chance) / (1 - chance)
     # five standard errors of a share of so many
     need = max(LEAST_SHARE, 5.0 / np.sqrt(max(values.size, 1)))
     for step in reversed(steps):
-        share = lattice_share(values, step, base=base)
-        finer = [lattice_share(values, s, base=base) for s in steps if s < step]
+        finer = [shares[s] for s in steps if s < step]
         # values on a coarse lattice lie on its finer divisors too: the coarsest that holds nearly
         # as many
-        if share > need and share > 0.8 * max(finer, default=0.0):
-            return step, share
+        if shares[step] > need and shares[step] > 0.8 * max(finer, default=0.0):
+            return step, shares[step]
     return base, 1.0
 
 
@@ -103,7 +92,7 @@ def wind_coding(frame: Frame) -> EffectEntry | None:
             continue
         per_tail[tail] = {"step": step if step > 1 else 1.0, "direction_step_deg": turn}
         value, width = (direction[own], turn) if turn > 1 else (speed[own], step)
-        evidence.append(lattice_evidence(value, width, base=1.0))
+        evidence.append(against_chance(value.size, *_on_lattice(value, width, base=1.0)))
         # nearly all on the lattice: coded so from the first report on, else it began later
         if min(share if step > 1 else 1.0, turn_share if turn > 1 else 1.0) < 0.9:
             start.append(_change_time(value, width, frame.time[own]))
@@ -141,7 +130,8 @@ def position_coding(frame: Frame) -> EffectEntry | None:
         # tenths of an arc minute are how positions come
         if min(found) > 0.1:
             per_tail[tail] = {"step": min(found)}
-            evidence[tail] = lattice_evidence(60.0 * frame.latitude[own], min(found), base=0.1)
+            on, chance = _on_lattice(60.0 * frame.latitude[own], min(found), base=0.1)
+            evidence[tail] = against_chance(own.size, on, chance)
     common = float(np.median(steps)) if steps else 0.1
     if common < 1.0:
         # what all send in is their format and no effect

@@ -48,7 +48,12 @@ def outliers(frame: Frame, residual: Floats, noise: NoiseFit) -> EffectEntry | N
     affected = np.flatnonzero(used)[gain > 0]
     if affected.size == 0 or rate < LEAST_RATE:
         return None
-    size = _gross_size(residual, noise.gross & np.isin(frame.aircraft, affected))
+    # standard deviation per component; at least 5 m/s: gross is what differs by five standard
+    # deviations, each a metre a second or so
+    values = residual[noise.gross & np.isin(frame.aircraft, affected)]
+    ordinary = robust_sd(residual, 0.0)
+    size = float(np.sqrt(max(float(np.mean(values**2)) - ordinary**2, 25.0)))
+    size = 20.0 if values.shape[0] < 5 else size
     if size < LEAST_SIZE:
         return None  # an effect that is switched on and off, not an error of single reports
     # gross errors of less than 5 m/s in both components pass for noise: those seen are scaled up by
@@ -113,17 +118,6 @@ def shared_rate(hits: Floats, count: Floats, chance: Floats) -> tuple[float, Flo
         gross = hits * rate / (rate + chance)
         rate = float((share @ gross) / (share @ count))
     return rate, gain(rate)
-
-
-def _gross_size(residual: Floats, gross: Booleans) -> float:
-    """Standard deviation per component of the gross errors, m/s."""
-    values = residual[gross]
-    if values.shape[0] < 5:
-        return 20.0
-    ordinary = robust_sd(residual, 0.0)
-    # at least 5 m/s: gross is what stands out by five standard deviations, each a metre a second
-    # or so
-    return float(np.sqrt(max(float(np.mean(values**2)) - ordinary**2, 25.0)))
 
 
 #: Relative error of a reduction from the shape of the errors' distribution.

@@ -209,14 +209,19 @@ class Candidates:
         return self._builders[where.start](self.context if at is None else at)
 
     def _group(
-        self, columns: Singles, group: Group, transform: Floats, pick: Sequence[int]
-    ) -> None:
-        """Add a group if it acts anywhere, scaled to 1 m/s rms where it acts."""
-        full = np.zeros((columns.shape[2], transform.shape[1]))
-        full[list(pick)] = transform
+        self, columns: Singles, group: Group, pick: Sequence[int] | None = None
+    ) -> Group | None:
+        """Add a group, scaled to 1 m/s rms where it acts; None where it acts nowhere.
+
+        ``pick`` are the columns of the block that its transform is for, all by default.
+        """
+        full = np.zeros((columns.shape[2], group.size))
+        full[slice(None) if pick is None else list(pick)] = group.transform
         scaled = unit_size(columns, full)
-        if scaled is not None:
-            self.groups.append(replace(group, transform=scaled))
+        if scaled is None:
+            return None
+        self.groups.append(replace(group, transform=scaled))
+        return self.groups[-1]
 
     def _add_climatology(self) -> None:
         def build(at: Frame) -> Singles:
@@ -247,9 +252,9 @@ class Candidates:
                 kind = "dated" if effect.kind == "step" else "name"
                 known = tuple(form), effect.reliability, part
                 group = Group(effect.name, kind, where, tied, scopes, weight, *known)
-                self._group(columns, group, tied, form)
+                self._group(columns, group, form)
                 if effect.kind == "drift" and len(form) == columns.shape[2]:
-                    self._group(columns, replace(group, kind="dated"), tied, form)
+                    self._group(columns, replace(group, kind="dated"), form)
 
     def _effect_columns(self, effect: Effect, at: Frame) -> Singles:
         raw = effect.softened_columns(at)
@@ -329,17 +334,15 @@ class Candidates:
         spread = covariance + 1e-9 * np.eye(len(covariance))
         root: Floats = np.asarray(np.linalg.cholesky(spread), np.float64)
         where = self._block(partial(self.columns_of, table), columns)
-        before = len(self.groups)
-        form, reliability = (int(refined),), 1.0
-        part = PARTS.get(table.component, "wind")
+        reliability, part = 1.0, PARTS.get(table.component, "wind")
         if of_wind(table):
             # what averages over likely winds hold of one of them
             one = self._product(table, self.context, self._drawn[0], self._reported(0))
             reliability = float((columns**2).sum() / max((one**2).sum(), 1e-12))
-        group = Group(name, "table", where, root, "af", weight, form, reliability, part)
-        self._group(columns, group, root, range(columns.shape[2]))
         self.tables[where.start] = table
-        return self.groups[-1] if len(self.groups) > before else None
+        form = (int(refined),)
+        group = Group(name, "table", where, root, "af", weight, form, reliability, part)
+        return self._group(columns, group)
 
     def add_product(self, table: Group, curve: Floats, name: str) -> Group | None:
         """Add products of a table's fitted curve with functions of another variable."""
@@ -347,12 +350,9 @@ class Candidates:
         other = self.curve(name, PAIRED)
         functions = other.functions(self.variables[name].values)[:, : 2 * PAIRED - 1]
         made = np.asarray(columns[:, :, None] * functions[:, None, :], np.float32)
-        unit = np.eye(made.shape[2])
-        where = self._block(lambda at: made, made)
-        before = len(self.groups)
+        where, unit = self._block(lambda at: made, made), np.eye(made.shape[2])
         group = Group(f"{table.name} x {name}", "probe", where, unit, "af", 0.0)
-        self._group(made, group, unit, range(made.shape[2]))
-        return self.groups[-1] if len(self.groups) > before else None
+        return self._group(made, group)
 
     def forget(self, groups: Sequence[Group]) -> None:
         """Remove groups; the last columns built are free again where they are theirs."""

@@ -174,7 +174,9 @@ def _linearised(
     linear = [exact.effect(k) for k in range(len(terms))]
     sensor = [k for k in range(len(terms)) if exact.response.sensor[k]]
     errors = sum((linear[k] for k in sensor), np.zeros((fitted.frame.size, 2)))
-    if not _is_large(errors):
+    size = np.hypot(*errors.T)
+    acting = size[size > 1e-3 * size.max(initial=0.0)]
+    if not acting.size or (np.sqrt((acting**2).mean()) < LARGE and acting.max() < PEAK):
         return fitted
     say("second pass")
     corrected, _, _ = without_errors(fitted.frame, errors)
@@ -204,17 +206,8 @@ def _linearised(
         if k in sensor:
             columns = candidates.raw(group.columns)
             residual = residual + exact.response.linear(k, exact.theta, columns)
-    again.model.sums.set_residual(residual)
-    again.model.renew()
+    again.model.renew(residual)
     again.terms = search(again.model, start=start, say=say)
     again.frame, again.exchange = fitted.frame, fitted.exchange
     again.refit(effects)
     return again
-
-
-def _is_large(effect: Floats) -> bool:
-    size = np.hypot(effect[:, 0], effect[:, 1])
-    acting = size > 1e-3 * size.max(initial=0.0)
-    return bool(acting.any()) and bool(
-        np.sqrt((size[acting] ** 2).mean()) >= LARGE or size.max() >= PEAK
-    )

@@ -58,20 +58,10 @@ def screen(model: Model) -> list[Term]:
         factor = max(model.kappa, float(np.mean(found.factor)))
         if group.kind == "dated":
             ranked, gated = dated_evidence(model, group, model.kappa, GATE - group.prior)
+            scores = ranked.evidence + group.prior, gated.evidence + group.prior
+            what = gated.scale, gated.start, *scores, gated.inclusion
             if gated.tails:
-                out.append(
-                    Term(
-                        group,
-                        "a",
-                        gated.tails,
-                        gated.scale,
-                        gated.start,
-                        ranked.evidence + group.prior,
-                        gated.evidence + group.prior,
-                        gated.inclusion,
-                        shape=gated.shape,
-                    )
-                )
+                out.append(Term(group, "a", gated.tails, *what, shape=gated.shape))
             continue
         out += _static(group, found, model.kappa, factor, model.sums.span)
     return sorted(out, key=lambda term: -term.score)
@@ -135,21 +125,13 @@ def _static(group: Group, found: Statistics, kappa: float, factor: float, days: 
     gated = ranked
     if factor > kappa and any(r.evidence + group.prior > GATE for r in ranked.values()):
         gated = static_evidence(found, factor, scopes)
-    return [
-        Term(
-            group,
-            scope,
-            one.tails,
-            one.scale,
-            {},
-            one.evidence + group.prior,
-            gated[scope].evidence + group.prior,
-            one.inclusion,
-            one.spread,
-        )
-        for scope, one in ranked.items()
-        if one.tails
-    ]
+    out = []
+    for scope, one in ranked.items():
+        if one.tails:
+            scores = one.evidence + group.prior, gated[scope].evidence + group.prior
+            what = one.tails, one.scale, {}, *scores, one.inclusion, one.spread
+            out.append(Term(group, scope, *what))
+    return out
 
 
 def contest(
@@ -291,7 +273,10 @@ def revisit(model: Model, terms: list[Term], rounds: int, say: Callable[[str], N
             model.condition(rest)
             ranked = screen(model)
             if term.group.refined:
-                ranked.append(_as_it_is(model, terms, rest, term))
+                # a table of two variables is a candidate for its own place
+                gain = model.evidence(terms, model.kappa) - model.evidence(rest, model.kappa)
+                score = gain + term.group.prior + set_prior(model, term)
+                ranked.append(replace(term, score=score, gate=score / model.kappa))
             found = contest(model, rest, ranked)
             if not found:
                 say(f"- {describe(term)}")
@@ -309,13 +294,6 @@ def revisit(model: Model, terms: list[Term], rounds: int, say: Callable[[str], N
         if not changed:
             break
     return terms
-
-
-def _as_it_is(model: Model, terms: Sequence[Term], rest: Sequence[Term], term: Term) -> Term:
-    """A table of two variables as a candidate for its own place."""
-    gain = model.evidence(terms, model.kappa) - model.evidence(rest, model.kappa)
-    score = gain + term.group.prior + set_prior(model, term)
-    return replace(term, score=score, gate=score / model.kappa)
 
 
 # ------------------------------------------------------------------------------------- refinement

@@ -11,8 +11,6 @@ whitened values are dimensionless. Rows are kept in single precision, 2 (n p) nu
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -95,11 +93,6 @@ class Sums:
         white = whiten(np.asarray(columns, np.float32), self.noise.order, self.noise.gains)
         return np.ascontiguousarray(white[self.order]).reshape(2 * self.n, -1)
 
-    def set_residual(self, residual: Floats) -> None:
-        """Take another residual (n, 2), m/s; the fields' variances are those of the first."""
-        self.residual = self.whitened(residual[:, :, None])[:, 0]
-        self.inverse_residual = self.invert(self.residual)
-
     def extend(self) -> None:
         """Whiten and sum the candidates' columns built since the last call."""
         pending = self.candidates.pending()
@@ -120,7 +113,7 @@ class Sums:
     def shared_of(self, aircraft: int, rows: Singles) -> Singles:
         """C of the module, (D, q, k), of whitened rows (2 n, k) of an aircraft."""
         out = np.zeros((self.D, self.fields.shape[1], rows.shape[1]), np.float32)
-        for d, own in self.cells_of(aircraft):
+        for d, own in ((d, own) for a, d, own in self.cells if a == aircraft):
             out[d] = self.root32[d] @ (self.fields[own].T @ rows[own])
         return out
 
@@ -191,9 +184,3 @@ class Sums:
                 plain.sum(axis=0) - np.einsum("dqi,dqj->dij", whole, whole, optimize=True),
             )
         return self._grams[key]
-
-    def cells_of(self, aircraft: int) -> Iterator[tuple[int, slice]]:
-        """Days of an aircraft with their rows."""
-        for a, d, own in self.cells:
-            if a == aircraft:
-                yield d, own

@@ -199,14 +199,10 @@ class Model:
         self.usual: dict[str, tuple[float, float]] = {}
         self.condition([])
 
-    def forget(self) -> None:
-        """Drop columns of terms that are not in the model."""
-        kept = {term.key for term in (self.base, *self.terms)}
-        self._made = {key: made for key, made in self._made.items() if key in kept}
-        self._products = {pair: made for pair, made in self._products.items() if set(pair) <= kept}
-
-    def renew(self) -> None:
-        """Take up another residual of the sums."""
+    def renew(self, residual: Floats) -> None:
+        """Take another residual (n, 2), m/s; the variances of the day fields are kept."""
+        self.sums.residual = self.sums.whitened(residual[:, :, None])[:, 0]
+        self.sums.inverse_residual = self.sums.invert(self.sums.residual)
         self._made, self._products = {}, {}
         self.condition(self.terms)
 
@@ -268,7 +264,10 @@ class Model:
         self.inverse_root = np.linalg.inv(np.linalg.cholesky(self.hessian)).astype(np.float32)
         self.explained = np.einsum("ij,ajp->aip", self.inverse_root, cross, optimize=True)
         self._whole_explained = self.explained.sum(axis=0)
-        self.forget()
+        # columns of terms that are not in the model are dropped
+        kept = {term.key for term in every}
+        self._made = {key: columns for key, columns in self._made.items() if key in kept}
+        self._products = {pair: gram for pair, gram in self._products.items() if set(pair) <= kept}
 
     # ------------------------------------------------------------------------------ one candidate
     def statistics(self, group: Group) -> Statistics:

@@ -419,7 +419,7 @@ class GapReport:
 
     def content(self) -> dict[str, object]:
         """Mappings, lists and values, as :func:`airswing.products.whole_files.write_json` takes."""
-        return {str(key): value for key, value in _entries(self).items()}
+        return _entries(self)
 
     @classmethod
     def of(cls, content: Mapping[str, object]) -> GapReport:
@@ -445,7 +445,7 @@ class GapReport:
 
 
 def _entries(entry: object) -> dict[str, object]:
-    out = {}
+    out: dict[str, object] = {}
     for one in fields(entry):  # type: ignore[arg-type]
         value = getattr(entry, one.name)
         if value is not None or not one.metadata.get("left_out"):
