@@ -129,8 +129,8 @@ def _static(group: Group, found: Statistics, kappa: float, factor: float, days: 
     for scope, one in ranked.items():
         if one.tails:
             scores = one.evidence + group.prior, gated[scope].evidence + group.prior
-            what = one.tails, one.scale, {}, *scores, one.inclusion, one.spread
-            out.append(Term(group, scope, *what))
+            what = one.inclusion, one.spread
+            out.append(Term(group, scope, one.tails, one.scale, {}, *scores, *what))
     return out
 
 
