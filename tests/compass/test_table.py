@@ -89,20 +89,6 @@ def test_projection_has_the_known_gain_and_residual(cycles, curve, gain, residua
     assert np.sqrt(2.0 * np.mean(apart**2)) == pytest.approx(residual, abs=2e-3)
 
 
-def test_projection_is_better_than_sampling_and_follows_the_histogram():
-    coefficients = [1, 3, -2, 1, 0.5]
-    curve = deviation_curve(coefficients, FINE)
-    busy = ((FINE > 60) & (FINE < 120)).astype(int)
-
-    def rms(nodes, part):
-        return np.sqrt(np.average((unit_interpolation(nodes, FINE) - curve) ** 2, weights=part))
-
-    even, lobed = nodes_of(coefficients), nodes_of(coefficients, 100 * busy[None])
-    assert rms(even, None) < 0.75 * rms(deviation_curve(coefficients, NODES), None)
-    assert rms(lobed, busy) < rms(even, busy)
-    assert rms(lobed, None) < 3 * rms(even, None)  # empty sectors follow the curve
-
-
 @pytest.mark.parametrize("sign", ["subtract_error", "add_error"])
 def test_round_trip_of_the_sign(sign):
     # headings with the error of the curve are right after the table's rule for its sign

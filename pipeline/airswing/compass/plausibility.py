@@ -378,8 +378,14 @@ def findings_of(sample: Sample) -> list[Finding]:
     complex (eastward + 1j northward), ``wind``, ``reference``, ``ground`` and ``chord``; NaN where
     absent.
     """
-    if wrong := _position_findings(sample):
-        return wrong
+    speed = np.abs(sample["chord"])[sample["pressure_altitude"] > HIGH]
+    speed = speed[np.isfinite(speed)]
+    if speed.size >= FEWEST and np.median(speed) <= SLOWEST:
+        evidence = (
+            f"the median speed between them at high level is {np.median(speed) / KNOT:.0f} kt"
+        )
+        likely = "latitudes and longitudes in radians read as degrees"
+        return [Finding("position", likely, evidence)]
     levels = _level_findings(sample)
     if wrong := _ground_findings(sample):
         return levels + wrong
@@ -393,15 +399,6 @@ def findings_of(sample: Sample) -> list[Finding]:
 
 def _derived(sample: Sample) -> NDArray[np.bool_]:
     return np.asarray(sample["wind_source"] > WIND_SOURCE["reported"])
-
-
-def _position_findings(sample: Sample) -> list[Finding]:
-    speed = np.abs(sample["chord"])[sample["pressure_altitude"] > HIGH]
-    speed = speed[np.isfinite(speed)]
-    if speed.size < FEWEST or np.median(speed) > SLOWEST:
-        return []
-    evidence = f"the median speed between them at high level is {np.median(speed) / KNOT:.0f} kt"
-    return [Finding("position", "latitudes and longitudes in radians read as degrees", evidence)]
 
 
 def _level_findings(sample: Sample) -> list[Finding]:

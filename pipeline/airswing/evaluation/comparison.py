@@ -353,17 +353,6 @@ def wald(values: Floats, covariance: Floats, clusters: int) -> float:
     return float(special.fdtrc(size, clusters - size, scaled))
 
 
-def holm(p_values: list[float]) -> list[float]:
-    """Holm's step-down adjustment (Holm 1979, Scand. J. Stat. 6, 65-70); NaN stay NaN."""
-    values = np.array(p_values, dtype=float)
-    adjusted = np.full(values.size, np.nan)
-    good = np.flatnonzero(np.isfinite(values))
-    order = good[np.argsort(values[good])]
-    factors = np.arange(order.size, 0, -1)
-    adjusted[order] = np.minimum(np.maximum.accumulate(values[order] * factors), 1.0)
-    return [float(value) for value in adjusted]
-
-
 def persistent_covariance(influence: Floats, day: Ints) -> Floats:
     """Covariance (p, p) of a sum over days whose errors last longer than a day.
 
@@ -389,9 +378,9 @@ def regional_bias(sums: Floats) -> list[Content]:
     The errors of two models are shared by regions and last for days. Each region is therefore also
     compared with the others on the same days (``contrast``: what is common to all cancels), and the
     errors are clustered by blocks of five days or more, with Student's t for their number
-    (Ibragimov & Mueller 2010, J. Bus. Econ. Stat. 28, 453-468). Holm's adjustment covers all
-    regions, components and both tests. ``sums`` is (3, region, day): reports, and their summed
-    differences eastward and northward, m/s.
+    (Ibragimov & Mueller 2010, J. Bus. Econ. Stat. 28, 453-468). Holm's adjustment (1979, Scand. J.
+    Stat. 6, 65-70) covers all regions, components and both tests. ``sums`` is (3, region, day):
+    reports, and their summed differences eastward and northward, m/s.
     """
     number = sums[0]
     seen = np.flatnonzero(number.any(axis=0))
@@ -421,10 +410,14 @@ def regional_bias(sums: Floats) -> list[Content]:
                 entry |= _block_mean("contrast", less, here[both], block[both])
             found.append(entry)
     tests = ("difference", "contrast")
-    p_values = [one[f"{name}_p_value"] for one in found for name in tests]
-    adjusted = iter(holm([np.nan if p is None else p for p in p_values]))
-    for entry in found:
-        entry |= {f"{name}_adjusted_p_value": next(adjusted) for name in tests}
+    p_values = np.array([[one[f"{name}_p_value"] for name in tests] for one in found], float)
+    p_values = p_values.reshape(-1)  # None is NaN, and stays so
+    adjusted, order = np.full(p_values.size, np.nan), np.argsort(p_values)
+    order = order[np.isfinite(p_values[order])]
+    steps = p_values[order] * np.arange(order.size, 0, -1)
+    adjusted[order] = np.minimum(np.maximum.accumulate(steps), 1.0)
+    for entry, pair in zip(found, adjusted.reshape(-1, 2).tolist(), strict=True):
+        entry |= {f"{name}_adjusted_p_value": one for name, one in zip(tests, pair, strict=True)}
     return found
 
 
@@ -446,7 +439,21 @@ def _block_mean(name: str, total: Floats, number: Floats, block: Ints) -> dict[s
 
 def _judged(sums: PairSums, barred: set[str]) -> Content:
     """Differences, tests and the verdict of one pair over some reports."""
-    fleet = _fleet(sums)
+    # difference that the fleet has in common, with the errors that aircraft share by day
+    fleet: Content = {"aircraft": 0, "p_value": float("nan"), "curve_rms_deg": float("nan")}
+    days = np.flatnonzero(sums.common.any(axis=(1, 2)))
+    if days.size:
+        mean, influence = solved(sums.common[days])
+        covariance = persistent_covariance(influence, days)
+        # rms over the compass of A + B sin + C cos + D sin 2 + E cos 2
+        rms = np.degrees(np.sqrt(mean[0] ** 2 + (mean[1:] ** 2).sum() / 2.0))
+        fleet = {
+            "aircraft": sums.counted,
+            "difference": _by_name(np.degrees(mean)),
+            "standard_error": _by_name(np.degrees(np.sqrt(np.diag(covariance)))),
+            "curve_rms_deg": float(rms),
+            "p_value": wald(mean, covariance, days.size),
+        }
     regions = regional_bias(sums.regions)
     return {
         "references": [sums.one, sums.two],
@@ -455,24 +462,6 @@ def _judged(sums: PairSums, barred: set[str]) -> Content:
         "fleet": fleet,
         "regions": regions,
         **verdict(fleet, regions, {sums.one.lower(), sums.two.lower()} & barred),
-    }
-
-
-def _fleet(sums: PairSums) -> Content:
-    """Difference that the fleet has in common, with the errors that aircraft share by day."""
-    days = np.flatnonzero(sums.common.any(axis=(1, 2)))
-    if not days.size:
-        return {"aircraft": 0, "p_value": float("nan"), "curve_rms_deg": float("nan")}
-    mean, influence = solved(sums.common[days])
-    covariance = persistent_covariance(influence, days)
-    # rms over the compass of A + B sin + C cos + D sin 2 + E cos 2
-    rms = np.degrees(np.sqrt(mean[0] ** 2 + (mean[1:] ** 2).sum() / 2.0))
-    return {
-        "aircraft": sums.counted,
-        "difference": _by_name(np.degrees(mean)),
-        "standard_error": _by_name(np.degrees(np.sqrt(np.diag(covariance)))),
-        "curve_rms_deg": float(rms),
-        "p_value": wald(mean, covariance, days.size),
     }
 
 

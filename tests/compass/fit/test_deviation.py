@@ -187,17 +187,6 @@ def test_a_changed_compass_is_unstable():
     assert np.isnan(fits["deviation"]).all()
 
 
-def test_rows_in_any_order_give_the_same_fit():
-    headings, _ = fly(
-        fleet_deviations(1, np.random.default_rng(4)), Setting(aircraft=1, days=15), 13
-    )
-    order = np.random.default_rng(0).permutation(headings.sizes["report"])
-    one, two = fit_deviation(headings), fit_deviation(headings.isel(report=order))
-    # another thin sample starts the passes: a few hundredths of a standard error
-    assert np.abs(one["deviation"] - two["deviation"]).max() < 0.15 * errors_of(one).min()
-    assert np.allclose(errors_of(one), errors_of(two), rtol=0.1)
-
-
 def test_b_and_c_are_those_at_the_mean_horizontal_field():
     # the same iron in a field of 16 and of 24 microtesla; what is published is at their mean
     weak, strong = (

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from tests.compass.flown import Setting
@@ -87,18 +85,6 @@ def test_a_model_whose_errors_last_for_days_makes_no_change(persistence):
         watch = watch_compasses(ds, members=["ruc"])
         assert not any(entry["changes"] for entry in watch.changes)
         assert watch.tested.alarms == []
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("days", [45, 180])
-def test_at_most_one_fleet_in_fifty_has_a_false_change(days):
-    """Routes that turn with the weather, higher harmonics, errors that last, heavy tails."""
-    world = replace(World(), weather_routes=0.8, region_error=1.0, persistence=0.8, wrong_curve=0.6)
-    false = sum(
-        any(entry["changes"] for entry in watched(world, aircraft=20, days=days, seed=seed).changes)
-        for seed in range(50)
-    )
-    assert false <= 2
 
 
 def test_routes_that_turn_are_no_change_and_a_change_is():

@@ -442,29 +442,23 @@ def fit_by_window(
         place = number(block)
         for one, parts in sums.items():
             parts.append(sum_aircraft(some_reports(block, place == one), pools=mean, **fit_options))
-    found = []
+    found, words = [], {code: name for name, code in STATUS.items()}
     for one in list(sums):
         fits = fit_sums(xr.concat(sums.pop(one), "aircraft")).sel(reference=reference)
         first = str(np.datetime64(one * step, "M").astype("datetime64[D]"))
-        found += [_window_entry(fits.isel(aircraft=k), first) for k in range(fits.aircraft.size)]
+        for k in range(fits.sizes["aircraft"]):
+            fit = fits.isel(aircraft=k)
+            entry: Content = {
+                "aircraft": str(fit["aircraft"].item()),
+                "window": first,
+                "reports": int(fit["report_count"]),
+                "status": words[int(fit["status"])],
+            }
+            if published(fit["status"]):
+                errors = np.sqrt(np.diag(fit["deviation_covariance"].to_numpy()))
+                for name in ("offset", "amplitude", "phase"):
+                    entry |= {one: float(fit[one]) for one in (name, f"{name}_standard_error")}
+                for name, value, error in zip("ABCDE", fit["deviation"], errors, strict=True):
+                    entry |= {name: float(value), f"{name}_standard_error": float(error)}
+            found.append(entry)
     return sorted(found, key=lambda entry: (entry["aircraft"], entry["window"]))
-
-
-def _window_entry(fit: xr.Dataset, first: str) -> Content:
-    status = int(fit["status"])
-    entry: Content = {
-        "aircraft": str(fit["aircraft"].item()),
-        "window": first,
-        "reports": int(fit["report_count"]),
-        "status": next(name for name, code in STATUS.items() if code == status),
-    }
-    if published(fit["status"]):
-        errors = np.sqrt(np.diag(fit["deviation_covariance"].to_numpy()))
-        pairs = [(fit[name], fit[f"{name}_standard_error"]) for name in _SINUSOID]
-        pairs += zip(fit["deviation"], errors, strict=True)
-        for name, (value, error) in zip((*_SINUSOID, *"ABCDE"), pairs, strict=True):
-            entry[name], entry[f"{name}_standard_error"] = float(value), float(error)
-    return entry
-
-
-_SINUSOID = ("offset", "amplitude", "phase")
