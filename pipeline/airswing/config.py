@@ -20,10 +20,9 @@ from pydantic import (
     model_validator,
 )
 
-from airswing.errors import InputError
+from airswing.errors import InputError, nearest
 from airswing.quantities import MetresPerSecond, Radians, Seconds, lead_condition, spelt_out
 from airswing.units import DAY, KNOT
-from airswing.yaml_file import nearest
 
 
 def _checked_lead(text: str) -> str:

@@ -6,7 +6,9 @@ Every other exception is a defect of airswing (exit status 1). A message is one 
 
 from __future__ import annotations
 
+import difflib
 import reprlib
+from collections.abc import Sequence
 
 LONGEST = 2_000  # characters of a message
 # File 400, field 250, what 550, found 450 and remedy 250 together are shorter than LONGEST.
@@ -98,3 +100,11 @@ def _rebuild(
     remedy: str | None,
 ) -> InputError:
     return kind(what, file=file, field=field, found=found, remedy=remedy)
+
+
+def nearest(word: str, known: Sequence[str]) -> str:
+    """Return the end of a message: the known word nearest to a word, or all known words."""
+    near = difflib.get_close_matches(word, known, n=1, cutoff=0.5)
+    if near:
+        return f"; did you mean {near[0]!r}?"
+    return f"; known: {', '.join(known)}" if known else ""

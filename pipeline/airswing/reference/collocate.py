@@ -16,7 +16,7 @@ from __future__ import annotations
 import json
 import logging
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import dask.array as da
@@ -394,10 +394,6 @@ class Overlap:
     report_box: tuple[float, float, float, float]
     model_box: tuple[float, float, float, float]
     model_levels: tuple[float, ...] = ()  # highest and lowest pressure level, hPa
-
-    def as_dict(self) -> dict[str, object]:
-        """Plain dictionary, ready for JSON."""
-        return asdict(self)
 
 
 def overlap(

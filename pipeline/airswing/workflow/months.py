@@ -16,7 +16,7 @@ import json
 import os
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -489,7 +489,7 @@ class _Month:
         met = (problem for found in problems.values() for problem in found)
         self.lost = len({file for _, file, why in met if is_lost_file(why)})
         audits = {
-            name: overlaps[name].as_dict()
+            name: asdict(overlaps[name])
             | {"notes": model.notes, "skipped": model.skipped}
             | {"unread_messages": len(problems[name]), "unread": unread(problems[name])}
             for name, model in models.items()

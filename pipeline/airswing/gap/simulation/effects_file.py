@@ -17,13 +17,13 @@ import numpy as np
 import xarray as xr
 import yaml
 
+from airswing.config_file import load_yaml
 from airswing.errors import InputError
 from airswing.flags import published
 from airswing.gap.effects import CATALOGUE, ActiveEffect, Effect, Parameter, effect_named
 from airswing.gap.effects.base import number
 from airswing.products.whole_files import write_text
 from airswing.quantities import quantity
-from airswing.yaml_file import load_yaml
 
 KEYS = ("name", "tails", "parameters", "period")
 _HEADER = "# Effects of a simulation: airswing simulate CONFIG --effects THIS -o FILE\n"
