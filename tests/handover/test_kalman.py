@@ -8,7 +8,6 @@ import pytest
 from airswing.handover.forecasts.kalman import (
     kalman_bias,
     known_before,
-    mean_of_pairs,
     running_mean,
 )
 
@@ -71,19 +70,6 @@ def test_running_mean_by_hand():
     errors = np.array([1.0, np.nan, 3.0, 5.0, np.nan, np.nan, np.nan])
     found = running_mean(errors, 3)
     np.testing.assert_allclose(found, [1.0, 1.0, 2.0, 4.0, 4.0, 5.0, np.nan])
-
-
-def test_mean_of_the_last_pairs_by_hand():
-    errors = np.array([[np.nan, 1.0, np.nan, 3.0, 5.0, np.nan, np.nan, 10.0], [np.nan] * 8])
-    found = mean_of_pairs(errors, 2)
-    np.testing.assert_allclose(found[0], [np.nan, 1.0, 1.0, 2.0, 4.0, 4.0, 4.0, 7.5])
-    assert np.isnan(found[1]).all()
-
-
-def test_known_before_counts_the_days_to_the_valid_time():
-    filtered = np.array([[1.0, 2.0, 3.0, 4.0], [1.0, np.nan, 3.0, 4.0]])
-    found = known_before(filtered, np.array([1, 2]))
-    np.testing.assert_array_equal(found, [[0.0, 1.0, 2.0, 3.0], [0.0, 0.0, 1.0, 0.0]])
 
 
 def test_the_filter_is_optimal_for_the_assumed_model():

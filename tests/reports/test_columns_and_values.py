@@ -9,7 +9,7 @@ import pytest
 from airswing.errors import InputError
 from airswing.flags import ICING, PHASE, ROLL
 from airswing.reports import Audit
-from airswing.reports.columns import canonical_names, parse_mapping, sources, split_name
+from airswing.reports.columns import parse_mapping, sources, split_name
 from airswing.reports.values import decode_flags, parse_times, possible
 
 PLAIN = ["tail", "time", "latitude", "longitude"]
@@ -39,18 +39,6 @@ def test_the_unit_at_the_end_of_a_name_is_understood(name: str, value: float, si
     found = sources([*PLAIN, *levels, *rest, name], {}, "x.csv")
     source = found[split_name(name)[0].variable]
     assert value * source.factor + source.offset == pytest.approx(si, rel=1e-12)
-
-
-def test_mapped_columns_take_the_users_unit_and_come_first():
-    for name in canonical_names():
-        (source,) = parse_mapping({"theirs": name}).values()
-        assert source.column == "theirs"
-    mapping = parse_mapping(
-        {"WSPD": {"name": "wind_speed_kt", "unit": "m/s"}, "ALT": "pressure_altitude_m"}
-    )
-    found = sources([*PLAIN, "WSPD", "ALT", *WIND], mapping, "x.csv")
-    assert (found["wind_speed"].column, found["wind_speed"].factor) == ("WSPD", 1.0)
-    assert found["pressure_altitude"].factor == 1.0
 
 
 @pytest.mark.parametrize(

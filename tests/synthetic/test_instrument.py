@@ -55,25 +55,6 @@ def test_soft_iron_makes_two_cycles_and_no_one() -> None:
     assert abs(curve["B"]) + abs(curve["C"]) + abs(curve["A"]) < 0.005
 
 
-def test_northerly_turning_error_is_tan_dip_times_the_sine_of_bank() -> None:
-    """UNOS: turning right through north the compass lags, and none of it shows at east."""
-    bank = np.radians(10.0)
-    unit = Unit.perfect(3)
-    unit.tilt_right += bank
-    error = wrap(sensed(unit, np.radians([0.0, 90.0, 180.0])) - np.radians([0.0, 90.0, 180.0]))
-    lag = np.arctan(np.tan(DIP) * np.sin(bank))
-    np.testing.assert_allclose(error, [-lag, 0.0, lag], atol=1e-12)
-
-
-def test_acceleration_shows_north_in_the_northern_hemisphere() -> None:
-    """ANDS: the bob swings aft, the plate's forward side goes down; east shows less than 90."""
-    unit = Unit.perfect(2)
-    unit.tilt_forward += 0.01
-    error = wrap(sensed(unit, np.radians([90.0, 270.0])) - np.radians([90.0, 270.0]))
-    expected = np.arctan(np.tan(DIP) * np.sin(0.01))
-    np.testing.assert_allclose(error, [-expected, expected], rtol=1e-9)
-
-
 def test_coded_direction_is_where_the_wind_comes_from() -> None:
     u = np.array([0.0, -10, -10, -10, 0, 10, 10, 10])
     v = np.array([-10.0, -10, 0, 10, 10, 10, 0, -10])
