@@ -111,18 +111,3 @@ def headings_dataset(flights=12, reports=25, seed=1, icing=True):
 def frame(**options) -> Frame:
     """Frame of `headings_dataset` against its first reference: a perfect archive."""
     return Frame.from_headings(headings_dataset(**options), reference="ruc")
-
-
-def linear_residual(frame: Frame) -> np.ndarray:
-    """Residual in which errors of heading and airspeed are exactly linear, (n, 2), m s-1.
-
-    ``-V n e - h d`` with e the angle from the air vector the reference implies to the one the unit
-    used, d the difference of their lengths.
-    """
-    implied_u, implied_v = frame.ground_u - frame.u_ref, frame.ground_v - frame.v_ref
-    turned = frame.heading - np.arctan2(implied_u, implied_v)
-    error = np.arctan2(np.sin(turned), np.cos(turned))
-    longer = frame.airspeed - np.hypot(implied_u, implied_v)
-    sine, cosine = np.sin(frame.heading), np.cos(frame.heading)
-    across = frame.airspeed * error
-    return np.stack([-across * cosine - longer * sine, across * sine - longer * cosine], -1)

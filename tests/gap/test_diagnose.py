@@ -13,7 +13,7 @@ from tests.gap.toy import make_frame
 from airswing.errors import InputError
 from airswing.gap.diagnose import attributed, diagnose
 from airswing.gap.effects import CATALOGUE
-from airswing.gap.result.effect_entries import active_effects
+from airswing.gap.simulation.effects_file import active_effects
 from airswing.products.whole_files import plain
 
 SMALL = {

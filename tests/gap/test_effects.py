@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-import importlib
-import sys
 from dataclasses import replace
 from datetime import datetime
 from typing import get_args
@@ -13,7 +11,7 @@ from tests.gap import frames
 
 from airswing.errors import InputError
 from airswing.gap.archive.frame import Frame
-from airswing.gap.effects import CATALOGUE, ActiveEffect, discover, register, unregister
+from airswing.gap.effects import CATALOGUE, ActiveEffect, register
 from airswing.gap.effects.base import Stage, amplitude_phase
 from airswing.gap.effects.declination_error import declination_change
 from airswing.gap.effects.reference_speed_bias import LEVELS
@@ -62,6 +60,8 @@ def difference(frame, name, values, **options):
 
 def test_catalogue_holds_the_binding_names():
     assert set(CATALOGUE) == set(NAMES)
+    with pytest.raises(ValueError, match="already"):
+        register(type(CATALOGUE["hard_iron"])())
     for name, parameters in NAMES.items():
         assert set(parameters.split()) <= {p.name for p in CATALOGUE[name].parameters}
 
@@ -440,33 +440,3 @@ def test_missing_context_is_named(perfect):
     regular = replace(perfect, grid_convergence=np.zeros(perfect.size))
     assert "true north" in CATALOGUE["reference_grid_relative"].testable(regular)
     assert (np.isfinite(CATALOGUE["altitude_offset"].columns(flat))).all()
-
-
-def test_adding_an_effect_is_one_file(tmp_path, monkeypatch):
-    package = tmp_path / "more_effects"
-    package.mkdir()
-    (package / "__init__.py").write_text("")
-    (package / "helper.py").write_text("NOT_AN_EFFECT = 1\n")
-    (package / "four_cycles.py").write_text(
-        "import numpy as np\n"
-        "from airswing.gap.effects import HeadingEffect, ProportionalEffect, Parameter\n"
-        "class FourCycles(ProportionalEffect, HeadingEffect):\n"
-        "    name = 'four_cycles'\n"
-        "    physics = source = 'a test'\n"
-        "    parameters = (Parameter('amplitude_deg', 'degree', 1.0, 'size', si=np.pi / 180),)\n"
-        "    def basis(self, frame):\n"
-        "        return np.sin(4 * frame.magnetic_heading)[None]\n"
-        "EFFECT = FourCycles()\n"
-    )
-    monkeypatch.syspath_prepend(tmp_path)
-    importlib.invalidate_caches()
-    try:
-        discover("more_effects")
-        effect = CATALOGUE["four_cycles"]
-        assert effect.columns(frames.frame()).shape[0] == 1
-        with pytest.raises(ValueError, match="already"):
-            register(type(effect)())
-    finally:
-        unregister("four_cycles")
-        for module in [m for m in sys.modules if m.startswith("more_effects")]:
-            del sys.modules[module]

@@ -9,7 +9,6 @@ import pytest
 
 from airswing.errors import InputError
 from airswing.gap.effects import ActiveEffect
-from airswing.gap.result.effect_entries import active_effects, not_known, unknown_not_known
 from airswing.gap.result.schema import (
     CurveEntry,
     EffectEntry,
@@ -18,7 +17,12 @@ from airswing.gap.result.schema import (
     TailEntry,
     UnknownEntry,
 )
-from airswing.gap.simulation.effects_file import read_effects
+from airswing.gap.simulation.effects_file import (
+    active_effects,
+    not_known,
+    read_effects,
+    unknown_not_known,
+)
 from airswing.products.whole_files import plain
 
 

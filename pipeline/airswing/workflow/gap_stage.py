@@ -85,8 +85,12 @@ def diagnosis(
     """
     from airswing.gap.archive.frame import sampled
     from airswing.gap.diagnose import attributed, diagnose
-    from airswing.gap.result.effect_entries import active_effects, not_known, unknown_not_known
-    from airswing.gap.simulation.effects_file import write_effects
+    from airswing.gap.simulation.effects_file import (
+        active_effects,
+        not_known,
+        unknown_not_known,
+        write_effects,
+    )
     from airswing.report.gap.gap_page import write_gap_page
 
     # before anything is read: a mistyped file must not cost the hour that headings may take
@@ -336,7 +340,7 @@ def effects_of_archive(job: Job) -> list[ActiveEffect]:
     """Diagnose the archive of a simulation and return its effects."""
     from airswing.gap.archive.frame import sampled
     from airswing.gap.diagnose import diagnose
-    from airswing.gap.result.effect_entries import active_effects
+    from airswing.gap.simulation.effects_file import active_effects
 
     frame = frame_of(job, with_near_winds(job, sampled(make_headings(job))))
     with job.progress.stage("diagnose the simulation") as stage:

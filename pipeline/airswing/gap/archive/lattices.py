@@ -79,23 +79,22 @@ class HeadingSteps:
 
 def heading_lattices(frame: Frame) -> list[HeadingLattice | None]:
     """Find the steps of each aircraft's headings, from the north with the larger mean cosine."""
-    return [_heading_lattice(frame, a) for a in range(len(frame.tails))]
-
-
-def _heading_lattice(frame: Frame, aircraft: int) -> HeadingLattice | None:
-    rows = np.flatnonzero((frame.aircraft == aircraft) & np.isfinite(frame.magnetic_heading))
-    flight = np.unique(frame.flight[rows], return_inverse=True)[1]
-    if flight.max(initial=-1) + 1 < LEAST_FLIGHTS:
-        return None
-    found = [
-        (*_coarsest_step(heading[rows], flight), true_north)
-        for true_north, heading in ((False, frame.magnetic_heading), (True, frame.heading))
-    ]
-    mean, step, true_north = max(found, key=lambda item: (item[1] > 0.0, *item))
-    if step == 0.0:
-        return None
-    # a mean direction has two degrees of freedom (Rayleigh's test)
-    return HeadingLattice(step, true_north, float(rows.size * mean**2))
+    out: list[HeadingLattice | None] = []
+    for a in range(len(frame.tails)):
+        rows = np.flatnonzero((frame.aircraft == a) & np.isfinite(frame.magnetic_heading))
+        flight = np.unique(frame.flight[rows], return_inverse=True)[1]
+        if flight.max(initial=-1) + 1 < LEAST_FLIGHTS:
+            out.append(None)
+            continue
+        found = [
+            (*_coarsest_step(heading[rows], flight), true_north)
+            for true_north, heading in ((False, frame.magnetic_heading), (True, frame.heading))
+        ]
+        mean, step, true_north = max(found, key=lambda item: (item[1] > 0.0, *item))
+        # a mean direction has two degrees of freedom (Rayleigh's test)
+        lattice = HeadingLattice(step, true_north, float(rows.size * mean**2))
+        out.append(lattice if step > 0.0 else None)
+    return out
 
 
 def _coarsest_step(heading: Floats, flight: Integers) -> tuple[float, float]:
