@@ -81,8 +81,8 @@ def test_what_is_written_is_read_and_written_again_alike(gap_product):
 def test_a_parameter_may_be_a_range_a_pair_a_word_or_a_number(gap_product, value):
     content = json.loads((gap_product / "gap.json").read_text())
     content["effects"][0]["parameters"] = {"one": value}
-    (told,) = GapReport.of(content).effects[0].parameters.values()
-    assert told == value and type(told) is type(value)
+    (read,) = GapReport.of(content).effects[0].parameters.values()
+    assert read == value and type(read) is type(value)
 
 
 def test_a_number_of_another_kind_is_named(gap_product, tmp_path):

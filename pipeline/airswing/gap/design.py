@@ -200,7 +200,7 @@ def unit_vectors(heading: Floats) -> tuple[Floats, Floats]:
 def heading_doubt(frame: Frame, columns_frame: Frame) -> Floats:
     """Error of the deviation's columns that the doubt of the heading makes, (n,) m s-1.
 
-    ``columns_frame`` holds the heading that stands in the columns. Standard deviation per
+    ``columns_frame`` holds the heading of the columns. Standard deviation per
     component; 0 where the heading's error is not known.
     """
     east, north = frame.ground_u - columns_frame.u_ref, frame.ground_v - columns_frame.v_ref

@@ -292,10 +292,7 @@ class NoiseModel:
         return np.exp(-distance / self.length - step / self.height)
 
     def direction_factors(self, heading: Floats) -> DirectionFactors | None:
-        """Return the scaling from isotropic errors to those at headings, (n,) rad.
-
-        None where the errors are isotropic.
-        """
+        """Scaling from isotropic errors to those at headings (n,), rad; None if isotropic."""
         if self.along == self.across:
             return None
         return DirectionFactors.from_heading(heading, self.along, self.across)

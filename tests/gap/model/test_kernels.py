@@ -101,8 +101,8 @@ def test_what_the_day_fields_absorb_is_given_back():
     )
     given_back = common_variance(absorbed)[1]
     np.testing.assert_allclose(given_back, 3.0 / 3200.0)
-    lifted = absorbed.score + absorbed.information @ (given_back @ absorbed.score.sum(0))
-    np.testing.assert_allclose(lifted, whole.score)
+    restored = absorbed.score + absorbed.information @ (given_back @ absorbed.score.sum(0))
+    np.testing.assert_allclose(restored, whole.score)
 
 
 def test_the_noise_factor_of_independent_errors_is_one():

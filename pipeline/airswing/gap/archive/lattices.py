@@ -121,10 +121,7 @@ class DirectionLattice:
 
 
 def direction_lattice(u: Floats, v: Floats) -> DirectionLattice | None:
-    """Find the steps of the directions of winds (u, v) up to a speed.
-
-    None where no lattice holds half of the reports up to any speed.
-    """
+    """Steps of the directions of winds up to a speed; None where none holds half of the reports."""
     speed, angle = np.hypot(u, v), np.degrees(np.arctan2(u, v))
     order = np.argsort(speed)
     order = order[speed[order] > 0]  # calm has no direction

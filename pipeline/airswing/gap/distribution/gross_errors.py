@@ -21,14 +21,14 @@ from airswing.units import KNOT
 LEAST_RATE = 0.002
 """Share of gross errors from which they are worth a name: 0.1 kt at the usual size."""
 LEAST_CHANCE = 5e-4
-"""Share that stands out by chance at least: real noise has tails that a simulated one lacks."""
+"""Least share by chance: real noise has tails that a simulated one lacks."""
 DRAWS = 2
-"""Simulated archives from which the share that stands out by chance is counted."""
+"""Simulated archives from which the share by chance is counted."""
 JUMPING = 2.0
 """The same share where headings come in coarse steps, over that of simulated ones: how often they
 jump hangs on how aircraft wander about a course, which the noise model does not know."""
 LEAST_SIZE = 6.0
-"""Standard deviation per component, m/s, under which what stands out is no gross error."""
+"""Standard deviation per component, m/s, under which a departure is no gross error."""
 
 
 def outliers(frame: Frame, residual: Floats, noise: NoiseFit) -> EffectEntry | None:
@@ -76,10 +76,10 @@ def outliers(frame: Frame, residual: Floats, noise: NoiseFit) -> EffectEntry | N
 
 
 def simulated_rate(frame: Frame, noise: NoiseFit, *, seed: int = 0) -> Floats:
-    """Share of each aircraft's reports that stand out where none errs grossly, (aircraft,).
+    """Share of each aircraft's reports marked where none errs grossly, (aircraft,).
 
     Reports of the same paths through the same noise, coded as the unit codes: what coarse coding
-    and sparse neighbours make stand out is in it. Rare as they are, the fleet's mean counts as much
+    and sparse neighbours do is in it. Rare as they are, the fleet's mean counts as much
     as an aircraft's own share; but headings in coarse steps jump at turns, which are not rare.
     """
     rng, coding = np.random.default_rng(seed), Coding.as_found(frame)

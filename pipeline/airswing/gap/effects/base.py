@@ -242,10 +242,7 @@ class MomentEffect(Effect):
 
 
 class WindEffect(Effect):
-    """Difference of the wind met from the reference as a linear combination of columns.
-
-    It is exact to the order of the context.
-    """
+    """Difference of the wind met from the reference: columns, exact to the order of the context."""
 
     stage: ClassVar[Stage] = "atmosphere"
 

@@ -34,7 +34,7 @@ class Closure:
     before: float
     steps: tuple[ClosesEntry, ...]
     whole: ClosesEntry
-    residual: Floats  # (n, 2): held-out, with all claims taken off, m/s
+    residual: Floats  # (n, 2): held-out, without all claims, m/s
 
 
 def is_held_out(days: int) -> bool:

@@ -64,7 +64,7 @@ def prepared(
 ) -> Fitted:
     """Build candidates and sums of an archive; nothing is searched yet.
 
-    ``noise`` is used instead of fitting it; ``less`` (n, 2) is taken off the residual before.
+    ``noise`` is used instead of fitting it; ``less`` (n, 2) is subtracted from the residual before.
     Errors of the heading are functions of the ``indicated`` magnetic heading (n,), where that of
     the frame is a corrected one.
     """

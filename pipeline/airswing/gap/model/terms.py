@@ -352,7 +352,7 @@ def _with_factors(
     return replace(found, fleet_inverse=fleet_inverse, factor=factor, fleet_factor=fleet_factor)
 
 
-#: Prior scale, m/s, of the fit that is taken off before days' scores are compared.
+#: Prior scale, m/s, of the fit that is removed before days' scores are compared.
 WIDE = 2.7
 #: Days in a cluster; the larger scatter counts: what lasts for days is seen in blocks of four.
 BLOCKS = (1, 4)

@@ -323,7 +323,7 @@ class AssumptionEntry:
 
 @dataclass(frozen=True)
 class FitEntry:
-    """A fitted deviation before and after the other effects are taken off, degrees.
+    """A fitted deviation before and after the other effects are removed, degrees.
 
     ``stays``: both within 1.96 standard errors of before; None where a fit is not to be trusted.
     """
@@ -350,7 +350,7 @@ class FieldTestEntry:
 
 @dataclass(frozen=True)
 class ClaimsEntry:
-    """What of the fits and the field test stays with the other effects taken off."""
+    """What of the fits and the field test stays without the other effects."""
 
     taken_off: Sequence[str]
     aircraft: Sequence[FitEntry] = ()

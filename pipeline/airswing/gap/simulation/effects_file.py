@@ -310,10 +310,7 @@ def _of_place(place: PlaceEntry) -> list[dict[str, object]]:
 
 
 def not_known(entries: Sequence[EffectEntry], effects: Sequence[ActiveEffect]) -> list[EffectEntry]:
-    """Return the effects found but for those of scatter that were known.
-
-    An effect known on some of its aircraft is kept with the others.
-    """
+    """Effects found less those of scatter that were known; one known on some aircraft is kept."""
     out = []
     for entry in entries:
         kind = CATALOGUE[entry.name].kind if entry.name in CATALOGUE else "mean"

@@ -203,10 +203,7 @@ def simulate(
 
 
 def draw_noise(frame: Frame, noise: NoiseModel, *, rng: np.random.Generator) -> Floats:
-    """Draw the error of the reference wind at reports in any order, (n, 2) m s-1.
-
-    It is stationary along each flight by the exact one-step recursion.
-    """
+    """Error of the reference wind at reports in any order, stationary along flights, (n, 2)."""
     order = np.lexsort((frame.time, frame.flight))
     path = frame.take(order)
     log_pressure = np.log(path.pressure)
