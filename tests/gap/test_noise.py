@@ -1,0 +1,255 @@
+"""The noise fit recovers its parameters; whitening is that of the full covariance; gross errors."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from tests.gap.toy import make_frame, noise_of
+
+from airswing.gap.design import exogenous
+from airswing.gap.distribution.gross_errors import outliers, reduction_of_gross
+from airswing.gap.noise import (
+    DirectionFactors,
+    Gains,
+    fit_noise,
+    flight_order,
+    flight_steps,
+    gross_errors,
+    interpolation_errors,
+    kalman_gains,
+    level_factors,
+    whiten,
+)
+from airswing.units import KNOT
+
+
+def flown_archive(seed: int = 0, flights: int = 900) -> dict[str, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    length = rng.integers(8, 25, flights)
+    flight = np.repeat(np.arange(flights), length)
+    position = np.arange(flight.size) - np.repeat(np.r_[0, np.cumsum(length)[:-1]], length)
+    latitude = 30 + 0.25 * position
+    phi = np.exp(-np.radians(0.25) * 6.371e6 / 150e3)
+    signal = np.zeros((flight.size, 2))
+    for j in range(length.max()):
+        now = np.flatnonzero(position == j)
+        fresh = rng.normal(size=(now.size, 2))
+        signal[now] = fresh if j == 0 else phi * signal[now - 1] + np.sqrt(1 - phi**2) * fresh
+    return {
+        "residual": 2.3 * signal + 0.9 * rng.normal(size=signal.shape),
+        "aircraft": flight % 5,
+        "flight": flight,
+        "time": flight * 1e4 + position * 120.0,
+        "latitude": latitude,
+        "longitude": np.full(flight.size, -90.0),
+        "pressure": np.full(flight.size, 5e4),
+        "heading": rng.uniform(0, 2 * np.pi, flights)[flight],
+        "airspeed": np.full(flight.size, 110.0),
+    }
+
+
+def fitted(data):
+    return fit_noise(data["residual"], SimpleNamespace(**data))
+
+
+def test_parameters_recovered_and_innovations_white():
+    data = flown_archive()
+    fit = fitted(data)
+    assert fit.model.correlated_sd == pytest.approx(2.3, rel=0.06)
+    assert fit.model.white_sd == pytest.approx(0.9, rel=0.08)
+    assert fit.model.length == pytest.approx(150e3, rel=0.15)
+    white = whiten(data["residual"], fit.order, fit.gains)
+    assert white.std() == pytest.approx(1.0, abs=0.03)
+    same = data["flight"][1:] == data["flight"][:-1]
+    assert abs((white[1:] * white[:-1])[same].mean()) < 0.03
+    good = fit.pair_count > 500
+    np.testing.assert_allclose(fit.autocovariance[good], fit.autocovariance_model[good], atol=0.5)
+
+
+def test_large_deviation_of_one_aircraft_is_not_noise():
+    data = flown_archive(1)
+    error = np.radians(8) * np.sin(data["heading"]) * (data["aircraft"] == 2) * 110
+    cross = np.stack([np.cos(data["heading"]), -np.sin(data["heading"])], -1)
+    data["residual"] = data["residual"] + error[:, None] * cross
+    fit = fitted(data)
+    assert fit.model.correlated_sd == pytest.approx(2.3, rel=0.07)
+    assert fit.gross.mean() < 1e-3
+
+
+def test_larger_scatter_across_the_heading():
+    data = flown_archive(2)
+    isotropic = fitted(data)
+    assert isotropic.model.along == isotropic.model.across == 1.0
+    assert isotropic.gains.direction is None
+    beam = np.stack([np.cos(data["heading"]), -np.sin(data["heading"])], -1)
+    across = (data["residual"] * beam).sum(axis=1)
+    data["residual"] = data["residual"] + 0.8 * across[:, None] * beam
+    fit = fitted(data)
+    assert fit.model.across / fit.model.along == pytest.approx(1.8, rel=0.03)
+    assert fit.model.across**2 + fit.model.along**2 == pytest.approx(2.0)
+    spread = np.sqrt((1.8**2 + 1) / 2)
+    assert fit.model.correlated_sd == pytest.approx(2.3 * spread, rel=0.06)
+    white = whiten(data["residual"], fit.order, fit.gains)
+    nose = beam @ np.array([[0, 1], [-1, 0]])
+    for part in (beam, nose):
+        assert (white * part).sum(axis=1).std() == pytest.approx(1.0, abs=0.04)
+
+
+def test_gross_errors_are_single_reports_not_long_departures():
+    data = flown_archive(2, flights=300)
+    first = np.flatnonzero(data["flight"] == 50)
+    residual = data["residual"].copy()
+    residual[first] += 15.0
+    residual[first[3]] += 25.0
+    found = np.flatnonzero(gross_errors(residual, flight_order(data["flight"], data["time"])))
+    assert set(first) & set(found) == {first[3]}
+
+
+def test_level_factors_follow_the_spread():
+    rng = np.random.default_rng(3)
+    log_pressure = np.linspace(np.log(2e4), np.log(9e4), 10_000)
+    residual = rng.normal(size=(10_000, 2))
+    residual[:4000] *= 2.0  # two of the five levels
+    nodes, factors = level_factors(residual, log_pressure)
+    assert nodes.size == 5 and (np.diff(nodes) > 0).all()
+    np.testing.assert_allclose(factors[:2] / factors[2:4], 2.0, rtol=0.1)
+    assert np.mean(factors**2) == pytest.approx(1.0)
+    nodes, factors = level_factors(residual, np.full(10_000, 11.0))
+    assert nodes.tolist() == [11.0] and factors.tolist() == [1.0]
+
+
+LENGTH = 150.0
+SIGNAL, WHITE = 2.1, 0.5
+
+
+def flights(keep=None, *, anisotropic=False):
+    """Three flights in any order: order, gains and covariance (2 n, 2 n) of east and north."""
+    rng = np.random.default_rng(4)
+    flight = np.repeat([7, 3, 9], [5, 7, 1])
+    keep = np.ones(13, bool) if keep is None else keep
+    step = np.where(np.r_[True, flight[1:] != flight[:-1]], np.inf, rng.uniform(5, 60, 13))
+    order = flight_order(flight, np.arange(13.0))
+    level = rng.uniform(0.8, 1.3, 13)
+    gains = kalman_gains(
+        order, np.exp(-step / LENGTH), level, keep, correlated_sd=SIGNAL, white_sd=WHITE
+    )
+    position = np.cumsum(np.where(np.isfinite(step), step, 0.0))
+    gap = np.abs(position[:, None] - position)
+    signal = np.where(flight[:, None] == flight, SIGNAL**2 * np.exp(-gap / LENGTH), 0.0)
+    covariance = (signal + WHITE**2 * np.eye(13)) * level[:, None] * level
+    covariance = np.kron(covariance, np.eye(2))
+    if anisotropic:
+        heading = rng.uniform(0, 2 * np.pi, 13)
+        factors = DirectionFactors.from_heading(heading, 0.7, 1.2)
+        gains = replace(gains, direction=factors.inverse)
+        root = np.zeros((13, 2, 13, 2))
+        for i, a in enumerate(heading):
+            along, across = np.array([np.sin(a), np.cos(a)]), np.array([np.cos(a), -np.sin(a)])
+            root[i, :, i] = 0.7 * np.outer(along, along) + 1.2 * np.outer(across, across)
+        root = root.reshape(26, 26)
+        covariance = root @ covariance @ root
+    return flight, order, gains, covariance
+
+
+MASKED = np.isin(np.arange(13), [2, 8])
+
+
+@pytest.mark.parametrize("anisotropic", [False, True])
+@pytest.mark.parametrize("columns", [3, 40])  # above 32 columns the memory layout is another
+@pytest.mark.parametrize("keep", [None, ~MASKED])
+def test_whitening_is_that_of_the_full_covariance(keep, columns, anisotropic):
+    _, order, gains, covariance = flights(keep, anisotropic=anisotropic)
+    values = np.random.default_rng(1).normal(size=(13, 2, columns))
+    white = whiten(values, order, gains)
+    kept = np.ones(13, bool) if keep is None else keep
+    assert not white[~kept].any()
+    both = np.repeat(kept, 2)
+    flat, white = values.reshape(26, -1)[both], white.reshape(26, -1)[both]
+    expected = flat.T @ np.linalg.solve(covariance[np.ix_(both, both)], flat)
+    np.testing.assert_allclose(white.T @ white, expected, rtol=1e-10, atol=1e-10)
+
+
+@pytest.mark.parametrize("anisotropic", [False, True])
+@pytest.mark.parametrize("keep", [None, ~MASKED])
+def test_interpolation_errors_are_those_of_the_inverse_covariance(keep, anisotropic):
+    _, order, gains, covariance = flights(keep, anisotropic=anisotropic)
+    values = np.random.default_rng(2).normal(size=(13, 2))
+    errors, precision = interpolation_errors(values, order, gains)
+    kept = np.ones(13, bool) if keep is None else keep
+    assert not errors[~kept].any() and not precision[~kept].any()
+    both = np.repeat(kept, 2)
+    inverse = np.linalg.inv(covariance[np.ix_(both, both)])
+    score = (inverse @ values.ravel()[both]).reshape(-1, 2)
+    blocks = [inverse[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] for i in range(kept.sum())]
+    expected = [np.linalg.solve(block, row) for block, row in zip(blocks, score, strict=True)]
+    np.testing.assert_allclose(errors[kept], expected, atol=1e-10)
+    if not anisotropic:
+        np.testing.assert_allclose(precision[kept], [b[0, 0] for b in blocks], rtol=1e-10)
+
+
+def test_flights_are_independent():
+    flight, order, gains, _ = flights()
+    assert list(np.diff(order.starts)) == [3, 2, 2, 2, 2, 1, 1]
+    values = np.random.default_rng(3).normal(size=(13, 2))
+    white = whiten(values, order, gains)
+    for number in (7, 3, 9):
+        rows = np.flatnonzero(flight == number)
+        part = flight_order(flight[rows], rows.astype(float))
+        own = Gains(*(getattr(gains, f)[rows] for f in ("decay", "gain", "weight", "scale")))
+        np.testing.assert_allclose(white[rows], whiten(values[rows], part, own))
+
+
+def test_flight_steps_by_hand():
+    order = flight_order(np.array([1, 1, 2]), np.array([0.0, 60.0, 0.0]))
+    distance, step = flight_steps(
+        np.array([40.0, 41.0, 10.0]), np.array([-90.0, -90.0, 0.0]), np.log([9e4, 8e4, 5e4]), order
+    )
+    assert np.isinf(distance[[0, 2]]).all()
+    assert distance[1] == pytest.approx(np.radians(1) * 6.371e6, rel=1e-9)
+    assert step[1] == pytest.approx(np.log(9 / 8))
+
+
+@pytest.fixture(scope="module")
+def archive():
+    frame = make_frame(seed=11, aircraft=8, days=20)
+    return frame, noise_of(frame, exogenous(frame))
+
+
+def with_gross_errors(archive, aircraft, share, size=20.0):
+    """The archive with normal errors in a share of some aircraft's reports, and its noise."""
+    frame, noise = archive
+    rng = np.random.default_rng(5)
+    hit = np.isin(frame.aircraft, aircraft) & (rng.random(frame.size) < share)
+    error = hit[:, None] * rng.normal(0, size, (frame.size, 2))
+    made = replace(frame, u_rep=frame.u_rep + error[:, 0], v_rep=frame.v_rep + error[:, 1])
+    return made, replace(noise, gross=gross_errors(made.residual, noise.order))
+
+
+@pytest.mark.parametrize("aircraft", [[2], [1, 4, 5], list(range(8))])
+@pytest.mark.parametrize("share", [0.01, 0.03])
+def test_share_of_gross_errors_and_aircraft(archive, aircraft, share):
+    made, noise = with_gross_errors(archive, aircraft, share)
+    found = outliers(made, made.residual, noise)
+    assert found.tails == [made.tails[a] for a in aircraft]
+    assert found.evidence_nats > 7.0
+    count = share * np.isin(made.aircraft, aircraft).sum()
+    assert found.parameters["fraction"] == pytest.approx(share, abs=3 * share / np.sqrt(count))
+    reduction = reduction_of_gross(made, made.residual, found, noise.gross)
+    frame, _ = archive
+    true = (np.hypot(*made.residual.T).mean() - np.hypot(*frame.residual.T).mean()) / KNOT
+    assert reduction.reduction_ci[0] < true < reduction.reduction_ci[1]
+
+
+def test_no_gross_errors(archive):
+    frame, noise = archive
+    calm = replace(noise, gross=gross_errors(frame.residual, noise.order))
+    assert outliers(frame, frame.residual, calm) is None
+
+
+def test_moderate_scatter_is_no_gross_error(archive):
+    made, noise = with_gross_errors(archive, [1, 2], 0.3, size=2.5)
+    assert noise.gross.mean() > 0.002
+    assert outliers(made, made.residual, noise) is None
