@@ -502,7 +502,9 @@ def _screened(job: Job, headings: xr.Dataset) -> xr.Dataset:
     from airswing.compass.screening import audit, mark_corrected_units, screen
 
     test, attrs = job.config.field_test, headings.attrs
-    headings = screen(headings, **job.config.screening.model_dump()).compute()
+    # reports and winds are in memory here, which other processes do not share
+    screened = screen(headings, **job.config.screening.model_dump())
+    headings = screened.compute(scheduler="threads")
     if test is not None:
         start, end = (
             np.datetime64(test.start),
