@@ -68,6 +68,8 @@ def test_a_pool_is_the_mean_of_its_members() -> None:
     assert value[[0, 1, 2]].tolist() == [2.5] * 3
     assert value[3] == headings["heading_error"][0, 3], "the member that has a value, as in the fit"
     assert selection.members(headings, "no members") == ["ruc", "rtfdaa", "nam"]
+    asked = headings.assign_attrs(airswing_config='{"pool": {"both": ["ruc", "nam"]}}')
+    assert selection.members(asked, "both") == ["ruc", "nam"]
 
 
 def test_the_fitted_bias_of_the_reference_is_subtracted() -> None:

@@ -8,6 +8,7 @@ reports, the same ones before and after; its interval takes flights as the indep
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from typing import NamedTuple, SupportsInt
 
@@ -65,10 +66,12 @@ def rows_of(ds: xr.Dataset, aircraft: str | int) -> slice:
 def members(headings: xr.Dataset, reference: str) -> list[str]:
     """Return the references behind a fit: the reference itself, or the members of a pool.
 
-    The members are those in the pool's name (``ruc+rtfdaa``), else all references of the headings.
+    The members are those of the configuration the headings were made with, or in the pool's name
+    (``ruc+rtfdaa``), else all references of the headings.
     """
     known = [str(name) for name in headings["reference"].to_numpy()]
-    parts = [reference] if reference in known else reference.split("+")
+    pools = json.loads(headings.attrs.get("airswing_config") or "{}").get("pool") or {}
+    parts = [reference] if reference in known else pools.get(reference, reference.split("+"))
     return [name for name in parts if name in known] or known
 
 
