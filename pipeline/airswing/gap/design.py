@@ -90,10 +90,10 @@ def _large_scale(frame: Frame) -> tuple[Floats, Floats]:
     ridge = 2.0 * np.diag(np.arange(len(terms)) > 0) + 1e-6 * np.eye(len(terms))
     day = np.floor((frame.time - frame.epoch) / DAY)
     for one_day in np.unique(day):
-        own = np.flatnonzero(day == one_day)
-        rows = design[own]
-        found = np.linalg.solve(rows.T @ rows + ridge, rows.T @ wind[own])
-        fit[own], shear[own] = rows @ found, slopes[own] @ found / spread[2]
+        index = np.flatnonzero(day == one_day)
+        rows = design[index]
+        found = np.linalg.solve(rows.T @ rows + ridge, rows.T @ wind[index])
+        fit[index], shear[index] = rows @ found, slopes[index] @ found / spread[2]
     return fit, shear
 
 
@@ -108,15 +108,16 @@ def smooth_deviation(difference: Floats, angle: Floats, aircraft: NDArray[np.int
     )
     out = np.zeros_like(difference)
     for a in np.unique(aircraft):
-        own = np.flatnonzero(aircraft == a)
-        middle = np.median(difference[own])
+        index = np.flatnonzero(aircraft == a)
+        middle = np.median(difference[index])
         # of an aircraft without any scatter all are near
-        spread = robust_sd(difference[own], middle) + 1e-9
-        near = own[np.abs(difference[own] - middle) < 3.0 * spread]
+        spread = robust_sd(difference[index], middle) + 1e-9
+        near = index[np.abs(difference[index] - middle) < 3.0 * spread]
         normal = design[near].T @ design[near]
         # an aircraft that flew few headings has no cycles rather than large ones
         ridge = (1e-3 * near.size + 1e-9) * np.eye(5)
-        out[own] = design[own] @ np.linalg.solve(normal + ridge, design[near].T @ difference[near])
+        fit = np.linalg.solve(normal + ridge, design[near].T @ difference[near])
+        out[index] = design[index] @ fit
     return out
 
 
@@ -135,12 +136,12 @@ def typical_airspeed(
     design = np.concatenate([base, (climbing * base[:, None, :]).reshape(base.shape[0], -1)], -1)
     out = np.empty_like(airspeed)
     for a in np.unique(aircraft):
-        own = np.flatnonzero(aircraft == a)
-        middle = np.median(airspeed[own])
+        index = np.flatnonzero(aircraft == a)
+        middle = np.median(airspeed[index])
         # worth one report: knots an aircraft never flew at fall back to its median
-        normal = design[own].T @ design[own] + np.eye(design.shape[1])
-        profile = np.linalg.solve(normal, design[own].T @ (airspeed[own] - middle))
-        out[own] = middle + design[own] @ profile
+        normal = design[index].T @ design[index] + np.eye(design.shape[1])
+        profile = np.linalg.solve(normal, design[index].T @ (airspeed[index] - middle))
+        out[index] = middle + design[index] @ profile
     _, which = np.unique(flight, return_inverse=True)
     count = np.bincount(which)
     # two reports' worth of the profile: a flight of one or two would be its own typical airspeed

@@ -81,21 +81,21 @@ def wind_coding(frame: Frame) -> EffectEntry | None:
     evidence: list[float] = []
     start: list[float] = []
     for a, tail in enumerate(frame.tails):
-        own = np.flatnonzero((frame.aircraft == a) & moving)
-        if own.size < 100:
+        index = np.flatnonzero((frame.aircraft == a) & moving)
+        if index.size < 100:
             continue
-        fast = own[_usual(speed[own], FREQUENT["speed"])]
-        turned = own[_usual(direction[own], FREQUENT["direction"])]
+        fast = index[_usual(speed[index], FREQUENT["speed"])]
+        turned = index[_usual(direction[index], FREQUENT["direction"])]
         step, share = coarsest(speed[fast], SPEED_STEPS, base=1.0)
         turn, turn_share = coarsest(direction[turned], DIRECTION_STEPS, base=1.0)
         if step <= 1.0 and turn <= 1.0:
             continue
         per_tail[tail] = {"step": step if step > 1 else 1.0, "direction_step_deg": turn}
-        value, width = (direction[own], turn) if turn > 1 else (speed[own], step)
+        value, width = (direction[index], turn) if turn > 1 else (speed[index], step)
         evidence.append(against_chance(value.size, *_on_lattice(value, width, base=1.0)))
         # nearly all on the lattice: coded so from the first report on, else it began later
         if min(share if step > 1 else 1.0, turn_share if turn > 1 else 1.0) < 0.9:
-            start.append(_change_time(value, width, frame.time[own]))
+            start.append(_change_time(value, width, frame.time[index]))
     if not per_tail:
         return None
     period = None
@@ -119,19 +119,19 @@ def position_coding(frame: Frame) -> EffectEntry | None:
     evidence: dict[str, float] = {}
     steps = []
     for a, tail in enumerate(frame.tails):
-        own = np.flatnonzero(frame.aircraft == a)
-        if own.size < 100:
+        index = np.flatnonzero(frame.aircraft == a)
+        if index.size < 100:
             continue
         found = [
-            coarsest(60.0 * values[own], POSITION_STEPS, base=0.1)[0]
+            coarsest(60.0 * values[index], POSITION_STEPS, base=0.1)[0]
             for values in (frame.latitude, frame.longitude)
         ]
         steps.append(min(found))
         # tenths of an arc minute are how positions come
         if min(found) > 0.1:
             per_tail[tail] = {"step": min(found)}
-            on, chance = _on_lattice(60.0 * frame.latitude[own], min(found), base=0.1)
-            evidence[tail] = against_chance(own.size, on, chance)
+            on, chance = _on_lattice(60.0 * frame.latitude[index], min(found), base=0.1)
+            evidence[tail] = against_chance(index.size, on, chance)
     common = float(np.median(steps)) if steps else 0.1
     if common < 1.0:
         # what all send in is their format and no effect
@@ -224,11 +224,11 @@ def reduction_of_coding(
     error = (residual * right).sum(axis=1)
     longer = np.zeros(frame.size)
     for tail, values in per_tail.items():
-        own = affected & frame.aircraft_mask(tail)
-        rounding = float((frame.airspeed[own] ** 2).mean()) * (
+        chosen = affected & frame.aircraft_mask(tail)
+        rounding = float((frame.airspeed[chosen] ** 2).mean()) * (
             np.radians(number(values["step_deg"])) ** 2 / 12
         )
-        left = max(1 - rounding / float((error[own] ** 2).mean()), LEAST_LEFT)
-        without = residual[own] - (error[own] * (1 - np.sqrt(left)))[:, None] * right[own]
-        longer[own] = np.hypot(*residual[own].T) - np.hypot(*without.T)
+        left = max(1 - rounding / float((error[chosen] ** 2).mean()), LEAST_LEFT)
+        without = residual[chosen] - (error[chosen] * (1 - np.sqrt(left)))[:, None] * right[chosen]
+        longer[chosen] = np.hypot(*residual[chosen].T) - np.hypot(*without.T)
     return mean_reduction(longer[affected], affected)

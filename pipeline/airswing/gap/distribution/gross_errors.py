@@ -65,10 +65,10 @@ def outliers(frame: Frame, residual: Floats, noise: NoiseFit) -> EffectEntry | N
     # drawn to the common rate as far as counting alone scatters them
     apart = hits[affected] / count[affected] - chance[affected] - rate
     spread = max(float(np.mean(apart**2 - counting)), 0.0)
-    own = rate + apart * spread / (spread + counting)
+    rates = rate + apart * spread / (spread + counting)
     per_tail: dict[str, Stated] = {
         frame.tails[a]: {"fraction": float(max(one, 0.0) / seen), "size_m_s": size}
-        for a, one in zip(affected, own, strict=True)
+        for a, one in zip(affected, rates, strict=True)
     }
     error = float(np.sqrt(np.median(counting))) / seen
     evidence = [float(gain[gain > 0].sum())]
@@ -109,8 +109,8 @@ def shared_rate(hits: Floats, count: Floats, chance: Floats) -> tuple[float, Flo
     def gain(rate: float) -> Floats:
         return np.asarray(hits * np.log1p(rate / chance) - count * rate)
 
-    own = [against_chance(int(n), h / n, q) for h, n, q in zip(hits, count, chance, strict=True)]
-    first = int(np.argmax(own))
+    each = [against_chance(int(n), h / n, q) for h, n, q in zip(hits, count, chance, strict=True)]
+    first = int(np.argmax(each))
     rate = float(max(hits[first] / count[first] - chance[first], 0.0))
     # expectation maximisation of one rate settles within a dozen rounds
     for _ in range(30):
@@ -132,12 +132,12 @@ def reduction_of_gross(
     total, doubt = 0.0, 0.0
     for tail, one in (found.per_tail or {}).items():
         whose = frame.aircraft_mask(tail)
-        own = residual[whose & ~gross]
-        if own.size == 0:
+        values = residual[whose & ~gross]
+        if values.size == 0:
             continue
         size, fraction = (number(one.parameters[name]) for name in ("size_m_s", "fraction"))
-        error = size * rng.standard_normal(own.shape)
-        longer = float((np.hypot(*(own + error).T) - np.hypot(*own.T)).mean())
+        error = size * rng.standard_normal(values.shape)
+        longer = float((np.hypot(*(values + error).T) - np.hypot(*values.T)).mean())
         count = float(whose.sum())
         total += count * fraction * longer
         doubt += (count * longer) ** 2 * fraction / count

@@ -143,13 +143,13 @@ def _statistics(
     gram = np.zeros((number, days, m, m))
     values = functions @ root
     for a in range(number):
-        own = np.flatnonzero(use & (aircraft == a))
-        if own.size < LEAST_REPORTS:
+        index = np.flatnonzero(use & (aircraft == a))
+        if index.size < LEAST_REPORTS:
             continue
-        rows = values[own] - values[own].mean(axis=0)
-        centred = y[own] - y[own].mean()
-        order = np.argsort(day[own], kind="stable")
-        cuts = np.searchsorted(day[own][order], np.arange(days + 1))
+        rows = values[index] - values[index].mean(axis=0)
+        centred = y[index] - y[index].mean()
+        order = np.argsort(day[index], kind="stable")
+        cuts = np.searchsorted(day[index][order], np.arange(days + 1))
         for d in range(days):
             part = order[cuts[d] : cuts[d + 1]]
             if part.size:
@@ -170,11 +170,11 @@ def _by_variable(
 ) -> PlaceEntry | None:
     """Excess over the quietest third of the cells, in m/s."""
     edges = variable.edges(24 if KINDS[variable.name][0] != "category" else 3)
-    own = np.isin(frame.aircraft, found.tails) & np.isfinite(y)
+    chosen = np.isin(frame.aircraft, found.tails) & np.isfinite(y)
     cell = variable.cells(edges)
-    own &= cell >= 0
-    count = np.bincount(cell[own], minlength=edges.size - 1)
-    mean = np.bincount(cell[own], y[own], minlength=edges.size - 1) / np.maximum(count, 1)
+    chosen &= cell >= 0
+    count = np.bincount(cell[chosen], minlength=edges.size - 1)
+    mean = np.bincount(cell[chosen], y[chosen], minlength=edges.size - 1) / np.maximum(count, 1)
     used = np.flatnonzero(count >= 30)
     if used.size < 2:
         return None
@@ -182,7 +182,8 @@ def _by_variable(
     above = np.where(count >= 30, np.maximum(mean - quiet, 0.0), 0.0)
     error = np.sqrt(LOG_VARIANCE / np.maximum(count, 1))
     above[above < np.maximum(2 * error, 0.2 * above.max())] = 0.0
-    typical = np.bincount(cell[own], variance[own], minlength=edges.size - 1) / np.maximum(count, 1)
+    total = np.bincount(cell[chosen], variance[chosen], minlength=edges.size - 1)
+    typical = total / np.maximum(count, 1)
     values = np.sqrt(np.expm1(np.minimum(above, 5.0)) * np.exp(max(quiet, 0.0)) * typical)
     inside = np.isin(frame.aircraft, found.tails) & (cell >= 0)
     sizes = np.where(inside, values[np.maximum(cell, 0)], 0.0)
@@ -219,8 +220,8 @@ def _by_aircraft(
         return None
     size = np.zeros(len(frame.tails))
     for a, excess in zip(used[high], 2 * ratio[high], strict=True):
-        own = known & (frame.aircraft == a)
-        size[a] = np.sqrt(np.expm1(min(excess, 5.0)) * float(variance[own].mean()))
+        chosen = known & (frame.aircraft == a)
+        size[a] = np.sqrt(np.expm1(min(excess, 5.0)) * float(variance[chosen].mean()))
     tails = tuple(int(a) for a in used[high])
     best = float(evidence[high].max())
     curve = CurveEntry([frame.tails[a] for a in tails], size[list(tails)].tolist())
@@ -245,9 +246,9 @@ def _place(
     affected = (sizes > 0) & ~gross
     longer = np.zeros(frame.size)
     for size in np.unique(sizes[affected]):
-        own = affected & (sizes == size)
-        share = 2 * size**2 / float((residual[own] ** 2).sum(axis=1).mean())
-        longer[own] = np.hypot(*residual[own].T) * (1 - np.sqrt(max(1 - share, LEAST_LEFT)))
+        chosen = affected & (sizes == size)
+        share = 2 * size**2 / float((residual[chosen] ** 2).sum(axis=1).mean())
+        longer[chosen] = np.hypot(*residual[chosen].T) * (1 - np.sqrt(max(1 - share, LEAST_LEFT)))
     closure = mean_reduction(longer[affected], affected)
     size = float(np.median([value for value in curve.m_s if value > 0]))
     return place_of("scatter", variable, tails, frame.tails, evidence, size, curve, closure)

@@ -41,8 +41,8 @@ def simulated_winds(frame: Frame, residual: Floats, rng: np.random.Generator) ->
     level = np.argsort(np.argsort(frame.pressure)) * LEVELS // frame.size
     wind = np.stack([frame.u_ref, frame.v_ref], -1)
     for k in range(LEVELS):
-        own = np.flatnonzero(level == k)
-        wind[own] += residual[rng.permutation(own)]
+        index = np.flatnonzero(level == k)
+        wind[index] += residual[rng.permutation(index)]
     u, v = Coding.of_archive(frame).apply(wind[:, 0], wind[:, 1])
     return np.stack([u, v], -1)
 
@@ -110,12 +110,12 @@ def find_sent_winds(
             .astype(float)
             for one in cells
         ]
-        own, made = counts[0], np.mean(counts[1:], axis=0)
+        actual, made = counts[0], np.mean(counts[1:], axis=0)
         if name == "wind_speed":  # calm and the open class at the end have no neighbours
-            own, made = own[:, :, 1:-1], made[:, :, 1:-1]
-        counted[name] = own, made
+            actual, made = actual[:, :, 1:-1], made[:, :, 1:-1]
+        counted[name] = actual, made
         for a in (-1, *range(aircraft)):
-            one, other = (x.sum(axis=0) if a < 0 else x[a] for x in (own, made))
+            one, other = (x.sum(axis=0) if a < 0 else x[a] for x in (actual, made))
             z, apart = contrasts(one, other, name == "wind_direction")
             z = np.where(np.abs(apart) > LEAST_CONTRAST, z, 0.0)
             # a sum over D days has tails of Student's law
@@ -159,12 +159,12 @@ def find_sent_winds(
 
 
 def _aircraft_of(
-    own: Floats, made: Floats, cell: int, periodic: bool, first: int
+    real: Floats, made: Floats, cell: int, periodic: bool, first: int
 ) -> tuple[int, ...]:
     """Aircraft that show the clearest cell as the clearest one does."""
-    signs = np.zeros(own.shape[0])
-    for a in range(own.shape[0]):
-        z, apart = contrasts(own[a], made[a], periodic)
+    signs = np.zeros(real.shape[0])
+    for a in range(real.shape[0]):
+        z, apart = contrasts(real[a], made[a], periodic)
         signs[a] = z[cell] * min(1.0, abs(apart[cell]) / LEAST_CONTRAST)
     top = first if first >= 0 else int(np.argmax(np.abs(signs)))
     # two standard errors, and the sign of the clearest

@@ -255,13 +255,13 @@ def dated_evidence(model: Model, group: Group, kappa: float, least: float) -> tu
     every = [model.base, *model.terms]
     made = [model.columns(term) for term in every]
     t32 = t.astype(np.float32)
-    for a, d, own in sums.cells:
-        values = sums.rows[own, group.columns] @ t32
+    for a, d, span in sums.cells:
+        values = sums.rows[span, group.columns] @ t32
         first = sums.rows_of(a).start
         for start, one in zip(model.offsets, made, strict=False):
             if a in one.rows:
                 at, rows = one.rows[a]
-                cross[a, d, start + at] += rows[own.start - first : own.stop - first].T @ values
+                cross[a, d, start + at] += rows[span.start - first : span.stop - first].T @ values
     shared = np.einsum("adqk,km->adqm", sums.shared[..., group.columns], t, optimize=True)
     cross -= np.einsum("dqi,adqm->adim", model.term_shared, shared, optimize=True)
 
@@ -297,13 +297,13 @@ def _factor_given(
     """Noise factor of each aircraft, whose changes are no scatter of its days."""
     days, m = np.arange(score.shape[1]), score.shape[2]
     apart = np.empty_like(score)
-    for a, (own, information) in enumerate(zip(score, by_day, strict=True)):
+    for a, (scores, information) in enumerate(zip(score, by_day, strict=True)):
         late = (days >= start.get(a, days.size))[:, None]
-        both = np.concatenate([own, own * late], axis=1).sum(axis=0)
+        both = np.concatenate([scores, scores * late], axis=1).sum(axis=0)
         whole, after = information.sum(axis=0), (information * late[..., None]).sum(axis=0)
         joint = np.block([[whole, after], [after, after]]) + np.eye(2 * m) / WIDE**2
         fit = np.linalg.solve(joint, both)
-        apart[a] = own - information @ fit[:m] - late * (information @ fit[m:])
+        apart[a] = scores - information @ fit[:m] - late * (information @ fit[m:])
     inverse = np.asarray(np.linalg.inv(found.information + found.ridge), np.float64)
     factors = [cluster_factor(apart, by_day, inverse, found.ridge, n) for n in BLOCKS]
     return np.maximum(*factors)
@@ -347,10 +347,10 @@ def _dated(
 
     def with_small(information: Floats, score: Floats) -> Parts:
         """An aircraft's own small undated part integrated; (A, ..., m, m), (A, ..., m)."""
-        own = small.reshape(-1, *[1] * (score.ndim - 2))
-        spread = eye + own[..., None, None] * information
+        free = small.reshape(-1, *[1] * (score.ndim - 2))
+        spread = eye + free[..., None, None] * information
         solved = np.linalg.solve(spread, score[..., None])[..., 0]
-        level = 0.5 * own * (score * solved).sum(-1) - 0.5 * np.linalg.slogdet(spread)[1]
+        level = 0.5 * free * (score * solved).sum(-1) - 0.5 * np.linalg.slogdet(spread)[1]
         return level, np.asarray(solved), np.asarray(np.linalg.solve(spread, information))
 
     null = with_small(whole, whole_score)
@@ -360,7 +360,7 @@ def _dated(
     dates = np.maximum(able.sum(axis=1), 1)
     anywhere: Booleans = np.asarray(able.sum(axis=1) > 0)
     rows = np.arange(aircraft)
-    own, shared, kept = [], [], []
+    separate, shared, kept = [], [], []
     for s in SCALES:
         slab = information + shape / s**2
         turned = np.linalg.solve(slab, information)
@@ -396,16 +396,16 @@ def _dated(
         several = np.zeros(aircraft)
         several[anywhere] = each[anywhere] - density[anywhere].max(axis=1)
         nested, gain = _nested(common, null, picked, add=several, able=anywhere)
-        own.append(float(logsumexp(nested + prior[: nested.size])) - nothing)
+        separate.append(float(logsumexp(nested + prior[: nested.size])) - nothing)
         kept.append((by_date, gains, best, gain))
-    evidence = float(np.logaddexp(logsumexp(own), logsumexp(shared))) - np.log(2 * SCALES.size)
-    if max(shared) >= max(own):
+    evidence = float(np.logaddexp(logsumexp(separate), logsumexp(shared))) - np.log(2 * SCALES.size)
+    if max(shared) >= max(separate):
         k = int(np.argmax(shared))
         by_date, gains, _, _ = kept[k]
         day = int(by_date.argmax())
         gain, start = gains[day], np.maximum(following[:, day], 0)
     else:
-        k = int(np.argmax(own))
+        k = int(np.argmax(separate))
         _, _, start, gain = kept[k]
     inclusion = 1 / (1 + np.exp(-np.clip(gain, -30, 30)))
     tails = tuple(int(a) for a in np.flatnonzero(inclusion > INCLUDED))

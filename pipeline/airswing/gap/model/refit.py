@@ -97,11 +97,11 @@ class Response:
         """Coefficients of the k-th term's raw columns at each report."""
         model = self.model
         sums, term = model.sums, model.terms[k]
-        own = np.atleast_2d(theta)[:, model.offsets[k + 1] : model.offsets[k + 2]]
-        coefficients = np.zeros((own.shape[0], sums.A, term.group.size))
-        coefficients[:, list(term.tails)] = own.reshape(own.shape[0], -1, term.group.size)
+        block = np.atleast_2d(theta)[:, model.offsets[k + 1] : model.offsets[k + 2]]
+        coefficients = np.zeros((block.shape[0], sums.A, term.group.size))
+        coefficients[:, list(term.tails)] = block.reshape(block.shape[0], -1, term.group.size)
         each = coefficients @ term.group.transform.T
-        fold = fold_of_day(sums.D)[sums.day] if own.shape[0] > 1 else np.zeros(sums.n, np.int64)
+        fold = fold_of_day(sums.D)[sums.day] if block.shape[0] > 1 else np.zeros(sums.n, np.int64)
         return np.asarray(each[fold, sums.aircraft])
 
     def together(self, effects: Sequence[Floats], which: Sequence[int]) -> Floats:
@@ -198,10 +198,10 @@ def refit(frame: Frame, model: Model, sensor: Sequence[bool]) -> Refit:
         scores = np.zeros((folds, theta.size))
         for start, one in zip(model.offsets, instruments, strict=False):
             for a, (at, values) in one.rows.items():
-                own = sums.rows_of(a)
+                span = sums.rows_of(a)
                 for j in range(folds):
-                    chosen = of_row[own] == j
-                    scores[j, start + at] += values[chosen].T @ inverse[own][chosen]
+                    chosen = of_row[span] == j
+                    scores[j, start + at] += values[chosen].T @ inverse[span][chosen]
         if step == STEPS:
             break
         move = np.linalg.solve(whole, scores.sum(axis=0) - precision @ theta)
@@ -240,7 +240,7 @@ def _precision(model: Model) -> Floats:
     gram, score, precision = model.system(model.terms)
     gram, score = gram / model.kappa, score / model.kappa
     for k, term in enumerate(model.terms):
-        own = slice(int(model.offsets[k + 1]), int(model.offsets[k + 2]))
+        block = slice(int(model.offsets[k + 1]), int(model.offsets[k + 2]))
         spreads = SPREADS if term.scope == "a" and len(term.tails) > 1 else SPREADS[:1]
         options = [
             replace(term, scale=term.scale * factor, spread=spread).precision
@@ -249,12 +249,12 @@ def _precision(model: Model) -> Floats:
         ]
         each = []
         for option in options:
-            precision[own, own] = option
+            precision[block, block] = option
             solved = np.linalg.solve(gram + precision, score)
             each.append(
                 score @ solved
                 - np.linalg.slogdet(gram + precision)[1]
                 + np.linalg.slogdet(option)[1]
             )
-        precision[own, own] = options[int(np.argmax(each))]
+        precision[block, block] = options[int(np.argmax(each))]
     return np.asarray(precision)

@@ -78,13 +78,13 @@ def usual_sizes(
     """
     out = {}
     for part in ("heading", "airspeed", "wind"):
-        own = [found for group, found in statistics if group.kind == "table" and group.part == part]
-        aircraft = [_directions(s.information, s.score, kappa) for s in own]
+        tables = [s for group, s in statistics if group.kind == "table" and group.part == part]
+        aircraft = [_directions(s.information, s.score, kappa) for s in tables]
         fleet = [
             _directions(
                 s.fleet_information[None], s.score.sum(axis=0)[None], max(1.0, s.fleet_factor)
             )
-            for s in own
+            for s in tables
         ]
         out[part] = _median_variance(aircraft), _median_variance(fleet)
     return out

@@ -107,14 +107,16 @@ class Sums:
             self.rows[:, where] = self.whitened(self.candidates.raw(where))
         self.width = self.candidates.width
         new = slice(first, self.width)
-        for a, d, own in self.cells:
-            self.shared[a, d, :, new] = self.root32[d] @ (self.fields[own].T @ self.rows[own, new])
+        for a, d, span in self.cells:
+            self.shared[a, d, :, new] = self.root32[d] @ (
+                self.fields[span].T @ self.rows[span, new]
+            )
 
     def shared_of(self, aircraft: int, rows: Singles) -> Singles:
         """C of the module, (D, q, k), of whitened rows (2 n, k) of an aircraft."""
         out = np.zeros((self.D, self.fields.shape[1], rows.shape[1]), np.float32)
-        for d, own in ((d, own) for a, d, own in self.cells if a == aircraft):
-            out[d] = self.root32[d] @ (self.fields[own].T @ rows[own])
+        for d, span in ((d, span) for a, d, span in self.cells if a == aircraft):
+            out[d] = self.root32[d] @ (self.fields[span].T @ rows[span])
         return out
 
     def release(self) -> None:
@@ -127,10 +129,10 @@ class Sums:
         """Variances of the day fields by expectation maximisation, and roots of M_d."""
         q = self.fields.shape[1]
         gram, score = np.zeros((self.D, q, q)), np.zeros((self.D, q))
-        for _, d, own in self.cells:
-            rows = self.fields[own].astype(float)
+        for _, d, span in self.cells:
+            rows = self.fields[span].astype(float)
             gram[d] += rows.T @ rows
-            score[d] += rows.T @ self.residual[own]
+            score[d] += rows.T @ self.residual[span]
         variance = np.full(q, START)
         for _ in range(STEPS):
             inverse = np.linalg.inv(gram + np.diag(1 / variance))
@@ -143,16 +145,16 @@ class Sums:
     def invert(self, values: NDArray[np.floating]) -> NDArray[np.floating]:
         """V^-1 times a vector over the rows."""
         total = np.zeros((self.D, self.fields.shape[1]))
-        for _, d, own in self.cells:
-            total[d] += values[own] @ self.fields[own]
+        for _, d, span in self.cells:
+            total[d] += values[span] @ self.fields[span]
         fitted = np.einsum("dji,djk,dk->di", self.root, self.root, total).astype(np.float32)
         return np.asarray(values - np.einsum("nq,nq->n", self.fields, fitted[self.day_of_row]))
 
     def scores(self, values: NDArray[np.floating]) -> Floats:
         """Columns' products with a vector over the rows, by aircraft and day, (A, D, p)."""
         out = np.zeros((self.A, self.D, self.width))
-        for a, d, own in self.cells:
-            out[a, d] = values[own] @ self.rows[own, : self.width]
+        for a, d, span in self.cells:
+            out[a, d] = values[span] @ self.rows[span, : self.width]
         return out
 
     def information(self, group: Group) -> tuple[Floats, Floats]:
@@ -174,8 +176,8 @@ class Sums:
         if key not in self._grams:
             k = columns.stop - columns.start
             plain = np.zeros((self.A, self.D, k, k))
-            for a, d, own in self.cells:
-                rows = self.rows[own, columns]
+            for a, d, span in self.cells:
+                rows = self.rows[span, columns]
                 plain[a, d] = rows.T @ rows
             shared = self.shared[..., columns].astype(float)
             whole = shared.sum(axis=0)

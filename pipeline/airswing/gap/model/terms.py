@@ -127,11 +127,11 @@ class Columns:
         self.rows: dict[int, tuple[Integers, Singles]] = {}
         self.shared = np.zeros((sums.D, sums.fields.shape[1], self.width))
         for j, a in enumerate(term.tails):
-            own = sums.rows_of(a)
-            rows = sums.rows[own, term.group.columns] if raw is None else raw[own]
+            span = sums.rows_of(a)
+            rows = sums.rows[span, term.group.columns] if raw is None else raw[span]
             values = rows @ transform
             first = term.start.get(a, 0)
-            values[sums.day_of_row[own] < first] = 0.0
+            values[sums.day_of_row[span] < first] = 0.0
             at = np.arange(m) if term.scope == "f" else np.arange(j * m, (j + 1) * m)
             self.rows[a] = (at, values)
             if raw is None:
@@ -163,9 +163,9 @@ class Columns:
             out[k] = -np.einsum("dqi,dqj->ij", self.shared[days], other.shared[days], optimize=True)
         for a in self.rows.keys() & other.rows.keys():
             (i, x), (j, y) = self.rows[a], other.rows[a]
-            own = of_row[self.sums.rows_of(a)]
+            numbers = of_row[self.sums.rows_of(a)]
             for k in range(folds):
-                out[k][np.ix_(i, j)] += x[own == k].T @ y[own == k]
+                out[k][np.ix_(i, j)] += x[numbers == k].T @ y[numbers == k]
         return out
 
 
@@ -252,13 +252,13 @@ class Model:
         self.term_shared = np.concatenate([one.shared for one in made], axis=2)
         flat = self.term_shared.astype(np.float32).reshape(-1, width)
         for a in range(sums.A):
-            own = sums.rows_of(a)
+            span = sums.rows_of(a)
             cross[a] = -flat.T @ sums.shared[a, :, :, :p].reshape(-1, p)
             for start, one in zip(self.offsets, made, strict=False):
                 if a in one.rows:
                     at, values = one.rows[a]
-                    fitted[own] += values @ self.theta[start + at].astype(np.float32)
-                    cross[a, start + at] += values.T @ sums.rows[own, :p]
+                    fitted[span] += values @ self.theta[start + at].astype(np.float32)
+                    cross[a, start + at] += values.T @ sums.rows[span, :p]
         self.left = sums.inverse_residual - sums.invert(fitted)
         self.day_score = sums.scores(self.left)
         self.inverse_root = np.linalg.inv(np.linalg.cholesky(self.hessian)).astype(np.float32)
@@ -317,8 +317,8 @@ class Model:
             theta = theta.reshape(-1, term.group.size)
             columns = self.sums.rows[:, term.group.columns]
             for j, a in enumerate(term.tails):
-                own = self.sums.rows_of(a)
-                acting = np.abs(columns[own] @ term.group.transform.astype(np.float32)).sum(axis=1)
+                span = self.sums.rows_of(a)
+                acting = np.abs(columns[span] @ term.group.transform.astype(np.float32)).sum(axis=1)
                 share = float((acting > 1e-3 * acting.max(initial=1e-12)).mean())
                 size = float((theta[0 if term.scope == "f" else j] ** 2).sum())
                 out[a] += part * (1 / term.group.reliability - 1) * size * share
@@ -373,7 +373,7 @@ def cluster_factor(
     whole = by_day.sum(axis=1)
     turned = np.linalg.solve(whole + ridge, by_day.swapaxes(0, 1)).swapaxes(0, 1)
     product = np.einsum("aij,ajk->aik", inverse, whole)
-    own = np.einsum("aij,adjk,adki->a", product, turned, turned, optimize=True)
+    taken = np.einsum("aij,adjk,adki->a", product, turned, turned, optimize=True)
     free = np.trace(product, axis1=1, axis2=2)
     squared = np.einsum("adi,aij,adj->a", score, inverse, score, optimize=True)
-    return np.asarray(squared / np.maximum(free - own, 0.2 * free + 1e-12))
+    return np.asarray(squared / np.maximum(free - taken, 0.2 * free + 1e-12))

@@ -248,9 +248,9 @@ def diagnosis_dataset(fitted: Fitted) -> xr.Dataset:
     found: dict[str, tuple[float, Floats]] = {}
     for term in fitted.terms:
         if term.group.named:
-            own = np.zeros(sums.A) if term.inclusion is None else term.inclusion
+            inclusion = np.zeros(sums.A) if term.inclusion is None else term.inclusion
             score, others = found.get(term.group.name, (-np.inf, np.zeros(sums.A)))
-            found[term.group.name] = max(score, term.score), np.maximum(own, others)
+            found[term.group.name] = max(score, term.score), np.maximum(inclusion, others)
         for apart, name, _ in term.rivals:
             if "|" not in name and term.score - apart > found.get(name, (-np.inf,))[0]:
                 others = found.get(name, (0.0, np.zeros(sums.A)))[1]

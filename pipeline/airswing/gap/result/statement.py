@@ -71,13 +71,13 @@ def claims_of(terms: Sequence[Term]) -> list[Claim]:
         merged.setdefault(key, []).append(k)
     out = [
         Claim(
-            terms[own[0]].group.name,
-            tuple(own),
-            terms[own[0]].group.named,
-            max(terms[k].score for k in own),
-            max(terms[k].gate for k in own),
+            terms[members[0]].group.name,
+            tuple(members),
+            terms[members[0]].group.named,
+            max(terms[k].score for k in members),
+            max(terms[k].gate for k in members),
         )
-        for own in merged.values()
+        for members in merged.values()
     ]
     return sorted(out, key=lambda claim: (not claim.named, -claim.score))
 
@@ -205,10 +205,10 @@ def effect_entry(
 def _sizes(fitted: Fitted, k: int) -> Floats:
     """Rms of a term where it acts, by aircraft, m/s."""
     term, model = fitted.model.terms[k], fitted.model
-    own = fitted.exact.theta[model.offsets[k + 1] : model.offsets[k + 2]]
-    own = own.reshape(-1, term.group.size)
+    theta = fitted.exact.theta[model.offsets[k + 1] : model.offsets[k + 2]]
+    theta = theta.reshape(-1, term.group.size)
     # the transform makes an effect of 1 m/s rms of a coefficient vector of length root m
-    return np.asarray(np.sqrt((own**2).sum(axis=1)))
+    return np.asarray(np.sqrt((theta**2).sum(axis=1)))
 
 
 def _rivals(terms: Sequence[Term], kappa: float) -> list[RivalEntry]:
@@ -310,17 +310,17 @@ def table_curve(fitted: Fitted, table: Table, tails: Sequence[int], values: Floa
     edges, centres = [], []
     for name in names:
         variable: Variable = variables[name]
-        own = variable.edges(CELLS[KINDS[name][0]][len(names) - 1])
-        edges.append([float(x) for x in own])
-        middle = 0.5 * (own[1:] + own[:-1])
+        bounds = variable.edges(CELLS[KINDS[name][0]][len(names) - 1])
+        edges.append([float(x) for x in bounds])
+        middle = 0.5 * (bounds[1:] + bounds[:-1])
         if KINDS[name][0] == "category":
-            middle = np.arange(own.size - 1, dtype=float)
+            middle = np.arange(bounds.size - 1, dtype=float)
         centres.append(middle)
     functions = np.ones((1, 1))
     for curve, middle in zip(table.curves, centres, strict=True):
-        own = curve.functions(middle)
-        functions = np.einsum("ij,kl->ikjl", functions, own).reshape(
-            functions.shape[0] * own.shape[0], -1
+        bounds = curve.functions(middle)
+        functions = np.einsum("ij,kl->ikjl", functions, bounds).reshape(
+            functions.shape[0] * bounds.shape[0], -1
         )
     each = values @ functions.T
     middle = each.mean(axis=0)
@@ -344,11 +344,11 @@ def table_curve(fitted: Fitted, table: Table, tails: Sequence[int], values: Floa
 
 def _labels(names: Sequence[str], edges: Sequence[Sequence[float]]) -> list[str]:
     out = [""]
-    for name, own in zip(names, edges, strict=True):
+    for name, bounds in zip(names, edges, strict=True):
         cells = (
             list(CATEGORIES[name])
             if name in CATEGORIES
-            else [f"{a:.4g} to {b:.4g}" for a, b in pairwise(own)]
+            else [f"{a:.4g} to {b:.4g}" for a, b in pairwise(bounds)]
         )
         out = [f"{one}; {cell}" if one else cell for one in out for cell in cells]
     return out

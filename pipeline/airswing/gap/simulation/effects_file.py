@@ -314,11 +314,11 @@ def not_known(entries: Sequence[EffectEntry], effects: Sequence[ActiveEffect]) -
     out = []
     for entry in entries:
         kind = CATALOGUE[entry.name].kind if entry.name in CATALOGUE else "mean"
-        own = [one for one in effects if one.name == entry.name]
-        if kind != "second_moment" or not own:
+        same = [one for one in effects if one.name == entry.name]
+        if kind != "second_moment" or not same:
             out.append(entry)
             continue
-        known = {tail for one in own for tail in one.tails or entry.tails}
+        known = {tail for one in same for tail in one.tails or entry.tails}
         left = [tail for tail in entry.tails if tail not in known]
         each = {t: v for t, v in (entry.per_tail or {}).items() if t in left}
         if left:
