@@ -6,6 +6,7 @@ import json
 import os
 import shutil
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ from airswing.config_file import load_config
 from airswing.errors import InputError
 from airswing.products import whole_files
 from airswing.products.whole_files import workspace
+from airswing.workflow.months import catalogues
 from airswing.workflow.progress import Progress
 
 HOURS, REPORTS, AIRCRAFT = 24 * 66, 4_000, 4
@@ -330,3 +332,12 @@ def test_duplicates_around_the_end_of_a_month_are_counted_once(archive):
     audit = json.loads(headings.attrs["reading_audit"])
     assert audit["dropped"] == {"exact_duplicate": 20}
     assert audit["reports_kept"] == headings.sizes["report"]
+
+
+def test_catalogues_are_made_once_and_for_the_references_of_the_job(archive):
+    job = job_of(archive)
+    (first, asked), *_ = job.config.references.items()
+    config = job.config.model_copy(update={"references": {"other": asked}})
+    made = catalogues(job)
+    assert first in made and catalogues(job) is made
+    assert set(catalogues(replace(job, config=config))) == {"other"}

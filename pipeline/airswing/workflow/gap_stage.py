@@ -154,9 +154,8 @@ def with_near_winds(job: Job, headings: xr.Dataset, offset: float = 0.0) -> xr.D
 
     config = job.config
     members = job.pools[config.gap_reference()]
-    if "near" not in job.shared:
-        job.shared["near"] = {n: one for n, one in catalogues(job).items() if n in members}
-    if not job.shared["near"]:
+    models = {name: one for name, one in catalogues(job).items() if name in members}
+    if not models:
         return headings
     places = headings[["time", "latitude", "longitude", "pressure"]]
     hours = {"": 0.0, "_hour_before": -1.0, "_hour_after": 1.0}
@@ -167,7 +166,7 @@ def with_near_winds(job: Job, headings: xr.Dataset, offset: float = 0.0) -> xr.D
         shift = np.timedelta64(round(3600 * (hour - offset)), "s")
         winds = collocate(
             places.assign(time=places["time"] + shift),
-            job.shared["near"],
+            models,
             max_time_gap=config.collocation.max_time_gap,
         ).compute()
         for name in ("reference_eastward_wind", "reference_northward_wind"):

@@ -273,9 +273,14 @@ def _days_of(frame: pd.DataFrame) -> Days:
 
 
 def catalogues(job: Job) -> dict[str, Catalogue]:
-    """Catalogue the files of every reference that is read from files."""
+    """Catalogue the files of every reference that is read from files, once for a job."""
     from airswing.reference.catalogue import build_catalogue
 
+    # a simulation on other paths shares the results of its job, but may have other references
+    key = f"catalogues of {job.config.references!r}"
+    if key in job.shared:
+        known: dict[str, Catalogue] = job.shared[key]
+        return known
     found = {}
     with job.progress.stage("catalogue") as stage:
         for name, asked in job.config.references.items():
@@ -296,6 +301,7 @@ def catalogues(job: Job) -> dict[str, Catalogue]:
     for name, model in found.items():
         for note in [*model_warnings(model.skipped), *model.notes]:
             job.progress.say(f"  {name}: {note}")
+    job.shared[key] = found
     return found
 
 
