@@ -428,8 +428,8 @@ def _resumed(config: Path, truth: dict[str, Any]) -> None:
 def _header_cache(run: Path, pick: random.Random, folder: Path) -> str:
     cache = folder / "cache"
     shutil.copytree(run / "cache", cache)
-    victim = next(cache.glob("grib-headers*.sqlite"))
-    victim.write_bytes(mutated("cache", victim.read_bytes(), b"SQLite format 3\0" * 9, pick))
+    victim = pick.choice(sorted((cache / "grib-headers").iterdir()))
+    victim.write_bytes(mutated("cache", victim.read_bytes(), b"rubbish" * 9, pick))
     files = str(run / "ruc" / "*")
 
     def work() -> None:

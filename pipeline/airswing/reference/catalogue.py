@@ -18,6 +18,7 @@ member and grid, with the pressure of each level where levels are not isobaric.
 
 from __future__ import annotations
 
+import contextlib
 import os
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -64,6 +65,13 @@ _SAME = 0.1  # m/s or Pa: copies in another packing differ by less
 _COMPARED = 20  # fields of two files that were found equal: the rest are taken to be
 _PROFILE = ("valid", "lead", "member", "level_kind", "grid")
 _FIELD = (*_PROFILE, "level", "kind")
+#: Columns in which profiles of one valid time differ, and which of them is used.
+_CHOICES = {
+    "lead": "several leads: the shortest is used",
+    "member": "several ensemble members: the lowest number is used",
+    "level_kind": "isobaric and other levels: isobaric are used",
+    "grid": "several grids: the one with most levels is used if it contains reports",
+}
 
 
 @dataclass(eq=False, repr=False)
@@ -243,28 +251,25 @@ def build_catalogue(
     >>> (ruc.times[1] - ruc.times[0]).astype("timedelta64[h]")
     np.timedelta64(3,'h')
     """
+    where = f"references.{name}"
     if on_bad_file not in ("skip", "fail"):
         raise InputError("must be skip or fail", field="on_bad_file", found=on_bad_file)
     lead_condition(lead)  # a fault of it is reported before any file is read
     if engine not in ENGINES:
         raise InputError(
             "no such engine",
-            field=f"references.{name}.engine",
+            field=f"{where}.engine",
             found=engine,
             remedy="Engines are " + ", ".join(ENGINES),
         )
-    if isinstance(naming, Mapping):
-        naming = Naming(**naming)  # type: ignore[arg-type]
-    wanted = _Wanted(name, naming or Naming(), lead, member, on_bad_file == "fail", cache_dir)
-    naming = wanted.naming
+    naming = Naming(**naming) if isinstance(naming, Mapping) else naming or Naming()  # type: ignore[arg-type]
     if naming.winds not in (None, "grid", "earth"):
-        raise InputError(
-            "must be grid or earth", field=f"references.{name}.winds", found=naming.winds
-        )
-    skipped: Skipped = []
+        raise InputError("must be grid or earth", field=f"{where}.winds", found=naming.winds)
+    work = _Work(name, naming, lead, member, on_bad_file == "fail", cache_dir)
     if isinstance(files, xr.Dataset):
         source = SourceFile(f"Dataset {name}", 0, 0, "")
-        return _catalogue([source], GIVEN, wanted, skipped, {source.path: files})
+        work.sources, work.given = [source], {source.path: files}
+        return work.catalogue(GIVEN)
     if not isinstance(files, str | os.PathLike) and not (
         isinstance(files, Sequence) and all(isinstance(one, str | os.PathLike) for one in files)
     ):
@@ -272,31 +277,30 @@ def build_catalogue(
             "build_catalogue takes paths, patterns, URLs or a Dataset, not "
             f'{type(files).__name__}: build_catalogue("{name}/*.grb", name="{name}")'
         )
-    sources = identified(find_files(files, name), skipped)
-    if wanted.strict:
-        _refuse(skipped)
-    used = _engine(sources, name) if engine == "auto" else engine
+    work.sources = identified(find_files(files, name), work.skipped)
+    work.refuse_if_strict()
+    used = _engine(work.sources, where) if engine == "auto" else engine
     if used != "grib":
-        return _catalogue(sources, used, wanted, skipped)
+        return work.catalogue(used)
     odd = [key for key in naming.given() if key != "winds"]
     if odd:
         raise InputError(
             "this key does not apply to GRIB, whose messages describe themselves",
-            field=f"references.{name}.{odd[0]}",
+            field=f"{where}.{odd[0]}",
             remedy="Remove it, or give engine: cfgrib to have it applied",
         )
     try:
-        return _catalogue(sources, "grib", wanted, skipped)
+        return work.catalogue("grib")
     except InputError as refused:
         # about an unknown grid, level or bitmap, not about the kind of field
         technical = any(
             one["what"] == "grid" or one["reason"].startswith(("hybrid level", "predefined bitmap"))
-            for one in skipped
+            for one in work.skipped
         )
         if engine == "grib" or not technical or not refused.what.startswith("no wind on"):
             raise
         try:
-            found = _catalogue(sources, "cfgrib", wanted, [])
+            found = replace(work, skipped=[], notes=[]).catalogue("cfgrib")
         except InputError as second:
             raise (second if "no grid of rows" in second.what else refused) from second
         reason = f"opened by cfgrib, which is slower: the header scanner found {refused.found}"
@@ -304,151 +308,23 @@ def build_catalogue(
         return found
 
 
-@dataclass
-class _Wanted:
-    """Which profiles belong to a reference, and how its files are understood."""
-
-    name: str
-    naming: Naming
-    lead: str
-    member: int | None  # None: any
-    strict: bool  # whether bad input is refused
-    cache_dir: str | os.PathLike[str] | None
-
-
-def _engine(sources: Sequence[SourceFile], name: str) -> str:
+def _engine(sources: Sequence[SourceFile], where: str) -> str:
     """The engine of all files; damaged ones are left to the reader."""
     kinds: dict[str, str] = {}
     for source in sources:
-        try:
-            kind = kind_of(source.path)
-        except (OSError, InputError):
-            continue
-        if kind:
-            kinds.setdefault(kind, source.path)
+        with contextlib.suppress(OSError, InputError):
+            kinds.setdefault(kind_of(source.path), source.path)
+    kinds.pop("", None)
     if len(kinds) > 1:
         raise InputError(
             "files of several kinds under one reference",
-            field=f"references.{name}.files",
+            field=f"{where}.files",
             found="; ".join(f"{kind}: {path}" for kind, path in sorted(kinds.items())),
             remedy="Give each kind a reference of its own, or narrow the pattern",
         )
     for kind, path in kinds.items():
         return engine_of(path) if kind == "netcdf" else kind
     return "grib"  # damaged content is counted and named by the scanner
-
-
-def _catalogue(
-    sources: list[SourceFile],
-    engine: str,
-    wanted: _Wanted,
-    skipped: Skipped,
-    given: dict[str, xr.Dataset] | None = None,
-) -> Catalogue:
-    given = given or {}
-    reader: GribReader | DatasetReader
-    stored: tuple[StoredField, ...] = ()
-    gathered = None if engine == "grib" else Gathering(wanted.naming, skipped)
-    if gathered is None:
-        table, grids, notes = _grib_rows(sources, wanted, skipped)
-        reader = GribReader()
-    else:
-        reader = DatasetReader(given)
-        for number, source in enumerate(sources):
-            try:
-                parts = [given[source.path]] if given else opened(source, engine)
-                gathered.add(number, parts, source.path)
-            except InputError as error:
-                # a file that cannot be opened is left out if there are others
-                of_one_file = len(sources) > 1 and error.what.startswith("cannot be ")
-                if wanted.strict or not of_one_file:
-                    raise
-                skipped.append(skip(source.path, "file", f"{error.what} ({error.found})"))
-        table, grids, stored = gathered.table(), gathered.grids(), tuple(gathered.stored)
-    try:
-        differ = _comparison(reader, sources, grids, stored, engine)
-        u, v, pressure, choices = _paired(table, sources, skipped, differ)
-    finally:
-        reader.close()
-    if wanted.strict:
-        _refuse(skipped)
-    bounds = np.append(np.flatnonzero(_changes(u, _PROFILE)), u.size)
-    everything = Catalogue(
-        name=wanted.name,
-        lead=wanted.lead,
-        files=tuple(sources),
-        grids=tuple(grids),
-        profiles=u[bounds[:-1]],
-        bounds=bounds.astype(np.int64),
-        u=u,
-        v=v,
-        pressure=pressure,
-        skipped=skipped,
-        notes=choices,
-        given=given,
-        stored=stored,
-        engine=engine,
-    )
-    found = _chosen(everything, wanted)
-    found.notes += gathered.notes(found.profiles["grid"]) if gathered else notes
-    return found
-
-
-def _grib_rows(
-    sources: Sequence[SourceFile], wanted: _Wanted, skipped: Skipped
-) -> tuple[Table, tuple[Grid, ...], list[str]]:
-    """Rows of GRIB files by their headers, their grids, and notes."""
-    numbers: dict[Grid, int] = {}
-    tables = [np.empty(0, dtype=FIELD_DTYPE)]
-    for index, contents in enumerate(contents_of(sources, wanted.cache_dir)):
-        path = sources[index].path
-        if not isinstance(contents, FileContents):
-            reason = contents.strerror if isinstance(contents, OSError) else contents.what
-            skipped.append(skip(path, "file", f"cannot be read: {reason}"))
-            continue
-        skipped += [skip(path, *key, n) for key, n in contents.skipped.items()]
-        table = contents.table()
-        table["file"] = index
-        known = [numbers.setdefault(read_grid(*one), len(numbers)) for one in contents.grids]
-        if known:
-            table["grid"] = np.asarray(known, dtype="i4")[table["grid"]]
-        tables.append(table)
-    grids: tuple[Grid, ...] = tuple(numbers)
-    notes, winds = [], wanted.naming.winds
-    if winds:
-        along = winds == "grid"
-        if any(grid.wind_along_grid != along and not grid.north_up for grid in grids):
-            notes.append(f"winds: {winds} used in place of the flag of the messages")
-        grids = tuple(grid.directed(along and not grid.north_up) for grid in grids)
-    return on_one_grid(np.concatenate(tables), grids), grids, notes
-
-
-def _comparison(
-    reader: GribReader | DatasetReader,
-    sources: Sequence[SourceFile],
-    grids: Sequence[Grid],
-    stored: tuple[StoredField, ...],
-    engine: str,
-) -> Callable[[Table], bool]:
-    equal: Counter[tuple[int, ...]] = Counter()
-    other: set[tuple[int, ...]] = set()
-
-    def differ(rows: Table) -> bool:
-        files = tuple(np.unique(rows["file"]).tolist())
-        if len(files) > 1 and equal[files] > _COMPARED and files not in other:
-            return False
-        grid, native = grids[int(rows["points"][0])], bool(rows["level_kind"][0] != ISOBARIC)
-        model = ModelTime((grid,) * 3, native, rows, rows, rows, tuple(sources), stored, engine)
-        points = probes_of(grid.size)
-        values = reader.answer([model], [[(row, points.copy()) for row in rows]])[0]
-        first, *others = (np.nan_to_num(one) for one in values)
-        if any(bool(np.abs(one - first).max() > _SAME) for one in others):
-            other.add(files)
-            return True
-        equal[files] += 1
-        return False
-
-    return differ
 
 
 def catalogues_of(references: object) -> dict[str, Catalogue]:
@@ -470,201 +346,274 @@ def catalogues_of(references: object) -> dict[str, Catalogue]:
     return found
 
 
+@dataclass
+class _Work:
+    """From the files of a reference to its catalogue: what is asked, and what was found so far."""
+
+    name: str
+    naming: Naming
+    lead: str
+    member: int | None  # None: any
+    strict: bool  # whether bad input is refused
+    cache_dir: str | os.PathLike[str] | None
+    sources: list[SourceFile] = field(default_factory=list)
+    given: dict[str, xr.Dataset] = field(default_factory=dict)
+    skipped: Skipped = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+    def catalogue(self, engine: str) -> Catalogue:
+        """Read the files' rows, pair u with v, and choose a profile for each valid time."""
+        reader: GribReader | DatasetReader
+        stored: tuple[StoredField, ...] = ()
+        gathered = None if engine == "grib" else Gathering(self.naming, self.skipped)
+        if gathered is None:
+            table, grids, notes = self._grib_rows()
+            reader = GribReader()
+        else:
+            self._gather(gathered, engine)
+            table, grids, stored = gathered.table(), gathered.grids(), tuple(gathered.stored)
+            reader = DatasetReader(self.given)
+        # lexsort takes its last key first
+        order = np.lexsort([table[c] for c in ("part", "offset", "file", *reversed(_FIELD))])
+        table = table[order]
+
+        def values(rows: Table) -> list[Floats]:
+            grid, native = grids[int(rows["points"][0])], bool(rows["level_kind"][0] != ISOBARIC)
+            files = tuple(self.sources)
+            model = ModelTime((grid,) * 3, native, rows, rows, rows, files, stored, engine)
+            points = probes_of(grid.size)
+            return reader.answer([model], [[(row, points.copy()) for row in rows]])[0]
+
+        try:
+            table = table[self._without_copies(table, values)]
+        finally:
+            reader.close()
+        u, v, pressure = self._paired(table)
+        self.refuse_if_strict()
+        bounds = np.append(np.flatnonzero(_changes(u, _PROFILE)), u.size).astype(np.int64)
+        everything = Catalogue(
+            name=self.name,
+            lead=self.lead,
+            files=tuple(self.sources),
+            grids=tuple(grids),
+            profiles=u[bounds[:-1]],
+            bounds=bounds,
+            u=u,
+            v=v,
+            pressure=pressure,
+            skipped=self.skipped,
+            notes=self.notes,
+            given=self.given,
+            stored=stored,
+            engine=engine,
+        )
+        found = self._chosen(everything)
+        found.notes += gathered.notes(found.profiles["grid"]) if gathered else notes
+        return found
+
+    def _grib_rows(self) -> tuple[Table, tuple[Grid, ...], list[str]]:
+        """Rows of GRIB files by their headers, their grids, and notes."""
+        numbers: dict[Grid, int] = {}
+        tables = [np.empty(0, dtype=FIELD_DTYPE)]
+        for index, contents in enumerate(contents_of(self.sources, self.cache_dir)):
+            path = self.sources[index].path
+            if not isinstance(contents, FileContents):
+                reason = contents.strerror if isinstance(contents, OSError) else contents.what
+                self.skipped.append(skip(path, "file", f"cannot be read: {reason}"))
+                continue
+            self.skipped += [skip(path, *key, n) for key, n in contents.skipped.items()]
+            table = contents.table()
+            table["file"] = index
+            known = [numbers.setdefault(read_grid(*one), len(numbers)) for one in contents.grids]
+            if known:
+                table["grid"] = np.asarray(known, dtype="i4")[table["grid"]]
+            tables.append(table)
+        grids: tuple[Grid, ...] = tuple(numbers)
+        notes, winds = [], self.naming.winds
+        if winds:
+            along = winds == "grid"
+            if any(grid.wind_along_grid != along and not grid.north_up for grid in grids):
+                notes.append(f"winds: {winds} used in place of the flag of the messages")
+            grids = tuple(grid.directed(along and not grid.north_up) for grid in grids)
+        return on_one_grid(np.concatenate(tables), grids), grids, notes
+
+    def _gather(self, gathered: Gathering, engine: str) -> None:
+        """Collect the rows of Datasets; a file that cannot be opened is left out among others."""
+        for number, source in enumerate(self.sources):
+            try:
+                given = self.given.get(source.path)
+                parts = opened(source, engine) if given is None else [given]
+                gathered.add(number, parts, source.path)
+            except InputError as error:
+                of_one_file = len(self.sources) > 1 and error.what.startswith("cannot be ")
+                if self.strict or not of_one_file:
+                    raise
+                self.skipped.append(skip(source.path, "file", f"{error.what} ({error.found})"))
+
+    def _without_copies(
+        self, table: Table, values: Callable[[Table], list[Floats]]
+    ) -> NDArray[np.bool_]:
+        """Which of the sorted rows to keep: of copies the last, of contradicting values none."""
+        first = _changes(table, _FIELD)
+        keep, group = np.ones(table.size, dtype=bool), np.cumsum(first)
+        equal: Counter[tuple[int, ...]] = Counter()
+        other: set[tuple[int, ...]] = set()
+        contradictions: Counter[str] = Counter()
+        copies: dict[tuple[int, int], list[np.void]] = {}
+        for number in np.unique(group[~first]):
+            rows = np.flatnonzero(group == number)
+            files = tuple(np.unique(table["file"][rows]).tolist())
+            if len(files) == 1 or equal[files] <= _COMPARED or files in other:
+                first_values, *others = (np.nan_to_num(one) for one in values(table[rows]))
+                if any(bool(np.abs(one - first_values).max() > _SAME) for one in others):
+                    other.add(files)
+                    keep[rows] = False
+                    contradictions[self.sources[int(table["file"][rows[-1]])].path] += rows.size
+                    continue
+                equal[files] += 1
+            keep[rows[:-1]] = False
+            lost, used = table["file"][rows[-2:]].tolist()
+            copies.setdefault((lost, used), []).append(table[rows[-1]])
+        why = "a field of one level and time given again with other values"
+        self.skipped += [skip(path, "message", why, n) for path, n in contradictions.items()]
+        for (lost, used), fields in sorted(copies.items()):
+            one, two = self.sources[lost].path, self.sources[used].path
+            time = np.datetime64(int(fields[0]["valid"]), "ns").astype("datetime64[m]")
+            self.notes.append(
+                f"{one} and {two} both hold {len(fields)} field(s) of the same valid time and lead "
+                f"(such as {time}Z, lead {int(fields[0]['lead']) / 3600:g} h): {two} is used, as "
+                "its path sorts last"
+                if lost != used
+                else f"{two} holds {len(fields)} field(s) twice: the later one is used"
+            )
+        return keep
+
+    def _paired(self, table: Table) -> tuple[Table, Table, Table]:
+        """Rows of u, v and pressure (if native), one a level that has them, by profile."""
+        level = np.cumsum(_changes(table, (*_PROFILE, "level"))) - 1
+        count = int(level[-1]) + 1 if level.size else 0
+        rows = np.full((3, count), -1)  # of u, v and pressure of each level; -1 if there is none
+        rows[table["kind"], level] = np.arange(table.size)
+        u, v, pressure = rows
+        both, kind = (u >= 0) & (v >= 0), table["level_kind"][np.max(rows, axis=0)]
+        native = kind != ISOBARIC
+        # level kinds without any pressure hold no profile, whatever else they hold
+        bare = native & ~np.isin(kind, table["level_kind"][table["kind"] == PRESSURE])
+        other = bare & (kind > HYBRID)
+
+        def leave_out(rows: NDArray[np.int64], what: str, why: str) -> None:
+            files = Counter(self.sources[number].path for number in table["file"][rows].tolist())
+            self.skipped.extend(skip(path, what, why, n) for path, n in files.items())
+
+        leave_out(u[(u >= 0) & (v < 0) & ~other], "level", "u without v")
+        leave_out(v[(v >= 0) & (u < 0) & ~other], "level", "v without u")
+        without = both & native & (pressure < 0) & ~other
+        leave_out(u[without], "level", "hybrid level without a pressure field")
+        off = np.isin(level, np.flatnonzero(other))
+        for component, surface in np.unique(table[off][["kind", "level_kind"]]).tolist():
+            mine = off & (table["kind"] == component) & (table["level_kind"] == surface)
+            leave_out(np.flatnonzero(mine), "wind", off_levels(component, surface))
+        both &= ~native | (pressure >= 0)
+        # isobaric levels have no pressure field: any row takes its place
+        return table[u[both]], table[v[both]], table[np.maximum(pressure[both], 0)]
+
+    def refuse_if_strict(self) -> None:
+        """Refuse damaged files, messages, unknown grids, u without v under on_bad_file="fail"."""
+        for one in self.skipped if self.strict else ():
+            if one["what"] in ("file", "message", "grid", "level"):
+                raise InputError(
+                    f"{one['reason']} ({one['count']} {one['what']}s)",
+                    file=one["file"],
+                    remedy="Repair or remove the file, or let bad files be skipped",
+                )
+
+    def _chosen(self, everything: Catalogue) -> Catalogue:
+        """The catalogue with one profile for each valid time, and alternatives on other grids."""
+        profiles, sizes = everything.profiles, np.diff(everything.bounds)
+        # one level of heights with a pressure (10 m) is no profile
+        usable = (sizes > 1) | (profiles["level_kind"] <= HYBRID)
+        meets = lead_condition(self.lead)(profiles["lead"])
+        if self.member is not None:
+            meets &= profiles["member"] == self.member
+        meeting = np.flatnonzero(usable & meets)
+        if meeting.size == 0:
+            raise self._no_winds(profiles[usable])
+        # best first within each valid time; lexsort takes its last key first
+        native = profiles["level_kind"] != ISOBARIC
+        keys = [profiles["lead"], profiles["member"], native, profiles["valid"]]
+        keys = [profiles["grid"], profiles["level_kind"], -sizes, *keys]
+        order = meeting[np.lexsort([key[meeting] for key in keys])]
+        first = _changes(profiles[order], ("valid",))
+        time = np.cumsum(first) - 1  # number of the valid time of each
+        best = order[first]
+        # the first of these columns in which a profile differs from the best of its time
+        left, best_of_each = ~first, best[time]
+        for column, choice in _CHOICES.items():
+            differs = left & (profiles[column][order] != profiles[column][best_of_each])
+            left &= ~differs
+            if column == "grid":
+                tied = differs
+                differs = differs & (sizes[order] != sizes[best_of_each])
+            if differs.any():
+                note = f"{differs.sum()} further profile(s) at the same valid time, {choice}"
+                self.notes.append(note)
+        others, equal = [], 1
+        for number in np.unique(profiles["grid"][order[tied]]):
+            mine, chosen = tied & (profiles["grid"][order] == number), best.copy()
+            chosen[time[mine][::-1]] = order[mine][::-1]  # of several of one time the first
+            equal += bool((sizes[chosen] == sizes[best]).all())
+            others.append(everything.at_times(chosen))
+        if equal > 1:
+            self.notes.append(
+                f"{equal} grids with the same levels: the one that contains more of the reports is "
+                "used"
+            )
+        return replace(everything.at_times(best), alternatives=tuple(others))
+
+    def _no_winds(self, profiles: Table) -> InputError:
+        where, skipped = f"references.{self.name}", self.skipped
+        if profiles.size:
+            members, leads = (np.unique(profiles[key]).tolist() for key in ("member", "lead"))
+            if self.member is not None and self.member not in members:
+                return InputError(
+                    f"no wind of ensemble member {self.member}",
+                    field=where,
+                    found="members " + ", ".join(map(str, members)),
+                )
+            return InputError(
+                f"no wind meets the lead condition {self.lead!r}",
+                field=where,
+                found="leads " + ", ".join(f"{lead / 3600:g} h" for lead in leads),
+            )
+        first = self.sources[0].path
+        if {one["reason"] for one in skipped} == {"no whole GRIB message"}:
+            return InputError(
+                "no whole GRIB message in it, and neither NetCDF nor Zarr",
+                file=first,
+                field=where,
+                remedy="It is damaged, still being written, or of a kind that holds no model winds",
+            )
+        reasons: Counter[str] = Counter()
+        for one in skipped:
+            reasons[f"{one['what']}: {one['reason']}"] += one["count"]
+        frequent = "; ".join(f"{why} ({n})" for why, n in reasons.most_common(4))
+        remedy = "u and v are needed at the same levels, on a grid that is defined in the file"
+        if any(one["what"] == "grid" for one in skipped):
+            remedy = (
+                "Known grids are Lambert, polar stereographic, Mercator, Gaussian, and regular or "
+                "rotated latitude/longitude: use the same model's files on one of them"
+            )
+        return InputError(
+            f"no wind on pressure levels that can be used in {len(self.sources)} file(s)",
+            file=first if len(self.sources) == 1 else None,
+            field=where,
+            found=frequent or "no u or v at all",
+            remedy=remedy,
+        )
+
+
 def _changes(table: Table, names: Sequence[str]) -> NDArray[np.bool_]:
     """True where a sorted table's row differs from the one before in any of the columns."""
     first = np.ones(table.size, dtype=bool)
-    if table.size:
-        first[1:] = False
-        for column in names:
-            first[1:] |= table[column][1:] != table[column][:-1]
+    first[1:] = np.any([table[name][1:] != table[name][:-1] for name in names], axis=0)
     return first
-
-
-def _paired(
-    table: Table,
-    sources: Sequence[SourceFile],
-    skipped: Skipped,
-    differ: Callable[[Table], bool],
-) -> tuple[Table, Table, Table, list[str]]:
-    """Levels with u and v (and pressure if native), by profile and level, and notes."""
-    # lexsort takes its last key first
-    order = np.lexsort([table[c] for c in ("part", "offset", "file", *reversed(_FIELD))])
-    table, notes = _without_duplicates(table[order], sources, skipped, differ)
-    level = np.cumsum(_changes(table, (*_PROFILE, "level"))) - 1
-    count = int(level[-1]) + 1 if level.size else 0
-    rows = np.full((3, count), -1)  # of u, v and pressure of each level; -1 if there is none
-    rows[table["kind"], level] = np.arange(table.size)
-    u, v, pressure = rows
-    both = (u >= 0) & (v >= 0)
-    some = table[np.max(rows, axis=0)]
-    native = some["level_kind"] != ISOBARIC
-    # level kinds without any pressure hold no profile, whatever else they hold
-    bare = native & ~np.isin(some["level_kind"], table["level_kind"][table["kind"] == PRESSURE])
-
-    def leave_out(rows: NDArray[np.int64], what: str, why: str) -> None:
-        files = Counter(sources[number].path for number in table["file"][rows].tolist())
-        skipped.extend(skip(path, what, why, n) for path, n in files.items())
-
-    alone = ((u >= 0) ^ (v >= 0)) & ~(bare & (some["level_kind"] != HYBRID))
-    leave_out(u[alone & (u >= 0)], "level", "u without v")
-    leave_out(v[alone & (v >= 0)], "level", "v without u")
-    without = both & native & (pressure < 0) & (~bare | (some["level_kind"] == HYBRID))
-    leave_out(u[without], "level", "hybrid level without a pressure field")
-    others = np.isin(level, np.flatnonzero(bare & (some["level_kind"] > HYBRID)))
-    for kind, surface in np.unique(table[others][["kind", "level_kind"]]).tolist():
-        mine = others & (table["kind"] == kind) & (table["level_kind"] == surface)
-        leave_out(np.flatnonzero(mine), "wind", off_levels(kind, surface))
-    both &= ~native | (pressure >= 0)
-    # isobaric levels have no pressure field: any row takes its place
-    return table[u[both]], table[v[both]], table[np.maximum(pressure[both], 0)], notes
-
-
-def _without_duplicates(
-    table: Table,
-    sources: Sequence[SourceFile],
-    skipped: Skipped,
-    differ: Callable[[Table], bool],
-) -> tuple[Table, list[str]]:
-    """Sorted rows of which each field has one, and which file was used for copies."""
-    again = np.flatnonzero(~_changes(table, _FIELD))
-    if not again.size:
-        return table, []
-    keep = np.ones(table.size, dtype=bool)
-    pairs: Counter[tuple[int, int]] = Counter()
-    example: dict[tuple[int, int], int] = {}
-    contradictions: Counter[str] = Counter()
-    group = np.cumsum(_changes(table, _FIELD))
-    for number in np.unique(group[again]):
-        rows = np.flatnonzero(group == number)
-        if differ(table[rows]):
-            keep[rows] = False
-            contradictions[sources[int(table["file"][rows[-1]])].path] += rows.size
-            continue
-        keep[rows[:-1]] = False
-        pair = int(table["file"][rows[-2]]), int(table["file"][rows[-1]])
-        pairs[pair] += 1
-        example.setdefault(pair, int(rows[-1]))
-    why = "a field of one level and time given again with other values"
-    skipped += [skip(path, "message", why, n) for path, n in contradictions.items()]
-    notes = []
-    for (lost, used), count in sorted(pairs.items()):
-        row = table[example[lost, used]]
-        time = np.datetime64(int(row["valid"]), "ns").astype("datetime64[m]")
-        notes.append(
-            f"{sources[lost].path} and {sources[used].path} both hold {count} field(s) of the same "
-            f"valid time and lead (such as {time}Z, lead {int(row['lead']) / 3600:g} h): "
-            f"{sources[used].path} is used, as its path sorts last"
-            if lost != used
-            else f"{sources[used].path} holds {count} field(s) twice: the later one is used"
-        )
-    return table[keep], notes
-
-
-def _refuse(skipped: Skipped) -> None:
-    """Refuse damaged files and messages, unknown grids and u without v (``on_bad_file="fail"``)."""
-    for one in skipped:
-        if one["what"] in ("file", "message", "grid", "level"):
-            raise InputError(
-                f"{one['reason']} ({one['count']} {one['what']}s)",
-                file=one["file"],
-                remedy="Repair or remove the file, or let bad files be skipped",
-            )
-
-
-def _chosen(everything: Catalogue, wanted: _Wanted) -> Catalogue:
-    profiles, sizes = everything.profiles, np.diff(everything.bounds)
-    # one level of heights with a pressure (10 m) is no profile
-    usable = (sizes > 1) | (profiles["level_kind"] <= HYBRID)
-    meets = lead_condition(wanted.lead)(profiles["lead"])
-    if wanted.member is not None:
-        meets &= profiles["member"] == wanted.member
-    meeting = np.flatnonzero(usable & meets)
-    if meeting.size == 0:
-        raise _no_winds(wanted, profiles[usable], everything.skipped, everything.files)
-    # best first within each valid time; lexsort takes its last key first
-    native = profiles["level_kind"] != ISOBARIC
-    keys = [profiles["lead"], profiles["member"], native, profiles["valid"]]
-    keys = [profiles["grid"], profiles["level_kind"], -sizes, *keys]
-    order = meeting[np.lexsort([key[meeting] for key in keys])]
-    ordered = profiles[order]
-    first = _changes(ordered, ("valid",))
-    time = np.cumsum(first) - 1  # number of the valid time of each
-    best = order[first]
-    _note_choices(ordered, sizes[order], first, everything.notes)
-    # profiles that differ from the best by their grid and number of levels alone
-    tied = ordered["grid"] != profiles["grid"][best[time]]
-    for column in ("lead", "member", "level_kind"):
-        tied &= ordered[column] == profiles[column][best[time]]
-    others, equal = [], 1
-    for number in np.unique(ordered["grid"][tied]):
-        mine, chosen = tied & (ordered["grid"] == number), best.copy()
-        chosen[time[mine][::-1]] = order[mine][::-1]  # of several of one time the first
-        equal += bool((sizes[chosen] == sizes[best]).all())
-        others.append(everything.at_times(chosen))
-    if equal > 1:
-        everything.notes.append(
-            f"{equal} grids with the same levels: the one that contains more of the reports is used"
-        )
-    return replace(everything.at_times(best), alternatives=tuple(others))
-
-
-def _note_choices(
-    profiles: Table, sizes: NDArray[np.int64], first: NDArray[np.bool_], notes: list[str]
-) -> None:
-    texts = {
-        "lead": "several leads: the shortest is used",
-        "member": "several ensemble members: the lowest number is used",
-        "level_kind": "isobaric and other levels: isobaric are used",
-        "grid": "several grids: the one with most levels is used if it contains reports",
-    }
-    best = np.maximum.accumulate(np.where(first, np.arange(first.size), 0))
-    left = ~first
-    for column, text in texts.items():
-        other = left & (profiles[column] != profiles[column][best])
-        left &= ~other
-        if column == "grid":
-            other &= sizes != sizes[best]
-        if other.any():
-            notes.append(f"{other.sum()} further profile(s) at the same valid time, {text}")
-
-
-def _no_winds(
-    wanted: _Wanted, profiles: Table, skipped: Skipped, sources: Sequence[SourceFile]
-) -> InputError:
-    where = f"references.{wanted.name}"
-    if profiles.size:
-        members, leads = (np.unique(profiles[key]).tolist() for key in ("member", "lead"))
-        if wanted.member is not None and wanted.member not in members:
-            return InputError(
-                f"no wind of ensemble member {wanted.member}",
-                field=where,
-                found="members " + ", ".join(map(str, members)),
-            )
-        return InputError(
-            f"no wind meets the lead condition {wanted.lead!r}",
-            field=where,
-            found="leads " + ", ".join(f"{lead / 3600:g} h" for lead in leads),
-        )
-    reasons: Counter[str] = Counter()
-    for one in skipped:
-        reasons[f"{one['what']}: {one['reason']}"] += one["count"]
-    if {one["reason"] for one in skipped} == {"no whole GRIB message"}:
-        raise InputError(
-            "no whole GRIB message in it, and neither NetCDF nor Zarr",
-            file=sources[0].path,
-            field=where,
-            remedy="It is damaged, still being written, or of a kind that holds no model winds",
-        )
-    remedy = "u and v are needed at the same levels, on a grid that is defined in the file"
-    if any(one["what"] == "grid" for one in skipped):
-        remedy = (
-            "Known grids are Lambert, polar stereographic, Mercator, Gaussian, and regular or "
-            "rotated latitude/longitude: use the same model's files on one of them"
-        )
-    return InputError(
-        f"no wind on pressure levels that can be used in {len(sources)} file(s)",
-        file=sources[0].path if len(sources) == 1 else None,
-        field=where,
-        found="; ".join(f"{why} ({n})" for why, n in reasons.most_common(4)) or "no u or v at all",
-        remedy=remedy,
-    )

@@ -17,9 +17,9 @@ import math
 import os
 import struct
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -33,7 +33,8 @@ from airswing.reference.winds import HYBRID, ISOBARIC, MAX_PRESSURE, PRESSURE, U
 MAX_BITS = 57  # widest packed integer that one unaligned 64-bit load holds at any bit offset
 PADDING = 16  # bytes a section may have beyond its values
 _READ_BYTES = 512  # read at once where a message begins
-_SPEED_ALONE = "wind", "wind speed or direction, not u and v"
+_SPEED = -1  # kind of a wind speed or direction, which is counted
+_LENGTHS = "garbage: section lengths do not add up"
 #: GRIB1 lengths from here on count in units of `_LARGE_UNIT` bytes (see `_large_length`).
 _LARGE, _LARGE_UNIT = 0x800000, 120
 
@@ -135,6 +136,10 @@ class GarbageError(Exception):
     """Bytes that are no whole message."""
 
 
+Parts = Iterator[tuple[int | None, Callable[[int], Field]]]
+"""For each field of a message its kind (None: another variable) and what reads the rest of it."""
+
+
 class Window:
     """A file read through small positioned reads, of which the last two are kept."""
 
@@ -165,17 +170,23 @@ def scan_file(path: str) -> FileContents:
         for start, edition, length in whole_messages(window, contents.skipped):
             contents.messages += 1
             before = len(contents.fields)
+            parts = _parts_of_1 if edition == 1 else _parts_of_2
             try:
-                if edition == 1:
-                    _scan_grib1(window, start, length, contents)
-                else:
-                    _scan_grib2(window, start, length, contents)
+                for kind, field_of in parts(window, start, length, contents):
+                    contents.parts += 1
+                    if kind == _SPEED:
+                        contents.skipped["wind", "wind speed or direction, not u and v"] += 1
+                    elif kind is not None:
+                        try:
+                            contents.fields.append(field_of(kind))
+                        except SkippedError as skip:
+                            if kind != PRESSURE or skip.what != "wind":
+                                contents.skipped[skip.what, skip.reason] += 1
             except (GarbageError, LookupError, ValueError, ArithmeticError, struct.error) as reason:
                 # of a message that contradicts itself no part is used
                 del contents.fields[before:]
                 stated = str(reason) if isinstance(reason, GarbageError) else ""
-                reason_text = stated or "garbage: section lengths do not add up"
-                contents.skipped["message", reason_text] += 1
+                contents.skipped["message", stated or _LENGTHS] += 1
     finally:
         os.close(descriptor)
     if contents.messages == 0:
@@ -282,28 +293,24 @@ def single_fields(message: bytes, edition: int) -> Iterator[tuple[bytes, dict[in
 # GRIB edition 1
 
 
-def _scan_grib1(window: Window, start: int, length: int, contents: FileContents) -> None:
-    contents.parts += 1
+def _parts_of_1(window: Window, start: int, length: int, contents: FileContents) -> Parts:
     product = window.get(start + 8, max(28, min(unsigned(window.get(start + 8, 3), 0, 3), 80)))
     # bytes 4, 5 and 9; NCEP (centre 7) has another table 128
     table, centre, parameter = product[3], product[4], product[8]
-    kind = None
+    kinds: dict[int, int] = {}
     if table == 128 and centre != 7:
-        kind = {131: U, 132: V, 54: PRESSURE}.get(parameter)
-    elif table in (1, 2, 3) or (table in (130, 131) and centre == 7):
-        kind = {33: U, 34: V, 1: PRESSURE}.get(parameter)
-    if kind is None:
-        if table in (1, 2, 3) and parameter in (31, 32):
-            contents.skipped[_SPEED_ALONE] += 1
-        return
-    try:
-        contents.fields.append(_grib1_field(window, start, length, kind, product, contents))
-    except SkippedError as skip:
-        if kind != PRESSURE or skip.what != "wind":
-            contents.skipped[skip.what, skip.reason] += 1
+        kinds = {131: U, 132: V, 54: PRESSURE}
+    elif table in (1, 2, 3):
+        kinds = {33: U, 34: V, 1: PRESSURE, 31: _SPEED, 32: _SPEED}
+    elif table in (130, 131) and centre == 7:
+        kinds = {33: U, 34: V, 1: PRESSURE}
+    yield (
+        kinds.get(parameter),
+        lambda kind: _field_1(window, start, length, kind, product, contents),
+    )
 
 
-def _grib1_field(
+def _field_1(
     window: Window, start: int, length: int, kind: int, product: bytes, contents: FileContents
 ) -> Field:
     # bytes 10 to 12: level; 18 to 21: unit, P1, P2 and time range (code table 5)
@@ -317,12 +324,9 @@ def _grib1_field(
     if reason := grib_statistic(1, {1: product}):
         raise SkippedError("wind", reason)
     unit, first, second, indicator = product[17:21]
-    if unit not in _UNITS_1:
-        raise SkippedError("wind", f"forecast time unit {unit}")
-    lead = {0: first, 1: 0, 10: first * 256 + second}[indicator] * _UNITS_1[unit]
+    lead = {0: first, 1: 0, 10: first * 256 + second}[indicator] * _seconds(unit, _UNITS_1)
     # bytes 25 and 13 to 17: year 100 of a century is its last
-    year = (product[24] - 1) * 100 + product[12]
-    valid = _valid_time(_reference_time(year, *product[13:17], 0), lead)
+    valid = _valid_time(lead, (product[24] - 1) * 100 + product[12], *product[13:17], 0)
     # ECMWF's local section: number of the ensemble member
     member = product[49] if product[4] == 98 and len(product) >= 50 and product[40] == 1 else 0
     end = start + length - 4
@@ -334,14 +338,10 @@ def _grib1_field(
     grid = contents.grid_number(1, section)
     size, bitmap = read_grid(1, section).size, -1
     if product[7] & 0x40:
-        head = window.get(at, 6)
-        n_bytes, predefined = unsigned(head, 0, 3), unsigned(head, 4, 2)
-        if len(head) < 6 or n_bytes < 6 or at + n_bytes > end:
-            raise GarbageError
+        n_bytes, predefined = _section_length(window, at, end, 6), unsigned(window.get(at, 6), 4, 2)
         if predefined:
             raise SkippedError("message", f"predefined bitmap {predefined}")
-        if not 0 <= n_bytes - 6 - (size + 7) // 8 <= PADDING:
-            raise _damaged("a bitmap of another size than its grid")
+        _check_bitmap(n_bytes - 6, size)
         bitmap, at = at + 6, at + n_bytes
     # section 4: length in bytes 1-3, flags in the upper half of 4, E in 5-6, R in 7-10, bits in 11
     data = window.get(at, 11)
@@ -392,7 +392,7 @@ def _section_length(window: Window, at: int, end: int, least: int) -> int:
 # GRIB edition 2
 
 
-def _scan_grib2(window: Window, start: int, length: int, contents: FileContents) -> None:
+def _parts_of_2(window: Window, start: int, length: int, contents: FileContents) -> Parts:
     discipline, end = window.get(start, 8)[6], start + length - 4
     sections: dict[int, int] = {}
     at, part, bitmap, before = start + 16, 0, -1, 0
@@ -404,37 +404,32 @@ def _scan_grib2(window: Window, start: int, length: int, contents: FileContents)
         if number not in _NEXT[before]:
             raise GarbageError(f"garbage: section {number} after section {before}")
         sections[number], before = at, number
-        if number == 6 and head[5] == 0:  # a bitmap of its own, which 254 refers to later
+        if number == 6 and head[5] == 0:  # a bitmap, which 254 refers to later
             bitmap = at
         if number == 7:
-            contents.parts += 1
             product = window.get(sections[4], 37)
             # bytes 10 and 11: category and number (code table 4.2 of discipline 0)
-            parameter = (discipline, product[9], product[10])
-            kind = {(0, 2, 2): U, (0, 2, 3): V, (0, 3, 0): PRESSURE}.get(parameter)
-            if kind is None:
-                if parameter in ((0, 2, 0), (0, 2, 1)):
-                    contents.skipped[_SPEED_ALONE] += 1
-            else:
-                try:
-                    found = _grib2_field(window, kind, product, sections, bitmap, contents)
-                    contents.fields.append(found._replace(offset=start, length=length, part=part))
-                except SkippedError as skip:
-                    if kind != PRESSURE or skip.what != "wind":
-                        contents.skipped[skip.what, skip.reason] += 1
+            kinds = {(0, 2, 2): U, (0, 2, 3): V, (0, 3, 0): PRESSURE}
+            kinds |= {(0, 2, 0): _SPEED, (0, 2, 1): _SPEED}
+            place = start, length, part
+            yield (
+                kinds.get((discipline, product[9], product[10])),
+                partial(_field_2, window, product, sections, bitmap, contents, place),
+            )
             part += 1
         at += size
     if at != end or before != 7:
         raise GarbageError
 
 
-def _grib2_field(
+def _field_2(
     window: Window,
-    kind: int,
     product: bytes,
     sections: dict[int, int],
     last_bitmap: int,
     contents: FileContents,
+    place: tuple[int, int, int],
+    kind: int,
 ) -> Field:
     # bytes 23 to 28 and 29: the first fixed surface, its scaled value; type of the second
     surface, second = product[22], product[28]
@@ -444,21 +439,18 @@ def _grib2_field(
         raise SkippedError("wind", f"{'uvp'[kind]} of a layer (level types {surface}, {second})")
     if surface == _ISOBARIC_TYPE:
         _check_level(level)
+    identification = window.get(sections[1], 21)
     local = window.get(sections[2], 13) if 2 in sections else b""
-    reason = grib_statistic(2, {1: window.get(sections[1], 21), 2: local, 4: product})
-    if reason:
+    if reason := grib_statistic(2, {1: identification, 2: local, 4: product}):
         raise SkippedError("wind", reason)
-    template, unit = unsigned(product, 7, 2), product[17]
-    if unsigned(product, 0, 4) < _LENGTHS_4[template]:
-        raise _damaged(f"section 4 of {unsigned(product, 0, 4)} bytes for template 4.{template}")
-    if unit not in _UNITS_2:
-        raise SkippedError("wind", f"forecast time unit {unit}")
-    lead = signed(product, 18, 4) * _UNITS_2[unit]
-    stamp = window.get(sections[1], 19)  # bytes 13-14 year, then month, day, hour, minute, second
-    valid = _valid_time(_reference_time(unsigned(stamp, 12, 2), *stamp[14:19]), lead)
+    template, n_bytes = unsigned(product, 7, 2), unsigned(product, 0, 4)
+    if n_bytes < _LENGTHS_4[template]:
+        raise _damaged(f"section 4 of {n_bytes} bytes for template 4.{template}")
+    lead = signed(product, 18, 4) * _seconds(product[17], _UNITS_2)
+    # bytes 13-14 year, then month, day, hour, minute, second
+    valid = _valid_time(lead, unsigned(identification, 12, 2), *identification[14:19])
     section = window.get(sections[3], unsigned(window.get(sections[3], 4), 0, 4))
-    grid = contents.grid_number(2, section)
-    size = read_grid(2, section).size
+    grid, size = contents.grid_number(2, section), read_grid(2, section).size
     if unsigned(section, 6, 4) != size:
         raise _damaged(f"{unsigned(section, 6, 4):,} data points on a grid of {size:,}")
     indicator = window.get(sections[6], 6)[5]
@@ -466,13 +458,19 @@ def _grib2_field(
     if indicator != 255 and bitmap < 0:
         raise SkippedError("message", f"predefined bitmap {indicator}")
     if bitmap >= 0:
-        n_bytes = unsigned(window.get(bitmap, 4), 0, 4) - 6
-        if not 0 <= n_bytes - (size + 7) // 8 <= PADDING:
-            raise _damaged("a bitmap of another size than its grid")
+        _check_bitmap(unsigned(window.get(bitmap, 4), 0, 4) - 6, size)
     numbered = template not in (FORECAST, DERIVED) and product[35] != 255
+    packed = window.get(sections[5], 21)
+    n_bytes, packing, coded = unsigned(packed, 0, 4), unsigned(packed, 9, 2), unsigned(packed, 5, 4)
+    if n_bytes < _LENGTHS_5.get(packing, 0):
+        raise _damaged(f"section 5 of {n_bytes} bytes for template 5.{packing}")
+    # fewer values than points if a bitmap leaves some out
+    if coded > size or (coded != size and bitmap < 0):
+        raise _damaged(f"{coded:,} values on a grid of {size:,} points")
     found = Field(
-        offset=0,
-        length=0,
+        offset=place[0],
+        length=place[1],
+        part=place[2],
         edition=2,
         kind=kind,
         level_kind=level_kind,
@@ -481,37 +479,29 @@ def _grib2_field(
         lead=lead,
         member=product[35] if numbered else 0,
         grid=grid,
+        packing=packing,
         bitmap=bitmap + 6 if bitmap >= 0 else -1,
         data_start=sections[7] + 5,
         data_end=sections[7] + unsigned(window.get(sections[7], 4), 0, 4),
     )
-    return _grib2_packing(found, window.get(sections[5], 21), size)
-
-
-def _grib2_packing(found: Field, section: bytes, size: int) -> Field:
-    """The field with its packing by section 5: Y 10^D = R + X 2^E."""
-    length, packing = unsigned(section, 0, 4), unsigned(section, 9, 2)
-    if length < _LENGTHS_5.get(packing, 0):
-        raise _damaged(f"section 5 of {length} bytes for template 5.{packing}")
-    coded = unsigned(section, 5, 4)  # fewer than the points if a bitmap leaves some out
-    if coded > size or (coded != size and found.bitmap < 0):
-        raise _damaged(f"{coded:,} values on a grid of {size:,} points")
-    found = found._replace(packing=packing)
     if packing not in _SCALED:
         return found
-    reference, bits = float(struct.unpack_from(">f", section, 11)[0]), section[19]
-    binary, decimal = signed(section, 15, 2), signed(section, 17, 2)
-    _check_lowest(found.kind, reference, binary, decimal)
+    # Y 10^D = R + X 2^E
+    reference, bits = float(struct.unpack_from(">f", packed, 11)[0]), packed[19]
+    binary, decimal = signed(packed, 15, 2), signed(packed, 17, 2)
+    _check_lowest(kind, reference, binary, decimal)
     if bits > (64 if packing == 0 else 38):
         raise _damaged(f"{bits} bits a value")
-    found = found._replace(
-        reference_value=reference, binary_scale=binary, decimal_scale=decimal, bits=bits
-    )
-    if packing != 0:
-        return found
-    _check_length(found.data_end - found.data_start, bits, coded)
+    if packing == 0:
+        _check_length(found.data_end - found.data_start, bits, coded)
     usual = reference == 0.0 or abs(reference) >= _SMALLEST_NORMAL
-    return found._replace(sparse=usual and bits <= MAX_BITS)
+    return found._replace(
+        sparse=packing == 0 and usual and bits <= MAX_BITS,
+        bits=bits,
+        binary_scale=binary,
+        decimal_scale=decimal,
+        reference_value=reference,
+    )
 
 
 # both editions
@@ -574,28 +564,34 @@ def _check_lowest(kind: int, reference: float, binary_scale: int, decimal_scale:
         raise _damaged(f"lowest value of a field outside {low:g} to {high:g} {unit}")
 
 
-def _reference_time(*parts: int) -> int:
-    """Year, month, day, hour, minute, second to ns since 1970."""
-    try:
-        return _nanoseconds(*parts)
-    except (ValueError, OverflowError):
-        date = "{:04d}-{:02d}-{:02d}T{:02d}:{:02d}:{:02d}".format(*parts)
-        raise _damaged(f"impossible reference time {date}") from None
+def _check_bitmap(n_bytes: int, points: int) -> None:
+    if not 0 <= n_bytes - (points + 7) // 8 <= PADDING:
+        raise _damaged("a bitmap of another size than its grid")
+
+
+def _seconds(unit: int, units: dict[int, int]) -> int:
+    if unit not in units:
+        raise SkippedError("wind", f"forecast time unit {unit}")
+    return units[unit]
 
 
 @lru_cache(maxsize=4096)  # the messages of a file share a few times, and the calendar is slow
-def _nanoseconds(year: int, month: int, day: int, hour: int, minute: int, second: int) -> int:
-    if not (1 <= month <= 12 and 1 <= day <= calendar.monthrange(year, month)[1]):
-        raise ValueError
-    if hour > 24 or minute > 59 or second > 60:
-        raise ValueError
-    return calendar.timegm((year, month, day, hour, minute, second)) * 1_000_000_000
-
-
-def _valid_time(base: int, lead: int) -> int:
-    """Valid time (ns since 1970) of a base time (ns since 1970) and a lead (s)."""
-    if not _EARLIEST <= base // 1_000_000_000 < _LATEST:
+def _valid_time(
+    lead: int, year: int, month: int, day: int, hour: int, minute: int, second: int
+) -> int:
+    """Valid time (ns since 1970) of a lead (s) and a base time."""
+    parts = year, month, day, hour, minute, second
+    try:
+        if not 1 <= day <= calendar.monthrange(year, month)[1]:
+            raise ValueError
+        if hour > 24 or minute > 59 or second > 60:
+            raise ValueError
+        base = calendar.timegm(parts)
+    except (ValueError, OverflowError):
+        date = "{:04d}-{:02d}-{:02d}T{:02d}:{:02d}:{:02d}".format(*parts)
+        raise _damaged(f"impossible reference time {date}") from None
+    if not _EARLIEST <= base < _LATEST:
         raise _damaged("base time not of the years 1900 to 2100")
     if not _SHORTEST_LEAD <= lead <= _LONGEST_LEAD:
         raise _damaged(f"lead time of {lead / 86_400:,.0f} days")
-    return base + lead * 1_000_000_000
+    return (base + lead) * 1_000_000_000
