@@ -44,89 +44,77 @@ def wrap(angle):
 
 
 def fly(deviation, setting: Setting, seed: int) -> tuple[xr.Dataset, dict]:
-    """HEADINGS Dataset of a fleet with known deviations (aircraft, 5) in degrees."""
+    """HEADINGS Dataset of a fleet with known deviations (aircraft, 5) in degrees, and the truth."""
     rng = np.random.default_rng(seed)
-    deviation = np.atleast_2d(np.asarray(deviation, float))
     s = setting
-    n = s.aircraft, s.days, s.flights_a_day, s.reports_a_flight
+    flights = s.aircraft, s.days, s.flights_a_day
+    n = *flights, s.reports_a_flight
+    reports = int(np.prod(n))
     bias = np.array(s.bias) + s.bias_spread * rng.normal(size=(s.references, s.aircraft, 2))
     scale = s.scale_spread * rng.normal(size=s.aircraft)
     leg = np.minimum((np.arange(s.reports_a_flight) * s.legs) // s.reports_a_flight, s.legs - 1)
-    first = rng.uniform(0, 360, n[:3])
+    first = rng.uniform(0, 360, flights)
     if s.hub_and_spoke:
-        first = rng.choice([70.0, 250.0], n[:3]) + rng.normal(0, 12, n[:3])
-    turns = np.cumsum(rng.normal(0, 25, (*n[:3], s.legs)), axis=-1)
+        first = rng.choice([70.0, 250.0], flights) + rng.normal(0, 12, flights)
+    turns = np.cumsum(rng.normal(0, 25, (*flights, s.legs)), axis=-1)
     true = first[..., np.newaxis] + turns[..., leg] + rng.normal(0, 2, n)
-    declination = rng.normal(-3, 3, n[:3])[..., np.newaxis] * np.ones(n)
-    magnetic_true = true - declination
-    flat = magnetic_true.reshape(s.aircraft, -1)
-    shown = flat.copy()
+    declination = rng.normal(-3, 3, flights)[..., np.newaxis] * np.ones(n)
+    magnetic = (true - declination).reshape(s.aircraft, -1)
+    shown = magnetic.copy()
     for _ in range(60):
-        shown = flat + curve(deviation, shown)
-    shown = shown.reshape(n)
-    indicated = shown + declination
+        shown = magnetic + curve(np.atleast_2d(deviation), shown)
     wind = (
         np.array([12.0, 3.0])
         + rng.normal(0, 8, (1, s.days, 1, 1, 2))
-        + rng.normal(0, 5, (*n[:3], 1, 2))
+        + rng.normal(0, 5, (*flights, 1, 2))
         + rng.normal(0, 1, (*n, 2))
     )
     tas = s.airspeed + rng.normal(0, 4, n)
     ground = tas[..., np.newaxis] * _unit(true) + wind
-    unit_air = (tas * (1 + scale[:, None, None, None]))[..., np.newaxis] * _unit(indicated)
-    reported = ground - unit_air
+    felt = (tas * (1 + scale[:, None, None, None]))[..., np.newaxis]
+    reported = ground - felt * _unit(shown.reshape(n) + declination)
     wrong = rng.random(n) < s.outliers
     reported = np.where(wrong[..., np.newaxis], -reported, reported)
-    reports = int(np.prod(n))
     model = np.empty((s.references, *n, 2))
     for k in range(s.references):
         model[k] = (
             wind
             + bias[k][:, None, None, None]
             + s.day_error * rng.normal(size=(1, s.days, 1, 1, 2))
-            + s.flight_error * rng.normal(size=(*n[:3], 1, 2))
+            + s.flight_error * rng.normal(size=(*flights, 1, 2))
             + s.noise * rng.normal(size=(*n, 2))
         )
-    seen = ground + s.ground_error * rng.normal(size=(*n, 2))
-    air = (seen - reported).reshape(reports, 2)
-    implied = seen.reshape(reports, 2) - model.reshape(s.references, reports, 2)
-    airspeed = np.hypot(*air.T)
-    heading = np.degrees(np.arctan2(air[:, 0], air[:, 1]))
-    other = np.degrees(np.arctan2(implied[..., 0], implied[..., 1]))
-    day = np.broadcast_to(np.arange(s.days)[:, None, None], n[1:])
-    hour = np.broadcast_to(np.linspace(1, 22, s.flights_a_day)[:, None], n[2:])
-    minute = np.arange(s.reports_a_flight) * 3
-    time = (
-        np.datetime64("2008-07-01", "ns")
-        + day.astype("timedelta64[D]")
-        + (hour * 60 + minute).astype("timedelta64[m]")
-    )
-    time = np.broadcast_to(time, n).reshape(reports)
-    flight = np.repeat(np.arange(np.prod(n[:3])), s.reports_a_flight)
-    start = np.array([-87.0, 43.0]) + rng.uniform(-3, 3, (*n[:3], 1, 2))
+    seen = (ground + s.ground_error * rng.normal(size=(*n, 2))).reshape(reports, 2)
+    reported, model = reported.reshape(reports, 2), model.reshape(s.references, reports, 2)
+    air, implied = seen - reported, seen - model
+    airspeed, heading = np.hypot(*air.T), _degrees(air)
+    day = np.arange(s.days)[:, None, None] * np.timedelta64(1, "D")
+    minute = np.linspace(1, 22, s.flights_a_day)[:, None] * 60 + np.arange(s.reports_a_flight) * 3
+    time = np.datetime64("2008-07-01", "ns") + (day + minute.astype("timedelta64[m]"))
+    start = np.array([-87.0, 43.0]) + rng.uniform(-3, 3, (*flights, 1, 2))
     flown = np.cumsum(ground * 180.0, axis=-2) / 111_200.0
     place = (start + flown * np.array([1 / np.cos(np.radians(43.0)), 1.0])).reshape(reports, 2)
+    declination = declination.reshape(reports)
     by_report = {
-        "time": time,
+        "time": np.broadcast_to(time, n).reshape(reports),
         "longitude": place[:, 0],
         "latitude": place[:, 1],
         "pressure": np.full(reports, 55000.0, np.float32),
-        "flight": flight.astype(np.int32),
-        "eastward_wind": reported.reshape(reports, 2)[:, 0],
-        "northward_wind": reported.reshape(reports, 2)[:, 1],
+        "flight": np.repeat(np.arange(np.prod(flights)), s.reports_a_flight).astype(np.int32),
+        "eastward_wind": reported[:, 0],
+        "northward_wind": reported[:, 1],
         "heading": heading % 360,
-        "magnetic_heading": (heading - declination.reshape(reports)) % 360,
+        "magnetic_heading": (heading - declination) % 360,
         "airspeed": airspeed,
-        "declination": declination.reshape(reports),
+        "declination": declination,
         "screening": np.zeros(reports, np.int32),
     }
-    shape = (s.references, reports)
     known = np.degrees(s.ground_error / airspeed)
     by_reference = {
-        "reference_eastward_wind": model.reshape(*shape, 2)[..., 0],
-        "reference_northward_wind": model.reshape(*shape, 2)[..., 1],
-        "heading_error": wrap(heading - other),
-        "heading_error_standard_error": np.broadcast_to(known, shape),
+        "reference_eastward_wind": model[..., 0],
+        "reference_northward_wind": model[..., 1],
+        "heading_error": wrap(heading - _degrees(implied)),
+        "heading_error_standard_error": np.broadcast_to(known, (s.references, reports)),
         "airspeed_error": airspeed - np.hypot(implied[..., 0], implied[..., 1]),
     }
     ds = xr.Dataset(
@@ -138,17 +126,16 @@ def fly(deviation, setting: Setting, seed: int) -> tuple[xr.Dataset, dict]:
             "reference": ("reference", np.array(["ruc", "rtfdaa", "nam"][: s.references], object)),
         },
     )
-    truth = {
-        "deviation": deviation,
-        "bias": bias,
-        "scale": scale,
-        "true_wind": np.broadcast_to(wind, (*n, 2)).reshape(reports, 2),
-    }
-    return ds, truth
+    wind = np.broadcast_to(wind, (*n, 2)).reshape(reports, 2)
+    return ds, {"bias": bias, "scale": scale, "true_wind": wind}
 
 
 def _unit(heading):
     return np.stack([np.sin(np.radians(heading)), np.cos(np.radians(heading))], axis=-1)
+
+
+def _degrees(vector):
+    return np.degrees(np.arctan2(vector[..., 0], vector[..., 1]))
 
 
 def fleet_deviations(aircraft: int, rng, *, two_cycles: float = 0.7, amplitude: float = 6.0):

@@ -85,11 +85,15 @@ def test_policies_of_flags(name: str, codes: dict, policy: str, rejected: list[s
     assert found == [SCREENING[rule] if word in rejected else 0 for word in codes]
     absent = made({}).drop_vars(name)  # counts as missing
     assert bits(absent, **{rule: policy}) == [SCREENING[rule] if "missing" in rejected else 0]
+    with pytest.raises(ConfigError, match=rf"screening.{rule}.*require_{rule}"):
+        bits(absent, **{rule: f"require_{rule}"})
 
 
 def test_phases_and_absent_ground_vectors() -> None:
     ds = made(*({"phase": code} for code in PHASE.values()))
     assert np.flatnonzero(np.array(bits(ds, phases=["ascent", "descent"])) == 0).tolist() == [1, 3]
+    with pytest.raises(ConfigError, match=r"screening.phases.*cruising"):
+        screen(ds, phases=["cruising"])
     absent = ("ground_speed", "ground_velocity_error", "airspeed", "turn")
     assert bits(made(dict.fromkeys(absent, np.nan))) == [SCREENING["no_ground_vector"]]
     attrs = screen(ds).screening.attrs
@@ -145,19 +149,6 @@ def test_the_audit() -> None:
     assert found.together_total.to_series()["phase"] == 2
     assert found.aircraft.values.tolist() == ["N0", "N1"]
     assert found.kept.attrs["long_name"] == "reports no rule marked"
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"phases": ["cruising"]}, r"screening.phases.*cruising"),
-        ({"roll": "require_pass"}, r"screening.roll.*require_pass"),
-        ({"temperature_qc": "strict"}, r"screening.temperature_qc.*strict"),
-    ],
-)
-def test_unknown_policies_are_refused(options: dict[str, Any], words: str) -> None:
-    with pytest.raises(ConfigError, match=words):
-        screen(made({}), **options)
 
 
 def test_reports_of_corrected_units_are_marked_from_the_test_on_and_not_fitted_or_corrected():

@@ -18,20 +18,15 @@ from airswing.physics.atmosphere import (
 from airswing.units import KNOT
 
 
-@pytest.mark.parametrize(
-    ("altitude", "pressure"),
-    [  # ICAO Doc 7488/3 tables, geopotential altitude in m against hPa
-        (0.0, 1013.25),
-        (1000.0, 898.746),
-        (5000.0, 540.199),
-        (11000.0, 226.321),
-        (12000.0, 193.304),
-        (15000.0, 120.446),
-        (20000.0, 54.7489),
-    ],
-)
-def test_printed_standard(altitude: float, pressure: float) -> None:
-    assert pressure_from_altitude(altitude) == pytest.approx(pressure * 100.0, rel=2e-5)
+def test_printed_standard() -> None:
+    # ICAO Doc 7488/3 tables, geopotential altitude in m against hPa
+    altitude = [0.0, 1000.0, 5000.0, 11000.0, 12000.0, 15000.0, 20000.0]
+    pressure = [1013.25, 898.746, 540.199, 226.321, 193.304, 120.446, 54.7489]
+    found = pressure_from_altitude(np.array(altitude)) / 100.0
+    np.testing.assert_allclose(found, pressure, rtol=2e-5)
+    np.testing.assert_allclose(
+        standard_temperature(np.array([0.0, 11e3, 15e3])), [288.15, *[216.65] * 2]
+    )
 
 
 def test_metpy_agrees_below_the_tropopause() -> None:
@@ -46,15 +41,6 @@ def test_metpy_agrees_below_the_tropopause() -> None:
     np.testing.assert_allclose(altitude_from_pressure(expected), altitude, atol=6.0)
 
 
-def test_continuous_at_the_tropopause() -> None:
-    below, above = pressure_from_altitude(np.array([11000.0 - 1e-3, 11000.0 + 1e-3]))
-    slope = (above - below) / 2e-3
-    # hydrostatic: dp/dz = -rho g = -p g / (R T)
-    assert slope == pytest.approx(-22632.0 * 9.80665 / (287.05287 * 216.65), rel=1e-4)
-    assert standard_temperature(11000.0) == pytest.approx(216.65)
-    assert standard_temperature(15000.0) == pytest.approx(216.65)
-
-
 @given(st.floats(-4000.0, 20000.0))
 def test_round_trip(altitude: float) -> None:
     back = altitude_from_pressure(pressure_from_altitude(altitude))
@@ -65,13 +51,13 @@ def test_values_without_physical_meaning_give_nan() -> None:
     found = altitude_from_pressure(np.array([0.0, -5.0, np.nan, 50000.0]))
     assert np.isnan(found[:3]).all() and np.isfinite(found[3])
     assert np.isnan(pressure_from_altitude(np.nan))
-
-
-def test_speed_of_sound_of_the_standard_atmosphere():
-    """ICAO Doc 7488/3: 340.294 m/s at sea level, 295.069 in the lower stratosphere."""
-    assert speed_of_sound(288.15) == pytest.approx(340.294, abs=1e-3)
-    assert speed_of_sound(216.65) == pytest.approx(295.069, abs=1e-3)
     assert np.isnan(speed_of_sound(-1.0))
+
+
+def test_mach_one_is_the_speed_of_sound_of_the_standard_atmosphere():
+    """ICAO Doc 7488/3: 340.294 m/s at sea level, 295.069 in the lower stratosphere."""
+    assert airspeed_from_mach(1.0, 288.15) == pytest.approx(340.294, abs=1e-3)
+    assert airspeed_from_mach(0.5, 216.65) == pytest.approx(0.5 * 295.069, abs=1e-3)
 
 
 def test_true_airspeed_by_hand():
@@ -88,12 +74,3 @@ def test_true_airspeed_by_hand():
     impact = 101325.0 * ((1 + 0.2 * (250 / 661.4786) ** 2) ** 3.5 - 1)
     mach = np.sqrt(5 * ((1 + impact / 23842.3) ** (2 / 7) - 1))
     assert found / KNOT == pytest.approx(mach * 576.42, abs=0.05)
-
-
-def test_mach_against_metpy():
-    """MetPy's dry air: the speed of sound from its gas constant and heat ratio."""
-    constants = pytest.importorskip("metpy.constants")
-    ratio = float(constants.dry_air_spec_heat_ratio.magnitude)
-    gas = float(constants.dry_air_gas_constant.to("J/(kg K)").magnitude)
-    found = airspeed_from_mach(0.78, 220.0)
-    assert found == pytest.approx(0.78 * np.sqrt(ratio * gas * 220.0), rel=2e-4)

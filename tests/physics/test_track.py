@@ -34,10 +34,11 @@ def tracked(lat: Any, lon: Any, seconds: Any, **options: Any) -> GroundTrack:
     return ground_track(lat, lon, seconds, altitude, flight, **given)
 
 
-@pytest.mark.parametrize("azimuth", [0.0, 45.0, 90.0, 135.0, 180.0, 225.0, 270.0, 315.0])
+@pytest.mark.parametrize("azimuth", [0.0, 45.0, 90.0, 180.0, 270.0])
 def test_a_geodesic_flown_steadily_gives_its_azimuth_at_every_fix(azimuth: float) -> None:
+    # those to the east cross the antimeridian
     seconds = np.array([0.0, 165.0, 330.0, 400.0, 700.0])
-    lat, lon, expected = straight(45.0, -93.0, azimuth + 1e-9, 128.6, seconds)
+    lat, lon, expected = straight(45.0, 179.9, azimuth + 1e-9, 128.6, seconds)
     found = tracked(lat, lon, seconds)
     np.testing.assert_allclose(np.hypot(found.eastward, found.northward), 128.6, rtol=1e-9)
     track = np.degrees(bearing(found.eastward, found.northward))
@@ -47,17 +48,6 @@ def test_a_geodesic_flown_steadily_gives_its_azimuth_at_every_fix(azimuth: float
     np.testing.assert_array_equal(found.after, [1, 1, 1, 1, 0])
     np.testing.assert_allclose(found.turn[1:-1], 0.0, atol=1e-8)
     assert np.isnan(found.turn[[0, -1]]).all()
-
-
-def test_across_the_antimeridian() -> None:
-    seconds = np.arange(6) * 165.0
-    lat, lon, _ = straight(52.0, 179.5, 80.0, 220.0, seconds)
-    assert lon.min() < 0.0 < lon.max()
-    found = tracked(lat, lon, seconds)
-    shifted = tracked(lat, np.mod(lon, 360.0) - 90.0, seconds)
-    np.testing.assert_allclose(np.hypot(found.eastward, found.northward), 220.0, rtol=1e-9)
-    np.testing.assert_allclose(found.eastward, shifted.eastward, rtol=1e-9)
-    np.testing.assert_allclose(found.northward, shifted.northward, rtol=1e-9, atol=1e-9)
 
 
 def test_speeding_up_is_centred_at_the_report_with_unequal_legs() -> None:
@@ -127,24 +117,19 @@ def test_no_time_no_velocity_and_broken_chords() -> None:
     assert np.isnan(tracked(lat, lon, bad).northward[3])
 
 
+def rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
 def rounded_flights(
-    leg: float,
-    *,
-    position: float,
-    tick: float,
-    density: float = 0.0,
-    flights: int = 150,
-    fixes: int = 40,
-    speed: float = 250.0 * KNOT,
-    spread: float = 0.1,
-    seed: int = 5,
+    leg: float, *, position: float, tick: float, density: float
 ) -> tuple[dict[str, Any], np.ndarray, np.ndarray]:
     """Flights whose velocity is a random walk, rounded; and the velocity at each fix.
 
     All on the equator near the origin of a tangent plane, where the plane is true to 1e-4.
     """
-    rng = np.random.default_rng(seed)
-    duration = leg * rng.uniform(1.0 - spread, 1.0 + spread, (flights, fixes))
+    flights, fixes, speed, rng = 150, 40, 250.0 * KNOT, np.random.default_rng(5)
+    duration = leg * rng.uniform(0.9, 1.1, (flights, fixes))
     seconds = np.cumsum(duration, axis=1) + rng.uniform(0.0, 3600.0, (flights, 1))
     change = np.diff(seconds, axis=1, prepend=seconds[:, :1])[..., np.newaxis]
     kick = np.sqrt(density * change) * rng.normal(size=(flights, fixes, 2))
@@ -166,25 +151,12 @@ def rounded_flights(
     return arguments, velocity[..., 0].ravel(), velocity[..., 1].ravel()
 
 
-def misses(
-    found: GroundTrack, east: np.ndarray, north: np.ndarray, which: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    along, cross = along_cross(found.eastward - east, found.northward - north, bearing(east, north))
-    return along[which], cross[which]
-
-
-def rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(values**2)))
-
-
 @pytest.mark.parametrize(
     ("leg", "position", "tick", "gain"),
     [
         (165.0, TENTH_MINUTE, 1.0, 0.99),
-        (60.0, TENTH_MINUTE, 1.0, 0.85),
         (20.0, TENTH_MINUTE, 1.0, 0.45),
         (120.0, TENTH_MINUTE, 60.0, 0.30),
-        (180.0, TENTH_MINUTE, 60.0, 0.40),
         (420.0, 0.01, 60.0, 0.65),
     ],
 )
@@ -199,15 +171,15 @@ def test_stated_errors_are_the_actual_ones_and_widening_lowers_them(
     centred = (wide.before > 0) & (wide.after > 0)
     ends = (wide.before > 0) ^ (wide.after > 0)
     assert ends.sum() == 2 * 150 and centred.sum() == 38 * 150
+    before, miss = (
+        along_cross(one.eastward - east, one.northward - north, bearing(east, north))
+        for one in (plain, wide)
+    )
     for which in (centred, ends):
-        along, cross = misses(wide, east, north, which)
-        assert rms(along) == pytest.approx(rms(wide.along_error[which]), rel=0.15)
-        assert rms(cross) == pytest.approx(rms(wide.cross_error[which]), rel=0.15)
-    was = rms(np.hypot(*misses(plain, east, north, centred)))
-    now = rms(np.hypot(*misses(wide, east, north, centred)))
-    assert now <= gain * was + 0.01
-    along, _ = misses(wide, east, north, centred)
-    assert abs(np.mean(along)) < 0.35, "and the bias of rounded times is gone"
+        for error, stated in zip(miss, (wide.along_error, wide.cross_error), strict=True):
+            assert rms(error[which]) == pytest.approx(rms(stated[which]), rel=0.15)
+    assert rms(np.hypot(*miss)[centred]) <= gain * rms(np.hypot(*before)[centred]) + 0.01
+    assert abs(np.mean(miss[0][centred])) < 0.35, "and the bias of rounded times is gone"
 
 
 def test_no_window_reaches_over_a_turn() -> None:

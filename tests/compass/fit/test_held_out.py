@@ -71,25 +71,21 @@ def test_winds_that_contradict_the_reference_have_no_table(kind):
     """Half is m/s read as kt, twice kt read as m/s, opposite a direction toward."""
     headings, _ = fly([[1.0, 3.0, -2.0, 0.0, 0.0]] * 3, Setting(aircraft=3, days=30), 6)
     factor = {"half": 0.5144, "twice": 1.944, "opposite": -1.0}[kind]
-    ground = [
-        headings[name] + headings["airspeed"] * function(np.radians(headings["heading"]))
-        for name, function in (("eastward_wind", np.sin), ("northward_wind", np.cos))
-    ]
-    wind = [factor * headings[name] for name in ("eastward_wind", "northward_wind")]
-    air = [one - other for one, other in zip(ground, wind, strict=True)]
-    implied = [
-        one - headings[name]
-        for one, name in zip(
-            ground, ("reference_eastward_wind", "reference_northward_wind"), strict=True
-        )
-    ]
-    heading, other = (np.degrees(np.arctan2(*pair)) for pair in (air, implied))
+    shown = np.radians(headings["heading"])
+    wind, model = (
+        headings[f"{kind}eastward_wind"] + 1j * headings[f"{kind}northward_wind"]
+        for kind in ("", "reference_")
+    )
+    ground = wind + headings["airspeed"] * (np.sin(shown) + 1j * np.cos(shown))
+    air, implied = ground - factor * wind, ground - model
+    heading = 90.0 - np.degrees(np.arctan2(air.imag, air.real))
+    error = np.degrees(np.arctan2((implied / air).imag, (implied / air).real))
     changed = headings.assign(
         heading=heading % 360,
         magnetic_heading=(heading - headings["declination"]) % 360,
-        airspeed=np.hypot(*air),
-        heading_error=(heading - other + 180) % 360 - 180,
-        airspeed_error=np.hypot(*air) - np.hypot(*implied),
+        airspeed=abs(air),
+        heading_error=error,
+        airspeed_error=abs(air) - abs(implied),
     )
     fits = add_tables(fit_deviation(changed), changed)
     assert not published(fits["status"]).any()

@@ -1,7 +1,5 @@
 """One constant an aircraft where headings or flights do not allow a curve."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from tests.compass.flown import Setting, fly
@@ -19,19 +17,13 @@ ONE_HOUR = Setting(
 
 def on_one_octant(setting, seed, aircraft):
     """A fleet of constant deviations, some of them left with the headings of one octant."""
-    rng = np.random.default_rng([seed, 1])
     deviation = np.zeros((setting.aircraft, 5))
-    deviation[:, 0] = rng.normal(0, 1, setting.aircraft)
+    deviation[:, 0] = np.random.default_rng([seed, 1]).normal(0, 1, setting.aircraft)
     headings, _ = fly(deviation, setting, seed)
-    aircraft_of = np.repeat(
-        np.arange(setting.aircraft), headings.sizes["report"] // setting.aircraft
-    )
-    middle = headings["heading"].to_numpy()[
-        np.searchsorted(aircraft_of, np.arange(setting.aircraft))
-    ]
-    apart = (headings["heading"].to_numpy() - middle[aircraft_of] + 180) % 360 - 180
-    off = np.isin(aircraft_of, aircraft) & (np.abs(apart) > 22.5)
-    headings["screening"] = ("report", np.where(off, 8, 0).astype(np.int32))
+    heading = headings["heading"].to_numpy().reshape(setting.aircraft, -1)
+    off = np.abs((heading - heading[:, :1] + 180) % 360 - 180) > 22.5
+    off &= np.isin(np.arange(setting.aircraft), aircraft)[:, None]
+    headings["screening"] = ("report", np.where(off.ravel(), 8, 0).astype(np.int32))
     return headings, deviation[:, 0]
 
 
@@ -80,18 +72,12 @@ def test_two_hundred_reports_in_one_octant_are_an_offset_never_an_amplitude(flee
     assert np.ptp(table) == 0
     assert table[0] == pytest.approx(-float(one["offset"]), abs=0.051)
     # on the headings flown the constant is known as well as stated, on others it is not
-    flown = _headings_of(fleet[0], 9)
+    last = slice(-int(fleet[0]["row_size"][9]), None)
+    flown = fleet[0]["heading"][last].where(fleet[0]["screening"][last] == 0, drop=True).to_numpy()
     wide = curve_standard_error(one["deviation_covariance"].to_numpy(), flown)
     assert np.median(wide) == pytest.approx(error, rel=0.02)
     away = curve_standard_error(one["deviation_covariance"].to_numpy(), flown + 180.0)
     assert (away > 1.1 * error).all()
-
-
-def _headings_of(headings, aircraft):
-    last = np.cumsum(headings["row_size"])
-    rows = slice(int(last[aircraft - 1]), int(last[aircraft]))
-    kept = headings["screening"].to_numpy()[rows] == 0
-    return headings["heading"].to_numpy()[rows][kept]
 
 
 def test_corrections_tables_and_the_simulation_use_the_offset(fleet, tmp_path):
@@ -118,8 +104,8 @@ def test_corrections_tables_and_the_simulation_use_the_offset(fleet, tmp_path):
 
 
 def test_the_refusal_names_the_limit_that_refused():
-    few = replace(FLEET, aircraft=2, days=1)
-    headings, _ = on_one_octant(replace(few, reports_a_flight=60), 1, [])
+    few = Setting(aircraft=2, days=1, flights_a_day=4, reports_a_flight=60)
+    headings, _ = on_one_octant(few, 1, [])
     fits = fit_deviation(headings, min_reports=200)
     # four flights of sixty reports; no other aircraft shows the reference error of a flight
     assert fits["status"].to_numpy().tolist() == [[STATUS["too_few_flights"]] * 2]
