@@ -27,11 +27,13 @@ if TYPE_CHECKING:  # taken up at the first quantity
 
 
 @functools.cache
-def _registry() -> pint.UnitRegistry[float]:
+def registry() -> pint.UnitRegistry[float]:
+    """The units of pint, with flight levels (hundreds of feet)."""
     import pint
 
     registry: pint.UnitRegistry[float] = pint.UnitRegistry()
     registry.define("arcmin = arcminute")
+    registry.define("hectofoot = 100 * foot = hft")
     return registry
 
 
@@ -53,7 +55,7 @@ def quantity(text: object, unit: str) -> float:
     import pint
 
     try:
-        value = float(_registry().Quantity(float(match[1]), match[2]).to(unit).magnitude)
+        value = float(registry().Quantity(float(match[1]), match[2]).to(unit).magnitude)
     except (pint.PintError, AssertionError, AttributeError, TypeError, ValueError) as err:
         raise ValueError(fault) from err
     if not math.isfinite(value):

@@ -16,7 +16,6 @@ import xarray as xr
 
 from airswing.errors import InputError
 from airswing.reports import Audit, assemble, expand, read_file, read_reports, reports_summary
-from airswing.reports.formats import unregister
 from tests.reports.tables import flight, row, write
 
 
@@ -207,7 +206,7 @@ MODULE = '''
 
 import pandas as pd
 
-from airswing.reports.formats import ReportFormat, register
+from airswing.reports.formats import ReportFormat
 
 
 def read(path, mapping, audit):
@@ -220,7 +219,7 @@ def read(path, mapping, audit):
     yield table
 
 
-register(ReportFormat("printout", lambda start: start.startswith(b"%station"), read))
+FORMATS = (ReportFormat("printout", lambda start: start.startswith(b"%station"), read),)
 '''
 
 
@@ -233,7 +232,6 @@ def added(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     package = importlib.import_module("airswing.reports.formats")
     monkeypatch.setattr(package, "__path__", [*package.__path__, str(folder)])
     yield
-    unregister("printout")
     sys.modules.pop("airswing.reports.formats.station_printout", None)
 
 

@@ -157,7 +157,7 @@ def _require(request: Request, *names: str) -> None:
 
 
 def _all_rows(block: xr.Dataset, winds: tuple[str, str]) -> Rows:
-    from airswing.reports.cleaning import LIMITS
+    from airswing.reports.columns import LIMITS
 
     rows = np.zeros(block.sizes["report"], dtype=ROW)
     time = block["time"].to_numpy().astype("datetime64[ms]").astype(np.int64)
@@ -178,7 +178,7 @@ def _all_rows(block: xr.Dataset, winds: tuple[str, str]) -> Rows:
 
 
 def _reasons(rows: Rows, block: xr.Dataset, request: Request) -> dict[str, Mask]:
-    from airswing.reports.cleaning import LIMITS
+    from airswing.reports.columns import LIMITS
 
     start, end = request.settings.start, request.settings.end
     accepted = request.settings.accept

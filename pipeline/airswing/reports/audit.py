@@ -62,10 +62,9 @@ class Audit:
         plain = value.item() if isinstance(value, np.generic) else value
         self.examples.setdefault(column, repr(plain)[:60])
 
-    def remark(self, sentence: str) -> None:
-        """Add a sentence that a user should see, once."""
-        if sentence not in self.remarks:
-            self.remarks.append(sentence)
+    def remark(self, *sentences: str) -> None:
+        """Add sentences that a user should see, each once."""
+        self.remarks = list(dict.fromkeys([*self.remarks, *sentences]))
 
     def codes(self, name: str, counts: Mapping[str, int]) -> None:
         """Add the number of reports of each code of one flag field."""
@@ -135,8 +134,7 @@ class Audit:
         self.examples = other.examples | self.examples
         self.mistakes = other.mistakes | self.mistakes
         self.similar_tails += other.similar_tails
-        for sentence in other.remarks:
-            self.remark(sentence)
+        self.remark(*other.remarks)
 
 
 def similar(tails: Iterable[str]) -> list[list[str]]:

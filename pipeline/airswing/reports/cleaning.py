@@ -33,11 +33,12 @@ from airswing.physics.geomagnetism import geomagnetic_field
 from airswing.physics.triangle import (
     direction_in_degrees,
     vector_from_bearing,
-    wind_from_direction,
+    wind_components,
     wind_from_triangle,
 )
 from airswing.reports.audit import Audit
-from airswing.reports.values import Column, possible
+from airswing.reports.columns import LIMITS
+from airswing.reports.values import Column, possible, seconds_since_1970
 from airswing.units import FOOT, KNOT, ZERO_CELSIUS
 
 Array = NDArray[np.float64]
@@ -52,27 +53,6 @@ FLAGS = {
     "platform": PLATFORM["unknown"],
 }
 """Flag columns and their value for missing."""
-
-LIMITS = {
-    "latitude": (-90.0, 90.0),
-    "longitude": (-180.0, 360.0),
-    "wind_speed": (0.0, 150.0),
-    "wind_direction": (0.0, 360.0),
-    "air_temperature": (150.0, 340.0),
-    # of the standard atmosphere at the two limits of altitude
-    "pressure": (5000.0, 110000.0),
-    "pressure_altitude": (-700.0, 20000.0),
-    "reported_airspeed": (0.0, 400.0),
-    "reported_heading": (0.0, 360.0),
-    "magnetic_heading": (0.0, 360.0),
-    "ground_speed": (0.0, 500.0),
-    "track": (0.0, 360.0),
-    "indicated_airspeed": (0.0, 400.0),
-    "mach": (0.0, 1.2),
-    "eastward_wind": (-150.0, 150.0),
-    "northward_wind": (-150.0, 150.0),
-}
-"""Lowest and highest possible value by column, in SI (degrees for angles)."""
 
 # Usual mistakes of a unit that make values impossible: factor and offset that correct them.
 _Mistakes = dict[str, tuple[float, float]]
@@ -129,28 +109,25 @@ def clean(raw: pd.DataFrame, audit: Audit) -> pd.DataFrame:
     audit.read += len(raw)
     tail = _stripped(raw["tail"])
     time = raw["time"].to_numpy(dtype="datetime64[ns]")
-    latitude = raw["latitude"].to_numpy(dtype=np.float64)
-    longitude = raw["longitude"].to_numpy(dtype=np.float64)
-    beyond = {}
-    for name, values in (("latitude", latitude), ("longitude", longitude)):
-        low, high = LIMITS[name]
-        beyond[name] = (values < low) | (values > high)
-        _name_mistake(name, values, beyond[name], audit)
     blank = raw["time_blank"].to_numpy() if "time_blank" in raw else np.isnat(time)
+    place = {name: raw[name].to_numpy(dtype=np.float64) for name in ("latitude", "longitude")}
+    reasons = {
+        "missing_tail": (tail == "").to_numpy(dtype=bool),
+        "missing_time": np.isnat(time) & blank,
+        "unparsable_time": np.isnat(time) & ~blank,
+        "time_out_of_range": ~possible(time),
+        "missing_position": ~np.isfinite(place["latitude"]) | ~np.isfinite(place["longitude"]),
+    }
+    for name, values in place.items():
+        low, high = LIMITS[name]
+        reasons[f"{name}_out_of_range"] = beyond = (values < low) | (values > high)
+        _name_mistake(name, values, beyond, audit)
     keep = np.ones(len(raw), dtype=bool)
-    for reason, bad in (
-        ("missing_tail", (tail == "").to_numpy(dtype=bool)),
-        ("missing_time", np.isnat(time) & blank),
-        ("unparsable_time", np.isnat(time) & ~blank),
-        ("time_out_of_range", ~possible(time)),
-        ("missing_position", ~np.isfinite(latitude) | ~np.isfinite(longitude)),
-        ("latitude_out_of_range", beyond["latitude"]),
-        ("longitude_out_of_range", beyond["longitude"]),
-    ):
+    for reason, bad in reasons.items():
         audit.drop(reason, np.count_nonzero(keep & bad))
         keep &= ~bad
     raw = raw.loc[keep]
-    longitude = longitude[keep]
+    longitude = place["longitude"][keep]
     audit.repair("longitude_wrapped", np.count_nonzero(longitude >= 180.0))
     flight = _stripped(raw["flight"]) if "flight" in raw else pd.Series("", raw.index, dtype=str)
     frame = pd.DataFrame(
@@ -158,7 +135,7 @@ def clean(raw: pd.DataFrame, audit: Audit) -> pd.DataFrame:
             "tail": tail[keep].astype("category").array,
             "flight": flight.astype("category").array,
             "time": time[keep],
-            "latitude": latitude[keep],
+            "latitude": place["latitude"][keep],
             "longitude": np.where(longitude >= 180.0, longitude - 360.0, longitude),
         }
     )
@@ -166,11 +143,9 @@ def clean(raw: pd.DataFrame, audit: Audit) -> pd.DataFrame:
     pressure = _number(raw, "pressure", audit)
     pressure = np.where(np.isnan(pressure), pressure_from_altitude(altitude), pressure)
     altitude = np.where(np.isnan(altitude), altitude_from_pressure(pressure), altitude)
-    levels = {"pressure": pressure, "pressure_altitude": altitude}
-    for name, values in (levels | _wind(raw, audit)).items():
-        frame[name] = values.astype(np.float32)
-    for name in _KEPT:
-        frame[name] = _number(raw, name, audit).astype(np.float32)
+    measured = {"pressure": pressure, "pressure_altitude": altitude, **_wind(raw, audit)}
+    measured |= {name: _number(raw, name, audit) for name in _KEPT}
+    frame = frame.assign(**{name: values.astype(np.float32) for name, values in measured.items()})
     for name, missing in FLAGS.items():
         frame[name] = raw[name].to_numpy(dtype=np.int8) if name in raw else np.int8(missing)
     if set(raw).intersection(_FOR_DERIVED_WIND):
@@ -231,22 +206,23 @@ def _wind(raw: pd.DataFrame, audit: Audit) -> dict[str, Array]:
         half = ~calm & (np.isnan(direction) != np.isnan(speed))
         audit.repair("wind_incomplete", np.count_nonzero(half))
         speed[half] = direction[half] = np.nan
-        eastward = np.where(calm, 0.0, -speed * np.sin(np.radians(direction)))
-        northward = np.where(calm, 0.0, -speed * np.cos(np.radians(direction)))
+        eastward, northward = wind_components(speed, np.radians(direction))
     else:
         eastward = _number(raw, "eastward_wind", audit)
         northward = _number(raw, "northward_wind", audit)
-        eastward = np.where(np.isnan(northward), np.nan, eastward)
-        northward = np.where(np.isnan(eastward), np.nan, northward)
-        speed = np.hypot(eastward, northward)
-        direction = direction_in_degrees(eastward, northward)
-        direction[speed == 0.0] = np.nan
+        eastward[np.isnan(northward)] = northward[np.isnan(eastward)] = np.nan
+        speed, direction = _speed_and_direction(eastward, northward)
     return {
         "wind_speed": speed,
         "wind_direction": direction,
         "eastward_wind": eastward,
         "northward_wind": northward,
     }
+
+
+def _speed_and_direction(eastward: Array, northward: Array) -> tuple[Array, Array]:
+    speed = np.hypot(eastward, northward)
+    return speed, np.where(speed == 0.0, np.nan, direction_in_degrees(eastward, northward))
 
 
 def _derive_wind(frame: pd.DataFrame, raw: pd.DataFrame, audit: Audit) -> None:
@@ -257,9 +233,12 @@ def _derive_wind(frame: pd.DataFrame, raw: pd.DataFrame, audit: Audit) -> None:
     heading, magnetic = values["reported_heading"].copy(), values["magnetic_heading"]
     wanted = np.flatnonzero(np.isnan(heading) & np.isfinite(magnetic))
     if wanted.size:
-        seconds = frame["time"].to_numpy().astype("datetime64[ns]").astype(np.int64) / 1e9
-        places = (values[name] for name in ("latitude", "longitude", "pressure_altitude"))
-        east = declination(*(part[wanted] for part in (*places, seconds)))
+        east = declination(
+            values["latitude"][wanted],
+            values["longitude"][wanted],
+            values["pressure_altitude"][wanted],
+            seconds_since_1970(frame["time"].to_numpy()[wanted]),
+        )
         heading[wanted] = (magnetic[wanted] + east) % 360.0
     measured, reported = values["air_temperature"], values["reported_airspeed"]
     standard = standard_temperature(values["pressure_altitude"])
@@ -268,26 +247,26 @@ def _derive_wind(frame: pd.DataFrame, raw: pd.DataFrame, audit: Audit) -> None:
     indicated = airspeed_from_calibrated(values["indicated_airspeed"], values["pressure"], kelvin)
     computed = np.where(np.isnan(from_mach), indicated, from_mach)
     airspeed = np.where(np.isnan(reported), computed, reported)
-    at_standard_temperature = np.isnan(reported) & np.isnan(measured) & np.isfinite(airspeed)
     ground = vector_from_bearing(values["ground_speed"], np.radians(values["track"]))
     eastward, northward = wind_from_triangle(*ground, airspeed, np.radians(heading))
+    speed, direction = _speed_and_direction(eastward, northward)
     # False for NaN too: a wind that cannot be derived is not usable.
-    usable = np.hypot(eastward, northward) <= LIMITS["wind_speed"][1]
+    usable = speed <= LIMITS["wind_speed"][1]
     audit.repair("derived_wind_out_of_range", np.count_nonzero(np.isfinite(eastward) & ~usable))
     derived = frame["eastward_wind"].isna().to_numpy() & usable
     audit.repair("wind_derived", np.count_nonzero(derived))
-    speed, direction = wind_from_direction(eastward, northward)
     for name, wind in {
         "eastward_wind": eastward,
         "northward_wind": northward,
         "wind_speed": speed,
-        "wind_direction": np.degrees(direction),
+        "wind_direction": direction,
     }.items():
         frame[name] = np.where(derived, wind, frame[name]).astype(np.float32)
     frame["reported_heading"] = heading.astype(np.float32)
     frame["reported_airspeed"] = airspeed.astype(np.float32)
+    at_standard_temperature = derived & np.isnan(reported) & np.isnan(measured)
     frame["wind_source"] = np.select(
-        [derived & at_standard_temperature, derived],
+        [at_standard_temperature, derived],
         [WIND_SOURCE["derived_at_standard_temperature"], WIND_SOURCE["derived"]],
         WIND_SOURCE["reported"],
     ).astype(np.int8)

@@ -23,15 +23,12 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
-from typing import TYPE_CHECKING
+from functools import cache
 
 import pandas as pd
 
 from airswing.errors import InputError
-
-if TYPE_CHECKING:  # imported at the first unit
-    import pint
+from airswing.quantities import registry
 
 ColumnMapping = Mapping[str, "str | Sequence[str] | Mapping[str, object]"]
 """A mapping in the forms that the module describes."""
@@ -39,39 +36,52 @@ ONLY = "only:"
 """Prefix of a column whose values select the reports."""
 
 
-@dataclass(frozen=True)
-class Quantity:
-    """A numeric column: the variable it becomes, the unit of that, its canonical name."""
-
-    variable: str
-    si_unit: str
-    canonical: str
-
-
 TEXT = ("tail", "time", "roll_flag", "temperature_qc", "wind_qc", "phase", "flight", "icing")
 """Columns without a unit."""
 
-_WITHOUT_SUFFIX = {"latitude": "degree", "longitude": "degree", "mach": "dimensionless"}
 
+@dataclass(frozen=True)
+class Quantity:
+    """A numeric column: the variable it becomes, its unit there and in the canonical name."""
+
+    stem: str  # the name without its unit
+    variable: str
+    si_unit: str  # degrees for angles
+    unit: str  # in the canonical name; none where there is a single one
+    limits: tuple[float, float]  # lowest and highest possible value, in the unit of the variable
+
+    @property
+    def canonical(self) -> str:
+        """The canonical name, such as ``wind_speed_kt``."""
+        return f"{self.stem}_{self.unit}" if self.unit else self.stem
+
+
+_TURN, _WIND = (0.0, 360.0), (-150.0, 150.0)
 QUANTITIES = {
-    "latitude": Quantity("latitude", "degree", "latitude"),
-    "longitude": Quantity("longitude", "degree", "longitude"),
-    "pressure_altitude": Quantity("pressure_altitude", "m", "pressure_altitude_ft"),
-    "pressure": Quantity("pressure", "Pa", "pressure_hPa"),
-    "wind_direction": Quantity("wind_direction", "degree", "wind_direction_deg"),
-    "wind_speed": Quantity("wind_speed", "m/s", "wind_speed_kt"),
-    "eastward_wind": Quantity("eastward_wind", "m/s", "eastward_wind_kt"),
-    "northward_wind": Quantity("northward_wind", "m/s", "northward_wind_kt"),
-    "temperature": Quantity("air_temperature", "K", "temperature_degC"),
-    "true_airspeed": Quantity("reported_airspeed", "m/s", "true_airspeed_kt"),
-    "heading": Quantity("reported_heading", "degree", "heading_deg"),
-    "magnetic_heading": Quantity("magnetic_heading", "degree", "magnetic_heading_deg"),
-    "ground_speed": Quantity("ground_speed", "m/s", "ground_speed_kt"),
-    "track": Quantity("track", "degree", "track_deg"),
-    "indicated_airspeed": Quantity("indicated_airspeed", "m/s", "indicated_airspeed_kt"),
-    "mach": Quantity("mach", "dimensionless", "mach"),
+    quantity.stem: quantity
+    for quantity in (
+        Quantity("latitude", "latitude", "degree", "", (-90.0, 90.0)),
+        Quantity("longitude", "longitude", "degree", "", (-180.0, 360.0)),
+        Quantity("pressure_altitude", "pressure_altitude", "m", "ft", (-700.0, 20000.0)),
+        # Of the standard atmosphere at the two limits of altitude.
+        Quantity("pressure", "pressure", "Pa", "hPa", (5000.0, 110000.0)),
+        Quantity("wind_direction", "wind_direction", "degree", "deg", _TURN),
+        Quantity("wind_speed", "wind_speed", "m/s", "kt", (0.0, 150.0)),
+        Quantity("eastward_wind", "eastward_wind", "m/s", "kt", _WIND),
+        Quantity("northward_wind", "northward_wind", "m/s", "kt", _WIND),
+        Quantity("temperature", "air_temperature", "K", "degC", (150.0, 340.0)),
+        Quantity("true_airspeed", "reported_airspeed", "m/s", "kt", (0.0, 400.0)),
+        Quantity("heading", "reported_heading", "degree", "deg", _TURN),
+        Quantity("magnetic_heading", "magnetic_heading", "degree", "deg", _TURN),
+        Quantity("ground_speed", "ground_speed", "m/s", "kt", (0.0, 500.0)),
+        Quantity("track", "track", "degree", "deg", _TURN),
+        Quantity("indicated_airspeed", "indicated_airspeed", "m/s", "kt", (0.0, 400.0)),
+        Quantity("mach", "mach", "dimensionless", "", (0.0, 1.2)),
+    )
 }
 """Numeric columns by the name without its unit."""
+LIMITS = {quantity.variable: quantity.limits for quantity in QUANTITIES.values()}
+"""Lowest and highest possible value by variable, in SI (degrees for angles)."""
 
 _SUFFIXES = {
     **dict.fromkeys(("deg", "degree", "degrees"), "degree"),
@@ -183,11 +193,6 @@ def with_layout(names: Sequence[str], mapping: Mapped) -> Mapped:
     return {**parse_mapping(known), **mapping}
 
 
-def canonical_names() -> list[str]:
-    """List the canonical column names."""
-    return [*TEXT, *(quantity.canonical for quantity in QUANTITIES.values())]
-
-
 def parse_mapping(columns: ColumnMapping | None) -> dict[str, Source]:
     """Check a user's column mapping before any file is opened; the source of each variable."""
     mapping: dict[str, Source] = {}
@@ -262,7 +267,8 @@ def _resolve(theirs: str, name: str, unit: object = None) -> tuple[str, Source]:
         return name, Source(theirs)
     known = split_name(name)
     if known is None:
-        near = difflib.get_close_matches(name, canonical_names(), n=3, cutoff=0.5)
+        every = [*TEXT, *(quantity.canonical for quantity in QUANTITIES.values())]
+        near = difflib.get_close_matches(name, every, n=3, cutoff=0.5)
         raise InputError(
             f"{name!r} is no canonical column",
             field=field,
@@ -281,32 +287,23 @@ def _resolve(theirs: str, name: str, unit: object = None) -> tuple[str, Source]:
 
 def split_name(name: str) -> tuple[Quantity, str] | None:
     """Quantity and unit of a name such as ``wind_speed_m_s``; None for any other name."""
-    # The longest first: ``pressure_altitude_ft`` is no pressure.
-    for stem in sorted(QUANTITIES, key=len, reverse=True):
-        if not name.lower().startswith(stem):
-            continue
-        quantity, suffix = QUANTITIES[stem], name[len(stem) :]
-        if not suffix:
-            return (quantity, _WITHOUT_SUFFIX[stem]) if stem in _WITHOUT_SUFFIX else None
-        folded = {key.lower(): unit for key, unit in _SUFFIXES.items()}
-        unit = folded.get(suffix[1:].lower()) if suffix[0] == "_" else None
-        return None if unit is None or not compatible(unit, quantity.si_unit) else (quantity, unit)
-    return None
+    return _known_names().get(name.lower())
 
 
-@lru_cache(maxsize=1)
-def _registry() -> pint.UnitRegistry[float]:
-    import pint
+@cache
+def _known_names() -> dict[str, tuple[Quantity, str]]:
+    found = {q.stem: (q, q.si_unit) for q in QUANTITIES.values() if not q.unit}
+    for quantity in QUANTITIES.values():
+        for suffix, unit in _SUFFIXES.items():
+            if compatible(unit, quantity.si_unit):
+                found[f"{quantity.stem}_{suffix}".lower()] = quantity, unit
+    return found
 
-    registry: pint.UnitRegistry[float] = pint.UnitRegistry()
-    registry.define("hectofoot = 100 * foot = hft")
-    return registry
 
-
-@lru_cache(maxsize=256)
+@cache
 def conversion(unit: str, si_unit: str) -> tuple[float, float]:
     """Factor and offset from a unit to another; pint's errors where there is none."""
-    quantity = _registry().Quantity
+    quantity = registry().Quantity
     unit = _SPELLINGS.get(unit.strip(), unit.strip())
     zero, one = (quantity(value, unit).to(si_unit).magnitude for value in (0.0, 1.0))
     return float(one - zero), float(zero)

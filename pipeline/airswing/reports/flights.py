@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from airswing.flags import PHASE
 from airswing.physics.great_circle import central_angle
+from airswing.reports.values import seconds_since_1970
 from airswing.units import EARTH_RADIUS
 
 Columns = dict[str, NDArray[Any]]
@@ -37,11 +38,6 @@ JUMP_DISTANCE, JUMP_SPEED = 50_000.0, 400.0
 ENTER_RATE, LEAVE_RATE = 1.524, 0.762
 NEAREST, FARTHEST = 30.0, 1200.0  # s: how far the neighbours of a climb rate may be
 LOWEST_CRUISE = 609.6  # m pressure altitude, 2,000 ft
-
-
-def seconds_since_1970(time: NDArray[np.datetime64]) -> NDArray[np.float64]:
-    """Times as float64 seconds since 1970-01-01 UTC."""
-    return time.astype("datetime64[ns]").astype(np.int64) / 1e9
 
 
 def step_distance(

@@ -23,7 +23,7 @@ from airswing.reports.assembly import assemble
 from airswing.reports.audit import Audit, similar
 from airswing.reports.cleaning import FLAGS, clean
 from airswing.reports.columns import ONLY, ColumnMapping, Mapped, parse_mapping
-from airswing.reports.formats import damage_named, first_bytes, formats, is_text
+from airswing.reports.formats import damage_named, first_bytes, formats
 
 Format = str
 """``auto``, or the name of a registered format."""
@@ -31,8 +31,9 @@ Policy = Literal["skip", "fail"]
 
 _UNPACK = "Unpack it first and name the files in it"
 _TABLE = "Save the reports as a CSV or Parquet table, or as one of the formats that are read"
-# Files that are no reports: how they begin, what they are, and what to do with them.
-_CONTAINERS = (
+# Files that are no reports: how they begin (without a byte order mark and blanks), what they are,
+# and what to do with them.
+_NO_REPORTS = (
     (
         rb"PK\x03\x04(?s:.*)(\[Content_Types\]\.xml|xl/)",
         "is an Excel workbook",
@@ -45,9 +46,12 @@ _CONTAINERS = (
         "is a Python pickle, which is not opened because it may run code",
         _TABLE,
     ),
-)
-_BINARY = (
-    (rb"(?s:.{,4092})GRIB", "is a GRIB file, not reports", "Name it under references"),
+    # Text may speak of GRIB: the length and edition follow.
+    (
+        rb"(?s:.{,4092}?GRIB(?:\x00|...[\x01\x02]))",
+        "is a GRIB file, not reports",
+        "Name it under references",
+    ),
     (rb"\xfd7zXZ\x00", "is compressed with xz", _UNPACK),
     (rb"\x28\xb5\x2f\xfd", "is compressed with zstd", _UNPACK),
     (rb"7z\xbc\xaf\x27\x1c", "is a 7z archive", _UNPACK),
@@ -55,8 +59,6 @@ _BINARY = (
     (rb"SQLite format 3", "is a SQLite database", "Export its table as CSV or Parquet"),
     (rb"\xd0\xcf\x11\xe0", "is an Excel workbook", "Save the sheet as CSV"),
     (rb"ARROW1", "is an Arrow (Feather) file", "Save the table as Parquet"),
-)
-_TEXT = (
     (
         rb"(?i)<!doctype html|<html",
         "is a page of HTML, not reports: the download failed or needs a login",
@@ -221,32 +223,27 @@ def reports_summary(path: str | Path, *, columns: ColumnMapping | None = None) -
     if not audit.kept:
         raise none_usable(audit)
     frame = pd.concat(parts, ignore_index=True)
-    measured = ("pressure", "eastward_wind", "air_temperature", "reported_airspeed")
-    present = {name: int(frame[name].notna().sum()) for name in (*measured, "reported_heading")}
-    present |= {name: int((frame[name] != missing).sum()) for name, missing in FLAGS.items()}
-    present["flight"] = int((frame["flight"].astype(str) != "").sum())
-    audit.missing["eastward_wind"] = audit.kept - present["eastward_wind"]
-    summary = audit.as_dict()
-    limits = frame[["time", "latitude", "longitude"]].agg(["min", "max"])
-    first, last = (f"{one.isoformat()}Z" for one in limits["time"])
+    measured = ["pressure", "eastward_wind", "air_temperature", "reported_airspeed"]
+    there = frame[[*measured, "reported_heading"]].notna()
+    there = there.assign(**{name: frame[name] != missing for name, missing in FLAGS.items()})
+    present = there.assign(flight=frame["flight"].astype(str) != "").sum()
+    audit.missing["eastward_wind"] = audit.kept - int(present["eastward_wind"])
+    content = audit.as_dict()
+    first, last = (f"{time.isoformat()}Z" for time in frame["time"].agg(["min", "max"]))
+    limits = frame[["latitude", "longitude"]].agg(["min", "max"]).to_numpy(float).T.ravel()
     return {
         "file": str(path),
-        "format": next(iter(summary["formats"]), None),
+        "format": next(iter(content["formats"]), None),
         "reports": audit.kept,
         "aircraft": int(frame["tail"].nunique()),
         "first": first,
         "last": last,
-        "bounding_box": {
-            "south": float(limits["latitude"]["min"]),
-            "north": float(limits["latitude"]["max"]),
-            "west": float(limits["longitude"]["min"]),
-            "east": float(limits["longitude"]["max"]),
-        },
-        "columns": {name: number for name, number in present.items() if number},
-        "flags": summary["flags"],
+        "bounding_box": dict(zip(("south", "north", "west", "east"), limits.tolist(), strict=True)),
+        "columns": {str(name): int(number) for name, number in present.items() if number},
+        "flags": content["flags"],
         "audit": {
             name: part
-            for name, part in summary.items()
+            for name, part in content.items()
             if name not in ("flags", "missing", "mistakes", "remarks")
         },
     }
@@ -327,10 +324,8 @@ def _format_of(path: Path) -> str:
 
 def _refusal_of(start: bytes, path: Path) -> InputError | None:
     """Error for a file of a known kind that holds no reports, by its (decompressed) first bytes."""
-    text = start.removeprefix(b"\xef\xbb\xbf").lstrip() if is_text(start) else None
-    kinds = [(start, kind) for kind in _CONTAINERS]
-    kinds += [(start, kind) for kind in _BINARY] if text is None else [(text, k) for k in _TEXT]
-    for content, (pattern, what, remedy) in kinds:
+    content = start.removeprefix(b"\xef\xbb\xbf").lstrip()
+    for pattern, what, remedy in _NO_REPORTS:
         if found := re.match(pattern, content):
             number = int(found[1]) if "{}" in what else ""
             return InputError(what.format(number), file=path, remedy=remedy)

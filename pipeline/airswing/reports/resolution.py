@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.physics.robust_spread import robust_sd
-from airswing.reports.flights import Columns, seconds_since_1970, step_distance
+from airswing.reports.flights import Columns, step_distance
+from airswing.reports.values import seconds_since_1970
 from airswing.units import KNOT
 
 ARC_MINUTE = 1.0 / 60.0

@@ -100,6 +100,11 @@ def parse_times(values: Column, format: str | None = None) -> tuple[Times, NDArr
     return np.append(time, np.datetime64("NaT", "ns"))[index], blank[index]
 
 
+def seconds_since_1970(time: Times) -> NDArray[np.float64]:
+    """Times as float64 seconds since 1970-01-01 UTC."""
+    return time.astype("datetime64[ns]").astype(np.int64) / 1e9
+
+
 def from_epoch(seconds: NDArray[np.float64]) -> Times:
     """Seconds since 1970 as times, to the microsecond; NaT for NaN and outside 1970-2103."""
     time = np.full(seconds.shape, np.datetime64("NaT", "ns"))

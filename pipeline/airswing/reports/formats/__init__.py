@@ -1,8 +1,8 @@
-"""Report formats: every module of this package that registers one is found.
+"""Report formats: the tuples ``FORMATS`` of the modules of this package.
 
 The format of a file follows from its first bytes (of a compressed file the decompressed ones): each
 format says whether it recognises them, the specific before the general (``priority``). A new format
-is a new module that calls :func:`register`; nothing else is changed.
+is a new module with such a tuple; nothing else is changed.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO, Literal, cast
+from typing import BinaryIO, cast
 
 import pandas as pd
 
@@ -46,27 +46,14 @@ class ReportFormat:
     title: str = "reports"  # in messages
 
 
-_FORMATS: dict[str, ReportFormat] = {}
-
-
-def register(report_format: ReportFormat) -> ReportFormat:
-    """Add a format; a second one of the same name is a ValueError."""
-    known = _FORMATS.setdefault(report_format.name, report_format)
-    if known.read is not report_format.read:
-        raise ValueError(f"two report formats are named {report_format.name!r}")
-    return report_format
-
-
-def unregister(name: str) -> None:
-    """Remove a format."""
-    del _FORMATS[name]
-
-
 def formats() -> dict[str, ReportFormat]:
     """Every format by name, in the order in which they are asked."""
-    for found in pkgutil.iter_modules(__path__):
+    modules = [
         importlib.import_module(f"{__name__}.{found.name}")
-    return dict(sorted(_FORMATS.items(), key=lambda item: (item[1].priority, item[0])))
+        for found in pkgutil.iter_modules(__path__)
+    ]
+    every: list[ReportFormat] = [one for module in modules for one in module.FORMATS]
+    return {one.name: one for one in sorted(every, key=lambda one: (one.priority, one.name))}
 
 
 @contextmanager
@@ -93,19 +80,12 @@ def is_text(start: bytes) -> bool:
     return control <= 0.05 * len(beginning)
 
 
-def compression_of(path: Path) -> Literal["gzip", "bz2"] | None:
-    """Return the compression of a file by its first bytes."""
-    with path.open("rb") as file:
-        start = file.read(3)
-    return "gzip" if start[:2] == b"\x1f\x8b" else "bz2" if start == b"BZh" else None
-
-
 def opened(path: Path) -> BinaryIO:
     """Open a file for reading, decompressed where it is compressed with gzip or bzip2."""
-    compression = compression_of(path)
-    if compression is None:
-        return path.open("rb")
-    return cast(BinaryIO, gzip.open(path) if compression == "gzip" else bz2.open(path))
+    with path.open("rb") as file:
+        start = file.read(3)
+    opener = gzip.open if start[:2] == b"\x1f\x8b" else bz2.open if start == b"BZh" else open
+    return cast(BinaryIO, opener(path, "rb"))
 
 
 def first_bytes(path: Path) -> bytes:

@@ -23,7 +23,7 @@ from airswing.flags import ICING, PHASE, PLATFORM, ROLL
 from airswing.guarded import WorkerEndedError, guarded
 from airswing.reports.audit import Audit
 from airswing.reports.columns import Mapped
-from airswing.reports.formats import ReportFormat, content_of, is_text, register
+from airswing.reports.formats import ReportFormat, content_of, is_text
 from airswing.reports.values import LARGEST_ROLL, numbers
 
 _TIME = ("year", "month", "day", "hour", "minute", "second")
@@ -69,7 +69,6 @@ KEYS = (*_TIME, *_TAILS, *_ALTITUDES, *_NUMBERS, *_PHASES, *_ROLLS, *_ICINGS)
 _OLDEST_TABLES = 6  # older versions of the master table do not come with ecCodes
 _CURRENT_TABLES = 33  # version of 2019, which holds every older descriptor
 _MESSAGES_TOGETHER = 200
-_START, _END = b"BUFR", b"7777"
 
 Value = float | int | str | None
 Record = dict[str, Value]
@@ -79,8 +78,7 @@ def _read_bufr(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFra
     messages = list(_messages(content_of(path), audit))
     rows = 0
     for first in range(0, len(messages), _MESSAGES_TOGETHER):
-        records, failed = _decoded(messages[first : first + _MESSAGES_TOGETHER])
-        audit.drop("undecodable_message", failed, unread=True)
+        records = _decoded(messages[first : first + _MESSAGES_TOGETHER], audit)
         rows += len(records)
         if records:
             yield _raw(pd.DataFrame.from_records(records, columns=list(KEYS)), audit)
@@ -90,30 +88,30 @@ def _read_bufr(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFra
 
 def _messages(content: bytes, audit: Audit) -> Iterator[bytes]:
     """Whole messages of a file; what begins like one and has no end is counted as dropped."""
-    at = content.find(_START)
+    at = content.find(b"BUFR")
     while at >= 0:
         # From edition 2 on bytes 5 to 7 hold the length of the message.
         length = int.from_bytes(content[at + 4 : at + 7], "big")
         message = content[at : at + length]
         edition = content[at + 7 : at + 8]
-        if edition >= b"\x02" and len(message) == length >= 12 and message.endswith(_END):
+        if edition >= b"\x02" and len(message) == length >= 12 and message.endswith(b"7777"):
             yield message
-            at += length
         else:
             audit.drop("undecodable_message", 1, unread=True)
-            at += len(_START)
-        at = content.find(_START, at)
+            length = 4
+        at = content.find(b"BUFR", at + length)
 
 
-def _decoded(messages: list[bytes]) -> tuple[list[Record], int]:
+def _decoded(messages: list[bytes], audit: Audit) -> list[Record]:
     try:
-        return guarded(decode_messages, messages)
+        records, failed = guarded(decode_messages, messages)
     except (WorkerEndedError, ValueError):
-        if len(messages) == 1:
-            return [], 1
-    # One by one, not by halves: each failure costs the start of a process.
-    parts = [_decoded([message]) for message in messages]
-    return [row for rows, _ in parts for row in rows], sum(failed for _, failed in parts)
+        if len(messages) > 1:
+            # One by one, not by halves: each failure costs the start of a process.
+            return [record for one in messages for record in _decoded([one], audit)]
+        records, failed = [], 1
+    audit.drop("undecodable_message", failed, unread=True)
+    return records
 
 
 def decode_messages(messages: list[bytes]) -> tuple[list[Record], int]:
@@ -148,6 +146,7 @@ def decode_messages(messages: list[bytes]) -> tuple[list[Record], int]:
 
 
 def _subsets(message: int) -> Iterator[list[tuple[str, Value]]]:
+    """Keys and values of each subset, in the order of the message."""
     import eccodes
 
     number = int(eccodes.codes_get(message, "numberOfSubsets"))
@@ -162,9 +161,9 @@ def _subsets(message: int) -> Iterator[list[tuple[str, Value]]]:
                 yield [(key, values[0]) for key, values in entries]
                 entries = []
             if key in KEYS:
-                values = eccodes.codes_get_array(message, name) if compressed else None
-                values = [eccodes.codes_get(message, name)] if values is None else list(values)
-                entries.append((key, [_known(value) for value in values]))
+                get = eccodes.codes_get_array if compressed else eccodes.codes_get
+                values = get(message, name)
+                entries.append((key, [_known(v) for v in (values if compressed else [values])]))
     finally:
         eccodes.codes_bufr_keys_iterator_delete(iterator)
     for subset in range(number if compressed else 1):
@@ -208,40 +207,33 @@ def _raw(table: pd.DataFrame, audit: Audit) -> pd.DataFrame:
     for name in (*_PHASES, "aircraftRollAngleQuality", *_ICINGS):
         counts = column[name].value_counts(dropna=False)
         audit.codes(name, {"missing" if c != c else f"{c:g}": int(n) for c, n in counts.items()})
-    parts = pd.DataFrame({name: column[name] for name in _TIME})
-    parts["second"] = parts["second"].fillna(0.0)
-    altitude = column[_ALTITUDES[0]]
-    for name in _ALTITUDES[1:]:
-        altitude = altitude.fillna(column[name])
-    tail = pd.Series("", index=table.index, dtype=object)
-    for name in reversed(_TAILS):  # the best last, so that it overwrites
-        text = table[name].astype(object).fillna("").astype(str).str.strip()
-        tail = text.where(text != "", tail)
-    phase = np.zeros(len(table), dtype=np.int8)
+    parts = pd.DataFrame({name: column[name] for name in _TIME}).fillna({"second": 0.0})
+    text = table[list(_TAILS)].astype("string").apply(lambda one: one.str.strip()).replace("", None)
+    unsteady = pd.Series(False, table.index)
+    phase = pd.Series(np.nan, table.index)
     for name, codes in _PHASES.items():  # the detailed table comes last and overrides
-        known = column[name].map(codes).fillna(0).to_numpy(dtype=np.int8)
-        phase = np.where(known != 0, known, phase)
-    roll = np.full(len(table), ROLL["missing"], dtype=np.int8)
-    for name, unsteady in _UNSTEADY.items():
-        roll[column[name].isin(unsteady)] = ROLL["bad"]
+        phase = column[name].map(codes).fillna(phase)
+        unsteady |= column[name].isin(_UNSTEADY[name])
     angle, quality = column["aircraftRollAngle"].abs(), column["aircraftRollAngleQuality"]
-    roll[angle < LARGEST_ROLL] = ROLL["good"]
-    roll[angle >= LARGEST_ROLL] = ROLL["bad"]
-    roll[quality == 0.0] = ROLL["good"]
-    roll[quality == 1.0] = ROLL["bad"]
+    good, bad, missing = (ROLL[name] for name in ("good", "bad", "missing"))
+    roll = np.select(
+        [quality == 0, quality == 1, angle >= LARGEST_ROLL, angle < LARGEST_ROLL, unsteady],
+        [good, bad, bad, good, bad],
+        missing,
+    )
     icing = np.full(len(table), ICING["missing"], dtype=np.int8)
     for name, largest in reversed(_ICINGS.items()):
         icing[column[name] == 0.0] = ICING["off"]
         icing[column[name].between(1.0, largest)] = ICING["on"]
     return pd.DataFrame(
         {
-            "tail": tail,
+            "tail": text.bfill(axis=1).iloc[:, 0].fillna(""),
             "time": pd.to_datetime(parts, errors="coerce").astype("datetime64[ns]"),
             "time_blank": parts.isna().any(axis=1),
-            "pressure_altitude": altitude,
+            "pressure_altitude": pd.DataFrame(column)[list(_ALTITUDES)].bfill(axis=1).iloc[:, 0],
             **{ours: column[name] for name, ours in _NUMBERS.items()},
-            "phase": phase,
-            "roll_flag": roll,
+            "phase": phase.fillna(PHASE["unknown"]).astype(np.int8),
+            "roll_flag": roll.astype(np.int8),
             "icing": icing,
             "platform": np.int8(PLATFORM["AMDAR"]),
         }
@@ -252,4 +244,4 @@ def _recognises(start: bytes) -> bool:
     return b"BUFR" in start[:4096] and not is_text(start)
 
 
-register(ReportFormat("bufr", _recognises, _read_bufr, title="BUFR"))
+FORMATS = (ReportFormat("bufr", _recognises, _read_bufr, title="BUFR"),)

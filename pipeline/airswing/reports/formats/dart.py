@@ -19,7 +19,7 @@ from airswing.errors import InputError
 from airswing.flags import WIND_QC
 from airswing.reports.audit import Audit
 from airswing.reports.columns import Mapped
-from airswing.reports.formats import ReportFormat, constant_tail, content_of, register
+from airswing.reports.formats import ReportFormat, constant_tail, content_of
 
 _TYPE = re.compile(r"(ACARS|AIRCRAFT|AMDAR|TAMDAR)_(U_WIND_COMPONENT|V_WIND_COMPONENT|TEMPERATURE)")
 _VARIABLES = {
@@ -30,40 +30,56 @@ _VARIABLES = {
 _PRESSURE, _HEIGHT = 2, 3
 _LARGEST_GOOD = 3.0
 _MISSING = -888888.0
-_PLACE = ["kind", "days", "seconds", "longitude", "latitude", "vertical", "coordinate"]
+_PLACE = ["tail", "days", "seconds", "longitude", "latitude", "vertical", "coordinate"]
 
 
 def _read_sequence(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
     lines = content_of(path).decode("ascii", "replace").splitlines()
-    records, left_out = _records(lines)
-    audit.drop("other_type", left_out, unread=True)
+    first = _find(lines, r"obs_(type|kind)_definitions")
+    types = dict(line.split()[:2] for line in lines[first + 2 : first + 2 + int(lines[first + 1])])
+    counts = _find(lines, r"num_copies.*")
+    copies, checks = (int(value) for value in re.findall(r":\s*(\d+)", lines[counts])[:2])
+    total = int(re.findall(r"\d+", lines[_find(lines, r"num_obs.*")])[0])
+    starts = [n for n in range(counts, len(lines)) if re.match(r"\s*OBS\s+\d+\s*$", lines[n])]
+    if len(starts) != total:
+        raise ValueError(f"{total:,} observations by its header, {len(starts):,} are there")
+    records = []
+    for start, stop in zip(starts, [*starts[1:], len(lines)], strict=True):
+        block = "\n".join(lines[start + 1 : stop]).rstrip().split("\n")
+        location, kind = _find(block, "loc3d"), _find(block, "kind|type")
+        name = _TYPE.fullmatch(types[block[kind + 1].strip()])
+        longitude, latitude, vertical, coordinate = block[location + 1].split()[:4]
+        value = float(block[0])
+        if name is None or value == _MISSING or int(coordinate) not in (_PRESSURE, _HEIGHT):
+            continue
+        # Time and error variance are the last lines, after whatever a type adds.
+        seconds, days = block[-2].split()[:2]
+        failed = any(float(code) > _LARGEST_GOOD for code in block[copies : copies + checks])
+        place = (float(longitude), float(latitude), float(vertical), int(coordinate))
+        records.append(
+            (name[1], int(days), int(seconds), *place, _VARIABLES[name[2]], value, failed)
+        )
+    audit.drop("other_type", len(starts) - len(records), unread=True)
     if not records:
         raise InputError("holds no winds or temperatures of aircraft", file=path)
-    table = pd.DataFrame.from_records(records)
-    wide = table.pivot_table(index=_PLACE, columns="variable", values="value", aggfunc="first")
-    failed = table.groupby(_PLACE)["failed"].max()
-    wide = wide.reindex(columns=list(_VARIABLES.values()))
-    place = wide.index.to_frame(index=False)
-    days = place["days"].to_numpy(dtype="timedelta64[D]")
-    since_1601 = days + place["seconds"].to_numpy(dtype="timedelta64[s]")
-    pressure = place["coordinate"] == _PRESSURE
     audit.remark(
         "DART observation sequences do not name the aircraft: all reports of a type are taken as "
         "one aircraft, and compasses cannot be fitted"
     )
-    yield pd.DataFrame(
-        {
-            "tail": constant_tail(mapping) or place["kind"],
-            "time": (np.datetime64("1601-01-01", "s") + since_1601).astype("datetime64[ns]"),
-            "latitude": np.degrees(place["latitude"]),
-            "longitude": np.degrees(place["longitude"]),
-            "pressure": place["vertical"].where(pressure),
-            "pressure_altitude": place["vertical"].where(place["coordinate"] == _HEIGHT),
-            **{name: wide[name].to_numpy() for name in wide},
-            "wind_qc": np.where(
-                failed.reindex(wide.index).to_numpy(dtype=bool), WIND_QC["fail"], WIND_QC["missing"]
-            ),
-        }
+    table = pd.DataFrame.from_records(records, columns=[*_PLACE, "variable", "value", "failed"])
+    wide = table.pivot_table(index=_PLACE, columns="variable", values="value", aggfunc="first")
+    wide = wide.reindex(columns=list(_VARIABLES.values()))
+    fails = table.groupby(_PLACE)["failed"].max().reindex(wide.index).to_numpy(dtype=bool)
+    raw = wide.reset_index()
+    since_1601 = raw["days"].to_numpy("m8[D]") + raw["seconds"].to_numpy("m8[s]")
+    yield raw.drop(columns=["days", "seconds", "vertical", "coordinate"]).assign(
+        tail=constant_tail(mapping) or raw["tail"],
+        time=(np.datetime64("1601-01-01", "s") + since_1601).astype("datetime64[ns]"),
+        latitude=np.degrees(raw["latitude"]),
+        longitude=np.degrees(raw["longitude"]),
+        pressure=raw["vertical"].where(raw["coordinate"] == _PRESSURE),
+        pressure_altitude=raw["vertical"].where(raw["coordinate"] == _HEIGHT),
+        wind_qc=np.where(fails, WIND_QC["fail"], WIND_QC["missing"]),
     )
 
 
@@ -75,52 +91,11 @@ def _find(lines: list[str], pattern: str) -> int:
     raise ValueError(f"no line {pattern!r}")
 
 
-def _records(lines: list[str]) -> tuple[list[dict[str, object]], int]:
-    first = _find(lines, r"obs_(type|kind)_definitions")
-    number = int(lines[first + 1])
-    types = dict(line.split()[:2] for line in lines[first + 2 : first + 2 + number])
-    counts = _find(lines, r"num_copies.*")
-    copies, checks = (int(value) for value in re.findall(r":\s*(\d+)", lines[counts])[:2])
-    total = int(re.findall(r"\d+", lines[_find(lines, r"num_obs.*")])[0])
-    starts = [n for n in range(counts, len(lines)) if re.match(r"\s*OBS\s+\d+\s*$", lines[n])]
-    if len(starts) != total:
-        raise ValueError(f"{total:,} observations by its header, {len(starts):,} are there")
-    records: list[dict[str, object]] = []
-    for start, stop in zip(starts, [*starts[1:], len(lines)], strict=True):
-        block = lines[start + 1 : stop]
-        while block and not block[-1].strip():
-            block.pop()
-        location, kind = _find(block, "loc3d"), _find(block, "kind|type")
-        name = _TYPE.fullmatch(types[block[kind + 1].strip()])
-        longitude, latitude, vertical, coordinate = block[location + 1].split()[:4]
-        value = float(block[0])
-        if name is None or value == _MISSING or int(coordinate) not in (_PRESSURE, _HEIGHT):
-            continue
-        # Time and error variance are the last lines, after whatever a type adds.
-        seconds, days = block[-2].split()[:2]
-        codes = [float(code) for code in block[copies : copies + checks]]
-        records.append(
-            {
-                "kind": name[1],
-                "variable": _VARIABLES[name[2]],
-                "value": value,
-                "longitude": float(longitude),
-                "latitude": float(latitude),
-                "vertical": float(vertical),
-                "coordinate": int(coordinate),
-                "days": int(days),
-                "seconds": int(seconds),
-                "failed": any(code > _LARGEST_GOOD for code in codes),
-            }
-        )
-    return records, len(starts) - len(records)
-
-
-register(
+FORMATS = (
     ReportFormat(
         "dart",
         lambda start: start.lstrip().startswith(b"obs_sequence"),
         _read_sequence,
         title="a DART observation sequence (binary ones are converted by obs_sequence_tool)",
-    )
+    ),
 )

@@ -10,9 +10,10 @@ directly or within ``bds50`` and ``bds60``, as lines, entries of a list or colum
 
 from __future__ import annotations
 
+import contextlib
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -22,12 +23,11 @@ from numpy.typing import NDArray
 from airswing.errors import InputError
 from airswing.reports.audit import Audit
 from airswing.reports.columns import LAYOUTS, Mapped, sources, with_layout
-from airswing.reports.formats import ReportFormat, content_of, is_text, register
+from airswing.reports.formats import ReportFormat, content_of, is_text
 from airswing.reports.formats.tabular import merged, to_raw
 from airswing.reports.values import from_epoch, roll_flags
 from airswing.units import FOOT, KNOT, ZERO_CELSIUS
 
-_STALE = 1  # flag bit of a point whose position is older than its time
 _NUMBERS = {
     "mag_heading": ("magnetic_heading", 1.0, 0.0),
     "true_heading": ("reported_heading", 1.0, 0.0),
@@ -58,16 +58,19 @@ def _read_trace(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFr
     # Older writers leave out the last entries; the track is the sixth and the last that is needed.
     whole = [point for point in points if isinstance(point, list) and len(point) >= 6]
     audit.drop("ragged_row", len(points) - len(whole), unread=True)
-    flying = [point for point in whole if point[3] != "ground" and not _stale(point)]
+    # The first flag bit of a point says that its position is older than its time.
+    flags = [point[6] if len(point) > 6 and isinstance(point[6], int) else 0 for point in whole]
+    flying = [p for p, flag in zip(whole, flags, strict=True) if p[3] != "ground" and not flag & 1]
     audit.drop("on_ground_or_stale", len(whole) - len(flying), unread=True)
     if not flying:
         raise InputError("holds no reports", file=path)
     others = [p[8] if len(p) > 8 and isinstance(p[8], dict) else {} for p in flying]
-    place = [np.array([as_float(point[n]) for point in flying]) for n in range(6)]
 
-    def other(key: str) -> NDArray[np.float64]:
-        return np.array([as_float(values.get(key)) for values in others])
+    def floats(values: Iterable[object]) -> NDArray[np.float64]:
+        return np.array([_as_float(value) for value in values])
 
+    place = [floats(point[n] for point in flying) for n in range(6)]
+    other = {key: floats(values.get(key) for values in others) for key in (*_NUMBERS, "roll")}
     yield pd.DataFrame(
         {
             "tail": str(content.get("icao", "")).lstrip("~").upper(),
@@ -78,27 +81,21 @@ def _read_trace(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFr
             "ground_speed": place[4] * KNOT,
             "track": place[5],
             "flight": [str(values.get("flight") or "").strip() for values in others],
-            "roll_flag": roll_flags(other("roll")),
+            "roll_flag": roll_flags(other["roll"]),
             **{
-                ours: other(theirs) * factor + offset
+                ours: other[theirs] * factor + offset
                 for theirs, (ours, factor, offset) in _NUMBERS.items()
             },
         }
     )
 
 
-def _stale(point: list[object]) -> bool:
-    return len(point) > 6 and isinstance(point[6], int) and bool(point[6] & _STALE)
-
-
-def as_float(value: object) -> float:
-    """Return a number of a JSON document; NaN for any other value."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return float("nan")
-    try:
-        return float(value)
-    except OverflowError:
-        return float("nan")
+def _as_float(value: object) -> float:
+    """A number of a JSON document; NaN for any other value."""
+    with contextlib.suppress(OverflowError):
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            return float(value)
+    return float("nan")
 
 
 def _read_messages(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
@@ -151,5 +148,7 @@ def _is_messages(start: bytes) -> bool:
     return is_text(start) and bracket is not None and b'"icao24"' in start
 
 
-register(ReportFormat("readsb", _is_trace, _read_trace, title="a JSON trace"))
-register(ReportFormat("mode_s", _is_messages, _read_messages, title="JSON"))
+FORMATS = (
+    ReportFormat("readsb", _is_trace, _read_trace, title="a JSON trace"),
+    ReportFormat("mode_s", _is_messages, _read_messages, title="JSON"),
+)

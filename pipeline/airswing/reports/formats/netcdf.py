@@ -33,14 +33,7 @@ from airswing.flags import PLATFORM, TEMPERATURE_QC, WIND_QC
 from airswing.products.damaged_netcdf import require_sound
 from airswing.reports.audit import Audit
 from airswing.reports.columns import ONLY, Mapped
-from airswing.reports.formats import (
-    LARGEST_FILE,
-    ReportFormat,
-    compression_of,
-    constant_tail,
-    content_of,
-    register,
-)
+from airswing.reports.formats import LARGEST_FILE, ReportFormat, constant_tail, content_of
 from airswing.reports.values import decode_flags, from_epoch, parse_times
 
 _NETCDF = (b"CDF\x01", b"CDF\x02", b"CDF\x05", b"\x89HDF\r\n\x1a\n")  # first bytes
@@ -85,10 +78,10 @@ _IODA_NUMBERS = {
     "northward_wind": ("windNorthward", "northward_wind"),
     "air_temperature": ("airTemperature", "air_temperature"),
 }
-_META = ("pressure", "pressure_altitude", "latitude", "longitude")
+_META = ("pressure", "pressure_altitude", "latitude", "longitude")  # in the group MetaData
 _LARGEST_GOOD = 3.0
+_SECONDS = {"seconds": 1.0, "minutes": 60.0, "hours": 3600.0, "days": 86400.0}
 
-Flags = dict[str, NDArray[np.str_]]
 Variable: TypeAlias = "netCDF4.Variable[np.generic]"
 
 
@@ -96,11 +89,9 @@ Variable: TypeAlias = "netCDF4.Variable[np.generic]"
 def _open_netcdf(path: Path) -> Iterator[netCDF4.Dataset]:
     """Open a file, compressed or not, that is whole and no larger than it can be; no masks."""
     require_sound(path)
-    if compression_of(path) is None:
-        file = netCDF4.Dataset(path)
-    else:
-        file = netCDF4.Dataset(path.name, memory=content_of(path))
-    with file:
+    with path.open("rb") as binary:
+        packed = binary.read(2) in (b"\x1f\x8b", b"BZ")
+    with netCDF4.Dataset(path, memory=content_of(path) if packed else None) as file:
         file.set_auto_mask(False)
         # Damaged headers name variables larger than what can be compressed into the file.
         most = max(LARGEST_FILE, _BEST_PACKING * path.stat().st_size)
@@ -115,17 +106,13 @@ def _open_netcdf(path: Path) -> Iterator[netCDF4.Dataset]:
         yield file
 
 
-def _numbers(
-    values: NDArray[np.generic], variable: Variable, largest: float, *, above: float = -np.inf
-) -> NDArray[np.float64]:
+def _numbers(variable: Variable, largest: float, above: float = -np.inf) -> NDArray[np.float64]:
     """Numbers of a variable, NaN where its fill value, not above the least or too large."""
-    numbers = values.astype(np.float64)
-    fill = getattr(variable, "_FillValue", None)
-    # Negated, so that NaN is absent too.
-    absent = ~((np.abs(numbers) < largest) & (numbers > above))
-    if fill is not None:
-        absent |= numbers == float(fill)
-    return np.where(absent, np.nan, numbers)
+    numbers = np.asarray(variable[:]).reshape(-1).astype(np.float64)
+    fill = float(getattr(variable, "_FillValue", np.nan))
+    # Without NaN, for which both comparisons are false.
+    known = (np.abs(numbers) < largest) & (numbers > above) & (numbers != fill)
+    return np.where(known, numbers, np.nan)
 
 
 def _strings(variable: Variable) -> list[str]:
@@ -139,17 +126,34 @@ def _strings(variable: Variable) -> list[str]:
     return [text.split("\x00")[0].strip() for text in texts]
 
 
+def _letters(variable: Variable) -> NDArray[np.str_]:
+    """Bytes of ASCII codes (int8, int, S1 or str) as one-character strings.
+
+    Blank where the byte is no printable character; numbers over 127 in decimal.
+    """
+
+    def letter(value: bytes | str | float) -> str:
+        if isinstance(value, bytes | str):
+            text = value if isinstance(value, str) else value.decode("ascii", "replace")
+            return text.strip()
+        return chr(int(value)).strip() if 32 <= value < 127 else f"{value:.0f}" * (value > 127)
+
+    index, labels = pd.factorize(np.asarray(variable[:]).reshape(-1))
+    return np.array([letter(label) for label in labels.tolist()], dtype=np.str_)[index]
+
+
 def _read_madis(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
     with _open_netcdf(path) as file:
         yield _madis(file, path, audit)
 
 
 def _madis(file: netCDF4.Dataset, path: Path, audit: Audit) -> pd.DataFrame:
-    tail = next((name for name in _MADIS_TAILS if name in file.variables), None)
-    absent = [name for name in _REQUIRED if name not in file.variables]
+    there = file.variables
+    tail = next((name for name in _MADIS_TAILS if name in there), None)
+    absent = [name for name in _REQUIRED if name not in there]
     if _DIMENSION not in file.dimensions or absent or tail is None:
         absent += [] if tail else [_MADIS_TAILS[0]]
-        names = [*file.variables, *(f"group {name}" for name in file.groups)]
+        names = [*there, *(f"group {name}" for name in file.groups)]
         raise InputError(
             "is no MADIS ACARS file",
             file=path,
@@ -162,40 +166,39 @@ def _madis(file: netCDF4.Dataset, path: Path, audit: Audit) -> pd.DataFrame:
     if not size:
         raise InputError("holds no reports", file=path)
 
-    def column(name: str) -> NDArray[np.generic]:
-        """One value a report, without a further dimension of one."""
-        values = np.asarray(file[name][:])
-        if file[name].dimensions[:1] != (_DIMENSION,) or values.size != size:
+    def column(name: str) -> Variable:
+        """The variable, after a check that it has one value a report."""
+        if there[name].dimensions[:1] != (_DIMENSION,) or math.prod(there[name].shape) != size:
             raise InputError(
                 "is not one value a report",
                 file=path,
                 field=name,
-                found=f"dimensions ({', '.join(file[name].dimensions)}), shape {values.shape}",
+                found=f"dimensions ({', '.join(there[name].dimensions)}), "
+                f"shape {there[name].shape}",
             )
-        return values.reshape(size)
+        return there[name]
 
     def number(name: str) -> NDArray[np.float64]:
-        if not np.issubdtype(file[name].dtype, np.number):
-            found = f"type {file[name].dtype}"
+        if not np.issubdtype(there[name].dtype, np.number):
+            found = f"type {there[name].dtype}"
             raise InputError("holds no numbers", file=path, field=name, found=found)
         if name == "timeObs":
-            return _numbers(column(name), file[name], np.inf, above=0.0)
-        return _numbers(column(name), file[name], _LARGEST_MADIS)
+            return _numbers(column(name), np.inf, above=0.0)
+        return _numbers(column(name), _LARGEST_MADIS)
 
-    there = set(file.variables)
-    flags = {name: _characters(column(name)) for name in _FLAG_FIELDS if name in there}
+    flags = {name: _letters(column(name)) for name in _FLAG_FIELDS if name in there}
     for name, values in flags.items():
         if name != "rollFlag":
             audit.codes(name, Counter(value or "blank" for value in values.tolist()))
     seconds = number("timeObs")
     raw: dict[str, object] = {
-        "tail": _strings(file[tail]),
+        "tail": _strings(there[tail]),
         "time": from_epoch(seconds),
         "time_blank": ~(seconds > 0.0),  # a time too late is unparsable, not blank
         **{ours: number(name) for name, ours in _MADIS_NUMBERS.items() if name in there},
     }
-    if "flight" in there and file["flight"].dimensions[:1] == (_DIMENSION,):
-        raw["flight"] = _strings(file["flight"])
+    if "flight" in there and there["flight"].dimensions[:1] == (_DIMENSION,):
+        raw["flight"] = _strings(there["flight"])
     streams = [""] * size
     if "dataSource" in there:
         streams = [_STREAMS.get(code, "") for code in number("dataSource").tolist()]
@@ -205,65 +208,38 @@ def _madis(file: netCDF4.Dataset, path: Path, audit: Audit) -> pd.DataFrame:
         [PLATFORM[name if name in ("TAMDAR", "AMDAR") else "ACARS"] for name in streams], np.int8
     )
     blank = np.full(size, "")
-    raw["roll_flag"] = decode_flags(
-        flags.get("rollFlag", blank), "roll_flag", audit, name="rollFlag"
-    )
-    raw["temperature_qc"] = _quality(flags, blank, ("temp", "temperature"), "T")
-    raw["wind_qc"] = _quality(flags, blank, ("windDir", "windSpeed"), "W")
-    return pd.DataFrame(raw)
-
-
-def _characters(values: NDArray[np.generic]) -> NDArray[np.str_]:
-    """Bytes of ASCII codes (int8, int, S1 or str) as one-character strings.
-
-    Blank where the byte is no printable character; numbers over 127 in decimal.
-    """
-    if values.dtype.kind == "S":
-        return np.char.strip(np.char.decode(values.astype(np.bytes_), "ascii", "replace"))
-    if values.dtype.kind in "OU":
-        return np.char.strip(values.astype(np.str_))
-    codes, index = np.unique(values, return_inverse=True)
-    labels = [
-        chr(code).strip() if 32 <= code < 127 else str(code) if code > 127 else ""
-        for code in codes.astype(int).tolist()
-    ]
-    return np.array(labels, dtype=np.str_)[index]
-
-
-def _quality(
-    flags: Flags, blank: NDArray[np.str_], variables: tuple[str, ...], kind_of_error: str
-) -> NDArray[np.int8]:
-    passed, failed = np.zeros(blank.size, dtype=bool), np.zeros(blank.size, dtype=bool)
-    for name in variables:
-        if (error := flags.get(f"{name}Error")) is not None:
-            passed |= np.char.lower(error) == "p"
-            failed |= ~np.isin(np.char.lower(error), ("p", "-", ""))
-        if (descriptor := flags.get(f"{name}DD")) is not None:
+    roll = flags.get("rollFlag", blank)
+    raw["roll_flag"] = decode_flags(roll, "roll_flag", audit, name="rollFlag")
+    for ours, letter, variables in (
+        ("temperature_qc", "T", ("temp", "temperature")),
+        ("wind_qc", "W", ("windDir", "windSpeed")),
+    ):
+        passed, failed = np.zeros(size, dtype=bool), np.zeros(size, dtype=bool)
+        for name in variables:
+            error = np.char.lower(flags.get(f"{name}Error", blank))
+            passed |= error == "p"
+            failed |= ~np.isin(error, ("p", "-", ""))
+            descriptor = flags.get(f"{name}DD", blank)
             passed |= ~np.isin(descriptor, ("", "-", "Z", *_DESCRIPTOR_FAILED))
             failed |= np.isin(descriptor, _DESCRIPTOR_FAILED)
-    kind = flags.get("errorType", blank)
-    failed |= np.isin(kind, (kind_of_error, "B"))
-    if "dataDescriptor" in flags:
+        kind = flags.get("errorType", blank)
+        failed |= np.isin(kind, (letter, "B"))
         # X alone does not say what failed: both, then.
-        failed |= (flags["dataDescriptor"] == "X") & ~np.isin(kind, ("T", "W", "B"))
-    quality = np.where(passed, TEMPERATURE_QC["pass"], TEMPERATURE_QC["missing"])
-    return np.where(failed, TEMPERATURE_QC["fail"], quality).astype(np.int8)
+        alone = ~np.isin(kind, ("T", "W", "B"))
+        failed |= (flags.get("dataDescriptor", blank) == "X") & alone
+        quality = np.where(passed, TEMPERATURE_QC["pass"], TEMPERATURE_QC["missing"])
+        raw[ours] = np.where(failed, TEMPERATURE_QC["fail"], quality).astype(np.int8)
+    return pd.DataFrame(raw)
 
 
 def _read_ioda(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
     with _open_netcdf(path) as file:
-        every = dict(file.variables)
-        for group in file.groups:
-            inside = file[group].variables.items()
-            every = {f"{name}@{group}": variable for name, variable in inside} | every
-        names = [*file.variables, *(f"{g}/{n}" for g in file.groups for n in file[g].variables)]
-        there = ", ".join(names[:30])
+        inside = [(group, *item) for group in file.groups for item in file[group].variables.items()]
+        every = {f"{name}@{group}": variable for group, name, variable in inside} | file.variables
+        there = ", ".join([*file.variables, *(f"{group}/{name}" for group, name, _ in inside)][:30])
 
         def first(group: str, names: tuple[str, ...]) -> Variable | None:
             return next((every[key] for n in names if (key := f"{n}@{group}") in every), None)
-
-        def number(variable: Variable) -> NDArray[np.float64]:
-            return _numbers(np.asarray(variable[:]).reshape(-1), variable, _LARGEST_IODA)
 
         times = first("MetaData", ("dateTime", "datetime", "time"))
         found = {
@@ -288,14 +264,18 @@ def _read_ioda(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFra
                 found=there,
                 remedy="Name a file of aircraft observations",
             )
-        raw: dict[str, object] = {ours: number(variable) for ours, variable in found.items()}
+        raw: dict[str, object] = {ours: _numbers(v, _LARGEST_IODA) for ours, v in found.items()}
         if times.dtype is str or np.dtype(times.dtype).kind in "SU":
             raw["time"], raw["time_blank"] = parse_times(pd.Series(_strings(times), dtype=object))
         else:
-            seconds = _seconds(times, number(times))
+            units = getattr(times, "units", "seconds since 1970-01-01")
+            unit, _, epoch = units.partition(" since ")
+            start = pd.to_datetime(epoch.strip(), utc=True).timestamp()
+            seconds = _numbers(times, _LARGEST_IODA) * _SECONDS[unit.strip()] + start
             raw["time"], raw["time_blank"] = from_epoch(seconds), np.isnan(seconds)
-        tail, flight = first("MetaData", _IODA_TAILS), first("MetaData", ("aircraftFlightNumber",))
-        named = tail if tail is not None else flight
+        flight = first("MetaData", ("aircraftFlightNumber",))
+        named = first("MetaData", _IODA_TAILS)
+        named = flight if named is None else named
         if constant := constant_tail(mapping):
             raw["tail"] = constant
         elif named is not None:
@@ -307,23 +287,16 @@ def _read_ioda(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFra
             raw["flight"] = _strings(flight)
         for group in ("PreQC", "QualityMarker"):
             if (codes := first(group, _IODA_NUMBERS["eastward_wind"])) is not None:
-                fails = number(codes) > _LARGEST_GOOD
+                fails = _numbers(codes, _LARGEST_IODA) > _LARGEST_GOOD
                 raw["wind_qc"] = np.where(fails, WIND_QC["fail"], WIND_QC["missing"])
         yield pd.DataFrame(raw)
-
-
-def _seconds(variable: Variable, values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Seconds since 1970 of times in CF units."""
-    unit, _, epoch = getattr(variable, "units", "seconds since 1970-01-01").partition(" since ")
-    length = {"seconds": 1.0, "minutes": 60.0, "hours": 3600.0, "days": 86400.0}[unit.strip()]
-    start = pd.Timestamp(epoch.strip())
-    start = start.tz_convert(None) if start.tzinfo else start
-    return np.asarray(values * length + start.timestamp())
 
 
 def _is_ioda(start: bytes) -> bool:
     return start.startswith(_NETCDF) and (b"MetaData" in start or b"ObsValue" in start)
 
 
-register(ReportFormat("ioda", _is_ioda, _read_ioda, title="NetCDF"))
-register(ReportFormat("madis", lambda s: s.startswith(_NETCDF), _read_madis, 1, "NetCDF"))
+FORMATS = (
+    ReportFormat("ioda", _is_ioda, _read_ioda, title="NetCDF"),
+    ReportFormat("madis", lambda start: start.startswith(_NETCDF), _read_madis, 1, "NetCDF"),
+)

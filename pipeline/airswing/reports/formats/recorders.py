@@ -33,15 +33,8 @@ from airswing.physics.atmosphere import altitude_from_pressure
 from airswing.reports.audit import Audit
 from airswing.reports.cleaning import declination
 from airswing.reports.columns import Mapped
-from airswing.reports.formats import (
-    ReportFormat,
-    compression_of,
-    constant_tail,
-    is_text,
-    opened,
-    register,
-)
-from airswing.reports.values import numbers, parse_times, roll_flags
+from airswing.reports.formats import ReportFormat, constant_tail, is_text, opened
+from airswing.reports.values import numbers, parse_times, roll_flags, seconds_since_1970
 from airswing.units import FOOT, KNOT, ZERO_CELSIUS
 
 _INCH_OF_MERCURY = 3386.389  # Pa at 0 degC (NIST SP 811)
@@ -110,24 +103,23 @@ def _read_log(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFram
     tail = constant_tail(mapping) or identity or path.name.split(".")[0]
     # A line of short names may follow the names in words.
     second = number + 1 < len(lines) and _HEADER.search(lines[number + 1]) is not None
-    tables = pd.read_csv(
-        path,
-        header=None,
-        skiprows=number + 1 + second,
-        names=names,
-        index_col=False,
-        dtype=str,
-        skipinitialspace=True,
-        chunksize=_ROWS_PER_PIECE,
-        on_bad_lines="skip",
-        keep_default_na=False,
-        encoding_errors="replace",
-        compression=compression_of(path),
-    )
     rows = 0
-    for table in tables:
-        rows += len(table)
-        yield _of_deck(table, tail, columns)
+    with opened(path) as binary:
+        for table in pd.read_csv(
+            binary,
+            header=None,
+            skiprows=number + 1 + second,
+            names=names,
+            index_col=False,
+            dtype=str,
+            skipinitialspace=True,
+            chunksize=_ROWS_PER_PIECE,
+            on_bad_lines="skip",
+            keep_default_na=False,
+            encoding_errors="replace",
+        ):
+            rows += len(table)
+            yield _of_deck(table, tail, columns)
     if not rows:
         raise InputError("has a header but no reports", file=path)
 
@@ -142,38 +134,32 @@ def _of_deck(table: pd.DataFrame, tail: str, columns: dict[str, str | None]) -> 
     given = (text["date"] != "") & (text["clock"] != "")
     time, blank = parse_times((text["date"] + "T" + text["clock"] + ahead).where(given, ""))
     # Indicated to pressure altitude: the standard altitude of the setting, zero at 29.92.
-    altitude = number["indicated_altitude"] + np.nan_to_num(
-        altitude_from_pressure(number["setting"])
-    )
+    above = np.nan_to_num(altitude_from_pressure(number["setting"]))
     reported = number["pressure_altitude"]
-    altitude = np.where(np.isnan(reported), altitude, reported)
-    seconds = time.astype("datetime64[ns]").astype(np.int64) / 1e9
-    east = declination(number["latitude"], number["longitude"], altitude, seconds)
-    track_is_true = "true" in (columns["track"] or "").lower()
-    same = ("latitude", "longitude", "air_temperature", "ground_speed", "reported_airspeed")
+    altitude = np.where(np.isnan(reported), number["indicated_altitude"] + above, reported)
+    track = number["track"]
+    if "true" not in (columns["track"] or "").lower():
+        track += declination(
+            number["latitude"], number["longitude"], altitude, seconds_since_1970(time)
+        )
+    kept = ("latitude", "longitude", "air_temperature", "ground_speed", "reported_airspeed")
     return pd.DataFrame(
         {
             "tail": tail,
             "time": time,
             "time_blank": blank,
             "pressure_altitude": altitude,
-            "reported_heading": (number["heading"] + east) % 360.0,
-            "track": (number["track"] + (0.0 if track_is_true else east)) % 360.0,
+            "magnetic_heading": number["heading"] % 360.0,
+            "track": track % 360.0,
             "roll_flag": roll_flags(number["roll"]),
-            **{name: number[name] for name in (*same, "indicated_airspeed")},
+            **{name: number[name] for name in (*kept, "indicated_airspeed")},
         }
     )
 
 
-def _is_log(start: bytes) -> bool:
-    text = start[:4096].decode("latin-1")
-    g1000 = all(name in text for name in ("Lcl Date", "Lcl Time", "UTCOfst"))
-    g3x = "GPS Ground Track" in text or "Magnetic Heading" in text
-    return g1000 or (g3x and _HEADER.search(text) is not None)
-
-
 def _read_track(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
-    table = pd.read_csv(path, dtype=str, keep_default_na=False, compression=compression_of(path))
+    with opened(path) as file:
+        table = pd.read_csv(file, dtype=str, keep_default_na=False)
     table.columns = table.columns.str.strip()
     if set(_PLAYBACK) <= set(table):
         place = table["Position"].str.split(",", n=1, expand=True).reindex(columns=[0, 1])
@@ -183,8 +169,7 @@ def _read_track(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFr
         )
     elif set(_GRANULAR) <= set(table):
         table = table.rename(columns={"snapshot_id": "time", "flight_id": "flight"})
-        flight = path.name.split(".")[0].removesuffix("_positions")
-        table["flight"] = table.get("flight", flight)
+        table["flight"] = table.get("flight", path.name.split(".")[0].removesuffix("_positions"))
     else:
         raise InputError(
             "is no table of Flightradar24",
@@ -216,11 +201,20 @@ def _read_track(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFr
     yield raw.loc[flying]
 
 
+def _is_log(start: bytes) -> bool:
+    text = start[:4096].decode("latin-1")
+    g1000 = all(name in text for name in ("Lcl Date", "Lcl Time", "UTCOfst"))
+    g3x = "GPS Ground Track" in text or "Magnetic Heading" in text
+    return g1000 or (g3x and _HEADER.search(text) is not None)
+
+
 def _is_track(start: bytes) -> bool:
     header = start.split(b"\n")[0].decode(errors="replace")
     names = {name.strip(' "\r') for name in header.split(",")}
     return is_text(start) and (set(_GRANULAR) <= names or set(_PLAYBACK) <= names)
 
 
-register(ReportFormat("g1000", _is_log, _read_log, title="a log of a Garmin flight deck"))
-register(ReportFormat("flightradar24", _is_track, _read_track, title="a table of Flightradar24"))
+FORMATS = (
+    ReportFormat("g1000", _is_log, _read_log, title="a log of a Garmin flight deck"),
+    ReportFormat("flightradar24", _is_track, _read_track, title="a table of Flightradar24"),
+)

@@ -13,9 +13,9 @@ import csv
 import io
 import re
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 from urllib.parse import unquote
 
 import numpy as np
@@ -26,77 +26,69 @@ from airswing.errors import InputError
 from airswing.physics.triangle import wrap_degrees
 from airswing.reports.audit import Audit
 from airswing.reports.columns import ONLY, TEXT, Mapped, Source, layout_of, sources, with_layout
-from airswing.reports.formats import (
-    ReportFormat,
-    compression_of,
-    damage_named,
-    is_text,
-    opened,
-    register,
+from airswing.reports.formats import ReportFormat, damage_named, is_text, opened
+from airswing.reports.values import (
+    FLAGS,
+    Column,
+    decode_flags,
+    parse_times,
+    possible,
+    seconds_since_1970,
 )
-from airswing.reports.values import FLAGS, Column, decode_flags, parse_times, possible
 
 ROWS_PER_PIECE = 250_000  # the text of a table is many times larger than what is kept of it
-_BUFFER = 2**20
 _LONGEST_HEADER = 100_000  # characters; a longer line is no header
 _MOST_COMMENTS = 200  # lines that begin with #
-# Appended to a name that occurs in a header again.
-_AGAIN = re.compile(r" \(column \d+\)")
 _BLANKS = [
     *("", " ", "NA", "N/A", "n/a", "NaN", "nan", "NULL", "null", "None", "-", "--"),
     *("M", "MISSING", "missing", "9999", "99999", "-9999", "99999.0", "-9999.0"),
 ]
 _FARTHEST, _NEAR = 10.0, 1.0  # s: how far messages may be apart
-_FILLED = (
+_FILLED = [
     *("latitude", "longitude", "pressure_altitude", "ground_speed", "track", "reported_airspeed"),
     *("indicated_airspeed", "mach", "air_temperature"),
-)
-_ANGLES = ("longitude", "track")
-_HEADINGS = ("magnetic_heading", "reported_heading")
+]
 _EXTRA = "columns past the header"
-_NO_VALUE = "__HIVE_DEFAULT_PARTITION__"
-_SKIPPED = re.compile(r"Skipping line \d+")
 
-
-class _Header(NamedTuple):
-    names: list[str]
-    separator: str
-    lines: int  # lines up to and including the header
+Header = tuple[list[str], str, int]
+"""Names of the columns, separator, number of lines up to and including the header."""
 
 
 def _read_csv(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
     header = _header(path)
-    names = header.names
+    names = header[0]
     found = sources(names, with_layout(names, mapping), path)
     text = {
-        column: str
+        column
         for name, source in found.items()
         # A time made of parts or with a format too: 0930 read as a number loses its zero.
         if (name in TEXT or name.startswith(ONLY))
         and (name != "time" or source.parts or source.format)
         for column in source.columns
     }
-    numeric = {c for source in found.values() for c in source.columns if c not in text}
+    numeric = {c for source in found.values() for c in source.columns} - text
     repeated = [
         variable
         for variable, source in found.items()
-        if any(_AGAIN.fullmatch(name.removeprefix(source.column)) for name in names)
+        if any(name.startswith(f"{source.column} (column ") for name in names)
     ]
-    options = dict(
-        # One column more than the header names, to find the rows that are too long.
-        names=[*names, _EXTRA],
-        dtype={**text, _EXTRA: str},
-        on_bad_lines="warn",
-        # pandas' own list makes a tail named NA a missing one: ours is of number columns only.
-        keep_default_na=False,
-        na_values={column: _BLANKS for column in numeric},
-        # A type is inferred of a whole piece: in parts one column may become two types.
-        low_memory=False,
-        chunksize=ROWS_PER_PIECE,
-    )
 
     def tables() -> Iterator[pd.DataFrame]:
-        for table in _tables(path, header, options, audit):
+        for table in _pieces(
+            path,
+            header,
+            audit,
+            # One column more than the header names, to find the rows that are too long.
+            names=[*names, _EXTRA],
+            dtype=dict.fromkeys([*text, _EXTRA], str),
+            on_bad_lines="warn",
+            # pandas' list makes a tail named NA a missing one; this one is of number columns only.
+            keep_default_na=False,
+            na_values=dict.fromkeys(numeric, _BLANKS),
+            # A type is inferred of a whole piece: in parts one column may become two types.
+            low_memory=False,
+            chunksize=ROWS_PER_PIECE,
+        ):
             # pandas skips rows of two columns too many itself; those are counted by its warnings.
             ragged = (table.pop(_EXTRA).fillna("").str.strip() != "").to_numpy(dtype=bool)
             for variable in repeated:
@@ -108,7 +100,7 @@ def _read_csv(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFram
 
 
 def _in_si(
-    tables: Iterator[pd.DataFrame],
+    tables: Iterable[pd.DataFrame],
     names: Sequence[str],
     found: Mapping[str, Source],
     path: Path,
@@ -116,22 +108,22 @@ def _in_si(
 ) -> Iterator[pd.DataFrame]:
     """Raw columns in SI of the pieces of a table; one piece of a table of single messages."""
     layout = layout_of(names)
-    rows, unreadable, pieces = 0, dict.fromkeys(found, 0), []
+    rows, pieces = 0, []
     for table in tables:
         rows += len(table)
-        raw = to_raw(table, found, audit, unreadable)
+        raw = to_raw(table, found, audit)
         if layout is not None and layout.messages:
             pieces.append(raw)
         else:
             yield raw
     if not rows:
         raise InputError("has a header but no reports", file=path)
-    for variable, number in unreadable.items():
-        if number == rows:
+    for variable, source in found.items():
+        if audit.repaired[f"{variable}_unparsable"] == rows:
             raise InputError(
                 "holds no numbers",
                 file=path,
-                field=found[variable].column,
+                field=source.column,
                 found=audit.examples.get(variable),
                 remedy="Write numbers alone, with a decimal point; the unit is part of the "
                 "column's name or of its mapping",
@@ -140,34 +132,22 @@ def _in_si(
         yield merged(pd.concat(pieces, ignore_index=True), audit)
 
 
-def _tables(
-    path: Path, header: _Header, options: Mapping[str, Any], audit: Audit
-) -> Iterator[pd.DataFrame]:
+def _pieces(path: Path, header: Header, audit: Audit, **options: Any) -> Iterator[pd.DataFrame]:
     """Pieces of a CSV file; rows that pandas skips are counted."""
-    reader = None
-    try:
+    _, separator, lines = header
+    options |= dict(sep=separator, header=None, skiprows=lines, index_col=False, encoding="utf-8")
+    reader: Iterator[pd.DataFrame] | None = None
+    with opened(path) as file:
         while True:
             with warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always")
-                reader = reader or pd.read_csv(
-                    path,
-                    sep=header.separator,
-                    header=None,
-                    skiprows=header.lines,
-                    index_col=False,
-                    encoding="utf-8",
-                    compression=compression_of(path),
-                    **options,
-                )
+                reader = reader or pd.read_csv(file, **options)
                 table = next(reader, None)
-            ragged = sum(len(_SKIPPED.findall(str(entry.message))) for entry in caught)
-            audit.drop("ragged_row", ragged, unread=True)
+            said = " ".join(str(entry.message) for entry in caught)
+            audit.drop("ragged_row", len(re.findall(r"Skipping line \d+", said)), unread=True)
             if table is None:
                 return
             yield table
-    finally:
-        if reader is not None:
-            reader.close()
 
 
 def first_rows(path: Path) -> pd.DataFrame:
@@ -182,14 +162,21 @@ def first_rows(path: Path) -> pd.DataFrame:
         return first
     with damage_named(path, "CSV"):
         header = _header(path)
-        options = dict(names=header.names, chunksize=2000, on_bad_lines="skip", na_values=_BLANKS)
-        return next(_tables(path, header, options, Audit()))
+        options = dict(names=header[0], chunksize=2000, on_bad_lines="skip", na_values=_BLANKS)
+        return next(_pieces(path, header, Audit(), **options))
 
 
-def _header(path: Path) -> _Header:
+def _header(path: Path) -> Header:
     # utf-8-sig: a byte order mark is no part of the first name.
     with io.TextIOWrapper(opened(path), encoding="utf-8-sig", newline="") as file:
-        line, lines = _naming_line(file)
+        line, lines, comment = file.readline(_LONGEST_HEADER), 1, ""
+        while line.startswith("#") and lines <= _MOST_COMMENTS:
+            comment, line = line, file.readline(_LONGEST_HEADER)
+            lines += 1
+    # Lines that begin with # are comments; but where what follows them is no header (its first
+    # entry is a number), the last of them names the columns.
+    if comment and not re.match(r"\s*[\"']?[A-Za-z_]", line):
+        line, lines = comment.lstrip("# "), lines - 1
     if len(line) >= _LONGEST_HEADER:
         raise InputError(
             f"has no header row within {_LONGEST_HEADER:,} characters",
@@ -203,22 +190,7 @@ def _header(path: Path) -> _Header:
     for name in next(csv.reader([line.rstrip("\r\n")], delimiter=separator)):
         # pandas refuses a name twice.
         names.append(name if name not in names else f"{name} (column {len(names) + 1})")
-    return _Header(names, separator, lines)
-
-
-def _naming_line(file: io.TextIOWrapper) -> tuple[str, int]:
-    """The line that names the columns, and its number.
-
-    Lines that begin with ``#`` are comments; but where what follows them is no header (its first
-    entry is a number), the last of them names the columns.
-    """
-    line, lines, comment = file.readline(_LONGEST_HEADER), 1, ""
-    while line.startswith("#") and lines <= _MOST_COMMENTS:
-        comment, line = line, file.readline(_LONGEST_HEADER)
-        lines += 1
-    if comment and not re.match(r"\s*[\"']?[A-Za-z_]", line):
-        return comment.lstrip("# "), lines - 1
-    return line, lines
+    return names, separator, lines
 
 
 def _read_parquet(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
@@ -231,47 +203,38 @@ def _read_parquet(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.Data
             remedy="Install it with: pip install 'airswing[parquet]'",
         ) from error
     # A little at a time: whole column chunks of a large row group are hundreds of MB.
-    with pq.ParquetFile(path, buffer_size=_BUFFER, pre_buffer=False) as file:
+    with pq.ParquetFile(path, buffer_size=2**20, pre_buffer=False) as file:
         inside = file.schema_arrow.names
         # A column of the file comes before one of its folder.
         pairs = (part.split("=", 1) for part in path.absolute().parent.parts if "=" in part)
         folders = {
-            name: "" if value == _NO_VALUE else unquote(value)
+            name: "" if value == "__HIVE_DEFAULT_PARTITION__" else unquote(value)
             for name, value in pairs
             if name and name not in inside
         }
         names = [*inside, *folders]
         found = sources(names, with_layout(names, mapping), path)
         every = dict.fromkeys(column for source in found.values() for column in source.columns)
-        batches = file.iter_batches(
-            batch_size=ROWS_PER_PIECE, columns=[column for column in every if column in inside]
-        )
 
         def tables() -> Iterator[pd.DataFrame]:
-            for batch in batches:
+            columns = [column for column in every if column in inside]
+            for batch in file.iter_batches(batch_size=ROWS_PER_PIECE, columns=columns):
                 batch.validate(full=True)  # text that is not UTF-8
                 yield batch.to_pandas(ignore_metadata=True).assign(**folders)
 
         yield from _in_si(tables(), names, found, path, audit)
 
 
-def to_raw(
-    table: pd.DataFrame,
-    found: Mapping[str, Source],
-    audit: Audit,
-    unreadable: dict[str, int] | None = None,
-) -> pd.DataFrame:
-    """Bring a table with the file's own column names to raw columns in SI.
-
-    To ``unreadable`` the number of values that are no numbers is added, by variable.
-    """
+def to_raw(table: pd.DataFrame, found: Mapping[str, Source], audit: Audit) -> pd.DataFrame:
+    """Bring a table with the file's column names to raw columns in SI."""
     raw: dict[str, NDArray[np.generic]] = {}
     for variable, source in found.items():
         column = column_of(table, source)
+        bad = np.zeros(len(table), dtype=bool)
         if variable == "time":
             time, blank = parse_times(column, source.format)
             raw |= {"time": time, "time_blank": blank}
-            _example(column, ~possible(time) & ~blank, variable, audit)
+            bad = ~possible(time) & ~blank
         elif variable in FLAGS:
             raw[variable] = decode_flags(column, variable, audit)
         elif variable in TEXT or variable.startswith(ONLY):
@@ -283,11 +246,10 @@ def to_raw(
             values = pd.to_numeric(column, errors="coerce")
             bad = (values.isna() & column.notna()).to_numpy(dtype=bool)
             audit.repair(f"{variable}_unparsable", int(bad.sum()))
-            _example(column, bad, variable, audit)
-            if unreadable is not None:
-                unreadable[variable] += int(bad.sum())
             plain = values.to_numpy(dtype=np.float64, na_value=np.nan)
             raw[variable] = plain * source.factor + source.offset
+        if bad.any():
+            audit.example(variable, column.iloc[int(np.argmax(bad))])
     return pd.DataFrame(raw)
 
 
@@ -309,11 +271,6 @@ def column_of(table: pd.DataFrame, source: Source) -> Column:
     return column
 
 
-def _example(column: Column, bad: NDArray[np.bool_], variable: str, audit: Audit) -> None:
-    if bad.any():
-        audit.example(variable, column.iloc[int(np.argmax(bad))])
-
-
 def merged(raw: pd.DataFrame, audit: Audit) -> pd.DataFrame:
     """Make reports, a row each, of single Mode-S messages in SI, a row each in any order.
 
@@ -324,20 +281,22 @@ def merged(raw: pd.DataFrame, audit: Audit) -> pd.DataFrame:
     ``merged_message``.
     """
     raw = raw.sort_values(["tail", "time"], kind="stable", ignore_index=True)
-    heading = raw[raw.columns.intersection(list(_HEADINGS))].notna().any(axis=1)
+    headings = raw.columns.intersection(["magnetic_heading", "reported_heading"])
+    heading = raw[headings].notna().any(axis=1)
     position = raw[["latitude", "longitude"]].notna().all(axis=1)
     wanted = (heading if heading.any() else position).to_numpy()
     audit.drop("merged_message", np.count_nonzero(~wanted), unread=True)
-    seconds = raw["time"].to_numpy(dtype="datetime64[ns]").astype(np.int64) / 1e9
+    seconds = seconds_since_1970(raw["time"].to_numpy())
     reports = raw.loc[wanted].copy()
-    for name in raw.columns.intersection(list(_FILLED)):
+    for name in raw.columns.intersection(_FILLED):
         values = pd.DataFrame({"value": raw[name], "seconds": seconds})
         known = values.where(np.isfinite(values["value"])).groupby(raw["tail"])
         before, after = known.ffill(), known.bfill()
-        since = (values["seconds"] - before["seconds"]).fillna(np.inf)
-        until = (after["seconds"] - values["seconds"]).fillna(np.inf)
+        since = (seconds - before["seconds"]).fillna(np.inf)
+        until = (after["seconds"] - seconds).fillna(np.inf)
         step = after["value"] - before["value"]
-        step = pd.Series(wrap_degrees(step.to_numpy())) if name in _ANGLES else step
+        if name in ("longitude", "track"):
+            step = pd.Series(wrap_degrees(step.to_numpy()))
         filled = before["value"].where(since <= until, after["value"])
         filled = filled.where(np.minimum(since, until) <= _NEAR)
         both = (since <= _FARTHEST) & (until <= _FARTHEST) & (since + until > 0.0)
@@ -350,7 +309,7 @@ def merged(raw: pd.DataFrame, audit: Audit) -> pd.DataFrame:
     return reports.reset_index(drop=True)
 
 
-register(ReportFormat("csv", is_text, _read_csv, 9, "CSV"))
-register(
-    ReportFormat("parquet", lambda start: start.startswith(b"PAR1"), _read_parquet, title="Parquet")
+FORMATS = (
+    ReportFormat("csv", is_text, _read_csv, 9, "CSV"),
+    ReportFormat("parquet", lambda start: start[:4] == b"PAR1", _read_parquet, title="Parquet"),
 )
