@@ -187,16 +187,13 @@ class Catalogue:
         if not self.stored or not numbers.size:
             return [numbers[n : n + 1] for n in range(numbers.size)]
         first = self.u[self.bounds[numbers]]
-        keys = np.zeros((numbers.size, 6), dtype=np.int64)
-        keys[:, 0], keys[:, 1], keys[:, 2] = first["file"], first["part"], first["offset"]
+        chunk = np.zeros(numbers.size, dtype=np.int64)
         for offset in np.unique(first["offset"]):
-            mine, stored = first["offset"] == offset, self.stored[int(offset)]
-            for column, (dim, place) in enumerate(stored.outer_places(first["index"][mine])[:3]):
-                starts = stored.chunks[stored.dims.index(dim)]
-                keys[mine, 3 + column] = np.searchsorted(starts, place, side="right")
-        _, group = np.unique(keys, axis=0, return_inverse=True)
-        order = np.argsort(np.ravel(group), kind="stable")
-        parts = np.split(numbers[order], np.flatnonzero(np.diff(np.ravel(group)[order])) + 1)
+            mine = first["offset"] == offset
+            chunk[mine] = self.stored[int(offset)].chunk_numbers(first["index"][mine])
+        keys = np.stack([first["file"], first["part"], first["offset"], chunk])
+        group = np.ravel(np.unique(keys, axis=1, return_inverse=True)[1])
+        parts = [numbers[group == number] for number in range(group.max() + 1)]
         return sorted(parts, key=lambda part: int(part[0]))
 
 

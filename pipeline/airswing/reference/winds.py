@@ -56,8 +56,7 @@ class StoredField(NamedTuple):
     names: tuple[str, ...]  # variables, summed
     dims: tuple[str, ...]
     outer: tuple[tuple[str, int], ...]  # dimensions that a row's `index` counts, and their sizes
-    level: str  # dimension of the levels (empty without), of rows and of columns
-    y: str
+    y: str  # dimensions of rows and columns
     x: str
     shape: tuple[int, ...]
     chunks: tuple[tuple[int, ...], ...]  # start of every chunk along each dimension, and the end
@@ -68,22 +67,27 @@ class StoredField(NamedTuple):
     exponential: bool = False  # the logarithm is stored
     either: str = ""  # dimension along which the first value that is not missing counts
 
-    def outer_places(self, index: NDArray[np.integer]) -> list[tuple[str, NDArray[np.int64]]]:
-        """Outer dimensions and the indices along them of rows' `index`."""
-        if not self.outer:
-            return []
-        places = np.unravel_index(np.asarray(index), tuple(size for _, size in self.outer))
-        return [(dim, np.asarray(one)) for (dim, _), one in zip(self.outer, places, strict=True)]
+    def places(self, index: NDArray[np.integer]) -> dict[str, NDArray[np.int64]]:
+        """Indices along the outer dimensions of rows' `index`."""
+        found = np.unravel_index(index, tuple(size for _, size in self.outer)) if self.outer else ()
+        return {dim: np.asarray(one) for (dim, _), one in zip(self.outer, found, strict=True)}
+
+    def chunk_numbers(self, index: NDArray[np.integer]) -> Ints:
+        """Numbers of the chunks that hold rows' `index`."""
+        number = np.zeros(np.shape(index), dtype=np.int64)
+        for dim, place in self.places(index).items():
+            starts = self.chunks[self.dims.index(dim)]
+            number = number * len(starts) + np.searchsorted(starts, place, side="right")
+        return number
 
 
 #: A row is one field of one level. Rows of GRIB and of Datasets share most columns. Of Datasets
-#: `index` counts the fields of a variable over its outer dimensions, `level_index` its levels; the
-#: value of a pressure is ``a + b * field``; `offset` numbers the stored field, `points` the field's
-#: grid, and `grid` that of the profile it belongs to.
+#: `index` counts the fields of a variable over its outer dimensions; the value of a pressure is
+#: ``a + b * field``; `offset` numbers the stored field, `points` the grid of the field, and `grid`
+#: that of the profile it belongs to.
 ROW_DTYPE = np.dtype(
     [
-        *[(name, "i4") for name in ("file", "offset", "member", "grid", "points")],
-        *[(name, "i4") for name in ("index", "level_index")],
+        *[(name, "i4") for name in ("file", "offset", "member", "grid", "points", "index")],
         *[(name, "i2") for name in ("part", "kind", "level_kind")],
         *[(name, "f8") for name in ("level", "a", "b")],
         *[(name, "i8") for name in ("valid", "lead")],

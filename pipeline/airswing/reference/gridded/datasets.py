@@ -355,7 +355,8 @@ class DatasetReader:
 
     def answer(self, models: Sequence[ModelTime], asked: Sequence[Request]) -> list[list[Floats]]:
         """Values of all requests of some model times; NaN if a field cannot be read."""
-        pieces: dict[tuple[SourceFile, int, StoredField], list[_Piece]] = defaultdict(list)
+        # by file, number of its Dataset, variable and chunk
+        pieces: dict[tuple[SourceFile, int, StoredField, int], list[_Piece]] = defaultdict(list)
         seen: dict[object, Floats] = {}
         answers: list[list[tuple[np.void, StoredField, Floats]]] = []
         engine = models[0].engine if models else ""
@@ -364,21 +365,31 @@ class DatasetReader:
             for row, points in wanted:
                 stored, file = model.stored[int(row["offset"])], model.files[int(row["file"])]
                 # one surface pressure serves every level
-                numbers = (int(row[c]) for c in ("part", "offset", "index", "level_index"))
-                key = (file, *numbers, id(points))
+                key = (file, *(int(row[c]) for c in ("part", "offset", "index")), id(points))
                 if key not in seen:
                     seen[key] = np.zeros(points.shape)
-                    at = {dim: int(place) for dim, place in stored.outer_places(row["index"])}
-                    if stored.level:
-                        at[stored.level] = int(row["level_index"])
+                    at = {dim: int(place) for dim, place in stored.places(row["index"]).items()}
                     j, i = np.divmod(points, model.grids[min(int(row["kind"]), PRESSURE)].ni)
-                    piece = _Piece(at, j, i, seen[key])
-                    pieces[file, int(row["part"]), stored].append(piece)
+                    chunk = file, int(row["part"]), stored, int(stored.chunk_numbers(row["index"]))
+                    pieces[chunk].append(_Piece(at, j, i, seen[key]))
                 mine.append((row, stored, seen[key]))
             answers.append(mine)
         began = time.perf_counter()
-        for (file, part, stored), together in pieces.items():
-            self._read(file, part, stored, together, engine)
+        for (file, part, stored, _), together in pieces.items():
+            datasets = self._datasets(file, engine)
+            if datasets is None:
+                for piece in together:
+                    piece.target[...] = np.nan
+                continue
+            for name in stored.names:
+                try:
+                    self.n_bytes += _add(datasets[part].variables[name], stored, together)
+                    self.decoded += 1
+                except Exception as error:  # each backend raises its own
+                    reason = f"{type(error).__name__}: {' '.join(str(error).split())[:200]}"
+                    self.problems[file.path, f"{name}: cannot be read: {reason}"] = None
+                    for piece in together:
+                        piece.target[...] = np.nan
         self.seconds += time.perf_counter() - began
         return [[_in_si(*one) for one in mine] for mine in answers]
 
@@ -393,37 +404,10 @@ class DatasetReader:
                     self._known[file] = opened(file, engine)
                 else:
                     self.problems[file.path, REPLACED] = None
-            except OSError as error:
-                self.problems[file.path, f"{NOT_OPENED}: {error.strerror}"] = None
-            except InputError as error:
-                self.problems[file.path, f"{NOT_OPENED}: {error.found}"] = None
+            except (OSError, InputError) as error:
+                why = error.strerror if isinstance(error, OSError) else error.found
+                self.problems[file.path, f"{NOT_OPENED}: {why}"] = None
         return self._known[file]
-
-    def _read(
-        self, file: SourceFile, part: int, stored: StoredField, pieces: list[_Piece], engine: str
-    ) -> None:
-        datasets = self._datasets(file, engine)
-        if datasets is None:
-            for piece in pieces:
-                piece.target[...] = np.nan
-            return
-        chunks: dict[tuple[int, ...], list[_Piece]] = defaultdict(list)
-        for piece in pieces:
-            number = [
-                int(np.searchsorted(starts, piece.at[dim], side="right")) if dim in piece.at else 0
-                for dim, starts in zip(stored.dims, stored.chunks, strict=True)
-            ]
-            chunks[tuple(number)].append(piece)
-        for together in chunks.values():
-            for name in stored.names:
-                try:
-                    self.n_bytes += _add(datasets[part].variables[name], stored, together)
-                    self.decoded += 1
-                except Exception as error:  # each backend raises its own
-                    reason = f"{type(error).__name__}: {' '.join(str(error).split())[:200]}"
-                    self.problems[file.path, f"{name}: cannot be read: {reason}"] = None
-                    for piece in together:
-                        piece.target[...] = np.nan
 
 
 def _add(variable: xr.Variable, stored: StoredField, pieces: list[_Piece]) -> int:
@@ -433,46 +417,38 @@ def _add(variable: xr.Variable, stored: StoredField, pieces: list[_Piece]) -> in
     for dim in pieces[0].at:
         numbers = [piece.at[dim] for piece in pieces]
         box[dim] = slice(min(numbers), max(numbers) + 1)
-    box[stored.y] = _span([piece.j for piece in pieces], down)
-    box[stored.x] = _span([piece.i for piece in pieces], along)
+    for dim, places, more in (
+        (stored.y, [piece.j for piece in pieces], down),
+        (stored.x, [piece.i for piece in pieces], along),
+    ):
+        low, high = min(int(p.min()) for p in places), max(int(p.max()) for p in places)
+        box[dim] = slice(low, high + 1 + more)
     part = variable[tuple(box[d] for d in stored.dims)]
     if part.chunks is not None:
         values = np.asarray(part.data.compute(scheduler="synchronous"))
     else:
         values = np.asarray(part.values)
+
+    def taken(piece: _Piece, down: int, along: int) -> Floats:
+        place: dict[str, Ints | int] = {d: n - box[d].start for d, n in piece.at.items()}
+        place[stored.y] = piece.j - box[stored.y].start + down
+        place[stored.x] = piece.i - box[stored.x].start + along
+        index = tuple(place.get(d, 0) for d in stored.dims if d != stored.either)
+        if not stored.either:
+            return np.asarray(values[index], dtype=np.float64)
+        # each time is in one of the alternatives: the first that is not missing counts
+        alternatives = np.moveaxis(values, stored.dims.index(stored.either), 0)
+        first, *others = (np.asarray(one[index], dtype=np.float64) for one in alternatives)
+        for other in others:
+            first = np.where(np.isnan(first), other, first)
+        return first
+
     for piece in pieces:
-        taken = _taken(stored, piece, values, box, 0, 0)
+        found = taken(piece, 0, 0)
         if stored.stagger:  # points lie between: the mean of the two neighbours
-            taken = 0.5 * taken + 0.5 * _taken(stored, piece, values, box, down, along)
-        piece.target[...] += taken
+            found = 0.5 * found + 0.5 * taken(piece, down, along)
+        piece.target[...] += found
     return values.size * values.dtype.itemsize
-
-
-def _span(places: list[Ints], further: int) -> slice:
-    low, high = min(int(p.min()) for p in places), max(int(p.max()) for p in places)
-    return slice(low, high + 1 + further)
-
-
-def _taken(
-    stored: StoredField,
-    piece: _Piece,
-    values: NDArray[np.generic],
-    box: dict[str, slice],
-    down: int,
-    along: int,
-) -> Floats:
-    place: dict[str, Ints | int] = {d: n - box[d].start for d, n in piece.at.items()}
-    place[stored.y] = piece.j - box[stored.y].start + down
-    place[stored.x] = piece.i - box[stored.x].start + along
-    index = tuple(place.get(d, 0) for d in stored.dims if d != stored.either)
-    if not stored.either:
-        return np.asarray(values[index], dtype=np.float64)
-    # each time is in one of the alternatives: the first that is not missing counts
-    alternatives = np.moveaxis(values, stored.dims.index(stored.either), 0)
-    taken, *others = (np.asarray(one[index], dtype=np.float64) for one in alternatives)
-    for other in others:
-        taken = np.where(np.isnan(taken), other, taken)
-    return taken
 
 
 def _in_si(row: np.void, stored: StoredField, values: Floats) -> Floats:

@@ -19,9 +19,8 @@
 from __future__ import annotations
 
 import re
-from collections import Counter
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -50,7 +49,7 @@ from airswing.reference.gridded.naming import (
     speed_only,
     written_units,
 )
-from airswing.reference.gridded.times import MISSING, times_of
+from airswing.reference.gridded.times import MISSING, spread, times_of
 from airswing.reference.gridded.wrf import X, Y, grids_of_wrf, is_wrf, layout_of, times_of_wrf
 from airswing.reference.grids import Floats, Grid
 from airswing.reference.state import variable_statistic
@@ -84,32 +83,11 @@ class Levels(NamedTuple):
     b: Floats
     surface: str = ""  # the surface pressure in the formula, empty if it is not named
     note: str = ""  # what was assumed
+    first: int = 0  # first level used
 
 
 class OtherLevelsError(Exception):
     """Levels without a pressure; the text describes them."""
-
-
-class Rows(NamedTuple):
-    """Fields of one variable: how they are read, their grids, and a row of each.
-
-    `table["grid"]` numbers `grids`; `along`: whether its winds point along the grid, None if
-    unknown or if it is no wind; `why`: the evidence.
-    """
-
-    stored: StoredField
-    grids: tuple[Grid, ...]
-    table: Table
-    along: bool | None
-    why: str
-
-
-class Described(NamedTuple):
-    """Content of a Dataset: rows by variable, what is not used and why (counted), and notes."""
-
-    rows: list[Rows]
-    skipped: Counter[tuple[str, str]]
-    notes: set[str]
 
 
 class Gathering:
@@ -118,55 +96,41 @@ class Gathering:
     def __init__(self, naming: Naming, skipped: Skipped) -> None:
         self.naming, self.skipped = naming, skipped
         self.stored: dict[StoredField, int] = {}
-        self._tables: list[Table] = [np.empty(0, dtype=ROW_DTYPE)]
         self._grids: dict[Grid, int] = {}
-        self._first = ""
-        self._variables: set[str] = set()
+        # rows of a variable of a file, whether its winds point along the grid, and the evidence
+        self._rows: list[tuple[Table, bool | None, str]] = []
+        self._along: dict[int, dict[bool | None, str]] = {}  # by the number of a grid
         self._notes: dict[str, None] = {}
-        self._along: dict[int, dict[bool | None, str]] = {}
+        self._variables: set[str] = set()
+        self._first = self._path = ""
+        self._file = self._part = 0
 
     def add(self, number: int, parts: Sequence[xr.Dataset], path: str) -> None:
-        """Add the rows of one file."""
-        self._first = self._first or path
-        for part, ds in enumerate(parts):
-            self._notes |= dict.fromkeys(ds.encoding.get(NOTES, ()))
-            try:
+        """Add the rows of one file; nothing of it if it is refused."""
+        self._path, self._file, self._first = path, number, self._first or path
+        rows, skipped = len(self._rows), len(self.skipped)
+        try:
+            for self._part, ds in enumerate(parts):
+                self._notes |= dict.fromkeys(ds.encoding.get(NOTES, ()))
                 self._variables |= {str(name) for name in (*ds.variables, *ds.dims)}
                 if is_wrf(ds) and not (self.naming.u or self.naming.v):
-                    found = _describe_wrf(ds, self.naming)
+                    self._add_wrf(ds)
                 else:
-                    found = _describe_dataset(ds, self.naming)
-            except InputError as error:
-                raise InputError(
-                    error.what,
-                    file=path,
-                    field=error.field,
-                    found=error.found,
-                    remedy=error.remedy,
-                ) from error
-            except _FAULTS as error:
-                raise InputError(
-                    "cannot be understood",
-                    file=path,
-                    found=f"{type(error).__name__}: {' '.join(str(error).split())[:300]}",
-                    remedy="Its attributes or coordinates contradict each other; their meaning can "
-                    "be given under the reference",
-                ) from error
-            self._notes |= dict.fromkeys(sorted(found.notes))
-            self.skipped += [skip(path, *key, count) for key, count in found.skipped.items()]
-            for rows in found.rows:
-                self._tables.append(self._numbered(rows, number, part))
-
-    def _numbered(self, rows: Rows, number: int, part: int) -> Table:
-        table = rows.table
-        table["file"], table["part"] = number, part
-        table["offset"] = self.stored.setdefault(rows.stored, len(self.stored))
-        numbers = [self._grids.setdefault(grid, len(self._grids)) for grid in rows.grids]
-        table["grid"] = np.array(numbers)[table["grid"]]
-        if table.size and table["kind"][0] < PRESSURE:
-            for one in numbers:
-                self._along.setdefault(one, {})[rows.along] = rows.why
-        return table
+                    self._add_dataset(ds)
+        except InputError as error:
+            del self._rows[rows:], self.skipped[skipped:]
+            raise InputError(
+                error.what, file=path, field=error.field, found=error.found, remedy=error.remedy
+            ) from error
+        except _FAULTS as error:
+            del self._rows[rows:], self.skipped[skipped:]
+            raise InputError(
+                "cannot be understood",
+                file=path,
+                found=f"{type(error).__name__}: {' '.join(str(error).split())[:300]}",
+                remedy="Its attributes or coordinates contradict each other; their meaning can "
+                "be given under the reference",
+            ) from error
 
     def table(self) -> Table:
         """All rows, with a pressure for each native level that a formula gives one."""
@@ -178,7 +142,12 @@ class Gathering:
                     field=f"{key}: {name}",
                     found="variables " + ", ".join(sorted(self._variables)),
                 )
-        table = on_one_grid(np.concatenate(self._tables), list(self._grids))
+        for rows, along, why in self._rows:
+            if rows.size and rows["kind"][0] < PRESSURE:
+                for number in np.unique(rows["grid"]).tolist():
+                    self._along.setdefault(number, {})[along] = why
+        tables = [np.empty(0, dtype=ROW_DTYPE), *(rows for rows, _, _ in self._rows)]
+        table = on_one_grid(np.concatenate(tables), list(self._grids))
         native = bool((table["level_kind"] != ISOBARIC).any())
         for key in ("pressure", "surface_pressure"):
             if getattr(self.naming, key) and table.size and not native:
@@ -225,130 +194,172 @@ class Gathering:
             ] = None
         return list(notes)
 
+    def _skip(self, what: str, reason: str, count: int = 1) -> None:
+        self.skipped.append(skip(self._path, what, reason, count))
 
-def _describe_dataset(ds: xr.Dataset, naming: Naming) -> Described:
-    """Wind fields of a CF Dataset, and what gives their pressure."""
-    found = Described([], Counter(ds.encoding.get(SKIPPED, {})), set())
-    chosen: dict[tuple[int, bool], Component] = {}
-    native: list[str] = []
-    candidates = components(ds, naming)
-    for one in candidates:
-        variable = ds[one.name]
-        others = [(str(key), other.attrs) for key, other in variable.coords.items()]
-        others += [(str(dim), {}) for dim in variable.dims if dim not in variable.coords]
-        why = variable_statistic(one.name, variable.attrs, others, ds.attrs)
-        if why:
-            found.skipped["wind", f"{one.name} is no state of the atmosphere ({why})"] += 1
-            continue
-        try:
-            axes = axes_of(ds, one.name, naming)
-            levels = _levels_of(ds, one.name, axes.vertical, naming)
-        except OtherLevelsError as reason:
-            found.skipped["wind", f"{one.name} on {reason}"] += 1
-            continue
-        other = chosen.get((one.number, levels.native))
-        if other is not None:
+    def _add_dataset(self, ds: xr.Dataset) -> None:
+        """Wind fields of a CF Dataset, and what gives their pressure."""
+        naming, candidates = self.naming, components(ds, self.naming)
+        for (what, reason), count in ds.encoding.get(SKIPPED, {}).items():
+            self._skip(what, reason, count)
+        chosen: dict[tuple[int, bool], Component] = {}
+        native: list[str] = []
+        for one in candidates:
+            variable = ds[one.name]
+            others = [(str(key), other.attrs) for key, other in variable.coords.items()]
+            others += [(str(dim), {}) for dim in variable.dims if dim not in variable.coords]
+            why = variable_statistic(one.name, variable.attrs, others, ds.attrs)
+            if why:
+                self._skip("wind", f"{one.name} is no state of the atmosphere ({why})")
+                continue
+            try:
+                axes = axes_of(ds, one.name, naming)
+                levels = _levels_of(ds, one.name, axes.vertical, naming)
+            except OtherLevelsError as reason:
+                self._skip("wind", f"{one.name} on {reason}")
+                continue
+            other = chosen.setdefault((one.number, levels.native), one)
             if one.tier > other.tier:
                 continue
+            if other is not one:
+                raise InputError(
+                    f"two candidates for {'uv'[one.number]}",
+                    found=f"{other.name}, {one.name}",
+                    remedy=f"Name one in the configuration as {'uv'[one.number]}: NAME",
+                )
+            if levels.note:
+                self._notes[levels.note] = None
+            self._add_variable(ds, one.name, one.number, axes, levels)
+            if levels.native:
+                native.append(one.name)
+                surface = naming.surface_pressure or levels.surface
+                if surface and not np.isnan(levels.b).all():
+                    coordinate(ds, surface, "surface_pressure")
+                    self._add_variable(ds, surface, SURFACE, axes_of(ds, surface, naming), None)
+        for key in ds.data_vars:
+            pressure, name = ds[key], str(key)
+            short, dims = pressure.attrs.get("GRIB_shortName"), set(pressure.dims)
+            same = any(set(ds[n].dims) == dims or ds[n].ndim == pressure.ndim for n in native)
+            named = pressure.attrs.get("standard_name") == "air_pressure" and same
+            if name == naming.pressure or short == "pres" or named:
+                axes = axes_of(ds, name, naming)
+                if axes.vertical is not None:
+                    levels = _levels_of(ds, name, axes.vertical, naming)
+                    self._add_variable(ds, name, PRESSURE, axes, levels)
+            elif short in ("sp", "lnsp"):
+                self._add_variable(ds, name, SURFACE, axes_of(ds, name, naming), None)
+        if not candidates:
+            cells, speed = cell_dimension(ds), speed_only(ds)
+            if cells:
+                raise unstructured(cells)
+            if speed:
+                raise InputError(
+                    "a wind speed without components",
+                    field=speed,
+                    remedy="Winds are needed as u and v",
+                )
+
+    def _add_variable(
+        self, ds: xr.Dataset, name: str, kind: int, axes: Axes, levels: Levels | None
+    ) -> None:
+        """Rows of one variable; `levels` is None for a surface."""
+        outer, naming = {d: int(ds.sizes[d]) for d in axes.outer}, self.naming
+        valid, lead = times_of(ds, name, outer, naming)
+        member = np.zeros(valid.size, dtype=np.int64)
+        if axes.member:
+            numbers = members_of(ds, axes.member, outer[axes.member])
+            member = spread(numbers, [axes.member], outer)
+        wind = kind < PRESSURE
+        written = naming.units.get(name, written_units(ds[name].attrs))
+        # surface pressure without a unit of pressure is its logarithm, as spectral models write it
+        exponential = kind == SURFACE and factor_of(written, "pressure") is None
+        unit = "wind" if wind else "pressure"
+        stored = _stored(
+            ds[name],
+            (name,),
+            (*axes.outer, *([axes.level_dim] if axes.level_dim else [])),
+            (axes.y_dim, axes.x_dim),
+            scale=1.0 if exponential else required_factor(written, unit, name=name),
+            exponential=exponential,
+            either=axes.either,
+        )
+        along, why = along_grid(ds[name], naming) if wind else (None, "")
+        grids = [grid_of_axes(ds, name, axes, naming)]
+        self._add_rows(stored, kind, levels, (valid, lead, member), grids, along, why)
+
+    def _add_wrf(self, ds: xr.Dataset) -> None:
+        naming = self.naming
+        odd = [key for key in naming.given() if key not in ("winds", "time")]
+        if odd:
             raise InputError(
-                f"two candidates for {'uv'[one.number]}",
-                found=f"{other.name}, {one.name}",
-                remedy=f"Name one in the configuration as {'uv'[one.number]}: NAME",
+                "this key does not apply to files of WRF, which describe themselves",
+                field=odd[0],
+                remedy="Remove it, or give u: and v: too to have the file read as any other NetCDF",
             )
-        chosen[one.number, levels.native] = one
-        if levels.note:
-            found.notes.add(levels.note)
-        found.rows.append(_rows(ds, one.name, one.number, axes, levels, naming))
-        if levels.native:
-            native.append(one.name)
-            found.rows.extend(_surface_pressure(ds, levels, naming))
-    found.rows.extend(_pressures(ds, native, naming))
-    if not chosen and not candidates:
-        cells, speed = cell_dimension(ds), speed_only(ds)
-        if cells:
-            raise unstructured(cells)
-        if speed:
-            raise InputError(
-                "a wind speed without components",
-                field=speed,
-                remedy="Winds are needed as u and v",
+        layout = layout_of(ds)
+        valid, lead = times_of_wrf(ds, naming.time)
+        grids = grids_of_wrf(ds, valid.size)
+        unknown = np.full(layout.levels.size, np.nan)
+        levels = Levels(layout.levels, bool(layout.pressure), unknown, unknown, first=layout.first)
+        kinds = {0: layout.winds[:1], 1: layout.winds[1:], PRESSURE: layout.pressure}
+        why = "the configuration" if naming.winds else "WRF's grid"
+        for kind, names in kinds.items():
+            if not names:
+                continue
+            one = ds[names[0]]
+            *outer, y, x = map(str, one.dims)
+            stored = _stored(
+                one,
+                names,
+                outer,
+                (y, x),
+                scale=layout.scale if kind == PRESSURE else 1.0,
+                stagger="x" if x != X else "y" if y != Y else "",
             )
-    return found
+            times = valid, lead, np.zeros_like(valid)
+            self._add_rows(stored, kind, levels, times, grids, naming.winds != "earth", why)
+
+    def _add_rows(
+        self,
+        stored: StoredField,
+        kind: int,
+        levels: Levels | None,
+        times: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]],
+        grids: Sequence[Grid],
+        along: bool | None,
+        why: str,
+    ) -> None:
+        """A row a field and level, without fields that have no time.
+
+        `times` are valid times, leads and members by field, `grids` one or one a field.
+        """
+        count = 1 if levels is None else levels.values.size
+        table = np.zeros((times[0].size, count), dtype=ROW_DTYPE)
+        for name, values in zip(("valid", "lead", "member"), times, strict=True):
+            table[name] = values[:, None]
+        numbers = [self._grids.setdefault(grid, len(self._grids)) for grid in grids]
+        table["grid"] = np.array(numbers)[:, None]
+        table["index"] = np.arange(table.size).reshape(table.shape)
+        table["file"], table["part"], table["kind"] = self._file, self._part, kind
+        table["offset"] = self.stored.setdefault(stored, len(self.stored))
+        table["level_kind"], table["b"] = HYBRID, 1.0
+        if levels is not None:
+            table["level"] = levels.values
+            table["level_kind"] = HYBRID if levels.native else ISOBARIC
+            if kind < PRESSURE:
+                table["a"], table["b"] = levels.a, levels.b
+            table = table[:, levels.first :]
+        self._rows.append((table[times[0] != MISSING].ravel(), along, why))
 
 
-def _only_level(ds: xr.Dataset, name: str, naming: Naming) -> xr.DataArray:
-    single = {
-        str(key)
-        for key, one in ds[name].coords.items()
-        if one.size == 1 and factor_of(one.attrs.get("units"), "pressure") is not None
-    }
-    key = naming.level or min(single, default=None)
-    if key is None:
-        raise OtherLevelsError("no vertical axis")
-    found: xr.DataArray = ds[key] if ds[key].ndim else ds[key].expand_dims(key)
-    return found
-
-
-def _rows(
-    ds: xr.Dataset, name: str, kind: int, axes: Axes, levels: Levels | None, naming: Naming
-) -> Rows:
-    """Rows of one variable; `levels` is None for a surface."""
-    outer = {d: int(ds.sizes[d]) for d in axes.outer}
-    valid, lead = times_of(ds, name, outer, naming)
-    member = np.zeros(valid.size, dtype=np.int64)
-    if axes.member:
-        numbers = members_of(ds, axes.member, outer[axes.member])
-        shape = [outer[d] if d == axes.member else 1 for d in outer]
-        member = np.broadcast_to(numbers.reshape(shape), tuple(outer.values())).ravel()
-    wind = kind < PRESSURE
-    written = naming.units.get(name, written_units(ds[name].attrs))
-    # surface pressure without a unit of pressure is its logarithm, as spectral models write it
-    exponential = kind == SURFACE and factor_of(written, "pressure") is None
-    unit = "wind" if wind else "pressure"
-    scale = 1.0 if exponential else required_factor(written, unit, name=name)
-    stored = StoredField(
-        names=(name,),
-        dims=tuple(map(str, ds[name].dims)),
-        outer=tuple(outer.items()),
-        level=axes.level_dim,
-        y=axes.y_dim,
-        x=axes.x_dim,
-        shape=tuple(ds[name].shape),
-        chunks=_chunks_of(ds[name], (axes.y_dim, axes.x_dim)),
-        scale=scale,
-        exponential=exponential,
-        either=axes.either,
-    )
-    along, why = along_grid(ds[name], naming) if wind else (None, "")
-    table = _table(kind, levels, valid, lead, member)
-    return Rows(stored, (grid_of_axes(ds, name, axes, naming),), table, along, why)
-
-
-def _table(
-    kind: int,
-    levels: Levels | None,
-    valid: NDArray[np.int64],
-    lead: NDArray[np.int64],
-    member: NDArray[np.int64],
-) -> Table:
-    """A row a field and level; fields without a time are left out."""
-    count = 1 if levels is None else levels.values.size
-    known = np.flatnonzero(valid != MISSING)
-    table = np.zeros((known.size, count), dtype=ROW_DTYPE)
-    columns = {"valid": valid, "lead": lead, "member": member, "index": np.arange(valid.size)}
-    for column, values in columns.items():
-        table[column] = values[known, None]
-    table["kind"], table["level_kind"], table["b"] = kind, HYBRID, 1.0
-    if levels is not None:
-        table["level"], table["level_index"] = levels.values, np.arange(count)
-        table["level_kind"] = HYBRID if levels.native else ISOBARIC
-        if kind < PRESSURE:
-            table["a"], table["b"] = levels.a, levels.b
-    return table.ravel()
-
-
-def _chunks_of(one: xr.DataArray, plane: tuple[str, str]) -> tuple[tuple[int, ...], ...]:
-    """Start of every chunk along each dimension, and the end.
+def _stored(
+    one: xr.DataArray,
+    names: tuple[str, ...],
+    outer: Sequence[str],
+    plane: tuple[str, str],
+    **how: Any,
+) -> StoredField:
+    """How a variable is read: its dimensions, and the start of every chunk and the end along each.
 
     Rows and columns count as one chunk: of these the box around the reports is read.
     """
@@ -365,76 +376,20 @@ def _chunks_of(one: xr.DataArray, plane: tuple[str, str]) -> tuple[tuple[int, ..
             (*(int(n),) * (size // int(n)), size % int(n)) if n else (size,)
             for n, size in zip(written, one.shape, strict=True)
         ]
-    found = []
+    chunks = []
     for dim, size, sizes in zip(map(str, one.dims), one.shape, lengths, strict=True):
-        ends = np.concatenate([[0], np.cumsum([n for n in sizes if n])])
-        found.append((0, size) if dim in plane else tuple(int(n) for n in ends))
-    return tuple(found)
-
-
-def _surface_pressure(ds: xr.Dataset, levels: Levels, naming: Naming) -> list[Rows]:
-    name = naming.surface_pressure or levels.surface
-    if not name or np.isnan(levels.b).all():
-        return []
-    coordinate(ds, name, "surface_pressure")
-    return [_rows(ds, name, SURFACE, axes_of(ds, name, naming), None, naming)]
-
-
-def _pressures(ds: xr.Dataset, native: list[str], naming: Naming) -> list[Rows]:
-    found = []
-    for key in ds.data_vars:
-        one, name = ds[key], str(key)
-        same = any(set(ds[n].dims) == set(one.dims) or ds[n].ndim == one.ndim for n in native)
-        named = one.attrs.get("standard_name") == "air_pressure" and same
-        if name == naming.pressure or one.attrs.get("GRIB_shortName") == "pres" or named:
-            axes = axes_of(ds, name, naming)
-            if axes.vertical is not None:
-                levels = _levels_of(ds, name, axes.vertical, naming)
-                found.append(_rows(ds, name, PRESSURE, axes, levels, naming))
-        elif one.attrs.get("GRIB_shortName") in ("sp", "lnsp"):
-            axes = axes_of(ds, name, naming)
-            found.append(_rows(ds, name, SURFACE, axes, None, naming))
-    return found
-
-
-def _describe_wrf(ds: xr.Dataset, naming: Naming) -> Described:
-    odd = [key for key in naming.given() if key not in ("winds", "time")]
-    if odd:
-        raise InputError(
-            "this key does not apply to files of WRF, which describe themselves",
-            field=odd[0],
-            remedy="Remove it, or give u: and v: too to have the file read as any other NetCDF",
-        )
-    layout = layout_of(ds)
-    valid, lead = times_of_wrf(ds, naming.time)
-    grids = grids_of_wrf(ds, valid.size)
-    distinct = tuple(dict.fromkeys(grids))
-    unknown = np.full(layout.levels.size, np.nan)
-    levels = Levels(layout.levels, bool(layout.pressure), unknown, unknown)
-    found = Described([], Counter(), set())
-    along = naming.winds != "earth"
-    kinds = [(0, layout.winds[:1]), (1, layout.winds[1:])]
-    for kind, names in [*kinds, *([(PRESSURE, layout.pressure)] if layout.pressure else [])]:
-        one = ds[names[0]]
-        y, x = str(one.dims[-2]), str(one.dims[-1])
-        stored = StoredField(
-            names=names,
-            dims=tuple(map(str, one.dims)),
-            outer=tuple((str(d), int(ds.sizes[d])) for d in one.dims[:-3]),
-            level=layout.level,
-            y=y,
-            x=x,
-            shape=tuple(one.shape),
-            chunks=_chunks_of(one, (y, x)),
-            scale=layout.scale if kind == PRESSURE else 1.0,
-            stagger="x" if x != X else "y" if y != Y else "",
-        )
-        table = _table(kind, levels, valid, lead, np.zeros_like(valid))
-        table["grid"] = np.array([distinct.index(one) for one in grids])[table["index"]]
-        table = table[table["level_index"] >= layout.first]
-        why = "the configuration" if naming.winds else "WRF's grid"
-        found.rows.append(Rows(stored, distinct, table, along, why))
-    return found
+        ends = np.cumsum([0, *(n for n in sizes if n)]).tolist()
+        chunks.append((0, size) if dim in plane else tuple(ends))
+    return StoredField(
+        names=names,
+        dims=tuple(map(str, one.dims)),
+        outer=tuple((d, int(one.sizes[d])) for d in outer),
+        y=plane[0],
+        x=plane[1],
+        shape=tuple(one.shape),
+        chunks=tuple(chunks),
+        **how,
+    )
 
 
 def _with_formula_pressures(table: Table) -> Table:
@@ -465,7 +420,16 @@ def _with_formula_pressures(table: Table) -> Table:
 
 
 def _levels_of(ds: xr.Dataset, name: str, level: xr.DataArray | None, naming: Naming) -> Levels:
-    level = _only_level(ds, name, naming) if level is None else level
+    if level is None:  # a coordinate of one value
+        single = {
+            str(key)
+            for key, one in ds[name].coords.items()
+            if one.size == 1 and factor_of(one.attrs.get("units"), "pressure") is not None
+        }
+        only = naming.level or min(single, default=None)
+        if only is None:
+            raise OtherLevelsError("no vertical axis")
+        level = ds[only] if ds[only].ndim else ds[only].expand_dims(only)
     words = str(level.attrs.get("formula_terms", level.encoding.get("formula_terms", ""))).split()
     terms = {key.rstrip(":"): value for key, value in zip(words[::2], words[1::2], strict=False)}
     kind, key = str(level.attrs.get("standard_name", "")), str(level.name)

@@ -11,7 +11,7 @@ are taken by their dates; a year of 360 days is refused.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Hashable, Iterable, Sequence
 
 import numpy as np
 import pandas as pd
@@ -59,10 +59,10 @@ def times_of(ds: xr.Dataset, name: str, outer: dict[str, int], naming: Naming) -
             found="coordinates " + (", ".join(map(str, ds[name].coords)) or "none"),
             remedy="Each field needs a valid time; name its coordinate as time: NAME",
         )
-    begun = None if run is None else _spread(stamps[str(run.name)], run, outer)
-    after = None if lead is None else _spread(_seconds(lead, naming), lead, outer)
+    begun = None if run is None else spread(stamps[str(run.name)], run.dims, outer)
+    after = None if lead is None else spread(_seconds(lead, naming), lead.dims, outer)
     if valid is not None:
-        at = _spread(stamps[str(valid.name)], valid, outer)
+        at = spread(stamps[str(valid.name)], valid.dims, outer)
     else:
         assert begun is not None
         at = begun if after is None else begun + after * 1_000_000_000
@@ -195,10 +195,8 @@ def _seconds(one: xr.DataArray, naming: Naming) -> Ints:
     return np.rint(np.asarray(values, dtype=np.float64) * factor).astype(np.int64)
 
 
-def _spread(values: Ints, one: xr.DataArray, outer: dict[str, int]) -> Ints:
-    """Values of a coordinate for every field."""
-    dims = [str(d) for d in one.dims]
-    order = [d for d in outer if d in dims]
-    values = values.transpose([dims.index(d) for d in order])
-    shape = [outer[d] if d in order else 1 for d in outer]
-    return np.broadcast_to(values.reshape(shape), tuple(outer.values())).ravel().copy()
+def spread(values: Ints, dims: Sequence[Hashable], outer: dict[str, int]) -> Ints:
+    """Values of a coordinate for every field, in the order of `outer`."""
+    fields = xr.DataArray(np.empty(tuple(outer.values()), dtype=np.int8), dims=tuple(outer))
+    found = xr.DataArray(values, dims=dims).broadcast_like(fields).transpose(*outer)
+    return np.asarray(found.values).ravel()
