@@ -1,91 +1,81 @@
-"""Datasets that cannot be used: one message that names the file, the field and what to do."""
+"""Datasets that cannot be used, and files that are damaged: a result, a count, or one message."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+import netCDF4
 import numpy as np
 import pytest
 import xarray as xr
+from benchmarks.fuzz.seeds import make_dataset_seeds
 
 import airswing
-from airswing.errors import InputError
-from tests.reference.gridded.datasets import latlon, projected
-
-LAT, LON = np.arange(30.0, 50.1, 2.5), np.arange(-110.0, -79.9, 2.5)
+from airswing.errors import LONGEST, InputError
+from airswing.handover.forecasts.stations import forecasts_at_stations
+from airswing.reference.catalogue import Catalogue
+from tests.reference.builders import LATLON, build, write
+from tests.reference.gridded.datasets import latlon, projected, winds
 
 
 def base() -> xr.Dataset:
-    return latlon(latitude=LAT, longitude=LON)
+    return latlon(latitude=np.arange(30.0, 50.1, 2.5), longitude=np.arange(-110.0, -79.9, 2.5))
 
 
-def without_units(ds: xr.Dataset, name: str) -> xr.Dataset:
-    ds[name].attrs.pop("units")
+def changed(name: str, attrs: dict[str, Any], ds: xr.Dataset | None = None) -> xr.Dataset:
+    ds = base() if ds is None else ds
+    ds[name].attrs = attrs
     return ds
 
 
-def speed_only(ds: xr.Dataset) -> xr.Dataset:
-    ds = ds.rename(u="ws").drop_vars("v")
-    ds.ws.attrs = {"standard_name": "wind_speed", "units": "m s-1"}
-    return ds
+def with_levels(values: np.ndarray, **attrs: str) -> xr.Dataset:
+    return base().assign_coords(level=("level", values, attrs))
 
 
-def heights(ds: xr.Dataset) -> xr.Dataset:
-    ds["level"] = ("level", np.arange(6.0) * 100, {"units": "m", "standard_name": "height"})
-    return ds
-
-
-def no_mapping() -> xr.Dataset:
-    ds = projected("lambert").drop_vars("crs")
-    return ds
-
-
-def odd_mapping() -> xr.Dataset:
-    ds = projected("lambert")
-    ds["crs"].attrs = {"grid_mapping_name": "my_own_projection"}
-    return ds
-
-
-def mixed() -> xr.Dataset:
-    ds = projected("lambert")
-    ds.va.attrs["standard_name"] = "northward_wind"
-    return ds
-
-
-def two_winds(ds: xr.Dataset) -> xr.Dataset:
-    return ds.assign(u2=ds.u.copy())
-
-
-def hybrid_without_pressure(ds: xr.Dataset) -> xr.Dataset:
-    ds["level"] = (
-        "level",
-        np.arange(1.0, 7.0),
-        {"standard_name": "atmosphere_hybrid_sigma_pressure_coordinate"},
-    )
-    return ds
-
-
+SPEED = {"standard_name": "wind_speed", "units": "m s-1"}
 CASES: dict[str, tuple[Callable[[], xr.Dataset], str]] = {
-    "no winds": (
-        lambda: base().drop_vars(["u", "v"]).assign(t=base().u.rename("t") * 0),
-        "no wind",
-    ),
+    "no winds": (lambda: base().drop_vars("v").rename(u="t").assign(t=0 * base().u), "no wind"),
     "u alone": (lambda: base().drop_vars("v"), "no wind"),
-    "speed only": (lambda: speed_only(base()), "wind speed without components"),
+    "speed only": (
+        lambda: changed("ws", SPEED, base().rename(u="ws").drop_vars("v")),
+        "wind speed without components",
+    ),
     "no levels": (lambda: base().isel(level=0, drop=True), "no wind"),
     "no time": (lambda: base().isel(time=0, drop=True), "no time axis"),
-    "units of u missing": (lambda: without_units(base(), "u"), "u: units missing"),
-    "heights": (lambda: heights(base()), "no wind"),
-    "no projection": (no_mapping, "projection that is not given"),
-    "unknown projection": (odd_mapping, "projection not known.*my_own_projection"),
-    "one along, one true": (mixed, "one component points along the grid"),
-    "two of one kind": (lambda: two_winds(base()), "two candidates for u"),
+    "no units": (lambda: changed("u", {"standard_name": "eastward_wind"}), "u: units missing"),
+    "heights": (
+        lambda: with_levels(np.arange(6.0) * 100, units="m", standard_name="height"),
+        "no wind",
+    ),
+    "hybrid without pressure": (
+        lambda: with_levels(
+            np.arange(1.0, 7.0), standard_name="atmosphere_hybrid_sigma_pressure_coordinate"
+        ),
+        "no wind",
+    ),
+    "no projection": (
+        lambda: projected("lambert").drop_vars("crs"),
+        "projection that is not given",
+    ),
+    "unknown projection": (
+        lambda: changed("crs", {"grid_mapping_name": "my_projection"}, projected("lambert")),
+        "projection not known.*my_projection",
+    ),
+    "one along, one true": (
+        lambda: changed(
+            "va",
+            {"units": "m/s", "grid_mapping": "crs", "standard_name": "northward_wind"},
+            projected("lambert"),
+        ),
+        "one component points along the grid",
+    ),
+    "two of one kind": (lambda: base().assign(u2=base().u), "two candidates for u"),
     "two level axes": (
         lambda: base().rename(level="tier").expand_dims(layer=[1.0, 2.0]).drop_vars("tier"),
         r"several dimensions may hold the levels.*level: NAME",
     ),
-    "hybrid without pressure": (lambda: hybrid_without_pressure(base()), "no wind"),
 }
 
 
@@ -110,26 +100,108 @@ def test_damaged_files_are_named_and_skipped(tmp_path: Path) -> None:
     (tmp_path / "empty.nc").write_bytes(b"")
     found = airswing.build_catalogue(str(tmp_path / "*.nc"), name="m")
     assert sorted(Path(one["file"]).name for one in found.skipped) == ["empty.nc", "short.nc"]
-    with pytest.raises(InputError, match="is empty"):
-        airswing.build_catalogue(str(tmp_path / "*.nc"), name="m", on_bad_file="fail")
-    with pytest.raises(InputError, match=r"short\.nc"):
-        airswing.build_catalogue(str(tmp_path / "short.nc"), name="m")
+    for pattern, words in (("*.nc", "is empty"), ("short.nc", r"short\.nc")):
+        with pytest.raises(InputError, match=words):
+            airswing.build_catalogue(str(tmp_path / pattern), name="m", on_bad_file="fail")
 
 
-def test_files_of_several_kinds(tmp_path: Path) -> None:
-    from tests.reference.builders import LATLON, build, write
-
+def test_files_and_engines_that_cannot_be_used_together(tmp_path: Path) -> None:
     base().to_netcdf(tmp_path / "a.nc")
     write(tmp_path / "b.grib", build(LATLON, parameter="u"), build(LATLON, parameter="v"))
     with pytest.raises(InputError, match=r"several kinds.*b\.grib.*a\.nc"):
         airswing.build_catalogue(str(tmp_path / "*"), name="m")
-
-
-def test_names_that_are_not_there() -> None:
-    for key in ("level", "latitude", "time"):
-        with pytest.raises(InputError, match=f"{key}|y"):
-            airswing.build_catalogue(base(), name="m", naming={key: "nothing"})
     with pytest.raises(InputError, match="no such engine"):
         airswing.build_catalogue("x", name="m", engine="magic")
     with pytest.raises(InputError, match="no file found"):
         airswing.build_catalogue("nowhere/*.nc", name="m")
+
+
+# damaged files
+
+
+@pytest.fixture(scope="module")
+def seeds(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    return make_dataset_seeds(tmp_path_factory.mktemp("seeds"))
+
+
+def found(path: Path, cache: Path, *, late: bool = False) -> tuple[Catalogue, np.ndarray]:
+    """Catalogue of a file, and u at 40 places on two levels; `late`: 40 days after the winds."""
+    when = np.datetime64("2009-09-16T09:00", "ns") + np.timedelta64(40 if late else 0, "D")
+    rng = np.random.default_rng(1)
+    columns = {"time": np.full(40, when), "latitude": rng.uniform(40.0, 45.0, 40)}
+    columns |= {"longitude": rng.uniform(-90.0, -85.0, 40)}
+    columns |= {"pressure": np.repeat([60_000.0, 70_000.0], 20)}
+    reports = xr.Dataset({name: ("report", values) for name, values in columns.items()})
+    model = airswing.build_catalogue(str(path), name="m", cache_dir=cache)
+    return model, winds(airswing.collocate(reports, {"m": model}))[0]
+
+
+def messages(path: Path) -> list[bytes]:
+    return [b"GRIB" + part for part in path.read_bytes().split(b"GRIB")[1:]]
+
+
+def test_a_section_that_ends_eccodes_costs_its_message(seeds: dict[str, Path], tmp_path: Path):
+    _, sound = found(seeds["GRIB2 Gaussian"], tmp_path)
+    parts = messages(seeds["GRIB2 Gaussian"])
+    deadly = bytearray(parts[4])
+    deadly[75] = 1  # byte 39 of section 3, the basic angle: ecCodes ends the process
+    path = tmp_path / "gaussian.grib"
+    path.write_bytes(b"".join([*parts[:4], deadly, parts[5]]))
+    model, u = found(path, tmp_path)
+    assert np.isfinite(sound).all()
+    np.testing.assert_array_equal(u, np.where(np.arange(40) < 20, sound, np.nan))
+    assert [one["count"] for one in model.skipped if one["what"] == "grid"] == [1]
+
+
+def test_values_of_a_station_forecast_that_no_atmosphere_has(
+    seeds: dict[str, Path], tmp_path: Path
+):
+    import pandas as pd
+
+    stations = pd.DataFrame({"station": ["A"], "latitude": [42.0], "longitude": [-88.0]})
+    parts = messages(seeds["station GRIB"])
+    scale = parts[1].index(b"\x05", 37 + 72 + 34) + 11  # binary scale of section 5
+    lying = parts[1][:scale] + b"\x00\x40" + parts[1][scale + 2 :]
+    path = tmp_path / "stations.grib"
+    path.write_bytes(b"".join([parts[0], lying, *parts[2:4], parts[4][:-30]]))
+    table, skipped = forecasts_at_stations([path], stations)
+    assert set(table["variable"]) == {"air_temperature"}
+    assert set(table["lead"]) == {3.0, 6.0}
+    assert sum(skipped.values()) == 2, skipped
+
+
+@pytest.mark.parametrize("kind", ["gridded NetCDF-4", "zarr", "GRIB2 model levels"])
+def test_model_times_far_from_every_report(kind: str, seeds: dict[str, Path], tmp_path: Path):
+    assert np.isnan(found(seeds[kind], tmp_path, late=True)[1]).all()
+
+
+LIES: list[tuple[str, Callable[[netCDF4.Dataset], object]]] = [
+    ("gridded NetCDF-4", lambda file: file["latitude"].setncattr("standard_name", 7)),
+    ("gridded NetCDF-4", lambda file: file["level"].setncattr("units", np.arange(3.0))),
+    ("gridded NetCDF-4", lambda file: file["longitude"].setncattr("axis", 1e30)),
+    ("gridded NetCDF-3", lambda file: file["time"].setncattr("units", "days since 0-0-0")),
+    ("wrfout", lambda file: file.setncattr("MAP_PROJ", "round")),
+    ("wrfout", lambda file: file["XLAT"].__setitem__((0, 4, 5), np.nan)),
+    ("wrfout", lambda file: file.setncattr("DX", "furlongs")),
+]
+
+
+@pytest.mark.parametrize(("kind", "lie"), LIES)
+def test_attributes_of_another_kind_end_in_a_result_or_one_message(
+    kind: str, lie: Callable[[netCDF4.Dataset], object], seeds: dict[str, Path], tmp_path: Path
+):
+    path = tmp_path / "lying.nc"
+    path.write_bytes(seeds[kind].read_bytes())
+    with netCDF4.Dataset(path, "a") as file:
+        lie(file)
+    try:
+        _, u = found(path, tmp_path)
+    except InputError as error:
+        assert str(path) in str(error) and len(str(error)) < LONGEST
+    else:
+        assert np.isfinite(u).any() and np.nanmax(np.abs(u)) < 40.0
+    if lie is LIES[-1][1]:  # among several files it is named and left out
+        (tmp_path / "sound.nc").write_bytes(seeds[kind].read_bytes())
+        model, u = found(tmp_path / "*.nc", tmp_path)
+        (left,) = [one for one in model.skipped if "lying.nc" in one["file"]]
+        assert "cannot be understood" in left["reason"] and np.isfinite(u).any()

@@ -1,0 +1,292 @@
+"""Files of model winds: compressed, at URLs, of foreign kinds, on several grids, and of WRF."""
+
+from __future__ import annotations
+
+import bz2
+import functools
+import gzip
+import http.server
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import airswing
+from airswing.errors import InputError
+from airswing.reference.catalogue import Catalogue, build_catalogue
+from tests.reference.builders import LATLON, build, write
+from tests.reference.gridded.datasets import points, winds
+from tests.reference.gridded.test_layouts import LAT, LON, P, base, check
+
+SIZE = LATLON["Ni"] * LATLON["Nj"]
+
+
+def at_first_time(model: Catalogue, *, chunks: int | None = None) -> np.ndarray:
+    """Winds within the grid of GRIB files."""
+    reports = points(LAT, LON + 5.0, P)
+    reports["time"] = ("report", np.full(P.size, model.times[0]))
+    reports = reports if chunks is None else reports.chunk(report=chunks)
+    return np.array(winds(airswing.collocate(reports, {"x": model})))
+
+
+@pytest.mark.parametrize("levels_far", [(300, 900), (200, 300, 500, 900)])
+def test_of_two_grids_the_one_around_the_reports_is_used(
+    levels_far: tuple[int, ...], tmp_path: Path
+) -> None:
+    """Also if the other grid has more levels."""
+    far = {**LATLON, "latitudeOfFirstGridPointInDegrees": -20.0}
+    far |= {"latitudeOfLastGridPointInDegrees": -40.0}
+    for order in ((far, LATLON), (LATLON, far)):
+        messages = [
+            build(keys, np.full(SIZE, 1.0 if keys is far else 7.0), parameter=p, level=level)
+            for keys in order
+            for level in (levels_far if keys is far else (300, 900))
+            for p in "uv"
+        ]
+        model = build_catalogue(
+            write(tmp_path / "x", *messages), name="x", cache_dir=tmp_path / "c"
+        )
+        assert any("grids" in note for note in model.notes)
+        for chunks in (None, 1):
+            np.testing.assert_allclose(at_first_time(model, chunks=chunks), 7.0)
+
+
+@pytest.mark.parametrize(("surface", "edition"), [(150, 2), (102, 2), (103, 2), (104, 2), (103, 1)])
+def test_levels_of_any_type_with_a_pressure(surface: int, edition: int, tmp_path: Path) -> None:
+    messages = []
+    for number, pressure in enumerate((95000.0, 60000.0, 30000.0), 1):
+        for parameter, value in (("u", np.log(pressure)), ("v", 1.0), ("p", pressure)):
+            values = np.full(SIZE, value) + 1e-3 * np.arange(SIZE)
+            if edition == 2:
+                category, code = {"u": (2, 2), "v": (2, 3), "p": (3, 0)}[parameter]
+                extra = {"parameterCategory": category, "parameterNumber": code}
+                extra |= {"typeOfFirstFixedSurface": surface, "scaleFactorOfFirstFixedSurface": 0}
+                extra |= {"scaledValueOfFirstFixedSurface": number}
+                messages.append(build(LATLON, values, bits=24, extra=extra))
+            else:
+                message = bytearray(build(LATLON, values, edition=1, bits=24))
+                message[16] = {"u": 33, "v": 34, "p": 1}[parameter]
+                message[17], message[18:20] = surface, number.to_bytes(2, "big")
+                messages.append(bytes(message))
+    model = build_catalogue(write(tmp_path / "x", *messages), name="x", cache_dir=tmp_path)
+    u, v = at_first_time(model)
+    np.testing.assert_allclose(u, np.log(P), atol=0.2)
+    assert np.isfinite(v).all()
+
+
+def test_keys_for_grib_are_honoured_or_refused_by_name(tmp_path: Path) -> None:
+    path = write(tmp_path / "x", *(build(LATLON, parameter=p) for p in "uv"))
+    for naming in ({"u": "U"}, {"units": {"u": "kt"}}, {"level": "lev"}, {"projection": "+proj=x"}):
+        (key,) = naming
+        with pytest.raises(InputError, match=rf"references\.x\.{key}: this key does not apply"):
+            build_catalogue(path, name="x", naming=naming, cache_dir=tmp_path)
+    with pytest.raises(InputError, match=r"references\.x\.winds: must be grid or earth"):
+        build_catalogue(path, name="x", naming={"winds": "north"}, cache_dir=tmp_path)
+
+
+@pytest.mark.parametrize("opener", [gzip.open, bz2.open])
+@pytest.mark.parametrize("kind", ["grib", "netcdf"])
+def test_compressed_files_are_read(
+    opener: Callable[..., object], kind: str, tmp_path: Path
+) -> None:
+    plain = tmp_path / "plain"
+    if kind == "netcdf":
+        base().to_netcdf(plain)
+    else:
+        values = np.arange(SIZE) / 10.0
+        levels = [(n, p) for n in (300, 900) for p in "uv"]
+        write(plain, *(build(LATLON, values, parameter=p, level=n) for n, p in levels))
+    packed = tmp_path / "packed.gz"
+    with opener(packed, "wb") as file:  # type: ignore[attr-defined]
+        file.write(plain.read_bytes())
+    one, two = (
+        build_catalogue(str(path), name="x", cache_dir=tmp_path / "c") for path in (plain, packed)
+    )
+    got = at_first_time(one)
+    assert np.isfinite(got).all()
+    np.testing.assert_array_equal(at_first_time(two), got)
+    packed.write_bytes(packed.read_bytes()[:-200])
+    with pytest.raises(InputError, match=r"cannot be decompressed|cannot be read|cannot be opened"):
+        build_catalogue(str(packed), name="x", cache_dir=tmp_path / "c", on_bad_file="fail")
+
+
+def test_more_compressed_files_than_are_kept_are_read_by_threads(tmp_path: Path) -> None:
+    """One field a file, as weather services give them; copies are removed when others come."""
+    values = np.arange(SIZE) / 10.0
+    for level in (200, 300, 500, 700, 850, 900):
+        for parameter in "uv":
+            message = build(LATLON, values, parameter=parameter, level=level)
+            (tmp_path / f"{parameter}_{level}.grib2.bz2").write_bytes(bz2.compress(message))
+    model = build_catalogue(str(tmp_path / "*.bz2"), name="x", cache_dir=tmp_path / "c")
+    reports = points(LAT, LON + 5.0, P)
+    reports["time"] = ("report", np.full(P.size, model.times[0]))
+    models = {f"x{number}": model for number in range(6)}
+    lazy = airswing.collocate(reports, models)
+    u = lazy.compute(scheduler="threads", num_workers=6)["reference_eastward_wind"]
+    assert np.isfinite(u).all()
+
+
+@pytest.mark.parametrize(
+    ("content", "expected"),
+    [
+        (b"PK\x03\x04rest", r"is a zip archive\. Unpack it first: unzip x\.nc"),
+        (b"<!DOCTYPE html><html>", "is a page of HTML"),
+        (b"\n<html>not found</html>", "is a page of HTML"),
+        (b"version https://git-lfs.github.com/spec/v1\n", "Git LFS pointer.*git lfs pull"),
+        (b'{"error": 404}', "is JSON"),
+        (b'<?xml version="1.0"?>', "is an XML document"),
+        (b"\x28\xb5\x2f\xfd0000", "compressed with zstandard"),
+        (b"BUFR00000", "is BUFR"),
+        (b"", "is empty"),
+        (b"time,lat\n", "is text"),
+        (b"36, 1001\nPI\n", "is ICARTT"),
+        (b"\x80\x04\x95\x00", "no whole GRIB message in it, and neither NetCDF nor Zarr"),
+    ],
+)
+def test_foreign_files_are_named(content: bytes, expected: str, tmp_path: Path) -> None:
+    path = tmp_path / "x.nc"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=expected) as caught:
+        build_catalogue(str(path), name="x")
+    assert str(path) in str(caught.value)
+    base().to_netcdf(tmp_path / "good.nc")
+    found = build_catalogue(str(tmp_path / "*.nc"), name="x")
+    assert len(found) == 2 and [Path(one["file"]).name for one in found.skipped] == ["x.nc"]
+
+
+def test_observations_are_no_model_winds(tmp_path: Path) -> None:
+    track = xr.Dataset({"u": ("obs", [1.0])}, attrs={"featureType": "trajectory"})
+    track.to_netcdf(tmp_path / "track.nc")
+    track.to_netcdf(tmp_path / "ioda.nc", group="ObsValue")
+    for name, kind in (("track", "featureType trajectory"), ("ioda", "IODA")):
+        with pytest.raises(InputError, match=rf"holds observations .{kind}.*under reports"):
+            build_catalogue(str(tmp_path / f"{name}.nc"), name="x")
+
+
+@pytest.mark.parametrize("since", ["-4713-11-24 12:00", "-4712-01-01 12:00"])
+def test_julian_dates_of_a_file(since: str, tmp_path: Path) -> None:
+    units = {"units": f"days since {since}", "calendar": "standard"}
+    ds = base().isel(time=[0]).assign_coords(time=("time", [2459894.5], units))
+    ds.to_netcdf(tmp_path / "x.nc")
+    check(str(tmp_path / "x.nc"))
+
+
+@pytest.mark.parametrize("order", ["ab", "ba"])
+def test_of_two_files_with_other_values_neither_is_used(order: str, tmp_path: Path) -> None:
+    for name, change in zip(order, (0.0, 5.0), strict=True):
+        ds = base()
+        ds["u"] += change
+        ds.to_netcdf(tmp_path / f"{name}.nc")
+    with pytest.raises(InputError, match="given again with other values"):
+        build_catalogue(str(tmp_path / "*.nc"), name="x")
+
+
+def test_winds_in_a_group(tmp_path: Path) -> None:
+    ds = base()
+    ds.to_netcdf(tmp_path / "x.nc", group="model/levels")
+    model = build_catalogue(str(tmp_path / "x.nc"), name="x")
+    assert "winds of the group /model/levels" in model.notes
+    check(str(tmp_path / "x.nc"))
+    ds.to_netcdf(tmp_path / "y.nc", group="model/levels")
+    ds.to_netcdf(tmp_path / "y.nc", group="other", mode="a")
+    with pytest.raises(InputError, match=r"winds in several groups.*group="):
+        build_catalogue(str(tmp_path / "y.nc"), name="x")
+
+
+@pytest.mark.parametrize("dimension", ["ncells", "nCells", "cell", "ncol", "values"])
+def test_unstructured_grids_are_named(dimension: str) -> None:
+    ds = base().stack({dimension: ("latitude", "longitude")}).reset_index(dimension)
+    with pytest.raises(InputError, match=r"unstructured grid.*cdo remapbil"):
+        build_catalogue(ds, name="x")
+
+
+def test_urls_are_read_through_fsspec(tmp_path: Path) -> None:
+    import fsspec
+
+    base().to_netcdf(tmp_path / "x.nc")
+    whole = (tmp_path / "x.nc").read_bytes()
+    contents = {"x.nc": whole, "x.nc.gz": gzip.compress(whole), "page.nc": b"<html>log in</html>"}
+    for name, content in contents.items():
+        with fsspec.open(f"memory://models/{name}", "wb") as file:
+            file.write(content)
+    for name in ("x.nc", "x.nc.gz", "x.n*c"):
+        check(f"memory://models/{name}")
+    with pytest.raises(InputError, match=r"page\.nc: is a page of HTML"):
+        build_catalogue("memory://models/page.nc", name="x")
+    with pytest.raises(InputError, match=r"memory://models/absent\.nc: cannot be"):
+        build_catalogue("memory://models/absent.nc", name="x", on_bad_file="fail")
+
+
+@pytest.mark.parametrize("name", ["store.zarr", "store.zarr-v3", "store"])
+def test_zarr_at_a_url(name: str) -> None:
+    base().to_zarr(f"memory://{name}", mode="w")
+    check(f"memory://{name}")
+
+
+def test_files_of_a_web_server_need_no_optional_package(tmp_path: Path) -> None:
+    base().to_netcdf(tmp_path / "x.nc")
+    handler = functools.partial(http.server.SimpleHTTPRequestHandler, directory=str(tmp_path))
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        address = f"http://127.0.0.1:{server.server_port}"
+        check(f"{address}/x.nc")
+        with pytest.raises(InputError, match=r"absent\.nc: cannot be opened.*404"):
+            build_catalogue(f"{address}/absent.nc", name="x")
+        server.shutdown()
+
+
+# WRF
+
+LOW = np.array([60000.0, 52000.0, 81000.0])
+
+
+def wrf_winds(ds: xr.Dataset, folder: Path) -> np.ndarray:
+    path = folder / f"{len(list(folder.iterdir()))}.nc"  # the one before is still open
+    ds.to_netcdf(path)
+    model = build_catalogue(str(path), name="wrf")
+    names = ("XLAT", "XLONG") if "XLAT" in ds else ("XLAT_M", "XLONG_M")
+    lat, lon = (ds[n].values[0, [20, 25, 28], [18, 24, 30]] + 0.02 for n in names)
+    reports = points(lat, lon, LOW)
+    reports["time"] = ("report", np.full(3, model.times[0]))
+    return np.array(winds(airswing.collocate(reports, {"wrf": model})))
+
+
+def test_files_of_wrf_in_several_layouts(real: Callable[[str], Path], tmp_path: Path) -> None:
+    whole = xr.open_dataset(
+        real("models/wrfpython_ci_test_file.nc"), decode_times=False, engine="netcdf4"
+    ).isel(Time=[0])
+    whole = whole[["Times", "XTIME", "U", "V", "P", "PB", "XLAT", "XLONG"]].load()
+    for name in whole.variables:
+        whole[name].encoding = {}
+    expected = wrf_winds(whole, tmp_path)
+    assert np.isfinite(expected).all()
+    start = str(whole.attrs["START_DATE"]).replace("_", " ")
+    minutes = whole.drop_vars("Times")
+    minutes["XTIME"].attrs["units"] = f"minutes since {start}"
+    np.testing.assert_array_equal(wrf_winds(minutes, tmp_path), expected)
+    with_coordinate = minutes.rename(XTIME="time")
+    np.testing.assert_array_equal(wrf_winds(with_coordinate, tmp_path), expected)
+    for naming in ({"units": {"U": "kt"}}, {"level": "bottom_top"}):
+        with pytest.raises(InputError, match="does not apply to files of WRF"):
+            build_catalogue(whole, name="wrf", naming=naming)
+    # met_em: unequal names, a full pressure, the ground as the first level
+    pressure = (whole.P + whole.PB).rename("PRES")
+    met = whole.rename(U="UU", V="VV", XLAT="XLAT_M", XLONG="XLONG_M").drop_vars(["P", "PB"])
+    met = xr.concat(
+        [met.assign(PRES=pressure).isel(bottom_top=[k]) for k in [5, *range(14)]],
+        "bottom_top",
+        data_vars="minimal",
+    ).rename(bottom_top="num_metgrid_levels")
+    np.testing.assert_allclose(wrf_winds(met, tmp_path), expected, atol=1e-5)
+    # winds on pressure levels at mass points, linear in ln p
+    levels = np.array([20000.0, 50000.0, 90000.0], dtype="f4")
+    shape = (1, 3, whole.sizes["south_north"], whole.sizes["west_east"])
+    dims = ("Time", "num_press_levels_stag", "south_north", "west_east")
+    field = np.broadcast_to(np.log(levels)[None, :, None, None], shape)
+    plain = whole.drop_vars(["U", "V", "P", "PB"])
+    plain["U_PL"], plain["V_PL"] = (dims, field.copy()), (dims, -field)
+    plain["P_PL"] = (dims[:2], levels[None])
+    np.testing.assert_allclose(wrf_winds(plain, tmp_path), [np.log(LOW), -np.log(LOW)], atol=1e-4)
