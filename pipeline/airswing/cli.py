@@ -273,7 +273,7 @@ class _WithFormats(TyperCommand):
         from airswing.handover.export import FORMATS
 
         # \b: lines that are not joined to a paragraph
-        known = (f"  {name}: {summary}." for name, summary in FORMATS.items())
+        known = (f"  {name}: {summary}." for name, (_, summary) in FORMATS.items())
         self.epilog = "\n".join(["\b", "FORMAT is one of", *known])
         super().format_help(ctx, formatter)
 

@@ -17,6 +17,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
+from airswing.flags import CORRECTION
 from airswing.physics.compass_deviation import deviation_basis
 from airswing.products.ragged import aircraft_of_report, blocks
 
@@ -40,7 +41,7 @@ class Part:
     wind: Floats  # (2, report): eastward and northward, as reported, m/s
     model: dict[str, Floats]  # (2, report): of each reference or pool
     corrected: Floats  # (2, report): as reported without a corrected product
-    applied: NDArray[np.integer] | None  # (report,): codes of `CORRECTION`
+    applied: NDArray[np.integer]  # (report,): codes of `CORRECTION`
 
     def column(self, name: str) -> Floats:
         """A variable of the reports."""
@@ -64,7 +65,9 @@ def parts_of(
         aircraft = aircraft_of_report(block) + first
         first += block.sizes["aircraft"]
         better = next(others, block)
-        applied = better.get("correction_applied")
+        applied = np.full(aircraft.size, CORRECTION["corrected"])
+        if "correction_applied" in better:
+            applied = better["correction_applied"].to_numpy()
         yield Part(
             block,
             aircraft,
@@ -75,7 +78,7 @@ def parts_of(
                 for key, members in pools.items()
             },
             _vectors(better, WINDS[:2] if better is block else CORRECTED_WINDS),
-            None if applied is None else applied.to_numpy(),
+            applied,
         )
 
 

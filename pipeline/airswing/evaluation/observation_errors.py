@@ -163,8 +163,7 @@ def disagreements(
         }
         good = (columns["cell"] >= 0) & ~np.isnat(time)
         good &= np.all(np.isfinite([before, after, *apart]), axis=(0, 1))
-        if part.applied is not None:
-            good &= np.isin(part.applied, _APPLIED)
+        good &= np.isin(part.applied, _APPLIED)
         table = pd.DataFrame(columns | pairs)[good]
         sums.append(table.groupby(_KEY)[[*_SUMMED, *pairs]].sum())
         np.add.at(speeds, (table["cell"], table["speed"].astype(int)), 1.0)

@@ -1,18 +1,20 @@
 """Export of corrected winds in the format an assimilation system reads.
 
-Assumes the corrected product of a run or its Dataset. A format of `FORMATS` is a function
-``write_NAME(request)`` of the module of its name, or of ``wrf_reports``.
+Assumes the corrected product of a run or its Dataset.
 """
 
 from __future__ import annotations
 
-import importlib
-import json
-from dataclasses import dataclass
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 from airswing.errors import InputError
+from airswing.handover.jedi import write_jedi
+from airswing.handover.obs_errors import write_obs_errors
+from airswing.handover.reject_list import write_reject_list
+from airswing.handover.request import Request, Winds
+from airswing.handover.wrf_reports import write_little_r, write_ob_ascii, write_obs_domain
 from airswing.products.whole_files import findings
 
 if TYPE_CHECKING:
@@ -20,34 +22,20 @@ if TYPE_CHECKING:
 
     from airswing.config import Handover
 
-Winds = Literal["corrected", "reported"]
-FORMATS = {
-    "jedi": "errors by aircraft and pressure for JEDI (CSV)",
-    "little_r": "reports for OBSPROC, to WRFDA",
-    "ob_ascii": "reports for WRFDA, each with its error",
-    "obs_domain": "reports for WRF's observation nudging",
-    "obs_errors": "wind errors for OBSPROC and WRFDA (obserr.txt)",
-    "reject_list": "a GSI reject list without the aircraft whose corrected winds pass",
+Writer = Callable[[Request], dict[str, Any]]
+FORMATS: dict[str, tuple[Writer, str]] = {
+    "jedi": (write_jedi, "errors by aircraft and pressure for JEDI (CSV)"),
+    "little_r": (write_little_r, "reports for OBSPROC, to WRFDA"),
+    "ob_ascii": (write_ob_ascii, "reports for WRFDA, each with its error"),
+    "obs_domain": (write_obs_domain, "reports for WRF's observation nudging"),
+    "obs_errors": (write_obs_errors, "wind errors for OBSPROC and WRFDA (obserr.txt)"),
+    "reject_list": (
+        write_reject_list,
+        "a GSI reject list without the aircraft whose corrected winds pass",
+    ),
 }
-"""Formats by name."""
-_MODULES = dict.fromkeys(("little_r", "ob_ascii", "obs_domain"), "wrf_reports")  # else of its name
+"""Writer and summary of each format."""
 SHOWN = 5  # files, and aircraft, named in the text for a person
-ERRORS = "observation_errors.nc"
-
-
-@dataclass(frozen=True)
-class Request:
-    """Arguments of one export, as every format takes them."""
-
-    corrected: xr.Dataset  # corrected reports, in memory or opened lazily
-    path: Path  # file or folder to write
-    folder: bool  # whether it is a folder
-    settings: Handover  # of the configuration, with the options of the command
-    winds: Winds = "corrected"
-    window: float | None = None  # s; each window of time gets a file
-    soundings: bool = False  # join every ascent and descent into one report
-    overwrite: bool = False
-    products: Path | None = None  # folder of the run's other products
 
 
 def export(
@@ -133,9 +121,7 @@ def export(
             overwrite,
             None if product is None else product.parent,
         )
-        module = importlib.import_module(f"airswing.handover.{_MODULES.get(to, to)}")
-        written: dict[str, Any] = getattr(module, f"write_{to}")(request)
-        return findings({"format": to, "winds": winds, **written})
+        return findings({"format": to, "winds": winds, **FORMATS[to][0](request)})
     finally:
         if product is not None:
             ds.close()
@@ -175,43 +161,3 @@ def as_text(result: dict[str, Any]) -> str:
         more = [f"and {len(numbers) - SHOWN:,} more (--json)"] if len(numbers) > SHOWN else []
         lines.append(f"aircraft by number: {', '.join([*numbers[:SHOWN], *more])}")
     return "\n".join([*lines, *result.get("notes", [])])
-
-
-def product_of_run(request: Request, name: str, *, why: str) -> xr.Dataset:
-    """Open another product of the same run lazily; ``why`` it is needed is part of the message."""
-    from airswing.products.netcdf import open_product, product_path
-
-    if request.products is None:
-        raise InputError(
-            f"the product {name} is needed: {why}",
-            field="corrected",
-            remedy="Give the path of a run's corrected winds instead of a Dataset",
-        )
-    path = product_path(request.products, name)
-    if not path.exists():
-        raise InputError(
-            f"no such product, and it is needed: {why}",
-            file=path,
-            remedy="Run `airswing run` with the same configuration first",
-        )
-    return open_product(path)
-
-
-def correction_members(corrected: xr.Dataset) -> list[str]:
-    """References the correction was fitted against; empty where the product does not name them."""
-    config = json.loads(str(corrected.attrs.get("airswing_config", "") or "{}"))
-    pools = {name: [name] for name in config.get("references", {})} | config.get("pool", {})
-    name = str(corrected.attrs.get("correction_reference", ""))
-    first = next(iter([*config.get("pool", {}), *config.get("references", {})]), "")
-    return list(pools.get(name, pools.get(first, [])))
-
-
-def refuse_existing(request: Request, *targets: Path) -> None:
-    """Raise InputError where a file would be replaced without ``overwrite``."""
-    for target in targets:
-        if target.is_dir() or (target.exists() and not request.overwrite):
-            raise InputError(
-                "already exists",
-                file=target,
-                remedy="Choose another name with -o, or give --overwrite",
-            )

@@ -15,8 +15,8 @@ import numpy as np
 
 from airswing.errors import InputError
 from airswing.flags import published
-from airswing.handover.export import Request, product_of_run, refuse_existing
-from airswing.handover.selection import identifiers, names_of, selected_rows
+from airswing.handover.request import Request, product_of_run, refuse_existing
+from airswing.handover.selection import identifiers, selected_rows
 from airswing.handover.wind_errors import WindErrors, base_variance, bounded, known_errors
 
 if TYPE_CHECKING:
@@ -43,8 +43,8 @@ def write_jedi(request: Request) -> dict[str, Any]:
     targets = {name: request.path / f"wind_error_{name}.csv" for name in COMPONENTS}
     coefficients = request.path / COEFFICIENTS
     refuse_existing(request, *targets.values(), coefficients)
-    names = names_of(request.corrected)
-    written = dict(zip(names, identifiers(request.corrected, request.settings), strict=True))
+    names = request.aircraft
+    written = dict(zip(names, identifiers(request), strict=True))
     rows = _error_rows(request, written)
     with product_of_run(request, "fits", why="it holds the coefficients") as fits:
         reference = str(request.corrected.attrs.get("correction_reference", ""))

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from airswing.errors import InputError
-from airswing.handover.export import Request, refuse_existing
+from airswing.handover.request import Request, refuse_existing
 from airswing.handover.selection import PLATFORMS, platforms
 from airswing.handover.wind_errors import base_variance, bounded, known_errors
 
@@ -46,7 +46,7 @@ def write_obs_errors(request: Request) -> dict[str, Any]:
             text = Path(base).read_bytes().decode("latin-1")
         except OSError as err:
             raise InputError("cannot be read", file=base, found=err.strerror) from err
-    codes = set(platforms(request.corrected, request.settings).tolist())
+    codes = set(platforms(request).tolist())
     tamdar = PLATFORMS.index("TAMDAR")
     types = ["TAMDARS"] * (tamdar in codes) + ["AIREPS"] * bool(codes - {tamdar})
     known = known_errors(request, required=True)

@@ -15,25 +15,21 @@ more) and length of the vector difference (``W``). Identifiers are compared with
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from airswing.errors import InputError
-from airswing.handover.export import (
+from airswing.handover.request import (
     Request,
     correction_members,
     product_of_run,
     refuse_existing,
 )
-from airswing.handover.selection import APPLIED, names_of
-
-Floats = NDArray[np.float64]
+from airswing.handover.selection import APPLIED
 
 FILE_NAME = "current_bad_aircraft"
 HEADER_LINES = 16  # that GSI skips, whatever they hold
@@ -46,7 +42,6 @@ _SHOWN = 12  # aircraft named in the notes
 _CRITERION = re.compile(r"\b((?:bias|std|rms)_\w+)\s*>\s*(\d+(?:\.\d*)?|\.\d+)")
 _FLAGS = ((10, b"T"), (12, b"W"), (14, b"R"))
 _SECOND = slice(21, 29)
-_WINDS = ("eastward_wind", "northward_wind")
 
 
 @dataclass(frozen=True)
@@ -70,27 +65,6 @@ class RejectList:
     filled: int  # blank second identifiers that were replaced by dashes
 
 
-@dataclass(frozen=True)
-class Judged:
-    """One aircraft of the archive, judged by the criteria of a list."""
-
-    name: str
-    reports: int  # that could be corrected
-    winds_a_day: float  # winds that could be used if they were accepted
-    reported: dict[str, float]  # statistics by criterion
-    corrected: dict[str, float]
-    reported_fails: list[str]  # criteria that are exceeded
-    corrected_fails: list[str]
-
-    def content(self) -> dict[str, Any]:
-        """Values for JSON."""
-        return vars(self) | {
-            "winds_a_day": round(self.winds_a_day, 1),
-            "reported": {name: round(value, 2) for name, value in self.reported.items()},
-            "corrected": {name: round(value, 2) for name, value in self.corrected.items()},
-        }
-
-
 def write_reject_list(request: Request) -> dict[str, Any]:
     """Write the changed list.
 
@@ -109,18 +83,20 @@ def write_reject_list(request: Request) -> dict[str, Any]:
     current = read_reject_list(request.settings.base)
     target = request.path / FILE_NAME if request.folder else request.path
     refuse_existing(request, target)
-    fleet = _judged(request, current.criteria)
-    by_name = {_plain(judged.name): judged for judged in fleet}
-    lines = [current.header]
+    by_name = {_plain(aircraft["name"]): aircraft for aircraft in _judged(request, current)}
+    lines, listed = [current.header], set()
     removed: list[dict[str, Any]] = []
     kept: list[dict[str, Any]] = []
     for entry in current.entries:
         line = entry.line
         if "W" in entry.flags:
-            judged = by_name.get(_plain(entry.identifier)) or by_name.get(_plain(entry.second))
-            passes, why = _verdict(entry, judged, current.criteria)
-            content = {} if judged is None else judged.content()
-            found = {"aircraft": entry.identifier, "why": why, **content}
+            name = next(
+                (n for n in map(_plain, (entry.identifier, entry.second)) if n in by_name), ""
+            )
+            aircraft = by_name.get(name)
+            listed.add(name)
+            passes, why = _verdict(entry, aircraft, current.criteria)
+            found = {"aircraft": entry.identifier, "why": why, **_rounded(aircraft or {})}
             if passes:
                 flags = entry.flags.replace("W", "")
                 removed.append({**found, "still_rejected": flags})
@@ -130,11 +106,10 @@ def write_reject_list(request: Request) -> dict[str, Any]:
         lines.append(line)
     with atomic(target) as temporary:
         temporary.write_bytes(b"".join(lines))
-    listed = {one.get("name") for one in [*removed, *kept]}
     failing = [
-        judged.content()
-        for judged in fleet
-        if judged.reported_fails and judged.reports >= FEWEST and judged.name not in listed
+        _rounded(aircraft)
+        for name, aircraft in by_name.items()
+        if aircraft["reported_fails"] and aircraft["reports"] >= FEWEST and name not in listed
     ]
     known = [one for one in kept if "name" in one]
     gained = sum(one["winds_a_day"] for one in removed)
@@ -169,11 +144,13 @@ def write_reject_list(request: Request) -> dict[str, Any]:
     }
 
 
-def _verdict(entry: Entry, judged: Judged | None, criteria: dict[str, float]) -> tuple[bool, str]:
+def _verdict(
+    entry: Entry, judged: dict[str, Any] | None, criteria: dict[str, float]
+) -> tuple[bool, str]:
     """Whether the wind of an entry is accepted again, and why; None is not in the archive."""
     if judged is None:
         return False, "not in the archive"
-    if judged.reports == 0:
+    if judged["reports"] == 0:
         return False, "its winds could not be corrected"
     # Reasons of temperature or humidity are answered by the flags T and R that remain.
     others = "T" in entry.flags or "R" in entry.flags
@@ -186,12 +163,14 @@ def _verdict(entry: Entry, judged: Judged | None, criteria: dict[str, float]) ->
         return False, f"listed for another reason: {' '.join(unanswered)}"
     if not any(_of_wind(name) for name in entry.reasons):
         return False, "the list gives no reason for rejecting its wind"
-    if judged.reports < FEWEST:
-        return False, f"{judged.reports} corrected reports, {FEWEST} are needed"
-    if judged.corrected_fails:
-        fails = ", ".join(f"{name} {judged.corrected[name]:.1f}" for name in judged.corrected_fails)
+    if judged["reports"] < FEWEST:
+        return False, f"{judged['reports']} corrected reports, {FEWEST} are needed"
+    before, fails = (
+        ", ".join(f"{name} {judged[state][name]:.1f}" for name in judged[f"{state}_fails"])
+        for state in ("reported", "corrected")
+    )
+    if fails:
         return False, f"corrected winds fail too: {fails}"
-    before = ", ".join(f"{name} {judged.reported[name]:.1f}" for name in judged.reported_fails)
     return True, f"corrected winds meet every criterion (as reported: {before or 'no criterion'})"
 
 
@@ -232,13 +211,7 @@ def read_reject_list(path: Path) -> RejectList:
             remedy=f"Write them into its first 16 lines, such as `bias_DIR > 7`; known are "
             f"{', '.join(WIND_CRITERIA)}",
         )
-    filled = 0
-    for place, entry in enumerate(entries):
-        body = entry.line.rstrip(b"\r\n")
-        if entry.identifier and not body[_SECOND].strip():
-            line = body[:21].ljust(21) + b"--------" + body[29:] + entry.line[len(body) :]
-            entries[place] = replace(entry, line=line)
-            filled += 1
+    filled = sum(a.line != b for a, b in zip(entries, lines[HEADER_LINES:], strict=True))
     return RejectList(header, entries, criteria, filled)
 
 
@@ -251,6 +224,8 @@ def _entry(line: bytes) -> Entry:
         return Entry(line)
     second = body[_SECOND].strip()
     reasons = re.search(rb"\(([^()]*)\)?\s*$", body[29:])
+    if not second:
+        line = body[:21].ljust(21) + b"--------" + body[29:] + line[len(body) :]
     return Entry(
         line,
         identifier[1].decode("latin-1"),
@@ -260,82 +235,66 @@ def _entry(line: bytes) -> Entry:
     )
 
 
-def _judged(request: Request, criteria: dict[str, float]) -> list[Judged]:
+def _judged(request: Request, current: RejectList) -> list[dict[str, Any]]:
     """Every aircraft of the archive by the criteria of wind, as reported and as corrected.
 
     Both states are judged on the reports that passed the screening and were corrected, which are
-    compared with the mean of the references the correction was fitted against.
+    compared with the mean of the references the correction was fitted against. Of each aircraft
+    ``name``, corrected ``reports``, ``winds_a_day`` that could be used if they were accepted, and
+    of both states the statistics by criterion and which limits they exceed (``*_fails``).
     """
-    from airswing.evaluation.disagreement import reference_mean
+    from airswing.evaluation.disagreement import innovations, parts_of
     from airswing.evaluation.innovations import profile_cells
-    from airswing.products.ragged import aircraft_of_report, blocks, time_span
+    from airswing.products.ragged import time_span
 
-    needed = [*_WINDS, *(f"reference_{name}" for name in _WINDS), "pressure", "phase", "screening"]
-    better = [*(f"corrected_{name}" for name in _WINDS), "correction_applied"]
-    parts, first_aircraft = [], 0
-    with product_of_run(
-        request, "headings", why="it holds the model winds the criteria are applied to"
-    ) as headings:
+    tables = []
+    why = "it holds the model winds the criteria are applied to"
+    with product_of_run(request, "headings", why=why) as headings:
         known = [str(name) for name in headings["reference"].to_numpy()]
         members = [name for name in correction_members(request.corrected) if name in known]
+        pools, needed = {"": members or known[:1]}, ["pressure", "phase", "screening"]
         first, last = time_span(headings)
-        for block, other in zip(
-            blocks(headings, needed), blocks(request.corrected, better), strict=True
-        ):
-            model = reference_mean(block, members or known[:1])
-            wind = [model[f"reference_{name}"].to_numpy() for name in _WINDS]
-            reported = [block[name].to_numpy() for name in _WINDS]
-            corrected = [other[f"corrected_{name}"].to_numpy() for name in _WINDS]
-            usable = (profile_cells(block) >= 0) & np.isfinite(wind[0]) & np.isfinite(reported[0])
-            good = usable & np.isin(other["correction_applied"].to_numpy(), APPLIED)
-            good &= np.isfinite(corrected[0])
-            row = pd.Index(aircraft_of_report(block) + first_aircraft)
-            differences = _differences("reported", reported, wind)
-            differences |= _differences("corrected", corrected, wind)
-            grouped = pd.DataFrame(differences, index=row)[good].groupby(level=0)
-            mean, spread = grouped.mean(), grouped.std(ddof=0)
-            found = {"bias": mean, "std": spread, "rms": (mean**2 + spread**2) ** 0.5}
-            found["reports"] = grouped.size().rename("good").to_frame()
-            found["reports"]["usable"] = row[usable].value_counts()
-            # Aircraft are whole in a block.
-            places = first_aircraft + np.arange(block.sizes["aircraft"])
-            parts.append(pd.concat(found, axis=1).reindex(places))
-            first_aircraft += block.sizes["aircraft"]
-    days = max((last - first) / np.timedelta64(1, "D"), 1.0)
-    statistics = pd.concat(parts)
-    number = statistics["reports"].fillna(0)
-    judged = []
-    for place, name in enumerate(names_of(request.corrected)):
-        values: dict[str, dict[str, float]] = {}
-        fails: dict[str, list[str]] = {}
-        for state in ("reported", "corrected"):
-            values[state] = {}
-            for one in (one for one in WIND_CRITERIA if one in criteria):
-                kind, what = one.split("_")
-                values[state][one] = float(statistics[kind, f"{what} {state}"].iloc[place])
-            fails[state] = [one for one, v in values[state].items() if abs(v) > criteria[one]]
-        judged.append(
-            Judged(
-                name,
-                int(number["good"].iloc[place]),
-                float(number["usable"].iloc[place] / days),
-                *(values["reported"], values["corrected"]),
-                *(fails["reported"], fails["corrected"]),
+        for part in parts_of(headings, pools, needed, request.corrected):
+            usable = (profile_cells(part.block) >= 0) & np.isfinite(
+                part.wind[0] + part.model[""][0]
             )
-        )
+            good = usable & np.isin(part.applied, APPLIED) & np.isfinite(part.corrected[0])
+            columns: dict[Any, Any] = {"aircraft": part.aircraft, "usable": usable, "good": good}
+            for state, wind in (("reported", part.wind), ("corrected", part.corrected)):
+                found = innovations(*wind, *part.model[""])
+                columns[state, "S"], columns[state, "DIR"] = found["speed"], found["direction"]
+                columns[state, "W"] = np.hypot(found["eastward"], found["northward"])
+            tables.append(pd.DataFrame(columns))
+    days = max((last - first) / np.timedelta64(1, "D"), 1.0)
+    table = pd.concat(tables)
+    everyone = range(len(request.aircraft))
+    counts = table.groupby("aircraft")[["usable", "good"]].sum().reindex(everyone, fill_value=0)
+    grouped = table[table.pop("good")].drop(columns="usable").groupby("aircraft")
+    mean, spread = (one.reindex(everyone) for one in (grouped.mean(), grouped.std(ddof=0)))
+    statistics = {"bias": mean, "std": spread, "rms": (mean**2 + spread**2) ** 0.5}
+    judged = []
+    for place, name in enumerate(request.aircraft):
+        usable, good = counts.iloc[place]
+        aircraft: dict[str, Any] = {"name": name, "reports": int(good)}
+        aircraft["winds_a_day"] = float(usable / days)
+        for state in ("reported", "corrected"):
+            values = {}
+            for criterion in (one for one in WIND_CRITERIA if one in current.criteria):
+                kind, quantity = criterion.split("_")
+                values[criterion] = float(statistics[kind][state, quantity].iloc[place])
+            fails = [one for one, value in values.items() if abs(value) > current.criteria[one]]
+            aircraft |= {state: values, f"{state}_fails": fails}
+        judged.append(aircraft)
     return judged
 
 
-def _differences(
-    state: str, wind: Sequence[Floats], reference: Sequence[Floats]
-) -> dict[str, Floats]:
-    """Differences of speed (m/s), direction (degrees, clockwise) and vector (m/s)."""
-    from airswing.evaluation.disagreement import MIN_DIRECTION_WIND
-
-    (u, v), (u_ref, v_ref) = wind, reference
-    turned = np.degrees(np.arctan2(u * v_ref - v * u_ref, u * u_ref + v * v_ref))
+def _rounded(judged: dict[str, Any]) -> dict[str, Any]:
+    """The same with numbers rounded for a person."""
     return {
-        f"S {state}": np.hypot(u, v) - np.hypot(u_ref, v_ref),
-        f"DIR {state}": np.where(np.hypot(u_ref, v_ref) >= MIN_DIRECTION_WIND, turned, np.nan),
-        f"W {state}": np.hypot(u - u_ref, v - v_ref),
+        key: round(value, 1)
+        if isinstance(value, float)
+        else {name: round(number, 2) for name, number in value.items()}
+        if isinstance(value, dict)
+        else value
+        for key, value in judged.items()
     }

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.flags import CORRECTION, PHASE, PLATFORM, SCREENING
-from airswing.handover.export import Request
+from airswing.handover.request import Request
 from airswing.physics.atmosphere import pressure_from_altitude
 from airswing.physics.great_circle import central_angle
 from airswing.physics.triangle import wrap_degrees
@@ -27,8 +27,6 @@ from airswing.units import EARTH_RADIUS
 
 if TYPE_CHECKING:
     import xarray as xr
-
-    from airswing.config import Handover
 
 Rows = NDArray[np.void]
 Mask = NDArray[np.bool_]
@@ -281,18 +279,13 @@ def _runs(rows: Rows, flight: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.asarray(np.cumsum(new | (np.diff(too_many, prepend=0) > 0)) - 1, dtype=np.int64)
 
 
-def names_of(corrected: xr.Dataset) -> list[str]:
-    """Names of all aircraft, in the order of the product."""
-    return [str(name) for name in corrected["aircraft"].to_numpy()]
-
-
-def identifiers(corrected: xr.Dataset, settings: Handover) -> list[str]:
+def identifiers(request: Request) -> list[str]:
     """Identifier of every aircraft in the files: its name, or a number of five digits.
 
     An aircraft whose name is a number keeps it; the others get the numbers that are free. A name
     that is too long or not printable is refused: changed it could be that of another aircraft.
     """
-    names = names_of(corrected)
+    names = request.aircraft
     for name in names:
         if len(name) > _LONGEST_IDENTIFIER or not (name.isascii() and name.isprintable() and name):
             raise InputError(
@@ -302,7 +295,7 @@ def identifiers(corrected: xr.Dataset, settings: Handover) -> list[str]:
                 found=ascii(name[:120]),
                 remedy="Give the aircraft a shorter name in the reports and run again",
             )
-    if settings.identifiers == "tail":
+    if request.settings.identifiers == "tail":
         return names
     if len(names) > _LARGEST_NUMBER:
         raise InputError("more aircraft than numbers of five digits", found=len(names))
@@ -315,20 +308,17 @@ def identifiers(corrected: xr.Dataset, settings: Handover) -> list[str]:
     return [f"{number_of.get(name) or next(free):05d}" for name in names]
 
 
-def platforms(corrected: xr.Dataset, settings: Handover) -> NDArray[np.int8]:
+def platforms(request: Request) -> NDArray[np.int8]:
     """Platform of every aircraft, as index (aircraft,) of `PLATFORMS`."""
-    names = names_of(corrected)
+    asked, names = request.settings, request.aircraft
     reported = [PLATFORM["unknown"]] * len(names)
-    if "platform" in corrected:
-        reported = corrected["platform"].to_numpy().tolist()
+    if "platform" in request.corrected:
+        reported = request.corrected["platform"].to_numpy().tolist()
     words = {code: name for name, code in PLATFORM.items()} | {PLATFORM["unknown"]: "TAMDAR"}
+    patterns = [(one, platform) for platform, ones in asked.aircraft.items() for one in ones]
     found = []
     for name, code in zip(names, reported, strict=True):
-        default = words[code] if settings.platform == "auto" else str(settings.platform)
-        matched = (
-            platform
-            for platform, patterns in settings.aircraft.items()
-            if any(fnmatch.fnmatchcase(name, pattern) for pattern in patterns)
-        )
+        default = words[code] if asked.platform == "auto" else str(asked.platform)
+        matched = (platform for one, platform in patterns if fnmatch.fnmatchcase(name, one))
         found.append(PLATFORMS.index(next(matched, default)))
     return np.array(found, dtype=np.int8)

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.flags import PHASE
-from airswing.handover.export import ERRORS, Request, product_of_run
-from airswing.handover.selection import PLATFORMS, Rows, names_of, platforms
+from airswing.handover.request import ERRORS, Request, product_of_run
+from airswing.handover.selection import PLATFORMS, Rows, platforms
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -85,9 +85,9 @@ class WindErrors:
     """Error of every report of an archive, from all rows exported and :func:`known_errors`."""
 
     def __init__(self, request: Request, rows: Rows, known: xr.Dataset | None) -> None:
-        aircraft = names_of(request.corrected)
+        aircraft = request.aircraft
         self._corrected = request.winds == "corrected"
-        self._platform = platforms(request.corrected, request.settings)
+        self._platform = platforms(request)
         self._base: Array = np.full((len(PHASE), 1), np.nan)
         self._tops: Array = np.array([-np.inf])
         self._aircraft: Array = np.full(len(aircraft), np.nan)

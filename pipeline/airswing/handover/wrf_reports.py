@@ -24,40 +24,61 @@ a surface report.
 from __future__ import annotations
 
 import re
-from functools import partial
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from airswing.errors import InputError
-from airswing.handover.export import ERRORS, Request
 from airswing.handover.records import (
     MISSING,
-    Records,
-    dates,
-    fixed,
-    joined,
-    lines,
+    Columns,
+    Format,
     speed_and_direction,
     write_records,
 )
-from airswing.handover.selection import CODES, PLATFORMS, selected_rows
+from airswing.handover.request import ERRORS, Request
+from airswing.handover.selection import CODES, PLATFORMS, Rows, selected_rows
 from airswing.handover.wind_errors import WindErrors, known_errors
 
-# OBS_DOMAIN
+_CODES = [CODES[name] for name in PLATFORMS]
+
+# --- OBS_DOMAIN --------------------------------------------------------------------------------
+
 HIGHEST = 8000.0  # Pa; WRF takes no wind at this pressure and above
 CALM = 0.001  # m/s; smallest component the format holds
 LARGEST_STEP = 20_000.0  # Pa between levels; default of ``obs_max_sndng_gap`` (20 cbar)
 LEAST_DEPTH = 15_000.0  # Pa; twice the reach of a single level
-_DOMAIN_BEFORE = (
-    " %14s\n  %9.4f %9.4f \n  %-40s   %-40s   \n  %-16s  %-16s  -888888.     T     F  %5d\n"
-)
 # Format 104: pairs of value and quality of pressure, height, temperature, u, v and humidity.
 _NO_PAIR = "-888888.000 -888888.000 "
 _EARTH_RELATIVE = "    129.000 "
-_DOMAIN_LEVEL = (
-    f" %11.3f       0.000 {_NO_PAIR}%11.3f %11.3f %11.3f {_EARTH_RELATIVE}%11.3f {_EARTH_RELATIVE}"
-    f"{_NO_PAIR}\n"
+
+
+def _domain_columns(rows: Rows, platform: NDArray[np.int8]) -> Columns:
+    # Rounded to the three decimals of the format.
+    calm = np.hypot(np.round(rows["u"], 3), np.round(rows["v"], 3)) == 0.0
+    return {
+        "pressure": rows["pressure"],
+        "temperature": np.nan_to_num(rows["temperature"], nan=MISSING),
+        "quality": np.where(np.isnan(rows["temperature"]), MISSING, 0.0),
+        "u": np.where(calm, CALM, rows["u"]),
+        "v": np.where(calm, 0.0, rows["v"]),
+    }
+
+
+OBS_DOMAIN = Format(
+    file_name="OBS_DOMAIN101",
+    before=" %(date)14s\n  %(latitude)9.4f %(longitude)9.4f \n"
+    "  %(identifier)-40s   %(name)-40s   \n"
+    "  %(code)-16s  %(platform)-16s  -888888.     T     F  %(levels)5d\n",
+    level=f" %(pressure)11.3f       0.000 {_NO_PAIR}%(temperature)11.3f %(quality)11.3f "
+    f"%(u)11.3f {_EARTH_RELATIVE}%(v)11.3f {_EARTH_RELATIVE}{_NO_PAIR}\n",
+    columns=_domain_columns,
+    texts={
+        "code": [CODES["AIREP" if name == "ACARS" else name] for name in PLATFORMS],
+        "platform": PLATFORMS,
+    },
 )
 
 
@@ -78,7 +99,9 @@ def write_obs_domain(request: Request) -> dict[str, Any]:
     selected = selected_rows(
         request, above=HIGHEST, largest_step=LARGEST_STEP, least_depth=LEAST_DEPTH
     )
-    result = write_records(request, selected, f"OBS_DOMAIN{domain}01", _encode_obs_domain)
+    result = write_records(
+        request, selected, replace(OBS_DOMAIN, file_name=f"OBS_DOMAIN{domain}01")
+    )
     result["max_obs"] = max(file["levels"] for file in result["files"]) + 2
     result["notes"] += [
         f"WRF namelist, &fdda: max_obs = {result['max_obs']} holds every file whole"
@@ -86,57 +109,48 @@ def write_obs_domain(request: Request) -> dict[str, Any]:
     return result
 
 
-def _encode_obs_domain(records: Records) -> bytes:
-    places, levels = records.places, records.levels
-    codes = [CODES["AIREP" if name == "ACARS" else name] for name in PLATFORMS]
-    before = [
-        dates(places["time"], separators=False),
-        fixed(places["latitude"], 4),
-        fixed(places["longitude"], 4),
-        records.aircraft(),
-        records.names(),
-        records.by_platform(codes),
-        records.by_platform(PLATFORMS),
-        records.size.tolist(),
-    ]
-    # Rounded to the three decimals of the format.
-    calm = np.hypot(np.round(levels["u"], 3), np.round(levels["v"], 3)) == 0.0
-    missing = np.isnan(levels["temperature"])
-    columns = [
-        fixed(levels["pressure"], 3),
-        fixed(np.where(missing, MISSING, levels["temperature"]), 3),
-        np.where(missing, MISSING, 0.0).tolist(),
-        fixed(np.where(calm, CALM, levels["u"]), 3),
-        fixed(np.where(calm, 0.0, levels["v"]), 3),
-    ]
-    return joined(records, lines(_DOMAIN_BEFORE, before), lines(_DOMAIN_LEVEL, columns))
+# --- LITTLE_R ----------------------------------------------------------------------------------
 
-
-# LITTLE_R
 SLOWEST = 0.10001  # m/s; OBSPROC takes slower winds as missing
 LEAST_DIRECTION = 0.00101  # degrees; OBSPROC takes smaller ones as missing
 _NO_VALUE = "-888888.00000      0"
-# Latitude, longitude, identifier, name, platform, source, elevation; numbers of fields, errors,
-# warnings, order, duplicates; sounding, bogus, discarded; seconds since a date and a Julian day
-# that no reader uses, the date, 13 surface values.
-_R_BEFORE = (
-    f"%20.5f%20.5f%-40s%-40s%-40s%-40s{'0.00000':>20}"
-    f"%10d{0:10}{0:10}%10d{0:10}{'T':>10}{'F':>10}{'F':>10}{-888888:10}{-888888:10}"
-    f"{'':6}%14s{_NO_VALUE * 13}\n"
+
+
+def _little_r_columns(rows: Rows, platform: NDArray[np.int8]) -> Columns:
+    speed, direction = speed_and_direction(rows["u"], rows["v"], least=LEAST_DIRECTION)
+    return {
+        "pressure": rows["pressure"],
+        "height_quality": np.where(platform == PLATFORMS.index("TAMDAR"), 0, 1),
+        "temperature": np.nan_to_num(rows["temperature"], nan=MISSING),
+        "speed": np.maximum(speed, SLOWEST),
+        "direction": direction,
+    }
+
+
+LITTLE_R = Format(
+    file_name="obs.little_r",
+    # Latitude, longitude, identifier, name, platform, source, elevation; numbers of fields, errors,
+    # warnings, order, duplicates; sounding, bogus, discarded; seconds since a date and a Julian day
+    # that no reader uses, the date, 13 surface values.
+    before="%(latitude)20.5f%(longitude)20.5f%(identifier)-40s%(name)-40s%(code)-40s%(source)-40s"
+    f"{'0.00000':>20}%(levels)10d{0:10}{0:10}%(number)10d{0:10}{'T':>10}{'F':>10}{'F':>10}"
+    f"{-888888:10}{-888888:10}{'':6}%(date)14s{_NO_VALUE * 13}\n",
+    # Pairs of a value (F13.5) and its quality (I7): pressure, height, temperature, dew point,
+    # speed, direction, u, v, humidity, thickness.
+    level="%(pressure)13.5f      0-888888.00000%(height_quality)7d%(temperature)13.5f      0"
+    f"{_NO_VALUE}%(speed)13.5f      0%(direction)13.5f      0{_NO_VALUE * 4}\n",
+    after=f"{'-777777.00000      0' * 2}%(levels)13.5f      0{_NO_VALUE * 7}\n"
+    f"%(levels)7d{0:7}{0:7}\n",
+    columns=_little_r_columns,
+    texts={"code": _CODES},
 )
-# Pairs of a value (F13.5) and its quality (I7): pressure, height, temperature, dew point, speed,
-# direction, u, v, humidity, thickness.
-_R_LEVEL = (
-    f"%13.5f      0-888888.00000%7d%13.5f      0{_NO_VALUE}%13.5f      0%13.5f      0"
-    f"{_NO_VALUE * 4}\n"
-)
-_R_AFTER = f"{'-777777.00000      0' * 2}%13.5f      0{_NO_VALUE * 7}\n%7d{0:7}{0:7}\n"
 
 
 def write_little_r(request: Request) -> dict[str, Any]:
     """Write reports for OBSPROC or OBSGRID."""
-    encode = partial(_encode_little_r, winds=request.winds)
-    result = write_records(request, selected_rows(request), "obs.little_r", encode)
+    source = [f"airswing {request.winds} {name}" for name in PLATFORMS]
+    form = replace(LITTLE_R, texts={**LITTLE_R.texts, "source": source})
+    result = write_records(request, selected_rows(request), form)
     most = max(file["reports"] for file in result["files"])
     result["notes"] += [
         f"OBSPROC namelist, &record3: max_number_of_obs of {most} or more; it ends with status 0 "
@@ -150,35 +164,8 @@ def write_little_r(request: Request) -> dict[str, Any]:
     return result
 
 
-def _encode_little_r(records: Records, *, winds: str) -> bytes:
-    places, levels, size = records.places, records.levels, records.size.tolist()
-    before = [
-        fixed(places["latitude"], 5),
-        fixed(places["longitude"], 5),
-        records.aircraft(),
-        records.names(),
-        records.by_platform([CODES[name] for name in PLATFORMS]),
-        records.by_platform([f"airswing {winds} {name}" for name in PLATFORMS]),
-        size,
-        records.number.tolist(),
-        dates(places["time"], separators=False),
-    ]
-    speed, direction = speed_and_direction(levels["u"], levels["v"], least=LEAST_DIRECTION)
-    tamdar = records.platform[levels["aircraft"]] == PLATFORMS.index("TAMDAR")
-    temperature = levels["temperature"]
-    columns = [
-        fixed(levels["pressure"], 5),
-        np.where(tamdar, 0, 1).tolist(),
-        fixed(np.where(np.isnan(temperature), MISSING, temperature), 5),
-        fixed(np.maximum(speed, SLOWEST), 5),
-        fixed(direction, 5),
-    ]
-    return joined(
-        records, lines(_R_BEFORE, before), lines(_R_LEVEL, columns), lines(_R_AFTER, [size, size])
-    )
+# --- ob.ascii ----------------------------------------------------------------------------------
 
-
-# ob.ascii
 _KINDS = (
     "SYNOP METAR SHIP BUOY BOGUS TEMP",
     "AMDAR AIREP TAMDAR PILOT SATEM SATOB",
@@ -195,17 +182,6 @@ _FORMATS = (
     f"#{78 * '-'}#\n"
 )
 _GAP = f"{'':11}"
-_ASCII_BEFORE = (
-    f"%-12s %19s %-40s %6d%12.3f{_GAP}%12.3f{_GAP} -888888.000{_GAP}{'':6}%-40s\n"
-    " -888888.000 -88 200.00 -888888.000 -88  0.200\n"
-)
-# Value, quality and error by EACH_FMT. Errors other than that of the wind are those of
-# var/obsproc/obserr.txt: 200 Pa, 1 K, 10 %.
-_ASCII_LEVEL = (
-    f"%12.3f   0 200.00%12.3f   0%7.2f%12.3f   0%7.2f{_GAP}"
-    f" -888888.000 -88  10.00%12.3f%4d   1.00 -888888.000 -88   1.00{_GAP}"
-    " -888888.000 -88  10.00\n"
-)
 # Range of F7.2 with a blank before it; an error of zero would have infinite weight.
 LEAST_ERROR, LARGEST_ERROR = 0.01, 999.99
 
@@ -214,8 +190,39 @@ def write_ob_ascii(request: Request) -> dict[str, Any]:
     """Write reports for WRFDA."""
     selected, known = selected_rows(request), known_errors(request)
     errors = WindErrors(request, selected.rows, known)
-    encode = partial(_encode_ob_ascii, errors=errors)
-    result = write_records(request, selected, "ob.ascii", encode, header=_ob_ascii_header)
+
+    def columns(rows: Rows, platform: NDArray[np.int8]) -> Columns:
+        # A smaller direction would be written as 0.000.
+        speed, direction = speed_and_direction(rows["u"], rows["v"], least=0.0005)
+        error = errors.of(rows)
+        # The angle of the component error across the wind.
+        angle = np.degrees(np.arctan2(error, speed))
+        return {
+            "pressure": rows["pressure"],
+            "speed": speed,
+            "error": np.clip(error, LEAST_ERROR, LARGEST_ERROR),
+            "direction": direction,
+            "angle": np.clip(angle, LEAST_ERROR, LARGEST_ERROR),
+            "temperature": np.nan_to_num(rows["temperature"], nan=MISSING),
+            "quality": np.where(np.isnan(rows["temperature"]), -88, 0),
+        }
+
+    form = Format(
+        file_name="ob.ascii",
+        header=_ob_ascii_header,
+        before=f"%(code)-12s %(date_text)19s %(name)-40s %(levels)6d%(latitude)12.3f{_GAP}"
+        f"%(longitude)12.3f{_GAP} -888888.000{_GAP}{'':6}%(identifier)-40s\n"
+        " -888888.000 -88 200.00 -888888.000 -88  0.200\n",
+        # Value, quality and error by EACH_FMT. Errors other than that of the wind are those of
+        # var/obsproc/obserr.txt: 200 Pa, 1 K, 10 %.
+        level="%(pressure)12.3f   0 200.00%(speed)12.3f   0%(error)7.2f"
+        f"%(direction)12.3f   0%(angle)7.2f{_GAP} -888888.000 -88  10.00"
+        f"%(temperature)12.3f%(quality)4d   1.00 -888888.000 -88   1.00{_GAP}"
+        " -888888.000 -88  10.00\n",
+        columns=columns,
+        texts={"code": [code[:12] for code in _CODES]},
+    )
+    result = write_records(request, selected, form)
     result["errors_from"] = errors.source
     unknown = known is not None and errors.source != ERRORS
     result["notes"] += [
@@ -228,7 +235,7 @@ def write_ob_ascii(request: Request) -> dict[str, Any]:
     return result
 
 
-def _ob_ascii_header(numbers: dict[str, int]) -> bytes:
+def _ob_ascii_header(numbers: dict[str, int]) -> str:
     kinds = dict(numbers)
     # WRFDA counts FM-97 as AIREP.
     kinds["AIREP"] += kinds.pop("ACARS")
@@ -236,33 +243,4 @@ def _ob_ascii_header(numbers: dict[str, int]) -> bytes:
         "".join(f"{kind:<6}={kinds.get(kind, 0):7}, " for kind in line.split()) for line in _KINDS
     ]
     total = f"TOTAL ={sum(kinds.values()):7}, MISS. =-888888.,"
-    return "\n".join([total, *lines, _FORMATS]).encode("ascii")
-
-
-def _encode_ob_ascii(records: Records, *, errors: WindErrors) -> bytes:
-    places, levels = records.places, records.levels
-    before = [
-        records.by_platform([CODES[name][:12] for name in PLATFORMS]),
-        dates(places["time"], separators=True),
-        records.names(),
-        records.size.tolist(),
-        fixed(places["latitude"], 3),
-        fixed(places["longitude"], 3),
-        records.aircraft(),
-    ]
-    # A smaller direction would be written as 0.000.
-    speed, direction = speed_and_direction(levels["u"], levels["v"], least=0.0005)
-    error = errors.of(levels)
-    # The angle of the component error across the wind.
-    angle = np.degrees(np.arctan2(error, speed))
-    missing = np.isnan(levels["temperature"])
-    columns = [
-        fixed(levels["pressure"], 3),
-        fixed(speed, 3),
-        fixed(np.clip(error, LEAST_ERROR, LARGEST_ERROR), 2),
-        fixed(direction, 3),
-        fixed(np.clip(angle, LEAST_ERROR, LARGEST_ERROR), 2),
-        fixed(np.where(missing, MISSING, levels["temperature"]), 3),
-        np.where(missing, -88, 0).tolist(),
-    ]
-    return joined(records, lines(_ASCII_BEFORE, before), lines(_ASCII_LEVEL, columns))
+    return "\n".join([total, *lines, _FORMATS])

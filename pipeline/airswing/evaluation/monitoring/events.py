@@ -354,8 +354,7 @@ def wind_days(
     """
     tables = []
     for part in parts_of(headings, {"": members}, ["screening"], corrected):
-        applied = False if part.applied is None else is_corrected(part.applied)
-        wind = np.where(applied, part.corrected, part.wind)
+        wind = np.where(is_corrected(part.applied), part.corrected, part.wind)
         difference = np.hypot(*(wind - part.model[""]))
         used = (part.column("screening") == 0) & np.isfinite(difference)
         values = {

@@ -13,6 +13,7 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -20,12 +21,11 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
-from airswing.evaluation.disagreement import reference_mean
+from airswing.evaluation.disagreement import parts_of
 from airswing.evaluation.innovations import LEVEL_EDGES_HPA, profile_cells
 from airswing.handover.forecasts.correcting import DIMS, TIME
 from airswing.handover.selection import APPLIED
 from airswing.physics.triangle import wrap_degrees
-from airswing.products.ragged import blocks
 
 Floats = NDArray[np.float64]
 Times = NDArray[np.datetime64]
@@ -288,26 +288,21 @@ def flight_level_pairs(
     ``region`` is the side of a box, degrees; InputError where no box, layer and day has ``fewest``
     reports. A station of the result is a box in a layer, with the place of its middle.
     """
-    needed = ["latitude", "longitude", "pressure", "time", "phase", "screening"]
-    needed += [f"reference_{name}" for name in _WINDS]
-    better = blocks(corrected, [*(f"corrected_{name}" for name in _WINDS), "correction_applied"])
     parts = []
-    for block, other in zip(blocks(headings, needed), better, strict=True):
-        cell, model = profile_cells(block), reference_mean(block, members)
-        day = block["time"].to_numpy().astype("datetime64[D]").astype("datetime64[ns]")
-        table = pd.DataFrame(
-            {
-                "south": np.floor(block["latitude"].to_numpy() / region),
-                "west": np.floor(wrap_degrees(block["longitude"].to_numpy()) / region),
-                "layer": cell % (len(LEVEL_EDGES_HPA) - 1),
-                TIME: day,
-            }
-        )
-        for name in _WINDS:
-            table["forecast", name] = model[f"reference_{name}"].to_numpy().astype(np.float64)
-            table["observation", name] = other[f"corrected_{name}"].to_numpy().astype(np.float64)
+    needed = ["latitude", "longitude", "pressure", "phase", "screening"]
+    for part in parts_of(headings, {"": members}, needed, corrected):
+        cell = profile_cells(part.block)
+        columns: dict[Any, Any] = {
+            "south": np.floor(part.column("latitude") / region),
+            "west": np.floor(wrap_degrees(part.column("longitude")) / region),
+            "layer": cell % (len(LEVEL_EDGES_HPA) - 1),
+            TIME: part.day.astype("datetime64[D]").astype("datetime64[ns]"),
+        }
+        for name, model, wind in zip(_WINDS, part.model[""], part.corrected, strict=True):
+            columns |= {("forecast", name): model, ("observation", name): wind}
+        table = pd.DataFrame(columns)
         good = (cell >= 0) & table.notna().all(axis=1).to_numpy()
-        good &= np.isin(other["correction_applied"].to_numpy(), APPLIED)
+        good &= np.isin(part.applied, APPLIED)
         parts.append(table[good].assign(reports=1).groupby(["south", "west", "layer", TIME]).sum())
     summed = pd.concat(parts).groupby(level=[0, 1, 2, 3]).sum()
     kept = summed[summed["reports"] >= fewest]
