@@ -32,13 +32,20 @@ from airswing.compass.fit.acceptance import FitOptions
 from airswing.compass.fit.deviation import fit_deviation
 from airswing.errors import InputError
 from airswing.evaluation import Content
-from airswing.evaluation.disagreement import Floats, Ints, member_mean, paired_design, parts_of
+from airswing.evaluation.disagreement import (
+    Floats,
+    Ints,
+    Part,
+    member_mean,
+    paired_design,
+    parts_of,
+)
 from airswing.evaluation.gains import only
+from airswing.evaluation.resampling import normal_interval
 from airswing.flags import PHASE, SCREENING
 from airswing.physics.triangle import wrap_degrees
 from airswing.products.ragged import row_bounds
 from airswing.products.whole_files import findings
-from airswing.units import NORMAL_95
 
 Mask = NDArray[np.bool_]
 Columns = dict[str, NDArray[Any]]
@@ -54,7 +61,7 @@ REGIONS = 9
 FEWEST_REPORTS, FEWEST_DAYS = 50, 10
 """Below these an aircraft has no difference: eight coefficients leave no scatter to so few days."""
 FEWEST_OF_SLICE, FEWEST_OF_HAT = 500, 100
-"""Fewest reports of a slice that is tested, and of a triple of references."""
+"""Fewest reports of a slice that is tested, and of a three-cornered hat."""
 _LAG = 3  # days that a weather situation, and with it a model's error, lasts
 _MIN_REGION_DAYS = 10
 _SEASONS = ("DJF", "MAM", "JJA", "SON")
@@ -130,24 +137,19 @@ def compare(
     tested = list(combinations(singles, 2))
     whole = {pair: PairSums(*pair, days) for pair in [*tested, *members]}
     slices: dict[tuple[str, str, tuple[str, str]], PairSums] = {}
-    hats = np.zeros((len(list(combinations(singles, 3))), 4, days))
     number = begin = 0
     for part in parts_of(shared, pools, _COLUMNS):
-        columns = _columns(part.block, part.model, pools)
+        columns = _columns(part, pools)
         columns |= {"day": part.day - first, "region": region[begin : begin + part.day.size]}
         begin += part.day.size
         for low, high in zip(*row_bounds(part.block["row_size"].to_numpy()), strict=True):
             rows = {name: values[..., low:high] for name, values in columns.items()}
-            kept = rows["kept"]
             for sums in whole.values():
-                sums.add(rows, kept, aircraft=number)
+                sums.add(rows, rows["kept"], aircraft=number)
             for pair in tested:
                 for kind, name, chosen in _slices(rows, *pair):
                     sums = slices.setdefault((kind, name, pair), PairSums(*pair, days))
                     sums.add(rows, chosen)
-            if hats.size:
-                u, v = np.stack([rows[f"wind {name}"][:, kept] for name in singles], axis=1)
-                hats += hat_sums(u, v, rows["day"][kept], days)
             number += 1
     reports_used = next(iter(whole.values())).reports
     if not reports_used:
@@ -179,7 +181,9 @@ def compare(
             for (of, name, names), sums in slices.items()
             if (of, names) == (kind, pair) and sums.reports >= FEWEST_OF_SLICE
         ]
-    content["three_way"] = hats_of(hats, singles)
+    squares = {pair: whole[pair].squares for pair in tested}
+    counted = whole[tested[0]].regions[0].sum(axis=0)
+    content["three_way"] = hats_of(counted, squares, singles)
     return findings(content)
 
 
@@ -199,37 +203,30 @@ def regions_of(latitude: Floats, longitude: Floats) -> Ints:
     return np.asarray(3 * band + column, dtype=np.int64)
 
 
-def _columns(
-    block: xr.Dataset, model: Mapping[str, Floats], pools: Mapping[str, list[str]]
-) -> Columns:
+def _columns(part: Part, pools: Mapping[str, list[str]]) -> Columns:
     """Plain columns of reports, radians and SI units.
 
     ``wind`` (2, report) and ``lead`` are followed by the name of a reference or pool.
     """
-    screening = block["screening"].to_numpy()
+    block, screening = part.block, part.block["screening"].to_numpy()
     found: Columns = {
-        name: np.radians(block[name].to_numpy().astype(float))
-        for name in ("heading", "magnetic_heading")
+        name: np.radians(part.column(name)) for name in ("heading", "magnetic_heading")
     }
-    found["airspeed"] = block["airspeed"].to_numpy().astype(float)
+    found["airspeed"] = part.column("airspeed")
     known = np.isfinite(sum(found.values()))
     # months count from January 1970: December, January and February are season 0
     month = block["time"].to_numpy().astype("datetime64[M]").astype(np.int64)
-    return (
-        found
-        | {
-            "season": (month + 1) % 12 // 3,
-            "phase": block["phase"].to_numpy(),
-            "pressure": block["pressure"].to_numpy(),
-            "kept": (screening == 0) & known,
-            "kept_any_phase": ((screening & ~SCREENING["phase"]) == 0) & known,
-        }
-        | {f"wind {name}": wind for name, wind in model.items()}
-        | {
-            f"lead {name}": member_mean(block["lead_time"].sel(reference=members)).to_numpy()
-            for name, members in pools.items()
-        }
-    )
+    found |= {
+        "season": (month + 1) % 12 // 3,
+        "phase": block["phase"].to_numpy(),
+        "pressure": block["pressure"].to_numpy(),
+        "kept": (screening == 0) & known,
+        "kept_any_phase": ((screening & ~SCREENING["phase"]) == 0) & known,
+    }
+    for name, members in pools.items():
+        found[f"wind {name}"] = part.model[name]
+        found[f"lead {name}"] = member_mean(block["lead_time"].sel(reference=members)).to_numpy()
+    return found
 
 
 def _slices(rows: Columns, one: str, two: str) -> list[tuple[str, str, Mask]]:
@@ -269,6 +266,7 @@ class PairSums:
         self.regions = np.zeros((3, REGIONS, self.days))
         # (day, 5, 6): equations of the difference that the fleet has in common
         self.common = np.zeros((self.days, 5, 6))
+        self.squares = np.zeros(self.days)  # halved squares of the difference, m2/s2
 
     def add(self, rows: Columns, chosen: Mask, aircraft: int | None = None) -> None:
         """Add the chosen reports of one aircraft; its number where its difference is wanted."""
@@ -278,6 +276,7 @@ class PairSums:
         day = rows["day"][chosen]
         self.reports += du.size
         self.distance += float(np.hypot(du, dv).sum())
+        self.squares += np.bincount(day, (du**2 + dv**2) / 2.0, self.days)
         cell = rows["region"][chosen] * self.days + day
         sums = [np.bincount(cell, part, REGIONS * self.days) for part in (None, du, dv)]
         self.regions += np.reshape(sums, self.regions.shape)
@@ -445,12 +444,13 @@ def _judged(sums: PairSums, barred: set[str]) -> Content:
     if days.size:
         mean, influence = solved(sums.common[days])
         covariance = persistent_covariance(influence, days)
+        errors = np.degrees(np.sqrt(np.diag(covariance)))
         # rms over the compass of A + B sin + C cos + D sin 2 + E cos 2
         rms = np.degrees(np.sqrt(mean[0] ** 2 + (mean[1:] ** 2).sum() / 2.0))
         fleet = {
             "aircraft": sums.counted,
-            "difference": _by_name(np.degrees(mean)),
-            "standard_error": _by_name(np.degrees(np.sqrt(np.diag(covariance)))),
+            "difference": dict(zip(NAMES, np.degrees(mean).tolist(), strict=True)),
+            "standard_error": dict(zip(NAMES, errors.tolist(), strict=True)),
             "curve_rms_deg": float(rms),
             "p_value": wald(mean, covariance, days.size),
         }
@@ -463,10 +463,6 @@ def _judged(sums: PairSums, barred: set[str]) -> Content:
         "regions": regions,
         **verdict(fleet, regions, {sums.one.lower(), sums.two.lower()} & barred),
     }
-
-
-def _by_name(values: Floats) -> dict[str, float]:
-    return dict(zip(NAMES, values.tolist(), strict=True))
 
 
 def verdict(fleet: Content, regions: list[Content], barred: set[str]) -> Content:
@@ -514,7 +510,6 @@ def _aircraft_entry(number: int, values: Floats, influence: Floats, fits: xr.Dat
     """Differences of one aircraft in degrees, with 95 % intervals; fits of both references."""
     covariance = influence.T @ influence
     difference, errors = np.degrees(values), np.degrees(np.sqrt(np.diag(covariance)))
-    bounds = np.stack([difference - NORMAL_95 * errors, difference + NORMAL_95 * errors], axis=1)
     pair = fits.isel(aircraft=number)
     # B = amplitude cos(phase), C = amplitude sin(phase): the delta method
     phase, amplitude = np.radians(float(pair["phase"].mean())), float(pair["amplitude"].mean())
@@ -527,52 +522,39 @@ def _aircraft_entry(number: int, values: Floats, influence: Floats, fits: xr.Dat
     entry: Content = {
         "aircraft": str(pair["aircraft"].item()),
         "p_value": wald(values, covariance, len(influence)),
-        "difference": _by_name(difference),
-        "standard_error": _by_name(errors),
-        "ci": dict(zip(NAMES, bounds.tolist(), strict=True)),
+        "difference": dict(zip(NAMES, difference.tolist(), strict=True)),
+        "standard_error": dict(zip(NAMES, errors.tolist(), strict=True)),
+        "ci": dict(
+            zip(NAMES, map(normal_interval, difference.tolist(), errors.tolist()), strict=True)
+        ),
     }
     for name, gradient in gradients.items():
         change = float(-np.diff(pair[name])[0])
         if name == "phase":
             change = float(wrap_degrees(change))
         wide = float(np.sqrt(gradient @ block @ gradient))
-        entry[name] = {
-            "difference": change,
-            "standard_error": wide,
-            "ci": [change - NORMAL_95 * wide, change + NORMAL_95 * wide],
-        }
+        ends = normal_interval(change, wide)
+        entry[name] = {"difference": change, "standard_error": wide, "ci": ends}
     return entry
 
 
-def hat_sums(u: Floats, v: Floats, day: Ints, days: int) -> Floats:
-    """Sums behind :func:`hats_of`, (triple, 4, day); those of parts of an archive add up.
-
-    Reports, and the summed halved squares of the differences of the three pairs, from winds
-    (reference, report) in m/s.
-    """
-    found = []
-    for triple in combinations(range(len(u)), 3):
-        good = np.all(np.isfinite(u[list(triple)]), axis=0)
-        weights = [np.ones(int(good.sum()))]
-        for one, two in combinations(triple, 2):
-            weights.append(((u[one] - u[two]) ** 2 + (v[one] - v[two]) ** 2)[good] / 2.0)
-        found.append([np.bincount(day[good], one, minlength=days) for one in weights])
-    return np.array(found, dtype=np.float64).reshape(-1, 4, days)
-
-
-def hats_of(sums: Floats, names: list[str]) -> list[Content]:
+def hats_of(
+    count: Floats, squares: Mapping[tuple[str, str], Floats], names: list[str]
+) -> list[Content]:
     """Error of each of three references, for every triple of the names.
 
-    ``component_rms`` is None where the variance came out negative; ``variance_standard_error`` is
-    that of a jackknife over days.
+    ``count`` of reports and the summed halved ``squares`` of the difference of each pair (m2/s2)
+    are by day. ``component_rms`` is None where the variance came out negative;
+    ``variance_standard_error`` is that of a jackknife over days.
     """
+    if count.sum() < FEWEST_OF_HAT:
+        return []
+    seen = count > 0
+    count = count[seen]
     found: list[Content] = []
     corner = 0.5 * np.array([[1.0, 1.0, -1.0], [1.0, -1.0, 1.0], [-1.0, 1.0, 1.0]])
-    for triple, (count, *squares) in zip(combinations(names, 3), sums, strict=True):
-        if count.sum() < FEWEST_OF_HAT:
-            continue
-        seen = count > 0
-        total, count = np.array(squares)[:, seen], count[seen]
+    for triple in combinations(names, 3):
+        total = np.array([squares[pair][seen] for pair in combinations(triple, 2)])
         variances, errors = corner @ (total.sum(1) / count.sum()), np.full(3, np.nan)
         if count.size > 1:
             without = (total.sum(1, keepdims=True) - total) / (count.sum() - count)

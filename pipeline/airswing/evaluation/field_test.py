@@ -73,15 +73,13 @@ class DaySums:
 
         NaN without a report; groups and windows are in the order of `GROUPS` and `WINDOWS`.
         """
-        found = np.empty((len(weights), 2, 2))
-        for i, members in enumerate((~self.corrected, self.corrected)):
-            for j, days in enumerate((~self.during, self.during)):
-                count, total = (
-                    weights[:, days] @ part[members][:, days].sum(0)
-                    for part in (self.count, self.total)
-                )
-                found[:, i, j] = ratio(total, count)
-        return found
+        groups = np.stack([~self.corrected, self.corrected])
+        count, total = groups @ self.count, groups @ self.total
+        windows = [
+            ratio(weights[:, days] @ total[:, days].T, weights[:, days] @ count[:, days].T)
+            for days in (~self.during, self.during)
+        ]
+        return np.stack(windows, axis=-1)
 
     def levels(self, *periods: NDArray[np.bool_]) -> list[Floats]:
         """Mean disagreement of each aircraft over chosen days; NaN without a report."""

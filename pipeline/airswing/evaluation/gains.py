@@ -50,11 +50,12 @@ from airswing.evaluation.resampling import (
     clustered_mean,
     day_weights,
     interval,
+    normal_interval,
 )
 from airswing.flags import SCREENING, STATUS, published
 from airswing.physics.compass_deviation import deviation_basis
 from airswing.products.ragged import row_bounds, time_span
-from airswing.units import KNOT, NORMAL_95
+from airswing.units import KNOT
 
 MOST_REPORTS = 1500
 """Reports of an aircraft that the interval is drawn over; the gain itself uses all."""
@@ -296,14 +297,9 @@ def virtual_field_test(
     Examples
     --------
     >>> from datetime import date
-    >>> found = airswing.virtual_field_test(
-    ...     headings,
-    ...     learned_until=date(2009, 10, 10),
-    ...     pools={"ruc": ["ruc"]},
-    ...     reference="ruc",
-    ...     draws=200,
-    ... )
-    >>> found["realised_gain_kt"] > 0.0
+    >>> pools = {"ruc": ["ruc"]}
+    >>> options = {"learned_until": date(2009, 10, 10), "pools": pools, "reference": "ruc"}
+    >>> airswing.virtual_field_test(headings, draws=200, **options)["realised_gain_kt"] > 0.0
     True
     """
     names = headings["aircraft"].to_numpy().astype(str)
@@ -339,10 +335,9 @@ def virtual_field_test(
         # a group with reports on one side of the date only has no difference
         if not number.all():
             continue
-        level = float(before[0] / number[0])
-        during, uncorrected = (float(part[1] / number[1]) for part in (after, before))
+        level, uncorrected = (before / number).tolist()
         # controls stay as reported, though they have a fit too
-        during = during if group == "corrected" else uncorrected
+        during = float(after[1] / number[1]) if group == "corrected" else uncorrected
         groups[group] = {
             "aircraft": int(member.sum()),
             "before_kt": level,
@@ -353,15 +348,19 @@ def virtual_field_test(
             "reports_during": int(number[1]),
         }
     chosen = (treated & sums.correctable)[:, np.newaxis] & late
-    number, gain = (
-        np.where(chosen, part, 0.0) for part in (sums.number, sums.before - sums.after[0])
-    )
     return {
         "reference": reference,
         "learned_until": str(learned_until),
         "method": "table",
         "groups": groups,
-        **_compared(names, number, gain, ranking, draws=draws, seed=seed),
+        **_compared(
+            names,
+            np.where(chosen, sums.number, 0.0),
+            np.where(chosen, sums.before - sums.after[0], 0.0),
+            ranking,
+            draws=draws,
+            seed=seed,
+        ),
     }
 
 
@@ -390,16 +389,16 @@ def predicted_reduction(
         for entry in ranking
         if entry["aircraft"] in corrected and entry["expected_gain_kt"] is not None
     ]
-    mean, interval_of_mean = None, None
+    mean, ends = None, None
     if known:
         gains, errors = np.array(known).T
         # the errors of the fits of different aircraft are independent
-        mean, half = float(gains.mean()), NORMAL_95 * float(np.linalg.norm(errors) / errors.size)
-        interval_of_mean = [mean - half, mean + half]
+        mean = float(gains.mean())
+        ends = normal_interval(mean, float(np.linalg.norm(errors) / errors.size))
     return {
         "ranking": ranking,
         "predicted_reduction_kt": mean,
-        "predicted_reduction_ci_kt": interval_of_mean,
+        "predicted_reduction_ci_kt": ends,
         "predicted_aircraft": len(known),
     }
 
@@ -466,9 +465,10 @@ def cross_validate(
     )
     tables = [error_from_table(left_out).to_numpy(), error_from_table(fit).to_numpy()[np.newaxis]]
     sums = _sum_by_day(headings, pools[reference], fit, tables)
-    number, held_out, in_sample = (
+    names = headings["aircraft"].to_numpy().astype(str)
+    number, *gains = (
         np.where(sums.correctable[:, np.newaxis], part, 0.0)
-        for part in (sums.number, sums.before - sums.after[0], sums.before - sums.after[1])
+        for part in (sums.number, *(sums.before - after for after in sums.after))
     )
     if not number.any():
         raise InputError(
@@ -481,15 +481,8 @@ def cross_validate(
         "reference": reference,
         "folds": folds,
         "method": "table",
-        "in_sample_gain_kt": float(in_sample.sum() / number.sum()),
-        **_compared(
-            headings["aircraft"].to_numpy().astype(str),
-            number,
-            held_out,
-            ranking,
-            draws=draws,
-            seed=seed,
-        ),
+        "in_sample_gain_kt": float(gains[1].sum() / number.sum()),
+        **_compared(names, number, gains[0], ranking, draws=draws, seed=seed),
     }
 
 
@@ -561,57 +554,39 @@ def _compared(
     ]
     if not chosen:
         return {"by_aircraft": [], "predicted_gain_kt": None, "realised_gain_kt": None}
-    predicted, errors = (
+    expected, errors = (
         np.array([known[k][f"expected_gain_{name}kt"] for k in chosen])
         for name in ("", "standard_error_")
     )
     number, gain = number[chosen], gain[chosen]
-    reports = number.sum(axis=1)
-    share = reports / reports.sum()
-    return {
-        **_side_by_side(
-            float(share @ predicted),
-            float(np.linalg.norm(share * errors)),
-            *_bootstrapped(number.sum(axis=0), gain.sum(axis=0), draws=draws, seed=seed),
-        ),
-        "reports": int(reports.sum()),
-        "by_aircraft": [
-            {
-                "aircraft": str(names[k]),
-                "reports": int(reports[row]),
-                **_side_by_side(
-                    float(predicted[row]),
-                    float(errors[row]),
-                    *_bootstrapped(number[row], gain[row], draws=draws, seed=seed),
-                ),
-            }
-            for row, k in enumerate(chosen)
-        ],
-    }
 
+    def compared(rows: slice) -> Content:
+        reports, by_day = number[rows].sum(axis=1), number[rows].sum(axis=0)
+        share = reports / reports.sum()
+        predicted = float(share @ expected[rows])
+        error = float(np.linalg.norm(share * errors[rows]))
+        seen = by_day > 0
+        by_day, gains = by_day[seen], gain[rows].sum(axis=0)[seen]
+        realised, drawn = float(gains.sum() / by_day.sum()), np.full(draws, np.nan)
+        if by_day.size > 1:
+            # days are independent units
+            weights = day_weights(by_day.size, draws=draws, seed=seed, length=1)
+            drawn = (weights @ gains) / np.maximum(weights @ by_day, 1.0)
+        wide = float(np.hypot(error, drawn.std()))
+        ends = normal_interval(realised - predicted, wide)
+        return {
+            "reports": int(reports.sum()),
+            "predicted_gain_kt": predicted,
+            "predicted_standard_error_kt": error,
+            "predicted_gain_ci_kt": normal_interval(predicted, error),
+            "realised_gain_kt": realised,
+            "realised_gain_ci_kt": interval(drawn).tolist(),
+            "difference_kt": realised - predicted,
+            "difference_ci_kt": ends,
+            "agree": bool(ends[0] <= 0.0 <= ends[1]) if np.isfinite(wide) else None,
+        }
 
-def _bootstrapped(number: Floats, gain: Floats, *, draws: int, seed: int) -> tuple[float, Floats]:
-    """Mean gain and its draws over days, NaN with one day."""
-    seen = number > 0
-    number, gain = number[seen], gain[seen]
-    mean = float(gain.sum() / number.sum())
-    if number.size < 2:
-        return mean, np.full(draws, np.nan)
-    # days are independent units
-    weights = day_weights(number.size, draws=draws, seed=seed, length=1)
-    return mean, np.asarray((weights @ gain) / np.maximum(weights @ number, 1.0))
-
-
-def _side_by_side(predicted: float, error: float, realised: float, drawn: Floats) -> Content:
-    wide = float(np.hypot(error, drawn.std()))
-    difference, half = realised - predicted, NORMAL_95 * wide
-    return {
-        "predicted_gain_kt": predicted,
-        "predicted_standard_error_kt": error,
-        "predicted_gain_ci_kt": [predicted - NORMAL_95 * error, predicted + NORMAL_95 * error],
-        "realised_gain_kt": realised,
-        "realised_gain_ci_kt": interval(drawn).tolist(),
-        "difference_kt": difference,
-        "difference_ci_kt": [difference - half, difference + half],
-        "agree": bool(abs(difference) <= half) if np.isfinite(wide) else None,
-    }
+    by_aircraft = [
+        {"aircraft": str(names[k]), **compared(slice(row, row + 1))} for row, k in enumerate(chosen)
+    ]
+    return {**compared(slice(None)), "by_aircraft": by_aircraft}

@@ -199,21 +199,6 @@ def near_pairs(found: Disagreements, classes: Ints) -> PairTable:
     return PairTable(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
-@dataclass(frozen=True)
-class _Variances:
-    """Error variances by one method, the first as estimated, the others drawn again."""
-
-    cells: Floats  # (1 + draw, state, cell): NaN where not known
-    fleet: Floats  # (1 + draw, state)
-    aircraft: Floats  # (1 + draw, state, aircraft): NaN where not known
-
-    @classmethod
-    def of_states(cls, cells: Floats, fleet: Floats, added: Floats, aircraft: Floats) -> _Variances:
-        """Of both states, from the variances of corrected winds by cell and of the fleet."""
-        both = np.stack([cells + added[:, 1:], cells], axis=1)
-        return cls(both, np.stack([fleet + added[:, 0], fleet], axis=1), aircraft)
-
-
 def observation_errors(
     headings: xr.Dataset,
     corrected: xr.Dataset,
@@ -268,37 +253,84 @@ def observation_errors(
         weights = np.vstack([weights, day_weights(days, draws=DRAWS, seed=seed)])
     number = np.maximum(weights @ found.reports_by_day.T, 0.0)
     key = np.array([found.sums.index.get_level_values(level) for level in _KEY])
-    number_of, change, crossed = (
+    of_key, change, crossed = (
         found.sums[name].to_numpy() for name in ("number", "change", "crossed")
     )
-    added = added_variance(key, number_of, change, crossed, weights, cells=CELLS, seed=seed)
+    added = added_variance(key, of_key, change, crossed, weights, cells=CELLS, seed=seed)
     # of different references the pair with the smallest mean product of disagreements
     pairs = [name for name in found.sums if isinstance(name, tuple) and len(found.sums)]
     hat_pair = min(pairs, key=lambda pair: found.sums[pair].sum(), default=None)
-    methods = {
-        "separation": _separation(found, number, weights, added),
-        "three_cornered_hat": _hat(found, hat_pair, number, weights, added, covariance),
+    # Variances of corrected winds by cell and of the fleet, (draw, cell) and (draw,), by method;
+    # of aircraft (draw, state, aircraft). The first draw is the estimate; NaN where not known.
+    cells, fleet = np.full((2, *number.shape), np.nan), np.full((2, len(number)), np.nan)
+    aircraft = np.full((len(number), len(STATES), found.number), np.nan)
+    separated = _separation(found, number, weights)
+    if separated is not None:
+        cells[0], fleet[0], aircraft = separated
+    if hat_pair is not None:
+        total = weights @ found.by("cell", "day", hat_pair).T
+        cells[1] = ratio(total, number) - covariance
+        cells[1][:, found.reports_by_day.sum(axis=1) < FEWEST_REPORTS] = np.nan
+        fleet[1] = ratio(total.sum(-1), number.sum(-1)) - covariance
+    # both states: (draw, state, method, cell) and (draw, state, method)
+    fleet = widened(np.stack([fleet.T + added[:, :1], fleet.T], axis=1), days)
+    cells = np.moveaxis(cells, 0, 1)
+    cells = widened(np.stack([cells + added[:, None, 1:], cells], axis=1), days)
+    known = separated is not None, hat_pair is not None
+    method, reason = _preferred(fleet[:, -1], known, len(members))
+    preferred = METHODS.index(method or METHODS[0])
+    tables = _table(cells, number)
+    # the error of the cell, else that of its layer, else that of the fleet
+    table, fleet_error = _root(tables[0, ..., preferred]), _root(fleet[0, :, preferred])
+    layer = np.where(np.isfinite(table[:1]), table[:1], fleet_error)
+    cell = ("flight_phase", "layer", "state")
+    drawn_of = {
+        "observation_error": (cell, _root(tables[..., preferred])),
+        "fleet_observation_error": (("state",), _root(fleet[..., preferred])),
+        "observation_error_by_method": (("way", *cell), _root(np.moveaxis(tables, -1, 1))),
+        "fleet_observation_error_by_method": (("way", "state"), _root(fleet.swapaxes(1, 2))),
+        "weight_gain": (cell[:2], _gain(tables[..., preferred])),
+        "fleet_weight_gain": ((), _gain(fleet[..., preferred])),
+        "reference_error_covariance": ((), fleet[:, -1, 1] - fleet[:, -1, 0]),
+        "aircraft_observation_error": (
+            ("aircraft", "state"),
+            _root(widened(aircraft, days)).swapaxes(1, 2),
+        ),
     }
-    for name, variances in methods.items():
-        if variances is not None:
-            methods[name] = _Variances(*(widened(one, days) for one in vars(variances).values()))
-    method, reason = _preferred(methods, len(members))
-    hat_names = [members[k] for k in hat_pair or ()]
-    ds = _labelled(methods, method or METHODS[0], number, found)
-    return ds.assign_coords(aircraft=headings["aircraft"].to_numpy().astype(str)).assign_attrs(
-        method=method,
-        method_reason=reason,
-        reference=reference,
-        hat_references=" ".join(hat_names),
-        assumed_covariance=covariance,
-        days=days,
+    data: dict[str, Any] = {
+        "observation_error_filled": (cell, np.where(np.isfinite(table), table, layer))
+    }
+    for name, (dims, drawn) in drawn_of.items():
+        data[name] = (dims, drawn[0])
+        bounds = np.full((2, *drawn.shape[1:]), np.nan)
+        if len(drawn) > 1:
+            ends = interval(np.nan_to_num(drawn[1:], nan=0.0))
+            bounds = np.where(np.isfinite(drawn[0]), ends, np.nan)
+        data[f"{name}_interval"] = ((*dims, "bound"), np.moveaxis(bounds, 0, -1))
+    return xr.Dataset(
+        data | _context(found),
+        coords={
+            "aircraft": headings["aircraft"].to_numpy().astype(str),
+            "flight_phase": list(FLIGHT_PHASES),
+            "state": list(STATES),
+            "way": list(METHODS),
+            "bound": ["low", "high"],
+        },
+        attrs={
+            "method": method,
+            "method_reason": reason,
+            "reference": reference,
+            "hat_references": " ".join(members[k] for k in hat_pair or ()),
+            "assumed_covariance": covariance,
+            "days": days,
+        },
     )
 
 
 def _separation(
-    found: Disagreements, number: Floats, weights: Floats, added: Floats
-) -> _Variances | None:
-    """Variances from neighbours; None where too few meet."""
+    found: Disagreements, number: Floats, weights: Floats
+) -> tuple[Floats, Floats, Floats] | None:
+    """Variances of cells, fleet and aircraft from neighbours; None where too few meet."""
     if not len(found.sums):
         return None
     flown = found.by("aircraft", "cell", "number")
@@ -321,43 +353,22 @@ def _separation(
     more = np.nan_to_num((mean - mean[-1:]).transpose(2, 0, 1), nan=0.0)
     aircraft = parts.by_class[:, classes][:, None] + more
     aircraft[..., flown.sum(axis=1) == 0] = np.nan
-    cells = np.where(parts.resolved, parts.by_cell, np.nan)
-    return _Variances.of_states(cells, fleet, added, aircraft)
+    return np.where(parts.resolved, parts.by_cell, np.nan), fleet, aircraft
 
 
-def _hat(
-    found: Disagreements,
-    pair: tuple[int, int] | None,
-    number: Floats,
-    weights: Floats,
-    added: Floats,
-    covariance: float,
-) -> _Variances | None:
-    """Variances from two references; None with only one."""
-    if pair is None:
-        return None
-    total = weights @ found.by("cell", "day", pair).T
-    cells = ratio(total, number) - covariance
-    cells[:, found.reports_by_day.sum(axis=1) < FEWEST_REPORTS] = np.nan
-    fleet = ratio(total.sum(-1), number.sum(-1)) - covariance
-    none = np.full((len(weights), len(STATES), found.number), np.nan)
-    return _Variances.of_states(cells, fleet, added, none)
-
-
-def _preferred(methods: Mapping[str, _Variances | None], members: int) -> tuple[str, str]:
-    """Preferred method, and the reason; no method where there is none."""
-    apart, hat = (methods[name] for name in METHODS)
-    if apart is None and hat is None:
+def _preferred(fleet: Floats, known: tuple[bool, bool], members: int) -> tuple[str, str]:
+    """Preferred method by the fleet's variances (draw, method), and the reason; or no method."""
+    if not any(known):
         return "", "too few neighbouring aircraft or days, and one reference alone"
-    if apart is None:
+    if not known[0]:
         reason = "too few aircraft meet; an upper bound where the references' errors are correlated"
         return METHODS[1], reason
-    if hat is None or len(apart.fleet) == 1:
-        known = "one reference alone" if members < 2 else "the references' covariance is not known"
-        return METHODS[0], known
-    shared = (hat.fleet - apart.fleet)[:, -1]
+    if not known[1] or len(fleet) == 1:
+        reason = "one reference alone" if members < 2 else "the references' covariance is not known"
+        return METHODS[0], reason
+    shared = fleet[:, 1] - fleet[:, 0]
     low, high = interval(shared[1:])
-    widths = [np.ptp(interval(one.fleet[1:, -1])) for one in (apart, hat)]
+    widths = np.ptp(interval(fleet[1:]), axis=0)
     estimate = (
         f"covariance of the references' errors {shared[0]:.2f} ({low:.2f} to {high:.2f}) m2/s2"
     )
@@ -366,67 +377,16 @@ def _preferred(methods: Mapping[str, _Variances | None], members: int) -> tuple[
     return METHODS[0], f"{estimate}: the hat attributes it to the reports"
 
 
-def _labelled(
-    methods: Mapping[str, _Variances | None], preferred: str, number: Floats, found: Disagreements
-) -> xr.Dataset:
-    """Standard errors with intervals, on their dimensions."""
-    draws, states = len(number), len(STATES)
-    shapes = ((draws, states, CELLS), (draws, states), (draws, states, found.number))
-    none = _Variances(*(np.full(shape, np.nan) for shape in shapes))
-    known = {name: methods[name] or none for name in METHODS}
-    tables = {name: _table(one.cells, number) for name, one in known.items()}
-    fleet = known[preferred].fleet
-    cell = ("flight_phase", "layer", "state")
-    by_method = [known[one] for one in METHODS]
-    drawn_of = {
-        "observation_error": (cell, _root(tables[preferred])),
-        "fleet_observation_error": (("state",), _root(fleet)),
-        "observation_error_by_method": (
-            ("way", *cell),
-            np.stack([_root(tables[one]) for one in METHODS], axis=1),
-        ),
-        "fleet_observation_error_by_method": (
-            ("way", "state"),
-            np.stack([_root(one.fleet) for one in by_method], axis=1),
-        ),
-        "weight_gain": (cell[:2], _gain(tables[preferred])),
-        "fleet_weight_gain": ((), _gain(fleet)),
-        "reference_error_covariance": ((), (by_method[1].fleet - by_method[0].fleet)[:, -1]),
-        "aircraft_observation_error": (
-            ("aircraft", "state"),
-            _root(by_method[0].aircraft).swapaxes(1, 2),
-        ),
-    }
-    data: dict[str, Any] = {}
-    for name, (dims, drawn) in drawn_of.items():
-        data[name] = (dims, drawn[0])
-        bounds = np.full((2, *drawn.shape[1:]), np.nan)
-        if draws > 1:
-            ends = interval(np.nan_to_num(drawn[1:], nan=0.0))
-            bounds = np.where(np.isfinite(drawn[0]), ends, np.nan)
-        data[f"{name}_interval"] = ((*dims, "bound"), np.moveaxis(bounds, 0, -1))
-    # the error of the cell, else that of its layer, else that of the fleet
-    table, fleet_error = _root(tables[preferred][0]), _root(fleet)[0]
-    layer = np.where(np.isfinite(table[:1]), table[:1], fleet_error)
-    data["observation_error_filled"] = (cell, np.where(np.isfinite(table), table, layer))
-    return xr.Dataset(
-        data | _context(found),
-        coords={
-            "flight_phase": list(FLIGHT_PHASES),
-            "state": list(STATES),
-            "way": list(METHODS),
-            "bound": ["low", "high"],
-        },
-    )
-
-
 def _table(cells: Floats, number: Floats) -> Floats:
-    """Variances by phase and layer, the first row all phases: (draw, phase, layer, state)."""
+    """Variances by phase and layer, the first row all phases: (draw, phase, layer, state, method).
+
+    From variances (draw, state, method, cell) and the reports (draw, cell) of each.
+    """
     shape = (len(number), len(PHASE), _LAYERS)
-    cells = np.moveaxis(cells, 1, 2).reshape(*shape, -1)
-    weight = number.reshape(shape)[..., None] * np.isfinite(cells)
+    cells = np.moveaxis(cells, 3, 1).reshape(*shape, *cells.shape[1:3])
+    weight = number.reshape(shape)[..., None, None] * np.isfinite(cells)
     whole = ratio((np.nan_to_num(cells) * weight).sum(axis=1), weight.sum(axis=1))
-    total = number.reshape(shape).sum(axis=1)[..., None]
+    total = number.reshape(shape).sum(axis=1)[..., None, None]
     whole = np.where(weight.sum(axis=1) >= KNOWN_SHARE * total, whole, np.nan)
     return np.stack([whole, *(cells[:, PHASE[name]] for name in FLIGHT_PHASES[1:])], axis=1)
 

@@ -20,6 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri, stdtrit
 
+from airswing.units import NORMAL_95
+
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
@@ -62,6 +64,11 @@ def widened(drawn: Floats, days: int) -> Floats:
 def interval(drawn: Floats) -> Floats:
     """Ends (2, ...) of the central 95 % of the draws (draw, ...); NaN where a draw has no value."""
     return np.asarray(np.percentile(drawn, [2.5, 97.5], axis=0))
+
+
+def normal_interval(value: float, error: float) -> list[float]:
+    """Ends of the 95 % interval of a normal estimate with a standard error."""
+    return [value - NORMAL_95 * error, value + NORMAL_95 * error]
 
 
 def ratio(total: Floats, number: Floats) -> Floats:

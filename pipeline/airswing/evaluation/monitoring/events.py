@@ -22,7 +22,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -37,7 +37,7 @@ from airswing.compass.correction import (
     main_reference,
 )
 from airswing.errors import InputError
-from airswing.evaluation.disagreement import Floats, Ints, parts_of
+from airswing.evaluation.disagreement import Ints, parts_of
 from airswing.evaluation.monitoring.changes import (
     CompassWatch,
     date_of,
@@ -85,25 +85,6 @@ WORDS: dict[str, str] = {
 
 
 @dataclass(frozen=True)
-class WindDays:
-    """Disagreement with the reference of one row an aircraft and day, sorted likewise.
-
-    Every day with a report has a row; its ``count`` is 0 where screening left none.
-    """
-
-    aircraft: Ints  # (row,)
-    day: Ints  # (row,)
-    count: Floats  # (row,): reports used
-    difference: Floats  # (row,): summed wind vector difference, m/s
-    log_difference: Floats  # (row,): summed natural logarithm of it
-
-    def until(self, last: int) -> WindDays:
-        """Rows up to a day, inclusive."""
-        chosen = self.day <= last
-        return WindDays(*(values[chosen] for values in vars(self).values()))
-
-
-@dataclass(frozen=True)
 class Event:
     """Something that happened."""
 
@@ -143,7 +124,7 @@ class UnitTable:
     standard_error_deg: list[float]
 
 
-@dataclass(frozen=True)
+@dataclass
 class State:
     """State of an aircraft on the last day."""
 
@@ -153,10 +134,17 @@ class State:
     silent: bool = False
     table_in_use: UnitTable | None = None  # on board, or applied
     table_now: UnitTable | None = None  # would be sent now
-    tables_differ: bool | None = None  # None: there are not two tables
+    tables_differ: bool | None = None  # follows from the tables; None: there are not two
     table_difference_deg: float | None = None  # rms over the nodes
     disagreement_kt: float | None = None  # mean wind vector difference of the last days
     past_disagreement_kt: float | None = None  # and of the days before
+
+    def __post_init__(self) -> None:
+        if self.table_in_use is None or self.table_now is None:
+            self.tables_differ = self.table_difference_deg = None
+        else:
+            differences = tables_differ(self.table_in_use, self.table_now)
+            self.tables_differ, self.table_difference_deg = differences
 
 
 @dataclass(frozen=True)
@@ -290,26 +278,26 @@ def find_events(
     members = members or ([name] if name in known else known)
     aircraft = headings["aircraft"].to_numpy().astype(str)
     winds = wind_days(headings, members, corrected=corrected)
-    last = int(winds.day.max(initial=0)) if until is None else _day(until)
-    winds = winds.until(last)
-    if not winds.day.size:
+    last = int(winds["day"].to_numpy().max(initial=0)) if until is None else _day(until)
+    winds = winds[winds["day"] <= last]
+    if winds.empty:
         raise InputError("no report to monitor", field="until", found=date_of(last))
     if compass is None:
         abscissa: Any = fits.attrs.get("abscissa", "magnetic")
         compass = watch_compasses(headings, members=members, abscissa=abscissa)
     # a run for an earlier day reports what was noticed until then
     turned = [alarm for alarm in compass.tested.alarms if alarm.night <= last]
-    used = winds.count > 0
+    used = winds[winds["count"] > 0]
     risen = watch_fleet(
-        winds.aircraft[used],
-        winds.day[used],
-        winds.count[used][:, np.newaxis, np.newaxis],
-        winds.log_difference[used][:, np.newaxis],
+        used["aircraft"].to_numpy(),
+        used["day"].to_numpy(),
+        used["count"].to_numpy()[:, np.newaxis, np.newaxis],
+        used["log_difference"].to_numpy()[:, np.newaxis],
         WIND,
         aircraft.size,
     ).alarms
-    steps = [_step_event(alarm, aircraft, "compass_changed") for alarm in turned]
-    steps += [
+    found = [_step_event(alarm, aircraft, "compass_changed") for alarm in turned]
+    found += [
         _step_event(alarm, aircraft, "disagreement_rose")
         for alarm in risen
         # a fall needs no action, and a step of the compass or the reference explains a rise
@@ -320,26 +308,56 @@ def find_events(
             for other in turned
         )
     ]
-    silent, presence = _presence(winds, aircraft, last, previous)
+    days = winds["aircraft"].to_numpy(), winds["day"].to_numpy()
+    begin, silences = first_days_and_silences(*days, aircraft.size, last)
+    found += [
+        Event(
+            "aircraft_silent",
+            date_of(one.first),
+            date_of(one.noticed),
+            str(aircraft[one.number]),
+            {"days": one.days, "usual_days": one.usual_days},
+        )
+        for one in silences
+    ]
     if previous is None:
         previous = Monitoring(date_of(0), name, [], [])
-    if previous.reference != name:
-        # the tables are of another reference
-        states = [replace(state, table_in_use=None) for state in previous.states]
-        previous = replace(previous, states=states)
-    news = _not_reported([*steps, *presence], previous)
+        # an aircraft that begins with the archive is not new
+        new = (begin >= winds["day"].min() + LEARNING) & (begin <= last)
+    else:
+        new = (begin <= last) & ~np.isin(aircraft, [state.aircraft for state in previous.states])
+    found += [
+        Event("aircraft_new", date_of(day), date_of(day), str(who), {})
+        for who, day in zip(aircraft[new], begin[new], strict=True)
+    ]
+    news = _not_reported(found, previous)
     news.sort(key=lambda event: (event.noticed, event.date, event.aircraft or ""))
-    before = {state.aircraft: state for state in previous.states}
+    same = previous.reference == name  # else its tables are of another reference
+    before = {
+        state.aircraft: state if same else replace(state, table_in_use=None)
+        for state in previous.states
+    }
     now = tables_of(fits.sel(reference=name))
     in_use = now | {who: one.table_in_use for who, one in before.items() if one.table_in_use}
     in_use |= tables_in_use or {}
-    present = _states(winds, aircraft, silent, now, in_use)
+    silent = {one.number for one in silences if one.lasts}
+    present = {}
+    for _, rows in winds.groupby("aircraft"):
+        number = int(rows["aircraft"].iloc[0])
+        who, (first, seen) = str(aircraft[number]), map(date_of, rows["day"].iloc[[0, -1]])
+        measured = rows[rows["count"] > 0]
+        means = [
+            float(part["difference"].sum() / part["count"].sum() / KNOT) if len(part) else None
+            for part in (measured[-LAST_DAYS:], measured[:-LAST_DAYS])
+        ]
+        state = State(who, first, seen, number in silent, in_use.get(who), now.get(who))
+        present[who] = replace(state, disagreement_kt=means[0], past_disagreement_kt=means[1])
     # an aircraft whose reports were removed is still known, and not new when it returns
-    gone = set(before) - {state.aircraft for state in present}
+    gone = [state for who, state in before.items() if who not in present]
     return Monitoring(
         date_of(last),
         name,
-        [*present, *(one for who, one in before.items() if who in gone)],
+        [*present.values(), *gone],
         [*previous.events, *news],
         len(previous.events) - previous.unsaid,
     )
@@ -347,10 +365,12 @@ def find_events(
 
 def wind_days(
     headings: xr.Dataset, members: list[str], *, corrected: xr.Dataset | None = None
-) -> WindDays:
+) -> pd.DataFrame:
     """Sum the wind vector differences of a fleet from the mean of some references, by day.
 
-    Corrected winds, where given, are used where a correction was applied.
+    Corrected winds, where given, are used where a correction was applied. Rows are sorted by
+    ``aircraft`` (its number) and ``day`` (since 1970) with reports; ``count`` of reports used, 0
+    where screening left none, summed ``difference`` (m/s) and ``log_difference`` (natural).
     """
     tables = []
     for part in parts_of(headings, {"": members}, ["screening"], corrected):
@@ -358,14 +378,14 @@ def wind_days(
         difference = np.hypot(*(wind - part.model[""]))
         used = (part.column("screening") == 0) & np.isfinite(difference)
         values = {
+            "aircraft": part.aircraft,
+            "day": part.day,
             "count": used * 1.0,
             "difference": np.where(used, difference, 0.0),
             "log_difference": np.where(used, np.log(np.maximum(difference, LEAST)), 0.0),
         }
-        frame = pd.DataFrame({"aircraft": part.aircraft, "day": part.day} | values)
-        tables.append(frame.groupby(["aircraft", "day"], as_index=False).sum())
-    whole = pd.concat(tables)
-    return WindDays(*(whole[name].to_numpy() for name in WindDays.__dataclass_fields__))
+        tables.append(pd.DataFrame(values).groupby(["aircraft", "day"], as_index=False).sum())
+    return pd.concat(tables, ignore_index=True)
 
 
 def changed_since(found: Monitoring) -> dict[str, str]:
@@ -382,8 +402,7 @@ def changed_since(found: Monitoring) -> dict[str, str]:
 def with_tables(found: Monitoring, now: Mapping[str, UnitTable | None]) -> Monitoring:
     """The same with other tables that would be sent now, by aircraft; None: none yet."""
     states = [
-        _compared(replace(state, table_now=now[state.aircraft])) if state.aircraft in now else state
-        for state in found.states
+        replace(state, table_now=now.get(state.aircraft, state.table_now)) for state in found.states
     ]
     return replace(found, states=states)
 
@@ -413,37 +432,7 @@ def _step_event(alarm: Alarm, aircraft: NDArray[np.str_], kind: Kind) -> Event:
     )
 
 
-def _presence(
-    winds: WindDays, aircraft: NDArray[np.str_], last: int, previous: Monitoring | None
-) -> tuple[NDArray[np.bool_], list[Event]]:
-    """Which aircraft are silent now, and events of silent and of new aircraft."""
-    begin, silences = first_days_and_silences(winds.aircraft, winds.day, aircraft.size, last)
-    silent = np.zeros(aircraft.size, dtype=np.bool_)
-    found = []
-    for one in silences:
-        silent[one.number] |= one.lasts
-        found.append(
-            Event(
-                "aircraft_silent",
-                date_of(one.first),
-                date_of(one.noticed),
-                str(aircraft[one.number]),
-                {"days": one.days, "usual_days": one.usual_days},
-            )
-        )
-    if previous is None:
-        # an aircraft that begins with the archive is not new
-        new = (begin >= winds.day.min() + LEARNING) & (begin <= last)
-    else:
-        new = (begin <= last) & ~np.isin(aircraft, [state.aircraft for state in previous.states])
-    for number in np.flatnonzero(new):
-        first = date_of(begin[number])
-        found.append(Event("aircraft_new", first, first, str(aircraft[number]), {}))
-    return silent, found
-
-
-@dataclass(frozen=True)
-class Silence:
+class Silence(NamedTuple):
     """A silence of an aircraft; days since 1970."""
 
     number: int  # of the aircraft
@@ -513,39 +502,6 @@ def _not_reported(found: list[Event], before: Monitoring) -> list[Event]:
         elif event.aircraft not in seen or _day(event.noticed) > _day(before.until) - LONGEST:
             news.append(event)
     return news
-
-
-def _states(
-    winds: WindDays,
-    aircraft: NDArray[np.str_],
-    silent: NDArray[np.bool_],
-    now: Mapping[str, UnitTable],
-    in_use: Mapping[str, UnitTable],
-) -> list[State]:
-    """State of every aircraft that ever reported."""
-    found = []
-    for k, rows in enumerate(rows_by_aircraft(winds.aircraft, aircraft.size)):
-        if rows.start == rows.stop:
-            continue
-        name, used = str(aircraft[k]), winds.count[rows] > 0
-        count, total = winds.count[rows][used], winds.difference[rows][used]
-        means = [
-            float(total[part].sum() / count[part].sum() / KNOT) if count[part].size else None
-            for part in (slice(-LAST_DAYS, None), slice(0, -LAST_DAYS))
-        ]
-        first, last = (date_of(winds.day[one]) for one in (rows.start, rows.stop - 1))
-        state = State(name, first, last, bool(silent[k]), in_use.get(name), now.get(name))
-        found.append(
-            _compared(replace(state, disagreement_kt=means[0], past_disagreement_kt=means[1]))
-        )
-    return found
-
-
-def _compared(state: State) -> State:
-    if state.table_in_use is None or state.table_now is None:
-        return replace(state, tables_differ=None, table_difference_deg=None)
-    unlike, rms = tables_differ(state.table_in_use, state.table_now)
-    return replace(state, tables_differ=unlike, table_difference_deg=rms)
 
 
 def tables_differ(one: UnitTable, other: UnitTable) -> tuple[bool, float]:
