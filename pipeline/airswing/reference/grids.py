@@ -16,6 +16,7 @@ from __future__ import annotations
 import copy
 import hashlib
 import json
+import math
 import threading
 import warnings
 from abc import ABC, abstractmethod
@@ -70,8 +71,8 @@ def _proj(text: str) -> Proj:
 class Frame:
     """A system of horizontal coordinates x, y.
 
-    `kind` is ``longitude_latitude``; ``rotated`` (longitude and latitude about another pole);
-    ``mercator`` (longitude in degrees, metres to the north); or ``projected`` (metres).
+    `kind` is ``longitude_latitude``, ``rotated`` (longitude and latitude about another pole), or
+    ``projected`` (metres).
     """
 
     kind: str = "longitude_latitude"
@@ -83,9 +84,19 @@ class Frame:
         return self.kind != "projected"
 
     @property
+    def turn(self) -> float:
+        """Length of a full circle along x: degrees, metres of a Mercator projection, or inf."""
+        if self.meridional:
+            return 360.0
+        if "proj=merc" not in self.proj:
+            return math.inf
+        (west, east), _ = _proj(self.proj)([0.0, 1e6], [0.0, 0.0], inverse=True)
+        return 360.0 / abs(float(wrap_degrees(east - west))) * 1e6
+
+    @property
     def north_up(self) -> bool:
         """Whether y points to true north everywhere."""
-        return self.kind in ("longitude_latitude", "mercator")
+        return self.kind == "longitude_latitude" or "proj=merc" in self.proj
 
     def xy(self, latitude: Floats, longitude: Floats) -> tuple[Floats, Floats]:
         """Coordinates (n,) of places (n,) in degrees; NaN where the projection has no image."""
@@ -98,8 +109,6 @@ class Frame:
         plane[~np.isfinite(plane)] = np.nan
         if self.kind == "rotated":
             plane = np.degrees(plane)
-        elif self.kind == "mercator":
-            plane[0] = longitude
         return plane[0], plane[1]
 
     def places(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
@@ -108,9 +117,8 @@ class Frame:
             return y, x
         if self.kind == "rotated":
             x, y = np.radians(x), np.radians(y)
-        east = np.zeros_like(x) if self.kind == "mercator" else x
-        longitude, latitude = _proj(self.proj)(east, y, inverse=True)
-        return np.asarray(latitude), x if self.kind == "mercator" else np.asarray(longitude)
+        longitude, latitude = _proj(self.proj)(x, y, inverse=True)
+        return np.asarray(latitude), np.asarray(longitude)
 
     def convergence(self, latitude: Floats, longitude: Floats) -> Floats:
         """Angle (n,) in rad that turns components along the frame to true east and north.
@@ -296,25 +304,25 @@ class AxesGrid(Grid):
         self.by_column, self.alternate = by_column, alternate
         self.ni, self.nj, self.name, self.north_up = x.size, y.size, frame.kind, frame.north_up
         self.key = _short_hash(repr((frame, by_column, alternate)), x, y)
-        # longitudes without a jump of 360 degrees
-        self._columns = np.unwrap(x, period=360.0) if frame.meridional else x
-        if frame.meridional and self.ni > 1:
+        self._columns, self._turn = x, frame.turn
+        if np.isfinite(self._turn) and self.ni > 1:
+            self._columns = np.unwrap(x, period=self._turn)
             span = abs(float(self._columns[-1] - self._columns[0]))
             step = span / (self.ni - 1)
-            self.periodic = abs(span + step - 360.0) < _FULL_CIRCLE * step
+            self.periodic = abs(span + step - self._turn) < _FULL_CIRCLE * step
 
     def plane(self, latitude: Floats, longitude: Floats) -> tuple[Floats, Floats]:
         """Fractional indices (n,) along x and y of places (n,) in degrees, also outside."""
         x, y = self.frame.xy(latitude, longitude)
-        columns = self._columns
-        if self.frame.meridional and self.ni > 1:
-            # in the turn of longitude that starts halfway between the last and the first column
+        columns, turn = self._columns, self._turn
+        if np.isfinite(turn) and self.ni > 1:
+            # in the circle that starts halfway between the last and the first column
             span = float(columns[-1] - columns[0])
-            gap, along = max(360.0 - abs(span), 0.0), np.copysign(1.0, span)
-            past = np.mod(along * (x - columns[0]) + gap / 2.0, 360.0) - gap / 2.0
+            gap, along = max(turn - abs(span), 0.0), np.copysign(1.0, span)
+            past = np.mod(along * (x - columns[0]) + gap / 2.0, turn) - gap / 2.0
             x = columns[0] + along * past
             if self.periodic:
-                columns = np.append(columns, columns[0] + along * 360.0)
+                columns = np.append(columns, columns[0] + along * turn)
         return _index_along(columns, x), _index_along(self.y, y)
 
     def convergence(self, latitude: ArrayLike, longitude: ArrayLike) -> Floats:

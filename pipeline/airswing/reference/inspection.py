@@ -95,10 +95,7 @@ def _grid(grid: AxesGrid) -> dict[str, object]:
         "projection": grid.frame.proj,
         "points": [grid.ni, grid.nj],
         "step": [float(np.round(step, 6)) for step in steps],
-        "step_unit": [
-            "degree" if grid.frame.meridional else "m",
-            "degree" if grid.frame.kind in ("longitude_latitude", "rotated") else "m",
-        ],
+        "step_unit": ["degree" if grid.frame.meridional else "m"] * 2,
         "latitude_range": [south, north],
         "longitude_range": [west, east],
         "winds_along_grid": grid.wind_along_grid,

@@ -209,7 +209,7 @@ class _Keys:
             raise UnplaceableGridError(f"grid lengths of {di:g} by {dj:g} m")
         if max(di * (self.ni - 1), dj * (self.nj - 1)) > longest:
             raise UnplaceableGridError("grid larger than the earth")
-        earth, radius = self._earth()
+        earth = self._earth()
         if kind in ("lambert", "polar_stereographic") and self.whole("projectionCentreFlag") & 0x40:
             raise UnplaceableGridError("bipolar projection")
         if kind == "lambert":
@@ -233,7 +233,12 @@ class _Keys:
                 "projected", f"+proj=laea +lat_0={middle[0]!r} +lon_0={middle[1]!r} {earth}"
             )
         else:
-            return self._mercator(latitude, longitude, di, dj, earth, radius)
+            if self.edition == 2 and self.number("orientationOfTheGridInDegrees"):
+                raise UnplaceableGridError("Mercator grid turned against the equator")
+            frame = Frame("projected", f"+proj=merc +lat_ts={self.degrees('LaD')!r} {earth}")
+            # lengths are whole metres or millimetres: a full circle to a hundredth of a column
+            if abs(frame.turn / di - self.ni) < 0.01:
+                di = frame.turn / self.ni
         x0, y0 = frame.xy(np.array([latitude]), np.array([longitude]))
         x = x0[0] + self.si * di * np.arange(self.ni, dtype=np.float64)
         y = y0[0] + self.sj * dj * np.arange(self.nj, dtype=np.float64)
@@ -241,25 +246,8 @@ class _Keys:
             raise UnplaceableGridError("first grid point where the projection has no image")
         return frame, x, y
 
-    def _mercator(
-        self, latitude: float, longitude: float, di: float, dj: float, earth: str, radius: float
-    ) -> tuple[Frame, Floats, Floats]:
-        """Mercator's columns by their longitudes, so that a full circle is recognised."""
-        if self.edition == 2 and self.number("orientationOfTheGridInDegrees"):
-            raise UnplaceableGridError("Mercator grid turned against the equator")
-        frame = Frame("mercator", f"+proj=merc +lat_ts={self.degrees('LaD')!r} +lon_0=0 {earth}")
-        projected = Frame("projected", frame.proj)
-        turn = float(projected.xy(np.zeros(1), np.array([90.0]))[0][0]) * 4.0
-        step = 360.0 * di / turn
-        # lengths are whole metres or millimetres: a full circle to a hundredth of a column
-        if abs(turn / di - self.ni) < 0.01:
-            step = 360.0 / self.ni
-        y0 = frame.xy(np.array([latitude]), np.array([longitude]))[1][0]
-        x = longitude + self.si * step * np.arange(self.ni, dtype=np.float64)
-        return frame, x, y0 + self.sj * dj * np.arange(self.nj, dtype=np.float64)
-
-    def _earth(self) -> tuple[str, float]:
-        """PROJ parameters of the earth, and its semi-major axis (m)."""
+    def _earth(self) -> str:
+        """PROJ parameters of the earth."""
         if self.edition == 1:
             oblate = self.whole("earthIsOblate")
             axes = (6378160.0, 6356775.0) if oblate else (6367470.0, 6367470.0)
@@ -275,7 +263,7 @@ class _Keys:
             raise UnplaceableGridError(
                 f"impossible shape of the earth, axes {axes[0]}, {axes[1]} m"
             )
-        return f"+a={axes[0]!r} +b={axes[1]!r} +units=m +no_defs", axes[0]
+        return f"+a={axes[0]!r} +b={axes[1]!r} +units=m +no_defs"
 
 
 @lru_cache(maxsize=8)
