@@ -11,7 +11,7 @@ import pytest
 import xarray as xr
 
 from airswing.reference.catalogue import build_catalogue
-from airswing.reference.collocate import Sample, sample_model_times
+from airswing.reference.collocate import sample_model_times
 from airswing.reference.grids import LONGITUDE_LATITUDE, AxesGrid
 from airswing.reference.winds import ModelTime, level_brackets
 from airswing.units import MODEL_EARTH_RADIUS as EARTH_RADIUS
@@ -27,8 +27,8 @@ def lattice(keys: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
     return lat, lon
 
 
-def sample_model_time(model: ModelTime, lat: Any, lon: Any, p: Any, **options: Any) -> Sample:
-    return sample_model_times([model], [(lat, lon, p)], **options)[0]
+def sample_model_time(model: ModelTime, lat: Any, lon: Any, p: Any, **options: Any) -> np.ndarray:
+    return sample_model_times([model], [(lat, lon, p)], **options).tables[0]
 
 
 def model_of(folder: Path, keys: dict[str, Any], fields: dict[int, tuple], **options) -> ModelTime:
@@ -64,7 +64,7 @@ def test_linear_fields_come_back_exactly(tmp_path: Path) -> None:
     model = model_of(tmp_path, LATLON, fields)
     rng = np.random.default_rng(0)
     at = rng.uniform(40, 60, 200), rng.uniform(5, 35, 200), rng.uniform(30000, 70000, 200)
-    u, v = sample_model_time(model, *at).table
+    u, v = sample_model_time(model, *at)
     np.testing.assert_allclose(u, at[0] - at[1] + 5 * np.log(at[2]), atol=1e-5)
     np.testing.assert_allclose(v, 0.5 * at[1] - 3 * np.log(at[2]), atol=1e-5)
 
@@ -75,7 +75,7 @@ def test_nothing_is_extrapolated(tmp_path: Path) -> None:
     lat = np.array([50.0, 50, 50, 60.001, 39.999, 50, 50, 60, 40])
     lon = np.array([20.0, 20, 20, 20, 20, 4.999, 35.001, 5, 35])
     p = np.array([29999.0, 50001, 40000, 4e4, 4e4, 4e4, 4e4, 3e4, 5e4])
-    u, _ = sample_model_time(model, lat, lon, p).table
+    u, _ = sample_model_time(model, lat, lon, p)
     np.testing.assert_array_equal(np.isfinite(u), [0, 0, 1, 0, 0, 0, 0, 1, 1])
 
 
@@ -88,7 +88,7 @@ def test_bitmap_gaps_give_no_value(tmp_path: Path) -> None:
     lat, lon = np.array([50.0, 50.5, 50.0, 52.0, 50.0]), np.array([15.0, 15.5, 17.0, 15.0, 15.0])
     p = np.array([5e4, 5e4, 5e4, 5e4, 3e4])
     for sparse in (True, False):
-        table = sample_model_time(model, lat, lon, p, sparse=sparse).table
+        table = sample_model_time(model, lat, lon, p, sparse=sparse)
         np.testing.assert_array_equal(np.isfinite(table[0]), [0, 0, 1, 1, 1])
 
 
@@ -106,7 +106,7 @@ def test_a_westerly_everywhere_is_a_westerly_at_the_reports(
     assert model.grids[0].wind_along_grid
     inner = np.isfinite(grid.fractional_index(lat, lon)[0]) & (np.abs(lat) < 75)
     at = lat[inner] * 0.999, lon[inner] + 0.01, np.full(inner.sum(), 5e4)
-    got = sample_model_time(model, *at).table
+    got = sample_model_time(model, *at)
     inside = np.isfinite(got[0])
     assert inside.mean() > 0.5
     np.testing.assert_allclose(got[0][inside], 25.0, atol=0.03)
@@ -120,9 +120,9 @@ def test_values_do_not_depend_on_company(real: Callable[[str], Path], tmp_path: 
     model = build_catalogue(path, name="x", cache_dir=tmp_path).model_time(0)
     rng = np.random.default_rng(5)
     at = rng.uniform(25, 50, 301), rng.uniform(-120, -75, 301), rng.uniform(2e4, 9.5e4, 301)
-    together = sample_model_time(model, *at, derivatives=True).table
+    together = sample_model_time(model, *at, derivatives=True)
     for part in (slice(0, 1), slice(1, 8), slice(8, 301)):
-        alone = sample_model_time(model, *(a[part] for a in at), derivatives=True).table
+        alone = sample_model_time(model, *(a[part] for a in at), derivatives=True)
         np.testing.assert_array_equal(alone, together[:, part])
 
 
@@ -137,7 +137,7 @@ def test_derivatives_are_those_of_the_samples_themselves(
     ni, nj = model.grids[0].ni, model.grids[0].nj
     middle = nj // 2 * ni + ni // 2
     at = np.array([lat[middle] + 0.11]), np.array([lon[middle] + 0.13]), np.array([38000.0])
-    table = sample_model_time(model, *at, derivatives=True).table[:, 0]
+    table = sample_model_time(model, *at, derivatives=True)[:, 0]
 
     def wind(north: float = 0.0, east: float = 0.0, lnp: float = 0.0) -> np.ndarray:
         stretch = np.cos(np.radians(at[0]))
@@ -146,7 +146,7 @@ def test_derivatives_are_those_of_the_samples_themselves(
             at[1] + np.degrees(east / EARTH_RADIUS) / stretch,
             at[2] * np.exp(lnp),
         )
-        return sample_model_time(model, *place).table[:, 0]
+        return sample_model_time(model, *place)[:, 0]
 
     step = 50.0
     assert np.isfinite(table).all()
@@ -187,7 +187,7 @@ def test_native_levels_with_pressure(upwards: bool, tmp_path: Path) -> None:
     model = build_catalogue(path, name="x", cache_dir=tmp_path / "c").model_time(0)
     lat, lon = np.full(5, 50.0), np.array([5.0, 9.0, 15.0, 25.0, 5.0])
     p = np.array([33000.0, 50000.0, 47500.0, 80000.0, 29000.0])
-    u, v = sample_model_time(model, lat, lon, p).table
+    u, v = sample_model_time(model, lat, lon, p)
     np.testing.assert_allclose(u[:4], np.log(p[:4]), atol=1e-4)
     assert np.isnan(u[4]) and np.isnan(v[4])
     # At longitude 9 (x = 2) levels lie at 1.02 times their base; 50,000 Pa is between two.
@@ -220,7 +220,7 @@ def test_exactness_against_cfgrib_and_interp(
     if "step" in data.dims:
         data = data.isel(step=0)
     lat, lon, p = points_inside(model, np.random.default_rng(8), 400)
-    mine = sample_model_time(model, lat, lon, p).table
+    mine = sample_model_time(model, lat, lon, p)
     theirs = by_interp(data, model.grids[0], lat, lon, p)
     np.testing.assert_array_equal(np.isfinite(mine), np.isfinite(theirs))
     assert np.isfinite(mine[0]).mean() > 0.5
@@ -278,8 +278,8 @@ def test_native_levels_are_joined_in_each_column(tmp_path: Path) -> None:
     p = 50000.0
     # Half way between the columns x = 5 and x = 6, where levels lie at 1.05 and 1.06 of their base.
     columns = [2 + np.log(p / (45000 * f)) / np.log(60 / 45) for f in (1.05, 1.06)]
-    _, v = sample_model_time(model, np.array([50.0]), np.array([16.0]), np.array([p])).table
+    _, v = sample_model_time(model, np.array([50.0]), np.array([16.0]), np.array([p]))
     assert v[0] == pytest.approx(np.mean(columns), abs=2e-6)
     # A level that one of the columns does not reach gives no value.
     top = np.array([30000.0 * 1.055])
-    assert np.isnan(sample_model_time(model, np.array([50.0]), np.array([16.0]), top).table).all()
+    assert np.isnan(sample_model_time(model, np.array([50.0]), np.array([16.0]), top)).all()

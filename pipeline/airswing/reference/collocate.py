@@ -32,7 +32,7 @@ from airswing.reference.catalogue import Catalogue, catalogues_of
 from airswing.reference.grib.values import GribReader
 from airswing.reference.gridded.datasets import DatasetReader
 from airswing.reference.grids import Floats, Ints
-from airswing.reference.winds import ISOBARIC, ModelTime, Request, Winds, winds_at
+from airswing.reference.winds import ISOBARIC, ModelTime, Request, winds_at
 from airswing.vocabulary import describe
 
 Places = tuple[Floats, Floats, Floats]
@@ -58,8 +58,7 @@ PROBLEMS = "problems"
 _LOG = logging.getLogger("airswing.reference")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Points:
+class Points(NamedTuple):
     """Times and places of reports, in order of time, without those that have no time."""
 
     order: Ints  # place of each in the Dataset
@@ -87,8 +86,7 @@ def _require_columns(reports: xr.Dataset) -> None:
         raise InputError("reports lack " + ", ".join(absent), field="reports")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Schedule:
+class Schedule(NamedTuple):
     """Reports that each model time serves, with their weights."""
 
     earlier: Ints  # model time at or before each report, -1 if it has no model
@@ -109,36 +107,28 @@ def _schedule(points: Points, valid: Ints, *, max_time_gap: float, both: bool = 
         Use the model time after also at a valid time, if there is one in reach (time derivatives
         need it).
     """
-    count = valid.size
     earlier = np.searchsorted(valid, points.time, side="right") - 1
-    steps = np.diff(valid)
-    near = np.append(steps <= round(max_time_gap * 1e9), False)
+    steps = np.append(np.diff(valid), 1)
+    near = np.append(steps[:-1] <= round(max_time_gap * 1e9), False)
     exact = (earlier >= 0) & (valid[earlier] == points.time)
-    bracketed = (earlier >= 0) & (earlier < count - 1) & near[earlier]
+    bracketed = (earlier >= 0) & near[earlier]
     later = bracketed & (~exact | both)
-    step = np.append(steps, 1)[earlier]
-    weight = np.where(later & ~exact, (points.time - valid[earlier]) / step, 0.0)
+    weight = np.where(later & ~exact, (points.time - valid[earlier]) / steps[earlier], 0.0)
     earlier = np.where(exact | bracketed, earlier, -1)
-    start = np.searchsorted(points.time, valid, side="left")
-    stop = np.searchsorted(points.time, valid, side="right")
-    after = np.searchsorted(points.time, np.append(valid[1:], valid[-1:]), side="left")
-    previous, side = np.append(valid[:1], valid[:-1]), "left" if both else "right"
-    before = np.searchsorted(points.time, previous, side=side)  # type: ignore[call-overload]
-    stop = np.where(near, after, stop)
-    start = np.where(np.concatenate([[False], near[:-1]]), before, start)
-    return Schedule(earlier, weight, later, start, np.maximum(stop, start))
+    served = np.concatenate([np.flatnonzero(earlier >= 0), np.flatnonzero(later)])
+    number = np.concatenate([earlier[earlier >= 0], earlier[later] + 1])
+    start, stop = np.full(valid.size, points.time.size), np.zeros(valid.size, dtype=np.int64)
+    np.minimum.at(start, number, served)
+    np.maximum.at(stop, number, served + 1)
+    return Schedule(earlier, weight, later, np.minimum(start, stop), stop)
 
 
-class Sample(NamedTuple):
-    """Winds of one model time at its reports.
+class Batch(NamedTuple):
+    """Winds of model times at their reports: a table each, see :func:`winds.winds_at`."""
 
-    `table` is (2 or 9, report), see :func:`airswing.reference.winds.winds_at`; `problems` lists
-    (file, reason) of what could not be read; `account` counts as `ACCOUNT` does.
-    """
-
-    table: Floats
-    problems: tuple[tuple[str, str], ...]
-    account: Floats
+    tables: list[Floats]
+    problems: tuple[tuple[str, str], ...]  # file and reason of what could not be read
+    account: Floats  # as `ACCOUNT`
 
 
 def collocate(
@@ -256,16 +246,18 @@ def _joined(
     given = delayed(_Hidden(catalogue.given), pure=False, traverse=False)
     sample = delayed(_sample_batch, pure=False)
     batches = catalogue.batches(needed)
-    tasks = []
-    for batch in batches:
-        models = _Hidden([catalogue.model_time(int(number)) for number in batch])
-        places = places_of(points, times, batch)
-        tasks.append(
-            sample(models, places, given if catalogue.given else None, derivatives, sparse)
+    tasks = [
+        sample(
+            _Hidden([catalogue.model_time(int(number)) for number in batch]),
+            places_of(points, times, batch),
+            given if catalogue.given else None,
+            derivatives,
+            sparse,
         )
-    used = np.concatenate([*batches, np.empty(0, dtype=np.int64)])
+        for batch in batches
+    ]
     join = delayed(_join, pure=False)
-    return join(tasks, points, times, catalogue.valid, catalogue.leads, used, derivatives)
+    return join(tasks, batches, points, times, catalogue.valid, catalogue.leads, derivatives)
 
 
 def _places_of(points: Points, times: Schedule, batch: Ints) -> list[Places]:
@@ -275,18 +267,14 @@ def _places_of(points: Points, times: Schedule, batch: Ints) -> list[Places]:
 
 def _sample_batch(
     models: _Hidden, places: list[Places], given: _Hidden | None, derivatives: bool, sparse: bool
-) -> list[Sample]:
-    samples = sample_model_times(
-        models.content,
-        places,
-        derivatives=derivatives,
-        sparse=sparse,
-        given={} if given is None else given.content,
+) -> Batch:
+    options: Any = {"derivatives": derivatives, "sparse": sparse}
+    batch = sample_model_times(
+        models.content, places, given=None if given is None else given.content, **options
     )
-    for sample in samples[:1]:  # problems are those of all
-        for file, reason in sample.problems:
-            _LOG.warning("%s: %s; its reports get no value", file, reason)
-    return samples
+    for file, reason in batch.problems:
+        _LOG.warning("%s: %s; its reports get no value", file, reason)
+    return batch
 
 
 def sample_model_times(
@@ -296,69 +284,56 @@ def sample_model_times(
     derivatives: bool = False,
     sparse: bool = True,
     given: Mapping[str, xr.Dataset] | None = None,
-) -> list[Sample]:
-    """Winds of some model times of one reference, which share chunks, at their reports.
+) -> Batch:
+    """Winds of model times of one reference, which share chunks, at their reports.
 
-    Costs of reading are in the first sample. Datasets given in Python have the path that their
-    catalogue has.
+    Datasets given in Python have the path that their catalogue has.
     """
-    if not models:
-        return []
     reader: GribReader | DatasetReader
     reader = DatasetReader(given or {}) if models[0].stored else GribReader(sparse=sparse)
     work = [winds_at(m, *w, derivatives=derivatives) for m, w in zip(models, places, strict=True)]
-    tables: dict[int, Floats] = {}
-    asked: dict[int, Request] = {}
-
-    def advance(number: int, one: Winds, values: list[Floats] | None) -> None:
-        try:
-            asked[number] = next(one) if values is None else one.send(values)
-        except StopIteration as done:
-            tables[number] = done.value
-
+    tables = [np.empty(0)] * len(work)
+    answers: dict[int, list[Floats] | None] = dict.fromkeys(range(len(work)))
     try:
-        for number, one in enumerate(work):
-            advance(number, one, None)
-        while asked:
-            waiting = sorted(asked)
-            requests = [asked.pop(n) for n in waiting]
-            answers = reader.answer([models[n] for n in waiting], requests)
-            for n, values in zip(waiting, answers, strict=True):
-                advance(n, work[n], values)
+        while answers:
+            asked: dict[int, Request] = {}
+            for number, values in answers.items():
+                try:
+                    asked[number] = work[number].send(values)  # type: ignore[arg-type]  # None: begin
+                except StopIteration as done:
+                    tables[number] = done.value
+            found = reader.answer([models[n] for n in asked], list(asked.values()))
+            answers = dict(zip(asked, found, strict=True))
     finally:
         reader.close()
-    problems = tuple(reader.problems)
-    account = np.array([len(problems), reader.decoded, reader.n_bytes, reader.seconds])
-    return [
-        Sample(tables[n], problems, account if n == 0 else account * [1, 0, 0, 0])
-        for n in range(len(work))
-    ]
+    unread = len(reader.problems) * len(work)  # each model time lacks it
+    account = np.array([unread, reader.decoded, reader.n_bytes, reader.seconds])
+    return Batch(tables, tuple(reader.problems), account)
 
 
 def _join(
-    batches: list[list[Sample]],
+    samples: list[Batch],
+    batches: list[Ints],
     points: Points,
     times: Schedule,
     valid: Ints,
     leads: Ints,
-    used: Ints,
     derivatives: bool,
 ) -> tuple[Floats, Floats, NDArray[np.object_]]:
     """Join samples in time: columns by report, `ACCOUNT`, and what could not be read."""
-    samples = [sample for batch in batches for sample in batch]
-    count = times.earlier.size
-    first = np.full((9 if derivatives else 2, count), np.nan)
+    first = np.full((9 if derivatives else 2, times.earlier.size), np.nan)
     second = first.copy()
     account, problems = np.zeros(len(ACCOUNT)), set()
-    for number, sample in zip(used.tolist(), samples, strict=True):
-        run = slice(int(times.start[number]), int(times.stop[number]))
-        # a model time is the earlier one of some of its reports and the later one of the others
-        before = times.earlier[run] == number
-        after = (times.earlier[run] == number - 1) & times.later[run]
-        first[:, run][:, before] = sample.table[:, before]
-        second[:, run][:, after] = sample.table[:, after]
-        account += sample.account
-        problems |= {(int(valid[number]), file, reason) for file, reason in sample.problems}
+    for batch, numbers in zip(samples, batches, strict=True):
+        for number, table in zip(numbers.tolist(), batch.tables, strict=True):
+            run = slice(int(times.start[number]), int(times.stop[number]))
+            # a model time is the earlier one of some of its reports and the later one of the others
+            before = times.earlier[run] == number
+            after = (times.earlier[run] == number - 1) & times.later[run]
+            first[:, run][:, before] = table[:, before]
+            second[:, run][:, after] = table[:, after]
+            problems |= {(int(valid[number]), file, reason) for file, reason in batch.problems}
+        account += batch.account
     weight = times.weight
     # at a valid time itself the later field need not exist: NaN times zero is NaN
     joined = np.where(weight == 0.0, first, (1.0 - weight) * first + weight * second)
