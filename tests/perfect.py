@@ -7,11 +7,13 @@ interpolation adds no error; the remaining error is that of the ground velocity 
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
+from functools import cached_property
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import airswing  # noqa: F401  (pyproj before eccodes)
 
@@ -26,7 +28,6 @@ from tests.reference.builders import build, grid_keys
 
 START = datetime(2009, 2, 27)
 LEVELS = (600, 500, 400, 300)
-STEPS = tuple(range(0, 51, 3))
 DEVIATIONS = {"S1": (1.5, 4.0, -2.0), "S2": (-2.0, -3.0, 3.5), "S3": (0.5, 0.0, 6.0)}
 """A, B, C in degrees of the three aircraft."""
 KNOT = 1852 / 3600
@@ -51,7 +52,8 @@ class Place:
     def rotated(self) -> bool:
         return self.crs is not None and "ob_tran" in self.crs
 
-    def _plane(self) -> pyproj.Transformer:
+    @cached_property
+    def _projection(self) -> pyproj.Transformer:
         sphere = "+proj=longlat +R=6371229 +no_defs"
         earth = sphere if self.rotated else pyproj.CRS(self.crs).geodetic_crs
         return pyproj.Transformer.from_crs(earth, pyproj.CRS(self.crs), always_xy=True)
@@ -61,9 +63,8 @@ class Place:
         lon, lat = np.asarray(lon, float), np.asarray(lat, float)
         if self.crs is None:
             return (lon - self.first[0]) % 360.0, lat - self.first[1]
-        turn = self._plane()
-        x, y = (np.asarray(one) for one in turn.transform(lon, lat))
-        x0, y0 = self.first if self.rotated else turn.transform(*self.first)
+        x, y = (np.asarray(one) for one in self._projection.transform(lon, lat))
+        x0, y0 = self.first if self.rotated else self._projection.transform(*self.first)
         return ((x - x0 + 180) % 360 - 180 if self.rotated else x - x0), y - y0
 
     def index(self, lon: Any, lat: Any) -> tuple[np.ndarray, np.ndarray]:
@@ -74,9 +75,8 @@ class Place:
         x, y = np.asarray(i) * self.step[0], np.asarray(j) * self.step[1]
         if self.crs is None:
             return self.first[0] + x, self.first[1] + y
-        turn = self._plane()
-        x0, y0 = self.first if self.rotated else turn.transform(*self.first)
-        return turn.transform(x + x0, y + y0, direction="INVERSE")
+        x0, y0 = self.first if self.rotated else self._projection.transform(*self.first)
+        return self._projection.transform(x + x0, y + y0, direction="INVERSE")
 
     def to_earth(self, u: Any, v: Any, lon: Any, lat: Any) -> tuple[np.ndarray, np.ndarray]:
         """True east and north components of a wind along the message's axes."""
@@ -107,51 +107,47 @@ def write_model(
     layout: str = "pairs",
     levels: Sequence[int] = LEVELS,
     pascals: bool = False,
-    steps: Sequence[int] = STEPS,
     lead: int = 0,
 ) -> None:
     """Write one file a valid time. ``layout``: pairs, blocks, apart (u and v files) or multi."""
     folder.mkdir(parents=True, exist_ok=True)
     i, j = np.meshgrid(np.arange(place.size[0]), np.arange(place.size[1]))
-    for step in steps:
+    for step in range(0, 51, 3):
         base = START + timedelta(hours=step - lead)
         when = int(base.strftime("%Y%m%d")), base.hour * 100
         options: Any = {"edition": place.edition, "when": when, "step": lead, "bits": 20}
-        pairs = []
+        us, vs = [], []
         for level in levels:
-            both = place.wind(i, j, np.log(level * 100.0), step)
             if pascals:
                 options["extra"] = {"typeOfLevel": "isobaricInPa", "level": level * 100}
-            pairs.append(
-                [
-                    build(place.keys, part.ravel(), parameter=name, level=level, **options)
-                    for name, part in zip("uv", both, strict=True)
-                ]
-            )
-        us, vs = (b"".join(column) for column in zip(*pairs, strict=True))
-        if layout == "multi":
-            with open(folder / f"m{step:03d}.grib2", "wb") as sink:
-                for pair in pairs:
-                    _write_multi(pair, sink)
-        elif layout == "apart":
-            (folder / f"u{step:03d}.grb").write_bytes(us)
-            (folder / f"v{step:03d}.grb").write_bytes(vs)
-        elif layout == "blocks":
-            (folder / f"b{step:03d}.grb").write_bytes(vs + us)
-        else:
-            (folder / f"p{step:03d}.grb").write_bytes(b"".join(b"".join(p) for p in pairs))
+            both = place.wind(i, j, np.log(level * 100.0), step)
+            for name, wind, messages in zip("uv", both, (us, vs), strict=True):
+                messages.append(
+                    build(place.keys, wind.ravel(), parameter=name, level=level, **options)
+                )
+        pairs = list(zip(us, vs, strict=True))
+        files = {
+            "apart": {"u": us, "v": vs},
+            "blocks": {"b": vs + us},
+            "pairs": {"p": [message for pair in pairs for message in pair]},
+            "multi": {"m": [_multi(pair) for pair in pairs]},
+        }
+        for letter, messages in files[layout].items():
+            (folder / f"{letter}{step:03d}.grb").write_bytes(b"".join(messages))
 
 
-def _write_multi(pair: Sequence[bytes], sink: BinaryIO) -> None:
+def _multi(pair: Sequence[bytes]) -> bytes:
     """Both messages as one, the second from its section 4 on."""
     handles = [eccodes.codes_new_from_message(one) for one in pair]
     multi = eccodes.codes_grib_multi_new()
-    eccodes.codes_grib_multi_append(handles[0], 0, multi)
-    eccodes.codes_grib_multi_append(handles[1], 4, multi)
-    eccodes.codes_grib_multi_write(multi, sink)
-    eccodes.codes_grib_multi_release(multi)
-    for handle in handles:
+    for handle, section in zip(handles, (0, 4), strict=True):
+        eccodes.codes_grib_multi_append(handle, section, multi)
         eccodes.codes_release(handle)
+    with tempfile.TemporaryFile() as sink:
+        eccodes.codes_grib_multi_write(multi, sink)
+        eccodes.codes_grib_multi_release(multi)
+        sink.seek(0)
+        return sink.read()
 
 
 def pressure_of(feet: np.ndarray) -> np.ndarray:
@@ -159,101 +155,57 @@ def pressure_of(feet: np.ndarray) -> np.ndarray:
     return 101325.0 * (1 - 0.0065 * feet * 0.3048 / 288.15) ** 5.255876
 
 
-def fly(
-    place: Place,
-    *,
-    deviations: dict[str, tuple[float, float, float]] = DEVIATIONS,
-    flights: int = 26,
-    reports: int = 12,
-    seconds: int = 180,
-    seed: int = 1,
-) -> pd.DataFrame:
-    """Reports of aircraft with known deviation that fly straight through the model's wind.
+def fly(place: Place, *, flights: int = 26, reports: int = 12, seconds: int = 180) -> pd.DataFrame:
+    """Reports of aircraft with `DEVIATIONS` that fly straight through the model's wind.
 
     B and C are those at the mean horizontal field of the aircraft's reports, since the deviation by
     iron is inversely proportional to the field.
     """
-    rng = np.random.default_rng(seed)
-    rows = []
-    for tail, deviation in deviations.items():
-        flown = [
-            _leg(place, rng, flight, flights=flights, reports=reports, seconds=seconds)
-            for flight in range(flights)
-        ]
-        _put_field(flown)
-        mean = np.mean([leg["horizontal"] for leg in flown])
-        for flight, leg in enumerate(flown):
-            u_reported, v_reported = _reported_wind(leg, deviation, mean)
-            for k in range(reports):
-                rows.append(
-                    {
-                        "tail": tail,
-                        "time": leg["begin"] + timedelta(seconds=seconds * k),
-                        "latitude": leg["lat"][k],
-                        "longitude": leg["lon"][k],
-                        "pressure_altitude_ft": leg["feet"][k],
-                        "wind_direction_deg": np.degrees(np.arctan2(-u_reported[k], -v_reported[k]))
-                        % 360,
-                        "wind_speed_kt": np.hypot(u_reported[k], v_reported[k]) / KNOT,
-                        "phase": "cruise",
-                        "flight": f"{tail}-{flight}",
-                    }
-                )
-    return pd.DataFrame(rows)
-
-
-def _leg(
-    place: Place, rng: np.random.Generator, flight: int, *, flights: int, reports: int, seconds: int
-) -> dict[str, Any]:
-    """One straight flight: where it goes and its air vector."""
-    i, j = (rng.uniform(0.35, 0.65) * (n - 1) for n in place.size)
+    rng = np.random.default_rng(1)
+    one = len(DEVIATIONS), flights, 1
+    every = np.zeros((len(DEVIATIONS), flights, reports))
+    i, j = (rng.uniform(0.35, 0.65, one) * (n - 1) for n in place.size)
     if place.periodic:
-        i = rng.uniform(-2, 2)
-    lon0, lat0 = (float(x) for x in place.position(i, j))
-    azimuth, speed = rng.uniform(0, 360), rng.uniform(110, 150)
-    begin = START + timedelta(seconds=round((flight + rng.uniform(0, 0.5)) * 47 * 3600 / flights))
-    distance = speed * seconds * np.arange(reports)
-    lon, lat, back = GEOD.fwd(
-        np.full(reports, lon0), np.full(reports, lat0), np.full(reports, azimuth), distance
-    )
-    track = np.radians(np.asarray(back) + 180.0)
-    feet = np.full(reports, rng.uniform(15500, 28500).__round__(-1))
-    hours = (begin - START).total_seconds() / 3600 + seconds * np.arange(reports) / 3600
-    wind = place.wind(*place.index(lon, lat), np.log(pressure_of(feet)), hours)
-    u, v = place.to_earth(*wind, lon, lat)
+        i = rng.uniform(-2, 2, one)
+    azimuth, speed = rng.uniform(0, 360, one), rng.uniform(110, 150, one)
+    feet = rng.uniform(15500, 28500, one).round(-1) + every
+    begin = (np.arange(flights)[:, None] + rng.uniform(0, 0.5, one)) * 47 * 3600 / flights
+    elapsed = begin.round() + seconds * np.arange(reports)
+    ahead = speed * seconds * np.arange(reports)
+    start = (np.asarray(part) + every for part in place.position(i, j))
+    lon, lat, back = (np.asarray(part) for part in GEOD.fwd(*start, azimuth + every, ahead))
+    wind = place.wind(*place.index(lon, lat), np.log(pressure_of(feet)), elapsed / 3600)
+    track, (u, v) = np.radians(back + 180.0), place.to_earth(*wind, lon, lat)
     ground = speed * np.sin(track), speed * np.cos(track)
-    return {
-        "begin": begin,
-        "lon": lon,
-        "lat": lat,
-        "feet": feet,
-        "ground": ground,
-        "air": (ground[0] - u, ground[1] - v),
-    }
-
-
-def _put_field(legs: list[dict[str, Any]]) -> None:
-    """The geomagnetic field along all flights; in two days it turns by under 0.001 degrees."""
-    # One call, since ppigrf reads its coefficients at every call.
-    lon, lat, feet = (np.array([leg[name] for leg in legs]) for name in ("lon", "lat", "feet"))
-    east, north, _ = ppigrf.igrf(lon, lat, feet * 0.3048e-3, START)
-    for leg, e, n in zip(legs, east[0], north[0], strict=True):
-        leg["declination"], leg["horizontal"] = np.arctan2(e, n), np.hypot(e, n)
-
-
-def _reported_wind(
-    leg: dict[str, Any], deviation: tuple[float, float, float], mean: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Wind that the unit computes with its deviated heading."""
-    a, b, c = deviation
-    airspeed, true_heading = np.hypot(*leg["air"]), np.arctan2(*leg["air"])
-    gain, shown = mean / leg["horizontal"], true_heading.copy()
+    airspeed, true = (
+        np.hypot(ground[0] - u, ground[1] - v),
+        np.arctan2(ground[0] - u, ground[1] - v),
+    )
+    # In two days the geomagnetic field turns by under 0.001 degrees.
+    east, north, _ = (part[0] for part in ppigrf.igrf(lon, lat, feet * 0.3048e-3, START))
+    declination, horizontal = np.arctan2(east, north), np.hypot(east, north)
+    a, b, c = np.array(list(DEVIATIONS.values())).T[..., None, None]
+    gain, shown = horizontal.mean(axis=(1, 2), keepdims=True) / horizontal, true
     for _ in range(60):
-        m = shown - leg["declination"]
-        shown = true_heading + np.radians(a + gain * (b * np.sin(m) + c * np.cos(m)))
-    return (
-        leg["ground"][0] - airspeed * np.sin(shown),
-        leg["ground"][1] - airspeed * np.cos(shown),
+        m = shown - declination
+        shown = true + np.radians(a + gain * (b * np.sin(m) + c * np.cos(m)))
+    u, v = ground[0] - airspeed * np.sin(shown), ground[1] - airspeed * np.cos(shown)
+    columns = {
+        "latitude": lat,
+        "longitude": lon,
+        "pressure_altitude_ft": feet,
+        "wind_direction_deg": np.degrees(np.arctan2(-u, -v)) % 360,
+        "wind_speed_kt": np.hypot(u, v) / KNOT,
+    }
+    names = [f"{tail}-{flight}" for tail in DEVIATIONS for flight in range(flights)]
+    return pd.DataFrame(
+        {
+            "tail": np.repeat(list(DEVIATIONS), flights * reports),
+            "time": START + pd.to_timedelta(elapsed.ravel(), unit="s"),
+            **{name: values.ravel() for name, values in columns.items()},
+            "phase": "cruise",
+            "flight": np.repeat(names, reports),
+        }
     )
 
 
@@ -269,127 +221,78 @@ def write_reports(table: pd.DataFrame, path: Path, **options: Any) -> Path:
 _SPHERE = {1: "+R=6367470 +no_defs", 2: "+R=6371229 +no_defs"}
 
 
-def _degrees(
-    name: str,
-    first: tuple[float, float],
-    size: tuple[int, int],
-    step: tuple[float, float],
-    **more: Any,
-) -> Place:
+def _degrees(name, first, size, step, **more):
     last = first[0] + step[0] * (size[0] - 1), first[1] + step[1] * (size[1] - 1)
-    north = int(step[1] > 0)
-    keys = grid_keys("regular_ll", size, first, last, jScansPositively=north, uvRelativeToGrid=0)
+    keys = grid_keys("regular_ll", size, first, last, uvRelativeToGrid=0)
     return Place(name, keys, size, step, first, along_grid=False, **more)
 
 
-def _lambert(
-    name: str,
-    first: tuple[float, float],
-    lov: float,
-    latins: tuple[float, float],
-    *,
-    size: tuple[int, int] = (33, 29),
-    metres: int = 90000,
-    edition: int = 2,
-    along: bool = True,
-) -> Place:
-    keys = grid_keys(
-        "lambert",
-        size,
-        first,
-        LoVInDegrees=lov % 360,
-        Latin1InDegrees=latins[0],
-        Latin2InDegrees=latins[1],
-        DxInMetres=metres,
-        DyInMetres=metres,
-        projectionCentreFlag=128 * (latins[0] < 0),
-        uvRelativeToGrid=int(along),
-    )
+def _projected(name, kind, crs, first, size, metres, last=None, *, edition=2, along=True, **keys):
+    """Grid of equal steps in metres."""
+    steps = ("DiInMetres", "DjInMetres") if kind == "mercator" else ("DxInMetres", "DyInMetres")
+    keys = dict.fromkeys(steps, metres) | keys
     if edition == 2:
-        keys |= {"LaDInDegrees": latins[0], "shapeOfTheEarth": 6}
-    crs = f"+proj=lcc +lat_1={latins[0]} +lat_2={latins[1]} +lat_0={latins[0]} +lon_0={lov} "
-    step = (metres, metres)
-    return Place(name, keys, size, step, first, crs + _SPHERE[edition], edition, along_grid=along)
+        keys |= {"shapeOfTheEarth": 6}
+    made = grid_keys(kind, size, first, last, **keys)
+    crs = f"{crs} {_SPHERE[edition]}"
+    return Place(name, made, size, (metres, metres), first, crs, edition, along_grid=along)
 
 
-def _polar(
-    name: str, first: tuple[float, float], lov: float, *, south: bool = False, edition: int = 2
-) -> Place:
-    size, metres, sign = (31, 27), 100000, -1 if south else 1
-    keys = grid_keys(
-        "polar_stereographic",
-        size,
-        first,
-        orientationOfTheGridInDegrees=lov % 360,
-        DxInMetres=metres,
-        DyInMetres=metres,
-        projectionCentreFlag=128 * south,
-        resolutionAndComponentFlags=8,
-    )
+def _lambert(name, first, lov, latins, *, size=(33, 29), metres=90000, edition=2, along=True):
+    keys = {
+        "LoVInDegrees": lov % 360,
+        "Latin1InDegrees": latins[0],
+        "Latin2InDegrees": latins[1],
+        "projectionCentreFlag": 128 * (latins[0] < 0),
+        "uvRelativeToGrid": int(along),
+    }
     if edition == 2:
-        keys |= {"LaDInDegrees": 60.0 * sign, "shapeOfTheEarth": 6}
-    crs = f"+proj=stere +lat_0={90 * sign} +lat_ts={60 * sign} +lon_0={lov} {_SPHERE[edition]}"
-    return Place(name, keys, size, (metres, metres), first, crs, edition)
+        keys["LaDInDegrees"] = latins[0]
+    crs = f"+proj=lcc +lat_1={latins[0]} +lat_2={latins[1]} +lat_0={latins[0]} +lon_0={lov}"
+    options = {"edition": edition, "along": along}
+    return _projected(name, "lambert", crs, first, size, metres, **options, **keys)
 
 
-def _mercator(
-    name: str,
-    first: tuple[float, float],
-    last: tuple[float, float],
-    true: float,
-    *,
-    edition: int = 2,
-) -> Place:
-    size, metres = (29, 25), 110000
-    keys = grid_keys(
-        "mercator",
-        size,
-        first,
-        last,
-        DiInMetres=metres,
-        DjInMetres=metres,
-        LaDInDegrees=true,
-        uvRelativeToGrid=1,
-    )
-    if edition == 2:
-        keys["shapeOfTheEarth"] = 6
-    crs = f"+proj=merc +lat_ts={abs(true)} +lon_0={first[0] + 15.0} {_SPHERE[edition]}"
-    return Place(name, keys, size, (metres, metres), first, crs, edition)
+def _polar(name, first, lov, *, south=False):
+    sign = -1 if south else 1
+    keys = {
+        "orientationOfTheGridInDegrees": lov % 360,
+        "projectionCentreFlag": 128 * south,
+        "resolutionAndComponentFlags": 8,
+        "LaDInDegrees": 60.0 * sign,
+    }
+    crs = f"+proj=stere +lat_0={90 * sign} +lat_ts={60 * sign} +lon_0={lov}"
+    return _projected(name, "polar_stereographic", crs, first, (31, 27), 100000, **keys)
 
 
-def _rotated(
-    name: str, corner: tuple[float, float], pole: tuple[float, float], *, edition: int = 2
-) -> Place:
+def _mercator(name, first, last, true):
+    crs = f"+proj=merc +lat_ts={abs(true)} +lon_0={first[0] + 15.0}"
+    keys = {"LaDInDegrees": true, "uvRelativeToGrid": 1}
+    return _projected(name, "mercator", crs, first, (29, 25), 110000, last, **keys)
+
+
+def _rotated(name, corner, pole):
     """Corner in rotated degrees; pole is the southern pole's (longitude, latitude)."""
-    size, step = (31, 27), (1.0, 1.0)
-    last = corner[0] + size[0] - 1, corner[1] + size[1] - 1
+    size = (31, 27)
     keys = grid_keys(
         "rotated_ll",
         size,
         corner,
-        last,
+        (corner[0] + size[0] - 1, corner[1] + size[1] - 1),
         latitudeOfSouthernPoleInDegrees=pole[1],
         longitudeOfSouthernPoleInDegrees=pole[0] % 360,
         angleOfRotationInDegrees=0.0,
         uvRelativeToGrid=1,
     )
-    sphere = "+R=6371229 +no_defs"
-    turned = f"+proj=ob_tran +o_proj=longlat +o_lon_p=0 +o_lat_p={-pole[1]} +lon_0={pole[0]} "
-    return Place(name, keys, size, step, corner, turned + sphere, edition)
+    crs = f"+proj=ob_tran +o_proj=longlat +o_lon_p=0 +o_lat_p={-pole[1]} +lon_0={pole[0]}"
+    return Place(name, keys, size, (1.0, 1.0), corner, f"{crs} {_SPHERE[2]}")
 
 
+RUC = {"metres": 162546, "edition": 1, "size": (37, 28)}
 PLACES = {
     place.name: place
     for place in (
-        _lambert(
-            "ruc_grib1",
-            (233.862, 16.281),
-            265.0,
-            (25.0, 25.0),
-            metres=162546,
-            edition=1,
-            size=(37, 28),
-        ),
+        _lambert("ruc_grib1", (233.862, 16.281), 265.0, (25.0, 25.0), **RUC),
         _lambert("ruc_grib2_earth_relative", (240.0, 22.5), 265.0, (25.0, 25.0), along=False),
         _lambert("australia_lambert_secant", (130.0, -45.0), 145.0, (-20.0, -45.0)),
         _lambert("alaska_lambert_across_180", (165.0, 42.0), 190.0, (50.0, 65.0)),

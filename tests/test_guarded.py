@@ -4,7 +4,6 @@ import os
 import signal
 import subprocess
 import sys
-import textwrap
 import time
 from concurrent.futures import ThreadPoolExecutor
 
@@ -14,14 +13,11 @@ from airswing import guarded as module
 from airswing.guarded import WorkerEndedError, guarded
 
 
-def test_a_result_and_an_exception_come_back():
+def test_a_result_and_an_exception_come_back_from_the_same_worker():
     assert guarded(divmod, 7, 2) == (3, 1)
+    assert guarded(os.getpid) == guarded(os.getpid) != os.getpid()
     with pytest.raises(ZeroDivisionError):
         guarded(divmod, 7, 0)
-
-
-def test_a_worker_is_used_again():
-    assert guarded(os.getpid) == guarded(os.getpid) != os.getpid()
 
 
 def test_a_worker_that_ends_is_an_error_and_is_replaced():
@@ -29,14 +25,12 @@ def test_a_worker_that_ends_is_an_error_and_is_replaced():
         with pytest.raises(WorkerEndedError):
             guarded(os.abort)
         assert guarded(abs, -1) == 1
-
-
-def test_a_worker_that_someone_else_ended_is_replaced_without_an_error():
+    # one that someone else ended, without an error
     os.kill(guarded(os.getpid), signal.SIGKILL)
     assert guarded(abs, -2) == 2
 
 
-def test_a_call_that_does_not_return_ends(monkeypatch: pytest.MonkeyPatch):
+def test_a_call_that_does_not_return_ends():
     with pytest.raises(WorkerEndedError):
         guarded(_forever)
 
@@ -60,13 +54,7 @@ def test_one_threads_fault_does_not_disturb_another():
 def test_a_script_without_a_main_guard_runs_once(tmp_path):
     script = tmp_path / "script.py"
     script.write_text(
-        textwrap.dedent(
-            """
-            import os
-            from airswing.guarded import guarded
-            print("once", guarded(abs, -3), flush=True)
-            """
-        )
+        "from airswing.guarded import guarded\nprint('once', guarded(abs, -3), flush=True)\n"
     )
     done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=60)
     assert done.stdout.split("\n")[:-1] == ["once 3"], done.stderr

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 import xarray as xr
 from scipy.stats import norm
-from tests.gap.toy import make_frame, noise_of
+from tests.compass.flown import Setting, fly
+from tests.gap.toy import make_frame
 
 from airswing.gap.checks import (
     Adjustment,
@@ -27,6 +28,7 @@ from airswing.gap.effects import CATALOGUE
 from airswing.gap.noise import (
     NoiseFit,
     NoiseModel,
+    fit_noise,
     flight_order,
     flight_steps,
     kalman_gains,
@@ -42,14 +44,8 @@ def archive():
     order = flight_order(frame.flight, frame.time)
     steps = flight_steps(frame.latitude, frame.longitude, np.log(frame.pressure), order)
     model = NoiseModel(2.0, 1.0, 150e3, 1.0, np.zeros(1), np.ones(1))
-    gains = kalman_gains(
-        order,
-        model.decay(*steps),
-        np.ones(frame.size),
-        np.ones(frame.size, bool),
-        correlated_sd=2.0,
-        white_sd=1.0,
-    )
+    every, size = np.ones(frame.size, bool), {"correlated_sd": 2.0, "white_sd": 1.0}
+    gains = kalman_gains(order, model.decay(*steps), np.ones(frame.size), every, **size)
     none = np.zeros(1)
     noise = NoiseFit(model, order, gains, none, none, none, none, np.zeros(frame.size, bool))
     return frame, noise
@@ -132,7 +128,7 @@ def deviating():
         noise=0.3,
         heading_error=lambda context: np.radians(3.0) * np.sin(context["magnetic_heading"]),
     )
-    return frame, noise_of(frame), frame.day - frame.day.min()
+    return frame, fit_noise(frame.residual, frame), frame.day - frame.day.min()
 
 
 def test_placebo_closes_nothing_on_held_out_flights(deviating):
@@ -157,108 +153,80 @@ def test_the_true_cause_closes_by_the_same_fit(deviating):
 
 
 FIT = {"shared_error": False, "min_reports": 100, "harmonics": 1}
+SIZE = 1200
 
 
-def _headings(*, scale: float = 0.0, wrong: float = 0.0, seed: int = 0) -> xr.Dataset:
-    """Two aircraft, one cycle of 2 degrees each; an airspeed factor; a wrong eastward model wind.
-
-    Written by the wind triangle: the air vector is turned by the deviation and stretched.
-    """
-    rng = np.random.default_rng(seed)
-    each, n = 600, 1200
-    true = rng.uniform(0, 2 * np.pi, n)
-    speed = 120.0 + rng.normal(0, 5, n)
-    wind = rng.normal(0, 8, (2, n))
-    pointer = np.stack([np.sin(true), np.cos(true)])
-    ground = speed * pointer + wind
-    indicated = true + np.radians(2.0) * np.sin(true + 0.5)
-    air = speed * (1 + scale) * np.stack([np.sin(indicated), np.cos(indicated)])
-    reported = ground - air
-    model = wind + rng.normal(0, 1.0, (2, n)) + np.array([[wrong], [0.0]])
-    implied = ground - model
-    degrees = np.degrees(np.arctan2(*air) - np.arctan2(*implied))
-    columns = {
-        "eastward_wind": reported[0],
-        "northward_wind": reported[1],
-        "ground_eastward_velocity": ground[0],
-        "ground_northward_velocity": ground[1],
-        "heading": np.degrees(indicated) % 360,
-        "magnetic_heading": (np.degrees(indicated) + 3) % 360,
-        "latitude": rng.uniform(35, 45, n),
-        "longitude": rng.uniform(-95, -80, n),
-        "pressure": rng.uniform(2e4, 9e4, n),
-        "airspeed": np.hypot(*air),
-        "declination": np.full(n, -3.0),
-        "roll_flag": np.ones(n, np.int8),
-        "temperature_qc": np.ones(n, np.int8),
-        "screening": np.zeros(n, np.int32),
-        "flight": np.arange(n) // 20,
-    }
-    per = {
-        "reference_eastward_wind": model[0],
-        "reference_northward_wind": model[1],
-        "heading_error": (degrees + 180) % 360 - 180,
-        "heading_error_standard_error": np.full(n, 0.1),
-        "airspeed_error": np.hypot(*air) - np.hypot(*implied),
-    }
-    day = np.arange(n) // 20 % 30
-    return xr.Dataset(
-        {name: ("report", values) for name, values in columns.items()}
-        | {name: (("reference", "report"), values[None]) for name, values in per.items()}
-        | {
-            "row_size": ("aircraft", [each, each]),
-            "time": ("report", np.datetime64("2009-07-01", "ns") + day * np.timedelta64(1, "D")),
-        },
-        coords={"aircraft": ["N1", "N2"], "reference": ["model"]},
+def headings(*, wrong: float = 0.0, scale: float = 0.0) -> xr.Dataset:
+    """Two aircraft, one cycle of 2 degrees each; a wrong eastward model wind, airspeed factors."""
+    only_noise = {"day_error": 0.0, "flight_error": 0.0, "ground_error": 0.0, "bias_spread": 0.0}
+    setting = Setting(
+        aircraft=2,
+        days=30,
+        flights_a_day=1,
+        reports_a_flight=20,
+        bias=(wrong, 0.0),
+        scale_spread=scale,
+        noise=1.0,
+        **only_noise,
+    )
+    ds, _ = fly([[0.0, 1.8, 0.9, 0.0, 0.0]] * 2, setting, 0)
+    shown = np.radians(ds["heading"])
+    return ds.assign(
+        ground_eastward_velocity=ds["eastward_wind"] + ds["airspeed"] * np.sin(shown),
+        ground_northward_velocity=ds["northward_wind"] + ds["airspeed"] * np.cos(shown),
+        roll_flag=("report", np.ones(SIZE, np.int8)),
+        temperature_qc=("report", np.ones(SIZE, np.int8)),
     )
 
 
-def _adjustment(names, reported=None, reference=None, size=1200):
-    none = np.zeros((size, 2))
-    return Adjustment(
-        np.arange(size),
-        none if reported is None else reported,
-        none if reference is None else reference,
-        names,
-    )
+def adjustment(name: str, *, reported: object = 0.0, reference: object = 0.0) -> Adjustment:
+    changes = (np.broadcast_to(change, (SIZE, 2)) for change in (reported, reference))
+    return Adjustment(np.arange(SIZE), *changes, (name,))
 
 
 def test_an_airspeed_factor_is_removed_exactly():
-    wrong, right = _headings(scale=0.02), _headings()
-    change = np.stack(
-        [right[f"{s}_wind"].values - wrong[f"{s}_wind"].values for s in ("eastward", "northward")],
-        -1,
-    )
-    made = adjusted_headings(wrong, _adjustment(("tas_scale",), reported=change))
+    wrong, right = headings(scale=0.02), headings()
+    winds = ("eastward_wind", "northward_wind")
+    change = np.stack([right[wind].values - wrong[wind].values for wind in winds], -1)
+    made = adjusted_headings(wrong, adjustment("tas_scale", reported=change))
     for name in ("heading", "magnetic_heading", "airspeed", "heading_error", "airspeed_error"):
         np.testing.assert_allclose(made[name].values, right[name].values, atol=1e-9)
+    assert (abs(wrong["airspeed"] - right["airspeed"]) > 0.5).any()
 
 
 def test_only_rows_of_the_adjustment_change():
-    headings = _headings()
+    before = headings()
     few = Adjustment(np.array([3, 7]), np.full((2, 2), 5.0), np.zeros((2, 2)), ("time_lag",))
-    made = adjusted_headings(headings, few)
-    changed = np.flatnonzero(made["eastward_wind"].values != headings["eastward_wind"].values)
-    np.testing.assert_array_equal(changed, [3, 7])
-    others = np.setdiff1d(np.arange(1200), [3, 7])
-    for name in ("heading", "heading_error", "airspeed_error"):
-        before, after = headings[name].values, made[name].values
-        np.testing.assert_array_equal(before[..., others], after[..., others])
-        assert (before[..., [3, 7]] != after[..., [3, 7]]).all()
+    made = adjusted_headings(before, few)
+    for name in ("eastward_wind", "heading", "heading_error", "airspeed_error"):
+        changed = np.flatnonzero(made[name].values.ravel() != before[name].values.ravel())
+        np.testing.assert_array_equal(changed, [3, 7])
 
 
-def test_a_biased_reference_changes_the_fit_and_its_removal_restores_it():
-    headings = _headings(wrong=6.0)
-    off = _adjustment(("reference_speed_bias",), reference=np.tile([-6.0, 0.0], (1200, 1)))
-    options = {"pools": {"model": ["model"]}, "reference": "model", "fit": FIT | {"joint": False}}
-    made = review_claims(headings, off, **options)
-    clean = review_claims(_headings(), _adjustment(("time_lag",)), **options)
+def test_fits_and_field_test_without_the_bias_of_a_reference_are_those_of_an_unbiased_one():
+    test = {
+        "start": date(2008, 7, 16),
+        "before_start": date(2008, 7, 1),
+        "corrected": ["N000"],
+        "controls": ["N001"],
+        "roll": "ignore",
+        "temperature_qc": "ignore",
+        "draws": 50,
+    }
+    options = {"pools": {"ruc": ["ruc"]}, "reference": "ruc", "fit": FIT | {"joint": False}}
+    off = adjustment("reference_speed_bias", reference=[-6.0, 0.0])
+    made = review_claims(headings(wrong=6.0), off, field_test=test, **options)
+    clean = review_claims(headings(), adjustment("time_lag"), field_test=test, **options)
     assert made.taken_off == ["reference_speed_bias"]
-    assert (made.stay, made.of) == (0, 2)
+    assert (made.stay, made.of) == (0, 2) and (clean.stay, clean.of) == (2, 2)
     for one, two in zip(made.aircraft, clean.aircraft, strict=True):
         assert one.amplitude_deg_after == pytest.approx(two.amplitude_deg, abs=0.02)
         assert abs(one.amplitude_deg - one.amplitude_deg_after) > 0.5
-    assert (clean.stay, clean.of) == (2, 2)
+    tested = made.field_test
+    assert tested.reduction_kt_after == pytest.approx(clean.field_test.reduction_kt, abs=1e-9)
+    low, high = tested.reduction_ci_kt
+    assert low <= tested.reduction_kt <= high
+    assert tested.stays == (low <= tested.reduction_kt_after <= high)
 
 
 def test_comparison_of_fits_by_hand():
@@ -275,30 +243,6 @@ def test_comparison_of_fits_by_hand():
     assert out[1].amplitude_deg_after == 1.3
     out = compared_fits(fits([0.0, 0.0], [1.0, 1.0], [0, 1]), fits([0.0, 0.0], [1.0, 1.0], [0, 1]))
     assert out[1].stays is None
-
-
-def test_field_test_is_computed_on_both():
-    headings = _headings(wrong=6.0)
-    off = _adjustment(("reference_speed_bias",), reference=np.tile([-6.0, 0.0], (1200, 1)))
-    test = {
-        "start": date(2009, 7, 16),
-        "before_start": date(2009, 7, 1),
-        "corrected": ["N1"],
-        "controls": ["N2"],
-        "roll": "ignore",
-        "temperature_qc": "ignore",
-        "draws": 50,
-    }
-    made = review_claims(
-        headings, off, pools={"model": ["model"]}, reference="model", fit=FIT, field_test=test
-    ).field_test
-    clean = review_claims(
-        _headings(), off, pools={"model": ["model"]}, reference="model", fit=FIT, field_test=test
-    ).field_test
-    assert made.reduction_kt_after == pytest.approx(clean.reduction_kt, abs=1e-9)
-    low, high = made.reduction_ci_kt
-    assert low <= made.reduction_kt <= high
-    assert made.stays == (low <= made.reduction_kt_after <= high)
 
 
 def test_diagnosis_removes_the_airspeed_error_and_keeps_the_deviation():

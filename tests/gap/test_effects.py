@@ -2,7 +2,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from datetime import datetime
-from typing import get_args
 
 import numpy as np
 import ppigrf
@@ -12,12 +11,11 @@ from tests.gap import frames
 from airswing.errors import InputError
 from airswing.gap.archive.frame import Frame
 from airswing.gap.effects import CATALOGUE, ActiveEffect, register
-from airswing.gap.effects.base import Stage, amplitude_phase
+from airswing.gap.effects.base import amplitude_phase
 from airswing.gap.effects.declination_error import declination_change
 from airswing.gap.effects.reference_speed_bias import LEVELS
 from airswing.gap.simulation.forward import simulate
 from airswing.physics.atmosphere import altitude_from_pressure, pressure_from_altitude
-from airswing.quantities import quantity
 
 KNOT = 1852.0 / 3600.0
 #: The binding names, with parameters that files use.
@@ -63,23 +61,10 @@ def test_catalogue_holds_the_binding_names():
     with pytest.raises(ValueError, match="already"):
         register(type(CATALOGUE["hard_iron"])())
     for name, parameters in NAMES.items():
-        assert set(parameters.split()) <= {p.name for p in CATALOGUE[name].parameters}
-
-
-@pytest.mark.parametrize("name", sorted(NAMES))
-def test_every_effect_is_documented(name):
-    effect = CATALOGUE[name]
-    assert len(effect.physics) > 60
-    assert len(effect.source) > 20
-    assert effect.confused_with
-    assert effect.stage in get_args(Stage)
-    assert effect.scope in {"aircraft", "fleet", "reference", "pair"}
-    assert (effect.column_scales > 0).all()
-    for parameter in effect.parameters:
-        assert parameter.description
-        if parameter.number and parameter.units != "1":
-            quantity(f"1 {parameter.units}", parameter.units)
-    assert len(effect.title) > 5 and "_" not in effect.title
+        effect = CATALOGUE[name]
+        assert set(parameters.split()) <= {p.name for p in effect.parameters}
+        assert effect.physics and effect.source and effect.confused_with
+        assert all(p.description for p in effect.parameters)
 
 
 @pytest.mark.parametrize("name", LINEAR)
@@ -170,42 +155,31 @@ def test_one_degree_at_250_knots_is_4_36_knots_across(perfect):
 
 
 @pytest.mark.parametrize(
-    ("field", "degrees"), [(19369.0, 3.0), (16494.0, 3.523), (24717.0, 2.351), (15352.0, 3.785)]
+    ("field", "one_cycle"), [(19369.0, 3.0), (16494.0, 3.523), (24717.0, 2.351)]
 )
-def test_hard_iron_grows_as_the_field_weakens(perfect, field, degrees):
-    effect = CATALOGUE["hard_iron"]
-    values = {"amplitude_deg": 3.0, "phase_deg": 0.0, "at_horizontal_field_nT": 19369.0}
-    east = replace(
-        perfect.take(slice(0, 1)),
-        magnetic_heading=np.array([np.pi / 2]),
-        horizontal_field=np.array([field]),
-    )
-    error = effect.from_parameters(values, east) @ effect.basis(east)
-    assert np.degrees(error[0]) == pytest.approx(degrees, abs=1e-3)
-
-
-def test_phase_convention_of_one_and_two_cycles(perfect):
+def test_phase_convention_and_growth_of_hard_iron_in_a_weaker_field(perfect, field, one_cycle):
     m = np.radians([0.0, 60.0, 135.0])
-    frame = replace(perfect.take(slice(0, 3)), magnetic_heading=m)
-    frame = replace(frame, horizontal_field=np.full(3, frame.reference_field))
-    for name, number in (("hard_iron", 1), ("soft_iron", 2)):
-        effect = CATALOGUE[name]
-        error = effect.from_parameters({"amplitude_deg": 2.0, "phase_deg": 30.0}, frame)
-        expected = 2.0 * np.sin(number * m + np.radians(30.0))
-        np.testing.assert_allclose(np.degrees(error @ effect.basis(frame)), expected)
+    frame = replace(
+        perfect.take(slice(0, 3)), magnetic_heading=m, horizontal_field=np.full(3, field)
+    )
+    at_field = {"at_horizontal_field_nT": 19369.0}
+    for name, cycles, amplitude in (("hard_iron", 1, one_cycle), ("soft_iron", 2, 3.0)):
+        effect, values = CATALOGUE[name], {"amplitude_deg": 3.0, "phase_deg": 30.0}
+        values |= at_field if name == "hard_iron" else {}
+        error = effect.from_parameters(values, frame) @ effect.basis(frame)
+        expected = amplitude * np.sin(cycles * m + np.radians(30.0))
+        np.testing.assert_allclose(np.degrees(error), expected, rtol=2e-4)
 
 
 def test_heater_acts_where_icing_is_on_and_is_untestable_without_flag_and_temperature(perfect):
     effect = CATALOGUE["heater_current"]
     change = np.hypot(*difference(perfect, "heater_current", {"offset_deg": 2.0}).T)
-    assert (change[perfect.icing == 1] > 1.0).all()
+    np.testing.assert_array_equal(change > 1.0, perfect.icing == 1)
     assert (change[perfect.icing != 1] == 0.0).all()
     warm = np.full(perfect.size, 300.0)
     never = replace(perfect, icing=np.zeros_like(perfect.icing), temperature=warm)
     assert "no icing flag that changes" in effect.testable(never)
     assert effect.testable(replace(perfect, temperature=warm)) is None
-    cold = np.where(np.arange(perfect.size) % 2, 255.0, 280.0)
-    assert effect.testable(replace(never, temperature=cold)) is None
 
 
 def test_a_heater_by_temperature_acts_between_two_edges(perfect):
@@ -215,9 +189,6 @@ def test_a_heater_by_temperature_acts_between_two_edges(perfect):
     values = {"offset_deg": -4.7, "amplitude_deg": 2.0, "phase_deg": 30.0}
     for low, high in ((-10.0, 0.0), (-20.0, -5.0), (-100.0, -15.0)):
         band = values | {"between_degC": [low, high]}
-        change = np.hypot(*difference(frame, "heater_current", band).T)
-        assert (change[(celsius < low - 1) | (celsius > high + 1)] == 0.0).all()
-        assert change[(celsius > low + 1) & (celsius < high - 1)].max() > 5.0
         coefficients = effect.from_parameters(band, frame)
         inside = (celsius > low + 1) & (celsius < high - 1)
         error = np.degrees(coefficients @ effect.basis(frame))
@@ -225,16 +196,12 @@ def test_a_heater_by_temperature_acts_between_two_edges(perfect):
         np.testing.assert_allclose(error[inside], expected[inside], atol=1e-9)
         outside = (celsius < low - 1) | (celsius > high + 1)
         np.testing.assert_allclose(error[outside], 0.0, atol=1e-9)
-        found, _ = effect.to_parameters(coefficients, np.eye(coefficients.size) * 1e-6, frame)
-        assert found["between_degC"] == [low, high]
-        assert found["offset_deg"] == pytest.approx(-4.7)
-        assert found["amplitude_deg"] == pytest.approx(2.0)
     for wrong in ([0.0], [0.0, -10.0], "cold"):
         with pytest.raises(InputError, match="band of temperatures"):
             effect.from_parameters({"offset_deg": 1.0, "between_degC": wrong}, frame)
 
 
-def test_acceleration_error_in_climb_cruise_and_descent(perfect):
+def test_acceleration_and_turn_error_by_hand(perfect):
     effect = CATALOGUE["acceleration_error"]
     three = replace(
         perfect.take(slice(0, 3)),
@@ -247,25 +214,14 @@ def test_acceleration_error_in_climb_cruise_and_descent(perfect):
     np.testing.assert_allclose(np.degrees(error), [-2.0, 0.0, 2.0])
     levelling = replace(three, phase=np.full(3, 2))
     np.testing.assert_allclose(effect.basis(levelling)[0], [0.1, 0.0, -0.1])
-    cruise = perfect.take(perfect.phase == 2)
-    assert effect.testable(cruise) == "no climb or descent in these reports"
+    turn = replace(three, magnetic_heading=np.radians([0.0, 60.0, 90.0]), bank=np.full(3, 0.2))
+    np.testing.assert_allclose(CATALOGUE["turn_error"].basis(turn)[0], [0.4, 0.2, 0.0], atol=1e-12)
     # by phase: as at 0.03 g
     coefficients = effect.from_parameters({"amplitude_deg": 50.0, "by_phase": True}, three)
     np.testing.assert_allclose(np.degrees(coefficients @ effect.basis(three)), [3.0, 0.0, -3.0])
     found, errors = effect.to_parameters(coefficients, np.eye(2) * np.radians(1.0) ** 2, three)
     assert found == {"amplitude_deg": pytest.approx(50.0), "by_phase": True}
     assert errors == {"amplitude_deg": pytest.approx(1.0)}
-
-
-def test_turn_error_by_hand(perfect):
-    effect = CATALOGUE["turn_error"]
-    two = replace(
-        perfect.take(slice(0, 2)),
-        magnetic_heading=np.array([0.0, np.pi / 2]),
-        dip=np.full(2, np.arctan(2.5)),
-        bank=np.full(2, 0.2),
-    )
-    np.testing.assert_allclose(effect.basis(two)[0], [0.5, 0.0], atol=1e-12)
 
 
 def test_declination_of_an_old_epoch_is_igrf_itself(perfect):
@@ -297,28 +253,13 @@ def test_columns_represent_an_old_declination_table(perfect, year):
     true = declination_change(perfect, epoch_year=year)
     error = coefficients @ effect.basis(perfect) - true
     assert (error**2).mean() < 0.02**2 * (true**2).mean()
-    values, _ = effect.to_parameters(coefficients, np.eye(3), perfect)
-    assert values["epoch_year"] == pytest.approx(year, abs=0.1 + 0.01 * (2009.6 - year))
-
-
-def test_declination_parameters_state_epoch_factor_and_mean(perfect):
-    effect = CATALOGUE["declination_error"]
-    coefficients = effect.from_parameters({"epoch_year": 1990.0}, perfect)
-    assert coefficients[0] == pytest.approx(2009.6 - 1990.0, rel=0.15)
     values, errors = effect.to_parameters(coefficients, np.diag([1.0, 1e-4, 1e-12]), perfect)
-    assert values["epoch_year"] == pytest.approx(1990.0, abs=0.3)
-    assert values["factor"] is None
-    mean = np.degrees(np.mean(declination_change(perfect, epoch_year=1990.0)))
-    assert values["mean_deg"] == pytest.approx(mean, rel=0.03)
-    assert errors["epoch_year"] == pytest.approx(1.0)
+    assert values["epoch_year"] == pytest.approx(year, abs=0.1 + 0.01 * (2009.6 - year))
+    assert values["factor"] is None and errors["epoch_year"] == pytest.approx(1.0)
+    assert values["mean_deg"] == pytest.approx(np.degrees(true.mean()), rel=0.05)
     by_mean = effect.from_parameters({"mean_deg": values["mean_deg"]}, perfect)
     mean = np.degrees(np.mean(by_mean @ effect.basis(perfect)))
     assert mean == pytest.approx(values["mean_deg"], rel=1e-6)
-    values, errors = effect.to_parameters(
-        np.array([0.0, 0.2, 0.0]), np.diag([1.0, 1e-4, 1.0]), perfect
-    )
-    assert values["factor"] == pytest.approx(1.2)
-    assert errors["factor"] == pytest.approx(0.01)
 
 
 def test_effects_of_time_and_height_are_the_wind_elsewhere(perfect):
@@ -395,46 +336,41 @@ def test_swapped_aircraft_show_each_others_errors_from_the_date_on(perfect):
     assert reason == "only one aircraft in these reports"
 
 
-def test_coarse_winds_are_on_their_lattice(perfect):
-    sent = simulate(
-        perfect, effects=[ActiveEffect("wind_coding", {"step": 5.0, "direction_step_deg": 10.0})]
-    )
+@pytest.mark.parametrize(
+    ("name", "values", "step"),
+    [
+        ("wind_coding", {"step": 5.0, "direction_step_deg": 10.0}, 10.0),
+        ("position_coding", {"step": 2.0}, 1.0 / 30.0),
+        ("heading_coding", {"step_deg": 5.0}, 5.0),
+        ("heading_coding", {"step_deg": 5.0, "true_north": True}, 5.0),
+    ],
+)
+def test_coarse_values_are_on_their_lattice_and_the_others_stay(perfect, name, values, step):
+    sent = simulate(perfect, effects=[ActiveEffect(name, values)])
     speed = np.hypot(sent.u_rep, sent.v_rep) / KNOT
-    direction = np.degrees(np.arctan2(-sent.u_rep, -sent.v_rep))
-    np.testing.assert_allclose(speed / 5.0, np.round(speed / 5.0), atol=1e-9)
-    np.testing.assert_allclose(direction / 10.0, np.round(direction / 10.0), atol=1e-9)
-    assert np.unique(np.round(speed)).size > 3
-
-
-def test_coarse_positions_are_on_their_lattice_and_keep_the_wind(perfect):
-    sent = simulate(perfect, effects=[ActiveEffect("position_coding", {"step": 2.0})])
-    for values in (sent.latitude, sent.longitude):
-        np.testing.assert_allclose(values * 30.0, np.round(values * 30.0), atol=1e-9)
-    assert 0.0 < np.abs(sent.latitude - perfect.latitude).max() <= 1.0 / 60.0 + 1e-12
-    np.testing.assert_array_equal(sent.u_rep, perfect.u_rep)
-
-
-@pytest.mark.parametrize("true_north", [None, True])
-def test_coarse_headings_are_on_their_lattice_and_keep_the_airspeed(perfect, true_north):
-    values = {"step_deg": 5.0, "true_north": true_north}
-    sent = simulate(perfect, effects=[ActiveEffect("heading_coding", values)])
-    heading = np.degrees(sent.heading if true_north else sent.magnetic_heading)
-    np.testing.assert_allclose(heading / 5.0, np.round(heading / 5.0), atol=1e-6)
-    np.testing.assert_allclose(sent.airspeed, perfect.airspeed, atol=1e-9)
-    rotation = np.degrees(np.abs(np.angle(np.exp(1j * (sent.heading - perfect.heading)))))
-    assert 2.0 < rotation.max() <= 2.5 + 1e-6
-
-
-@pytest.mark.parametrize("name", ["compass_offset", "hard_iron", "soft_iron", "tas_scale"])
-def test_sensor_effects_need_several_headings(perfect, name):
-    same = replace(
-        perfect, heading=0.0 * perfect.heading + 1.0, magnetic_heading=0.0 * perfect.heading + 1.05
-    )
-    assert CATALOGUE[name].testable(same) == "all reports on one heading"
-    assert CATALOGUE[name].testable(perfect) is None
+    heading = sent.heading if "true_north" in values else sent.magnetic_heading
+    rounded = {
+        "wind_coding": (2.0 * speed, np.degrees(np.arctan2(-sent.u_rep, -sent.v_rep))),
+        "position_coding": (sent.latitude, sent.longitude),
+        "heading_coding": (np.degrees(heading),),
+    }
+    for one in rounded[name]:
+        np.testing.assert_allclose(one / step, np.round(one / step), atol=1e-6)
+        assert np.unique(np.round(one / step)).size > 3
+    kept = {"position_coding": "u_rep v_rep", "heading_coding": "airspeed latitude"}
+    for field in kept.get(name, "latitude").split():
+        np.testing.assert_allclose(getattr(sent, field), getattr(perfect, field), atol=1e-9)
 
 
 def test_missing_context_is_named(perfect):
+    course, magnetic = np.full((2, perfect.size), [[1.0], [1.05]])
+    same = replace(perfect, heading=course, magnetic_heading=magnetic)
+    for name in ("compass_offset", "hard_iron", "soft_iron", "tas_scale"):
+        assert CATALOGUE[name].testable(same) == "all reports on one heading"
+        assert CATALOGUE[name].testable(perfect) is None
+    cruise = perfect.take(perfect.phase == 2)
+    untestable = CATALOGUE["acceleration_error"].testable(cruise)
+    assert untestable == "no climb or descent in these reports"
     flat = replace(perfect, dudlnp=np.full(perfect.size, np.nan))
     assert "vertical derivative" in CATALOGUE["altitude_offset"].testable(flat)
     regular = replace(perfect, grid_convergence=np.zeros(perfect.size))

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from tests.gap.toy import make_frame, noise_of
+from tests.gap.toy import make_frame
 
 from airswing.gap.archive.lattices import direction_lattice, heading_lattices
 from airswing.gap.design import exogenous, heading_doubt
@@ -13,24 +13,8 @@ from airswing.gap.diagnose import diagnose
 from airswing.gap.distribution.coded_values import heading_coding
 from airswing.gap.distribution.gross_errors import outliers
 from airswing.gap.effects import CATALOGUE
-from airswing.gap.noise import gross_errors
+from airswing.gap.noise import fit_noise, gross_errors
 from airswing.gap.simulation.forward import Coding
-
-
-def with_residual(frame, wind):
-    """Frame with another residual, and the heading and airspeed that its winds imply."""
-    u, v = frame.u_ref + wind[:, 0], frame.v_ref + wind[:, 1]
-    air_u, air_v = frame.ground_u - u, frame.ground_v - v
-    heading = np.mod(np.arctan2(air_u, air_v), 2 * np.pi)
-    declination = frame.heading - frame.magnetic_heading
-    return replace(
-        frame,
-        u_rep=u,
-        v_rep=v,
-        heading=heading,
-        airspeed=np.hypot(air_u, air_v),
-        magnetic_heading=np.mod(heading - declination, 2 * np.pi),
-    )
 
 
 @pytest.fixture(scope="module")
@@ -45,17 +29,18 @@ def stepped(frame, step, tails, *, true_north=False, spread=0.0, seed=0):
     width = np.radians(step)
     heading = width * np.round((frame.heading - north) / width) + north
     heading += np.radians(spread) * rng.standard_normal(frame.size)
-    air = frame.airspeed[:, None] * np.stack([np.sin(heading), np.cos(heading)], -1)
-    winds = np.stack([frame.ground_u, frame.ground_v], -1) - air
-    winds -= np.stack([frame.u_ref, frame.v_ref], -1)
-    affected = np.isin(frame.aircraft, tails)[:, None]
-    return with_residual(frame, np.where(affected, winds, frame.residual))
+    heading = np.where(np.isin(frame.aircraft, tails), heading, frame.heading)
+    return replace(
+        frame,
+        u_rep=frame.ground_u - frame.airspeed * np.sin(heading),
+        v_rep=frame.ground_v - frame.airspeed * np.cos(heading),
+        heading=np.mod(heading, 2 * np.pi),
+        magnetic_heading=np.mod(heading - frame.declination, 2 * np.pi),
+    )
 
 
 @pytest.mark.parametrize("true_north", [False, True])
-@pytest.mark.parametrize(
-    ("step", "spread"), [(2.0, 0.2), (5.0, 0.6), (10.0, 1.0), (15.0, 1.0), (30.0, 1.0)]
-)
+@pytest.mark.parametrize(("step", "spread"), [(2.0, 0.2), (10.0, 1.0), (30.0, 1.0)])
 def test_steps_and_their_north_are_found(plain, step, spread, true_north):
     frame = stepped(plain, step, [1], true_north=true_north, spread=spread)
     found = heading_lattices(frame)[1]
@@ -65,7 +50,7 @@ def test_steps_and_their_north_are_found(plain, step, spread, true_north):
     assert heading_lattices(frame)[0] is None
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_unrounded_headings_have_no_lattice(seed):
     frame = make_frame(seed=seed, aircraft=4, days=7)
     assert heading_coding(frame) is None
@@ -118,16 +103,14 @@ def test_jumps_between_steps_are_no_gross_errors_and_no_scatter(plain):
     assert not [place for place in made.unknown.where if place.component == "scatter"]
 
 
-@pytest.mark.parametrize(
-    ("step", "share"), [(2.0, 0.02), (5.0, 0.05), (5.0, 0.0), (10.0, 0.0), (15.0, 0.0)]
-)
+@pytest.mark.parametrize(("step", "share"), [(2.0, 0.02), (5.0, 0.05), (5.0, 0.0), (15.0, 0.0)])
 def test_gross_errors_are_distinguished_from_steps(plain, step, share):
     rng = np.random.default_rng(3)
     frame = stepped(plain, step, [1])
     hit = (rng.random(frame.size) < share) & (frame.aircraft == 1)
     error = hit[:, None] * rng.normal(0, 15, (frame.size, 2))
     frame = replace(frame, u_rep=frame.u_rep + error[:, 0], v_rep=frame.v_rep + error[:, 1])
-    noise = noise_of(plain, exogenous(plain))
+    noise = fit_noise(plain.residual, exogenous(plain))
     gross = gross_errors(frame.residual, noise.order)
     effect = outliers(frame, frame.residual, replace(noise, gross=gross))
     assert (effect is not None) == (share > 0)

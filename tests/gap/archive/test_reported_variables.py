@@ -1,7 +1,6 @@
 """Cells of variables, recent turns, and time since the first report of a flight."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -82,26 +81,17 @@ def turning():
     )
 
 
-def test_turn_of_the_last_two_minutes_and_last_turn(turning):
+def test_turn_of_the_last_two_minutes_last_turn_and_flight_time(turning):
     recent = [0, 0, 0, 90, 90, 0, -120, -120, 0, -5]
     np.testing.assert_allclose(recent_turn(turning), [*recent, *recent], atol=1e-9)
     last = [0, 0, 0, 90, 90, 90, -120, -120, -120, -120]
     np.testing.assert_allclose(last_turn(turning), [*last, *last], atol=1e-9)
+    minutes = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0]
+    np.testing.assert_allclose(flight_time(turning), [*minutes, *minutes])
+    days = flight_time(replace(turning, time=np.where(turning.time > 15000, 1e6, turning.time)))
+    assert np.isnan(days[turning.time > 15000]).all()
     order = np.random.default_rng(0).permutation(turning.size)
-    for function in (recent_turn, last_turn):
+    for function in (recent_turn, last_turn, flight_time):
         shuffled = function(turning.take(order))
         np.testing.assert_allclose(shuffled, function(turning)[order], atol=1e-9)
         assert function(turning.take(slice(0, 0))).size == 0
-
-
-def flown_minutes(flight, time):
-    frame = SimpleNamespace(flight=np.array(flight, int), time=np.array(time, float))
-    return flight_time(frame)
-
-
-def test_flight_time_from_the_first_report_of_each_flight():
-    minutes = flown_minutes([7, 3, 7, 3, 3], [600.0, 60.0, 0.0, 120.0, 3660.0])
-    assert minutes.tolist() == [10.0, 0.0, 0.0, 1.0, 60.0]
-    assert flown_minutes([], []).size == 0
-    days = flown_minutes([0, 0, 0], [0.0, 86400.0, 86460.0])
-    assert days[:2].tolist() == [0.0, 1440.0] and np.isnan(days[2])

@@ -54,13 +54,35 @@ def test_errors_are_functions_of_the_indicated_heading(archive):
     np.testing.assert_allclose(sent.airspeed, 1.03 * speed)
 
 
-def test_effect_acts_on_its_aircraft_and_period(archive):
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [("compass_step", {"offset_deg": 3.0}), ("compass_drift", {"rate_deg_per_day": 2.0})],
+)
+def test_effect_acts_on_its_aircraft_and_period(archive, name, values):
     start, end = np.quantile(archive.time, [0.3, 0.7])
-    effect = ActiveEffect("compass_step", {"offset_deg": 3.0}, ("N402",), (start, end))
-    affected = np.hypot(*simulate(archive, effects=[effect]).residual.T) > 1.0
-    expected = (archive.aircraft == 1) & (archive.time >= start) & (archive.time < end)
-    np.testing.assert_array_equal(affected, expected)
-    assert 0 < expected.sum() < archive.take(archive.aircraft_mask("N402")).size
+    sent = simulate(archive, effects=[ActiveEffect(name, values, ("N402",), (start, end))])
+    turned = np.degrees(np.angle(np.exp(1j * (sent.heading - simulate(archive).heading))))
+    acts = (archive.aircraft == 1) & (archive.time >= start) & (archive.time < end)
+    assert 0 < acts.sum() < archive.take(archive.aircraft_mask("N402")).size
+    days = (archive.time - start) / 86400  # a drift counts from the start of its period
+    size = 3.0 if name == "compass_step" else 2.0 * days
+    np.testing.assert_allclose(turned, np.where(acts, size, 0.0), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("effect", "message"),
+    [
+        (ActiveEffect("hard_irom"), "Did you mean hard_iron"),
+        (ActiveEffect("tas_scale", {"scale_percent": 1.0}, ("N999",)), "N999"),
+        (ActiveEffect("hard_iron", {"phase_deg": 3.0}), "needs a value of amplitude_deg"),
+        (ActiveEffect("heater_current", {"offset_deg": 1.0}), "no icing column"),
+        (ActiveEffect("reference_speed_bias", {"bias_percent": -100.0}), "weaker than none"),
+        (ActiveEffect("hard_iron", {"amplitude_deg": 120.0, "phase_deg": 10.0}), "does not settle"),
+    ],
+)
+def test_effects_that_cannot_be_simulated_are_refused(effect, message):
+    with pytest.raises(InputError, match=message):
+        simulate(frames.frame(icing=False), effects=[effect])
 
 
 def test_a_chunk_is_simulated_as_in_the_whole(archive):
@@ -87,56 +109,32 @@ def test_wind_is_coded_in_steps(archive):
     np.testing.assert_allclose(plain.u_rep, archive.u_ref, atol=1e-9)
 
 
-def _line(flights, reports, spacing):
-    """Straight flights along the equator with reports at equal spacing (m)."""
-    base = frames.frame()
-    n = flights * reports
-    some = base.take(np.arange(n) % base.size)
-    degree = 6371008.8 * np.pi / 180.0
-    return replace(
-        some,
+def test_noise_has_the_stated_correlation_and_factors_of_direction(archive):
+    """Straight flights along the equator with a report every 50 km."""
+    flights, reports = 3000, 12
+    frame = replace(
+        archive.take(np.arange(flights * reports) % archive.size),
         flight=np.repeat(np.arange(flights), reports),
         time=np.add.outer(86400.0 * np.arange(flights), 60.0 * np.arange(reports)).ravel(),
-        latitude=np.zeros(n),
-        longitude=np.tile(spacing * np.arange(reports) / degree, flights),
-        pressure=np.full(n, 5e4),
+        latitude=np.zeros(flights * reports),
+        longitude=np.tile(50e3 * np.arange(reports) / frames.METRES_PER_DEGREE, flights),
+        pressure=np.full(flights * reports, 5e4),
     )
-
-
-def test_noise_is_stationary_with_the_stated_correlation():
-    frame = _line(3000, 12, 50e3)
     noise = replace(NOISE, correlated_sd=2.0, length=150e3)
-    draw = draw_noise(frame, noise, rng=np.random.default_rng(1)).reshape(3000, 12, 2)
+    isotropic = draw_noise(frame, noise, rng=np.random.default_rng(1))
+    draw = isotropic.reshape(3000, 12, 2)
     np.testing.assert_allclose((draw**2).mean(axis=(0, 2)), 5.0, rtol=0.1)
     for lag in (1, 3, 6):
         found = np.mean(draw[:, lag:] * draw[:, :-lag])
         assert found == pytest.approx(4.0 * np.exp(-lag / 3.0), abs=0.12)
     assert np.mean(draw[:, :, 0] * draw[:, :, 1]) == pytest.approx(0.0, abs=0.1)
     assert np.mean(draw[1:] * draw[:-1]) == pytest.approx(0.0, abs=0.1)  # other flights
-
-
-def test_noise_with_factors_along_and_across_the_heading():
-    frame = _line(2000, 12, 50e3)
-    draw = draw_noise(frame, replace(NOISE, along=0.6, across=1.28), rng=np.random.default_rng(2))
-    isotropic = draw_noise(frame, NOISE, rng=np.random.default_rng(2))
+    draw = draw_noise(frame, replace(noise, along=0.6, across=1.28), rng=np.random.default_rng(1))
     along = np.stack([np.sin(frame.heading), np.cos(frame.heading)], -1)
     across = np.stack([along[:, 1], -along[:, 0]], -1)
     for direction, factor in ((along, 0.6), (across, 1.28)):
         scaled, before = ((one * direction).sum(axis=1) for one in (draw, isotropic))
         np.testing.assert_allclose(scaled, factor * before, atol=1e-12)
-
-
-def test_unknown_effect_aircraft_parameter_and_context_are_refused(archive):
-    with pytest.raises(InputError, match="Did you mean hard_iron"):
-        simulate(archive, effects=[ActiveEffect("hard_irom")])
-    with pytest.raises(InputError, match="N999"):
-        simulate(archive, effects=[ActiveEffect("tas_scale", {"scale_percent": 1.0}, ("N999",))])
-    with pytest.raises(InputError, match="needs a value of amplitude_deg"):
-        simulate(archive, effects=[ActiveEffect("hard_iron", {"phase_deg": 3.0})])
-    with pytest.raises(InputError, match="no icing column"):
-        simulate(
-            frames.frame(icing=False), effects=[ActiveEffect("heater_current", {"offset_deg": 1.0})]
-        )
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])
@@ -186,23 +184,3 @@ def test_other_suffixes_and_closed_folders_are_refused(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot write"):
         write_reports(table, tmp_path / "file" / "sent.csv")
-
-
-def test_a_bias_of_minus_100_percent_and_an_unsettled_heading_are_refused(archive):
-    none = ActiveEffect("reference_speed_bias", {"bias_percent": -100.0})
-    with pytest.raises(InputError, match="weaker than none"):
-        simulate(archive, effects=[none])
-    wild = ActiveEffect("hard_iron", {"amplitude_deg": 120.0, "phase_deg": 10.0})
-    with pytest.raises(InputError, match="does not settle"):
-        simulate(archive, effects=[wild])
-
-
-def test_a_drift_counts_from_the_start_of_its_period(archive):
-    start = float(np.quantile(archive.time, 0.6))
-    effect = ActiveEffect("compass_drift", {"rate_deg_per_day": 2.0}, ("N402",), (start, None))
-    sent = simulate(archive, effects=[effect])
-    here = archive.aircraft == 1
-    turned = np.degrees(np.angle(np.exp(1j * (sent.heading - simulate(archive).heading))))[here]
-    days = np.maximum(archive.time[here] - start, 0.0) / 86400
-    np.testing.assert_allclose(turned, 2.0 * days, atol=1e-6)
-    assert days.max() > 0.1
