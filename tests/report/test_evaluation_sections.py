@@ -8,24 +8,18 @@ import numpy as np
 import pytest
 
 from airswing.evaluation.monitoring.events import Event, Monitoring, State, UnitTable
-from airswing.report.html.document import Figures
 from airswing.report.run.changes import (
     MOST_EVENT_ROWS,
     monitoring_section,
     stability_figure,
     stability_section,
-    timeline_figure,
     write_monitoring_page,
 )
-from airswing.report.run.evaluation import (
-    aircraft_differences_figure,
-    prediction_figure,
-    ranking_section,
-    sensitivity_section,
-)
+from airswing.report.run.evaluation import ranking_section, sensitivity_section
 from tests.report import factories
+from tests.report.pages import Drawn, labels
 
-SHOW = Figures()
+SHOW = Drawn()
 
 
 def window(aircraft: str, first: str, **values) -> dict:
@@ -121,8 +115,8 @@ def test_the_ranking_names_the_largest_reduction_and_how_predictions_held(rankin
     assert "1 without a usable fit" in text
     text = text_of(ranking_section(ranking, virtual(agree=False, realised=3.7), SHOW))
     assert "outside the interval of the prediction" in text and "errors for N1." in text
-    assert "n = 1 point" in prediction_figure(virtual(agree=False), "kt").caption
-    metric = ranking_section(ranking, virtual(), Figures(units="m/s"))
+    assert "n = 1 point" in SHOW.made["virtual_field_test"].caption
+    metric = ranking_section(ranking, virtual(), Drawn(units="m/s"))
     assert "1.65 m/s (1.44 to 1.85) of 4.68 m/s" in metric.lead
 
 
@@ -138,19 +132,14 @@ def test_an_unknown_interval_is_omitted(ranking):
     rows = [
         {**entry, "offset": {"difference": None, "ci": [None, None]}} for entry in pair["aircraft"]
     ]
-    figure = aircraft_differences_figure(pair | {"aircraft": rows})
-    assert "95 % intervals" in figure.caption
+    name = f"references_{'_'.join(pair['references'])}"
+    sensitivity_section({"pairs": [pair | {"aircraft": rows}]}, SHOW)
+    assert "95 % intervals" in SHOW.made[name].caption
 
 
 def test_what_is_missing_leaves_no_section_and_no_false_figure(ranking):
-    sections = [
-        stability_section(None, SHOW),
-        ranking_section(None, None, SHOW),
-        ranking_section(ranking[1:], None, SHOW),
-        sensitivity_section(None, SHOW),
-        monitoring_section(None, SHOW),
-    ]
-    assert [section.parts for section in sections] == [[]] * 5
+    assert ranking_section(ranking[1:], None, SHOW).parts == []
+    assert sensitivity_section({"pairs": []}, SHOW).parts == []
     empty = {"window": "month", "changes": [], "windows": []}
     assert "n = 0" in stability_figure(empty).caption
 
@@ -192,11 +181,12 @@ def test_new_events_come_first_and_names_are_escaped(tmp_path):
 
 
 def test_the_time_axis_has_the_latest_event_first_and_a_limit():
-    figure = timeline_figure(monitored(EVENTS))
-    labels = [label.get_text() for label in figure.axes[0].get_yticklabels()]
-    assert labels == ["all aircraft at once", "N<2>", "N1"]
+    monitoring_section(monitored(EVENTS), SHOW)
+    figure = SHOW.made["monitoring"]
+    assert labels(figure.axes[0]) == ["all aircraft at once", "N<2>", "N1"]
     assert "n = 3 events in 3 rows" in figure.caption
     many = [Event("aircraft_new", "2009-03-02", "2009-03-02", f"N{k:03d}", {}) for k in range(90)]
-    figure = timeline_figure(monitored(many))
-    assert len(figure.axes[0].get_yticklabels()) == MOST_EVENT_ROWS
+    monitoring_section(monitored(many), SHOW)
+    figure = SHOW.made["monitoring"]
+    assert len(labels(figure.axes[0])) == MOST_EVENT_ROWS
     assert f"{90 - MOST_EVENT_ROWS} more are in events.json" in figure.caption

@@ -14,12 +14,11 @@ from airswing.gap.effects import CATALOGUE
 from airswing.gap.result.schema import GapReport
 from airswing.products.netcdf import read_product
 from airswing.report import write_gap_page
-from airswing.report.gap import figures, gap_page
+from airswing.report.gap import figures
 from airswing.report.gap.gap_page import ShownDiagnosis, gap_figures
 from airswing.report.gap.words import (
     effect_sentence,
     headline,
-    joined,
     nature_of,
     p_text,
     parameter_text,
@@ -31,9 +30,10 @@ from airswing.report.gap.words import (
     verdict,
     who_text,
 )
+from airswing.report.html.text import joined
 from tests.report import gap_factories
 from tests.report.gap_factories import TAILS, content, effect, iron, place
-from tests.report.test_page import Checked, check_figure, check_no_knots, check_self_contained
+from tests.report.pages import check_figure, check_no_knots, check_page, kept_figures
 
 MAPS = gap_factories.maps()
 
@@ -208,11 +208,9 @@ def full() -> dict[str, Any]:
     )
 
 
-def test_the_page_has_every_section_and_folds_the_statistics(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(gap_page, "Figures", Checked)
-    text, found = check_self_contained(write_gap_page(tmp_path, gap=full(), maps=MAPS))
+def test_the_page_has_every_section_and_folds_the_statistics(tmp_path: Path) -> None:
+    with kept_figures():
+        text, found = check_page(write_gap_page(tmp_path, gap=full(), maps=MAPS))
     names = ("what", "closure", "where", "ambiguous", "claims", "statistics")
     order = [text.index(f'<section id="{name}"') for name in names]
     assert order == sorted(order)
@@ -257,12 +255,10 @@ def test_all_speeds_on_the_page_have_one_unit(tmp_path: Path) -> None:
 def test_a_file_that_lacks_optional_keys_has_a_page(tmp_path: Path) -> None:
     needed = ("gap", "where", "effects", "unknown", "closure", "counts")
     bare = {key: value for key, value in content(iron("N401")).items() if key in needed}
-    text, _ = check_self_contained(
-        write_gap_page(tmp_path, gap=bare, maps=MAPS[["aircraft"]].copy())
-    )
+    text, _ = check_page(write_gap_page(tmp_path, gap=bare, maps=MAPS[["aircraft"]].copy()))
     assert "No effect found is ambiguous" in text
     none = {**bare, "effects": []}
-    text, _ = check_self_contained(write_gap_page(tmp_path, gap=none, maps=MAPS))
+    text, _ = check_page(write_gap_page(tmp_path, gap=none, maps=MAPS))
     assert "No effect of the catalogue is needed" in text
 
 
@@ -342,7 +338,7 @@ def test_the_page_of_a_real_diagnosis_and_the_same_in_a_notebook(
     """A diagnosis as the command wrote it: iron on N401, airspeed of N403."""
     gap, maps = GapReport.read(gap_product / "gap.json"), read_product(gap_product / "gap.nc")
     written = gap_product / "gap" / "index.html"
-    check_self_contained(written)
+    check_page(written)
     assert write_gap_page(tmp_path / "gap", gap=gap, maps=maps).read_text() == written.read_text()
     assert "ard iron on N401" in verdict(gap) and "TAS scale on N403" in verdict(gap)
     shown = object.__new__(ShownDiagnosis)

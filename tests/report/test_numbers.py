@@ -16,12 +16,14 @@ from airswing.report.run.reading_warnings import (
     reading_warnings,
     tally,
 )
+from airswing.report.run.selection import Run
 from airswing.reports.audit import Audit, similar
 from tests.report import factories
 from tests.report.factories import POOL
 
 KNOT = 1852 / 3600
 HEADINGS, FITS, _ = factories.products()
+RUN = Run(HEADINGS, FITS, "ruc")
 
 
 def tiny() -> tuple[xr.Dataset, xr.Dataset]:
@@ -79,12 +81,12 @@ def test_the_fitted_bias_of_the_reference_is_subtracted() -> None:
     psi = np.radians(headings["heading"].to_numpy())
     error = (0.8 * np.cos(psi) + 0.5 * np.sin(psi)) / headings["airspeed"].to_numpy()
     headings["heading_error"][:] = np.degrees(error)
-    _, left = selection.compass_points(headings, fits, 0, "ruc")
+    _, left = Run(headings, fits, "ruc").points(0)
     assert np.abs(left).max() < 1e-9 < 0.3 < np.abs(np.degrees(error)).max()
 
 
 def test_the_table_is_minus_its_correction_unless_the_sign_says_otherwise() -> None:
-    fit = selection.one_fit(FITS, "N001", "ruc")
+    fit = RUN.fit("N001")
     nodes, error = selection.table_error(fit)
     assert np.abs(error - selection.curve_of(fit, nodes)).max() < 0.4
     _, flipped = selection.table_error(fit.assign_attrs(table_sign="add_error"))
@@ -100,12 +102,12 @@ def test_a_table_within_its_error_needs_no_correction() -> None:
     zero = FITS.assign(status=FITS["status"] * 0 + STATUS["no_correction_needed"])
     expected = ((FITS, 0, False), (wide, 0, True), (narrow, 0, False), (wide, "N005", False))
     for fits, aircraft, needs_none in (*expected, (zero, 0, True)):
-        fit = selection.one_fit(fits, aircraft, "ruc")
+        fit = Run(HEADINGS, fits, "ruc").fit(aircraft)
         assert bool(selection.needs_no_correction(fit)) == needs_none
 
 
 def test_coefficients_carry_their_intervals() -> None:
-    fit = selection.one_fit(FITS.copy(deep=True), 0, "ruc")
+    fit = RUN.fit(0).copy(deep=True)
     fit["deviation"][:] = [1.0, -2.0, 0.5, 0.0, 0.0]
     fit["deviation_covariance"][:] = np.eye(5) * 0.06**2
     fit["harmonics"] = 2
@@ -128,13 +130,13 @@ def test_screening_counts_together_and_alone() -> None:
 
 def test_unknown_names_are_refused_with_the_known_ones() -> None:
     with pytest.raises(InputError, match=r"N999.*Choose from N000"):
-        selection.one_fit(FITS, "N999", "ruc")
+        RUN.fit("N999")
     with pytest.raises(InputError, match="Choose from ruc, rtfdaa"):
-        selection.one_fit(FITS, "N000", "gfs")
+        Run(HEADINGS, FITS, "gfs").fit("N000")
 
 
 def test_fleet_order_puts_refused_fits_last() -> None:
-    order = selection.by_amplitude(FITS, "ruc")
+    order = RUN.order
     assert order[-1] == "N005"
     amplitude = FITS["amplitude"].sel(reference="ruc", aircraft=order[:-1]).to_numpy()
     assert np.all(np.diff(amplitude) <= 0)
@@ -146,7 +148,7 @@ def test_headlines_have_at_most_25_words_and_say_which_way_the_winds_went() -> N
     text = selection.headline(fits, total, "ruc")
     assert text.startswith("Compass deviation fitted for 1 of 2 aircraft (median amplitude ")
     assert text.endswith("disagreement falls from 2.8 to 1.4 kt.")
-    in_m_s = selection.headline(fits, total, "ruc", per_kt=KNOT, units="m/s")
+    in_m_s = selection.headline(fits, total, "ruc", "m/s")
     assert in_m_s.endswith("falls from 1.4 to 0.7 m/s.")
     corrected["corrected_eastward_wind"][:] = headings["eastward_wind"].to_numpy() * 2
     worse = selection.disagreement(headings, corrected, "ruc").total
@@ -164,8 +166,8 @@ def test_binned_medians_and_sectors_by_hand() -> None:
     heading = np.array([1.0, 2, 3, 4, 5, 359, 100, 101])
     value = np.array([1.0, 2, 3, 4, 100, 7, 8, 9])
     found = binned_medians(heading, value, width=15.0)
-    assert (found.centre.tolist(), found.median.tolist()) == ([7.5], [3.0])
-    assert found.half_width[0] == pytest.approx(1.959964 * 1.2533 * 1.4826 * 1.0 / np.sqrt(5))
+    assert found[:2].tolist() == [[7.5], [3.0]]
+    assert found[2, 0] == pytest.approx(1.959964 * 1.2533 * 1.4826 * 1.0 / np.sqrt(5))
     counts = sector_counts(np.array([0.0, 22.0, 338.0, 23.0, 180.0]), sectors=8)
     assert counts.tolist() == [3, 1, 0, 0, 1, 0, 0, 0]  # the first is centred on north
 

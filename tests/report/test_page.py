@@ -7,14 +7,13 @@ import re
 import shutil
 import subprocess
 import sys
-from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
 import pytest
 import xarray as xr
-from matplotlib.figure import Figure
 
 import airswing.report as report
 from airswing.errors import InputError
@@ -24,76 +23,36 @@ from airswing.flags import STATUS
 from airswing.report.html import style
 from airswing.report.html.document import Figures
 from airswing.report.run import innovations, page
-from airswing.report.run.selection import by_amplitude, disagreement, screening_audit
+from airswing.report.run.selection import Run
 from tests.report import factories
 from tests.report.factories import POOL, POOLS, TAILS
+from tests.report.pages import check_no_knots, check_page, kept_figures, labels
 
 HEADINGS, FITS, CORRECTED = factories.products()
-UNIT = re.compile(
-    r"\((degree|kt|m/s|m²/s²|km|hPa|K|%|date|number)\)|degree|reports|probability|correlation|"
-    r"log Bayes factor|draws|expected|barbs|°C|phase"
-)
+STATISTICS = innovation_statistics(HEADINGS, CORRECTED, pools=POOLS)
 
 
-class Balance(HTMLParser):
-    """Collect tags left open, and every address the page asks for."""
-
-    void = frozenset({"meta", "img", "br", "link", "input", "hr"})
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.open: list[str] = []
-        self.addresses: list[str] = []
-        self.images = 0
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        if tag not in self.void:
-            self.open.append(tag)
-        self.images += tag == "img"
-        self.addresses += [str(v) for k, v in attrs if k in {"src", "href"}]
-
-    def handle_endtag(self, tag: str) -> None:
-        assert self.open.pop() == tag
-
-
-def check_self_contained(written: Path) -> tuple[str, Balance]:
-    """No tag stays open, nothing is fetched, and every figure is a file as well."""
-    text, found = written.read_text("utf-8"), Balance()
-    found.feed(text)
-    assert found.open == []
-    outside = [a for a in found.addresses if not a.startswith(("data:image/", "#"))]
-    files = sorted(a for a in outside if a.startswith("figures/"))
-    drawn = (written.parent / "figures").glob("*.png")
-    assert files == sorted(f"figures/{one.name}" for one in drawn)
-    assert len(files) == found.images
-    assert not re.search(r"https?://", re.sub(r'src="data:[^"]*"', "", text))
-    headline = re.search(r"<h1>(.*?)</h1>", text)
-    assert headline and len(headline.group(1).split()) <= 25
-    return text, found
-
-
-def check_no_knots(text: str) -> None:
-    words = re.sub(r"<[^>]*>", " ", text.split("<main>")[1].split("<script>")[0])
-    assert not re.search(r"\d kt\b|\(kt\)", words)
-
-
-def check_figure(figure: Figure) -> None:
-    """A figure counts what it shows and names its axes with units."""
-    caption = figure.caption  # type: ignore[attr-defined]
-    assert re.search(r"n = [\d,]+", caption), caption
-    assert "nan" not in caption
-    for axes in figure.axes:
-        for label in (axes.get_xlabel(), axes.get_ylabel()):
-            assert not label or label.startswith("N0") or UNIT.search(label), label
-    assert "matplotlib.pyplot" not in sys.modules or not matplotlib.pyplot.get_fignums()
-
-
-class Checked(Figures):
-    """Figures of a page that are checked as they are placed."""
-
-    def __call__(self, name: str, figure: Figure, **options: float) -> str:  # type: ignore[override]
-        check_figure(figure)
-        return super().__call__(name, figure, **options)
+@pytest.fixture(scope="module")
+def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[str, dict[str, Any]]]:
+    """Text and figures of the page with every product, by unit."""
+    evaluation = Evaluation(
+        field_test=factories.field_tested(),
+        sensitivity=factories.compared(),
+        innovations=STATISTICS,
+    )
+    found = {}
+    for units in ("kt", "m/s"):
+        with kept_figures() as shown:
+            written = report.write_page(
+                tmp_path_factory.mktemp("page"),
+                headings=HEADINGS,
+                fits=FITS,
+                corrected=CORRECTED,
+                evaluation=evaluation,
+                units=units,  # type: ignore[arg-type]
+            )
+        found[units] = check_page(written)[0], shown[0].made
+    return found
 
 
 def test_the_page_is_whole_and_asks_for_nothing_outside(tmp_path: Path) -> None:
@@ -108,7 +67,7 @@ def test_the_page_is_whole_and_asks_for_nothing_outside(tmp_path: Path) -> None:
     )
     assert dict(matplotlib.rcParams) == before
     assert written == tmp_path / "report" / "index.html"
-    text, found = check_self_contained(written)
+    text, found = check_page(written)
     assert {"../tables.csv", "notes.txt"} <= set(found.addresses)
     assert "5 of 6 aircraft" in text and "falls from" in text
     assert all(name in text for name in TAILS)
@@ -116,34 +75,15 @@ def test_the_page_is_whole_and_asks_for_nothing_outside(tmp_path: Path) -> None:
     assert not list(written.parent.glob(".index*"))
     first = (written.parent / "figures/fleet.png").read_bytes()
     (tmp_path / "report/figures/old.png").write_text("of an earlier page")
-    report.write_page(tmp_path / "report", headings=HEADINGS, fits=FITS)
+    text = report.write_page(tmp_path / "report", headings=HEADINGS, fits=FITS).read_text()
     assert not (tmp_path / "report/figures/old.png").exists()
     assert (written.parent / "figures/fleet.png").read_bytes() == first
+    for anchor in ("field-test", "sensitivity", "innovations", "ranking", "stability"):
+        assert f'<section id="{anchor}">' not in text
 
 
-def test_all_products_become_sections_in_the_unit_that_is_asked_for(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(page, "Figures", Checked)
-    tested = factories.field_tested()
-    evaluation = Evaluation(
-        field_test=tested,
-        sensitivity=factories.compared(),
-        innovations=innovation_statistics(HEADINGS, CORRECTED, pools=POOLS),
-    )
-
-    def made(units: str) -> str:
-        written = report.write_page(
-            tmp_path / units[0],
-            headings=HEADINGS,
-            fits=FITS,
-            corrected=CORRECTED,
-            evaluation=evaluation,
-            units=units,  # type: ignore[arg-type]
-        )
-        return check_self_contained(written)[0]
-
-    text = made("kt")
+def test_all_products_become_sections_in_the_unit_that_is_asked_for(pages) -> None:
+    tested, (text, _), (metric, _) = factories.field_tested(), pages["kt"], pages["m/s"]
     for anchor in ("field-test", "sensitivity", "innovations"):
         assert f'<section id="{anchor}">' in text
     for name, words in {"": "as a linear difference", "_quadrature": "in quadrature"}.items():
@@ -152,9 +92,47 @@ def test_all_products_become_sections_in_the_unit_that_is_asked_for(
         assert f"{amount} {words}" in text
     assert "Not poolable: ruc - nam (" in text and "nam is in never_pool" in text
     assert text.count("a pool and one of its members") == 2
-    metric = made("m/s")
     assert f"{tested['adjusted_reduction_kt'] * 1852 / 3600:.2f} m/s" in metric
     check_no_knots(metric)
+
+
+def test_speeds_are_shown_in_the_unit_that_is_asked_for(pages) -> None:
+    knots, metric = (pages[units][1]["disagreement"].axes[0] for units in ("kt", "m/s"))
+    assert knots.get_xlabel().endswith("(kt)") and metric.get_xlabel().endswith("(m/s)")
+    one, other = (np.asarray(axes.lines[0].get_xdata()) for axes in (knots, metric))
+    assert np.allclose(other, one * 1852 / 3600)
+
+
+def test_innovation_figures_show_the_statistics_of_the_product(pages) -> None:
+    axes = pages["m/s"][1]["innovations"].axes[0]
+    shown = dict(zip(labels(axes), axes.lines[0].get_xdata(), strict=True))
+    cells = STATISTICS.sel(reference=POOL, state="reported")
+    for name, chosen in (("cruise", {"flight_phase": "cruise"}), ("N002", {"aircraft": "N002"})):
+        one = cells.sel(chosen)
+        count = one["innovation_speed_count"]
+        bias = (one["innovation_speed_bias"] * count).sum() / count.sum()
+        assert shown[name] == pytest.approx(float(bias))
+    drawn = pages["kt"][1]["innovation_histogram"].axes[0].images[0].get_array()
+    assert np.nansum(np.ma.filled(drawn, 0)) == cells["innovation_histogram"].sum()
+
+
+def test_a_sounding_shows_one_ascent_or_descent_by_pressure(pages) -> None:
+    lines = pages["m/s"][1]["sounding"].axes[0].lines
+    assert [line.get_label() for line in lines] == ["reported", "corrected", POOL]
+    pressure = np.asarray(lines[0].get_ydata())
+    assert np.all(np.diff(pressure) <= 0) and pressure.size >= 4
+    level = HEADINGS.assign(phase=HEADINGS["phase"] * 0 + 2)
+    assert "n = 0" in innovations.sounding_figure(level, CORRECTED, TAILS, "ruc", "kt").caption
+
+
+def test_what_screening_and_reading_left_out(pages, tmp_path: Path) -> None:
+    shown = labels(pages["kt"][1]["screening"].axes[1])
+    assert shown == ["duplicate", "impossible position", "repaired: longitude wrapped"]
+    headings, fits = factories.few(1, 40)
+    headings["screening"][:] = 0
+    headings.attrs["reading_audit"] = "not json"
+    text = report.write_page(tmp_path, headings=headings, fits=fits).read_text()
+    assert "40 (100.0 %) entered" in text
 
 
 def test_a_fleet_with_refused_fits_alone_has_no_table_to_load(tmp_path: Path) -> None:
@@ -196,8 +174,11 @@ def test_the_page_names_what_was_left_out(tmp_path: Path) -> None:
 def test_names_are_escaped_and_a_dollar_sign_begins_no_formula(tmp_path: Path) -> None:
     odd = [r"$\frac{1$", "N_1^$2$", "<script>x</script>", "N&1"]
     headings, fits = (ds.assign_coords(aircraft=odd) for ds in factories.few(4))
-    text, _ = check_self_contained(report.write_page(tmp_path, headings=headings, fits=fits))
+    text, _ = check_page(report.write_page(tmp_path, headings=headings, fits=fits))
     assert "N_1^$2$" in text and "<script>x" not in text
+    figure = style.empty_figure("x").say("a < b & c (n = 0)")
+    html = Figures()("x", figure)
+    assert "a &lt; b &amp; c" in html and 'alt="a &lt; b' in html
 
 
 def test_an_unwritable_folder_is_refused(tmp_path: Path) -> None:
@@ -213,14 +194,14 @@ def test_a_large_fleet_stays_usable(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     for name, number in sizes.items():
         monkeypatch.setattr(page, name, number)
     headings, fits = factories.few(8)
-    text, found = check_self_contained(report.write_page(tmp_path, headings=headings, fits=fits))
+    text, found = check_page(report.write_page(tmp_path, headings=headings, fits=fits))
     assert "The 2 aircraft with the largest amplitude; the swing cards" in text
     assert "<p>The 3 aircraft with the largest amplitude.</p>" in text
     small, large, overview, roses, places, audit = 2, 2, 1, 1, 3, 1
     assert found.images == small + large + overview + roses + places + audit
     rows = re.search(r"<tbody>(.*?)</tbody>", text, re.DOTALL).group(1).split("<tr")[1:]
     shown = [re.findall(r"<td[^>]*>(.*?)</td>", row) for row in rows]
-    assert [cells[0] for cells in shown] == by_amplitude(fits, POOL)
+    assert [cells[0] for cells in shown] == Run(headings, fits, POOL).order
     assert shown[-1][0] == "N405" and shown[-1][-1] == "poor heading coverage"
 
 
@@ -237,6 +218,20 @@ def test_importing_the_package_does_not_import_matplotlib() -> None:
     assert ran.stdout.strip() == "False"
     with pytest.raises(AttributeError, match="no attribute 'pie_chart'"):
         _ = report.pie_chart
+
+
+def test_heading_error_figure_draws_the_fit_and_the_table() -> None:
+    axes = report.heading_error_figure(HEADINGS, FITS, "N002", "ruc").axes[0]
+    lines = {line.get_label(): line for line in axes.get_lines()}
+    fit = FITS.sel(reference="ruc", aircraft="N002")
+    x, y = lines["fitted curve"].get_data()
+    assert np.allclose(y, factories.curve(fit["deviation"].to_numpy(), x))
+    _, nodes = lines["removed by the 8-point table"].get_data()
+    assert nodes.tolist() == (-fit["table_correction"].to_numpy()).tolist()
+    refused = report.heading_error_figure(HEADINGS, FITS, "N005", "ruc")
+    shown = {line.get_label() for line in refused.axes[0].get_lines()}
+    assert "fit, not usable" in shown and "removed by the 8-point table" not in shown
+    assert "poor heading coverage" in refused.caption  # type: ignore[attr-defined]
 
 
 DOM = """
@@ -284,74 +279,3 @@ def test_the_search_finds_names_and_statuses_and_no_numbers(
     assert begin == [name for name in names if name.startswith("N40")]
     assert status == [cells[0] for cells in rows if "coverage" in cells[-1]] and status
     assert every == names
-
-
-# --- figures -----------------------------------------------------------------------------------
-
-
-def test_speeds_are_shown_in_the_unit_that_is_asked_for() -> None:
-    found = disagreement(HEADINGS, CORRECTED, "ruc")
-    knots, metric = (
-        page.before_after_figure(found, TAILS, TAILS, "ruc", units).axes[0]  # type: ignore[arg-type]
-        for units in ("kt", "m/s")
-    )
-    assert knots.get_xlabel().endswith("(kt)") and metric.get_xlabel().endswith("(m/s)")
-    one, other = (np.asarray(axes.lines[0].get_xdata()) for axes in (knots, metric))
-    assert np.allclose(other, one * 1852 / 3600)
-
-
-def test_innovation_figures_show_the_statistics_of_the_product() -> None:
-    statistics = innovation_statistics(HEADINGS, CORRECTED, pools={"ruc": ["ruc"]})
-    axes = innovations.innovation_figure(statistics, "ruc", "m/s").axes[0]
-    names = [one.get_text() for one in axes.get_yticklabels()]
-    shown = dict(zip(names, axes.lines[0].get_xdata(), strict=True))
-    cells = statistics.sel(reference="ruc", state="reported")
-    for name, chosen in (("cruise", {"flight_phase": "cruise"}), ("N002", {"aircraft": "N002"})):
-        one = cells.sel(chosen)
-        count = one["innovation_speed_count"]
-        bias = (one["innovation_speed_bias"] * count).sum() / count.sum()
-        assert shown[name] == pytest.approx(float(bias))
-    drawn = innovations.innovation_histogram_figure(statistics, "ruc", "kt").axes[0].images[0]
-    counts = statistics["innovation_histogram"].sel(state="reported")
-    assert drawn.get_array().sum() == counts.sum()
-
-
-def test_a_sounding_shows_one_ascent_or_descent_by_pressure() -> None:
-    figure = innovations.sounding_figure(HEADINGS, CORRECTED, TAILS, "ruc", "m/s")
-    lines = figure.axes[0].lines
-    assert [line.get_label() for line in lines] == ["reported", "corrected", "ruc"]
-    pressure = np.asarray(lines[0].get_ydata())
-    assert np.all(np.diff(pressure) <= 0) and pressure.size >= 4
-    level = HEADINGS.assign(phase=HEADINGS["phase"] * 0 + 2)
-    assert "n = 0" in innovations.sounding_figure(level, CORRECTED, TAILS, "ruc", "kt").caption
-
-
-def test_captions_are_escaped_in_the_page() -> None:
-    figure = style.empty_figure("x")
-    figure.say("a < b & c (n = 0)")
-    html = Figures()("x", figure)
-    assert "a &lt; b &amp; c" in html and 'alt="a &lt; b' in html
-
-
-def test_heading_error_figure_draws_the_fit_and_the_table() -> None:
-    axes = report.heading_error_figure(HEADINGS, FITS, "N002", "ruc").axes[0]
-    lines = {line.get_label(): line for line in axes.get_lines()}
-    fit = FITS.sel(reference="ruc", aircraft="N002")
-    x, y = lines["fitted curve"].get_data()
-    assert np.allclose(y, factories.curve(fit["deviation"].to_numpy(), x))
-    _, nodes = lines["removed by the 8-point table"].get_data()
-    assert nodes.tolist() == (-fit["table_correction"].to_numpy()).tolist()
-    refused = report.heading_error_figure(HEADINGS, FITS, "N005", "ruc")
-    labels = {line.get_label() for line in refused.axes[0].get_lines()}
-    assert "fit, not usable" in labels and "removed by the 8-point table" not in labels
-    assert "poor heading coverage" in refused.caption  # type: ignore[attr-defined]
-
-
-def test_what_screening_and_reading_left_out() -> None:
-    headings, _ = factories.few(1, 40)
-    headings["screening"][:] = 0
-    headings.attrs["reading_audit"] = "not json"
-    assert "40 (100.0 %) entered" in page.audit_figure(headings, []).caption
-    bars = page.audit_figure(HEADINGS, screening_audit(HEADINGS)).axes[1]
-    labels = [one.get_text() for one in bars.get_yticklabels()]
-    assert labels == ["duplicate", "impossible position", "repaired: longitude wrapped"]

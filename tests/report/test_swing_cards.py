@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from airswing.errors import InputError
 from airswing.flags import STATUS
 from airswing.report import write_swing_cards
+from airswing.report.run.selection import Run
 from airswing.report.run.swing_cards import steer, swing_card
 from tests.report import factories
 
@@ -22,7 +23,7 @@ FITS["status"][:, 2] = STATUS["too_few_reports"]
 
 
 def texts(aircraft: str, fits=FITS) -> list[str]:
-    figure = swing_card(HEADINGS, fits, aircraft, "ruc", "kt")
+    figure = swing_card(Run(HEADINGS, fits, "ruc"), aircraft)
     inside = [text for axes in figure.axes for text in axes.texts]
     shown = [text.get_text() for text in [*figure.texts, *inside]]
     return [*shown, *(line for text in shown for line in text.split("\n"))]
@@ -69,7 +70,7 @@ def test_a_card_has_what_a_workshop_needs() -> None:
         assert words in whole, words
     fit = FITS.sel(reference="ruc", aircraft="N400")
     assert all(f"{value + 0.0:+.1f}" in texts("N400") for value in fit["table_correction"].values)
-    axes = swing_card(HEADINGS, FITS, "N400", "ruc", "kt").axes[0]
+    axes = swing_card(Run(HEADINGS, FITS, "ruc"), "N400").axes[0]
     x, y = {line.get_label(): line for line in axes.get_lines()}["fitted curve"].get_data()
     assert np.allclose(y, factories.curve(fit["deviation"].to_numpy(), x))
 

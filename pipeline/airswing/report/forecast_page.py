@@ -7,7 +7,6 @@ scores are those of the days held out.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -16,18 +15,9 @@ from matplotlib.figure import Figure
 
 from airswing.handover.forecasts.correcting import FORECASTS, METHODS, SCORES, TIME
 from airswing.products.whole_files import write_text
+from airswing.report.html import document as html
 from airswing.report.html import style
-from airswing.report.html.document import (
-    Column,
-    Figures,
-    Section,
-    document,
-    heading,
-    link,
-    listing,
-    paragraph,
-    table,
-)
+from airswing.report.html.style import Look
 from airswing.report.html.text import amount, plural
 from airswing.report.run.reading_warnings import tally
 from airswing.version import __version__
@@ -38,19 +28,18 @@ NAMES = {
     "running_mean": "running mean",
     "mean_of_pairs": "mean of the last pairs",
 }
-LONGEST = 120
-"""Starts shown in a time series."""
+LONGEST = 120  # starts shown in a time series
 _PERIODS = {"held_out": "held out", "all": "all days"}
 
 
 @style.drawing()
 def write_forecast_page(directory: Path, corrected: xr.Dataset) -> Path:
     """Write ``index.html`` of corrected forecasts; return its path."""
-    first, last = (np.datetime_as_string(day, "D") for day in corrected[TIME].to_numpy()[[0, -1]])
+    first, last = np.datetime_as_string(corrected[TIME].to_numpy()[[0, -1]], "D")
     pairs = int(corrected["pair_count"].sel(period="all").sum())
     sizes = {"stations": "station", "leads": "lead", "starts": TIME}
     facts = [(f"{corrected.sizes[name]:,}", words) for words, name in sizes.items()]
-    text = document(
+    text = html.document(
         title="airswing: forecasts corrected by their past errors",
         kicker=f"Kalman-filter post-processing  ·  {first} to {last}",
         headline=forecast_headline(corrected),
@@ -79,53 +68,48 @@ def _plain(variable: object) -> str:
     return str(variable).replace("_", " ")
 
 
-def _scores_section(corrected: xr.Dataset) -> Section:
-    rows = [
-        (corrected.sel(variable=variable, period=period, correction=method), _PERIODS[period])
-        for variable in corrected["variable"].to_numpy()
-        for period in _PERIODS
-        for method in METHODS
-    ]
-
-    def score(one: xr.Dataset, name: str) -> str:
-        return amount(one[name], one[f"{name}_interval"].to_numpy().tolist())
-
+def _scores_section(corrected: xr.Dataset) -> html.Section:
     titles = dict(zip(SCORES, ("bias", "centred rms", "rms", "skill"), strict=True))
-    columns = [
-        Column("variable", [_plain(one["variable"].item()) for one, _ in rows], "words"),
-        Column("days", [days for _, days in rows], "words"),
-        Column("forecast", [NAMES[one["correction"].item()] for one, _ in rows], "words"),
-        *(Column(titles[name], [score(one, name) for one, _ in rows]) for name in SCORES),
-        Column("pairs", [f"{int(one['pair_count']):,}" for one, _ in rows]),
-    ]
+    rows = []
+    for variable in corrected["variable"].to_numpy():
+        for period, days in _PERIODS.items():
+            for method in METHODS:
+                one = corrected.sel(variable=variable, period=period, correction=method)
+                row = {"variable": _plain(variable), "days": days, "forecast": NAMES[method]}
+                for name, title in titles.items():
+                    row[title] = amount(one[name], one[f"{name}_interval"].to_numpy().tolist())
+                rows.append(row | {"pairs": f"{int(one['pair_count']):,}"})
     caption = (
         "Scores over all stations and leads, in the variable's unit, with 95 % intervals by blocks "
         "of days. Skill: one minus the mean square error over the raw forecast's. Grey italics: "
         "with the days that chose the filter's ratio."
     )
     lead = "Every method is judged on the same pairs; nothing observed after a start corrects it."
-    doubt = [days == _PERIODS["all"] for _, days in rows]
-    return Section("scores", "Scores", lead, [table(columns, caption=caption, doubt=doubt)])
+    doubt, words = (
+        [row["days"] == _PERIODS["all"] for row in rows],
+        ("variable", "days", "forecast"),
+    )
+    scores = html.table(rows, words=words, caption=caption, doubt=doubt)
+    return html.Section("scores", "Scores", lead, [scores])
 
 
-def _figures_section(corrected: xr.Dataset) -> Section:
+def _figures_section(corrected: xr.Dataset) -> html.Section:
     parts: list[Markup] = []
-    show = Figures()
+    show = html.Figures()
     for variable in map(str, corrected["variable"].to_numpy()):
-        parts.append(heading(_plain(variable)))
+        parts.append(html.heading(_plain(variable)))
         if corrected.sizes["lead"] > 1:
-            parts.append(show("leads", by_lead_figure(corrected, variable)))
+            parts.append(show("leads", _by_lead_figure(corrected, variable)))
         # the station with the highest skill of the filter, the first where none is known
-        gain = corrected["skill_by_station"].sel(variable=variable, correction="kalman").to_numpy()
-        place = int(np.argmax(np.where(np.isfinite(gain), gain, -np.inf)))
-        station = str(corrected["station"].to_numpy()[place])
-        parts.append(show("series", time_line_figure(corrected, variable, station)))
+        gain = corrected["skill_by_station"].sel(variable=variable, correction="kalman")
+        place = int(np.argmax(gain.fillna(-np.inf).to_numpy()))
+        parts.append(show("series", _time_line_figure(corrected, variable, place)))
         if corrected.sizes["station"] > 1:
-            parts.append(show("stations", stations_figure(corrected, variable)))
-    return Section("figures", "Before and after", "", parts)
+            parts.append(show("stations", _stations_figure(corrected, variable)))
+    return html.Section("figures", "Before and after", "", parts)
 
 
-def _notes_section(corrected: xr.Dataset) -> Section:
+def _notes_section(corrected: xr.Dataset) -> html.Section:
     lines = []
     for name in corrected["variable"].to_numpy():
         chosen = corrected.sel(variable=name)
@@ -140,12 +124,13 @@ def _notes_section(corrected: xr.Dataset) -> Section:
     lines.append(f"{judged} of {corrected.sizes[TIME]:,} held out")
     for reason, number in tally(corrected, "lines_left_out").items():
         lines.append(f"left out: {reason} ({number:,})")
-    text = paragraph(
+    text = html.paragraph(
         "The filter follows a bias that wanders (Delle Monache et al. 2006, J. Geophys. Res. 111, "
         "D05308); it cannot follow a change of regime within a day or two."
     )
-    product = listing([link("../postprocessed.nc", "postprocessed.nc: forecasts and scores")])
-    return Section("notes", "Method", "", [text, listing(lines), product])
+    product = html.link("../postprocessed.nc", "postprocessed.nc: forecasts and scores")
+    parts = [text, html.listing(lines), html.listing([product])]
+    return html.Section("notes", "Method", "", parts)
 
 
 def _with_unit(text: str, ds: xr.Dataset, variable: str) -> str:
@@ -154,12 +139,9 @@ def _with_unit(text: str, ds: xr.Dataset, variable: str) -> str:
     return f"{text} ({unit})" if unit else text
 
 
-def by_lead_figure(scored: xr.Dataset, variable: str) -> Figure:
-    """Draw bias, centred rms and skill against lead for every method."""
+def _by_lead_figure(scored: xr.Dataset, variable: str) -> Figure:
     chosen = scored.sel(variable=variable, period="held_out")
-    lead = chosen["lead"].to_numpy()
-    figure = style.new_figure(3.4)
-    panels = figure.subplots(1, 3, sharex=True)
+    figure, panels = style.panels(3.4, 1, 3, sharex=True)
     shown = {
         "forecast_error_mean": _with_unit("bias", scored, variable),
         "forecast_error_centred_rms": _with_unit("centred rms", scored, variable),
@@ -171,41 +153,41 @@ def by_lead_figure(scored: xr.Dataset, variable: str) -> Figure:
                 continue
             one, (colour, marker) = chosen.sel(correction=method), style.series_style(index)
             low, high = one[f"{name}_by_lead_interval"].to_numpy().T
-            axes.fill_between(lead, low, high, color=colour, alpha=0.15, linewidth=0)
-            look: dict[str, Any] = {"color": colour, "marker": marker, "markersize": 3.5}
-            axes.plot(lead, one[f"{name}_by_lead"].to_numpy(), label=NAMES[method], **look)
+            axes.fill_between(one["lead"], low, high, color=colour, alpha=0.15, linewidth=0)
+            look = Look(color=colour, marker=marker, markersize=3.5, label=NAMES[method])
+            axes.plot(one["lead"], one[f"{name}_by_lead"], **look)
         axes.set(title=label, xlabel="lead (h)")
         style.zero_line(axes, across=True)
     panels[0].legend(loc="best")
-    number = int(chosen["pair_count"])
     return figure.say(
-        f"{_plain(variable)}: bias, centred rms and skill by lead on the days held out, "
-        f"95 % intervals by days (n = {plural(number, 'pair')} of forecast and observation)."
+        f"{_plain(variable)}: bias, centred rms and skill by lead on the days held out, 95 % "
+        f"intervals by days (n = {plural(int(chosen['pair_count']), 'pair')} of forecast and "
+        "observation)."
     )
 
 
-def time_line_figure(corrected: xr.Dataset, variable: str, station: str) -> Figure:
+def _time_line_figure(corrected: xr.Dataset, variable: str, station: int) -> Figure:
     """Draw the daily error of one station before and after, the mean over lead times.
 
     The axis reaches 3 times the 90th percentile of the errors: single gross errors are cut.
     """
-    chosen = corrected.sel(variable=variable, station=station).isel({TIME: slice(-LONGEST, None)})
-    figure = style.new_figure(2.8)
-    axes = figure.subplots()
-    starts = chosen[TIME].to_numpy()
-    known, sizes = 0, [np.zeros(1)]
+    chosen = corrected.sel(variable=variable).isel(
+        {"station": station, TIME: slice(-LONGEST, None)}
+    )
+    figure, axes = style.panels(2.8)
+    starts, known, sizes = chosen[TIME].to_numpy(), 0, [np.zeros(1)]
     for index, method in enumerate(METHODS):
         error = chosen[FORECASTS[method]] - chosen["observation"]
         mean, known = error.mean("lead").to_numpy(), int(error.notnull().sum())
         sizes.append(np.abs(mean[np.isfinite(mean)]))
         colour, marker = style.series_style(index)
-        look: dict[str, Any] = {"color": colour, "marker": marker, "markersize": 3}
-        axes.plot(starts, mean, linewidth=1.2, label=NAMES[method], **look)
+        look = Look(color=colour, marker=marker, markersize=3, linewidth=1.2)
+        axes.plot(starts, mean, label=NAMES[method], **look)
     judged = chosen["held_out"].to_numpy().astype(bool)
     if judged.any() and not judged.all():
-        axes.axvline(starts[judged][0], color=style.SOFT, linewidth=1.0, linestyle="--")
-        place, look = (starts[judged][0], 1.0), {"color": style.SOFT, "fontsize": 8.5}
-        axes.annotate(" held out", place, xycoords=("data", "axes fraction"), va="top", **look)
+        first, look = starts[judged][0], Look(color=style.SOFT, fontsize=8.5, va="top")
+        axes.axvline(first, color=style.SOFT, linewidth=1.0, linestyle="--")
+        axes.annotate(" held out", (first, 1.0), xycoords=("data", "axes fraction"), **look)
     style.zero_line(axes, across=True)
     every = np.concatenate(sizes)
     top = 3.0 * float(np.percentile(every, 90.0))
@@ -215,12 +197,13 @@ def time_line_figure(corrected: xr.Dataset, variable: str, station: str) -> Figu
     axes.legend(ncols=3, loc="lower left", bbox_to_anchor=(0.0, 1.0))
     figure.autofmt_xdate(rotation=0, ha="center")
     return figure.say(
-        f"{_plain(variable)} at station {station}: error of each start, mean over leads "
-        f"(n = {plural(known, 'pair')}). The ratio was chosen on the days left of the dashed line."
+        f"{_plain(variable)} at station {chosen['station'].item()}: error of each start, mean over "
+        f"leads (n = {plural(known, 'pair')}). The ratio was chosen on the days left of the dashed "
+        "line."
     )
 
 
-def stations_figure(scored: xr.Dataset, variable: str) -> Figure:
+def _stations_figure(scored: xr.Dataset, variable: str) -> Figure:
     """Draw the distribution of scores over stations.
 
     On the left the rms error of each station with the filter and its rivals against the raw
@@ -228,32 +211,34 @@ def stations_figure(scored: xr.Dataset, variable: str) -> Figure:
     Axes are limited to 1.5 times the 95th percentile (errors) and to skills above -1: a single
     station with a gross error is drawn at the edge.
     """
-    rms = scored["forecast_error_rms_by_station"].sel(variable=variable)
-    skill = scored["skill_by_station"].sel(variable=variable, correction="kalman").to_numpy()
+    of_raw, of_corrected = (
+        _with_unit(f"rms error, {which}", scored, variable) for which in ("raw", "corrected")
+    )
+    scored = scored.sel(variable=variable)
+    rms = scored["forecast_error_rms_by_station"]
     raw = rms.sel(correction="raw").to_numpy()
     known = np.isfinite(raw)
     if not known.any():
         return style.empty_figure("No pair on the days held out")
-    figure = style.new_figure(3.6)
-    left, right = figure.subplots(1, 2)
-    values = rms.isel(station=np.flatnonzero(known)).to_numpy()
+    figure, (left, right) = style.panels(3.6, 1, 2)
+    values = rms.isel(station=np.flatnonzero(known))
     top = max(1.5 * float(np.nanpercentile(values, 95.0)), 1e-9)
     for index, method in enumerate(METHODS[1:], start=1):
         colour, marker = style.series_style(index)
-        after = np.minimum(rms.sel(correction=method).to_numpy(), top)
-        look: dict[str, Any] = {"color": colour, "markersize": 4, "alpha": 0.6}
-        left.plot(np.minimum(raw, top), after, marker, label=NAMES[method], **look)
+        after = np.minimum(rms.sel(correction=method), top)
+        look = Look(color=colour, markersize=4, alpha=0.6, label=NAMES[method])
+        left.plot(np.minimum(raw, top), after, marker, **look)
     left.plot([0, top], [0, top], color=style.SOFT, linewidth=0.9)
-    left.set(xlim=(0, 1.02 * top), ylim=(0, 1.02 * top))
-    left.set_xlabel(_with_unit("rms error, raw", scored, variable))
-    left.set_ylabel(_with_unit("rms error, corrected", scored, variable))
+    ends = (0, 1.02 * top)
+    left.set(xlim=ends, ylim=ends, xlabel=of_raw, ylabel=of_corrected)
     left.legend()
-    order = np.flatnonzero(np.isfinite(skill))[np.argsort(skill[np.isfinite(skill)])]
-    chosen = scored["skill_by_station_interval"].sel(variable=variable, correction="kalman")
-    low, high = np.maximum(chosen.transpose("station", "bound").to_numpy()[order].T, -1.0)
+    kalman = scored.sel(correction="kalman")
+    skill = kalman["skill_by_station"].to_numpy()
+    order = np.argsort(skill)[: np.isfinite(skill).sum()]  # NaN is last
+    bounds = kalman["skill_by_station_interval"].transpose("bound", "station")[:, order]
     colour, marker = style.series_style(METHODS.index("kalman"))
     place = np.arange(1, order.size + 1)
-    right.vlines(place, low, high, color=colour, alpha=0.35, linewidth=1.0)
+    right.vlines(place, *np.maximum(bounds, -1.0), color=colour, alpha=0.35, linewidth=1.0)
     right.plot(place, np.maximum(skill[order], -1.0), marker, color=colour, markersize=3)
     style.zero_line(right, across=True)
     right.set(ylim=(-1.05, 1.05), xlabel="station, by skill", ylabel="skill of the filter")

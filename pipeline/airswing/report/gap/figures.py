@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -21,16 +20,25 @@ from numpy.typing import NDArray
 from airswing.report.gap.words import Entry, number, p_text, place_sentence, plain_name, slice_words
 from airswing.report.html import style
 from airswing.report.html.maps import draw_map, view_of
-from airswing.report.html.style import BLUE, FAINT, INK, ORANGE, SKY, SOFT, rows_axis, zero_line
+from airswing.report.html.style import (
+    BLUE,
+    FAINT,
+    INK,
+    ORANGE,
+    SKY,
+    SOFT,
+    Look,
+    rows_axis,
+    zero_line,
+)
 from airswing.report.html.text import Units, plural, shown_per_kt, shown_per_m_s
-from airswing.report.run.heading_error import Binned, draw_heading_error, small_panels
+from airswing.report.run.heading_error import draw_heading_error, small_panels
+from airswing.report.run.selection import names_of
 from airswing.units import NORMAL_95
 
 Floats = NDArray[np.float64]
 # Cycles of the deviation of each compass effect.
-_CYCLES = {"compass_offset": 0, "hard_iron": 1, "soft_iron": 2}
-# Fraction of a colour scale's half width beyond which a cell is too dark for dark text.
-_DARK = 0.62
+CYCLES = {"compass_offset": 0, "hard_iron": 1, "soft_iron": 2}
 _CATEGORIES = {"phase": ("ascent", "cruise", "descent"), "icing": ("off", "on")}
 
 
@@ -51,26 +59,31 @@ def waterfall_figure(gap: Entry, units: Units) -> Figure:
     ]
     levels = gap["closure"]["before"], gap["closure"]["after"], gap["gap"].get("noise_floor_kt")
     before, end, floor = (factor * number(value) for value in levels)
-    labels = ["simulation so far", *(f"+ {plain_name(name)}" for name, *_ in steps)]
-    figure = style.new_figure(1.5 + 0.42 * (len(labels) + 2))
-    axes = figure.add_subplot()
+    bars = [("simulation so far", before, SOFT)]
+    bars += [(f"+ {plain_name(name)}", factor * step, "") for name, step, _ in steps]
+    bars.append(("with all effects", end, style.GREEN))
+    if np.isfinite(floor):
+        bars.append(("noise floor", floor, FAINT))
+    figure, axes = style.panels(1.5 + 0.42 * (len(steps) + 3))
+    look = Look(va="center", fontsize=9)
+    look["bbox"] = {"facecolor": "white", "edgecolor": "none", "pad": 0.8}
     previous = before
-    for row, (_, step, interval) in enumerate(steps, 1):
-        level, ends = factor * step, [factor * bound for bound in interval]
+    for row, (_, level, colour) in enumerate(bars):
+        if colour:
+            axes.barh(row, level, color=colour, height=0.62)
+            place = (level, row)
+            style.annotate(axes, f"{level:.2f} {units}", place, (5, 0), ha="left", **look)
+            continue
+        ends = [factor * bound for bound in steps[row - 1][2]]
         colour = BLUE if level <= previous else ORANGE
         axes.barh(row, level - previous, left=previous, color=colour, height=0.62)
         axes.plot([previous, previous], [row - 1.31, row + 0.31], color=SOFT, linewidth=0.8)
         axes.plot(ends, [row, row], color=INK, linewidth=1.2, zorder=4)
-        _label(axes, f"{level - previous:+.2f}", min([level, previous, *ends]), row, side="right")
+        place = (min([level, previous, *ends]), row)
+        style.annotate(axes, f"{level - previous:+.2f}", place, (-5, 0), ha="right", **look)
         previous = level
-    last = [(len(labels), "with all effects", end, style.GREEN)]
-    if np.isfinite(floor):
-        last.append((len(labels) + 1, "noise floor", floor, FAINT))
-    for row, _, level, colour in [(0, "", before, SOFT), *last]:
-        axes.barh(row, level, color=colour, height=0.62)
-        _label(axes, f"{level:.2f} {units}", level, row, side="left")
-    labels += [label for _, label, *_ in last]
-    rows_axis(axes, labels, f"mean vector disagreement on held-out flights ({units})")
+    label = f"mean vector disagreement on held-out flights ({units})"
+    rows_axis(axes, [name for name, *_ in bars], label)
     axes.set_xlim(0, 1.14 * max(before, end))
     return figure.say(
         f"Closure of the gap ({_reports(gap)}): disagreement of reports and simulation, the step "
@@ -79,17 +92,11 @@ def waterfall_figure(gap: Entry, units: Units) -> Figure:
     )
 
 
-def _label(axes: Axes, text: str, x: float, row: int, *, side: str) -> None:
-    look: dict[str, Any] = {"ha": side, "va": "center", "fontsize": 9}
-    look["bbox"] = {"facecolor": "white", "edgecolor": "none", "pad": 0.8}
-    style.annotate(axes, text, (x, row), (-5 if side == "right" else 5, 0), **look)
-
-
 def _deviation_of(gap: Entry, tail: str) -> tuple[Floats, Floats]:
     """Return coefficients A to E of the compass effects found on an aircraft, and their errors."""
     value, error = np.zeros(5), np.zeros(5)
     for effect in gap["effects"]:
-        cycles = _CYCLES.get(effect["name"])
+        cycles = CYCLES.get(effect["name"])
         if cycles is None or (effect.get("tails") and tail not in effect["tails"]):
             continue
         entry = (effect.get("per_tail") or {}).get(tail) or effect
@@ -106,16 +113,15 @@ def _deviation_of(gap: Entry, tail: str) -> tuple[Floats, Floats]:
 
 def compass_effects_figure(maps: xr.Dataset, gap: Entry) -> Figure:
     """Draw the heading error of the aircraft with compass effects, and those effects as a curve."""
-    known = [str(tail) for tail in maps["aircraft"].to_numpy()]
-    found = {tail: _deviation_of(gap, tail) for tail in known}
-    tails = [tail for tail in known if np.any(found[tail][0])][:12]
+    found = {tail: _deviation_of(gap, tail) for tail in names_of(maps)}
+    tails = [tail for tail, (value, _) in found.items() if np.any(value)][:12]
     if not tails:
         return style.empty_figure("No constant compass effect was found")
     figure, panels = small_panels(len(tails))
     shown = maps.sel(aircraft=tails)
     value, error = (shown[f"heading_map{end}"].to_numpy() for end in ("", "_standard_error"))
-    centres, half = maps["octant"].to_numpy().astype(float), NORMAL_95 * np.nan_to_num(error)
-    limit = max(3.0, 1.1 * float(np.nanmax(np.abs(value) + np.nan_to_num(error))))
+    error = np.nan_to_num(error)
+    limit = max(3.0, 1.1 * float(np.nanmax(np.abs(value) + error)))
     for place, (axes, tail) in enumerate(zip(panels, tails, strict=True)):
         coefficients, errors = found[tail]
         fit = xr.Dataset(
@@ -127,8 +133,8 @@ def compass_effects_figure(maps: xr.Dataset, gap: Entry) -> Figure:
                 "status": 0,
             }
         )
-        good, none = np.isfinite(value[place]), np.empty(0)
-        bins = Binned(centres[good], value[place][good], half[place][good])
+        bins = np.array([maps["octant"].to_numpy(), value[place], NORMAL_95 * error[place]])
+        bins, none = bins[:, np.isfinite(value[place])], np.empty(0)
         draw_heading_error(axes, none, none, fit, limit=limit, small=True, bins=bins)
         axes.set_title(tail, fontsize=9)
     return figure.say(
@@ -148,30 +154,26 @@ def unknown_curve_figure(place: Entry, units: Units) -> Figure:
     if unit == "m/s":
         unit, factor = units, shown_per_m_s(units)
     values = curve["values"] if curve.get("values") is not None else curve["m_s"]
-    value = factor * np.asarray([number(one) for one in values], float)
+    value = factor * np.array(values, float)
     colours = [BLUE if one >= 0 else ORANGE for one in np.nan_to_num(value)]
-    labels = [_axis_label(name, curve, k) for k, name in enumerate(variables)]
-    figure = style.new_figure(2.9)
-    axes = figure.add_subplot()
+    figure, axes = style.panels(2.9)
     what = f"fitted residual ({unit})"
     if place["component"] == "reported_speed" and edges:
         simulated = factor * edges[0]
         axes.plot(simulated, simulated, color=INK, linewidth=0.8, linestyle="--")
         axes.plot(simulated, value, color=BLUE)
-        axes.set_xlabel(f"simulated wind speed ({units})")
-        axes.set_ylabel(f"reported wind speed ({units})")
+        axes.set(xlabel=f"simulated wind speed ({units})", ylabel=f"reported wind speed ({units})")
     elif len(edges) == 1 and edges[0].size == value.size + 1:
         axes.bar(edges[0][:-1], value, np.diff(edges[0]), align="edge", color=colours)
         zero_line(axes, across=True)
-        axes.set(xlabel=labels[0], ylabel=what)
-        _set_ticks(axes.xaxis, variables[0], edges[0])
+        axes.set_ylabel(what)
+        _label_variable(axes.xaxis, curve, variables, edges, 0)
     elif len(edges) == 2:
         shown = value.reshape(edges[0].size - 1, edges[1].size - 1)
         most = max(float(np.nanmax(np.abs(shown))), 1e-9)
         mesh = axes.pcolormesh(*edges, shown.T, cmap=style.DIVERGING, vmin=-most, vmax=most)
-        axes.set(xlabel=labels[0], ylabel=labels[1])
-        for axis, name, bounds in zip((axes.xaxis, axes.yaxis), variables, edges, strict=True):
-            _set_ticks(axis, name, bounds)
+        for index, axis in enumerate((axes.xaxis, axes.yaxis)):
+            _label_variable(axis, curve, variables, edges, index)
         figure.colorbar(mesh, ax=axes, label=what)
     else:
         names = [str(label) for label in curve["labels"]]
@@ -184,16 +186,14 @@ def unknown_curve_figure(place: Entry, units: Units) -> Figure:
     return figure.say(f"{sentence} (n = {plural(int(value.size), 'value')}).")
 
 
-def _axis_label(name: str, curve: Entry, place: int) -> str:
-    known = curve.get("variable_units") or []
-    unit = str(known[place]).replace("m/s2", "m/s²") if place < len(known) else ""
-    plain = name.replace("_", " ")
-    return f"{plain} ({unit})" if unit and name not in _CATEGORIES else plain
-
-
-def _set_ticks(axis: Axis, variable: str, edges: Floats) -> None:
-    """Label categories by name, and full circles at the quarters."""
-    names = _CATEGORIES.get(variable, ())
+def _label_variable(
+    axis: Axis, curve: Entry, variables: Sequence[str], every: Sequence[Floats], index: int
+) -> None:
+    """Name a variable with its unit; label categories by name, and full circles at the quarters."""
+    name, edges, known = variables[index], every[index], curve.get("variable_units") or []
+    unit = str(known[index]).replace("m/s2", "m/s²") if index < len(known) else ""
+    plain, names = name.replace("_", " "), _CATEGORIES.get(name, ())
+    axis.set_label_text(f"{plain} ({unit})" if unit and not names else plain)
     if names and edges.size == len(names) + 1:
         axis.set_ticks(0.5 * (edges[1:] + edges[:-1]), names)
     elif edges[0] == 0.0 and edges[-1] == 360.0:
@@ -209,8 +209,7 @@ def slices_figure(where: Sequence[Entry]) -> Figure:
     rows = [entry for entry in rows if entry["share_of_gap"] >= 0.005] or rows[:3]
     if not rows:
         return style.empty_figure("No slice has a larger share of the gap than noise")
-    figure = style.new_figure(1.0 + 0.3 * len(rows))
-    axes = figure.add_subplot()
+    figure, axes = style.panels(1.0 + 0.3 * len(rows))
     share = 100 * np.array([entry["share_of_gap"] for entry in rows])
     q_values = [number(entry.get("q_value")) for entry in rows]
     colours = [BLUE if value < 0.05 else FAINT for value in q_values]
@@ -243,8 +242,7 @@ def _edges(centres: Floats) -> Floats:
     if centres.size == 1:
         return np.array([centres[0] - 0.5, centres[0] + 0.5])
     middle = (centres[1:] + centres[:-1]) / 2
-    first, last = 2 * centres[0] - middle[0], 2 * centres[-1] - middle[-1]
-    return np.concatenate([[first], middle, [last]])
+    return np.array([2 * centres[0] - middle[0], *middle, 2 * centres[-1] - middle[-1]])
 
 
 def aircraft_heading_figure(maps: xr.Dataset, gap: Entry) -> Figure:
@@ -272,7 +270,7 @@ def aircraft_time_figure(maps: xr.Dataset, gap: Entry) -> Figure:
     shown = _cells(maps, "time_line", "aircraft", "week")
     figure, axes = _aircraft_grid(maps, np.arange(weeks.size, dtype=float), shown, gap)
     ticks = np.arange(0, weeks.size, max(1, -(-weeks.size // 10)))
-    axes.set_xticks(ticks, [str(np.datetime_as_string(weeks[i], "D")) for i in ticks])
+    axes.set_xticks(ticks, np.datetime_as_string(weeks[ticks], "D"))
     axes.set_xlabel("week from (date)")
     return figure.say(
         f"Mean heading error (degree) by aircraft and week ({_reports(gap)}; white: too few "
@@ -283,14 +281,11 @@ def aircraft_time_figure(maps: xr.Dataset, gap: Entry) -> Figure:
 def _aircraft_grid(
     maps: xr.Dataset, centres: Floats, shown: Floats, gap: Entry
 ) -> tuple[style.CaptionedFigure, Axes]:
-    tails = [str(tail) for tail in maps["aircraft"].to_numpy()]
+    tails, limit = names_of(maps), _even_limit(shown)
     affected = {tail for effect in gap["effects"] for tail in effect["tails"]}
-    figure = style.new_figure(1.25 + max(0.19 * len(tails), 1.4))
-    axes = figure.add_subplot()
-    limit = _even_limit(shown)
-    edges, rows = _edges(centres), np.arange(len(tails) + 1) - 0.5
-    look: dict[str, Any] = {"cmap": style.DIVERGING, "vmin": -limit, "vmax": limit}
-    drawn = axes.pcolormesh(edges, rows, shown, **look)
+    figure, axes = style.panels(1.25 + max(0.19 * len(tails), 1.4))
+    look = Look(cmap=style.DIVERGING, vmin=-limit, vmax=limit)
+    drawn = axes.pcolormesh(_edges(centres), np.arange(len(tails) + 1) - 0.5, shown, **look)
     rows_axis(axes, tails)
     axes.set_ylim(len(tails) - 0.5, -0.5)
     for label in axes.get_yticklabels():
@@ -305,8 +300,8 @@ def _print_cells(axes: Axes, cells: Floats, limit: float, x: Floats, *, decimals
     """Print the finite values into the cells (row, column) of a map, white on dark colours."""
     for row, column in np.argwhere(np.isfinite(cells)):
         value = cells[row, column]
-        colour = "white" if abs(value) > _DARK * limit else INK
         text = f"{round(value, decimals) + 0.0:+.{decimals}f}"
+        colour = "white" if abs(value) > 0.62 * limit else INK
         axes.text(x[column], row, text, ha="center", va="center", fontsize=7.5, color=colour)
 
 
@@ -322,19 +317,18 @@ def phase_level_figure(maps: xr.Dataset, gap: Entry, units: Units) -> Figure:
         for top, bottom in pairwise(bounds)
     ]
     upwards = np.argsort(-level)
-    ways = ("level_map_along", "level_map_cross")
-    both = np.array([_cells(maps, way, "level", "phase") for way in ways])
+    ways = {"along": "along the heading", "cross": "across the heading"}
+    both = np.array([_cells(maps, f"level_map_{way}", "level", "phase") for way in ways])
     filled = np.flatnonzero(np.isfinite(both[1]).any(axis=0))
     both = shown_per_m_s(units) * both[:, upwards][..., filled]
     limit = _even_limit(both, least=0.2)
-    figure = style.new_figure(1.4 + 0.36 * level.size)
-    panels = figure.subplots(1, 2, sharey=True)
-    titles = ("along the heading", "across the heading")
-    for axes, title, value in zip(panels, titles, both, strict=True):
-        look: dict[str, Any] = {"cmap": style.DIVERGING, "vmin": -limit, "vmax": limit}
-        drawn = axes.imshow(value, origin="lower", aspect="auto", **look)
+    figure, panels = style.panels(1.4 + 0.36 * level.size, 1, 2, sharey=True)
+    look = Look(cmap=style.DIVERGING, vmin=-limit, vmax=limit, origin="lower", aspect="auto")
+    phases = [names_of(maps, "phase")[place] for place in filled]
+    for axes, title, value in zip(panels, ways.values(), both, strict=True):
+        drawn = axes.imshow(value, **look)
         axes.set_title(title)
-        axes.set_xticks(range(filled.size), [str(maps["phase"].to_numpy()[i]) for i in filled])
+        axes.set_xticks(range(filled.size), phases)
         axes.set_yticks(range(level.size), [names[one] for one in upwards])
         axes.grid(visible=False)
         _print_cells(axes, value, limit, np.arange(filled.size, dtype=float), decimals=2)
@@ -348,24 +342,22 @@ def phase_level_figure(maps: xr.Dataset, gap: Entry, units: Units) -> Figure:
 
 def gap_map_figure(maps: xr.Dataset, gap: Entry, units: Units) -> Figure:
     """Draw a map of the mean residual: length by colour, direction by arrows."""
-    factor = shown_per_m_s(units)
     lon, lat = (np.asarray(maps[name].to_numpy(), float) for name in ("longitude", "latitude"))
-    u, v = (factor * _cells(maps, f"region_map_{way}", "latitude", "longitude") for way in "uv")
-    filled = np.isfinite(u) & np.isfinite(v)
+    cells = (_cells(maps, f"region_map_{way}", "latitude", "longitude") for way in "uv")
+    u, v = (shown_per_m_s(units) * part for part in cells)
+    speed = np.hypot(u, v)
+    filled = np.isfinite(speed)
     if not filled.any():
         return style.empty_figure("No cell has enough reports for a map")
     rows, columns = np.nonzero(filled)
     view = view_of(lon[columns], lat[rows], margin=0.1)
-    figure = style.new_figure(min(8.2 * view.height_over_width, 6.5) + 0.7)
-    axes = figure.add_subplot()
-    speed = np.hypot(u, v)
-    length = _even_limit(speed)
-    x = view.unwrapped(lon)
+    figure, axes = style.panels(min(8.2 * view.height_over_width, 6.5) + 0.7)
+    length, x = _even_limit(speed), view.unwrapped(lon)
     order = np.argsort(x)
-    look: dict[str, Any] = {"cmap": "YlOrBr", "vmin": 0, "vmax": length, "alpha": 0.85}
+    look = Look(cmap="YlOrBr", vmin=0, vmax=length, alpha=0.85)
     drawn = axes.pcolormesh(_edges(x[order]), _edges(lat), speed[:, order], **look)
-    arrow: dict[str, Any] = {"color": INK, "width": 0.0022, "pivot": "mid", "zorder": 3}
-    arrows = axes.quiver(x[columns], lat[rows], u[filled], v[filled], scale=length * 22, **arrow)
+    look = Look(color=INK, width=0.0022, pivot="mid", zorder=3, scale=length * 22)
+    arrows = axes.quiver(x[columns], lat[rows], u[filled], v[filled], **look)
     draw_map(axes, view)
     axes.quiverkey(arrows, 0.9, 1.025, round(length, 1), f"{length:.1f} {units}", labelpos="E")
     label = f"length of the mean residual ({units})"
@@ -391,8 +383,7 @@ def evidence_figure(gap: Entry) -> Figure:
         return style.empty_figure("No effect of the catalogue could be tested")
     chosen = {effect["name"] for effect in gap["effects"]}
     ambiguous = {name for effect in gap["effects"] for name in effect["ambiguous_with"]}
-    figure = style.new_figure(1.0 + 0.27 * len(best))
-    axes = figure.add_subplot()
+    figure, axes = style.panels(1.0 + 0.27 * len(best))
     colours = [BLUE if name in chosen else SKY if name in ambiguous else FAINT for name in best]
     positive = np.clip(list(best.values()), 0.0, None)
     axes.barh(range(len(best)), positive, color=colours, height=0.72)
@@ -412,17 +403,15 @@ def evidence_figure(gap: Entry) -> Figure:
 
 def probability_figure(gap: Entry, tails: Sequence[str]) -> Figure:
     """Draw the probability that each aircraft is affected by each effect found."""
-    found: dict[str, list[float]] = {}
+    found: dict[str, Floats] = {}
     for row in gap.get("evidence") or ():
-        if row["instead_of"] == row["name"] and row["scope"] == "aircraft":
-            chances = [number(one) for one in row["posterior"]]
-            if len(chances) == len(tails):
-                found.setdefault(row["name"], chances)
+        known = len(row["posterior"]) == len(tails) and row["scope"] == "aircraft"
+        if known and row["instead_of"] == row["name"]:
+            found.setdefault(row["name"], np.array(row["posterior"], float))
     if not found:
         return style.empty_figure("No effect on single aircraft was found")
-    value = np.array(list(found.values()), float)
-    figure = style.new_figure(max(1.3 + 0.36 * len(value), 2.1))
-    axes = figure.add_subplot()
+    value = np.array(list(found.values()))
+    figure, axes = style.panels(max(1.3 + 0.36 * len(value), 2.1))
     drawn = axes.imshow(value, cmap="Blues", vmin=0, vmax=1, aspect="auto")
     # About 80 letters fit side by side.
     rotation = 90 if len(tails) * max(map(len, tails)) > 80 else 0
@@ -445,15 +434,13 @@ def probability_figure(gap: Entry, tails: Sequence[str]) -> Figure:
 def autocorrelation_figure(gap: Entry) -> Figure:
     """Draw the autocovariance of residuals along flights, and the noise model."""
     names = ("distance_km", "autocovariance", "autocovariance_model")
-    distance, measured, model = ([number(one) for one in gap["noise"][name]] for name in names)
-    figure = style.new_figure(3.2)
-    axes = figure.add_subplot()
+    distance, measured, model = (np.array(gap["noise"][name], float) for name in names)
+    figure, axes = style.panels(3.2)
     axes.plot(distance, measured, "o", color=INK, markersize=4, label="measured", clip_on=False)
     axes.plot(distance, model, color=BLUE, label="noise model")
     zero_line(axes, across=True)
     axes.set_xlim(left=0)
-    axes.set_xlabel("distance along the flight (km)")
-    axes.set_ylabel("autocovariance of residuals (m²/s²)")
+    axes.set(xlabel="distance along the flight (km)", ylabel="autocovariance of residuals (m²/s²)")
     axes.legend(loc="upper right")
     return figure.say(
         f"Noise along a flight ({_reports(gap)}): autocovariance of the residuals of two reports "
@@ -466,16 +453,14 @@ def pit_figure(maps: xr.Dataset) -> Figure:
     """Draw the histogram of the probability integral transform (PIT) of held-out reports."""
     after, before = (maps[name].to_numpy() for name in ("pit_count", "pit_count_before"))
     edges = np.linspace(0.0, 1.0, after.size + 1)
-    figure = style.new_figure(3.0)
-    axes = figure.add_subplot()
+    figure, axes = style.panels(3.0)
     share, early = (count / max(count.sum(), 1) * count.size for count in (after, before))
     axes.stairs(share, edges, fill=True, color=SKY, label="with the effects")
     axes.stairs(early, edges, color=ORANGE, linewidth=1.8, label="without")
     axes.axhline(1.0, color=INK, linewidth=0.9, label="perfect")
-    axes.set_xlim(0, 1)
     axes.set_ylim(bottom=0)
-    axes.set_xlabel("predicted probability of a value below the one reported")
-    axes.set_ylabel("reports over expected")
+    label = "predicted probability of a value below the one reported"
+    axes.set(xlim=(0, 1), xlabel=label, ylabel="reports over expected")
     figure.legend(loc="outside upper left", ncols=3)
     return figure.say(
         f"Calibration of the simulation with the effects on held-out reports (n = "

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import fields
 from functools import partial, wraps
 from pathlib import Path
-from typing import ParamSpec
+from typing import Any, ParamSpec
 
 import xarray as xr
 from markupsafe import Markup
@@ -26,35 +26,25 @@ from airswing.report.gap import words
 from airswing.report.gap.words import (
     Entry,
     closure_text,
-    joined,
     number,
     p_text,
     parameters_text,
     plain_name,
     who_text,
 )
-from airswing.report.html.document import (
-    Column,
-    Figures,
-    Section,
-    described,
-    document,
-    folded,
-    heading,
-    listing,
-    paragraph,
-    table,
-)
+from airswing.report.html import document as html
 from airswing.report.html.style import drawing
 from airswing.report.html.text import (
     Units,
     amount,
     interval_text,
+    joined,
     number_text,
     range_text,
     shown_per_kt,
     shown_per_m_s,
 )
+from airswing.report.run.selection import names_of
 from airswing.units import NORMAL_95
 from airswing.version import __version__
 
@@ -90,12 +80,13 @@ def write_gap_page(
         If the page cannot be written.
     """
     content = words.content_of(gap)
-    show, figures = Figures(directory / "figures", units), gap_figures(content, maps, units=units)
+    show = html.Figures(directory / "figures", units)
+    figures = gap_figures(content, maps, units=units)
 
     def drawn(*names: str) -> list[Markup]:
         return [show(name, figures[name](), dpi=120) for name in names if name in figures]
 
-    text = document(
+    text = html.document(
         title="airswing: the sim-to-real gap",
         kicker="Gap between real and simulated reports",
         headline=words.headline(content, units=units),
@@ -120,32 +111,27 @@ def gap_figures(
 ) -> dict[str, Callable[[], Figure]]:
     """Return functions that draw the figures of a diagnosis that have data, by name."""
     content = words.content_of(gap)
-    found: dict[str, Callable[[], Figure]] = {}
-    compass = {"compass_offset", "hard_iron", "soft_iron"}
-    if "heading_map" in maps and compass & {effect["name"] for effect in content["effects"]}:
-        found["compass_effects"] = partial(draw.compass_effects_figure, maps, content)
-    for place, entry in enumerate(content["unknown"]["where"], 1):
-        found[f"unknown_{place}"] = partial(draw.unknown_curve_figure, entry, units)
-    if content["effects"] or content["unknown"]["where"]:
-        found["waterfall"] = partial(draw.waterfall_figure, content, units)
-    found["slices"] = partial(draw.slices_figure, content.get("where") or ())
-    if "heading_map" in maps:
-        found["aircraft_heading"] = partial(draw.aircraft_heading_figure, maps, content)
-    if "level_map_cross" in maps:
-        found["phase_level"] = partial(draw.phase_level_figure, maps, content, units)
-    if "region_map_u" in maps:
-        found["map"] = partial(draw.gap_map_figure, maps, content, units)
-    if "time_line" in maps:
-        found["aircraft_time"] = partial(draw.aircraft_time_figure, maps, content)
-    if "pit_count" in maps:
-        found["pit"] = partial(draw.pit_figure, maps)
-    if content.get("evidence"):
-        found["evidence"] = partial(draw.evidence_figure, content)
-        tails = [str(tail) for tail in maps["aircraft"].to_numpy()]
-        found["probability"] = partial(draw.probability_figure, content, tails)
-    if (content.get("noise") or {}).get("distance_km"):
-        found["autocorrelation"] = partial(draw.autocorrelation_figure, content)
-    return found
+    effects, places = content["effects"], content["unknown"]["where"]
+    compass = "heading_map" in maps and draw.CYCLES.keys() & {one["name"] for one in effects}
+    tested, noise = content.get("evidence"), content.get("noise") or {}
+    entries: list[tuple[Any, ...]] = [
+        ("compass_effects", compass, draw.compass_effects_figure, maps, content),
+        *(
+            (f"unknown_{place}", True, draw.unknown_curve_figure, entry, units)
+            for place, entry in enumerate(places, 1)
+        ),
+        ("waterfall", effects or places, draw.waterfall_figure, content, units),
+        ("slices", True, draw.slices_figure, content.get("where") or ()),
+        ("aircraft_heading", "heading_map" in maps, draw.aircraft_heading_figure, maps, content),
+        ("phase_level", "level_map_cross" in maps, draw.phase_level_figure, maps, content, units),
+        ("map", "region_map_u" in maps, draw.gap_map_figure, maps, content, units),
+        ("aircraft_time", "time_line" in maps, draw.aircraft_time_figure, maps, content),
+        ("pit", "pit_count" in maps, draw.pit_figure, maps),
+        ("evidence", tested, draw.evidence_figure, content),
+        ("probability", tested, draw.probability_figure, content, names_of(maps)),
+        ("autocorrelation", noise.get("distance_km"), draw.autocorrelation_figure, content),
+    ]
+    return {name: partial(function, *given) for name, there, function, *given in entries if there}
 
 
 def _facts(gap: Entry, units: Units) -> list[tuple[str, str]]:
@@ -167,62 +153,62 @@ def _facts(gap: Entry, units: Units) -> list[tuple[str, str]]:
     return [*facts, (p_value, "p value of the gap")]
 
 
-def _effect_columns(gap: Entry, units: Units) -> list[Column]:
-    effects, fleet = gap["effects"], words.fleet_of(gap)
-    rivals = [joined([plain_name(name) for name in one["ambiguous_with"]]) for one in effects]
-    shares = [f"{100 * number(one.get('share_of_gap')):.0f} %" for one in effects]
-    closes = [closure_text(one.get("closure"), units=units) for one in effects]
-    sizes = [parameters_text(one, units=units) or "-" for one in effects]
-    return [
-        Column("effect", [plain_name(one["name"]) for one in effects], "long"),
-        Column("aircraft", [who_text(one, fleet) for one in effects], "long"),
-        Column("parameters", sizes, "long"),
-        Column("period", [words.period_text(one) or "always" for one in effects], "words"),
-        Column("proba\u00adbility", [f"{number(one['probability']):.2f}" for one in effects]),
-        Column("closes", closes),
-        Column("share of the gap", shares),
-        Column("ambiguous with", [text or "-" for text in rivals], "long"),
-    ]
-
-
-def _what_section(gap: Entry, drawn: _Drawn, units: Units) -> Section:
-    effects, places = gap["effects"], gap["unknown"]["where"]
+def _what_section(gap: Entry, drawn: _Drawn, units: Units) -> html.Section:
+    effects, places, fleet = gap["effects"], gap["unknown"]["where"], words.fleet_of(gap)
     parts: list[Markup] = []
     if start := words.start_words(gap.get("known"), gap.get("simulation")).strip():
-        parts.append(paragraph(start))
+        parts.append(html.paragraph(start))
     if effects:
+        rivals = (joined([plain_name(name) for name in one["ambiguous_with"]]) for one in effects)
+        columns = {
+            "effect": [plain_name(one["name"]) for one in effects],
+            "aircraft": [who_text(one, fleet) for one in effects],
+            "parameters": [parameters_text(one, units=units) or "-" for one in effects],
+            "period": [words.period_text(one) or "always" for one in effects],
+            "proba\u00adbility": [f"{number(one['probability']):.2f}" for one in effects],
+            "closes": [closure_text(one.get("closure"), units=units) for one in effects],
+            "share of the gap": [
+                f"{100 * number(one.get('share_of_gap')):.0f} %" for one in effects
+            ],
+            "ambiguous with": [text or "-" for text in rivals],
+        }
         caption = (
             f"Effects found (n = {len(effects)}), the largest share of the gap first. Parameters "
             "with 95 % intervals (±), or the range over aircraft."
         )
-        parts.append(table(_effect_columns(gap, units), caption=caption))
+        long = ("effect", "aircraft", "parameters", "ambiguous with")
+        parts.append(html.table(columns, words=["period"], long=long, caption=caption))
     elif not places:
-        parts.append(paragraph("No effect of the catalogue is needed to explain these reports."))
+        none = "No effect of the catalogue is needed to explain these reports."
+        parts.append(html.paragraph(none))
     parts += drawn("compass_effects")
     for k, place in enumerate(places, 1):
-        parts.append(paragraph(words.place_sentence(place, gap, units=units), note=True))
+        parts.append(html.paragraph(words.place_sentence(place, gap, units=units), note=True))
         if place.get("settled_by"):
-            parts.append(paragraph(f"A measurement that would decide: {place['settled_by']}."))
+            decides = f"A measurement that would decide: {place['settled_by']}."
+            parts.append(html.paragraph(decides))
         parts += drawn(f"unknown_{k}")
-    parts += [paragraph(line) for line in words.caution_lines(gap, units=units)]
+    parts += [html.paragraph(line) for line in words.caution_lines(gap, units=units)]
     each = [
-        (tail, plain_name(effect["name"]), parameters_text(entry, units=units))
+        {
+            "aircraft": tail,
+            "effect": plain_name(effect["name"]),
+            "parameters": parameters_text(entry, units=units),
+        }
         for effect in effects
         for tail, entry in (effect.get("per_tail") or {}).items()
     ]
     if each:
-        kinds = {"aircraft": "words", "effect": "long", "parameters": "long"}
-        cells = zip(kinds.items(), zip(*each, strict=True), strict=True)
-        inner = table([Column(title, column, kind) for (title, kind), column in cells])
-        parts.append(folded("Parameters of each aircraft", [inner]))
+        inner = html.table(each, words=["aircraft"], long=("effect", "parameters"))
+        parts.append(html.folded("Parameters of each aircraft", [inner]))
     known = dict.fromkeys(effect["name"] for effect in effects)
-    physics = [described(*nature) for name in known if (nature := words.nature_of(name))]
+    physics = [html.described(*nature) for name in known if (nature := words.nature_of(name))]
     if physics:
-        parts.append(folded("Physics of the effects found", [listing(physics)]))
-    return Section("what", "What is missing from the simulation", "", parts)
+        parts.append(html.folded("Physics of the effects found", [html.listing(physics)]))
+    return html.Section("what", "What is missing from the simulation", "", parts)
 
 
-def _closure_section(gap: Entry, drawn: _Drawn, units: Units) -> Section:
+def _closure_section(gap: Entry, drawn: _Drawn, units: Units) -> html.Section:
     closure, factor = gap["closure"], shown_per_kt(units)
     interval = range_text(closure.get("ci"), factor=factor) or " (no interval from one day)"
     before, after = (
@@ -232,60 +218,63 @@ def _closure_section(gap: Entry, drawn: _Drawn, units: Units) -> Section:
         f"On {'held-out' if closure.get('held_out') else 'the same'} flights the disagreement is "
         f"{before} without and {after}{interval} with all effects stated."
     )
-    return Section("closure", "How far the gap closes", "", [*drawn("waterfall"), paragraph(text)])
+    parts = [*drawn("waterfall"), html.paragraph(text)]
+    return html.Section("closure", "How far the gap closes", "", parts)
 
 
-def _where_section(gap: Entry, drawn: _Drawn) -> Section:
+def _where_section(gap: Entry, drawn: _Drawn) -> html.Section:
     parts = drawn("slices", "aircraft_heading")
     if inner := drawn("phase_level", "map", "aircraft_time"):
-        parts.append(folded("By phase and level, on a map, by week", inner))
+        parts.append(html.folded("By phase and level, on a map, by week", inner))
     rows = sorted(gap.get("slices") or (), key=lambda entry: -entry["share_of_gap"])
     if rows:
-        q_values = [p_text(entry.get("q_value")).removeprefix("= ") for entry in rows]
-        columns = [
-            Column("slice", map(words.slice_words, rows), "long"),
-            Column("share of the gap", [f"{100 * one['share_of_gap']:.1f} %" for one in rows]),
-            Column("q value", q_values),
-        ]
-        parts.append(folded(f"All {len(rows)} slices", [table(columns)]))
+        columns = {
+            "slice": map(words.slice_words, rows),
+            "share of the gap": [f"{100 * one['share_of_gap']:.1f} %" for one in rows],
+            "q value": [p_text(entry.get("q_value")).removeprefix("= ") for entry in rows],
+        }
+        inner = [html.table(columns, long=["slice"])]
+        parts.append(html.folded(f"All {len(rows)} slices", inner))
     lead = "Slices of the archive by their share of the gap, before any effect is assumed."
-    return Section("where", "Where the gap is", lead, parts)
+    return html.Section("where", "Where the gap is", lead, parts)
 
 
-def _ambiguous_section(gap: Entry) -> Section:
+def _ambiguous_section(gap: Entry) -> html.Section:
     parts: list[Markup] = []
     lines = []
     for effect in gap["effects"]:
         if rivals := effect.get("ambiguity") or ():
             names = joined([plain_name(rival["name"]) for rival in rivals])
             needed = joined(list(dict.fromkeys(rival["separated_by"] for rival in rivals)))
+            name, who = words.capital(plain_name(effect["name"])), joined(effect["tails"])
             lines.append(
-                f"{plain_name(effect['name'])} on {joined(effect['tails']) or 'all aircraft'} "
-                f"could also be {names}. Data that would decide: {needed}."
+                f"{name} on {who or 'all aircraft'} could also be {names}. Data that would "
+                f"decide: {needed}."
             )
     if lines:
-        parts.append(listing(line[0].upper() + line[1:] for line in lines))
+        parts.append(html.listing(lines))
     similar = [
         f"{plain_name(pair['effect'])} and {plain_name(pair['other'])}: shared variance "
         f"{100 * pair['alias_share']:.0f} %; decided by {pair['separated_by']}"
         for pair in gap.get("aliases") or ()
     ]
     if similar:
-        parts.append(folded("Effects with shared variance on these flights", [listing(similar)]))
+        title = "Effects with shared variance on these flights"
+        parts.append(html.folded(title, [html.listing(similar)]))
     if reasons := gap.get("untestable"):
-        columns = [Column("effect", map(plain_name, reasons), "long")]
-        columns.append(Column("why", reasons.values(), "long"))
-        parts += [heading("Effects that could not be tested"), table(columns)]
+        columns = {"effect": map(plain_name, reasons), "why": reasons.values()}
+        parts.append(html.heading("Effects that could not be tested"))
+        parts.append(html.table(columns, long=columns))
     if not parts:
-        parts.append(paragraph("No effect found is ambiguous on these data."))
-    return Section("ambiguous", "Ambiguous effects", "", parts)
+        parts.append(html.paragraph("No effect found is ambiguous on these data."))
+    return html.Section("ambiguous", "Ambiguous effects", "", parts)
 
 
-def _claims_section(gap: Entry, units: Units) -> Section:
-    title = "Consequences for the fitted deviations"
+def _claims_section(gap: Entry, units: Units) -> html.Section:
+    section = partial(html.Section, "claims", "Consequences for the fitted deviations")
     claims = gap.get("claims")
     if not claims:
-        return Section("claims", title)
+        return section()
     if not claims.get("taken_off"):
         text = "No effect was found, so the fitted deviations remain as they are."
         if gap["unknown"]["where"]:
@@ -295,7 +284,7 @@ def _claims_section(gap: Entry, units: Units) -> Section:
             )
         elif gap["effects"]:
             text = "Only compass effects were found, so the fitted deviations remain as they are."
-        return Section("claims", title, "", [paragraph(text)])
+        return section("", [html.paragraph(text)])
     names = joined([plain_name(name) for name in claims["taken_off"]])
     lead = (
         f"After subtraction of {names}, {claims['stay']} of {claims['of']} fits keep offset and "
@@ -303,83 +292,79 @@ def _claims_section(gap: Entry, units: Units) -> Section:
     )
     parts: list[Markup] = []
     if test := claims.get("field_test"):
-        factor = shown_per_kt(units)
-        ends = test.get("reduction_ci_kt")
-        before = amount(test["reduction_kt"], ends, factor=factor, unit=units)
-        after = amount(test["reduction_kt_after"], factor=factor, unit=units)
+        shown = partial(amount, factor=shown_per_kt(units), unit=units)
+        before, after = (
+            shown(test["reduction_kt"], test.get("reduction_ci_kt")),
+            shown(test["reduction_kt_after"]),
+        )
         within = f"{'within' if test['stays'] else 'outside'} its interval"
         text = f"Field test: the adjusted reduction of {before} becomes {after}, {within}."
-        parts.append(paragraph(text))
+        parts.append(html.paragraph(text))
     rows = claims.get("aircraft") or ()
-    columns = [Column("aircraft", [entry["aircraft"] for entry in rows], "words")]
+    columns = {"aircraft": [entry["aircraft"] for entry in rows]}
     for name in ("offset", "amplitude"):
         key = f"{name}_deg"
-        errors = [NORMAL_95 * number(entry[f"{key}_standard_error"]) for entry in rows]
-        sizes = zip([number(entry[key]) for entry in rows], errors, strict=True)
-        columns.append(Column(f"{name} (°)", [interval_text(*one) for one in sizes]))
-        columns.append(Column("afterwards", [number_text(one[f"{key}_after"]) for one in rows]))
+        sizes = [(number(one[key]), number(one[f"{key}_standard_error"])) for one in rows]
+        columns[f"{name} (°)"] = [interval_text(x, NORMAL_95 * error) for x, error in sizes]
+        columns[f"{name} afterwards"] = [number_text(one[f"{key}_after"]) for one in rows]
     answers = {True: "yes", False: "no", None: "not tested"}
-    columns.append(Column("within the interval", [answers[entry["stays"]] for entry in rows]))
+    columns["within the interval"] = [answers[entry["stays"]] for entry in rows]
     caption = f"Fits before and after the subtraction (n = {len(rows)})."
-    inner = table(columns, caption=caption, doubt=[entry["stays"] is not True for entry in rows])
-    parts.append(folded("Each aircraft", [inner]))
-    return Section("claims", title, lead, parts)
+    doubt = [entry["stays"] is not True for entry in rows]
+    inner = html.table(columns, words=["aircraft"], caption=caption, doubt=doubt)
+    parts.append(html.folded("Each aircraft", [inner]))
+    return section(lead, parts)
 
 
-def _statistics_section(gap: Entry, drawn: _Drawn, units: Units) -> Section:
+def _statistics_section(gap: Entry, drawn: _Drawn, units: Units) -> html.Section:
     parts: list[Markup] = []
-    tested = gap.get("assumptions") or ()
     lead = ""
-    if tested:
-        held = [bool(one["ok"]) for one in tested]
-        lead = f"{sum(held)} of {len(tested)} tested assumptions hold."
-        columns = [
-            Column("assumption", [one["assumption"] for one in tested], "long"),
-            Column("test", [one["check"] for one in tested], "long"),
-            Column("result", [one["result"] for one in tested], "long"),
-            Column("holds", ["yes" if ok else "no" for ok in held]),
-        ]
+    if tested := gap.get("assumptions") or ():
+        lead = f"{sum(bool(one['ok']) for one in tested)} of {len(tested)} tested assumptions hold."
+        columns = {
+            "assumption": [one["assumption"] for one in tested],
+            "test": [one["check"] for one in tested],
+            "result": [one["result"] for one in tested],
+            "holds": ["yes" if one["ok"] else "no" for one in tested],
+        }
         caption = (
             "Assumptions with their tests on these reports. One that does not hold (grey italics) "
             "makes intervals less certain; the effects stated rest on held-out flights."
         )
-        inner = table(columns, caption=caption, doubt=[not ok for ok in held])
-        parts.append(folded("Assumptions", [inner]))
-    calibration = _calibration(gap, units) + drawn("pit")
-    noise = _noise(gap, units) + drawn("autocorrelation")
+        long, doubt = ("assumption", "test", "result"), [not one["ok"] for one in tested]
+        inner = html.table(columns, long=long, caption=caption, doubt=doubt)
+        parts.append(html.folded("Assumptions", [inner]))
     for title, inner_parts in (
         ("Evidence for each effect", drawn("evidence", "probability")),
-        ("Calibration on held-out flights", calibration),
-        ("Noise model", noise),
+        ("Calibration on held-out flights", _calibration(gap, units) + drawn("pit")),
+        ("Noise model", _noise(gap, units) + drawn("autocorrelation")),
     ):
         if inner_parts:
-            parts.append(folded(title, inner_parts))
-    return Section("statistics", "Statistics", lead, parts)
+            parts.append(html.folded(title, inner_parts))
+    return html.Section("statistics", "Statistics", lead, parts)
 
 
 def _calibration(gap: Entry, units: Units) -> list[Markup]:
     parts: list[Markup] = []
     if pair := gap.get("calibration"):
         factor = shown_per_m_s(units)
-        labels = {
-            "spread": "spread over predicted spread",
-            "crps_m_s": f"CRPS ({units})",
-            "lag_one": "correlation of neighbours on a flight",
-            "auc": "area under the ROC curve of a classifier",
-        }
-        scale = {"crps_m_s": factor}
-        without, with_effects = (
-            [number_text(pair[when].get(key), factor=scale.get(key, 1.0)) for key in labels]
-            for when in ("before", "after")
-        )
         crps = number_text(pair["after"].get("crps_expected_m_s"), factor=factor)
-        columns = [
-            Column("", labels.values(), "words"),
-            Column("without the effects", without),
-            Column("with the effects", with_effects),
-            Column("if right", ["1", crps, "0", "0.5"]),
+        rows = [
+            ("spread", "spread over predicted spread", 1.0, "1"),
+            ("crps_m_s", f"CRPS ({units})", factor, crps),
+            ("lag_one", "correlation of neighbours on a flight", 1.0, "0"),
+            ("auc", "area under the ROC curve of a classifier", 1.0, "0.5"),
         ]
-        parts.append(table(columns))
+        values = [
+            {
+                "": label,
+                "without the effects": number_text(pair["before"].get(key), factor=scale),
+                "with the effects": number_text(pair["after"].get(key), factor=scale),
+                "if right": right,
+            }
+            for key, label, scale, right in rows
+        ]
+        parts.append(html.table(values, words=[""]))
     if placebo := gap.get("decoy"):
         ends, factor = placebo.get("reduction_ci_kt"), shown_per_kt(units)
         closes = amount(placebo["reduction_kt"], ends, factor=factor, unit=units)
@@ -387,7 +372,7 @@ def _calibration(gap: Entry, units: Units) -> list[Markup]:
             f"Placebo: effects with the same columns but random dates and aircraft close {closes} "
             f"({placebo['draws']} draws)."
         )
-        parts.append(paragraph(text))
+        parts.append(html.paragraph(text))
     return parts
 
 
@@ -402,7 +387,8 @@ def _noise(gap: Entry, units: Units) -> list[Markup]:
         "factor across the heading": number_text(noise.get("across_heading")),
         "factor along the heading": number_text(noise.get("along_heading")),
     }
-    return [table([Column("noise model", fitted, "words"), Column("fitted", fitted.values())])]
+    columns = {"noise model": fitted, "fitted": fitted.values()}
+    return [html.table(columns, words=["noise model"])]
 
 
 class ShownDiagnosis(Diagnosis):
@@ -417,18 +403,19 @@ class ShownDiagnosis(Diagnosis):
     def _repr_html_(self) -> str:
         gap = words.content_of(self.report)
         found = [*gap["effects"], *gap["unknown"]["where"]]
-        names = [plain_name(effect["name"]) for effect in gap["effects"]]
-        for place in gap["unknown"]["where"]:
-            variables = " and ".join(place["variables"]).replace("_", " ")
-            names.append(f"unexplained, by {variables}")
-        columns = [
-            Column("effect", names),
-            Column("aircraft", [who_text(one, words.fleet_of(gap)) for one in found]),
-            Column("probability", [number_text(one["probability"]) for one in found]),
-            Column("closes", [closure_text(one.get("closure")) for one in found]),
-        ]
-        text = paragraph(words.headline(gap))
-        return str(text + table(columns) if found else text)
+        columns = {
+            "effect": [
+                plain_name(one["name"])
+                if "name" in one
+                else f"unexplained, by {' and '.join(one['variables']).replace('_', ' ')}"
+                for one in found
+            ],
+            "aircraft": [who_text(one, words.fleet_of(gap)) for one in found],
+            "probability": [number_text(one["probability"]) for one in found],
+            "closes": [closure_text(one.get("closure")) for one in found],
+        }
+        text = html.paragraph(words.headline(gap))
+        return str(text + html.table(columns) if found else text)
 
 
 def _shown(find: Callable[P, Diagnosis]) -> Callable[P, ShownDiagnosis]:

@@ -16,7 +16,7 @@ import numpy as np
 
 from airswing.gap.effects import CATALOGUE
 from airswing.physics.triangle import wrap_degrees
-from airswing.report.html.text import Units, amount, plural, shown_per_kt, shown_per_m_s
+from airswing.report.html.text import Units, amount, joined, plural, shown_per_kt, shown_per_m_s
 from airswing.units import NORMAL_95
 
 if TYPE_CHECKING:
@@ -79,16 +79,9 @@ def _component(name: str) -> str:
     return COMPONENTS.get(name, plain)
 
 
-def _capital(text: str) -> str:
+def capital(text: str) -> str:
+    """Return a text that begins with a capital letter."""
     return text[0].upper() + text[1:]
-
-
-def joined(words: Sequence[object], *, most: int = 6) -> str:
-    """Return ``a, b and c``, cut after `most` with the number of the rest."""
-    shown = [str(word) for word in words[:most]]
-    if len(words) > most:
-        shown.append(f"{len(words) - most} more")
-    return f"{', '.join(shown[:-1])} and {shown[-1]}" if len(shown) > 1 else "".join(shown)
 
 
 def p_text(value: float | None) -> str:
@@ -116,7 +109,7 @@ def nature_of(name: str) -> Nature | None:
         others = [plain_name(one) if one in CATALOGUE else one for one in names.split(", ")]
         hints.append(" or ".join(others) + (f" ({when})" if when else ""))
     confused = f"Easily confused with {'; '.join(hints)}." if hints else ""
-    title = f"{_capital(plain_name(name))} ({effect.title})."
+    title = f"{capital(plain_name(name))} ({effect.title})."
     return Nature(title, effect.physics, [f"Source: {effect.source}", confused])
 
 
@@ -248,7 +241,7 @@ def headline(gap: Entry, *, units: Units = "kt") -> str:
     share = number(closure.get("fraction_of_excess"))
     of = f"{100 * share:.0f} % of the gap" if share < 0.95 else "the gap"
     levels = levels_text(number(closure["before"]), number(closure["after"]), units=units)
-    return f"{_capital(joined(claims))} {verb} {of}: {levels}."
+    return f"{capital(joined(claims))} {verb} {of}: {levels}."
 
 
 def _unexplained(place: Entry) -> str:
@@ -299,7 +292,7 @@ def effect_sentence(effect: Entry, gap: Entry, *, units: Units = "kt") -> str:
     elif number(effect.get("share_of_gap")) >= 0.005:
         details.append(f"explains {100 * number(effect['share_of_gap']):.0f} % of the gap")
     text = f"{plain_name(effect['name'])} on {who_text(effect, fleet_of(gap))}"
-    return f"{_capital(text)}: {', '.join(part for part in details if part)}."
+    return f"{capital(text)}: {', '.join(part for part in details if part)}."
 
 
 def place_sentence(place: Entry, gap: Entry, *, units: Units = "kt") -> str:
@@ -307,7 +300,7 @@ def place_sentence(place: Entry, gap: Entry, *, units: Units = "kt") -> str:
     text = _unexplained(place)
     if place["component"] != "scatter":
         text += f", {_component(place['component'])},"
-    text = f"{_capital(text)} on {who_text(place, fleet_of(gap))}"
+    text = f"{capital(text)} on {who_text(place, fleet_of(gap))}"
     details = [place["title"]] if place.get("title") else []
     if place.get("closure"):
         details.append(f"closes {closure_text(place['closure'], units=units)}")

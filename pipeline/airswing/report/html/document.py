@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import base64
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import repeat
 from pathlib import Path
-from typing import NamedTuple
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
@@ -43,14 +43,6 @@ class Section:
     title: str
     lead: str = ""
     parts: list[Markup] = field(default_factory=list)
-
-
-class Column(NamedTuple):
-    """A column of a table; kind is "" for numbers, "words" or "long" for text."""
-
-    title: str
-    cells: Iterable[object]
-    kind: str = ""
 
 
 class Figures:
@@ -86,22 +78,27 @@ class Figures:
 
 
 def table(
-    columns: Sequence[Column],
+    content: Mapping[str, Iterable[object]] | Sequence[Mapping[str, object]],
     *,
+    words: Collection[str] = (),
+    long: Collection[str] = (),
     caption: str = "",
     doubt: Iterable[bool] | None = None,
     sortable: bool = False,
 ) -> Markup:
-    """Return a table with a text below it; a sortable one can be searched if it is long.
+    """Return a table of columns by title, or of rows with cells by title; a caption below it.
 
-    Rows in `doubt` are printed in grey italics.
+    Columns of text are `words`, or `long` where lines wrap. Rows in `doubt` are printed in grey
+    italics. A long sortable table can be searched.
     """
-    rows = list(zip(*(column.cells for column in columns), strict=True))
-    marks = [False] * len(rows) if doubt is None else list(doubt)
+    if isinstance(content, Mapping):
+        titles, rows = list(content), list(zip(*content.values(), strict=True))
+    else:
+        titles, rows = list(content[0]), [tuple(row.values()) for row in content]
     text = _TEMPLATES.get_template("table.html").render(
-        columns=columns,
-        kinds=[column.kind for column in columns],
-        rows=list(zip(marks, rows, strict=True)),
+        titles=titles,
+        kinds=["words" if one in words else "long" if one in long else "" for one in titles],
+        rows=list(zip(repeat(False) if doubt is None else doubt, rows, strict=False)),
         caption=caption,
         sortable=sortable,
     )
@@ -149,7 +146,7 @@ def document(
     title: str,
     kicker: str,
     headline: str,
-    sections: Sequence[Section],
+    sections: Iterable[Section],
     facts: Sequence[tuple[str, str]] = (),
     warnings: Sequence[str] = (),
     footer: str = "",

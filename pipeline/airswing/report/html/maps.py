@@ -27,8 +27,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from airswing.flags import PHASE
 from airswing.physics.triangle import wrap_degrees
+from airswing.report.html import document as html
 from airswing.report.html import style
-from airswing.report.html.document import Figures, Section, folded
 from airswing.report.html.text import plural
 
 Floats = NDArray[np.float64]
@@ -232,8 +232,8 @@ def reports_figure(headings: xr.Dataset, places: Places) -> Figure:
     view = view_of(places.longitude, places.latitude)
     shown = np.isfinite(places.longitude + places.latitude)
     dense = int(shown.sum()) > style.MANY
-    figure = style.new_figure(_height(view, 1, 1, colourbar=dense))
-    axes, points = figure.add_subplot(), (places.longitude[shown], places.latitude[shown])
+    figure, axes = style.panels(_height(view, 1, 1, colourbar=dense))
+    points = places.longitude[shown], places.latitude[shown]
     drawn = _draw_places(axes, view, *points, cells=64, dense=dense)
     if drawn is not None:
         label = f"one in {places.every} reports" if places.every > 1 else "reports"
@@ -256,11 +256,10 @@ def _panels(
 ) -> Figure:
     view = view_of(places.longitude, places.latitude)
     rows = -(-len(labels) // columns)
-    figure = style.new_figure(_height(view, columns, rows))
+    figure, grid = style.panels(_height(view, columns, rows), rows, columns, squeeze=False)
     masks = [group == number for number in range(len(labels))]
     dense = max(int(mask.sum()) for mask in masks) > style.MANY
-    grid = figure.subplots(rows, columns, squeeze=False).ravel()
-    for axes, label, mask, number in zip(grid, labels, masks, counts, strict=False):
+    for axes, label, mask, number in zip(grid.flat, labels, masks, counts, strict=False):
         axes.set_title(f"{label}  (n = {number:,})")
         shown = places.longitude[mask], places.latitude[mask]
         _draw_places(axes, view, *shown, size=2.5, cells=40, dense=bool(dense and mask.any()))
@@ -285,7 +284,7 @@ def level_maps_figure(places: Places) -> Figure:
     return _panels(places, places.layer, places.layer_counts, names, 2, "layer")
 
 
-def places_section(headings: xr.Dataset, show: Figures) -> Section:
+def places_section(headings: xr.Dataset, show: html.Figures) -> html.Section:
     """Return the section on the positions of the reports."""
     places = places_of(headings)
     inner = [
@@ -293,5 +292,5 @@ def places_section(headings: xr.Dataset, show: Figures) -> Section:
         show("map_by_level", level_maps_figure(places), dpi=120),
     ]
     whole = show("map", reports_figure(headings, places), dpi=120)
-    parts = [whole, folded("By phase of flight and by level", inner)]
-    return Section("places", "Positions of the reports", "", parts)
+    parts = [whole, html.folded("By phase of flight and by level", inner)]
+    return html.Section("places", "Positions of the reports", "", parts)

@@ -43,6 +43,9 @@ FULL_WIDTH = 9.6  # inches
 MANY = 20_000  # Points beyond which a scatter plot becomes a density
 PAGE_DPI = 144  # 1.5 image pixels a CSS pixel
 
+#: Keyword arguments of a matplotlib artist.
+Look = dict[str, Any]
+
 RC: dict[RcKeyType, str | float | bool] = {
     "font.family": "DejaVu Sans",
     "font.size": 9.5,
@@ -80,12 +83,9 @@ RC: dict[RcKeyType, str | float | bool] = {
 
 
 class CaptionedFigure(Figure):
-    """A matplotlib figure with a caption that is displayed as an image in a notebook.
+    """A matplotlib figure with a caption, displayed as an image in a notebook.
 
-    Attributes
-    ----------
-    caption : str
-        What the figure shows, with the number of reports or aircraft behind it.
+    ``caption`` says what it shows, with the number of reports or aircraft behind it.
     """
 
     caption: str = ""
@@ -130,19 +130,19 @@ def drawing() -> Iterator[None]:
         gc.set_threshold(*thresholds)
 
 
-def new_figure(height: float) -> CaptionedFigure:
-    """Return an empty figure, height in inches."""
-    return CaptionedFigure(figsize=(FULL_WIDTH, height), dpi=120, layout="constrained")
+def panels(height: float, *grid: int, **options: Any) -> tuple[CaptionedFigure, Any]:
+    """Return a figure (height in inches) and its panels as of :meth:`Figure.subplots`."""
+    figure = CaptionedFigure(figsize=(FULL_WIDTH, height), dpi=120, layout="constrained")
+    return figure, figure.subplots(*grid, **options)
 
 
-def rows_axis(axes: Axes, names: Sequence[str], label: str | None = None) -> None:
+def rows_axis(axes: Axes, names: Sequence[str], label: str = "") -> None:
     """Give a panel one named row an item, from top to bottom, and its x axis a label."""
     axes.set_yticks(range(len(names)), names, fontsize=8.5 if len(names) <= 30 else 7.5)
     axes.set_ylim(len(names) - 0.4, -0.6)
     axes.grid(axis="y", visible=False)
     axes.tick_params(axis="y", length=0)
-    if label is not None:
-        axes.set_xlabel(label)
+    axes.set_xlabel(label)
 
 
 def zero_line(axes: Axes, *, across: bool = False) -> None:
@@ -155,6 +155,15 @@ def intervals(axes: Axes, value: ArrayLike, ends: ArrayLike, rows: ArrayLike, **
     """Draw values (n,) in rows (n,) with their intervals (2, n); `look` is of the markers."""
     axes.hlines(rows, *np.asarray(ends, float), color=look["color"], linewidth=1.3)
     axes.plot(value, rows, **{"marker": "o", "markersize": 5, "linestyle": "", **look})
+
+
+def interval_rows(
+    axes: Axes, names: Sequence[str], value: ArrayLike, ends: ArrayLike, label: str, **look: Any
+) -> None:
+    """Draw values (n,) with intervals (2, n) in named rows, and a line at zero."""
+    intervals(axes, value, ends, np.arange(len(names)), **look)
+    zero_line(axes)
+    rows_axis(axes, names, label)
 
 
 def annotate(
@@ -173,8 +182,8 @@ def count_ticks(bar: Colorbar, most: float) -> None:
 
 def empty_figure(message: str) -> CaptionedFigure:
     """Return a small figure that says why there is nothing to draw."""
-    figure = new_figure(1.2)
-    blank(figure.add_subplot(), f"{message}.")
+    figure, axes = panels(1.2)
+    blank(axes, f"{message}.")
     return figure.say(f"{message} (n = 0).")
 
 

@@ -1,4 +1,4 @@
-"""Numbers and counts in text; units of speed. Intervals are 95 %."""
+"""Numbers, counts and lists in text; units of speed. Intervals are 95 %."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from airswing.units import KNOT
 
 #: Unit of every speed that is shown; the configuration's ``units``.
 Units = Literal["kt", "m/s"]
+#: Ends of an interval; null in JSON where they are not known.
+Ends = Sequence[float | None]
 
 
 def shown_per_m_s(units: Units) -> float:
@@ -28,10 +30,12 @@ def plural(number: int, noun: str) -> str:
     return f"{int(number):,} {noun}{'' if number == 1 or noun == 'aircraft' else 's'}"
 
 
-def cut(names: Sequence[str], most: int) -> str:
-    """Return ``a, b and 3 more``: at most so many names."""
-    more = f" and {len(names) - most} more" if len(names) > most else ""
-    return ", ".join(names[:most]) + more
+def joined(words: Sequence[object], *, most: int = 6) -> str:
+    """Return ``a, b and c``, cut after `most` with the number of the rest."""
+    shown = [str(word) for word in words[:most]]
+    if len(words) > most:
+        shown.append(f"{len(words) - most} more")
+    return f"{', '.join(shown[:-1])} and {shown[-1]}" if len(shown) > 1 else "".join(shown)
 
 
 def number_text(value: SupportsFloat | None, *, digits: int = 2, factor: float = 1.0) -> str:
@@ -48,26 +52,20 @@ def interval_text(value: float, half: float, *, digits: int = 2, sign: bool = Fa
     return number + (f" ± {half:.{digits}f}" if np.isfinite(half) else "")
 
 
-def scaled(interval: Sequence[float | None] | None, factor: float) -> list[float]:
+def scaled(interval: Ends | None, factor: float) -> list[float]:
     """Return `factor` times an interval; NaN where JSON has null."""
     return [float("nan") if end is None else factor * end for end in interval or (None, None)]
 
 
-def range_text(
-    interval: Sequence[float | None] | None, *, digits: int = 2, factor: float = 1.0
-) -> str:
+def range_text(interval: Ends | None, *, digits: int = 2, factor: float = 1.0) -> str:
     """Return `factor` times an interval, `` (low to high)``; empty where it is not known."""
     low, high = scaled(interval, factor)
     return f" ({low:.{digits}f} to {high:.{digits}f})" if np.isfinite(low + high) else ""
 
 
 def amount(
-    value: SupportsFloat | None,
-    interval: Sequence[float | None] | None = None,
-    *,
-    factor: float = 1.0,
-    unit: str = "",
+    value: SupportsFloat | None, ends: Ends | None = None, *, factor: float = 1.0, unit: str = ""
 ) -> str:
     """Return `factor` times a value with unit and interval: ``1.20 kt (1.05 to 1.34)``."""
     text = number_text(value, factor=factor) + (f" {unit}" if unit else "")
-    return text + range_text(interval, factor=factor)
+    return text + range_text(ends, factor=factor)

@@ -18,9 +18,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from airswing.evaluation import Content
 from airswing.products.whole_files import write_text
+from airswing.report.html import document as html
 from airswing.report.html import style
-from airswing.report.html.document import Column, Figures, Section, document, folded, table
-from airswing.report.html.text import Units, cut, interval_text, number_text, plural, shown_per_kt
+from airswing.report.html.text import (
+    Units,
+    interval_text,
+    joined,
+    number_text,
+    plural,
+    shown_per_kt,
+)
 from airswing.units import NORMAL_95
 from airswing.version import __version__
 
@@ -32,12 +39,13 @@ FEWEST_AIRCRAFT, MOST_AIRCRAFT, MOST_EVENT_ROWS = 2, 10, 24
 _MOST_EVENTS, _MOST_STATES = 60, 200
 _SHORTEST = 30  # days that a time axis spans at least
 _FLEET = "all aircraft at once"
+# Words, colour, marker and its size of each kind of event.
 _KINDS = {
-    "compass_changed": ("compass changed", style.VERMILION, "D"),
-    "disagreement_rose": ("wind disagreement rose", style.ORANGE, "^"),
-    "aircraft_silent": ("no reports", style.SOFT, "s"),
-    "aircraft_new": ("new aircraft", style.GREEN, "o"),
-    "reference_changed": ("reference changed", style.BLUE, "*"),
+    "compass_changed": ("compass changed", style.VERMILION, "D", 6.5),
+    "disagreement_rose": ("wind disagreement rose", style.ORANGE, "^", 6.5),
+    "aircraft_silent": ("no reports", style.SOFT, "s", 6.5),
+    "aircraft_new": ("new aircraft", style.GREEN, "o", 6.5),
+    "reference_changed": ("reference changed", style.BLUE, "*", 10.0),
 }
 
 
@@ -69,8 +77,8 @@ def stability_figure(stability: Content, period: tuple[str, str] | None = None) 
     aircraft = known[: min(max(changed, FEWEST_AIRCRAFT), MOST_AIRCRAFT)]
     if not aircraft:
         return style.empty_figure("No calendar window has enough reports for a fit")
-    figure = style.new_figure(0.9 + 1.05 * len(aircraft))
-    grid = figure.subplots(len(aircraft), 2, squeeze=False, sharex=True, sharey="col")
+    shared = style.Look(squeeze=False, sharex=True, sharey="col")
+    figure, grid = style.panels(0.9 + 1.05 * len(aircraft), len(aircraft), 2, **shared)
     step = np.timedelta64(1 if stability["window"] == "month" else 3, "M")
     looks = (("offset", style.BLUE), ("amplitude", style.ORANGE))
     for panels, name in zip(grid, aircraft, strict=True):
@@ -83,23 +91,22 @@ def stability_figure(stability: Content, period: tuple[str, str] | None = None) 
         for axes, (quantity, colour) in zip(panels, looks, strict=True):
             value = np.array([entry[quantity] for entry in fits], float)
             half = [NORMAL_95 * entry[f"{quantity}_standard_error"] for entry in fits]
-            middle = (begin + end) // 2
             axes.hlines(value, begin, end, color=colour, linewidth=1.4)
-            axes.errorbar(middle, value, yerr=half, fmt="o", color=colour, markersize=4)
-            for change in changes.get(name, []):
-                low, high = days_since_1970(change["date_ci"]).tolist()
+            dots = style.Look(fmt="o", color=colour, markersize=4)
+            axes.errorbar((begin + end) // 2, value, yerr=half, **dots)
+            for change in changes[name]:
+                low, high = days_since_1970(change["date_ci"])
                 axes.axvspan(low, high + 1, color=style.VERMILION, alpha=0.18, linewidth=0)
-                day = float(days_since_1970(change["date"]))
+                day = days_since_1970(change["date"])
                 axes.axvline(day, color=style.VERMILION, linewidth=1.4)
         panels[0].set_ylabel(name)
     for axes, (quantity, _) in zip(grid[0], looks, strict=True):
         axes.set_title(f"{quantity} (degree)")
     date_axis(grid[-1, 0])
-    number = sum(len(changes.get(name, [])) for name in aircraft)
     text = (
-        f"Fits by {stability['window']} with 95 % intervals, each from the reports of its window "
-        f"(n = {plural(len(aircraft), 'aircraft')}); orange line and band: date of a change of the "
-        f"compass and its 95 % interval ({number} found)."
+        f"Fits by {stability['window']} with 95 % intervals (n = "
+        f"{plural(len(aircraft), 'aircraft')}); orange line and band: date of a change of the "
+        f"compass and its 95 % interval ({sum(len(changes[name]) for name in aircraft)} found)."
     )
     if not changed:
         text += " No compass changed: the first aircraft are shown as examples."
@@ -109,75 +116,96 @@ def stability_figure(stability: Content, period: tuple[str, str] | None = None) 
         if entry["aircraft"] in aircraft and entry["status"] != "ok"
     ]
     if missing:
-        text += f" Not drawn, because the reports allow no curve: {cut(missing, 6)}."
+        text += f" Not drawn, because the reports allow no curve: {joined(missing)}."
     return figure.say(text)
 
 
 def stability_section(
-    stability: Content | None, show: Figures, period: tuple[str, str] | None = None
-) -> Section:
+    stability: Content, show: html.Figures, period: tuple[str, str] | None = None
+) -> html.Section:
     """Return the section on changes of the compasses; `period` is the first and the last day."""
-    title = "Changes of the compasses"
-    if not stability:
-        return Section("stability", title)
     tested = [entry for entry in stability["changes"] if entry["p_value"] is not None]
-    changed = [entry for entry in tested if entry["changes"]]
+    rows = [(entry["aircraft"], one) for entry in tested for one in entry["changes"]]
     lead = f"None of {len(tested)} compasses changed within the period."
-    if changed:
+    if rows:
         lead = (
-            f"{len(changed)} of {len(tested)} compasses changed within the period. One fit over "
+            f"{len(dict(rows))} of {len(tested)} compasses changed within the period. One fit over "
             "the whole period then describes neither part."
         )
     elif not tested:
         lead = "The period is too short for a test of changes."
     parts = [show("changes", stability_figure(stability, period))]
-    rows = [(entry["aircraft"], one) for entry in changed for one in entry["changes"]]
 
     def change_of(letter: str) -> list[str]:
         sizes = ((one["change_deg"], one["standard_error_deg"]) for _, one in rows)
         return [interval_text(x[letter], NORMAL_95 * e[letter], sign=True) for x, e in sizes]
 
     if rows:
-        columns = [
-            Column("aircraft", [name for name, _ in rows], "words"),
-            Column("changed on", [one["date"] for _, one in rows], "words"),
-            Column("95 % interval", [" to ".join(one["date_ci"]) for _, one in rows], "words"),
-            *(Column(f"change of {letter} (degree)", change_of(letter)) for letter in "ABC"),
-            Column("p value", [number_text(one["p_value"], digits=3) for _, one in rows]),
-        ]
-        parts.append(table(columns, caption="Changes found, with 95 % intervals."))
-    return Section("stability", title, lead, parts)
+        columns = {
+            "aircraft": [name for name, _ in rows],
+            "changed on": [one["date"] for _, one in rows],
+            "95 % interval": [" to ".join(one["date_ci"]) for _, one in rows],
+            **{f"change of {letter} (degree)": change_of(letter) for letter in "ABC"},
+            "p value": [number_text(one["p_value"], digits=3) for _, one in rows],
+        }
+        words, caption = tuple(columns)[:3], "Changes found, with 95 % intervals."
+        parts.append(html.table(columns, words=words, caption=caption))
+    return html.Section("stability", "Changes of the compasses", lead, parts)
 
 
-def timeline_figure(monitoring: Monitoring) -> Figure:
-    """Draw the events, at least one, by date, one row an aircraft, the latest first."""
+# --- monitoring ----------------------------------------------------------------------------------
+
+
+@style.drawing()
+def write_monitoring_page(path: Path, monitoring: Monitoring, *, units: Units = "kt") -> Path:
+    """Write the section on events as a separate page."""
+    text = html.document(
+        title="airswing: monitoring of the fleet",
+        kicker=f"Monitoring of {plural(len(monitoring.states), 'aircraft')}  ·  up to "
+        f"{monitoring.until}, against {monitoring.reference}",
+        headline=_new_events(monitoring),
+        sections=[monitoring_section(monitoring, html.Figures(units=units))],
+        footer=f"airswing {__version__}. Intervals are 95 %.",
+    )
+    return write_text(path, text)
+
+
+def monitoring_section(monitoring: Monitoring, show: html.Figures) -> html.Section:
+    """Return the section on new events and on the state of every aircraft."""
+    parts = []
+    if monitoring.events:
+        parts = [show("monitoring", _timeline_figure(monitoring)), _events_table(monitoring)]
+    states = [_states_table(monitoring, show.units)]
+    parts.append(html.folded("State of every aircraft", states, unfolded=not monitoring.events))
+    return html.Section("monitoring", "Monitoring", _new_events(monitoring), parts)
+
+
+def _timeline_figure(monitoring: Monitoring) -> Figure:
     events = sorted(monitoring.events, key=lambda one: (one.noticed, one.date), reverse=True)
     names = list(dict.fromkeys(one.aircraft or _FLEET for one in events))
     shown = names[:MOST_EVENT_ROWS]
-    figure = style.new_figure(1.25 + 0.3 * max(len(shown), 2))
-    axes = figure.add_subplot()
+    figure, axes = style.panels(1.25 + 0.3 * max(len(shown), 2))
     drawn = [one for one in events if (one.aircraft or _FLEET) in shown]
     silent = {state.aircraft for state in monitoring.states if state.silent}
     last = first = float(days_since_1970(monitoring.until))
-    sizes = {marker: 10.0 if marker == "*" else 6.5 for *_, marker in _KINDS.values()}
     for one in drawn:
-        row, (_, colour, marker) = shown.index(one.aircraft or _FLEET), _KINDS[one.kind]
+        row, (_, colour, marker, size) = shown.index(one.aircraft or _FLEET), _KINDS[one.kind]
         day = float(days_since_1970(one.date))
-        low, high = days_since_1970(one.evidence.get("date_ci", [one.date] * 2)).tolist()
+        low, high = days_since_1970(one.evidence.get("date_ci", [one.date] * 2))
         axes.plot([low, high], [row, row], color=colour, alpha=0.3, linewidth=7, zorder=2)
         if one.kind == "aircraft_silent":
             end = last if one.aircraft in silent else day + one.evidence["days"]
             axes.plot([day, end], [row, row], color=style.FAINT, linewidth=7, zorder=1)
-        axes.plot(day, row, marker, color=colour, markersize=sizes[marker], zorder=3)
+        axes.plot(day, row, marker, color=colour, markersize=size, zorder=3)
         first = min(first, low, day)
     axes.axvline(last, color=style.INK, linewidth=0.8)
     span = max(last - first, _SHORTEST)
     date_axis(axes)
     axes.set_xlim(last - 1.06 * span, last + 0.02 * span)
     style.rows_axis(axes, shown)
-    for kind, (words, colour, marker) in _KINDS.items():
-        if any(one.kind == kind for one in drawn):
-            axes.plot([], [], marker, color=colour, label=words, markersize=sizes[marker])
+    for kind in (kind for kind in _KINDS if any(one.kind == kind for one in drawn)):
+        words, colour, marker, size = _KINDS[kind]
+        axes.plot([], [], marker, color=colour, label=words, markersize=size)
     figure.legend(loc="outside upper left", ncols=len(_KINDS), handletextpad=0.3, columnspacing=1.3)
     rest = f"; {len(names) - len(shown)} more are in events.json" if len(names) > len(shown) else ""
     return figure.say(
@@ -187,63 +215,33 @@ def timeline_figure(monitoring: Monitoring) -> Figure:
     )
 
 
-def monitoring_section(monitoring: Monitoring | None, show: Figures) -> Section:
-    """Return the section on new events and on the state of every aircraft."""
-    title = "Monitoring"
-    if not monitoring:
-        return Section("monitoring", title)
-    parts = []
-    if monitoring.events:
-        parts = [show("monitoring", timeline_figure(monitoring)), _events_table(monitoring)]
-    states = [_states_table(monitoring, show.units)]
-    parts.append(folded("State of every aircraft", states, unfolded=not monitoring.events))
-    return Section("monitoring", title, _new_events(monitoring), parts)
-
-
-@style.drawing()
-def write_monitoring_page(path: Path, monitoring: Monitoring, *, units: Units = "kt") -> Path:
-    """Write the section on events as a separate page."""
-    text = document(
-        title="airswing: monitoring of the fleet",
-        kicker=f"Monitoring of {plural(len(monitoring.states), 'aircraft')}  ·  up to "
-        f"{monitoring.until}, against {monitoring.reference}",
-        headline=_new_events(monitoring),
-        sections=[monitoring_section(monitoring, Figures(units=units))],
-        footer=f"airswing {__version__}. Intervals are 95 %.",
-    )
-    return write_text(path, text)
-
-
 def _new_events(monitoring: Monitoring) -> str:
     """Return the new events by kind, and the aircraft that need another table."""
-    new = monitoring.new_events
-    counts = [
-        f"{words} ({number})"
-        for kind, (words, *_) in _KINDS.items()
-        if (number := sum(one.kind == kind for one in new))
-    ]
+    new = [one.kind for one in monitoring.new_events]
+    counts = [f"{_KINDS[kind][0]} ({new.count(kind)})" for kind in _KINDS if kind in new]
     text = f"New up to {monitoring.until}: {', '.join(counts)}." if new else "No new event."
     if names := monitoring.differing:
-        text += f" Another table is needed for {cut(names, 8)}."
+        text += f" Another table is needed for {joined(names, most=8)}."
     return text
 
 
 def _events_table(monitoring: Monitoring) -> Markup:
     new, every = len(monitoring.new_events), len(monitoring.events)
     events = monitoring.events[::-1][:_MOST_EVENTS]
-    intervals = (" to ".join(dict.fromkeys(one.evidence.get("date_ci", []))) for one in events)
+    dates = (" to ".join(dict.fromkeys(one.evidence.get("date_ci", []))) for one in events)
     columns = {
-        "since": (one.date for one in events),
-        "95 % interval": (text or "-" for text in intervals),
-        "aircraft": (one.aircraft or _FLEET for one in events),
-        "event": (_KINDS[one.kind][0] for one in events),
+        "since": [one.date for one in events],
+        "95 % interval": [text or "-" for text in dates],
+        "aircraft": [one.aircraft or _FLEET for one in events],
+        "event": [_KINDS[one.kind][0] for one in events],
         "size": map(_event_size, events),
-        "noticed": (one.noticed for one in events),
-        "": ("new" if number < new else "" for number in range(len(events))),
+        "noticed": [one.noticed for one in events],
+        "": ["new" if number < new else "" for number in range(len(events))],
     }
     more = f", the latest {_MOST_EVENTS} shown" if every > _MOST_EVENTS else ""
-    return table(
-        [Column(title, cells, "words") for title, cells in columns.items()],
+    return html.table(
+        columns,
+        words=columns,
         caption=f"Events (n = {every}{more}). Size: change of the deviation in degrees rms "
         "over all headings with the change of the offset, or the factor of the disagreement.",
     )
@@ -261,35 +259,37 @@ def _event_size(event: Event) -> str:
 
 
 def _states_table(monitoring: Monitoring, units: Units) -> Markup:
+    """Return the states, first where another table is needed, then where winds became worse."""
     factor, every = shown_per_kt(units), len(monitoring.states)
-
-    def ratio(now: float | None, past: float | None) -> float:
-        return (now or 0.0) / past if past else 0.0
-
     states = sorted(
         monitoring.states,
         key=lambda one: (
             not one.tables_differ,
-            -ratio(one.disagreement_kt, one.past_disagreement_kt),
+            -(one.disagreement_kt or 0.0) / (one.past_disagreement_kt or np.inf),
             one.aircraft,
         ),
     )[:_MOST_STATES]
-    last = [f"{one.last_day}{' (no reports since)' if one.silent else ''}" for one in states]
-    now = [number_text(one.disagreement_kt, factor=factor) for one in states]
-    past = [number_text(one.past_disagreement_kt, factor=factor) for one in states]
-    needed = [{None: "-", False: "no", True: "yes"}[one.tables_differ] for one in states]
-    difference = [number_text(one.table_difference_deg) for one in states]
-    columns = [
-        Column("aircraft", [one.aircraft for one in states], "words"),
-        Column("last report", last, "words"),
-        Column(f"disagreement, last days ({units})", now),
-        Column(f"before ({units})", past),
-        Column("another table needed", needed, "words"),
-        Column("difference of the tables (° rms)", difference),
-    ]
+    needed = {None: "-", False: "no", True: "yes"}
+    columns = {
+        "aircraft": [one.aircraft for one in states],
+        "last report": [
+            f"{one.last_day}{' (no reports since)' if one.silent else ''}" for one in states
+        ],
+        f"disagreement, last days ({units})": [
+            number_text(one.disagreement_kt, factor=factor) for one in states
+        ],
+        f"before ({units})": [
+            number_text(one.past_disagreement_kt, factor=factor) for one in states
+        ],
+        "another table needed": [needed[one.tables_differ] for one in states],
+        "difference of the tables (° rms)": [
+            number_text(one.table_difference_deg) for one in states
+        ],
+    }
     more = f", {_MOST_STATES} shown" if every > _MOST_STATES else ""
-    return table(
+    return html.table(
         columns,
+        words=("aircraft", "last report", "another table needed"),
         caption="Mean wind vector disagreement of the last seven days with reports and of the days "
         "before; whether the table fitted now differs from the table in use by more than the "
         f"error of both (n = {plural(every, 'aircraft')}{more}).",

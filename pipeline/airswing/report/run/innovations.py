@@ -7,7 +7,6 @@ ascent or descent as reported, as corrected and in the reference.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -18,18 +17,16 @@ from numpy.typing import NDArray
 
 from airswing.evaluation.innovations import combined
 from airswing.flags import PHASE
+from airswing.report.html import document as html
 from airswing.report.html import style
-from airswing.report.html.document import Column, Figures, Section, folded, table
-from airswing.report.html.style import STATES
+from airswing.report.html.style import STATES, Look
 from airswing.report.html.text import Units, number_text, plural, shown_per_m_s
 from airswing.report.run.changes import date_axis, days_since_1970
-from airswing.report.run.selection import members, pooled, rows_of, tails
+from airswing.report.run.selection import members, names_of, pooled, rows_of
 
 Floats = NDArray[np.float64]
 _QUANTITIES = ("speed", "direction", "eastward", "northward")
 _CELLS = ("aircraft", "flight_phase", "layer")
-# Names of rows, and by (quantity, kind) arrays (state, row).
-_Cells = tuple[list[str], dict[tuple[str, str], Floats]]
 # Aircraft in the figures.
 _MOST_SERIES, _MOST_AIRCRAFT = 7, 20
 # Reports that a sounding needs at least.
@@ -42,20 +39,14 @@ def _unit(quantity: str, units: Units) -> tuple[str, float]:
     return ("degree", 1.0) if quantity == "direction" else (units, shown_per_m_s(units))
 
 
-def _cells_by(statistics: xr.Dataset, reference: str, by: str) -> _Cells:
-    """Return the rows with reports by aircraft, phase of flight or layer."""
-    found = combined(statistics.sel(reference=reference), [dim for dim in _CELLS if dim != by])
-    names = [str(name) for name in found[by].to_numpy()] if by in found.coords else []
+def _cells_by(statistics: xr.Dataset, by: str) -> xr.Dataset:
+    """Return the rows (state, row) with reports by aircraft, phase of flight or layer."""
+    found = combined(statistics, [dim for dim in _CELLS if dim != by])
     if by == "layer":
         edges = [statistics[f"layer_{end}_pressure"].to_numpy() / 100 for end in ("bottom", "top")]
-        names = [f"{low:.0f}-{high:.0f} hPa" for low, high in zip(*edges, strict=True)]
-    values = {
-        (quantity, kind): found[f"innovation_{quantity}_{kind}"].transpose("state", by).to_numpy()
-        for quantity in _QUANTITIES
-        for kind in ("bias", "standard_deviation", "rms", "count")
-    }
-    keep = np.flatnonzero(values["speed", "count"][0])
-    return [names[k] for k in keep], {key: one[:, keep] for key, one in values.items()}
+        found["layer"] = [f"{low:.0f}-{high:.0f} hPa" for low, high in zip(*edges, strict=True)]
+    keep = np.flatnonzero(found["innovation_speed_count"].isel(state=0))
+    return found.isel({by: keep}).rename({by: "row"})
 
 
 def innovation_figure(statistics: xr.Dataset, reference: str, units: Units) -> Figure:
@@ -64,58 +55,51 @@ def innovation_figure(statistics: xr.Dataset, reference: str, units: Units) -> F
     Markers are biases, lines reach one standard deviation to either side. At most 20 aircraft,
     those with most reports.
     """
-    (aircraft, values), *others = (_cells_by(statistics, reference, by) for by in _CELLS)
-    reports = values["speed", "count"][0]
-    number = int(reports.sum())
-    if not number:
+    aircraft, *others = (_cells_by(statistics.sel(reference=reference), by) for by in _CELLS)
+    reports = aircraft["innovation_speed_count"].isel(state=0).to_numpy()
+    if not reports.sum():
         return style.empty_figure(_NONE)
     order = np.argsort(-reports, kind="stable")[:_MOST_AIRCRAFT]
-    rows = [aircraft[k] for k in order] + [name for names, _ in others for name in names]
-    figure = style.new_figure(1.1 + 0.2 * len(rows))
-    panels = figure.subplots(1, len(_QUANTITIES), sharey=True)
+    cells = [aircraft.isel(row=order), *others]
+    rows = [name for part in cells for name in names_of(part, "row")]
+    figure, panels = style.panels(1.1 + 0.2 * len(rows), 1, len(_QUANTITIES), sharey=True)
     for axes, quantity in zip(panels, _QUANTITIES, strict=True):
         unit, factor = _unit(quantity, units)
         for index, (state, colour, marker) in enumerate(STATES):
             bias, spread = (
                 factor
-                * np.concatenate(
-                    [
-                        values[quantity, kind][index][order],
-                        *(other[quantity, kind][index] for _, other in others),
-                    ]
-                )
+                * np.concatenate([part[f"innovation_{quantity}_{kind}"][index] for part in cells])
                 for kind in ("bias", "standard_deviation")
             )
             y, ends = np.arange(len(rows)) + 0.3 * (index - 0.5), (bias - spread, bias + spread)
-            look = {"color": colour, "marker": marker, "markersize": 4.5, "label": state}
+            look = Look(color=colour, marker=marker, markersize=4.5, label=state)
             style.intervals(axes, bias, ends, y, **look)
         style.zero_line(axes)
         axes.set_xlabel(f"{quantity} ({unit})")
-    style.rows_axis(panels[0], rows)
+    style.rows_axis(panels[0], rows, panels[0].get_xlabel())
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper right", ncols=2)
     return figure.say(
         f"Innovations (observation minus {reference}) of wind speed, direction and components by "
         "aircraft, phase of flight and layer: bias (marker) and one standard deviation to either "
-        f"side (line), as reported and corrected (n = {plural(number, 'report')}). "
+        f"side (line), as reported and corrected (n = {plural(reports.sum(), 'report')}). "
         "Direction is positive where veered."
     )
 
 
-def innovation_histogram_figure(statistics: xr.Dataset, reference: str, units: Units) -> Figure:
-    """Draw the histogram of the wind vector innovation, as reported and corrected."""
+def _innovation_histogram_figure(statistics: xr.Dataset, reference: str, units: Units) -> Figure:
     counts = statistics["innovation_histogram"].sel(reference=reference)
     number = int(counts.sel(state="reported").sum())
     if not number:
         return style.empty_figure(_NONE)
     lower = statistics["eastward_class"].to_numpy().astype(float)
     ends = shown_per_m_s(units) * np.array([lower[0], 2 * lower[-1] - lower[-2]])
-    figure = style.new_figure(4.6)
-    panels = figure.subplots(1, 2, sharex=True, sharey=True)
-    look: dict[str, Any] = {"cmap": style.DENSITY, "norm": LogNorm(1, max(int(counts.max()), 2))}
-    look |= {"extent": (*ends, *ends), "origin": "lower", "interpolation": "nearest"}
+    figure, panels = style.panels(4.6, 1, 2, sharex=True, sharey=True)
+    look = Look(cmap=style.DENSITY, norm=LogNorm(1, max(int(counts.max()), 2)), origin="lower")
     for axes, (state, *_) in zip(panels, STATES, strict=True):
-        grid = counts.sel(state=state).transpose("northward_class", "eastward_class").to_numpy()
-        drawn = axes.imshow(np.ma.masked_less(grid.astype(float), 1.0), **look)
+        grid = counts.sel(state=state).transpose("northward_class", "eastward_class")
+        drawn = axes.imshow(
+            grid.where(grid > 0), extent=(*ends, *ends), interpolation="nearest", **look
+        )
         style.zero_line(axes)
         style.zero_line(axes, across=True)
         axes.set(title=state, xlabel=f"eastward innovation ({units})")
@@ -128,25 +112,23 @@ def innovation_histogram_figure(statistics: xr.Dataset, reference: str, units: U
     )
 
 
-def innovation_series_figure(
+def _innovation_series_figure(
     statistics: xr.Dataset, reference: str, names: Sequence[str], units: Units
 ) -> Figure:
-    """Draw the daily mean innovation of wind speed and direction, a line an aircraft."""
     chosen = statistics.sel(reference=reference, aircraft=list(names))
     day = days_since_1970(statistics["day"].to_numpy())
     number = int(chosen["daily_innovation_count"].sel(state="reported").sum())
     if not number:
         return style.empty_figure(_NONE)
-    figure = style.new_figure(4.6)
-    grid = figure.subplots(2, 2, sharex=True, sharey="row")
+    figure, grid = style.panels(4.6, 2, 2, sharex=True, sharey="row")
     for panels, quantity in zip(grid, ("speed", "direction"), strict=True):
         unit, factor = _unit(quantity, units)
         for axes, (state, *_) in zip(panels, STATES, strict=True):
             for index, name in enumerate(names):
                 colour, marker = style.series_style(index)
                 value = chosen[f"daily_innovation_{quantity}"].sel(aircraft=name, state=state)
-                look: dict[str, Any] = {"color": colour, "markersize": 3, "linewidth": 1.0}
-                axes.plot(day, factor * value.to_numpy(), marker + "-", label=name, **look)
+                look = Look(color=colour, markersize=3, linewidth=1.0, label=name)
+                axes.plot(day, factor * value.to_numpy(), marker + "-", **look)
             style.zero_line(axes, across=True)
             axes.set_title(f"{quantity}, {state}")
         panels[0].set_ylabel(f"innovation ({unit})")
@@ -160,21 +142,24 @@ def innovation_series_figure(
 
 
 def _innovation_table(statistics: xr.Dataset, by: str, reference: str, units: Units) -> Markup:
-    names, values = _cells_by(statistics, reference, by)
-    states = [state for state, *_ in STATES]
-    columns = [
-        Column(by.replace("_", " "), np.repeat(names, len(states)), "words"),
-        Column("", states * len(names), "words"),
-    ]
+    cells, states = _cells_by(statistics.sel(reference=reference), by), [one[0] for one in STATES]
+    # the states of a row together
+    cells = cells.transpose("row", "state", ...)
+    title = by.replace("_", " ")
+    columns: dict[str, Sequence[str]] = {
+        title: np.repeat(names_of(cells, "row"), len(states)).tolist(),
+        "": states * cells.sizes["row"],
+    }
     for quantity in _QUANTITIES:
         digits, (unit, factor) = (1 if quantity == "direction" else 2), _unit(quantity, units)
         for words, kind in (("bias", "bias"), ("SD", "standard_deviation"), ("rms", "rms")):
-            cells = factor * values[quantity, kind].T.ravel()  # the states of a row together
-            title = f"{quantity} {words} ({unit.replace('degree', '°')})"
-            columns.append(Column(title, [number_text(x, digits=digits) for x in cells]))
-    reports = values["speed", "count"].T.ravel()
-    columns.append(Column("reports", [f"{int(number):,}" for number in reports]))
-    return table(columns, caption=f"Observation minus {reference}, screened reports.")
+            values = factor * cells[f"innovation_{quantity}_{kind}"].to_numpy().ravel()
+            name = f"{quantity} {words} ({unit.replace('degree', '°')})"
+            columns[name] = [number_text(x, digits=digits) for x in values]
+    reports = cells["innovation_speed_count"].to_numpy().ravel()
+    columns["reports"] = [f"{int(number):,}" for number in reports]
+    caption = f"Observation minus {reference}, screened reports."
+    return html.table(columns, words=(title, ""), caption=caption)
 
 
 def sounding_figure(
@@ -191,18 +176,37 @@ def sounding_figure(
     picked, name = _sounding_reports(headings, corrected, aircraft)
     if picked is None:
         return style.empty_figure("No ascent or descent has enough reports for a sounding")
-    ways = ("eastward", "northward")
+    ways, factor = ("eastward", "northward"), shown_per_m_s(units)
     names = [f"{of}{way}_wind" for of in ("", "reference_") for way in ways]
     picked = picked[np.argsort(-headings["pressure"].isel(report=picked).to_numpy())]
     reports = headings[["time", "pressure", *names]].isel(report=picked).load()
-    better = corrected[[f"corrected_{way}_wind" for way in ways]].isel(report=picked).load()
-    chosen = members(headings, reference)
+    chosen, pressure = members(headings, reference), reports["pressure"].to_numpy() / 100.0
     winds = {
         "reported": [reports[f"{way}_wind"].to_numpy() for way in ways],
-        "corrected": [better[f"corrected_{way}_wind"].to_numpy() for way in ways],
+        "corrected": [
+            corrected[f"corrected_{way}_wind"].isel(report=picked).to_numpy() for way in ways
+        ],
         reference: [pooled(reports, chosen, f"reference_{way}_wind") for way in ways],
     }
-    figure = _wind_profiles(reports["pressure"].to_numpy() / 100.0, winds, units)
+    figure, panels = style.panels(4.6, 1, 3, sharey=True, width_ratios=(1, 1, 0.45))
+    # At most 20 barbs in a column, or they cover each other.
+    few = slice(None, None, max(1, -(-picked.size // 20)))
+    colours = (style.ORANGE, style.BLUE, style.INK)
+    for place, (colour, (label, (u, v))) in enumerate(zip(colours, winds.items(), strict=True)):
+        _, marker = style.series_style(place)
+        look = Look(color=colour, markersize=3.5)
+        speed = factor * np.hypot(u, v)
+        panels[0].plot(speed, pressure, marker + "-", label=label, linewidth=1.3, **look)
+        # without a line, which would cross the panel where directions pass north
+        panels[1].plot(np.degrees(np.arctan2(-u, -v)) % 360.0, pressure, marker, **look)
+        x, barbs = np.full(pressure[few].size, float(place)), (factor * u[few], factor * v[few])
+        panels[2].barbs(x, pressure[few], *barbs, length=5.5, color=colour, linewidth=0.7)
+    panels[0].set_xlim(left=0.0)
+    panels[0].set(xlabel=f"wind speed ({units})", ylabel="pressure (hPa)")
+    panels[0].set_ylim(float(pressure.max()) + 40.0, float(pressure.min()) - 25.0)
+    panels[1].set(xlabel="wind direction (degree)", xlim=(0, 360), xticks=range(0, 361, 90))
+    panels[2].set(xlabel=f"barbs (10 {units})", xlim=(-0.7, 2.7), xticks=[])
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper left", ncols=3)
     first = np.datetime_as_string(reports["time"].to_numpy().min(), "m").replace("T", " ")
     return figure.say(
         f"Sounding of {name} on {first} UTC: wind as reported, corrected, and of {reference} "
@@ -215,7 +219,7 @@ def _sounding_reports(
 ) -> tuple[NDArray[np.int64] | None, str]:
     """Return the places of the reports of an ascent or descent, and the aircraft."""
     phases = headings["phase"].to_numpy()
-    climbing = (phases == PHASE["ascent"]) | (phases == PHASE["descent"])
+    climbing = np.isin(phases, [PHASE["ascent"], PHASE["descent"]])
     for name in aircraft:
         rows = rows_of(headings, name)
         if not climbing[rows].any():
@@ -232,73 +236,41 @@ def _sounding_reports(
     return None, ""
 
 
-def _wind_profiles(
-    pressure: Floats, winds: dict[str, list[Floats]], units: Units
-) -> style.CaptionedFigure:
-    figure = style.new_figure(4.6)
-    panels = figure.subplots(1, 3, sharey=True, width_ratios=(1, 1, 0.45))
-    factor = shown_per_m_s(units)
-    # At most 20 barbs in a column, or they cover each other.
-    few = slice(None, None, max(1, -(-pressure.size // 20)))
-    colours = (style.ORANGE, style.BLUE, style.INK)
-    for place, (colour, (label, (u, v))) in enumerate(zip(colours, winds.items(), strict=True)):
-        _, marker = style.series_style(place)
-        look: dict[str, Any] = {"color": colour, "markersize": 3.5, "linewidth": 1.3}
-        panels[0].plot(factor * np.hypot(u, v), pressure, marker + "-", label=label, **look)
-        direction = np.degrees(np.arctan2(-u, -v)) % 360.0
-        # without a line, which would cross the panel where directions pass north
-        panels[1].plot(direction, pressure, marker, color=colour, markersize=3.5)
-        x, look = np.full(pressure[few].size, float(place)), {"color": colour, "linewidth": 0.7}
-        panels[2].barbs(x, pressure[few], factor * u[few], factor * v[few], length=5.5, **look)
-    panels[0].set_xlim(left=0.0)
-    panels[0].set(xlabel=f"wind speed ({units})", ylabel="pressure (hPa)")
-    panels[0].set_ylim(float(pressure.max()) + 40.0, float(pressure.min()) - 25.0)
-    panels[1].set(xlabel="wind direction (degree)", xlim=(0, 360), xticks=range(0, 361, 90))
-    panels[2].set(xlabel=f"barbs (10 {units})", xlim=(-0.7, 2.7), xticks=[])
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper left", ncols=3)
-    return figure
-
-
 def innovations_section(
     statistics: xr.Dataset | None,
     sounding: Figure | None,
     reference: str,
     aircraft: Sequence[str],
-    show: Figures,
-) -> Section:
+    show: html.Figures,
+) -> html.Section:
     """Return the section on the innovations."""
     parts, lead, units = [], "", show.units
     if statistics is not None:
-        known = [str(name) for name in statistics["reference"].to_numpy()]
+        known = names_of(statistics, "reference")
         chosen = reference if reference in known else known[0]
         lead = _lead(combined(statistics.sel(reference=chosen), _CELLS), chosen, units)
-        names = [name for name in aircraft if name in tails(statistics)][:_MOST_SERIES]
+        names = [name for name in aircraft if name in names_of(statistics)][:_MOST_SERIES]
         figure = innovation_figure(statistics, chosen, units)
         parts.append(show("innovations", figure, dpi=120))
         tables = [_innovation_table(statistics, by, chosen, units) for by in _CELLS]
-        parts.append(folded("Tables by aircraft, phase of flight and layer", tables))
-        histogram = innovation_histogram_figure(statistics, chosen, units)
-        parts.append(folded("Histogram", [show("innovation_histogram", histogram)]))
-        series = innovation_series_figure(statistics, chosen, names, units)
+        parts.append(html.folded("Tables by aircraft, phase of flight and layer", tables))
+        histogram = _innovation_histogram_figure(statistics, chosen, units)
+        parts.append(html.folded("Histogram", [show("innovation_histogram", histogram)]))
+        series = _innovation_series_figure(statistics, chosen, names, units)
         shown = show("innovation_series", series, dpi=120)
-        parts.append(folded("Daily means by aircraft", [shown]))
+        parts.append(html.folded("Daily means by aircraft", [shown]))
     if sounding is not None:
-        parts.append(folded("A sounding", [show("sounding", sounding)]))
-    return Section("innovations", "Innovations (observation minus reference)", lead, parts)
+        parts.append(html.folded("A sounding", [show("sounding", sounding)]))
+    return html.Section("innovations", "Innovations (observation minus reference)", lead, parts)
 
 
 def _lead(whole: xr.Dataset, reference: str, units: Units) -> str:
     parts = []
-    for quantity, scale, unit in (
-        ("speed", shown_per_m_s(units), f" {units}"),
-        ("direction", 1.0, "°"),
-    ):
-        rms = scale * whole[f"innovation_{quantity}_rms"]
+    for quantity, sign in (("speed", f" {units}"), ("direction", "°")):
+        rms = _unit(quantity, units)[1] * whole[f"innovation_{quantity}_rms"]
         before, after = (float(rms.sel(state=state)) for state, *_ in STATES)
         if np.isfinite(before + after):
-            parts.append(f"{quantity} from {before:.1f} to {after:.1f}{unit}")
-    if not parts:
-        return ""
-    return (
-        f"Rms innovation against {reference}, before and after the correction: {', '.join(parts)}."
-    )
+            parts.append(f"{quantity} from {before:.1f} to {after:.1f}{sign}")
+    changes = ", ".join(parts)
+    text = f"Rms innovation against {reference}, before and after the correction: {changes}."
+    return text if parts else ""

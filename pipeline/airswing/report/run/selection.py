@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple, SupportsInt
 
 import numpy as np
@@ -23,7 +25,7 @@ from airswing.evaluation.resampling import cluster_sums, clustered_mean
 from airswing.flags import SCREENING, STATUS, is_corrected, published
 from airswing.physics.compass_deviation import deviation_basis
 from airswing.products.ragged import aircraft_of_report, blocks, row_bounds
-from airswing.report.html.text import interval_text
+from airswing.report.html.text import Units, interval_text, shown_per_kt, shown_per_m_s
 from airswing.units import KNOT, NORMAL_95
 
 Floats = NDArray[np.float64]
@@ -37,30 +39,9 @@ FORMULA = (
 )
 
 
-def tails(ds: xr.Dataset) -> list[str]:
-    """Return the aircraft identifiers as strings."""
-    return [str(name) for name in ds["aircraft"].to_numpy()]
-
-
-def _aircraft_index(ds: xr.Dataset, aircraft: str | int) -> int:
-    known = tails(ds)
-    if isinstance(aircraft, int | np.integer):
-        return range(len(known))[int(aircraft)]
-    if aircraft not in known:
-        raise InputError(
-            "no such aircraft",
-            field="aircraft",
-            found=aircraft,
-            remedy=f"Choose from {', '.join(known[:8])}{' ...' if len(known) > 8 else ''}",
-        )
-    return known.index(aircraft)
-
-
-def rows_of(ds: xr.Dataset, aircraft: str | int) -> slice:
-    """Return the slice of the reports of one aircraft."""
-    start, stop = row_bounds(ds["row_size"].to_numpy())
-    index = _aircraft_index(ds, aircraft)
-    return slice(int(start[index]), int(stop[index]))
+def names_of(ds: xr.Dataset, coordinate: str = "aircraft") -> list[str]:
+    """Return the aircraft or references of a Dataset as strings."""
+    return [str(name) for name in ds[coordinate].to_numpy()]
 
 
 def members(headings: xr.Dataset, reference: str) -> list[str]:
@@ -69,17 +50,10 @@ def members(headings: xr.Dataset, reference: str) -> list[str]:
     The members are those of the configuration the headings were made with, or in the pool's name
     (``ruc+rtfdaa``), else all references of the headings.
     """
-    known = [str(name) for name in headings["reference"].to_numpy()]
+    known = names_of(headings, "reference")
     pools = json.loads(headings.attrs.get("airswing_config") or "{}").get("pool") or {}
     parts = [reference] if reference in known else pools.get(reference, reference.split("+"))
     return [name for name in parts if name in known] or known
-
-
-def headline_reference(fits: xr.Dataset, headings: xr.Dataset) -> str:
-    """Return the reference of the headline: the first pool, else the first reference."""
-    known = {str(name) for name in headings["reference"].to_numpy()}
-    names = [str(name) for name in fits["reference"].to_numpy()]
-    return next((name for name in names if name not in known), names[0])
 
 
 def pooled(headings: xr.Dataset, chosen: Sequence[str], name: str) -> Floats:
@@ -92,61 +66,102 @@ def used(headings: xr.Dataset) -> NDArray[np.bool_]:
     return np.asarray(headings["screening"].to_numpy() == 0)
 
 
-def fitted_bias(fits: xr.Dataset, reference: str) -> tuple[float, float]:
-    """Return the fitted eastward and northward bias of a reference (m/s), zero without one."""
-    if "reference_bias" not in fits:
-        return 0.0, 0.0
-    bias = np.nan_to_num(fits["reference_bias"].sel(reference=reference).to_numpy().astype(float))
-    return float(bias[0]), float(bias[1])
-
-
-def compass_points(
-    headings: xr.Dataset, fits: xr.Dataset, aircraft: str | int, reference: str
-) -> tuple[Floats, Floats]:
-    """Return the magnetic heading and the heading error (degrees) of the reports behind a fit.
-
-    The fitted bias b of the reference is subtracted as in the joint fit, so that the reports lie
-    about the fitted curve: psi_err - (b_u cos psi - b_v sin psi) / V (docs/method.md).
-    """
-    abscissa = "heading" if fits.attrs.get("abscissa") == "true" else "magnetic_heading"
-    reports = drawn_columns(headings.isel(report=rows_of(headings, aircraft)))
-    heading = reports[abscissa].to_numpy().astype(float) % 360.0
-    error = pooled(reports, members(headings, reference), "heading_error")
-    eastward, northward = fitted_bias(fits, reference)
-    if eastward or northward:
-        true = np.radians(reports["heading"].to_numpy().astype(float))
-        airspeed = reports["airspeed"].to_numpy().astype(float)
-        across = eastward * np.cos(true) - northward * np.sin(true)
-        error = error - np.degrees(across / np.where(airspeed > 0, airspeed, np.nan))
-    keep = used(reports) & np.isfinite(heading) & np.isfinite(error)
-    return heading[keep], error[keep]
-
-
 def drawn_columns(headings: xr.Dataset) -> xr.Dataset:
     """Return what the drawings of heading errors need, in memory."""
     names = "heading_error magnetic_heading heading airspeed screening time row_size"
     return headings[[name for name in names.split() if name in headings]].load()
 
 
-def one_fit(fits: xr.Dataset, aircraft: str | int, reference: str) -> xr.Dataset:
-    """Return the fit of one aircraft against one reference or pool, or raise InputError."""
-    names = [str(name) for name in fits["reference"].to_numpy()]
-    if reference not in names:
-        raise InputError(
-            "no fit against this reference",
-            field="reference",
-            found=reference,
-            remedy=f"Choose from {', '.join(names)}",
+@dataclass(frozen=True)
+class Run:
+    """Headings and fits of a fleet against one reference or pool, and the unit of speeds."""
+
+    headings: xr.Dataset
+    fits: xr.Dataset
+    reference: str
+    units: Units = "kt"
+
+    @classmethod
+    def of(cls, headings: xr.Dataset, fits: xr.Dataset, reference: str | None, units: Units) -> Run:
+        """Return a run; by default against the first pool, else the first reference."""
+        known, names = names_of(headings, "reference"), names_of(fits, "reference")
+        main = next((name for name in names if name not in known), names[0])
+        return cls(headings, fits, reference or main, units)
+
+    @cached_property
+    def order(self) -> list[str]:
+        """Aircraft with the largest amplitude first and refused fits last."""
+        fit = self.fits.sel(reference=self.reference)
+        amplitude = np.nan_to_num(fit["amplitude"].to_numpy().astype(float), nan=-1.0)
+        return names_of(fit.isel(aircraft=np.lexsort((-amplitude, ~published(fit["status"])))))
+
+    def fit(self, aircraft: str | int) -> xr.Dataset:
+        """Return the fit of one aircraft, or raise InputError."""
+        return self.fits.isel(
+            reference=_place(
+                self.fits, "reference", self.reference, "no fit against this reference"
+            ),
+            aircraft=_place(self.fits, "aircraft", aircraft),
         )
-    return fits.isel(reference=names.index(reference), aircraft=_aircraft_index(fits, aircraft))
+
+    @cached_property
+    def bias(self) -> tuple[float, float]:
+        """Fitted eastward and northward bias of the reference (m/s), zero without one."""
+        if "reference_bias" not in self.fits:
+            return 0.0, 0.0
+        bias = self.fits["reference_bias"].sel(reference=self.reference).to_numpy().astype(float)
+        eastward, northward = np.nan_to_num(bias)
+        return float(eastward), float(northward)
+
+    @property
+    def bias_words(self) -> str:
+        """A sentence on the bias subtracted from the points; empty where there is none."""
+        east, north = (shown_per_m_s(self.units) * part for part in self.bias)
+        return (
+            f" The fitted bias of the reference ({east:+.2f} {self.units} eastward, {north:+.2f} "
+            f"{self.units} northward) is subtracted from the points."
+            if east or north
+            else ""
+        )
+
+    def points(self, aircraft: str | int) -> tuple[Floats, Floats]:
+        """Return the magnetic heading and the heading error (degrees) of the reports behind a fit.
+
+        The fitted bias b of the reference is subtracted as in the joint fit, so that the reports
+        lie about the fitted curve: psi_err - (b_u cos psi - b_v sin psi) / V (docs/method.md).
+        """
+        abscissa = "heading" if self.fits.attrs.get("abscissa") == "true" else "magnetic_heading"
+        reports = drawn_columns(self.headings.isel(report=rows_of(self.headings, aircraft)))
+        heading = reports[abscissa].to_numpy().astype(float) % 360.0
+        error = pooled(reports, members(reports, self.reference), "heading_error")
+        eastward, northward = self.bias
+        if eastward or northward:
+            true = np.radians(reports["heading"].to_numpy().astype(float))
+            airspeed = reports["airspeed"].to_numpy().astype(float)
+            across = eastward * np.cos(true) - northward * np.sin(true)
+            error = error - np.degrees(across / np.where(airspeed > 0, airspeed, np.nan))
+        keep = used(reports) & np.isfinite(heading) & np.isfinite(error)
+        return heading[keep], error[keep]
 
 
-def by_amplitude(fits: xr.Dataset, reference: str) -> list[str]:
-    """Return the aircraft with the largest amplitude first and refused fits last."""
-    fit = fits.sel(reference=reference)
-    amplitude = np.nan_to_num(fit["amplitude"].to_numpy().astype(float), nan=-1.0)
-    order, names = np.lexsort((-amplitude, ~published(fit["status"]))), tails(fits)
-    return [names[i] for i in order]
+def _place(ds: xr.Dataset, coordinate: str, name: str | int, what: str = "no such aircraft") -> int:
+    known = names_of(ds, coordinate)
+    if isinstance(name, int | np.integer):
+        return range(len(known))[int(name)]
+    if name not in known:
+        choice = f"Choose from {', '.join(known[:8])}{' ...' if len(known) > 8 else ''}"
+        raise InputError(what, field=coordinate, found=name, remedy=choice)
+    return known.index(name)
+
+
+def rows_of(headings: xr.Dataset, aircraft: str | int) -> slice:
+    """Return the slice of the reports of one aircraft."""
+    index = _place(headings, "aircraft", aircraft)
+    start, stop = row_bounds(headings["row_size"].to_numpy())
+    return slice(int(start[index]), int(stop[index]))
+
+
+# --- a fit in numbers and words ------------------------------------------------------------------
 
 
 def adds_error(fits: xr.Dataset) -> bool:
@@ -168,11 +183,9 @@ def needs_no_correction(fits: xr.Dataset) -> NDArray[np.bool_]:
     """
     status = fits["status"].to_numpy()
     nodes, error = table_error(fits)
-    half = curve_half_width(fits, nodes)
-    small = ((np.abs(error) <= half) | (np.abs(error) < 0.05)).all(axis=-1)
-    return np.asarray(
-        (status == STATUS["no_correction_needed"]) | ((status == STATUS["ok"]) & small)
-    )
+    size, half = np.abs(error), curve_half_width(fits, nodes)
+    small = ((size <= half) | (size < 0.05)).all(axis=-1) & (status == STATUS["ok"])
+    return np.asarray(small | (status == STATUS["no_correction_needed"]))
 
 
 def curve_half_width(fits: xr.Dataset, heading: Floats) -> Floats:
@@ -225,6 +238,9 @@ def coefficient_texts(fit: xr.Dataset) -> dict[str, str]:
     return found
 
 
+# --- the fleet in numbers and words --------------------------------------------------------------
+
+
 class Total(NamedTuple):
     """Disagreement of the fleet (kt) before and after, reduction with 95 % interval, reports."""
 
@@ -232,7 +248,7 @@ class Total(NamedTuple):
     after: float
     reduction: float
     half_width: float
-    number: int
+    number: float
 
 
 class BeforeAfter(NamedTuple):
@@ -242,7 +258,7 @@ class BeforeAfter(NamedTuple):
     after: Floats
     reduction: Floats
     half_width: Floats
-    number: NDArray[np.int64]
+    number: Floats
     total: Total
 
 
@@ -267,20 +283,17 @@ def disagreement(headings: xr.Dataset, corrected: xr.Dataset, reference: str) ->
         keep = used(block) & is_corrected(better["correction_applied"].to_numpy())
         keep &= np.isfinite(before) & np.isfinite(after)
         row, flight = aircraft_of_report(block)[keep], block["flight"].to_numpy()[keep]
-        parts.append(
-            [
-                cluster_sums(values[keep], row, flight, block.sizes["aircraft"])
-                for values in (before, after, before - after)
-            ]
-        )
+        sizes = (before, after, before - after)
+        aircraft = block.sizes["aircraft"]
+        parts.append([cluster_sums(values[keep], row, flight, aircraft) for values in sizes])
     sums = np.concatenate([np.array(part) for part in parts], axis=-1)  # (3, 6, aircraft)
     # A flight belongs to one aircraft, so clustered sums of the fleet are sums over aircraft.
-    whole = sums.sum(axis=-1, keepdims=True)
+    sums = np.concatenate([sums, sums.sum(axis=-1, keepdims=True)], axis=-1)
     (before, after, gain), (*_, error) = zip(*map(clustered_mean, sums), strict=True)
-    (start, end, change), (*_, spread) = zip(*map(clustered_mean, whole), strict=True)
-    numbers = start.item(), end.item(), change.item(), NORMAL_95 * spread.item()
-    total, reports = Total(*numbers, int(whole[0, 0, 0])), sums[0, 0].astype(np.int64)
-    return BeforeAfter(before, after, gain, NORMAL_95 * error, reports, total)
+    columns = before, after, gain, NORMAL_95 * error, sums[0, 0]
+    total = Total(*(float(column[-1]) for column in columns))
+    before, after, gain, half, number = (column[:-1] for column in columns)
+    return BeforeAfter(before, after, gain, half, number, total)
 
 
 class Rule(NamedTuple):
@@ -293,12 +306,11 @@ class Rule(NamedTuple):
 
 def screening_audit(headings: xr.Dataset) -> list[Rule]:
     """Return what each screening rule marked, the largest first; rules without a report omitted."""
-    together, alone = np.zeros((2, len(SCREENING)), dtype=np.int64)
-    for block in blocks(headings, ["screening"]):
-        flags = block["screening"].to_numpy()
-        together += [np.count_nonzero(flags & bit) for bit in SCREENING.values()]
-        alone += [np.count_nonzero(flags == bit) for bit in SCREENING.values()]
-    rules = [Rule(*one) for one in zip(SCREENING, together.tolist(), alone.tolist(), strict=True)]
+    flags = headings["screening"].to_numpy()
+    rules = [
+        Rule(name, int((flags & bit > 0).sum()), int((flags == bit).sum()))
+        for name, bit in SCREENING.items()
+    ]
     return sorted((rule for rule in rules if rule.together), key=lambda rule: -rule.together)
 
 
@@ -316,7 +328,7 @@ def screening_warnings(headings: xr.Dataset) -> list[str]:
 
 def kept_reports(headings: xr.Dataset) -> int:
     """Return the number of reports that passed every screening rule."""
-    return sum(int(used(block).sum()) for block in blocks(headings, ["screening"]))
+    return int(used(headings).sum())
 
 
 def fitted_sizes(fits: xr.Dataset, reference: str) -> tuple[Floats, Floats]:
@@ -327,9 +339,7 @@ def fitted_sizes(fits: xr.Dataset, reference: str) -> tuple[Floats, Floats]:
     return fit["amplitude"].to_numpy()[curve], fit["offset"].to_numpy()[constant]
 
 
-def headline(
-    fits: xr.Dataset, total: Total | None, reference: str, *, per_kt: float = 1.0, units: str = "kt"
-) -> str:
+def headline(fits: xr.Dataset, total: Total | None, reference: str, units: Units = "kt") -> str:
     """Return the headline of a run, at most 25 words."""
     sizes, constants = fitted_sizes(fits, reference)
     fitted, fleet = sizes.size + constants.size, fits.sizes["aircraft"]
@@ -353,8 +363,8 @@ def headline(
         return f"{text}."
     if not total.number:
         return f"{text}; no report could be corrected."
-    change = "falls" if total.reduction > 0 else "rises"
+    before, after = (shown_per_kt(units) * value for value in (total.before, total.after))
     return (
-        f"{text}; the corrected winds' disagreement {change} from {per_kt * total.before:.1f} to "
-        f"{per_kt * total.after:.1f} {units}."
+        f"{text}; the corrected winds' disagreement {'falls' if after < before else 'rises'} from "
+        f"{before:.1f} to {after:.1f} {units}."
     )

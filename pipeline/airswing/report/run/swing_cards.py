@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import matplotlib
 import numpy as np
@@ -22,10 +22,11 @@ from numpy.typing import ArrayLike, NDArray
 from airswing.errors import InputError
 from airswing.flags import STATUS, published
 from airswing.products.whole_files import atomic
-from airswing.report.html.style import INK, SOFT, drawing
+from airswing.report.html.style import INK, SOFT, Look, drawing
 from airswing.report.html.text import Units, plural
 from airswing.report.run import selection
-from airswing.report.run.heading_error import bias_words, draw_heading_error
+from airswing.report.run.heading_error import draw_heading_error
+from airswing.report.run.selection import Run
 from airswing.version import __version__
 
 if TYPE_CHECKING:
@@ -100,114 +101,47 @@ def write_swing_cards(
         raise InputError(
             "the fits contain no tables", field="table_correction", remedy="Call add_tables first"
         )
-    reference = reference or selection.headline_reference(fits, headings)
-    headings = selection.drawn_columns(headings)
-    usable = published(fits["status"].sel(reference=reference))
-    chosen = [name for name, good in zip(selection.tails(fits), usable, strict=True) if good]
+    run = Run.of(selection.drawn_columns(headings), fits, reference, units)
+    usable = published(fits["status"].sel(reference=run.reference))
+    chosen = selection.names_of(fits.isel(aircraft=usable))
     # Without dates, or the same cards would differ from run to run.
     metadata = {"Title": "airswing swing cards", "CreationDate": None}
-    fonts = _PDF_FONTS if "".join([reference, *chosen]).isascii() else {}
+    fonts = _PDF_FONTS if "".join([run.reference, *chosen]).isascii() else {}
     with (
         atomic(Path(path)) as temporary,
         matplotlib.rc_context(fonts),
         PdfPages(temporary, metadata=metadata) as pages,
     ):
         for name in chosen:
-            pages.savefig(swing_card(headings, fits, name, reference, units), dpi=150)
+            pages.savefig(swing_card(run, name), dpi=150)
         if not chosen:
             empty = Figure(figsize=_A4)
-            empty.text(0.1, 0.9, f"No aircraft has a fit against {reference}.")
+            empty.text(0.1, 0.9, f"No aircraft has a fit against {run.reference}.")
             pages.savefig(empty)
     return len(chosen)
 
 
-def swing_card(
-    headings: xr.Dataset, fits: xr.Dataset, aircraft: str, reference: str, units: Units
-) -> Figure:
+def swing_card(run: Run, aircraft: str) -> Figure:
     """Draw the swing card of one aircraft, an A4 page."""
-    fit = selection.one_fit(fits, aircraft, reference)
-    figure = Figure(figsize=_A4)
+    fit, figure = run.fit(aircraft), Figure(figsize=_A4)
     figure.text(0.08, 0.955, f"Compass deviation card  {aircraft}", fontsize=16, weight="bold")
     subtitle = "Magnetic compass, swung in flight. All angles in degrees."
     figure.text(0.08, 0.935, subtitle, color=SOFT)
-    labels, values = zip(*_facts(fit, headings, reference), strict=True)
-    _lines(figure, 0.08, 0.915, labels, SOFT)
-    _lines(figure, 0.22, 0.915, values, INK)
-    figure.text(0.08, 0.795, _advice(fit), fontsize=12, weight="bold", va="top")
-    heading, error = selection.compass_points(headings, fits, aircraft, reference)
-    axes = figure.add_axes((0.11, 0.53, 0.82, 0.235))
-    draw_heading_error(axes, heading, error, fit)
-    axes.legend(loc="upper center", bbox_to_anchor=(0.47, -0.16), ncols=4, fontsize=8)
-    _unit_table(figure.add_axes((0.08, 0.225, 0.40, 0.215)), fit)
-    _steering(figure.add_axes((0.53, 0.225, 0.40, 0.215)), selection.table_error(fit)[1])
-    coefficients = ",  ".join(f"{k} = {v}" for k, v in selection.coefficient_texts(fit).items())
-    words = [
-        selection.FORMULA[0],
-        f"{coefficients}   (± 95 %)",
-        f"{selection.fit_words(fit)}. {selection.FORMULA[1]}",
-        selection.FORMULA[2],
-        bias_words(fits, reference, units).strip(),
-    ]
-    _lines(figure, 0.08, 0.2, words, INK, fontsize=8)
-    fields = ((0.08, 0.35, "Checked by"), (0.39, 0.58, "Date"), (0.62, 0.93, "Signature"))
-    for x, right, label in fields:
-        figure.text(x, 0.06, label, fontsize=8, color=SOFT)
-        rule = matplotlib.lines.Line2D([x, right], [0.075, 0.075], color=INK, linewidth=0.8)
-        figure.add_artist(rule)
-    return figure
-
-
-def _facts(fit: xr.Dataset, headings: xr.Dataset, reference: str) -> list[tuple[str, str]]:
-    rows = selection.rows_of(headings, str(fit["aircraft"].to_numpy()))
-    reports = headings[["time", "screening"]].isel(report=rows).load()
-    times = reports["time"].to_numpy()[selection.used(reports)]
-    period = "-"
-    if times.size:
-        period = " to ".join(str(np.datetime_as_string(t, "D")) for t in (times.min(), times.max()))
-    made = str(fit.attrs.get("history", "")).split("T")[0] or "-"
-    behind = [plural(int(fit[f"{name}_count"]), name) for name in ("report", "flight")]
-    points = f"{int(fit['compass_points'])} of 8 compass points"
-    return [
-        ("Reference", f"{reference} (model winds)"),
-        ("Period", f"{period} (UTC)"),
-        ("Reports", f"{' of '.join(behind)}, {points}"),
-        ("Units", "degrees; headings magnetic, as indicated"),
-        ("Made", f"{made} with airswing {fit.attrs.get('airswing_version', __version__)}"),
-    ]
-
-
-def _advice(fit: xr.Dataset) -> str:
+    facts = _facts(run, aircraft, fit)
+    _lines(figure, 0.08, 0.915, list(facts), SOFT)
+    _lines(figure, 0.22, 0.915, list(facts.values()), INK)
+    advice = "Load the table below."
     if selection.needs_no_correction(fit):
-        return "No correction needed: the deviation is zero within its 95 % interval."
-    if int(fit["status"]) == STATUS["offset_only"]:
-        return "Constant correction only: too few headings or flights for a curve."
-    return "Load the table below."
-
-
-def _lines(
-    figure: Figure, x: float, top: float, lines: Sequence[str], color: str, *, fontsize: float = 9
-) -> None:
-    text = "\n".join(lines)
-    figure.text(x, top, text, color=color, fontsize=fontsize, va="top", linespacing=1.5)
-
-
-def _columns(axes: Axes, title: str, columns: list[tuple[float, str, list[str]]]) -> None:
-    """Write columns of text (place, title, cells) with a rule below their titles."""
-    axes.axis("off")
-    axes.set(xlim=(0, 1), ylim=(0, 1))
-    axes.text(0, 1.0, title, weight="bold", fontsize=10, va="bottom")
-    axes.axhline(0.885, color=SOFT, linewidth=0.8)
-    for x, label, cells in columns:
-        look: dict[str, Any] = {"ha": "right", "fontsize": 9}
-        axes.text(x, 0.93, label, color=SOFT, va="center", **look)
-        # one text a column: a card has few texts, of which each takes a millisecond
-        axes.text(x, 0.85, "\n".join(cells), va="top", linespacing=19.5 / len(cells), **look)
-
-
-def _unit_table(axes: Axes, fit: xr.Dataset) -> None:
-    nodes = fit["table_heading"].to_numpy().astype(float)
-    half = selection.curve_half_width(fit, nodes)
+        advice = "No correction needed: the deviation is zero within its 95 % interval."
+    elif int(fit["status"]) == STATUS["offset_only"]:
+        advice = "Constant correction only: too few headings or flights for a curve."
+    figure.text(0.08, 0.795, advice, fontsize=12, weight="bold", va="top")
+    axes = figure.add_axes((0.11, 0.53, 0.82, 0.235))
+    draw_heading_error(axes, *run.points(aircraft), fit)
+    axes.legend(loc="upper center", bbox_to_anchor=(0.47, -0.16), ncols=4, fontsize=8)
+    nodes, error = selection.table_error(fit)
     correction = fit["table_correction"].to_numpy().astype(float) + 0.0
+    half = selection.curve_half_width(fit, nodes)
     what = "heading error, to subtract" if selection.adds_error(fit) else "to add"
     columns = [
         (0.10, "", list(_POINTS)),
@@ -215,10 +149,7 @@ def _unit_table(axes: Axes, fit: xr.Dataset) -> None:
         (0.66, what, [f"{value:+.1f}" for value in correction]),
         (0.94, "± 95 %", [f"{value:.1f}" for value in half]),
     ]
-    _columns(axes, "8-point table for the unit", columns)
-
-
-def _steering(axes: Axes, error: Floats) -> None:
+    _columns(figure.add_axes((0.08, 0.225, 0.40, 0.215)), "8-point table for the unit", columns)
     names = {0: "N", 90: "E", 180: "S", 270: "W"}
     aims = [names.get(int(aim), f"{aim:03.0f}") for aim in CARD_HEADINGS]
     steered = [f"{np.rint(one) % 360:03.0f}" for one in steer(error, CARD_HEADINGS)]
@@ -228,4 +159,59 @@ def _steering(axes: Axes, error: Floats) -> None:
         (0.67, "FOR", aims[6:]),
         (0.90, "STEER", steered[6:]),
     ]
-    _columns(axes, "Deviation card (magnetic headings)", columns)
+    title = "Deviation card (magnetic headings)"
+    _columns(figure.add_axes((0.53, 0.225, 0.40, 0.215)), title, columns)
+    coefficients = ",  ".join(f"{k} = {v}" for k, v in selection.coefficient_texts(fit).items())
+    words = [
+        selection.FORMULA[0],
+        f"{coefficients}   (± 95 %)",
+        f"{selection.fit_words(fit)}. {selection.FORMULA[1]}",
+        selection.FORMULA[2],
+        run.bias_words.strip(),
+    ]
+    _lines(figure, 0.08, 0.2, words, INK, fontsize=8)
+    for x, right, label in (
+        (0.08, 0.35, "Checked by"),
+        (0.39, 0.58, "Date"),
+        (0.62, 0.93, "Signature"),
+    ):
+        figure.text(x, 0.06, label, fontsize=8, color=SOFT)
+        rule = matplotlib.lines.Line2D([x, right], [0.075, 0.075], color=INK, linewidth=0.8)
+        figure.add_artist(rule)
+    return figure
+
+
+def _facts(run: Run, aircraft: str, fit: xr.Dataset) -> dict[str, str]:
+    rows = selection.rows_of(run.headings, aircraft)
+    reports = run.headings[["time", "screening"]].isel(report=rows).load()
+    times = np.sort(reports["time"].to_numpy()[selection.used(reports)]).astype("M8[D]")
+    made = str(fit.attrs.get("history", "")).split("T")[0] or "-"
+    behind = [plural(int(fit[f"{name}_count"]), name) for name in ("report", "flight")]
+    points = f"{int(fit['compass_points'])} of 8 compass points"
+    return {
+        "Reference": f"{run.reference} (model winds)",
+        "Period": f"{' to '.join(map(str, times[[0, -1]])) if times.size else '-'} (UTC)",
+        "Reports": f"{' of '.join(behind)}, {points}",
+        "Units": "degrees; headings magnetic, as indicated",
+        "Made": f"{made} with airswing {fit.attrs.get('airswing_version', __version__)}",
+    }
+
+
+def _lines(
+    figure: Figure, x: float, top: float, lines: Sequence[str], color: str, *, fontsize: float = 9
+) -> None:
+    look = Look(color=color, fontsize=fontsize, va="top", linespacing=1.5)
+    figure.text(x, top, "\n".join(lines), **look)
+
+
+def _columns(axes: Axes, title: str, columns: list[tuple[float, str, list[str]]]) -> None:
+    """Write columns of text (place, title, cells) with a rule below their titles."""
+    axes.axis("off")
+    axes.set(xlim=(0, 1), ylim=(0, 1))
+    axes.text(0, 1.0, title, weight="bold", fontsize=10, va="bottom")
+    axes.axhline(0.885, color=SOFT, linewidth=0.8)
+    for x, label, cells in columns:
+        look = Look(ha="right", fontsize=9)
+        axes.text(x, 0.93, label, color=SOFT, va="center", **look)
+        # one text a column: a card has few texts, of which each takes a millisecond
+        axes.text(x, 0.85, "\n".join(cells), va="top", linespacing=19.5 / len(cells), **look)

@@ -1,0 +1,107 @@
+"""Checks of pages and figures, and figures kept by name as a page shows them."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import pytest
+from matplotlib.figure import Figure
+
+from airswing.report.html import document
+
+UNIT = re.compile(
+    r"\((degree|kt|m/s|m²/s²|km|hPa|K|%|date|number)\)|degree|reports|probability|correlation|"
+    r"log Bayes factor|draws|expected|barbs|°C|phase"
+)
+
+
+class Balance(HTMLParser):
+    """Collect tags left open, and every address the page asks for."""
+
+    void = frozenset({"meta", "img", "br", "link", "input", "hr"})
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.addresses: list[str] = []
+        self.images = 0
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        if tag not in self.void:
+            self.open.append(tag)
+        self.images += tag == "img"
+        self.addresses += [str(v) for k, v in attrs if k in {"src", "href"}]
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+
+def check_page(written: Path) -> tuple[str, Balance]:
+    """No tag stays open, nothing is fetched, and every figure is a file as well."""
+    text, found = written.read_text("utf-8"), Balance()
+    found.feed(text)
+    assert found.open == []
+    outside = [a for a in found.addresses if not a.startswith(("data:image/", "#"))]
+    files = sorted(a for a in outside if a.startswith("figures/"))
+    drawn = (written.parent / "figures").glob("*.png")
+    assert files == sorted(f"figures/{one.name}" for one in drawn)
+    assert len(files) == found.images
+    assert not re.search(r"https?://", re.sub(r'src="data:[^"]*"', "", text))
+    headline = re.search(r"<h1>(.*?)</h1>", text)
+    assert headline and len(headline.group(1).split()) <= 25
+    return text, found
+
+
+def check_no_knots(text: str) -> None:
+    words = re.sub(r"<[^>]*>", " ", text.split("<main>")[1].split("<script>")[0])
+    assert not re.search(r"\d kt\b|\(kt\)", words)
+
+
+def check_figure(figure: Any) -> None:
+    """A figure counts what it shows and names its axes with units."""
+    assert re.search(r"n = [\d,]+", figure.caption), figure.caption
+    assert "nan" not in figure.caption
+    for axes in figure.axes:
+        for label in (axes.get_xlabel(), axes.get_ylabel()):
+            assert not label or re.match(r"N\d", label) or UNIT.search(label), label
+    assert "matplotlib.pyplot" not in sys.modules or not matplotlib.pyplot.get_fignums()
+
+
+class Drawn(document.Figures):
+    """Figures of a page, checked, and kept by name in ``made``."""
+
+    made: dict[str, Any]
+
+    def __init__(self, *given: Any, **options: Any) -> None:
+        super().__init__(*given, **options)
+        self.made = {}
+
+    def __call__(self, name: str, figure: Figure, **options: float) -> str:  # type: ignore[override]
+        check_figure(figure)
+        self.made[name] = figure
+        return super().__call__(name, figure, **options)
+
+
+@contextmanager
+def kept_figures() -> Iterator[list[Drawn]]:
+    """Keep the figures of every page that is written."""
+    pages: list[Drawn] = []
+
+    def new(*given: Any, **options: Any) -> Drawn:
+        pages.append(Drawn(*given, **options))
+        return pages[-1]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(document, "Figures", new)
+        yield pages
+
+
+def labels(axes: Any) -> list[str]:
+    return [one.get_text() for one in axes.get_yticklabels()]
