@@ -163,7 +163,7 @@ def names_only(monkeypatch: pytest.MonkeyPatch) -> None:
 def no_gap_page(monkeypatch: pytest.MonkeyPatch) -> None:
     """``airswing gap`` without its page, which takes a fifth of its time."""
     monkeypatch.setattr(
-        "airswing.report.gap.gap_page.write_gap_page", lambda folder, **_: folder / "index.html"
+        "airswing.workflow.gap_stage.write_gap_page", lambda folder, **_: folder / "index.html"
     )
 
 

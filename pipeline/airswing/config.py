@@ -370,9 +370,13 @@ class Config(_Section):
         """Every reference alone and every pool, with its members."""
         return {name: [name] for name in self.references} | self.pool
 
+    def main_reference(self) -> str:
+        """Reference or pool of the correction and the cards: the first pool, else the first."""
+        return next(iter([*self.pool, *self.references]))
+
     def gap_reference(self) -> str:
-        """Reference or pool the gap is measured against: the first pool, else the first."""
-        return self.gap.reference or next(iter([*self.pool, *self.references]))
+        """Reference or pool the gap is measured against."""
+        return self.gap.reference or self.main_reference()
 
 
 class PostprocessConfig(_Section):

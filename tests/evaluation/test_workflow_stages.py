@@ -72,10 +72,10 @@ def test_windows_before_the_first_month_made_anew_keep_their_fits(job, headings,
     first = night(["2008-07", "2008-08"], [])
     assert [entry["aircraft"] for entry in first["changes"]] == ["N000", "N001", "N002"]
     assert {entry["window"] for entry in first["windows"]} == {"2008-07-01", "2008-08-01"}
-    marked = json.loads((job.output / stages.STABILITY).read_text())
+    marked = json.loads((job.output / "stability.json").read_text())
     marked["windows"] = [entry | {"reports": -1} for entry in marked["windows"]]
     marked["windows"] = [entry for entry in marked["windows"] if entry["aircraft"] != "N002"]
-    (job.output / stages.STABILITY).write_text(json.dumps(marked))
+    (job.output / "stability.json").write_text(json.dumps(marked))
     for before, after in zip(
         first["windows"], night(["2008-08"], ["2008-07"])["windows"], strict=True
     ):
@@ -89,7 +89,7 @@ def test_windows_before_the_first_month_made_anew_keep_their_fits(job, headings,
 
 def test_the_ranking_is_a_table_a_spreadsheet_reads(job, headings):
     ranking = stages.make_ranking(job, headings, fit_deviation(headings))
-    rows = list(csv.DictReader((job.output / stages.RANKING).open()))
+    rows = list(csv.DictReader((job.output / "ranking.csv").open()))
     assert [row["aircraft"] for row in rows] == [entry["aircraft"] for entry in ranking]
     assert float(rows[0]["expected_gain_kt"]) == pytest.approx(
         ranking[0]["expected_gain_kt"], abs=6e-4
@@ -103,7 +103,7 @@ def test_the_virtual_field_test_is_a_product_and_says_why_where_it_cannot_be(job
     assert found["later"]["learned_until"] == "2008-07-27"  # two thirds of the days
     assert found["held_out"]["folds"] == 10
     assert abs(found["later"]["difference_kt"]) < 1.5
-    assert json.loads((job.output / stages.VIRTUAL).read_text())["held_out"]["agree"]
+    assert json.loads((job.output / "virtual_field_test.json").read_text())["held_out"]["agree"]
     none = headings.assign(screening=("report", np.ones(headings.sizes["report"], np.int32)))
     assert "no screened report" in stages.make_virtual(job, none, fits, ranking)["later"]["why"]
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from airswing.handover.forecasts.kalman import (
+from airswing.handover.forecasts.correcting import (
     kalman_bias,
     known_before,
     running_mean,

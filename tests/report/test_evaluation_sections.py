@@ -160,9 +160,9 @@ EVENTS = [
 
 
 def monitored(events, told_before=0):
-    table = UnitTable([0.0] * 8, [0.1] * 8)
+    table, other = (UnitTable([size] * 8, [0.1] * 8) for size in (0.0, 1.23))
     states = [
-        State("N1", "2009-03-01", "2009-03-20", False, table, table, True, 1.23, 6.1, 4.0),
+        State("N1", "2009-03-01", "2009-03-20", False, table, other, None, None, 6.1, 4.0),
         State("N<2>", "2009-03-01", "2009-03-12", True),
     ]
     return Monitoring("2009-03-20", "ruc", states, events, told_before)

@@ -178,7 +178,7 @@ def test_bad_input_is_one_message_and_nothing_written(
 ):
     _, archive_frame = frame
     monkeypatch.setattr(gap_stage, "make_headings", lambda job: Dataset(coords={"report": []}))
-    monkeypatch.setattr("airswing.gap.archive.frame.sampled", lambda headings: headings)
+    monkeypatch.setattr(gap_stage, "sampled", lambda headings: headings)
     monkeypatch.setattr(gap_stage, "with_near_winds", lambda job, headings: headings)
     monkeypatch.setattr(gap_stage, "frame_of", lambda *_: archive_frame)
     file = tmp_path / ("bad.yaml" if option == "--known" else "bad.csv")

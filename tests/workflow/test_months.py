@@ -22,6 +22,7 @@ from airswing.config_file import load_config
 from airswing.errors import InputError
 from airswing.products import whole_files
 from airswing.products.whole_files import workspace
+from airswing.reference.collocate import collocate
 from airswing.workflow.months import catalogues
 from airswing.workflow.progress import Progress
 
@@ -191,19 +192,16 @@ def test_new_model_files_make_their_month_anew_and_those_that_went_away_do_not(a
 def test_model_files_lost_while_they_are_read_are_read_by_the_next_run(
     archive, whole, monkeypatch, capsys
 ):
-    from airswing.reference import collocate
-
     lost = sorted((archive / "model").glob("200902*"))[40:60]
-    find = collocate.collocate
 
     def meanwhile(reports, *args, **options):
         if reports["time"].min() > np.datetime64("2009-02-01"):
             for path in lost:
                 if path.exists():
                     path.rename(archive / "aside" / path.name)
-        return find(reports, *args, **options)
+        return collocate(reports, *args, **options)
 
-    monkeypatch.setattr(collocate, "collocate", meanwhile)
+    monkeypatch.setattr("airswing.workflow.months.collocate", meanwhile)
     job = job_of(archive)
     with workspace(job.output):
         holed = workflow.make_headings(workflow.Job(job.config, Progress()))

@@ -9,18 +9,19 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from airswing.config import Handover
 from airswing.errors import InputError
 from airswing.handover.jedi import write_jedi
 from airswing.handover.obs_errors import write_obs_errors
 from airswing.handover.reject_list import write_reject_list
 from airswing.handover.request import Request, Winds
 from airswing.handover.wrf_reports import write_little_r, write_ob_ascii, write_obs_domain
+from airswing.products.netcdf import open_product
 from airswing.products.whole_files import findings
+from airswing.quantities import quantity
 
 if TYPE_CHECKING:
     import xarray as xr
-
-    from airswing.config import Handover
 
 Writer = Callable[[Request], dict[str, Any]]
 FORMATS: dict[str, tuple[Writer, str]] = {
@@ -93,9 +94,6 @@ def export(
     """
     import xarray as xr
 
-    from airswing.config import Handover
-    from airswing.products.netcdf import open_product
-
     if to not in FORMATS:
         raise InputError(
             "no such export format", field="--to", found=to, remedy=f"Known: {', '.join(FORMATS)}"
@@ -128,8 +126,6 @@ def export(
 
 
 def _seconds(window: str) -> float:
-    from airswing.quantities import quantity
-
     try:
         seconds = quantity(window, "second")
     except ValueError as err:

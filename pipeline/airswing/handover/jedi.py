@@ -18,6 +18,7 @@ from airswing.flags import published
 from airswing.handover.request import Request, product_of_run, refuse_existing
 from airswing.handover.selection import identifiers, selected_rows
 from airswing.handover.wind_errors import WindErrors, base_variance, bounded, known_errors
+from airswing.products.whole_files import write_text
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -32,8 +33,6 @@ PADDED = 8  # characters of an aircraft identifier in files of ioda-converters
 
 def write_jedi(request: Request) -> dict[str, Any]:
     """Write the tables into a folder."""
-    from airswing.products.whole_files import write_text
-
     if request.path.is_file():
         raise InputError(
             "is a file, and there are several tables",

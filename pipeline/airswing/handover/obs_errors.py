@@ -19,6 +19,7 @@ from airswing.errors import InputError
 from airswing.handover.request import Request, refuse_existing
 from airswing.handover.selection import PLATFORMS, platforms
 from airswing.handover.wind_errors import base_variance, bounded, known_errors
+from airswing.products.whole_files import write_text
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -35,8 +36,6 @@ Tables = dict[str, dict[int, float]]
 
 def write_obs_errors(request: Request) -> dict[str, Any]:
     """Write the error table, and one for each phase of flight where the path is a folder."""
-    from airswing.products.whole_files import write_text
-
     base = request.settings.base
     if base is None:
         text = (files("airswing.handover") / "data" / FILE_NAME).read_text(encoding="ascii")

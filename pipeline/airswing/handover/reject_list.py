@@ -23,6 +23,8 @@ import numpy as np
 import pandas as pd
 
 from airswing.errors import InputError
+from airswing.evaluation.disagreement import innovations, parts_of
+from airswing.evaluation.innovations import profile_cells
 from airswing.handover.request import (
     Request,
     correction_members,
@@ -30,6 +32,8 @@ from airswing.handover.request import (
     refuse_existing,
 )
 from airswing.handover.selection import APPLIED
+from airswing.products.ragged import time_span
+from airswing.products.whole_files import atomic
 
 FILE_NAME = "current_bad_aircraft"
 HEADER_LINES = 16  # that GSI skips, whatever they hold
@@ -72,8 +76,6 @@ def write_reject_list(request: Request) -> dict[str, Any]:
     ``why`` and statistics), ``not_listed``, ``winds_a_day_gained``, ``blank_identifiers_filled``
     and ``notes``.
     """
-    from airswing.products.whole_files import atomic
-
     if request.settings.base is None:
         raise InputError(
             "the current list is needed",
@@ -243,10 +245,6 @@ def _judged(request: Request, current: RejectList) -> list[dict[str, Any]]:
     ``name``, corrected ``reports``, ``winds_a_day`` that could be used if they were accepted, and
     of both states the statistics by criterion and which limits they exceed (``*_fails``).
     """
-    from airswing.evaluation.disagreement import innovations, parts_of
-    from airswing.evaluation.innovations import profile_cells
-    from airswing.products.ragged import time_span
-
     tables = []
     why = "it holds the model winds the criteria are applied to"
     with product_of_run(request, "headings", why=why) as headings:

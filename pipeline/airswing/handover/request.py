@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
+from airswing.config import Handover
 from airswing.errors import InputError
+from airswing.products.netcdf import open_product, product_path
 
 if TYPE_CHECKING:
     import xarray as xr
-
-    from airswing.config import Handover
 
 Winds = Literal["corrected", "reported"]
 ERRORS = "observation_errors.nc"
@@ -40,8 +40,6 @@ class Request:
 
 def product_of_run(request: Request, name: str, *, why: str) -> xr.Dataset:
     """Open another product of the same run lazily; ``why`` it is needed is part of the message."""
-    from airswing.products.netcdf import open_product, product_path
-
     if request.products is None:
         raise InputError(
             f"the product {name} is needed: {why}",

@@ -23,6 +23,8 @@ from airswing.handover.request import Request
 from airswing.physics.atmosphere import pressure_from_altitude
 from airswing.physics.great_circle import central_angle
 from airswing.physics.triangle import wrap_degrees
+from airswing.products.ragged import aircraft_of_report, blocks
+from airswing.reports.columns import LIMITS
 from airswing.units import EARTH_RADIUS
 
 if TYPE_CHECKING:
@@ -101,8 +103,6 @@ def selected_rows(
     least_depth : float, default 0
         Pa; a shallower sounding is written as single levels.
     """
-    from airswing.products.ragged import aircraft_of_report, blocks
-
     prefix = "corrected_" if request.winds == "corrected" else ""
     winds = f"{prefix}eastward_wind", f"{prefix}northward_wind"
     _require(request, *winds, *_REQUIRED, *(("correction_applied",) if prefix else ()))
@@ -155,8 +155,6 @@ def _require(request: Request, *names: str) -> None:
 
 
 def _all_rows(block: xr.Dataset, winds: tuple[str, str]) -> Rows:
-    from airswing.reports.columns import LIMITS
-
     rows = np.zeros(block.sizes["report"], dtype=ROW)
     time = block["time"].to_numpy().astype("datetime64[ms]").astype(np.int64)
     # To the nearest second: no format holds parts of one.
@@ -176,8 +174,6 @@ def _all_rows(block: xr.Dataset, winds: tuple[str, str]) -> Rows:
 
 
 def _reasons(rows: Rows, block: xr.Dataset, request: Request) -> dict[str, Mask]:
-    from airswing.reports.columns import LIMITS
-
     start, end = request.settings.start, request.settings.end
     accepted = request.settings.accept
     time, pressure = rows["time"], rows["pressure"]

@@ -15,23 +15,41 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from glob import glob
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
 
+from airswing.config import Reports
 from airswing.errors import InputError
+from airswing.gap.archive.frame import Frame, sampled
+from airswing.gap.checks import review_claims
+from airswing.gap.diagnose import Diagnosis, attributed, diagnose
+from airswing.gap.effects import CATALOGUE, ActiveEffect
+from airswing.gap.result.schema import ClaimsEntry, GapReport, KnownEntry, SimulationEntry
+from airswing.gap.simulation.effects_file import (
+    active_effects,
+    not_known,
+    plain_effects,
+    read_effects,
+    read_known,
+    unknown_not_known,
+    write_effects,
+)
+from airswing.gap.simulation.forward import remove_effects
+from airswing.gap.simulation.report_table import (
+    match_reports,
+    report_path,
+    simulate_reports,
+    with_simulated_wind,
+    write_reports,
+)
 from airswing.products.whole_files import write_json
+from airswing.reference.collocate import collocate
+from airswing.report.gap.gap_page import write_gap_page
+from airswing.reports import read_reports
 from airswing.units import KNOT
 from airswing.workflow.job import Job
 from airswing.workflow.months import catalogues, make_headings
-
-if TYPE_CHECKING:
-    from airswing.config import Reports
-    from airswing.gap.archive.frame import Frame
-    from airswing.gap.diagnose import Diagnosis
-    from airswing.gap.effects import ActiveEffect, Effect
-    from airswing.gap.result.schema import ClaimsEntry, GapReport, KnownEntry, SimulationEntry
 
 GAP_JSON, GAP_PRODUCT, GAP_EFFECTS = "gap.json", "gap.nc", "effects.yaml"
 # Where the collocation of a simulation on other paths is kept while it is diagnosed.
@@ -40,9 +58,6 @@ _SIMULATION_FOLDER = ".simulation"
 
 def simulation(job: Job, effects: Path | None, output: Path, *, seed: int = 0) -> Path:
     """Simulate the archive's reports, with the effects of a file, and write a CSV or Parquet."""
-    from airswing.gap.simulation.effects_file import read_effects
-    from airswing.gap.simulation.report_table import report_path, simulate_reports, write_reports
-
     output = report_path(output)  # before an archive is read for nothing
     active = read_effects(effects) if effects is not None else []
     headings = make_headings(job)
@@ -83,17 +98,15 @@ def diagnosis(
     InputError
         If an effect to do without is unknown, or what the diagnosis starts from cannot be read.
     """
-    from airswing.gap.archive.frame import sampled
-    from airswing.gap.diagnose import attributed, diagnose
-    from airswing.gap.simulation.effects_file import (
-        active_effects,
-        not_known,
-        unknown_not_known,
-        write_effects,
-    )
-    from airswing.report.gap.gap_page import write_gap_page
-
     # before anything is read: a mistyped file must not cost the hour that headings may take
+    for name in without:
+        if name not in CATALOGUE:
+            raise InputError(
+                "unknown effect",
+                field="--without",
+                found=name,
+                remedy=f"the catalogue holds {', '.join(CATALOGUE)}",
+            )
     begin = starting_point(job, known=known, simulated=simulated)
     archive = make_headings(job)
     with job.progress.stage("read") as stage:
@@ -102,7 +115,8 @@ def diagnosis(
         stage.note = f"{archive.sizes['report']:,} reports, {frame.size:,} diagnosed"
     start = begin(frame)
     with job.progress.stage("diagnose") as stage:
-        found = diagnose(start.frame, catalogue=_catalogue(without), progress=stage.enter)
+        catalogue = {name: one for name, one in CATALOGUE.items() if name not in without}
+        found = diagnose(start.frame, catalogue=catalogue, progress=stage.enter)
         # Effects of scatter cannot be removed from the reports, so known ones are found again.
         effects = not_known(found.report.effects, start.known)
         unknown = unknown_not_known(found.report.unknown, start.known)
@@ -150,8 +164,6 @@ def with_near_winds(job: Job, headings: xr.Dataset, offset: float = 0.0) -> xr.D
         Of the time (h) that the fields show from the one they are stamped with; the winds at the
         reports are those of the right time.
     """
-    from airswing.reference.collocate import collocate
-
     config = job.config
     members = job.pools[config.gap_reference()]
     models = {name: one for name, one in catalogues(job).items() if name in members}
@@ -176,8 +188,6 @@ def with_near_winds(job: Job, headings: xr.Dataset, offset: float = 0.0) -> xr.D
 
 def frame_of(job: Job, headings: xr.Dataset, reference: str | None = None) -> Frame:
     """Reports of headings against a reference; against that of the gap, or its pool, by default."""
-    from airswing.gap.archive.frame import Frame
-
     config = job.config
     members = job.pools[config.gap_reference()] if reference is None else reference
     return Frame.from_headings(headings, reference=members, phases=config.gap.phases)
@@ -185,8 +195,6 @@ def frame_of(job: Job, headings: xr.Dataset, reference: str | None = None) -> Fr
 
 def _claims(job: Job, headings: xr.Dataset, found: Diagnosis) -> ClaimsEntry:
     """Repeat the deviations and the field test without the effects other than deviation."""
-    from airswing.gap.checks import review_claims
-
     config, test = job.config, job.config.field_test
     with job.progress.stage("claims") as stage:
         reviewed = review_claims(
@@ -203,21 +211,6 @@ def _claims(job: Job, headings: xr.Dataset, found: Diagnosis) -> ClaimsEntry:
         elif found.report.unknown.where:
             stage.note = "unexplained errors are not removed from the reports"
     return reviewed
-
-
-def _catalogue(without: Sequence[str]) -> dict[str, Effect]:
-    """Return the catalogue without the named effects."""
-    from airswing.gap.effects import CATALOGUE
-
-    for name in without:
-        if name not in CATALOGUE:
-            raise InputError(
-                "unknown effect",
-                field="--without",
-                found=name,
-                remedy=f"the catalogue holds {', '.join(CATALOGUE)}",
-            )
-    return {name: effect for name, effect in CATALOGUE.items() if name not in without}
 
 
 # --- starting point ----------------------------------------------------------------------------
@@ -247,19 +240,14 @@ def starting_point(
         If a file is missing or has other content; later, if an effect needs an aircraft or a
         variable that the archive does not have.
     """
-    effects, reports = None, None
-    if known is not None:
-        from airswing.gap.simulation.effects_file import read_known
-
-        effects = read_known(known, reference=job.config.gap_reference())
-    if simulated is not None:
-        reports, section = _read(job, simulated)
+    effects = None if known is None else read_known(known, reference=job.config.gap_reference())
+    reports = None if simulated is None else _read(job, simulated)
 
     def begin(frame: Frame) -> Start:
         start = Start(frame)
         if simulated is not None and reports is not None:
-            start = _against(job, frame, simulated, reports, section)
-        if effects is not None and known is not None:
+            start = _against(job, frame, simulated, *reports)
+        if known is not None and effects is not None:
             start = _without(start, effects, str(known), strict=known.suffix != ".nc")
         return start
 
@@ -268,11 +256,14 @@ def starting_point(
 
 def _without(start: Start, effects: Sequence[ActiveEffect], source: str, *, strict: bool) -> Start:
     """Remove effects; those of aircraft that are not in the archive are refused or left out."""
-    from airswing.gap.result.schema import KnownEntry
-    from airswing.gap.simulation.effects_file import plain_effects
-    from airswing.gap.simulation.forward import remove_effects
-
-    removed = list(effects) if strict else _of_archive(effects, start.frame.tails)
+    removed = list(effects)
+    if not strict:
+        removed, tails = [], start.frame.tails
+        for one in effects:
+            both = None if one.tails is None else tuple(t for t in one.tails if t in tails)
+            # effects on all aircraft remain; a swap needs both of its aircraft
+            if both is None or (both and (one.name != "tail_swap" or len(both) == 2)):
+                removed.append(replace(one, tails=both))
     try:
         left = remove_effects(start.frame, removed)
     except InputError as err:
@@ -292,23 +283,11 @@ def _without(start: Start, effects: Sequence[ActiveEffect], source: str, *, stri
     return replace(start, frame=left, known=known, known_entries=entries)
 
 
-def _of_archive(effects: Sequence[ActiveEffect], tails: Sequence[str]) -> list[ActiveEffect]:
-    """Return the effects on aircraft of the archive; those on all stay."""
-    out = []
-    for one in effects:
-        both = None if one.tails is None else tuple(t for t in one.tails if t in tails)
-        if both is None or (both and (one.name != "tail_swap" or len(both) == 2)):
-            out.append(replace(one, tails=both))
-    return out
-
-
 def _against(
     job: Job, frame: Frame, simulated: str, reports: xr.Dataset, section: Reports
 ) -> Start:
     """Replace the perfect instrument by another simulation."""
     from airswing.config_file import load_config
-    from airswing.gap.result.schema import SimulationEntry
-    from airswing.gap.simulation.report_table import match_reports, with_simulated_wind
 
     with job.progress.stage("match") as stage:
         matched = match_reports(frame, reports)
@@ -337,10 +316,6 @@ def _against(
 
 def effects_of_archive(job: Job) -> list[ActiveEffect]:
     """Diagnose the archive of a simulation and return its effects."""
-    from airswing.gap.archive.frame import sampled
-    from airswing.gap.diagnose import diagnose
-    from airswing.gap.simulation.effects_file import active_effects
-
     frame = frame_of(job, with_near_winds(job, sampled(make_headings(job))))
     with job.progress.stage("diagnose the simulation") as stage:
         found = active_effects(diagnose(frame, progress=stage.enter).report)
@@ -355,7 +330,6 @@ def _is_configuration(simulated: str) -> bool:
 def _read(job: Job, simulated: str) -> tuple[xr.Dataset, Reports]:
     """Read simulated reports, with the column mapping of the archive where it is needed."""
     from airswing.config_file import load_config
-    from airswing.reports import read_reports
 
     if _is_configuration(simulated):
         section = load_config(Path(simulated)).reports

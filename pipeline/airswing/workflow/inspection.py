@@ -8,6 +8,11 @@ from __future__ import annotations
 from pathlib import Path
 
 from airswing.errors import InputError, shortened
+from airswing.products.damaged_netcdf import DAMAGE, require_sound
+from airswing.reference.files import first_bytes, local_path, unreadable
+from airswing.reference.inspection import inspect_grib, inspect_gridded
+from airswing.reports.mapping_proposal import propose_mapping
+from airswing.reports.read import reports_summary
 
 _LONGEST_LIST = 20  # numbers that are shown of a list
 
@@ -25,10 +30,6 @@ def inspect_file(path: Path) -> dict[str, object]:
 
 
 def _content(path: Path) -> tuple[str, dict[str, object]]:
-    from airswing.reference.files import first_bytes, local_path, unreadable
-    from airswing.reference.inspection import inspect_grib, inspect_gridded
-    from airswing.reports.read import reports_summary
-
     if path.is_dir():
         return "model winds", inspect_gridded(str(path))
     try:
@@ -63,9 +64,6 @@ def _content(path: Path) -> tuple[str, dict[str, object]]:
 
 def _proposal(path: Path, error: InputError) -> dict[str, object] | None:
     """The mapping an unknown table would be read with, and what it then holds; None for others."""
-    from airswing.reports.mapping_proposal import propose_mapping
-    from airswing.reports.read import reports_summary
-
     if "column" not in error.what and "is there" not in error.what:
         return None
     try:
@@ -92,8 +90,6 @@ def _proposal(path: Path, error: InputError) -> dict[str, object] | None:
 def _product(path: Path) -> dict[str, object] | None:
     """Summary of a product of ours, or None for another NetCDF file."""
     import xarray as xr
-
-    from airswing.products.damaged_netcdf import DAMAGE, require_sound
 
     try:
         require_sound(path)

@@ -20,10 +20,7 @@ from airswing.workflow.progress import Progress
 
 # Folders of one file a month, and files of the whole archive.
 HEADINGS, CORRECTED = "headings", "corrected"
-FITS, PROFILES, OBSERVATION_ERRORS = "fits.nc", "error_profiles.nc", "observation_errors.nc"
-INNOVATIONS = "innovation_statistics.nc"
-FIELD_TEST, SENSITIVITY, STABILITY = "field_test.json", "sensitivity.json", "stability.json"
-RANKING, VIRTUAL, EVENTS = "ranking.csv", "virtual_field_test.json", "events.json"
+FITS, PROFILES = "fits.nc", "error_profiles.nc"
 
 
 @dataclass(frozen=True)
@@ -74,8 +71,8 @@ class Job:
 
     @property
     def reference(self) -> str:
-        """Whose fits correct the winds: see `main_reference`."""
-        return main_reference(self.config)
+        """Whose fits correct the winds."""
+        return self.config.main_reference()
 
     @property
     def against(self) -> dict[str, Any]:
@@ -113,11 +110,6 @@ def months_text(months: Mapping[str, Sequence[str]]) -> str:
         return f"{len(names)}, {names[0]} to {names[-1]}"
 
     return "; ".join(f"months {what}: {listed(names)}" for what, names in months.items() if names)
-
-
-def main_reference(config: Config) -> str:
-    """Fits used for the correction and the cards: the first pool, else the first reference."""
-    return next(iter([*config.pool, *config.references]))
 
 
 def require_kept(headings: xr.Dataset) -> None:

@@ -16,7 +16,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
+from airswing.compass.plausibility import heading_kind_warnings, plausibility_warnings
 from airswing.config import Config
+from airswing.evaluation.monitoring.changes import change_warnings
 from airswing.evaluation.results import Evaluation
 from airswing.flags import STATUS
 from airswing.products.whole_files import workspace
@@ -184,8 +186,6 @@ def summarise(job: Job, headings: xr.Dataset, fits: xr.Dataset, apart: BeforeAft
     ``reference``, ``reports``, ``aircraft``, ``months``, counts by ``status``, ``disagreement_kt``
     before and after, ``warnings``, and under ``fits`` an entry for each aircraft (degrees, kt).
     """
-    from airswing.compass.plausibility import heading_kind_warnings, plausibility_warnings
-    from airswing.evaluation.monitoring.changes import change_warnings
     from airswing.report.run.reading_warnings import reading_warnings, reference_warnings, tally
     from airswing.report.run.selection import kept_reports, screening_warnings
 

@@ -16,14 +16,16 @@ import json
 import os
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from dataclasses import asdict
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 
+from airswing.compass.headings import derive_headings
+from airswing.compass.screening import audit as screening_counts
+from airswing.compass.screening import mark_corrected_units, screen
 from airswing.errors import InputError
 from airswing.products.netcdf import as_stored, open_product, read_product
 from airswing.products.ragged import BLOCK_REPORTS, FLIGHTS, month_bounds
@@ -34,12 +36,14 @@ from airswing.products.whole_files import (
     read_note,
     write_json,
 )
+from airswing.reference.catalogue import Catalogue, build_catalogue, is_lost_file
+from airswing.reference.collocate import ACCOUNT, PROBLEMS, collocate, overlap, require_overlap
+from airswing.reference.fleet_wind import fleet_wind
 from airswing.report.run.reading_warnings import model_warnings, reading_warnings, tally, unread
+from airswing.reports import Audit, assemble, expand, read_file
+from airswing.reports.audit import similar
+from airswing.reports.read import none_read, none_usable
 from airswing.workflow.job import CORRECTED, HEADINGS, Job
-
-if TYPE_CHECKING:
-    from airswing.reference.catalogue import Catalogue
-    from airswing.reports import Audit
 
 MARGIN = np.timedelta64(48, "h")
 """Reports around a month that its flights may have."""
@@ -70,45 +74,40 @@ def make_headings(job: Job) -> xr.Dataset:
         stage.bytes_read = archive.bytes_read
     for warning in reading_warnings(archive.audit.as_dict()):
         job.progress.say(f"  {warning}")
-    models, settings, names = catalogues(job), _settings(job), archive.months()
-    months = [_Month(job, name, archive, models, settings) for name in names]
-    wanted = [month for month in months if not month.holds()]
-    if not any(month.kept().get("product") for month in months):
+    models, config = catalogues(job), job.config
+    without_files: Any = {"reports": {"files"}, "references": {"__all__": {"files"}}}
+    asked = config.model_dump(
+        include={"reports", "references", "collocation"}, exclude=without_files
+    )
+    screening = config.model_dump(include={"screening", "field_test"})
+    settings = {
+        "collocation": fingerprint(asked, code_digest()),
+        "screening": fingerprint(screening),
+    }
+    months = [_Month(job, name, archive, models, settings) for name in archive.months()]
+    if not any(month.before.get("product") for month in months):
         _require_overlap(job, archive, models)
-    made, lost = [], 0
-    for month in wanted:
-        if month.make():
-            made.append(month.name)
-        lost += month.lost
-        archive.release(month.name)
-    there = {month.name for month in months if not month.empty}
+    for month in months:
+        if not month.kept:
+            month.make()
+            archive.release(month.name)
+    there = {month.name for month in months if month.before["product"]}
     for path in (job.output / HEADINGS).glob("*.nc"):
         if path.stem not in there:  # all its reports were withdrawn
             for name in (HEADINGS, CORRECTED):
                 (job.output / name / path.name).unlink(missing_ok=True)
     archive.keep_notes()
-    if lost:
+    if lost := sum(month.lost for month in months):
         job.progress.say(
             f"  model files that vanished or changed before they were read: {lost:,}; their "
             "reports have no wind, the next run reads them again"
         )
-    kept = [month.name for month in months if month not in wanted]
     headings = open_product(job.output / HEADINGS)
     headings.attrs["reading_audit"] = archive.audit_of(headings).as_json()
+    made = [month.name for month in months if not month.kept and month.name in there]
+    kept = [month.name for month in months if month.kept]
     headings.attrs["months"] = json.dumps({"made": made, "kept": kept})
     return headings
-
-
-def _settings(job: Job) -> dict[str, str]:
-    """Hashes of the settings and the code a month depends on, by what they concern."""
-    config, without_files = job.config, {"reports": {"files"}, "references": {"__all__": {"files"}}}
-    kept = {"reports", "references", "collocation"}
-    asked = config.model_dump(include=kept, exclude=without_files)  # type: ignore[arg-type]
-    screening = config.model_dump(include={"screening", "field_test"})
-    return {
-        "collocation": fingerprint(asked, code_digest()),
-        "screening": fingerprint(screening),
-    }
 
 
 class ReportArchive:
@@ -118,16 +117,13 @@ class ReportArchive:
     """
 
     def __init__(self, job: Job) -> None:
-        from airswing.reports import Audit, expand
-        from airswing.reports.read import none_read, none_usable
-
         self._asked = job.config.reports
         self._note = job.notes / "reports.json"
         self._key = fingerprint(self._asked.model_dump(exclude={"files"}), code_digest())
         self._frames: dict[Identity, pd.DataFrame] = {}
         self.files: dict[Identity, Days] = {}
-        self.audit, self.bytes_read = Audit(), 0
         self._audits: dict[Identity, Audit] = {}
+        self.audit, self.bytes_read = Audit(), 0
         noted, errors, paths = self._noted(), [], expand(self._asked.files)
         for path in paths:
             status = path.stat() if path.exists() else path.lstat()
@@ -152,8 +148,6 @@ class ReportArchive:
 
     def _noted(self) -> dict[Identity, tuple[Days, Audit]]:
         """What earlier runs noted of files; empty where nothing of it holds."""
-        from airswing.reports import Audit
-
         content = read_note(self._note)
         if content.get("key") != self._key:
             return {}
@@ -177,8 +171,6 @@ class ReportArchive:
         write_json(self._note, {"key": self._key, "files": files})
 
     def _read(self, identity: Identity) -> pd.DataFrame:
-        from airswing.reports import read_file
-
         frame, audit = read_file(
             identity[0], format=self._asked.format, columns=self._asked.mapping
         )
@@ -250,9 +242,6 @@ class ReportArchive:
 
     def audit_of(self, headings: xr.Dataset) -> Audit:
         """Counts of the reading of all files, and of what the assembly of the months left out."""
-        from airswing.reports import Audit
-        from airswing.reports.audit import similar
-
         found, assembled = Audit(), Audit.from_dict(tally(headings, "reading_audit"))
         found.add(self.audit)
         assembled.read = 0  # they were read once, and are counted with their files
@@ -274,8 +263,6 @@ def _days_of(frame: pd.DataFrame) -> Days:
 
 def catalogues(job: Job) -> dict[str, Catalogue]:
     """Catalogue the files of every reference that is read from files, once for a job."""
-    from airswing.reference.catalogue import build_catalogue
-
     # a simulation on other paths shares the results of its job, but may have other references
     key = f"catalogues of {job.config.references!r}"
     if key in job.shared:
@@ -321,8 +308,6 @@ def _files_between(model: Catalogue, start: np.datetime64, stop: np.datetime64) 
 
 def _require_overlap(job: Job, archive: ReportArchive, models: Mapping[str, Catalogue]) -> None:
     """Refuse reports and models that never meet, before hours of reading."""
-    from airswing.reference.collocate import overlap, require_overlap
-
     if not models:
         return
     gap = job.config.collocation.max_time_gap
@@ -333,58 +318,54 @@ def _require_overlap(job: Job, archive: ReportArchive, models: Mapping[str, Cata
     require_overlap(overlaps)
 
 
-@dataclass(eq=False)
 class _Month:
-    """One month of a run."""
+    """One month of a run: its inputs, and what an earlier run made of them."""
 
-    job: Job
-    name: str
-    archive: ReportArchive
-    models: Mapping[str, Catalogue]
-    settings: dict[str, str]
-    lost: int = 0  # model files that vanished while they were to be read
-    empty: bool = False  # no flight begins in the month
-    note: dict[str, Any] = field(init=False)
-
-    def __post_init__(self) -> None:
-        gap = np.timedelta64(round(self.job.config.collocation.max_time_gap), "s")
-        start, stop = month_bounds(self.name)
-        self.note = {
-            "reports": [list(entry) for entry in self.archive.mark(self.name)],
+    def __init__(
+        self,
+        job: Job,
+        name: str,
+        archive: ReportArchive,
+        models: Mapping[str, Catalogue],
+        settings: dict[str, str],
+    ) -> None:
+        self.job, self.name, self.archive, self.models = job, name, archive, models
+        self.path, self._note_path = (
+            job.output / HEADINGS / f"{name}.nc",
+            job.notes / f"{name}.json",
+        )
+        self.lost = 0  # model files that vanished while they were to be read
+        gap = np.timedelta64(round(job.config.collocation.max_time_gap), "s")
+        start, stop = month_bounds(name)
+        self.note: dict[str, Any] = {
+            "reports": [list(entry) for entry in archive.mark(name)],
             "models": {
-                name: _files_between(model, start - gap, stop + MARGIN + gap)
-                for name, model in self.models.items()
+                model: _files_between(catalogue, start - gap, stop + MARGIN + gap)
+                for model, catalogue in models.items()
             },
-            "settings": self.settings,
+            "settings": settings,
         }
+        # note of an earlier run, where it holds but for the screening; else empty
+        self.before = {} if job.fresh else read_note(self._note_path)
+        if not self._holds():
+            self.before = {}
+        self.kept = bool(self.before) and self.before["settings"] == settings
 
-    @property
-    def path(self) -> Path:
-        """The month's headings."""
-        return self.job.output / HEADINGS / f"{self.name}.nc"
-
-    @property
-    def _note_path(self) -> Path:
-        return self.job.notes / f"{self.name}.json"
-
-    def kept(self, *, screening: bool = False) -> dict[str, Any]:
-        """The note of an earlier run, where it holds (but for the screening); else empty."""
-        before = {} if self.job.fresh else read_note(self._note_path)
+    def _holds(self) -> bool:
+        before, now = self.before, self.note
         try:
-            same = (
-                before["reports"] == self.note["reports"]
-                and before["settings"]["collocation"] == self.settings["collocation"]
-                and (not screening or before["settings"] == self.settings)
+            return (
+                before["reports"] == now["reports"]
+                and before["settings"]["collocation"] == now["settings"]["collocation"]
                 and isinstance(before["product"], str)
                 and all(
                     set(files) <= set(before["models"].get(name, ()))
-                    for name, files in self.note["models"].items()
+                    for name, files in now["models"].items()
                 )
                 and (not before["product"] or self._readable(before["product"]))
             )
         except (KeyError, TypeError, AttributeError):  # absent, or not a note of this version
-            return {}
-        return before if same else {}
+            return False
 
     def _readable(self, uuid: str) -> bool:
         """Whether the month's headings are there, whole, and those that were noted."""
@@ -397,50 +378,49 @@ class _Month:
             self.job.progress.say(f"{self.path.name}: not a product that can be read, made again")
             return False
 
-    def holds(self) -> bool:
-        """Whether what an earlier run made of the month is still what this one would make."""
-        before = self.kept(screening=True)
-        self.empty = bool(before) and not before["product"]
-        return bool(before)
-
-    def make(self) -> bool:
-        """Make the month's headings; False where no flight begins in it."""
-        before = self.kept()
-        if before.get("product"):
+    def make(self) -> None:
+        """Make the month's headings, unless no flight begins in it, and note what was made."""
+        if self.before.get("product"):
             self.job.progress.say(f"{self.name}: model winds kept, screened anew")
-            self.note["models"] = before["models"]
-            self._write(read_product(self.path).drop_vars("screening"))
-            return True
-        headings = self._collocated()
-        self.empty = headings is None
-        if headings is None:
-            self._keep_note("")
+            self.note["models"] = self.before["models"]
+            headings: xr.Dataset | None = read_product(self.path).drop_vars("screening")
         else:
-            self._write(headings)
-        return not self.empty
-
-    def _keep_note(self, product: str) -> None:
+            headings = self._collocated()
+        uuid = "" if headings is None else self._write(headings)
+        self.before = {**self.note, "product": uuid}
         # a run whose model files were lost on the way is not to be kept by the next
         if not self.lost:
-            write_json(self._note_path, {**self.note, "product": product})
+            write_json(self._note_path, self.before)
 
-    def _write(self, headings: xr.Dataset) -> None:
-        """Screen, write and note the month."""
+    def _write(self, headings: xr.Dataset) -> str:
+        """Screen and write the month; the identifier of the product."""
+        test, attrs, config = self.job.config.field_test, headings.attrs, self.job.config
         with self.job.progress.stage(f"headings {self.name}") as stage:
-            headings = _screened(self.job, headings)
+            # reports and winds are in memory here, which other processes do not share
+            screened = screen(headings, **config.screening.model_dump())
+            headings = screened.compute(scheduler="threads")
+            if test is not None:
+                end = None if test.end is None else np.datetime64(test.end)
+                headings = mark_corrected_units(
+                    headings, aircraft=test.corrected, start=np.datetime64(test.start), end=end
+                )
+            headings = headings.assign_attrs(
+                attrs,
+                kept_reports=int((headings["screening"] == 0).sum()),
+                screened_out=json.dumps(
+                    screening_counts(headings)["together_total"].to_series().to_dict()
+                ),
+            )
             stage.reports = headings.sizes["report"]
             stage.note = f"{headings.attrs['kept_reports']:,} of {stage.reports:,} reports kept"
             self._note_path.unlink(missing_ok=True)
             title = "Heading errors of aircraft reports against model winds"
             self.job.write(headings, f"{HEADINGS}/{self.name}.nc", title=title)
             with open_product(self.path) as written:
-                self._keep_note(str(written.attrs["uuid"]))
+                return str(written.attrs["uuid"])
 
     def _collocated(self) -> xr.Dataset | None:
         """Reports of the month with model winds and headings; None without any."""
-        from airswing.compass.headings import derive_headings
-        from airswing.reports import Audit, assemble
-
         parts, audit, bounds = self.archive.around(self.name), Audit(), month_bounds(self.name)
         interval = self.job.config.reports.interval
         reports = assemble(parts, interval=interval, begins=bounds, audit=audit)
@@ -464,10 +444,6 @@ class _Month:
 
     def _winds(self, reports: xr.Dataset) -> tuple[xr.Dataset, dict[str, Any]]:
         """Model winds at the reports, in memory, and counts of each reference."""
-        from airswing.reference.catalogue import build_catalogue, is_lost_file
-        from airswing.reference.collocate import ACCOUNT, PROBLEMS, collocate, overlap
-        from airswing.reference.fleet_wind import fleet_wind
-
         asked = self.job.config.collocation
         models = {
             name: self.models[name]
@@ -501,24 +477,3 @@ class _Month:
             for name, model in models.items()
         }
         return winds.drop_vars([*ACCOUNT, PROBLEMS]), audits
-
-
-def _screened(job: Job, headings: xr.Dataset) -> xr.Dataset:
-    """Mark what the fit should not use."""
-    from airswing.compass.screening import audit, mark_corrected_units, screen
-
-    test, attrs = job.config.field_test, headings.attrs
-    # reports and winds are in memory here, which other processes do not share
-    screened = screen(headings, **job.config.screening.model_dump())
-    headings = screened.compute(scheduler="threads")
-    if test is not None:
-        start, end = (
-            np.datetime64(test.start),
-            None if test.end is None else np.datetime64(test.end),
-        )
-        headings = mark_corrected_units(headings, aircraft=test.corrected, start=start, end=end)
-    return headings.assign_attrs(
-        attrs,
-        kept_reports=int((headings["screening"] == 0).sum()),
-        screened_out=json.dumps(audit(headings)["together_total"].to_series().to_dict()),
-    )

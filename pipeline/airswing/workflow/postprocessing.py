@@ -13,9 +13,18 @@ from pydantic import BaseModel
 from airswing.config import Config, FlightLevelWinds, Postprocess
 from airswing.config_file import load_postprocess
 from airswing.errors import ConfigError
+from airswing.handover.forecasts.correcting import (
+    SCORES,
+    correct_forecasts,
+    score_forecasts,
+    station_distribution,
+)
+from airswing.handover.forecasts.forecast_pairs import flight_level_pairs, pairs_from_tables
+from airswing.handover.forecasts.stations import pairs_at_stations
 from airswing.products.netcdf import open_product, product_path, read_product, write_product
 from airswing.products.whole_files import none_found, require_writable, workspace
-from airswing.workflow.job import CORRECTED, HEADINGS, main_reference
+from airswing.report.forecast_page import NAMES, forecast_headline, write_forecast_page
+from airswing.workflow.job import CORRECTED, HEADINGS
 from airswing.workflow.progress import Progress
 
 
@@ -41,9 +50,6 @@ def postprocess(config: Path, *, output: Path | None = None, quiet: bool = False
     InputError
         If there is nothing to correct, or it cannot be read.
     """
-    from airswing.handover.forecasts.correcting import correct_forecasts, score_forecasts
-    from airswing.report.forecast_page import forecast_headline, write_forecast_page
-
     section, folder, whole = load_postprocess(config, output=output)
     progress = Progress(quiet=quiet)
     with workspace(folder):
@@ -78,9 +84,6 @@ def postprocess(config: Path, *, output: Path | None = None, quiet: bool = False
 
 def _read_pairs(section: Postprocess, whole: BaseModel) -> xr.Dataset:
     """Pairs of forecast and observation: tables, GRIB and stations, or the winds of a run."""
-    from airswing.handover.forecasts.forecast_pairs import pairs_from_tables
-    from airswing.handover.forecasts.stations import pairs_at_stations
-
     if section.pairs is not None:
         given = section.pairs
         return pairs_from_tables(
@@ -101,8 +104,6 @@ def _read_pairs(section: Postprocess, whole: BaseModel) -> xr.Dataset:
 
 def _flight_levels(section: FlightLevelWinds, whole: BaseModel) -> xr.Dataset:
     """Pairs of a run's model winds and its corrected aircraft winds."""
-    from airswing.handover.forecasts.forecast_pairs import flight_level_pairs
-
     if not isinstance(whole, Config):
         raise ConfigError(
             "winds at flight levels are those of the main job",
@@ -110,7 +111,7 @@ def _flight_levels(section: FlightLevelWinds, whole: BaseModel) -> xr.Dataset:
             remedy="Give the configuration of `airswing run`, with reports and references",
         )
     pools = whole.pools()
-    reference = section.reference or main_reference(whole)
+    reference = section.reference or whole.main_reference()
     if reference not in pools:
         raise ConfigError(
             "no such reference or pool",
@@ -142,8 +143,6 @@ def _found(patterns: list[str], field: str) -> list[Path]:
 
 def _scores(made: xr.Dataset, variable: str) -> dict[str, Any]:
     """Scores of a variable on the days held out, by method."""
-    from airswing.handover.forecasts.correcting import SCORES, station_distribution
-
     chosen = made.sel(variable=variable, period="held_out")
     found: dict[str, Any] = {
         "ratio": float(chosen["ratio"]),
@@ -166,8 +165,6 @@ def _scores(made: xr.Dataset, variable: str) -> dict[str, Any]:
 
 def _lines(variable: str, scores: dict[str, Any]) -> list[str]:
     """Lines on the filter and its rivals over the stations of a variable."""
-    from airswing.report.forecast_page import NAMES
-
     lines = []
     for method, label in NAMES.items():
         stations = scores[method].get("stations")

@@ -9,17 +9,50 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from datetime import date
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from itertools import chain
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 
+from airswing.compass.correction import add_tables, correct, write_tables_csv
+from airswing.compass.fit.deviation import fit_deviation
+from airswing.compass.plausibility import mean_declination, plausibility, with_implausible
 from airswing.errors import ConfigError, InputError
+from airswing.evaluation import Content
+from airswing.evaluation.comparison import compare
+from airswing.evaluation.field_test import field_test
+from airswing.evaluation.gains import (
+    cross_validate,
+    predicted_reduction,
+    rank_aircraft,
+    virtual_field_test,
+)
+from airswing.evaluation.innovations import innovation_products
+from airswing.evaluation.monitoring.changes import (
+    add_changes,
+    fit_by_window,
+    noted_changes,
+    watch_compasses,
+)
+from airswing.evaluation.monitoring.events import (
+    Monitoring,
+    UnitTable,
+    changed_since,
+    find_events,
+    read_events,
+    read_tables,
+    tables_of,
+    with_tables,
+    write_events,
+)
+from airswing.evaluation.observation_errors import observation_errors
 from airswing.evaluation.results import Evaluation
+from airswing.evaluation.time_interval import interval_cost
 from airswing.flags import published
 from airswing.products.netcdf import open_product, product_path
 from airswing.products.ragged import aircraft_of_report, blocks, joined, some_reports, time_span
@@ -32,26 +65,8 @@ from airswing.products.whole_files import (
     write_text,
 )
 from airswing.vocabulary import describe
-from airswing.workflow.job import (
-    CORRECTED,
-    EVENTS,
-    FIELD_TEST,
-    FITS,
-    HEADINGS,
-    INNOVATIONS,
-    OBSERVATION_ERRORS,
-    PROFILES,
-    RANKING,
-    SENSITIVITY,
-    STABILITY,
-    VIRTUAL,
-    Job,
-    require_kept,
-)
-
-if TYPE_CHECKING:
-    from airswing.evaluation import Content
-    from airswing.evaluation.monitoring.events import Monitoring, UnitTable
+from airswing.workflow.job import CORRECTED, FITS, HEADINGS, PROFILES, Job, require_kept
+from airswing.workflow.months import catalogues
 
 Found = TypeVar("Found")
 _LEARNED_SHARE = 2.0 / 3.0
@@ -71,9 +86,6 @@ def make_fits(job: Job, headings: xr.Dataset | None = None) -> xr.Dataset:
     InputError
         Screening left no report.
     """
-    from airswing.compass.correction import write_tables_csv
-    from airswing.compass.plausibility import mean_declination, plausibility, with_implausible
-    from airswing.evaluation.monitoring.changes import add_changes, watch_compasses
     from airswing.report.run.swing_cards import write_swing_cards
 
     screened, members = job.ready(headings, HEADINGS), job.pools[job.reference]
@@ -101,9 +113,6 @@ def make_fits(job: Job, headings: xr.Dataset | None = None) -> xr.Dataset:
 
 def _fitted(job: Job, headings: xr.Dataset, **options: Any) -> xr.Dataset:
     """Fits with tables, in memory."""
-    from airswing.compass.correction import add_tables
-    from airswing.compass.fit.deviation import fit_deviation
-
     fits = fit_deviation(headings, pools=job.pools, **job.config.fit.model_dump())
     resolution = math.degrees(job.config.table.resolution)
     return add_tables(fits, headings, resolution=resolution, **options).compute()
@@ -113,8 +122,6 @@ def make_corrected(
     job: Job, headings: xr.Dataset | None = None, fits: xr.Dataset | None = None
 ) -> xr.Dataset:
     """The archive with corrected winds, month by month: ``corrected/2008-07.nc``; lazy."""
-    from airswing.compass.correction import correct
-
     fitted, method = job.ready(fits, FITS), job.config.correction.method
     folder = product_path(job.output, HEADINGS)
     if not folder.exists():
@@ -164,28 +171,27 @@ def make_innovations(
     job: Job, headings: xr.Dataset, corrected: xr.Dataset
 ) -> tuple[xr.Dataset, xr.Dataset]:
     """``error_profiles.nc`` and ``innovation_statistics.nc``."""
-    from airswing.evaluation.innovations import innovation_products
-
-    titles = {
-        PROFILES: "Wind error by phase of flight and level, as reported and as corrected",
-        INNOVATIONS: "Statistics of observation minus reference by aircraft, phase and level",
-    }
+    titles = (
+        (PROFILES, "Wind error by phase of flight and level, as reported and as corrected"),
+        (
+            "innovation_statistics.nc",
+            "Statistics of observation minus reference by aircraft, phase and level",
+        ),
+    )
     with job.progress.stage("innovations"):
         found = innovation_products(headings, corrected, pools=job.pools)
-        for product, (name, title) in zip(found, titles.items(), strict=True):
+        for product, (name, title) in zip(found, titles, strict=True):
             job.write(product, name, title=title, sources=(headings, corrected))
     return found
 
 
 def make_observation_errors(job: Job, headings: xr.Dataset, corrected: xr.Dataset) -> xr.Dataset:
     """Errors of the reports alone by phase of flight and layer: ``observation_errors.nc``."""
-    from airswing.evaluation.observation_errors import observation_errors
-
     covariance = job.config.observation_errors.reference_covariance
     with job.progress.stage("observation errors") as stage:
         found = observation_errors(headings, corrected, covariance=covariance, **job.against)
         title = "Standard error of a wind component of the reports alone"
-        job.write(found, OBSERVATION_ERRORS, title=title, sources=(headings, corrected))
+        job.write(found, "observation_errors.nc", title=title, sources=(headings, corrected))
         stage.note = found.attrs["method"] or found.attrs["method_reason"]
     return found
 
@@ -195,14 +201,12 @@ def make_stability(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> Content:
 
     Windows before the first month that was made anew keep their fits of the last run.
     """
-    from airswing.evaluation.monitoring.changes import fit_by_window, noted_changes
-
     with job.progress.stage("stability") as stage:
         first, last = (day.astype("datetime64[D]") for day in time_span(headings))
         days = (last - first).astype(int)
         window: Literal["month", "quarter"] = "month" if days <= _MOST_DAYS_BY_MONTH else "quarter"
         note, made = _months_note(job, headings)
-        path, noted = job.output / STABILITY, job.notes / STABILITY
+        path, noted = job.output / "stability.json", job.notes / "stability.json"
         earlier: list[Content] = []
         if not job.fresh and path.exists() and read_note(noted).get("settings") == note["settings"]:
             last_time = read_note(path)
@@ -249,30 +253,25 @@ def _months_note(job: Job, headings: xr.Dataset) -> tuple[Content, list[str]]:
 
 def make_ranking(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> list[Content]:
     """Aircraft in the order of the gain expected of a correction: ``ranking.csv``."""
-    from airswing.evaluation.gains import rank_aircraft
-
     with job.progress.stage("ranking") as stage:
         ranking = rank_aircraft(headings, fits, **job.against)
-        write_text(job.output / RANKING, _ranking_table(ranking))
+        rows = []
+        for entry in ranking:
+            ends = (entry.get(key) or (None, None) for key in ("expected_gain_ci_kt", "rank_ci"))
+            names = ("expected_gain_low_kt", "expected_gain_high_kt", "rank_low", "rank_high")
+            rows.append(entry | dict(zip(names, chain(*ends), strict=True)))
+        columns = (
+            "rank aircraft status reports disagreement_kt expected_gain_kt expected_gain_low_kt "
+            "expected_gain_high_kt rank_low rank_high amplitude_deg"
+        )
+        table = pd.DataFrame(rows, columns=columns.split())
+        table = table.astype(dict.fromkeys(("rank", "rank_low", "rank_high"), "Int64"))
+        text = table.to_csv(index=False, float_format="%.3f", lineterminator="\n")
+        write_text(job.output / "ranking.csv", text)
         first = ranking[0]
         if first["expected_gain_kt"] is not None:
             stage.note = f"{first['aircraft']} would gain {first['expected_gain_kt']:.2f} kt"
     return ranking
-
-
-def _ranking_table(ranking: Sequence[Content]) -> str:
-    rows = []
-    for entry in ranking:
-        gain, rank = (entry.get(key) or (None, None) for key in ("expected_gain_ci_kt", "rank_ci"))
-        ends = dict(zip(("expected_gain_low_kt", "expected_gain_high_kt"), gain, strict=True))
-        rows.append(entry | ends | dict(zip(("rank_low", "rank_high"), rank, strict=True)))
-    columns = (
-        "rank aircraft status reports disagreement_kt expected_gain_kt expected_gain_low_kt "
-        "expected_gain_high_kt rank_low rank_high amplitude_deg"
-    )
-    table = pd.DataFrame(rows, columns=columns.split())
-    table = table.astype(dict.fromkeys(("rank", "rank_low", "rank_high"), "Int64"))
-    return table.to_csv(index=False, float_format="%.3f", lineterminator="\n")
 
 
 def virtual_of_month(
@@ -285,10 +284,10 @@ def virtual_of_month(
     """
     note, made = _months_note(job, headings)
     names = note["months"]
-    path, noted = job.output / VIRTUAL, job.notes / VIRTUAL
+    path, noted = job.output / "virtual_field_test.json", job.notes / "virtual_field_test.json"
     kept = not job.fresh and set(made) <= set(names[-1:]) and read_note(noted) == note
     if kept and path.exists():
-        job.progress.say(f"{VIRTUAL}: kept until the next month begins")
+        job.progress.say("virtual_field_test.json: kept until the next month begins")
         return read_note(path)
     found = make_virtual(job, headings, fits, ranking)
     if names:
@@ -305,8 +304,6 @@ def make_virtual(
     corrected in it; without a field test learned from the first two thirds of the days.
     ``held_out``: cross-validation over days. Where one of them cannot be computed it says why.
     """
-    from airswing.evaluation.gains import cross_validate, virtual_field_test
-
     config, test = job.config, job.config.field_test
     if test is None:
         first, last = (day.astype("datetime64[D]").astype(object) for day in time_span(headings))
@@ -331,7 +328,7 @@ def make_virtual(
                 lambda: cross_validate(headings, fits, ranking=ranking, **job.against)
             ),
         }
-        write_json(job.output / VIRTUAL, result)
+        write_json(job.output / "virtual_field_test.json", result)
         gains = [
             f"{name.replace('_', ' ')} {part['predicted_gain_kt']:.2f} kt predicted, "
             f"{part['realised_gain_kt']:.2f} realised"
@@ -359,9 +356,6 @@ def make_field_test(job: Job, headings: xr.Dataset | None = None) -> Content:
     ConfigError
         If the configuration has no ``field_test``.
     """
-    from airswing.evaluation.field_test import field_test
-    from airswing.evaluation.gains import predicted_reduction
-
     config, test = job.config, job.config.field_test
     if test is None:
         raise ConfigError(
@@ -376,7 +370,7 @@ def make_field_test(job: Job, headings: xr.Dataset | None = None) -> Content:
         expected = predicted_reduction(screened, start=test.start, **options)
         content: Content = {**found, **expected}
         result = findings(content)
-        write_json(job.output / FIELD_TEST, result)
+        write_json(job.output / "field_test.json", result)
         low, high = result["adjusted_reduction_ci_kt"]
         stage.note = (
             f"adjusted reduction {result['adjusted_reduction_kt']:.2f} kt ({low:.2f} to {high:.2f})"
@@ -392,11 +386,20 @@ def make_sensitivity(
     `intervals` also computes what hourly references lose where only every third or sixth hour is
     used, which reads some of their files again. With one reference this is the whole result.
     """
-    from airswing.evaluation.comparison import compare
-
     config = job.config
     screened = job.ready(headings, HEADINGS)
-    costs = _interval_costs(job, screened) if intervals else {}
+    costs: dict[str, list[Content]] = {}
+    if intervals:
+        models = catalogues(job)
+        with job.progress.stage("time interval") as stage:
+            found = {name: interval_cost(screened, model) for name, model in models.items()}
+            costs = {name: rows for name, rows in found.items() if rows}
+            stage.note = "; ".join(
+                f"{name} every {row['interval_h']} h: {row['rms_vector_difference_m_s']:.2f} m/s, "
+                f"{row['rms_vector_difference_at_middle_m_s'] or float('nan'):.2f} at the middle"
+                for name, rows in costs.items()
+                for row in rows
+            )
     result: Content = {}
     if not costs or len(config.references) > 1:
         with job.progress.stage("compare") as stage:
@@ -410,24 +413,8 @@ def make_sensitivity(
             stage.note = "; ".join(verdicts)
     if costs:
         result["time_interval"] = costs
-    write_json(job.output / SENSITIVITY, result)
+    write_json(job.output / "sensitivity.json", result)
     return result
-
-
-def _interval_costs(job: Job, headings: xr.Dataset) -> dict[str, list[Content]]:
-    from airswing.evaluation.time_interval import interval_cost
-    from airswing.workflow.months import catalogues
-
-    models = catalogues(job)
-    with job.progress.stage("time interval") as stage:
-        costs = {name: interval_cost(headings, model) for name, model in models.items()}
-        stage.note = "; ".join(
-            f"{name} every {row['interval_h']} h: {row['rms_vector_difference_m_s']:.2f} m/s, "
-            f"{row['rms_vector_difference_at_middle_m_s'] or float('nan'):.2f} at the middle"
-            for name, rows in costs.items()
-            for row in rows
-        )
-    return {name: rows for name, rows in costs.items() if rows}
 
 
 # --- monitoring --------------------------------------------------------------------------------
@@ -444,32 +431,31 @@ def make_monitoring(
     An event that ``events.json`` of an earlier run has is not reported again. Corrected winds are
     opened only where they are there.
     """
-    from airswing.evaluation.monitoring import events as monitoring
     from airswing.report.run.changes import write_monitoring_page
 
-    path, in_use = job.output / EVENTS, job.config.monitoring.tables_in_use
+    path, in_use = job.output / "events.json", job.config.monitoring.tables_in_use
     with job.progress.stage("monitoring") as stage:
         tables = None
         if in_use is not None:
-            tables = monitoring.read_tables(in_use, reference=job.reference)
+            tables = read_tables(in_use, reference=job.reference)
         screened, fitted = job.ready(headings, HEADINGS), job.ready(fits, FITS)
         if corrected is None and product_path(job.output, CORRECTED).exists():
             corrected = job.ready(None, CORRECTED)
-        found = monitoring.find_events(
+        found = find_events(
             screened,
             fitted,
             corrected=corrected,
-            previous=monitoring.read_events(path) if path.exists() else None,
+            previous=read_events(path) if path.exists() else None,
             reference=job.reference,
             members=job.pools[job.reference],
             tables_in_use=tables,
             compass=job.shared.get("compass_watch"),
         )
-        since = _tables_since(job, screened, monitoring.changed_since(found))
-        found = monitoring.with_tables(found, since)
+        since = _tables_since(job, screened, changed_since(found))
+        found = with_tables(found, since)
         number = len(found.new_events)
         found = replace(found, unsaid=number)
-        monitoring.write_events(found, path)
+        write_events(found, path)
         page = job.output / "report" / "monitoring.html"
         write_monitoring_page(page, found, units=job.config.units)
         stage.note = f"{number:,} new event{'s' * (number != 1)}"
@@ -478,9 +464,7 @@ def make_monitoring(
 
 def events_said(job: Job, number: int) -> None:
     """Note that all `number` events have been printed; a later run may have found more."""
-    from airswing.evaluation.monitoring.events import read_events, write_events
-
-    path = job.output / EVENTS
+    path = job.output / "events.json"
     found = read_events(path)
     if found.unsaid:
         left = min(max(len(found.events) - number, 0), found.unsaid)
@@ -495,8 +479,6 @@ def _tables_since(
     These aircraft are fitted alone: the others' evidence on the reference's error is left out,
     which widens the tables' errors.
     """
-    from airswing.evaluation.monitoring.events import tables_of
-
     if not since:
         return {}
     names = headings["aircraft"].to_numpy().astype(str)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -16,10 +15,13 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
+from airswing.physics.atmosphere import pressure_from_altitude
+from airswing.products.whole_files import atomic
+from airswing.reference.catalogue import Catalogue, build_catalogue
+from airswing.reference.collocate import collocate
+from airswing.reports.columns import conversion, split_name
+from airswing.reports.values import parse_times
 from airswing.units import KNOT
-
-if TYPE_CHECKING:
-    from airswing.reference.catalogue import Catalogue
 
 _SHORT = {"lat": "latitude", "lon": "longitude"}
 _PLACE = ("time", "latitude", "longitude", "pressure")
@@ -72,9 +74,6 @@ def append_winds(
     >>> bool(found["ruc_wind_speed_kt"].notna().all())
     True
     """
-    from airswing.reference.catalogue import Catalogue, build_catalogue
-    from airswing.reference.collocate import collocate
-
     places = _places(table, columns or {})
     models = {
         name: one if isinstance(one, Catalogue) else build_catalogue(one, name=name, lead=lead)
@@ -108,9 +107,6 @@ def collocate_track(
     References are ``NAME=GLOB`` each, columns ``COLUMN=NAME``; `say` takes one line for each
     reference: the rows that have a wind, and the times of the model.
     """
-    from airswing.products.whole_files import atomic
-    from airswing.reference.catalogue import build_catalogue
-
     files = _pairs(references, "--reference", "ruc=ruc/*.grb")
     if not files:
         raise InputError(
@@ -163,10 +159,6 @@ def _pairs(given: Sequence[str], option: str, example: str) -> dict[str, str]:
 
 def _places(table: pd.DataFrame, columns: Mapping[str, str]) -> xr.Dataset:
     """Times and places of a table: degrees, Pa."""
-    from airswing.physics.atmosphere import pressure_from_altitude
-    from airswing.reports.columns import conversion, split_name
-    from airswing.reports.values import parse_times
-
     if absent := [name for name in columns if name not in table.columns]:
         there = ", ".join(map(str, table.columns))
         raise InputError("the table has no such column", field=absent[0], found=there)

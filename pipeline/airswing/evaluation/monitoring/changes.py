@@ -30,7 +30,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, Literal, Unpack
+from typing import Literal, Unpack
 
 import numpy as np
 import xarray as xr
@@ -346,23 +346,26 @@ def add_changes(fits: xr.Dataset, changes: list[Content]) -> xr.Dataset:
     attribute ``compass_changes``, which :func:`noted_changes` reads.
     """
     known = {entry["aircraft"]: entry for entry in changes}
-    none: Content = {"p_value": None, "changes": []}
-    rows = [known.get(str(name), none) for name in fits["aircraft"].to_numpy()]
-    largest = [max(row["changes"], key=lambda c: c["curve_rms_deg"], default=None) for row in rows]
-    p_values = [np.nan if row["p_value"] is None else row["p_value"] for row in rows]
-
-    def dates(of: list[Any]) -> NDArray[np.datetime64]:
-        return np.array([np.datetime64(day or "NaT", "ns") for day in of], "datetime64[ns]")
-
-    columns: dict[str, NDArray[np.generic]] = {
-        "change_count": np.array([len(row["changes"]) for row in rows], np.int8),
-        "change_p_value": np.array(p_values, np.float64),
-        "change_rms": np.array([one["curve_rms_deg"] if one else 0.0 for one in largest]),
-        "change_date": dates([one and one["date"] for one in largest]),
-        "change_date_low": dates([one and one["date_ci"][0] for one in largest]),
-        "change_date_high": dates([one and one["date_ci"][1] for one in largest]),
+    none: Content = {"curve_rms_deg": 0.0, "date": "NaT", "date_ci": ["NaT", "NaT"]}
+    rows = []
+    for name in fits["aircraft"].to_numpy():
+        entry = known.get(str(name), {"p_value": None, "changes": []})
+        p_value = np.nan if entry["p_value"] is None else entry["p_value"]
+        largest = max(entry["changes"], key=lambda one: one["curve_rms_deg"], default=none)
+        dates = largest["date"], *largest["date_ci"]
+        rows.append((len(entry["changes"]), p_value, largest["curve_rms_deg"], *dates))
+    columns = {
+        "change_count": "i1",
+        "change_p_value": "f8",
+        "change_rms": "f8",
+        **dict.fromkeys(("change_date", "change_date_low", "change_date_high"), "M8[ns]"),
     }
-    found = fits.assign({name: ("aircraft", values) for name, values in columns.items()})
+    found = fits.assign(
+        {
+            name: ("aircraft", np.array([row[place] for row in rows], kind))
+            for place, (name, kind) in enumerate(columns.items())
+        }
+    )
     return describe(found.assign_attrs(compass_changes=json.dumps(changes)))
 
 
