@@ -52,59 +52,45 @@ def simulate_fleet(
 ) -> Fleet:
     """Draw a fleet; ``compass_kt`` is corrected before, during, controls before, during."""
     rng = np.random.default_rng(seed)
-    number = corrected + controls
-    treated = np.arange(number) < corrected
-    spread = rng.gamma(20.0, 1.0 / 20.0, number)
-    day = np.repeat(np.arange(sum(days)), flights * reports)
-    during = day >= days[0]
-    sd = np.where(during, noise_kt[1], noise_kt[0]) / np.sqrt(3.0)
-    shared = rng.normal(size=(sum(days), 2))[day]
-    pieces, true = [], {key: [] for key in ("cb", "cd", "kb", "kd")}
-    for aircraft in range(number):
-        flight = np.repeat(np.arange(sum(days) * flights), reports)
-        of_flight = rng.normal(size=(flight.max() + 1, 2))[flight]
-        white = rng.normal(size=(day.size, 2))
-        first, last = compass_kt[:2] if treated[aircraft] else compass_kt[2:]
-        size = np.where(during, last, first) * spread[aircraft]
-        angle = rng.uniform(0, 2 * np.pi, day.size)
-        compass = size[:, None] * np.column_stack([np.sin(angle), np.cos(angle)])
-        pieces.append(sd[:, None] * (shared + of_flight + white) + compass)
-        name = "c" if treated[aircraft] else "k"
-        true[name + "b"].append(
-            rice.mean(first * spread[aircraft] / noise_kt[0], scale=noise_kt[0])
-        )
-        true[name + "d"].append(rice.mean(last * spread[aircraft] / noise_kt[1], scale=noise_kt[1]))
-    error = np.concatenate(pieces) * KNOT
+    number, per_day = corrected + controls, flights * reports
     names = [f"N{i:03d}" for i in range(number)]
-    origin = np.datetime64(START - timedelta(days=days[0]))
-    hour = np.tile(np.linspace(1.0, 23.0, flights * reports), sum(days))
-    time = (
-        origin
-        + np.tile(day, number).astype("m8[D]")
-        + (np.tile(hour, number) * 3600).astype("m8[s]")
-    )
-    size = day.size
-    zeros = np.zeros((1, error.shape[0]))
+    day = np.repeat(np.arange(sum(days)), per_day)
+    during = (day >= days[0]).astype(int)
+    shape = (number, day.size, 2)
+    # the day's error of the fleet, that of the flight, and that of the report
+    error = rng.normal(size=(sum(days), 2))[day] + rng.normal(size=shape)
+    flight = np.repeat(np.arange(sum(days) * flights), reports)
+    error += rng.normal(size=(number, flight[-1] + 1, 2))[:, flight]
+    error *= np.array(noise_kt)[during][:, None] / np.sqrt(3.0)
+    # a vector of fixed length (aircraft, window) in a random direction
+    size = np.repeat([compass_kt[:2], compass_kt[2:]], [corrected, controls], axis=0)
+    size = size * rng.gamma(20.0, 1.0 / 20.0, (number, 1))
+    angle = rng.uniform(0, 2 * np.pi, shape[:2])
+    error += size[:, during, None] * np.stack([np.sin(angle), np.cos(angle)], axis=-1)
+    east, north = error.reshape(-1, 2).T * KNOT
+    hour = np.tile(np.linspace(1.0, 23.0, per_day), sum(days))
+    time = np.datetime64(START - timedelta(days=days[0]), "s") + (
+        day * 86400 + (hour * 3600).astype(int)
+    ).astype("m8[s]")
+    zeros = np.zeros((1, east.size))
     headings = xr.Dataset(
         {
-            "row_size": ("aircraft", np.full(number, size)),
-            "time": ("report", time.astype("M8[ns]")),
-            "eastward_wind": ("report", error[:, 0]),
-            "northward_wind": ("report", error[:, 1]),
+            "row_size": ("aircraft", np.full(number, day.size)),
+            "time": ("report", np.tile(time, number).astype("M8[ns]")),
+            "eastward_wind": ("report", east),
+            "northward_wind": ("report", north),
             "reference_eastward_wind": (("reference", "report"), zeros),
             "reference_northward_wind": (("reference", "report"), zeros),
-            "heading": ("report", rng.uniform(0, 360, error.shape[0])),
-            "roll_flag": ("report", np.full(error.shape[0], ROLL["good"], np.int8)),
-            "temperature_qc": ("report", np.full(error.shape[0], TEMPERATURE_QC["pass"], np.int8)),
-            "screening": ("report", np.zeros(error.shape[0], np.int32)),
+            "heading": ("report", rng.uniform(0, 360, east.size)),
+            "roll_flag": ("report", np.full(east.size, ROLL["good"], np.int8)),
+            "temperature_qc": ("report", np.full(east.size, TEMPERATURE_QC["pass"], np.int8)),
+            "screening": ("report", np.zeros(east.size, np.int32)),
         },
         coords={"aircraft": names, "reference": ["rr"]},
     )
-    mean = {key: float(np.mean(value)) for key, value in true.items()}
-    return Fleet(
-        headings,
-        names[:corrected],
-        names[corrected:],
-        {"corrected": mean["cb"], "controls": mean["kb"]},
-        {"corrected": mean["cd"], "controls": mean["kd"]},
+    true = rice.mean(size / noise_kt, scale=noise_kt)  # (aircraft, window)
+    before, fall = (
+        {"corrected": float(part[:corrected].mean()), "controls": float(part[corrected:].mean())}
+        for part in true.T
     )
+    return Fleet(headings, names[:corrected], names[corrected:], before, fall)

@@ -7,16 +7,11 @@ import pytest
 
 from airswing.errors import InputError
 from airswing.evaluation.comparison import (
-    common_equations,
     compare,
-    equations_by_day,
     hats_of,
     persistent_covariance,
     regional_bias,
-    solved,
-    verdict,
 )
-from airswing.evaluation.disagreement import paired_design
 from airswing.products.ragged import aircraft_of_report
 from tests.compass.flown import Setting
 from tests.evaluation.archives import LASTING_ERRORS as SETTING
@@ -55,21 +50,6 @@ def test_references_that_cannot_be_compared_are_refused(without):
         compare(ds, pools=pools)
 
 
-@pytest.mark.parametrize(
-    ("p_value", "rms", "poolable", "words"),
-    [
-        (0.027, 0.31, True, "0.31 degrees rms, not beyond error (p = 0.027"),
-        (0.001, 0.05, True, "beyond error but less than 0.2 (p = 0.001"),
-        (0.001, 0.31, False, "differ by 0.31 degrees rms (p = 0.001)"),
-    ],
-)
-def test_a_verdict_gives_the_numbers_and_does_not_say_that_two_are_equal(
-    p_value, rms, poolable, words
-):
-    found = verdict({"p_value": p_value, "curve_rms_deg": rms}, [], set())
-    assert found["poolable"] is poolable and words in found["why"]
-
-
 def test_a_regional_bias_of_one_metre_a_second_is_not_poolable():
     for seed in range(2):
         ds = references(seed, SETTING, regional={"rtfdaa": 1.0})
@@ -98,24 +78,6 @@ def test_nam_is_compared_and_never_called_poolable():
     for name in ("by_lead_time", "by_phase", "by_level", "by_season"):
         assert found[name], name
     assert {entry["slice"] for entry in found["by_season"]} == {"JJA"}
-
-
-def test_the_same_reference_twice_does_not_differ_at_all():
-    ds = references(2, Setting(**{**SETTING.__dict__, "days": 20}))
-    for name in (
-        "reference_eastward_wind",
-        "reference_northward_wind",
-        "heading_error",
-        "airspeed_error",
-        "heading_error_standard_error",
-    ):
-        values = ds[name].to_numpy().copy()
-        values[1] = values[0]
-        ds[name] = (ds[name].dims, values)
-    pair = compare(ds, pools=TWO, joint=False)["pairs"][0]
-    assert pair["mean_vector_difference_m_s"] == 0.0
-    assert all(abs(entry["difference"]["A"]) < 1e-9 for entry in pair["aircraft"])
-    assert pair["poolable"] is not False
 
 
 def test_the_three_cornered_hat_by_hand_and_a_negative_variance():
@@ -170,23 +132,3 @@ def test_an_aircraft_of_one_day_decides_nothing():
     for name in "ABCDE":
         apart = one["fleet"]["difference"][name] - two["fleet"]["difference"][name]
         assert abs(apart) < 0.5 * two["fleet"]["standard_error"][name]
-
-
-def test_the_common_difference_is_least_squares_with_scales_and_biases_of_each():
-    rng = np.random.default_rng(1)
-    total, rows, right = np.zeros((6, 5, 6)), [], []
-    for k in range(3):
-        m, v = rng.uniform(0, 2 * np.pi, 200), rng.normal(120, 5, 200)
-        cross, along = paired_design(m, m + 0.1, v)
-        y = rng.normal(size=(2, 200))
-        day, equations = equations_by_day(cross, along, *y, rng.integers(0, 6, 200))
-        total[day] += common_equations(equations)
-        wide = np.zeros((400, 5 + 9))
-        wide[:, :5] = np.vstack([cross, along])[:, :5]
-        wide[:, 5 + 3 * k : 8 + 3 * k] = np.vstack([cross, along])[:, 5:]
-        rows.append(wide)
-        right.append(y.ravel())
-    found, influence = solved(total)
-    expected = np.linalg.lstsq(np.vstack(rows), np.concatenate(right), rcond=None)[0]
-    np.testing.assert_allclose(found, expected[:5], rtol=1e-9)
-    np.testing.assert_allclose(influence.sum(axis=0), 0.0, atol=1e-12)

@@ -1,6 +1,7 @@
 """Forecasts corrected after the fact: real stations, real GRIB, and nothing from the future."""
 
 import json
+import math
 
 import numpy as np
 import pandas as pd
@@ -15,12 +16,16 @@ from airswing.handover.forecasts.correcting import (
     DIMS,
     TIME,
     correct_forecasts,
+    kalman_bias,
+    known_before,
+    running_mean,
     score_forecasts,
     station_distribution,
 )
-from airswing.handover.forecasts.forecast_pairs import pairs_from_tables
+from airswing.handover.forecasts.forecast_pairs import flight_level_pairs, pairs_from_tables
 from airswing.handover.forecasts.stations import forecasts_at_stations, pairs_at_stations
 from airswing.products.netcdf import read_product
+from tests.handover.archives import corrected
 
 
 def pairs(errors, *, first="2009-01-01", step="1D", leads=(12.0,), variable="air_temperature"):
@@ -284,3 +289,119 @@ def test_a_configuration_needs_a_source(tmp_path):
         config.write_text(yaml.safe_dump(content))
         with pytest.raises(ConfigError, match=what):
             load_postprocess(config)
+
+
+# --- kernels ----------------------------------------------------------------------------------
+
+
+def by_hand(errors, ratio):
+    """The equations of Delle Monache et al. (2006) for one series, with scalars and a list."""
+    first = (4 + ratio) / (5 + ratio)
+    x, noise, p, last = 0.0, None, None, None
+    p_s, bias, wait = 1.0, [], 0
+    for error in errors:
+        wait += 1
+        if math.isnan(error):
+            if p is not None:
+                p += ratio * noise
+            bias.append(x)
+            continue
+        if last is None:
+            x = first * error
+        else:
+            z = (error - last) ** 2 / (2 + wait * ratio)
+            if noise is None:
+                noise, p = z, z * (first + ratio * (wait - 1))
+            else:
+                b_s = (p_s + 0.0005) / (p_s + 0.0005 + 1.0)
+                p_s = (p_s + 0.0005) * (1 - b_s)
+                noise += b_s * (z - noise)
+            gain = (p + ratio * noise) / (p + ratio * noise + noise)
+            p = (p + ratio * noise) * (1 - gain)
+            x += gain * (error - x)
+        last, wait = error, 0
+        bias.append(x)
+    return np.array(bias)
+
+
+def test_series_one_by_one():
+    rng = np.random.default_rng(3)
+    errors = rng.normal(1.0, 2.0, (5, 3, 40))
+    errors[rng.uniform(size=errors.shape) < 0.2] = np.nan
+    errors[0, 0] = np.nan
+    ratio = np.array([0.02, 0.06, 0.4])
+    found = kalman_bias(errors, ratio)
+    for place in np.ndindex(5, 3):
+        wanted = by_hand(errors[place].tolist(), ratio[place[1]])
+        np.testing.assert_allclose(found[place], wanted, rtol=1e-12)
+
+
+def test_equal_errors_are_no_division_by_zero():
+    assert kalman_bias(np.full(10, 2.5), 0.06)[1:] == pytest.approx(np.full(9, 2.5))
+
+
+def test_running_mean_by_hand():
+    errors = np.array([1.0, np.nan, 3.0, 5.0, np.nan, np.nan, np.nan])
+    found = running_mean(errors, 3)
+    np.testing.assert_allclose(found, [1.0, 1.0, 2.0, 4.0, 4.0, 5.0, np.nan])
+
+
+def test_the_filter_is_optimal_for_the_assumed_model():
+    rng = np.random.default_rng(7)
+    walk = np.cumsum(rng.normal(0.0, math.sqrt(0.1), (400, 200)), axis=1)
+    errors = walk + rng.normal(size=walk.shape)
+    ahead = np.ones(400, dtype=np.int64)
+
+    def square(bias):
+        return np.mean((errors - known_before(bias, ahead))[:, 30:] ** 2)
+
+    right = square(kalman_bias(errors, 0.1))
+    assert right < min(square(kalman_bias(errors, ratio)) for ratio in (0.01, 1.0))
+    assert right < square(running_mean(errors, 7))
+    # Innovation variance of the exact filter: steady spread + 0.1 + noise.
+    gain = 0.05 * (math.sqrt(41.0) - 1.0)
+    assert right == pytest.approx(1.0 / (1.0 - gain), rel=0.03)
+
+
+# --- winds at flight levels -------------------------------------------------------------------
+
+
+def archive(days, bias, *, count=12):
+    """One aircraft in two boxes; the model's eastward wind too strong by a bias in the western."""
+    size = days * count
+    ds = corrected({"A": size})
+    west = np.arange(size) % 2 == 0
+    ds["longitude"] = ("report", np.where(west, -93.0, 179.0))
+    ds["latitude"] = ("report", np.where(west, 42.0, -3.0))
+    day = np.repeat(np.arange(days), count)
+    start = np.datetime64("2008-07-01T03:00", "ns")
+    hours = np.tile(np.arange(count), days)
+    ds["time"] = ("report", start + day * np.timedelta64(1, "D") + hours * np.timedelta64(1, "h"))
+    u = ds["corrected_eastward_wind"].to_numpy() + np.where(west, bias, 0.0)
+    v = ds["corrected_northward_wind"].to_numpy()
+    headings = ds.assign(
+        reference_eastward_wind=(("reference", "report"), u[None]),
+        reference_northward_wind=(("reference", "report"), v[None]),
+    ).assign_coords(reference=["ruc"])
+    return headings, ds
+
+
+def test_boxes_by_hand():
+    headings, ds = archive(3, 2.0)
+    found = flight_level_pairs(headings, ds, ["ruc"], region=5.0, fewest=6)
+    assert found.sizes == {"variable": 2, "station": 2, TIME: 3, "lead": 1}
+    chosen = found.sel(station="0450_hPa_42.5N_92.5W", variable="eastward_wind")
+    np.testing.assert_allclose(chosen["forecast"] - chosen["observation"], 2.0)
+    assert chosen["pressure"].item() == 45_000.0
+    assert (chosen["latitude"].item(), chosen["longitude"].item()) == (42.5, -92.5)
+    other = found.sel(station="0450_hPa_2.5S_177.5E", variable="eastward_wind")
+    np.testing.assert_allclose(other["forecast"], other["observation"])
+
+
+def test_uncorrected_winds_and_thin_boxes_do_not_count():
+    headings, ds = archive(3, 2.0)
+    ds["correction_applied"] = xr.where(ds["longitude"] > 0, 1, 0).astype(np.int8)
+    found = flight_level_pairs(headings, ds, ["ruc"], region=5.0, fewest=6)
+    assert found["station"].to_numpy().tolist() == ["0450_hPa_42.5N_92.5W"]
+    with pytest.raises(InputError, match="no box of 5 degrees has 7"):
+        flight_level_pairs(headings, ds, ["ruc"], region=5.0, fewest=7)

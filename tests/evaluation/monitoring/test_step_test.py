@@ -22,20 +22,6 @@ from airswing.evaluation.monitoring.step_test import (
 WORLD = World(days_off=0.0)
 
 
-def test_a_days_weight_is_the_inverse_of_its_two_errors():
-    noise = Noise(2.0, np.array([0.1, 0.0]), persistence=0.5)
-    normal, x = np.array([[4.0, 1.0], [1.0, 3.0]]), np.array([1.0, -2.0])
-    weight, right = noise.weights(normal, normal @ x)
-    expected = np.linalg.inv(2.0 * np.linalg.inv(normal) + np.diag([0.1, 0.0]))
-    np.testing.assert_allclose(weight, expected)
-    np.testing.assert_allclose(right, expected @ x)
-    # three days: 1 + 2 (2/3 x 0.5 + 1/3 x 0.25)
-    assert noise.inflation(3) == pytest.approx(1.0 + 2.0 * (2 / 3 * 0.5 + 1 / 3 * 0.25))
-    # a day of one heading sees one direction only
-    single, _ = noise.weights(np.array([[4.0, 0.0], [0.0, 0.0]]), np.zeros(2))
-    np.testing.assert_allclose(single, [[1 / 0.6, 0.0], [0.0, 0.0]])
-
-
 def test_the_errors_of_days_are_estimated():
     rng = np.random.default_rng(1)
     n, usual = 2000, Noise(1.0, np.array([0.01]))
