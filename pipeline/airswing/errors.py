@@ -9,6 +9,7 @@ from __future__ import annotations
 import difflib
 import reprlib
 from collections.abc import Sequence
+from functools import partial
 
 LONGEST = 2_000  # characters of a message
 # File 400, field 250, what 550, found 450 and remedy 250 together are shorter than LONGEST.
@@ -84,22 +85,12 @@ class InputError(AirswingError):
 
     def __reduce__(self) -> tuple[object, ...]:
         """Rebuild from the keywords, so that the error can be sent between processes."""
-        return _rebuild, (type(self), self.what, self.file, self.field, self.found, self.remedy)
+        rest = partial(type(self), file=self.file, field=self.field, found=self.found)
+        return partial(rest, self.what, remedy=self.remedy), ()
 
 
 class ConfigError(InputError):
     """Error raised for an invalid configuration."""
-
-
-def _rebuild(
-    kind: type[InputError],
-    what: str,
-    file: object | None,
-    field: str | None,
-    found: object | None,
-    remedy: str | None,
-) -> InputError:
-    return kind(what, file=file, field=field, found=found, remedy=remedy)
 
 
 def nearest(word: str, known: Sequence[str]) -> str:

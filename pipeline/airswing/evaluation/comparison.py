@@ -1,17 +1,15 @@
 """Dependence of the fits on the reference: every reference fitted on the same reports.
 
-Assumes that all references were sampled at the same reports. The errors of the reports are then the
-same whichever reference they are compared with, so that the difference of two references' heading
-errors does not contain them: it is regressed directly on the design of the deviation. Errors of one
-day are correlated over the whole fleet, and over a few days; days further apart are independent.
+The errors of the reports are then the same whichever reference they are compared with, so that the
+difference of two references' heading errors does not contain them: it is regressed on the design of
+the deviation. Errors of one day are correlated over the whole fleet, and over a few days.
 
 Two references may be pooled when neither their deviation curves nor their winds, region by region,
 differ beyond error by more than a size that matters: 0.2 degrees rms over the compass, or 0.4 m/s
-in the mean wind of a region, by itself or relative to the other regions on the same days. Jacobs et
-al. (2010) pooled RUC and RR because separate fits agreed. Where there are three references the
-three-cornered hat estimates the error variance of each (Gray & Allan 1974, Proc. 28th Freq. Control
-Symp., 243-246), assuming that their errors are uncorrelated: references that assimilate the same
-aircraft have estimates too small, and a variance may come out negative.
+in the mean wind of a region, by itself or relative to the other regions on the same days. Where
+there are three references the three-cornered hat estimates the error variance of each (Gray & Allan
+1974, Proc. 28th Freq. Control Symp., 243-246), assuming that their errors are uncorrelated: those
+of references that assimilate the same aircraft come out too small, and may be negative.
 
 Kernels in radians and m/s; results in degrees and m/s.
 """

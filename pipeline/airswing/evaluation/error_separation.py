@@ -1,28 +1,24 @@
 """Error variance of the reports alone: kernels.
 
-*Neighbours.* Two aircraft that meet see the same error of the reference and the same weather; what
-their differences from the reference do not have in common are the errors of the reports. Half the
-mean squared difference of two neighbours' differences, extrapolated to zero separation, is the
-error variance of the reports (the intercept of Hollingsworth & Loennberg 1986, Tellus 38A, 111-136,
-in the form of a variogram: the total variance of the reference is not needed, so that what differs
-from region to region cancels). Errors of different aircraft are taken as independent of each other,
-and motion of the air on smaller scales than the nearest pairs counts as error of the reports.
+*Neighbours.* Two aircraft that meet see the same error of the reference and the same weather. Half
+the mean squared difference of two neighbours' differences from the reference, extrapolated to zero
+separation, is the error variance of the reports (the intercept of Hollingsworth & Loennberg 1986,
+Tellus 38A, 111-136, as a variogram, in which what differs from region to region cancels). Errors of
+different aircraft are taken as independent; motion of the air on scales below the nearest pairs
+counts as error of the reports.
 
-The expected half square of a pair is the mean of both reports' error variances plus the difference
-of the reference's errors at that separation. An error variance is that of the report's cell (phase
-of flight and layer) plus that of its aircraft's class; the part of the reference is proportional to
-the disagreement of both cells. All of it is linear, fitted with weights by days, and drawn again
-over blocks of days. Cells are weighted as reports are, not as pairs are.
+The expected half square of a pair is the mean of both reports' error variances (of the cell, phase
+of flight and layer, plus that of the aircraft's class) plus the difference of the reference's
+errors at that separation, proportional to the disagreement of both cells. All of it is linear,
+fitted with weights by days, and drawn again over blocks of days. Cells weigh as reports do.
 
 *Reported winds.* Their error variance exceeds that of the corrected winds by the mean square of
 what the correction changed, c (reported minus corrected), which is known exactly, plus twice the
 mean of c d, d being the corrected wind's disagreement. The mean of c d contains what c has in
 common with the error of the corrected wind, which belongs to it, and with the reference's error,
-which does not: the error of the estimate. Part of the reference's error lasts for months and is
-common to all aircraft, and a few aircraft with large deviations make most of c; neither days nor
-aircraft are independent, and the variance is that of both clusters less that of their intersection,
-which both contain (Cameron, Gelbach & Miller 2011, J. Bus. Econ. Stat. 29, 238-249). The reports
-and their c are taken as they are: the error is that of this fleet in this archive.
+which does not: the error of the estimate. Neither days nor aircraft are independent, and its
+variance is that of both clusters less that of their intersection (Cameron, Gelbach & Miller 2011,
+J. Bus. Econ. Stat. 29, 238-249), for this fleet in this archive.
 
 Plain arrays, SI units, degrees for places, seconds for time; variances in m2/s2.
 """

@@ -1,22 +1,18 @@
 """Gain of correcting each aircraft: expected from its fit, and realised on reports not used in it.
 
-*Expected gain.* The reduction of the mean wind vector disagreement (Jacobs et al. 2010, Table 1).
-On the reports of the fit it is too large, because the curve was fitted to their errors: a curve
-with error variance s^2 in the wind reduces the residual variance it was fitted to by s^2 and adds
-s^2 to any other. That optimism (Efron 2004, J. Amer. Stat. Assoc. 99, 619-632) is subtracted, to
-first order. The interval contains the covariance of the coefficients and, days being the
-independent units, the scatter of the headings flown and the errors met.
+*Expected gain.* The reduction of the mean wind vector disagreement. On the reports of the fit it is
+too large, because the curve was fitted to their errors: a curve with error variance s^2 in the wind
+reduces the residual variance it was fitted to by s^2 and adds s^2 to any other. That optimism
+(Efron 2004, J. Amer. Stat. Assoc. 99, 619-632) is subtracted, to first order. The interval contains
+the covariance of the coefficients and, days being the independent units, the scatter of the
+headings flown and the errors met.
 
-*Realised gain.* Reports are held out by date (the virtual field test: learn up to a date, apply
-after it) or by day (cross-validation: every tenth day of the archive in turn). The virtual field
-test fits the earlier reports. For the cross-validation the coefficients without each part of the
-days are those of the fit of all reports less the effect of the equations of these days
-(``held_out_deviation``), to first order, so that nothing is fitted again. The gain is paired, the
-same report before and after its correction, so that the model's error hardly enters. Its interval
-is a bootstrap over days. A correction is that of the 8-point table.
+*Realised gain.* Reports are held out by date (the virtual field test) or by day (cross-validation:
+every tenth day in turn, with coefficients less the effect of the equations of these days, to first
+order). The same report is compared before and after its correction by the 8-point table, so that
+the model's error hardly enters.
 
-Assumes that compasses do not change (:mod:`airswing.evaluation.monitoring.changes`). Radians and
-m/s in the kernel; knots and degrees in the results.
+Assumes that compasses do not change. Radians and m/s in the kernel; knots and degrees in results.
 """
 
 from __future__ import annotations

@@ -1,18 +1,11 @@
 """Innovations (observation minus reference): error profiles, and statistics by aircraft.
 
-The innovation of a report is its wind less the reference's wind at the same place and time. All
-results are by phase of flight and layer of pressure, as reported and as corrected, and contain the
-errors of the reference. A pool is the mean of its members.
-
-*Error profiles*: rms of both components and of the direction over the fleet. Standard errors are
-clustered by flight: the reports of one flight have the model's error in common.
-
-*Statistics*: bias, standard deviation and root mean square (for example Drüe et al. 2008, Q. J. R.
-Meteorol. Soc. 134, 229-239, for AMDAR winds) of the speed, the direction and both components.
-Every report counts alike; a standard error from the count alone would be too small.
-
-Direction innovations are taken the shorter way round, where the reference wind is 5 m/s or more.
-m/s, degrees.
+By phase of flight and layer of pressure, as reported and as corrected; the errors of the reference
+are contained. A pool is the mean of its members. *Error profiles* are rms over the fleet, with
+standard errors clustered by flight, whose reports have the model's error in common. *Statistics*
+are bias, standard deviation and root mean square (for example Drüe et al. 2008, Q. J. R. Meteorol.
+Soc. 134, 229-239); every report counts alike, and a standard error from the count would be too
+small. Directions are taken the shorter way round. m/s, degrees.
 """
 
 from __future__ import annotations

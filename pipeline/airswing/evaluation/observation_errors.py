@@ -1,8 +1,5 @@
 """The standard error of a wind component of the reports alone: ``observation_errors.nc``.
 
-Assumes that the disagreement of a report with a reference contains the errors of both, independent
-of each other, and separates them by two methods.
-
 *Separation*: what neighbouring aircraft have in common belongs to the reference
 (:mod:`airswing.evaluation.error_separation`). One reference suffices; different aircraft must meet.
 An error common to all aircraft, and motion on scales below their distance, cannot be separated.
@@ -10,19 +7,15 @@ An error common to all aircraft, and motion on scales below their distance, cann
 *Three-cornered hat*: with two references the mean product of a report's two disagreements is the
 report's error variance plus the covariance of the references' errors (Gray & Allan 1974). With that
 covariance assumed (0 by default) it is an upper bound wherever the errors of the references are
-correlated, as those of models that assimilate the same observations are. The covariance itself is
-estimated: the hat's variance less that of the separation.
+correlated, as those of models that assimilate the same observations are. The covariance is
+estimated too: the hat's variance less that of the separation.
 
-Both methods use the corrected winds, whose errors are alike; the variance of the reported winds is
-larger by the difference of their mean square disagreement, in which the reference's error is the
-same (:func:`airswing.evaluation.error_separation.added_variance`).
+Both use the corrected winds; the variance of the reported winds follows from what was changed. The
+preferred method is the separation; it is the hat where no interval of the separation is known, or
+where the covariance is not significant and the interval of the hat is the narrower one. Intervals
+(95 %) are a bootstrap over blocks of days, of the reported winds over aircraft too.
 
-The preferred method is the separation; it is the hat where no interval of the separation is known,
-or where the estimated covariance is not significant and the interval of the hat is the narrower
-one. Intervals (95 %) are a bootstrap over blocks of days, of the reported winds over aircraft too.
-
-A cell is a phase of flight in a layer of pressure (those of
-:mod:`airswing.evaluation.innovations`). A report counts where it has a reported wind, a
+A cell is a phase of flight in a layer of pressure. A report counts where it has a reported wind, a
 corrected one and every reference. Of archives too large to pair, whole days are taken, evenly
 spread. m/s, m2/s2, degrees, Pa, seconds.
 """

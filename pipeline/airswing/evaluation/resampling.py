@@ -1,17 +1,15 @@
 """Resampling of days, standard errors of clusters, and the permutation test.
 
-*Bootstrap.* Assumes statistics that are functions of sums over days, and days in order of which
-neighbours may be correlated (weather lasts). Blocks of successive days are drawn with replacement
-from the circle of all days (Politis & Romano 1992; Kuensch 1989, Ann. Stat. 17, 1217-1241), so that
-correlations shorter than a block are in the spread. Valid from about ten days; one day has no
-spread.
+*Bootstrap* of functions of sums over days, of which neighbours may be correlated (weather lasts):
+blocks of successive days are drawn with replacement from the circle of all days (Politis & Romano
+1992; Kuensch 1989, Ann. Stat. 17, 1217-1241). Valid from about ten days; one day has no spread.
 
-*Clustered mean.* Assumes clusters (flights, days) that are independent of each other (Liang & Zeger
-1986, Biometrika 73; Cameron & Miller 2015, J. Hum. Resour. 50, 317-372). A mean and its error
-follow from six sums, which add up over parts of an archive.
+*Clustered mean* of clusters (flights, days) that are independent of each other (Liang & Zeger 1986,
+Biometrika 73; Cameron & Miller 2015, J. Hum. Resour. 50, 317-372), from sums that add up over parts
+of an archive.
 
-*Permutation test.* Assumes that aircraft are exchangeable without an effect, given a covariate such
-as the level before (Freedman & Lane 1983, J. Bus. Econ. Stat. 1, 292-298).
+*Permutation test* of aircraft that are exchangeable without an effect, given a covariate such as
+the level before (Freedman & Lane 1983, J. Bus. Econ. Stat. 1, 292-298).
 """
 
 from __future__ import annotations

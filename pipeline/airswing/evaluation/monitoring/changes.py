@@ -1,24 +1,16 @@
 """Changes of compasses within an archive, and fits by calendar window next to them.
 
-Assumes that a change is a step of A to E from one day to the next (a flux valve recalibrated or
-exchanged). The test is that of every night (:mod:`airswing.evaluation.monitoring.fleet_watch`): the
-same prior of a step, the same errors of days, and the same part that all aircraft have in common
-removed, but with all days before and after a date
-(:func:`airswing.evaluation.monitoring.step_test.step_of_series`). As successive days are correlated
-and the days are clusters, lasting errors of the reference widen the errors of a change as they do
-those of the fits by month. An archive is cut at the most likely date, and each part again.
+Assumes that a change is a step of A to E from one day to the next. The test is that of every night
+(:mod:`airswing.evaluation.monitoring.fleet_watch`), but with all days before and after a date. An
+archive is cut at the most likely date, and each part again. A likelihood ratio exceeds exp(c) with
+probability exp(-c) at most where there is no step; a change is stated where the expected number of
+false ones in the fleet is at most :data:`FALSE_CHANGES`.
 
-A likelihood ratio exceeds exp(c) with probability exp(-c) at most where there is no step; the
-expected number of false changes in a fleet follows, and a change is stated where it is at most
-:data:`FALSE_CHANGES`.
-
-The test works on daily sums: a normal matrix and a right side of each aircraft and day. Each report
-gives two equations, across and along the indicated heading, in the unknowns :data:`UNKNOWNS`: the
-coefficients A to E, a third and a fourth harmonic of the deviation (radians), the airspeed scale
-and the bias b_u, b_v of the reference's wind (m/s). The higher harmonics absorb what A to E leave
-of a curve; without them it looks like a change wherever an aircraft turns to other headings. The
-errors of a flight's reports are correlated (the reference's error is common to them): each flight
-has a bias, a random effect that is eliminated.
+The test works on a normal matrix and a right side of each aircraft and day. Each report gives two
+equations, across and along the indicated heading, in the unknowns :data:`UNKNOWNS`. The third and
+fourth harmonics absorb what A to E leave of a curve; without them it looks like a change wherever
+an aircraft turns to other headings. The reference's error is common to the reports of a flight:
+each flight has a bias, a random effect that is eliminated.
 
 Dates are days, UTC; angles in degrees in the results.
 """

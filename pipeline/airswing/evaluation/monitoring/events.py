@@ -1,19 +1,13 @@
 """States of the aircraft and events since the last run: the content of ``events.json``.
 
-Assumes an archive that grows from run to run. A run tests the whole archive and reports the events
-that no earlier run reported: a compass that changed, a wind disagreement that rose without such a
-change, a step that all aircraft have in common (a change of the reference), an aircraft that is new
-or silent. A state gives, of every aircraft, the table in use and the one that would be sent now.
+A run tests the whole archive and reports the events that no earlier run reported. A state gives, of
+every aircraft, the table in use and the one that would be sent now.
 
-An aircraft is silent when it has not reported for much longer than its past explains: longer than
-twice its longest gap, and than a gap that has the probability :data:`RARE` at its share of days
-with reports. Days on which hardly any aircraft reports are gaps of the archive and do not count.
-
-Two tables differ where the difference at a node is beyond the 95 % limit of the largest of eight
-(Sidak 1967, J. Am. Stat. Assoc. 62, 626-633) and beyond the resolution of a unit. The errors are
-taken as independent; two fits of overlapping reports differ by less.
-
-Days are UTC dates, angles degrees, winds knots.
+An aircraft is silent when it has not reported for longer than twice its longest gap, and than a gap
+that has the probability :data:`RARE` at its share of days with reports. Days on which hardly any
+aircraft reports are gaps of the archive. Two tables differ where the difference at a node is beyond
+the 95 % limit of the largest of eight independent ones (Sidak 1967, J. Am. Stat. Assoc. 62,
+626-633) and beyond the resolution of a unit. Days are UTC dates, angles degrees, winds knots.
 """
 
 from __future__ import annotations

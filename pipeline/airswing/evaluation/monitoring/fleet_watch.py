@@ -1,14 +1,11 @@
 """Test of a whole fleet, night by night: separates fleet-wide from single-aircraft changes.
 
-Assumes the daily sums of :mod:`airswing.evaluation.monitoring.changes`. The innovations that all
-aircraft have in common on a day are an error of the reference; each aircraft is tested
-(:mod:`airswing.evaluation.monitoring.step_test`) after the common part, as the *other* aircraft
-show it, has been removed. The common part is a robust mean, drawn towards the level of the days
-before, and is tested like one more aircraft: a step of it belongs to the reference. In a small
-fleet a night on which half of the aircraft or more seem to step is attributed to the reference too.
-
-The errors of a day are estimated from the months before it, so that no later night weighs a
-day otherwise. Radians; logarithms of the wind vector difference.
+The innovations that all aircraft have in common on a day are an error of the reference; each
+aircraft is tested (:mod:`airswing.evaluation.monitoring.step_test`) after the common part, as the
+*other* aircraft show it, has been removed. The common part is a robust mean, drawn towards the
+level of the days before, and is tested like one more aircraft: a step of it belongs to the
+reference, as does a night on which half of a small fleet or more seem to step. The errors of a day
+are estimated from the months before it. Radians; logarithms of the wind vector difference.
 """
 
 from __future__ import annotations

@@ -2,21 +2,17 @@
 
 Assumes that a day gives a quantity x (the coefficients of a compass; the logarithm of a wind vector
 difference) by a normal matrix N and a right side r, with errors of covariance phi N^-1 + tau^2: phi
-from the reports of the day, tau^2 from what they have in common (days are clusters). The weight of
-a day is W = (phi N^-1 + tau^2)^-1, which exists for singular N too. The scale of the errors of each
-aircraft is estimated by empirical Bayes; successive days are correlated (first-order
-autoregression), which inflates the variance of a period.
+from the reports of the day, tau^2 from what they have in common. The weight of a day is
+W = (phi N^-1 + tau^2)^-1, which exists for singular N too. The scale of the errors of each aircraft
+is estimated by empirical Bayes; successive days are correlated (first-order autoregression), which
+inflates the variance of a period.
 
-Every night a step at any of the last 30 days is compared with no step. The level before follows
-from the days before, with its error and a slow drift. The step has a prior over shapes: the offset
-alone, A to C, or A to E. The statistic is the largest log likelihood ratio over dates (Page 1954,
-Biometrika 41, 100-115; window-limited: Lai 1995, J. R. Stat. Soc. B 57, 613-658; mixtures over the
-step: Pollak & Siegmund 1975, Ann. Stat. 3, 1267-1282). Normal errors select the nights; the
-decision uses Student's t errors of the days, and no single day can decide
-(:func:`corroborated_ratio`).
-
-Of a whole archive :func:`step_of_series` finds the most likely step from all days before and after
-it, with the same prior and the same errors.
+Every night a step at any of the last 30 days is compared with no step. The level before has its
+error and a slow drift, the step a prior over shapes: the offset alone, A to C, or A to E. The
+statistic is the largest log likelihood ratio over dates (Page 1954, Biometrika 41, 100-115;
+window-limited: Lai 1995, J. R. Stat. Soc. B 57, 613-658; mixtures over the step: Pollak & Siegmund
+1975, Ann. Stat. 3, 1267-1282). Normal errors select the nights; the decision uses Student's t
+errors of the days, and no single day can decide (:func:`corroborated_ratio`).
 """
 
 from __future__ import annotations
