@@ -1,19 +1,12 @@
 """Catalogue of a reference: where the wind profile of each valid time is stored; nothing decoded.
 
 A row is one field of one level; a profile is the u and v of all levels of one valid time, lead,
-member and grid, with the pressure of each level where levels are not isobaric.
-
-* All files of one reference are read in one way, which their content decides. GRIB files on grids
-  or levels that the header scanner does not know are opened by cfgrib, which is slower. What was
-  refused because it is no state of the atmosphere, or because it contradicts itself, is not tried
-  again.
-* A level with u but no v (or v but no u) is no wind; nor is a native level without a pressure.
-* Among several leads for one valid time the shortest that meets the condition is used; among
-  members of an ensemble the lowest number; isobaric levels before others; then the grid with most
-  levels. Of grids with equally many levels the one that contains more of the reports is used; if
-  none contains any, another grid.
-* Of a field that is given twice, copies count once (the file whose path sorts last); if the values
-  differ, neither is used, because one of the two headers must be wrong.
+member and grid, with the pressure of each level where levels are not isobaric. A level with u but
+no v is no wind. Profiles of one valid time: see `_CHOICES`; of grids with equally many levels the
+one that contains more of the reports is used. Of a field that is given twice, copies count once
+(the file whose path sorts last); if the values differ, one header must be wrong and neither counts.
+GRIB that the header scanner does not know is opened by cfgrib, which is slower; a field that is no
+state of the atmosphere is not tried again.
 """
 
 from __future__ import annotations
@@ -87,13 +80,12 @@ class Catalogue:
     u: Table
     v: Table
     pressure: Table
-    skipped: Skipped = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)  # choices made between candidates
-    given: dict[str, xr.Dataset] = field(default_factory=dict)  # by the path in `files`
-    stored: tuple[StoredField, ...] = ()
-    engine: str = "grib"
-    # the same with another of several grids
-    alternatives: tuple[Catalogue, ...] = ()
+    skipped: Skipped
+    notes: list[str]  # choices made between candidates
+    given: dict[str, xr.Dataset]  # by the path in `files`
+    stored: tuple[StoredField, ...]
+    engine: str
+    alternatives: tuple[Catalogue, ...] = ()  # the same with another of several grids
 
     def __len__(self) -> int:
         return int(self.profiles.size)
@@ -184,17 +176,15 @@ class Catalogue:
 
     def batches(self, numbers: NDArray[np.int64]) -> list[NDArray[np.int64]]:
         """Model times that are read together: of Datasets those that share chunks of a file."""
-        if not self.stored or not numbers.size:
-            return [numbers[n : n + 1] for n in range(numbers.size)]
-        first = self.u[self.bounds[numbers]]
-        chunk = np.zeros(numbers.size, dtype=np.int64)
-        for offset in np.unique(first["offset"]):
-            mine = first["offset"] == offset
-            chunk[mine] = self.stored[int(offset)].chunk_numbers(first["index"][mine])
-        keys = np.stack([first["file"], first["part"], first["offset"], chunk])
-        group = np.ravel(np.unique(keys, axis=1, return_inverse=True)[1])
-        parts = [numbers[group == number] for number in range(group.max() + 1)]
-        return sorted(parts, key=lambda part: int(part[0]))
+        parts: dict[object, list[int]] = {}
+        for number in numbers.tolist():
+            row = self.u[self.bounds[number]]
+            key: tuple[object, ...] = (number,)
+            if self.stored:
+                chunk = self.stored[row["offset"]].chunk_numbers(row["index"])
+                key = (row["file"], row["part"], row["offset"], int(chunk))
+            parts.setdefault(key, []).append(number)
+        return [np.array(part) for part in parts.values()]
 
 
 def build_catalogue(

@@ -1,14 +1,10 @@
 """Reference winds at the reports, lazily: model times are sampled one by one and joined in time.
 
-The work maps over model times, not over reports: each needed message is read once, by the task of
-its model time, for the reports of both intervals that share it; two bracketing samples are then
-joined with their weights in time. Linear in time between two valid times at most `max_time_gap`
-apart; no value outside. A report exactly at a valid time takes that one alone.
-
-Neither messages nor dask-backed reports are read before the result is computed; for the latter
-every model time has a task. A report's value depends on that report and its four or eight model
-points alone: results are identical on any scheduler and in any chunking. A file that vanished or
-was replaced gives no value to its reports, is logged, and is counted in `unread_messages`.
+The work maps over model times: each needed message is read once, for the reports of both intervals
+that share it; two bracketing samples are joined linearly in time. A report exactly at a valid time
+takes that one alone. Nothing is read or computed before the result is; results are identical on any
+scheduler and in any chunking. A file that vanished or was replaced gives no value to its reports,
+is logged, and is counted in `unread_messages`.
 """
 
 from __future__ import annotations

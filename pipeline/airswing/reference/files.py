@@ -1,9 +1,8 @@
 """Model files on disk and elsewhere: their kinds, compressed copies, URLs, and identities.
 
-The kind of a file is that of its first bytes, never of its name. A file is unchanged as long as its
-size and time are, a Zarr store as long as its metadata and its files' sizes and times are; the
-content of a URL is taken to be unchanged for the time of a run. Compressed files and URLs are read
-through temporary copies; nothing is written into the data folder.
+The kind of a file is that of its first bytes, never of its name. The content of a URL is taken to
+be unchanged for the time of a run. Compressed files and URLs are read through temporary copies;
+nothing is written into the data folder.
 """
 
 from __future__ import annotations

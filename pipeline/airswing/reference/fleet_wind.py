@@ -2,21 +2,19 @@
 
 Each component of the wind is multilinear between nodes in latitude, longitude, ln p and time, with
 penalised second differences. A heading offset and an airspeed scale of each aircraft are unknowns
-of the same fit, so that no aircraft draws the field to itself: winds reported on other headings in
-the same air separate an offset from the wind. An offset common to all aircraft is determined only
-if headings cover the compass. Robust weights (Huber). Valid for hours to a day and some hundred
-kilometres where no model is available; a model is better elsewhere. SI units; degrees for places.
-
-Source: Sun, Vu, Ellerbroek & Hoekstra 2018 (PLoS ONE 13, e0205029), wind of Mode-S reports.
+of the same fit with robust weights (Huber), so that no aircraft draws the field to itself. An
+offset common to all aircraft is determined only if headings cover the compass. Valid for hours to a
+day and some hundred kilometres where no model is available. SI units; degrees for places. Source:
+Sun, Vu, Ellerbroek & Hoekstra 2018 (PLoS ONE 13, e0205029), wind of Mode-S reports.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from functools import reduce
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 from scipy import sparse
@@ -39,15 +37,8 @@ HUBER, ROUNDS = 1.5, 4
 FEWEST_AIRCRAFT = 5
 
 
-@dataclass(frozen=True)
-class _Winds:
-    """Winds of the fleet; `across`, `along`: their change by an offset and an airspeed scale."""
-
-    place: Floats
-    wind: Floats
-    across: Floats
-    along: Floats
-    aircraft: NDArray[np.int64]
+_PLACE = ("latitude", "longitude", "log_pressure", "second")
+_WIND = ("eastward_wind", "northward_wind")
 
 
 def fleet_wind(reports: xr.Dataset | Iterable[xr.Dataset]) -> xr.Dataset:
@@ -77,7 +68,7 @@ def fleet_wind(reports: xr.Dataset | Iterable[xr.Dataset]) -> xr.Dataset:
     'm s-1'
     """
     data = _gathered([reports] if isinstance(reports, xr.Dataset) else reports)
-    axes = _nodes(data.place)
+    axes = _nodes(data[[*_PLACE]].to_numpy().T)
     values = _field(data, axes)
     lat, lon, log_p, second = axes
     grids = [one.reshape([axis.size for axis in axes]).transpose(3, 2, 0, 1) for one in values]
@@ -86,7 +77,7 @@ def fleet_wind(reports: xr.Dataset | Iterable[xr.Dataset]) -> xr.Dataset:
     return xr.Dataset(
         {
             name: (dims, grid.astype(np.float32), {"units": "m s-1", "standard_name": name})
-            for name, grid in zip(("eastward_wind", "northward_wind"), grids, strict=True)
+            for name, grid in zip(_WIND, grids, strict=True)
         },
         coords={
             "time": ("time", (second * 1e9).astype("datetime64[ns]"), {"standard_name": "time"}),
@@ -98,46 +89,33 @@ def fleet_wind(reports: xr.Dataset | Iterable[xr.Dataset]) -> xr.Dataset:
     )
 
 
-def _gathered(blocks: Iterable[xr.Dataset]) -> _Winds:
-    parts, aircraft = [], 0
+def _gathered(blocks: Iterable[xr.Dataset]) -> pd.DataFrame:
+    """Places, winds, true heading (rad) and airspeed of the reports with winds, thinned if many."""
+    parts, aircraft = list[pd.DataFrame](), 0
     for block in blocks:
-        parts.append(_of_block(block, aircraft))
+        names = [*_PLACE[:2], "pressure", *_WIND, "reported_heading", "reported_airspeed"]
+        columns = {name: block[name].to_numpy() if name in block else 0.0 for name in names}
+        part = pd.DataFrame(columns, dtype=np.float64)
+        time = block["time"].to_numpy().astype("datetime64[ns]").astype(np.int64)
+        part["second"], part["log_pressure"] = time / 1e9, np.log(part.pop("pressure"))
+        part["aircraft"] = aircraft_of_report(block) + aircraft
         aircraft += block.sizes["aircraft"]
-    columns = [np.concatenate(part, axis=-1) for part in zip(*parts, strict=True)]
-    step = -(-columns[1].shape[-1] // MOST_REPORTS) or 1
-    place, wind, heading, airspeed, owner = (part[..., ::step] for part in columns)
-    number = owner.astype(np.int64)
-    if np.unique(number).size < FEWEST_AIRCRAFT:
+        # reports without an air vector count as winds alone
+        air = part[names[-2:]].to_numpy()
+        part[names[-2:]] = np.where(np.isfinite(air).all(axis=1, keepdims=True), air, 0.0)
+        good = np.isfinite(part.to_numpy()).all(axis=1)
+        if "wind_qc" in block:
+            good &= block["wind_qc"].to_numpy() != 2
+        parts.append(part[good])
+    found = pd.concat(parts, ignore_index=True)
+    if (count := found["aircraft"].nunique()) < FEWEST_AIRCRAFT:
         raise InputError(
             "too few aircraft have winds for a wind of the fleet",
             field="references",
-            found=f"{np.unique(number).size} aircraft",
+            found=f"{count} aircraft",
             remedy=f"{FEWEST_AIRCRAFT} or more are needed, or a model",
         )
-    sine, cosine = np.sin(np.radians(heading)), np.cos(np.radians(heading))
-    # wind = ground vector - air vector: its change if the air vector is turned or stretched
-    across = np.stack([-airspeed * cosine, airspeed * sine])
-    along = np.stack([-airspeed * sine, -airspeed * cosine])
-    return _Winds(place, wind, across, along, number)
-
-
-def _of_block(block: xr.Dataset, first: int) -> list[Floats]:
-    def column(name: str) -> Floats:
-        if name not in block:
-            return np.zeros(block.sizes["report"])
-        return block[name].to_numpy().astype(np.float64)
-
-    time = block["time"].to_numpy().astype("datetime64[ns]").astype(np.int64) / 1e9
-    place = np.stack([column("latitude"), column("longitude"), np.log(column("pressure")), time])
-    wind = np.stack([column("eastward_wind"), column("northward_wind")])
-    heading, airspeed = column("reported_heading"), column("reported_airspeed")
-    known = np.isfinite(heading + airspeed)
-    heading, airspeed = np.where(known, heading, 0.0), np.where(known, airspeed, 0.0)
-    good = np.isfinite(place.sum(axis=0) + wind.sum(axis=0))
-    if "wind_qc" in block:
-        good &= block["wind_qc"].to_numpy() != 2
-    owner = aircraft_of_report(block).astype(np.float64) + first
-    return [part[..., good] for part in (place, wind, heading, airspeed, owner)]
+    return found.iloc[:: -(-len(found) // MOST_REPORTS) or 1]
 
 
 def _nodes(place: Floats) -> list[Floats]:
@@ -154,28 +132,31 @@ def _nodes(place: Floats) -> list[Floats]:
     return [np.linspace(start, stop, count) for start, stop, count in ends]
 
 
-def _field(data: _Winds, axes: list[Floats]) -> Floats:
+def _field(data: pd.DataFrame, axes: list[Floats]) -> Floats:
     """Both components at the nodes, shape (2, nodes)."""
-    basis = _basis(data.place, axes)
-    nodes, owners = basis.shape[1], int(data.aircraft.max()) + 1
-    rows = np.arange(data.aircraft.size)
-    turns = [
-        [sparse.csr_matrix((part, (rows, data.aircraft)), (rows.size, owners)) for part in both]
-        for both in (data.across, data.along)
-    ]
+    basis = _basis(data[[*_PLACE]].to_numpy().T, axes)
+    aircraft = data["aircraft"].to_numpy()
+    nodes, owners, rows = basis.shape[1], int(aircraft.max()) + 1, np.arange(len(data))
+    heading, airspeed = np.radians(data["reported_heading"]), data["reported_airspeed"]
+    u, v = airspeed * np.sin(heading), airspeed * np.cos(heading)
+    # wind = ground vector - air vector: its change if the air vector is turned or stretched
+    turned_u, turned_v, stretched_u, stretched_v = (
+        sparse.csr_matrix((change, (rows, aircraft)), (rows.size, owners))
+        for change in (-v, u, -u, -v)
+    )
     design = sparse.bmat(
-        [[basis, None, turns[0][0], turns[1][0]], [None, basis, turns[0][1], turns[1][1]]],
-        format="csr",
+        [[basis, None, turned_u, stretched_u], [None, basis, turned_v, stretched_v]], format="csr"
     )
     bend = _bends([axis.size for axis in axes])
     # The identity keeps nodes that no report is near from being undetermined.
     smooth = (bend.T @ bend) * (BEND / NOISE) ** 2 + sparse.identity(nodes) * 1e-6
     spread = np.repeat([(NOISE / OFFSET_SPREAD) ** 2, (NOISE / SCALE_SPREAD) ** 2], owners)
     prior = sparse.block_diag([smooth, smooth, sparse.diags(spread)], format="csr")
-    middle = np.median(data.wind, axis=1)
-    right = (data.wind - middle[:, np.newaxis]).ravel()
+    wind = data[[*_WIND]].to_numpy().T
+    middle = np.median(wind, axis=1)
+    right = (wind - middle[:, np.newaxis]).ravel()
     # an aircraft with many reports counts no more than its share: its errors are not independent
-    reports = np.bincount(data.aircraft)[data.aircraft]
+    reports = np.bincount(aircraft)[aircraft]
     plain = np.tile(1.0 / np.sqrt(reports / np.median(reports)), 2)
     weight, found = plain, np.zeros(design.shape[1])
     for _ in range(ROUNDS):

@@ -1,13 +1,11 @@
 """Position of a point on a model's grid, and the direction of the grid there.
 
 `AxesGrid` is given by one coordinate along each axis of longitude and latitude, of a rotated pole
-or of a projection of PROJ; `PointsGrid` by the latitude and longitude of every point. Between grid
-points an index of an `AxesGrid` is linear in the coordinate: exact for evenly spaced axes, and the
-definition of "bilinear" for Gaussian latitudes. Cells of a `PointsGrid` are quadrilaterals; the
-index inside one is that of the bilinear map of its corners' unit vectors, equal to the projection's
-to 1e-6 grid lengths for cells of a few kilometres, 1e-4 for 50 km. Latitudes are used as written,
-on the sphere or ellipsoid of the projection. A grid's direction is that of true north in its plane;
-where a projection is not conformal the x direction would differ. Degrees outside, radians for
+or of a projection of PROJ; its index is linear in the coordinate between grid points. `PointsGrid`
+is given by the latitude and longitude of every point; the index inside a cell is that of the
+bilinear map of its corners' unit vectors, equal to the projection's to 1e-6 grid lengths for cells
+of a few kilometres, 1e-4 for 50 km. Latitudes are used as written, on the sphere or ellipsoid of
+the projection. A grid's direction is that of true north in its plane. Degrees outside, radians for
 directions, metres in projections.
 """
 

@@ -1,13 +1,10 @@
 """Whether a field is a state of the atmosphere at a time: one rule for every reader.
 
 Winds are compared with an analysis, a forecast, a member of an ensemble, or the mean of an
-ensemble. Averages over time, ensemble spread, percentiles, probabilities, errors of analysis or
-forecast, increments, climatologies and standard deviations look like winds (same parameter, same
-unit) and are none. A field that is refused here is not tried by another reader.
-
-Sources: WMO Manual on Codes FM 92 GRIB, code tables 4.0, 4.3, 4.7 (edition 2) and 5 (edition 1);
-ECMWF's MARS types (local section of edition 1); NCEP Office Note 388, section 1 (ensembles);
-CF conventions 1.11, sections 3.3 (standard name modifiers), 7.3 (cell methods) and 7.4.
+ensemble. Averages over time, spread, percentiles, probabilities, errors, increments, climatologies
+and standard deviations look like winds (same parameter, same unit) and are none. Sources: WMO FM 92
+GRIB, code tables 4.0, 4.3, 4.7 (edition 2) and 5 (edition 1); ECMWF's MARS types; NCEP Office Note
+388, section 1; CF conventions 1.11, sections 3.3, 7.3 and 7.4.
 """
 
 from __future__ import annotations

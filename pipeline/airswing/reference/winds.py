@@ -1,17 +1,10 @@
 """The wind profile of one model time, and its winds at reports.
 
 Linear in the logarithm of pressure in each column of the model, then bilinear in the grid's index
-space, both along the grid; then the components are rotated to true east and north at the reports,
-if they point along the grid.
-
-:func:`winds_at` is a generator: it yields lists of (row of a field, points of its grid) and is sent
-their values, so that a reader can serve many model times from one chunk of a file. It asks once for
-isobaric levels; for native levels first for the pressure of all levels, then for the winds.
-
-Isobaric levels have one pressure, native levels one in every column. If u, v and pressure lie on
-different points, each is interpolated on its own points and the pressure of native levels is that
-at the report. Nothing is extrapolated. A corner that is missing and has weight gives no value. A
-report's value depends on that report alone.
+space, both along the grid; then the components are rotated to true east and north at the reports.
+If u, v and pressure lie on different points, each is interpolated on its points and the pressure of
+native levels is that at the report. Nothing is extrapolated. A corner that is missing and has
+weight gives no value. A report's value depends on that report alone.
 """
 
 from __future__ import annotations

@@ -1,13 +1,11 @@
 """Grids of GRIB messages, by the keys of ecCodes: each distinct grid section is read once.
 
 Lambert conformal, polar stereographic, Mercator, Lambert azimuthal equal area, regular and rotated
-latitude/longitude, and regular Gaussian grids of GRIB editions 1 and 2; and NCEP's template 3.32769
-(native grid of the Rapid Refresh). Any other grid is refused by name, and sections with impossible
-numbers as damaged. Grid lengths of polar stereographic and Mercator grids count at the latitude LaD
-(60 degrees for the former in edition 1), those of Lambert grids at the standard parallels. The
-first value lies at the first grid point and the rest follow in the scanning direction (WMO
-regulation 92.8, table 3.4). Components "relative to the grid" point to increasing x and y of the
-projection, whatever the scanning direction (code table 3.3).
+latitude/longitude, and regular Gaussian grids of both editions, and the native grid of the Rapid
+Refresh; others are refused by name. Grid lengths of polar stereographic and Mercator grids count at
+the latitude LaD (60 degrees for the former in edition 1). Values are in the order of the scanning
+mode (WMO regulation 92.8, table 3.4); components "relative to the grid" point to increasing x and y
+whatever the scanning direction (code table 3.3).
 """
 
 from __future__ import annotations

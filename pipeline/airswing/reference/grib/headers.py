@@ -1,13 +1,10 @@
 """Headers of GRIB files: where each wind field is, its level, time, grid and packing.
 
-Reads lengths and fixed bytes of the sections only, which is some ten times faster than ecCodes'
-headers, and checks them against each other: a message that contradicts itself is skipped and named.
-u and v are known by parameter, levels are isobaric (type 100) or native with pressure as a third
-field on the same levels. Base times are from 1900 to 2100, leads from -1 to 400 days. The reference
-value of a packing, R 10^-D, is the lowest value of the field (WMO FM 92 regulation 92.9.4): a
-message whose lowest value is impossible is damaged. A data section is as long as its values need,
-except for a few bytes of padding. Offsets in bytes from the start of the file, counted from 0 (the
-WMO tables count from 1); times in ns since 1970, leads in s, pressure in Pa.
+Reads lengths and fixed bytes of the sections only, some ten times faster than ecCodes, and checks
+them against each other: a message that contradicts itself is skipped and named. u and v are known
+by parameter; levels are isobaric, or native with pressure as a third field on the same levels. The
+lowest value of a field is R 10^-D (WMO FM 92 regulation 92.9.4). Offsets in bytes from the start of
+the file, counted from 0 (WMO tables: from 1); times in ns since 1970, leads in s, pressure in Pa.
 """
 
 from __future__ import annotations

@@ -1,19 +1,15 @@
 """Values of catalogued GRIB fields at grid points.
 
-Simple packing is read at single points: the value of a present point is ``(R + X 2^E) 10^-D`` with
-X an unsigned integer of fixed width at a known bit (GRIB1 grid-point simple packing, GRIB2 data
-template 5.0), so that a few thousand points cost a few reads. Sums and products are in double
-precision in the order of ecCodes, ``(X s + R) d``: both ways give the same doubles. Points under a
-bitmap are found by the number of present points before them. Everything else is decoded whole by
-ecCodes in a worker process (`airswing.guarded`), because a damaged message may end the process.
-Files are read with positioned reads, never mapped: a file that is cut short while it is read gives
-an error, not a killed process.
+Simple packing is read at single points: ``(R + X 2^E) 10^-D`` with X an unsigned integer of fixed
+width (GRIB1 grid-point simple packing, GRIB2 data template 5.0), computed as ecCodes does, so that
+both give the same doubles. Everything else is decoded whole by ecCodes in a worker process
+(`airswing.guarded`), because a damaged message may end the process. Files are not mapped: one that
+is cut short while it is read gives an error, not a killed process.
 
 One impossible value condemns its message: a damaged scale factor or a shifted stream of bits gives
-winds of hundreds of m/s in a message that looks sound. It is judged at 256 points of the grid, so
-that the verdict does not depend on the reports; a standard deviation of a component over 60 m/s
-(three times the widest spread of the atmosphere) condemns it too. Impossible values between these
-points give no value.
+impossible winds in a message that looks sound. It is judged at 256 points of the grid, so that the
+verdict does not depend on the reports, and by the standard deviation of a component. Impossible
+values between these points give no value.
 """
 
 from __future__ import annotations

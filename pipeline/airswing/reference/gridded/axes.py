@@ -1,10 +1,8 @@
 """Dimensions and grid of a variable: horizontal, vertical, time, ensemble; by MetPy's CF parsing.
 
-MetPy (`parse_cf`) recognises the vertical, horizontal and time axes by `standard_name`, `axis`,
-`_CoordinateAxisType`, `positive`, units and, last, by name; a name in the configuration takes
-precedence. The rest are an ensemble (CF `realization`), ECMWF's `expver`, or have one entry.
-Horizontal coordinates are one-dimensional along two dimensions, or latitudes and longitudes of
-every point. Unstructured grids (one dimension of cells) are refused.
+A name in the configuration takes precedence. Dimensions that MetPy (`parse_cf`) does not recognise
+are an ensemble (CF `realization`), ECMWF's `expver`, levels, or have one entry. Horizontal
+coordinates are one-dimensional along two dimensions, or latitudes and longitudes of every point.
 """
 
 from __future__ import annotations
@@ -21,6 +19,7 @@ from airswing.errors import InputError
 from airswing.reference.grib.grid_sections import read_grid
 from airswing.reference.gridded.datasets import GRID, quiet
 from airswing.reference.gridded.naming import Naming, factor_of, required_factor
+from airswing.reference.gridded.times import is_time_dimension
 from airswing.reference.grids import (
     LONGITUDE_LATITUDE,
     PROJECTION_REMEDY,
@@ -34,10 +33,6 @@ from airswing.reference.grids import (
 )
 from airswing.units import MODEL_EARTH_RADIUS
 
-LEAD_NAME = re.compile(
-    r"(step|lead(_?time)?|prediction_timedelta|forecast_(period|hour|time)|fhr|tau|time_offset)\w*$",
-    re.I,
-)
 _MEMBER = re.compile(r"(number|members?|realization|ens\d*|ensemble\w*|perturbation\w*)$", re.I)
 _EITHER = "expver"  # ECMWF's dimension of final and preliminary data: each time is in one of them
 _PROJECTED = re.compile(r"(projection_)?[xy](_coordinate|c)?$", re.I)
@@ -190,7 +185,7 @@ def _vertical(
         if d not in times
         and d != _EITHER
         and not _is_member(ds, d)
-        and not _is_time(d, ds.get(d))
+        and not is_time_dimension(d, ds[d])
         and parsed.sizes[d] > 1
     ]
     levels = [d for d in unexplained if _LEVEL.match(d)]
@@ -209,20 +204,6 @@ def _vertical(
 def _is_member(ds: xr.Dataset, dim: str) -> bool:
     attrs = ds[dim].attrs if dim in ds.variables else {}
     return attrs.get("standard_name") == "realization" or bool(_MEMBER.match(dim))
-
-
-def _is_time(name: str, values: xr.DataArray | xr.Variable | None) -> bool:
-    if LEAD_NAME.match(name):
-        return True
-    if values is None:
-        return False
-    if values.dtype.kind in "mM" or str(values.attrs.get("units", "")).startswith("day as "):
-        return True
-    if values.dtype == object and values.size:
-        first: object = np.asarray(values.values).ravel()[0]
-        return hasattr(first, "calendar")
-    named = str(values.attrs.get("standard_name", ""))
-    return named in ("time", "forecast_reference_time", "forecast_period")
 
 
 def members_of(ds: xr.Dataset, dim: str, size: int) -> NDArray[np.int64]:
@@ -340,26 +321,17 @@ def _grib_projection(variable: xr.DataArray) -> str | None:
 
     On a sphere of any radius: the points settle the scale.
     """
-    attrs, sphere = variable.attrs, f"+R={MODEL_EARTH_RADIUS:.0f}"
 
     def of(key: str) -> float:
-        return float(attrs[f"GRIB_{key}InDegrees"])
+        return float(variable.attrs.get(f"GRIB_{key}InDegrees", np.nan))
 
-    kind = attrs.get("GRIB_gridType")
-    try:
-        if kind == "lambert":
-            lad, lov = of("LaD"), of("LoV")
-            parallels = f"+lat_1={of('Latin1')} +lat_2={of('Latin2')}"
-            return f"+proj=lcc {parallels} +lat_0={lad} +lon_0={lov} {sphere}"
-        if kind == "polar_stereographic":
-            lad, lov = of("LaD"), of("orientationOfTheGrid")
-            return (
-                f"+proj=stere +lat_0={np.copysign(90.0, lad)} +lat_ts={lad} +lon_0={lov} {sphere}"
-            )
-        if kind == "mercator":
-            # a meridian east of the first column keeps all columns away from the antimeridian
-            middle = of("longitudeOfFirstGridPoint") + 90.0
-            return f"+proj=merc +lat_ts={of('LaD')} +lon_0={middle} {sphere}"
-    except (KeyError, TypeError, ValueError):
-        pass
-    return None
+    lad = of("LaD")
+    pole, meridian = np.copysign(90.0, lad), of("orientationOfTheGrid")
+    text = {
+        "lambert": f"lcc +lat_1={of('Latin1')} +lat_2={of('Latin2')} +lat_0={lad} "
+        f"+lon_0={of('LoV')}",
+        "polar_stereographic": f"stere +lat_0={pole} +lat_ts={lad} +lon_0={meridian}",
+        # a meridian east of the first column keeps all columns away from the antimeridian
+        "mercator": f"merc +lat_ts={lad} +lon_0={of('longitudeOfFirstGridPoint') + 90.0}",
+    }.get(variable.attrs.get("GRIB_gridType", ""), "nan")
+    return None if "nan" in text else f"+proj={text} +R={MODEL_EARTH_RADIUS:.0f}"

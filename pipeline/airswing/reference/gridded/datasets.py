@@ -1,14 +1,9 @@
 """Model files as lazy Datasets (NetCDF, WRF, Zarr, GRIB through cfgrib), and values at points.
 
-Packed integers are unpacked and fill values made NaN by xarray as parts are read; whole fields are
-never kept. Leads stay numbers with their units. Winds in a group of a NetCDF file are read if one
-group alone holds winds. Datasets that are opened are kept for this process, a few at a time.
-
-GRIB on grids and levels that the header scanner does not know is read by cfgrib and ecCodes in a
-worker process (`airswing.guarded`), which may end: its values are then missing, or the file cannot
-be opened. u, v, and the pressure, the surface pressure or its logarithm on native levels are each
-opened by themselves; the coefficients of the levels come from the messages' pv section. Reduced
-Gaussian grids, unstructured grids and spherical harmonics are refused.
+Leads stay numbers with their units. Winds in a group of a NetCDF file are read if one group alone
+holds winds. GRIB that the header scanner does not know is read by cfgrib in a worker process
+(`airswing.guarded`), which may end: its values are then missing, or the file cannot be opened. Each
+variable is opened by itself; the coefficients of native levels come from the messages' pv section.
 
 Values are read chunk by chunk along time, member and level for several model times at once; of
 rows and columns the box around all points is read. So no chunk is decompressed twice for one batch.

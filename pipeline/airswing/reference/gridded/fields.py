@@ -1,19 +1,12 @@
 """All winds of Datasets as rows of a catalogue: one a component, level, time and member.
 
-* A component known by its name alone counts only if there is none known by its `standard_name`; of
-  two known in the same way on levels of the same kind neither is chosen: the configuration decides.
-* Isobaric levels: a coordinate in units of pressure, or the logarithm that CF defines
-  (``atmosphere_ln_pressure_coordinate``). A coordinate with a name of pressure levels and without
-  units is in hPa if its largest value is 200 to 1,100, in Pa if it is 20,000 to 110,000 (and the
-  values are no consecutive numbers): the levels of aircraft cannot be anything else.
-* Native levels: pressure is ``a + b ps``, by the CF formula terms of hybrid (``ap, b, ps``;
-  ``a, p0, b, ps``) and sigma coordinates (``sigma, ps, ptop``: ``a = (1 - sigma) ptop``), or by the
-  half levels a and b of a GRIB's pv section, of which a full level has the mean (Simmons and
-  Burridge 1981; ECMWF IFS documentation, part III); or it is a variable on the same levels. A
-  coordinate that is hybrid or sigma by its attributes is that, whatever its units: some models
-  write ``hPa`` on a number that is no pressure.
-* The surface pressure of hybrid levels is that of the same time, lead, member and grid; if both are
-  present its logarithm takes precedence (ECMWF archives the logarithm on model levels).
+Of components known equally well on levels of one kind neither is chosen: the configuration decides.
+Isobaric levels are in units of pressure or its logarithm (``atmosphere_ln_pressure_coordinate``);
+without units a name of pressure levels counts if the values are levels of aircraft in hPa or Pa.
+The pressure of native levels is a variable on them, or ``a + b ps`` by the CF formula terms of
+hybrid (``ap, b, ps``; ``a, p0, b, ps``) and sigma levels (``a = (1 - sigma) ptop``), or by the half
+levels of a GRIB's pv section, of which a full level has the mean (Simmons and Burridge 1981). The
+surface pressure is that of the same time, lead, member and grid, its logarithm taking precedence.
 """
 
 from __future__ import annotations

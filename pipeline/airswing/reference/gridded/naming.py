@@ -1,13 +1,10 @@
 """Variables of a Dataset that are wind components, their units, and what a configuration adds.
 
-A component is known by its `standard_name`; without one by the parameter that a GRIB decoder noted;
-without both by its name or long name, and then it must be a velocity. ``x_wind`` and
-``grid_eastward_wind`` point along the grid, ``eastward_wind`` to true east, whatever the long name
-says. The GRIB flag (`GRIB_uvRelativeToGrid`) takes precedence if it was noted: decoders write
-``eastward_wind`` for winds along a grid. Without any of them components on a projected grid are
-taken to point along it, as models write them, and a note says so. Unit strings are those of UDUNITS
-and of GRIB decoders (``m s-1``, ``m s**-1``, ``millibars``), read by MetPy's pint registry; ``mb``
-is a millibar, which pint takes for a millibarn.
+A component is known by its `standard_name`, else by the parameter that a GRIB decoder noted, else
+by its name or long name, and then it must be a velocity. Its direction is that of the
+configuration, of the GRIB flag (decoders write ``eastward_wind`` for winds along a grid), or of the
+standard name; without any, components on a projected grid are taken to point along it. Units are
+read by MetPy's pint registry; ``mb`` is a millibar, which pint takes for a millibarn.
 """
 
 from __future__ import annotations

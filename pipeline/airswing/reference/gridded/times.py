@@ -1,11 +1,10 @@
 """Valid time and lead of every field of a variable.
 
-Times are known by `standard_name`: ``time`` is the valid time, ``forecast_reference_time`` the base
-time, ``forecast_period`` the lead; without it by the usual names and by dimensions: a time that
-does not vary along the dimension of the leads is a base time, also if the configuration names it as
-`time`. Any two give the third; a valid time alone is an analysis, lead 0. A lead without units is
-in hours. CDO's absolute times (``day as %Y%m%d.%f``) are understood. Calendars without leap years
-are taken by their dates; a year of 360 days is refused.
+Times are known by `standard_name` (``time``, ``forecast_reference_time``, ``forecast_period``),
+else by the usual names and by dimensions: a time that does not vary along the dimension of the
+leads is a base time, also if the configuration names it as `time`. Any two give the third; a valid
+time alone is an analysis, lead 0. A lead without units is in hours. Calendars without leap years
+are taken by their dates.
 """
 
 from __future__ import annotations
@@ -19,11 +18,14 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
-from airswing.reference.gridded.axes import LEAD_NAME
 from airswing.reference.gridded.naming import Naming, factor_of
 
 Ints = NDArray[np.int64]
 
+_LEAD = re.compile(
+    r"(step|lead(_?time)?|prediction_timedelta|forecast_(period|hour|time)|fhr|tau|time_offset)\w*$",
+    re.I,
+)
 _RUN = re.compile(
     r"(reftime|reference_?time|forecast_reference_time|init(ial)?(ization)?_?time|time_run"
     r"|analysis_time|base_?time|run_?time)\w*$",
@@ -129,7 +131,13 @@ def _is_lead(key: str, one: xr.DataArray) -> bool:
         return True
     units = one.attrs.get("units")
     known = factor_of(units, "time") is not None or (not units and one.dtype.kind in "iuf")
-    return bool(LEAD_NAME.match(key)) and known
+    return bool(_LEAD.match(key)) and known
+
+
+def is_time_dimension(key: str, one: xr.DataArray) -> bool:
+    """Whether a dimension is one of valid times, base times or leads by its name or coordinate."""
+    named = one.attrs.get("standard_name") in _STANDARD or one.dtype.kind == "m"
+    return bool(_LEAD.match(key)) or named or _stamps(one) is not None
 
 
 def _roles(

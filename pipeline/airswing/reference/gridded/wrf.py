@@ -1,16 +1,11 @@
 """Files of WRF-ARW: wrfout, winds on pressure levels (pld, p_interp), and met_em.
 
 U and V (met_em: UU, VV) are staggered (Arakawa C) and point along the grid; at a mass point the
-mean of the two neighbours counts, as in wrf-python's ``ua`` and ``va``. Winds of WRF's pressure
-level diagnostics (U_PL, V_PL) and of wrf-python (ua, va) are at mass points along the grid.
-Pressure (Pa) is P + PB on model levels, PRES on those of met_em, whose first level is the ground
-and is left out; P_PL, or PRES by level alone, are isobaric levels.
-
-The grid is that of MAP_PROJ, TRUELAT1, TRUELAT2, STAND_LON, DX and DY on WRF's sphere, through the
-first mass point (WRF share/module_llxy.F). If the last mass point differs by more than a tenth of a
-grid length, and for rotated latitudes and longitudes, it is that of XLAT and XLONG at every point,
-its direction that of SINALPHA and COSALPHA, or of the points. A grid that moves (vortex-following
-nests) has one grid a time.
+mean of the two neighbours counts, as in wrf-python. Pressure (Pa) is P + PB on model levels, PRES
+on those of met_em, whose first level is the ground and is left out; P_PL, or PRES by level alone,
+are isobaric levels. The grid is that of MAP_PROJ on WRF's sphere through the first mass point (WRF
+share/module_llxy.F); if the last differs by more than a tenth of a grid length, and for rotated
+latitudes and longitudes, that of XLAT and XLONG at every point.
 """
 
 from __future__ import annotations
