@@ -13,7 +13,7 @@ import xarray as xr
 from airswing.reference.catalogue import build_catalogue
 from airswing.reference.collocate import sample_model_times
 from airswing.reference.grids import LONGITUDE_LATITUDE, AxesGrid
-from airswing.reference.winds import ModelTime, level_brackets
+from airswing.reference.winds import ModelTime
 from airswing.units import MODEL_EARTH_RADIUS as EARTH_RADIUS
 from tests.reference.builders import LAMBERT, LATLON, MERCATOR, POLAR, ROTATED, build, write
 from tests.reference.test_grids import grid_of, points_of
@@ -40,19 +40,6 @@ def model_of(folder: Path, keys: dict[str, Any], fields: dict[int, tuple], **opt
     ]
     path = write(folder / "m.grib", *messages)
     return build_catalogue(path, name="x", cache_dir=folder / "c").model_time(0)
-
-
-def test_brackets_by_hand() -> None:
-    levels = np.array([30000.0, 50000.0, 70000.0])
-    p = np.array([30000.0, 40000.0, 50000.0, 70000.0, 29999.9, 70000.1])
-    got = level_brackets(levels, p)
-    np.testing.assert_array_equal(got.inside, [1, 1, 1, 1, 0, 0])
-    np.testing.assert_array_equal(got.k[:4], [0, 0, 1, 2])
-    half = np.log(4 / 3) / np.log(5 / 3)
-    np.testing.assert_allclose(got.weight[:4], [0, half, 0, 0])
-    both = level_brackets(levels, p, both=True)
-    np.testing.assert_array_equal(both.k[:4], [0, 0, 1, 1])
-    np.testing.assert_allclose(both.weight[:4], [0, half, 0, 1])
 
 
 def test_linear_fields_come_back_exactly(tmp_path: Path) -> None:
@@ -180,20 +167,27 @@ def hybrid_file(folder: Path, pressures: dict[int, float]) -> str:
 
 
 @pytest.mark.parametrize("upwards", [True, False])
-def test_native_levels_with_pressure(upwards: bool, tmp_path: Path) -> None:
+def test_native_levels_are_joined_in_each_column(upwards: bool, tmp_path: Path) -> None:
+    """Linear in ln p in every column of the model, then across the columns."""
     bases = [30000.0, 45000.0, 60000.0, 90000.0]
     numbers = [4, 3, 2, 1] if upwards else [1, 2, 3, 4]
     path = hybrid_file(tmp_path, dict(zip(numbers, bases, strict=True)))
     model = build_catalogue(path, name="x", cache_dir=tmp_path / "c").model_time(0)
-    lat, lon = np.full(5, 50.0), np.array([5.0, 9.0, 15.0, 25.0, 5.0])
-    p = np.array([33000.0, 50000.0, 47500.0, 80000.0, 29000.0])
-    u, v = sample_model_time(model, lat, lon, p)
+    lon = np.array([5.0, 9.0, 15.0, 25.0, 5.0, 16.0, 16.0])
+    p = np.array([33000.0, 50000.0, 47500.0, 80000.0, 29000.0, 50000.0, 30000.0 * 1.055])
+    u, v = sample_model_time(model, np.full(7, 50.0), lon, p)
     np.testing.assert_allclose(u[:4], np.log(p[:4]), atol=1e-4)
-    assert np.isnan(u[4]) and np.isnan(v[4])
-    # At longitude 9 (x = 2) levels lie at 1.02 times their base; 50,000 Pa is between two.
-    weight = np.log(50000 / 45900) / np.log(60 / 45)
-    expected = numbers[1] * (1 - weight) + numbers[2] * weight
-    assert v[1] == pytest.approx(expected, abs=1e-4)
+    # above all levels, and above the top level of one of the columns, there is no value
+    np.testing.assert_array_equal(np.isfinite(v), [1, 1, 1, 1, 0, 1, 0])
+
+    def number(factor: float) -> float:
+        """v at 50,000 Pa where levels lie at a multiple of their base."""
+        weight = np.log(50000.0 / (45000.0 * factor)) / np.log(60 / 45)
+        return numbers[1] * (1 - weight) + numbers[2] * weight
+
+    # longitude 9 is the column x = 2; 16 lies half way between x = 5 and x = 6
+    assert v[1] == pytest.approx(number(1.02), abs=1e-4)
+    assert v[5] == pytest.approx((number(1.05) + number(1.06)) / 2, abs=2e-6)
 
 
 CFGRIB = [
@@ -267,19 +261,3 @@ def by_interp(
         rot = np.radians((lon - 265.0 + 180) % 360 - 180) * np.sin(np.radians(25.0))
         u, v = np.cos(rot) * u + np.sin(rot) * v, -np.sin(rot) * u + np.cos(rot) * v
     return np.stack([u, v])
-
-
-def test_native_levels_are_joined_in_each_column(tmp_path: Path) -> None:
-    """Linear in ln p in every column of the model, then across the columns."""
-    bases = {1: 30000.0, 2: 45000.0, 3: 60000.0, 4: 90000.0}
-    model = build_catalogue(
-        hybrid_file(tmp_path, bases), name="x", cache_dir=tmp_path / "c"
-    ).model_time(0)
-    p = 50000.0
-    # Half way between the columns x = 5 and x = 6, where levels lie at 1.05 and 1.06 of their base.
-    columns = [2 + np.log(p / (45000 * f)) / np.log(60 / 45) for f in (1.05, 1.06)]
-    _, v = sample_model_time(model, np.array([50.0]), np.array([16.0]), np.array([p]))
-    assert v[0] == pytest.approx(np.mean(columns), abs=2e-6)
-    # A level that one of the columns does not reach gives no value.
-    top = np.array([30000.0 * 1.055])
-    assert np.isnan(sample_model_time(model, np.array([50.0]), np.array([16.0]), top)).all()

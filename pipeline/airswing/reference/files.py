@@ -20,6 +20,7 @@ import urllib.request
 import zlib
 from collections.abc import Callable, Sequence
 from functools import lru_cache
+from pathlib import Path
 from typing import IO, Any, NamedTuple, TypedDict
 
 from airswing.errors import InputError
@@ -112,16 +113,17 @@ def _is_zarr(path: str) -> bool:
         return False
 
 
-def _dated(path: str) -> str:
+def _status(path: str) -> os.stat_result:
+    """Status of a file, or of the metadata of a Zarr store."""
     marks = (os.path.join(path, mark) for mark in ZARR_MARKS)
-    return next((mark for mark in marks if os.path.isfile(mark)), path)
+    return os.stat(next((mark for mark in marks if os.path.isfile(mark)), path))
 
 
 def is_same(file: SourceFile) -> bool:
     """Whether a file has the size and time it was catalogued with; `OSError` if it is gone."""
     if is_url(file.path):
         return True
-    status = os.stat(_dated(file.path))
+    status = _status(file.path)
     return (status.st_size, status.st_mtime_ns) == (file.size, file.mtime_ns)
 
 
@@ -188,15 +190,12 @@ def identify(path: str) -> SourceFile:
     if is_url(path):
         return SourceFile(path, 0, 0, "")
     full = os.path.abspath(path)
-    digest = hashlib.blake2b(digest_size=12)
+    digest, status = hashlib.blake2b(digest_size=12), _status(full)
     if os.path.isdir(full):
-        status = os.stat(_dated(full))
-        for folder, folders, names in os.walk(full):
-            folders.sort()
-            for name in sorted(names):
-                file = os.path.join(folder, name)
-                entry = os.stat(file)
-                digest.update(repr((file[len(full) :], entry.st_size, entry.st_mtime_ns)).encode())
+        for file in sorted(path for path in Path(full).rglob("*") if path.is_file()):
+            entry = file.stat()
+            name = str(file.relative_to(full))
+            digest.update(repr((name, entry.st_size, entry.st_mtime_ns)).encode())
     else:
         with open(full, "rb") as opened:
             status = os.fstat(opened.fileno())
@@ -218,7 +217,10 @@ def identified(paths: Sequence[str], skipped: Skipped) -> list[SourceFile]:
     refused: list[InputError] = []
     for path in paths:
         try:
-            _require_model_file(path)
+            if not (os.path.isdir(path) or _is_zarr(path)):
+                refusal = unreadable(path, first_bytes(path), reports=False)
+                if refusal is not None:
+                    raise refusal
             sources.append(identify(path))
         except InputError as error:
             refused.append(error)
@@ -230,30 +232,13 @@ def identified(paths: Sequence[str], skipped: Skipped) -> list[SourceFile]:
     return sources
 
 
-def _require_model_file(path: str) -> None:
-    if _is_zarr(path) or os.path.isdir(path):
-        return
-    content = first_bytes(path)
-    if refusal := unreadable(path, content):
-        raise refusal
-    start = content.lstrip(_BLANK).lower()
-    for magic, what, remedy in _REPORTS:
-        if start.startswith(magic):
-            raise InputError(what, file=path, remedy=remedy)
-    if _ICARTT.match(start):
-        raise InputError(
-            "is ICARTT, measurements of an aircraft",
-            file=path,
-            remedy="Model winds come as GRIB, NetCDF or Zarr; measurements go under reports",
-        )
-    if start and start.isascii() and b"\0" not in start and b"grib" not in start:
-        raise InputError("is text, no model file", file=path, remedy="Give GRIB, NetCDF or Zarr")
+def unreadable(path: str, content: bytes, *, reports: bool = True) -> InputError | None:
+    """The error for a file that holds neither winds nor reports by its first bytes, else None.
 
-
-def unreadable(path: str, content: bytes) -> InputError | None:
-    """The error for a file that holds neither winds nor reports by its first bytes, else None."""
+    Without `reports` also for a file that may hold reports.
+    """
     start = content.lstrip(_BLANK).lower()
-    for magic, what, remedy in _UNREADABLE:
+    for magic, what, remedy in _UNREADABLE if reports else _UNREADABLE + _REPORTS:
         if start.startswith(magic):
             remedy = remedy.replace("FILE", os.path.basename(path))
             return InputError(what, file=path, remedy=remedy)
@@ -261,6 +246,16 @@ def unreadable(path: str, content: bytes) -> InputError | None:
         return InputError("is a tar archive", file=path, remedy="Unpack it first with tar -xf")
     if not content and not is_url(path) and not os.path.getsize(path):
         return InputError("is empty", file=path, remedy=_FAILED)
+    if reports:
+        return None
+    if _ICARTT.match(start):
+        return InputError(
+            "is ICARTT, measurements of an aircraft",
+            file=path,
+            remedy="Model winds come as GRIB, NetCDF or Zarr; measurements go under reports",
+        )
+    if start and start.isascii() and b"\0" not in start and b"grib" not in start:
+        return InputError("is text, no model file", file=path, remedy="Give GRIB, NetCDF or Zarr")
     return None
 
 

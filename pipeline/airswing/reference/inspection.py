@@ -14,7 +14,7 @@ from airswing.reference.grib.grid_sections import read_grid
 from airswing.reference.grib.headers import FileContents, off_levels, scan_file
 from airswing.reference.gridded.datasets import engine_of
 from airswing.reference.grids import AxesGrid, Grid
-from airswing.reference.winds import HYBRID, ISOBARIC, PRESSURE, U, V
+from airswing.reference.winds import HYBRID, ISOBARIC, PRESSURE
 
 _UNITS = {ISOBARIC: "hPa", HYBRID: "hybrid level"}
 _PACKINGS = {
@@ -60,31 +60,25 @@ def inspect_grib(path: str | os.PathLike[str]) -> dict[str, object]:
 
 
 def _winds(contents: FileContents) -> list[dict[str, object]]:
-    groups: dict[tuple[int, int, int, int], dict[float, set[int]]] = {}
-    for row in contents.fields:
-        key = (row.valid, row.lead, row.member, row.level_kind)
-        groups.setdefault(key, {}).setdefault(row.level, set()).add(row.kind)
-    found = []
-    for (valid, lead, member, kind), levels in sorted(groups.items()):
-        scale = 0.01 if kind == ISOBARIC else 1.0
-        alone = {
-            level * scale: "u" if U in kinds else "v"
-            for level, kinds in levels.items()
-            if len(kinds - {PRESSURE}) == 1
+    groups: dict[tuple[int, int, int, int], dict[float, str]] = {}
+    for row in sorted(contents.fields, key=lambda row: (row.level, row.kind)):
+        levels = groups.setdefault((row.valid, row.lead, row.member, row.level_kind), {})
+        if row.kind != PRESSURE:
+            level = row.level * (0.01 if row.level_kind == ISOBARIC else 1.0)
+            levels[level] = levels.get(level, "") + "uv"[row.kind]
+    return [
+        {
+            "valid_time": f"{np.datetime64(valid, 'ns').astype('datetime64[s]')}Z",
+            "lead_time_h": lead / 3600.0,
+            "member": member,
+            "level_unit": _UNITS.get(kind, f"level of type {kind}"),
+            "levels": [round(level, 4) for level, found in levels.items() if len(set(found)) == 2],
+            "levels_with_one_component": {
+                str(level): found[0] for level, found in levels.items() if len(set(found)) == 1
+            },
         }
-        found.append(
-            {
-                "valid_time": f"{np.datetime64(valid, 'ns').astype('datetime64[s]')}Z",
-                "lead_time_h": lead / 3600.0,
-                "member": member,
-                "level_unit": _UNITS.get(kind, f"level of type {kind}"),
-                "levels": sorted(
-                    round(level * scale, 4) for level, kinds in levels.items() if {U, V} <= kinds
-                ),
-                "levels_with_one_component": {str(k): v for k, v in sorted(alone.items())},
-            }
-        )
-    return found
+        for (valid, lead, member, kind), levels in sorted(groups.items())
+    ]
 
 
 def _grid(grid: AxesGrid) -> dict[str, object]:
