@@ -1,8 +1,9 @@
 """Every variable that airswing writes: name, unit, CF standard name, meaning, type.
 
 The table is ``vocabulary.csv`` next to this module, a line a variable. Columns: ``name``;
-``dimensions`` and ``type`` (on disk); ``units`` (UDUNITS; empty for strings and flags);
-``standard_name`` (CF, where one exists); ``flags``, the name of the codes in
+``dimensions`` and ``type`` (on disk); ``log2_step`` (derived variables of every report are rounded
+to this power of two, far below their errors, which halves the file); ``units`` (UDUNITS; empty for
+strings and flags); ``standard_name`` (CF, where one exists); ``flags``, the name of the codes in
 :mod:`airswing.flags`; ``long_name``. Where one name has several meanings, it has a line for each of
 its dimensions.
 
@@ -36,6 +37,7 @@ class Variable:
     long_name: str
     dims: tuple[str, ...]
     dtype: str
+    step: float | None  # to which values are rounded before they are written
     standard_name: str
     flags: Mapping[str, int] | None
 
@@ -48,6 +50,8 @@ class Variable:
             found["standard_name"] = self.standard_name
         if self.standard_name == "air_temperature":
             found["units_metadata"] = "temperature: on_scale"
+        if self.dtype.startswith("datetime64"):
+            found["units_metadata"] = "leap_seconds: none"
         if self.flags is not None:
             # The bits of ``screening`` may be set together; other flags have one value.
             kind = "flag_masks" if self.flags is flags.SCREENING else "flag_values"
@@ -65,6 +69,7 @@ def _read() -> list[Variable]:
                 long_name=row["long_name"],
                 dims=tuple(row["dimensions"].split()),
                 dtype=row["type"],
+                step=2.0 ** int(row["log2_step"]) if row["log2_step"] else None,
                 standard_name=row["standard_name"],
                 flags=getattr(flags, row["flags"]) if row["flags"] else None,
             )

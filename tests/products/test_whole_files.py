@@ -38,18 +38,10 @@ def made() -> Findings:
 
 def test_a_line_a_key_and_none_of_them_long():
     lines = repr(made()).splitlines()
-    assert lines[:9] == [
-        "reports: 22991",
-        "references: ruc, rr",
-        "pairs: 500 of references, verdict",
-        "groups: group 0, group 1, group 2, group 3, group 4, group 5 and 3 more",
-        "left_out: no_fit 3, no_wind 0",
-        "reduction_kt: 0.1235",
-        "ci_kt: 0.1, 0.2",
-        "end: none",
-        "notes: none",
-    ]
-    assert len(lines[9]) == 100 and lines[9].endswith("...")
+    assert [line.split(": ")[0] for line in lines] == list(made())
+    assert lines[0] == "reports: 22991" and lines[5] == "reduction_kt: 0.123456"
+    assert lines[1] == "references: ['ruc', 'rr']"
+    assert max(map(len, lines)) <= 100
 
 
 def test_it_is_the_dict_that_json_and_pickle_take():

@@ -21,13 +21,8 @@ from airswing.errors import InputError
 from airswing.guarded import WorkerEndedError, guarded
 
 DAMAGE = (
-    ArithmeticError,
-    AttributeError,
-    LookupError,
-    OSError,
-    RuntimeError,
-    TypeError,
-    ValueError,
+    *(ArithmeticError, AttributeError, LookupError, OSError),
+    *(RuntimeError, TypeError, ValueError),
 )
 """Exceptions that the libraries raise on a damaged file."""
 _HDF5 = b"\x89HDF\r\n\x1a\n"
@@ -51,9 +46,10 @@ def require_sound(path: Path) -> None:
     """Refuse a damaged NetCDF file with the reason; files of other kinds pass."""
     with path.open("rb") as file:
         start = file.read(len(_HDF5))
-    if start.startswith(b"CDF"):
-        _require_whole(path)
-    elif start == _HDF5 and _identity(path) not in _SOUND:
+        if start.startswith(b"CDF"):
+            file.seek(0)
+            _require_whole(file, path)
+    if start == _HDF5 and _identity(path) not in _SOUND:
         try:
             fault = guarded(_fault, str(path.absolute()))
         except WorkerEndedError:
@@ -93,18 +89,17 @@ def _fault(path: str) -> str:
     return ""
 
 
-def _require_whole(path: Path) -> None:
+def _require_whole(file: BinaryIO, path: Path) -> None:
     """Refuse a classic file whose header describes more than the file holds."""
     size = path.stat().st_size
-    with path.open("rb") as file:
-        try:
-            needed, records = _extent(file)
-        except _HeaderError as error:
-            raise InputError(
-                "cannot be opened: damaged, its NetCDF header does not hold together",
-                file=path,
-                found=error,
-            ) from error
+    try:
+        needed, records = _extent(file)
+    except _HeaderError as error:
+        raise InputError(
+            "cannot be opened: damaged, its NetCDF header does not hold together",
+            file=path,
+            found=error,
+        ) from error
     if needed > size + _PADDING:
         raise InputError(
             f"cannot be opened: damaged, {needed:,} bytes by its header, of which {size:,} are "
@@ -117,56 +112,54 @@ def _require_whole(path: Path) -> None:
 def _extent(file: BinaryIO) -> tuple[int, int]:
     """Bytes that the variables of a classic file reach to, and the number of records."""
 
-    def read(length: int) -> bytes:
+    def number(length: int) -> int:
         found = file.read(length)
         if len(found) < length:
             raise _HeaderError("it ends in its header")
-        return found
+        return int.from_bytes(found, "big")
 
-    def number(wide: bool) -> int:
-        return int.from_bytes(read(8 if wide else 4), "big")
-
-    def count(most: int | None = None) -> int:
-        found = number(version == 5)
-        if most is not None and found > most:
+    def length(most: int) -> int:
+        found = number(wide)
+        if found > most:
             raise _HeaderError(f"a list of {found:,} entries")
         return found
 
-    def skip(length: int) -> None:  # names and values are padded to four bytes
-        read(length + -length % 4)
+    def skip(bytes_of_each: int, most: int) -> None:  # names and values are padded to four bytes
+        size = bytes_of_each * length(most)
+        number(size + -size % 4)
 
     def entries(tag: int) -> range:
-        kind, length = number(wide=False), count(_MOST)
-        if kind not in (0, tag) or (kind == 0 and length):
+        kind, found = number(4), length(_MOST)
+        if kind not in (0, tag) or (kind == 0 and found):
             raise _HeaderError("a list of another kind than should follow")
-        return range(length)
+        return range(found)
 
     def value_size() -> int:
-        kind = number(wide=False)
+        kind = number(4)
         if kind not in _SIZES:
             raise _HeaderError(f"values of type {kind}")
         return _SIZES[kind]
 
     def attributes() -> None:
         for _ in entries(_ATTRIBUTE):
-            skip(count(_MOST))
-            each = value_size()
-            skip(each * count(100 * _MOST))
+            skip(1, _MOST)
+            skip(value_size(), 100 * _MOST)
 
-    version = read(4)[3]
+    version = number(4) & 0xFF
     if version not in (1, 2, 5):  # classic, 64-bit offset, CDF-5
         raise _HeaderError(f"format {version}")
-    records, sizes = count(), []
+    wide = 8 if version == 5 else 4
+    records, sizes = number(wide), []
     for _ in entries(_DIMENSION):
-        skip(count(_MOST))
-        sizes.append(count())
+        skip(1, _MOST)
+        sizes.append(number(wide))
     attributes()
     end, record_sizes, begins = 0, [], []
     for _ in entries(_VARIABLE):
-        skip(count(_MOST))
-        dims = [count() for _ in range(count(_MOST_DIMENSIONS))]
+        skip(1, _MOST)
+        dims = [number(wide) for _ in range(length(_MOST_DIMENSIONS))]
         attributes()
-        each, _, begin = value_size(), count(), number(version != 1)
+        each, _, begin = value_size(), number(wide), number(4 if version == 1 else 8)
         if any(dim >= len(sizes) for dim in dims):
             raise _HeaderError("a variable of an unknown dimension")
         shape = [sizes[dim] for dim in dims]

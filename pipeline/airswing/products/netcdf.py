@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import contextlib
 import json
-import math
 import uuid
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -32,11 +31,7 @@ REFERENCES = (
 )
 # What the section `metadata` of the configuration replaces (ACDD 1.3).
 _ACDD = {"institution": "not stated", "creator_name": "not stated", "license": "not stated"}
-_TIME_ATTRIBUTES = {
-    "units": "milliseconds since 1970-01-01",
-    "calendar": "standard",
-    "units_metadata": "leap_seconds: none",
-}
+_TIME_UNITS = {"units": "milliseconds since 1970-01-01", "calendar": "standard"}
 COORDINATES = ("time", "latitude", "longitude", "pressure_altitude")
 """Coordinates of a report, as its data variables name them."""
 # Bytes for each variable; the library's default of 16 MiB adds up to hundreds of megabytes.
@@ -44,38 +39,11 @@ _CHUNK_CACHE = 2**20
 REPORTS_A_CHUNK = 32_768
 """Few enough that one aircraft's part of a month is read without much of the others'."""
 PRODUCTS = (
-    "headings",
-    "fits",
-    "corrected",
-    "error_profiles",
-    "observation_errors",
-    "innovation_statistics",
-    "gap",
-    "postprocessed",
+    *("headings", "fits", "corrected", "error_profiles", "observation_errors"),
+    *("innovation_statistics", "gap", "postprocessed"),
 )
 """NetCDF products of a run, as :func:`open_results` names them."""
 _MAKE = "Run the stage that makes it, or `airswing run`"
-_NAMES_BY_STEP = {
-    2.0**-4: "horizontal_field",
-    2.0**-6: "heading_standard_error",
-    2.0**-8: "reference_eastward_wind_lnp_derivative reference_northward_wind_lnp_derivative",
-    2.0**-10: (
-        "reference_eastward_wind reference_northward_wind ground_speed ground_eastward_velocity "
-        "ground_northward_velocity ground_velocity_error airspeed airspeed_error climb_rate track "
-        "turn bank heading magnetic_heading heading_error heading_error_standard_error declination "
-        "dip grid_convergence"
-    ),
-    2.0**-14: "longitudinal_acceleration",
-    2.0**-24: "reference_eastward_wind_tendency reference_northward_wind_tendency",
-    2.0**-27: (
-        "reference_eastward_wind_x_derivative reference_northward_wind_x_derivative "
-        "reference_eastward_wind_y_derivative reference_northward_wind_y_derivative"
-    ),
-}
-STORED_STEP = {name: step for step, names in _NAMES_BY_STEP.items() for name in names.split()}
-"""Step to which derived variables of every report are rounded before they are written, in their
-unit: about a thousandth of a degree or of a metre a second, far below their errors. Rounding halves
-the file. Reported variables are written unchanged."""
 # Rounded variables in the range from 0 to, but not including, 360 degrees.
 DIRECTIONS = ("heading", "magnetic_heading", "track")
 
@@ -123,13 +91,28 @@ def write_product(
     """
     path = Path(path)
     ds = describe(ds).drop_encoding()
+    now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+    stated = json.loads(config_json or "{}").get("metadata") or {}
+    source = "; ".join(sources) or "aircraft reports and model winds"
     ds.attrs = {
         **{
             # NetCDF attributes hold no mappings
             key: json.dumps(plain(value)) if isinstance(value, (Mapping, list, bool)) else value
             for key, value in ds.attrs.items()
         },
-        **_provenance(title, config_json, sources, source_uuids),
+        "Conventions": "CF-1.11, ACDD-1.3",
+        "title": title,
+        "summary": f"{title}. Made by airswing {__version__} from {source}",
+        **_ACDD,
+        **{name: value for name, value in stated.items() if value},
+        "source": source,
+        "history": f"{now} airswing {__version__}",
+        "date_created": now,
+        "references": REFERENCES,
+        "airswing_config": config_json,
+        "airswing_version": __version__,
+        "uuid": str(uuid.uuid4()),
+        "source_uuids": " ".join(source_uuids),
     }
     if "report" in ds.dims and "row_size" in ds:
         ds = _as_trajectories(ds)
@@ -137,9 +120,12 @@ def write_product(
     # xarray's lock of the file cannot be sent to the processes of dask's local scheduler.
     processes = dask.config.get("scheduler", None) in ("processes", "multiprocessing")
     here = dask.config.set(scheduler="threads") if processes else contextlib.nullcontext()
+    # The library encodes no variable of which every time is missing (NaT).
+    times = {name: v for name, v in ds.variables.items() if v.dtype.kind == "M"}
+    for name, v in times.items():
+        ds[name] = v.dims, v.data.astype("M8[ms]").astype(np.int64), v.attrs | _TIME_UNITS
+    encoding = {name: _encoding(ds[name]) for name in ds.variables}
     with atomic(path) as temporary, here:
-        ds = _with_plain_times(ds)
-        encoding = {name: _encoding(ds[name]) for name in ds.variables}
         ds.to_netcdf(temporary, engine="netcdf4", encoding=encoding)
     written_here(path)
     return path
@@ -165,49 +151,25 @@ def _as_trajectories(ds: xr.Dataset) -> xr.Dataset:
 
 
 def as_stored(ds: xr.Dataset) -> xr.Dataset:
-    """Give every variable the precision it is written with: its type, and `STORED_STEP`.
+    """Give every variable the precision it is written with: its type and step in the vocabulary.
 
-    A stage then gives the same result from a Dataset in memory as from its product. Every variable
-    must be in the vocabulary; dask-backed variables stay lazy.
+    A stage then gives the same result from a Dataset in memory as from its product. Dask-backed
+    variables stay lazy.
     """
     changed: dict[object, xr.Variable] = {}
-    for name, variable in ds.variables.items():
-        if name in ds.coords:
-            continue
-        dtype, step = lookup(str(name), variable.dims).dtype, STORED_STEP.get(str(name), 0.0)
-        if step:
+    for name in ds.data_vars:
+        variable = ds.variables[name]
+        entry = lookup(str(name), variable.dims)
+        if entry.step:
             # a power of two: scaling loses nothing
-            values = np.rint(variable.data * (1.0 / step)) * step
+            values = np.rint(variable.data * (1.0 / entry.step)) * entry.step
             if name in DIRECTIONS:
                 values = values % 360.0  # a value rounded up to 360 is north
-            attrs = {**variable.attrs, "stored_step": step}
-            changed[name] = xr.Variable(variable.dims, values.astype(dtype), attrs)
-        elif dtype.startswith("f") and variable.dtype != dtype:
-            changed[name] = variable.astype(dtype)
+            attrs = {**variable.attrs, "stored_step": entry.step}
+            changed[name] = xr.Variable(variable.dims, values.astype(entry.dtype), attrs)
+        elif entry.dtype.startswith("f") and variable.dtype != entry.dtype:
+            changed[name] = variable.astype(entry.dtype)
     return ds.assign(changed)
-
-
-def _provenance(
-    title: str, config_json: str, sources: Sequence[str], source_uuids: Sequence[str]
-) -> dict[str, object]:
-    now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
-    stated = json.loads(config_json or "{}").get("metadata") or {}
-    source = "; ".join(sources) or "aircraft reports and model winds"
-    return {
-        "Conventions": "CF-1.11, ACDD-1.3",
-        "title": title,
-        "summary": f"{title}. Made by airswing {__version__} from {source}",
-        **_ACDD,
-        **{name: value for name, value in stated.items() if value},
-        "source": source,
-        "history": f"{now} airswing {__version__}",
-        "date_created": now,
-        "references": REFERENCES,
-        "airswing_config": config_json,
-        "airswing_version": __version__,
-        "uuid": str(uuid.uuid4()),
-        "source_uuids": " ".join(source_uuids),
-    }
 
 
 def open_product(path: str | Path) -> xr.Dataset:
@@ -270,13 +232,8 @@ def read_product(path: str | Path) -> xr.Dataset:
     >>> fits["deviation"].dims
     ('reference', 'aircraft', 'coefficient')
     """
-    try:
-        with open_product(path) as ds:
-            return ds.load()
-    except DAMAGE as err:
-        raise InputError(
-            "not a product airswing can read", file=path, found=err, remedy="Make it again"
-        ) from err
+    with _damage_named(path), open_product(path) as ds:
+        return ds.load()
 
 
 def open_results(folder: str | Path) -> xr.DataTree:
@@ -321,33 +278,37 @@ def product_path(folder: Path, name: str) -> Path:
     return months if by_month or months.is_dir() else file
 
 
+@contextlib.contextmanager
+def _damage_named(path: str | Path) -> Iterator[None]:
+    """Turn what the libraries raise at a damaged file into an InputError."""
+    try:
+        yield
+    except DAMAGE as err:
+        raise InputError(
+            "not a product airswing can read", file=path, found=err, remedy="Make it again"
+        ) from err
+
+
 def _opened(path: Path) -> xr.Dataset:
     """Open one file lazily and check it; CF coordinates of reports stay data variables."""
     if not path.exists():
         raise InputError("no such product", file=path, remedy=_MAKE)
     netCDF4.set_chunk_cache(size=_CHUNK_CACHE)
-    try:
+    with _damage_named(path):
         require_sound(path)
         ds = xr.open_dataset(
             path, engine="netcdf4", decode_timedelta=False, decode_coords=False, cache=False
         )
         # Every product has a uuid; a file of the same name may come from another program.
-        damaged = _damaged_entry(ds) if "uuid" in ds.attrs else ""
-    except DAMAGE as err:
-        raise InputError(
-            "not a product airswing can read", file=path, found=err, remedy="Make it again"
-        ) from err
-    if "uuid" not in ds.attrs:
-        ds.close()
-        raise InputError(
-            "not a product of airswing",
-            file=path,
-            found=ds.attrs.get("title"),
-            remedy="Move it away and run the stage that makes it",
-        )
-    if damaged:
-        ds.close()
-        raise InputError("a damaged product", file=path, field=damaged, remedy="Make it again")
+        if "uuid" not in ds.attrs:
+            raise InputError(
+                "not a product of airswing",
+                file=path,
+                found=ds.attrs.get("title"),
+                remedy="Move it away and run the stage that makes it",
+            )
+        if entry := _damaged_entry(ds):
+            raise InputError("a damaged product", file=path, field=entry, remedy="Make it again")
     for variable in ds.variables.values():
         variable.attrs.pop("coordinates", None)
     return ds
@@ -373,16 +334,6 @@ def _damaged_entry(ds: xr.Dataset) -> str:
     return ""
 
 
-def _with_plain_times(ds: xr.Dataset) -> xr.Dataset:
-    missing = np.iinfo(np.int64).min
-    for name in [name for name in ds.variables if np.issubdtype(ds[name].dtype, np.datetime64)]:
-        values = ds[name].to_numpy().astype("datetime64[ms]")
-        counts = np.where(np.isnat(values), missing, values.astype(np.int64))
-        fill = {} if name in ds.dims else {"_FillValue": missing}
-        ds[name] = (ds[name].dims, counts, ds[name].attrs | _TIME_ATTRIBUTES | fill)
-    return ds
-
-
 def _encoding(variable: xr.DataArray) -> dict[str, object]:
     """Encoding of a variable.
 
@@ -395,17 +346,17 @@ def _encoding(variable: xr.DataArray) -> dict[str, object]:
         return {"dtype": "S1"}
     encoding: dict[str, object] = {"dtype": entry.dtype}
     if entry.dtype.startswith("datetime64"):
-        encoding["dtype"] = "i8"
+        encoding = {"dtype": "i8", "_FillValue": np.iinfo(np.int64).min}
     elif entry.dtype.startswith("f"):
-        fill = np.dtype(entry.dtype).type(np.nan)
+        encoding["_FillValue"] = np.dtype(entry.dtype).type(np.nan)
+    if variable.dims == (variable.name,):
         # coordinate variables have a value everywhere (CF-1.11, section 2.5.1)
-        encoding["_FillValue"] = None if variable.dims == (variable.name,) else fill
-    sizes = variable.sizes
-    if sizes and math.prod(sizes.values()) > 1:
+        encoding["_FillValue"] = None
+    if variable.size > 1:
         encoding |= {"zlib": True, "complevel": 1, "shuffle": True}
-        if "report" in sizes:
+        if "report" in variable.dims:
             encoding["chunksizes"] = tuple(
                 min(size, REPORTS_A_CHUNK) if name == "report" else 1
-                for name, size in sizes.items()
+                for name, size in variable.sizes.items()
             )
     return encoding

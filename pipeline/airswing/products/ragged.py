@@ -28,12 +28,8 @@ FLIGHTS = "flight_total"
 """Attribute of a month: how many flights it has."""
 _TALLIES = ("screened_out", "reading_audit", "reference_audit")
 COVERAGE = (
-    "time_coverage_start",
-    "time_coverage_end",
-    "geospatial_lat_min",
-    "geospatial_lat_max",
-    "geospatial_lon_min",
-    "geospatial_lon_max",
+    *("time_coverage_start", "time_coverage_end", "geospatial_lat_min", "geospatial_lat_max"),
+    *("geospatial_lon_min", "geospatial_lon_max"),
 )
 """Attributes of the time and space that a product covers (ACDD 1.3)."""
 
@@ -157,46 +153,49 @@ def joined_months(months: Sequence[xr.Dataset]) -> xr.Dataset:
     ValueError says that months hold different variables or references, or aircraft out of order.
     """
     first = months[0]
+    same = {name for name in first.coords if not {"report", "aircraft"} & set(first[name].dims)}
     for other in months[1:]:
-        same = set(other.variables) == set(first.variables) and all(
-            np.array_equal(other[name].to_numpy(), first[name].to_numpy())
-            for name in first.coords
-            if not {"report", "aircraft"} & set(first[name].dims)
-        )
-        if not same:
+        if set(other.variables) != set(first.variables) or not all(
+            np.array_equal(other[name].to_numpy(), first[name].to_numpy()) for name in same
+        ):
             raise ValueError("the months hold different variables or references")
     names = [month["aircraft"].to_numpy().astype(str) for month in months]
     if any((part[1:] <= part[:-1]).any() for part in names):
         raise ValueError("the aircraft are not in alphabetical order")
     aircraft = np.unique(np.concatenate(names))
-    places = [np.searchsorted(aircraft, part) for part in names]
     counts = np.zeros((len(months), aircraft.size), dtype=np.int64)
-    for number, (place, month) in enumerate(zip(places, months, strict=True)):
-        counts[number, place] = month["row_size"].to_numpy()
+    for row, part, month in zip(counts, names, months, strict=True):
+        row[np.searchsorted(aircraft, part)] = month["row_size"].to_numpy()
     attributes = _attributes(months)
-    flights = np.cumsum([0, *(int(month.attrs.get(FLIGHTS, 0)) for month in months[:-1])])
-    columns: dict[str, xr.Variable] = {}
-    for name, variable in first.variables.items():
-        parts = [month.variables[name] for month in months]
+    total = counts.sum(axis=0).astype(np.int32)
+    columns = {"row_size": xr.Variable("aircraft", total, first["row_size"].attrs)}
+    for name, variable in first.data_vars.items():
         if "report" in variable.dims:
-            added = flights if name == "flight" else None
+            added = np.zeros(len(months), dtype=np.int64)
+            if name == "flight":
+                added[1:] = np.cumsum([int(month.attrs.get(FLIGHTS, 0)) for month in months[:-1]])
+            parts = [month.variables[name] for month in months]
             token = f"months-{attributes['uuid']}-{name}"
             lazy = _reports_by_aircraft(parts, counts, added, token)
             columns[str(name)] = xr.Variable(variable.dims, lazy, variable.attrs)
-        elif name != "aircraft" and "aircraft" in variable.dims:
-            columns[str(name)] = _last_values(parts, places, aircraft.size)
-    row_size = counts.sum(axis=0).astype(np.int32)
-    columns["row_size"] = xr.Variable("aircraft", row_size, first["row_size"].attrs)
-    coordinate = xr.Variable("aircraft", aircraft.astype(object), first["aircraft"].attrs)
-    rest = first.drop_dims(["report", "aircraft"]).assign_attrs(attributes)
-    order = [str(name) for name in first.data_vars if name in columns]
-    return rest.assign({name: columns[name] for name in order}).assign_coords(aircraft=coordinate)
+    # What an aircraft has once is that of its last month.
+    whole = xr.concat(
+        [month.drop_dims("report") for month in months],
+        "aircraft",
+        data_vars="minimal",
+        coords="minimal",
+        compat="override",
+        join="override",
+        combine_attrs="override",
+    ).drop_duplicates("aircraft", keep="last")
+    whole = whole.assign_coords(aircraft=whole["aircraft"].astype(str).astype(object))
+    return whole.sortby("aircraft").assign(columns)[list(first.data_vars)].assign_attrs(attributes)
 
 
 def _reports_by_aircraft(
     parts: Sequence[xr.Variable],
     counts: NDArray[np.int64],
-    added: NDArray[np.int64] | None,
+    added: NDArray[np.int64],
     token: str,
 ) -> da.Array:
     """One variable of all months, (..., report), in lazy chunks of whole aircraft.
@@ -206,7 +205,6 @@ def _reports_by_aircraft(
     stop = np.cumsum(counts, axis=1)
     start = stop - counts
     groups = aircraft_groups(counts.sum(axis=0))
-    outer = parts[0].shape[:-1]
     dtype = np.result_type(*(part.dtype for part in parts))
 
     def chunk(block_id: tuple[int, ...]) -> NDArray[np.generic]:
@@ -215,8 +213,7 @@ def _reports_by_aircraft(
             part[..., low[group.start] : high[group.stop - 1]].to_numpy()
             for part, low, high in zip(parts, start, stop, strict=True)
         ]
-        if added is not None:
-            values = [part + more for part, more in zip(values, added.astype(dtype), strict=True)]
+        values = [part + more if more else part for part, more in zip(values, added, strict=True)]
         owner = np.concatenate([np.repeat(np.arange(row.size), row) for row in counts[:, group]])
         order = np.argsort(owner, kind="stable")
         return np.concatenate(values, axis=-1)[..., order].astype(dtype)
@@ -224,24 +221,12 @@ def _reports_by_aircraft(
     sizes = tuple(int(counts[:, group].sum()) for group in groups)
     lazy: da.Array = da.map_blocks(
         chunk,
-        chunks=(*((size,) for size in outer), sizes),
+        chunks=(*((size,) for size in parts[0].shape[:-1]), sizes),
         dtype=dtype,
-        meta=np.empty((0,) * (len(outer) + 1), dtype),
+        meta=np.empty((0,) * parts[0].ndim, dtype),
         name=token,
     )
     return lazy
-
-
-def _last_values(
-    parts: Sequence[xr.Variable], places: Sequence[NDArray[np.int64]], aircraft: int
-) -> xr.Variable:
-    axis = parts[0].dims.index("aircraft")
-    shape = list(parts[0].shape)
-    shape[axis] = aircraft
-    values = np.zeros(shape, np.result_type(*(part.dtype for part in parts)))
-    for part, place in zip(parts, places, strict=True):
-        np.moveaxis(values, axis, 0)[place] = np.moveaxis(part.to_numpy(), axis, 0)
-    return xr.Variable(parts[0].dims, values, parts[0].attrs)
 
 
 def _attributes(months: Sequence[xr.Dataset]) -> dict[str, object]:
@@ -250,16 +235,14 @@ def _attributes(months: Sequence[xr.Dataset]) -> dict[str, object]:
         return found
     uuids = "".join(str(month.attrs["uuid"]) for month in months)
     found["uuid"] = hashlib.sha256(uuids.encode()).hexdigest()[:32]
-    for name in (FLIGHTS, "kept_reports"):
-        if name in found:
-            found[name] = sum(int(month.attrs.get(name, 0)) for month in months)
-    for name in COVERAGE:
+    for name in found:
         values = [month.attrs[name] for month in months if name in month.attrs]
-        if values:
+        if name in (FLIGHTS, "kept_reports"):
+            found[name] = sum(map(int, values))
+        elif name in COVERAGE:
             found[name] = min(values) if name.endswith(("_start", "_min")) else max(values)
-    for name in _TALLIES:
-        if name in found:
-            found[name] = json.dumps(_summed([json.loads(month.attrs[name]) for month in months]))
+        elif name in _TALLIES:
+            found[name] = json.dumps(_summed([json.loads(value) for value in values]))
     return found
 
 

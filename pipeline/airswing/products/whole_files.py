@@ -15,16 +15,17 @@ import functools
 import glob
 import hashlib
 import json
+import math
 import os
 import re
 import uuid
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numpy as np
 
-from airswing.errors import InputError
+from airswing.errors import InputError, shortened
 from airswing.version import __version__
 
 Content = TypeVar("Content", bound=Mapping[str, object])
@@ -33,7 +34,6 @@ ZARR_MARKS = ("zarr.json", ".zmetadata", ".zgroup")
 PACKAGE = Path(__file__).parents[1]
 _LOCK, _PARTIAL = ".running", "*.part"
 _DIGITS = 32  # hexadecimal: 128 bits, so that no two fingerprints are equal by chance
-_MOST, _WIDTH = 6, 100  # entries of a list in a line of `Findings`; characters of a line
 
 
 @contextlib.contextmanager
@@ -126,20 +126,15 @@ def plain(value: object) -> object:
 
     NaN and infinities become None; objects of other types become text.
     """
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray):
-        return [plain(item) for item in value.tolist()]
-    if isinstance(value, (list, tuple, set)):
+    if isinstance(value, list | tuple | set):
         return [plain(item) for item in value]
-    # before float: numpy's doubles are floats too
-    if isinstance(value, np.generic):
-        return plain(value.item())
-    if isinstance(value, float) and not np.isfinite(value):
+    if isinstance(value, float) and not math.isfinite(value):
         return None
-    if value is None or isinstance(value, (bool, int, float, str)):
-        return value
-    return str(value)
+    return value if value is None or isinstance(value, bool | int | float | str) else str(value)
 
 
 @contextlib.contextmanager
@@ -189,42 +184,33 @@ def workspace(folder: Path) -> Iterator[None]:
 def none_found(pattern: str | os.PathLike[str], field: str) -> InputError:
     """Return the error for a path or pattern of a key (`field`) that names no file."""
     text = os.fspath(pattern)
-    closed = _unreadable_folder(Path(text))
-    if closed is not None:
+    folder = Path(text)
+    while glob.has_magic(str(folder)):
+        folder = folder.parent
+    try:
+        folder.stat()
+        if folder.is_dir():
+            os.scandir(folder).close()
+    except PermissionError:
         return InputError(
             "the folder may not be read: permission denied",
-            file=closed,
+            # of a folder that may be listed but not entered, the last path that can be seen
+            file=next(path for path in (folder, *folder.parents) if os.path.exists(path)),
             field=field,
             found=f"pattern {text!r}",
             remedy="Its owner can let you list and enter it",
         )
-    folder = Path(text)
+    except OSError:
+        pass
+    folder, what = Path(text), "no file found"
+    remedy = "Check the pattern; relative paths start at the current directory"
     if folder.is_dir():
         first = next((path for path in sorted(folder.rglob("*")) if path.is_file()), folder / "*")
         below = folder if first.parent == folder else folder / "**"
         what, remedy = "is a folder", f"Name the files in it, such as {below}/*{first.suffix}"
-    else:
-        what = "no file found"
-        remedy = "Check the pattern; relative paths start at the current directory"
     return InputError(
         what, field=field, found=f"pattern {text!r} in folder {os.getcwd()}", remedy=remedy
     )
-
-
-def _unreadable_folder(path: Path) -> Path | None:
-    """Folder on the path to a pattern's files that this user may not list or enter."""
-    while glob.has_magic(str(path)):
-        path = path.parent
-    try:
-        path.stat()
-        if path.is_dir():
-            os.scandir(path).close()
-    except PermissionError:
-        # of a folder that may be listed but not entered, the last path that can be seen
-        return next(folder for folder in (path, *path.parents) if os.path.exists(folder))
-    except OSError:
-        return None
-    return None
 
 
 def fingerprint(*parts: object) -> str:
@@ -267,36 +253,13 @@ def code_digest() -> str:
 
 
 class Findings(dict[str, object]):
-    """A mapping whose ``repr`` has one line a key and abbreviates long values."""
+    """A mapping whose ``repr`` has one line a key, each of at most 100 characters."""
 
     def __repr__(self) -> str:
-        lines = (f"{key}: {_short(value)}" for key, value in self.items())
-        return "\n".join(
-            line if len(line) <= _WIDTH else line[: _WIDTH - 3] + "..." for line in lines
-        )
+        return "\n".join(f"{key}: {shortened(value, 98 - len(key))}" for key, value in self.items())
 
 
 def findings(content: Content) -> Content:
     """Return a stage's result as :class:`Findings`, typed as before."""
     # a TypedDict with the same keys
     return cast(Content, Findings(content))
-
-
-def _short(value: object) -> str:
-    if isinstance(value, Mapping):
-        if any(isinstance(entry, Mapping | list) for entry in value.values()):
-            return _some(value)
-        return _some(f"{key} {_short(entry)}" for key, entry in value.items()) or "none"
-    if isinstance(value, Sequence) and not isinstance(value, str):
-        first = value[0] if value else None
-        if isinstance(first, Mapping):
-            return f"{len(value):,} of {_some(first)}"
-        return _some(map(_short, value)) or "none"
-    if isinstance(value, float):
-        return f"{value:.4g}"
-    return "none" if value is None else str(value)
-
-
-def _some(values: Iterable[object]) -> str:
-    words = [str(value) for value in values]
-    return ", ".join(words[:_MOST]) + (f" and {len(words) - _MOST:,} more" * (len(words) > _MOST))

@@ -29,11 +29,9 @@ from airswing.physics.triangle import direction_in_degrees, wrap_degrees
 from airswing.reports.audit import Audit
 from airswing.reports.flights import Columns, derive_flight, derive_phase, step_distance
 from airswing.reports.resolution import resolutions
-from airswing.reports.values import seconds_since_1970
+from airswing.reports.values import EARLIEST, seconds_since_1970
 from airswing.units import METRES_PER_DEGREE
 from airswing.vocabulary import describe
-
-Period = tuple[np.datetime64, np.datetime64]
 
 # m/s over ground, and m/s of climb: what is farther apart is not one moment of a flight.
 FASTEST, CLIMB = 350.0, 10.0
@@ -42,6 +40,7 @@ _SAME_PLACE, _SAME_ALTITUDE = 1e-4, 15.0  # degrees, m
 _TREND_GAP = 1200.0  # s: reports farther away show no climb or descent
 _FEWEST_OVERLAPPING = 5  # reports of a flight that overlaps another; fewer are wrong positions
 _AIRPORT = 100_000.0  # m: how far from the last report of a flight the next may begin at once
+_LATEST = np.datetime64("2200", "ns")  # later than any possible time
 _OUTPUT = (
     *("latitude", "longitude", "pressure", "pressure_altitude", "eastward_wind", "northward_wind"),
     *("air_temperature", "roll_flag", "temperature_qc", "wind_qc", "phase", "icing", "wind_source"),
@@ -58,7 +57,7 @@ def assemble(
     parts: Iterable[pd.DataFrame],
     *,
     interval: float = 0.0,
-    begins: Period | None = None,
+    begins: tuple[np.datetime64, np.datetime64] | None = None,
     audit: Audit | None = None,
 ) -> xr.Dataset:
     """Assemble the cleaned reports of several files into one ragged Dataset, which may be empty.
@@ -71,18 +70,19 @@ def assemble(
     """
     audit = Audit() if audit is None else audit
     columns, tails, labels = _gathered(parts)
+    # Reports of the margin are counted with their own period.
+    first, after = begins or (EARLIEST, _LATEST)
+    columns["counted"] = (columns["time"] >= first) & (columns["time"] < after)
     _take(columns, _order(columns))
-    _drop_same_place(columns, audit, begins)
-    _drop_conflicts(columns, audit, begins)
+    _drop_same_place(columns, audit)
+    _drop_conflicts(columns, audit)
     _take(columns, _along_climb(columns))
-    _average(columns, interval, audit, begins)
+    _average(columns, interval, audit)
     flight = derive_flight(columns)
-    if begins is not None:
-        _, first, number = np.unique(flight, return_index=True, return_inverse=True)
-        start = columns["time"][first]
-        kept = ((start >= begins[0]) & (start < begins[1]))[number]
-        _take(columns, kept)
-        flight = flight[kept]
+    _, begin, number = np.unique(flight, return_index=True, return_inverse=True)
+    kept = columns["counted"][begin][number]
+    _take(columns, kept)
+    flight = flight[kept]
     audit.repair("flight_derived", np.count_nonzero(columns["flight"] < 0))
     tails = _separate(columns, flight, tails, labels, audit)
     order = np.lexsort((flight, columns["tail"]))
@@ -170,16 +170,9 @@ def _number_missing(columns: Columns, members: NDArray[np.integer]) -> NDArray[n
     return np.asarray(sum(np.isnan(columns[name][members]).astype(np.int64) for name in names))
 
 
-def _within(time: NDArray[np.datetime64], begins: Period | None) -> NDArray[np.bool_]:
-    """Which times are counted: those of the margin are counted with their own period."""
-    if begins is None:
-        return np.ones(time.shape, dtype=bool)
-    return np.asarray((time >= begins[0]) & (time < begins[1]))
-
-
-def _drop_same_place(columns: Columns, audit: Audit, begins: Period | None) -> None:
+def _drop_same_place(columns: Columns, audit: Audit) -> None:
     later = np.flatnonzero(_same_moment(columns["tail"], columns["time"]))
-    north, east, up = _apart(columns, later, later - 1)
+    north, east, up = _apart(columns, later)
     # An unknown altitude (NaN) passes.
     near = (np.abs(north) < _SAME_PLACE) & (np.abs(east) < _SAME_PLACE) & ~(up >= _SAME_ALTITUDE)
     later = later[near]
@@ -188,18 +181,18 @@ def _drop_same_place(columns: Columns, audit: Audit, begins: Period | None) -> N
         one, other = values[later], values[later - 1]
         # NaN differs from itself: two absent values are equal here.
         exact &= (one == other) | ((one != one) & (other != other))
-    counted = _within(columns["time"][later], begins)
+    counted = columns["counted"][later]
     audit.drop("exact_duplicate", np.count_nonzero(exact & counted))
     audit.drop("same_tail_and_time", np.count_nonzero(~exact & counted))
     if later.size:
         _take(columns, np.delete(np.arange(columns["tail"].size), later))
 
 
-def _drop_conflicts(columns: Columns, audit: Audit, begins: Period | None) -> None:
+def _drop_conflicts(columns: Columns, audit: Audit) -> None:
     """Of two places where one aircraft cannot both have been, drop the less complete report."""
     while True:
         later = np.flatnonzero(_same_moment(columns["tail"], columns["time"]))
-        north, east, up = _apart(columns, later, later - 1)
+        north, east, up = _apart(columns, later)
         east = east * np.cos(np.radians(columns["latitude"][later]))
         # A whole minute may be truncated; others are exact to a second.
         whole = columns["time"][later].astype("datetime64[ms]").astype(np.int64) % 60_000 == 0
@@ -211,8 +204,7 @@ def _drop_conflicts(columns: Columns, audit: Audit, begins: Period | None) -> No
         if not later.size:
             return
         worse_before = _number_missing(columns, later - 1) > _number_missing(columns, later)
-        counted = _within(columns["time"][later], begins)
-        audit.drop("conflicting_position", np.count_nonzero(counted))
+        audit.drop("conflicting_position", np.count_nonzero(columns["counted"][later]))
         _take(columns, np.delete(np.arange(columns["tail"].size), later - worse_before))
 
 
@@ -243,11 +235,11 @@ def _along_climb(columns: Columns) -> NDArray[np.int64]:
 
 
 def _apart(
-    columns: Columns, one: NDArray[np.integer], other: NDArray[np.integer]
+    columns: Columns, later: NDArray[np.integer]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Degrees north and east (the short way round) and metres up between reports."""
+    """Degrees north and east (the short way round) and metres up from the reports before."""
     north, east, up = (
-        columns[name][one] - columns[name][other]
+        columns[name][later] - columns[name][later - 1]
         for name in ("latitude", "longitude", "pressure_altitude")
     )
     return north, wrap_degrees(east), np.abs(up)
@@ -324,7 +316,7 @@ def _sequences(
     return np.array(number)
 
 
-def _average(columns: Columns, interval: float, audit: Audit, begins: Period | None) -> None:
+def _average(columns: Columns, interval: float, audit: Audit) -> None:
     """Average reports in order of tail and time over intervals (s; 0: none), in place.
 
     Reports of neighbouring seconds differ by coding noise; the errors of model and compass are the
@@ -332,43 +324,37 @@ def _average(columns: Columns, interval: float, audit: Audit, begins: Period | N
     more than :data:`STRAIGHT` the middle report is kept as it is, because a mean over a turn is
     not on the path. Positions are averaged in degrees, the short way round at the antimeridian.
     """
-    number = columns["tail"].size
-    if interval <= 0.0 or number < 2:
+    if interval <= 0.0 or columns["tail"].size < 2:
         return
     seconds = columns["time"].astype("datetime64[ms]").astype(np.int64) / 1e3
     group = _number_of_run(columns["tail"], np.floor(seconds / interval), columns["flight"])
     starts = np.flatnonzero(np.diff(group, prepend=-1))
-    sizes = np.diff(np.r_[starts, number])
     heading, longitude = columns["reported_heading"], columns["longitude"]
     # Less the first: sums of seconds since 1970 lose the milliseconds.
     first = starts[group]
-    offsets = {
-        "heading": wrap_degrees(heading.astype(np.float64) - heading[first]),
+    values = {name: columns[name].astype(np.float64) for name in _MEANS} | {
+        "reported_heading": wrap_degrees(heading.astype(np.float64) - heading[first]),
         "longitude": wrap_degrees(longitude - longitude[first]),
-        "seconds": seconds - seconds[first],
+        "time": seconds - seconds[first],
     }
-    values = {name: columns[name].astype(np.float64) for name in _MEANS}
-    grouped = pd.DataFrame(values | {f"{n} offset": v for n, v in offsets.items()}).groupby(group)
-    mean = {str(name): column.to_numpy() for name, column in grouped.mean().items()}
-    turn = grouped["heading offset"].max() - grouped["heading offset"].min()
+    grouped = pd.DataFrame(values).groupby(group)
+    turn = grouped["reported_heading"].max() - grouped["reported_heading"].min()
+    sizes = grouped.size().to_numpy()
     straight = (sizes > 1) & ~(turn.to_numpy() > STRAIGHT)
-    means = {name: mean[name] for name in _MEANS}
-    means["reported_heading"] = (heading[starts] + mean["heading offset"]) % 360.0
-    means["longitude"] = wrap_degrees(longitude[starts] + mean["longitude offset"])
-    if "wind_speed" in columns:
-        east, north = means["eastward_wind"], means["northward_wind"]
-        means["wind_speed"] = np.hypot(east, north)
-        means["wind_direction"] = direction_in_degrees(east, north)
-    mean_time = np.round((seconds[starts] + mean["seconds offset"]) * 1e9)
-    counted = _within(columns["time"], begins)
+    means = {str(name): column.to_numpy() for name, column in grouped.mean().items()}
+    means["reported_heading"] = (heading[starts] + means["reported_heading"]) % 360.0
+    means["longitude"] = wrap_degrees(longitude[starts] + means["longitude"])
+    nanoseconds = np.round((seconds[starts] + means["time"]) * 1e9)
+    means["time"] = nanoseconds.astype("datetime64[ns]")
+    east, north = means["eastward_wind"], means["northward_wind"]
+    means["wind_speed"] = np.hypot(east, north)
+    means["wind_direction"] = direction_in_degrees(east, north)
+    counted = columns["counted"]
     audit.drop("averaged", int(counted.sum()) - int(counted[starts].sum()))
     for name, original in columns.items():
-        chosen = original[starts + sizes // 2]
-        if name == "time":
-            chosen = np.where(straight, mean_time.astype("datetime64[ns]"), chosen)
-        elif name in means:
-            chosen = np.where(straight, means[name], chosen).astype(original.dtype)
-        columns[name] = chosen
+        columns[name] = original[starts + sizes // 2]
+        if name in means:
+            columns[name][straight] = means[name][straight]
 
 
 def _platform(columns: Columns, aircraft: int) -> NDArray[np.int8]:

@@ -1,9 +1,9 @@
 """Columns of a report table: canonical names and units, and mappings of other names and units.
 
-A canonical name is a quantity with its unit at the end (``wind_speed_kt``). The same quantity with
-another unit at the end (``wind_speed_m_s``) is understood without a mapping. Tables of programs in
-use are recognised by the names of their columns (:data:`LAYOUTS`). Any other name is mapped by the
-configuration, in one of these forms:
+A canonical name is a quantity of the table ``columns.csv`` with its unit at the end
+(``wind_speed_kt``). The same quantity with another unit at the end (``wind_speed_m_s``) is
+understood without a mapping. Tables of programs in use are recognised by the names of their columns
+(:data:`LAYOUTS`). Any other name is mapped by the configuration, in one of these forms:
 
 * ``theirs: canonical`` or ``theirs: {name: canonical, unit: their unit}``;
 * ``theirs: {name: time, format: "%d.%m.%Y %H:%M"}``: a time in another notation than
@@ -15,15 +15,18 @@ configuration, in one of these forms:
   where the third is the offset from UTC; with ``format`` of the two with a blank between;
 * ``name: {only: [value, ...]}``: reports with another value in that column are left out.
 
-Units are converted by pint; every conversion used here has a factor and an offset.
+Units are converted by pint; every conversion used here has a factor and an offset. The limits of
+pressure are those of the standard atmosphere at the limits of pressure altitude.
 """
 
 from __future__ import annotations
 
+import csv
 import difflib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from pathlib import Path
 
 import pandas as pd
 
@@ -36,19 +39,15 @@ ONLY = "only:"
 """Prefix of a column whose values select the reports."""
 
 
-TEXT = ("tail", "time", "roll_flag", "temperature_qc", "wind_qc", "phase", "flight", "icing")
-"""Columns without a unit."""
-
-
 @dataclass(frozen=True)
 class Quantity:
-    """A numeric column: the variable it becomes, its unit there and in the canonical name."""
+    """A numeric column, a row of ``columns.csv``."""
 
     stem: str  # the name without its unit
-    variable: str
-    si_unit: str  # degrees for angles
+    variable: str  # it becomes
+    si_unit: str  # of the variable; degrees for angles
     unit: str  # in the canonical name; none where there is a single one
-    limits: tuple[float, float]  # lowest and highest possible value, in the unit of the variable
+    limits: tuple[float, float]  # lowest and highest possible value of the variable
 
     @property
     def canonical(self) -> str:
@@ -56,32 +55,26 @@ class Quantity:
         return f"{self.stem}_{self.unit}" if self.unit else self.stem
 
 
-_TURN, _WIND = (0.0, 360.0), (-150.0, 150.0)
+with Path(__file__).with_suffix(".csv").open(encoding="ascii", newline="") as _file:
+    _ROWS = {row["column"]: row for row in csv.DictReader(_file)}
+TEXT = tuple(name for name, row in _ROWS.items() if not row["si_unit"])
+"""Columns without a unit."""
 QUANTITIES = {
-    quantity.stem: quantity
-    for quantity in (
-        Quantity("latitude", "latitude", "degree", "", (-90.0, 90.0)),
-        Quantity("longitude", "longitude", "degree", "", (-180.0, 360.0)),
-        Quantity("pressure_altitude", "pressure_altitude", "m", "ft", (-700.0, 20000.0)),
-        # Of the standard atmosphere at the two limits of altitude.
-        Quantity("pressure", "pressure", "Pa", "hPa", (5000.0, 110000.0)),
-        Quantity("wind_direction", "wind_direction", "degree", "deg", _TURN),
-        Quantity("wind_speed", "wind_speed", "m/s", "kt", (0.0, 150.0)),
-        Quantity("eastward_wind", "eastward_wind", "m/s", "kt", _WIND),
-        Quantity("northward_wind", "northward_wind", "m/s", "kt", _WIND),
-        Quantity("temperature", "air_temperature", "K", "degC", (150.0, 340.0)),
-        Quantity("true_airspeed", "reported_airspeed", "m/s", "kt", (0.0, 400.0)),
-        Quantity("heading", "reported_heading", "degree", "deg", _TURN),
-        Quantity("magnetic_heading", "magnetic_heading", "degree", "deg", _TURN),
-        Quantity("ground_speed", "ground_speed", "m/s", "kt", (0.0, 500.0)),
-        Quantity("track", "track", "degree", "deg", _TURN),
-        Quantity("indicated_airspeed", "indicated_airspeed", "m/s", "kt", (0.0, 400.0)),
-        Quantity("mach", "mach", "dimensionless", "", (0.0, 1.2)),
+    name: Quantity(
+        name,
+        row["variable"],
+        row["si_unit"],
+        row["unit"],
+        (float(row["lowest"]), float(row["highest"])),
     )
+    for name, row in _ROWS.items()
+    if row["si_unit"]
 }
 """Numeric columns by the name without its unit."""
 LIMITS = {quantity.variable: quantity.limits for quantity in QUANTITIES.values()}
 """Lowest and highest possible value by variable, in SI (degrees for angles)."""
+OTHER_NAMES = {name: row["other_names"] for name, row in _ROWS.items() if row["other_names"]}
+"""Pattern of the names that other programs give to a column, in small letters and digits alone."""
 
 _SUFFIXES = {
     **dict.fromkeys(("deg", "degree", "degrees"), "degree"),

@@ -19,6 +19,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from airswing.reports.columns import (
+    OTHER_NAMES,
     QUANTITIES,
     REQUIRED,
     Source,
@@ -32,41 +33,6 @@ from airswing.reports.formats.tabular import column_of, first_rows
 from airswing.reports.values import Column, numbers, parse_times, possible
 from airswing.units import KNOT
 
-_NAMES = (
-    (
-        "tail",
-        r"tail(no|num(ber)?|id)?|registration|reg|rego|ac(id|reg)?|aircraft(id|reg)?|airframe"
-        r"|icao(24|addr(ess)?|hex)?|hex(ident|code)?|modes|msn|ident(ifier)?",
-    ),
-    (
-        "time",
-        r"(obs|valid|report|observation|utc|gmt|lcl|local)?(date|time|datetime|hour|clock)(utc|gps)?"
-        r"|timestamp|utc|gmt|ts|epoch(time)?|unixtime|snapshotid|timeposition|lastcontact",
-    ),
-    ("latitude", r"lat(itude)?(deg|dd|n|gps)?|gpslat(itude)?|y"),
-    ("longitude", r"(lon(g|gitude)?|lng)(deg|dd|e|gps)?|gpslon(g|gitude)?|x"),
-    (
-        "pressure_altitude",
-        r"(p|press(ure)?|baro(metric)?|std|indicated)?alt(itude)?(baro|std|msl)?"
-        r"|baroaltitude|flightlevel|flevel|fl|(press)?height|palt|hp",
-    ),
-    ("pressure", r"p|pres(s|sure)?|staticpress(ure)?|ps"),
-    ("wind_direction", r"w(i)?n?d?dir(ection)?(true|from)?|dd|winddirn|wd|direction"),
-    ("wind_speed", r"w(i)?n?d?sp(ee)?d|ff|ws|windvel(ocity)?|wspd|speed"),
-    ("eastward_wind", r"u|uwnd|uwind|windu|ucomp(onent)?|eastwardwind|wx"),
-    ("northward_wind", r"v|vwnd|vwind|windv|vcomp(onent)?|northwardwind|wy"),
-    ("temperature", r"t|temp(erature)?|sat|oat|airtemp(erature)?|tmp|statictemp|outsidetemp|ta"),
-    ("true_airspeed", r"tas|trueair(speed)?"),
-    ("indicated_airspeed", r"ias|cas|indicatedair(speed)?|calibratedair(speed)?"),
-    ("mach", r"mach(no|number)?|m"),
-    ("magnetic_heading", r"mag(netic)?h(ea)?di?n?g|h(ea)?di?n?gmag(netic)?|mh"),
-    ("heading", r"(true)?h(ea)?di?n?g(true)?|th"),
-    ("ground_speed", r"(gps)?(gs|ground(speed|spd)|gnd(spd|speed)|gspd|gspeed|velocity|sog)"),
-    ("track", r"(gps)?(ground)?(trk|track)(angle|true)?|truetrack|course|cog"),
-    ("roll_flag", r"rollflag"),
-    ("phase", r"phase(offlight)?|flightphase"),
-    ("flight", r"flight(id|no|num(ber)?)?|callsign|flt(no|id)?|trip"),
-)
 _BRACKET = re.compile(r"\s*[\[(]\s*([^\])]+?)\s*[\])]\s*$")
 _ENDING = re.compile(r"_(ft|m|km|kts?|kn|knots|mps|m_s|ms|kmh|hPa|Pa|mb|degC|C|K|deg|rad)$", re.I)
 _AIRBORNE = ("ground_speed", "true_airspeed", "indicated_airspeed")
@@ -159,12 +125,11 @@ def _speed_of_positions(
 
 def _stem(column: str) -> str | None:
     """The quantity of a column by its name; None for an unknown one."""
-    known = split_name(column.strip())
-    if known is not None:
-        return next(stem for stem, one in QUANTITIES.items() if one is known[0])
+    if known := split_name(column.strip()):
+        return known[0].stem
     plain = _ENDING.sub("", _BRACKET.sub("", column.strip()))
     plain = re.sub(r"[^a-z0-9]", "", plain.lower())
-    return next((name for name, names in _NAMES if re.fullmatch(names, plain)), None)
+    return next((name for name, names in OTHER_NAMES.items() if re.fullmatch(names, plain)), None)
 
 
 def _time(
