@@ -14,10 +14,8 @@ import sys
 import numpy as np
 import pytest
 
-from airswing.config_file import load_config
 from airswing.products.netcdf import read_product
 from airswing.workflow import Job, make_headings
-from airswing.workflow.progress import Progress
 
 pytest.importorskip("dask_jobqueue")
 
@@ -75,7 +73,7 @@ def test_the_recipe_runs_the_main_job_on_workers_of_the_batch_system(slurm, tmp_
     log = (slurm / "job.log").read_text()
     assert log.count("Start worker at") == 2 and "Traceback" not in log
 
-    other = make_headings(Job(load_config(config, output=tmp_path / "here"), Progress(quiet=True)))
+    other = make_headings(Job.of(config, output=tmp_path / "here", quiet=True))
     one = read_product(tmp_path / "batch/headings")
     for name in one.variables:
         np.testing.assert_array_equal(one[name].to_numpy(), other[name].to_numpy(), str(name))

@@ -11,7 +11,6 @@ import sys
 from pathlib import Path
 
 import pytest
-import yaml
 
 from airswing import __version__, cli
 
@@ -39,19 +38,6 @@ def airswing(*words: object, folder: Path) -> subprocess.CompletedProcess:
     return subprocess.CompletedProcess(words, status, out.getvalue(), err.getvalue())
 
 
-def config(root: Path, folder: Path, **changes) -> Path:
-    content = yaml.safe_load((root / "configs/quickstart.yaml").read_text())
-    content["reports"]["files"] = str(root / content["reports"]["files"])
-    for reference in content["references"].values():
-        reference["files"] = str(root / reference["files"])
-    content["output"] = str(folder / "results")
-    for key, value in changes.items():
-        content[key] = value
-    path = folder / "config.yaml"
-    path.write_text(yaml.safe_dump(content, sort_keys=False))
-    return path
-
-
 def test_wrong_usage_is_status_2(tmp_path):
     done = process("run", "--colour", "red", folder=tmp_path)
     assert done.returncode == 2 and "--colour" in done.stderr
@@ -75,15 +61,15 @@ def test_an_empty_output_is_one_error_and_nothing_is_written_here(
     assert not list(tmp_path.iterdir())
 
 
-def test_a_stage_without_the_product_before_it_says_so(root, tmp_path):
-    done = airswing("fit", config(root, tmp_path), folder=tmp_path)
+def test_a_stage_without_the_product_before_it_says_so(quickstart_config, tmp_path):
+    done = airswing("fit", quickstart_config(tmp_path), folder=tmp_path)
     assert done.returncode == 2
     assert "headings" in done.stderr and "airswing run" in done.stderr
 
 
-def test_stages_one_by_one_and_the_json_summary(blank_cards, root, tmp_path):
+def test_stages_one_by_one_and_the_json_summary(blank_cards, quickstart_config, root, tmp_path):
     some = {"files": str(root / "data_samples/reports/N40[1-3].csv")}
-    path = config(root, tmp_path, reports=some)
+    path = quickstart_config(tmp_path, reports=some)
     for stage, product in (("collocate", "headings"), ("fit", "fits.nc"), ("correct", "corrected")):
         how = process if stage == "collocate" else airswing
         done = how(stage, path, "--quiet", folder=tmp_path)
@@ -103,8 +89,8 @@ def _heed_interrupts() -> None:
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
-def test_an_interrupt_is_status_130_and_leaves_no_half_product(root, tmp_path):
-    command = [sys.executable, "-m", "airswing", "run", str(config(root, tmp_path))]
+def test_an_interrupt_is_status_130_and_leaves_no_half_product(quickstart_config, tmp_path):
+    command = [sys.executable, "-m", "airswing", "run", str(quickstart_config(tmp_path))]
     started = subprocess.Popen(
         command, cwd=tmp_path, stderr=subprocess.PIPE, text=True, preexec_fn=_heed_interrupts
     )

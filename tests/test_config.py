@@ -1,15 +1,18 @@
-"""The configuration: defaults, units, and one clear message for each fault."""
+"""Configuration, quantities and messages: defaults, units, one clear line for each fault."""
 
 from __future__ import annotations
 
 import math
+import pickle
+from datetime import datetime
 from pathlib import Path
 
 import pytest
 import yaml
 
 from airswing.config_file import load_config
-from airswing.errors import ConfigError
+from airswing.errors import LONGEST, ConfigError, InputError, shortened
+from airswing.quantities import quantity, spelt_out
 
 SMALLEST = {
     "reports": {"files": "reports/*.csv"},
@@ -118,3 +121,83 @@ def test_a_configuration_prints_itself_in_a_few_lines():
     assert text.startswith("Config:\n  reports: data_samples/reports")
     assert "references: ruc, rtfdaa" in text
     assert len(text.splitlines()) < 10
+
+
+def test_quantities():
+    assert quantity("0.1 arcmin", "radian") == pytest.approx(math.radians(0.1 / 60))
+    assert quantity("1 kt", "meter / second") == pytest.approx(0.514444, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("bare", "unit"), [(None, "second"), (3, "second"), ("3", "second"), (" 0.1", "radian")]
+)
+def test_a_bare_number_is_refused_also_as_a_string(bare, unit):
+    with pytest.raises(ValueError, match=r"needs a unit, such as '[\d.]+ (min|deg)'"):
+        quantity(bare, unit)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["(3 h", "5 m/s/", "  ", "5..2 h", "2**2**100 s", "1e400 s", "nan s", "3 kt", "3 h )"],
+)
+def test_what_is_no_number_with_a_unit_is_refused(text):
+    with pytest.raises(ValueError, match="is not a quantity"):
+        quantity(text, "second")
+
+
+@pytest.mark.parametrize(
+    ("written", "meant"),
+    [
+        (20091020, datetime(2009, 10, 20)),
+        ("20091020", datetime(2009, 10, 20)),
+        ("2009102006", datetime(2009, 10, 20, 6)),
+        (200910200630, datetime(2009, 10, 20, 6, 30)),
+        ("20091020063015", datetime(2009, 10, 20, 6, 30, 15)),
+        ("2009-10-20T06:00", "2009-10-20T06:00"),
+        (None, None),
+    ],
+)
+def test_times_of_digits_are_dates_and_not_seconds(written, meant):
+    assert spelt_out(written) == meant
+
+
+@pytest.mark.parametrize("written", [-1, 1, 0.5, "1256018400", "20091320", "2009", True, "1e9"])
+def test_numbers_that_are_no_time_are_refused(written):
+    with pytest.raises(ValueError, match="is no time"):
+        spelt_out(written)
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        "x" * 10**6,
+        "a\nb\tc\x00d",
+        [["deep"] * 50] * 50,
+        {n: n for n in range(10**4)},
+        10**6000,
+        [10**6000],
+        b"\xff" * 10**5,
+        "‮",
+        object(),
+    ],
+    ids=range(9),
+)
+def test_messages_are_short_lines(value: object):
+    error = InputError(
+        str(shortened(value)), file=value, field="f" * 9000, found=value, remedy="r" * 999
+    )
+    text = str(error)
+    assert len(text) <= LONGEST
+    assert text.isprintable()
+
+
+def test_short_text_stays_as_it_is():
+    assert shortened("two  blanks") == "two  blanks"
+    error = ConfigError("unknown key; did you mean 'pool'?", file="c.yaml", field="pol", found=3)
+    assert str(error) == "c.yaml: pol: unknown key; did you mean 'pool'? (found: 3)"
+
+
+def test_errors_travel_between_processes():
+    error = InputError("wrong", file="f", found=[1, 2], remedy="Mend it")
+    again = pickle.loads(pickle.dumps(error))
+    assert (str(again), again.found) == (str(error), [1, 2])

@@ -18,8 +18,6 @@ import xarray as xr
 import yaml
 
 from airswing import workflow
-from airswing.config_file import load_config
-from airswing.workflow.progress import Progress
 from tests import perfect
 
 pytestmark = pytest.mark.usefixtures("blank_cards")
@@ -34,7 +32,7 @@ def fitted(folder: Path, table: pd.DataFrame, **reports: Any) -> xr.Dataset:
         "output": str(folder / "out"),
     }
     (folder / "config.yaml").write_text(yaml.safe_dump(content))
-    job = workflow.Job(load_config(folder / "config.yaml"), Progress(quiet=True))
+    job = workflow.Job.of(folder / "config.yaml", quiet=True)
     headings = workflow.make_headings(job)
     assert int((headings["screening"] == 0).sum()) > 0.9 * len(table.drop_duplicates())
     return workflow.make_fits(job, headings)

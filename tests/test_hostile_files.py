@@ -1,16 +1,19 @@
-"""Small damaged files that once ended a run: each gives a result or one message."""
+"""Damaged files give a result or one message: some that once ended a run, and drawn ones."""
 
 from __future__ import annotations
 
 import gzip
 import json
+import os
 import time
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray as xr
+from benchmarks.fuzz.__main__ import COLUMNS, LONG, SHARES, as_text, campaign, drawn
 
 from airswing.config_file import load_config
 from airswing.errors import LONGEST, ConfigError, InputError
@@ -183,3 +186,26 @@ def test_damaged_gzip_files_are_one_message(tmp_path: Path):
             inspect_file(path)
         with pytest.raises(InputError):
             read_reports(path)
+
+
+QUICK = {kind: share for kind, share in SHARES.items() if kind not in LONG}
+"""Kinds of which a case takes milliseconds; the others have a few cases each."""
+
+
+@pytest.fixture
+def own_cache(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(os.environ, "AIRSWING_CACHE", os.environ.get("AIRSWING_CACHE", ""))
+
+
+@pytest.mark.parametrize("count", [150, pytest.param(500, marks=pytest.mark.slow)])
+def test_damaged_files_give_a_result_or_one_message(own_cache, tmp_path: Path, count: int):
+    """The same cases on every machine, with a few of those that take long."""
+    few = [(kind, 11_000_000 + n) for kind in sorted(LONG) for n in range(2)][:-1]  # one command
+    cases = drawn(count - len(few), 11, QUICK) + few
+    table = campaign(cases, tmp_path)
+    together = sum(table.values(), Counter[str]())
+    assert together.total() == count
+    assert set(table) == set(SHARES)
+    assert together["result"] > count / 5
+    assert together["refused"] > count / 5
+    assert not [end for end in COLUMNS if together[end]], as_text(table)

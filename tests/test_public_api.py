@@ -10,6 +10,7 @@ import ast
 import doctest
 import inspect
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -30,17 +31,18 @@ NAMES = [
 
 
 @pytest.fixture(scope="module")
-def products(tmp_path_factory, root) -> dict[str, Any]:
+def products(tmp_path_factory, quickstart, root) -> dict[str, Any]:
     """What the examples use."""
-    folder = tmp_path_factory.mktemp("quickstart")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(root)
-        patch.setattr("airswing.workflow.main.make_page", lambda *_: None)
-        results = airswing.run("configs/quickstart.yaml", output=folder)
-        reports = airswing.read_reports("data_samples/reports/N40[1-3].csv")
+    folder = tmp_path_factory.mktemp("examples") / "results"
+    shutil.copytree(quickstart, folder)
     modules = {"airswing": airswing, "np": np, "pd": pd, "xr": xr}
-    datasets = {name: getattr(results, name) for name in ("headings", "fits", "corrected")}
-    return modules | datasets | {"reports": reports, "folder": folder}
+    datasets = {
+        "reports": airswing.read_reports(str(root / "data_samples/reports/N40[1-3].csv")),
+        "headings": airswing.open_product(folder / "headings"),
+        "fits": airswing.read_product(folder / "fits.nc"),
+        "corrected": airswing.open_product(folder / "corrected"),
+    }
+    return modules | datasets | {"folder": folder}
 
 
 @pytest.mark.parametrize("name", NAMES)

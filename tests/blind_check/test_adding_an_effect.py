@@ -6,7 +6,6 @@ the package knows of it.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import ClassVar
@@ -14,7 +13,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 import yaml
-from tests.blind_check.made_up import claim, gap
+from tests.blind_check.made_up import informed
 from tests.gap.toy import make_frame
 
 from airswing.blind_check import Plan, gap_check
@@ -113,17 +112,8 @@ def test_the_diagnosis_words_and_page_have_it(cold, tmp_path, names_only):
 def test_the_blind_check_draws_writes_seals_and_scores_it(added, tmp_path, monkeypatch):
     tiny = Size(days=3, aircraft=3, sizes=(0.8,), coarse=True)
     monkeypatch.setattr(Size, "fast", classmethod(lambda cls: tiny))
-    labels = {}
-
-    def oracle(config, output, without):
-        if not labels:
-            sealed = json.loads((tmp_path / "sealed" / "labels.json").read_text())
-            labels.update({label["name"]: label for label in sealed})
-        label = labels[config.parent.name]
-        return gap(*(claim(**one) for one in label["effects"]), closure=label["closure"])
-
     plan = Plan(2, 3, True, nulls=0, rungs=(1,), names=(NAME,))
-    check = gap_check(tmp_path, plan, diagnoser=oracle)
+    check = gap_check(tmp_path, plan, diagnoser=informed(tmp_path))
     assert [label["focus"] for label in check.labels] == [[NAME], [NAME]]
     assert all(s["first_right"] and s["parameter_error"] == 0.0 for s in check.scores)
     for label in check.labels:

@@ -1,17 +1,23 @@
-"""The check end to end on tiny archives, with a diagnosis that reads the sealed labels."""
+"""The check on tiny archives with a diagnosis that reads the labels, and by the command."""
 
 from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
-from tests.blind_check.made_up import claim, gap
+from tests.blind_check.made_up import informed
+from typer.testing import CliRunner
 
 from airswing.blind_check import Plan, gap_check, write_report
+from airswing.blind_check.check import run_command
 from airswing.blind_check.score import draws
 from airswing.blind_check.summary import summary_table
+from airswing.cli import app
 from airswing.synthetic.sealed.cases import Size
 
 NAMES = ("compass_offset", "hard_iron", "tas_scale", "outliers")
@@ -28,11 +34,7 @@ def checked(tmp_path_factory):
     def oracle(config, output, without):
         digest = (root / "sealed.sha256").read_text().split()[0]
         seen.append({"config": config, "digest": digest})
-        labels = json.loads((root / "sealed" / "labels.json").read_text())
-        label = next(one for one in labels if one["name"] == config.parent.name)
-        effects = [claim(**one) for one in label["effects"] if one["name"] not in without]
-        after = label["closure"]["after"]
-        return gap(*effects, closure={**label["closure"], "ci": [after - 0.1, after + 0.1]})
+        return informed(root)(config, output, without)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Size, "fast", classmethod(lambda cls: tiny))
@@ -100,3 +102,31 @@ def test_the_report_lists_every_figure_and_case(checked, tmp_path):
     assert check.digest in text and "airswing gap-check --cases 10 --seed 4 --fast" in text
     assert all(score["name"] in text for score in check.scores)
     assert summary_table(check) in text and (tmp_path / "gap_check.png").stat().st_size > 10_000
+
+
+def diagnosed(config: Path, output: Path, without: Sequence[str]) -> Mapping[str, Any]:
+    """Run the public command: in a new process for the first archive, else in this one."""
+    if config.parent.name == "case_001":
+        return run_command(config, output, without)
+    words = ["gap", str(config), "--output", str(output), "--quiet"]
+    done = CliRunner().invoke(app, [*words, *(f"--without={name}" for name in without)])
+    assert done.exit_code == 0, done.output
+    content: Mapping[str, Any] = json.loads((output / "gap.json").read_text())
+    return content
+
+
+@pytest.mark.slow
+def test_a_short_check_by_the_public_command(tmp_path, monkeypatch, no_gap_page):
+    short = Size(days=12, aircraft=5, sizes=(1.6,), coarse=True)
+    monkeypatch.setattr(Size, "fast", classmethod(lambda cls: short))
+    plan = Plan(4, 2, True, rungs=(1,), names=("compass_offset", "hard_iron", "tas_scale"))
+    check = gap_check(tmp_path, plan, diagnoser=diagnosed)
+    assert not any(score["failure"] for score in check.scores)
+    nulls = [score for score in check.scores if score["kind"] == "null"]
+    effects = [score for score in check.scores if score["kind"] == "single"]
+    assert len(nulls) == 1 and len(effects) == 3
+    assert not any(score["claimed"] or score["unknown"] for score in nulls)
+    assert all(score["closure_true"] >= 0.1 and score["detected"] for score in effects)
+    assert sum(score["in_set"] for score in effects) >= 2
+    assert sum(score["first_right"] for score in effects) >= 2
+    assert max(score["closure_error"] for score in check.scores) < 0.15

@@ -22,7 +22,6 @@ HARD_IRON = {
     "parameters": {"amplitude_deg": 2.0, "phase_deg": 30.0},
     "period": None,
 }
-CYCLE = ("amplitude_deg", "phase_deg")
 
 
 def label(kind="single", effects=None, **changes):
@@ -50,64 +49,103 @@ def outside(tails=("N401",), variables=("hour",)):
     return label("outside", effects=[effect], outside={"variables": list(variables)})
 
 
-def scored(truth, found):
-    return score_case(truth, found, fleet=FLEET)
+def closing(reduction):
+    """An entry's closure, kt."""
+    return {"closure": {"reduction": reduction}}
 
 
-def test_a_perfect_diagnosis():
-    score = score_case(label(), gap(claim()))
-    assert score["first_right"] and score["all_named"] and score["in_set"] and score["detected"]
-    assert (score["precision"], score["recall"]) == (1.0, 1.0)
-    assert score["parameter_error"] == pytest.approx(0.0, abs=1e-12)
-    assert score["closure_error"] == pytest.approx(0.0) and score["closure_covered"]
-    assert score["false_names"] == [] and not score["unknown"]
+NULL = label("null", effects=[], closure={"before": 6.5, "after": 6.5})
+ZERO, NEAR = pytest.approx(0.0, abs=1e-9), pytest.approx
+OUTLIERS = claim("outliers", closure={"reduction": 0.5, "reduction_ci": [0.4, 0.6]})
+SCORES = {
+    "a perfect diagnosis": (
+        label(),
+        gap(claim()),
+        {"first_right": True, "all_named": True, "in_set": True, "detected": True}
+        | {"precision": 1.0, "recall": 1.0, "parameter_error": ZERO, "unknown": False}
+        | {"closure_error": ZERO, "closure_covered": True, "false_names": []},
+    ),
+    "a wrong first name whose credible set has the truth": (
+        label(),
+        gap(claim("soft_iron", ambiguous_with=["hard_iron"])),
+        {"first_right": False, "all_named": False, "in_set": True}
+        | {"false_names": ["soft_iron"], "parameter_error": None},
+    ),
+    "a claim on a null": (
+        NULL,
+        gap(claim("tas_scale")),
+        {"in_set": None, "false_names": ["tas_scale"]},
+    ),
+    "a name that was removed": (
+        label("removed", without=["hard_iron"]),
+        gap(claim("compass_step")),
+        {"first_right": False, "false_names": ["compass_step"]},
+    ),
+    "other aircraft": (
+        label(),
+        gap(claim(tails=["N402", "N403", "N404"])),
+        {"precision": NEAR(1 / 3), "recall": 0.5},
+    ),
+    "a failure": (label(), None, {"failure": "exit status 1"}),
+    "no claim": (outside(), gap(), {"unknown_first": False}),
+    "a variable that implies the true one": (
+        outside(variables=["altitude"]),
+        gap(unknown=[place("pressure")]),
+        {"variable_first": True},
+    ),
+    "another variable": (outside(), gap(unknown=[place("bank")]), {"variable_first": False}),
+    "the entry that closes most states the variable": (
+        outside(),
+        gap(unknown=[place("bank", **closing(0.1)), place("hour", **closing(0.4))]),
+        {"variable_first": True},
+    ),
+    "an unknown on other aircraft": (
+        outside(tails=["N401", "N402"]),
+        gap(unknown=[place(tails=["N401", "N403"])]),
+        {"unknown_first": True, "variable_first": True, "precision": 0.5, "recall": 0.5},
+    ),
+    "an unknown of the fleet": (
+        outside(tails=None),
+        gap(unknown=[place(tails=[])]),
+        {"precision": 1.0, "recall": 1.0},
+    ),
+    "a false name that closes less than the unknown": (
+        outside(),
+        gap(claim("time_lag", **closing(0.2)), unknown=[place(**closing(0.3))]),
+        {"unknown_first": True},
+    ),
+    "a false name that closes more": (
+        outside(),
+        gap(claim("time_lag", **closing(0.5)), unknown=[place(**closing(0.3))]),
+        {"unknown_first": False},
+    ),
+    "the closure of the background is subtracted": (
+        label(background=["outliers"]),
+        gap(OUTLIERS, claim(), closure={"before": 7.0, "after": 6.0, "reduction_ci": [0.8, 1.2]}),
+        {"closure_error": ZERO, "closure_interval": NEAR([0.3, 0.7]), "closure_covered": True},
+    ),
+    "an interval of the remainder becomes one of the reduction": (
+        label(),  # the true reduction is 0.5
+        gap(claim(), closure={"before": 7.0, "after": 6.7, "ci": [6.55, 6.9]}),
+        {"closure_error": NEAR(0.2), "closure_interval": NEAR([0.1, 0.45])}
+        | {"closure_covered": False},
+    ),
+    "a phase of 90 degrees: amplitude and phase are one vector": (
+        label(),
+        gap(claim(parameters={"amplitude_deg": 2.0, "phase_deg": 120.0})),
+        {"parameter_error": NEAR(np.sqrt(2))},
+    ),
+    "the opposite amplitude and phase": (
+        label(),
+        gap(claim(parameters={"amplitude_deg": -2.0, "phase_deg": 210.0})),
+        {"parameter_error": ZERO},
+    ),
+}
 
 
-def test_a_wrong_first_name_whose_credible_set_contains_the_truth():
-    score = score_case(label(), gap(claim("soft_iron", ambiguous_with=["hard_iron"])))
-    assert not score["first_right"] and not score["all_named"] and score["in_set"]
-    assert score["false_names"] == ["soft_iron"] and score["parameter_error"] is None
-
-
-@pytest.mark.parametrize(
-    ("truth", "found", "expected"),
-    [
-        (
-            label("null", effects=[], closure={"before": 6.5, "after": 6.5}),
-            gap(claim("tas_scale")),
-            {"in_set": None, "false_names": ["tas_scale"]},
-        ),
-        (
-            label("removed", without=["hard_iron"]),
-            gap(claim("compass_step")),
-            {"first_right": False, "false_names": ["compass_step"]},
-        ),
-        (
-            label(),
-            gap(claim(tails=["N402", "N403", "N404"])),
-            {"precision": pytest.approx(1 / 3), "recall": 0.5},
-        ),
-        (
-            outside(variables=["altitude"]),
-            gap(unknown=[place("pressure")]),
-            {"variable_first": True},
-        ),
-        (outside(), gap(unknown=[place("bank")]), {"variable_first": False}),
-        (label(), None, {"failure": "exit status 1"}),
-        (
-            # the entry that closes most states the variable
-            outside(),
-            gap(
-                unknown=[
-                    place("bank", closure={"reduction": 0.1}),
-                    place("hour", closure={"reduction": 0.4}),
-                ]
-            ),
-            {"variable_first": True},
-        ),
-    ],
-)
-def test_single_scores(truth, found, expected):
+@pytest.mark.parametrize("name", SCORES)
+def test_a_case_is_scored(name):
+    truth, found, expected = SCORES[name]
     score = score_case(truth, found, failure="exit status 1", fleet=FLEET)
     assert {name: score[name] for name in expected} == expected
 
@@ -121,31 +159,6 @@ def test_effects_of_the_background_are_neither_right_nor_wrong():
     assert not score_case(sensor, gap(unknown=[heading]))["unknown"]
     other = score_case(sensor, gap(unknown=[heading, place(component="along_wind")]))
     assert other["unknown"] and other["claims"] == [("unknown", 0.97, False)]
-
-
-def test_the_closure_of_the_background_is_subtracted():
-    outliers = claim("outliers", closure={"reduction": 0.5, "reduction_ci": [0.4, 0.6]})
-    stated = {"before": 7.0, "after": 6.0, "reduction_ci": [0.8, 1.2]}
-    score = score_case(label(background=["outliers"]), gap(outliers, claim(), closure=stated))
-    assert score["closure_error"] == pytest.approx(0.0)
-    assert score["closure_interval"] == pytest.approx([0.3, 0.7]) and score["closure_covered"]
-
-
-def test_an_interval_of_the_remainder_becomes_one_of_the_reduction():
-    score = score_case(
-        label(), gap(claim(), closure={"before": 7.0, "after": 6.7, "ci": [6.55, 6.9]})
-    )
-    assert score["closure_error"] == pytest.approx(0.2)
-    assert score["closure_interval"] == pytest.approx([0.1, 0.45])
-    assert score["closure_covered"] is False  # the true reduction is 0.5
-
-
-def test_amplitude_and_phase_are_one_vector():
-    true = {"tails": None, "parameters": {"amplitude_deg": 1.0, "phase_deg": 0.0}}
-    turned = claim(parameters={"amplitude_deg": 1.0, "phase_deg": 90.0})
-    opposite = claim(parameters={"amplitude_deg": -1.0, "phase_deg": 180.0})
-    assert parameter_errors(CYCLE, true, [turned]) == [pytest.approx(np.sqrt(2))]
-    assert parameter_errors(CYCLE, true, [opposite]) == [pytest.approx(0.0, abs=1e-12)]
 
 
 def test_parameters_of_each_affected_aircraft_are_compared():
@@ -163,22 +176,6 @@ def test_date_error_takes_the_nearest_stated_start():
     true = ["2009-03-11T00:00:00", None]
     assert date_error(true, [["2009-03-13", None], None, [None, "2009-03-11"]]) == 2.0
     assert date_error(true, [None]) is None
-
-
-def test_an_unknown_with_the_right_variable_and_aircraft():
-    found = scored(outside(tails=["N401", "N402"]), gap(unknown=[place(tails=["N401", "N403"])]))
-    assert found["unknown_first"] and found["variable_first"]
-    assert (found["precision"], found["recall"]) == (0.5, 0.5)
-    fleet = scored(outside(tails=None), gap(unknown=[place(tails=[])]))
-    assert (fleet["precision"], fleet["recall"]) == (1.0, 1.0)
-    assert scored(outside(), gap())["unknown_first"] is False
-
-
-def test_a_false_name_precedes_an_unknown_that_closes_less():
-    unknown = [place(closure={"reduction": 0.3})]
-    small, large = (claim("time_lag", closure={"reduction": r}) for r in (0.2, 0.5))
-    assert scored(outside(), gap(small, unknown=unknown))["unknown_first"]
-    assert not scored(outside(), gap(large, unknown=unknown))["unknown_first"]
 
 
 def test_reliability_by_hand():
@@ -208,7 +205,7 @@ def test_confusion_and_figure():
         score_case(label(), gap(claim())),
         score_case(label(), gap(claim("soft_iron"))),
         score_case(label("null", effects=[]), gap()),
-        scored(outside(), gap(unknown=[place()])),
+        score_case(outside(), gap(unknown=[place()]), fleet=FLEET),
     ]
     truths, stated, counts = confusion(scores)
     assert truths == ["hard_iron", "outside", "nothing"]

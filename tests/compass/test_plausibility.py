@@ -1,4 +1,4 @@
-"""Each usual mistake is named, and sound archives are not suspected."""
+"""Each usual mistake is named, also by a run, and sound archives are not suspected."""
 
 from __future__ import annotations
 
@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+import yaml
 
+import airswing
 from airswing import collocate, derive_headings, fleet_wind, read_reports
 from airswing.compass.plausibility import (
     heading_kind_warnings,
@@ -17,9 +19,12 @@ from airswing.compass.plausibility import (
     taken_for,
     with_implausible,
 )
+from airswing.evaluation.results import Evaluation
 from airswing.flags import STATUS
 from airswing.physics.atmosphere import pressure_from_altitude, standard_temperature
+from airswing.products.netcdf import read_product
 from airswing.reports import Audit
+from airswing.synthetic.mode_s import write_mode_s
 from airswing.units import FOOT, KNOT, ZERO_CELSIUS
 
 AIRCRAFT, FLIGHTS, REPORTS = 4, 6, 40
@@ -353,3 +358,37 @@ def test_no_false_alarm_on_real_reports(real: Callable[[str], Path], name: str):
     reports = read_reports(real(name))
     winds = collocate(reports, {"fleet": fleet_wind(reports)})
     assert plausibility(derive_headings(reports, winds)) == []
+
+
+def test_a_run_finds_the_offsets_and_warns_of_magnetic_headings_taken_for_true(
+    tmp_path, blank_cards, monkeypatch
+):
+    # no cards, no evaluation and no page: what a run says comes before them
+    monkeypatch.setattr("airswing.workflow.main.make_evaluation", lambda *_: Evaluation())
+    monkeypatch.setattr("airswing.workflow.main.make_page", lambda *_: None)
+    write_mode_s(tmp_path, flights=10)
+    warnings = []
+    for output, columns in (("right", {}), ("wrong", {"heading": "heading_deg"})):
+        config = {
+            "reports": {
+                "files": str(tmp_path / "mode_s.csv"),
+                "interval": "60 s",
+                "columns": columns,
+            },
+            "references": {"era5": {"files": str(tmp_path / "era5.nc")}},
+            "screening": {"phases": ["ascent", "cruise", "descent", "unknown"]},
+            "fit": {"min_reports": 100},
+            "output": str(tmp_path / output),
+        }
+        path = tmp_path / "config.yaml"
+        path.write_text(yaml.safe_dump(config))
+        said = airswing.run(path).summary["warnings"]
+        warnings.append([line for line in said if "declination" in line])
+    assert warnings[0] == []
+    assert "headings taken for true are magnetic" in warnings[1][0] and len(warnings[1]) == 1
+    fits = read_product(tmp_path / "right/fits.nc").isel(reference=0)
+    for name, offset in {"a00004": 2.1, "a00005": -1.4, "a00006": 0.9}.items():
+        one = fits.sel(aircraft=name)
+        assert float(one["offset"]) == pytest.approx(
+            offset, abs=3 * float(one["offset_standard_error"])
+        )

@@ -58,54 +58,56 @@ def headings_dataset(flights=12, reports=25, seed=1, icing=True):
     latitude = 38.0 + 6.0 * rng.random(flight.max() + 1)[flight] + 0.2 * k * np.cos(flight)
     place = (seconds, latitude, longitude, np.log(pressure))
     u, v = wind(*place)
-    ground_u = speed * np.sin(np.radians(track)) + u
-    ground_v = speed * np.cos(np.radians(track)) + v
     declination = -3.0 + 0.6 * (longitude + 90.0) + 0.1 * (latitude - 40.0)
-    data = {
-        "row_size": ("aircraft", np.full(len(TAILS), flights * reports)),
-        "time": ("report", (seconds * 1e9).astype(np.int64).astype("datetime64[ns]")),
-        "flight": ("report", flight.astype(np.int32)),
-        "latitude": ("report", latitude),
-        "longitude": ("report", longitude),
-        "pressure": ("report", pressure),
-        "pressure_altitude": ("report", altitude),
-        "eastward_wind": ("report", u),
-        "northward_wind": ("report", v),
-        "air_temperature": ("report", 288.0 - 0.0065 * altitude),
-        "phase": ("report", phase),
-        "ground_eastward_velocity": ("report", ground_u),
-        "ground_northward_velocity": ("report", ground_v),
-        "ground_velocity_error": ("report", np.full(n, 0.5)),
-        "heading": ("report", track % 360.0),
-        "magnetic_heading": ("report", (track - declination) % 360.0),
-        "airspeed": ("report", speed),
-        "declination": ("report", declination),
-        "dip": ("report", 68.0 + 0.8 * (latitude - 40.0)),
-        "horizontal_field": ("report", 19500.0 - 400.0 * (latitude - 40.0)),
-        "longitudinal_acceleration": (
-            "report",
-            np.where(phase == 1, 0.25, np.where(phase == 3, -0.3, 0.02)) + rng.normal(0, 0.05, n),
-        ),
-        "bank": ("report", rng.normal(0.0, 6.0, n)),
-        "climb_rate": ("report", np.where(phase == 1, 3.9, np.where(phase == 3, -3.9, 0.0))),
-        "screening": ("report", np.zeros(n, np.int32)),
-        "reference_eastward_wind": (("reference", "report"), np.stack([u, u + 1.0])),
-        "reference_northward_wind": (("reference", "report"), np.stack([v, v - 1.0])),
-        "lead_time": (("reference", "report"), np.full((2, n), 3.0)),
-        "grid_convergence": (("reference", "report"), np.stack([0.42 * (longitude + 95.0)] * 2)),
-        "wind_speed_resolution": ("aircraft", np.full(len(TAILS), 1852.0 / 3600.0)),
-        "wind_direction_resolution": ("aircraft", np.full(len(TAILS), 1.0)),
+    acceleration = np.where(phase == 1, 0.25, np.where(phase == 3, -0.3, 0.02))
+    by_report = {
+        "time": (seconds * 1e9).astype(np.int64).astype("datetime64[ns]"),
+        "flight": flight.astype(np.int32),
+        "latitude": latitude,
+        "longitude": longitude,
+        "pressure": pressure,
+        "pressure_altitude": altitude,
+        "eastward_wind": u,
+        "northward_wind": v,
+        "air_temperature": 288.0 - 0.0065 * altitude,
+        "phase": phase,
+        "ground_eastward_velocity": speed * np.sin(np.radians(track)) + u,
+        "ground_northward_velocity": speed * np.cos(np.radians(track)) + v,
+        "ground_velocity_error": np.full(n, 0.5),
+        "heading": track % 360.0,
+        "magnetic_heading": (track - declination) % 360.0,
+        "airspeed": speed,
+        "declination": declination,
+        "dip": 68.0 + 0.8 * (latitude - 40.0),
+        "horizontal_field": 19500.0 - 400.0 * (latitude - 40.0),
+        "longitudinal_acceleration": acceleration + rng.normal(0, 0.05, n),
+        "bank": rng.normal(0.0, 6.0, n),
+        "climb_rate": np.where(phase == 1, 3.9, np.where(phase == 3, -3.9, 0.0)),
+        "screening": np.zeros(n, np.int32),
+    }
+    if icing:
+        by_report["icing"] = (rng.random(n) < 0.3).astype(np.int8)
+    by_reference = {
+        "reference_eastward_wind": [u, u + 1.0],
+        "reference_northward_wind": [v, v - 1.0],
+        "lead_time": [np.full(n, 3.0)] * 2,
+        "grid_convergence": [0.42 * (longitude + 95.0)] * 2,
     }
     names = {"t": "tendency", "p": "lnp_derivative", "x": "x_derivative", "y": "y_derivative"}
     for name, suffix in names.items():
-        for component, values in zip(
-            ("eastward", "northward"), derivative(name, *place), strict=True
-        ):
-            variable = f"reference_{component}_wind_{suffix}"
-            data[variable] = (("reference", "report"), np.stack([values, values]))
-    if icing:
-        data["icing"] = ("report", (rng.random(n) < 0.3).astype(np.int8))
-    return xr.Dataset(data, coords={"aircraft": list(TAILS), "reference": ["ruc", "rtfdaa"]})
+        for component, values in zip(("east", "north"), derivative(name, *place), strict=True):
+            by_reference[f"reference_{component}ward_wind_{suffix}"] = [values] * 2
+    by_aircraft = {
+        "row_size": np.full(len(TAILS), flights * reports),
+        "wind_speed_resolution": np.full(len(TAILS), 1852.0 / 3600.0),
+        "wind_direction_resolution": np.full(len(TAILS), 1.0),
+    }
+    return xr.Dataset(
+        {name: ("report", values) for name, values in by_report.items()}
+        | {name: (("reference", "report"), np.stack(two)) for name, two in by_reference.items()}
+        | {name: ("aircraft", values) for name, values in by_aircraft.items()},
+        coords={"aircraft": list(TAILS), "reference": ["ruc", "rtfdaa"]},
+    )
 
 
 def frame(**options) -> Frame:

@@ -22,9 +22,16 @@ SMALL = {
 }
 
 
+def archive(error=None, *, seed=5, aircraft=6, days=12, **options):
+    """Toy archive with an error of the headings in degrees, a function of the reports' context."""
+    radians = error and (lambda context: np.radians(error(context)))
+    options |= {"noise": 0.3, "heading_error": radians}
+    return make_frame(seed=seed, aircraft=aircraft, days=days, **options)
+
+
 @pytest.fixture(scope="module")
 def quiet():
-    return make_frame(seed=5, aircraft=6, days=12, noise=0.3)
+    return archive()
 
 
 @pytest.fixture(scope="module")
@@ -32,10 +39,11 @@ def iron():
     """One cycle of 1.5 degrees on two of six aircraft."""
 
     def error(context):
-        affected = np.isin(context["aircraft"], [1, 4])
-        return np.where(affected, np.radians(1.5) * np.sin(context["magnetic_heading"] + 0.7), 0.0)
+        return (
+            np.isin(context["aircraft"], [1, 4]) * 1.5 * np.sin(context["magnetic_heading"] + 0.7)
+        )
 
-    frame = make_frame(seed=5, aircraft=6, days=12, noise=0.3, heading_error=error)
+    frame = archive(error)
     return frame, diagnose(frame, catalogue=SMALL)
 
 
@@ -70,19 +78,13 @@ def test_one_cycle_on_two_aircraft(iron, quiet):
 
 def test_constant_one_and_two_cycles_of_all_aircraft_are_three_names():
     """Not one table of the heading, which has more evidence than hard iron alone."""
-    one, two = np.radians([3.5, 1.5, 2.5]), np.radians([0.3, 1.4, 1.2])
-    constant = np.radians([0.8, -1.2, 0.4])
+    constant, one, two = np.array([[0.8, -1.2, 0.4], [3.5, 1.5, 2.5], [0.3, 1.4, 1.2]])
 
     def error(context):
-        aircraft, magnetic = context["aircraft"], context["magnetic_heading"]
-        return (
-            constant[aircraft]
-            + one[aircraft] * np.sin(magnetic + aircraft)
-            + two[aircraft] * np.cos(2 * magnetic + aircraft)
-        )
+        a, m = context["aircraft"], context["magnetic_heading"]
+        return constant[a] + one[a] * np.sin(m + a) + two[a] * np.cos(2 * m + a)
 
-    frame = make_frame(seed=6, aircraft=3, days=10, noise=0.3, heading_error=error)
-    report = diagnose(frame, catalogue=SMALL).report
+    report = diagnose(archive(error, seed=6, aircraft=3, days=10), catalogue=SMALL).report
     assert {e.name for e in report.effects} == {"compass_offset", "hard_iron", "soft_iron"}
     assert not report.unknown.present
 
@@ -101,44 +103,68 @@ def test_products_are_complete_and_serialise(iron):
     assert made.report.closure.by_effect[0].name == "hard_iron"
 
 
-def test_a_change_is_dated():
-    day = 9
-
-    def error(context):
-        late = context["time"] > day * 86400
-        return np.where((context["aircraft"] == 2) & late, np.radians(1.2), 0.0)
-
-    frame = make_frame(seed=6, aircraft=6, days=16, noise=0.3, heading_error=error)
-    report = diagnose(frame, catalogue=SMALL, dictionary=False).report
-    (effect,) = report.effects
-    assert effect.name == "compass_step"
-    assert effect.tails == [frame.tails[2]]
-    start = np.datetime64(effect.period[0])
-    assert abs((start - (np.datetime64("1970-01-01") + day)).astype(int)) <= 1
-
-
-def test_a_drift_of_the_last_days_has_its_rate():
-    begins = 12
-
-    def error(context):
-        days = np.maximum(0.0, context["time"] / 86400 - begins)
-        return np.where(context["aircraft"] % 2 == 0, np.radians(1.2) * days, 0.0)
-
-    frame = make_frame(seed=6, aircraft=6, days=16, noise=0.3, heading_error=error)
-    catalogue = SMALL | {"compass_drift": CATALOGUE["compass_drift"]}
-    (effect,) = diagnose(frame, catalogue=catalogue).report.effects
-    assert effect.name == "compass_drift" and effect.tails == list(frame.tails[::2])
-    error = effect.standard_errors["rate_deg_per_day"]
-    assert effect.parameters["rate_deg_per_day"] == pytest.approx(1.2, abs=2 * error)
-    assert error < 0.1
+@pytest.mark.parametrize(
+    ("error", "options", "name", "tails", "parameters", "start"),
+    [
+        pytest.param(
+            lambda c: 1.2 * ((c["aircraft"] == 2) & (c["time"] > 9 * 86400)),
+            {"seed": 6, "days": 16},
+            "compass_step",
+            [2],
+            {"offset_deg": 1.2},
+            9,
+            id="a change",
+        ),
+        pytest.param(
+            lambda c: 1.2 * (c["aircraft"] % 2 == 0) * np.maximum(0.0, c["time"] / 86400 - 12),
+            {"seed": 6, "days": 16},
+            "compass_drift",
+            [0, 2, 4],
+            {"rate_deg_per_day": 1.2},
+            None,
+            id="a drift of the last days",
+        ),
+        pytest.param(
+            lambda c: 4.0 * (c["aircraft"] == 2),
+            {"days": 1},
+            "compass_offset",
+            [2],
+            {"offset_deg": 4.0},
+            None,
+            id="on a single day",
+        ),
+        pytest.param(
+            lambda c: np.full(c["time"].size, 1.5),
+            {"seed": 9},
+            "compass_offset",
+            range(6),
+            {"offset_deg": 1.5},
+            None,
+            id="the whole fleet",
+        ),
+    ],
+)
+def test_one_effect_is_named_sized_and_dated(error, options, name, tails, parameters, start):
+    frame = archive(error, **options)
+    catalogue = SMALL | ({name: CATALOGUE[name]} if name == "compass_drift" else {})
+    (effect,) = diagnose(frame, catalogue=catalogue, dictionary=False).report.effects
+    assert effect.name == name
+    assert effect.tails == [frame.tails[k] for k in tails]
+    assert (effect.scope == "fleet") == (len(tails) == 6)
+    for parameter, value in parameters.items():
+        error = effect.standard_errors[parameter]
+        assert effect.parameters[parameter] == pytest.approx(value, abs=max(3 * error, 0.05))
+        assert error < 0.2
+    if start:
+        late = np.datetime64(effect.period[0]) - (np.datetime64("1970-01-01") + start)
+        assert abs(late.astype(int)) <= 1
 
 
 def test_an_effect_of_one_reference_is_attributed_to_it_at_its_size():
     offsets = {"right": 0.0, "late": -2.0}
 
     def frame_against(reference, offset):
-        hours = offsets[reference] - offset
-        return make_frame(seed=5, aircraft=6, days=12, noise=0.3, reference_hours=hours)
+        return archive(reference_hours=offsets[reference] - offset)
 
     pool = [frame_against(reference, 0.0) for reference in offsets]
     names = [f"{c}_{when}" for c in "uv" for when in ("ref", "before", "after")]
@@ -161,9 +187,8 @@ def test_effect_outside_the_catalogue_is_located_and_closed():
         height = np.log(9.5e4 / context["pressure"])
         return np.where(context["aircraft"] == 3, 1 + 0.05 * (height - 0.35), 1.0)
 
-    frame = make_frame(seed=7, aircraft=5, days=14, noise=0.3, airspeed_factor=factor)
-    made = diagnose(frame, catalogue=SMALL)
-    report = made.report
+    frame = archive(seed=7, aircraft=5, days=14, airspeed_factor=factor)
+    report = diagnose(frame, catalogue=SMALL).report
     assert report.unknown.present
     place = report.unknown.where[0]
     assert place.component == "along_heading"
@@ -182,10 +207,9 @@ def test_effect_outside_the_catalogue_is_located_and_closed():
 def test_exchanged_identifiers_are_found_and_given_back():
     def error(context):
         a = context["aircraft"]
-        one = np.where(a == 0, np.radians(2.0) * np.sin(context["magnetic_heading"]), 0.0)
-        return one + np.where(a == 2, np.radians(-1.2), 0.0)
+        return (a == 0) * 2.0 * np.sin(context["magnetic_heading"]) - 1.2 * (a == 2)
 
-    frame = make_frame(seed=8, aircraft=5, days=18, noise=0.3, heading_error=error)
+    frame = archive(error, seed=8, aircraft=5, days=18)
     late = frame.time > 10 * 86400
     names = frame.aircraft.copy()
     names[(frame.aircraft == 0) & late], names[(frame.aircraft == 2) & late] = 2, 0
@@ -202,35 +226,11 @@ def test_exchanged_identifiers_are_found_and_given_back():
     assert found["compass_offset"].tails == [frame.tails[2]]
 
 
-def test_a_single_day_is_diagnosed_without_unknowns():
-    def error(context):
-        return np.where(context["aircraft"] == 2, np.radians(4.0), 0.0)
-
-    frame = make_frame(seed=5, aircraft=6, days=1, noise=0.3, heading_error=error)
-    report = diagnose(frame, catalogue=SMALL, dictionary=False).report
-    (effect,) = report.effects
-    assert (effect.name, effect.tails) == ("compass_offset", [frame.tails[2]])
-
-
-def test_missing_context_is_untestable_not_guessed(quiet):
+def test_missing_context_is_untestable_and_missing_derivatives_are_refused(quiet):
     blind = replace(quiet, icing=np.full(quiet.size, -1), temperature=np.full(quiet.size, np.nan))
-    catalogue = SMALL | {"heater_current": CATALOGUE["heater_current"]}
-    made = diagnose(blind, catalogue=catalogue, dictionary=False)
+    heater = {"heater_current": CATALOGUE["heater_current"]}
+    made = diagnose(blind, catalogue=heater, dictionary=False)
     assert "icing" in made.report.untestable["heater_current"]
-
-
-def test_an_error_of_the_whole_fleet_is_no_change_of_all_aircraft():
-    def error(context):
-        return np.full(context["time"].size, np.radians(1.5))
-
-    frame = make_frame(seed=9, aircraft=6, days=12, noise=0.3, heading_error=error)
-    report = diagnose(frame, catalogue=SMALL, dictionary=False).report
-    assert [effect.name for effect in report.effects] == ["compass_offset"]
-    assert report.effects[0].scope == "fleet"
-    assert report.effects[0].parameters["offset_deg"] == pytest.approx(1.5, abs=0.3)
-
-
-def test_too_few_reports_and_headings_without_derivatives_are_refused(quiet):
     with pytest.raises(InputError, match="too few reports"):
         diagnose(quiet.take(slice(0, 100)))
     ds = headings_dataset()

@@ -1,3 +1,5 @@
+"""Effects of the catalogue and tables over variables against hand-worked values."""
+
 from __future__ import annotations
 
 from dataclasses import replace
@@ -7,12 +9,14 @@ import numpy as np
 import ppigrf
 import pytest
 from tests.gap import frames
+from tests.gap.toy import make_frame
 
 from airswing.errors import InputError
 from airswing.gap.archive.frame import Frame
-from airswing.gap.effects import CATALOGUE, ActiveEffect, register
+from airswing.gap.effects import CATALOGUE, ActiveEffect, effect_named, register
 from airswing.gap.effects.base import amplitude_phase
 from airswing.gap.effects.declination_error import declination_change
+from airswing.gap.effects.empirical import Table, change_of
 from airswing.gap.effects.reference_speed_bias import LEVELS
 from airswing.gap.simulation.forward import simulate
 from airswing.physics.atmosphere import altitude_from_pressure, pressure_from_altitude
@@ -376,3 +380,84 @@ def test_missing_context_is_named(perfect):
     regular = replace(perfect, grid_convergence=np.zeros(perfect.size))
     assert "true north" in CATALOGUE["reference_grid_relative"].testable(regular)
     assert (np.isfinite(CATALOGUE["altitude_offset"].columns(flat))).all()
+
+
+@pytest.fixture(scope="module")
+def toy():
+    return make_frame(seed=3, aircraft=3, days=3)
+
+
+def test_table_of_two_variables_and_an_unknown_value(toy):
+    table = Table(
+        "along_wind",
+        ("track", "temperature"),
+        (np.array([0.0, 180.0, 360.0]), np.array([-100.0, 0.0, 100.0])),
+        np.array([1.0, 2.0, 3.0, 4.0]),
+    )
+    some = toy.take([0, 1, 2])
+    temperature = np.array([263.15, 293.15, np.nan])
+    ground_u = np.array([100.0, -100.0, 100.0])  # eastward, westward
+    some = replace(some, temperature=temperature, ground_u=ground_u, ground_v=np.zeros(3))
+    values = table.at(some, (some.u_rep, some.v_rep), some.heading)
+    np.testing.assert_array_equal(values, [1.0, 4.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("component", "change"),
+    [
+        ("across_heading", (1.0, 0.0)),
+        ("along_heading", (0.0, 1.0)),
+        ("heading_angle", (-100 * np.pi / 180, 0.0)),
+        ("airspeed_factor", (0.0, -1.0)),
+        ("across_wind", (0.0, -1.0)),
+        ("along_wind", (1.0, 0.0)),
+        ("wind_angle", (0.0, -20 * np.pi / 180)),
+        ("wind_factor", (0.2, 0.0)),
+    ],
+)
+def test_flying_north_at_100_in_a_westerly_of_20(component, change):
+    made = change_of(
+        component,
+        heading=np.zeros(1),
+        airspeed=np.full(1, 100.0),
+        u=np.full(1, 20.0),
+        v=np.zeros(1),
+    )
+    np.testing.assert_allclose(made[0], change, atol=1e-12)
+
+
+def table(component, values, edges=((-1e4, 0.0, 1e4),), variables=("longitude",)):
+    parameters = {
+        "component": component,
+        "variables": list(variables),
+        "edges": [list(map(float, cut)) for cut in edges],
+        "values": list(values),
+    }
+    return ActiveEffect("empirical", parameters, None)
+
+
+def test_an_angle_equals_a_compass_offset_in_its_cells(toy):
+    middle = float(np.median(toy.longitude))
+    effect = table("heading_angle", [0.0, 2.0], edges=[(-500.0, middle, 500.0)])
+    made = simulate(toy, effects=[effect]).residual
+    offset = ActiveEffect("compass_offset", {"offset_deg": 2.0}, None)
+    everywhere, nowhere = simulate(toy, effects=[offset]).residual, simulate(toy).residual
+    inside = (toy.longitude >= middle)[:, None]
+    np.testing.assert_allclose(made, np.where(inside, everywhere, nowhere), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"component": "sideways"}, "no such component"),
+        ({"variables": ["moon"]}, "unknown variable"),
+        ({"edges": [[0.0, 0.0, 1.0]]}, "edges must increase"),
+        ({"edges": []}, "needs its edges"),
+        ({"values": [1.0]}, "one number per cell"),
+        ({"variables": "longitude"}, "one or two variables"),
+    ],
+)
+def test_invalid_tables_are_refused(change, message):
+    parameters = table("along_heading", [0.0, 3.0]).parameters | change
+    with pytest.raises(InputError, match=message):
+        effect_named("empirical").complete(parameters)

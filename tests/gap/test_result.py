@@ -1,4 +1,4 @@
-"""gap.json is read as written; its effects are those the simulation takes, less the known ones."""
+"""gap.json and files of effects are read as written; their faults are named."""
 
 from __future__ import annotations
 
@@ -6,9 +6,11 @@ import json
 from dataclasses import replace
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from airswing.errors import InputError
-from airswing.gap.effects import ActiveEffect
+from airswing.gap.effects import CATALOGUE, ActiveEffect
 from airswing.gap.result.schema import (
     CurveEntry,
     EffectEntry,
@@ -20,8 +22,12 @@ from airswing.gap.result.schema import (
 from airswing.gap.simulation.effects_file import (
     active_effects,
     not_known,
+    parse_effects,
+    plain_effects,
+    plain_period,
     read_effects,
     unknown_not_known,
+    write_effects,
 )
 from airswing.products.whole_files import plain
 
@@ -88,3 +94,107 @@ def test_a_number_of_another_kind_is_named(gap_product, tmp_path):
         GapReport.read(bad)
     with pytest.raises(InputError, match="cannot be read"):
         GapReport.read(tmp_path / "none.json")
+
+
+AUGUST = 1249084800.0  # 2009-08-01T00:00Z
+
+values = st.floats(-1e4, 1e4, allow_nan=False).map(lambda x: round(x, 6))
+
+
+@st.composite
+def effects_of_files(draw):
+    effect = CATALOGUE[draw(st.sampled_from(sorted(CATALOGUE)))]
+    parameters = {p.name: draw(values) for p in effect.parameters if p.number}
+    if effect.name == "tail_swap":
+        parameters["pair"] = ["N401", "N402"]
+    tails = draw(
+        st.none() | st.lists(st.sampled_from(["N401", "7", "N403"]), min_size=1).map(tuple)
+    )
+    start = draw(st.none() | st.integers(0, 2**31).map(float))
+    end = None if start is None else start + draw(st.integers(1, 10**7))
+    period = draw(st.sampled_from([None, (start, end)]))
+    return ActiveEffect(effect.name, parameters, tails, period)
+
+
+@given(st.lists(effects_of_files(), max_size=4))
+def test_effects_are_written_and_read(tmp_path_factory, effects):
+    path = tmp_path_factory.mktemp("effects") / "effects.yaml"
+    assert read_effects(write_effects(effects, path)) == effects
+    assert parse_effects(plain_effects(effects)) == effects
+
+
+def test_file_with_units_and_dates(tmp_path):
+    path = tmp_path / "effects.yaml"
+    path.write_text(
+        "effects:\n"
+        "  - name: hard_iron\n"
+        "    tails: [N412, 418]\n"
+        "    parameters: {amplitude_deg: 3.9, phase_deg: 40}\n"
+        "  - {name: tas_offset, tails: all, parameters: {offset_m_s: 2 kt}}\n"
+        "  - name: compass_step\n"
+        "    parameters: {offset_deg: 0.0349066 rad}\n"
+        "    period: [2009-08-01, 2009-08-02T12:00:00Z]\n"
+    )
+    iron, offset, step = read_effects(path)
+    assert iron == ActiveEffect(
+        "hard_iron", {"amplitude_deg": 3.9, "phase_deg": 40.0}, ("N412", "418"), None
+    )
+    assert offset.tails is None
+    assert offset.parameters["offset_m_s"] == pytest.approx(1.028889, abs=1e-6)
+    assert step.parameters["offset_deg"] == pytest.approx(2.0, abs=1e-4)
+    assert step.period == (AUGUST, AUGUST + 1.5 * 86400.0)
+    assert plain_period(step.period) == ["2009-08-01T00:00:00Z", "2009-08-02T12:00:00Z"]
+
+
+def test_empty_file(tmp_path):
+    path = tmp_path / "none.yaml"
+    path.write_text("# nothing yet\n")
+    assert read_effects(path) == []
+    assert read_effects(write_effects([], path)) == []
+
+
+IRON = {"name": "hard_iron"}
+OUTLIERS = {"name": "outliers", "parameters": {"fraction": 0.1}}
+
+
+@pytest.mark.parametrize(
+    ("entry", "message"),
+    [
+        ({"name": "hard_irn", "parameters": {}}, "Did you mean hard_iron"),
+        ({"parameters": {}}, "unknown effect"),
+        (IRON | {"parameters": {"amplitude": 1}}, "Did you mean amplitude_deg"),
+        (IRON | {"parameters": {"phase_deg": 1}}, "needs a value of amplitude_deg"),
+        (IRON | {"parameters": {"amplitude_deg": "3 kt"}}, "in units of degree"),
+        (IRON | {"parameters": {"amplitude_deg": "3 dg"}}, "in units of degree"),
+        (IRON | {"parameters": {"amplitude_deg": [3]}}, "needs a number"),
+        (IRON | {"parameters": {"amplitude_deg": True}}, "needs a number"),
+        (IRON | {"parameters": [3]}, "must be a mapping"),
+        (OUTLIERS | {"tail": ["N1"]}, "Did you mean tails"),
+        (OUTLIERS | {"tails": []}, "list of aircraft"),
+        (OUTLIERS | {"period": "July"}, "start, end"),
+        (OUTLIERS | {"period": ["2009-08", None]}, "no date"),
+        (OUTLIERS | {"period": ["2009-08-02", "2009-08-01"]}, "ends before"),
+        ("hard_iron", "must be a mapping"),
+    ],
+)
+def test_errors_name_the_fault_and_the_file(entry, message):
+    with pytest.raises(InputError, match=message) as caught:
+        parse_effects([entry], file="mine.yaml")
+    assert "mine.yaml" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (None, "cannot read"),
+        ("a: [1\n", "not a YAML file"),
+        ("effect: []\n", "Did you mean effects"),
+        ("3\n", "must be a list"),
+    ],
+)
+def test_other_files_are_refused(tmp_path, text, message):
+    path = tmp_path / "effects.yaml"
+    if text:
+        path.write_text(text)
+    with pytest.raises(InputError, match=message):
+        read_effects(path)

@@ -9,6 +9,7 @@ import eccodes
 import numpy as np
 import pytest
 
+import airswing
 from airswing.synthetic import real_winds
 
 GRIB = "grib/wrf_ruc13_g212"
@@ -56,36 +57,21 @@ def test_flights_see_independent_draws_of_the_error(real) -> None:
     assert abs(np.corrcoef(drawn[:-1, 0], drawn[1:, 0])[0, 1]) < 0.35
 
 
-@pytest.fixture(scope="module")
-def archive(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    from tests.conftest import REAL
-
-    if not (REAL / GRIB).exists():
-        pytest.skip(f"real data absent: ../shared/real/{GRIB}")
-    folder = tmp_path_factory.mktemp("real_winds")
-    real_winds.write_archive(folder, REAL / GRIB, aircraft=6, seed=2)
-    return folder
-
-
 @pytest.mark.slow
-def test_the_whole_job_recovers_the_deviations(archive: Path, blank_cards, monkeypatch) -> None:
+def test_the_whole_job_recovers_the_deviations(
+    real, tmp_path: Path, blank_cards, monkeypatch
+) -> None:
     """Every stage on real winds but the page, through two references of different leads."""
-    import xarray as xr
-    from typer.testing import CliRunner
-
-    from airswing.cli import app
-
+    real_winds.write_archive(tmp_path, real(GRIB), aircraft=6, seed=2)
     monkeypatch.setattr("airswing.workflow.main.make_page", lambda *_: None)
-    result = CliRunner().invoke(app, ["run", str(archive / "config.yaml"), "--quiet"])
-    assert result.exit_code == 0, result.output
-    truth = json.loads((archive / "truth" / "truth.json").read_text())["aircraft"]
-    with xr.open_dataset(archive / "results" / "fits.nc") as fits:
-        tails = fits["aircraft"].values.astype(str)
-        expected = np.array([[truth[tail]["deviation"][k] for k in "ABC"] for tail in tails])
-        for reference in ("cycle_00", "cycle_12"):
-            fit = fits.sel(reference=reference)
-            assert (fit["status"] == 0).all()
-            error = fit["deviation"].values[:, :3] - expected
-            spread = np.sqrt(np.diagonal(fit["deviation_covariance"].values, 0, 1, 2))[:, :3]
-            assert np.mean(np.abs(error) < 1.96 * spread) >= 0.75
-            assert np.sqrt(np.mean(error**2)) < 0.6
+    fits = airswing.run(tmp_path / "config.yaml").fits
+    truth = json.loads((tmp_path / "truth" / "truth.json").read_text())["aircraft"]
+    tails = fits["aircraft"].values.astype(str)
+    expected = np.array([[truth[tail]["deviation"][k] for k in "ABC"] for tail in tails])
+    for reference in ("cycle_00", "cycle_12"):
+        fit = fits.sel(reference=reference)
+        assert (fit["status"] == 0).all()
+        error = fit["deviation"].values[:, :3] - expected
+        spread = np.sqrt(np.diagonal(fit["deviation_covariance"].values, 0, 1, 2))[:, :3]
+        assert np.mean(np.abs(error) < 1.96 * spread) >= 0.75
+        assert np.sqrt(np.mean(error**2)) < 0.6

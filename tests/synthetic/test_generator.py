@@ -1,0 +1,187 @@
+"""Parts of the generator: waves, magnetic field, flights, vector instrument and stated truth."""
+
+from __future__ import annotations
+
+from datetime import datetime
+
+import numpy as np
+import pyproj
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from airswing.physics.compass_deviation import deviation_basis
+from airswing.synthetic.archive import simulate_arrays
+from airswing.synthetic.atmosphere import (
+    WaveKind,
+    random_waves,
+)
+from airswing.synthetic.flights import (
+    NETWORKS,
+    STEP,
+    Flown,
+    Timetable,
+    fly,
+    timetable,
+)
+from airswing.synthetic.instrument import (
+    EarthField,
+    Unit,
+    coded,
+    declination_of_year,
+    deviation_curve,
+    parse_faults,
+    sensed_heading,
+)
+from airswing.synthetic.observe import Coding
+from airswing.synthetic.truth import fleet_deviations, truth_record
+
+GRID = np.meshgrid(np.arange(-800.0, 801.0, 50.0), np.arange(-600.0, 601.0, 50.0))
+BOX = (25.0, 48.0, -124.0, -75.0)
+
+
+def test_waves_on_a_grid_are_those_at_its_points():
+    kind = WaveKind(40, 2.0, (100, 300), 0.4, 6.0, (30.0, 5.0))
+    waves = random_waves(np.random.default_rng(3), kind, start=-5.0, end=30.0)
+    x, y = GRID
+    zeta, hours = np.log([0.8, 0.4]), np.array([0.0, 1.25, 7.5])
+    field = waves.on_grid(x, y, zeta, hours)
+    for step, level in np.ndindex(3, 2):
+        place = np.full(x.size, zeta[level]), np.full(x.size, hours[step])
+        points = waves.at_points(x.ravel(), y.ravel(), *place)
+        np.testing.assert_allclose(field[step, :, level].reshape(2, -1), points, atol=2e-3)
+
+
+def test_the_lattice_is_close_to_igrf_and_older_tables_differ_by_the_secular_variation():
+    import ppigrf
+
+    earth = EarthField(datetime(2009, 7, 1), 30.0, BOX)
+    rng = np.random.default_rng(1)
+    lat, lon = rng.uniform(26, 47, 20), rng.uniform(-123, -76, 20)
+    east, north, up = (part.ravel() for part in ppigrf.igrf(lon, lat, 4.0, datetime(2009, 7, 16)))
+    declination, horizontal, down = earth.at(lat, lon, np.full(20, 15 * 24.0))
+    np.testing.assert_allclose(declination, np.arctan2(east, north), atol=np.radians(0.03))
+    np.testing.assert_allclose(horizontal, np.hypot(east, north), rtol=2e-3)
+    np.testing.assert_allclose(down, -up, rtol=2e-3)
+    lat, lon = np.array([44.9]), np.array([-93.2])
+    old = declination_of_year(lat, lon, 1995.0, BOX) - earth.at(lat, lon, np.zeros(1))[0]
+    assert 1.0 < np.degrees(old[0]) < 2.5
+
+
+GEOD = pyproj.Geod(ellps="WGS84")
+
+
+@pytest.fixture(scope="module")
+def table() -> Timetable:
+    return timetable(NETWORKS["great_lakes"], aircraft=4, days=6, seed=5, legs_per_day=4.0)
+
+
+@pytest.fixture(scope="module")
+def flown(table: Timetable) -> Flown:
+    def wind(lat: np.ndarray, lon: np.ndarray, alt: np.ndarray, hours: np.ndarray) -> np.ndarray:
+        return np.stack([10.0 + 0.002 * alt, -3.0 + 0 * alt])
+
+    return fly(table, wind, seed=5)
+
+
+def test_every_flight_arrives(table: Timetable, flown: Flown) -> None:
+    last = (flown.phase > 0).sum(axis=0) - 1
+    assert last.max() < flown.phase.shape[0]
+    flights = np.arange(last.size)
+    left = GEOD.inv(
+        flown.longitude[last, flights],
+        flown.latitude[last, flights],
+        table.destination[:, 1],
+        table.destination[:, 0],
+    )[2]
+    assert np.median(left) < 15e3
+    assert np.max(left) < 60e3
+    assert (flown.altitude.max(axis=0) >= table.cruise_altitude - 100).all()
+
+
+def test_ground_velocity_is_the_velocity_of_the_positions(flown: Flown) -> None:
+    """Centred geodesic chord over two steps against the stored velocity, in cruise."""
+    lat, lon = flown.latitude, flown.longitude
+    azimuth, _, length = GEOD.inv(lon[:-2], lat[:-2], lon[2:], lat[2:])
+    steady = (flown.phase[:-2] == 2) & (flown.phase[2:] == 2) & (np.abs(flown.bank[1:-1]) < 0.01)
+    turn = np.radians(azimuth)
+    for name, part in (("east", np.sin(turn)), ("north", np.cos(turn))):
+        error = length / (2 * STEP) * part - getattr(flown, name)[1:-1]
+        assert np.sqrt(np.mean(error[steady] ** 2)) < 0.1
+
+
+H, DIP = 18500.0, np.radians(71.0)
+Z = H * np.tan(DIP)
+COMPASS = np.radians(np.arange(0.0, 360.0, 45.0))
+
+
+def wrap(angle: np.ndarray) -> np.ndarray:
+    return (angle + np.pi) % (2 * np.pi) - np.pi
+
+
+def sensed(unit: Unit, heading: np.ndarray) -> np.ndarray:
+    return sensed_heading(heading, np.full(heading.size, H), np.full(heading.size, Z), unit)
+
+
+def test_a_perfect_unit_shows_the_true_heading() -> None:
+    error = wrap(sensed(Unit.perfect(8), COMPASS) - COMPASS)
+    np.testing.assert_allclose(error, 0.0, atol=1e-12)
+
+
+@given(st.floats(-3000, 3000), st.floats(-3000, 3000), st.lists(st.floats(0, 6.28), min_size=1))
+def test_hard_iron_obeys_the_sine_law_in_the_indicated_heading(
+    forward: float, right: float, headings: list[float]
+) -> None:
+    true = np.array(headings)
+    unit = Unit.perfect(true.size)
+    unit.hard_forward += forward
+    unit.hard_right += right
+    shown = sensed(unit, true)
+    law = -(forward * np.sin(shown) + right * np.cos(shown)) / H
+    np.testing.assert_allclose(np.sin(shown - true), law, atol=1e-9)
+
+
+def test_soft_iron_makes_two_cycles_and_no_one() -> None:
+    unit = Unit.perfect(1)
+    unit.soft_sine += np.radians(1.2)
+    unit.soft_cosine -= np.radians(0.7)
+    curve = deviation_curve(H, Z, unit)
+    assert curve["D"] == pytest.approx(1.2, abs=0.005)
+    assert curve["E"] == pytest.approx(-0.7, abs=0.005)
+    assert abs(curve["B"]) + abs(curve["C"]) + abs(curve["A"]) < 0.005
+
+
+def test_coded_direction_is_where_the_wind_comes_from() -> None:
+    u = np.array([0.0, -10, -10, -10, 0, 10, 10, 10])
+    v = np.array([-10.0, -10, 0, 10, 10, 10, 0, -10])
+    step = np.ones(8)
+    direction, speed = coded(u, v, direction_step=step, speed_step=step)
+    assert direction.tolist() == [360, 45, 90, 135, 180, 225, 270, 315]
+    assert (speed == np.round(np.hypot(u, v) * 3600 / 1852)).all()
+
+
+START = datetime(2009, 3, 1)
+TAILS = [f"N{401 + k}" for k in range(6)]
+
+
+def wrapped(degrees):
+    return (degrees + 180.0) % 360.0 - 180.0
+
+
+def test_every_unit_errs_by_its_stated_coefficients_at_the_field_it_flies_in() -> None:
+    """Aircraft fly where the field is weaker or stronger than the fleet's, by several per cent."""
+    effects = fleet_deviations(TAILS, 7)
+    frame = simulate_arrays(
+        coding=Coding(heading_noise=0.0), days=6, aircraft=6, seed=7, effects=effects
+    )
+    faults = parse_faults(effects, start=START, tails=TAILS)
+    truth = truth_record(frame, faults, TAILS, effects)["aircraft"]
+    for tail in TAILS:
+        chosen = frame[(frame["tail"] == tail) & (frame["phase"] == 2)]
+        error = wrapped(np.degrees(chosen["heading"] - chosen["true_heading"]))
+        m = chosen["heading"] - chosen["declination"]
+        gain = truth[tail]["mean_horizontal_field"] / chosen["horizontal"]
+        basis = deviation_basis(m, gain)
+        stated = [truth[tail]["deviation"][name] for name in "ABCDE"] @ basis
+        bound = 0.01 + 3.0 * truth[tail]["deviation_residual_rms"]
+        assert np.abs(error - stated).max() < bound, tail
