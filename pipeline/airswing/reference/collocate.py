@@ -435,10 +435,21 @@ def require_overlap(overlaps: Mapping[str, Overlap]) -> None:
     for name, one in overlaps.items():
         if one.matched:
             continue
-        if one.without_time == one.reports:
-            what, found, remedy = _untimed(one)
+        if one.without_time == one.reports:  # the spans are apart, or the gaps too wide
+            reports, model = one.report_times, one.model_span
+            apart = reports[1] < model[0] or model[1] < reports[0]
+            if apart or not all((*reports, *model)):
+                what = "no overlap in time between reports and model winds"
+            elif model[0] == model[1]:
+                what = (
+                    "the model has a single valid time; a report needs one before and one after it"
+                )
+            else:
+                what = "no report lies between two model times that are close enough together"
+            found = f"reports {' to '.join(reports)}, model {' to '.join(model)}"
+            remedy = "Two valid times around a report may be at most max_time_gap apart"
         elif one.outside_levels == 0:
-            what, remedy = "no overlap in space between reports and model winds", None
+            what, remedy = "no overlap in space between reports and model winds", ""
             boxes = (("reports", one.report_box), ("model", one.model_box))
             found = ", ".join(
                 f"{whose} latitude {south:g} to {north:g}, longitude {west:g} to {east:g}"
@@ -454,18 +465,4 @@ def require_overlap(overlaps: Mapping[str, Overlap]) -> None:
             remedy = "Winds are interpolated between levels: two are needed"
             if len(set(one.model_levels)) > 1:
                 remedy = "Check the unit of the reports' altitude or pressure column, and of levels"
-        raise InputError(what, field=f"references.{name}", found=found, remedy=remedy)
-
-
-def _untimed(one: Overlap) -> tuple[str, str, str]:
-    """No report has a model time on both sides: the spans are apart, or the gaps too wide."""
-    reports, model = one.report_times, one.model_span
-    apart = reports[1] < model[0] or model[1] < reports[0]
-    if apart or not all((*reports, *model)):
-        what = "no overlap in time between reports and model winds"
-    elif model[0] == model[1]:
-        what = "the model has a single valid time; a report needs one before and one after it"
-    else:
-        what = "no report lies between two model times that are close enough together"
-    found = f"reports {' to '.join(reports)}, model {' to '.join(model)}"
-    return what, found, "Two valid times around a report may be at most max_time_gap apart"
+        raise InputError(what, field=f"references.{name}", found=found, remedy=remedy or None)

@@ -127,6 +127,30 @@ def is_same(file: SourceFile) -> bool:
     return (status.st_size, status.st_mtime_ns) == (file.size, file.mtime_ns)
 
 
+class Reader:
+    """Account of reading, and files that are opened if they are as they were catalogued."""
+
+    def __init__(self) -> None:
+        self.problems: dict[tuple[str, str], None] = {}  # file and reason, noted once
+        self.decoded = self.n_bytes = 0
+        self.seconds = 0.0
+        self._opened: dict[SourceFile, Any] = {}
+
+    def open(self, file: SourceFile, opener: Callable[[SourceFile], Any]) -> Any:
+        """What `opener` returns for a file; None if it is gone or was replaced."""
+        if file not in self._opened:
+            self._opened[file] = None
+            try:
+                if is_same(file):
+                    self._opened[file] = opener(file)
+                else:
+                    self.problems[file.path, REPLACED] = None
+            except (OSError, InputError) as error:
+                why = error.strerror if isinstance(error, OSError) else error.found
+                self.problems[file.path, f"{NOT_OPENED}: {why}"] = None
+        return self._opened[file]
+
+
 def find_files(files: str | os.PathLike[str] | Sequence[str], name: str) -> list[str]:
     """Full paths of the files and Zarr stores that the patterns of a reference name, sorted.
 

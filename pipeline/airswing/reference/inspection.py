@@ -13,7 +13,7 @@ from airswing.reference.files import local_path
 from airswing.reference.grib.grid_sections import read_grid
 from airswing.reference.grib.headers import FileContents, off_levels, scan_file
 from airswing.reference.gridded.datasets import engine_of
-from airswing.reference.grids import AxesGrid, Grid
+from airswing.reference.grids import AxesGrid
 from airswing.reference.winds import HYBRID, ISOBARIC, PRESSURE
 
 _UNITS = {ISOBARIC: "hPa", HYBRID: "hybrid level"}
@@ -113,16 +113,13 @@ def inspect_gridded(path: str) -> dict[str, object]:
         "levels": f"{levels.size} pressure levels, {ends}"
         if found.is_isobaric(0)
         else f"{levels.size} native levels with their pressure",
-        "grids": [_grid_text(found.grids[n]) for n in np.unique(found.profiles["grid"]).tolist()],
+        "grids": [
+            f"{grid.ni} x {grid.nj} points, latitude {south:.4g} to {north:.4g}, longitude "
+            f"{west:.4g} to {east:.4g}, winds "
+            + ("along the grid" if grid.wind_along_grid else "to true east and north")
+            for grid in (found.grids[n] for n in np.unique(found.profiles["grid"]).tolist())
+            for south, north, west, east in [grid.outline()]
+        ],
         "notes": found.notes,
         "skipped": found.skipped,
     }
-
-
-def _grid_text(grid: Grid) -> str:
-    south, north, west, east = grid.outline()
-    way = "along the grid" if grid.wind_along_grid else "to true east and north"
-    return (
-        f"{grid.ni} x {grid.nj} points, latitude {south:.4g} to {north:.4g}, "
-        f"longitude {west:.4g} to {east:.4g}, winds {way}"
-    )

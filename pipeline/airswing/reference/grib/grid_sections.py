@@ -81,7 +81,7 @@ def read_grid(edition: int, section: bytes) -> AxesGrid:
         return _rapid_refresh(section)
     import eccodes
 
-    handle = eccodes.codes_new_from_message(_message(edition, section))
+    handle = eccodes.codes_new_from_message(_message(eccodes, edition, section))
     try:
         return _Keys(eccodes, handle).grid()
     except (eccodes.CodesInternalError, ArithmeticError, ValueError) as error:
@@ -90,20 +90,12 @@ def read_grid(edition: int, section: bytes) -> AxesGrid:
         eccodes.codes_release(handle)
 
 
-@lru_cache(maxsize=2)
-def _sample(edition: int) -> bytes:
-    import eccodes
-
+def _message(eccodes: ModuleType, edition: int, section: bytes) -> bytes:
+    """A message of ecCodes' samples with another grid section."""
     name = "GRIB2" if edition == 2 else "regular_ll_pl_grib1"
     handle = eccodes.codes_grib_new_from_samples(name)
-    try:
-        return bytes(eccodes.codes_get_message(handle))
-    finally:
-        eccodes.codes_release(handle)
-
-
-def _message(edition: int, section: bytes) -> bytes:
-    sample = _sample(edition)
+    sample = bytes(eccodes.codes_get_message(handle))
+    eccodes.codes_release(handle)
     if edition == 1:
         first = 8 + int.from_bytes(sample[8:11], "big")
         rest = sample[first + int.from_bytes(sample[first : first + 3], "big") :]
@@ -180,7 +172,11 @@ class _Keys:
             stated = stated[0], math.nan
         x, y = _axes((self.ni, self.nj), (self.si, self.sj), first, last, unit, stated)
         if kind.endswith("gg"):
-            y = _gaussian_latitudes(2 * self.whole("N"))[:: 1 if self.sj > 0 else -1]
+            # the list of latitudes of ecCodes ends the process at some damaged sections
+            count = 2 * self.whole("N")
+            if not 2 <= count <= 10_000:
+                raise UnplaceableGridError(f"Gaussian grid of {count:,} latitudes")
+            y = np.degrees(np.arcsin(roots_legendre(count)[0]))[:: 1 if self.sj > 0 else -1]
             start = int(np.argmin(np.abs(y - first[0])))
             y = y[start : start + self.nj]
             if y.size != self.nj or max(abs(y[0] - first[0]), abs(y[-1] - last[0])) > 0.01:
@@ -262,17 +258,6 @@ class _Keys:
                 f"impossible shape of the earth, axes {axes[0]}, {axes[1]} m"
             )
         return f"+a={axes[0]!r} +b={axes[1]!r} +units=m +no_defs"
-
-
-@lru_cache(maxsize=8)
-def _gaussian_latitudes(count: int) -> Floats:
-    """Latitudes (degrees, northward) of a Gaussian grid: the roots of a Legendre polynomial.
-
-    The list of latitudes of ecCodes ends the process at some damaged sections.
-    """
-    if not 2 <= count <= 10_000:
-        raise UnplaceableGridError(f"Gaussian grid of {count:,} latitudes")
-    return np.asarray(np.degrees(np.arcsin(roots_legendre(count)[0])), dtype=np.float64)
 
 
 def _axes(

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.guarded import WorkerEndedError, guarded
-from airswing.reference.files import NOT_OPENED, REPLACED, SourceFile, is_same, local_path
+from airswing.reference.files import Reader, local_path
 from airswing.reference.grib.headers import MAX_BITS, PADDING, GarbageError, single_fields
 from airswing.reference.grids import Floats, Ints
 from airswing.reference.winds import PRESSURE, ModelTime, Request, limits
@@ -43,8 +43,8 @@ class UnreadableMessageError(Exception):
     """A message without usable values; the text gives the reason."""
 
 
-class GribReader:
-    """Values of the fields of model times at grid points; problems are noted once.
+class GribReader(Reader):
+    """Values of the fields of model times at grid points.
 
     Parameters
     ----------
@@ -53,18 +53,15 @@ class GribReader:
     """
 
     def __init__(self, *, sparse: bool = True) -> None:
+        super().__init__()
         self.sparse = sparse
-        self.problems: dict[tuple[str, str], None] = {}
-        self.decoded = self.n_bytes = 0
-        self.seconds = 0.0
-        self._descriptors: dict[SourceFile, int] = {}
 
     def close(self) -> None:
         """Close the files."""
-        for descriptor in self._descriptors.values():
-            if descriptor >= 0:
+        for descriptor in self._opened.values():
+            if descriptor is not None:
                 os.close(descriptor)
-        self._descriptors.clear()
+        self._opened.clear()
 
     def answer(self, models: Sequence[ModelTime], asked: Sequence[Request]) -> list[list[Floats]]:
         """Values of all requests of some model times; NaN if a field cannot be read."""
@@ -75,8 +72,10 @@ class GribReader:
         whole: list[tuple[int, Job]] = []
         began = time.perf_counter()
         for number, (row, points) in enumerate(wanted):
-            descriptor = self._descriptor(model.files[int(row["file"])])
-            if descriptor < 0:
+            descriptor = self.open(
+                model.files[int(row["file"])], lambda f: os.open(local_path(f.path), os.O_RDONLY)
+            )
+            if descriptor is None:
                 continue
             size = model.grids[int(row["kind"])].size
             probes = _probes(row, size)
@@ -100,19 +99,6 @@ class GribReader:
                 self._note(model, row, str(error))
         self.seconds += time.perf_counter() - began
         return found
-
-    def _descriptor(self, file: SourceFile) -> int:
-        if file not in self._descriptors:
-            descriptor = -1
-            try:
-                if is_same(file):
-                    descriptor = os.open(local_path(file.path), os.O_RDONLY)
-                else:
-                    self.problems[file.path, REPLACED] = None
-            except OSError as error:
-                self.problems[file.path, f"{NOT_OPENED}: {error.strerror}"] = None
-            self._descriptors[file] = descriptor
-        return self._descriptors[file]
 
     def _credible(
         self, model: ModelTime, row: np.void, shape: tuple[int, ...], values: Floats

@@ -206,12 +206,6 @@ def _is_member(ds: xr.Dataset, dim: str) -> bool:
     return attrs.get("standard_name") == "realization" or bool(_MEMBER.match(dim))
 
 
-def members_of(ds: xr.Dataset, dim: str, size: int) -> NDArray[np.int64]:
-    """Numbers of an ensemble's members: as written, else counted from 0."""
-    values = np.asarray(ds[dim].values) if dim in ds.variables else np.arange(size)
-    return (values if values.dtype.kind in "iuf" else np.arange(size)).astype(np.int64)
-
-
 def _grid_by_section(ds: xr.Dataset) -> AxesGrid | None:
     """Grid of a Dataset by its GRIB section; None if rows and columns describe it."""
     try:

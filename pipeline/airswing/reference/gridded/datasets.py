@@ -32,11 +32,9 @@ from airswing.errors import InputError
 from airswing.guarded import WorkerEndedError, guarded
 from airswing.products.damaged_netcdf import require_sound
 from airswing.reference.files import (
-    NOT_OPENED,
-    REPLACED,
+    Reader,
     SourceFile,
     identify,
-    is_same,
     is_url,
     kind_of,
     local_path,
@@ -127,7 +125,8 @@ def _netcdf(path: str, engine: str) -> xr.Dataset:
             if not is_wrf(plain):
                 raise InputError("is no file of WRF", file=path, remedy="Give engine: netcdf")
             return plain
-        julian = [key for key, one in plain.variables.items() if _is_julian(one.attrs.get("units"))]
+        units = {key: str(one.attrs.get("units")) for key, one in plain.variables.items()}
+        julian = [key for key in units if re.match(r"days since -471[23]\b", units[key])]
         if not julian:
             return xr.open_dataset(local, **options)
         for key in julian:  # cftime and others count years before Christ in several ways
@@ -162,10 +161,6 @@ def _netcdf(path: str, engine: str) -> xr.Dataset:
     found = found.assign_coords({str(k): v for k, v in outer.coords.items()})
     found.encoding[NOTES] = [f"winds of the group {groups[0]}"]
     return found
-
-
-def _is_julian(units: object) -> bool:
-    return bool(re.match(r"days since -471[23]\b", str(units)))
 
 
 def _groups(path: str) -> list[str]:
@@ -331,22 +326,19 @@ class _Piece(NamedTuple):
     target: Floats
 
 
-class DatasetReader:
-    """Values of the fields of model times at grid points; problems are noted once.
+class DatasetReader(Reader):
+    """Values of the fields of model times at grid points.
 
     Datasets given in Python have the path that their catalogue has.
     """
 
     def __init__(self, given: Mapping[str, xr.Dataset]) -> None:
+        super().__init__()
         self.given = given
-        self.problems: dict[tuple[str, str], None] = {}
-        self.decoded = self.n_bytes = 0
-        self.seconds = 0.0
-        self._known: dict[SourceFile, list[xr.Dataset] | None] = {}
 
     def close(self) -> None:
         """Forget the Datasets."""
-        self._known.clear()
+        self._opened.clear()
 
     def answer(self, models: Sequence[ModelTime], asked: Sequence[Request]) -> list[list[Floats]]:
         """Values of all requests of some model times; NaN if a field cannot be read."""
@@ -371,7 +363,10 @@ class DatasetReader:
             answers.append(mine)
         began = time.perf_counter()
         for (file, part, stored, _), together in pieces.items():
-            datasets = self._datasets(file, engine)
+            if engine == GIVEN:
+                datasets = [self.given[file.path]]
+            else:
+                datasets = self.open(file, lambda one: opened(one, engine))
             if datasets is None:
                 for piece in together:
                     piece.target[...] = np.nan
@@ -387,22 +382,6 @@ class DatasetReader:
                         piece.target[...] = np.nan
         self.seconds += time.perf_counter() - began
         return [[_in_si(*one) for one in mine] for mine in answers]
-
-    def _datasets(self, file: SourceFile, engine: str) -> list[xr.Dataset] | None:
-        """Datasets of a file; None if it is gone or was replaced."""
-        if engine == GIVEN:
-            return [self.given[file.path]]
-        if file not in self._known:
-            self._known[file] = None
-            try:
-                if is_same(file):
-                    self._known[file] = opened(file, engine)
-                else:
-                    self.problems[file.path, REPLACED] = None
-            except (OSError, InputError) as error:
-                why = error.strerror if isinstance(error, OSError) else error.found
-                self.problems[file.path, f"{NOT_OPENED}: {why}"] = None
-        return self._known[file]
 
 
 def _add(variable: xr.Variable, stored: StoredField, pieces: list[_Piece]) -> int:

@@ -28,7 +28,6 @@ from airswing.reference.gridded.axes import (
     cell_dimension,
     coordinate,
     grid_of_axes,
-    members_of,
     unstructured,
 )
 from airswing.reference.gridded.datasets import NOTES, SKIPPED
@@ -260,7 +259,10 @@ class Gathering:
         valid, lead = times_of(ds, name, outer, naming)
         member = np.zeros(valid.size, dtype=np.int64)
         if axes.member:
-            numbers = members_of(ds, axes.member, outer[axes.member])
+            # numbers as written, else counted from 0
+            numbers = np.arange(outer[axes.member])
+            if axes.member in ds.variables and ds[axes.member].dtype.kind in "iuf":
+                numbers = ds[axes.member].values.astype(np.int64)
             member = spread(numbers, [axes.member], outer)
         wind = kind < PRESSURE
         written = naming.units.get(name, written_units(ds[name].attrs))
@@ -427,7 +429,11 @@ def _levels_of(ds: xr.Dataset, name: str, level: xr.DataArray | None, naming: Na
     terms = {key.rstrip(":"): value for key, value in zip(words[::2], words[1::2], strict=False)}
     kind, key = str(level.attrs.get("standard_name", "")), str(level.name)
     units = naming.units.get(key, level.attrs.get("units"))
-    values, unknown = _numbers(level), np.full(level.size, np.nan)
+    unknown = np.full(level.size, np.nan)
+    try:
+        values = np.asarray(level.values, dtype=np.float64)
+    except (TypeError, ValueError):
+        values = np.arange(level.size, dtype=np.float64)
     if kind == "atmosphere_ln_pressure_coordinate":
         reference = _term(ds, terms, "p0", "pressure")
         return _isobaric(reference * np.exp(-values), key)
@@ -448,20 +454,23 @@ def _levels_of(ds: xr.Dataset, name: str, level: xr.DataArray | None, naming: Na
         if factor is not None:
             return _isobaric(values * factor, key)
     pv = ds[name].attrs.get("GRIB_pv", ())
-    if np.size(pv) > 2:
-        return Levels(values, True, *_half_levels(np.asarray(pv), values))
-    if native or naming.pressure or _pressure_on(ds, name):
+    if np.size(pv) > 2:  # coefficients of half levels, the topmost first
+        half, k = np.asarray(pv, dtype=np.float64).reshape(2, -1), values.astype(np.int64)
+        if k.size and (k.min() < 1 or k.max() >= half.shape[1]):
+            last = half.shape[1] - 1
+            raise OtherLevelsError(f"hybrid level {k.max()} of {last} in the pv section")
+        return Levels(values, True, *((half[:, k - 1] + half[:, k]) / 2.0))
+    pressure_given = any(
+        one.attrs.get("standard_name") == "air_pressure"
+        and one.dims == ds[name].dims
+        and factor_of(one.attrs.get("units"), "pressure")
+        for one in ds.variables.values()
+    )
+    if native or naming.pressure or pressure_given:
         return Levels(np.arange(level.size, dtype=np.float64), True, unknown, unknown)
     if not units and any(word in key.lower() for word in _LIKE_PRESSURE):
         required_factor(units, "pressure", name=key)
     raise OtherLevelsError(f"levels of another kind ({key}{f', {units}' if units else ''})")
-
-
-def _numbers(level: xr.DataArray) -> Floats:
-    try:
-        return np.asarray(level.values, dtype=np.float64)
-    except (TypeError, ValueError):
-        return np.arange(level.size, dtype=np.float64)
 
 
 def _isobaric(values: Floats, key: str) -> Levels:
@@ -485,15 +494,6 @@ def _factor_by_values(key: str, values: Floats) -> float | None:
         if low > 0.0 and 20_000.0 <= high * factor <= 110_000.0 and not numbers:
             return factor
     return None
-
-
-def _pressure_on(ds: xr.Dataset, name: str) -> str:
-    for key in ds.variables:
-        one = ds.variables[key]
-        pressure = one.attrs.get("standard_name") == "air_pressure"
-        if pressure and one.dims == ds[name].dims and factor_of(one.attrs.get("units"), "pressure"):
-            return str(key)
-    return ""
 
 
 def _formula(
@@ -534,12 +534,3 @@ def _term(ds: xr.Dataset, terms: dict[str, str], term: str, kind: str | None) ->
     if kind is not None:
         values = values * required_factor(ds[name].attrs.get("units"), kind, name=name)
     return values
-
-
-def _half_levels(pv: Floats, numbers: Floats) -> tuple[Floats, Floats]:
-    """Coefficients (n,) of full levels, 1 the topmost, from those of half levels (2 m,)."""
-    a, b = np.asarray(pv, dtype=np.float64).reshape(2, -1)
-    k = numbers.astype(np.int64)
-    if k.size and (k.min() < 1 or k.max() >= a.size):
-        raise OtherLevelsError(f"hybrid level {k.max()} of {a.size - 1} in the pv section")
-    return (a[k - 1] + a[k]) / 2.0, (b[k - 1] + b[k]) / 2.0
