@@ -241,12 +241,29 @@ def winds_at(
     else:
         levels = np.asarray(model.u["level"], dtype=np.float64)
     brackets = level_brackets(levels, at, both=derivatives)
-    step = -1 if descending else 1
+    step, weight = -1 if descending else 1, brackets.weight
     values = yield from _between_levels(
         (model.u[::step], model.v[::step]), nodes, brackets, both=derivatives
     )
+
+    def across(component: int, columns: Floats) -> Floats:
+        cell = cells[component]
+        return bilinear(columns.reshape(4, place.size), cell.x, cell.y)
+
     lat, lon = latitude[place], longitude[place]
-    result = _to_true(model.grids, values, brackets, cells, lat, lon, derivatives)
+    columns = [_weighted(pair, (1.0 - weight, weight)) for pair in values]
+    convergence = grids[0].convergence(lat, lon)
+    angle = convergence if grids[0].wind_along_grid else np.zeros_like(lat)
+    wind = _rotated(across(0, columns[0]), across(1, columns[1]), angle)
+    result = np.stack(wind)
+    if derivatives:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            shears = (values[:, 1] - values[:, 0]) / (brackets.lower - brackets.upper)
+        shear = _rotated(across(0, shears[0]), across(1, shears[1]), angle)
+        columns = [one.reshape(4, place.size) for one in columns]
+        slopes = _true_slopes(model.grids, columns, cells, wind, angle, lat, lon)
+        # the grid's angle whatever the flag says: a wrong flag is recognised by it
+        result = np.stack([*wind, *shear, *slopes, convergence])
     with np.errstate(invalid="ignore", over="ignore"):
         result[:, ~(np.hypot(result[0], result[1]) <= MAX_WIND)] = np.nan
     table[:, place] = result
@@ -285,35 +302,6 @@ def _between_levels(
         for component, got in enumerate((one, two)):
             values[component, side[group], :, node[group]] = got.reshape(columns, -1).T
     return values
-
-
-def _to_true(
-    grids: Sequence[Grid],
-    values: Floats,
-    brackets: Brackets,
-    cells: Sequence[Corners],
-    lat: Floats,
-    lon: Floats,
-    derivatives: bool,
-) -> Floats:
-    weight, size = brackets.weight, lat.size
-    columns = [_weighted(pair, (1.0 - weight, weight)).reshape(4, size) for pair in values]
-    along = [bilinear(c, cell.x, cell.y) for c, cell in zip(columns, cells, strict=False)]
-    convergence = grids[0].convergence(lat, lon)
-    angle = convergence if grids[0].wind_along_grid else np.zeros_like(lat)
-    wind = _rotated(along[0], along[1], angle)
-    if not derivatives:
-        return np.stack(wind)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        shears = (values[:, 1] - values[:, 0]) / (brackets.lower - brackets.upper)
-    u_shear, v_shear = (
-        bilinear(one.reshape(4, size), cell.x, cell.y)
-        for one, cell in zip(shears, cells, strict=False)
-    )
-    shear = _rotated(u_shear, v_shear, angle)
-    slopes = _true_slopes(grids, columns, cells, wind, angle, lat, lon)
-    # the grid's angle whatever the flag says: a wrong flag is recognised by it
-    return np.stack([*wind, *shear, *slopes, convergence])
 
 
 def _rotated(u: Floats, v: Floats, angle: Floats) -> tuple[Floats, Floats]:

@@ -8,7 +8,6 @@ effect. A forecast is paired with the observation nearest to its valid time with
 
 from __future__ import annotations
 
-import os
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -32,7 +31,7 @@ from airswing.handover.forecasts.forecast_pairs import (
     times,
 )
 from airswing.reference.grib.grid_sections import read_grid
-from airswing.reference.grib.headers import GarbageError, Window, single_fields, whole_messages
+from airswing.reference.grib.headers import LENGTHS, GarbageError, single_fields, whole_messages
 from airswing.reference.grib.values import (
     KeyValue,
     UnreadableMessageError,
@@ -252,15 +251,9 @@ def _fields_of(
 ) -> Iterator[_Field]:
     """Fields of one file; unreadable messages are counted."""
     try:
-        descriptor = os.open(path, os.O_RDONLY)
-    except OSError as err:
-        skipped["file", f"cannot be opened ({err.strerror})"] += 1
-        return
-    try:
-        for start, edition, length in whole_messages(Window(descriptor), skipped):
-            message = os.pread(descriptor, length, start)
+        for window, start, edition, length in whole_messages(path, skipped):
             try:
-                for single, sections in single_fields(message, edition):
+                for single, sections in single_fields(window.get(start, length), edition):
                     try:
                         field = _at_stations(single, edition, sections, latitude, longitude)
                     except UnplaceableGridError as err:
@@ -271,9 +264,9 @@ def _fields_of(
                         if field is not None:
                             yield field
             except (GarbageError, IndexError):
-                skipped["message", "garbage: section lengths do not add up"] += 1
-    finally:
-        os.close(descriptor)
+                skipped["message", LENGTHS] += 1
+    except OSError as err:
+        skipped["file", f"cannot be opened ({err.strerror})"] += 1
 
 
 def _at_stations(

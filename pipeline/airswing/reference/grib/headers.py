@@ -31,7 +31,7 @@ MAX_BITS = 57  # widest packed integer that one unaligned 64-bit load holds at a
 PADDING = 16  # bytes a section may have beyond its values
 _READ_BYTES = 512  # read at once where a message begins
 _SPEED = -1  # kind of a wind speed or direction, which is counted
-_LENGTHS = "garbage: section lengths do not add up"
+LENGTHS = "garbage: section lengths do not add up"
 #: GRIB1 lengths from here on count in units of `_LARGE_UNIT` bytes (see `_large_length`).
 _LARGE, _LARGE_UNIT = 0x800000, 120
 
@@ -161,56 +161,55 @@ class Window:
 def scan_file(path: str) -> FileContents:
     """List the wind and pressure fields of a file."""
     contents = FileContents()
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        window = Window(descriptor)
-        for start, edition, length in whole_messages(window, contents.skipped):
-            contents.messages += 1
-            before = len(contents.fields)
-            parts = _parts_of_1 if edition == 1 else _parts_of_2
-            try:
-                for kind, field_of in parts(window, start, length, contents):
-                    contents.parts += 1
-                    if kind == _SPEED:
-                        contents.skipped["wind", "wind speed or direction, not u and v"] += 1
-                    elif kind is not None:
-                        try:
-                            contents.fields.append(field_of(kind))
-                        except SkippedError as skip:
-                            if kind != PRESSURE or skip.what != "wind":
-                                contents.skipped[skip.what, skip.reason] += 1
-            except (GarbageError, LookupError, ValueError, ArithmeticError, struct.error) as reason:
-                # of a message that contradicts itself no part is used
-                del contents.fields[before:]
-                stated = str(reason) if isinstance(reason, GarbageError) else ""
-                contents.skipped["message", stated or _LENGTHS] += 1
-    finally:
-        os.close(descriptor)
+    for window, start, edition, length in whole_messages(path, contents.skipped):
+        contents.messages += 1
+        before = len(contents.fields)
+        parts = _parts_of_1 if edition == 1 else _parts_of_2
+        try:
+            for kind, field_of in parts(window, start, length, contents):
+                contents.parts += 1
+                if kind == _SPEED:
+                    contents.skipped["wind", "wind speed or direction, not u and v"] += 1
+                elif kind is not None:
+                    try:
+                        contents.fields.append(field_of(kind))
+                    except SkippedError as skip:
+                        if kind != PRESSURE or skip.what != "wind":
+                            contents.skipped[skip.what, skip.reason] += 1
+        except (GarbageError, LookupError, ValueError, ArithmeticError, struct.error) as reason:
+            # of a message that contradicts itself no part is used
+            del contents.fields[before:]
+            stated = str(reason) if isinstance(reason, GarbageError) else ""
+            contents.skipped["message", stated or LENGTHS] += 1
     if contents.messages == 0:
         contents.skipped["file", "no whole GRIB message"] += 1
     return contents
 
 
 def whole_messages(
-    window: Window, skipped: Counter[tuple[str, str]]
-) -> Iterator[tuple[int, int, int]]:
-    """Offset, edition and length of each whole message; what is passed over goes to `skipped`."""
-    at = 0
-    while at < window.size:
-        head = window.get(at, 16)
-        if head[:4] != b"GRIB":
-            at = _next_mark(window, at)
-            if at < 0:
-                return
-            continue
-        try:
-            edition, length = _length(window, at, head)
-        except GarbageError as reason:
-            skipped["message", str(reason)] += 1
-            at += 4
-            continue
-        yield at, edition, length
-        at += length
+    path: str, skipped: Counter[tuple[str, str]]
+) -> Iterator[tuple[Window, int, int, int]]:
+    """The opened file, and offset, edition and length of each whole message in it.
+
+    Counts in `skipped` what is no whole message.
+    """
+    with open(path, "rb", buffering=0) as file:
+        window, at = Window(file.fileno()), 0
+        while at < window.size:
+            head = window.get(at, 16)
+            if head[:4] != b"GRIB":
+                at = _next_mark(window, at)
+                if at < 0:
+                    return
+                continue
+            try:
+                edition, length = _length(window, at, head)
+            except GarbageError as reason:
+                skipped["message", str(reason)] += 1
+                at += 4
+                continue
+            yield window, at, edition, length
+            at += length
 
 
 def _next_mark(window: Window, at: int) -> int:

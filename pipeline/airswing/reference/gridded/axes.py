@@ -7,6 +7,7 @@ coordinates are one-dimensional along two dimensions, or latitudes and longitude
 
 from __future__ import annotations
 
+import contextlib
 import re
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -46,25 +47,12 @@ class Axes(NamedTuple):
     y: xr.DataArray  # coordinates, one-dimensional or both two-dimensional
     x: xr.DataArray
     vertical: xr.DataArray | None  # coordinate of the levels
-    outer: tuple[str, ...]  # dimensions of time and member, in order
+    y_dim: str
+    x_dim: str
+    outer: tuple[str, ...]  # dimensions of time, member and level
     member: str  # the ensemble's and the alternatives' dimension, empty if there is none
     either: str
     crs: dict[str, object] | None  # attributes of the grid mapping
-
-    @property
-    def y_dim(self) -> str:
-        """Dimension along y."""
-        return str(self.y.dims[0])
-
-    @property
-    def x_dim(self) -> str:
-        """Dimension along x."""
-        return str(self.x.dims[-1])
-
-    @property
-    def level_dim(self) -> str:
-        """Dimension of the levels; empty if there is none."""
-        return str(self.vertical.dims[0]) if self.vertical is not None else ""
 
 
 def unstructured(dimension: str) -> InputError:
@@ -97,9 +85,9 @@ def axes_of(ds: xr.Dataset, name: str, naming: Naming) -> Axes:
     y, x = _horizontal(ds, parsed, found, naming)
     # levels before members, since only levels may be without any mark
     left = [str(d) for d in parsed.dims if d not in (*y.dims, *x.dims)]
-    vertical = _vertical(ds, parsed, found["vertical"], found["time"], left, naming)
-    if vertical is not None:
-        left.remove(str(vertical.dims[0]))
+    vertical = _vertical(ds, parsed, found, left, naming)
+    levels = [str(d) for d in vertical.dims] if vertical is not None else []
+    left = [d for d in left if d not in levels]
     crs = getattr(parsed.coords.get("metpy_crs"), "item", lambda: None)()
     # MetPy assumes a longitude and latitude mapping if a file has none
     mapped = parsed.attrs.get("grid_mapping") in ds.variables
@@ -108,7 +96,9 @@ def axes_of(ds: xr.Dataset, name: str, naming: Naming) -> Axes:
         y,
         x,
         vertical,
-        tuple(d for d in left if d != either),
+        str(y.dims[0]),
+        str(x.dims[-1]),
+        (*(d for d in left if d != either), *levels),
         next((d for d in left if _is_member(ds, d)), ""),
         either,
         dict(crs.to_dict()) if crs is not None and mapped else None,
@@ -168,16 +158,16 @@ def _horizontal(
 def _vertical(
     ds: xr.Dataset,
     parsed: xr.DataArray,
-    found: xr.DataArray | None,
-    time: xr.DataArray | None,
+    found: dict[str, xr.DataArray | None],
     left: list[str],
     naming: Naming,
 ) -> xr.DataArray | None:
+    vertical, time = found["vertical"], found["time"]
     if naming.level:
         named = coordinate(ds, naming.level, "level")
         return named if named.ndim == 1 and named.dims[0] in left else None
-    if found is not None and found.ndim == 1 and found.dims[0] in left:
-        return found
+    if vertical is not None and vertical.ndim == 1 and vertical.dims[0] in left:
+        return vertical
     times = set() if time is None else {str(d) for d in time.dims}
     unexplained = [
         d
@@ -206,22 +196,13 @@ def _is_member(ds: xr.Dataset, dim: str) -> bool:
     return attrs.get("standard_name") == "realization" or bool(_MEMBER.match(dim))
 
 
-def _grid_by_section(ds: xr.Dataset) -> AxesGrid | None:
-    """Grid of a Dataset by its GRIB section; None if rows and columns describe it."""
-    try:
-        grid = read_grid(*ds.encoding[GRID])
-    except (KeyError, UnplaceableGridError):
-        return None
-    plain = not grid.by_column and not grid.alternate
-    return grid if plain and grid.frame.kind != "longitude_latitude" else None
-
-
 def grid_of_axes(ds: xr.Dataset, name: str, axes: Axes, naming: Naming) -> Grid:
     """The grid of a variable, by its projection, its coordinates or its points."""
-    known = _grid_by_section(ds)
-    shape = ds.sizes[axes.y_dim], ds.sizes[axes.x_dim]
-    if known is not None and (known.nj, known.ni) == shape:
-        return known
+    with contextlib.suppress(KeyError, UnplaceableGridError):  # by the section of its messages
+        known, shape = read_grid(*ds.encoding[GRID]), (ds.sizes[axes.y_dim], ds.sizes[axes.x_dim])
+        in_rows = not known.by_column and not known.alternate and (known.nj, known.ni) == shape
+        if in_rows and known.frame.kind != "longitude_latitude":
+            return known
     units = [naming.units.get(str(c.name), c.attrs.get("units")) for c in (axes.y, axes.x)]
     if axes.y.ndim == 2:
         lat, lon = (

@@ -40,7 +40,7 @@ from airswing.reference.files import (
     local_path,
 )
 from airswing.reference.grib.grid_sections import MAX_POINTS
-from airswing.reference.grib.headers import GarbageError, Window, single_fields, whole_messages
+from airswing.reference.grib.headers import LENGTHS, GarbageError, single_fields, whole_messages
 from airswing.reference.gridded.naming import Naming, components
 from airswing.reference.gridded.wrf import is_wrf
 from airswing.reference.grids import Floats, Ints
@@ -114,6 +114,8 @@ def _opened(file: SourceFile, engine: str) -> tuple[xr.Dataset, ...]:
 
 
 def _netcdf(path: str, engine: str) -> xr.Dataset:
+    import netCDF4
+
     local = local_path(path)
     require_sound(Path(local))
 
@@ -133,7 +135,9 @@ def _netcdf(path: str, engine: str) -> xr.Dataset:
             plain[key].attrs = {"units": "julian day"}
         return xr.decode_cf(plain, mask_and_scale=False, decode_timedelta=False)
 
-    root, groups = read(None), _groups(local)
+    root = read(None)
+    with netCDF4.Dataset(local) as file:
+        groups = _groups(file)
     root.encoding["airswing_copy"] = local
     kind = str(root.attrs.get("featureType", ""))
     if "/ObsValue" in groups or kind.lower().startswith(_OBSERVATIONS):
@@ -163,16 +167,9 @@ def _netcdf(path: str, engine: str) -> xr.Dataset:
     return found
 
 
-def _groups(path: str) -> list[str]:
-    import netCDF4
-
-    with netCDF4.Dataset(path) as file:
-        found, left = list[str](), list(file.groups.values())
-        while left:
-            group = left.pop(0)
-            found.append(str(group.path))
-            left += list(group.groups.values())
-    return found
+def _groups(group: Any) -> list[str]:
+    """Paths of all groups below one."""
+    return [path for one in group.groups.values() for path in (str(one.path), *_groups(one))]
 
 
 @contextlib.contextmanager
@@ -270,29 +267,24 @@ def _variables(
     skipped: Counter[tuple[str, str]] = Counter()
     # by grid type, variable, kind of level, edition and grid section
     kinds: dict[tuple[str, str, str, int, bytes], dict[int, Any]] = {}
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        for start, edition, length in whole_messages(Window(descriptor), skipped):
-            message = os.pread(descriptor, length, start)
-            try:
-                for single, sections in single_fields(message, edition):
-                    one = Message(eccodes.codes_new_from_message(single))
-                    grid, name, level, count = (one.get(key) for key in _KEYS)
-                    if name not in _NEEDED.get(level, ()):
-                        continue
-                    if reason := grib_statistic(edition, sections):
-                        if name in ("u", "v"):
-                            skipped["wind", reason] += 1
-                        continue
-                    if not 0 < int(count or 0) <= MAX_POINTS:
-                        raise ValueError
-                    section = sections.get(2 if edition == 1 else 3, b"")
-                    fields = kinds.setdefault((grid, name, level, edition, section), {})
-                    fields[len(fields)] = one
-            except (GarbageError, LookupError, ValueError, TypeError, eccodes.CodesInternalError):
-                skipped["message", "garbage: section lengths do not add up"] += 1
-    finally:
-        os.close(descriptor)
+    for window, start, edition, length in whole_messages(path, skipped):
+        try:
+            for single, sections in single_fields(window.get(start, length), edition):
+                one = Message(eccodes.codes_new_from_message(single))
+                grid, name, level, count = (one.get(key) for key in _KEYS)
+                if name not in _NEEDED.get(level, ()):
+                    continue
+                if reason := grib_statistic(edition, sections):
+                    if name in ("u", "v"):
+                        skipped["wind", reason] += 1
+                    continue
+                if not 0 < int(count or 0) <= MAX_POINTS:
+                    raise ValueError
+                section = sections.get(2 if edition == 1 else 3, b"")
+                fields = kinds.setdefault((grid, name, level, edition, section), {})
+                fields[len(fields)] = one
+        except (GarbageError, LookupError, ValueError, TypeError, eccodes.CodesInternalError):
+            skipped["message", LENGTHS] += 1
     native = any(level in _NATIVE for _, _, level, _, _ in kinds)
     found, odd = [], set[str]()
     for (grid, name, _, edition, section), fields in kinds.items():

@@ -255,7 +255,8 @@ class Gathering:
         self, ds: xr.Dataset, name: str, kind: int, axes: Axes, levels: Levels | None
     ) -> None:
         """Rows of one variable; `levels` is None for a surface."""
-        outer, naming = {d: int(ds.sizes[d]) for d in axes.outer}, self.naming
+        naming, levels_at = self.naming, () if axes.vertical is None else axes.vertical.dims
+        outer = {d: int(ds.sizes[d]) for d in axes.outer if d not in levels_at}
         valid, lead = times_of(ds, name, outer, naming)
         member = np.zeros(valid.size, dtype=np.int64)
         if axes.member:
@@ -272,7 +273,7 @@ class Gathering:
         stored = _stored(
             ds[name],
             (name,),
-            (*axes.outer, *([axes.level_dim] if axes.level_dim else [])),
+            axes.outer,
             (axes.y_dim, axes.x_dim),
             scale=1.0 if exponential else required_factor(written, unit, name=name),
             exponential=exponential,
