@@ -83,16 +83,8 @@ class Field(NamedTuple):
     data_end: int = 0
 
 
-_TYPES = {
-    **dict.fromkeys(("edition", "kind"), "i1"),
-    **dict.fromkeys(("part", "bits", "level_kind"), "i2"),
-    **dict.fromkeys(
-        ("file", "member", "grid", "points", "packing", "binary_scale", "decimal_scale"), "i4"
-    ),
-    **dict.fromkeys(("level", "reference_value"), "f8"),
-    "sparse": "?",
-}
-FIELD_DTYPE = np.dtype([(name, _TYPES.get(name, "i8")) for name in Field._fields])
+_FORMATS = "i8 i8 i1 i1 i2 f8 i8 i8 i4 i4 i4 i2 i4 i4 ? i2 i4 i4 f8 i8 i8 i8"
+FIELD_DTYPE = np.dtype(list(zip(Field._fields, _FORMATS.split(), strict=True)))
 
 
 @dataclass(slots=True)
@@ -269,21 +261,37 @@ def single_fields(message: bytes, edition: int) -> Iterator[tuple[bytes, dict[in
         grid = {2: message[at : at + unsigned(message, at, 3)]} if product[7] & 0x80 else {}
         yield message, {1: product, **grid}
         return
-    sections: dict[int, bytes] = {}
-    bitmap, at, end = b"\x00\x00\x00\x06\x06\xff", 16, len(message) - 4
+    for sections, bitmap in _sections_2(lambda at, n: message[at : at + n], 0, len(message)):
+        content = {n: message[at : at + unsigned(message, at, 4)] for n, at in sections.items()}
+        used = {**content}
+        if content[6][5:6] == b"\xfe":
+            shared = message[bitmap : bitmap + unsigned(message, bitmap, 4)]
+            used[6] = shared if bitmap >= 0 else b"\x00\x00\x00\x06\x06\xff"
+        body = b"".join([*(used[number] for number in sorted(used)), b"7777"])
+        yield message[:8] + (16 + len(body)).to_bytes(8, "big") + body, content
+
+
+def _sections_2(
+    get: Callable[[int, int], bytes], start: int, length: int
+) -> Iterator[tuple[dict[int, int], int]]:
+    """Offsets of the sections of each field by number, and of the last bitmap (-1: none)."""
+    sections: dict[int, int] = {}
+    at, end, bitmap, before = start + 16, start + length - 4, -1, 0
     while at < end:
-        size, number = unsigned(message, at, 4), message[at + 4]
-        if size < 5 or at + size > end:
+        head = get(at, 6)
+        size, number = unsigned(head, 0, 4), head[4]
+        if size < _SHORTEST.get(number, 5) or at + size > end or number not in range(1, 8):
             raise GarbageError
-        sections[number] = message[at : at + size]
+        if number not in _NEXT[before]:
+            raise GarbageError(f"garbage: section {number} after section {before}")
+        sections[number], before = at, number
+        if number == 6 and head[5] == 0:  # a bitmap, which 254 refers to later
+            bitmap = at
+        if number == 7:
+            yield sections, bitmap
         at += size
-        if number == 6 and sections[6][5:6] == b"\x00":
-            bitmap = sections[6]
-        if number == 7 and sections.keys() >= {1, 3, 4, 5, 6}:
-            used = bitmap if sections[6][5:6] == b"\xfe" else sections[6]
-            parts = [sections[n] for n in (1, 2, 3, 4, 5) if n in sections]
-            body = b"".join([*parts, used, sections[7], b"7777"])
-            yield message[:8] + (16 + len(body)).to_bytes(8, "big") + body, dict(sections)
+    if at != end or before != 7:
+        raise GarbageError
 
 
 # GRIB edition 1
@@ -389,33 +397,17 @@ def _section_length(window: Window, at: int, end: int, least: int) -> int:
 
 
 def _parts_of_2(window: Window, start: int, length: int, contents: FileContents) -> Parts:
-    discipline, end = window.get(start, 8)[6], start + length - 4
-    sections: dict[int, int] = {}
-    at, part, bitmap, before = start + 16, 0, -1, 0
-    while at < end:
-        head = window.get(at, 6)
-        size, number = unsigned(head, 0, 4), head[4]
-        if size < _SHORTEST.get(number, 5) or at + size > end or number not in range(1, 8):
-            raise GarbageError
-        if number not in _NEXT[before]:
-            raise GarbageError(f"garbage: section {number} after section {before}")
-        sections[number], before = at, number
-        if number == 6 and head[5] == 0:  # a bitmap, which 254 refers to later
-            bitmap = at
-        if number == 7:
-            product = window.get(sections[4], 37)
-            # bytes 10 and 11: category and number (code table 4.2 of discipline 0)
-            kinds = {(0, 2, 2): U, (0, 2, 3): V, (0, 3, 0): PRESSURE}
-            kinds |= {(0, 2, 0): _SPEED, (0, 2, 1): _SPEED}
-            place = start, length, part
-            yield (
-                kinds.get((discipline, product[9], product[10])),
-                partial(_field_2, window, product, sections, bitmap, contents, place),
-            )
-            part += 1
-        at += size
-    if at != end or before != 7:
-        raise GarbageError
+    discipline = window.get(start, 8)[6]
+    for part, (sections, bitmap) in enumerate(_sections_2(window.get, start, length)):
+        product = window.get(sections[4], 37)
+        # bytes 10 and 11: category and number (code table 4.2 of discipline 0)
+        kinds = {(0, 2, 2): U, (0, 2, 3): V, (0, 3, 0): PRESSURE}
+        kinds |= {(0, 2, 0): _SPEED, (0, 2, 1): _SPEED}
+        place = start, length, part
+        yield (
+            kinds.get((discipline, product[9], product[10])),
+            partial(_field_2, window, product, sections, bitmap, contents, place),
+        )
 
 
 def _field_2(
