@@ -1,4 +1,4 @@
-"""Headings of archives flown with a known compass error, and of real aircraft."""
+"""Headings of archives flown with a known compass error, of real aircraft, and lazy."""
 
 from __future__ import annotations
 
@@ -6,13 +6,18 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import dask
 import numpy as np
 import pandas as pd
+import ppigrf
 import pytest
 import xarray as xr
 from pyproj import Geod
 
+from airswing.compass.correction import add_tables, correct
+from airswing.compass.fit.deviation import fit_deviation
 from airswing.compass.headings import derive_headings
+from airswing.compass.screening import audit, mark_corrected_units, screen
 from airswing.errors import InputError
 from airswing.flags import GROUND_VECTOR_SOURCE, REPORTED_HEADING_USE
 from airswing.physics.triangle import (
@@ -26,7 +31,6 @@ from airswing.physics.triangle import (
 )
 from airswing.vocabulary import VARIABLES
 
-ppigrf = pytest.importorskip("ppigrf")
 GEOD = Geod(ellps="WGS84")
 WIND = (18.0, -7.0)
 TENTH_MINUTE = 0.1 / 60.0
@@ -55,17 +59,9 @@ def flown(
     total = aircraft * flights
     seconds = np.cumsum(165.0 * rng.uniform(0.8, 1.2, (total, fixes)), axis=1)
     speed = rng.uniform(110.0, 150.0, (total, 1)) * np.ones(fixes)
-    start = np.linspace(0.0, 360.0, total, endpoint=False)[:, np.newaxis] * np.ones(fixes)
-    first_lon, first_lat = (
-        rng.uniform(low, high, (total, 1)) * np.ones(fixes)
-        for low, high in ((-100.0, -80.0), (32.0, 46.0))
-    )
-    lon, lat, back = (
-        np.asarray(part).ravel()
-        for part in GEOD.fwd(
-            first_lon.ravel(), first_lat.ravel(), start.ravel(), (speed * seconds).ravel()
-        )
-    )
+    start = np.repeat(np.linspace(0.0, 360.0, total, endpoint=False), fixes)
+    first = (np.repeat(rng.uniform(*ends, total), fixes) for ends in ((-100, -80), (32, 46)))
+    lon, lat, back = map(np.asarray, GEOD.fwd(*first, start, (speed * seconds).ravel()))
     track = np.radians(back + 180.0)
     ground = vector_from_bearing(speed.ravel(), track)
     air = air_vector(*ground, *WIND)
@@ -80,34 +76,36 @@ def flown(
     def coded(values: np.ndarray, step: float, how: Any = np.round) -> np.ndarray:
         return values if step == 0.0 else how(values / step) * step
 
-    size = lat.size
     seen = coded(since, tick, np.floor)
+    by_report = {
+        "time": epoch + np.round(seen * 1e9).astype("timedelta64[ns]"),
+        "latitude": coded(lat, position),
+        "longitude": coded(lon, position),
+        "pressure": np.full(lat.size, 30742.0),
+        "pressure_altitude": np.full(lat.size, 9000.0),
+        "eastward_wind": wind[0],
+        "northward_wind": wind[1],
+        "phase": np.full(lat.size, 2, dtype=np.int8),
+        "flight": np.repeat(np.arange(total, dtype=np.int32), fixes),
+    }
+    by_aircraft = {
+        "row_size": np.full(aircraft, flights * fixes, dtype=np.int32),
+        "position_resolution": np.full(aircraft, position),
+        "time_resolution": np.full(aircraft, tick),
+    }
+    truth = {
+        "heading": heading,
+        "error": true_error,
+        "unit_heading": unit_heading,
+        "unit_airspeed": unit_airspeed,
+        "track": np.degrees(track),
+        "airspeed": airspeed,
+    }
     return xr.Dataset(
-        {
-            "row_size": ("aircraft", np.full(aircraft, flights * fixes, dtype=np.int32)),
-            "time": ("report", epoch + np.round(seen * 1e9).astype("timedelta64[ns]")),
-            "latitude": ("report", coded(lat, position)),
-            "longitude": ("report", coded(lon, position)),
-            "pressure": ("report", np.full(size, 30742.0)),
-            "pressure_altitude": ("report", np.full(size, 9000.0)),
-            "eastward_wind": ("report", wind[0]),
-            "northward_wind": ("report", wind[1]),
-            "phase": ("report", np.full(size, 2, dtype=np.int8)),
-            "flight": ("report", np.repeat(np.arange(total, dtype=np.int32), fixes)),
-            "position_resolution": ("aircraft", np.full(aircraft, position)),
-            "time_resolution": ("aircraft", np.full(aircraft, tick)),
-        },
+        {name: ("report", values) for name, values in by_report.items()}
+        | {name: ("aircraft", values) for name, values in by_aircraft.items()},
         coords={"aircraft": [f"N{number:03d}" for number in range(aircraft)]},
-        attrs={"reading_audit": "{}"},
-    ).assign_attrs(
-        truth={
-            "heading": heading,
-            "error": true_error,
-            "unit_heading": unit_heading,
-            "unit_airspeed": unit_airspeed,
-            "track": np.degrees(track),
-            "airspeed": airspeed,
-        }
+        attrs={"reading_audit": "{}", "truth": truth},
     )
 
 
@@ -282,3 +280,71 @@ def test_a_research_aircraft_from_its_fixes_and_wind_alone(real: Callable[[str],
     assert np.median(np.abs(found.airspeed.values - gv.TASX.values)[inner]) < 1.0
     # the drift is more than ten degrees: neither the track nor the wrong sign would do
     assert np.median(np.abs(off(found.track, gv.THDG.values.astype(float)))[inner]) > 8.0
+
+
+POOLS = {"both": ["ruc", "rtfdaa"]}
+
+
+def refuse(*_, **__):
+    raise AssertionError("something was computed")
+
+
+def stages(reports: xr.Dataset, winds: xr.Dataset) -> list[xr.Dataset]:
+    """Every stage on what the stage before returned."""
+    headings = screen(derive_headings(reports, winds))
+    headings = mark_corrected_units(
+        headings, aircraft=["N001"], start=np.datetime64("2009-04-01", "ns")
+    )
+    fits = add_tables(fit_deviation(headings, pools=POOLS, min_reports=100), headings)
+    return [headings, audit(headings), fits, correct(headings, fits)]
+
+
+@pytest.fixture(scope="module")
+def two_references():
+    reports = flown(flights=24, aircraft=3)
+    reports = reports.assign_attrs(truth="").drop_attrs()
+    # aircraft of different sizes: the last keeps a third of its reports
+    kept = np.arange(reports.sizes["report"]) < reports.sizes["report"] - 144
+    sizes = reports["row_size"].to_numpy().copy()
+    sizes[-1] -= 144
+    reports = reports.isel(report=kept).assign(row_size=("aircraft", sizes))
+    winds = model(reports, noise=1.5, names=("ruc", "rtfdaa"))
+    return reports, winds, stages(reports, winds)
+
+
+@pytest.mark.parametrize("row_size", ["in memory", "lazy"])
+@pytest.mark.parametrize("chunks", [{"report": 50}, {"report": 300, "aircraft": 2}, {"report": -1}])
+def test_nothing_is_computed_and_the_result_is_the_eager_one(two_references, chunks, row_size):
+    reports, winds, eager = two_references
+    lazy_reports, lazy_winds = reports.chunk(chunks), winds.chunk({"report": 70})
+    if row_size == "in memory":
+        lazy_reports = lazy_reports.assign(row_size=reports["row_size"])
+    with dask.config.set(scheduler=refuse):
+        lazy = stages(lazy_reports, lazy_winds)
+    for scheduler in ("synchronous", "threads"):
+        for expected, found in zip(eager, dask.compute(*lazy, scheduler=scheduler), strict=True):
+            xr.testing.assert_identical(found, expected)
+
+
+def test_blocks_are_whole_aircraft_and_processes_give_the_same(two_references):
+    reports, winds, eager = two_references
+    lazy = reports.chunk({"report": 50}).assign(row_size=reports["row_size"])
+    found = stages(lazy, winds)
+    assert found[0]["heading"].chunks == (tuple(reports["row_size"].to_numpy().tolist()),)
+    with dask.config.set(scheduler="processes", num_workers=2):
+        xr.testing.assert_identical(found[2].compute(), eager[2])
+
+
+def test_lazy_winds_make_lazy_headings(two_references):
+    reports, winds, eager = two_references
+    with dask.config.set(scheduler=refuse):
+        found = screen(derive_headings(reports, winds.chunk(report=-1)))
+    assert dask.is_dask_collection(found["heading_error"].data)
+    xr.testing.assert_equal(found["heading_error"].compute(), eager[0]["heading_error"])
+
+
+def test_lazy_fits_are_applied_lazily(two_references):
+    _, _, (headings, _, fits, corrected) = two_references
+    with dask.config.set(scheduler=refuse):
+        found = correct(headings, fits.chunk())
+    xr.testing.assert_identical(found.compute(), corrected)

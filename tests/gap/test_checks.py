@@ -8,7 +8,6 @@ from datetime import date
 import numpy as np
 import pytest
 import xarray as xr
-from scipy.stats import norm
 from tests.compass.flown import Setting, fly
 from tests.gap.toy import make_frame
 
@@ -16,12 +15,10 @@ from airswing.gap.checks import (
     Adjustment,
     adjusted_headings,
     calibrate,
-    compared_fits,
     fit_placebo,
     lag_one,
     placebo_errors,
     review_claims,
-    two_sample,
 )
 from airswing.gap.diagnose import diagnose
 from airswing.gap.effects import CATALOGUE
@@ -106,16 +103,6 @@ def test_lag_one_by_hand():
     assert np.isnan(few).all()
     constant = np.repeat([[1.0, -1.0]], 4, axis=0)
     assert lag_one(constant, kept, np.ones(4, int), time, day)[0] == 1.0
-
-
-def test_the_classifier_has_the_area_of_two_normal_samples():
-    rng = np.random.default_rng(4)
-    one, two = rng.normal(size=(2, 3000, 3))
-    one[:, 1] += 1.0
-    auc, error = two_sample(one, two, rng)
-    assert auc == pytest.approx(norm.cdf(1 / np.sqrt(2)), abs=4 * error)
-    few = np.zeros((10, 3))
-    assert np.isnan(two_sample(few, few, rng)[0])
 
 
 @pytest.fixture(scope="module")
@@ -227,22 +214,6 @@ def test_fits_and_field_test_without_the_bias_of_a_reference_are_those_of_an_unb
     low, high = tested.reduction_ci_kt
     assert low <= tested.reduction_kt <= high
     assert tested.stays == (low <= tested.reduction_kt_after <= high)
-
-
-def test_comparison_of_fits_by_hand():
-    def fits(offset, amplitude, status):
-        one = {"offset": offset, "amplitude": amplitude, "status": status}
-        one |= {f"{name}_standard_error": [0.1, 0.1] for name in ("offset", "amplitude")}
-        return xr.Dataset(
-            {name: ("aircraft", values) for name, values in one.items()},
-            coords={"aircraft": ["N1", "N2"]},
-        )
-
-    out = compared_fits(fits([0.0, 0.0], [1.0, 1.0], [0, 0]), fits([0.1, 0.0], [1.1, 1.3], [0, 0]))
-    assert [entry.stays for entry in out] == [True, False]
-    assert out[1].amplitude_deg_after == 1.3
-    out = compared_fits(fits([0.0, 0.0], [1.0, 1.0], [0, 1]), fits([0.0, 0.0], [1.0, 1.0], [0, 1]))
-    assert out[1].stays is None
 
 
 def test_diagnosis_removes_the_airspeed_error_and_keeps_the_deviation():

@@ -14,7 +14,6 @@ from tests.gap.toy import make_frame
 from airswing.errors import InputError
 from airswing.gap.archive.frame import Frame
 from airswing.gap.effects import CATALOGUE, ActiveEffect, effect_named, register
-from airswing.gap.effects.base import amplitude_phase
 from airswing.gap.effects.declination_error import declination_change
 from airswing.gap.effects.empirical import Table, change_of
 from airswing.gap.effects.reference_speed_bias import LEVELS
@@ -123,21 +122,6 @@ def test_coefficients_from_parameters(perfect, name):
         assert set(errors) <= set(values)
         assert errors
         assert all(error > 0.0 for error in errors.values())
-
-
-def test_errors_of_amplitude_and_phase_match_a_sample_of_fits():
-    rng = np.random.default_rng(0)
-    covariance = np.array([[2.0, 0.8], [0.8, 1.0]]) * 1e-5
-    truth = np.radians([3.0, -2.0])
-    (amplitude, phase), (amplitude_error, phase_error) = amplitude_phase(truth, covariance)
-    assert amplitude == pytest.approx(np.hypot(3.0, 2.0))
-    assert phase == pytest.approx(np.degrees(np.arctan2(-2.0, 3.0)))
-    fits = rng.multivariate_normal(truth, covariance, 20000)
-    assert np.degrees(np.hypot(*fits.T)).std() == pytest.approx(amplitude_error, rel=0.03)
-    assert np.degrees(np.arctan2(fits[:, 1], fits[:, 0])).std() == pytest.approx(
-        phase_error, rel=0.03
-    )
-    assert amplitude_phase(np.zeros(2), covariance)[1][1] > 100.0  # undefined phase
 
 
 def test_one_degree_at_250_knots_is_4_36_knots_across(perfect):
