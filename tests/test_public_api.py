@@ -6,14 +6,12 @@ The examples of the docstrings use the products of the quickstart: ``reports``, 
 
 from __future__ import annotations
 
-import ast
 import doctest
 import inspect
 import re
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -86,15 +84,3 @@ def test_help_imports_nothing_heavy():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
     assert done.stdout.strip() == "[]", done.stdout + done.stderr
-
-
-def test_names_for_editors_are_those_imported_on_first_use():
-    tree = ast.parse(Path(airswing.__file__).read_text())
-    block = next(node for node in tree.body if isinstance(node, ast.If))
-    written = {
-        alias.asname: node.module
-        for node in block.body
-        if isinstance(node, ast.ImportFrom)
-        for alias in node.names
-    }
-    assert written == airswing._STAGES

@@ -30,7 +30,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from airswing.evaluation.resampling import day_weights, interval
+from airswing.evaluation.resampling import day_weights
 
 FORECASTS = {
     "raw": "forecast",
@@ -200,29 +200,17 @@ def score_forecasts(corrected: xr.Dataset) -> xr.Dataset:
     """
     judged = corrected["held_out"].to_numpy().astype(bool)
     by_lead = _moments(corrected, "station").load()
-    periods = [by_lead.isel({TIME: judged}), by_lead]
-    scores: dict[str, xr.DataArray] = {}
-    for suffix, tables in (("", [part.sum("lead") for part in periods]), ("_by_lead", periods)):
-        parts = [_with_intervals(table) for table in tables]
-        for name in parts[0]:
-            joined = xr.concat([part[name] for part in parts], "period")
-            stem = name.removesuffix("_interval")
-            scores[f"{stem}{suffix}{name[len(stem) :]}"] = joined
-    number = [
-        part.isel(correction=0).sel(moment="number").sum((TIME, "lead")).astype(np.int64)
-        for part in periods
-    ]
-    scores["pair_count"] = xr.concat(number, "period")
-    held_out = corrected.isel({TIME: judged})
-    stations = []
+    parts = []
+    for part in (by_lead.isel({TIME: judged}), by_lead):
+        number = part.isel(correction=0).sel(moment="number").sum((TIME, "lead")).astype(np.int64)
+        scores = _with_intervals(part.sum("lead"), "") | _with_intervals(part, "_by_lead")
+        parts.append(xr.Dataset(scores | {"pair_count": number}).drop_vars("moment"))
+    held_out, stations = corrected.isel({TIME: judged}), []
     for first in range(0, held_out.sizes["station"], _STATIONS_AT_ONCE):
-        part = held_out.isel(station=slice(first, first + _STATIONS_AT_ONCE))
-        stations.append(_with_intervals(_moments(part, "lead").load()))
-    for name in stations[0]:
-        stem = name.removesuffix("_interval")
-        joined = xr.concat([part[name] for part in stations], "station")
-        scores[f"{stem}_by_station{name[len(stem) :]}"] = joined
-    found = xr.Dataset(scores).drop_vars("moment", errors="ignore")
+        chosen = held_out.isel(station=slice(first, first + _STATIONS_AT_ONCE))
+        scores = _with_intervals(_moments(chosen, "lead").load(), "_by_station")
+        stations.append(xr.Dataset(scores))
+    found = xr.concat(parts, "period").merge(xr.concat(stations, "station"))
     found = found.assign_coords(period=list(PERIODS), bound=["low", "high"])
     order = ("variable", "period", "correction", "lead", "station", "bound")
     return found.transpose(*(name for name in order if name in found.dims))
@@ -243,27 +231,27 @@ def _moments(corrected: xr.Dataset, over: str) -> xr.DataArray:
     )
 
 
-def _with_intervals(moments: xr.DataArray) -> dict[str, xr.DataArray]:
+def _with_intervals(moments: xr.DataArray, suffix: str) -> dict[str, xr.DataArray]:
     # Several starts of a day are drawn together.
     day = moments[TIME].astype("datetime64[D]").astype(np.int64).rename("day")
     by_day = moments.groupby(day).sum().transpose("day", ...)
-    scores = _scores(by_day.sum("day"))
     days = by_day.sizes["day"]
+    scores = _scores(by_day.sum("day"))
+    found = {f"{name}{suffix}": one for name, one in scores.items()}
     if days < FEWEST_DAYS:
         nothing = xr.DataArray([np.nan, np.nan], dims="bound")
-        return scores | {f"{name}_interval": one + nothing for name, one in scores.items()}
+        return found | {f"{name}{suffix}_interval": one + nothing for name, one in scores.items()}
     weights = xr.DataArray(day_weights(days, draws=_DRAWS, seed=0), dims=("draw", "day"))
-    drawn: dict[str, list[xr.DataArray]] = {name: [] for name in SCORES}
+    bounds: dict[str, list[xr.DataArray]] = {name: [] for name in SCORES}
     # A variable at a time, for the draws to fit into memory.
     for variable in by_day["variable"].to_numpy():
-        for name, values in _scores(xr.dot(weights, by_day.sel(variable=[variable]))).items():
-            dims = [dim for dim in values.dims if dim != "draw"]
-            bounds = interval(values.transpose("draw", *dims).to_numpy())
-            coords = {dim: values[dim] for dim in dims if dim in values.coords}
-            drawn[name].append(xr.DataArray(bounds, dims=("bound", *dims), coords=coords))
-    return scores | {
-        f"{name}_interval": xr.concat(parts, "variable").transpose(..., "bound")
-        for name, parts in drawn.items()
+        drawn = _scores(xr.dot(weights, by_day.sel(variable=[variable])))
+        for name, values in drawn.items():
+            ends = values.quantile([0.025, 0.975], "draw", skipna=False)
+            bounds[name].append(ends.rename(quantile="bound").drop_vars("bound"))
+    return found | {
+        f"{name}{suffix}_interval": xr.concat(parts, "variable").transpose(..., "bound")
+        for name, parts in bounds.items()
     }
 
 
