@@ -9,7 +9,6 @@ from airswing.errors import InputError
 from airswing.evaluation.comparison import (
     compare,
     hats_of,
-    persistent_covariance,
     regional_bias,
 )
 from airswing.products.ragged import aircraft_of_report
@@ -87,16 +86,6 @@ def test_the_three_cornered_hat_by_hand_and_a_negative_variance():
     (found,) = hats_of(count, squares, ["a", "b", "c"])
     assert [entry["variance"] for entry in found["errors"]] == pytest.approx([-2.0, 3.0, 6.0])
     assert found["errors"][0]["component_rms"] is None
-
-
-def test_errors_that_last_widen_the_covariance_and_independent_ones_do_not():
-    one = np.ones((30, 1))
-    day = np.arange(30)
-    assert persistent_covariance(one, day)[0, 0] > 2 * 30
-    other = np.where(day % 2 == 0, 1.0, -1.0)[:, np.newaxis]
-    assert persistent_covariance(other, day)[0, 0] == pytest.approx(30.0)
-    # days a week apart are independent
-    assert persistent_covariance(one, 7 * day)[0, 0] == pytest.approx(30.0)
 
 
 def test_a_regional_bias_by_hand():

@@ -14,8 +14,12 @@ from airswing.compass.correction import add_tables
 from airswing.compass.fit.deviation import fit_deviation
 from airswing.config import Config
 from airswing.config_file import load_config
+from airswing.errors import InputError
 from airswing.evaluation.monitoring.changes import add_changes, watch_compasses
-from airswing.workflow import stages
+from airswing.evaluation.monitoring.events import read_events, tables_differ, tables_of
+from airswing.products.netcdf import write_product
+from airswing.products.ragged import some_reports
+from airswing.workflow import events_said, make_monitoring, stages
 from airswing.workflow.job import Job
 from airswing.workflow.progress import Progress
 from tests.compass.flown import Setting
@@ -35,16 +39,15 @@ def fits(headings):
     return add_changes(found, watch_compasses(headings, members=["ruc"]).changes)
 
 
+def job_in(output, **sections):
+    content = {"reports": {"files": "none"}, "references": {"ruc": {"files": "none"}}}
+    config = Config.model_validate(content | {"output": str(output)} | sections)
+    return Job(config, Progress(quiet=True))
+
+
 @pytest.fixture
 def job(tmp_path):
-    config = Config.model_validate(
-        {
-            "reports": {"files": "none"},
-            "references": {"ruc": {"files": "none"}},
-            "output": str(tmp_path),
-        }
-    )
-    return Job(config, Progress(quiet=True))
+    return job_in(tmp_path)
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "configs").glob("*.yaml")), ids=lambda p: p.name)
@@ -109,23 +112,9 @@ def test_the_virtual_field_test_is_a_product_and_says_why_where_it_cannot_be(job
 
 
 def test_monitoring_reads_the_products_and_reports_events_once(tmp_path, headings, fits):
-    from airswing.config_file import load_config
-    from airswing.errors import InputError
-    from airswing.evaluation.monitoring.events import read_events
-    from airswing.products.netcdf import write_product
-    from airswing.workflow import make_monitoring
-
     table = "aircraft,reference,heading_deg,table_correction_deg,standard_error_deg,sign\n"
     table += "".join(f"N001,ruc,{45 * k},12.5,0.2,subtract_error\n" for k in range(8))
-    config = tmp_path / "config.yaml"
-    config.write_text(
-        f"""reports: {{files: none}}
-references: {{ruc: {{files: none}}}}
-monitoring: {{tables_in_use: {tmp_path}/board.csv}}
-output: {tmp_path}/out
-"""
-    )
-    job = Job(load_config(config), Progress(quiet=True))
+    job = job_in(tmp_path / "out", monitoring={"tables_in_use": str(tmp_path / "board.csv")})
     made = {"config_json": "{}", "source_uuids": []}
     write_product(fits, job.output / "fits.nc", title="fits", **made)
     for missing in ("board.csv", "headings.*: no such product"):
@@ -142,20 +131,13 @@ output: {tmp_path}/out
 
 
 def test_after_a_change_the_table_is_that_of_the_reports_since(tmp_path):
-    from airswing.evaluation.monitoring.events import tables_differ, tables_of
-    from airswing.products.netcdf import write_product
-    from airswing.products.ragged import some_reports
-    from airswing.workflow import events_said, make_monitoring
-
     change = np.zeros((6, 5))
     change[2, 0] = 3.0
     headings = with_change(
         3, Setting(aircraft=6, days=45, reports_a_flight=10), day=30, change=change
     )
     mixed = add_tables(fit_deviation(headings), headings)
-    content = {"reports": {"files": "none"}, "references": {"ruc": {"files": "none"}}}
-    config = Config.model_validate(content | {"output": str(tmp_path)})
-    job = Job(config, Progress(quiet=True))
+    job = job_in(tmp_path)
     made = {"config_json": "{}", "source_uuids": []}
     write_product(mixed, job.output / "fits.nc", title="fits", **made)
     write_product(headings, job.output / "headings/2008-07.nc", title="headings", **made)

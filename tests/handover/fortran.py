@@ -8,6 +8,7 @@ an end of line of DOS is no part of it (as gfortran reads).
 from __future__ import annotations
 
 import re
+from typing import Any
 
 import numpy as np
 
@@ -50,6 +51,20 @@ def logical(field: str) -> bool:
     if text[:1] not in ("T", "F"):
         raise ReadError(f"bad logical {field!r}")
     return text[0] == "T"
+
+
+def fields(line: str, *layout: tuple[str, int, Any]) -> dict[str, Any]:
+    """Fields of a line by name, width and kind (a text, i, l, or the decimals of a real number).
+
+    A field without a name is skipped.
+    """
+    found, first = {}, 0
+    for name, width, kind in layout:
+        text, first = line[first : first + width], first + width
+        if name:
+            readers = {"a": str, "i": integer, "l": logical}
+            found[name] = readers[kind](text) if kind in readers else real(text, kind)
+    return found
 
 
 class Lines:

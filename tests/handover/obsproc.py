@@ -11,11 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from tests.handover.fortran import FileEndError, Lines, ReadError, integer, logical, real
+from tests.handover.fortran import FileEndError, Lines, ReadError, fields, integer
 
 MISSING, END, NO_DATA = -888888.0, -777777.0, -88
 KINDS = {42: "AMDAR", 96: "AIREP", 97: "AIREP", 101: "TAMDAR"}
 NAMES = ("p", "z", "t", "td", "speed", "dir", "u", "v", "rh", "thickness")
+COUNTS = ("num_vld_fld", "num_error", "num_warning", "seq_num", "num_dups")
 HIGHEST_REPORTED = 3000.0
 
 
@@ -63,39 +64,30 @@ def _skip(lines: Lines) -> None:
 
 
 def _header(line: str) -> dict[str, Any]:
-    found: dict[str, Any] = {
-        "lat": real(line[:20], 5),
-        "lon": real(line[20:40], 5),
-        "id": line[40:80],
-        "name": line[80:120],
-        "platform": line[120:160],
-        "source": line[160:200],
-        "elevation": real(line[200:220], 5),
-    }
-    counts = ("num_vld_fld", "num_error", "num_warning", "seq_num", "num_dups")
-    for number, name in enumerate(counts):
-        found[name] = integer(line[220 + 10 * number : 230 + 10 * number])
-    for number, name in enumerate(("is_sound", "bogus", "discard")):
-        found[name] = logical(line[270 + 10 * number : 280 + 10 * number])
-    found["sut"], found["julian"] = integer(line[300:310]), integer(line[310:320])
-    found["date"] = line[326:340]
-    ground = [
-        (real(line[340 + 20 * k : 353 + 20 * k], 5), integer(line[353 + 20 * k : 360 + 20 * k]))
-        for k in range(13)
-    ]
-    found["slp"], found["ref_pres"], found["psfc"] = ground[0], ground[1], ground[4]
+    found = fields(
+        line,
+        *(("lat", 20, 5), ("lon", 20, 5), ("id", 40, "a"), ("name", 40, "a")),
+        *(("platform", 40, "a"), ("source", 40, "a"), ("elevation", 20, 5)),
+        *((name, 10, "i") for name in COUNTS),
+        *((name, 10, "l") for name in ("is_sound", "bogus", "discard")),
+        *(("sut", 10, "i"), ("julian", 10, "i"), ("", 6, "a"), ("date", 14, "a")),
+    )
+    ground = pairs(line[340:], 13)
+    found |= {"slp": ground[0], "ref_pres": ground[1], "psfc": ground[4]}
     found["fm"] = integer(found["platform"][3:6])
     if found["fm"] <= 0:
         raise ReadError("no WMO code")
-    found["obsproc_type"] = KINDS.get(found["fm"], "OTHER")
-    return found
+    return found | {"obsproc_type": KINDS.get(found["fm"], "OTHER")}
+
+
+def pairs(line: str, number: int) -> list[tuple[float, int]]:
+    """Values and their qualities."""
+    parts = (fields(line[20 * k :], ("x", 13, 5), ("q", 7, "i")) for k in range(number))
+    return [(part["x"], part["q"]) for part in parts]
 
 
 def _level(line: str) -> dict[str, tuple[float, int]]:
-    return {
-        name: (real(line[20 * k : 20 * k + 13], 5), integer(line[20 * k + 13 : 20 * k + 20]))
-        for k, name in enumerate(NAMES)
-    }
+    return dict(zip(NAMES, pairs(line, len(NAMES)), strict=True))
 
 
 def _measurements(lines: Lines) -> list[dict[str, tuple[float, int]]]:

@@ -200,6 +200,7 @@ BAD = {
     "no_level": {"pressure": np.nan},
     "impossible_level": {"pressure": 2e6},
     "not_corrected_no_fit": {"correction_applied": CORRECTION["no_fit"]},
+    "not_corrected_offset_only": {"correction_applied": CORRECTION["offset_only"]},
     "not_corrected_no_heading": {"correction_applied": CORRECTION["no_heading"]},
     "screened_out_roll": {"screening": SCREENING["roll"] | SCREENING["phase"]},
     "screened_out_turn": {"screening": SCREENING["turn"]},
@@ -382,14 +383,3 @@ def test_aircraft_by_number(tmp_path, to):
     assert [one["id"] for one in understood(to, tmp_path / "f")] == numbers
     assert "identifiers" not in airswing.export(ds, to=to, path=tmp_path / "g")
     assert "N751A 00004, and 1 more" in as_text(result)
-
-
-@pytest.mark.parametrize("to", FORMATS)
-def test_winds_corrected_by_one_constant_are_left_out_unless_accepted(tmp_path, to):
-    ds = corrected({"N1": 2, "N2": 3})
-    ds["correction_applied"][2:] = CORRECTION["offset_only"]
-    result = airswing.export(ds, to=to, path=tmp_path / "f")
-    assert result["levels"] == len(understood(to, tmp_path / "f")) == 2
-    assert result["left_out"] == {"not_corrected_offset_only": 3}
-    taken = Handover(accept=["phase", "field_test", "offset_only"])
-    assert airswing.export(ds, to=to, path=tmp_path / "g", settings=taken)["levels"] == 5

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from tests.handover.fortran import FileEndError, Lines, ReadError, integer, logical, real
+from tests.handover.fortran import FileEndError, Lines, ReadError, fields
 
 NAMES = ("p", "z", "t", "u", "v", "rh")
 
@@ -48,23 +48,21 @@ def _report(lines: Lines, number: int) -> dict[str, Any]:
 
 
 def _rest(lines: Lines, number: int, date: str, moment: datetime) -> dict[str, Any]:
-    place, names, kind = lines.next(), lines.next(), lines.next()
-    platform, name = kind[2:18], names[45:85]
     report = {
         "n": number,
         "date": date,
         "seconds": (moment - datetime(1970, 1, 1)).total_seconds(),
-        "lat": real(place[2:11], 4),
-        "lon": real(place[12:21], 4),
-        "id": names[2:42],
-        "name": name,
-        "platform": platform.rstrip(),
-        "source": kind[20:36].rstrip(),
-        "elevation": real(kind[38:46], 0),
-        "is_sound": logical(kind[48:52]),
-        "bogus": logical(kind[54:58]),
-        "meas_count": integer(kind[60:65]),
+        **fields(lines.next(), ("", 2, "a"), ("lat", 9, 4), ("", 1, "a"), ("lon", 9, 4)),
+        **fields(lines.next(), ("", 2, "a"), ("id", 40, "a"), ("", 3, "a"), ("name", 40, "a")),
+        **fields(
+            lines.next(),
+            *(("", 2, "a"), ("platform", 16, "a"), ("", 2, "a"), ("source", 16, "a")),
+            *(("", 2, "a"), ("elevation", 8, 0), ("", 2, "a"), ("is_sound", 4, "l")),
+            *(("", 2, "a"), ("bogus", 4, "l"), ("", 2, "a"), ("meas_count", 5, "i")),
+        ),
     }
+    platform, name = report["platform"], report["name"]
+    report |= {"platform": platform.rstrip(), "source": report["source"].rstrip()}
     platform = _platform(platform, name)
     report["platform_after_rules"] = platform.rstrip()
     report["plfo"] = _plfo(platform)
@@ -107,7 +105,5 @@ def _plfo(platform: str) -> float:
 
 
 def _level(line: str, pairs: int) -> list[tuple[float, float]]:
-    return [
-        (real(line[1 + 24 * k : 12 + 24 * k], 3), real(line[13 + 24 * k : 24 + 24 * k], 3))
-        for k in range(pairs)
-    ]
+    part = (("value", 11, 3), ("", 1, "a"), ("qc", 11, 3))
+    return [tuple(fields(line[1 + 24 * k :], *part).values()) for k in range(pairs)]

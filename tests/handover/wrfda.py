@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from tests.handover.fortran import FileEndError, Lines, ReadError, integer, real
+from tests.handover.fortran import FileEndError, Lines, ReadError, fields, integer
 
 MISSING, NO_DATA = -888888.0, -88
 COLUMNS = {"p": 0, "speed": 23, "dir": 46, "height": 80, "t": 103, "td": 126, "rh": 160}
@@ -58,16 +58,12 @@ def read(text: str) -> tuple[list[dict[str, Any]], bool]:
 
 
 def _info(line: str) -> dict[str, Any]:
-    found: dict[str, Any] = {
-        "platform": line[:12],
-        "date": line[13:32],
-        "name": line[33:73],
-        "count": integer(line[74:80]),
-        "lat": real(line[80:92], 3),
-        "lon": real(line[103:115], 3),
-        "elv": real(line[126:138], 3),
-        "id": line[155:195],
-    }
+    found = fields(
+        line,
+        *(("platform", 12, "a"), ("", 1, "a"), ("date", 19, "a"), ("", 1, "a"), ("name", 40, "a")),
+        *(("", 1, "a"), ("count", 6, "i"), ("lat", 12, 3), ("", 11, "a"), ("lon", 12, 3)),
+        *(("", 11, "a"), ("elv", 12, 3), ("", 17, "a"), ("id", 40, "a")),
+    )
     if found["lon"] == 180.0:
         found["lon"] = -180.0
     code = line[3:5] if line[5] == " " else line[3:6]
@@ -79,20 +75,13 @@ def _info(line: str) -> dict[str, Any]:
 
 
 def _surface(line: str) -> None:
-    for first, width, decimals in ((0, 12, 3), (16, 7, 2), (23, 12, 3), (39, 7, 3)):
-        real(line[first : first + width], decimals)
-    integer(line[12:16]), integer(line[35:39])
+    part = (("value", 12, 3), ("qc", 4, "i"), ("error", 7, 2))
+    fields(line, *part), fields(line[23:], *part[:2], ("error", 7, 3))
 
 
 def _level(line: str) -> dict[str, tuple[float, int, float]]:
-    return {
-        name: (
-            real(line[first : first + 12], 3),
-            integer(line[first + 12 : first + 16]),
-            real(line[first + 16 : first + 23], 2),
-        )
-        for name, first in COLUMNS.items()
-    }
+    part = (("value", 12, 3), ("qc", 4, "i"), ("error", 7, 2))
+    return {name: tuple(fields(line[first:], *part).values()) for name, first in COLUMNS.items()}
 
 
 def _assigned(report: dict[str, Any]) -> dict[str, Any]:

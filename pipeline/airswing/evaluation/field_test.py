@@ -115,10 +115,8 @@ def field_test(
     ----------
     headings : Dataset
         Screened headings; the winds are as reported.
-    pools : mapping of str to list of str
-        Members of each reference and pool.
-    reference : str
-        Key of ``pools`` of the main result.
+    pools, reference : mapping of str to list of str, str
+        Members of each reference and pool; the one of them that is used.
     start, before_start : date
         First day of the test, and of the window before it.
     corrected, controls : list of str

@@ -122,14 +122,10 @@ def rank_aircraft(
 
     Parameters
     ----------
-    headings : Dataset
-        Screened headings the fits were made from.
-    fits : Dataset
-        Of :func:`airswing.compass.fit.deviation.fit_deviation`.
-    pools : mapping of str to list of str
-        Members of each reference and pool.
-    reference : str
-        Whose fit is used.
+    headings, fits : Dataset
+        Screened headings, and the fits made from them.
+    pools, reference : mapping of str to list of str, str
+        Members of each reference and pool; the one of them that is used.
     seed : int, default 0
 
     Returns
@@ -266,10 +262,8 @@ def virtual_field_test(
         Screened headings; of a part of them, as :func:`only` marks it.
     learned_until : date
         Reports before it are learned from, reports from it on are used for the comparison.
-    pools : mapping of str to list of str
-        Members of each reference and pool.
-    reference : str
-        Key of ``pools`` of the fit and the comparison.
+    pools, reference : mapping of str to list of str, str
+        Members of each reference and pool; the one of them that is used.
     corrected : list of str, optional
         Aircraft that get the correction, the others being controls; all by default.
     draws, seed : int
@@ -413,14 +407,10 @@ def cross_validate(
 
     Parameters
     ----------
-    headings : Dataset
-        Screened headings.
-    fits : Dataset
-        Fits of all these reports, with tables.
-    pools : mapping of str to list of str
-        Members of each reference and pool.
-    reference : str
-        Key of ``pools``.
+    headings, fits : Dataset
+        Screened headings, and the fits of all these reports, with tables.
+    pools, reference : mapping of str to list of str, str
+        Members of each reference and pool; the one of them that is used.
     ranking : list of dict, optional
         Of :func:`airswing.evaluation.ranking.rank_aircraft` by these fits; made when not given.
     draws, seed : int

@@ -45,10 +45,8 @@ def error_profiles(
 
     Parameters
     ----------
-    headings : Dataset
-        Screened headings (``report``), in memory or lazy.
-    corrected : Dataset
-        Corrected winds of the same reports.
+    headings, corrected : Dataset
+        Screened headings, and the corrected winds of the same reports, in memory or lazy.
     pools : mapping of str to list of str
         Members of each reference and pool.
 
@@ -89,10 +87,8 @@ def innovation_statistics(
 
     Parameters
     ----------
-    headings : Dataset
-        Screened headings, in memory or lazy.
-    corrected : Dataset
-        Corrected winds of the same reports.
+    headings, corrected : Dataset
+        Screened headings, and the corrected winds of the same reports, in memory or lazy.
     pools : mapping of str to list of str
         Members of each reference and pool.
 

@@ -205,14 +205,10 @@ def observation_errors(
 
     Parameters
     ----------
-    headings : Dataset
-        Screened headings.
-    corrected : Dataset
-        Corrected winds of the same reports.
-    pools : mapping of str to list of str
-        Members of each reference and pool.
-    reference : str
-        Reference or pool that neighbours are compared with.
+    headings, corrected : Dataset
+        Screened headings, and the corrected winds of the same reports.
+    pools, reference : mapping of str to list of str, str
+        Members of each reference and pool; the one of them that is used.
     covariance : float, default 0
         Covariance of the references' errors that the hat assumes, m2/s2.
     seed : int, default 0

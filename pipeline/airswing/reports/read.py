@@ -249,7 +249,7 @@ def reports_summary(path: str | Path, *, columns: ColumnMapping | None = None) -
     }
 
 
-def expand(files: str | Path | Iterable[str | Path]) -> list[Path]:
+def expand(files: str | Path | Iterable[str | Path], field: str = "reports.files") -> list[Path]:
     """The paths that names and globs stand for, each once; InputError if one matches nothing."""
     patterns = [files] if isinstance(files, str | Path) else list(files)
     found: dict[str, None] = {}
@@ -260,10 +260,10 @@ def expand(files: str | Path | Iterable[str | Path]) -> list[Path]:
         # A broken link is a missing file: reading it fails and names it.
         names = sorted(name for name in names if os.path.isfile(name) or not os.path.exists(name))
         if not names:
-            raise none_found(text, "reports.files")
+            raise none_found(text, field)
         found.update(dict.fromkeys(names))
     if not found:
-        raise InputError("names no file", field="reports.files")
+        raise InputError("names no file", field=field)
     return [Path(name) for name in found]
 
 

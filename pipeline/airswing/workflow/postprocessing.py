@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import glob
 import math
 from pathlib import Path
 from typing import Any
@@ -22,8 +21,9 @@ from airswing.handover.forecasts.correcting import (
 from airswing.handover.forecasts.forecast_pairs import flight_level_pairs, pairs_from_tables
 from airswing.handover.forecasts.stations import pairs_at_stations
 from airswing.products.netcdf import open_product, product_path, read_product, write_product
-from airswing.products.whole_files import none_found, require_writable, workspace
+from airswing.products.whole_files import require_writable, workspace
 from airswing.report.forecast_page import NAMES, forecast_headline, write_forecast_page
+from airswing.reports import expand
 from airswing.workflow.job import CORRECTED, HEADINGS
 from airswing.workflow.progress import Progress
 
@@ -87,15 +87,15 @@ def _read_pairs(section: Postprocess, whole: BaseModel) -> xr.Dataset:
     if section.pairs is not None:
         given = section.pairs
         return pairs_from_tables(
-            _found(given.files, "postprocess.pairs.files"),
+            expand(given.files, "postprocess.pairs.files"),
             columns=given.columns,
             variable=given.variable,
             units=given.units,
         )
     if section.forecasts is not None and section.stations is not None:
         return pairs_at_stations(
-            _found(section.forecasts.files, "postprocess.forecasts.files"),
-            _found(section.stations.files, "postprocess.stations.files"),
+            expand(section.forecasts.files, "postprocess.forecasts.files"),
+            expand(section.stations.files, "postprocess.stations.files"),
             columns=section.stations.columns,
             max_time_gap=section.stations.max_time_gap,
         )
@@ -127,18 +127,6 @@ def _flight_levels(section: FlightLevelWinds, whole: BaseModel) -> xr.Dataset:
         return flight_level_pairs(
             headings, corrected, pools[reference], region=region, fewest=fewest
         )
-
-
-def _found(patterns: list[str], field: str) -> list[Path]:
-    """Files of several patterns, each named once."""
-    files: dict[Path, None] = {}
-    for pattern in patterns:
-        matches = map(Path, sorted(glob.glob(pattern, recursive=True)))
-        found = [path for path in matches if path.is_file()]
-        if not found:
-            raise none_found(pattern, field)
-        files |= dict.fromkeys(found)
-    return list(files)
 
 
 def _scores(made: xr.Dataset, variable: str) -> dict[str, Any]:
