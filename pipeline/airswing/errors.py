@@ -84,7 +84,6 @@ class InputError(AirswingError):
         super().__init__(message)
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Rebuild from the keywords, so that the error can be sent between processes."""
         rest = partial(type(self), file=self.file, field=self.field, found=self.found)
         return partial(rest, self.what, remedy=self.remedy), ()
 

@@ -17,8 +17,8 @@ import xarray as xr
 
 import airswing.report as report
 from airswing.errors import InputError
+from airswing.evaluation import Evaluation
 from airswing.evaluation.innovations import innovation_statistics
-from airswing.evaluation.results import Evaluation
 from airswing.flags import STATUS
 from airswing.report.html import style
 from airswing.report.html.document import Figures

@@ -435,7 +435,6 @@ def _block_mean(name: str, total: Floats, number: Floats, block: Ints) -> dict[s
 
 
 def _judged(sums: PairSums, barred: set[str]) -> Content:
-    """Differences, tests and the verdict of one pair over some reports."""
     # difference that the fleet has in common, with the errors that aircraft share by day
     fleet: Content = {"aircraft": 0, "p_value": float("nan"), "curve_rms_deg": float("nan")}
     days = np.flatnonzero(sums.common.any(axis=(1, 2)))

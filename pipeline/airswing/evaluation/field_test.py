@@ -231,7 +231,6 @@ def field_test(
 
 
 def _reductions(sums: DaySums, *, draws: int, seed: int) -> Content:
-    """Groups, reductions and their intervals."""
     means = sums.means(np.ones((1, sums.during.size)))[0]
     if not np.isfinite(means).all():
         group, window = np.argwhere(~np.isfinite(means))[0]
@@ -267,7 +266,6 @@ def _reductions(sums: DaySums, *, draws: int, seed: int) -> Content:
 
 
 def _checks(sums: DaySums, names: NDArray[np.str_], *, draws: int, seed: int) -> Content:
-    """Permutation test, regression to the mean, matched controls, and the aircraft."""
     before, during = sums.levels(~sums.during, sums.during)
     good = np.isfinite(before) & np.isfinite(during)
     first, second, group = before[good], during[good], sums.corrected[good]

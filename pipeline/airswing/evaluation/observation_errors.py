@@ -409,7 +409,6 @@ def _context(found: Disagreements) -> dict[str, Any]:
 
 
 def _root(variance: Floats) -> Floats:
-    """Square root of the variance, clipped at zero."""
     return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 

@@ -81,7 +81,6 @@ def _some(reports: xr.Dataset, catalogue: Catalogue) -> xr.Dataset:
 
 
 def _spread(values: NDArray[np.int64], most: int) -> NDArray[np.int64]:
-    """At most so many values, evenly spread."""
     if values.size <= most:
         return values
     return np.asarray(values[np.linspace(0, values.size - 1, most).astype(int)])

@@ -287,7 +287,6 @@ def _judged(request: Request, current: RejectList) -> list[dict[str, Any]]:
 
 
 def _rounded(judged: dict[str, Any]) -> dict[str, Any]:
-    """The same with numbers rounded for a person."""
     return {
         key: round(value, 1)
         if isinstance(value, float)

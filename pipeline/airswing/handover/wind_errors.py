@@ -139,7 +139,6 @@ def bounded(base: Array, excess: Array | float) -> Array:
 
 
 def _means(values: Array, group: NDArray[np.integer], groups: int) -> Array:
-    """Mean of each group over its finite values; NaN where there is none."""
     known = np.isfinite(values)
     total = np.bincount(group[known], weights=values[known], minlength=groups)
     with np.errstate(invalid="ignore"):

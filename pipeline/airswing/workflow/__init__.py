@@ -4,32 +4,18 @@
 all of them; ``gap_stage`` diagnoses the gap.
 """
 
-from airswing.workflow.job import CORRECTED, FITS, HEADINGS, PROFILES, Job
-from airswing.workflow.main import Results, run, run_job
-from airswing.workflow.months import make_headings
-from airswing.workflow.stages import (
-    events_said,
-    make_corrected,
-    make_field_test,
-    make_fits,
-    make_monitoring,
-    make_sensitivity,
-)
-
-__all__ = [
-    "CORRECTED",
-    "FITS",
-    "HEADINGS",
-    "PROFILES",
-    "Job",
-    "Results",
-    "events_said",
-    "make_corrected",
-    "make_field_test",
-    "make_fits",
-    "make_headings",
-    "make_monitoring",
-    "make_sensitivity",
-    "run",
-    "run_job",
-]
+from airswing.workflow.job import CORRECTED as CORRECTED
+from airswing.workflow.job import FITS as FITS
+from airswing.workflow.job import HEADINGS as HEADINGS
+from airswing.workflow.job import PROFILES as PROFILES
+from airswing.workflow.job import Job as Job
+from airswing.workflow.main import Results as Results
+from airswing.workflow.main import run as run
+from airswing.workflow.main import run_job as run_job
+from airswing.workflow.months import make_headings as make_headings
+from airswing.workflow.stages import events_said as events_said
+from airswing.workflow.stages import make_corrected as make_corrected
+from airswing.workflow.stages import make_field_test as make_field_test
+from airswing.workflow.stages import make_fits as make_fits
+from airswing.workflow.stages import make_monitoring as make_monitoring
+from airswing.workflow.stages import make_sensitivity as make_sensitivity

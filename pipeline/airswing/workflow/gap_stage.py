@@ -286,7 +286,6 @@ def _without(start: Start, effects: Sequence[ActiveEffect], source: str, *, stri
 def _against(
     job: Job, frame: Frame, simulated: str, reports: xr.Dataset, section: Reports
 ) -> Start:
-    """Replace the perfect instrument by another simulation."""
     from airswing.config_file import load_config
 
     with job.progress.stage("match") as stage:

@@ -88,7 +88,6 @@ def _proposal(path: Path, error: InputError) -> dict[str, object] | None:
 
 
 def _product(path: Path) -> dict[str, object] | None:
-    """Summary of a product of ours, or None for another NetCDF file."""
     import xarray as xr
 
     try:

@@ -18,8 +18,8 @@ import xarray as xr
 
 from airswing.compass.plausibility import heading_kind_warnings, plausibility_warnings
 from airswing.config import Config
+from airswing.evaluation import Evaluation
 from airswing.evaluation.monitoring.changes import change_warnings
-from airswing.evaluation.results import Evaluation
 from airswing.flags import STATUS
 from airswing.products.whole_files import workspace
 from airswing.report.html.text import Units, shown_per_kt
@@ -261,7 +261,6 @@ def summary_text(summary: Summary, output: Path, *, units: Units = "kt") -> str:
 
 
 def _line(fit: dict[str, Any], factor: float) -> str:
-    """One aircraft; a dash for what was not fitted."""
     wide = NORMAL_95 * fit["amplitude_standard_error"], NORMAL_95 * fit["offset_standard_error"]
     amplitude = _digits("{:6.2f} +- {:4.2f}", fit["amplitude"], wide[0])
     offset = _digits("{:8.2f} +- {:4.2f}", fit["offset"], wide[1])

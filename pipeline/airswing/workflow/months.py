@@ -368,7 +368,6 @@ class _Month:
             return False
 
     def _readable(self, uuid: str) -> bool:
-        """Whether the month's headings are there, whole, and those that were noted."""
         if not self.path.exists():
             return False
         try:
@@ -443,7 +442,6 @@ class _Month:
         return headings
 
     def _winds(self, reports: xr.Dataset) -> tuple[xr.Dataset, dict[str, Any]]:
-        """Model winds at the reports, in memory, and counts of each reference."""
         asked = self.job.config.collocation
         models = {
             name: self.models[name]

@@ -83,7 +83,6 @@ def postprocess(config: Path, *, output: Path | None = None, quiet: bool = False
 
 
 def _read_pairs(section: Postprocess, whole: BaseModel) -> xr.Dataset:
-    """Pairs of forecast and observation: tables, GRIB and stations, or the winds of a run."""
     if section.pairs is not None:
         given = section.pairs
         return pairs_from_tables(
@@ -103,7 +102,6 @@ def _read_pairs(section: Postprocess, whole: BaseModel) -> xr.Dataset:
 
 
 def _flight_levels(section: FlightLevelWinds, whole: BaseModel) -> xr.Dataset:
-    """Pairs of a run's model winds and its corrected aircraft winds."""
     if not isinstance(whole, Config):
         raise ConfigError(
             "winds at flight levels are those of the main job",
@@ -130,7 +128,6 @@ def _flight_levels(section: FlightLevelWinds, whole: BaseModel) -> xr.Dataset:
 
 
 def _scores(made: xr.Dataset, variable: str) -> dict[str, Any]:
-    """Scores of a variable on the days held out, by method."""
     chosen = made.sel(variable=variable, period="held_out")
     found: dict[str, Any] = {
         "ratio": float(chosen["ratio"]),
@@ -152,7 +149,6 @@ def _scores(made: xr.Dataset, variable: str) -> dict[str, Any]:
 
 
 def _lines(variable: str, scores: dict[str, Any]) -> list[str]:
-    """Lines on the filter and its rivals over the stations of a variable."""
     lines = []
     for method, label in NAMES.items():
         stations = scores[method].get("stations")

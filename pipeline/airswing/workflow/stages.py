@@ -23,7 +23,7 @@ from airswing.compass.correction import add_tables, correct, write_tables_csv
 from airswing.compass.fit.deviation import fit_deviation
 from airswing.compass.plausibility import mean_declination, plausibility, with_implausible
 from airswing.errors import ConfigError, InputError
-from airswing.evaluation import Content
+from airswing.evaluation import Content, Evaluation
 from airswing.evaluation.comparison import compare
 from airswing.evaluation.field_test import field_test
 from airswing.evaluation.gains import (
@@ -51,7 +51,6 @@ from airswing.evaluation.monitoring.events import (
     write_events,
 )
 from airswing.evaluation.observation_errors import observation_errors
-from airswing.evaluation.results import Evaluation
 from airswing.evaluation.time_interval import interval_cost
 from airswing.flags import published
 from airswing.products.netcdf import open_product, product_path
@@ -112,7 +111,6 @@ def make_fits(job: Job, headings: xr.Dataset | None = None) -> xr.Dataset:
 
 
 def _fitted(job: Job, headings: xr.Dataset, **options: Any) -> xr.Dataset:
-    """Fits with tables, in memory."""
     fits = fit_deviation(headings, pools=job.pools, **job.config.fit.model_dump())
     resolution = math.degrees(job.config.table.resolution)
     return add_tables(fits, headings, resolution=resolution, **options).compute()

@@ -158,7 +158,6 @@ def _pairs(given: Sequence[str], option: str, example: str) -> dict[str, str]:
 
 
 def _places(table: pd.DataFrame, columns: Mapping[str, str]) -> xr.Dataset:
-    """Times and places of a table: degrees, Pa."""
     if absent := [name for name in columns if name not in table.columns]:
         there = ", ".join(map(str, table.columns))
         raise InputError("the table has no such column", field=absent[0], found=there)

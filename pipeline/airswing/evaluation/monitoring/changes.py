@@ -96,7 +96,6 @@ class CompassWatch:
         return [self._entry(number, part) for number, part in enumerate(rows)]
 
     def _entry(self, number: int, rows: slice) -> Content:
-        """Entry of an aircraft from its rows of the daily sums."""
         scale, day = float(self.tested.scale[number]), self.days.day[rows]
         months, right = month_of(day), self.days.right[rows].astype(np.float64)
         weight = self.days.normal[rows].astype(np.float64)

@@ -207,7 +207,6 @@ class StepTest:
     def _after(
         self, of: Ints, lags: Sequence[int], before: NDArray[np.void], side: str
     ) -> tuple[Floats, Floats]:
-        """Weight and score of the days after, relative to the level of the days before."""
         scale = np.broadcast_to(self.scale(of), before.shape)
         inflation = np.array([self.noise.inflation(lag) for lag in lags])
         weight, right = (self.sums[name][of] - before[name] for name in ("weight", side))
@@ -215,7 +214,6 @@ class StepTest:
         return _relative(self.law, self.noise, known, (weight, right), scale, inflated)
 
     def _dated(self, number: int) -> Step:
-        """Date and size of the step of an aircraft."""
         lags, of = range(1, len(self._ring) + 1), np.array([number])
         ratio = self._ratios(of, lags)[:, 0]
         best = int(np.argmax(ratio))

@@ -249,7 +249,6 @@ def _variables(
 def _fields_of(
     path: str, latitude: Floats, longitude: Floats, skipped: Skipped
 ) -> Iterator[_Field]:
-    """Fields of one file; unreadable messages are counted."""
     try:
         for window, start, edition, length in whole_messages(path, skipped):
             try:

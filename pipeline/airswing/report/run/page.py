@@ -17,7 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from airswing.evaluation.results import Evaluation
+from airswing.evaluation import Evaluation
 from airswing.flags import published
 from airswing.products.ragged import time_span
 from airswing.products.whole_files import write_text
