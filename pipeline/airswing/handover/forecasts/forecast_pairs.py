@@ -26,6 +26,7 @@ from airswing.evaluation.innovations import LEVEL_EDGES_HPA, profile_cells
 from airswing.handover.forecasts.correcting import DIMS, TIME
 from airswing.handover.selection import APPLIED
 from airswing.physics.triangle import wrap_degrees
+from airswing.reports.values import parse_times
 
 Floats = NDArray[np.float64]
 Times = NDArray[np.datetime64]
@@ -49,9 +50,8 @@ _VALUES = ("forecast", "observation")
 _KEYS = ["variable", "station", TIME, "lead"]
 _MISSING = ["-999", "-999.0", "-999.00", "NA", "nan", "NaN", "null", ""]
 _COMMENT = re.compile(r"#\s*(variable|units)\s*:\s*(.*?)\s*$", re.IGNORECASE)
-_CALENDARS = {8: "%Y%m%d", 10: "%Y%m%d%H", 12: "%Y%m%d%H%M", 14: "%Y%m%d%H%M%S"}
 # A time outside this range is a number misread as a date.
-_FIRST, _LAST = pd.Timestamp("1900-01-01"), pd.Timestamp("2200-01-01")
+_FIRST, _LAST = np.datetime64("1900-01-01"), np.datetime64("2200-01-01")
 _WINDS = ("eastward_wind", "northward_wind")
 
 
@@ -130,23 +130,16 @@ def numbers(values: pd.Series | None, index: pd.Index) -> Floats:
 
 def times(values: pd.Series) -> Times:
     """Read times in UTC: ISO 8601, yyyymmdd[HH[MM[SS]]] or seconds since 1970; else NaT."""
-    codes, labels = pd.factorize(values)  # a time is read once
-    text = pd.Series(labels, dtype=object).map(lambda label: str(label).strip())
-    digits = text.str.removesuffix(".0")
-    whole = digits.str.fullmatch(r"\d+").astype(bool)
-    read = pd.to_datetime(text.where(~whole), format="mixed", utc=True, errors="coerce")
-    seconds = pd.to_numeric(digits.where(whole), errors="coerce")
-    seconds = seconds.where(seconds <= _LAST.timestamp())
-    read = read.fillna(pd.to_datetime(seconds, unit="s", utc=True))
-    for width, layout in _CALENDARS.items():
-        # Ten digits may be a date or seconds since 1970; those that begin with 19 or 20 would be
-        # seconds of 2030 and later.
-        dates = digits.where(digits.str.fullmatch(rf"(19|20)\d{{{width - 2}}}").astype(bool))
-        dated = pd.to_datetime(dates, format=layout, utc=True, errors="coerce")
-        read = dated.where(dates.notna(), read)
-    plain = read.dt.tz_localize(None)
-    found = plain.where((plain >= _FIRST) & (plain <= _LAST)).to_numpy(dtype="datetime64[ns]")
-    return np.append(found, np.datetime64("NaT", "ns"))[codes]
+    # Ten digits that begin with 19 or 20 are a date: as seconds since 1970 they would be of 2030
+    # and later.
+    text = values.astype(str).str.strip().str.removesuffix(".0")
+    text = text.str.replace(
+        r"^((?:19|20)\d\d)(\d\d)(\d\d)(\d\d)?(\d\d)?(\d\d)?$",
+        lambda m: f"{m[1]}-{m[2]}-{m[3]}T{m[4] or '00'}:{m[5] or '00'}:{m[6] or '00'}",
+        regex=True,
+    )
+    found = parse_times(text)[0]
+    return np.where((found >= _FIRST) & (found <= _LAST), found, np.datetime64("NaT", "ns"))
 
 
 def places(table: pd.DataFrame) -> dict[str, Floats]:

@@ -41,17 +41,15 @@ from airswing.reference.grib.values import (
 from airswing.reference.grids import Grid, UnplaceableGridError
 from airswing.reference.state import grib_statistic
 from airswing.reference.winds import bilinear, corners
-from airswing.units import KNOT, ZERO_CELSIUS
+from airswing.reports.columns import LIMITS, conversion, split_name
 
 Floats = NDArray[np.float64]
 Skipped = Counter[tuple[str, str]]
 _Field = tuple[str, int, float, Grid, Floats]
 """Variable, start (ns since 1970), lead (h), grid, and values at the stations along the grid."""
 _RANGE = {
-    "air_temperature": (150.0, 350.0),
-    "wind_speed": (0.0, 150.0),
-    "eastward_wind": (-150.0, 150.0),
-    "northward_wind": (-150.0, 150.0),
+    name: LIMITS[name]
+    for name in ("air_temperature", "wind_speed", "eastward_wind", "northward_wind")
 }
 UNITS = {name: "K" if name == "air_temperature" else "m s-1" for name in _RANGE}
 # Short name and height of a field, and its variable; winds are along the grid at first.
@@ -63,18 +61,6 @@ _WANTED: dict[tuple[object, object], str] = {
 # Category and number of temperature, u and v in discipline 0 of GRIB2.
 _NUMBERS = {(0, 0), (2, 2), (2, 3)}
 _HEADER = ["shortName", "level", "stepType", "dataDate", "dataTime", "validityDate", "validityTime"]
-# Column in lower case: variable, factor and offset to SI units.
-_COLUMNS = {
-    "air_temperature_k": ("air_temperature", 1.0, 0.0),
-    "temperature_k": ("air_temperature", 1.0, 0.0),
-    "air_temperature_degc": ("air_temperature", 1.0, ZERO_CELSIUS),
-    "temperature_degc": ("air_temperature", 1.0, ZERO_CELSIUS),
-    "wind_speed_kt": ("wind_speed", KNOT, 0.0),
-    "wind_speed_m_s": ("wind_speed", 1.0, 0.0),
-    "wind_direction_deg": ("wind_direction", 1.0, 0.0),
-    "eastward_wind_m_s": ("eastward_wind", 1.0, 0.0),
-    "northward_wind_m_s": ("northward_wind", 1.0, 0.0),
-}
 
 
 def pairs_at_stations(
@@ -140,17 +126,20 @@ def _observations(file: Path, columns: Mapping[str, str], left_out: Counter[str]
             **places(raw),
         }
     )
-    known_columns = [name for name in _COLUMNS if name in raw]
-    if not known_columns:
+    wanted = (*_RANGE, "wind_direction")
+    for name in map(str, raw.columns):
+        known = split_name(name.removeprefix("air_"))
+        if known is not None and known[0].variable in wanted:
+            factor, offset = conversion(known[1], known[0].si_unit)
+            table[known[0].variable] = numbers(raw[name], raw.index) * factor + offset
+    if not {*wanted} & {*table}:
         raise InputError(
             "no column with an observation",
             file=file,
             found="columns " + ", ".join(map(str, raw.columns)),
-            remedy="Name them under columns, as one of " + ", ".join(_COLUMNS),
+            remedy="Name them under columns, such as air_temperature_degC, wind_speed_kt, "
+            "wind_direction_deg, eastward_wind_m_s, northward_wind_m_s",
         )
-    for name in known_columns:
-        variable, factor, offset = _COLUMNS[name]
-        table[variable] = numbers(raw[name], raw.index) * factor + offset
     if {"wind_speed", "wind_direction"} <= set(table):
         speed = table["wind_speed"].to_numpy()
         # The direction of a calm may be anything, or missing.
