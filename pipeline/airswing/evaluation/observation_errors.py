@@ -65,8 +65,8 @@ MOST_REPORTS, MOST_PAIRS, MOST_CLASSES = 1_000_000, 800_000, 40
 USED = {
     # pressures, hPa, and errors of a component, m/s; WRFDA: var/obsproc/obserr.txt of WRF 4.7.1
     "wrfda_tamdar": (
-        (150, 200, 250, 300, 350, 400, 450, 500, 550, 600, 650, 700, 750, 800, 850, 900),
-        (3.6, 3.2, 3.2, 3.2, 3.2, 3.0, 3.0, 2.9, 2.9, 2.7, 2.7, 2.7, 2.7, 2.5, 2.5, 2.3),
+        (150, 200, 350, 400, 450, 500, 600, 650, 750, 800, 850, 900),
+        (3.6, 3.2, 3.2, 3.0, 3.0, 2.9, 2.9, 2.7, 2.7, 2.5, 2.5, 2.3),
     ),
     "wrfda_airep": ((500,), (3.6,)),
     # NAM: the error table of the regional system of NCEP

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
+from airswing.evaluation.observation_errors import USED
 from airswing.flags import PHASE
 from airswing.handover.request import ERRORS, Request, product_of_run
 from airswing.handover.selection import PLATFORMS, Rows, platforms
@@ -31,12 +32,6 @@ Array = NDArray[np.float64]
 BASE, BY_AIRCRAFT = "observation_error_filled", "aircraft_observation_error"
 LEAST = 0.5  # m/s: coding in whole knots and degrees alone costs 0.4 m/s at a wind of 30 m/s
 LEAST_SHARE = 0.25  # of the base variance, that the variance of a report is at least
-TAMDARS = (
-    (150, 200, 350, 400, 450, 500, 600, 650, 750, 800, 850, 900),
-    (3.6, 3.2, 3.2, 3.0, 3.0, 2.9, 2.9, 2.7, 2.7, 2.5, 2.5, 2.3),
-)
-"""hPa, m/s: ends of the steps of WRFDA's table for TAMDAR; constant beyond."""
-AIREPS = 3.6  # m/s at all levels; WRFDA uses it for AMDAR and ACARS too
 
 
 def known_errors(request: Request, *, required: bool = False) -> xr.Dataset | None:
@@ -77,8 +72,11 @@ def base_variance(known: xr.Dataset, phase: str) -> Array:
 
 def table_error(pressure: Array, platform: NDArray[np.int8]) -> Array:
     """Error of a component in WRFDA's table (m/s), at pressures (Pa), by index of `PLATFORMS`."""
-    tamdar = np.interp(pressure / 100.0, *TAMDARS)
-    return np.where(platform == PLATFORMS.index("TAMDAR"), tamdar, AIREPS)
+    tamdar, airep = (
+        np.interp(pressure / 100.0, *USED[name]) for name in ("wrfda_tamdar", "wrfda_airep")
+    )
+    # WRFDA takes AMDAR and ACARS for AIREP
+    return np.where(platform == PLATFORMS.index("TAMDAR"), tamdar, airep)
 
 
 class WindErrors:

@@ -54,7 +54,7 @@ from airswing.evaluation.observation_errors import observation_errors
 from airswing.evaluation.time_interval import interval_cost
 from airswing.flags import published
 from airswing.products.netcdf import open_product, product_path
-from airswing.products.ragged import aircraft_of_report, blocks, joined, some_reports, time_span
+from airswing.products.ragged import aircraft_of_report, some_reports, time_span
 from airswing.products.whole_files import (
     code_digest,
     findings,
@@ -481,14 +481,8 @@ def _tables_since(
         return {}
     names = headings["aircraft"].to_numpy().astype(str)
     begin = np.array([since.get(name, "NaT") for name in names], dtype="datetime64[ns]")
-    parts, first = [], 0
-    for block in blocks(headings):
-        since_day = begin[first : first + block.sizes["aircraft"]]
-        first += since_day.size
-        if not np.isnat(since_day).all():  # no time is later than a missing one
-            late = block["time"].to_numpy() >= since_day[aircraft_of_report(block)]
-            parts.append(some_reports(block, late))
-    recent = joined(parts)
-    recent = recent.isel(aircraft=np.isin(recent["aircraft"].to_numpy().astype(str), list(since)))
+    # no time is later than a missing one
+    late = headings["time"].to_numpy() >= begin[aircraft_of_report(headings)]
+    recent = some_reports(headings, late).isel(aircraft=np.isin(names, list(since))).load()
     now = tables_of(_fitted(job, recent).sel(reference=job.reference))
     return dict.fromkeys(since) | {name: now[name] for name in since if name in now}
