@@ -19,7 +19,7 @@ from airswing.compass.plausibility import (
     taken_for,
     with_implausible,
 )
-from airswing.evaluation.results import Evaluation
+from airswing.evaluation import Evaluation
 from airswing.flags import STATUS
 from airswing.physics.atmosphere import pressure_from_altitude, standard_temperature
 from airswing.products.netcdf import read_product
