@@ -20,32 +20,13 @@ from airswing.reports import expand
 NOBODY = 65534
 
 
-def made() -> Findings:
+def test_findings_are_a_dict_with_a_line_a_key_and_none_of_them_long():
     pair = {"references": ["ruc", "rr"], "verdict": "poolable"}
-    return Findings(
-        reports=22991,
-        references=["ruc", "rr"],
-        pairs=[pair] * 500,
-        groups={f"group {k}": {"kt": 1.0} for k in range(9)},
-        left_out={"no_fit": 3, "no_wind": 0},
-        reduction_kt=0.123456,
-        ci_kt=[0.1, 0.2],
-        end=None,
-        notes=[],
-        remark="long " * 99,
-    )
-
-
-def test_a_line_a_key_and_none_of_them_long():
-    lines = repr(made()).splitlines()
-    assert [line.split(": ")[0] for line in lines] == list(made())
-    assert lines[0] == "reports: 22991" and lines[5] == "reduction_kt: 0.123456"
-    assert lines[1] == "references: ['ruc', 'rr']"
+    found = Findings(reports=22991, references=["ruc", "rr"], pairs=[pair] * 500, end=None)
+    lines = repr(found).splitlines()
+    assert lines[:2] == ["reports: 22991", "references: ['ruc', 'rr']"]
+    assert [line.split(": ")[0] for line in lines] == list(found)
     assert max(map(len, lines)) <= 100
-
-
-def test_it_is_the_dict_that_json_and_pickle_take():
-    found = made()
     assert json.loads(json.dumps(found)) == found
     assert pickle.loads(pickle.dumps(found)) == found
 

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
+import xarray as xr
 
 
 def row(**values: Any) -> dict[str, Any]:
     """One good report with some values replaced."""
-    plain: dict[str, Any] = {
+    return {
         "tail": "N412XJ",
         "time": "2009-01-05T12:00:00Z",
         "latitude": 41.5,
@@ -22,16 +24,14 @@ def row(**values: Any) -> dict[str, Any]:
         "temperature_degC": -20.0,
         "roll_flag": "G",
         "temperature_qc": "pass",
+        **values,
     }
-    return {**plain, **values}
 
 
 def flight(
     *,
-    tail: str = "N412XJ",
     start: str = "2009-01-05T12:00:00",
     seconds: Any = None,
-    latitude: float = 41.5,
     longitude: float = -87.0,
     speed: float = 120.0,
     altitude_ft: Any = 20000.0,
@@ -39,14 +39,12 @@ def flight(
 ) -> pd.DataFrame:
     """Reports of a flight due east at a steady speed (m/s), in canonical columns."""
     seconds = np.arange(10) * 180.0 if seconds is None else np.asarray(seconds, dtype=float)
-    metres_per_degree = 111_195.0 * np.cos(np.radians(latitude))
-    degrees = longitude + speed * seconds / metres_per_degree
-    time = pd.Timestamp(start) + pd.to_timedelta(np.round(seconds), unit="s")
+    degrees = longitude + speed * seconds / (111_195.0 * np.cos(np.radians(41.5)))
     return pd.DataFrame(
         {
-            "tail": tail,
-            "time": time,
-            "latitude": latitude,
+            "tail": "N412XJ",
+            "time": pd.Timestamp(start) + pd.to_timedelta(np.round(seconds), unit="s"),
+            "latitude": 41.5,
             "longitude": (degrees + 180.0) % 360.0 - 180.0,
             "pressure_altitude_ft": altitude_ft,
             "wind_direction_deg": 270,
@@ -60,3 +58,9 @@ def write(path: Path, rows: list[dict[str, Any]] | pd.DataFrame) -> Path:
     """Write rows as CSV; an absent value is an empty field."""
     pd.DataFrame(rows).to_csv(path, index=False)
     return path
+
+
+def audit_of(reports: xr.Dataset) -> dict[str, Any]:
+    """Counts of the reading of a Dataset."""
+    found: dict[str, Any] = json.loads(reports.attrs["reading_audit"])
+    return found

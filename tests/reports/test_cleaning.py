@@ -19,15 +19,8 @@ TIME = np.datetime64("2009-01-05T12:00:00", "ns")
 
 def piece(rows: int = 1, **values: Any) -> pd.DataFrame:
     """Raw piece in SI with some columns replaced."""
-    plain = {
-        "tail": "N412XJ",
-        "time": TIME,
-        "latitude": 41.5,
-        "longitude": -87.25,
-        "pressure_altitude": 5000.0,
-        "wind_direction": 270.0,
-        "wind_speed": 20.0,
-    }
+    plain = {"tail": "N412XJ", "time": TIME, "latitude": 41.5, "longitude": -87.25}
+    plain |= {"pressure_altitude": 5000.0, "wind_direction": 270.0, "wind_speed": 20.0}
     return pd.DataFrame({**plain, **values}, index=range(rows))
 
 
@@ -43,7 +36,6 @@ def cleaned(rows: int = 1, **values: Any) -> tuple[pd.DataFrame, Audit]:
         ({"tail": None}, "missing_tail"),
         ({"time": np.datetime64("NaT", "ns")}, "missing_time"),
         ({"time": np.datetime64("NaT", "ns"), "time_blank": False}, "unparsable_time"),
-        ({"time": np.datetime64("1969-12-31", "ns")}, "time_out_of_range"),
         ({"time": np.datetime64("1970-01-01", "ns")}, "time_out_of_range"),
         ({"time": np.datetime64("2150-01-01", "ns")}, "time_out_of_range"),
         ({"latitude": np.nan}, "missing_position"),
@@ -60,14 +52,10 @@ def test_a_report_without_tail_time_or_position_is_dropped_for_one_reason(values
     assert (audit.read, audit.kept) == (1, 0)
 
 
-@pytest.mark.parametrize(
-    ("given_longitude", "kept_longitude"),
-    [(0.0, 0.0), (179.5, 179.5), (180.0, -180.0), (272.75, -87.25), (360.0, 0.0), (-180.0, -180.0)],
-)
-def test_longitudes_are_brought_to_one_range(given_longitude, kept_longitude):
-    frame, audit = cleaned(longitude=given_longitude)
-    assert frame["longitude"][0] == kept_longitude
-    assert audit.repaired.get("longitude_wrapped", 0) == int(given_longitude >= 180.0)
+def test_longitudes_are_brought_to_one_range():
+    frame, audit = cleaned(6, longitude=[0.0, 179.5, 180.0, 272.75, 360.0, -180.0])
+    assert frame["longitude"].tolist() == [0.0, 179.5, -180.0, -87.25, 0.0, -180.0]
+    assert audit.repaired["longitude_wrapped"] == 3
 
 
 def test_wind_from_the_eight_compass_points():
@@ -77,44 +65,31 @@ def test_wind_from_the_eight_compass_points():
     np.testing.assert_allclose(frame[["eastward_wind", "northward_wind"]].T, wanted, atol=1e-5)
 
 
-@pytest.mark.parametrize("direction", [0.0, 137.0, 360.0, np.nan])
-def test_calm_has_no_wind_whatever_its_direction(direction):
-    frame, audit = cleaned(wind_direction=direction, wind_speed=0.0)
-    assert frame["eastward_wind"][0] == 0.0
-    assert frame["northward_wind"][0] == 0.0
-    assert np.isnan(frame["wind_direction"][0])
-    assert audit.repaired.get("calm_without_direction", 0) == int(np.isnan(direction))
+def test_calm_has_no_wind_whatever_its_direction():
+    frame, audit = cleaned(4, wind_direction=[0.0, 137.0, 360.0, np.nan], wind_speed=0.0)
+    assert (frame[["eastward_wind", "northward_wind"]] == 0.0).all(axis=None)
+    assert frame["wind_direction"].isna().all()
+    assert audit.repaired["calm_without_direction"] == 1
 
 
 @pytest.mark.parametrize(
-    "values", [{"wind_direction": np.nan}, {"wind_speed": np.nan}], ids=["direction", "speed"]
-)
-def test_half_a_wind_is_no_wind_but_the_report_stays(values):
-    frame, audit = cleaned(**values)
-    assert len(frame) == 1
-    assert frame[["eastward_wind", "northward_wind", "wind_speed"]].isna().all(axis=None)
-    assert audit.repaired == {"wind_incomplete": 1}
-
-
-@pytest.mark.parametrize(
-    ("name", "value"),
+    ("name", "values"),
     [
-        ("wind_speed", -1.0),
-        ("wind_speed", 151.0),
-        ("wind_direction", 361.0),
-        ("wind_direction", -181.0),
-        ("air_temperature", 100.0),
-        ("air_temperature", 400.0),
-        ("pressure_altitude", 30000.0),
-        ("reported_airspeed", -5.0),
-        ("reported_heading", 400.0),
+        ("wind_speed", [-1.0, 151.0]),
+        ("wind_direction", [361.0, -181.0]),
+        ("air_temperature", [100.0, 400.0]),
+        ("pressure_altitude", [30000.0]),
+        ("reported_airspeed", [-5.0]),
+        ("reported_heading", [400.0]),
     ],
 )
-def test_impossible_values_become_missing_and_are_counted(name, value):
-    frame, audit = cleaned(**{name: value})
-    assert len(frame) == 1
-    assert np.isnan(frame[name][0])
-    assert audit.repaired[f"{name}_out_of_range"] == 1
+def test_impossible_values_become_missing_and_are_counted(name, values):
+    frame, audit = cleaned(len(values), **{name: values})
+    assert frame[name].isna().tolist() == [True] * len(values)
+    assert audit.repaired[f"{name}_out_of_range"] == len(values)
+    if name.startswith("wind"):  # half a wind is no wind
+        assert frame[["eastward_wind", "northward_wind", "wind_speed"]].isna().all(axis=None)
+        assert audit.repaired["wind_incomplete"] == len(values)
 
 
 def test_pressure_follows_from_altitude_and_the_reverse():
@@ -132,12 +107,11 @@ def test_the_wind_at_an_unset_position_fails():
 
 
 def test_components_in_place_of_speed_and_direction():
-    source = piece().drop(columns=["wind_speed", "wind_direction"])
-    frame = clean(source.assign(eastward_wind=3.0, northward_wind=4.0), Audit())
+    source = piece(2).drop(columns=["wind_speed", "wind_direction"])
+    frame = clean(source.assign(eastward_wind=3.0, northward_wind=[4.0, np.nan]), Audit())
     assert frame["wind_speed"][0] == 5.0
     assert frame["wind_direction"][0] == pytest.approx(180.0 + np.degrees(np.arctan2(3, 4)))
-    frame = clean(source.assign(eastward_wind=3.0, northward_wind=np.nan), Audit())
-    assert np.isnan(frame["eastward_wind"][0])
+    assert np.isnan(frame["eastward_wind"][1])
 
 
 def with_motion(**values: Any) -> tuple[pd.DataFrame, Audit]:
@@ -150,13 +124,17 @@ def with_motion(**values: Any) -> tuple[pd.DataFrame, Audit]:
 
 def test_the_wind_of_a_triangle_computed_by_hand():
     """North at 200 m/s through air, over ground 200 m/s north and 15 m/s east."""
-    frame, audit = with_motion(
-        ground_speed=np.hypot(200, 15), track=np.degrees(np.arctan2(15, 200))
-    )
+    over_ground = {"ground_speed": np.hypot(200, 15), "track": np.degrees(np.arctan2(15, 200))}
+    frame, audit = with_motion(**over_ground)
     np.testing.assert_allclose(frame["eastward_wind"], 15.0, atol=1e-3)
     np.testing.assert_allclose(frame["northward_wind"], 0.0, atol=1e-3)
     assert frame["wind_source"].tolist() == [WIND_SOURCE["derived"]]
     assert audit.repaired["wind_derived"] == 1
+    frame, _ = with_motion(wind_direction=180.0, wind_speed=10.0, **over_ground)
+    np.testing.assert_allclose(frame["northward_wind"], 10.0, atol=1e-4)
+    assert frame["wind_source"].tolist() == [WIND_SOURCE["reported"]]
+    _, audit = with_motion(ground_speed=30.0)
+    assert audit.repaired["derived_wind_out_of_range"] == 1
 
 
 def test_a_magnetic_heading_is_turned_by_the_declination():
@@ -177,45 +155,29 @@ def test_airspeeds_from_mach_and_indicated_airspeed_say_their_temperature():
     assert 185.0 < frame["reported_airspeed"][0] < 195.0
 
 
-def test_a_reported_wind_is_used_before_a_derived_one():
-    frame, _ = with_motion(wind_direction=180.0, wind_speed=10.0)
-    np.testing.assert_allclose(frame["northward_wind"], 10.0, atol=1e-4)
-    assert frame["wind_source"].tolist() == [WIND_SOURCE["reported"]]
-    _, audit = with_motion(ground_speed=30.0)
-    assert audit.repaired["derived_wind_out_of_range"] == 1
+def floats(low: float, high: float) -> st.SearchStrategy[float]:
+    return st.floats(low, high) | st.just(float("nan"))
 
 
-@given(
-    st.lists(
-        st.tuples(
-            st.sampled_from(["A", "", "NA"]),
-            st.floats(-400, 400) | st.just(float("nan")),
-            st.floats(-400, 400) | st.just(float("nan")),
-            st.floats(-10, 200) | st.just(float("nan")),
-            st.floats(-10, 370) | st.just(float("nan")),
-        ),
-        min_size=1,
-        max_size=20,
-    )
+REPORT = st.fixed_dictionaries(
+    {
+        "tail": st.sampled_from(["A", "", "NA"]),
+        "latitude": floats(-400, 400),
+        "longitude": floats(-400, 400),
+        "wind_speed": floats(-10, 200),
+        "wind_direction": floats(-10, 370),
+    }
 )
-def test_every_report_is_kept_or_dropped_once_and_what_stays_is_possible(rows):
-    tail, latitude, longitude, speed, direction = (
-        list(column) for column in zip(*rows, strict=True)
-    )
-    frame, audit = cleaned(
-        len(rows),
-        tail=tail,
-        latitude=latitude,
-        longitude=longitude,
-        wind_speed=speed,
-        wind_direction=direction,
-    )
-    assert audit.read == len(rows)
-    assert audit.kept == len(frame)
+
+
+@given(st.lists(REPORT, min_size=1, max_size=20))
+def test_every_report_is_kept_or_dropped_once_and_what_stays_is_possible(reports):
+    columns = pd.DataFrame(reports).to_dict("list")
+    frame, audit = cleaned(len(reports), **columns)
+    assert (audit.read, audit.kept) == (len(reports), len(frame))
     assert frame["latitude"].between(-90, 90).all()
     assert ((frame["longitude"] >= -180) & (frame["longitude"] < 180)).all()
     assert (frame["eastward_wind"].isna() == frame["northward_wind"].isna()).all()
     known = frame[frame["eastward_wind"].notna()]
-    np.testing.assert_allclose(
-        np.hypot(known["eastward_wind"], known["northward_wind"]), known["wind_speed"], atol=1e-4
-    )
+    speed = np.hypot(known["eastward_wind"], known["northward_wind"])
+    np.testing.assert_allclose(speed, known["wind_speed"], atol=1e-4)

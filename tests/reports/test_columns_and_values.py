@@ -9,7 +9,7 @@ import pytest
 from airswing.errors import InputError
 from airswing.flags import ICING, PHASE, ROLL
 from airswing.reports import Audit
-from airswing.reports.columns import parse_mapping, sources, split_name
+from airswing.reports.columns import conversion, parse_mapping, sources, split_name
 from airswing.reports.values import decode_flags, parse_times, possible
 
 PLAIN = ["tail", "time", "latitude", "longitude"]
@@ -18,27 +18,27 @@ NOON = np.datetime64("2009-01-05T12:00:00", "ns")
 
 
 @pytest.mark.parametrize(
-    ("name", "value", "si"),
+    ("name", "value", "variable", "si"),
     [
-        ("pressure_altitude_ft", 1000.0, 304.8),
-        ("pressure_altitude_hft", 350.0, 10668.0),
-        ("pressure_hPa", 500.0, 50000.0),
-        ("pressure_mb", 500.0, 50000.0),
-        ("wind_speed_kt", 3600.0, 1852.0),
-        ("wind_speed_m_s", 7.0, 7.0),
-        ("wind_speed_km_h", 36.0, 10.0),
-        ("temperature_degC", -20.0, 253.15),
-        ("temperature_degF", 32.0, 273.15),
-        ("heading_rad", 3.141592653589793, 180.0),
-        ("true_airspeed_kt", 250.0, 250.0 * 1852.0 / 3600.0),
+        ("pressure_altitude_ft", 1000.0, "pressure_altitude", 304.8),
+        ("pressure_altitude_hft", 350.0, "pressure_altitude", 10668.0),
+        ("pressure_hPa", 500.0, "pressure", 50000.0),
+        ("pressure_mb", 500.0, "pressure", 50000.0),
+        ("wind_speed_kt", 3600.0, "wind_speed", 1852.0),
+        ("Wind_Speed_m_s", 7.0, "wind_speed", 7.0),
+        ("wind_speed_km_h", 36.0, "wind_speed", 10.0),
+        ("temperature_degC", -20.0, "air_temperature", 253.15),
+        ("temperature_degF", 32.0, "air_temperature", 273.15),
+        ("heading_rad", np.pi, "reported_heading", 180.0),
+        ("true_airspeed_kt", 3600.0, "reported_airspeed", 1852.0),
+        ("latitude", 40.0, "latitude", 40.0),
     ],
 )
-def test_the_unit_at_the_end_of_a_name_is_understood(name: str, value: float, si: float):
-    levels = [] if name.startswith("pressure") else ["pressure_altitude_ft"]
-    rest = [other for other in WIND if other.split("_")[1] not in name or "wind" not in name]
-    found = sources([*PLAIN, *levels, *rest, name], {}, "x.csv")
-    source = found[split_name(name)[0].variable]
-    assert value * source.factor + source.offset == pytest.approx(si, rel=1e-12)
+def test_the_unit_at_the_end_of_a_name_is_understood(name, value, variable, si):
+    quantity, unit = split_name(name)
+    assert quantity.variable == variable
+    factor, offset = conversion(unit, quantity.si_unit)
+    assert value * factor + offset == pytest.approx(si, rel=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -70,9 +70,7 @@ def test_a_bad_mapping_is_refused_by_name(columns: dict[str, object], parts: lis
         ([*PLAIN, "heading_deg", "ground_speed_kt", "pressure_hPa"], {}, "wind_direction_deg"),
     ],
 )
-def test_an_absent_column_is_named_with_the_nearest(
-    names: list[str], mapping: dict[str, str], message: str
-):
+def test_an_absent_column_is_named_with_the_nearest(names, mapping, message: str):
     with pytest.raises(InputError, match=message) as error:
         sources(names, parse_mapping(mapping), "fleet.csv")
     assert "fleet.csv" in str(error.value) and "airswing inspect" in str(error.value)
@@ -86,20 +84,9 @@ def test_an_absent_column_is_named_with_the_nearest(
         "2009-01-05T06:00:00-06:00",
         " 2009-01-05T12:00:00.000Z ",
         "20090105T120000Z",
-        "2009010512",
-        "200901051200",
-        "20090105120000",
-        "1231156800",
-        "1231156800000",
-        "2454837.0",
-        2009010512,
-        200901051200,
-        20090105120000,
-        1231156800,
-        1231156800000,
-        1231156800000000,
-        1231156800000000000,
-        2454837.0,
+        *(kind(n) for n in (2009010512, 200901051200, 20090105120000) for kind in (int, str)),
+        *(kind(1231156800 * 1000**n) for n in range(4) for kind in (int, str)),
+        *("2454837.0", 2454837.0),
         pd.Timestamp("2009-01-05T06:00:00-06:00"),
     ],
 )
@@ -128,18 +115,28 @@ def test_times_that_no_report_can_have_are_not_possible(value: object):
     assert not possible(parse_times(pd.Series([value]))[0])[0]
 
 
-def test_flag_codes_are_decoded_and_counted():
-    def decoded(name: str, values: list[object]) -> tuple[list[int], Audit]:
-        audit = Audit()
-        return decode_flags(values, name, audit).tolist(), audit
-
-    found, audit = decoded("roll_flag", ["G", "b", "N", "", "-", " G ", None, "Z", float("nan")])
-    names = ["good", "bad", "not_available", "missing", "missing", "good", *["missing"] * 3]
-    assert found == [ROLL[name] for name in names]
-    assert audit.flags["roll_flag"] == {"G": 2, "b": 1, "N": 1, "blank": 3, "-": 1, "Z": 1}
-    assert audit.repaired == {"roll_flag_unknown_code": 1}
-    found, _ = decoded("phase", ["ascent", "Cruise", "DESCENT", "", "hover"])
-    assert found == [PHASE[n] for n in ("ascent", "cruise", "descent", "unknown", "unknown")]
-    found, _ = decoded("icing", ["0", "1", 0.0, 1, 1.0, "", None, True, "2"])
-    names = ["off", "on", "off", "on", "on", "missing", "missing", "on", "missing"]
-    assert found == [ICING[name] for name in names]
+@pytest.mark.parametrize(
+    ("flag", "codes", "values", "meanings"),
+    [
+        (
+            *("roll_flag", ROLL, ["G", "b", "N", "", "-", " G ", None, "Z", float("nan")]),
+            "good bad not_available missing missing good missing missing missing",
+        ),
+        (
+            *("phase", PHASE, ["ascent", "Cruise", "DESCENT", "", "hover"]),
+            "ascent cruise descent unknown unknown",
+        ),
+        (
+            *("icing", ICING, ["0", "1", 0.0, 1, 1.0, "", None, True, "2"]),
+            "off on off on on missing missing on missing",
+        ),
+    ],
+)
+def test_flag_codes_are_decoded_and_counted(flag, codes, values, meanings: str):
+    audit = Audit()
+    found = decode_flags(values, flag, audit).tolist()
+    assert found == [codes[name] for name in meanings.split()]
+    assert sum(audit.flags[flag].values()) == len(values)
+    assert audit.repaired == {f"{flag}_unknown_code": 1}
+    if flag == "roll_flag":
+        assert audit.flags[flag] == {"G": 2, "b": 1, "N": 1, "blank": 3, "-": 1, "Z": 1}

@@ -66,10 +66,7 @@ def derive_flight(columns: Columns) -> NDArray[np.int32]:
         begins |= np.diff(values[order]) != 0
     number = np.empty(tail.size, dtype=np.int64)
     number[order] = np.r_[0, np.cumsum(begins)]
-    _, first, inverse = np.unique(number, return_index=True, return_inverse=True)
-    by_first_report = np.empty(first.size, dtype=np.int32)
-    by_first_report[np.argsort(first)] = np.arange(first.size, dtype=np.int32)
-    return np.asarray(by_first_report[inverse], dtype=np.int32)
+    return pd.factorize(number)[0].astype(np.int32)  # in order of the first reports
 
 
 def _steps(
@@ -106,33 +103,26 @@ def _alternating(columns: Columns) -> NDArray[np.int64]:
 
 def _paths_of_one(columns: Columns) -> NDArray[np.int64]:
     seconds = seconds_since_1970(columns["time"])
-    phi, lam = np.radians(columns["latitude"]), np.radians(columns["longitude"])
-    path = np.zeros(seconds.size, dtype=np.int64)
+    latitude, longitude = columns["latitude"], columns["longitude"]
+    path, number = np.zeros(seconds.size, dtype=np.int64), 0
     recent: dict[int, tuple[int, int]] = {}  # of each path the last report and the label
-    number = 0
     for here, label in enumerate(columns["flight"].tolist()):
-        recent = {
-            key: value
-            for key, value in recent.items()
-            if seconds[here] - seconds[value[0]] <= LABELLED_GAP
-        }
-        nearest, chosen = np.inf, -1
-        for key, (last, known) in recent.items():
-            if known >= 0 and label >= 0 and known != label:
-                continue
-            away = central_angle(phi[last], lam[last], phi[here], lam[here])
-            distance = EARTH_RADIUS * float(away)
-            jumps = distance > max(JUMP_DISTANCE, JUMP_SPEED * (seconds[here] - seconds[last]))
-            if distance < nearest and not jumps:
-                nearest, chosen = distance, key
-        if chosen < 0:
-            chosen, number = number, number + 1
-        path[here] = chosen
+        nearest = np.inf, number  # a new path
+        for key, (last, known) in list(recent.items()):
+            gap = seconds[here] - seconds[last]
+            if gap > LABELLED_GAP:
+                del recent[key]
+            elif known < 0 or label < 0 or known == label:
+                distance = step_distance(latitude[[last, here]], longitude[[last, here]])
+                if not _jumps(gap, distance)[0]:
+                    nearest = min(nearest, (float(distance[0]), key))
+        chosen = path[here] = nearest[1]
+        number = max(number, chosen + 1)
         recent[chosen] = here, label if label >= 0 else recent.get(chosen, (here, -1))[1]
     return path
 
 
-def _jumps(gap: NDArray[np.float64], distance: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _jumps(gap: NDArray[np.float64] | float, distance: NDArray[np.float64]) -> NDArray[np.bool_]:
     return np.asarray(distance > np.maximum(JUMP_DISTANCE, JUMP_SPEED * gap))
 
 

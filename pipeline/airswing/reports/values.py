@@ -33,37 +33,25 @@ _CALENDARS = ((10, "%Y%m%d%H"), (12, "%Y%m%d%H%M"), (14, "%Y%m%d%H%M%S"))
 
 LARGEST_ROLL = 5.0  # degrees: limit of a good roll angle in AMDAR and ACARS
 
-_QC = {"missing": ("", "-"), "pass": ("P", "PASS", "PASSED"), "fail": ("F", "FAIL", "FAILED")}
-# Of each flag column the values by meaning, and the codes of each meaning, missing first.
-_CODES: dict[str, tuple[dict[str, int], dict[str, tuple[str, ...]]]] = {
+# Codes by meaning; no code at all is the first of the meanings.
+_QC = {"missing": "-", "pass": "P PASS PASSED", "fail": "F FAIL FAILED"}
+_CODES = {
     "roll_flag": (
         ROLL,
-        {
-            "missing": ("", "-", "M"),
-            "good": ("G", "GOOD"),
-            "bad": ("B", "BAD"),
-            "not_available": ("N", "NOT_AVAILABLE"),
-        },
+        {"missing": "- M", "good": "G GOOD", "bad": "B BAD", "not_available": "N NOT_AVAILABLE"},
     ),
     "temperature_qc": (TEMPERATURE_QC, _QC),
     "wind_qc": (TEMPERATURE_QC, _QC),
     "phase": (
         PHASE,
         {
-            "unknown": ("", "-", "UNKNOWN"),
-            "ascent": ("ASCENT", "ASC", "CLIMB"),
-            "cruise": ("CRUISE", "LEVEL", "ENROUTE", "LVR", "LVW"),
-            "descent": ("DESCENT", "DES"),
+            "unknown": "- UNKNOWN",
+            "ascent": "ASCENT ASC CLIMB",
+            "cruise": "CRUISE LEVEL ENROUTE LVR LVW",
+            "descent": "DESCENT DES",
         },
     ),
-    "icing": (
-        ICING,
-        {
-            "missing": ("", "-", "NAN"),
-            "off": ("0", "0.0", "FALSE", "OFF", "NO"),
-            "on": ("1", "1.0", "TRUE", "ON", "YES"),
-        },
-    ),
+    "icing": (ICING, {"missing": "- NAN", "off": "0 0.0 FALSE OFF NO", "on": "1 1.0 TRUE ON YES"}),
 }
 FLAGS = tuple(_CODES)
 """Flag columns of a table."""
@@ -149,7 +137,8 @@ def decode_flags(
     """Codes (report,) as values of one of :data:`FLAGS`, counted under the name of their field."""
     name = name or flag
     meanings, words = _CODES[flag]
-    codes = {code: meanings[word] for word, spelled in words.items() for code in spelled}
+    codes = {code: meanings[word] for word, known in words.items() for code in known.split()}
+    codes[""] = meanings[next(iter(words))]
     index, labels = pd.factorize(np.asarray(values, dtype=object), use_na_sentinel=True)
     texts = [*(str(label).strip() for label in labels), ""]  # the last is that of absent values
     counts = np.bincount(np.where(index < 0, len(labels), index), minlength=len(texts))

@@ -1,33 +1,26 @@
-"""BUFR: the real files against eccodes' own decoding, every template, and the missing extra."""
+"""BUFR: the real files against eccodes' own decoding, every template, and damaged messages."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import eccodes
 import numpy as np
 import pandas as pd
 import pytest
-import xarray as xr
 from benchmarks.fuzz.seeds import bufr_file
+from tests.reports.tables import audit_of
 
 from airswing.guarded import WorkerEndedError, guarded
 from airswing.products.ragged import aircraft_of_report
 from airswing.reports import read_file, read_reports
 from airswing.reports.formats.bufr import decode_messages
 
-eccodes = pytest.importorskip("eccodes")
-
-AMDAR = "reports/amdar_20090123_europe.bufr"
-
-
-def audit_of(ds: xr.Dataset) -> dict[str, Any]:
-    return json.loads(ds.attrs["reading_audit"])
-
 
 def test_the_real_file_agrees_with_eccodes_report_by_report(real: Callable[[str], Path]):
+    path = real("reports/amdar_20090123_europe.bufr")
     tails = ("aircraftRegistrationNumberOrOtherIdentification", "aircraftFlightNumber")
     numbers = ("latitude", "longitude", "hour", "minute", "windSpeed", "airTemperature")
 
@@ -38,7 +31,7 @@ def test_the_real_file_agrees_with_eccodes_report_by_report(real: Callable[[str]
             return ""
 
     rows = []
-    with real(AMDAR).open("rb") as file:
+    with path.open("rb") as file:
         while (message := eccodes.codes_bufr_new_from_file(file)) is not None:
             eccodes.codes_set(message, "unpack", 1)
             names = [value(message, key).strip() for key in tails]
@@ -46,7 +39,7 @@ def test_the_real_file_agrees_with_eccodes_report_by_report(real: Callable[[str]
             eccodes.codes_release(message)
     theirs = pd.DataFrame(rows, columns=["tail", *numbers])
     named = theirs[theirs["tail"] != ""].replace(-1e100, np.nan).reset_index(drop=True)
-    frame, audit = read_file(real(AMDAR))
+    frame, audit = read_file(path)
     assert audit.read == len(theirs) == 6698
     assert audit.dropped == {"missing_tail": len(theirs) - len(named)}
     assert frame["tail"].tolist() == named["tail"].tolist()
@@ -59,61 +52,33 @@ def test_the_real_file_agrees_with_eccodes_report_by_report(real: Callable[[str]
 
 
 @pytest.mark.parametrize(
-    ("name", "tail", "time", "altitude", "speed", "phase", "roll"),
+    ("name", "tail", "time", "altitude", "speed", "codes"),
     [
-        ("dballe_ecmwf-acars1", "YTIUIERA", "2012-01-07T09:15:00", 914.6, 20.6, 1, 0),
-        ("dballe_ecmwf-amdar1", "EU0068", "2012-08-07T09:00:00", 150.0, 6.0, 3, 0),
-        ("dballe_gts-acars-uk1", "EU3375", "2009-02-24T11:31:00", 6260.0, 33.4, 2, 1),
-        ("dballe_gts-acars-us1", "FJCYR4RA", "2009-02-24T11:31:52", 8199.0, 43.2, 0, 0),
-        ("dballe_gts-acars1", "EU5331", "2009-02-24T11:31:00", 1380.0, 3.1, 3, 1),
-        ("dballe_gts-acars2", "FJCYR4RA", "2009-02-24T11:31:52", 8199.0, 43.2, 0, 0),
-        ("dballe_test-airep1", "EU4824", "2004-11-30T12:00:00", 9790.0, 39.1, 1, 0),
+        ("ecmwf-acars1", "YTIUIERA", "2012-01-07T09:15:00", 914.6, 20.6, (1, 0)),
+        ("ecmwf-amdar1", "EU0068", "2012-08-07T09:00:00", 150.0, 6.0, (3, 0)),
+        ("gts-acars-uk1", "EU3375", "2009-02-24T11:31:00", 6260.0, 33.4, (2, 1)),
+        ("gts-acars-us1", "FJCYR4RA", "2009-02-24T11:31:52", 8199.0, 43.2, (0, 0)),
+        ("gts-acars1", "EU5331", "2009-02-24T11:31:00", 1380.0, 3.1, (3, 1)),
+        ("gts-acars2", "FJCYR4RA", "2009-02-24T11:31:52", 8199.0, 43.2, (0, 0)),
+        ("test-airep1", "EU4824", "2004-11-30T12:00:00", 9790.0, 39.1, (1, 0)),
     ],
 )
-def test_every_small_template(
-    real: Callable[[str], Path],
-    name: str,
-    tail: str,
-    time: str,
-    altitude: float,
-    speed: float,
-    phase: int,
-    roll: int,
-):
-    ds = read_reports(real(f"reports/{name}.bufr"))
-    assert ds["aircraft"].to_numpy().tolist() == [tail]
-    assert ds.sizes["report"] == 1
-    report = ds.isel(report=0)
-    assert report["time"].to_numpy() == np.datetime64(time)
-    assert float(report["pressure_altitude"]) == pytest.approx(altitude, abs=0.1)
-    found = np.hypot(report["eastward_wind"], report["northward_wind"])
-    assert float(found) == pytest.approx(speed, abs=1e-4)
-    assert (int(report["phase"]), int(report["roll_flag"])) == (phase, roll)
+def test_every_small_template(real, name, tail, time, altitude, speed, codes):
+    frame, _ = read_file(real(f"reports/dballe_{name}.bufr"))
+    assert len(frame) == 1
+    report = frame.iloc[0]
+    assert (report["tail"], report["time"]) == (tail, pd.Timestamp(time))
+    assert report["pressure_altitude"] == pytest.approx(altitude, abs=0.1)
+    assert report["wind_speed"] == pytest.approx(speed, abs=1e-4)
+    assert (report["roll_flag"]) == codes[1]
+    assert read_reports(real(f"reports/dballe_{name}.bufr"))["phase"].item() == codes[0]
 
 
-def encoded(
-    path: Path,
-    template: int,
-    values: dict[str, Any],
-    *,
-    subsets: int = 1,
-    compressed: int = 0,
-    replications: dict[str, list[int]],
-) -> Path:
+def encoded(path: Path, template: int, values: dict[str, Any], **header: Any) -> Path:
     """Write a message of a template; values by key with its number, ``#1#latitude``."""
     message = eccodes.codes_bufr_new_from_samples("BUFR4")
-    for key, value in (
-        ("masterTablesVersionNumber", 33),
-        ("localTablesVersionNumber", 0),
-        ("dataCategory", 4),
-        ("numberOfSubsets", subsets),
-        ("compressedData", compressed),
-    ):
-        eccodes.codes_set(message, key, value)
-    for key, numbers in replications.items():
-        eccodes.codes_set_array(message, f"{key}DescriptorReplicationFactor", numbers)
-    eccodes.codes_set(message, "unexpandedDescriptors", template)
-    for key, value in values.items():
+    first = {"masterTablesVersionNumber": 33, "localTablesVersionNumber": 0, "dataCategory": 4}
+    for key, value in {**first, **header, "unexpandedDescriptors": template, **values}.items():
         if isinstance(value, list) and isinstance(value[0], str):
             eccodes.codes_set_string_array(message, key, value)
         elif isinstance(value, list):
@@ -132,12 +97,8 @@ def test_the_current_template_with_several_subsets(tmp_path: Path, compressed: i
     columns = dict(
         aircraftTailNumber=["N1", "N2", "N2"],
         aircraftFlightNumber=["F1", "F2", "F3"],
-        year=[2021, 2021, 2021],
-        month=[2, 2, 2],
-        day=[1, 1, 1],
-        hour=[11, 11, 12],
-        minute=[59, 59, 0],
-        second=[49, 50, 1],
+        **{"year": [2021] * 3, "month": [2] * 3, "day": [1] * 3, "hour": [11, 11, 12]},
+        **{"minute": [59, 59, 0], "second": [49, 50, 1]},
         latitude=[54.985, 10.0, 10.1],
         longitude=[77.23833, 179.9, -179.9],
         flightLevel=[10058, 11000, 11010],
@@ -156,16 +117,17 @@ def test_the_current_template_with_several_subsets(tmp_path: Path, compressed: i
         tmp_path / "a.bufr",
         311010,
         values,
-        subsets=3,
-        compressed=compressed,
-        replications={key: [0] * 18 for key in ("inputDelayed", "inputShortDelayed")},
+        numberOfSubsets=3,
+        compressedData=compressed,
+        inputDelayedDescriptorReplicationFactor=[0] * 18,
+        inputShortDelayedDescriptorReplicationFactor=[0] * 18,
     )
     ds = read_reports(path)
     assert ds["aircraft"].to_numpy().tolist() == ["N1", "N2"]
     assert ds["row_size"].to_numpy().tolist() == [1, 2]
-    np.testing.assert_allclose(ds["longitude"], [77.23833, 179.9, -179.9], atol=1e-5)
-    np.testing.assert_allclose(ds["reported_airspeed"], [230.0, 231.0, 232.0])
-    np.testing.assert_allclose(ds["reported_heading"], [90.0, 91.0, 92.0])
+    np.testing.assert_allclose(ds["longitude"], columns["longitude"], atol=1e-5)
+    np.testing.assert_allclose(ds["reported_airspeed"], columns["aircraftTrueAirspeed"])
+    np.testing.assert_allclose(ds["reported_heading"], columns["aircraftTrueHeading"])
     np.testing.assert_allclose(ds["eastward_wind"], [0.324, -10.0, 0.0], atol=1e-3)
     assert ds["phase"].to_numpy()[:2].tolist() == [2, 1]
     assert ds["roll_flag"].to_numpy().tolist() == [1, 2, 2]  # unsteady means banked
@@ -176,17 +138,14 @@ def test_a_broken_message_does_not_lose_the_others(tmp_path: Path, real: Callabl
     good = real("reports/dballe_ecmwf-amdar1.bufr").read_bytes()
     assert good.count(b"\xcb\x01") == 1  # the template's descriptor 3 11 001
     unknown = good.replace(b"\xcb\x01", b"\xcb\xfe")
-    path = tmp_path / "a.bufr"
-    path.write_bytes(unknown + good + good[:-30])
-    ds = read_reports(path)
-    assert ds["aircraft"].to_numpy().tolist() == ["EU0068"]
-    audit = audit_of(ds)
-    assert audit["reports_read"] == 3
-    assert audit["dropped"] == {"undecodable_message": 2}
+    (tmp_path / "a.bufr").write_bytes(unknown + good + good[:-30])
+    frame, audit = read_file(tmp_path / "a.bufr")
+    assert frame["tail"].tolist() == ["EU0068"]
+    assert (audit.read, audit.dropped) == (3, {"undecodable_message": 2})
 
 
 def test_a_message_that_ends_the_process_costs_one_report(tmp_path: Path):
-    """Sections 1 and 3 lie in two octets: ecCodes reads what is not there, and dies."""
+    """Wrong lengths of sections 1 and 3: ecCodes reads outside the message and ends the process."""
     path = tmp_path / "a.bufr"
     bufr_file(path)
     sound = read_reports(path)
@@ -199,25 +158,8 @@ def test_a_message_that_ends_the_process_costs_one_report(tmp_path: Path):
     found = read_reports(path)
     assert audit_of(found)["dropped"] == {"undecodable_message": 1}
     assert found.sizes["report"] == sound.sizes["report"] - 1 == 11
-    tails = found["aircraft"].to_numpy()
-    same = sound.isel(
-        report=np.isin(sound["aircraft"].to_numpy()[aircraft_of_report(sound)], tails)
-    )
-    np.testing.assert_array_equal(found["eastward_wind"], same["eastward_wind"])
-
-
-def profile(path: Path, template: int, levels: list[tuple[float, ...]]) -> Path:
-    """Write an AMDAR profile: altitude, direction, speed and, in 3 11 009, a place each level."""
-    header = dict(year=2024, month=7, day=1, hour=10, minute=20, second=0)
-    header |= dict(latitude=52.3, longitude=4.76, phaseOfAircraftFlight=5)
-    values: dict[str, Any] = {f"#1#{key}": value for key, value in header.items()}
-    values["aircraftRegistrationNumberOrOtherIdentification"] = "EU7777"
-    for n, (altitude, direction, speed, latitude, longitude) in enumerate(levels, start=1):
-        values[f"#{n}#flightLevel"] = altitude
-        values |= {f"#{n}#windDirection": direction, f"#{n}#windSpeed": speed}
-        if template == 311009:
-            values |= {f"#{n + 1}#latitude": latitude, f"#{n + 1}#longitude": longitude}
-    return encoded(path, template, values, replications={"inputDelayed": [len(levels)]})
+    same = np.isin(sound["aircraft"].to_numpy()[aircraft_of_report(sound)], found["aircraft"])
+    np.testing.assert_array_equal(found["eastward_wind"], sound["eastward_wind"][same])
 
 
 @pytest.mark.parametrize("template", [311008, 311009])
@@ -225,17 +167,27 @@ def profile(path: Path, template: int, levels: list[tuple[float, ...]]) -> Path:
 def test_each_level_of_a_profile_has_its_own_wind_and_place(
     tmp_path: Path, template: int, number: int
 ):
-    levels = [
-        (300 + 400 * n, 200 + 5 * n, 5.0 + n, 52.3 + 0.02 * n, 4.8 + 0.03 * n)
-        for n in range(number)
-    ]
-    ds = read_reports(profile(tmp_path / "a.bufr", template, levels))
-    assert ds["aircraft"].to_numpy().tolist() == ["EU7777"]
-    assert audit_of(ds)["dropped"] == {}
-    assert (ds["phase"] == 1).all()
-    speed = np.hypot(ds["eastward_wind"], ds["northward_wind"])
-    np.testing.assert_allclose(ds["pressure_altitude"], [level[0] for level in levels])
-    np.testing.assert_allclose(speed, [level[2] for level in levels], atol=1e-4)
-    own = template == 311009
-    place = [level[3] if own else 52.3 for level in levels]
-    np.testing.assert_allclose(ds["latitude"], place, atol=1e-5)
+    """An AMDAR profile: altitude, direction, speed and, in 3 11 009, a place each level."""
+    header = dict(year=2024, month=7, day=1, hour=10, minute=20, second=0)
+    header |= dict(latitude=52.3, longitude=4.76, phaseOfAircraftFlight=5)
+    values: dict[str, Any] = {f"#1#{key}": value for key, value in header.items()}
+    values["aircraftRegistrationNumberOrOtherIdentification"] = "EU7777"
+    for n in range(number):
+        values |= {f"#{n + 1}#flightLevel": 300 + 400 * n, f"#{n + 1}#windSpeed": 5.0 + n}
+        values[f"#{n + 1}#windDirection"] = 200 + 5 * n
+        if template == 311009:
+            values |= {f"#{n + 2}#latitude": 52.3 + 0.02 * n, f"#{n + 2}#longitude": 4.8}
+    path = encoded(
+        tmp_path / "a.bufr",
+        template,
+        values,
+        inputDelayedDescriptorReplicationFactor=[number],
+    )
+    frame, audit = read_file(path)
+    assert frame["tail"].tolist() == ["EU7777"] * number
+    assert audit.dropped == {} and (frame["phase"] == 1).all()
+    level = np.arange(number)
+    np.testing.assert_allclose(frame["pressure_altitude"], 300 + 400 * level)
+    np.testing.assert_allclose(frame["wind_speed"], 5.0 + level, atol=1e-4)
+    place = 52.3 + 0.02 * level * (template == 311009)
+    np.testing.assert_allclose(frame["latitude"], place, atol=1e-5)

@@ -9,6 +9,7 @@ import netCDF4
 import numpy as np
 import pandas as pd
 import pytest
+from tests.reports.tables import audit_of
 
 from airswing.reports import read_file, read_reports
 from airswing.reports.cleaning import declination
@@ -16,11 +17,6 @@ from airswing.units import FOOT, KNOT
 
 NORTH_AT_120 = (np.hypot(120, 20), np.degrees(np.arctan2(20.0, 120.0)))
 """Ground speed (kt) and track of 120 kt north in a wind of 20 kt from the west."""
-
-
-def east_at(latitude: float, longitude: float, altitude: float, time: str) -> float:
-    seconds = np.datetime64(time).astype("M8[s]").astype(float)
-    return float(declination(*(np.array([v]) for v in (latitude, longitude, altitude, seconds)))[0])
 
 
 def g1000_log(path: Path, *, altitude: str = "AltB", version: str = "1.00") -> Path:
@@ -31,7 +27,8 @@ def g1000_log(path: Path, *, altitude: str = "AltB", version: str = "1.00") -> P
         f"  Lcl Date, Lcl Time, UTCOfst, AtvWpt, Latitude, Longitude, {altitude}, BaroA, OAT, IAS,"
         " GndSpd, Roll, HDG, TRK, TAS",
     ]
-    east = east_at(42.0, -71.0, 1200.0, "2011-03-13")
+    seconds = np.datetime64("2011-03-13", "s").astype(float)
+    east = float(declination(*(np.array([v]) for v in (42.0, -71.0, 1200.0, seconds)))[0])
     speed, track = NORTH_AT_120
     for second in range(300):
         clock = f"2011-03-13, 03:{6 + second // 60:02d}:{second % 60:02d},  -04:00"
@@ -60,44 +57,38 @@ def test_a_log_of_a_g1000(tmp_path: Path, variant: dict[str, str]):
     assert (reports["roll_flag"] == 1).all()
 
 
-def g5_log(path: Path) -> Path:
-    path.write_text(
-        '#info,log_version="1.00",serial_number="0000000"\n'
-        "UTC Date (yyyy-mm-dd),UTC Time (hh:mm:ss),Latitude (WGS84 deg),Longitude (WGS84 deg),"
-        "GPS Ground Speed (kt),GPS Ground Track (deg true),Magnetic Heading (deg),"
-        "Pressure Altitude (ft),True Airspeed (kt)\n"
-        "UTC Date,UTC Time,Latitude,Longitude,GndSpd,TRK,HDG,AltMSL,TAS\n"
-        + "".join(
-            f"2018-09-29,15:00:{s:02d},47.9,{-97.1 + s * 8.5e-4},123.69,94.04,76.0,5000,120.0\n"
-            for s in range(20)
-        )
-    )
-    return path
+G5 = """#info,log_version="1.00",serial_number="0000000"
+UTC Date (yyyy-mm-dd),UTC Time (hh:mm:ss),Latitude (WGS84 deg),Longitude (WGS84 deg),\
+GPS Ground Speed (kt),GPS Ground Track (deg true),Magnetic Heading (deg),Pressure Altitude (ft),\
+True Airspeed (kt)
+UTC Date,UTC Time,Latitude,Longitude,GndSpd,TRK,HDG,AltMSL,TAS
+2018-09-29,15:00:00,47.9,-97.1,123.69,94.04,76.0,5000,120.0
+2018-09-29,15:00:01,47.9,-97.09915,123.69,94.04,76.0,5000,120.0
+"""
 
 
 def test_a_log_of_a_g5_has_a_true_track_and_a_magnetic_heading(tmp_path: Path):
-    reports = read_reports(g5_log(tmp_path / "g5.csv"), columns={"tail": {"value": "N5"}})
+    (tmp_path / "g5.csv").write_text(G5)
+    reports = read_reports(tmp_path / "g5.csv", columns={"tail": {"value": "N5"}})
     assert reports["aircraft"].values.tolist() == ["N5"]
     np.testing.assert_allclose(reports["reported_heading"], 79.2, atol=0.1)
     speed = np.hypot(reports["eastward_wind"], reports["northward_wind"]) / KNOT
     np.testing.assert_allclose(speed, 31.8, atol=0.1)
 
 
-def trace(**changes: object) -> dict[str, object]:
+def trace() -> dict[str, object]:
     other = {"mag_heading": 0.0, "ias": 250.0, "tas": 400.0, "oat": -44.0, "flight": "KLM1 "}
     points = [[10.0 * k, 52.0 + 0.02 * k, 4.0, 30000, 400.0, 0.9, 0, 0, other] for k in range(5)]
     points += [[60.0, 52.2, 4.0, "ground", 0.0, 0.0, 0, 0, None]]
     points += [[70.0, 52.2, 4.0, 30000, 400.0, 0.9, 1, 0, None], [80.0, 52.2]]
-    return {"icao": "~4840d6", "timestamp": 1484136000.0, "trace": points} | changes
+    return {"icao": "~4840d6", "timestamp": 1484136000.0, "trace": points}
 
 
 def test_a_receivers_trace(tmp_path: Path):
-    path = tmp_path / "trace.json"
-    path.write_text(json.dumps(trace()))
-    reports = read_reports(path)
-    audit = json.loads(reports.attrs["reading_audit"])
+    (tmp_path / "trace.json").write_text(json.dumps(trace()))
+    reports = read_reports(tmp_path / "trace.json")
     assert reports["aircraft"].values.tolist() == ["4840D6"]
-    assert audit["dropped"] == {"on_ground_or_stale": 2, "ragged_row": 1}
+    assert audit_of(reports)["dropped"] == {"on_ground_or_stale": 2, "ragged_row": 1}
     np.testing.assert_allclose(reports["reported_airspeed"], 400 * KNOT, rtol=1e-6)
     assert np.isfinite(reports["eastward_wind"]).all()
 
@@ -107,23 +98,23 @@ def messages() -> pd.DataFrame:
     rows = []
     for tail in ("4840d6", "3c6444"):
         for k in range(30):
-            base = {"timestamp": 1484136000.0 + 4 * k, "icao24": tail}
+            begin = 1484136000.0 + 4 * k
             where = {"latitude": 52.0 + 0.0074 * k, "longitude": 4.0, "altitude": 30000.0}
-            rows.append(
-                base | where | {"groundspeed": 400.0, "track": 359.0 + k % 2 * 2.0 - 360 * (k % 2)}
-            )
-            rows.append(base | {"timestamp": base["timestamp"] + 1.5, "callsign": "KLM1"})
+            over_ground = {"groundspeed": 400.0, "track": 1.0 if k % 2 else 359.0}
             bds60 = {"heading": 0.0, "IAS": 250.0, "Mach": 0.7, "TAS": 410.0}
-            rows.append(base | {"timestamp": base["timestamp"] + 2.0} | bds60)
+            rows += [
+                {"timestamp": begin, "icao24": tail, **where, **over_ground},
+                {"timestamp": begin + 1.5, "icao24": tail, "callsign": "KLM1"},
+                {"timestamp": begin + 2.0, "icao24": tail, **bds60},
+            ]
     return pd.DataFrame(rows)
 
 
 def saved(folder: Path, kind: str) -> Path:
     path, table = folder / f"messages.{kind}", messages()
     if kind == "parquet":
-        table.assign(timestamp=pd.to_datetime(table["timestamp"], unit="s", utc=True)).to_parquet(
-            path
-        )
+        time = pd.to_datetime(table["timestamp"], unit="s", utc=True)
+        table.assign(timestamp=time).to_parquet(path)
     elif kind == "csv":
         table.to_csv(path, index=False)
     elif kind in ("records", "columns"):
@@ -150,10 +141,8 @@ def test_messages_of_one_aircraft_are_merged(tmp_path: Path, kind: str):
     assert inner["eastward_wind"].notna().all()
     np.testing.assert_allclose(inner["latitude"].iloc[0], 52.0 + 0.0037, atol=1e-6)
     # Track 359 to 1 the short way: north at 400 kt over ground, 410 kt through air.
-    turned = np.radians(inner["reported_heading"])
-    np.testing.assert_allclose(
-        inner["northward_wind"], 400 * KNOT - 410 * KNOT * np.cos(turned), atol=0.1
-    )
+    through_air = 410 * KNOT * np.cos(np.radians(inner["reported_heading"]))
+    np.testing.assert_allclose(inner["northward_wind"], 400 * KNOT - through_air, atol=0.1)
     assert set(frame["flight"].astype(str).iloc[1:29]) == {"KLM1"}
 
 
@@ -179,7 +168,7 @@ def test_tables_of_flightradar24(tmp_path: Path, name: str, text: str, tail: str
     assert reports.sizes["report"] == 2
     np.testing.assert_allclose(reports["pressure_altitude"], 35000 * FOOT)
     assert np.isnan(reports["eastward_wind"]).all()
-    notes = " ".join(json.loads(reports.attrs["reading_audit"])["notes"])
+    notes = " ".join(audit_of(reports)["notes"])
     assert "track over ground" in notes and "none of the 2 reports has a wind" in notes
 
 
@@ -199,15 +188,13 @@ NCEP QC index
   first: 1  last: 6
 """
     days = (np.datetime64("2008-07-01") - np.datetime64("1601-01-01")).astype(int)
-    parts = []
     values = [(41, 10.0, 0, 4.5), (42, -5.0, 0, 4.5), (43, 250.0, 0, 4.5)]
     values += [(41, 20.0, 9, 4.6), (42, 1.0, 0, 4.6), (5, 250.0, 0, 4.6)]
-    for number, (kind, value, code, longitude) in enumerate(values):
-        parts.append(
-            f" OBS {number + 1}\n {value}\n {code}.0\n -1 -1 -1\nobdef\nloc3d\n"
-            f" {longitude} 0.7 50000.0 2\nkind\n {kind}\n 43200 {days}\n 2.25\n"
-        )
-    return head + "".join(parts)
+    return head + "".join(
+        f" OBS {number}\n {value}\n {code}.0\n -1 -1 -1\nobdef\nloc3d\n"
+        f" {longitude} 0.7 50000.0 2\nkind\n {kind}\n 43200 {days}\n 2.25\n"
+        for number, (kind, value, code, longitude) in enumerate(values, start=1)
+    )
 
 
 @pytest.mark.parametrize("kinds", ["obs_type_definitions", "obs_kind_definitions"])
@@ -227,32 +214,30 @@ def test_a_dart_observation_sequence(tmp_path: Path, kinds: str):
 
 
 def ioda(path: Path, *, old: bool = False) -> Path:
-    """Three reports of two aircraft, in today's groups or in yesterday's names."""
+    """Three reports of two aircraft, in the groups of today or in names of earlier versions."""
+    variables: dict[str, tuple[str, str, object, list[object]]] = {
+        "latitude": ("MetaData", "latitude", "f4", [40.0, 40.1, 41.0]),
+        "longitude": ("MetaData", "longitude", "f4", [260.0, 260.1, 261.0]),
+        "dateTime": ("MetaData", "datetime", "i8", [1, 180, 360]),
+        "pressure": ("MetaData", "air_pressure", "f4", [3e4, 3e4, 5e4]),
+        "windEastward": ("ObsValue", "eastward_wind", "f4", [10.0, 11.0, 9e36]),
+        "windNorthward": ("ObsValue", "northward_wind", "f4", [1.0, 2.0, 3.0]),
+        "stationIdentification": ("MetaData", "station_id", str, ["A1", "A1", "B2"]),
+    }
+    if old:
+        times = ["2020-12-15T00:00:01Z", "2020-12-15T00:03:00Z", "2020-12-15T00:06:00Z"]
+        variables["dateTime"] = ("MetaData", "datetime", str, times)
     with netCDF4.Dataset(path, "w") as file:
         file.createDimension("Location", 3)
-
-        def put(group: str, name: str, kind: object, values: list[object], **attributes: object):
+        for name, (group, earlier, kind, values) in variables.items():
             where = file if old else file.createGroup(group)
-            name = f"{name}@{group}" if old else name
-            variable = where.createVariable(name, kind, ("Location",))
-            variable.setncatts(attributes)
+            theirs = f"{earlier}@{group}" if old else name
+            variable = where.createVariable(theirs, kind, ("Location",))
             variable[:] = np.array(values, dtype=object if kind is str else None)
-
-        put("MetaData", "latitude", "f4", [40.0, 40.1, 41.0])
-        put("MetaData", "longitude", "f4", [260.0, 260.1, 261.0])
-        if old:
-            times = ["2020-12-15T00:00:01Z", "2020-12-15T00:03:00Z", "2020-12-15T00:06:00Z"]
-            put("MetaData", "datetime", str, times)
-            put("MetaData", "air_pressure", "f4", [3e4, 3e4, 5e4])
-            put("ObsValue", "eastward_wind", "f4", [10.0, 11.0, 9e36])
-            put("ObsValue", "northward_wind", "f4", [1.0, 2.0, 3.0])
-        else:
-            put("MetaData", "dateTime", "i8", [1, 180, 360], units="seconds since 2020-12-15")
-            put("MetaData", "pressure", "f4", [3e4, 3e4, 5e4])
-            put("ObsValue", "windEastward", "f4", [10.0, 11.0, 9e36])
-            put("ObsValue", "windNorthward", "f4", [1.0, 2.0, 3.0])
-            put("QualityMarker", "windEastward", "i4", [2, 9, 2])
-        put("MetaData", "station_id" if old else "stationIdentification", str, ["A1", "A1", "B2"])
+        if not old:
+            file["MetaData/dateTime"].units = "seconds since 2020-12-15"
+            marker = file.createGroup("QualityMarker")
+            marker.createVariable("windEastward", "i4", ("Location",))[:] = [2, 9, 2]
     return path
 
 
