@@ -14,8 +14,8 @@ from airswing.gap.effects import CATALOGUE
 from airswing.gap.result.schema import GapReport
 from airswing.products.netcdf import read_product
 from airswing.report import write_gap_page
-from airswing.report.gap import figures
-from airswing.report.gap.gap_page import ShownDiagnosis, gap_figures
+from airswing.report.gap.figures import gap_figures
+from airswing.report.gap.gap_page import ShownDiagnosis
 from airswing.report.gap.words import (
     effect_sentence,
     headline,
@@ -171,9 +171,9 @@ def test_parameters_of_several_aircraft_are_a_range_where_they_differ() -> None:
 
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_descriptions_of_effects_are_sentences_without_code_names(name: str) -> None:
-    nature = nature_of(name)
-    assert nature is not None and nature_of("of_another_version") is None
-    for part in (nature.physics, *(line or "." for line in nature.smaller)):
+    _, physics, smaller = nature_of(name) or ("", "", [])
+    assert smaller and nature_of("of_another_version") is None
+    for part in (physics, *(line or "." for line in smaller)):
         assert part.endswith(".") and "_" not in part and ".." not in part
 
 
@@ -283,7 +283,7 @@ def test_a_file_that_lacks_optional_keys_has_a_page(tmp_path: Path) -> None:
     ],
 )
 def test_curves_of_unexplained_errors(given: dict[str, Any]) -> None:
-    figure = figures.unknown_curve_figure(place(**given), "kt")
+    figure = gap_figures(content(places=[place(**given)]), MAPS)["unknown_1"]()
     check_figure(figure)
     assert place_sentence(place(**given), {}).rstrip(".") in figure.caption  # type: ignore[attr-defined]
     if len(given.get("variables", ())) == 2:
@@ -293,19 +293,19 @@ def test_curves_of_unexplained_errors(given: dict[str, Any]) -> None:
 
 
 def test_the_heading_map_shows_its_cells_and_affected_aircraft_are_bold() -> None:
-    axes = figures.aircraft_heading_figure(MAPS, content(iron("N402"))).axes[0]
+    axes = gap_figures(content(iron("N402")), MAPS)["aircraft_heading"]().axes[0]
     drawn = np.ma.filled(axes.collections[0].get_array().astype(float), np.nan)
     assert np.array_equal(drawn.ravel(), MAPS["heading_map"].to_numpy().ravel(), equal_nan=True)
     bold = {one.get_text() for one in axes.get_yticklabels() if one.get_fontweight() == "bold"}
     assert bold == {"N402"}
-    panels = figures.phase_level_figure(MAPS, content(), "kt").axes[0]
+    panels = gap_figures(content(), MAPS)["phase_level"]().axes[0]
     layers = [one.get_text() for one in panels.get_yticklabels()]
     assert layers == ["850-1100", "700-850", "600-700", "500-600", "400-500", "above 400"]
 
 
 def test_compass_effects_are_drawn_as_the_sum_of_what_was_found() -> None:
     gap = content(iron("N402"), effect("compass_offset", "N402", parameters={"offset_deg": 1.0}))
-    axes = figures.compass_effects_figure(MAPS, gap).axes[0]
+    axes = gap_figures(gap, MAPS)["compass_effects"]().axes[0]
     x, y = next(line for line in axes.lines if line.get_label() == "fitted curve").get_data()
     assert np.allclose(y, 1.0 + 3.912 * np.sin(np.radians(x + 40.0)))
 
@@ -323,7 +323,7 @@ def test_the_waterfall_falls_from_before_to_after() -> None:
         waterfall=waterfall,
         closure={"before": 7.4, "after": 6.5},
     )
-    axes = figures.waterfall_figure(gap, "kt").axes[0]
+    axes = gap_figures(gap, MAPS)["waterfall"]().axes[0]
     bars = [(p.get_x(), p.get_x() + p.get_width()) for p in axes.patches]  # type: ignore[attr-defined]
     expected = [(0, 7.4), (7.4, 6.9), (6.9, 6.5), (0, 6.5), (0, 6.3)]
     assert np.allclose(sorted(bars), sorted(expected))

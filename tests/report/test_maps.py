@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from airswing.products import ragged
 from airswing.report.html import maps
+from tests.report.pages import Drawn
 
 
 @pytest.mark.parametrize(
@@ -64,8 +65,10 @@ def test_large_archives_are_thinned_evenly_and_counted_in_full(
             "pressure": ("report", 50_000.0 + number),
         }
     )
-    figure = maps.reports_figure(archive, maps.places_of(archive))
-    assert "n = 600 reports of 12 aircraft" in figure.caption  # type: ignore[attr-defined]
-    assert "One report in 6 is drawn." in figure.caption  # type: ignore[attr-defined]
+    show = Drawn()
+    maps.places_section(archive, show)
+    figure = show.made["map"]
+    assert "n = 600 reports of 12 aircraft" in figure.caption
+    assert "One report in 6 is drawn." in figure.caption
     drawn = figure.axes[0].collections[0].get_offsets()
     assert np.allclose(np.asarray(drawn)[:, 0], number[::6] % 30 - 90.0)

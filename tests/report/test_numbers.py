@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from airswing.compass.correction import deviation_curve
 from airswing.errors import InputError
 from airswing.flags import SCREENING, STATUS
 from airswing.report.run import selection
@@ -88,7 +89,7 @@ def test_the_fitted_bias_of_the_reference_is_subtracted() -> None:
 def test_the_table_is_minus_its_correction_unless_the_sign_says_otherwise() -> None:
     fit = RUN.fit("N001")
     nodes, error = selection.table_error(fit)
-    assert np.abs(error - selection.curve_of(fit, nodes)).max() < 0.4
+    assert np.abs(error - deviation_curve(fit["deviation"], nodes)).max() < 0.4
     _, flipped = selection.table_error(fit.assign_attrs(table_sign="add_error"))
     assert flipped.tolist() == (-error).tolist()
 

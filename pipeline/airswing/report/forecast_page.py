@@ -124,13 +124,12 @@ def _notes_section(corrected: xr.Dataset) -> html.Section:
     lines.append(f"{judged} of {corrected.sizes[TIME]:,} held out")
     for reason, number in tally(corrected, "lines_left_out").items():
         lines.append(f"left out: {reason} ({number:,})")
-    text = html.paragraph(
+    text = (
         "The filter follows a bias that wanders (Delle Monache et al. 2006, J. Geophys. Res. 111, "
         "D05308); it cannot follow a change of regime within a day or two."
     )
     product = html.link("../postprocessed.nc", "postprocessed.nc: forecasts and scores")
-    parts = [text, html.listing(lines), html.listing([product])]
-    return html.Section("notes", "Method", "", parts)
+    return html.Section("notes", "Method", text, [html.listing(lines), html.listing([product])])
 
 
 def _with_unit(text: str, ds: xr.Dataset, variable: str) -> str:

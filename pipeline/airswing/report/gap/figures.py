@@ -6,8 +6,10 @@ residual (reported minus simulated) in cells, NaN (white) with fewer than two fl
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -17,20 +19,19 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter
 from numpy.typing import NDArray
 
-from airswing.report.gap.words import Entry, number, p_text, place_sentence, plain_name, slice_words
+from airswing.gap.result.schema import GapReport
+from airswing.report.gap.words import (
+    Entry,
+    content_of,
+    number,
+    p_text,
+    place_sentence,
+    plain_name,
+    slice_words,
+)
 from airswing.report.html import style
 from airswing.report.html.maps import draw_map, view_of
-from airswing.report.html.style import (
-    BLUE,
-    FAINT,
-    INK,
-    ORANGE,
-    SKY,
-    SOFT,
-    Look,
-    rows_axis,
-    zero_line,
-)
+from airswing.report.html.style import BLUE, FAINT, INK, ORANGE, SKY, SOFT, Look
 from airswing.report.html.text import Units, plural, shown_per_kt, shown_per_m_s
 from airswing.report.run.heading_error import draw_heading_error, small_panels
 from airswing.report.run.selection import names_of
@@ -38,19 +39,43 @@ from airswing.units import NORMAL_95
 
 Floats = NDArray[np.float64]
 # Cycles of the deviation of each compass effect.
-CYCLES = {"compass_offset": 0, "hard_iron": 1, "soft_iron": 2}
+_CYCLES = {"compass_offset": 0, "hard_iron": 1, "soft_iron": 2}
 _CATEGORIES = {"phase": ("ascent", "cruise", "descent"), "icing": ("off", "on")}
+
+
+def gap_figures(
+    gap: GapReport | Entry, maps: xr.Dataset, *, units: Units = "kt"
+) -> dict[str, Callable[[], Figure]]:
+    """Return functions that draw the figures of a diagnosis that have data, by name."""
+    content = content_of(gap)
+    effects, places = content["effects"], content["unknown"]["where"]
+    compass = "heading_map" in maps and _CYCLES.keys() & {one["name"] for one in effects}
+    tested, noise = content.get("evidence"), content.get("noise") or {}
+    entries: list[tuple[Any, ...]] = [
+        ("compass_effects", compass, _compass_effects_figure, maps, content),
+        *(
+            (f"unknown_{place}", True, _unknown_curve_figure, entry, units)
+            for place, entry in enumerate(places, 1)
+        ),
+        ("waterfall", effects or places, _waterfall_figure, content, units),
+        ("slices", True, _slices_figure, content.get("where") or ()),
+        ("aircraft_heading", "heading_map" in maps, _aircraft_heading_figure, maps, content),
+        ("phase_level", "level_map_cross" in maps, _phase_level_figure, maps, content, units),
+        ("map", "region_map_u" in maps, _gap_map_figure, maps, content, units),
+        ("aircraft_time", "time_line" in maps, _aircraft_time_figure, maps, content),
+        ("pit", "pit_count" in maps, _pit_figure, maps),
+        ("evidence", tested, _evidence_figure, content),
+        ("probability", tested, _probability_figure, content, names_of(maps)),
+        ("autocorrelation", noise.get("distance_km"), _autocorrelation_figure, content),
+    ]
+    return {name: partial(function, *given) for name, there, function, *given in entries if there}
 
 
 def _reports(gap: Entry) -> str:
     return f"n = {plural(int(gap['counts']['reports']), 'report')}"
 
 
-# --- closure and effects -----------------------------------------------------------------------
-
-
-def waterfall_figure(gap: Entry, units: Units) -> Figure:
-    """Draw how the disagreement falls with each effect, down to the noise floor."""
+def _waterfall_figure(gap: Entry, units: Units) -> Figure:
     factor = shown_per_kt(units)
     steps = [
         (step["label"], step["kt"], [before["kt"] - end for end in step["step_ci"]])
@@ -83,7 +108,7 @@ def waterfall_figure(gap: Entry, units: Units) -> Figure:
         style.annotate(axes, f"{level - previous:+.2f}", place, (-5, 0), ha="right", **look)
         previous = level
     label = f"mean vector disagreement on held-out flights ({units})"
-    rows_axis(axes, [name for name, *_ in bars], label)
+    style.rows_axis(axes, [name for name, *_ in bars], label)
     axes.set_xlim(0, 1.14 * max(before, end))
     return figure.say(
         f"Closure of the gap ({_reports(gap)}): disagreement of reports and simulation, the step "
@@ -96,7 +121,7 @@ def _deviation_of(gap: Entry, tail: str) -> tuple[Floats, Floats]:
     """Return coefficients A to E of the compass effects found on an aircraft, and their errors."""
     value, error = np.zeros(5), np.zeros(5)
     for effect in gap["effects"]:
-        cycles = CYCLES.get(effect["name"])
+        cycles = _CYCLES.get(effect["name"])
         if cycles is None or (effect.get("tails") and tail not in effect["tails"]):
             continue
         entry = (effect.get("per_tail") or {}).get(tail) or effect
@@ -111,8 +136,7 @@ def _deviation_of(gap: Entry, tail: str) -> tuple[Floats, Floats]:
     return value, error
 
 
-def compass_effects_figure(maps: xr.Dataset, gap: Entry) -> Figure:
-    """Draw the heading error of the aircraft with compass effects, and those effects as a curve."""
+def _compass_effects_figure(maps: xr.Dataset, gap: Entry) -> Figure:
     found = {tail: _deviation_of(gap, tail) for tail in names_of(maps)}
     tails = [tail for tail, (value, _) in found.items() if np.any(value)][:12]
     if not tails:
@@ -145,8 +169,7 @@ def compass_effects_figure(maps: xr.Dataset, gap: Entry) -> Figure:
     )
 
 
-def unknown_curve_figure(place: Entry, units: Units) -> Figure:
-    """Draw the fitted curve or table of an error that no catalogue effect explains."""
+def _unknown_curve_figure(place: Entry, units: Units) -> Figure:
     curve = place["curve"]
     edges = [np.asarray(bounds, float) for bounds in curve.get("edges") or []]
     variables = [str(name) for name in curve.get("variables") or place.get("variables") or []]
@@ -165,7 +188,7 @@ def unknown_curve_figure(place: Entry, units: Units) -> Figure:
         axes.set(xlabel=f"simulated wind speed ({units})", ylabel=f"reported wind speed ({units})")
     elif len(edges) == 1 and edges[0].size == value.size + 1:
         axes.bar(edges[0][:-1], value, np.diff(edges[0]), align="edge", color=colours)
-        zero_line(axes, across=True)
+        style.zero_line(axes, across=True)
         axes.set_ylabel(what)
         _label_variable(axes.xaxis, curve, variables, edges, 0)
     elif len(edges) == 2:
@@ -178,7 +201,7 @@ def unknown_curve_figure(place: Entry, units: Units) -> Figure:
     else:
         names = [str(label) for label in curve["labels"]]
         axes.bar(names, value, color=colours)
-        zero_line(axes, across=True)
+        style.zero_line(axes, across=True)
         axes.margins(x=max(0.05, 0.5 - 0.1 * value.size))
         axes.tick_params(axis="x", labelrotation=45 if len(names) > 8 else 0, labelsize=8.5)
         axes.set_ylabel(what)
@@ -200,11 +223,7 @@ def _label_variable(
         axis.set_ticks(np.arange(0.0, 361.0, 90.0))
 
 
-# --- location -----------------------------------------------------------------------------------
-
-
-def slices_figure(where: Sequence[Entry]) -> Figure:
-    """Draw the slices of the archive with the largest shares of the gap, at most 15."""
+def _slices_figure(where: Sequence[Entry]) -> Figure:
     rows = sorted(where, key=lambda entry: -entry["share_of_gap"])[:15]
     rows = [entry for entry in rows if entry["share_of_gap"] >= 0.005] or rows[:3]
     if not rows:
@@ -217,7 +236,7 @@ def slices_figure(where: Sequence[Entry]) -> Figure:
     for row, value in enumerate(q_values):
         text = f"  {share[row]:.0f} %   q {p_text(value)}"
         axes.text(max(share[row], 0), row, text, va="center", fontsize=8.5)
-    rows_axis(axes, [slice_words(entry) for entry in rows], "share of the gap's variance (%)")
+    style.rows_axis(axes, [slice_words(entry) for entry in rows], "share of the gap's variance (%)")
     axes.axvline(0.0, color=SOFT, linewidth=0.8)
     axes.set_xlim(right=max(float(share.max()) * 1.4, 5.0))
     axes.set_xticks([tick for tick in axes.get_xticks() if tick <= 100.0])
@@ -245,8 +264,7 @@ def _edges(centres: Floats) -> Floats:
     return np.array([2 * centres[0] - middle[0], *middle, 2 * centres[-1] - middle[-1]])
 
 
-def aircraft_heading_figure(maps: xr.Dataset, gap: Entry) -> Figure:
-    """Draw the mean heading error by aircraft and magnetic heading."""
+def _aircraft_heading_figure(maps: xr.Dataset, gap: Entry) -> Figure:
     centres = np.asarray(maps["octant"].to_numpy(), float)
     shown = _cells(maps, "heading_map", "aircraft", "octant")
     error = _cells(maps, "heading_map_standard_error", "aircraft", "octant")
@@ -264,8 +282,7 @@ def aircraft_heading_figure(maps: xr.Dataset, gap: Entry) -> Figure:
     )
 
 
-def aircraft_time_figure(maps: xr.Dataset, gap: Entry) -> Figure:
-    """Draw the mean heading error by aircraft and week."""
+def _aircraft_time_figure(maps: xr.Dataset, gap: Entry) -> Figure:
     weeks = maps["day"].to_numpy().min() + maps["week"].to_numpy().astype("timedelta64[W]")
     shown = _cells(maps, "time_line", "aircraft", "week")
     figure, axes = _aircraft_grid(maps, np.arange(weeks.size, dtype=float), shown, gap)
@@ -286,7 +303,7 @@ def _aircraft_grid(
     figure, axes = style.panels(1.25 + max(0.19 * len(tails), 1.4))
     look = Look(cmap=style.DIVERGING, vmin=-limit, vmax=limit)
     drawn = axes.pcolormesh(_edges(centres), np.arange(len(tails) + 1) - 0.5, shown, **look)
-    rows_axis(axes, tails)
+    style.rows_axis(axes, tails)
     axes.set_ylim(len(tails) - 0.5, -0.5)
     for label in axes.get_yticklabels():
         if label.get_text() in affected:
@@ -305,8 +322,7 @@ def _print_cells(axes: Axes, cells: Floats, limit: float, x: Floats, *, decimals
         axes.text(x[column], row, text, ha="center", va="center", fontsize=7.5, color=colour)
 
 
-def phase_level_figure(maps: xr.Dataset, gap: Entry, units: Units) -> Figure:
-    """Draw the mean residual by phase of flight and level, along and across the heading."""
+def _phase_level_figure(maps: xr.Dataset, gap: Entry, units: Units) -> Figure:
     level = np.asarray(maps["level"].to_numpy(), float)
     # Layer boundaries from their middles: the first layer begins at zero pressure.
     bounds = [0.0]
@@ -340,8 +356,7 @@ def phase_level_figure(maps: xr.Dataset, gap: Entry, units: Units) -> Figure:
     )
 
 
-def gap_map_figure(maps: xr.Dataset, gap: Entry, units: Units) -> Figure:
-    """Draw a map of the mean residual: length by colour, direction by arrows."""
+def _gap_map_figure(maps: xr.Dataset, gap: Entry, units: Units) -> Figure:
     lon, lat = (np.asarray(maps[name].to_numpy(), float) for name in ("longitude", "latitude"))
     cells = (_cells(maps, f"region_map_{way}", "latitude", "longitude") for way in "uv")
     u, v = (shown_per_m_s(units) * part for part in cells)
@@ -368,11 +383,7 @@ def gap_map_figure(maps: xr.Dataset, gap: Entry, units: Units) -> Figure:
     )
 
 
-# --- statistics ------------------------------------------------------------------------------
-
-
-def evidence_figure(gap: Entry) -> Figure:
-    """Draw the log Bayes factor of the best candidate of each effect, the 20 largest."""
+def _evidence_figure(gap: Entry) -> Figure:
     best: dict[str, float] = {}
     for row in gap.get("evidence") or ():
         log_factor = number(row.get("tempered_nats"))
@@ -392,7 +403,7 @@ def evidence_figure(gap: Entry) -> Figure:
     for row, value in enumerate(best.values()):
         axes.text(positive[row], row, f"  {round(value):,}", va="center", fontsize=8.5)
     label = "log Bayes factor against no effect (linear to 10, then logarithmic)"
-    rows_axis(axes, [plain_name(name) for name in best], label)
+    style.rows_axis(axes, [plain_name(name) for name in best], label)
     axes.set_xlim(0, max(float(positive.max(initial=10.0)) * 2.5, 20.0))
     return figure.say(
         f"Log Bayes factor of each catalogue effect ({_reports(gap)}). Dark blue: found; light "
@@ -401,8 +412,7 @@ def evidence_figure(gap: Entry) -> Figure:
     )
 
 
-def probability_figure(gap: Entry, tails: Sequence[str]) -> Figure:
-    """Draw the probability that each aircraft is affected by each effect found."""
+def _probability_figure(gap: Entry, tails: Sequence[str]) -> Figure:
     found: dict[str, Floats] = {}
     for row in gap.get("evidence") or ():
         known = len(row["posterior"]) == len(tails) and row["scope"] == "aircraft"
@@ -431,14 +441,13 @@ def probability_figure(gap: Entry, tails: Sequence[str]) -> Figure:
     )
 
 
-def autocorrelation_figure(gap: Entry) -> Figure:
-    """Draw the autocovariance of residuals along flights, and the noise model."""
+def _autocorrelation_figure(gap: Entry) -> Figure:
     names = ("distance_km", "autocovariance", "autocovariance_model")
     distance, measured, model = (np.array(gap["noise"][name], float) for name in names)
     figure, axes = style.panels(3.2)
     axes.plot(distance, measured, "o", color=INK, markersize=4, label="measured", clip_on=False)
     axes.plot(distance, model, color=BLUE, label="noise model")
-    zero_line(axes, across=True)
+    style.zero_line(axes, across=True)
     axes.set_xlim(left=0)
     axes.set(xlabel="distance along the flight (km)", ylabel="autocovariance of residuals (m²/s²)")
     axes.legend(loc="upper right")
@@ -449,8 +458,7 @@ def autocorrelation_figure(gap: Entry) -> Figure:
     )
 
 
-def pit_figure(maps: xr.Dataset) -> Figure:
-    """Draw the histogram of the probability integral transform (PIT) of held-out reports."""
+def _pit_figure(maps: xr.Dataset) -> Figure:
     after, before = (maps[name].to_numpy() for name in ("pit_count", "pit_count_before"))
     edges = np.linspace(0.0, 1.0, after.size + 1)
     figure, axes = style.panels(3.0)

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import fields
 from functools import partial, wraps
 from pathlib import Path
-from typing import Any, ParamSpec
+from typing import ParamSpec
 
 import xarray as xr
 from markupsafe import Markup
@@ -21,8 +21,8 @@ from airswing.gap.diagnose import Diagnosis
 from airswing.gap.diagnose import diagnose as _diagnose
 from airswing.gap.result.schema import GapReport
 from airswing.products.whole_files import write_text
-from airswing.report.gap import figures as draw
 from airswing.report.gap import words
+from airswing.report.gap.figures import gap_figures
 from airswing.report.gap.words import (
     Entry,
     closure_text,
@@ -44,7 +44,6 @@ from airswing.report.html.text import (
     shown_per_kt,
     shown_per_m_s,
 )
-from airswing.report.run.selection import names_of
 from airswing.units import NORMAL_95
 from airswing.version import __version__
 
@@ -106,34 +105,6 @@ def write_gap_page(
     return write_text(directory / "index.html", text)
 
 
-def gap_figures(
-    gap: GapReport | Entry, maps: xr.Dataset, *, units: Units = "kt"
-) -> dict[str, Callable[[], Figure]]:
-    """Return functions that draw the figures of a diagnosis that have data, by name."""
-    content = words.content_of(gap)
-    effects, places = content["effects"], content["unknown"]["where"]
-    compass = "heading_map" in maps and draw.CYCLES.keys() & {one["name"] for one in effects}
-    tested, noise = content.get("evidence"), content.get("noise") or {}
-    entries: list[tuple[Any, ...]] = [
-        ("compass_effects", compass, draw.compass_effects_figure, maps, content),
-        *(
-            (f"unknown_{place}", True, draw.unknown_curve_figure, entry, units)
-            for place, entry in enumerate(places, 1)
-        ),
-        ("waterfall", effects or places, draw.waterfall_figure, content, units),
-        ("slices", True, draw.slices_figure, content.get("where") or ()),
-        ("aircraft_heading", "heading_map" in maps, draw.aircraft_heading_figure, maps, content),
-        ("phase_level", "level_map_cross" in maps, draw.phase_level_figure, maps, content, units),
-        ("map", "region_map_u" in maps, draw.gap_map_figure, maps, content, units),
-        ("aircraft_time", "time_line" in maps, draw.aircraft_time_figure, maps, content),
-        ("pit", "pit_count" in maps, draw.pit_figure, maps),
-        ("evidence", tested, draw.evidence_figure, content),
-        ("probability", tested, draw.probability_figure, content, names_of(maps)),
-        ("autocorrelation", noise.get("distance_km"), draw.autocorrelation_figure, content),
-    ]
-    return {name: partial(function, *given) for name, there, function, *given in entries if there}
-
-
 def _facts(gap: Entry, units: Units) -> list[tuple[str, str]]:
     closure, factor = gap["closure"], shown_per_kt(units)
     before, after = number(closure["before"]), number(closure["after"])
@@ -155,92 +126,78 @@ def _facts(gap: Entry, units: Units) -> list[tuple[str, str]]:
 
 def _what_section(gap: Entry, drawn: _Drawn, units: Units) -> html.Section:
     effects, places, fleet = gap["effects"], gap["unknown"]["where"], words.fleet_of(gap)
-    parts: list[Markup] = []
-    if start := words.start_words(gap.get("known"), gap.get("simulation")).strip():
-        parts.append(html.paragraph(start))
-    if effects:
-        rivals = (joined([plain_name(name) for name in one["ambiguous_with"]]) for one in effects)
-        columns = {
-            "effect": [plain_name(one["name"]) for one in effects],
-            "aircraft": [who_text(one, fleet) for one in effects],
-            "parameters": [parameters_text(one, units=units) or "-" for one in effects],
-            "period": [words.period_text(one) or "always" for one in effects],
-            "proba\u00adbility": [f"{number(one['probability']):.2f}" for one in effects],
-            "closes": [closure_text(one.get("closure"), units=units) for one in effects],
-            "share of the gap": [
-                f"{100 * number(one.get('share_of_gap')):.0f} %" for one in effects
-            ],
-            "ambiguous with": [text or "-" for text in rivals],
-        }
-        caption = (
-            f"Effects found (n = {len(effects)}), the largest share of the gap first. Parameters "
-            "with 95 % intervals (±), or the range over aircraft."
-        )
-        long = ("effect", "aircraft", "parameters", "ambiguous with")
-        parts.append(html.table(columns, words=["period"], long=long, caption=caption))
-    elif not places:
-        none = "No effect of the catalogue is needed to explain these reports."
-        parts.append(html.paragraph(none))
-    parts += drawn("compass_effects")
+    rivals = (joined([plain_name(name) for name in one["ambiguous_with"]]) for one in effects)
+    shares = (100 * number(one.get("share_of_gap")) for one in effects)
+    columns = {
+        "effect": [plain_name(one["name"]) for one in effects],
+        "aircraft": [who_text(one, fleet) for one in effects],
+        "parameters": [parameters_text(one, units=units) or "-" for one in effects],
+        "period": [words.period_text(one) or "always" for one in effects],
+        "proba\u00adbility": [f"{number(one['probability']):.2f}" for one in effects],
+        "closes": [closure_text(one.get("closure"), units=units) for one in effects],
+        "share of the gap": [f"{share:.0f} %" for share in shares],
+        "ambiguous with": [text or "-" for text in rivals],
+    }
+    caption = (
+        f"Effects found (n = {len(effects)}), the largest share of the gap first. Parameters "
+        "with 95 % intervals (±), or the range over aircraft."
+    )
+    long = ("effect", "aircraft", "parameters", "ambiguous with")
+    none = "No effect of the catalogue is needed to explain these reports."
+    parts = [
+        words.start_words(gap.get("known"), gap.get("simulation"), units).strip(),
+        html.table(columns, words=["period"], long=long, caption=caption),
+        "" if effects or places else none,
+        *drawn("compass_effects"),
+    ]
     for k, place in enumerate(places, 1):
         parts.append(html.paragraph(words.place_sentence(place, gap, units=units), note=True))
-        if place.get("settled_by"):
-            decides = f"A measurement that would decide: {place['settled_by']}."
-            parts.append(html.paragraph(decides))
+        if decides := place.get("settled_by"):
+            parts.append(f"A measurement that would decide: {decides}.")
         parts += drawn(f"unknown_{k}")
-    parts += [html.paragraph(line) for line in words.caution_lines(gap, units=units)]
-    each = [
-        {
-            "aircraft": tail,
-            "effect": plain_name(effect["name"]),
-            "parameters": parameters_text(entry, units=units),
-        }
-        for effect in effects
-        for tail, entry in (effect.get("per_tail") or {}).items()
-    ]
-    if each:
-        inner = html.table(each, words=["aircraft"], long=("effect", "parameters"))
-        parts.append(html.folded("Parameters of each aircraft", [inner]))
+    each = []
+    for effect in effects:
+        for tail, entry in (effect.get("per_tail") or {}).items():
+            row = {"aircraft": tail, "effect": plain_name(effect["name"])}
+            each.append(row | {"parameters": parameters_text(entry, units=units)})
+    single = html.table(each, words=["aircraft"], long=("effect", "parameters"))
     known = dict.fromkeys(effect["name"] for effect in effects)
     physics = [html.described(*nature) for name in known if (nature := words.nature_of(name))]
-    if physics:
-        parts.append(html.folded("Physics of the effects found", [html.listing(physics)]))
+    parts += words.caution_lines(gap, units=units)
+    parts.append(html.folded("Parameters of each aircraft", single))
+    parts.append(html.folded("Physics of the effects found", html.listing(physics)))
     return html.Section("what", "What is missing from the simulation", "", parts)
 
 
 def _closure_section(gap: Entry, drawn: _Drawn, units: Units) -> html.Section:
     closure, factor = gap["closure"], shown_per_kt(units)
     interval = range_text(closure.get("ci"), factor=factor) or " (no interval from one day)"
-    before, after = (
-        amount(closure[when], factor=factor, unit=units) for when in ("before", "after")
-    )
+    before, after = (amount(closure[at], factor=factor, unit=units) for at in ("before", "after"))
     text = (
         f"On {'held-out' if closure.get('held_out') else 'the same'} flights the disagreement is "
         f"{before} without and {after}{interval} with all effects stated."
     )
-    parts = [*drawn("waterfall"), html.paragraph(text)]
-    return html.Section("closure", "How far the gap closes", "", parts)
+    return html.Section("closure", "How far the gap closes", "", [*drawn("waterfall"), text])
 
 
 def _where_section(gap: Entry, drawn: _Drawn) -> html.Section:
-    parts = drawn("slices", "aircraft_heading")
-    if inner := drawn("phase_level", "map", "aircraft_time"):
-        parts.append(html.folded("By phase and level, on a map, by week", inner))
     rows = sorted(gap.get("slices") or (), key=lambda entry: -entry["share_of_gap"])
-    if rows:
-        columns = {
-            "slice": map(words.slice_words, rows),
-            "share of the gap": [f"{100 * one['share_of_gap']:.1f} %" for one in rows],
-            "q value": [p_text(entry.get("q_value")).removeprefix("= ") for entry in rows],
-        }
-        inner = [html.table(columns, long=["slice"])]
-        parts.append(html.folded(f"All {len(rows)} slices", inner))
+    columns = {
+        "slice": map(words.slice_words, rows),
+        "share of the gap": [f"{100 * one['share_of_gap']:.1f} %" for one in rows],
+        "q value": [p_text(entry.get("q_value")).removeprefix("= ") for entry in rows],
+    }
+    inner = drawn("phase_level", "map", "aircraft_time")
+    parts = [
+        *drawn("slices", "aircraft_heading"),
+        html.folded("By phase and level, on a map, by week", *inner),
+        html.folded(f"All {len(rows)} slices", html.table(columns, long=["slice"])),
+    ]
     lead = "Slices of the archive by their share of the gap, before any effect is assumed."
     return html.Section("where", "Where the gap is", lead, parts)
 
 
 def _ambiguous_section(gap: Entry) -> html.Section:
-    parts: list[Markup] = []
     lines = []
     for effect in gap["effects"]:
         if rivals := effect.get("ambiguity") or ():
@@ -251,22 +208,21 @@ def _ambiguous_section(gap: Entry) -> html.Section:
                 f"{name} on {who or 'all aircraft'} could also be {names}. Data that would "
                 f"decide: {needed}."
             )
-    if lines:
-        parts.append(html.listing(lines))
     similar = [
         f"{plain_name(pair['effect'])} and {plain_name(pair['other'])}: shared variance "
         f"{100 * pair['alias_share']:.0f} %; decided by {pair['separated_by']}"
         for pair in gap.get("aliases") or ()
     ]
-    if similar:
-        title = "Effects with shared variance on these flights"
-        parts.append(html.folded(title, [html.listing(similar)]))
-    if reasons := gap.get("untestable"):
-        columns = {"effect": map(plain_name, reasons), "why": reasons.values()}
-        parts.append(html.heading("Effects that could not be tested"))
-        parts.append(html.table(columns, long=columns))
-    if not parts:
-        parts.append(html.paragraph("No effect found is ambiguous on these data."))
+    reasons = gap.get("untestable") or {}
+    columns = {"effect": map(plain_name, reasons), "why": reasons.values()}
+    parts: list[str] = [
+        html.listing(lines),
+        html.folded("Effects with shared variance on these flights", html.listing(similar)),
+        html.heading("Effects that could not be tested") if reasons else "",
+        html.table(columns, long=columns),
+    ]
+    if not any(parts):
+        parts.append("No effect found is ambiguous on these data.")
     return html.Section("ambiguous", "Ambiguous effects", "", parts)
 
 
@@ -284,22 +240,19 @@ def _claims_section(gap: Entry, units: Units) -> html.Section:
             )
         elif gap["effects"]:
             text = "Only compass effects were found, so the fitted deviations remain as they are."
-        return section("", [html.paragraph(text)])
+        return section("", [text])
     names = joined([plain_name(name) for name in claims["taken_off"]])
     lead = (
         f"After subtraction of {names}, {claims['stay']} of {claims['of']} fits keep offset and "
         "amplitude within their 95 % intervals."
     )
-    parts: list[Markup] = []
+    text = ""
     if test := claims.get("field_test"):
         shown = partial(amount, factor=shown_per_kt(units), unit=units)
-        before, after = (
-            shown(test["reduction_kt"], test.get("reduction_ci_kt")),
-            shown(test["reduction_kt_after"]),
-        )
+        before = shown(test["reduction_kt"], test.get("reduction_ci_kt"))
         within = f"{'within' if test['stays'] else 'outside'} its interval"
-        text = f"Field test: the adjusted reduction of {before} becomes {after}, {within}."
-        parts.append(html.paragraph(text))
+        text = f"Field test: the adjusted reduction of {before} becomes "
+        text += f"{shown(test['reduction_kt_after'])}, {within}."
     rows = claims.get("aircraft") or ()
     columns = {"aircraft": [entry["aircraft"] for entry in rows]}
     for name in ("offset", "amplitude"):
@@ -312,59 +265,50 @@ def _claims_section(gap: Entry, units: Units) -> html.Section:
     caption = f"Fits before and after the subtraction (n = {len(rows)})."
     doubt = [entry["stays"] is not True for entry in rows]
     inner = html.table(columns, words=["aircraft"], caption=caption, doubt=doubt)
-    parts.append(html.folded("Each aircraft", [inner]))
-    return section(lead, parts)
+    return section(lead, [text, html.folded("Each aircraft", inner)])
 
 
 def _statistics_section(gap: Entry, drawn: _Drawn, units: Units) -> html.Section:
-    parts: list[Markup] = []
-    lead = ""
-    if tested := gap.get("assumptions") or ():
-        lead = f"{sum(bool(one['ok']) for one in tested)} of {len(tested)} tested assumptions hold."
-        columns = {
-            "assumption": [one["assumption"] for one in tested],
-            "test": [one["check"] for one in tested],
-            "result": [one["result"] for one in tested],
-            "holds": ["yes" if one["ok"] else "no" for one in tested],
-        }
-        caption = (
-            "Assumptions with their tests on these reports. One that does not hold (grey italics) "
-            "makes intervals less certain; the effects stated rest on held-out flights."
-        )
-        long, doubt = ("assumption", "test", "result"), [not one["ok"] for one in tested]
-        inner = html.table(columns, long=long, caption=caption, doubt=doubt)
-        parts.append(html.folded("Assumptions", [inner]))
-    for title, inner_parts in (
-        ("Evidence for each effect", drawn("evidence", "probability")),
-        ("Calibration on held-out flights", _calibration(gap, units) + drawn("pit")),
-        ("Noise model", _noise(gap, units) + drawn("autocorrelation")),
-    ):
-        if inner_parts:
-            parts.append(html.folded(title, inner_parts))
+    tested = gap.get("assumptions") or ()
+    held = [bool(one["ok"]) for one in tested]
+    lead = f"{sum(held)} of {len(held)} tested assumptions hold." if held else ""
+    columns = {
+        "assumption": [one["assumption"] for one in tested],
+        "test": [one["check"] for one in tested],
+        "result": [one["result"] for one in tested],
+        "holds": ["yes" if ok else "no" for ok in held],
+    }
+    caption = (
+        "Assumptions with their tests on these reports. One that does not hold (grey italics) "
+        "makes intervals less certain; the effects stated rest on held-out flights."
+    )
+    long, doubt = ("assumption", "test", "result"), [not ok for ok in held]
+    assumptions = html.table(columns, long=long, caption=caption, doubt=doubt)
+    calibration = [*_calibration(gap, units), *drawn("pit")]
+    noise = [_noise(gap, units), *drawn("autocorrelation")]
+    parts = [
+        html.folded("Assumptions", assumptions),
+        html.folded("Evidence for each effect", *drawn("evidence", "probability")),
+        html.folded("Calibration on held-out flights", *calibration),
+        html.folded("Noise model", *noise),
+    ]
     return html.Section("statistics", "Statistics", lead, parts)
 
 
-def _calibration(gap: Entry, units: Units) -> list[Markup]:
-    parts: list[Markup] = []
+def _calibration(gap: Entry, units: Units) -> list[str]:
+    rows, text, factor = [], "", shown_per_m_s(units)
     if pair := gap.get("calibration"):
-        factor = shown_per_m_s(units)
         crps = number_text(pair["after"].get("crps_expected_m_s"), factor=factor)
-        rows = [
+        for key, label, scale, right in (
             ("spread", "spread over predicted spread", 1.0, "1"),
             ("crps_m_s", f"CRPS ({units})", factor, crps),
             ("lag_one", "correlation of neighbours on a flight", 1.0, "0"),
             ("auc", "area under the ROC curve of a classifier", 1.0, "0.5"),
-        ]
-        values = [
-            {
-                "": label,
-                "without the effects": number_text(pair["before"].get(key), factor=scale),
-                "with the effects": number_text(pair["after"].get(key), factor=scale),
-                "if right": right,
-            }
-            for key, label, scale, right in rows
-        ]
-        parts.append(html.table(values, words=[""]))
+        ):
+            row = {"": label}
+            for words_of, when in (("without", "before"), ("with", "after")):
+                row[f"{words_of} the effects"] = number_text(pair[when].get(key), factor=scale)
+            rows.append(row | {"if right": right})
     if placebo := gap.get("decoy"):
         ends, factor = placebo.get("reduction_ci_kt"), shown_per_kt(units)
         closes = amount(placebo["reduction_kt"], ends, factor=factor, unit=units)
@@ -372,14 +316,13 @@ def _calibration(gap: Entry, units: Units) -> list[Markup]:
             f"Placebo: effects with the same columns but random dates and aircraft close {closes} "
             f"({placebo['draws']} draws)."
         )
-        parts.append(html.paragraph(text))
-    return parts
+    return [html.table(rows, words=[""]), text]
 
 
-def _noise(gap: Entry, units: Units) -> list[Markup]:
+def _noise(gap: Entry, units: Units) -> str:
     noise, factor = gap.get("noise"), shown_per_m_s(units)
     if not noise:
-        return []
+        return ""
     fitted = {
         f"correlated part ({units})": number_text(noise["correlated_sd_m_s"], factor=factor),
         f"white part ({units})": number_text(noise["white_sd_m_s"], factor=factor),
@@ -388,7 +331,7 @@ def _noise(gap: Entry, units: Units) -> list[Markup]:
         "factor along the heading": number_text(noise.get("along_heading")),
     }
     columns = {"noise model": fitted, "fitted": fitted.values()}
-    return [html.table(columns, words=["noise model"])]
+    return html.table(columns, words=["noise model"])
 
 
 class ShownDiagnosis(Diagnosis):
@@ -414,8 +357,7 @@ class ShownDiagnosis(Diagnosis):
             "probability": [number_text(one["probability"]) for one in found],
             "closes": [closure_text(one.get("closure")) for one in found],
         }
-        text = html.paragraph(words.headline(gap))
-        return str(text + html.table(columns) if found else text)
+        return str(html.paragraph(words.headline(gap)) + html.table(columns))
 
 
 def _shown(find: Callable[P, Diagnosis]) -> Callable[P, ShownDiagnosis]:

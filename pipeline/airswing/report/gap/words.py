@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -90,16 +90,8 @@ def p_text(value: float | None) -> str:
     return "unknown" if math.isnan(found) else "< 1e-06" if found < 1e-6 else f"= {found:.2g}"
 
 
-class Nature(NamedTuple):
-    """An effect of the catalogue: description, physics, and its source and confusable effects."""
-
-    title: str
-    physics: str
-    smaller: list[str]
-
-
-def nature_of(name: str) -> Nature | None:
-    """Return the catalogue's description of an effect, None for a name it does not contain."""
+def nature_of(name: str) -> tuple[str, str, list[str]] | None:
+    """Return title and physics of an effect of the catalogue, and its source and confusions."""
     effect = CATALOGUE.get(name)
     if effect is None:
         return None
@@ -110,7 +102,7 @@ def nature_of(name: str) -> Nature | None:
         hints.append(" or ".join(others) + (f" ({when})" if when else ""))
     confused = f"Easily confused with {'; '.join(hints)}." if hints else ""
     title = f"{capital(plain_name(name))} ({effect.title})."
-    return Nature(title, effect.physics, [f"Source: {effect.source}", confused])
+    return title, effect.physics, [f"Source: {effect.source}", confused]
 
 
 def _shown(name: str, units: Units) -> tuple[str, str, float]:
@@ -232,12 +224,10 @@ def headline(gap: Entry, *, units: Units = "kt") -> str:
         text = _unexplained(place)
         text = text if place["component"] == "scatter" else f"an {text}"
         claims.append(text if effects else f"{text} on {who_text(place, fleet, brief=True)}")
-    several = len(claims) > 1
+    ending = "" if len(claims) > 1 else "s"
     if len(claims) > 2:
         claims = [claims[0], f"{len(claims) - 1} more effects"]
-    verb = ("account" if several else "accounts") + " for"
-    if not places:
-        verb = "explain" if several else "explains"
+    verb = f"account{ending} for" if places else f"explain{ending}"
     share = number(closure.get("fraction_of_excess"))
     of = f"{100 * share:.0f} % of the gap" if share < 0.95 else "the gap"
     levels = levels_text(number(closure["before"]), number(closure["after"]), units=units)
@@ -252,7 +242,9 @@ def _unexplained(place: Entry) -> str:
     return "unexplained scatter" + (f" by {variables}" if variables != "scatter" else "")
 
 
-def start_words(known: Sequence[Entry] | None, simulation: Entry | None = None) -> str:
+def start_words(
+    known: Sequence[Entry] | None, simulation: Entry | None = None, units: Units = "kt"
+) -> str:
     """Return what a diagnosis compared the reports with; empty for a perfect instrument."""
     text = ""
     if simulation:
@@ -265,7 +257,7 @@ def start_words(known: Sequence[Entry] | None, simulation: Entry | None = None) 
         ends = (one[f"disagreement_{which}_kt"] for which in ("without", "with"))
         text += (
             f"The simulation contains {plural(len(one['effects']), 'known effect')} of "
-            f"{one['source']} ({levels_text(*map(number, ends))}). "
+            f"{one['source']} ({levels_text(*map(number, ends), units=units)}). "
         )
     return text
 
@@ -273,7 +265,7 @@ def start_words(known: Sequence[Entry] | None, simulation: Entry | None = None) 
 def verdict(gap: GapReport | Entry, *, units: Units = "kt") -> str:
     """Return the result of a diagnosis as text: headline, then a line for every finding."""
     gap = content_of(gap)
-    start = start_words(gap.get("known"), gap.get("simulation"))
+    start = start_words(gap.get("known"), gap.get("simulation"), units)
     lines = [effect_sentence(effect, gap, units=units) for effect in gap["effects"]]
     lines += [place_sentence(place, gap, units=units) for place in gap["unknown"]["where"]]
     lines += caution_lines(gap, units=units)

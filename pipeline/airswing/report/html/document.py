@@ -9,9 +9,10 @@ from __future__ import annotations
 import base64
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import repeat
 from pathlib import Path
+from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
@@ -37,12 +38,22 @@ _TEMPLATES = Environment(
 
 @dataclass(frozen=True)
 class Section:
-    """A section of a page: title, first sentence and parts (figures, tables, paragraphs)."""
+    """A section of a page: title, first sentence and parts (figures, tables, text)."""
 
     anchor: str
     title: str
     lead: str = ""
-    parts: list[Markup] = field(default_factory=list)
+    parts: Iterable[str] = ()
+
+    @property
+    def body(self) -> Markup:
+        """The parts as HTML; plain text is a paragraph."""
+        return _together(self.parts)
+
+
+def _together(parts: Iterable[str]) -> Markup:
+    shown = (one if isinstance(one, Markup) else paragraph(one) for one in parts if one)
+    return Markup("\n").join(shown)
 
 
 class Figures:
@@ -89,12 +100,15 @@ def table(
     """Return a table of columns by title, or of rows with cells by title; a caption below it.
 
     Columns of text are `words`, or `long` where lines wrap. Rows in `doubt` are printed in grey
-    italics. A long sortable table can be searched.
+    italics. A long sortable table can be searched. Nothing is returned where there is no row.
     """
     if isinstance(content, Mapping):
         titles, rows = list(content), list(zip(*content.values(), strict=True))
     else:
-        titles, rows = list(content[0]), [tuple(row.values()) for row in content]
+        titles = list(content[0]) if content else []
+        rows = [tuple(row.values()) for row in content]
+    if not rows:
+        return Markup()
     text = _TEMPLATES.get_template("table.html").render(
         titles=titles,
         kinds=["words" if one in words else "long" if one in long else "" for one in titles],
@@ -116,9 +130,9 @@ def heading(text: str) -> Markup:
 
 
 def listing(items: Iterable[object]) -> Markup:
-    """Return a bulleted list."""
+    """Return a bulleted list, or nothing without an item."""
     inside = Markup("").join(Markup("<li>{}</li>").format(item) for item in items)
-    return Markup('<ul class="plain">{}</ul>').format(inside)
+    return Markup('<ul class="plain">{}</ul>').format(inside) if inside else inside
 
 
 def described(title: str, text: str, smaller: Iterable[str]) -> Markup:
@@ -134,11 +148,11 @@ def link(address: str, text: str) -> Markup:
     return Markup('<a href="{}">{}</a>').format(address, text)
 
 
-def folded(summary: str, parts: Iterable[Markup], *, unfolded: bool = False) -> Markup:
-    """Return parts below a title that opens on a click (and when the page is printed)."""
-    return Markup("<details{}><summary>{}</summary>{}</details>").format(
-        Markup(" open") if unfolded else "", summary, Markup("").join(parts)
-    )
+def folded(summary: str, *parts: str, unfolded: bool = False) -> Markup:
+    """Return parts below a title that opens on a click; nothing without a part."""
+    opened, body = Markup(" open") if unfolded else "", _together(parts)
+    text = Markup("<details{}><summary>{}</summary>{}</details>").format(opened, summary, body)
+    return text if body else body
 
 
 def document(
@@ -146,17 +160,17 @@ def document(
     title: str,
     kicker: str,
     headline: str,
-    sections: Iterable[Section],
+    sections: Iterable[Any],
     facts: Sequence[tuple[str, str]] = (),
     warnings: Sequence[str] = (),
     footer: str = "",
 ) -> str:
-    """Return a whole page as HTML; sections without parts are omitted."""
+    """Return a whole page as HTML; sections without parts, or false, are omitted."""
     return _TEMPLATES.get_template("page.html").render(
         title=title,
         kicker=kicker,
         headline=headline,
-        sections=[section for section in sections if section.parts],
+        sections=[section for section in sections if section and section.body],
         facts=facts,
         warnings=warnings,
         footer=footer,

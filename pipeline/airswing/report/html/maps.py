@@ -9,19 +9,17 @@ caption says. Counts are of all reports.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from importlib.resources import files
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.collections import LineCollection
 from matplotlib.colors import LogNorm
-from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
@@ -29,9 +27,11 @@ from airswing.flags import PHASE
 from airswing.physics.triangle import wrap_degrees
 from airswing.report.html import document as html
 from airswing.report.html import style
+from airswing.report.html.style import Look
 from airswing.report.html.text import plural
 
 Floats = NDArray[np.float64]
+Groups = Mapping[str, NDArray[np.bool_]]
 
 LAYERS: dict[str, dict[str, object]] = {
     "state": {"color": "#c3cad2", "linewidth": 0.5},
@@ -41,7 +41,6 @@ LAYERS: dict[str, dict[str, object]] = {
 }
 TALLEST, FLATTEST = 0.66, 0.42  # Limits of the drawn height of a map over its width
 _LEVELS_HPA = (0, 400, 600, 800, 1100)  # Boundaries of the layers
-_PHASES = ("ascent", "cruise", "descent", "unknown")
 MOST_DRAWN = 500_000  # Reports a map draws at most
 
 
@@ -127,170 +126,92 @@ def lines_in(view: View, layer: str) -> list[Floats]:
     return [part for part, seen in zip(np.split(shifted, starts[1:]), crosses, strict=True) if seen]
 
 
-def _degree_label(positive: str, negative: str) -> FuncFormatter:
-    def text(value: float, _position: object = None) -> str:
-        shown = float(wrap_degrees(value)) if positive == "E" else value
-        hemisphere = positive if shown > 0 else negative
-        return f"{abs(shown):g}°{'' if round(abs(shown), 6) in (0, 180) else hemisphere}"
-
-    return FuncFormatter(text)
-
-
 def draw_map(axes: Axes, view: View, *, ticks: int = 6) -> None:
     """Draw the outline in a panel and set its limits, aspect and degree labels."""
     for name, look in LAYERS.items():
         axes.add_collection(LineCollection(lines_in(view, name), zorder=1.5, **look), autolim=False)
-    limits = {"xlim": (view.west, view.east), "ylim": (view.south, view.north)}
-    axes.set(aspect=view.aspect, **limits)
+    axes.set_xlim(view.west, view.east)
+    axes.set_ylim(view.south, view.north)
+    axes.set_aspect(view.aspect)
     axes.grid(True, linewidth=0.4)
     for axis, most, ends in ((axes.xaxis, ticks, "EW"), (axes.yaxis, max(ticks - 1, 3), "NS")):
         axis.set_major_locator(MaxNLocator(most, steps=[1, 2, 3, 5, 10]))
-        axis.set_major_formatter(_degree_label(*ends))
+        axis.set_major_formatter(FuncFormatter(partial(_degree_label, ends)))
     axes.tick_params(labelsize=8)
     axes.spines[:].set_visible(True)
 
 
-class Places(NamedTuple):
-    """Positions that are drawn with their phase and layer, and counts of all reports."""
-
-    longitude: Floats
-    latitude: Floats
-    phase: NDArray[np.int8]  # place in `_PHASES`
-    layer: NDArray[np.int8]  # -1 outside all layers
-    every: int  # one report in so many is drawn
-    number: int  # of reports with a position
-    phase_counts: NDArray[np.int64]
-    layer_counts: NDArray[np.int64]
-
-    def thinning(self) -> str:
-        """Return a sentence on the thinning, empty without any."""
-        return f" One report in {self.every} is drawn." if self.every > 1 else ""
+def _degree_label(ends: str, value: float, _position: object = None) -> str:
+    shown = float(wrap_degrees(value)) if ends == "EW" else value
+    hemisphere = "" if round(abs(shown), 6) in (0, 180) else ends[int(shown <= 0)]
+    return f"{abs(shown):g}°{hemisphere}"
 
 
-def places_of(headings: xr.Dataset) -> Places:
-    """Return the positions of at most `MOST_DRAWN` reports, taken evenly from the archive."""
-    every = max(1, -(-headings.sizes["report"] // MOST_DRAWN))
-    drawn = slice(None, None, every)
-    order = np.full(max(PHASE.values()) + 1, -1, np.int8)
-    order[[PHASE[name] for name in _PHASES]] = range(len(_PHASES))
-    phase, layers = order[headings["phase"].to_numpy()], len(_LEVELS_HPA) - 1
-    above = np.searchsorted(_LEVELS_HPA, headings["pressure"].to_numpy() / 100.0, "right") - 1
-    layer = np.where(above < layers, above, -1).astype(np.int8)
-    longitude, latitude = (headings[name].to_numpy() for name in ("longitude", "latitude"))
-    number = int((np.isfinite(longitude) & np.isfinite(latitude)).sum())
-    return Places(
-        longitude[drawn].astype(np.float64),
-        latitude[drawn].astype(np.float64),
-        phase[drawn],
-        layer[drawn],
-        every,
-        number,
-        np.bincount(phase[phase >= 0], minlength=len(_PHASES)),
-        np.bincount(layer[layer >= 0], minlength=layers),
-    )
-
-
-def _height(view: View, columns: int, rows: int, *, colourbar: bool = False) -> float:
-    width = (style.FULL_WIDTH - (1.1 if colourbar else 0.0)) / columns - 0.55
-    return rows * (min(width * view.height_over_width, 7.0) + 0.55)
-
-
-def _draw_places(
-    axes: Axes,
-    view: View,
-    longitude: Floats,
-    latitude: Floats,
-    *,
-    cells: int,
-    dense: bool,
-    size: float = 4.0,
-) -> PolyCollection | None:
-    """Draw reports in a map panel, as points or, if many, as a density."""
-    x, mappable = view.unwrapped(longitude), None
-    if dense:
-        rows = max(int(cells * view.height_over_width / np.sqrt(3)), 4)
-        mappable = axes.hexbin(
-            x,
-            latitude,
-            gridsize=(cells, rows),
-            mincnt=1,
-            cmap=style.DENSITY,
-            norm=LogNorm(),
-            linewidths=0.1,
-            extent=(view.west, view.east, view.south, view.north),
-        )
-    else:
-        # Fainter with more points, so that the densest places remain visible.
-        alpha = float(np.clip(1500.0 / max(x.size, 1), 0.15, 0.8))
-        axes.scatter(x, latitude, s=size, color=style.BLUE, alpha=alpha, linewidths=0)
-    draw_map(axes, view, ticks=6 if cells > 60 else 3)
-    return mappable
-
-
-def reports_figure(headings: xr.Dataset, places: Places) -> Figure:
-    """Draw a map of every report."""
-    view = view_of(places.longitude, places.latitude)
-    shown = np.isfinite(places.longitude + places.latitude)
-    dense = int(shown.sum()) > style.MANY
-    figure, axes = style.panels(_height(view, 1, 1, colourbar=dense))
-    points = places.longitude[shown], places.latitude[shown]
-    drawn = _draw_places(axes, view, *points, cells=64, dense=dense)
-    if drawn is not None:
-        label = f"one in {places.every} reports" if places.every > 1 else "reports"
+def _map_panels(
+    longitude: Floats, latitude: Floats, groups: Groups, columns: int, label: str = ""
+) -> tuple[style.CaptionedFigure, bool]:
+    """Draw a map of each group of reports, as points or, if many, as a density."""
+    view, rows = view_of(longitude, latitude), -(-len(groups) // columns)
+    dense = max(int(mask.sum()) for mask in groups.values()) > style.MANY
+    alone = len(groups) == 1
+    width = (style.FULL_WIDTH - (1.1 if dense and alone else 0.0)) / columns - 0.55
+    height = rows * (min(width * view.height_over_width, 7.0) + 0.55)
+    figure, grid = style.panels(height, rows, columns, squeeze=False)
+    for axes, (title, mask) in zip(grid.flat, groups.items(), strict=False):
+        x, y = view.unwrapped(longitude[mask]), latitude[mask]
+        axes.set_title(title)
+        if dense and x.size:
+            cells = 64 if alone else 40
+            look = Look(mincnt=1, cmap=style.DENSITY, norm=LogNorm(), linewidths=0.1)
+            look["extent"] = (view.west, view.east, view.south, view.north)
+            look["gridsize"] = cells, max(int(cells * view.height_over_width / np.sqrt(3)), 4)
+            drawn = axes.hexbin(x, y, **look)
+        else:
+            # Fainter with more points, so that the densest places remain visible.
+            alpha = float(np.clip(1500.0 / max(x.size, 1), 0.15, 0.8))
+            look = Look(s=4.0 if alone else 2.5, color=style.BLUE, alpha=alpha, linewidths=0)
+            axes.scatter(x, y, **look)
+        draw_map(axes, view, ticks=6 if alone else 3)
+        if not x.size:
+            axes.text(0.5, 0.5, "no reports", transform=axes.transAxes, ha="center")
+    if dense and alone:
         bar = figure.colorbar(drawn, ax=axes, label=f"{label} in a cell", shrink=0.8, pad=0.01)
         style.count_ticks(bar, float(np.max(np.asarray(drawn.get_array()))))
-    how = "as a density of hexagons, darker where reports are many" if drawn else "one dot each"
-    return figure.say(
-        f"Positions of the reports (n = {plural(places.number, 'report')} of "
-        f"{plural(headings.sizes.get('aircraft', 0), 'aircraft')}), {how}.{places.thinning()}"
-    )
-
-
-def _panels(
-    places: Places,
-    group: NDArray[np.int8],
-    counts: NDArray[np.int64],
-    labels: Sequence[str],
-    columns: int,
-    what: str,
-) -> Figure:
-    view = view_of(places.longitude, places.latitude)
-    rows = -(-len(labels) // columns)
-    figure, grid = style.panels(_height(view, columns, rows), rows, columns, squeeze=False)
-    masks = [group == number for number in range(len(labels))]
-    dense = max(int(mask.sum()) for mask in masks) > style.MANY
-    for axes, label, mask, number in zip(grid.flat, labels, masks, counts, strict=False):
-        axes.set_title(f"{label}  (n = {number:,})")
-        shown = places.longitude[mask], places.latitude[mask]
-        _draw_places(axes, view, *shown, size=2.5, cells=40, dense=bool(dense and mask.any()))
-        if not mask.any():
-            axes.text(0.5, 0.5, "no reports", transform=axes.transAxes, ha="center")
-    return figure.say(f"The reports by {what} (n = {counts.sum():,}).{places.thinning()}")
-
-
-def phase_maps_figure(places: Places) -> Figure:
-    """Draw a map of the reports of each phase of flight."""
-    names = _PHASES if places.phase_counts[3] else _PHASES[:3]
-    what = "phase of flight"
-    return _panels(places, places.phase, places.phase_counts, names, len(names), what)
-
-
-def level_maps_figure(places: Places) -> Figure:
-    """Draw a map of the reports of each pressure layer."""
-    names = [
-        f"{top}-{bottom} hPa" if top else f"above {bottom} hPa"
-        for top, bottom in pairwise(_LEVELS_HPA)
-    ]
-    return _panels(places, places.layer, places.layer_counts, names, 2, "layer")
+    return figure, dense
 
 
 def places_section(headings: xr.Dataset, show: html.Figures) -> html.Section:
-    """Return the section on the positions of the reports."""
-    places = places_of(headings)
-    inner = [
-        show("map_by_phase", phase_maps_figure(places), dpi=120),
-        show("map_by_level", level_maps_figure(places), dpi=120),
-    ]
-    whole = show("map", reports_figure(headings, places), dpi=120)
-    parts = [whole, html.folded("By phase of flight and by level", inner)]
+    """Return the section on the positions of the reports: maps of all, by phase and by level."""
+    every = max(1, -(-headings.sizes["report"] // MOST_DRAWN))
+    thinned = f" One report in {every} is drawn." if every > 1 else ""
+    lon, lat = (headings[name].to_numpy().astype(float) for name in ("longitude", "latitude"))
+    phase, level = headings["phase"].to_numpy(), headings["pressure"].to_numpy() / 100.0
+    known = np.isfinite(lon + lat)
+    layers = {
+        f"{top}-{bottom} hPa" if top else f"above {bottom} hPa": (top <= level) & (level < bottom)
+        for top, bottom in pairwise(_LEVELS_HPA)
+    }
+    phases = {name: phase == PHASE[name] for name in ("ascent", "cruise", "descent", "unknown")}
+    if not phases["unknown"].any():
+        del phases["unknown"]
+
+    few = slice(None, None, every)
+    label = f"one in {every} reports" if every > 1 else "reports"
+    figure, dense = _map_panels(lon[few], lat[few], {"": known[few]}, 1, label)
+    how = "as a density of hexagons, darker where reports are many" if dense else "one dot each"
+    figure.say(
+        f"Positions of the reports (n = {plural(int(known.sum()), 'report')} of "
+        f"{plural(headings.sizes.get('aircraft', 0), 'aircraft')}), {how}.{thinned}"
+    )
+    parts, inner = [show("map", figure, dpi=120)], []
+    for kind, words, groups, columns in (
+        ("phase", "phase of flight", phases, len(phases)),
+        ("level", "layer", layers, 2),
+    ):
+        titled = {f"{name}  (n = {mask.sum():,})": mask[few] for name, mask in groups.items()}
+        figure, _ = _map_panels(lon[few], lat[few], titled, columns)
+        number = sum(int(mask.sum()) for mask in groups.values())
+        figure.say(f"The reports by {words} (n = {number:,}).{thinned}")
+        inner.append(show(f"map_by_{kind}", figure, dpi=120))
+    parts.append(html.folded("By phase of flight and by level", *inner))
     return html.Section("places", "Positions of the reports", "", parts)

@@ -167,10 +167,10 @@ def interval_rows(
 
 
 def annotate(
-    axes: Axes, text: str, place: tuple[float, float], points: tuple[int, int], **look: Any
+    axes: Axes, text: str, place: Sequence[float], points: tuple[int, int], **look: Any
 ) -> None:
     """Write a text so many points away from a place."""
-    axes.annotate(text, place, xytext=points, textcoords="offset points", **look)
+    axes.annotate(text, (place[0], place[1]), xytext=points, textcoords="offset points", **look)
 
 
 def count_ticks(bar: Colorbar, most: float) -> None:

@@ -20,6 +20,7 @@ from airswing.evaluation import Content
 from airswing.products.whole_files import write_text
 from airswing.report.html import document as html
 from airswing.report.html import style
+from airswing.report.html.style import Look
 from airswing.report.html.text import (
     Units,
     interval_text,
@@ -32,7 +33,7 @@ from airswing.units import NORMAL_95
 from airswing.version import __version__
 
 if TYPE_CHECKING:
-    from airswing.evaluation.monitoring.events import Event, Monitoring
+    from airswing.evaluation.monitoring.events import Event, Monitoring, State
 
 # Aircraft in a figure; rows of the tables. The files contain all.
 FEWEST_AIRCRAFT, MOST_AIRCRAFT, MOST_EVENT_ROWS = 2, 10, 24
@@ -62,12 +63,8 @@ def days_since_1970(days: ArrayLike) -> NDArray[np.float64]:
     return np.asarray(days).astype("datetime64[D]").astype(np.float64)
 
 
-def stability_figure(stability: Content, period: tuple[str, str] | None = None) -> Figure:
-    """Draw each aircraft's offset and amplitude by calendar window, with the dates of changes.
-
-    Aircraft that changed, at least two and at most ten. Windows end at the first and the last day
-    of the reports, `period`, if given.
-    """
+def _stability_figure(stability: Content, period: tuple[str, str] | None) -> Figure:
+    """Draw the aircraft that changed, at least two and at most ten."""
     changes = {entry["aircraft"]: entry["changes"] for entry in stability["changes"]}
     windows = [entry for entry in stability["windows"] if entry["status"] == "ok"]
     fitted = {entry["aircraft"] for entry in windows}
@@ -77,7 +74,7 @@ def stability_figure(stability: Content, period: tuple[str, str] | None = None) 
     aircraft = known[: min(max(changed, FEWEST_AIRCRAFT), MOST_AIRCRAFT)]
     if not aircraft:
         return style.empty_figure("No calendar window has enough reports for a fit")
-    shared = style.Look(squeeze=False, sharex=True, sharey="col")
+    shared = Look(squeeze=False, sharex=True, sharey="col")
     figure, grid = style.panels(0.9 + 1.05 * len(aircraft), len(aircraft), 2, **shared)
     step = np.timedelta64(1 if stability["window"] == "month" else 3, "M")
     looks = (("offset", style.BLUE), ("amplitude", style.ORANGE))
@@ -92,7 +89,7 @@ def stability_figure(stability: Content, period: tuple[str, str] | None = None) 
             value = np.array([entry[quantity] for entry in fits], float)
             half = [NORMAL_95 * entry[f"{quantity}_standard_error"] for entry in fits]
             axes.hlines(value, begin, end, color=colour, linewidth=1.4)
-            dots = style.Look(fmt="o", color=colour, markersize=4)
+            dots = Look(fmt="o", color=colour, markersize=4)
             axes.errorbar((begin + end) // 2, value, yerr=half, **dots)
             for change in changes[name]:
                 low, high = days_since_1970(change["date_ci"])
@@ -134,26 +131,22 @@ def stability_section(
         )
     elif not tested:
         lead = "The period is too short for a test of changes."
-    parts = [show("changes", stability_figure(stability, period))]
+    parts = [show("changes", _stability_figure(stability, period))]
 
     def change_of(letter: str) -> list[str]:
         sizes = ((one["change_deg"], one["standard_error_deg"]) for _, one in rows)
         return [interval_text(x[letter], NORMAL_95 * e[letter], sign=True) for x, e in sizes]
 
-    if rows:
-        columns = {
-            "aircraft": [name for name, _ in rows],
-            "changed on": [one["date"] for _, one in rows],
-            "95 % interval": [" to ".join(one["date_ci"]) for _, one in rows],
-            **{f"change of {letter} (degree)": change_of(letter) for letter in "ABC"},
-            "p value": [number_text(one["p_value"], digits=3) for _, one in rows],
-        }
-        words, caption = tuple(columns)[:3], "Changes found, with 95 % intervals."
-        parts.append(html.table(columns, words=words, caption=caption))
+    columns = {
+        "aircraft": [name for name, _ in rows],
+        "changed on": [one["date"] for _, one in rows],
+        "95 % interval": [" to ".join(one["date_ci"]) for _, one in rows],
+        **{f"change of {letter} (degree)": change_of(letter) for letter in "ABC"},
+        "p value": [number_text(one["p_value"], digits=3) for _, one in rows],
+    }
+    words, caption = tuple(columns)[:3], "Changes found, with 95 % intervals."
+    parts.append(html.table(columns, words=words, caption=caption))
     return html.Section("stability", "Changes of the compasses", lead, parts)
-
-
-# --- monitoring ----------------------------------------------------------------------------------
 
 
 @style.drawing()
@@ -175,7 +168,7 @@ def monitoring_section(monitoring: Monitoring, show: html.Figures) -> html.Secti
     parts = []
     if monitoring.events:
         parts = [show("monitoring", _timeline_figure(monitoring)), _events_table(monitoring)]
-    states = [_states_table(monitoring, show.units)]
+    states = _states_table(monitoring, show.units)
     parts.append(html.folded("State of every aircraft", states, unfolded=not monitoring.events))
     return html.Section("monitoring", "Monitoring", _new_events(monitoring), parts)
 
@@ -239,12 +232,11 @@ def _events_table(monitoring: Monitoring) -> Markup:
         "": ["new" if number < new else "" for number in range(len(events))],
     }
     more = f", the latest {_MOST_EVENTS} shown" if every > _MOST_EVENTS else ""
-    return html.table(
-        columns,
-        words=columns,
-        caption=f"Events (n = {every}{more}). Size: change of the deviation in degrees rms "
-        "over all headings with the change of the offset, or the factor of the disagreement.",
+    caption = (
+        f"Events (n = {every}{more}). Size: change of the deviation in degrees rms over all "
+        "headings with the change of the offset, or the factor of the disagreement."
     )
+    return html.table(columns, words=columns, caption=caption)
 
 
 def _event_size(event: Event) -> str:
@@ -261,36 +253,31 @@ def _event_size(event: Event) -> str:
 def _states_table(monitoring: Monitoring, units: Units) -> Markup:
     """Return the states, first where another table is needed, then where winds became worse."""
     factor, every = shown_per_kt(units), len(monitoring.states)
-    states = sorted(
-        monitoring.states,
-        key=lambda one: (
-            not one.tables_differ,
-            -(one.disagreement_kt or 0.0) / (one.past_disagreement_kt or np.inf),
-            one.aircraft,
-        ),
-    )[:_MOST_STATES]
-    needed = {None: "-", False: "no", True: "yes"}
-    columns = {
-        "aircraft": [one.aircraft for one in states],
-        "last report": [
-            f"{one.last_day}{' (no reports since)' if one.silent else ''}" for one in states
-        ],
-        f"disagreement, last days ({units})": [
-            number_text(one.disagreement_kt, factor=factor) for one in states
-        ],
-        f"before ({units})": [
-            number_text(one.past_disagreement_kt, factor=factor) for one in states
-        ],
-        "another table needed": [needed[one.tables_differ] for one in states],
-        "difference of the tables (° rms)": [
-            number_text(one.table_difference_deg) for one in states
-        ],
-    }
+
+    def urgency(one: State) -> tuple[object, ...]:
+        worse = (one.disagreement_kt or 0.0) / (one.past_disagreement_kt or np.inf)
+        return not one.tables_differ, -worse, one.aircraft
+
+    states = sorted(monitoring.states, key=urgency)[:_MOST_STATES]
+    needed, rows = {None: "-", False: "no", True: "yes"}, []
+    for one in states:
+        speeds = (one.disagreement_kt, one.past_disagreement_kt)
+        now, past = (number_text(speed, factor=factor) for speed in speeds)
+        rows.append(
+            {
+                "aircraft": one.aircraft,
+                "last report": f"{one.last_day}{' (no reports since)' if one.silent else ''}",
+                f"disagreement, last days ({units})": now,
+                f"before ({units})": past,
+                "another table needed": needed[one.tables_differ],
+                "difference of the tables (° rms)": number_text(one.table_difference_deg),
+            }
+        )
     more = f", {_MOST_STATES} shown" if every > _MOST_STATES else ""
-    return html.table(
-        columns,
-        words=("aircraft", "last report", "another table needed"),
-        caption="Mean wind vector disagreement of the last seven days with reports and of the days "
-        "before; whether the table fitted now differs from the table in use by more than the "
-        f"error of both (n = {plural(every, 'aircraft')}{more}).",
+    caption = (
+        "Mean wind vector disagreement of the last seven days with reports and of the days before; "
+        "whether the table fitted now differs from the table in use by more than the error of both "
+        f"(n = {plural(every, 'aircraft')}{more})."
     )
+    words = ("aircraft", "last report", "another table needed")
+    return html.table(rows, words=words, caption=caption)

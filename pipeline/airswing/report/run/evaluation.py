@@ -1,8 +1,7 @@
 """Field test, ranking, comparison of references and observation errors: figures and sections.
 
 Contents as in ``field_test.json``, ``virtual_field_test.json`` and ``sensitivity.json``
-(docs/formats.md), and ``observation_errors.nc``. Without its product a section is empty and the
-page omits it. Intervals are 95 %.
+(docs/formats.md), and ``observation_errors.nc``. Intervals are 95 %.
 """
 
 from __future__ import annotations
@@ -21,16 +20,7 @@ from airswing.evaluation import Content
 from airswing.physics.compass_deviation import COEFFICIENTS
 from airswing.report.html import document as html
 from airswing.report.html import style
-from airswing.report.html.style import (
-    BLUE,
-    FAINT,
-    SOFT,
-    VERMILION,
-    Look,
-    intervals,
-    rows_axis,
-    zero_line,
-)
+from airswing.report.html.style import BLUE, FAINT, SOFT, VERMILION, Look
 from airswing.report.html.text import (
     Units,
     amount,
@@ -47,15 +37,46 @@ from airswing.units import NORMAL_95
 Floats = NDArray[np.float64]
 # Rows of a figure; the products contain all aircraft.
 _MOST_ROWS = 40
+# Words on a part of ``virtual_field_test.json``: title of its panel, and how it was fitted.
+_HELD_OUT = {
+    "later": ("Later reports", "Fitted up to {learned_until}, applied on all later days"),
+    "held_out": ("Days held out of the fit", "Cross-validation over days ({folds} parts)"),
+}
+_SLICES = {
+    "by_lead_time": "lead time",
+    "by_phase": "phase of flight",
+    "by_level": "level",
+    "by_season": "season",
+}
+# Words and colour of ``poolable``.
+_VERDICTS = {
+    None: ("undecided", SOFT),
+    True: ("poolable", BLUE),
+    False: ("not poolable", VERMILION),
+}
+_PHASES = ("ascent", "cruise", "descent")
+_METHODS = {"separation": "separation by neighbours", "three_cornered_hat": "three-cornered hat"}
+_USED_ELSEWHERE = {
+    "wrfda_tamdar_error": ("WRFDA, TAMDAR", "-"),
+    "wrfda_airep_error": ("WRFDA, AIREP", "--"),
+    "nam_tamdar_error": ("NAM, TAMDAR", "-."),
+    "nam_mdcrs_error": ("NAM, MDCRS", ":"),
+}
 
 
 def _change(content: Content, key: str, units: Units, *, unit: bool = True) -> str:
-    """Return a value in knots with its interval, both of the content, as text in shown units."""
+    """Return a speed of the content (kt) and its interval in the unit that is shown."""
     ends, factor = content.get(f"{key}_ci_kt"), shown_per_kt(units)
     return amount(content.get(f"{key}_kt"), ends, factor=factor, unit=units if unit else "")
 
 
-# --- field test ------------------------------------------------------------------------------
+def _equal_axes(axes: Axes, values: Floats, x_label: str, y_label: str) -> None:
+    """Give both axes one range that holds the values, and draw the line of equality."""
+    low, high = float(np.nanmin(values)), float(np.nanmax(values))
+    margin = 0.1 * (high - low) + 0.2
+    ends = low - margin, high + margin
+    axes.plot(ends, ends, color=FAINT, zorder=1)
+    axes.set(xlim=ends, ylim=ends, aspect="equal", xlabel=x_label, ylabel=y_label)
 
 
 @style.drawing()
@@ -74,56 +95,53 @@ def field_test_figure(field_test: Content, *, units: Units = "kt") -> Figure:
     """
     groups, factor = field_test["groups"], shown_per_kt(units)
     figure, (left, right) = style.panels(1.5 + 0.5 * len(groups), 1, 2, width_ratios=(1.5, 1))
-    for name, colour, marker, shift in (
-        ("before", style.ORANGE, "o", -0.14),
-        ("during", BLUE, "D", 0.14),
-    ):
-        values = [factor * float(entry[f"{name}_kt"]) for entry in groups.values()]
-        left.plot(values, range(len(groups)), marker, color=colour, markersize=7, label=name)
+    series = (("before", style.ORANGE, "o", -0.14), ("during", BLUE, "D", 0.14))
+    for when, colour, marker, shift in series:
+        values = [factor * float(entry[f"{when}_kt"]) for entry in groups.values()]
+        left.plot(values, range(len(groups)), marker, color=colour, markersize=7, label=when)
         for row, (value, entry) in enumerate(zip(values, groups.values(), strict=True)):
-            ends = scaled(entry.get(f"{name}_ci_kt"), factor)
+            ends = scaled(entry.get(f"{when}_ci_kt"), factor)
             left.plot(ends, [row + shift] * 2, color=colour, linewidth=1.3)
-            side = 1 if (entry["before_kt"] > entry["during_kt"]) == (name == "before") else -1
+            side = 1 if (entry["before_kt"] > entry["during_kt"]) == (when == "before") else -1
             look = Look(va="center", ha="left" if side > 0 else "right", fontsize=9)
             style.annotate(left, f"{value:.2f}", (value, row), (9 * side, 0), **look)
     names = [f"{name}\n{entry['aircraft']} aircraft" for name, entry in groups.items()]
-    rows_axis(left, names, f"mean vector disagreement ({units})")
+    style.rows_axis(left, names, f"mean vector disagreement ({units})")
     left.margins(x=0.16)
-    changes = [(f"{name}: reduction", entry, "reduction", SOFT) for name, entry in groups.items()]
+    changes = [(f"{name}: reduction", one, "reduction", SOFT) for name, one in groups.items()]
     for ending, label in (("", "linear"), ("_quadrature", "quadrature")):
         if field_test.get(f"adjusted_reduction{ending}_kt") is not None:
             key = f"adjusted_reduction{ending}"
             changes.append((f"adjusted, {label}", field_test, key, BLUE))
-    box = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}
+    look = Look(ha="center", fontsize=8.5)
+    look["bbox"] = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}
     for row, (_, entry, key, colour) in enumerate(changes):
         value, ends = factor * entry[f"{key}_kt"], scaled(entry.get(f"{key}_ci_kt"), factor)
-        intervals(right, value, ends, row, color=colour, markersize=6)
-        look = Look(ha="center", fontsize=8.5, bbox=box)
+        style.intervals(right, value, ends, row, color=colour, markersize=6)
         style.annotate(right, f"{value:+.2f}", (value, row), (0, 6), **look)
-    zero_line(right)
-    rows_axis(right, [label for label, *_ in changes], f"reduction ({units})")
+    style.zero_line(right)
+    style.rows_axis(right, [label for label, *_ in changes], f"reduction ({units})")
     right.margins(x=0.14)
     figure.legend(loc="outside upper left", ncols=2)
     both = ("reports_before", "reports_during")
     number = sum(int(entry.get(name, 0)) for entry in groups.values() for name in both)
     return figure.say(
         "Field test: mean length of the difference between reported and reference wind of each "
-        "group before and during the test, and the reduction of the corrected aircraft beyond "
-        f"that of the controls; lines are 95 % intervals (n = {plural(number, 'report')})."
+        "group before and during the test, and the reduction beyond that of the controls; lines "
+        f"are 95 % intervals (n = {plural(number, 'report')})."
     )
 
 
 def _scrutiny_figure(field_test: Content, units: Units) -> Figure:
     figure, (left, right) = style.panels(3.7, 1, 2)
-    factor = shown_per_kt(units)
+    factor, rows = shown_per_kt(units), field_test.get("by_aircraft", [])
     left.set_title("Each aircraft")
-    rows = field_test.get("by_aircraft", [])
     each = pd.DataFrame(rows, columns=["group", "before_kt", "during_kt"])
     values = factor * each[["before_kt", "during_kt"]].to_numpy(float)
     if np.isfinite(values).any():
         for name, colour, marker in (("controls", SOFT, "s"), ("corrected", BLUE, "o")):
-            x, y = values[each["group"] == name].T
-            left.plot(x, y, marker, color=colour, alpha=0.85, markersize=5.5, label=name)
+            look = Look(color=colour, alpha=0.85, markersize=5.5, label=name)
+            left.plot(*values[each["group"] == name].T, marker, **look)
         _equal_axes(left, values, f"before ({units})", f"during ({units})")
         left.legend(loc="upper left")
     else:
@@ -150,15 +168,6 @@ def _scrutiny_figure(field_test: Content, units: Units) -> Figure:
     )
 
 
-def _equal_axes(axes: Axes, values: Floats, x_label: str, y_label: str) -> None:
-    """Give both axes one range that holds the values, and draw the line of equality."""
-    low, high = float(np.nanmin(values)), float(np.nanmax(values))
-    margin = 0.1 * (high - low) + 0.2
-    ends = low - margin, high + margin
-    axes.plot(ends, ends, color=FAINT, zorder=1)
-    axes.set(xlim=ends, ylim=ends, aspect="equal", xlabel=x_label, ylabel=y_label)
-
-
 def field_test_section(field_test: Content, show: html.Figures) -> html.Section:
     """Return the section on the field test."""
     units, factor = show.units, shown_per_kt(show.units)
@@ -169,24 +178,18 @@ def field_test_section(field_test: Content, show: html.Figures) -> html.Section:
         lead += f" as a linear difference, {quadrature} in quadrature"
     if field_test.get("reference"):
         lead += f", against {field_test['reference']}"
-    rows = [
-        {"group": name, "aircraft": entry["aircraft"]}
-        | {
-            f"{key} ({units})": _change(entry, key, units, unit=False)
-            for key in ("before", "during", "reduction")
-        }
-        | {
-            f"reports {key}": f"{int(entry.get(f'reports_{key}', 0)):,}"
-            for key in ("before", "during")
-        }
-        for name, entry in field_test["groups"].items()
-    ]
+    rows = []
+    for name, entry in field_test["groups"].items():
+        row = {"group": name, "aircraft": entry["aircraft"]}
+        for key in ("before", "during", "reduction"):
+            row[f"{key} ({units})"] = _change(entry, key, units, unit=False)
+        for when in ("before", "during"):
+            row[f"reports {when}"] = f"{int(entry.get(f'reports_{when}', 0)):,}"
+        rows.append(row)
     caption = "Mean vector disagreement; in brackets 95 % intervals."
-    parts = [
-        show("field_test", field_test_figure(field_test, units=units)),
-        html.table(rows, words=["group"], caption=caption),
-    ]
-    checks: list[Markup] = []
+    parts = [show("field_test", field_test_figure(field_test, units=units))]
+    parts.append(html.table(rows, words=["group"], caption=caption))
+    checks = []
     if field_test.get("by_aircraft") or field_test.get("permutation"):
         checks.append(show("field_test_checks", _scrutiny_figure(field_test, units)))
     lines = []
@@ -205,112 +208,86 @@ def field_test_section(field_test: Content, show: html.Figures) -> html.Section:
     if field_test.get("predicted_reduction_kt") is not None:
         predicted = _change(field_test, "predicted_reduction", units)
         lines.append(f"Predicted from the fits before the test: {predicted}.")
-    if lines := [*lines, *map(str, field_test.get("notes", []))]:
-        checks.append(html.listing(lines))
-    if checks:
-        parts.append(html.folded("Checks: single aircraft, permutation, choice of groups", checks))
+    checks.append(html.listing([*lines, *field_test.get("notes", [])]))
+    parts.append(html.folded("Checks: single aircraft, permutation, choice of groups", *checks))
     return html.Section("field-test", "Field test", f"{lead}.", parts)
-
-
-# --- ranking and virtual field test ----------------------------------------------------------
-
-
-def _ranking_figure(known: Sequence[Content], left_out: int, units: Units) -> Figure:
-    shown, factor = known[:_MOST_ROWS], shown_per_kt(units)
-    figure, axes = style.panels(1.1 + 0.26 * max(len(shown), 2))
-    gain = factor * np.array([entry["expected_gain_kt"] for entry in shown])
-    ends = np.transpose([scaled(entry["expected_gain_ci_kt"], factor) for entry in shown])
-    names = [entry["aircraft"] for entry in shown]
-    label = f"expected reduction of the mean vector disagreement ({units})"
-    style.interval_rows(axes, names, gain, ends, label, color=BLUE, markersize=5.5)
-    others = f"; {left_out} without a usable fit" if left_out else ""
-    return figure.say(
-        "Expected reduction of the disagreement from correcting each aircraft, from its fit alone, "
-        f"with 95 % intervals (n = {plural(len(shown), 'aircraft')}{others})."
-    )
-
-
-def _prediction_figure(virtual: Content, units: Units) -> Figure:
-    figure, panels = style.panels(3.8, 1, 2)
-    titles = {"later": "Later reports", "held_out": "Days held out of the fit"}
-    total, factor, kinds = 0, shown_per_kt(units), ("predicted", "realised")
-    for axes, (key, title) in zip(panels, titles.items(), strict=True):
-        axes.set_title(title)
-        rows = (virtual.get(key) or {}).get("by_aircraft") or []
-        if not rows:
-            style.blank(axes, "Too few reports.")
-            continue
-        total += len(rows)
-        (x, y), ends = (
-            factor
-            * np.array([[row[f"{kind}_gain_{end}"] for row in rows] for kind in kinds], float)
-            for end in ("kt", "ci_kt")
-        )
-        axes.hlines(y, *ends[0].T, color=FAINT, linewidth=1.4)
-        axes.vlines(x, *ends[1].T, color=FAINT, linewidth=1.4)
-        colours = [VERMILION if row["agree"] is False else BLUE for row in rows]
-        axes.scatter(x, y, s=30 if len(rows) < 200 else 9, c=colours, zorder=2)
-        for row, *place in zip(rows, x, y, strict=True) if len(rows) <= 12 else ():
-            style.annotate(axes, row["aircraft"], tuple(place), (5, -9), fontsize=8, color=SOFT)
-        labels = (f"{kind} reduction ({units})" for kind in kinds)
-        _equal_axes(axes, np.array([*x, *y, 0.0]), *labels)
-    return figure.say(
-        "Reduction predicted from the fit and reduction realised on reports that were not used in "
-        "the fit, by aircraft, with 95 % intervals. On the line they are equal; orange: they "
-        f"differ by more than the interval of their difference (n = {plural(total, 'point')})."
-    )
 
 
 def ranking_section(
     ranking: Sequence[Content], virtual: Content | None, show: html.Figures
 ) -> html.Section:
     """Return the section on which aircraft to correct first and on how such predictions held."""
-    title = "Which aircraft to correct first"
+    title, units, factor = "Which aircraft to correct first", show.units, shown_per_kt(show.units)
     known = [entry for entry in ranking if entry["expected_gain_kt"] is not None]
     if not known:
         return html.Section("ranking", title)
-    first, units = known[0], show.units
-    gain = _change(first, "expected_gain", units)
-    level = _change(first, "disagreement", units)
-    lead = f"Largest expected reduction: {first['aircraft']}, by {gain} of {level}."
-    figure = _ranking_figure(known, len(ranking) - len(known), units)
+    gain, level = (_change(known[0], key, units) for key in ("expected_gain", "disagreement"))
+    lead = f"Largest expected reduction: {known[0]['aircraft']}, by {gain} of {level}."
+    shown = known[:_MOST_ROWS]
+    figure, axes = style.panels(1.1 + 0.26 * max(len(shown), 2))
+    gains = factor * np.array([entry["expected_gain_kt"] for entry in shown])
+    ends = np.transpose([scaled(entry["expected_gain_ci_kt"], factor) for entry in shown])
+    names = [entry["aircraft"] for entry in shown]
+    label = f"expected reduction of the mean vector disagreement ({units})"
+    style.interval_rows(axes, names, gains, ends, label, color=BLUE, markersize=5.5)
+    left_out = len(ranking) - len(known)
+    others = f"; {left_out} without a usable fit" if left_out else ""
+    figure.say(
+        "Expected reduction of the disagreement from correcting each aircraft, from its fit alone, "
+        f"with 95 % intervals (n = {plural(len(shown), 'aircraft')}{others})."
+    )
     parts, lines = [show("ranking", figure)], []
-    for key, words in (
-        ("later", "Fitted up to {learned_until}, applied on all later days"),
-        ("held_out", "Cross-validation over days ({folds} parts)"),
-    ):
+    for key, (_, words) in _HELD_OUT.items():
         part = (virtual or {}).get(key) or {}
         if None in (part.get("realised_gain_kt"), part.get("predicted_gain_kt")):
             continue
-        aircraft = plural(len(part["by_aircraft"]), "aircraft")
+        aircraft, outside = plural(len(part["by_aircraft"]), "aircraft"), ""
         low, high = scaled(part["predicted_gain_ci_kt"], 1.0)
-        outside = ""
         if part["realised_gain_kt"] < low or part["realised_gain_kt"] > high:
             outside = ". The realised reduction is outside the interval of the prediction"
             if apart := [one["aircraft"] for one in part["by_aircraft"] if one["agree"] is False]:
-                names = joined(apart, most=8)
-                outside += f"; the two differ by more than their errors for {names}"
+                whom = joined(apart, most=8)
+                outside += f"; the two differ by more than their errors for {whom}"
         lines.append(
             f"{words.format_map(part)}, {plural(part['reports'], 'report')} of {aircraft}: "
             f"realised reduction {_change(part, 'realised_gain', units)}, predicted "
             f"{_change(part, 'predicted_gain', units)}{outside}."
         )
     if virtual and lines:
-        inner = [show("virtual_field_test", _prediction_figure(virtual, units))]
+        inner = show("virtual_field_test", _prediction_figure(virtual, units))
         parts.append(html.listing(lines))
         parts.append(html.folded("Predicted and realised reduction of each aircraft", inner))
     return html.Section("ranking", title, lead, parts)
 
 
-# --- comparison of references ----------------------------------------------------------------
-
-_SLICES = {
-    "by_lead_time": "lead time",
-    "by_phase": "phase of flight",
-    "by_level": "level",
-    "by_season": "season",
-}
-_VERDICTS = {None: "undecided", True: "poolable", False: "not poolable"}
+def _prediction_figure(virtual: Content, units: Units) -> Figure:
+    figure, panels = style.panels(3.8, 1, 2)
+    total, factor, kinds = 0, shown_per_kt(units), ("predicted", "realised")
+    for axes, (key, (title, _)) in zip(panels, _HELD_OUT.items(), strict=True):
+        axes.set_title(title)
+        rows = (virtual.get(key) or {}).get("by_aircraft") or []
+        if not rows:
+            style.blank(axes, "Too few reports.")
+            continue
+        total += len(rows)
+        (x, y), (x_ends, y_ends) = (
+            factor
+            * np.array([[row[f"{kind}_gain_{end}"] for row in rows] for kind in kinds], float)
+            for end in ("kt", "ci_kt")
+        )
+        axes.hlines(y, *x_ends.T, color=FAINT, linewidth=1.4)
+        axes.vlines(x, *y_ends.T, color=FAINT, linewidth=1.4)
+        colours = [VERMILION if row["agree"] is False else BLUE for row in rows]
+        axes.scatter(x, y, s=30 if len(rows) < 200 else 9, c=colours, zorder=2)
+        for row, *point in zip(rows, x, y, strict=True) if len(rows) <= 12 else ():
+            style.annotate(axes, row["aircraft"], point, (5, -9), fontsize=8, color=SOFT)
+        labels = (f"{kind} reduction ({units})" for kind in kinds)
+        _equal_axes(axes, np.array([*x, *y, 0.0]), *labels)
+    return figure.say(
+        "Reduction predicted from the fit and realised on reports that were not used in the fit, "
+        "by aircraft, with 95 % intervals. Orange: they differ by more than the interval of their "
+        f"difference (n = {plural(total, 'point')})."
+    )
 
 
 def _pair_name(pair: Content) -> str:
@@ -340,18 +317,16 @@ def pair_differences_figure(pairs: Sequence[Content]) -> Figure:
         value = np.array([pair["fleet"]["difference"][name] for pair in shown], float)
         half = NORMAL_95 * np.array([pair["fleet"]["standard_error"][name] for pair in shown])
         colour, marker = style.series_style(index)
-        y = np.arange(len(shown)) + 0.14 * (index - 2)
-        look = Look(color=colour, marker=marker, label=name)
-        intervals(axes, value, (value - half, value + half), y, **look)
-    zero_line(axes)
-    verdicts = [pair.get("poolable") for pair in shown]
-    names = [
-        f"{pair['slice'] + ': ' if pair.get('slice') else ''}{_pair_name(pair)}\n{_VERDICTS[one]}"
-        for pair, one in zip(shown, verdicts, strict=True)
-    ]
-    rows_axis(axes, names, "difference of the coefficient (degree)")
-    for label, verdict in zip(axes.get_yticklabels(), verdicts, strict=True):
-        label.set_color({None: SOFT, True: BLUE, False: VERMILION}[verdict])
+        y, look = np.arange(len(shown)) + 0.14 * (index - 2), Look(color=colour, marker=marker)
+        style.intervals(axes, value, (value - half, value + half), y, label=name, **look)
+    style.zero_line(axes)
+    slices = (f"{pair['slice']}: " if pair.get("slice") else "" for pair in shown)
+    verdicts = [_VERDICTS[pair.get("poolable")] for pair in shown]
+    each = zip(slices, map(_pair_name, shown), verdicts, strict=True)
+    names = [f"{part}{name}\n{words}" for part, name, (words, _) in each]
+    style.rows_axis(axes, names, "difference of the coefficient (degree)")
+    for label, (_, colour) in zip(axes.get_yticklabels(), verdicts, strict=True):
+        label.set_color(colour)
     figure.legend(loc="outside upper right", ncols=len(COEFFICIENTS))
     reports = max(int(pair.get("reports", 0)) for pair in shown)
     aircraft = max(int(pair["fleet"].get("aircraft", 0)) for pair in shown)
@@ -369,19 +344,19 @@ def _aircraft_differences_figure(pair: Content) -> Figure:
     if not rows:
         return style.empty_figure("No aircraft has enough reports against both references")
     figure, panels = style.panels(1.2 + max(0.2 * len(rows), 0.8), 1, 2, sharey=True)
+    label, y = "difference (degree)", np.arange(len(rows))
     for axes, name in zip(panels, ("amplitude", "offset"), strict=True):
         value = np.array([entry[name]["difference"] for entry in rows], float)
-        ends = np.transpose([scaled(entry[name]["ci"], 1.0) for entry in rows])
-        excludes_zero = (ends[0] > 0) | (ends[1] < 0)
-        colours, y = np.where(excludes_zero, VERMILION, SOFT), np.arange(len(rows))
+        ends = np.array([entry[name]["ci"] for entry in rows], float).T
+        colours = np.where((ends[0] > 0) | (ends[1] < 0), VERMILION, SOFT)
         axes.hlines(y, *ends, colors=colours, linewidth=1.3)
         axes.scatter(value, y, s=16, c=colours, zorder=2)
-        zero_line(axes)
-        axes.set(title=name.capitalize(), xlabel="difference (degree)")
+        style.zero_line(axes)
+        axes.set(title=name.capitalize(), xlabel=label)
         if np.isfinite(ends).any():
             reach = 1.1 * float(np.nanpercentile(np.abs(ends), 97)) or 1.0
             axes.set_xlim(-reach, reach)
-    rows_axis(panels[0], [entry["aircraft"] for entry in rows], "difference (degree)")
+    style.rows_axis(panels[0], [entry["aircraft"] for entry in rows], label)
     more = f" of {len(known)}, those with the largest" if len(known) > len(rows) else ""
     return figure.say(
         f"{_pair_name(pair)}: difference of each aircraft's amplitude and offset with 95 % "
@@ -395,15 +370,13 @@ def sensitivity_section(sensitivity: Content, show: html.Figures) -> html.Sectio
     title, pairs = "Comparison of references", sensitivity.get("pairs")
     if not pairs:
         return html.Section("sensitivity", title)
-    apart = [pair for pair in pairs if pair.get("poolable") is False]
+    lead = "Some pairs of references have too few reports to decide."
     if all(pair.get("poolable") for pair in pairs):
         lead = "No two references differ significantly by a size that matters: they can be pooled."
-    elif apart:
+    elif apart := [pair for pair in pairs if pair.get("poolable") is False]:
         named = "; ".join(f"{_pair_name(pair)} ({_why(pair)})" for pair in apart[:2])
         more = f", and {len(apart) - 2} more pairs" if len(apart) > 2 else ""
         lead = f"Not poolable: {named}{more}."
-    else:
-        lead = "Some pairs of references have too few reports to decide."
     details = [_pair_table(pairs, "Every pair.", show.units)]
     for pair in pairs:
         # A pool against its member repeats the difference of the members, reduced.
@@ -413,58 +386,49 @@ def sensitivity_section(sensitivity: Content, show: html.Figures) -> html.Sectio
     for key, words in _SLICES.items():
         if slices := sensitivity.get(key):
             details.append(_pair_table(slices, f"By {words}.", show.units))
-    per_m_s = shown_per_m_s(show.units)
-    corners = [
-        {
-            "three references": ", ".join(entry["references"]),
-            "reference": corner["reference"],
-            f"error of a component ({show.units} rms)": "negative variance"
-            if corner.get("component_rms") is None
-            else number_text(corner["component_rms"], factor=per_m_s),
-            "reports": f"{int(entry['reports']):,}",
-        }
-        for entry in sensitivity.get("three_way") or []
-        for corner in entry.get("errors", [])
-    ]
+    corners = []
+    for entry in sensitivity.get("three_way") or []:
+        for corner in entry.get("errors", []):
+            error = corner.get("component_rms")
+            rms = number_text(error, factor=shown_per_m_s(show.units))
+            corners.append(
+                {
+                    "three references": ", ".join(entry["references"]),
+                    "reference": corner["reference"],
+                    f"error of a component ({show.units} rms)": (
+                        "negative variance" if error is None else rms
+                    ),
+                    "reports": f"{int(entry['reports']):,}",
+                }
+            )
+    note = (
+        "Three-cornered hat. It assumes independent errors of the three references; references "
+        "that assimilate the same reports get too small an error."
+    )
     if corners:
-        note = (
-            "Three-cornered hat. It assumes independent errors of the three references; references "
-            "that assimilate the same reports get too small an error."
-        )
-        names = ("three references", "reference")
-        details += [
-            html.heading("Error of each reference"),
-            html.table(corners, words=names, caption=note),
-        ]
+        details.append(html.heading("Error of each reference"))
+    text = ("three references", "reference")
+    details.append(html.table(corners, words=text, caption=note))
     parts = [show("references", pair_differences_figure(pairs))]
-    parts.append(html.folded("Tables, single aircraft, and slices of the reports", details))
+    parts.append(html.folded("Tables, single aircraft, and slices of the reports", *details))
     return html.Section("sensitivity", title, lead, parts)
 
 
 def _pair_table(pairs: Sequence[Content], caption: str, units: Units) -> Markup:
-    factor, fleets = shown_per_m_s(units), [pair["fleet"] for pair in pairs]
-    winds = [pair.get("mean_vector_difference_m_s") for pair in pairs]
-    tested = [
-        fleet if pair.get("own_test", True) else {}
-        for fleet, pair in zip(fleets, pairs, strict=True)
-    ]
-    p_values = np.array([fleet.get("p_value") for fleet in tested], float)
-    columns = {
-        "slice": [pair.get("slice", "") for pair in pairs],
-        "pair": [_pair_name(pair) for pair in pairs],
-        "verdict": [_VERDICTS[pair.get("poolable")] for pair in pairs],
-        "why": [_why(pair) for pair in pairs],
-        "difference of the curves (degree rms)": [
-            number_text(fleet.get("curve_rms_deg")) for fleet in fleets
-        ],
-        "p value": [f"{value:.2g}" if np.isfinite(value) else "-" for value in p_values],
-        f"difference of the winds ({units})": [number_text(x, factor=factor) for x in winds],
-        "reports": [f"{int(pair.get('reports', 0)):,}" for pair in pairs],
-    }
-    if not any(columns["slice"]):
-        del columns["slice"]
+    wind, rows = f"difference of the winds ({units})", []
+    for pair in pairs:
+        p_value = pair["fleet"].get("p_value") if pair.get("own_test", True) else None
+        row = {"slice": pair["slice"]} if pair.get("slice") else {}
+        row |= {"pair": _pair_name(pair), "verdict": _VERDICTS[pair.get("poolable")][0]}
+        row |= {"why": _why(pair)}
+        curves = number_text(pair["fleet"].get("curve_rms_deg"))
+        row["difference of the curves (degree rms)"] = curves
+        row["p value"] = "-" if p_value is None or np.isnan(p_value) else f"{p_value:.2g}"
+        speed = pair.get("mean_vector_difference_m_s")
+        row[wind] = number_text(speed, factor=shown_per_m_s(units))
+        rows.append(row | {"reports": f"{int(pair.get('reports', 0)):,}"})
     doubt, words = [pair.get("poolable") is None for pair in pairs], ("slice", "pair", "verdict")
-    return html.table(columns, words=words, long=["why"], caption=caption, doubt=doubt)
+    return html.table(rows, words=words, long=["why"], caption=caption, doubt=doubt)
 
 
 def _why(pair: Content) -> str:
@@ -473,23 +437,45 @@ def _why(pair: Content) -> str:
     return str(pair.get("why", "")).replace(" +- ", " ± ")
 
 
-# --- observation errors ----------------------------------------------------------------------
-
-_PHASES = ("ascent", "cruise", "descent")
-_METHODS = {"separation": "separation by neighbours", "three_cornered_hat": "three-cornered hat"}
-_USED_ELSEWHERE = {
-    "wrfda_tamdar_error": ("WRFDA, TAMDAR", "-"),
-    "wrfda_airep_error": ("WRFDA, AIREP", "--"),
-    "nam_tamdar_error": ("NAM, TAMDAR", "-."),
-    "nam_mdcrs_error": ("NAM, MDCRS", ":"),
-}
+def report_errors_section(errors: xr.Dataset, show: html.Figures) -> html.Section:
+    """Return the section on the observation error of the reports alone."""
+    title = "Observation error of the reports"
+    why = str(errors.attrs.get("method_reason", "")).replace("m2/s2", "m²/s²")
+    used = str(errors.attrs.get("method", ""))
+    if not used:
+        return html.Section("report-errors", title, "It could not be determined.", [why])
+    factor, units = shown_per_m_s(show.units), show.units
+    lines = [f"Method: {_METHODS.get(used, used)} ({why})."]
+    before, after = factor * errors["aircraft_observation_error"].transpose("state", ...)
+    gain = (before - after).to_numpy()
+    if np.isfinite(gain).any():
+        best = int(np.nanargmax(gain))
+        lines.append(
+            f"Largest improvement: {errors['aircraft'].to_numpy()[best]}, {before[best]:.2f} "
+            f"{units} as reported, {after[best]:.2f} corrected."
+        )
+    key, rows = "fleet_observation_error_by_method", []
+    for method, words in _METHODS.items():
+        row = {"method": words}
+        for state, *_ in style.STATES:
+            chosen = errors.sel(way=method, state=state)
+            ends = chosen[f"{key}_interval"].to_numpy().tolist()
+            row[f"{state} ({units})"] = amount(chosen[key], ends, factor=factor)
+        rows.append(row)
+    caption = (
+        "Error of a component over all reports, with 95 % intervals. The three-cornered hat counts "
+        "the common error of the references as error of the reports. Grey italics: not used."
+    )
+    doubt = [method != used for method in _METHODS]
+    methods = html.table(rows, words=["method"], caption=caption, doubt=doubt)
+    parts = [show("observation_errors", _report_errors_figure(errors, units))]
+    parts.append(html.folded("Both methods", methods, html.listing(lines)))
+    return html.Section("report-errors", title, worth_sentence(errors, units=units), parts)
 
 
 def _report_errors_figure(errors: xr.Dataset, units: Units) -> Figure:
-    cells = {
-        phase: int(errors["observation_error"].sel(flight_phase=phase).notnull().any("state").sum())
-        for phase in _PHASES
-    }
+    known = errors["observation_error"].notnull().any("state")
+    cells = {phase: int(known.sel(flight_phase=phase).sum()) for phase in _PHASES}
     phases = [phase for phase in _PHASES if cells[phase]]
     if not phases:
         message = "Too few reports near each other to separate the observation error"
@@ -510,7 +496,7 @@ def _report_errors_figure(errors: xr.Dataset, units: Units) -> Figure:
             ends = np.where(np.isnan(ends), value, ends)[:, shown]
             look = Look(color=colour, marker=marker, linestyle="-", linewidth=1.4)
             y = level[shown] + 8.0 * (index - 0.5)
-            intervals(axes, value[shown], ends, y, label=f"as {state}", **look)
+            style.intervals(axes, value[shown], ends, y, label=f"as {state}", **look)
         axes.set(title=phase, xlabel=f"error of a component ({units})")
     panels[0].set_xlim(left=0.0)
     panels[0].set(ylim=(1000, 200), ylabel="pressure (hPa)")
@@ -519,52 +505,10 @@ def _report_errors_figure(errors: xr.Dataset, units: Units) -> Figure:
     missing = " and ".join(phase for phase in _PHASES if phase not in phases)
     few = f" Too few reports near each other in {missing}." if missing else ""
     return figure.say(
-        "Standard error of a wind component of the reports, without the error of the reference, by "
-        "phase of flight and layer, with 95 % intervals; grey: errors used in assimilation systems "
+        "Standard error of a wind component of the reports, without the error of the reference, "
+        "with 95 % intervals; grey: errors used in assimilation systems "
         f"(n = {plural(number, 'report')}, {plural(sum(cells.values()), 'cell')} known).{few}"
     )
-
-
-def report_errors_section(errors: xr.Dataset, show: html.Figures) -> html.Section:
-    """Return the section on the observation error of the reports alone."""
-    title = "Observation error of the reports"
-    why = str(errors.attrs.get("method_reason", "")).replace("m2/s2", "m²/s²")
-    used = str(errors.attrs.get("method", ""))
-    if not used:
-        return html.Section(
-            "report-errors", title, "It could not be determined.", [html.listing([why])]
-        )
-    factor, units = shown_per_m_s(show.units), show.units
-    lines = [f"Method: {_METHODS.get(used, used)} ({why})."]
-    by_aircraft = factor * errors["aircraft_observation_error"].transpose("state", ...).to_numpy()
-    gain = by_aircraft[0] - by_aircraft[1]
-    if np.isfinite(gain).any():
-        best = int(np.nanargmax(gain))
-        name = str(errors["aircraft"].to_numpy()[best])
-        before, after = by_aircraft[:, best]
-        lines.append(
-            f"Largest improvement: {name}, {before:.2f} {units} as reported, {after:.2f} corrected."
-        )
-    rows = []
-    for method, words in _METHODS.items():
-        row = {"method": words}
-        for state, *_ in style.STATES:
-            chosen = errors.sel(way=method, state=state)
-            key = "fleet_observation_error_by_method"
-            ends = chosen[f"{key}_interval"].to_numpy().tolist()
-            row[f"{state} ({units})"] = amount(chosen[key], ends, factor=factor)
-        rows.append(row)
-    caption = (
-        "Error of a component over all reports, with 95 % intervals. The three-cornered hat counts "
-        "the common error of the references as error of the reports. Grey italics: not used."
-    )
-    doubt = [method != used for method in _METHODS]
-    methods = html.table(rows, words=["method"], caption=caption, doubt=doubt)
-    parts = [
-        show("observation_errors", _report_errors_figure(errors, units)),
-        html.folded("Both methods", [methods, html.listing(lines)]),
-    ]
-    return html.Section("report-errors", title, worth_sentence(errors, units=units), parts)
 
 
 def worth_sentence(errors: xr.Dataset, *, units: Units = "kt") -> str:

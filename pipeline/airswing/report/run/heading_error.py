@@ -18,13 +18,14 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Wedge
 from numpy.typing import NDArray
 
+from airswing.compass.correction import deviation_curve
 from airswing.flags import published
 from airswing.physics.robust_spread import robust_sd
 from airswing.report.html import style
 from airswing.report.html.style import BLUE, INK, SKY, SOFT, VERMILION, Look
 from airswing.report.html.text import Units, plural
 from airswing.report.run import selection
-from airswing.report.run.selection import Run, curve_half_width, curve_of
+from airswing.report.run.selection import Run, curve_half_width
 from airswing.units import NORMAL_95
 
 Floats = NDArray[np.float64]
@@ -56,6 +57,10 @@ def binned_medians(heading: Floats, value: Floats, *, width: float = BIN_WIDTH) 
     return np.array(rows, float).reshape(-1, 3).T
 
 
+def _curve(fit: xr.Dataset) -> Floats:
+    return deviation_curve(np.nan_to_num(fit["deviation"].to_numpy()), _GRID)
+
+
 def _error_limit(error: Floats, fitted: Floats) -> float:
     """Return half the height of a panel (degrees) that contains the curve and most reports."""
     # One report in forty may lie outside; beyond 60 degrees the curve would look flat.
@@ -79,7 +84,7 @@ def draw_heading_error(
     panel, degrees, by default from the data; `bins` replaces the medians of the reports. A small
     panel, one of many, has fewer points, thinner lines and no axis titles.
     """
-    usable, curve = bool(published(fit["status"])), curve_of(fit, _GRID)
+    usable, curve = bool(published(fit["status"])), _curve(fit)
     limit = _error_limit(error, curve) if limit is None else limit
     scale = 0.6 if small else 1.0
     if heading.size > style.MANY and not small:
@@ -173,7 +178,7 @@ def heading_error_figure(
 def heading_errors_figure(run: Run, names: Sequence[str]) -> Figure:
     """Draw small panels of the heading error of several aircraft on one scale."""
     shown = [(name, *run.points(name), run.fit(name)) for name in names]
-    limits = [_error_limit(error, curve_of(fit, _GRID)) for *_, error, fit in shown]
+    limits = [_error_limit(error, _curve(fit)) for *_, error, fit in shown]
     limit = min(_WIDEST, max(limits))
     figure, panels = small_panels(len(names))
     for axes, (name, heading, error, fit) in zip(panels, shown, strict=True):
@@ -183,12 +188,12 @@ def heading_errors_figure(run: Run, names: Sequence[str]) -> Figure:
         axes.tick_params(labelsize=8, labelbottom=True)
     reports = sum(heading.size for _, heading, *_ in shown)
     return figure.say(
-        f"Heading error (degree) against indicated magnetic heading (degree) of "
-        f"{plural(len(names), 'aircraft')} against {run.reference}, on one scale (n = "
-        f"{plural(reports, 'report')}). Grey: reports, at most {_SMALL_DRAWN} of each aircraft; "
-        f"black: medians in bins of {SMALL_BIN_WIDTH:.0f} degrees with 95 % intervals; blue: "
-        "fitted curve and its 95 % interval (dashed: not usable); orange diamonds: heading error "
-        f"removed by the 8-point table ({_table_words(run.fits)}).{run.bias_words}"
+        "Heading error (degree) against indicated magnetic heading (degree), "
+        f"{plural(len(names), 'aircraft')} against {run.reference} (n = "
+        f"{plural(reports, 'report')}). Grey: at most {_SMALL_DRAWN} reports of each; black: "
+        f"medians in bins of {SMALL_BIN_WIDTH:.0f} degrees; blue: fitted curve (dashed: not "
+        "usable); bars and band: 95 % intervals; orange: removed by the 8-point table "
+        f"({_table_words(run.fits)}).{run.bias_words}"
     )
 
 
@@ -244,8 +249,7 @@ def coverage_figure(headings: xr.Dataset, names: Sequence[str]) -> Figure:
     axes.set_ylim(-pitch_y * (rows - 1) - 1.7, 1.3)
     axes.axis("off")
     return figure.say(
-        f"Headings flown: each rose shows the magnetic headings of one aircraft's screened "
-        f"reports in {_SECTORS} sectors, north up; the area is proportional to the number "
-        f"(n = {plural(total, 'report')}, {plural(len(names), 'aircraft')}). Below each: the "
-        "number of reports and of the eight compass points flown (orange: fewer than eight)."
+        f"Magnetic headings of each aircraft's screened reports in {_SECTORS} sectors, north up; "
+        f"areas are numbers (n = {plural(total, 'report')}, {plural(len(names), 'aircraft')}). "
+        "Below: reports and compass points flown (orange: fewer than eight)."
     )

@@ -253,14 +253,14 @@ def innovations_section(
         figure = innovation_figure(statistics, chosen, units)
         parts.append(show("innovations", figure, dpi=120))
         tables = [_innovation_table(statistics, by, chosen, units) for by in _CELLS]
-        parts.append(html.folded("Tables by aircraft, phase of flight and layer", tables))
+        parts.append(html.folded("Tables by aircraft, phase of flight and layer", *tables))
         histogram = _innovation_histogram_figure(statistics, chosen, units)
-        parts.append(html.folded("Histogram", [show("innovation_histogram", histogram)]))
+        parts.append(html.folded("Histogram", show("innovation_histogram", histogram)))
         series = _innovation_series_figure(statistics, chosen, names, units)
         shown = show("innovation_series", series, dpi=120)
-        parts.append(html.folded("Daily means by aircraft", [shown]))
+        parts.append(html.folded("Daily means by aircraft", shown))
     if sounding is not None:
-        parts.append(html.folded("A sounding", [show("sounding", sounding)]))
+        parts.append(html.folded("A sounding", show("sounding", sounding)))
     return html.Section("innovations", "Innovations (observation minus reference)", lead, parts)
 
 

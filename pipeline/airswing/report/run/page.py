@@ -24,7 +24,7 @@ from airswing.products.whole_files import write_text
 from airswing.report.html import document as html
 from airswing.report.html import style
 from airswing.report.html.maps import places_section
-from airswing.report.html.style import Look
+from airswing.report.html.style import FAINT, SOFT, Look
 from airswing.report.html.text import Units, interval_text, number_text, plural, shown_per_kt
 from airswing.report.run import evaluation as judged
 from airswing.report.run import heading_error as compass
@@ -140,7 +140,7 @@ def write_page(
         headline=selection.headline(fits, total, reference, units),
         facts=_facts(run, total),
         warnings=[str(line) for line in warnings] if isinstance(warnings, Iterable) else [],
-        sections=[section for section in sections if section],
+        sections=sections,
         footer=f"airswing {__version__}. ± and ranges in brackets are 95 % intervals, with flights "
         "as the independent units, unless stated otherwise. Map outline: Natural Earth and US "
         "Census Bureau, public domain.",
@@ -166,9 +166,6 @@ def _facts(run: Run, total: Total | None) -> list[tuple[str, str]]:
     return [*facts, (f"{selection.kept_reports(run.headings):,}", reports)]
 
 
-# --- corrections ---------------------------------------------------------------------------------
-
-
 def _corrections_section(run: Run, folder: Path, summary: Mapping[str, object]) -> html.Section:
     meaning = (
         "the heading error itself, in degrees to subtract from the indicated heading"
@@ -184,15 +181,15 @@ def _corrections_section(run: Run, folder: Path, summary: Mapping[str, object]) 
     fit = run.fits.sel(reference=run.reference, aircraft=run.order)
     status, usable = fit["status"].to_numpy(), published(fit["status"])
     columns, words = _correction_columns(fit, usable), ("aircraft", "status")
-    formula = map(html.paragraph, selection.FORMULA)
+    folding = "The deviation's formula, and offset, amplitude and phase"
     parts = [
         html.table(columns, words=words, caption=caption, doubt=~usable, sortable=True),
-        html.folded("The deviation's formula, and offset, amplitude and phase", formula),
+        html.folded(folding, *selection.FORMULA),
     ]
     more: Any = summary.get("links") or ()
     there = (name for name in PRODUCTS if (folder.parent / name).exists())
-    if links := [*((PRODUCTS[name], f"../{name}") for name in there), *more]:
-        parts.append(html.listing(html.link(str(address), str(label)) for label, address in links))
+    links = [*((PRODUCTS[name], f"../{name}") for name in there), *more]
+    parts.append(html.listing(html.link(str(address), str(label)) for label, address in links))
     lead = "The table to load into each unit."
     if not usable.any():
         reasons = [
@@ -205,23 +202,24 @@ def _corrections_section(run: Run, folder: Path, summary: Mapping[str, object]) 
 
 def _correction_columns(fits: xr.Dataset, usable: np.ndarray) -> dict[str, list[str]]:
     zero, status = selection.needs_no_correction(fits), map(status_words, fits["status"].values)
-    sized = [
-        name for name in map(str, fits) if name.startswith(("table_", "offset", "amp", "phase"))
+    # A refused fit has no numbers.
+    sizes = [
+        name for name in map(str, fits) if name.startswith(("table", "offset", "amp", "phase"))
     ]
-    known = fits[sized].where(xr.DataArray(usable, dims="aircraft"))  # refused fits: no numbers
+    known = fits[sizes].where(xr.DataArray(usable, dims="aircraft"))
 
     def with_interval(name: str, digits: int) -> list[str]:
         pairs = zip(known[name].values, known[f"{name}_standard_error"].values, strict=True)
         return [interval_text(value, NORMAL_95 * error, digits=digits) for value, error in pairs]
 
-    def correction(value: float) -> str:
-        return f"{round(value, 1) + 0.0:+.1f}" if np.isfinite(value) else "-"
-
-    tables = known["table_correction"].transpose("node", "aircraft").to_numpy()
+    tables = known["table_correction"].transpose("node", "aircraft").to_numpy() + 0.0
     nodes = [f"{node:.0f}°" for node in fits["table_heading"].to_numpy()]
     return {
         "aircraft": names_of(fits),
-        **{node: [*map(correction, x)] for node, x in zip(nodes, tables, strict=True)},
+        **{
+            node: [interval_text(value, np.nan, digits=1, sign=True) for value in row]
+            for node, row in zip(nodes, tables, strict=True)
+        },
         "resi\u00addual": [number_text(x) for x in known["table_residual_rms"].values],
         "offset": with_interval("offset", 2),
         "amplitude": with_interval("amplitude", 2),
@@ -234,34 +232,32 @@ def _correction_columns(fits: xr.Dataset, usable: np.ndarray) -> dict[str, list[
     }
 
 
-# --- heading errors ------------------------------------------------------------------------------
-
-
 def _curves_section(run: Run, show: html.Figures) -> html.Section:
-    parts, order = [], run.order
+    parts: list[str] = []
+    order = run.order
     for start in range(0, len(order[:SMALL_PANELS]), SMALL_TOGETHER):
         names = order[start : min(start + SMALL_TOGETHER, SMALL_PANELS)]
         figure = compass.heading_errors_figure(run, names)
         shown = show(f"heading_errors_{start // SMALL_TOGETHER + 1}", figure, dpi=120)
         title = f"{names[0]} to {names[-1]}, by amplitude ({len(names)} aircraft)"
-        parts.append(shown if start == 0 else html.folded(title, [shown]))
+        parts.append(shown if start == 0 else html.folded(title, shown))
     parts.append(html.heading("Each aircraft"))
     if len(order) > LARGE_PANELS:
         few = f"The {LARGE_PANELS} aircraft with the largest amplitude; the swing cards show all."
-        parts.append(html.paragraph(few))
+        parts.append(few)
     for index, name in enumerate(order[:LARGE_PANELS]):
         fit = run.fit(name)
         if not np.isfinite(fit["deviation"].to_numpy()).any():
             continue  # the small panel has its reports
-        figure = compass.heading_error_figure(
-            run.headings, run.fits, name, run.reference, units=run.units
-        )
-        inner = [show(f"heading_error_{index + 1:02d}_{name}", figure, dpi=120)]
+        given = run.headings, run.fits, name, run.reference
+        figure = compass.heading_error_figure(*given, units=run.units)
+        shown, values = show(f"heading_error_{index + 1:02d}_{name}", figure, dpi=120), ""
         if published(fit["status"]):
             texts = selection.coefficient_texts(fit).items()
             values = ", ".join(f"{letter} = {value}" for letter, value in texts)
-            inner.append(html.paragraph(f"Coefficients with 95 % intervals: {values}."))
-        parts.append(html.folded(f"{name}: {selection.fit_words(fit)}", inner, unfolded=index == 0))
+            values = f"Coefficients with 95 % intervals: {values}."
+        title = f"{name}: {selection.fit_words(fit)}"
+        parts.append(html.folded(title, shown, values, unfolded=index == 0))
     lead = (
         "Heading error is the indicated heading minus the heading implied by the reference wind; "
         "for a compass without deviation it scatters about zero."
@@ -269,21 +265,15 @@ def _curves_section(run: Run, show: html.Figures) -> html.Section:
     return html.Section("curves", "Heading error against heading", lead, parts)
 
 
-# --- the fleet -----------------------------------------------------------------------------------
-
-
 def _fleet_section(run: Run, apart: BeforeAfter | None, show: html.Figures) -> html.Section:
     names = run.order[:OVERVIEW]
+    few = f"The {len(names)} aircraft with the largest amplitude."
     parts = [show("fleet", _fleet_figure(run.fits, names))]
     if apart is not None:
-        known = names_of(run.headings)
-        figure = before_after_figure(apart, known, names, run.reference, run.units)
-        parts.append(show("disagreement", figure))
-    if len(names) < len(run.order):
-        parts.insert(0, html.paragraph(f"The {len(names)} aircraft with the largest amplitude."))
+        parts.append(show("disagreement", _before_after_figure(run, apart, names)))
     roses = show("headings_flown", compass.coverage_figure(run.headings, names))
-    parts.append(html.folded("Headings flown", [roses]))
-    return html.Section("fleet", "The fleet", "", parts)
+    parts.append(html.folded("Headings flown", roses))
+    return html.Section("fleet", "The fleet", few if len(names) < len(run.order) else "", parts)
 
 
 def _fleet_figure(fits: xr.Dataset, names: Sequence[str]) -> Figure:
@@ -298,7 +288,7 @@ def _fleet_figure(fits: xr.Dataset, names: Sequence[str]) -> Figure:
         half = NORMAL_95 * np.nan_to_num(fits[f"{quantity}_standard_error"].to_numpy())
         for index, reference in enumerate(references):
             colour, marker = style.series_style(index)
-            solid, hollow = (colour, colour, reference), ("white", style.SOFT, None)
+            solid, hollow = (colour, colour, reference), ("white", SOFT, None)
             for usable, (face, edge, label) in ((True, solid), (False, hollow)):
                 chosen = (good[index] == usable) & np.isfinite(value[index])
                 x, reach = value[index][chosen], half[index][chosen]
@@ -315,7 +305,7 @@ def _fleet_figure(fits: xr.Dataset, names: Sequence[str]) -> Figure:
             low = 0.0 if quantity == "amplitude" else min(low - margin, 0.0)
             axes.set_xlim(low, max(high + margin, 0))
         else:
-            look = Look(transform=axes.transAxes, ha="center", color=style.SOFT)
+            look = Look(transform=axes.transAxes, ha="center", color=SOFT)
             axes.text(0.5, 0.5, "none was fitted", **look)
             axes.set_xticks([])
     style.zero_line(right)
@@ -331,24 +321,20 @@ def _fleet_figure(fits: xr.Dataset, names: Sequence[str]) -> Figure:
     )
 
 
-def before_after_figure(
-    found: BeforeAfter, known: Sequence[str], aircraft: Sequence[str], reference: str, units: Units
-) -> Figure:
-    """Draw the disagreement of each corrected aircraft before and after, the largest gain first.
-
-    `found` has the numbers of the aircraft `known`, of which `aircraft` are drawn.
-    """
-    rows = [known.index(name) for name in aircraft if found.number[known.index(name)] > 0]
+def _before_after_figure(run: Run, apart: BeforeAfter, aircraft: Sequence[str]) -> Figure:
+    """Draw the disagreement of each corrected aircraft, the largest gain first."""
+    known, units, reference = names_of(run.headings), run.units, run.reference
+    rows = [known.index(name) for name in aircraft if apart.number[known.index(name)] > 0]
     if not rows:
         return style.empty_figure("No aircraft was corrected")
-    rows.sort(key=lambda row: -found.reduction[row])
+    rows.sort(key=lambda row: -apart.reduction[row])
     height = 1.3 + max(0.22 * len(rows), 1.2)
     figure, (left, right) = style.panels(height, 1, 2, sharey=True, width_ratios=(1.5, 1))
     before, after, reduction, half = (
-        shown_per_kt(units) * np.nan_to_num(part[rows]) for part in found[:4]
+        shown_per_kt(units) * np.nan_to_num(part[rows]) for part in apart[:4]
     )
     y, names = np.arange(len(rows)), [known[row] for row in rows]
-    left.hlines(y, after, before, color=style.FAINT, linewidth=2.5)
+    left.hlines(y, after, before, color=FAINT, linewidth=2.5)
     left.plot(before, y, "o", color=style.ORANGE, markersize=6, label="as reported")
     left.plot(after, y, "D", color=style.BLUE, markersize=5.5, label="corrected")
     left.set_xlim(left=0)
@@ -359,62 +345,67 @@ def before_after_figure(
     figure.legend(*left.get_legend_handles_labels(), loc="outside upper left", ncols=2)
     return figure.say(
         f"Mean length of the difference between reported and {reference} wind before and after "
-        f"the correction, by aircraft: {(reduction > half).sum()} of {len(rows)} improve by more "
-        f"than their interval (n = {plural(found.number[rows].sum(), 'report')}, the same before "
-        "and after; the fits were made from them)."
+        f"the correction: {(reduction > half).sum()} of {len(rows)} aircraft improve by more "
+        f"than their interval (n = {plural(apart.number[rows].sum(), 'report')}, those of the fit)."
     )
 
 
-# --- what was left out, and the run --------------------------------------------------------------
-
-
-def _audit_figure(headings: xr.Dataset, rules: Sequence[selection.Rule]) -> Figure:
-    reading = tally(headings, "reading_audit")
+def _audit_section(headings: xr.Dataset, show: html.Figures) -> html.Section:
+    """Return the section on the reports left out, on reading and on screening."""
+    reading, rules = tally(headings, "reading_audit"), selection.screening_audit(headings)
     total, kept = headings.sizes["report"], selection.kept_reports(headings)
-    reasons = [
-        (before + name, number, colour)
-        for before, key, colour in (
-            ("", "dropped", style.SOFT),
-            ("repaired: ", "repaired", style.FAINT),
-        )
+    reasons = {
+        before + name: (number, colour)
+        for before, key, colour in (("", "dropped", SOFT), ("repaired: ", "repaired", FAINT))
         for name, number in sorted(reading.get(key, {}).items(), key=lambda item: -item[1])
         if number
-    ]
+    }
     lines = max(len(rules), len(reasons), 1)
     widths = (1.25, 1) if reasons else (1, 0.001)
     figure, (left, right) = style.panels(1.5 + 0.32 * lines, 1, 2, width_ratios=widths)
+    left.set_title("Screening before the fit")
+    names = [rule.replace("_", " ") for rule, *_ in rules]
+    marked, alone = [rule[1] for rule in rules], [rule[2] for rule in rules]
     if rules:
-        names, together, alone = zip(*rules, strict=True)
-        _bars(left, names, together, style.SKY, total, lines)
-        look = Look(color=style.BLUE, height=0.7, label="by no other rule")
-        left.barh(range(len(names)), alone, **look)
+        _bars(left, names, marked, style.SKY, total, lines)
+        left.barh(range(len(names)), alone, color=style.BLUE, height=0.7, label="by no other rule")
         left.legend(loc="lower right", title="reports marked")
     else:
         style.blank(left, "No rule left out a report.")
-    left.set_title("Screening before the fit")
     if reasons:
-        names, numbers, colours = zip(*reasons, strict=True)
-        _bars(right, names, numbers, list(colours), 0, lines)
+        numbers, colours = zip(*reasons.values(), strict=True)
         right.set_title("Dropped or repaired on reading")
+        _bars(right, [name.replace("_", " ") for name in reasons], numbers, colours, 0, lines)
     else:
         right.axis("off")
-    return figure.say(
+    figure.say(
         f"What was left out (n = {plural(total, 'report')}): {kept:,} "
         f"({100 * kept / max(total, 1):.1f} %) entered the fits. Several rules can mark the same "
         "report; the dark part of a bar was marked by that rule alone."
     )
+    columns = {
+        "rule": names,
+        "reports marked": [f"{number:,}" for number in marked],
+        "by this rule alone": [f"{number:,}" for number in alone],
+        "share of all": [f"{100 * number / total:.1f} %" for number in marked],
+    }
+    caption = f"Screening by rule (n = {total:,} reports)."
+    counts = html.table(columns, words=["rule"], caption=caption)
+    parts = [show("screening", figure), html.folded("Counts", counts)]
+    others = [entry["reason"] for entry in reading.get("files_skipped", [])][1:_FILES_NAMED]
+    messages = [*reading_warnings(reading), *(f"also left out: {reason}" for reason in others)]
+    for name, entry in tally(headings, "reference_audit").items():
+        why = model_reasons([*entry.get("skipped", []), *entry.get("unread", [])])
+        messages += [f"{name}: {line}" for line in [*why, *entry.get("notes", [])]]
+    parts.append(html.folded("Files and messages", html.listing(messages), unfolded=True))
+    return html.Section("audit", "What was left out", "", parts)
 
 
 def _bars(
-    axes: Axes,
-    names: Sequence[str],
-    numbers: Sequence[int],
-    colour: str | list[str],
-    total: int,
-    lines: int,
+    axes: Axes, names: Sequence[str], numbers: Sequence[int], colour: Any, total: int, lines: int
 ) -> None:
     axes.barh(range(len(names)), numbers, color=colour, height=0.7, label="by this rule")
-    style.rows_axis(axes, [name.replace("_", " ") for name in names], "reports")
+    style.rows_axis(axes, names, "reports")
     axes.set_ylim(lines - 0.4, -0.6)
     for row, number in enumerate(numbers):
         share = f" ({100 * number / total:.1f} %)" if total else ""
@@ -422,29 +413,6 @@ def _bars(
     # Space for the numbers to the right of the bars.
     axes.set_xlim(0, max([*numbers, 1]) * (1.5 if total else 1.35))
     axes.xaxis.set_major_locator(MaxNLocator(5, integer=True))
-
-
-def _audit_section(headings: xr.Dataset, show: html.Figures) -> html.Section:
-    total, rules = headings.sizes["report"], selection.screening_audit(headings)
-    columns = {
-        "rule": [rule.name.replace("_", " ") for rule in rules],
-        "reports marked": [f"{rule.together:,}" for rule in rules],
-        "by this rule alone": [f"{rule.alone:,}" for rule in rules],
-        "share of all": [f"{100 * rule.together / total:.1f} %" for rule in rules],
-    }
-    counts = html.table(
-        columns, words=["rule"], caption=f"Screening by rule (n = {total:,} reports)."
-    )
-    parts = [show("screening", _audit_figure(headings, rules)), html.folded("Counts", [counts])]
-    reading = tally(headings, "reading_audit")
-    others = [entry["reason"] for entry in reading.get("files_skipped", [])][1:_FILES_NAMED]
-    lines = [*reading_warnings(reading), *(f"also left out: {reason}" for reason in others)]
-    for name, entry in tally(headings, "reference_audit").items():
-        reasons = model_reasons([*entry.get("skipped", []), *entry.get("unread", [])])
-        lines += [f"{name}: {line}" for line in [*reasons, *entry.get("notes", [])]]
-    if lines:
-        parts.append(html.folded("Files and messages", [html.listing(lines)], unfolded=True))
-    return html.Section("audit", "What was left out", "", parts)
 
 
 def _run_section(summary: Mapping[str, object], headings: xr.Dataset) -> html.Section:
@@ -464,4 +432,4 @@ def _run_section(summary: Mapping[str, object], headings: xr.Dataset) -> html.Se
         if headings.attrs.get(name)
     }
     whole = html.table({"item": entries, "value": entries.values()}, words=["item"], long=["value"])
-    return html.Section("run", "This run", "", [whole] if entries else [])
+    return html.Section("run", "This run", "", [whole])

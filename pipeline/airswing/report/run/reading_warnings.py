@@ -39,19 +39,18 @@ def tally(ds: xr.Dataset, name: str) -> Any:
 def reading_warnings(audit: AuditContent) -> list[str]:
     """Return warnings on the reports that were read, from ``reading_audit``; a line each."""
     lines = []
-    skipped, groups = audit.get("files_skipped", []), audit.get("similar_tails", [])
-    if skipped:
+    if skipped := audit.get("files_skipped", []):
         lines.append(
             f"{len(skipped)} of {len(skipped) + audit.get('files', 0)} report files left out; "
             f"the first: {skipped[0]['reason']}"
         )
-    dropped = {why: n for why, n in audit.get("dropped", {}).items() if n and why not in _AS_ASKED}
+    dropped = [
+        (-n, why) for why, n in audit.get("dropped", {}).items() if n and why not in _AS_ASKED
+    ]
     if dropped:
-        reasons = sorted(dropped.items(), key=lambda one: (-one[1], one[0]))
-        counts = ", ".join(f"{why.replace('_', ' ')} {n:,}" for why, n in reasons)
-        lines.append(
-            f"{sum(dropped.values()):,} of {audit['reports_read']:,} reports left out: {counts}"
-        )
+        counts = ", ".join(f"{why.replace('_', ' ')} {-n:,}" for n, why in sorted(dropped))
+        total = -sum(n for n, _ in dropped)
+        lines.append(f"{total:,} of {audit['reports_read']:,} reports left out: {counts}")
     if examples := audit.get("examples", {}):
         values = ", ".join(f"{name} such as {value}" for name, value in examples.items())
         lines.append(f"values that cannot be read: {values}")
@@ -60,7 +59,7 @@ def reading_warnings(audit: AuditContent) -> list[str]:
             column = name.removesuffix(_REPEATED)
             lines.append(f"a report file has two columns named {column}: the first is used")
     lines += audit.get("notes", [])
-    if groups:
+    if groups := audit.get("similar_tails", []):
         shown = "; ".join(", ".join(map(repr, group)) for group in groups[:_GROUPS_SHOWN])
         more = len(groups) - _GROUPS_SHOWN
         lines.append(

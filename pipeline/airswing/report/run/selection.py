@@ -18,7 +18,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from airswing.compass.correction import deviation_curve, error_from_table
+from airswing.compass.correction import error_from_table
 from airswing.errors import InputError
 from airswing.evaluation.disagreement import member_mean
 from airswing.evaluation.resampling import cluster_sums, clustered_mean
@@ -97,32 +97,27 @@ class Run:
 
     def fit(self, aircraft: str | int) -> xr.Dataset:
         """Return the fit of one aircraft, or raise InputError."""
-        return self.fits.isel(
-            reference=_place(
-                self.fits, "reference", self.reference, "no fit against this reference"
-            ),
-            aircraft=_place(self.fits, "aircraft", aircraft),
-        )
+        what, fits = "no fit against this reference", self.fits
+        reference = _place(fits, "reference", self.reference, what)
+        return fits.isel(reference=reference, aircraft=_place(fits, "aircraft", aircraft))
 
     @cached_property
     def bias(self) -> tuple[float, float]:
         """Fitted eastward and northward bias of the reference (m/s), zero without one."""
         if "reference_bias" not in self.fits:
             return 0.0, 0.0
-        bias = self.fits["reference_bias"].sel(reference=self.reference).to_numpy().astype(float)
-        eastward, northward = np.nan_to_num(bias)
+        eastward, northward = self.fits["reference_bias"].sel(reference=self.reference).fillna(0.0)
         return float(eastward), float(northward)
 
     @property
     def bias_words(self) -> str:
         """A sentence on the bias subtracted from the points; empty where there is none."""
         east, north = (shown_per_m_s(self.units) * part for part in self.bias)
-        return (
+        text = (
             f" The fitted bias of the reference ({east:+.2f} {self.units} eastward, {north:+.2f} "
             f"{self.units} northward) is subtracted from the points."
-            if east or north
-            else ""
         )
+        return text if east or north else ""
 
     def points(self, aircraft: str | int) -> tuple[Floats, Floats]:
         """Return the magnetic heading and the heading error (degrees) of the reports behind a fit.
@@ -161,9 +156,6 @@ def rows_of(headings: xr.Dataset, aircraft: str | int) -> slice:
     return slice(int(start[index]), int(stop[index]))
 
 
-# --- a fit in numbers and words ------------------------------------------------------------------
-
-
 def adds_error(fits: xr.Dataset) -> bool:
     """Return whether the stored table is the heading error itself, which the unit subtracts."""
     return "add_error" in str(fits.attrs.get("table_sign", ""))
@@ -194,11 +186,6 @@ def curve_half_width(fits: xr.Dataset, heading: Floats) -> Floats:
     basis = deviation_basis(np.radians(heading))
     variance = np.einsum("...ij,ik,jk->...k", covariance, basis, basis)
     return np.asarray(NORMAL_95 * np.sqrt(np.maximum(variance, 0.0)))
-
-
-def curve_of(fit: xr.Dataset, heading: Floats) -> Floats:
-    """Return the fitted heading error at magnetic headings, degrees."""
-    return np.asarray(deviation_curve(np.nan_to_num(fit["deviation"].to_numpy()), heading))
 
 
 def status_words(code: SupportsInt) -> str:
@@ -236,9 +223,6 @@ def coefficient_texts(fit: xr.Dataset) -> dict[str, str]:
     if "harmonics" in fit and int(fit["harmonics"]) == 1:
         found |= {"D": "0", "E": "0"}
     return found
-
-
-# --- the fleet in numbers and words --------------------------------------------------------------
 
 
 class Total(NamedTuple):
@@ -296,22 +280,14 @@ def disagreement(headings: xr.Dataset, corrected: xr.Dataset, reference: str) ->
     return BeforeAfter(before, after, gain, half, number, total)
 
 
-class Rule(NamedTuple):
-    """Reports marked by a screening rule: in all, and by no other rule."""
-
-    name: str
-    together: int
-    alone: int
-
-
-def screening_audit(headings: xr.Dataset) -> list[Rule]:
-    """Return what each screening rule marked, the largest first; rules without a report omitted."""
+def screening_audit(headings: xr.Dataset) -> list[tuple[str, int, int]]:
+    """Return the screening rules with the reports they marked, in all and alone, largest first."""
     flags = headings["screening"].to_numpy()
     rules = [
-        Rule(name, int((flags & bit > 0).sum()), int((flags == bit).sum()))
+        (name, int((flags & bit > 0).sum()), int((flags == bit).sum()))
         for name, bit in SCREENING.items()
     ]
-    return sorted((rule for rule in rules if rule.together), key=lambda rule: -rule.together)
+    return sorted((rule for rule in rules if rule[1]), key=lambda rule: -rule[1])
 
 
 def screening_warnings(headings: xr.Dataset) -> list[str]:
@@ -319,10 +295,10 @@ def screening_warnings(headings: xr.Dataset) -> list[str]:
     kept, number = kept_reports(headings), headings.sizes["report"]
     if 3 * kept >= number:
         return []
-    first = screening_audit(headings)[0]
+    rule, marked, alone = screening_audit(headings)[0]
     return [
-        f"screening kept {kept:,} of {number:,} reports ({kept / number:.0%}): the rule "
-        f"{first.name} left out most, {first.together:,} ({first.alone:,} of them alone)"
+        f"screening kept {kept:,} of {number:,} reports ({kept / number:.0%}): the rule {rule} "
+        f"left out most, {marked:,} ({alone:,} of them alone)"
     ]
 
 
@@ -353,11 +329,9 @@ def headline(fits: xr.Dataset, total: Total | None, reference: str, units: Units
         return (
             f"No usable fit for any of {fleet} aircraft against {reference}; see What was left out."
         )
-    typical = (
-        f"median amplitude {np.median(sizes):.1f}°"
-        if sizes.size
-        else f"median offset {np.median(constants):+.1f}°"
-    )
+    typical = f"median offset {np.median(constants):+.1f}°" if constants.size else ""
+    if sizes.size:
+        typical = f"median amplitude {np.median(sizes):.1f}°"
     text = f"Compass deviation fitted for {fitted} of {fleet} aircraft ({typical})"
     if total is None:
         return f"{text}."
