@@ -36,41 +36,33 @@ def wind_at(lat, lon, log_p, second):
 def an_hour(offset, seed=1):
     """Straight legs through the same air, one an aircraft, on headings of all directions."""
     rng = np.random.default_rng(seed)
-    size, aircraft = 120, offset.size
-    heading = np.repeat(np.linspace(0, 360, aircraft, endpoint=False) * 3.0, size)
-    second = np.tile(np.arange(size) * 10.0, aircraft) + np.repeat(
-        rng.uniform(0, 2000, aircraft), size
-    )
-    along = np.tile(np.linspace(-1, 1, size), aircraft) * 1.0
-    lat = (
-        52.0
-        + np.repeat(rng.uniform(-0.4, 0.4, aircraft), size)
-        + along * np.cos(np.radians(heading))
-    )
-    lon = (
-        5.0
-        + np.repeat(rng.uniform(-0.6, 0.6, aircraft), size)
-        + 1.6 * along * np.sin(np.radians(heading))
-    )
-    log_p = np.log(np.repeat(rng.uniform(20000, 40000, aircraft), size))
-    truth = wind_at(lat, lon, log_p, second)
-    off, speed = np.radians(np.repeat(offset, size)), 220.0
-    true, shown = np.radians(heading), np.radians(heading) + off
+    size, aircraft, speed = 120, offset.size, 220.0
+
+    def each(values):
+        return np.repeat(values, size)
+
+    true = np.radians(each(np.linspace(0, 360, aircraft, endpoint=False) * 3.0))
+    second = np.tile(np.arange(size) * 10.0, aircraft) + each(rng.uniform(0, 2000, aircraft))
+    along = np.tile(np.linspace(-1, 1, size), aircraft)
+    lat = 52.0 + each(rng.uniform(-0.4, 0.4, aircraft)) + along * np.cos(true)
+    lon = 5.0 + each(rng.uniform(-0.6, 0.6, aircraft)) + 1.6 * along * np.sin(true)
+    log_p = np.log(each(rng.uniform(20000, 40000, aircraft)))
+    truth, shown = wind_at(lat, lon, log_p, second), true + np.radians(each(offset))
     air = np.stack([np.sin(true) - np.sin(shown), np.cos(true) - np.cos(shown)])
     reported = truth + speed * air + rng.normal(0, 1.0, truth.shape)
-    one = "report"
+    columns = {
+        "time": START + (second * 1e9).astype("timedelta64[ns]"),
+        "latitude": lat,
+        "longitude": lon,
+        "pressure": np.exp(log_p),
+        "eastward_wind": reported[0],
+        "northward_wind": reported[1],
+        "reported_heading": np.degrees(shown) % 360,
+        "reported_airspeed": np.full(shown.size, speed),
+    }
     reports = xr.Dataset(
-        {
-            "row_size": ("aircraft", np.full(aircraft, size)),
-            "time": (one, START + (second * 1e9).astype("timedelta64[ns]")),
-            "latitude": (one, lat),
-            "longitude": (one, lon),
-            "pressure": (one, np.exp(log_p)),
-            "eastward_wind": (one, reported[0]),
-            "northward_wind": (one, reported[1]),
-            "reported_heading": (one, np.degrees(shown) % 360),
-            "reported_airspeed": (one, np.full(shown.size, speed)),
-        },
+        {"row_size": ("aircraft", np.full(aircraft, size))}
+        | {name: ("report", values) for name, values in columns.items()},
         coords={"aircraft": [f"A{k}" for k in range(aircraft)]},
     )
     return reports, truth
