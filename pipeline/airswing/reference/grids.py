@@ -176,7 +176,10 @@ def frame_of(mapping: Mapping[str, object] | str, *, field: str) -> Frame:
     try:
         if isinstance(mapping, str):
             return _frame(mapping)
-        return _frame(json.dumps({k: _plain(v) for k, v in mapping.items()}, default=str))
+        # no numpy values, a list of one as a number
+        lists = {key: np.ravel(np.asarray(value)).tolist() for key, value in mapping.items()}
+        plain = {key: one[0] if len(one) == 1 else one for key, one in lists.items()}
+        return _frame(json.dumps(plain, default=str))
     except (CRSError, KeyError, ValueError, TypeError) as error:
         named = mapping if isinstance(mapping, str) else mapping.get("grid_mapping_name", "")
         raise InputError(
@@ -203,15 +206,6 @@ def _frame(text: str) -> Frame:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # a PROJ string names no datum: none is needed here
         return Frame("projected", str(Proj(crs).srs))
-
-
-def _plain(value: object) -> object:
-    """Attribute values as PROJ takes them: no numpy scalars, a list of one as a number."""
-    if isinstance(value, np.ndarray | list | tuple) and np.size(value) == 1:
-        value = np.ravel(value)[0]
-    if isinstance(value, np.ndarray):
-        return value.tolist()
-    return value.item() if isinstance(value, np.generic) else value
 
 
 class Grid(ABC):

@@ -11,6 +11,7 @@ surface pressure is that of the same time, lead, member and grid, its logarithm 
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -23,11 +24,14 @@ from numpy.typing import NDArray
 from airswing.errors import InputError
 from airswing.reference.files import Skipped, skip
 from airswing.reference.gridded.axes import (
+    MISSING,
     Axes,
     axes_of,
     cell_dimension,
     coordinate,
     grid_of_axes,
+    spread,
+    times_of,
     unstructured,
 )
 from airswing.reference.gridded.datasets import NOTES, SKIPPED
@@ -41,7 +45,6 @@ from airswing.reference.gridded.naming import (
     speed_only,
     written_units,
 )
-from airswing.reference.gridded.times import MISSING, spread, times_of
 from airswing.reference.gridded.wrf import X, Y, grids_of_wrf, is_wrf, layout_of, times_of_wrf
 from airswing.reference.grids import Floats, Grid
 from airswing.reference.state import variable_statistic
@@ -71,8 +74,8 @@ class Levels(NamedTuple):
 
     values: Floats  # Pa if isobaric, else numbers in the order of the file
     native: bool
-    a: Floats  # Pa; coefficients by level, NaN if pressure is a variable
-    b: Floats
+    a: Floats | float = np.nan  # Pa; coefficients by level, NaN if pressure is a variable
+    b: Floats | float = np.nan
     surface: str = ""  # the surface pressure in the formula, empty if it is not named
     note: str = ""  # what was assumed
     first: int = 0  # first level used
@@ -295,8 +298,7 @@ class Gathering:
         layout = layout_of(ds)
         valid, lead = times_of_wrf(ds, naming.time)
         grids = grids_of_wrf(ds, valid.size)
-        unknown = np.full(layout.levels.size, np.nan)
-        levels = Levels(layout.levels, bool(layout.pressure), unknown, unknown, first=layout.first)
+        levels = Levels(layout.levels, bool(layout.pressure), first=layout.first)
         kinds = {0: layout.winds[:1], 1: layout.winds[1:], PRESSURE: layout.pressure}
         why = "the configuration" if naming.winds else "WRF's grid"
         for kind, names in kinds.items():
@@ -335,7 +337,9 @@ class Gathering:
             table[name] = values[:, None]
         numbers = [self._grids.setdefault(grid, len(self._grids)) for grid in grids]
         table["grid"] = np.array(numbers)[:, None]
-        table["index"] = np.arange(table.size).reshape(table.shape)
+        # of a surface given on levels the first
+        step = math.prod(size for _, size in stored.outer) // max(table.size, 1)
+        table["index"] = np.arange(table.size).reshape(table.shape) * step
         table["file"], table["part"], table["kind"] = self._file, self._part, kind
         table["offset"] = self.stored.setdefault(stored, len(self.stored))
         table["level_kind"], table["b"] = HYBRID, 1.0
@@ -430,7 +434,6 @@ def _levels_of(ds: xr.Dataset, name: str, level: xr.DataArray | None, naming: Na
     terms = {key.rstrip(":"): value for key, value in zip(words[::2], words[1::2], strict=False)}
     kind, key = str(level.attrs.get("standard_name", "")), str(level.name)
     units = naming.units.get(key, level.attrs.get("units"))
-    unknown = np.full(level.size, np.nan)
     try:
         values = np.asarray(level.values, dtype=np.float64)
     except (TypeError, ValueError):
@@ -468,7 +471,7 @@ def _levels_of(ds: xr.Dataset, name: str, level: xr.DataArray | None, naming: Na
         for one in ds.variables.values()
     )
     if native or naming.pressure or pressure_given:
-        return Levels(np.arange(level.size, dtype=np.float64), True, unknown, unknown)
+        return Levels(np.arange(level.size, dtype=np.float64), True)
     if not units and any(word in key.lower() for word in _LIKE_PRESSURE):
         required_factor(units, "pressure", name=key)
     raise OtherLevelsError(f"levels of another kind ({key}{f', {units}' if units else ''})")
@@ -481,8 +484,7 @@ def _isobaric(values: Floats, key: str) -> Levels:
             field=key,
             remedy=f"Check their unit; if they are in hPa give units: {{{key}: hPa}}",
         )
-    none = np.full(values.size, np.nan)
-    return Levels(values, False, none, none)
+    return Levels(values, False)
 
 
 def _factor_by_values(key: str, values: Floats) -> float | None:

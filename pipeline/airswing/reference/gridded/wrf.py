@@ -34,7 +34,6 @@ class Layout(NamedTuple):
 
     winds: tuple[str, str]
     pressure: tuple[str, ...]  # summed; empty for isobaric levels
-    level: str  # dimension of the levels
     first: int  # first level used
     levels: Floats  # Pa of isobaric levels, else numbers
     scale: float = 1.0  # of the pressure, to Pa
@@ -74,10 +73,10 @@ def layout_of(ds: xr.Dataset) -> Layout:
             first = 1 if winds[0] == "UU" else 0
             numbers = np.arange(size, dtype=np.float64)
             scale = factor_of(one.attrs.get("units"), "pressure") or 1.0
-            return Layout(winds, (key,), level, first, numbers, scale)
+            return Layout(winds, (key,), first, numbers, scale)
         values = np.asarray(one.isel({d: 0 for d in one.dims if d != level}), dtype=np.float64)
         scale = 100.0 if float(np.nanmax(values)) < 2000.0 else 1.0  # p_interp writes hPa or Pa
-        return Layout(winds, (), level, 0, values * scale)
+        return Layout(winds, (), 0, values * scale)
     missing = [name for name in ("P", "PB") if name not in ds.variables]
     if missing or level not in ds["P"].dims:
         raise InputError(
@@ -85,7 +84,7 @@ def layout_of(ds: xr.Dataset) -> Layout:
             field=" and ".join(missing) or "P",
             remedy="Keep P and PB in WRF's output stream",
         )
-    return Layout(winds, ("P", "PB"), level, 0, np.arange(size, dtype=np.float64))
+    return Layout(winds, ("P", "PB"), 0, np.arange(size, dtype=np.float64))
 
 
 def times_of_wrf(ds: xr.Dataset, named: str | None) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -130,30 +129,28 @@ def _stamp(text: object) -> np.datetime64:
 
 def grids_of_wrf(ds: xr.Dataset, count: int) -> list[Grid]:
     """The grid of each of so many times; the same object if the grid has not moved."""
-    names = next(names for names in _PLACES if set(names) <= set(ds.variables))
-    lat, lon = (ds[name] for name in names)
-    if lat.ndim == 2:
-        return [_grid(ds, lat, lon, None)] * count
+    latitude, longitude = next(names for names in _PLACES if set(names) <= set(ds.variables))
+    angles = [name for name in ("SINALPHA", "COSALPHA") if name in ds.variables]
+    places = ds[[latitude, longitude, *angles]]
+    if places[latitude].ndim == 2:
+        return [_grid(places, places[latitude], places[longitude])] * count
     first: dict[tuple[float, float], Grid] = {}
     found: list[Grid] = []
     for number in range(count):
-        here = lat[number], lon[number]
-        corner = float(here[0][0, 0]), float(here[1][0, 0])
+        here = places.isel({places[latitude].dims[0]: number})
+        lat, lon = here[latitude], here[longitude]
+        corner = float(lat[0, 0]), float(lon[0, 0])
         if corner not in first:
-            first[corner] = _grid(ds, *here, number)
+            first[corner] = _grid(here, lat, lon)
         found.append(first[corner])
     return found
 
 
-def _grid(ds: xr.Dataset, lat: xr.DataArray, lon: xr.DataArray, number: int | None) -> Grid:
+def _grid(ds: xr.Dataset, lat: xr.DataArray, lon: xr.DataArray) -> Grid:
     turned = None
     if {"SINALPHA", "COSALPHA"} <= set(ds.variables):
-        sine, cosine = (
-            _floats(ds[name] if number is None or ds[name].ndim == 2 else ds[name][number])
-            for name in ("SINALPHA", "COSALPHA")
-        )
         # WRF: u_e = cos u - sin v; the angle here turns the other way
-        turned = np.asarray(np.arctan2(-sine, cosine))
+        turned = np.asarray(np.arctan2(-_floats(ds["SINALPHA"]), _floats(ds["COSALPHA"])))
     frame = _frame(ds)
     grid = None if frame is None else _laid(frame, ds, lat, lon)
     if grid is not None and turned is not None:
