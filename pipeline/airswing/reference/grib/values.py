@@ -15,7 +15,6 @@ values between these points give no value.
 from __future__ import annotations
 
 import contextlib
-import math
 import os
 import time
 from collections.abc import Sequence
@@ -69,68 +68,63 @@ class GribReader(Reader):
 
     def _values(self, model: ModelTime, wanted: Request) -> list[Floats]:
         found: list[Floats] = [np.full(points.shape, np.nan) for _, points in wanted]
-        whole: list[tuple[int, Job]] = []
+        results: dict[int, Floats | str] = {}  # by number of a field: values, or why there are none
+        jobs: dict[int, Job] = {}
         began = time.perf_counter()
         for number, (row, points) in enumerate(wanted):
-            descriptor = self.open(
-                model.files[int(row["file"])], lambda f: os.open(local_path(f.path), os.O_RDONLY)
-            )
+            file = model.files[int(row["file"])]
+            descriptor = self.open(file, lambda f: os.open(local_path(f.path), os.O_RDONLY))
             if descriptor is None:
                 continue
             size = model.grids[int(row["kind"])].size
-            probes = _probes(row, size)
-            places = np.concatenate([points.ravel(), probes]) if probes.size else points.ravel()
+            places = np.concatenate([points.ravel(), _probes(row, size)])
             try:
                 if self.sparse and row["sparse"]:
-                    values = sparse_values(descriptor, row, size, places)
-                    found[number] = self._credible(model, row, points.shape, values)
+                    results[number] = sparse_values(descriptor, row, size, places)
                 else:
-                    whole.append((number, (field_message(descriptor, row), size, places)))
+                    jobs[number] = field_message(descriptor, row), size, places
             except (UnreadableMessageError, OSError, MemoryError) as error:
-                self._note(model, row, str(error) or "not enough memory to decode it")
-        decoded = decode_guarded([job for _, job in whole]) if whole else []
-        for (number, _), result in zip(whole, decoded, strict=True):
-            row = wanted[number][0]
-            try:
-                if isinstance(result, str):
-                    raise UnreadableMessageError(result)
-                found[number] = self._credible(model, row, found[number].shape, result)
-            except UnreadableMessageError as error:
-                self._note(model, row, str(error))
+                results[number] = str(error) or "not enough memory to decode it"
+        if jobs:
+            results |= zip(jobs, decode_guarded(list(jobs.values())), strict=True)
+        for number, values in results.items():
+            row, points = wanted[number]
+            if isinstance(values, str):
+                problem = values
+            else:
+                self.decoded += 1
+                self.n_bytes += int(row["length"])
+                one, probed = values[: points.size], values[points.size :]
+                problem = ""
+                if probed.size:  # else its header allows credible values only
+                    low, high = limits(int(row["kind"]))
+                    problem = _impossible(int(row["kind"]), probed)
+                    with np.errstate(invalid="ignore"):
+                        beyond = (one < low) | (one > high)
+                    one = np.where(beyond | bool(problem), np.nan, one)
+                    if not problem and beyond.any():
+                        problem = "impossible values left out"
+                found[number] = one.reshape(points.shape)
+            if problem:
+                at = f"message at {int(row['offset'])}: {problem}"
+                self.problems[model.files[int(row["file"])].path, at] = None
         self.seconds += time.perf_counter() - began
         return found
 
-    def _credible(
-        self, model: ModelTime, row: np.void, shape: tuple[int, ...], values: Floats
-    ) -> Floats:
-        """Values at the wanted points if those at the probes are credible."""
-        self.decoded += 1
-        self.n_bytes += int(row["length"])
-        size, kind = math.prod(shape), int(row["kind"])
-        if values.size == size:  # its header allows credible values only
-            return values.reshape(shape)
-        probed, wanted = values[size:], values[:size].reshape(shape)
-        low, high = limits(kind)
-        probed = probed[~np.isnan(probed)]
-        if probed.size:
-            worst = float(probed[np.argmax(np.abs(probed))])
-            if not low <= worst <= high:
-                what = f"pressure of {worst:.4g} Pa" if kind == PRESSURE else f"{worst:.4g} m/s"
-                raise UnreadableMessageError(f"refused: impossible values ({what})")
-            if kind != PRESSURE and float(probed.std()) > MAX_SPREAD:
-                raise UnreadableMessageError(
-                    f"refused: winds with a standard deviation of {probed.std():.3g} m/s"
-                )
-        with np.errstate(invalid="ignore"):
-            impossible = (wanted < low) | (wanted > high)
-        if impossible.any():
-            self._note(model, row, "impossible values left out")
-            wanted = np.where(impossible, np.nan, wanted)
-        return wanted
 
-    def _note(self, model: ModelTime, row: np.void, reason: str) -> None:
-        path = model.files[int(row["file"])].path
-        self.problems[path, f"message at {int(row['offset'])}: {reason}"] = None
+def _impossible(kind: int, values: Floats) -> str:
+    """Reason why a field with these values at its probes is no wind or pressure; empty if it is."""
+    low, high = limits(kind)
+    values = values[~np.isnan(values)]
+    if not values.size:
+        return ""
+    worst = float(values[np.argmax(np.abs(values))])
+    if not low <= worst <= high:
+        what = f"pressure of {worst:.4g} Pa" if kind == PRESSURE else f"{worst:.4g} m/s"
+        return f"refused: impossible values ({what})"
+    if kind != PRESSURE and float(values.std()) > MAX_SPREAD:
+        return f"refused: winds with a standard deviation of {values.std():.3g} m/s"
+    return ""
 
 
 def field_message(descriptor: int, row: np.void) -> bytes:
