@@ -2,11 +2,12 @@
 
     python -m benchmarks.gap_paired prepare [--folder DIR] [--cases 48] [--seed S] [--real DIR]
     python -m benchmarks.gap_paired run NAME [--folder DIR] [--only CASE ...]
-    python -m benchmarks.gap_paired compare OLD NEW | calibrate NAME [--folder DIR]
+    python -m benchmarks.gap_paired compare OLD NEW [--folder DIR]
+    python -m benchmarks.gap_paired calibrate SCORES.JSON
 
 ``compare`` prints every figure of two sets of results and the mean paired difference with its
-standard error, ``calibrate`` the constants of probabilities and standard errors that the results
-imply, on archives of another seed (815) than those that score.
+standard error, ``calibrate`` the constants of probabilities and standard errors that the scores of
+a `airswing gap-check` imply, whose seed judges nothing else.
 """
 
 from __future__ import annotations
@@ -226,8 +227,8 @@ def compare(folder: Path, old: str, new: str) -> None:
                 )
 
 
-def calibrate(folder: Path, name: str) -> None:
-    """Print the constants of stated probabilities and of standard errors that results imply.
+def calibrate(scores: Path) -> None:
+    """Print the constants of stated probabilities and of standard errors that scores imply.
 
     Log odds that a claim is right are c0 + c1 ln(1 + gate), fitted by maximum likelihood with a
     Gaussian prior of standard deviation 0.5 about `START`, which keeps few claims from an infinite
@@ -237,7 +238,7 @@ def calibrate(folder: Path, name: str) -> None:
 
     from airswing.gap.result.statement import CALIBRATION
 
-    found = [one for _, one, gap in scored(folder, name).values() if gap is not None]
+    found = [one for one in json.loads(scores.read_text())["scores"] if not one["failure"]]
     claims = [(p, right) for one in found for _, p, right in one["claims"]]
     stated = np.clip([p for p, _ in claims], 1e-6, 1 - 1e-6)
     right = np.array([right for _, right in claims], float)
@@ -295,7 +296,7 @@ def main() -> int:
         ("prepare", ()),
         ("run", ("name",)),
         ("compare", ("old", "new")),
-        ("calibrate", ("name",)),
+        ("calibrate", ("scores",)),
     ):
         sub = commands.add_parser(command)
         for argument in names:
@@ -317,7 +318,7 @@ def main() -> int:
     elif given.command == "compare":
         compare(given.folder, given.old, given.new)
     else:
-        calibrate(given.folder, given.name)
+        calibrate(Path(given.scores))
     return 0
 
 

@@ -198,6 +198,26 @@ def unit_vectors(heading: Floats) -> tuple[Floats, Floats]:
     return np.stack([cosine, -sine], -1), np.stack([sine, cosine], -1)
 
 
+def _lasting_rounding(frame: Frame, heading: Floats, step: Floats) -> Floats:
+    """Standard deviation of white errors whose means scatter as those of rounding do, (n,) rad.
+
+    Rounding to ``step`` (n,) rad is the same for as long as an aircraft holds its heading: the
+    variance step^2 / 12 counts as many times as that of sums over a flight exceeds it. These sums
+    are of the reported headings of all other aircraft, rounded in the same way, and of the
+    ``heading`` of columns where there are none.
+    """
+    fine = step == 0.0
+    chosen = fine if fine.any() else ~fine
+    angle = np.where(fine, frame.heading, heading)[chosen]
+    _, flight = np.unique(frame.flight[chosen], return_inverse=True)
+    out = np.zeros(frame.size)
+    for width in np.unique(step[~fine]):
+        error = angle - width * np.round(angle / width)
+        times = (np.bincount(flight, error) ** 2).sum() / (error**2).sum()
+        out[step == width] = width * np.sqrt(max(1.0, float(times)) / 12.0)
+    return out
+
+
 def heading_doubt(frame: Frame, columns_frame: Frame) -> Floats:
     """Error of the deviation's columns that the doubt of the heading makes, (n,) m s-1.
 
@@ -211,6 +231,6 @@ def heading_doubt(frame: Frame, columns_frame: Frame) -> Floats:
     deviation = np.sqrt(np.bincount(frame.aircraft, squared, minlength=len(frame.tails)) / count)
     off = np.minimum(np.nan_to_num(frame.heading_error), WIDEST)
     steps = np.array([one.step if one else 0.0 for one in heading_lattices(frame)])
-    rounding = (np.radians(steps) / np.sqrt(12.0))[frame.aircraft]
+    rounding = _lasting_rounding(frame, columns_frame.heading, np.radians(steps)[frame.aircraft])
     near_turns = deviation[frame.aircraft] * off
     return np.asarray(columns_frame.airspeed * np.hypot(near_turns, rounding))

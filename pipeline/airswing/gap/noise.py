@@ -328,7 +328,9 @@ def fit_noise(
     smooth = remove_smooth_effects(residual, frame.aircraft, frame.heading, frame.airspeed)
     gross = gross_errors(smooth, order)
     nodes, factors = level_factors(smooth[~gross], log_pressure[~gross])
-    values = smooth / np.interp(log_pressure, nodes, factors)[:, None]
+    level = np.interp(log_pressure, nodes, factors)
+    values = smooth / level[:, None]
+    extra = np.zeros(level.size) if extra_sd is None else extra_sd / level
     along, across = _direction_ratio(smooth[~gross], frame.heading[~gross])
     if along != across:
         isotropic = DirectionFactors.from_heading(frame.heading, 1 / along, 1 / across)
@@ -336,7 +338,7 @@ def fit_noise(
     chosen = _draw_flights(frame.flight, LIKELIHOOD_REPORTS, seed)
     part_order = flight_order(frame.flight[chosen], frame.time[chosen])
     signal, white, length, height = _maximise(
-        values[chosen], part_order, distance[chosen], step[chosen], ~gross[chosen]
+        values[chosen], part_order, distance[chosen], step[chosen], ~gross[chosen], extra[chosen]
     )
     model = NoiseModel(signal, white, length, height, nodes, factors, along, across)
     gains = whitening_gains(model, order, frame, ~gross, extra_sd)
@@ -381,7 +383,12 @@ def _draw_flights(flight: NDArray[np.integer], most: int, seed: int) -> Integers
 
 
 def _maximise(
-    values: Floats, order: FlightOrder, distance: Floats, step: Floats, keep: Booleans
+    values: Floats,
+    order: FlightOrder,
+    distance: Floats,
+    step: Floats,
+    keep: Booleans,
+    extra_sd: Floats,
 ) -> Floats:
     """Return correlated_sd, white_sd, length and height of maximum likelihood, (4,)."""
     # at least 1 mm/s, for finite logarithms in an archive without any noise
@@ -394,7 +401,7 @@ def _maximise(
     # reordered once, not in each likelihood
     index, order = order.index, replace(order, index=np.arange(distance.size))
     values, keep = values[index].T.copy(), keep[index]
-    distance, step = distance[index], step[index]
+    distance, step, extra_sd = distance[index], step[index], extra_sd[index]
     level_factor = np.ones(distance.size)
 
     def cost(parameters: Floats) -> float:
@@ -402,7 +409,15 @@ def _maximise(
         inside = np.clip(parameters, bounds[:, 0], bounds[:, 1])
         signal, white, length, height = np.exp(inside)
         decay = np.exp(-distance / length - step / height)
-        gains = kalman_gains(order, decay, level_factor, keep, correlated_sd=signal, white_sd=white)
+        gains = kalman_gains(
+            order,
+            decay,
+            level_factor,
+            keep,
+            correlated_sd=signal,
+            white_sd=white,
+            extra_sd=extra_sd,
+        )
         innovation = values.copy()
         whiten_blocks(innovation, order.starts, gains)
         # winsorised at four standard deviations: undetected gross errors must not widen the noise

@@ -50,6 +50,8 @@ KNOTS = {name: row[3] for name, row in VARIABLES.items()}
 #: Period of the circular variables that are not angles.
 PERIOD = {"hour": 24.0}
 CATEGORIES = {"icing": ("off", "on"), "phase": ("ascent", "cruise", "descent")}
+#: Squared correlation of inferred variables with the true ones in simulated archives.
+RELIABILITY = {"acceleration": 0.76, "bank": 0.75}
 #: Share of the requested cells that is sufficient, and by how much the least number of reports of
 #: a cell is reduced, in turn, where most values are equal.
 SUFFICIENT, REDUCED = 0.75, np.array([1.0, 0.7, 0.5, 0.35, 0.25, 0.18, 0.12, 0.08])

@@ -9,6 +9,7 @@ import numpy as np
 
 from airswing.flags import PHASE
 from airswing.gap.archive.frame import Frame
+from airswing.gap.archive.reported_variables import RELIABILITY
 from airswing.gap.arrays import Booleans, Floats
 from airswing.gap.effects.base import (
     DEGREE,
@@ -87,7 +88,7 @@ class AccelerationError(HeadingEffect):
     confused_with = ("hard_iron: where climb and descent are not sampled equally",)
     column_scales = np.full(2, 20.0 * DEGREE)
     alternatives = ((0,), (1,))
-    reliability = 0.76  # correlation with the true acceleration in simulated archives
+    reliability = RELIABILITY["acceleration"]
 
     def basis(self, frame: Frame) -> Floats:
         # sin(m) tan(dip) a/g by acceleration and by phase

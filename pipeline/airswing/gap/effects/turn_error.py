@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
+from airswing.gap.archive.reported_variables import RELIABILITY
 from airswing.gap.arrays import Booleans, Floats
 from airswing.gap.effects.base import DEGREE, HeadingEffect, Parameter, ProportionalEffect
 from airswing.synthetic.sealed.draws import Draw, Signed
@@ -54,7 +55,7 @@ class TurnError(ProportionalEffect, HeadingEffect):
     )
     needs = ("magnetic_heading", "bank", "dip")
     confused_with = ("noise of the ground velocity: bank is inferred from the turning track",)
-    reliability = 0.75  # correlation with the true bank in simulated archives
+    reliability = RELIABILITY["bank"]
 
     def basis(self, frame: Frame) -> Floats:
         turning = frame.bank * np.tan(frame.dip) * np.cos(frame.magnetic_heading)

@@ -18,7 +18,14 @@ from functools import partial
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.archive.reported_variables import KINDS, KNOTS, PERIOD, record, values_of
+from airswing.gap.archive.reported_variables import (
+    KINDS,
+    KNOTS,
+    PERIOD,
+    RELIABILITY,
+    record,
+    values_of,
+)
 from airswing.gap.arrays import Floats, Singles
 from airswing.gap.design import climatology_columns
 from airswing.gap.effects.base import Effect, HeadingEffect
@@ -171,6 +178,7 @@ class Candidates:
         self.frame, self.context, self.effects = frame, context, effects
         self.groups: list[Group] = []
         self.tables: dict[int, Table] = {}
+        self.curved: dict[str, Singles] = {}  # `curvature` of effects that have one
         self._builders: dict[int, Callable[[Frame], Singles]] = {}
         self._pending: list[slice] = []
         self.width = 0
@@ -244,13 +252,16 @@ class Candidates:
             scopes = "f" if effect.scope in ("reference", "fleet") else "af"
             part = "heading" if isinstance(effect, HeadingEffect) else "airspeed"
             part = part if effect.stage == "sensor" else "wind"
+            curved = self.curvature(effect.name, self.context)
+            if curved is not None:
+                self.curved[effect.name] = curved
             for form in forms:
                 # the ordinary form is as likely as all others together
                 others = 1 if len(forms) == 1 else 2 * max(1, (len(forms) - 1) * (form != forms[0]))
                 weight = -float(np.log(2 * len(usable) * others))
                 tied = np.eye(1) if len(form) == 1 else effect.tied(form)
                 kind = "dated" if effect.kind == "step" else "name"
-                known = tuple(form), effect.reliability, part
+                known = tuple(form), effect.reliability if curved is None else 1.0, part
                 group = Group(effect.name, kind, where, tied, scopes, weight, *known)
                 self._group(columns, group, form)
                 if effect.kind == "drift" and len(form) == columns.shape[2]:
@@ -260,9 +271,9 @@ class Candidates:
         raw = effect.softened_columns(at)
         return np.asarray(np.moveaxis(raw, 0, -1) * effect.column_scales, np.float32)
 
-    def curvature(self, group: Group, at: Frame) -> Singles | None:
+    def curvature(self, name: str, at: Frame) -> Singles | None:
         """What the squared coefficients of an effect's raw columns add, (n, 2, k)."""
-        effect = self.effects.get(group.name) if group.named else None
+        effect = self.effects.get(name)
         raw = None if effect is None else effect.curvature(at)
         if effect is None or raw is None:
             return None
@@ -339,6 +350,8 @@ class Candidates:
             # what averages over likely winds hold of one of them
             one = self._product(table, self.context, self._drawn[0], self._reported(0))
             reliability = float((columns**2).sum() / max((one**2).sum(), 1e-12))
+        for curve in table.curves:
+            reliability *= RELIABILITY.get(curve.variable, 1.0)
         self.tables[where.start] = table
         form = (int(refined),)
         group = Group(name, "table", where, root, "af", weight, form, reliability, part)

@@ -58,7 +58,7 @@ class Response:
         groups = [term.group for term in (model.base, *model.terms)]
         self.reported = [candidates.raw(group.columns, frame) for group in groups]
         self.raw = list(self.reported)
-        self.curved = [candidates.curvature(term.group, frame) for term in model.terms]
+        self.curved = [candidates.curvature(term.group.name, frame) for term in model.terms]
 
     def without_noise(self, k: int) -> None:
         """Fit the k-th term by its columns without the reports' noise."""

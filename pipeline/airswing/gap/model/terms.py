@@ -197,14 +197,19 @@ class Model:
         self._products: dict[tuple[object, object], Floats] = {}
         self.kappa = 1.0
         self.usual: dict[str, tuple[float, float]] = {}
+        self._residual = sums.residual
         self.condition([])
 
     def renew(self, residual: Floats) -> None:
         """Take another residual (n, 2), m/s; the variances of the day fields are kept."""
-        self.sums.residual = self.sums.whitened(residual[:, :, None])[:, 0]
-        self.sums.inverse_residual = self.sums.invert(self.sums.residual)
-        self._made, self._products = {}, {}
+        self._residual = self.sums.whitened(residual[:, :, None])[:, 0]
         self.condition(self.terms)
+
+    def _take(self, residual: Singles) -> None:
+        if residual is not self.sums.residual:
+            self.sums.residual = residual
+            self.sums.inverse_residual = self.sums.invert(residual)
+            self._made = {}
 
     def columns(self, term: Term) -> Columns:
         """Columns of a term, kept while it is in the model."""
@@ -237,7 +242,41 @@ class Model:
         return float(0.5 * solved @ solved - np.log(np.diag(root)).sum() + prior)
 
     def condition(self, terms: Sequence[Term]) -> None:
-        """Fit terms, and take the candidates' statistics given them."""
+        """Fit terms, and take the candidates' statistics given them.
+
+        The square of a coefficient, where a term has it, is subtracted from the residual.
+        """
+        self._take(self._residual)
+        self._fit(terms)
+        for k, term in enumerate(terms):
+            if term.group.name in self.sums.candidates.curved:
+                self._take(self.sums.residual - self._square(k))
+                self._fit(terms)
+
+    def _square(self, k: int) -> Singles:
+        """Whitened rows of the squared part of a term of one coefficient, given all others.
+
+        It minimises the misfit of z t + c t^2; zero where z alone fits better.
+        """
+        sums, term = self.sums, self.terms[k]
+        raw = sums.candidates.curved[term.group.name] * float(term.group.transform[0, 0]) ** 2
+        z: Singles = np.zeros(2 * sums.n, np.float32)
+        for a, (_, values) in self.columns(term).rows.items():
+            z[sums.rows_of(a)] = values[:, 0]
+        c = sums.whitened(raw)[:, 0]
+        of_z, of_c = sums.invert(z), sums.invert(c)
+        left = self.left + of_z * float(self.theta[self.offsets[k + 1]])
+        zr, cr, zz, zc, cc = (
+            float(x @ y) for x, y in ((z, left), (c, left), (z, of_z), (z, of_c), (c, of_c))
+        )
+        misfit = np.polynomial.Polynomial([0.0, -2 * zr, zz - 2 * cr, 2 * zc, cc])
+        turns = misfit.deriv().roots()
+        best = min(turns[np.isreal(turns)].real, key=misfit)
+        if misfit(best) > -(zr**2) / zz:
+            best = 0.0
+        return np.asarray(c * best**2, np.float32)
+
+    def _fit(self, terms: Sequence[Term]) -> None:
         sums = self.sums
         self.terms = list(terms)
         every = [self.base, *terms]
