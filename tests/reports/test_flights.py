@@ -10,129 +10,79 @@ import pytest
 from airswing.flags import PHASE
 from airswing.reports.flights import derive_flight, derive_phase
 
-FOOT = 0.3048
 
-
-def columns(
-    minutes: Any, *, longitude: Any = None, label: Any = -1, tail: Any = 0, altitude: Any = 6000.0
-) -> dict[str, np.ndarray]:
+def columns(minutes: Any, east: Any = None, label: Any = -1, altitude: Any = 6000.0) -> dict:
+    """One aircraft at the equator: by default 111 m/s due east."""
     minutes = np.asarray(minutes, dtype=float)
+    values = {
+        "tail": np.int32(0),
+        "latitude": 0.0,
+        "longitude": -87.0 + 0.06 * minutes if east is None else np.asarray(east, dtype=float),
+        "flight": np.asarray(label, dtype=np.int32),
+        "pressure_altitude": np.asarray(altitude, dtype=np.float32),
+    }
     start = np.datetime64("2009-01-05T23:30:00", "ns")
-    east = -87.0 + 0.06 * minutes if longitude is None else longitude  # 111 m/s at the equator
     return {
-        "tail": np.broadcast_to(np.int32(tail), minutes.shape).copy(),
         "time": start + np.round(minutes * 60e9).astype("timedelta64[ns]"),
-        "latitude": np.zeros(minutes.shape),
-        "longitude": np.broadcast_to(np.asarray(east, dtype=float), minutes.shape).copy(),
-        "flight": np.broadcast_to(np.int32(label), minutes.shape).copy(),
-        "pressure_altitude": np.broadcast_to(
-            np.asarray(altitude, dtype=np.float32), minutes.shape
-        ).copy(),
+        **{name: np.broadcast_to(one, minutes.shape).copy() for name, one in values.items()},
     }
 
 
-STEADY = None  # 111 m/s due east
+EVERY_5 = np.arange(10) * 5.0
+WRONG = np.where(np.arange(10) == 4, 0.0, -87.0 + 0.3 * np.arange(10))
+SECOND_MISSING = np.where(np.arange(24) % 2 == 0, np.repeat([4, 9], 12), -1)
+TWO = np.arange(24) * 5.0 + np.repeat([0, 180], 12)
 
 
 @pytest.mark.parametrize(
     ("minutes", "east", "label", "flights"),
     [
-        pytest.param([0, 15, 29, 31, 45], STEADY, -1, [0] * 5, id="midnight"),
-        pytest.param(
-            [0, 10, 20, 30], [179.0, 179.6, -179.8, -179.2], -1, [0] * 4, id="antimeridian"
-        ),
-        pytest.param([0, 10, 54, 64, 110], STEADY, -1, [0, 0, 0, 0, 1], id="gap over 45 minutes"),
-        pytest.param(
-            [0, 5, 10, 35, 40], [0.0, 0.3, 0.6, 0.62, 0.9], -1, [0, 0, 0, 1, 1], id="ground stop"
-        ),
-        pytest.param([0, 5, 10, 15], [0.0, 0.3, 5.3, 5.6], -1, [0, 0, 1, 1], id="jump"),
-        pytest.param([0, 60, 120, 1440, 1500], STEADY, 7, [0, 0, 0, 1, 1], id="number on two days"),
-        pytest.param(
-            [0, 10, 20, 30, 40], STEADY, [3, 1, 3, 1, 1], [0, 1, 0, 1, 1], id="alternating labels"
-        ),
-        pytest.param(
-            np.arange(24) * 5.0 + np.repeat([0, 180], 12),
-            STEADY,
-            np.where(np.arange(24) % 2 == 0, np.repeat([4, 9], 12), -1),
-            [0] * 12 + [1] * 12,
-            id="every second label missing",
-        ),
-        pytest.param(
-            [0, 5, 10, 15, 20, 25], STEADY, [-1, -1, 4, 4, -1, -1], [0] * 6, id="both ends missing"
-        ),
-        pytest.param(
-            [0, 5, 60, 65, 70, 200],
-            STEADY,
-            [-1, -1, 4, 4, -1, -1],
-            [0, 0, 1, 1, 1, 2],
-            id="ends beyond a gap",
-        ),
-        pytest.param(
-            [0, 100, 200, 210], STEADY, [4, -1, 4, 4], [0] * 4, id="gap within a label bridged"
-        ),
-        pytest.param(
-            [0, 100, 500, 510], STEADY, [4, -1, 4, 4], [0, 1, 2, 2], id="too long a gap for that"
-        ),
-        pytest.param(
-            np.arange(10) * 5.0,
-            np.where(np.arange(10) == 4, 0.0, -87.0 + 0.3 * np.arange(10)),
-            -1,
-            [0, 0, 0, 0, 1, 0, 0, 0, 0, 0],
-            id="one wrong position",
-        ),
-        pytest.param([], STEADY, -1, [], id="no reports"),
+        ([0, 15, 29, 31, 45], None, -1, [0] * 5),  # midnight
+        ([0, 10, 20, 30], [179.0, 179.6, -179.8, -179.2], -1, [0] * 4),  # antimeridian
+        ([0, 10, 54, 64, 110], None, -1, [0, 0, 0, 0, 1]),  # a gap over 45 minutes
+        ([0, 5, 10, 35, 40], [0.0, 0.3, 0.6, 0.62, 0.9], -1, [0, 0, 0, 1, 1]),  # a ground stop
+        ([0, 5, 10, 15], [0.0, 0.3, 5.3, 5.6], -1, [0, 0, 1, 1]),  # a jump
+        ([0, 60, 120, 1440, 1500], None, 7, [0, 0, 0, 1, 1]),  # one number on two days
+        ([0, 10, 20, 30, 40], None, [3, 1, 3, 1, 1], [0, 1, 0, 1, 1]),  # alternating labels
+        (TWO, None, SECOND_MISSING, [0] * 12 + [1] * 12),
+        ([0, 5, 10, 15, 20, 25], None, [-1, -1, 4, 4, -1, -1], [0] * 6),  # both ends missing
+        ([0, 5, 60, 65, 70, 200], None, [-1, -1, 4, 4, -1, -1], [0, 0, 1, 1, 1, 2]),  # after gaps
+        ([0, 100, 200, 210], None, [4, -1, 4, 4], [0] * 4),  # a gap within a label is bridged
+        ([0, 100, 500, 510], None, [4, -1, 4, 4], [0, 1, 2, 2]),  # one too long for that
+        (EVERY_5, WRONG, -1, [0, 0, 0, 0, 1, 0, 0, 0, 0, 0]),  # one wrong position
+        ([], None, -1, []),
     ],
 )
 def test_flights_of_one_aircraft(minutes, east, label, flights):
-    found = derive_flight(columns(minutes, longitude=east, label=label))
-    assert found.tolist() == flights
-
-
-def profile(step: float, altitude_step_ft: float) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Climb at 1500 ft/min to 25,000 ft, cruise, descend; every ``step`` minutes."""
-    minutes = np.arange(0.0, 60.0, step)
-    feet = np.interp(minutes, [0, 1, 17, 40, 57, 60], [0, 500, 25000, 25000, 500, 500])
-    coded = altitude_step_ft * np.round(feet / altitude_step_ft)
-    truth = np.select(
-        [
-            (minutes > 1) & (minutes < 17),
-            (minutes > 17) & (minutes < 40),
-            (minutes > 40) & (minutes < 57),
-        ],
-        [PHASE["ascent"], PHASE["cruise"], PHASE["descent"]],
-        PHASE["unknown"],
-    )
-    near = (
-        np.abs(minutes[:, np.newaxis] - [1.0, 17.0, 40.0, 57.0]).min(axis=1) < max(step, 0.5) + 0.6
-    )
-    return columns(minutes, altitude=coded * FOOT), np.where(near, -1, truth)
+    assert derive_flight(columns(minutes, east, label)).tolist() == flights
 
 
 @pytest.mark.parametrize("step", [0.1, 1.0, 3.0])
 @pytest.mark.parametrize("altitude_step_ft", [1.0, 100.0])
 def test_phases_of_a_flight_whatever_the_coding(step, altitude_step_ft):
-    flown, truth = profile(step, altitude_step_ft)
-    found = derive_phase(flown, np.zeros(truth.size, dtype=int))
-    known = truth >= 0
-    np.testing.assert_array_equal(found[known], truth[known])
-
-
-STEPS = np.arange(20) * 60.0
+    """Climb at 1500 ft/min to 25,000 ft, cruise, descend; every ``step`` minutes."""
+    minutes = np.arange(0.0, 60.0, step)
+    changes = np.array([1.0, 17.0, 40.0, 57.0])
+    feet = np.interp(minutes, [0, *changes, 60], [0, 500, 25000, 25000, 500, 500])
+    names = ["unknown", "ascent", "cruise", "descent", "unknown"]
+    truth = np.array([PHASE[name] for name in names])[np.searchsorted(changes, minutes)]
+    coded = 0.3048 * altitude_step_ft * np.round(feet / altitude_step_ft)
+    found = derive_phase(columns(minutes, altitude=coded), np.zeros(truth.size, dtype=int))
+    away = np.abs(minutes[:, np.newaxis] - changes).min(axis=1) >= max(step, 0.5) + 0.6
+    np.testing.assert_array_equal(found[away], truth[away])
 
 
 @pytest.mark.parametrize(
     ("altitude", "phase"),
     [
-        pytest.param(6096.0 + 30.48 * (np.arange(40) % 2), "cruise", id="flicker of a 100 ft code"),
-        pytest.param(6096.0 + STEPS, "cruise", id="1 m/s never reaches 300 ft/min"),
-        pytest.param(
-            3000.0 + np.cumsum(np.r_[np.full(10, 300.0), np.full(10, 60.0)]), "ascent", id="slowing"
-        ),
-        pytest.param(np.full(5, 300.0), "unknown", id="low level"),
-        pytest.param(np.full(1, 9000.0), "unknown", id="lone"),
+        (6096.0 + 30.48 * (np.arange(40) % 2), "cruise"),  # flicker of a 100 ft code
+        (6096.0 + np.arange(20) * 60.0, "cruise"),  # 1 m/s never reaches 300 ft/min
+        (3000.0 + np.cumsum(np.repeat([300.0, 60.0], 10)), "ascent"),  # slowing
+        (np.full(5, 300.0), "unknown"),  # low level
+        (np.full(1, 9000.0), "unknown"),  # alone
     ],
 )
 def test_phase_of_a_whole_flight(altitude: np.ndarray, phase: str):
-    size = altitude.size
-    found = derive_phase(columns(np.arange(float(size)), altitude=altitude), np.zeros(size, int))
+    minutes = np.arange(float(altitude.size))
+    found = derive_phase(columns(minutes, altitude=altitude), np.zeros(altitude.size, int))
     assert (found == PHASE[phase]).all()

@@ -1,14 +1,9 @@
 """Refuses damaged NetCDF files before their library reads them.
 
 The NetCDF library believes the header of a classic file: a wrong count of records gives records
-that are not there, as zeros. The HDF5 library follows whatever the bytes of a damaged NetCDF-4 file
-say: it may never end, or end the process; such files are opened in a worker process first
-(:mod:`airswing.guarded`).
-
-Classic files (CDF-1, 2 and 5) are laid out as in the NetCDF Classic Format Specification (Unidata,
-file format specifications, 2024). A NetCDF-4 file that the worker process has described without
-fault can be opened here; so can one that this process wrote and that has not been changed since.
-Data are not read: each packed chunk carries a checksum that the HDF5 library checks.
+that are not there, as zeros. The HDF5 library may never end, or end the process, on a damaged file;
+such files are opened in a worker process first, if this process has not written them. Classic files
+(CDF-1, 2 and 5) are laid out as in the NetCDF Classic Format Specification (Unidata, 2024).
 """
 
 from __future__ import annotations

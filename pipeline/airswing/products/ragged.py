@@ -1,13 +1,9 @@
 """Contiguous ragged arrays: reports of many aircraft on one dimension, also of many months.
 
 Assumes the CF contiguous ragged form: the reports of one aircraft are consecutive, in the order of
-the ``aircraft`` dimension, and ``row_size`` counts them. Archives larger than memory are read in
-blocks of whole aircraft (:func:`blocks`).
-
-A product by month is a folder of files named in order of time (``2008-07.nc``), each with the
-flights that begin in one calendar month (UTC), the aircraft of each in alphabetical order
-(:func:`joined_months`). What an aircraft has once (its platform, its resolutions) is that of its
-last month. Flights are numbered month after month.
+the ``aircraft`` dimension, and ``row_size`` counts them. A product by month is a folder of files
+named in order of time (``2008-07.nc``), each with the flights that begin in one calendar month
+(UTC), the aircraft of each in alphabetical order.
 """
 
 from __future__ import annotations
@@ -193,10 +189,7 @@ def joined_months(months: Sequence[xr.Dataset]) -> xr.Dataset:
 
 
 def _reports_by_aircraft(
-    parts: Sequence[xr.Variable],
-    counts: NDArray[np.int64],
-    added: NDArray[np.int64],
-    token: str,
+    parts: Sequence[xr.Variable], counts: NDArray[np.int64], added: NDArray[np.int64], token: str
 ) -> da.Array:
     """One variable of all months, (..., report), in lazy chunks of whole aircraft.
 

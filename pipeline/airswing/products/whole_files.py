@@ -1,11 +1,9 @@
 """Files and folders: written whole or not at all, locked, named in errors, and their fingerprints.
 
-Assumes that the file system renames atomically within a folder and has written to the disk what it
-reports as flushed: a file is written under a temporary name, flushed and renamed, then its folder
-is flushed, so that a full disk, a kill or a loss of power leaves the earlier file. A file that
-keeps its size and its modification time keeps its content. Where files cannot be locked (some
-network file systems, Windows), a second run into the same folder is not refused, and partial files
-stay.
+Assumes that the file system renames atomically within a folder and that a file that keeps its size
+and its modification time keeps its content. A file is written under a temporary name, flushed and
+renamed, so that a full disk, a kill or a loss of power leaves the earlier file. Where files cannot
+be locked (some network file systems, Windows), a second run into the same folder is not refused.
 """
 
 from __future__ import annotations
@@ -32,7 +30,7 @@ Content = TypeVar("Content", bound=Mapping[str, object])
 ZARR_MARKS = ("zarr.json", ".zmetadata", ".zgroup")
 """Files of which every Zarr store has one at its top."""
 PACKAGE = Path(__file__).parents[1]
-_LOCK, _PARTIAL = ".running", "*.part"
+_LOCK = ".running"
 _DIGITS = 32  # hexadecimal: 128 bits, so that no two fingerprints are equal by chance
 
 
@@ -146,7 +144,7 @@ def workspace(folder: Path) -> Iterator[None]:
     folder = Path(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        descriptor = os.open(folder / _LOCK, os.O_RDWR | os.O_CREAT, 0o644)
+        lock = (folder / _LOCK).open("a")
     except OSError as err:
         raise InputError(
             "cannot write to the output folder",
@@ -154,11 +152,11 @@ def workspace(folder: Path) -> Iterator[None]:
             found=err.strerror,
             remedy="Choose another folder with --output",
         ) from err
-    try:
+    with lock:
         try:
             import fcntl
 
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as err:
             raise InputError(
                 "another run is writing to this folder",
@@ -169,7 +167,7 @@ def workspace(folder: Path) -> Iterator[None]:
             pass  # files cannot be locked here
         else:
             # only with the lock: temporary files of a running process look the same
-            for left in folder.rglob(_PARTIAL):
+            for left in folder.rglob("*.part"):
                 left.unlink(missing_ok=True)
         try:
             yield
@@ -177,8 +175,6 @@ def workspace(folder: Path) -> Iterator[None]:
             (folder / _LOCK).unlink(missing_ok=True)
             with contextlib.suppress(OSError):  # not empty
                 folder.rmdir()
-    finally:
-        os.close(descriptor)
 
 
 def none_found(pattern: str | os.PathLike[str], field: str) -> InputError:

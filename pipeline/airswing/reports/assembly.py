@@ -29,7 +29,7 @@ from airswing.physics.triangle import direction_in_degrees, wrap_degrees
 from airswing.reports.audit import Audit
 from airswing.reports.flights import Columns, derive_flight, derive_phase, step_distance
 from airswing.reports.resolution import resolutions
-from airswing.reports.values import EARLIEST, seconds_since_1970
+from airswing.reports.values import EARLIEST, Floats, Index, Integers, Mask, seconds_since_1970
 from airswing.units import METRES_PER_DEGREE
 from airswing.vocabulary import describe
 
@@ -141,7 +141,7 @@ def _take(columns: Columns, index: NDArray[np.integer | np.bool_]) -> None:
         columns[name] = columns[name][index]
 
 
-def _order(columns: Columns) -> NDArray[np.int64]:
+def _order(columns: Columns) -> Integers:
     """Order by tail and time; ties by place, completeness and value, never by row or file."""
     # A sort by all keys is slow and few reports are tied: only those are sorted by the rest.
     order = np.lexsort((columns["time"], columns["tail"]))
@@ -158,14 +158,14 @@ def _order(columns: Columns) -> NDArray[np.int64]:
     return np.asarray(order, dtype=np.int64)
 
 
-def _same_moment(tail: NDArray[np.integer], time: NDArray[np.datetime64]) -> NDArray[np.bool_]:
+def _same_moment(tail: Index, time: NDArray[np.datetime64]) -> Mask:
     """Return True where a report shares tail and time with the one before."""
     same = np.zeros(tail.size, dtype=bool)
     same[1:] = (tail[1:] == tail[:-1]) & (time[1:] == time[:-1])
     return same
 
 
-def _number_missing(columns: Columns, members: NDArray[np.integer]) -> NDArray[np.int64]:
+def _number_missing(columns: Columns, members: Index) -> Integers:
     names = ("eastward_wind", "air_temperature", "pressure")
     return np.asarray(sum(np.isnan(columns[name][members]).astype(np.int64) for name in names))
 
@@ -208,7 +208,7 @@ def _drop_conflicts(columns: Columns, audit: Audit) -> None:
         _take(columns, np.delete(np.arange(columns["tail"].size), later - worse_before))
 
 
-def _along_climb(columns: Columns) -> NDArray[np.int64]:
+def _along_climb(columns: Columns) -> Integers:
     """Order in which reports of one time climb or descend with those around them."""
     order = np.arange(columns["tail"].size)
     same = _same_moment(columns["tail"], columns["time"])
@@ -234,9 +234,7 @@ def _along_climb(columns: Columns) -> NDArray[np.int64]:
     return order
 
 
-def _apart(
-    columns: Columns, later: NDArray[np.integer]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def _apart(columns: Columns, later: Index) -> tuple[Floats, Floats, Floats]:
     """Degrees north and east (the short way round) and metres up from the reports before."""
     north, east, up = (
         columns[name][later] - columns[name][later - 1]
@@ -292,9 +290,7 @@ def _separate(
     return np.array(names, dtype=object)[order]
 
 
-def _sequences(
-    flown: pd.DataFrame, columns: Columns, labels: NDArray[np.object_]
-) -> NDArray[np.int64]:
+def _sequences(flown: pd.DataFrame, columns: Columns, labels: NDArray[np.object_]) -> Integers:
     """Number the sequences of flights of one identifier that one aircraft can have flown."""
     operator = [
         "" if code < 0 else "".join(takewhile(str.isalpha, labels[code]))

@@ -1,16 +1,10 @@
 """Cleaning shared by every report format: raw columns in SI to canonical columns.
 
-A report is dropped only without aircraft, time or position. Every other impossible value becomes
-NaN and is counted: the position of a report without wind still serves the ground vector. Headings
-and wind directions of -180..0 become 180..360, because some recorders write them so. Wind direction
-360 becomes 0, a calm has no direction, and a speed without a direction is no wind. The wind of a
-position exactly at 0 N 0 E fails its check. Pressure follows from pressure altitude by the standard
-atmosphere, or the reverse.
-
-Where no wind is reported it is ground velocity minus air velocity. A magnetic heading is turned to
-true north by the IGRF declination at the report's place and date. Airspeed is the true airspeed if
-reported, else from the Mach number, else from the indicated airspeed, at the reported temperature,
-else at that of the standard atmosphere, which is in error by up to 4 % (``wind_source``).
+A report is dropped only without aircraft, time or position; every other impossible value becomes
+NaN and is counted. Wind direction 360 becomes 0, a calm has no direction, a speed without a
+direction is no wind. Where no wind is reported it is ground velocity minus air velocity, of the
+true airspeed if reported, else from the Mach number, else from the indicated airspeed, at the
+reported temperature, else at that of the standard atmosphere, which is in error by up to 4 %.
 """
 
 from __future__ import annotations
@@ -79,10 +73,7 @@ _MISTAKES: dict[str, _Mistakes] = {
         "values in degrees Celsius read as K": (1.0, ZERO_CELSIUS),
         "values in tenths of degrees Celsius": (0.1, 0.9 * ZERO_CELSIUS),
     },
-    "pressure": {
-        "values in hPa read as Pa": (100.0, 0.0),
-        "values in Pa read as hPa": (0.01, 0.0),
-    },
+    "pressure": {"values in hPa read as Pa": (100.0, 0.0), "values in Pa read as hPa": (0.01, 0.0)},
     "pressure_altitude": {
         "values in ft read as m": (FOOT, 0.0),
         "values in ft read as flight levels": (0.01, 0.0),

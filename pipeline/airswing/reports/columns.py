@@ -1,22 +1,11 @@
 """Columns of a report table: canonical names and units, and mappings of other names and units.
 
 A canonical name is a quantity of the table ``columns.csv`` with its unit at the end
-(``wind_speed_kt``). The same quantity with another unit at the end (``wind_speed_m_s``) is
-understood without a mapping. Tables of programs in use are recognised by the names of their columns
-(:data:`LAYOUTS`). Any other name is mapped by the configuration, in one of these forms:
-
-* ``theirs: canonical`` or ``theirs: {name: canonical, unit: their unit}``;
-* ``theirs: {name: time, format: "%d.%m.%Y %H:%M"}``: a time in another notation than
-  :mod:`airswing.reports.values` reads (codes of :meth:`datetime.datetime.strftime`);
-* ``canonical: [theirs, other]``: several columns of one quantity; in each row the first that holds
-  a value is used;
-* ``canonical: {value: N510}``: the same for every report;
-* ``time: {date: theirs, time: theirs, offset: theirs}``: a time made of two columns, or of three
-  where the third is the offset from UTC; with ``format`` of the two with a blank between;
-* ``name: {only: [value, ...]}``: reports with another value in that column are left out.
-
-Units are converted by pint; every conversion used here has a factor and an offset. The limits of
-pressure are those of the standard atmosphere at the limits of pressure altitude.
+(``wind_speed_kt``); with another unit at the end it is understood without a mapping. Tables of
+programs in use are recognised by the names of their columns (:data:`LAYOUTS`). The forms of a
+mapping are those of ``docs/formats.md``, and ``name: {only: [value, ...]}``: reports with another
+value in that column are left out. The limits of pressure are those of the standard atmosphere at
+the limits of pressure altitude.
 """
 
 from __future__ import annotations
@@ -27,6 +16,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
+from typing import NamedTuple
 
 import pandas as pd
 
@@ -119,19 +109,17 @@ class Source:
     @property
     def columns(self) -> tuple[str, ...]:
         """Every column of the file that is read."""
-        first = () if self.value is not None else (self.column,)
-        return (*first, *self.others, *self.parts)
+        return (() if self.value is not None else (self.column,)) + self.others + self.parts
 
 
 Mapped = Mapping[str, Source]
 """The source of each variable; of :func:`parse_mapping`."""
 
 
-@dataclass(frozen=True)
-class Layout:
+class Layout(NamedTuple):
     """Tables of one program, recognised by column names that are always there."""
 
-    signature: frozenset[str]
+    signature: set[str]
     columns: Mapping[str, str | tuple[str, ...]]
     messages: bool = False  # a row holds one message, not all values of a report
 
@@ -139,7 +127,7 @@ class Layout:
 # Headings of Mode-S register 6,0 are magnetic; tracks are true (ADS-B, register 5,0).
 LAYOUTS = (
     Layout(  # meteo-particle-model, decoded Mode-S
-        frozenset({"ts", "icao", "lat", "lon", "alt", "hdg"}),
+        {"ts", "icao", "lat", "lon", "alt", "hdg"},
         {
             **{"icao": "tail", "ts": "time", "lat": "latitude", "lon": "longitude"},
             **{"alt": "pressure_altitude_ft", "hdg": "magnetic_heading_deg"},
@@ -148,7 +136,7 @@ LAYOUTS = (
         },
     ),
     Layout(  # traffic, Mode-S
-        frozenset({"timestamp", "icao24", "latitude", "longitude", "altitude"}),
+        {"timestamp", "icao24", "latitude", "longitude", "altitude"},
         {
             **{"icao24": "tail", "timestamp": "time", "altitude": "pressure_altitude_ft"},
             **{"groundspeed": "ground_speed_kt", "track": "track_deg", "callsign": "flight"},
@@ -158,7 +146,7 @@ LAYOUTS = (
         messages=True,
     ),
     Layout(  # OpenSky state vectors, whose heading is the direction of movement over ground
-        frozenset({"time", "icao24", "lat", "lon", "velocity", "heading", "baroaltitude"}),
+        {"time", "icao24", "lat", "lon", "velocity", "heading", "baroaltitude"},
         {
             **{"icao24": "tail", "lat": "latitude", "lon": "longitude", "callsign": "flight"},
             **{"baroaltitude": "pressure_altitude_m", "velocity": "ground_speed_m_s"},

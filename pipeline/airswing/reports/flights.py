@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from airswing.flags import PHASE
 from airswing.physics.great_circle import central_angle
-from airswing.reports.values import seconds_since_1970
+from airswing.reports.values import Floats, Index, Integers, Mask, seconds_since_1970
 from airswing.units import EARTH_RADIUS
 
 Columns = dict[str, NDArray[Any]]
@@ -40,9 +40,7 @@ NEAREST, FARTHEST = 30.0, 1200.0  # s: how far the neighbours of a climb rate ma
 LOWEST_CRUISE = 609.6  # m pressure altitude, 2,000 ft
 
 
-def step_distance(
-    latitude: NDArray[np.float64], longitude: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def step_distance(latitude: Floats, longitude: Floats) -> Floats:
     """Great-circle distance (m) from each position (degrees) to the next, shape (n - 1,)."""
     phi, lam = np.radians(latitude), np.radians(longitude)
     return EARTH_RADIUS * central_angle(phi[:-1], lam[:-1], phi[1:], lam[1:])
@@ -69,9 +67,7 @@ def derive_flight(columns: Columns) -> NDArray[np.int32]:
     return pd.factorize(number)[0].astype(np.int32)  # in order of the first reports
 
 
-def _steps(
-    columns: Columns, order: NDArray[np.integer]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+def _steps(columns: Columns, order: Index) -> tuple[Floats, Floats, Mask]:
     """Time (s) and distance (m) between successive reports, and what ends an unlabelled flight."""
     gap = np.diff(seconds_since_1970(columns["time"])[order])
     distance = step_distance(columns["latitude"][order], columns["longitude"][order])
@@ -79,7 +75,7 @@ def _steps(
     return gap, distance, (gap > UNLABELLED_GAP) | stop | _jumps(gap, distance)
 
 
-def _paths(columns: Columns) -> NDArray[np.int64]:
+def _paths(columns: Columns) -> Integers:
     """Number the paths flown under one identifier; 0 for all where nothing jumps or alternates."""
     tail = columns["tail"]
     path = np.zeros(tail.size, dtype=np.int64)
@@ -91,7 +87,7 @@ def _paths(columns: Columns) -> NDArray[np.int64]:
     return path
 
 
-def _alternating(columns: Columns) -> NDArray[np.int64]:
+def _alternating(columns: Columns) -> Integers:
     """Reports whose label was last reported within the gap of a flight, but another one since."""
     known = np.flatnonzero(columns["flight"] >= 0)
     tail, label = columns["tail"][known], columns["flight"][known]
@@ -101,7 +97,7 @@ def _alternating(columns: Columns) -> NDArray[np.int64]:
     return np.asarray(known[order[1:][same & (gap <= LABELLED_GAP)]])
 
 
-def _paths_of_one(columns: Columns) -> NDArray[np.int64]:
+def _paths_of_one(columns: Columns) -> Integers:
     seconds = seconds_since_1970(columns["time"])
     latitude, longitude = columns["latitude"], columns["longitude"]
     path, number = np.zeros(seconds.size, dtype=np.int64), 0
@@ -122,11 +118,11 @@ def _paths_of_one(columns: Columns) -> NDArray[np.int64]:
     return path
 
 
-def _jumps(gap: NDArray[np.float64] | float, distance: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _jumps(gap: Floats | float, distance: Floats) -> Mask:
     return np.asarray(distance > np.maximum(JUMP_DISTANCE, JUMP_SPEED * gap))
 
 
-def _filled_labels(columns: Columns, path: NDArray[np.int64]) -> NDArray[np.int64]:
+def _filled_labels(columns: Columns, path: Integers) -> Integers:
     """Labels, with those of reports without one filled in from the reports around them."""
     label = columns["flight"].astype(np.int64)
     absent = label < 0
@@ -154,9 +150,7 @@ def _filled_labels(columns: Columns, path: NDArray[np.int64]) -> NDArray[np.int6
     return filled
 
 
-def climb_rate(
-    seconds: NDArray[np.float64], altitude: NDArray[np.float64], flight: NDArray[np.integer]
-) -> NDArray[np.float64]:
+def climb_rate(seconds: Floats, altitude: Floats, flight: Index) -> Floats:
     """Slope (m s-1) of altitude (m) over the neighbours of each report; NaN without a neighbour.
 
     Flights are contiguous, and times (s) are in order within each; all arrays have shape (n,).
@@ -184,7 +178,7 @@ def climb_rate(
     return rate
 
 
-def derive_phase(columns: Columns, flight: NDArray[np.integer]) -> NDArray[np.int8]:
+def derive_phase(columns: Columns, flight: Index) -> NDArray[np.int8]:
     """Codes of `airswing.flags.PHASE` (report,) from ``time`` and ``pressure_altitude`` (m)."""
     phase = np.full(flight.size, PHASE["unknown"], dtype=np.int8)
     altitude = columns["pressure_altitude"].astype(np.float64)
@@ -200,7 +194,7 @@ def derive_phase(columns: Columns, flight: NDArray[np.integer]) -> NDArray[np.in
     return phase
 
 
-def _lasting(rate: NDArray[np.float64], flight: NDArray[np.integer]) -> NDArray[np.bool_]:
+def _lasting(rate: Floats, flight: Index) -> Mask:
     """Runs of a flight above the leaving rate that reach the entering rate somewhere."""
     moving = rate > LEAVE_RATE
     begins = np.r_[True, (np.diff(moving.astype(np.int8)) != 0) | (np.diff(flight) != 0)]

@@ -177,6 +177,18 @@ def read_reports(
     >>> reports["aircraft"].values.tolist()
     ['N401', 'N402', 'N403']
     """
+    parts, audit = _read_all(files, format, columns, on_bad_file)
+    reports = assemble(parts, interval=interval, audit=audit)
+    audit.similar_tails = similar(reports["aircraft"].to_numpy().tolist())
+    return reports.assign_attrs(reading_audit=audit.as_json())
+
+
+def _read_all(
+    files: str | Path | Sequence[str | Path],
+    format: Format,
+    columns: ColumnMapping | None,
+    on_bad_file: Policy,
+) -> tuple[list[pd.DataFrame], Audit]:
     _require_format(format)
     parse_mapping(columns)  # refused before a file is opened
     parts, audit, errors = [], Audit(), []
@@ -195,9 +207,7 @@ def read_reports(
         raise none_read(errors)
     if not audit.kept:
         raise none_usable(audit)
-    reports = assemble(parts, interval=interval, audit=audit)
-    audit.similar_tails = similar(reports["aircraft"].to_numpy().tolist())
-    return reports.assign_attrs(reading_audit=audit.as_json())
+    return parts, audit
 
 
 def reports_summary(path: str | Path, *, columns: ColumnMapping | None = None) -> dict[str, object]:
@@ -215,13 +225,7 @@ def reports_summary(path: str | Path, *, columns: ColumnMapping | None = None) -
     InputError
         The file cannot be read or holds no usable report.
     """
-    audit, parts = Audit(), []
-    for file in expand(str(path)):
-        part, counts = read_file(file, columns=columns)
-        audit.add(counts)
-        parts.append(part)
-    if not audit.kept:
-        raise none_usable(audit)
+    parts, audit = _read_all(path, "auto", columns, "fail")
     frame = pd.concat(parts, ignore_index=True)
     measured = ["pressure", "eastward_wind", "air_temperature", "reported_airspeed"]
     there = frame[[*measured, "reported_heading"]].notna()
@@ -291,12 +295,8 @@ def none_usable(audit: Audit) -> InputError:
 
 def none_read(errors: list[InputError]) -> InputError:
     """Return the error that says why no file can be read, from one error a file."""
-    if len(errors) == 1:
-        return errors[0]
-    return InputError(
-        f"none of the {len(errors)} report files can be read; the first: {errors[0]}",
-        field="reports.files",
-    )
+    what = f"none of the {len(errors)} report files can be read; the first: {errors[0]}"
+    return errors[0] if len(errors) == 1 else InputError(what, field="reports.files")
 
 
 def _require_format(format: str) -> None:

@@ -9,41 +9,38 @@ than such a clock allows and no minute holds two reports; then its clock is exac
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from airswing.physics.robust_spread import robust_sd
 from airswing.reports.flights import Columns, step_distance
-from airswing.reports.values import seconds_since_1970
+from airswing.reports.values import Floats, Index, Integers, Mask, seconds_since_1970
 from airswing.units import KNOT
 
 ARC_MINUTE = 1.0 / 60.0
 
-Step = tuple[float, float]
-"""Step of a lattice and how far off it a stored value may lie."""
+Steps = tuple[tuple[float, float], ...]
+"""Steps of a lattice, from coarse to fine, and how far off it a stored value may lie."""
 
-POSITION_STEPS: tuple[Step, ...] = tuple(  # degrees
+POSITION_STEPS: Steps = tuple(  # degrees
     (step, float(min(0.1 * step, max(0.04 * step, 7e-6))))
     for step in (
         *(0.1, 0.05, ARC_MINUTE, 0.01, 0.5 * ARC_MINUTE, 0.005, 0.1 * ARC_MINUTE, 0.001),
         *(1.0 / 3600.0, 0.01 * ARC_MINUTE, 1e-4, 0.1 / 3600.0, 1e-5),
     )
 )
-TIME_STEPS: tuple[Step, ...] = tuple((step, 0.02 * step) for step in (60.0, 6.0, 1.0, 0.1, 0.01))
+TIME_STEPS: Steps = tuple((step, 0.02 * step) for step in (60.0, 6.0, 1.0, 0.1, 0.01))
 """s; coarser ones are schedules, not codings"""
-SPEED_STEPS: tuple[Step, ...] = (
+SPEED_STEPS: Steps = (
     *((5.0 * KNOT, 0.051), (1.0, 0.02), (KNOT, 0.051), (0.5, 0.01), (0.1, 0.005)),
     *((0.1 * KNOT, 0.0026), (0.01, 0.001)),
 )
 """m/s; knots may be stored to 0.1 m/s"""
-DIRECTION_STEPS: tuple[Step, ...] = tuple(
-    (step, 0.02 * step) for step in (10.0, 5.0, 1.0, 0.1, 0.01)
-)
+DIRECTION_STEPS: Steps = tuple((step, 0.02 * step) for step in (10.0, 5.0, 1.0, 0.1, 0.01))
 """degrees"""
 SHARE = 0.9  # of values that must lie on a lattice
 FEWEST = 5  # values below which no lattice is looked for
 _MOST_REPORTS = 2000  # of an aircraft, evenly spread: a step shows in far fewer
 # Steps looked for, and the step of a fleet in which no aircraft has enough reports.
-_FIELDS: dict[str, tuple[tuple[Step, ...], float]] = {
+_FIELDS: dict[str, tuple[Steps, float]] = {
     "position_resolution": (POSITION_STEPS, 0.01),
     "time_resolution": (TIME_STEPS, 60.0),
     "wind_speed_resolution": (SPEED_STEPS, KNOT),
@@ -51,17 +48,12 @@ _FIELDS: dict[str, tuple[tuple[Step, ...], float]] = {
 }
 
 
-def lattice_step(
-    values: NDArray[np.float64],
-    group: NDArray[np.integer],
-    groups: int,
-    steps: tuple[Step, ...],
-) -> NDArray[np.float64]:
+def lattice_step(values: Floats, group: Index, groups: int, steps: Steps) -> Floats:
     """Coarsest step (of coarse to fine) on which the values (n,) of each group lie, (groups,)."""
     return _coarsest(_on_steps(values, group, groups, steps), steps, FEWEST)
 
 
-def resolutions(columns: Columns, row_size: NDArray[np.integer]) -> dict[str, NDArray[np.float64]]:
+def resolutions(columns: Columns, row_size: Index) -> dict[str, Floats]:
     """Resolution of position, time, wind speed and direction (degree, s, m/s) by aircraft."""
     number = int(row_size.size)
     stride = np.repeat(np.maximum(row_size // _MOST_REPORTS, 1), row_size)
@@ -77,7 +69,7 @@ def resolutions(columns: Columns, row_size: NDArray[np.integer]) -> dict[str, ND
         "wind_speed_resolution": (columns["wind_speed"][used].astype(np.float64), group),
         "wind_direction_resolution": (columns["wind_direction"][used].astype(np.float64), group),
     }
-    found: dict[str, NDArray[np.float64]] = {}
+    found: dict[str, Floats] = {}
     for name, (steps, usual) in _FIELDS.items():
         counts = _on_steps(*values[name], number, steps)
         step = _coarsest(counts, steps, FEWEST)
@@ -93,9 +85,7 @@ def resolutions(columns: Columns, row_size: NDArray[np.integer]) -> dict[str, ND
     return found
 
 
-def _on_steps(
-    values: NDArray[np.float64], group: NDArray[np.integer], groups: int, steps: tuple[Step, ...]
-) -> NDArray[np.int64]:
+def _on_steps(values: Floats, group: Index, groups: int, steps: Steps) -> Integers:
     """Number of values of each group, and of those that lie on each step, (groups, 1 + steps)."""
     known = np.isfinite(values)
     values, group = values[known], group[known]
@@ -106,9 +96,7 @@ def _on_steps(
     return np.stack(counts, axis=1).astype(np.int64)
 
 
-def _coarsest(
-    counts: NDArray[np.int64], steps: tuple[Step, ...], fewest: int
-) -> NDArray[np.float64]:
+def _coarsest(counts: Integers, steps: Steps, fewest: int) -> Floats:
     """First step on which enough values lie, the last where none; NaN with too few values."""
     total, on = counts[:, 0], counts[:, 1:]
     hit = on >= SHARE * total[:, np.newaxis]
@@ -117,7 +105,7 @@ def _coarsest(
     return np.where(total >= fewest, np.array([step for step, _ in steps])[number], np.nan)
 
 
-def _exact_clock(columns: Columns, clock: NDArray[np.float64], number: int) -> NDArray[np.bool_]:
+def _exact_clock(columns: Columns, clock: Floats, number: int) -> Mask:
     """Aircraft on whole minutes whose ground speeds are too steady for truncated times.
 
     Times truncated to c seconds have an error of variance c^2/12, so that the difference of the

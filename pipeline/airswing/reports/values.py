@@ -2,12 +2,9 @@
 
 Times are ISO 8601 text (UTC where it has no offset), or a number, which is read by the first of
 these notations that gives a possible time: seconds since 1970, ``yyyymmddHH``, ``yyyymmddHHMM``,
-``yyyymmddHHMMSS``, milliseconds, microseconds or nanoseconds since 1970, Julian date. Other
-notations (``01/02/2009``) are ambiguous and count as unparsable unless their format is given.
-Possible are the times from :data:`EARLIEST` to one day after now. The notations do not overlap for
-possible times before July 2032, when seconds since 1970 become as large as ``1973010100``.
-
-Flag codes are compared without regard to case and blanks; an unknown code counts as missing.
+``yyyymmddHHMMSS``, milliseconds, microseconds or nanoseconds since 1970, Julian date. They do not
+overlap before July 2032, when seconds since 1970 become as large as ``1973010100``. Other notations
+(``01/02/2009``) are ambiguous and count as unparsable unless their format is given.
 """
 
 from __future__ import annotations
@@ -24,6 +21,10 @@ from airswing.reports.audit import Audit
 Column: TypeAlias = "pd.Series[Any]"
 """A column of a table, of whatever type its file gives it."""
 Times: TypeAlias = NDArray[np.datetime64]
+Floats: TypeAlias = NDArray[np.float64]
+Integers: TypeAlias = NDArray[np.int64]
+Index: TypeAlias = NDArray[np.integer]
+Mask: TypeAlias = NDArray[np.bool_]
 
 EARLIEST = np.datetime64("1973-01-01", "ns")
 """First year of aircraft reports in the archives that reanalyses use (NCAR ds353.4)."""
@@ -57,13 +58,13 @@ FLAGS = tuple(_CODES)
 """Flag columns of a table."""
 
 
-def possible(time: Times) -> NDArray[np.bool_]:
+def possible(time: Times) -> Mask:
     """Return True where a report can have been sent at a time; False for NaT."""
     latest = np.datetime64("now", "ns") + np.timedelta64(1, "D")
     return np.asarray((time >= EARLIEST) & (time < latest))
 
 
-def parse_times(values: Column, format: str | None = None) -> tuple[Times, NDArray[np.bool_]]:
+def parse_times(values: Column, format: str | None = None) -> tuple[Times, Mask]:
     """Read a column of text (in a format of ``strftime``), numbers or timestamps.
 
     Returns times (report,), NaT where there is none or it cannot be read, whether they are possible
@@ -88,12 +89,12 @@ def parse_times(values: Column, format: str | None = None) -> tuple[Times, NDArr
     return np.append(time, np.datetime64("NaT", "ns"))[index], blank[index]
 
 
-def seconds_since_1970(time: Times) -> NDArray[np.float64]:
+def seconds_since_1970(time: Times) -> Floats:
     """Times as float64 seconds since 1970-01-01 UTC."""
     return time.astype("datetime64[ns]").astype(np.int64) / 1e9
 
 
-def from_epoch(seconds: NDArray[np.float64]) -> Times:
+def from_epoch(seconds: Floats) -> Times:
     """Seconds since 1970 as times, to the microsecond; NaT for NaN and outside 1970-2103."""
     time = np.full(seconds.shape, np.datetime64("NaT", "ns"))
     known = (seconds >= 0.0) & (seconds < _LARGEST_SECONDS)
@@ -101,7 +102,7 @@ def from_epoch(seconds: NDArray[np.float64]) -> Times:
     return time
 
 
-def _of_numbers(values: NDArray[np.float64]) -> Times:
+def _of_numbers(values: Floats) -> Times:
     notations = []
     for width, pattern in _CALENDARS:
         dates = (values >= 10.0 ** (width - 1)) & (values < 10.0**width)
@@ -119,13 +120,13 @@ def _of_numbers(values: NDArray[np.float64]) -> Times:
     return time
 
 
-def numbers(column: Column, factor: float = 1.0, offset: float = 0.0) -> NDArray[np.float64]:
+def numbers(column: Column, factor: float = 1.0, offset: float = 0.0) -> Floats:
     """Numbers of a column times a factor plus an offset; NaN where a value is none."""
     found = pd.to_numeric(column, errors="coerce").to_numpy(dtype=np.float64, na_value=np.nan)
     return np.asarray(found * factor + offset)
 
 
-def roll_flags(roll: NDArray[np.float64]) -> NDArray[np.int8]:
+def roll_flags(roll: Floats) -> NDArray[np.int8]:
     """Flags of roll angles (degrees, either sign): bad beyond :data:`LARGEST_ROLL`."""
     flags = np.where(np.abs(roll) <= LARGEST_ROLL, ROLL["good"], ROLL["bad"])
     return np.where(np.isnan(roll), ROLL["missing"], flags).astype(np.int8)

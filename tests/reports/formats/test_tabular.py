@@ -90,10 +90,7 @@ def test_parquet_is_read_as_csv(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     table = flight(tail="007", roll_flag="G", icing=1)
     table.to_parquet(tmp_path / "a.parquet")
     ds = read_reports(write(tmp_path / "a.csv", table)).drop_attrs(deep=False)
-    xr.testing.assert_identical(
-        read_reports(tmp_path / "a.parquet").drop_attrs(deep=False),
-        ds,
-    )
+    xr.testing.assert_identical(read_reports(tmp_path / "a.parquet").drop_attrs(deep=False), ds)
     table = flight(tail=7, flight=3.0).astype({"tail": "category"})
     table["time"] = table["time"].dt.tz_localize("UTC").dt.tz_convert("America/Chicago")
     table["wind_speed_kt"] = table["wind_speed_kt"].astype("float32").where(table.index != 2)

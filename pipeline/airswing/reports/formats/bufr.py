@@ -3,11 +3,8 @@
 ``flightLevel``, ``indicatedAircraftAltitude`` and ``height`` are pressure altitudes in m. The
 aircraft is the tail number if given, else the registration, else the flight number, in which
 European AMDAR has its aircraft identifier. Levels of a profile (3-11-008, 3-11-009): what precedes
-the first level holds for all; a level begins where the vertical coordinate occurs again. What
-follows a second vertical coordinate without level, wind and temperature belongs to the first.
-
-A message whose table version is not available is decoded with a current one; one that cannot be
-decoded, or that ends the process which decodes it, is counted as dropped.
+the first level holds for all; a level begins where the vertical coordinate occurs again. A message
+whose table version is not available is decoded with a current one.
 """
 
 from __future__ import annotations

@@ -2,10 +2,9 @@
 
 Traces hold one aircraft and day: ``icao``, ``timestamp`` (the epoch) and points, each a list of
 seconds since then, latitude, longitude, barometric altitude (ft) or ``"ground"``, ground speed
-(kt), track (degrees true), flags (bit 1: stale), vertical rate, and perhaps an object that holds
-for its point only (readsb, README-json.md). Messages are one object each with ``timestamp``,
-``icao24`` and decoded values of position, of register 5,0 and of register 6,0 (magnetic heading),
-directly or within ``bds50`` and ``bds60``, as lines, entries of a list or columns of a table.
+(kt), track (degrees true), flags, vertical rate, and perhaps an object that holds for its point
+only (readsb, README-json.md). Messages are one object each, as lines, entries of a list or columns
+of a table, with decoded values directly or within ``bds50`` and ``bds60`` (magnetic heading).
 """
 
 from __future__ import annotations

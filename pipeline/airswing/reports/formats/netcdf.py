@@ -1,15 +1,11 @@
 """NetCDF reports of aircraft: FSL/MADIS ACARS, and IODA files as JEDI reads them.
 
-MADIS
-    One hour a file, dimension ``recNum``; flags are bytes that hold ASCII codes; ``altitude`` is
-    pressure altitude (m). ``heading`` is never read: it is atan2(dlon, dlat) of the last leg.
-    Error flags: ``p`` passed, ``-`` or blank not tested, any other letter failed. ``errorType``: T
-    temperature, W wind, B both; ``dataDescriptor`` X without an error type fails both. Later
-    versions add ``<variable>DD``: C, S, V, G passed; X, Q, B failed; Z not checked.
-IODA
-    Groups ``MetaData`` and ``ObsValue``, or variables named ``variable@Group``. The level is
-    ``pressure`` (Pa), else ``height`` (m; taken as pressure altitude). A value of ``PreQC`` or
-    ``QualityMarker`` above 3 fails the wind (PREPBUFR: 0 to 3 usable).
+MADIS: one hour a file, dimension ``recNum``; flags are bytes that hold ASCII codes; ``altitude`` is
+pressure altitude (m); ``heading`` is never read: it is atan2(dlon, dlat) of the last leg. Error
+flags: ``p`` passed, ``-`` or blank not tested, any other letter failed. ``errorType``: T
+temperature, W wind, B both. Later versions add ``<variable>DD``: C, S, V, G passed; X, Q, B failed;
+Z not checked. IODA: groups ``MetaData`` and ``ObsValue``, or variables named ``variable@Group``;
+``height`` is taken as pressure altitude; 0 to 3 in ``PreQC`` or ``QualityMarker`` are usable.
 
 Sources: attributes and variable list of MADIS ACARS; JEDI, "Naming conventions" (2022).
 """

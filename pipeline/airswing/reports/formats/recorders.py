@@ -1,20 +1,11 @@
 """Logs of flight recorders as CSV: Garmin flight decks, and tables of Flightradar24.
 
-G1000 and relatives (log versions 1.00 to 1.03)
-    Airframe, units and names stand before the rows, one a second. Date and time are local;
-    ``UTCOfst`` is local time minus UTC. The altitude ``AltB`` or ``AltInd`` is indicated at the
-    setting ``BaroA``: pressure altitude is it plus the standard altitude of that setting.
-G3X, G3X Touch, G5
-    Names in words with units, then a second line of short names. Time is UTC or local with an
-    offset, the track is true where its unit says so, the altitude is the pressure altitude.
-Flightradar24
-    Granular data or playback; ``heading`` and ``Direction`` are the track over ground. The aircraft
-    is the flight. Positions at altitude 0 are left out.
-
-Magnetic directions are turned to true north by the IGRF declination, not by the log's variation.
-The wind is derived from heading, true airspeed, track and ground speed, because the deck's wind is
-smoothed over many seconds. Sources: Garmin, G1000 and G3X Touch pilot's guides; Flightradar24,
-"KML and CSV export tools".
+G1000 and relatives (log versions 1.00 to 1.03) write local date and time, and an altitude indicated
+at the setting ``BaroA``; G3X and G5 write names in words with units, then a line of short names.
+Magnetic directions are turned to true north by the IGRF declination. The wind is derived, because
+the deck's wind is smoothed over many seconds. ``heading`` and ``Direction`` of Flightradar24 are
+the track over ground, and its aircraft is the flight. Sources: Garmin, G1000 and G3X Touch pilot's
+guides; Flightradar24, "KML and CSV export tools".
 """
 
 from __future__ import annotations

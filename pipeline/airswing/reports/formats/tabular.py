@@ -1,10 +1,9 @@
 """Report tables: CSV text and Parquet, read in pieces.
 
 Assumes one report a row and a header row of column names; commas, semicolons or tabs between
-columns; UTF-8 text, plain or compressed with gzip or bzip2. Text columns are never read as numbers,
-so a tail ``NA`` or ``007`` stays what it is. A row with too many columns is dropped and counted; a
-row with too few has the rest missing. Folders named ``tail=N401``, as programs that partition a
-Parquet table write them, hold that column for the Parquet files in them.
+columns; UTF-8 text. Text columns are never read as numbers, so a tail ``NA`` or ``007`` stays what
+it is. A row with too many columns is dropped and counted; a row with too few has the rest missing.
+Folders named ``tail=N401`` (a partitioned Parquet table) hold that column for the files in them.
 """
 
 from __future__ import annotations
