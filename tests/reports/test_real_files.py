@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from tests.reports.tables import write
 
 from airswing.reports import read_file
+from tests.reports.tables import write
 
 
 def test_real_mode_s_winds_are_the_authors_with_declination_zero(
