@@ -1,21 +1,25 @@
-"""Reject list, error table and JEDI tables: changes are right, the rest is unchanged."""
+"""Reject list, error table and JEDI tables; errors of single reports by leg, layer and aircraft."""
 
 from __future__ import annotations
 
 import csv
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray as xr
 
+import airswing
 from airswing.config import Handover
 from airswing.errors import InputError
 from airswing.evaluation.innovations import LEVEL_EDGES_HPA
-from airswing.handover.export import export
+from airswing.flags import PHASE
 from airswing.handover.obs_errors import LEVELS, changed_table
 from airswing.handover.reject_list import read_reject_list
+from airswing.handover.wind_errors import table_error
 from airswing.products.netcdf import write_product
+from tests.conftest import ROOT
 from tests.handover import wrfda
 from tests.handover.archives import corrected
 
@@ -111,7 +115,7 @@ def test_the_real_list_is_understood(real):
 
 def test_a_turboprop_comes_off_the_real_list(real, tmp_path):
     fleet = {"566": (9.0, 0.5), "00000784": (9.0, 8.0), "506": (12.0, 0.0), "N921DL": (0.0, 0.0)}
-    done = export(
+    done = airswing.export(
         run(tmp_path, {**fleet, "FINE": (0.0, 0.0), "WILD": (15.0, 1.0)}),
         to="reject_list",
         path=tmp_path / "current_bad_aircraft",
@@ -150,7 +154,7 @@ def test_other_lines_are_unchanged_and_blank_identifiers_are_filled(tmp_path):
     base = tmp_path / "list"
     base.write_bytes((HEADER + "".join(rows)).encode())
     fleet = dict.fromkeys(("00000751", "752", "753", "755", "756"), (9.0, 0.0))
-    done = export(
+    done = airswing.export(
         run(tmp_path, fleet),
         to="reject_list",
         path=tmp_path / "out",
@@ -189,12 +193,14 @@ def test_other_files_are_no_reject_list(tmp_path, text, what):
 def test_a_list_is_needed_and_nothing_is_written_over(tmp_path):
     product = run(tmp_path, {"A": (9.0, 0.0)})
     with pytest.raises(InputError, match="current list is needed"):
-        export(product, to="reject_list", path=tmp_path / "out")
+        airswing.export(product, to="reject_list", path=tmp_path / "out")
     (tmp_path / "there").write_text("mine")
     base = tmp_path / "list"
     base.write_text(HEADER + "A         - W -      MDC00001\n")
     with pytest.raises(InputError, match="already exists"):
-        export(product, to="reject_list", path=tmp_path / "there", settings=Handover(base=base))
+        airswing.export(
+            product, to="reject_list", path=tmp_path / "there", settings=Handover(base=base)
+        )
     assert (tmp_path / "there").read_text() == "mine"
 
 
@@ -215,7 +221,7 @@ def read_wind_tables(text):
 
 def test_error_table_holds_the_measured_errors(tmp_path, root):
     product = run(tmp_path, {"A": (9.0, 0.0)})
-    done = export(product, to="obs_errors", path=tmp_path / "obserr.txt")
+    done = airswing.export(product, to="obs_errors", path=tmp_path / "obserr.txt")
     text = (tmp_path / "obserr.txt").read_text()
     original = (root / "pipeline/airswing/handover/data/obserr.txt").read_text()
     tables, before = read_wind_tables(text), read_wind_tables(original)
@@ -242,7 +248,7 @@ def test_other_files_are_no_error_table(tmp_path):
     base = tmp_path / "base.txt"
     base.write_text("no table\n")
     with pytest.raises(InputError, match="not a table of observation errors"):
-        export(product, to="obs_errors", path=tmp_path / "x", settings=Handover(base=base))
+        airswing.export(product, to="obs_errors", path=tmp_path / "x", settings=Handover(base=base))
     assert not (tmp_path / "x").exists()
     with pytest.raises(InputError, match="no rows of UV AIREPS"):
         changed_table("1.0 \n", {"UV": {500: 1.0}}, ["AIREPS"])
@@ -273,7 +279,7 @@ def jedi_table(path):
 def test_jedi_tables_have_the_layout_of_real_ones(tmp_path, real):
     product = run(tmp_path, {"A1": (9.0, 0.0), "B2": (1.0, 0.0)})
     write_fits(tmp_path)
-    done = export(product, to="jedi", path=tmp_path / "jedi")
+    done = airswing.export(product, to="jedi", path=tmp_path / "jedi")
     with open(real("lists/aircraft_abias_air_constant.2021121115.csv"), newline="") as file:
         theirs = [next(csv.reader(file)) for _ in range(4)]
     (names, types), table = jedi_table(tmp_path / "jedi" / "wind_error_windEastward.csv")
@@ -290,7 +296,7 @@ def test_jedi_tables_have_the_layout_of_real_ones(tmp_path, real):
     assert [file["rows"] for file in done["files"]] == [40, 40, 1]
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="there are several tables"):
-        export(product, to="jedi", path=tmp_path / "file")
+        airswing.export(product, to="jedi", path=tmp_path / "file")
 
 
 @pytest.mark.parametrize("winds", ["corrected", "reported"])
@@ -305,7 +311,7 @@ def test_every_export_gives_an_aircraft_the_same_error(tmp_path, aircraft_error,
     (tmp_path / "observation_errors.nc").unlink()
     write_product(known, tmp_path / "observation_errors.nc", title="errors")
     for to, name in (("ob_ascii", "ob"), ("jedi", "jedi/"), ("obs_errors", "obserr.txt")):
-        export(product, to=to, path=f"{tmp_path}/{name}", winds=winds)
+        airswing.export(product, to=to, path=f"{tmp_path}/{name}", winds=winds)
     layer = float(known["observation_error_filled"].sel(state=winds, flight_phase="all")[4])
     expected = layer if np.isnan(aircraft_error) else max(aircraft_error, layer / 2.0)
     reports, _ = wrfda.read((tmp_path / "ob").read_text())
@@ -318,3 +324,124 @@ def test_every_export_gives_an_aircraft_the_same_error(tmp_path, aircraft_error,
     assert np.sqrt(drawn) == pytest.approx(expected, abs=1e-4)
     by_type = read_wind_tables((tmp_path / "obserr.txt").read_text())["UV", "TAMDARS"]
     assert dict(zip(LEVELS, by_type, strict=False))[550] == pytest.approx(layer, abs=0.006)
+
+
+# --- errors of single reports --------------------------------------------------------------------
+
+
+KNOWN = np.array(
+    [
+        [[2.5, 2.0, 1.8], [2.0, 1.6, 1.9], [3.0, 2.4, 2.2]],
+        [[1.4, 1.1, 0.9], [1.5, 1.2, 0.95], [1.0, 0.8, 0.7]],
+    ]
+)
+"""m/s by state (reported, corrected), phase (all, cruise, descent) and three layers."""
+BY_AIRCRAFT = {"N1": (np.nan, np.nan), "N2": (6.0, 1.3), "N3": (1.0, 0.0), "N9": (9.0, 9.0)}
+
+
+def write_known(folder: Path, *missing: str, known: np.ndarray = KNOWN) -> None:
+    ds = xr.Dataset(
+        {
+            "observation_error_filled": (("state", "flight_phase", "layer"), known),
+            "aircraft_observation_error": (("aircraft", "state"), list(BY_AIRCRAFT.values())),
+            "layer_bottom_pressure": ("layer", [110000.0, 70000.0, 40000.0]),
+            "layer_top_pressure": ("layer", [70000.0, 40000.0, 20000.0]),
+        },
+        coords={
+            "state": ["reported", "corrected"],
+            "flight_phase": ["all", "cruise", "descent"],
+            "aircraft": list(BY_AIRCRAFT),
+        },
+    )
+    shuffled = ds.transpose("layer", ...).isel(layer=[2, 0, 1], flight_phase=[1, 0, 2])
+    write_product(shuffled.drop_vars(missing), folder / "observation_errors.nc", title="test")
+
+
+def errors_of(folder: Path, ds: xr.Dataset, **choices: object) -> list[float]:
+    write_product(ds, folder / "corrected.nc", title="test")
+    result = airswing.export(
+        folder / "corrected.nc", to="ob_ascii", path=folder / "f", overwrite=True, **choices
+    )
+    reports, _ = wrfda.read((folder / "f").read_text())
+    assert result["notes"][0].startswith(f"errors of the winds from {result['errors_from']}")
+    return [level["error"] for report in reports for level in report["levels"]]
+
+
+def test_the_table_is_the_one_obsproc_gave_its_reports():
+    golden = ROOT.parent / "shared/handover/obsproc_ob.ascii"
+    if not golden.exists():
+        pytest.skip("golden file absent: ../shared/handover/obsproc_ob.ascii")
+    result = [
+        (level["p"][0], report["type"] == "airep", level["speed"][2])
+        for report in wrfda.read(golden.read_text())[0]
+        for level in report["levels"]
+        if level["p"][0] > 0
+    ]
+    pressure, airep, error = (np.array(column) for column in zip(*result, strict=True))
+    found = table_error(pressure, np.where(airep, 3, 0).astype(np.int8))
+    np.testing.assert_allclose(found, error, atol=0.006)
+    assert len(set(error)) >= 5
+
+
+LEGS = {
+    "pressure": [109000.0, 70000.0, 39999.0, 19000.0, 90000.0, 39999.0],
+    "phase": [PHASE[name] for name in ("cruise",) * 4 + ("descent", "ascent")],
+    "corrected_wind_standard_error": 0.4,
+}
+N2 = {"pressure": [50000.0, 90000.0], "corrected_wind_standard_error": [0.4, 0.2]}
+
+
+@pytest.mark.parametrize(
+    ("sizes", "columns", "winds", "by_hand"),
+    [
+        # Corrections of equal uncertainty change nothing; an ascent has no row.
+        ({"N1": 6}, LEGS, "corrected", [1.5, 1.2, 0.95, 0.95, 1.0, 0.9]),
+        ({"N1": 6}, LEGS, "reported", [2.0, 1.6, 1.9, 1.9, 3.0, 1.8]),
+        # 1.2 m/s of the cell holds (0.2^2 + 1.0^2) / 4 = 0.26 of uncertain corrections.
+        (
+            {"N1": 1, "X": 1},
+            {"corrected_wind_standard_error": [0.2, 1.0]},
+            "corrected",
+            np.sqrt([1.44 - 0.26 + 0.02, 1.44 - 0.26 + 0.5]),
+        ),
+        # N2 flew cells of 1.44 and 2.25 and has 1.69 itself, 0.155 less than these. Of its
+        # corrections, half the squares are 0.08 and 0.02, on the mean 0.05.
+        ({"N2": 2}, N2, "corrected", np.sqrt([1.44 - 0.155 + 0.03, 2.25 - 0.155 - 0.03])),
+        ({"N2": 2}, N2, "reported", np.sqrt(np.array([2.56, 4.0]) + 36.0 - 3.28)),
+        # A variance clipped at zero counts; half of the base of 1.2 m/s is the least.
+        ({"N3": 2}, {"corrected_wind_standard_error": 0.4}, "corrected", [0.6, 0.6]),
+        ({"N1": 3}, {"corrected_wind_standard_error": [0, 0, 6]}, "corrected", [0.6, 0.6]),
+        # No error is below 0.5 m/s.
+        (
+            {"N1": 3},
+            {
+                "corrected_wind_standard_error": [0, 0, 6],
+                "pressure": 30000.0,
+                "phase": PHASE["descent"],
+            },
+            "corrected",
+            [0.5, 0.5],
+        ),
+        # A unit that corrects itself has the error of its cell.
+        ({"N1": 2}, {"corrected_wind_standard_error": [0.5, np.nan]}, "corrected", [1.2, 1.2]),
+    ],
+)
+def test_errors_by_hand(tmp_path, sizes, columns, winds, by_hand):
+    write_known(tmp_path)
+    found = errors_of(tmp_path, corrected(sizes, **columns), winds=winds)
+    assert found[: len(by_hand)] == pytest.approx(by_hand, abs=0.006)
+
+
+@pytest.mark.parametrize("winds", ["corrected", "reported"])
+def test_a_product_without_finite_errors_is_not_named_as_source(tmp_path, winds):
+    write_known(tmp_path, known=np.full_like(KNOWN, np.nan))
+    ds = corrected({"N1": 2}, pressure=50000.0, corrected_wind_standard_error=0.0)
+    write_product(ds, tmp_path / "corrected.nc", title="test")
+    result = airswing.export(
+        tmp_path / "corrected.nc", to="ob_ascii", path=tmp_path / "f", winds=winds
+    )
+    assert result["errors_from"] == "WRFDA's table"
+    assert "observation_errors.nc holds none for these" in result["notes"][0]
+    assert ("uncertainty of each correction" in result["notes"][0]) == (winds == "corrected")
+    (first, *_), _ = wrfda.read((tmp_path / "f").read_text())
+    assert first["levels"][0]["error"] == pytest.approx(2.9)
