@@ -227,7 +227,7 @@ def _effects(path: Path) -> None:
 
 
 def _error_table(path: Path) -> None:
-    from airswing.handover.obs_errors import changed_table
+    from airswing.handover.error_tables import changed_table
 
     errors = {"UV": dict.fromkeys((1000, 700, 500, 300, 200, 100), 1.7)}
     changed_table(path.read_bytes().decode("latin-1"), errors, ["AIREPS"])

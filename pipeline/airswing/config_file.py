@@ -8,6 +8,7 @@ system accepts.
 
 from __future__ import annotations
 
+import re
 import typing
 from collections.abc import Mapping
 from pathlib import Path
@@ -194,7 +195,8 @@ class _Loader(yaml.SafeLoader):
             written = shortened(getattr(node, "value", ""), 80)
             what = f"{written!r} is not a valid {node.tag.rpartition(':')[2]}"
             raise _fault(what, node) from err
-        if isinstance(value, str) and not _usable(value):
+        # lone surrogates are no text that can be written
+        if isinstance(value, str) and re.search("[\0\ud800-\udfff]", value):
             raise _fault("text that cannot be used", node)
         if isinstance(value, int) and value.bit_length() > _MOST_BITS:
             raise _fault("an integer that is too large", node)
@@ -213,11 +215,3 @@ class _Loader(yaml.SafeLoader):
 
 def _fault(what: str, where: Any) -> yaml.YAMLError:
     return yaml.YAMLError(f"line {where.start_mark.line + 1}: {what}")
-
-
-def _usable(text: str) -> bool:
-    try:
-        text.encode()
-    except UnicodeEncodeError:
-        return False
-    return "\0" not in text

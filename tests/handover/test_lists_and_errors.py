@@ -15,7 +15,7 @@ from airswing.config import Handover
 from airswing.errors import InputError
 from airswing.evaluation.innovations import LEVEL_EDGES_HPA
 from airswing.flags import PHASE
-from airswing.handover.obs_errors import LEVELS, changed_table
+from airswing.handover.error_tables import LEVELS, changed_table
 from airswing.handover.reject_list import read_reject_list
 from airswing.handover.wind_errors import table_error
 from airswing.products.netcdf import write_product

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from airswing.config import Handover
 from airswing.errors import InputError
-from airswing.handover.jedi import write_jedi
-from airswing.handover.obs_errors import write_obs_errors
+from airswing.handover.error_tables import write_jedi, write_obs_errors
 from airswing.handover.reject_list import write_reject_list
 from airswing.handover.request import Request, Winds
 from airswing.handover.wrf_reports import write_little_r, write_ob_ascii, write_obs_domain
@@ -102,7 +101,18 @@ def export(
         raise InputError(
             "no such winds", field="--winds", found=winds, remedy="Known: corrected, reported"
         )
-    length = None if window is None else _seconds(window)
+    length = None
+    if window is not None:
+        try:
+            length = quantity(window, "second")
+        except ValueError as err:
+            raise InputError(
+                "not a length of time", field="--window", found=window, remedy="Such as '1 h'"
+            ) from err
+        if length < 1.0 or length != round(length):
+            raise InputError(
+                "a window is a whole number of seconds", field="--window", found=window
+            )
     product = Path(corrected) if isinstance(corrected, (str, Path)) else None
     ds = open_product(product) if product is not None else corrected
     if not isinstance(ds, xr.Dataset):
@@ -123,18 +133,6 @@ def export(
     finally:
         if product is not None:
             ds.close()
-
-
-def _seconds(window: str) -> float:
-    try:
-        seconds = quantity(window, "second")
-    except ValueError as err:
-        raise InputError(
-            "not a length of time", field="--window", found=window, remedy="Such as '1 h'"
-        ) from err
-    if seconds < 1.0 or seconds != round(seconds):
-        raise InputError("a window is a whole number of seconds", field="--window", found=window)
-    return seconds
 
 
 def as_text(result: dict[str, Any]) -> str:

@@ -23,9 +23,9 @@ from airswing.config import Reports
 from airswing.errors import InputError
 from airswing.gap.archive.frame import Frame, sampled
 from airswing.gap.checks import review_claims
-from airswing.gap.diagnose import Diagnosis, attributed, diagnose
+from airswing.gap.diagnose import attributed, diagnose
 from airswing.gap.effects import CATALOGUE, ActiveEffect
-from airswing.gap.result.schema import ClaimsEntry, GapReport, KnownEntry, SimulationEntry
+from airswing.gap.result.schema import GapReport, KnownEntry, SimulationEntry
 from airswing.gap.simulation.effects_file import (
     active_effects,
     not_known,
@@ -51,7 +51,6 @@ from airswing.units import KNOT
 from airswing.workflow.job import Job
 from airswing.workflow.months import catalogues, make_headings
 
-GAP_JSON, GAP_PRODUCT, GAP_EFFECTS = "gap.json", "gap.nc", "effects.yaml"
 # Where the collocation of a simulation on other paths is kept while it is diagnosed.
 _SIMULATION_FOLDER = ".simulation"
 
@@ -124,15 +123,31 @@ def diagnosis(
         if number := len(unknown.where):
             findings.append(f"{number} unexplained error{'s' if number > 1 else ''}")
         stage.note = ", ".join(findings) or "no missing effect found"
+    with job.progress.stage("claims") as stage:
+        # without the effects other than deviation
+        config, test = job.config, job.config.field_test
+        claims = review_claims(
+            headings,
+            found.adjustment,
+            pools=job.pools,
+            reference=config.gap_reference(),
+            fit=config.fit.model_dump(),
+            field_test=None if test is None else test.model_dump(),
+        )
+        stage.note = "no effect other than the deviation to remove"
+        if found.adjustment.names:
+            stage.note = f"{claims.stay} of {claims.of} fits stay within their interval"
+        elif found.report.unknown.where:
+            stage.note = "unexplained errors are not removed from the reports"
     report = replace(
         found.report,
         effects=effects,
         unknown=unknown,
-        reference=job.config.gap_reference(),
+        reference=config.gap_reference(),
         headings_uuid=archive.attrs["uuid"],
         known=start.known_entries or None,
         simulation=start.simulation,
-        claims=_claims(job, headings, found),
+        claims=claims,
         counts=replace(found.report.counts, reports=archive.sizes["report"]),
     )
     report = attributed(
@@ -142,10 +157,10 @@ def diagnosis(
             job, with_near_winds(job, headings, offset) if offset else headings, reference
         ),
     )
-    write_json(job.output / GAP_JSON, report.content())
-    write_effects([*start.known, *active_effects(report)], job.output / GAP_EFFECTS)
+    write_json(job.output / "gap.json", report.content())
+    write_effects([*start.known, *active_effects(report)], job.output / "effects.yaml")
     title = "Gap between reported and simulated winds: maps, evidence and statistics"
-    job.write(found.dataset, GAP_PRODUCT, title=title, sources=(archive,))
+    job.write(found.dataset, "gap.nc", title=title, sources=(archive,))
     with job.progress.stage("page") as stage:
         folder, units = job.output / "gap", job.config.units
         stage.note = str(write_gap_page(folder, gap=report, maps=found.dataset, units=units))
@@ -191,26 +206,6 @@ def frame_of(job: Job, headings: xr.Dataset, reference: str | None = None) -> Fr
     config = job.config
     members = job.pools[config.gap_reference()] if reference is None else reference
     return Frame.from_headings(headings, reference=members, phases=config.gap.phases)
-
-
-def _claims(job: Job, headings: xr.Dataset, found: Diagnosis) -> ClaimsEntry:
-    """Repeat the deviations and the field test without the effects other than deviation."""
-    config, test = job.config, job.config.field_test
-    with job.progress.stage("claims") as stage:
-        reviewed = review_claims(
-            headings,
-            found.adjustment,
-            pools=job.pools,
-            reference=config.gap_reference(),
-            fit=config.fit.model_dump(),
-            field_test=None if test is None else test.model_dump(),
-        )
-        stage.note = "no effect other than the deviation to remove"
-        if found.adjustment.names:
-            stage.note = f"{reviewed.stay} of {reviewed.of} fits stay within their interval"
-        elif found.report.unknown.where:
-            stage.note = "unexplained errors are not removed from the reports"
-    return reviewed
 
 
 # --- starting point ----------------------------------------------------------------------------
