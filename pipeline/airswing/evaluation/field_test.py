@@ -272,6 +272,13 @@ def _checks(sums: DaySums, names: NDArray[np.str_], *, draws: int, seed: int) ->
     effect, p_value, null = permutation_test(
         -second, group, covariate=first, draws=draws, seed=seed
     )
+    matched: Content = {"adjusted_reduction_kt": None}
+    if group.any() and not group.all():
+        # of each corrected aircraft and the control nearest to it before the test
+        apart, change = np.abs(first[group][:, np.newaxis] - first[~group]), first - second
+        less = change[group] - change[~group][apart.argmin(axis=1)]
+        matched["adjusted_reduction_kt"] = float(less.mean())
+        matched["mean_distance_kt"] = float(apart.min(axis=1).mean())
     return {
         "permutation": {
             "effect_kt": effect,
@@ -283,7 +290,7 @@ def _checks(sums: DaySums, names: NDArray[np.str_], *, draws: int, seed: int) ->
             "null_effects_kt": null[:_MOST_NULL_EFFECTS].tolist(),
         },
         "regression_to_the_mean": regression_to_the_mean(sums),
-        "matched_controls": matched_controls(first, second, group),
+        "matched_controls": matched,
         "by_aircraft": [
             {
                 "aircraft": str(name),
@@ -295,22 +302,6 @@ def _checks(sums: DaySums, names: NDArray[np.str_], *, draws: int, seed: int) ->
                 names, sums.corrected, before, during, strict=True
             )
         ],
-    }
-
-
-def matched_controls(before: Floats, during: Floats, corrected: NDArray[np.bool_]) -> Content:
-    """Reduction of each corrected aircraft less that of the control nearest to it before the test.
-
-    Levels (aircraft,) in kt; None without a group.
-    """
-    if corrected.all() or not corrected.any():
-        return {"adjusted_reduction_kt": None}
-    apart = np.abs(before[corrected][:, np.newaxis] - before[~corrected])
-    nearest = apart.argmin(axis=1)
-    change = before - during
-    return {
-        "adjusted_reduction_kt": float((change[corrected] - change[~corrected][nearest]).mean()),
-        "mean_distance_kt": float(apart.min(axis=1).mean()),
     }
 
 

@@ -151,7 +151,7 @@ def innovation_products(
             )
             histogram[i, j] += np.bincount(east * classes + north, minlength=classes**2)
     names_of = {"reference": list(pools), "state": list(STATES), "flight_phase": list(PHASE)}
-    dims = ("reference", "state", "aircraft", "flight_phase", "layer")
+    each = ("reference", "state", "aircraft", "flight_phase", "layer")
     ds = xr.Dataset(
         coords=names_of
         | {
@@ -164,30 +164,28 @@ def innovation_products(
     for name in QUANTITIES:
         moments = list(cells[name].reshape(3, *shape, len(PHASE), -1))
         for kind, statistic in _statistics(*moments).items():
-            ds[f"innovation_{name}_{kind}"] = dims, statistic
-        ds[f"daily_innovation_{name}"] = (*dims[:3], "day"), ratio(daily[name][1], daily[name][0])
-    ds["daily_innovation_count"] = (*dims[:3], "day"), daily["eastward"][0].astype(np.int32)
+            ds[f"innovation_{name}_{kind}"] = each, statistic
+        ds[f"daily_innovation_{name}"] = (
+            (*each[:3], "day"),
+            ratio(daily[name][1], daily[name][0]),
+        )
+    ds["daily_innovation_count"] = (*each[:3], "day"), daily["eastward"][0].astype(np.int32)
     ds["innovation_histogram"] = (
-        (*dims[:2], "eastward_class", "northward_class"),
+        (*each[:2], "eastward_class", "northward_class"),
         histogram.reshape(*shape[:2], classes, classes),
     )
-    return _profiles(profiles, names_of), ds.assign(LAYER_PRESSURES)
-
-
-def _profiles(sums: Floats, coords: dict[str, list[str]]) -> xr.Dataset:
-    """Error profiles from sums of squares (reference, state, quantity, 6, cell)."""
-    sums = sums.reshape(*sums.shape[:-1], len(PHASE), -1)
+    sums = profiles.reshape(*profiles.shape[:-1], len(PHASE), -1)
     mean, error = clustered_mean(np.moveaxis(sums, 3, 0))
     rms = np.sqrt(mean)
     error = ratio(error, 2.0 * rms)  # the delta method
     dims = ("reference", "state", "flight_phase", "layer")
-    ds = xr.Dataset(LAYER_PRESSURES, coords=coords)
+    profiled = xr.Dataset(LAYER_PRESSURES, coords=names_of)
     for k, name in enumerate(PROFILED):
-        ds[f"{name}_rms"] = dims, rms[:, :, k]
-        ds[f"{name}_rms_standard_error"] = dims, error[:, :, k]
+        profiled[f"{name}_rms"] = dims, rms[:, :, k]
+        profiled[f"{name}_rms_standard_error"] = dims, error[:, :, k]
     for name, place in (("profile_count", 0), ("profile_flights", 2)):
-        ds[name] = dims, sums[:, :, 0, place].astype(np.int32)
-    return ds
+        profiled[name] = dims, sums[:, :, 0, place].astype(np.int32)
+    return profiled, ds.assign(LAYER_PRESSURES)
 
 
 def combined(statistics: xr.Dataset, over: Iterable[str]) -> xr.Dataset:

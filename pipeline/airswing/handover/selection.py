@@ -105,7 +105,17 @@ def selected_rows(
     """
     prefix = "corrected_" if request.winds == "corrected" else ""
     winds = f"{prefix}eastward_wind", f"{prefix}northward_wind"
-    _require(request, *winds, *_REQUIRED, *(("correction_applied",) if prefix else ()))
+    there = set(map(str, request.corrected.variables))
+    for name in (*winds, *_REQUIRED, *(("correction_applied",) if prefix else ())):
+        if name not in there:
+            raise InputError(
+                "the reports lack a variable that the export needs",
+                field=name,
+                remedy="Export the corrected product of a run, or the result of airswing.correct "
+                "for screened headings",
+            )
+    if not {"pressure", "pressure_altitude"} & there:
+        raise InputError("the reports have no level", field="pressure")
     size = request.corrected.sizes["report"]
     selected = Selected(np.empty(size, ROW), np.zeros(0, int), Counter(), Counter())
     number_of_rows = first_aircraft = 0
@@ -139,19 +149,6 @@ def selected_rows(
     rows = selected.rows = selected.rows[:number_of_rows]
     selected.order = np.lexsort((-rows["pressure"], rows["report"], rows["time"]))
     return selected
-
-
-def _require(request: Request, *names: str) -> None:
-    for name in names:
-        if name not in request.corrected.variables:
-            raise InputError(
-                "the reports lack a variable that the export needs",
-                field=name,
-                remedy="Export the corrected product of a run, or the result of airswing.correct "
-                "for screened headings",
-            )
-    if not {"pressure", "pressure_altitude"} & set(request.corrected.variables):
-        raise InputError("the reports have no level", field="pressure")
 
 
 def _all_rows(block: xr.Dataset, winds: tuple[str, str]) -> Rows:

@@ -85,8 +85,15 @@ def make_headings(job: Job) -> xr.Dataset:
         "screening": fingerprint(screening),
     }
     months = [_Month(job, name, archive, models, settings) for name in archive.months()]
-    if not any(month.before.get("product") for month in months):
-        _require_overlap(job, archive, models)
+    if models and not any(month.before.get("product") for month in months):
+        # refuse reports and models that never meet before hours of reading
+        for most in (_CHECKED_FIRST, archive.count):
+            gap = config.collocation.max_time_gap
+            overlaps = overlap(archive.places(most), models, max_time_gap=gap)
+            if all(one.matched for one in overlaps.values()):
+                break
+        else:
+            require_overlap(overlaps)
     for month in months:
         if not month.kept:
             month.make()
@@ -304,18 +311,6 @@ def _files_between(model: Catalogue, start: np.datetime64, stop: np.datetime64) 
         else f"{file.path}|{file.size}|{file.mtime_ns}"
         for file in (model.files[int(number)] for number in numbers)
     )
-
-
-def _require_overlap(job: Job, archive: ReportArchive, models: Mapping[str, Catalogue]) -> None:
-    """Refuse reports and models that never meet, before hours of reading."""
-    if not models:
-        return
-    gap = job.config.collocation.max_time_gap
-    for most in (_CHECKED_FIRST, archive.count):
-        overlaps = overlap(archive.places(most), models, max_time_gap=gap)
-        if all(one.matched for one in overlaps.values()):
-            return
-    require_overlap(overlaps)
 
 
 class _Month:
