@@ -443,7 +443,7 @@ def _catalogue(files: str, cache: Path) -> bytes:
     from airswing.reference.catalogue import build_catalogue
 
     made = build_catalogue(files, name="ruc", cache_dir=cache)
-    rows = made.valid, made.leads, made.bounds, made.u, made.v
+    rows = made.valid, made.leads, made.bounds, made.rows
     return b"".join(one.tobytes() for one in rows)
 
 

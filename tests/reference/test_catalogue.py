@@ -27,7 +27,7 @@ def profile(levels=LEVELS, *, keys=LATLON, parameters="uv", **options) -> list[b
 
 
 def content(catalogue: Catalogue) -> list[object]:
-    arrays = catalogue.valid, catalogue.leads, catalogue.bounds, catalogue.u, catalogue.v
+    arrays = catalogue.valid, catalogue.leads, catalogue.bounds, catalogue.rows
     return [catalogue.files, catalogue.grids, *(one.tobytes() for one in arrays)]
 
 
@@ -73,7 +73,7 @@ def test_levels_come_in_any_order_and_u_and_v_in_different_files(tmp_path: Path)
     np.testing.assert_array_equal(catalogue.levels(0), [30000.0, 50000.0, 70000.0])
     model = catalogue.model_time(0)
     assert [Path(file.path).name for file in model.files] == ["a.grib", "b.grib"]
-    assert set(model.u["file"]) == {0} and set(model.v["file"]) == {1}
+    assert [set(one["file"]) for one in model.rows] == [{0}, {1}]
 
 
 def test_u_without_v_is_named_and_counted(real: Callable[[str], Path], tmp_path: Path) -> None:

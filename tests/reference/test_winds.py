@@ -225,7 +225,7 @@ def points_inside(model: ModelTime, rng: np.random.Generator, count: int) -> tup
     south, north, west, east = model.grids[0].outline()
     lat, lon = rng.uniform(south, north, 20 * count), rng.uniform(west, east, 20 * count)
     inside = np.flatnonzero(np.isfinite(model.grids[0].fractional_index(lat, lon)[0]))[:count]
-    levels = np.asarray(model.u["level"])
+    levels = np.asarray(model.rows["level"][0])
     p = np.exp(rng.uniform(np.log(levels[0]), np.log(levels[-1]), inside.size))
     return lat[inside], lon[inside], p
 

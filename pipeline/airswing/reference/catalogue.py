@@ -77,9 +77,7 @@ class Catalogue:
     grids: tuple[Grid, ...]
     profiles: Table  # by increasing valid time (time,): its time, lead, member, grid, kind of level
     bounds: NDArray[np.int64]  # rows of each model time below, (time + 1,)
-    u: Table
-    v: Table
-    pressure: Table
+    rows: Table  # of u, v and, where levels are not isobaric, pressure: (3, level)
     skipped: Skipped
     notes: list[str]  # choices made between candidates
     given: dict[str, xr.Dataset]  # by the path in `files`
@@ -121,28 +119,19 @@ class Catalogue:
 
     def model_time(self, number: int) -> ModelTime:
         """One model time with the files it needs."""
-        rows = slice(int(self.bounds[number]), int(self.bounds[number + 1]))
-        native = not self.is_isobaric(number)
-        pressure = self.pressure[rows] if native else self.pressure[:0]
-        tables = self.u[rows].copy(), self.v[rows].copy(), pressure.copy()
-        grids = [self.grids[int(t["points"][0])] for t in tables[: 3 if native else 2]]
+        kinds = slice(2 if self.is_isobaric(number) else 3)
+        rows = self.rows[kinds, self.bounds[number] : self.bounds[number + 1]].copy()
+        grids = tuple(self.grids[n] for n in rows["points"][:, 0].tolist())
         # only the files it needs: a year's list would go along with each of its thousands of hours
-        used = np.unique(np.concatenate([t["file"] for t in tables]))
-        for table in tables:
-            table["file"] = np.searchsorted(used, table["file"])
-        return ModelTime(
-            (grids[0], grids[1], grids[-1] if native else grids[0]),
-            native,
-            *tables,
-            tuple(self.files[int(i)] for i in used),
-            self.stored,
-            self.engine,
-        )
+        used = np.unique(rows["file"])
+        rows["file"] = np.searchsorted(used, rows["file"])
+        files = tuple(self.files[n] for n in used.tolist())
+        return ModelTime(grids, rows, files, self.stored, self.engine)
 
     def levels(self, number: int) -> Floats:
         """Levels of a model time: Pa, or level numbers."""
         rows = slice(int(self.bounds[number]), int(self.bounds[number + 1]))
-        return np.asarray(self.u["level"][rows], dtype=np.float64)
+        return np.asarray(self.rows["level"][0, rows], dtype=np.float64)
 
     def at_times(self, numbers: NDArray[np.int64]) -> Catalogue:
         """The catalogue of some of its model times."""
@@ -152,9 +141,7 @@ class Catalogue:
             self,
             profiles=self.profiles[numbers],
             bounds=np.cumsum([0, *(one.size for one in rows)]).astype(np.int64),
-            u=self.u[chosen],
-            v=self.v[chosen],
-            pressure=self.pressure[chosen],
+            rows=self.rows[:, chosen],
             alternatives=tuple(one.at_times(numbers) for one in self.alternatives),
         )
 
@@ -170,7 +157,7 @@ class Catalogue:
             return int(grid.contains(latitude, longitude).sum()), -area
 
         # with fewer levels only if no other grid contains any place
-        equal = [one for one in self.alternatives if one.u.size == self.u.size]
+        equal = [one for one in self.alternatives if one.rows.size == self.rows.size]
         best = max((self, *equal), key=worth)
         return best if worth(best)[0] else max((best, *self.alternatives), key=worth)
 
@@ -178,7 +165,7 @@ class Catalogue:
         """Model times that are read together: of Datasets those that share chunks of a file."""
         parts: dict[object, list[int]] = {}
         for number in numbers.tolist():
-            row = self.u[self.bounds[number]]
+            row = self.rows[0, self.bounds[number]]
             key: tuple[object, ...] = (number,)
             if self.stored:
                 chunk = self.stored[row["offset"]].chunk_numbers(row["index"])
@@ -365,9 +352,8 @@ class _Work:
         table = table[order]
 
         def values(rows: Table) -> list[Floats]:
-            grid, native = grids[int(rows["points"][0])], bool(rows["level_kind"][0] != ISOBARIC)
-            files = tuple(self.sources)
-            model = ModelTime((grid,) * 3, native, rows, rows, rows, files, stored, engine)
+            grid = grids[int(rows["points"][0])]
+            model = ModelTime((grid,) * 3, rows, tuple(self.sources), stored, engine)
             points = probes_of(grid.size)
             return reader.answer([model], [[(row, points.copy()) for row in rows]])[0]
 
@@ -375,19 +361,17 @@ class _Work:
             table = table[self._without_copies(table, values)]
         finally:
             reader.close()
-        u, v, pressure = self._paired(table)
+        rows = self._paired(table)
         self.refuse_if_strict()
-        bounds = np.append(np.flatnonzero(_changes(u, _PROFILE)), u.size).astype(np.int64)
+        bounds = np.append(np.flatnonzero(_changes(rows[0], _PROFILE)), rows[0].size)
         everything = Catalogue(
             name=self.name,
             lead=self.lead,
             files=tuple(self.sources),
             grids=tuple(grids),
-            profiles=u[bounds[:-1]],
+            profiles=rows[0, bounds[:-1]],
             bounds=bounds,
-            u=u,
-            v=v,
-            pressure=pressure,
+            rows=rows,
             skipped=self.skipped,
             notes=self.notes,
             given=self.given,
@@ -475,7 +459,7 @@ class _Work:
             )
         return keep
 
-    def _paired(self, table: Table) -> tuple[Table, Table, Table]:
+    def _paired(self, table: Table) -> Table:
         """Rows of u, v and pressure (if native), one a level that has them, by profile."""
         level = np.cumsum(_changes(table, (*_PROFILE, "level"))) - 1
         count = int(level[-1]) + 1 if level.size else 0
@@ -502,7 +486,8 @@ class _Work:
             leave_out(np.flatnonzero(mine), "wind", off_levels(component, surface))
         both &= ~native | (pressure >= 0)
         # isobaric levels have no pressure field: any row takes its place
-        return table[u[both]], table[v[both]], table[np.maximum(pressure[both], 0)]
+        found: Table = table[np.maximum(rows[:, both], 0)]
+        return found
 
     def refuse_if_strict(self) -> None:
         """Refuse damaged files, messages, unknown grids, u without v under on_bad_file="fail"."""

@@ -404,7 +404,7 @@ def _overlap(name: str, model: Catalogue, points: Points, max_time_gap: float) -
         for limit in (np.min, np.max)
     ]
     isobaric = np.repeat(model.profiles["level_kind"] == ISOBARIC, np.diff(model.bounds))
-    levels = model.u["level"][isobaric] / 100.0
+    levels = model.rows["level"][0, isobaric] / 100.0
     outlines = np.array([model.grids[int(n)].outline() for n in np.unique(model.profiles["grid"])])
     low, high = outlines.min(axis=0), outlines.max(axis=0)
     matched = int((placed & between).sum())

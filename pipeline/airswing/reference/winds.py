@@ -90,20 +90,13 @@ ROW_DTYPE = np.dtype(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ModelTime:
-    """The wind profile of one valid time, small enough to send to another process.
+    """The wind profile of one valid time, small enough to send to another process."""
 
-    Rows of u, v and pressure are those of the catalogue, one a level; isobaric levels by increasing
-    pressure. `pressure` is empty for isobaric levels.
-    """
-
-    grids: tuple[Grid, Grid, Grid]  # of u, v and pressure
-    native: bool  # levels have a pressure field
-    u: Table
-    v: Table
-    pressure: Table
+    grids: tuple[Grid, ...]  # of the rows
+    rows: Table  # (2 or 3, level): of u, v and, of native levels, pressure; isobaric by pressure
     files: tuple[SourceFile, ...]  # as the rows' ``file`` numbers them
-    stored: tuple[StoredField, ...] = ()  # as the rows' ``offset`` numbers them; empty for GRIB
-    engine: str = "grib"
+    stored: tuple[StoredField, ...]  # as the rows' ``offset`` numbers them; empty for GRIB
+    engine: str
 
 
 def on_one_grid(table: Table, grids: Sequence[Grid]) -> Table:
@@ -214,7 +207,7 @@ def winds_at(
         eastward and northward (1/s), and the grid's convergence (rad).
     """
     table = np.full((9 if derivatives else 2, latitude.size), np.nan)
-    grids = model.grids[: 3 if model.native else 2]
+    grids, native = model.grids, len(model.rows) > 2
     one_grid = all(grid.key == grids[0].key for grid in grids)
     indices = [g.fractional_index(latitude, longitude) for g in (grids[:1] if one_grid else grids)]
     inside = np.isfinite(pressure)
@@ -227,24 +220,22 @@ def winds_at(
     cells = found * 2 if one_grid else found
     at, nodes = pressure[place], [cell.points for cell in cells[:2]]
     descending = False
-    if model.native:
+    if native:
         if one_grid:  # four columns a report, each with levels of its own
             at, nodes = np.tile(at, 4), [cells[0].points.reshape(1, -1)] * 2
-            levels = np.stack((yield [(row, nodes[0][0]) for row in model.pressure]))
+            levels = np.stack((yield [(row, nodes[0][0]) for row in model.rows[2]]))
         else:
             cell = cells[2]
-            asked = yield [(row, cell.points) for row in model.pressure]
+            asked = yield [(row, cell.points) for row in model.rows[2]]
             levels = np.stack([bilinear(one, cell.x, cell.y) for one in asked])
         # native levels are numbered from the ground up by some models, downwards by others
         descending = bool(np.nansum(levels[-1] - levels[0]) < 0)
         levels = levels[::-1] if descending else levels
     else:
-        levels = np.asarray(model.u["level"], dtype=np.float64)
+        levels = np.asarray(model.rows["level"][0], dtype=np.float64)
     brackets = level_brackets(levels, at, both=derivatives)
     step, weight = -1 if descending else 1, brackets.weight
-    values = yield from _between_levels(
-        (model.u[::step], model.v[::step]), nodes, brackets, both=derivatives
-    )
+    values = yield from _between_levels(model.rows[:2, ::step], nodes, brackets, both=derivatives)
 
     def across(component: int, columns: Floats) -> Floats:
         cell = cells[component]
@@ -271,10 +262,10 @@ def winds_at(
 
 
 def _between_levels(
-    fields: tuple[Table, Table], nodes: Sequence[Ints], brackets: Brackets, *, both: bool
+    fields: Table, nodes: Sequence[Ints], brackets: Brackets, *, both: bool
 ) -> Generator[Request, list[Floats], Floats]:
     """(2, 2, c, n): u and v on the level above and below, at the c columns of each bracket."""
-    count, columns = fields[0].size, nodes[0].shape[0]
+    count, columns = fields.shape[1], nodes[0].shape[0]
     values = np.zeros((2, 2, *nodes[0].shape))
     values[..., ~brackets.inside] = np.nan
     inside = np.flatnonzero(brackets.inside)
@@ -295,7 +286,7 @@ def _between_levels(
     for group in groups:
         points = nodes[0][:, node[group]].ravel()
         others = points if nodes[0] is nodes[1] else nodes[1][:, node[group]].ravel()
-        u, v = (rows[int(level[group.start])] for rows in fields)
+        u, v = fields[:, level[group.start]]
         asked += [(u, points), (v, others)]
     found = (yield asked) if asked else []
     for group, one, two in zip(groups, found[::2], found[1::2], strict=True):

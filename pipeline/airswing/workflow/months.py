@@ -304,7 +304,7 @@ def _files_between(model: Catalogue, start: np.datetime64, stop: np.datetime64) 
     first, last = (int(when.astype("M8[ns]").astype(np.int64)) for when in (start, stop))
     time = np.repeat(model.valid, np.diff(model.bounds))
     inside = (time >= first) & (time <= last)
-    numbers = np.unique(np.concatenate([model.u["file"][inside], model.v["file"][inside]]))
+    numbers = np.unique(model.rows["file"][:2, inside])
     return sorted(
         "|".join(map(str, file_identities([file.path])[0]))  # a Zarr store: of all its files
         if os.path.isdir(file.path)
