@@ -276,20 +276,20 @@ def _clock_error(samples: Sequence[Sample]) -> float:
     phi, hours, unit = np.radians(latitude), time / 3600.0, EARTH_RADIUS / 100e3
     east = unit * np.cos(phi) * np.radians(longitude)
     place = np.stack([unit * phi, east, altitude / 400.0], axis=1)
+    tree, day = cKDTree(place), np.unique(np.floor(hours / 24.0), return_inverse=True)[1]
+    shape = int(day.max()) + 1, 2 * _MOST_SHIFTS + 1
+    number, total = np.zeros(shape), np.zeros(shape)
+    # neighbours of a few reports at a time: where flights are dense, all are millions
     chosen = np.arange(0, hours.size, max(1, hours.size // 8000))
-    near = cKDTree(place).query_ball_point(place[chosen], 1.0)
-    one = np.repeat(chosen, [len(others) for others in near])
-    other = np.array([index for others in near for index in others], dtype=np.int64)
-    later = hours[other] - hours[one]
-    shift = np.round(later / SHIFT).astype(np.int64) + _MOST_SHIFTS
-    inside = (shift >= 0) & (shift <= 2 * _MOST_SHIFTS)
-    one, other, shift = one[inside], other[inside], shift[inside]
-    days, day = np.unique(np.floor(hours[one] / 24.0), return_inverse=True)
-    shape = days.size, 2 * _MOST_SHIFTS + 1
-    cell = np.ravel_multi_index((day, shift), shape)
-    number = np.bincount(cell, minlength=np.prod(shape)).reshape(shape)
-    apart = np.abs(wind[one] - reference[other]) ** 2
-    total = np.bincount(cell, apart, minlength=np.prod(shape)).reshape(shape)
+    for part in np.array_split(chosen, -(-chosen.size // 250)):
+        near = tree.query_ball_point(place[part], 1.0)
+        one = np.repeat(part, [len(others) for others in near])
+        other = np.concatenate(near).astype(np.int64)
+        shift = np.round((hours[other] - hours[one]) / SHIFT).astype(np.int64) + _MOST_SHIFTS
+        inside = (shift >= 0) & (shift <= 2 * _MOST_SHIFTS)
+        one, other, cell = one[inside], other[inside], (day[one[inside]], shift[inside])
+        np.add.at(number, cell, 1.0)
+        np.add.at(total, cell, np.abs(wind[one] - reference[other]) ** 2)
     mean = np.divide(total, number, out=np.full(shape, np.nan), where=number >= FEWEST)
     ratio = np.ones(shape[1])
     for k in range(shape[1]):
