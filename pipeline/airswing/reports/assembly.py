@@ -41,16 +41,7 @@ _TREND_GAP = 1200.0  # s: reports farther away show no climb or descent
 _FEWEST_OVERLAPPING = 5  # reports of a flight that overlaps another; fewer are wrong positions
 _AIRPORT = 100_000.0  # m: how far from the last report of a flight the next may begin at once
 _LATEST = np.datetime64("2200", "ns")  # later than any possible time
-_OUTPUT = (
-    *("latitude", "longitude", "pressure", "pressure_altitude", "eastward_wind", "northward_wind"),
-    *("air_temperature", "roll_flag", "temperature_qc", "wind_qc", "phase", "icing", "wind_source"),
-    *("reported_airspeed", "reported_heading"),
-)
-_MAY_BE_MISSING = ("pressure", "eastward_wind", "air_temperature")
-_MEANS = (
-    *("latitude", "pressure", "pressure_altitude", "eastward_wind", "northward_wind"),
-    *("air_temperature", "reported_airspeed"),
-)
+_INTERNAL = ("tail", "platform", "counted", "wind_speed", "wind_direction")  # not in the Dataset
 
 
 def assemble(
@@ -93,21 +84,18 @@ def assemble(
     unknown = columns["phase"] == PHASE["unknown"]
     columns["phase"] = np.where(unknown, derived, columns["phase"]).astype(np.int8)
     audit.repair("phase_derived", np.count_nonzero(unknown & (derived != 0)))
-    for name in _MAY_BE_MISSING:
+    for name in ("pressure", "eastward_wind", "air_temperature"):
         if absent := int(np.count_nonzero(np.isnan(columns[name]))):
             audit.missing[name] += absent
     row_size = np.bincount(columns["tail"], minlength=present.size)
+    of_aircraft = {
+        "row_size": row_size.astype(np.int32),
+        "platform": _platform(columns, present.size),
+        **resolutions(columns, row_size),
+    }
     reports = xr.Dataset(
-        {
-            "row_size": ("aircraft", row_size.astype(np.int32)),
-            "platform": ("aircraft", _platform(columns, present.size)),
-            "time": ("report", columns["time"]),
-            **{name: ("report", columns[name]) for name in (*_OUTPUT, "flight")},
-            **{
-                name: ("aircraft", values)
-                for name, values in resolutions(columns, row_size).items()
-            },
-        },
+        {name: ("report", values) for name, values in columns.items() if name not in _INTERNAL}
+        | {name: ("aircraft", values) for name, values in of_aircraft.items()},
         coords={"aircraft": ("aircraft", tails[present])},
         attrs={"featureType": "trajectory"},
     )
@@ -328,7 +316,7 @@ def _average(columns: Columns, interval: float, audit: Audit) -> None:
     heading, longitude = columns["reported_heading"], columns["longitude"]
     # Less the first: sums of seconds since 1970 lose the milliseconds.
     first = starts[group]
-    values = {name: columns[name].astype(np.float64) for name in _MEANS} | {
+    values = {n: v.astype(np.float64) for n, v in columns.items() if v.dtype.kind == "f"} | {
         "reported_heading": wrap_degrees(heading.astype(np.float64) - heading[first]),
         "longitude": wrap_degrees(longitude - longitude[first]),
         "time": seconds - seconds[first],

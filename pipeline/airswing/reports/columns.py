@@ -10,7 +10,6 @@ the limits of pressure altitude.
 
 from __future__ import annotations
 
-import csv
 import difflib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -37,7 +36,9 @@ class Quantity:
     variable: str  # it becomes
     si_unit: str  # of the variable; degrees for angles
     unit: str  # in the canonical name; none where there is a single one
-    limits: tuple[float, float]  # lowest and highest possible value of the variable
+    lowest: float  # possible value of the variable
+    highest: float
+    other_names: str  # as OTHER_NAMES
 
     @property
     def canonical(self) -> str:
@@ -45,26 +46,15 @@ class Quantity:
         return f"{self.stem}_{self.unit}" if self.unit else self.stem
 
 
-with Path(__file__).with_suffix(".csv").open(encoding="ascii", newline="") as _file:
-    _ROWS = {row["column"]: row for row in csv.DictReader(_file)}
-TEXT = tuple(name for name, row in _ROWS.items() if not row["si_unit"])
+_TABLE = pd.read_csv(Path(__file__).with_suffix(".csv")).fillna({"unit": "", "other_names": "(?!)"})
+TEXT: tuple[str, ...] = tuple(_TABLE["column"][_TABLE["si_unit"].isna()])
 """Columns without a unit."""
-QUANTITIES = {
-    name: Quantity(
-        name,
-        row["variable"],
-        row["si_unit"],
-        row["unit"],
-        (float(row["lowest"]), float(row["highest"])),
-    )
-    for name, row in _ROWS.items()
-    if row["si_unit"]
-}
+QUANTITIES = {row[0]: Quantity(*row) for row in _TABLE.dropna().itertuples(index=False)}
 """Numeric columns by the name without its unit."""
-LIMITS = {quantity.variable: quantity.limits for quantity in QUANTITIES.values()}
+LIMITS = {one.variable: (one.lowest, one.highest) for one in QUANTITIES.values()}
 """Lowest and highest possible value by variable, in SI (degrees for angles)."""
-OTHER_NAMES = {name: row["other_names"] for name, row in _ROWS.items() if row["other_names"]}
-"""Pattern of the names that other programs give to a column, in small letters and digits alone."""
+OTHER_NAMES: dict[str, str] = dict(zip(_TABLE["column"], _TABLE["other_names"], strict=True))
+"""Pattern of the names that other programs give to a column, in small letters and digits."""
 
 _SUFFIXES = {
     **dict.fromkeys(("deg", "degree", "degrees"), "degree"),
