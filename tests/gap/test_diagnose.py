@@ -160,6 +160,23 @@ def test_one_effect_is_named_sized_and_dated(error, options, name, tails, parame
         assert abs(late.astype(int)) <= 1
 
 
+def test_an_offset_of_the_references_time_hides_no_other_effect():
+    frame = archive(lambda c: 0.6 * (c["aircraft"] == 2), reference_hours=1.0)
+    names = ("reference_time_offset", "compass_offset", "reference_speed_bias")
+    report = diagnose(frame, catalogue={n: CATALOGUE[n] for n in names}, dictionary=False).report
+    found = {effect.name: effect for effect in report.effects}
+    assert set(found) == {"reference_time_offset", "compass_offset"}
+    assert found["compass_offset"].tails == [frame.tails[2]]
+    for name, parameter, true in (
+        ("reference_time_offset", "offset_h", 1.0),
+        ("compass_offset", "offset_deg", 0.6),
+    ):
+        stated, error = (
+            values[parameter] for values in (found[name].parameters, found[name].standard_errors)
+        )
+        assert stated == pytest.approx(true, abs=3 * error) and error < 0.2
+
+
 def test_an_effect_of_one_reference_is_attributed_to_it_at_its_size():
     offsets = {"right": 0.0, "late": -2.0}
 

@@ -411,6 +411,20 @@ def test_coarse_headings_have_a_larger_uncertainty(plain):
     )
 
 
+def test_rounding_of_held_headings_counts_as_often_as_it_is_repeated(plain):
+    _, first, flight, reports = np.unique(
+        plain.flight, return_index=True, return_inverse=True, return_counts=True
+    )
+    held = np.where(plain.aircraft == 1, plain.heading, plain.heading[first][flight])
+    frame = stepped(replace(plain, heading=held), 10.0, [1])
+    affected = frame.aircraft == 1
+    rounding = np.radians(10.0) ** 2 / 12.0 * frame.airspeed[affected] ** 2
+    times = heading_doubt(frame, frame)[affected] ** 2 / rounding
+    reports = reports[np.unique(flight[~affected])]
+    repeated = np.average(reports, weights=reports)
+    assert times.mean() == pytest.approx(repeated, rel=0.2)
+
+
 def test_directions_of_weak_winds_in_steps():
     rng = np.random.default_rng(0)
     speed, direction = rng.uniform(0, 20, 2000), np.round(rng.uniform(0, 360, 2000))
