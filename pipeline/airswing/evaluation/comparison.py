@@ -42,7 +42,6 @@ from airswing.evaluation.gains import only
 from airswing.evaluation.resampling import normal_interval
 from airswing.flags import PHASE, SCREENING
 from airswing.physics.triangle import wrap_degrees
-from airswing.products.ragged import row_bounds
 from airswing.products.whole_files import findings
 
 Mask = NDArray[np.bool_]
@@ -134,21 +133,21 @@ def compare(
     members = [(name, one) for name, inside in pools.items() if len(inside) > 1 for one in inside]
     tested = list(combinations(singles, 2))
     whole = {pair: PairSums(*pair, days) for pair in [*tested, *members]}
-    slices: dict[tuple[str, str, tuple[str, str]], PairSums] = {}
-    number = begin = 0
+    slices: dict[str, dict[tuple[tuple[str, str], str], PairSums]] = {kind: {} for kind in KINDS}
+    begin = 0
     for part in parts_of(shared, pools, _COLUMNS):
         columns = _columns(part, pools)
         columns |= {"day": part.day - first, "region": region[begin : begin + part.day.size]}
         begin += part.day.size
-        for low, high in zip(*row_bounds(part.block["row_size"].to_numpy()), strict=True):
+        edges = np.flatnonzero(np.diff(part.aircraft, prepend=-1, append=-1))
+        for low, high in pairwise(edges.tolist()):
             rows = {name: values[..., low:high] for name, values in columns.items()}
             for sums in whole.values():
-                sums.add(rows, rows["kept"], aircraft=number)
+                sums.add(rows, rows["kept"], aircraft=int(part.aircraft[low]))
             for pair in tested:
                 for kind, name, chosen in _slices(rows, *pair):
-                    sums = slices.setdefault((kind, name, pair), PairSums(*pair, days))
+                    sums = slices[kind].setdefault((pair, name), PairSums(*pair, days))
                     sums.add(rows, chosen)
-            number += 1
     reports_used = next(iter(whole.values())).reports
     if not reports_used:
         raise InputError(
@@ -172,12 +171,11 @@ def compare(
             for pair, sums in whole.items()
         ],
     }
-    for kind in KINDS:
+    for kind, found in slices.items():
         content[kind] = [
             {"slice": name, **_judged(sums, barred), "own_test": True}
-            for pair in tested
-            for (of, name, names), sums in slices.items()
-            if (of, names) == (kind, pair) and sums.reports >= FEWEST_OF_SLICE
+            for (_, name), sums in found.items()
+            if sums.reports >= FEWEST_OF_SLICE
         ]
     squares = {pair: whole[pair].squares for pair in tested}
     counted = whole[tested[0]].regions[0].sum(axis=0)
@@ -285,28 +283,17 @@ class PairSums:
         # psi_err is n . (W_ref - W_rep) / V, and |V_A| - |V'_A| is h . (W_ref - W_rep)
         y_cross = du * np.cos(heading) - dv * np.sin(heading)
         y_along = du * np.sin(heading) + dv * np.cos(heading)
-        days, equations = equations_by_day(cross, along, y_cross, y_along, day)
+        # normal matrix and, last, the right side of each day: (day, p, p + 1)
+        order = np.argsort(day, kind="stable")
+        days, start = np.unique(day[order], return_index=True)
+        sides = [np.column_stack(part)[order] for part in ((cross, y_cross), (along, y_along))]
+        edges = pairwise([*start.tolist(), order.size])
+        equations = np.array([sum(p[i:j, :-1].T @ p[i:j] for p in sides) for i, j in edges])
         self.common[days] += common_equations(equations)
         self.counted += 1
         if aircraft is not None and days.size >= FEWEST_DAYS:
             values, influence = solved(equations)
             self.aircraft.append((aircraft, values[:5], influence[:, :5]))
-
-
-def equations_by_day(
-    cross: Floats, along: Floats, y_cross: Floats, y_along: Floats, day: Ints
-) -> tuple[Ints, Floats]:
-    """Normal equations of a paired difference by day.
-
-    ``cross`` and ``along`` are (report, p), their right sides (report,) in m/s. The equations,
-    (day, p, p + 1), hold the normal matrix and, last, the right side.
-    """
-    order = np.argsort(day, kind="stable")
-    days, start = np.unique(day[order], return_index=True)
-    parts = [np.column_stack(part)[order] for part in ((cross, y_cross), (along, y_along))]
-    edges = [*start.tolist(), order.size]
-    sums = [sum(part[i:j, :-1].T @ part[i:j] for part in parts) for i, j in pairwise(edges)]
-    return days, np.array(sums)
 
 
 def common_equations(equations: Floats) -> Floats:

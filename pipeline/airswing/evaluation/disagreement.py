@@ -74,7 +74,7 @@ def parts_of(
             block["time"].to_numpy().astype("datetime64[D]").astype(np.int64),
             _vectors(block, WINDS[:2]),
             {
-                key: _vectors(reference_mean(block, members), WINDS[2:])
+                key: _vectors(member_mean(block[[*WINDS[2:]]].sel(reference=members)), WINDS[2:])
                 for key, members in pools.items()
             },
             _vectors(better, WINDS[:2] if better is block else CORRECTED_WINDS),
@@ -157,11 +157,6 @@ def measures_of(sums: Floats) -> dict[str, float]:
         },
         "direction_rms_deg": float(direction),
     }
-
-
-def reference_mean(ds: xr.Dataset, members: list[str]) -> xr.Dataset:
-    """Wind of a pool (``report``): the mean of the members that have a value at the report."""
-    return member_mean(ds[list(WINDS[2:])].sel(reference=members))
 
 
 def member_mean(values: _Winds) -> _Winds:

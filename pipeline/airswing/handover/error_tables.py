@@ -120,7 +120,18 @@ def changed_table(text: str, tables: Tables, types: list[str]) -> str:
         if section in tables and words and words[0] in types:
             # The type is named on the first of its four lines.
             for number, old in enumerate(lines[place : place + _LINES]):
-                lines[place + number] = _changed_line(old, number, tables[section])
+                match = _ROW.match(old)
+                if match is None:
+                    raise InputError(
+                        "a type of report has fewer than four lines",
+                        field="--base",
+                        found=old.strip(),
+                    )
+                values = re.findall(r"\s*-?\d+\.\d*", match[1])
+                for k, level in enumerate(LEVELS[_A_LINE * number : _A_LINE * (number + 1)]):
+                    if level in tables[section]:
+                        values[k] = f"{tables[section][level]:6.2f}"
+                lines[place + number] = "".join([*values, match[2], match[3]])
             done.add((section, words[0]))
     missing = [f"{one} {kind}" for one in tables for kind in types if (one, kind) not in done]
     if missing:
@@ -131,20 +142,6 @@ def changed_table(text: str, tables: Tables, types: list[str]) -> str:
             remedy="Give a var/obsproc/obserr.txt of WRF, or none",
         )
     return "".join(lines)
-
-
-def _changed_line(line: str, number: int, errors: dict[int, float]) -> str:
-    match = _ROW.match(line)
-    if match is None:
-        raise InputError(
-            "a type of report has fewer than four lines", field="--base", found=line.strip()
-        )
-    values = re.findall(r"\s*-?\d+\.\d*", match[1])
-    for place in range(_A_LINE):
-        index = number * _A_LINE + place
-        if index < len(LEVELS) and LEVELS[index] in errors:
-            values[place] = f"{errors[LEVELS[index]]:6.2f}"
-    return "".join(values) + match[2] + match[3]
 
 
 # --- JEDI --------------------------------------------------------------------------------------

@@ -137,7 +137,13 @@ def write_records(request: Request, selected: Selected, form: Format) -> dict[st
         window = (places["time"] - begin) // int(request.window)
     windows, starts = np.unique(window, return_index=True)
     ends = [*starts[1:].tolist(), first.size]
-    targets = [_target(request, form.file_name, begin, int(one)) for one in windows]
+    if request.window is None:
+        targets = [request.path / form.file_name if request.folder else request.path]
+    else:
+        moments = (np.datetime64(begin + int(one) * int(request.window), "s") for one in windows)
+        # Seconds are named only where they are not zero.
+        names = (re.sub(r"\D", "", str(moment)).removesuffix("00") for moment in moments)
+        targets = [request.path / name / form.file_name for name in names]
     refuse_existing(request, *targets)
     files: list[dict[str, Any]] = []
     totals = np.zeros(len(PLATFORMS), dtype=np.int64)
@@ -200,14 +206,6 @@ def write_records(request: Request, selected: Selected, form: Format) -> dict[st
     if request.settings.identifiers == "number":
         account["identifiers"] = dict(zip(request.aircraft, fleet, strict=True))
     return account
-
-
-def _target(request: Request, file_name: str, begin: int, window: int) -> Path:
-    if request.window is None:
-        return request.path / file_name if request.folder else request.path
-    moment = np.datetime64(begin + window * int(request.window), "s")
-    # Seconds are named only where they are not zero.
-    return request.path / re.sub(r"\D", "", str(moment)).removesuffix("00") / file_name
 
 
 def _sounding_notes(selected: Selected) -> list[str]:

@@ -241,9 +241,19 @@ def summary_text(summary: Summary, output: Path, *, units: Units = "kt") -> str:
         "",
         "aircraft    amplitude*       phase   offset*          reports   "
         f"{f'wind disagreement ({units})':<24}status",
-        *(_line(fit, factor) for fit in summary["fits"]),
-        "* degrees, with 95 % intervals",
     ]
+    for fit in summary["fits"]:
+        wide = [NORMAL_95 * fit[f"{name}_standard_error"] for name in ("amplitude", "offset")]
+        amplitude = _digits("{:6.2f} +- {:4.2f}", fit["amplitude"], wide[0])
+        offset = _digits("{:8.2f} +- {:4.2f}", fit["offset"], wide[1])
+        winds = _digits(
+            "{:7.2f} -> {:5.2f}", *(factor * fit[f"{w}_kt"] for w in ("before", "after"))
+        )
+        lines.append(
+            f"{fit['aircraft']:<10} {amplitude} {_digits('{:8.1f}', fit['phase'])} "
+            f"{offset} {fit['reports']:9,}   {winds}         {fit['status']}"
+        )
+    lines.append("* degrees, with 95 % intervals")
     lines += ["", *summary.get("warnings", [])] if summary.get("warnings") else []
     lines += ["", summary["watched"]] if summary.get("watched") else []
     months = summary.get("months")
@@ -258,17 +268,6 @@ def summary_text(summary: Summary, output: Path, *, units: Units = "kt") -> str:
         f"page:     {output / 'report' / 'index.html'}",
     ]
     return "\n".join(lines)
-
-
-def _line(fit: dict[str, Any], factor: float) -> str:
-    wide = NORMAL_95 * fit["amplitude_standard_error"], NORMAL_95 * fit["offset_standard_error"]
-    amplitude = _digits("{:6.2f} +- {:4.2f}", fit["amplitude"], wide[0])
-    offset = _digits("{:8.2f} +- {:4.2f}", fit["offset"], wide[1])
-    winds = _digits("{:7.2f} -> {:5.2f}", factor * fit["before_kt"], factor * fit["after_kt"])
-    return (
-        f"{fit['aircraft']:<10} {amplitude} {_digits('{:8.1f}', fit['phase'])} "
-        f"{offset} {fit['reports']:9,}   {winds}         {fit['status']}"
-    )
 
 
 def _digits(form: str, *values: float) -> str:

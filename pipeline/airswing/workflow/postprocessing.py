@@ -9,7 +9,7 @@ from typing import Any
 import xarray as xr
 from pydantic import BaseModel
 
-from airswing.config import Config, FlightLevelWinds, Postprocess
+from airswing.config import Config, FlightLevelWinds
 from airswing.config_file import load_postprocess
 from airswing.errors import ConfigError
 from airswing.handover.forecasts.correcting import (
@@ -55,7 +55,23 @@ def postprocess(config: Path, *, output: Path | None = None, quiet: bool = False
     with workspace(folder):
         require_writable(folder)
         with progress.stage("pairs") as stage:
-            pairs = _read_pairs(section, whole)
+            if section.pairs is not None:
+                given = section.pairs
+                pairs = pairs_from_tables(
+                    expand(given.files, "postprocess.pairs.files"),
+                    columns=given.columns,
+                    variable=given.variable,
+                    units=given.units,
+                )
+            elif section.forecasts is not None and section.stations is not None:
+                pairs = pairs_at_stations(
+                    expand(section.forecasts.files, "postprocess.forecasts.files"),
+                    expand(section.stations.files, "postprocess.stations.files"),
+                    columns=section.stations.columns,
+                    max_time_gap=section.stations.max_time_gap,
+                )
+            else:
+                pairs = _flight_levels(section.winds or FlightLevelWinds(), whole)
             stage.note = " x ".join(f"{size} {name}" for name, size in pairs.sizes.items())
         with progress.stage("filter"):
             corrected = correct_forecasts(
@@ -80,25 +96,6 @@ def postprocess(config: Path, *, output: Path | None = None, quiet: bool = False
         "page": str(page),
         "left_out": pairs.attrs["lines_left_out"],
     }
-
-
-def _read_pairs(section: Postprocess, whole: BaseModel) -> xr.Dataset:
-    if section.pairs is not None:
-        given = section.pairs
-        return pairs_from_tables(
-            expand(given.files, "postprocess.pairs.files"),
-            columns=given.columns,
-            variable=given.variable,
-            units=given.units,
-        )
-    if section.forecasts is not None and section.stations is not None:
-        return pairs_at_stations(
-            expand(section.forecasts.files, "postprocess.forecasts.files"),
-            expand(section.stations.files, "postprocess.stations.files"),
-            columns=section.stations.columns,
-            max_time_gap=section.stations.max_time_gap,
-        )
-    return _flight_levels(section.winds or FlightLevelWinds(), whole)
 
 
 def _flight_levels(section: FlightLevelWinds, whole: BaseModel) -> xr.Dataset:
