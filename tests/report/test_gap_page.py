@@ -14,30 +14,15 @@ from airswing.gap.effects import CATALOGUE
 from airswing.gap.result.schema import GapReport
 from airswing.products.netcdf import read_product
 from airswing.report import write_gap_page
+from airswing.report.gap import words
 from airswing.report.gap.figures import gap_figures
 from airswing.report.gap.gap_page import ShownDiagnosis
-from airswing.report.gap.words import (
-    effect_sentence,
-    headline,
-    nature_of,
-    p_text,
-    parameter_text,
-    parameters_text,
-    period_text,
-    place_sentence,
-    slice_words,
-    start_words,
-    verdict,
-    who_text,
-)
-from airswing.report.html.text import joined
+from airswing.report.gap.words import headline, parameters_text, verdict, who_text
 from tests.report import gap_factories
-from tests.report.gap_factories import TAILS, content, effect, iron, place
-from tests.report.pages import check_figure, check_no_knots, check_page, kept_figures
+from tests.report.gap_factories import TAILS, content, effect, iron, place, slice_entry
+from tests.report.pages import check_figure, check_no_knots, check_page, kept_figures, labels
 
 MAPS = gap_factories.maps()
-
-
 FLEET = effect("reference_time_offset", scope="fleet")
 SCATTER = place(component="scatter", variables=["scatter"], tails=["N403"])
 HEADLINES = {
@@ -93,6 +78,8 @@ def test_the_verdict_has_a_line_for_every_finding() -> None:
         "temperature; closes 3.30 kt (3.00 to 3.60); no catalogue effect fits (closest: TAS scale, "
         "22 %)."
     )
+    swap = effect("tail_swap", "N1", "N2", parameters={"pair": ["N1", "N2"]})
+    assert verdict(content(swap)).endswith("Tail swap on N1 and N2: probability 0.99.")
 
 
 def test_the_verdict_says_what_is_likely_and_what_could_remain_unseen() -> None:
@@ -103,16 +90,16 @@ def test_the_verdict_says_what_is_likely_and_what_could_remain_unseen() -> None:
     assert "could close up to 0.051 kt without being detected" in verdict(gap)
 
 
-def test_what_the_diagnosis_started_from() -> None:
+def test_the_verdict_says_what_the_diagnosis_started_from() -> None:
     known = {"source": "effects.yaml", "effects": [{}]}
     known |= {"disagreement_without_kt": 9.0, "disagreement_with_kt": 8.0}
-    matched = {"source": "sim.csv", "matched": 1200, "of": 1300, "matched_by": "report"}
-    assert start_words([known]) == (
-        "The simulation contains 1 known effect of effects.yaml (9.0 → 8.0 kt). "
-    )
-    assert "(1,200 of 1,300 reports matched)" in start_words([], matched)
-    assert "flew other paths" in start_words(None, matched | {"matched_by": "distribution"})
-    assert start_words([]) == ""
+    simulation = {"source": "sim.csv", "matched": 1200, "of": 1300, "matched_by": "report"}
+    text = verdict(content(known=[known], simulation=simulation))
+    assert "(1,200 of 1,300 reports matched)" in text
+    assert "The simulation contains 1 known effect of effects.yaml (9.0 → 8.0 kt). No" in text
+    assert "(4.6 → 4.1 m/s)" in verdict(content(known=[known]), units="m/s")
+    simulation["matched_by"] = "distribution"
+    assert "flew other paths" in verdict(content(simulation=simulation))
 
 
 @pytest.mark.parametrize(
@@ -132,25 +119,8 @@ def test_what_the_diagnosis_started_from() -> None:
 def test_parameters_carry_their_unit_and_95_percent_interval(
     name: str, value: float | str, error: float | None, text: str
 ) -> None:
-    assert parameter_text(name, value, error) == text
-
-
-def test_words() -> None:
-    assert joined([]) == "" and joined(["a"]) == "a" and joined(list("abc")) == "a, b and c"
-    assert joined(list("abcdefgh"), most=2) == "a, b and 6 more"
-    assert p_text(0.0213) == "= 0.021" and p_text(4e-25) == "< 1e-06" and p_text(None) == "unknown"
-    assert period_text(effect("x", period=["2009-07-20T00:00", None])) == "from 2009-07-20"
-    assert period_text(effect("x", period=[None, "2009-08-01"])) == "until 2009-08-01"
-    both = effect("x", period=["2009-07-01", "2009-07-09"])
-    assert period_text(both) == "from 2009-07-01 to 2009-07-09"
-    assert who_text(effect("declination_error", *TAILS, scope="fleet")) == "all aircraft"
-    assert who_text(effect("hard_iron", *TAILS), 14) == "all 14 aircraft"
-    assert who_text(effect("hard_iron", *TAILS[:3]), 14) == "N401, N402 and N403"
-    assert who_text(effect("reference_speed_bias", *TAILS)) == "the reference"
-    place = gap_factories.slice_entry("longitude", ["-90.1", "-87.6"], 0.1, 0.1)
-    assert slice_words(place) == "longitude, both components"
-    one = gap_factories.slice_entry("aircraft", ["N401"], 0.1, 0.1)
-    assert slice_words(one) == "aircraft, both components: N401"
+    found = effect("x", parameters={name: value}, standard_errors={name: error})
+    assert parameters_text(found) == text
 
 
 def test_parameters_of_several_aircraft_are_a_range_where_they_differ() -> None:
@@ -165,14 +135,33 @@ def test_parameters_of_several_aircraft_are_a_range_where_they_differ() -> None:
     # 178 and -179 degrees differ by 3.
     across = pair({"phase_deg": 178.0}, {"phase_deg": -179.0})
     assert across == "amplitude 3.9 ± 0.4°, phase 40 ± 2°"
-    swap = effect("tail_swap", "N1", "N2", parameters={"pair": ["N1", "N2"]})
-    assert effect_sentence(swap, content()) == "Tail swap on N1 and N2: probability 0.99."
+
+
+def test_words() -> None:
+    periods = {
+        "from 2009-07-20": ["2009-07-20T00:00", None],
+        "until 2009-08-01": [None, "2009-08-01"],
+        "from 2009-07-01 to 2009-07-09": ["2009-07-01", "2009-07-09"],
+    }
+    for text, period in periods.items():
+        assert words.period_text(effect("x", period=period)) == text
+    values = (0.0213, 4e-25, None)
+    assert [words.p_text(value) for value in values] == ["= 0.021", "< 1e-06", "unknown"]
+    assert who_text(effect("declination_error", *TAILS, scope="fleet")) == "all aircraft"
+    assert who_text(effect("hard_iron", *TAILS), 14) == "all 14 aircraft"
+    assert who_text(effect("hard_iron", *TAILS[:3]), 14) == "N401, N402 and N403"
+    assert who_text(effect("hard_iron", *TAILS[:9])).endswith("N406 and 3 more")
+    assert who_text(effect("reference_speed_bias", *TAILS)) == "the reference"
+    one = slice_entry("longitude", ["-90.1", "-87.6"], 0.1, 0.1)
+    assert words.slice_words(one) == "longitude, both components"
+    one = slice_entry("aircraft", ["N401"], 0.1, 0.1)
+    assert words.slice_words(one) == "aircraft, both components: N401"
 
 
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_descriptions_of_effects_are_sentences_without_code_names(name: str) -> None:
-    _, physics, smaller = nature_of(name) or ("", "", [])
-    assert smaller and nature_of("of_another_version") is None
+    _, physics, smaller = words.nature_of(name) or ("", "", [])
+    assert smaller and words.nature_of("of_another_version") is None
     for part in (physics, *(line or "." for line in smaller)):
         assert part.endswith(".") and "_" not in part and ".." not in part
 
@@ -215,7 +204,7 @@ def test_the_page_has_every_section_and_folds_the_statistics(tmp_path: Path) -> 
     order = [text.index(f'<section id="{name}"') for name in names]
     assert order == sorted(order)
     assert found.images == len(gap_figures(full(), MAPS))
-    for words in (
+    for part in (
         f"Hard iron ({CATALOGUE['hard_iron'].title}).",
         "Data that would decide: headings in more compass points.",
         "shared variance 91 %",
@@ -225,14 +214,18 @@ def test_the_page_has_every_section_and_folds_the_statistics(tmp_path: Path) -> 
         "1.50 kt (1.00 to 2.00) becomes 1.70 kt, within its interval",
         "3.90 ± 0.20",
         "p value of the gap",
+        "<details><summary>Assumptions",
+        "<details><summary>Noise model",
+        "<details><summary>Calibration on held-out flights",
     ):
-        assert words in text, words
-    for title in ("Assumptions", "Noise model", "Calibration on held-out flights"):
-        assert f"<details><summary>{title}" in text
+        assert part in text, part
+    text = write_gap_page(tmp_path, gap=full(), maps=MAPS, units="m/s").read_text("utf-8")
+    check_no_knots(text)
+    assert "0.77 m/s (0.51 to 1.03) becomes 0.87 m/s" in text
 
 
 @pytest.mark.parametrize(
-    ("gap", "words"),
+    ("gap", "reason"),
     [
         (content(iron("N401")), "Only compass effects were found"),
         (content(iron("N401"), places=[place()]), "An unexplained error is not subtracted"),
@@ -240,16 +233,10 @@ def test_the_page_has_every_section_and_folds_the_statistics(tmp_path: Path) -> 
     ],
 )
 def test_deviations_remain_where_no_effect_is_subtracted(
-    gap: dict[str, Any], words: str, tmp_path: Path
+    gap: dict[str, Any], reason: str, tmp_path: Path
 ) -> None:
     gap["claims"] = {"taken_off": []}
-    assert words in write_gap_page(tmp_path, gap=gap, maps=MAPS[["aircraft"]].copy()).read_text()
-
-
-def test_all_speeds_on_the_page_have_one_unit(tmp_path: Path) -> None:
-    text = write_gap_page(tmp_path, gap=full(), maps=MAPS, units="m/s").read_text("utf-8")
-    check_no_knots(text)
-    assert "0.77 m/s (0.51 to 1.03) becomes 0.87 m/s" in text
+    assert reason in write_gap_page(tmp_path, gap=gap, maps=MAPS[["aircraft"]].copy()).read_text()
 
 
 def test_a_file_that_lacks_optional_keys_has_a_page(tmp_path: Path) -> None:
@@ -257,9 +244,17 @@ def test_a_file_that_lacks_optional_keys_has_a_page(tmp_path: Path) -> None:
     bare = {key: value for key, value in content(iron("N401")).items() if key in needed}
     text, _ = check_page(write_gap_page(tmp_path, gap=bare, maps=MAPS[["aircraft"]].copy()))
     assert "No effect found is ambiguous" in text
-    none = {**bare, "effects": []}
-    text, _ = check_page(write_gap_page(tmp_path, gap=none, maps=MAPS))
+    text, _ = check_page(write_gap_page(tmp_path, gap={**bare, "effects": []}, maps=MAPS))
     assert "No effect of the catalogue is needed" in text
+
+
+SPEEDS = {"edges": [[1.0, 2.0]], "values": [1.0, 2.2], "labels": [], "m_s": []}
+TABLE = {
+    "unit": "degree",
+    "variable_units": ["degree", ""],
+    "edges": [[0.0, 180.0, 360.0], [-0.5, 0.5, 1.5, 2.5]],
+    "values": [0.1, 1.4, -0.3, 0.2, None, 0.4],
+}
 
 
 @pytest.mark.parametrize(
@@ -267,28 +262,17 @@ def test_a_file_that_lacks_optional_keys_has_a_page(tmp_path: Path) -> None:
     [
         {},
         {"component": "scatter", "curve": {"labels": ["N403"], "m_s": [0.4]}},
-        {
-            "component": "reported_speed",
-            "curve": {"labels": [], "m_s": [], "edges": [[1.0, 2.0]], "values": [1.0, 2.2]},
-        },
-        {
-            "variables": ["magnetic_heading", "phase"],
-            "curve": {
-                "unit": "degree",
-                "variable_units": ["degree", ""],
-                "edges": [[0.0, 180.0, 360.0], [-0.5, 0.5, 1.5, 2.5]],
-                "values": [0.1, 1.4, -0.3, 0.2, None, 0.4],
-            },
-        },
+        {"component": "reported_speed", "curve": SPEEDS},
+        {"variables": ["magnetic_heading", "phase"], "curve": TABLE},
     ],
 )
 def test_curves_of_unexplained_errors(given: dict[str, Any]) -> None:
-    figure = gap_figures(content(places=[place(**given)]), MAPS)["unknown_1"]()
+    figure: Any = gap_figures(content(places=[place(**given)]), MAPS)["unknown_1"]()
     check_figure(figure)
-    assert place_sentence(place(**given), {}).rstrip(".") in figure.caption  # type: ignore[attr-defined]
-    if len(given.get("variables", ())) == 2:
+    assert words.place_sentence(place(**given), {}).rstrip(".") in figure.caption
+    if "variables" in given:
         axes = figure.axes[0]
-        assert [one.get_text() for one in axes.get_yticklabels()] == ["ascent", "cruise", "descent"]
+        assert labels(axes) == ["ascent", "cruise", "descent"]
         assert axes.get_xticks().tolist() == [0.0, 90.0, 180.0, 270.0, 360.0]
 
 
@@ -298,8 +282,7 @@ def test_the_heading_map_shows_its_cells_and_affected_aircraft_are_bold() -> Non
     assert np.array_equal(drawn.ravel(), MAPS["heading_map"].to_numpy().ravel(), equal_nan=True)
     bold = {one.get_text() for one in axes.get_yticklabels() if one.get_fontweight() == "bold"}
     assert bold == {"N402"}
-    panels = gap_figures(content(), MAPS)["phase_level"]().axes[0]
-    layers = [one.get_text() for one in panels.get_yticklabels()]
+    layers = labels(gap_figures(content(), MAPS)["phase_level"]().axes[0])
     assert layers == ["850-1100", "700-850", "600-700", "500-600", "400-500", "above 400"]
 
 
@@ -311,20 +294,15 @@ def test_compass_effects_are_drawn_as_the_sum_of_what_was_found() -> None:
 
 
 def test_the_waterfall_falls_from_before_to_after() -> None:
-    waterfall = [
-        {"label": "reports as they are", "kt": 7.4, "step_ci": None},
-        {"label": "hard_iron", "kt": 6.9, "step_ci": [0.4, 0.6]},
-        {"label": "tas_scale", "kt": 6.5, "step_ci": [0.3, 0.5]},
-        {"label": "noise floor", "kt": 6.3, "step_ci": None},
-    ]
+    steps = [("start", 7.4, None), ("hard_iron", 6.9, [0.4, 0.6]), ("tas_scale", 6.5, [0.3, 0.5])]
     gap = content(
         iron("N401"),
         gap={"noise_floor_kt": 6.3, "significance": 0.001},
-        waterfall=waterfall,
+        waterfall=[{"label": name, "kt": kt, "step_ci": ends} for name, kt, ends in steps],
         closure={"before": 7.4, "after": 6.5},
     )
-    axes = gap_figures(gap, MAPS)["waterfall"]().axes[0]
-    bars = [(p.get_x(), p.get_x() + p.get_width()) for p in axes.patches]  # type: ignore[attr-defined]
+    axes: Any = gap_figures(gap, MAPS)["waterfall"]().axes[0]
+    bars = [(bar.get_x(), bar.get_x() + bar.get_width()) for bar in axes.patches]
     expected = [(0, 7.4), (7.4, 6.9), (6.9, 6.5), (0, 6.5), (0, 6.3)]
     assert np.allclose(sorted(bars), sorted(expected))
     intervals = [line.get_xdata() for line in axes.lines if line.get_zorder() == 4]

@@ -22,11 +22,12 @@ from airswing.evaluation.innovations import innovation_statistics
 from airswing.flags import STATUS
 from airswing.report.html import style
 from airswing.report.html.document import Figures
-from airswing.report.run import innovations, page
+from airswing.report.run import page
+from airswing.report.run.innovations import innovations_section
 from airswing.report.run.selection import Run
 from tests.report import factories
 from tests.report.factories import POOL, POOLS, TAILS
-from tests.report.pages import check_no_knots, check_page, kept_figures, labels
+from tests.report.pages import Drawn, check_no_knots, check_page, kept_figures, labels
 
 HEADINGS, FITS, CORRECTED = factories.products()
 STATISTICS = innovation_statistics(HEADINGS, CORRECTED, pools=POOLS)
@@ -121,8 +122,9 @@ def test_a_sounding_shows_one_ascent_or_descent_by_pressure(pages) -> None:
     assert [line.get_label() for line in lines] == ["reported", "corrected", POOL]
     pressure = np.asarray(lines[0].get_ydata())
     assert np.all(np.diff(pressure) <= 0) and pressure.size >= 4
-    level = HEADINGS.assign(phase=HEADINGS["phase"] * 0 + 2)
-    assert "n = 0" in innovations.sounding_figure(level, CORRECTED, TAILS, "ruc", "kt").caption
+    level, show = HEADINGS.assign(phase=HEADINGS["phase"] * 0 + 2), Drawn()
+    innovations_section(None, Run(HEADINGS, FITS, "ruc"), level, CORRECTED, show)
+    assert "n = 0" in show.made["sounding"].caption
 
 
 def test_what_screening_and_reading_left_out(pages, tmp_path: Path) -> None:

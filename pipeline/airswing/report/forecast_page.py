@@ -159,9 +159,8 @@ def _by_lead_figure(scored: xr.Dataset, variable: str) -> Figure:
         style.zero_line(axes, across=True)
     panels[0].legend(loc="best")
     return figure.say(
-        f"{_plain(variable)}: bias, centred rms and skill by lead on the days held out, 95 % "
-        f"intervals by days (n = {plural(int(chosen['pair_count']), 'pair')} of forecast and "
-        "observation)."
+        f"{_plain(variable)}: scores by lead on the days held out, 95 % intervals by days "
+        f"(n = {plural(int(chosen['pair_count']), 'pair')} of forecast and observation)."
     )
 
 
@@ -197,8 +196,7 @@ def _time_line_figure(corrected: xr.Dataset, variable: str, station: int) -> Fig
     figure.autofmt_xdate(rotation=0, ha="center")
     return figure.say(
         f"{_plain(variable)} at station {chosen['station'].item()}: error of each start, mean over "
-        f"leads (n = {plural(known, 'pair')}). The ratio was chosen on the days left of the dashed "
-        "line."
+        f"leads (n = {plural(known, 'pair')}). Left of the dashed line the ratio was chosen."
     )
 
 
@@ -244,7 +242,6 @@ def _stations_figure(scored: xr.Dataset, variable: str) -> Figure:
     outside = int((rms > top).any("correction").sum())
     beyond = f"; {plural(outside, 'station')} beyond the axes at the edge" if outside else ""
     return figure.say(
-        f"{_plain(variable)} on the days held out. Left: rms error of each station, "
-        f"below the line smaller than raw{beyond}. Right: skill of the filter against the raw "
-        f"forecast with 95 % intervals by days (n = {plural(int(known.sum()), 'station')})."
+        f"{_plain(variable)} on the days held out (n = {plural(known.sum(), 'station')}). Left: "
+        f"rms error{beyond}. Right: skill against the raw forecast, 95 % intervals by days."
     )

@@ -111,9 +111,8 @@ def _waterfall_figure(gap: Entry, units: Units) -> Figure:
     style.rows_axis(axes, [name for name, *_ in bars], label)
     axes.set_xlim(0, 1.14 * max(before, end))
     return figure.say(
-        f"Closure of the gap ({_reports(gap)}): disagreement of reports and simulation, the step "
-        "of each effect added in turn (black: 95 % interval), what remains, and the noise floor "
-        "that no effect can pass."
+        f"Disagreement of reports and simulation ({_reports(gap)}), the step of each effect added "
+        "in turn (black: 95 % interval), and the noise floor that no effect can pass."
     )
 
 
@@ -162,10 +161,9 @@ def _compass_effects_figure(maps: xr.Dataset, gap: Entry) -> Figure:
         draw_heading_error(axes, none, none, fit, limit=limit, small=True, bins=bins)
         axes.set_title(tail, fontsize=9)
     return figure.say(
-        "Heading error (degree) against magnetic heading (degree) of the aircraft with compass "
-        f"effects (n = {plural(len(tails), 'aircraft')}): means in octants of what the "
-        "simulation leaves, and the sum of compass offset, hard iron and soft iron found, both "
-        "with 95 % intervals."
+        "Heading error (degree) that the simulation leaves against magnetic heading (degree), and "
+        "the sum of the compass effects found, with 95 % intervals (n = "
+        f"{plural(len(tails), 'aircraft')})."
     )
 
 
@@ -241,9 +239,8 @@ def _slices_figure(where: Sequence[Entry]) -> Figure:
     axes.set_xlim(right=max(float(share.max()) * 1.4, 5.0))
     axes.set_xticks([tick for tick in axes.get_xticks() if tick <= 100.0])
     return figure.say(
-        f"Slices of the archive by their cross-validated share of the gap (n = "
-        f"{plural(len(rows), 'slice')}). Blue: significant at a false-discovery rate of 5 % (q "
-        "value). Slices overlap, so shares need not add to 100 %."
+        f"Cross-validated shares of the gap (n = {plural(len(rows), 'slice')}). Blue: q value "
+        "below 5 %. Slices overlap, so shares need not add to 100 %."
     )
 
 
@@ -351,8 +348,7 @@ def _phase_level_figure(maps: xr.Dataset, gap: Entry, units: Units) -> Figure:
     panels[0].set_ylabel("layer (hPa)")
     figure.colorbar(drawn, ax=list(panels), label=f"mean residual ({units})", pad=0.01)
     return figure.say(
-        f"Mean residual ({units}) by phase of flight and layer ({_reports(gap)}; white: too few "
-        "flights)."
+        f"Mean residual ({units}) by phase and layer ({_reports(gap)}; white: too few flights)."
     )
 
 
@@ -435,10 +431,7 @@ def _probability_figure(gap: Entry, tails: Sequence[str]) -> Figure:
             text = f"{cell:.2f}".lstrip("0") if cell < 0.995 else "1"
             axes.text(column, row, text, ha="center", va="center", fontsize=7.5, color=color)
     figure.colorbar(drawn, ax=axes, label="probability", pad=0.01)
-    return figure.say(
-        "Probability that an aircraft is affected, by effect (n = "
-        f"{plural(len(tails), 'aircraft')})."
-    )
+    return figure.say(f"Probability that an aircraft is affected (n = {len(tails)} aircraft).")
 
 
 def _autocorrelation_figure(gap: Entry) -> Figure:
@@ -452,9 +445,8 @@ def _autocorrelation_figure(gap: Entry) -> Figure:
     axes.set(xlabel="distance along the flight (km)", ylabel="autocovariance of residuals (m²/s²)")
     axes.legend(loc="upper right")
     return figure.say(
-        f"Noise along a flight ({_reports(gap)}): autocovariance of the residuals of two reports "
-        "against their distance, and the model used. If the line misses the points, the intervals "
-        "on this page are too wide or too narrow."
+        f"Autocovariance of the residuals of a flight, and the noise model ({_reports(gap)}). If "
+        "the line misses the points, the intervals on this page are too wide or too narrow."
     )
 
 
@@ -471,7 +463,6 @@ def _pit_figure(maps: xr.Dataset) -> Figure:
     axes.set(xlim=(0, 1), xlabel=label, ylabel="reports over expected")
     figure.legend(loc="outside upper left", ncols=3)
     return figure.say(
-        f"Calibration of the simulation with the effects on held-out reports (n = "
-        f"{plural(int(after.sum()), 'wind component')}): flat if right; a hump means noise "
-        "assumed too large, a trough too small, a slope a remaining bias."
+        f"Calibration on held-out reports (n = {plural(after.sum(), 'wind component')}): flat if "
+        "right; a hump means noise assumed too large, a trough too small, a slope a bias."
     )

@@ -115,10 +115,7 @@ def _shown(name: str, units: Units) -> tuple[str, str, float]:
     return label, _ENDINGS.get(ending, ""), 1.0
 
 
-def parameter_text(
-    name: str, value: object, error: float | None = None, *, units: Units = "kt"
-) -> str:
-    """Return a parameter with its 95 % interval: ``amplitude 3.9 ± 0.4°``."""
+def _parameter_text(name: str, value: object, error: float | None, units: Units) -> str:
     label, unit, factor = _shown(name, units)
     if isinstance(value, bool) or not isinstance(value, int | float):
         return f"{label} {value}"
@@ -147,7 +144,7 @@ def parameters_text(effect: Entry, *, units: Units = "kt", brief: bool = False) 
             continue
         low, high = _range(name, each, number(errors.get(name)))
         if not low < high:
-            parts.append(parameter_text(name, value, errors.get(name), units=units))
+            parts.append(_parameter_text(name, value, errors.get(name), units))
         elif not name.startswith("phase"):
             label, unit, factor = _shown(name, units)
             digits = int(np.clip(np.ceil(-np.log10(factor * (high - low))) + 1, 1, 5))

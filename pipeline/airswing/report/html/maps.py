@@ -66,11 +66,8 @@ class View:
 
     def unwrapped(self, longitude: ArrayLike) -> Floats:
         """Shift longitudes by whole turns to within 180 degrees of the middle."""
-        return _unwrap_around(np.asarray(longitude, float), (self.west + self.east) / 2)
-
-
-def _unwrap_around(longitude: Floats, middle: float) -> Floats:
-    return wrap_degrees(longitude - middle) + middle
+        middle = (self.west + self.east) / 2
+        return wrap_degrees(np.asarray(longitude, float) - middle) + middle
 
 
 def _middle_longitude(longitude: Floats) -> float:
@@ -88,7 +85,8 @@ def view_of(longitude: ArrayLike, latitude: ArrayLike, *, margin: float = 0.06) 
     lon, lat = lon[np.isfinite(lon)], lat[np.isfinite(lat)]
     if lon.size == 0 or lat.size == 0:
         return View(-180.0, 180.0, -90.0, 90.0)
-    lon = _unwrap_around(lon, _middle_longitude(lon))
+    middle = _middle_longitude(lon)
+    lon = wrap_degrees(lon - middle) + middle
     x, y = (lon.min() + lon.max()) / 2, (lat.min() + lat.max()) / 2
     narrowing = max(float(np.cos(np.radians(y))), 0.2)
     width, height = (max(float(np.ptp(one)) * (1 + 2 * margin), 2.0) for one in (lon, lat))

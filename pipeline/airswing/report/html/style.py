@@ -7,7 +7,6 @@ Colours: Okabe and Ito (2008), "Color Universal Design", which colour-blind read
 from __future__ import annotations
 
 import contextlib
-import gc
 import io
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
@@ -116,18 +115,9 @@ def png_bytes(figure: Figure, *, dpi: float = 110, colours: int | None = None) -
 
 @contextlib.contextmanager
 def drawing() -> Iterator[None]:
-    """Use this style, and collect garbage rarely, while figures are drawn; also a decorator.
-
-    Each figure creates many objects, and each collection visits all: a fifth of the time. The
-    thresholds are raised, because extension modules use the collector's switch themselves.
-    """
-    thresholds = gc.get_threshold()
-    gc.set_threshold(1_000_000, 100, 100)
-    try:
-        with matplotlib.rc_context(RC):
-            yield
-    finally:
-        gc.set_threshold(*thresholds)
+    """Use this style while figures are drawn; also a decorator."""
+    with matplotlib.rc_context(RC):
+        yield
 
 
 def panels(height: float, *grid: int, **options: Any) -> tuple[CaptionedFigure, Any]:

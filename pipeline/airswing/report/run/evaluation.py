@@ -126,9 +126,8 @@ def field_test_figure(field_test: Content, *, units: Units = "kt") -> Figure:
     both = ("reports_before", "reports_during")
     number = sum(int(entry.get(name, 0)) for entry in groups.values() for name in both)
     return figure.say(
-        "Field test: mean length of the difference between reported and reference wind of each "
-        "group before and during the test, and the reduction beyond that of the controls; lines "
-        f"are 95 % intervals (n = {plural(number, 'report')})."
+        "Mean length of the difference between reported and reference wind of each group, and its "
+        f"reduction, with 95 % intervals (n = {plural(number, 'report')})."
     )
 
 
@@ -163,8 +162,7 @@ def _scrutiny_figure(field_test: Content, units: Units) -> Figure:
     else:
         style.blank(right, words)
     return figure.say(
-        f"Left: mean disagreement of each aircraft before and during the test (n = "
-        f"{plural(len(rows), 'aircraft')}); below the line it fell. {words}"
+        f"Left: mean disagreement (n = {len(rows)} aircraft); below the line it fell. {words}"
     )
 
 
@@ -284,9 +282,8 @@ def _prediction_figure(virtual: Content, units: Units) -> Figure:
         labels = (f"{kind} reduction ({units})" for kind in kinds)
         _equal_axes(axes, np.array([*x, *y, 0.0]), *labels)
     return figure.say(
-        "Reduction predicted from the fit and realised on reports that were not used in the fit, "
-        "by aircraft, with 95 % intervals. Orange: they differ by more than the interval of their "
-        f"difference (n = {plural(total, 'point')})."
+        "Reduction predicted and realised on reports not used in the fit, with 95 % intervals. "
+        f"Orange: different by more than their interval (n = {plural(total, 'point')})."
     )
 
 
@@ -331,9 +328,8 @@ def pair_differences_figure(pairs: Sequence[Content]) -> Figure:
     reports = max(int(pair.get("reports", 0)) for pair in shown)
     aircraft = max(int(pair["fleet"].get("aircraft", 0)) for pair in shown)
     return figure.say(
-        "Common difference of the fleet's deviation coefficients between two references fitted to "
-        f"the same reports, 95 % intervals (n = {plural(reports, 'report')}, "
-        f"{plural(aircraft, 'aircraft')})."
+        "Common difference of the coefficients between two references, with 95 % intervals (n = "
+        f"{plural(reports, 'report')}, {aircraft} aircraft)."
     )
 
 
@@ -359,9 +355,8 @@ def _aircraft_differences_figure(pair: Content) -> Figure:
     style.rows_axis(panels[0], [entry["aircraft"] for entry in rows], label)
     more = f" of {len(known)}, those with the largest" if len(known) > len(rows) else ""
     return figure.say(
-        f"{_pair_name(pair)}: difference of each aircraft's amplitude and offset with 95 % "
-        "intervals that account for the shared reports (n = "
-        f"{plural(len(rows), 'aircraft')}{more}). Orange: the interval excludes zero."
+        f"{_pair_name(pair)}: difference of each aircraft with 95 % intervals "
+        f"(n = {len(rows)} aircraft{more}). Orange: the interval excludes zero."
     )
 
 
@@ -505,8 +500,7 @@ def _report_errors_figure(errors: xr.Dataset, units: Units) -> Figure:
     missing = " and ".join(phase for phase in _PHASES if phase not in phases)
     few = f" Too few reports near each other in {missing}." if missing else ""
     return figure.say(
-        "Standard error of a wind component of the reports, without the error of the reference, "
-        "with 95 % intervals; grey: errors used in assimilation systems "
+        "Standard error of a wind component, with 95 % intervals; grey: used in assimilation "
         f"(n = {plural(number, 'report')}, {plural(sum(cells.values()), 'cell')} known).{few}"
     )
 

@@ -165,12 +165,12 @@ def heading_error_figure(
     draw_heading_error(axes, heading, error, fit)
     axes.set_title(f"{name} against {run.reference}:  {selection.fit_words(fit)}")
     figure.legend(loc="outside lower center", ncols=5)
+    flights = plural(int(fit["flight_count"]), "flight")
     refused = f" The fit is not usable: {selection.status_words(fit['status'])}."
     return figure.say(
-        f"{name}: heading error (indicated minus the heading that {run.reference} implies) against "
-        f"indicated magnetic heading, n = {plural(heading.size, 'report')} of "
-        f"{plural(int(fit['flight_count']), 'flight')}; medians in bins of {BIN_WIDTH:.0f} "
-        f"degrees. Diamonds: heading error removed by the 8-point table ({_table_words(fit)})."
+        f"{name}: indicated heading minus that implied by {run.reference}, n = "
+        f"{plural(heading.size, 'report')} of {flights}; medians in bins of {BIN_WIDTH:.0f} "
+        f"degrees. Diamonds: removed by the 8-point table ({_table_words(fit)})."
         f"{run.bias_words}{'' if published(fit['status']) else refused}"
     )
 
@@ -188,11 +188,10 @@ def heading_errors_figure(run: Run, names: Sequence[str]) -> Figure:
         axes.tick_params(labelsize=8, labelbottom=True)
     reports = sum(heading.size for _, heading, *_ in shown)
     return figure.say(
-        "Heading error (degree) against indicated magnetic heading (degree), "
-        f"{plural(len(names), 'aircraft')} against {run.reference} (n = "
-        f"{plural(reports, 'report')}). Grey: at most {_SMALL_DRAWN} reports of each; black: "
-        f"medians in bins of {SMALL_BIN_WIDTH:.0f} degrees; blue: fitted curve (dashed: not "
-        "usable); bars and band: 95 % intervals; orange: removed by the 8-point table "
+        f"Heading error (degree) against {run.reference} by indicated magnetic heading (degree), "
+        f"n = {plural(reports, 'report')} of {len(names)} aircraft. Grey: at most {_SMALL_DRAWN} "
+        f"reports of each; black: medians in bins of {SMALL_BIN_WIDTH:.0f} degrees; blue: fitted "
+        "curve (dashed: not usable), both with 95 % intervals; orange: removed by the table "
         f"({_table_words(run.fits)}).{run.bias_words}"
     )
 

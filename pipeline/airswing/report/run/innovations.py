@@ -22,7 +22,7 @@ from airswing.report.html import style
 from airswing.report.html.style import STATES, Look
 from airswing.report.html.text import Units, number_text, plural, shown_per_m_s
 from airswing.report.run.changes import date_axis, days_since_1970
-from airswing.report.run.selection import members, names_of, pooled, rows_of
+from airswing.report.run.selection import Run, members, names_of, pooled, rows_of
 
 Floats = NDArray[np.float64]
 _QUANTITIES = ("speed", "direction", "eastward", "northward")
@@ -49,13 +49,9 @@ def _cells_by(statistics: xr.Dataset, by: str) -> xr.Dataset:
     return found.isel({by: keep}).rename({by: "row"})
 
 
-def innovation_figure(statistics: xr.Dataset, reference: str, units: Units) -> Figure:
-    """Draw bias and standard deviation of the innovations by aircraft, phase of flight and layer.
-
-    Markers are biases, lines reach one standard deviation to either side. At most 20 aircraft,
-    those with most reports.
-    """
-    aircraft, *others = (_cells_by(statistics.sel(reference=reference), by) for by in _CELLS)
+def _innovation_figure(statistics: xr.Dataset, units: Units) -> Figure:
+    """Draw bias and standard deviation; of the aircraft those with most reports."""
+    aircraft, *others = (_cells_by(statistics, by) for by in _CELLS)
     reports = aircraft["innovation_speed_count"].isel(state=0).to_numpy()
     if not reports.sum():
         return style.empty_figure(_NONE)
@@ -79,15 +75,14 @@ def innovation_figure(statistics: xr.Dataset, reference: str, units: Units) -> F
     style.rows_axis(panels[0], rows, panels[0].get_xlabel())
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper right", ncols=2)
     return figure.say(
-        f"Innovations (observation minus {reference}) of wind speed, direction and components by "
-        "aircraft, phase of flight and layer: bias (marker) and one standard deviation to either "
-        f"side (line), as reported and corrected (n = {plural(reports.sum(), 'report')}). "
+        f"Observation minus {statistics['reference'].item()} (n = "
+        f"{plural(reports.sum(), 'report')}): bias and one standard deviation to either side. "
         "Direction is positive where veered."
     )
 
 
-def _innovation_histogram_figure(statistics: xr.Dataset, reference: str, units: Units) -> Figure:
-    counts = statistics["innovation_histogram"].sel(reference=reference)
+def _innovation_histogram_figure(statistics: xr.Dataset, units: Units) -> Figure:
+    counts, reference = statistics["innovation_histogram"], statistics["reference"].item()
     number = int(counts.sel(state="reported").sum())
     if not number:
         return style.empty_figure(_NONE)
@@ -107,15 +102,13 @@ def _innovation_histogram_figure(statistics: xr.Dataset, reference: str, units: 
     bar = figure.colorbar(drawn, ax=list(panels), label="reports in a class", shrink=0.8)
     style.count_ticks(bar, float(counts.max()))
     return figure.say(
-        f"Histogram of the wind vector innovation (observation minus {reference}) in classes of "
-        f"1 m/s; the outermost classes include all beyond (n = {plural(number, 'report')})."
+        f"Wind vector innovation (observation minus {reference}) in classes of 1 m/s; the "
+        f"outermost include all beyond (n = {plural(number, 'report')})."
     )
 
 
-def _innovation_series_figure(
-    statistics: xr.Dataset, reference: str, names: Sequence[str], units: Units
-) -> Figure:
-    chosen = statistics.sel(reference=reference, aircraft=list(names))
+def _innovation_series_figure(statistics: xr.Dataset, names: Sequence[str], units: Units) -> Figure:
+    chosen, reference = statistics.sel(aircraft=list(names)), statistics["reference"].item()
     day = days_since_1970(statistics["day"].to_numpy())
     number = int(chosen["daily_innovation_count"].sel(state="reported").sum())
     if not number:
@@ -135,14 +128,13 @@ def _innovation_series_figure(
     date_axis(grid[-1, 0])
     figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=7)
     return figure.say(
-        f"Daily mean innovation (observation minus {reference}) of wind speed and direction, as "
-        f"reported and corrected, of {plural(len(names), 'aircraft')} (n = "
-        f"{plural(number, 'report')})."
+        f"Daily mean of observation minus {reference} (n = {plural(number, 'report')} of "
+        f"{len(names)} aircraft)."
     )
 
 
-def _innovation_table(statistics: xr.Dataset, by: str, reference: str, units: Units) -> Markup:
-    cells, states = _cells_by(statistics.sel(reference=reference), by), [one[0] for one in STATES]
+def _innovation_table(statistics: xr.Dataset, by: str, units: Units) -> Markup:
+    cells, states = _cells_by(statistics, by), [state for state, *_ in STATES]
     # the states of a row together
     cells = cells.transpose("row", "state", ...)
     title = by.replace("_", " ")
@@ -158,24 +150,16 @@ def _innovation_table(statistics: xr.Dataset, by: str, reference: str, units: Un
             columns[name] = [number_text(x, digits=digits) for x in values]
     reports = cells["innovation_speed_count"].to_numpy().ravel()
     columns["reports"] = [f"{int(number):,}" for number in reports]
-    caption = f"Observation minus {reference}, screened reports."
+    caption = f"Observation minus {statistics['reference'].item()}, screened reports."
     return html.table(columns, words=(title, ""), caption=caption)
 
 
-def sounding_figure(
-    headings: xr.Dataset,
-    corrected: xr.Dataset,
-    aircraft: Sequence[str],
-    reference: str,
-    units: Units,
-) -> Figure:
-    """Draw winds as reported, corrected and of the reference on an ascent or descent.
-
-    It is the one with the most reports of the first of `aircraft` that has one.
-    """
-    picked, name = _sounding_reports(headings, corrected, aircraft)
+def _sounding_figure(run: Run, headings: xr.Dataset, corrected: xr.Dataset) -> Figure:
+    """Draw the ascent or descent with the most reports of the first aircraft that has one."""
+    picked, name = _sounding_reports(headings, corrected, run.order)
     if picked is None:
         return style.empty_figure("No ascent or descent has enough reports for a sounding")
+    reference, units = run.reference, run.units
     ways, factor = ("eastward", "northward"), shown_per_m_s(units)
     names = [f"{of}{way}_wind" for of in ("", "reference_") for way in ways]
     picked = picked[np.argsort(-headings["pressure"].isel(report=picked).to_numpy())]
@@ -238,29 +222,30 @@ def _sounding_reports(
 
 def innovations_section(
     statistics: xr.Dataset | None,
-    sounding: Figure | None,
-    reference: str,
-    aircraft: Sequence[str],
+    run: Run,
+    headings: xr.Dataset,
+    corrected: xr.Dataset | None,
     show: html.Figures,
 ) -> html.Section:
-    """Return the section on the innovations."""
+    """Return the section on the innovations, and a sounding where winds were corrected."""
     parts, lead, units = [], "", show.units
     if statistics is not None:
         known = names_of(statistics, "reference")
-        chosen = reference if reference in known else known[0]
-        lead = _lead(combined(statistics.sel(reference=chosen), _CELLS), chosen, units)
-        names = [name for name in aircraft if name in names_of(statistics)][:_MOST_SERIES]
-        figure = innovation_figure(statistics, chosen, units)
-        parts.append(show("innovations", figure, dpi=120))
-        tables = [_innovation_table(statistics, by, chosen, units) for by in _CELLS]
+        chosen = run.reference if run.reference in known else known[0]
+        statistics = statistics.sel(reference=chosen)
+        lead = _lead(combined(statistics, _CELLS), chosen, units)
+        names = [name for name in run.order if name in names_of(statistics)][:_MOST_SERIES]
+        parts.append(show("innovations", _innovation_figure(statistics, units), dpi=120))
+        tables = [_innovation_table(statistics, by, units) for by in _CELLS]
         parts.append(html.folded("Tables by aircraft, phase of flight and layer", *tables))
-        histogram = _innovation_histogram_figure(statistics, chosen, units)
-        parts.append(html.folded("Histogram", show("innovation_histogram", histogram)))
-        series = _innovation_series_figure(statistics, chosen, names, units)
+        figure = _innovation_histogram_figure(statistics, units)
+        parts.append(html.folded("Histogram", show("innovation_histogram", figure)))
+        series = _innovation_series_figure(statistics, names, units)
         shown = show("innovation_series", series, dpi=120)
         parts.append(html.folded("Daily means by aircraft", shown))
-    if sounding is not None:
-        parts.append(html.folded("A sounding", show("sounding", sounding)))
+    if corrected is not None:
+        sounding = show("sounding", _sounding_figure(run, headings, corrected))
+        parts.append(html.folded("A sounding", sounding))
     return html.Section("innovations", "Innovations (observation minus reference)", lead, parts)
 
 

@@ -30,7 +30,7 @@ from airswing.report.run import evaluation as judged
 from airswing.report.run import heading_error as compass
 from airswing.report.run import selection
 from airswing.report.run.changes import monitoring_section, stability_section
-from airswing.report.run.innovations import innovations_section, sounding_figure
+from airswing.report.run.innovations import innovations_section
 from airswing.report.run.reading_warnings import model_reasons, reading_warnings, tally
 from airswing.report.run.selection import BeforeAfter, Run, Total, names_of, status_words
 from airswing.units import NORMAL_95
@@ -110,10 +110,8 @@ def write_page(
     drawn = selection.drawn_columns(headings)
     run = Run.of(drawn, fits, asked if asked in known else None, units)
     show, reference = html.Figures(folder / "figures", units), run.reference
-    sounding = None
-    if corrected is not None:
-        apart = apart or selection.disagreement(headings, corrected, reference)
-        sounding = sounding_figure(headings, corrected, run.order, reference, units)
+    if corrected is not None and apart is None:
+        apart = selection.disagreement(headings, corrected, reference)
     total, period, errors = apart and apart.total, None, found.observation_errors
     if headings.sizes["report"]:
         first, last = np.datetime_as_string(time_span(headings), "D")
@@ -123,7 +121,7 @@ def write_page(
         found.monitoring and monitoring_section(found.monitoring, show),
         _curves_section(run, show),
         _fleet_section(run, apart, show),
-        innovations_section(found.innovations, sounding, reference, run.order, show),
+        innovations_section(found.innovations, run, headings, corrected, show),
         found.ranking and judged.ranking_section(found.ranking, found.virtual, show),
         found.stability and stability_section(found.stability, show, period),
         found.field_test and judged.field_test_section(found.field_test, show),
@@ -344,9 +342,9 @@ def _before_after_figure(run: Run, apart: BeforeAfter, aircraft: Sequence[str]) 
     right.tick_params(labelleft=False)
     figure.legend(*left.get_legend_handles_labels(), loc="outside upper left", ncols=2)
     return figure.say(
-        f"Mean length of the difference between reported and {reference} wind before and after "
-        f"the correction: {(reduction > half).sum()} of {len(rows)} aircraft improve by more "
-        f"than their interval (n = {plural(apart.number[rows].sum(), 'report')}, those of the fit)."
+        f"Mean length of the difference from the {reference} wind (n = "
+        f"{plural(apart.number[rows].sum(), 'report')} of the fit): {(reduction > half).sum()} of "
+        f"{len(rows)} aircraft improve by more than their interval."
     )
 
 
@@ -379,9 +377,8 @@ def _audit_section(headings: xr.Dataset, show: html.Figures) -> html.Section:
     else:
         right.axis("off")
     figure.say(
-        f"What was left out (n = {plural(total, 'report')}): {kept:,} "
-        f"({100 * kept / max(total, 1):.1f} %) entered the fits. Several rules can mark the same "
-        "report; the dark part of a bar was marked by that rule alone."
+        f"{kept:,} ({100 * kept / max(total, 1):.1f} %) entered the fits "
+        f"(n = {plural(total, 'report')}). Dark: marked by that rule alone."
     )
     columns = {
         "rule": names,
