@@ -149,6 +149,7 @@ def _map_panels(
     longitude: Floats, latitude: Floats, groups: Groups, columns: int, label: str = ""
 ) -> tuple[style.CaptionedFigure, bool]:
     """Draw a map of each group of reports, as points or, if many, as a density."""
+    longitude, latitude = longitude.astype(float), latitude.astype(float)
     view, rows = view_of(longitude, latitude), -(-len(groups) // columns)
     dense = max(int(mask.sum()) for mask in groups.values()) > style.MANY
     alone = len(groups) == 1
@@ -182,7 +183,7 @@ def places_section(headings: xr.Dataset, show: html.Figures) -> html.Section:
     """Return the section on the positions of the reports: maps of all, by phase and by level."""
     every = max(1, -(-headings.sizes["report"] // MOST_DRAWN))
     thinned = f" One report in {every} is drawn." if every > 1 else ""
-    lon, lat = (headings[name].to_numpy().astype(float) for name in ("longitude", "latitude"))
+    lon, lat = (headings[name].to_numpy() for name in ("longitude", "latitude"))
     phase, level = headings["phase"].to_numpy(), headings["pressure"].to_numpy() / 100.0
     known = np.isfinite(lon + lat)
     layers = {
