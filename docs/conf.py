@@ -48,6 +48,7 @@ html_theme_options = {
     "secondary_sidebar_items": ["page-toc"],
     "navbar_end": ["theme-switcher"],
 }
+html_sidebars = {"**": []}  # the header and the page's contents suffice
 html_show_sourcelink = False
 html_copy_source = False
 html_static_path = ["_static"]
