@@ -92,7 +92,17 @@ def pairs_at_stations(
     off = [str(name) for name in outside.index[outside]]
     if off:
         left_out[f"stations without a forecast: {', '.join(off[:8])}"] += len(off)
-    paired = _paired(table[table["forecast"].notna()], observed, max_time_gap)
+    known = [name for name in UNITS if name in observed]
+    there = observed.melt(["station", "time"], known, "variable", "observation")
+    chosen = table[table["forecast"].notna() & table["variable"].isin(known)]
+    paired = pd.merge_asof(
+        chosen.assign(time=_valid(chosen)).sort_values("time"),
+        there.dropna(subset="observation").sort_values("time"),
+        on="time",
+        by=["station", "variable"],
+        direction="nearest",
+        tolerance=pd.Timedelta(seconds=max_time_gap),
+    )
     if not paired["observation"].notna().any():
         raise InputError(
             "no observation meets a forecast",
@@ -157,28 +167,6 @@ def _observations(file: Path, columns: Mapping[str, str], left_out: Counter[str]
     good &= table["longitude"].between(-180, 360)
     left_out["observations without a time or place that can be read"] += int((~good).sum())
     return table[good]
-
-
-def _paired(table: pd.DataFrame, observed: pd.DataFrame, max_time_gap: float) -> pd.DataFrame:
-    table = table.assign(time=_valid(table)).sort_values("time")
-    parts = []
-    for variable, forecasts in table.groupby("variable", sort=True):
-        if variable not in observed:
-            continue
-        there = observed.loc[observed[variable].notna(), ["station", "time", variable]]
-        parts.append(
-            pd.merge_asof(
-                forecasts,
-                there.sort_values("time").rename(columns={variable: "observation"}),
-                on="time",
-                by="station",
-                direction="nearest",
-                tolerance=pd.Timedelta(seconds=max_time_gap),
-            )
-        )
-    if not parts:
-        return table.assign(observation=np.nan)
-    return pd.concat(parts, ignore_index=True)
 
 
 def forecasts_at_stations(
