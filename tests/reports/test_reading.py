@@ -188,42 +188,31 @@ def test_the_summary_of_a_file(tmp_path: Path, real: Callable[[str], Path]):
     assert found["flags"]["rollFlag"] == {"B": 120, "G": 388, "N": 1796}
 
 
-MODULE = '''
-"""Winds as a station prints them: tail, minutes since 2009, place, feet, knots, degrees."""
-
+MODULE = """
 import pandas as pd
 
 from airswing.reports.formats import ReportFormat
 
 
 def read(path, mapping, audit):
-    names = ["tail", "minutes", "latitude", "longitude", "feet", "knots", "wind_direction"]
+    names = ["tail", "latitude", "pressure_altitude", "wind_speed", "wind_direction"]
     table = pd.read_csv(path, skiprows=1, names=names)
-    start = pd.Timestamp("2009-01-01")
-    table["time"] = start + pd.to_timedelta(table.pop("minutes"), unit="min")
-    table["pressure_altitude"] = 0.3048 * table.pop("feet")
-    table["wind_speed"] = table.pop("knots") * 1852 / 3600
-    yield table
+    yield table.assign(time=pd.Timestamp("2009-01-01"), longitude=-90.0)
 
 
 FORMATS = (ReportFormat("printout", lambda start: start.startswith(b"%station"), read),)
-'''
+"""
 
 
 def test_a_format_is_one_new_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """The folder of the file is made part of the package's."""
-    folder = tmp_path / "formats"
-    folder.mkdir()
-    (folder / "station_printout.py").write_text(MODULE)
+    (tmp_path / "station_printout.py").write_text(MODULE)
     package = importlib.import_module("airswing.reports.formats")
-    monkeypatch.setattr(package, "__path__", [*package.__path__, str(folder)])
-    path = tmp_path / "any.name"
-    rows = [f"N9,{k},{40 + k / 10},-90,21000,{30 + k},270" for k in range(5)]
-    path.write_text("\n".join(["%station printout", *rows, ""]))
-    reports = read_reports(path)
-    assert reports["aircraft"].values.tolist() == ["N9"]
-    np.testing.assert_allclose(reports["eastward_wind"] * 3600 / 1852, [30, 31, 32, 33, 34], 1e-5)
-    assert read_reports(path, format="printout").equals(reports)
+    monkeypatch.setattr(package, "__path__", [*package.__path__, str(tmp_path)])
+    (tmp_path / "any.name").write_text("%station printout\nN8,40,6000,30,270\nN9,41,6000,31,270\n")
+    reports = read_reports(tmp_path / "any.name")
+    assert reports["aircraft"].values.tolist() == ["N8", "N9"]
+    np.testing.assert_allclose(reports["eastward_wind"], [30, 31])
     with pytest.raises(InputError, match="printout"):
-        read_reports(path, format="printed")
+        read_reports(tmp_path / "any.name", format="printed")
     sys.modules.pop("airswing.reports.formats.station_printout")

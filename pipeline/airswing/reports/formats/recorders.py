@@ -32,29 +32,25 @@ _INCH_OF_MERCURY = 3386.389  # Pa at 0 degC (NIST SP 811)
 _ROWS_PER_PIECE = 100_000
 _IDENTITIES = ("tail_number", "aircraft_ident", "registration", "system_id")
 # What a column is, by its name without unit: short names of G1000, names in words of G3X and G5.
-_NAMES = {
+_TEXTS = {
     "date": r"Lcl Date|UTC Date|Local Date",
     "clock": r"Lcl Time|UTC Time|Local Time",
     "ahead": r"UTCOfst|UTC Offset",
-    "latitude": r"Latitude",
-    "longitude": r"Longitude",
-    "pressure_altitude": r"Pressure Altitude",
-    "indicated_altitude": r"AltB|AltInd|Baro Altitude|Baro-Corrected Altitude",
-    "setting": r"BaroA|Baro Setting|Altimeter Setting",
-    "air_temperature": r"OAT|Outside Air Temp(erature)?",
-    "heading": r"HDG|Magnetic Heading",
-    "track": r"TRK|GPS Ground Track",
-    "ground_speed": r"GndSpd|GPS Ground Speed",
-    "reported_airspeed": r"TAS|True Airspeed",
-    "indicated_airspeed": r"IAS|Indicated Airspeed",
-    "roll": r"Roll",
 }
-# Factor and offset to SI of the columns of numbers; 1 and 0 where there is no entry.
-_UNITS = {
-    **dict.fromkeys(("ground_speed", "reported_airspeed", "indicated_airspeed"), (KNOT, 0.0)),
-    **dict.fromkeys(("pressure_altitude", "indicated_altitude"), (FOOT, 0.0)),
-    "setting": (_INCH_OF_MERCURY, 0.0),
-    "air_temperature": (1.0, ZERO_CELSIUS),
+# Of the columns of numbers also factor and offset to SI.
+_NUMBERS = {
+    "latitude": (r"Latitude", 1.0, 0.0),
+    "longitude": (r"Longitude", 1.0, 0.0),
+    "pressure_altitude": (r"Pressure Altitude", FOOT, 0.0),
+    "indicated_altitude": (r"AltB|AltInd|Baro Altitude|Baro-Corrected Altitude", FOOT, 0.0),
+    "setting": (r"BaroA|Baro Setting|Altimeter Setting", _INCH_OF_MERCURY, 0.0),
+    "air_temperature": (r"OAT|Outside Air Temp(erature)?", 1.0, ZERO_CELSIUS),
+    "heading": (r"HDG|Magnetic Heading", 1.0, 0.0),
+    "track": (r"TRK|GPS Ground Track", 1.0, 0.0),
+    "ground_speed": (r"GndSpd|GPS Ground Speed", KNOT, 0.0),
+    "reported_airspeed": (r"TAS|True Airspeed", KNOT, 0.0),
+    "indicated_airspeed": (r"IAS|Indicated Airspeed", KNOT, 0.0),
+    "roll": (r"Roll", 1.0, 0.0),
 }
 _NEEDED = ("date", "clock", "latitude", "longitude", "heading", "track")
 _HEADER = re.compile(r"(Lcl|UTC|Local) Date")
@@ -75,7 +71,7 @@ def _read_log(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFram
         )
     names = [name.strip() for name in next(csv.reader([lines[number].lstrip("# ")]))]
     columns = {}
-    for key, pattern in _NAMES.items():
+    for key, pattern in (_TEXTS | {key: row[0] for key, row in _NUMBERS.items()}).items():
         known = (name for name in names if re.fullmatch(rf"({pattern})(\s*\([^)]*\)\s*)?", name))
         columns[key] = next(known, None)
     absent = [key for key in _NEEDED if columns[key] is None]
@@ -120,7 +116,7 @@ def _of_deck(table: pd.DataFrame, tail: str, columns: dict[str, str | None]) -> 
         key: pd.Series("", table.index) if name is None else table[name].fillna("").str.strip()
         for key, name in columns.items()
     }
-    number = {key: numbers(text[key], *_UNITS.get(key, (1.0, 0.0))) for key in list(_NAMES)[3:]}
+    number = {key: numbers(text[key], *scale) for key, (_, *scale) in _NUMBERS.items()}
     ahead = "" if (columns["clock"] or "").startswith("UTC") else text["ahead"]
     given = (text["date"] != "") & (text["clock"] != "")
     time, blank = parse_times((text["date"] + "T" + text["clock"] + ahead).where(given, ""))
