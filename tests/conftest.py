@@ -75,38 +75,29 @@ def _once(factory: pytest.TempPathFactory, name: str, make: Callable[[Path], obj
     return folder
 
 
-EFFECTS = (
-    ("hard_iron", "N401", {"amplitude_deg": 6.0, "phase_deg": 40.0}),
-    ("tas_scale", "N403", {"scale_percent": 3.0}),
-)
-"""Effects in the reports of `gap_archive`: name, aircraft, parameters."""
+EFFECTS = [
+    {"name": name, "tails": [tail], "parameters": parameters, "period": None}
+    for name, tail, parameters in (
+        ("hard_iron", "N401", {"amplitude_deg": 6.0, "phase_deg": 40.0}),
+        ("tas_scale", "N403", {"scale_percent": 3.0}),
+    )
+]
+"""Effects in the reports of `gap_archive`."""
 
 
 @pytest.fixture(scope="session")
 def gap_archive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Configuration of a small archive with `EFFECTS`, whose headings are made."""
-    return _once(tmp_path_factory, "gap_archive", _make_gap_archive) / "cases/case/config.yaml"
 
+    def make(folder: Path) -> None:
+        from airswing.workflow import Job, make_headings
 
-def _make_gap_archive(folder: Path) -> None:
-    from airswing.synthetic.sealed.cases import Case
-    from airswing.synthetic.sealed.draws import Drawn, World
-    from airswing.synthetic.sealed.sealed_archives import Archivist
-    from airswing.workflow import Job, make_headings
+        coarse = {"columns": 32, "rows": 25, "spacing_km": 57.0, "interval_hours": 2}
+        options = {"days": 14, "aircraft": 6, "seed": 11} | coarse
+        config = airswing.write_archive(folder, effects=EFFECTS, times_per_file=6, **options)
+        make_headings(Job.of(config, quiet=True))
 
-    class AsDrawn(Archivist):
-        """Effects with the parameters of `EFFECTS`."""
-
-        def _strengthened(self, drawn, size, world):  # type: ignore[no-untyped-def]
-            return drawn
-
-    drawn = tuple(
-        Drawn(name, ({"name": name, "tails": [tail], "period": None, "parameters": values},))
-        for name, tail, values in EFFECTS
-    )
-    world = World(11, "default", 14, 6, coarse=True)
-    AsDrawn(folder).write(Case("case", 3, "pair", world, drawn, (1.0, 1.0)))
-    make_headings(Job.of(folder / "cases/case/config.yaml", quiet=True))
+    return _once(tmp_path_factory, "gap_archive", make) / "config.yaml"
 
 
 @pytest.fixture(scope="session")

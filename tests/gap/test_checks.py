@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from tests.compass.flown import Setting, fly
-from tests.gap.toy import make_frame
+from tests.gap.toy import effect, make_frame
 
 from airswing.gap.checks import (
     Adjustment,
@@ -108,13 +108,8 @@ def test_lag_one_by_hand():
 @pytest.fixture(scope="module")
 def deviating():
     """Frame with a strong deviation on every aircraft, and its noise."""
-    frame = make_frame(
-        seed=3,
-        aircraft=4,
-        days=12,
-        noise=0.3,
-        heading_error=lambda context: np.radians(3.0) * np.sin(context["magnetic_heading"]),
-    )
+    iron = effect("hard_iron", amplitude_deg=3.0)
+    frame = make_frame(seed=3, aircraft=4, days=12, noise=0.3, effects=[iron])
     return frame, fit_noise(frame.residual, frame), frame.day - frame.day.min()
 
 
@@ -218,14 +213,11 @@ def test_fits_and_field_test_without_the_bias_of_a_reference_are_those_of_an_unb
 
 def test_diagnosis_removes_the_airspeed_error_and_keeps_the_deviation():
     names = ("compass_offset", "hard_iron", "tas_scale", "reference_speed_bias")
-    frame = make_frame(
-        seed=9,
-        aircraft=5,
-        days=16,
-        noise=0.3,
-        heading_error=lambda c: np.where(c["aircraft"] == 1, np.radians(1.5), 0.0),
-        airspeed_factor=lambda c: np.where(c["aircraft"] == 3, 1.02, 1.0),
+    put_in = (
+        effect("compass_offset", [1], offset_deg=1.5),
+        effect("tas_scale", [3], scale_percent=2.0),
     )
+    frame = make_frame(seed=9, aircraft=5, days=16, noise=0.3, effects=put_in)
     made = diagnose(frame, catalogue={n: CATALOGUE[n] for n in names}, dictionary=False)
     assert {e.name for e in made.report.effects} == {"compass_offset", "tas_scale"}
     assert made.adjustment.names == ("tas_scale",)

@@ -24,10 +24,7 @@ from airswing.report.gap.words import start_words, verdict
 from airswing.workflow import Job, gap_stage
 from airswing.workflow.progress import Progress
 
-IRON, SCALE = (
-    {"name": name, "tails": [tail], "period": None, "parameters": values}
-    for name, tail, values in EFFECTS
-)
+IRON, SCALE = EFFECTS
 
 
 @pytest.fixture

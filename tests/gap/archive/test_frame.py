@@ -385,7 +385,7 @@ def test_jumps_between_steps_are_no_gross_errors_and_no_scatter(plain):
     assert not [place for place in made.unknown.where if place.component == "scatter"]
 
 
-@pytest.mark.parametrize(("step", "share"), [(2.0, 0.02), (5.0, 0.05), (5.0, 0.0), (15.0, 0.0)])
+@pytest.mark.parametrize(("step", "share"), [(2.0, 0.02), (2.0, 0.05), (5.0, 0.0), (15.0, 0.0)])
 def test_gross_errors_are_distinguished_from_steps(plain, step, share):
     rng = np.random.default_rng(3)
     frame = stepped(plain, step, [1])
