@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
 import matplotlib
-import pytest
 from matplotlib.figure import Figure
 
 from airswing.report.html import document
@@ -75,32 +72,19 @@ def check_figure(figure: Any) -> None:
 
 
 class Drawn(document.Figures):
-    """Figures of a page, checked, and kept by name in ``made``."""
+    """Figures of a page, checked, and kept by name in ``made``; ``last`` is the latest page."""
 
-    made: dict[str, Any]
+    last: Drawn
 
     def __init__(self, *given: Any, **options: Any) -> None:
         super().__init__(*given, **options)
-        self.made = {}
+        self.made: dict[str, Any] = {}
+        Drawn.last = self
 
     def __call__(self, name: str, figure: Figure, **options: float) -> str:  # type: ignore[override]
         check_figure(figure)
         self.made[name] = figure
         return super().__call__(name, figure, **options)
-
-
-@contextmanager
-def kept_figures() -> Iterator[list[Drawn]]:
-    """Keep the figures of every page that is written."""
-    pages: list[Drawn] = []
-
-    def new(*given: Any, **options: Any) -> Drawn:
-        pages.append(Drawn(*given, **options))
-        return pages[-1]
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(document, "Figures", new)
-        yield pages
 
 
 def labels(axes: Any) -> list[str]:

@@ -18,9 +18,10 @@ from airswing.report.gap import words
 from airswing.report.gap.figures import gap_figures
 from airswing.report.gap.gap_page import ShownDiagnosis
 from airswing.report.gap.words import headline, parameters_text, verdict, who_text
+from airswing.report.html import document
 from tests.report import gap_factories
 from tests.report.gap_factories import TAILS, content, effect, iron, place, slice_entry
-from tests.report.pages import check_figure, check_no_knots, check_page, kept_figures, labels
+from tests.report.pages import Drawn, check_figure, check_no_knots, check_page, labels
 
 MAPS = gap_factories.maps()
 FLEET = effect("reference_time_offset", scope="fleet")
@@ -197,9 +198,11 @@ def full() -> dict[str, Any]:
     )
 
 
-def test_the_page_has_every_section_and_folds_the_statistics(tmp_path: Path) -> None:
-    with kept_figures():
-        text, found = check_page(write_gap_page(tmp_path, gap=full(), maps=MAPS))
+def test_the_page_has_every_section_and_folds_the_statistics(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(document, "Figures", Drawn)
+    text, found = check_page(write_gap_page(tmp_path, gap=full(), maps=MAPS))
     names = ("what", "closure", "where", "ambiguous", "claims", "statistics")
     order = [text.index(f'<section id="{name}"') for name in names]
     assert order == sorted(order)

@@ -20,14 +20,13 @@ from airswing.errors import InputError
 from airswing.evaluation import Evaluation
 from airswing.evaluation.innovations import innovation_statistics
 from airswing.flags import STATUS
-from airswing.report.html import style
-from airswing.report.html.document import Figures
+from airswing.report.html import document, style
 from airswing.report.run import page
 from airswing.report.run.innovations import innovations_section
 from airswing.report.run.selection import Run
 from tests.report import factories
 from tests.report.factories import POOL, POOLS, TAILS
-from tests.report.pages import Drawn, check_no_knots, check_page, kept_figures, labels
+from tests.report.pages import Drawn, check_no_knots, check_page, labels
 
 HEADINGS, FITS, CORRECTED = factories.products()
 STATISTICS = innovation_statistics(HEADINGS, CORRECTED, pools=POOLS)
@@ -36,23 +35,16 @@ STATISTICS = innovation_statistics(HEADINGS, CORRECTED, pools=POOLS)
 @pytest.fixture(scope="module")
 def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[str, dict[str, Any]]]:
     """Text and figures of the page with every product, by unit."""
-    evaluation = Evaluation(
-        field_test=factories.field_tested(),
-        sensitivity=factories.compared(),
-        innovations=STATISTICS,
-    )
+    tested, compared = factories.field_tested(), factories.compared()
+    evaluation = Evaluation(field_test=tested, sensitivity=compared, innovations=STATISTICS)
     found = {}
-    for units in ("kt", "m/s"):
-        with kept_figures() as shown:
-            written = report.write_page(
-                tmp_path_factory.mktemp("page"),
-                headings=HEADINGS,
-                fits=FITS,
-                corrected=CORRECTED,
-                evaluation=evaluation,
-                units=units,  # type: ignore[arg-type]
-            )
-        found[units] = check_page(written)[0], shown[0].made
+    folder, given = tmp_path_factory.mktemp("pages"), {"headings": HEADINGS, "fits": FITS}
+    given |= {"corrected": CORRECTED, "evaluation": evaluation}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(document, "Figures", Drawn)
+        for units in ("kt", "m/s"):
+            written = report.write_page(folder / units[0], **given, units=units)
+            found[units] = check_page(written)[0], Drawn.last.made
     return found
 
 
@@ -179,7 +171,7 @@ def test_names_are_escaped_and_a_dollar_sign_begins_no_formula(tmp_path: Path) -
     text, _ = check_page(report.write_page(tmp_path, headings=headings, fits=fits))
     assert "N_1^$2$" in text and "<script>x" not in text
     figure = style.empty_figure("x").say("a < b & c (n = 0)")
-    html = Figures()("x", figure)
+    html = document.Figures()("x", figure)
     assert "a &lt; b &amp; c" in html and 'alt="a &lt; b' in html
 
 
