@@ -88,16 +88,16 @@ def test_u_without_v_is_named_and_counted(real: Callable[[str], Path], tmp_path:
 
 
 @pytest.mark.parametrize(
-    ("name", "said"),
+    ("name", "expected"),
     [
         ("grib/hrrr_u_without_v.grib2", "u not on pressure levels"),
         ("grib/eta_1995_no_grid_section.grb", "no grid section"),
     ],
 )
 def test_files_without_usable_winds_are_refused(
-    name: str, said: str, real: Callable[[str], Path], tmp_path: Path
+    name: str, expected: str, real: Callable[[str], Path], tmp_path: Path
 ) -> None:
-    with pytest.raises(InputError, match=said) as caught:
+    with pytest.raises(InputError, match=expected) as caught:
         build_catalogue(str(real(name)), name="x", cache_dir=tmp_path)
     assert str(real(name)) in str(caught.value)
 
@@ -124,8 +124,8 @@ def test_bad_files_are_skipped_or_refused(tmp_path: Path) -> None:
     write(tmp_path / "c.grib", *profile(when=(20090801, 1500)), good[0][:60])
     pattern = str(tmp_path / "*.grib")
     catalogue = build_catalogue(pattern, name="x", cache_dir=tmp_path / "cache")
-    said = {(Path(s["file"]).name, s["what"], s["reason"]) for s in catalogue.skipped}
-    assert said == {
+    found = {(Path(s["file"]).name, s["what"], s["reason"]) for s in catalogue.skipped}
+    assert found == {
         ("b.grib", "file", "no whole GRIB message"),
         ("c.grib", "message", "truncated message"),
     }

@@ -254,7 +254,7 @@ BETWEEN = reports([0.5, 2.5], pressure=45000.0)
 
 
 @pytest.mark.parametrize(
-    ("hours", "levels", "ds", "said"),
+    ("hours", "levels", "ds", "expected"),
     [
         ((0, 3), (300, 700), reports([50.0]), r"no overlap in time.*-03T02:00Z.*-01T00:00Z"),
         ((0, 3), (300, 700), reports([1.0], latitude=-20.0), r"in space.*-20.*latitude 40 to 60"),
@@ -266,8 +266,8 @@ BETWEEN = reports([0.5, 2.5], pressure=45000.0)
     ],
 )
 def test_no_overlap_is_named(
-    hours: tuple, levels: tuple, ds: xr.Dataset, said: str, tmp_path: Path
+    hours: tuple, levels: tuple, ds: xr.Dataset, expected: str, tmp_path: Path
 ) -> None:
     catalogue = hourly(tmp_path, hours, levels=levels)
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=expected):
         require_overlap(overlap(ds, {"m": catalogue}))

@@ -1,4 +1,4 @@
-"""The fleet's own wind as a reference: an hour of Mode-S gives one offset an aircraft."""
+"""The wind of the fleet as a reference: an hour of Mode-S gives one offset an aircraft."""
 
 from __future__ import annotations
 

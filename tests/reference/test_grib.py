@@ -342,7 +342,7 @@ def bent(message: bytes, place: int, replacement: bytes) -> bytes:
 
 @pytest.mark.parametrize(
     ("number", "offset", "replacement", "expected"),
-    [  # section 0 stands for a message of edition 1
+    [  # section 0: a message of edition 1
         (0, 8 + 13, b"\x0e", "impossible reference time"),  # month 14
         (0, 8 + 24, b"\x00", "impossible reference time"),  # the century 0
         (0, 8 + 24, b"\x64", "base time not of the years"),

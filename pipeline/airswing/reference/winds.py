@@ -102,7 +102,7 @@ class ModelTime:
 def on_one_grid(table: Table, grids: Sequence[Grid]) -> Table:
     """Give v and pressure the grid number of u if they lie on points shifted against u's.
 
-    The number of a row's own grid is kept in ``points``.
+    The number of the grid of a row itself is kept in ``points``.
     """
     table["points"] = table["grid"]
     numbers = {kind: np.unique(table["grid"][table["kind"] == kind]).tolist() for kind in range(4)}
@@ -221,7 +221,7 @@ def winds_at(
     at, nodes = pressure[place], [cell.points for cell in cells[:2]]
     descending = False
     if native:
-        if one_grid:  # four columns a report, each with levels of its own
+        if one_grid:  # four columns a report, each with other levels
             at, nodes = np.tile(at, 4), [cells[0].points.reshape(1, -1)] * 2
             levels = np.stack((yield [(row, nodes[0][0]) for row in model.rows[2]]))
         else:

@@ -72,17 +72,14 @@ def axes_of(kind: str) -> tuple[np.ndarray, np.ndarray]:
     return x + steps, y + steps
 
 
-def projected(kind: str, *, units: str = "m", hours: int = 2, names: str = "xy") -> xr.Dataset:
+def projected(kind: str, *, units: str = "m") -> xr.Dataset:
     """Winds along a projected grid on pressure levels, as CF has them."""
     x, y = axes_of(kind)
-    u, v = fields((hours, LEVELS.size, y.size, x.size))
+    u, v = fields((2, LEVELS.size, y.size, x.size))
     dims = ("time", "plev", "y", "x")
-    standard = (
-        ("grid_longitude", "grid_latitude")
-        if kind == "rotated"
-        else ("projection_x_coordinate", "projection_y_coordinate")
-    )
-    units = "degrees" if kind == "rotated" else units
+    standard = "projection_x_coordinate", "projection_y_coordinate"
+    if kind == "rotated":
+        standard, units = ("grid_longitude", "grid_latitude"), "degrees"
     scale = {"m": 1.0, "km": 1e-3, "degrees": 1.0}[units]
     wind = {"units": "m s-1", "grid_mapping": "crs"}
     return xr.Dataset(
@@ -92,7 +89,7 @@ def projected(kind: str, *, units: str = "m", hours: int = 2, names: str = "xy")
             "crs": ((), 0, MAPPINGS[kind]),
         },
         coords={
-            "time": START + HOUR * np.arange(hours),
+            "time": START + HOUR * np.arange(2),
             "plev": ("plev", LEVELS * 100.0, {"units": "Pa", "standard_name": "air_pressure"}),
             "y": ("y", y * scale, {"units": units, "standard_name": standard[1]}),
             "x": ("x", x * scale, {"units": units, "standard_name": standard[0]}),
@@ -123,18 +120,11 @@ def latlon(
 
 def points(lat: Any, lon: Any, pressure: Any, *, after: float = 0.0) -> xr.Dataset:
     """Reports, `after` hours after the first time."""
-    lat, lon, pressure = np.broadcast_arrays(
-        *(np.asarray(one, dtype=float) for one in (lat, lon, pressure))
-    )
+    columns = np.broadcast_arrays(*(np.asarray(one, dtype=float) for one in (lat, lon, pressure)))
+    names = ("latitude", "longitude", "pressure")
+    found = {name: ("report", one.ravel()) for name, one in zip(names, columns, strict=True)}
     when = START + np.timedelta64(round(after * 3600e9), "ns")
-    return xr.Dataset(
-        {
-            "time": ("report", np.full(lat.size, when)),
-            "latitude": ("report", lat.ravel()),
-            "longitude": ("report", lon.ravel()),
-            "pressure": ("report", pressure.ravel()),
-        }
-    )
+    return xr.Dataset(found | {"time": ("report", np.full(columns[0].size, when))})
 
 
 def by_hand(
@@ -159,16 +149,10 @@ def by_hand(
                 continue
             row, column = j0 + dj, (i0 + di) % u.shape[2]
             p_here = levels if levels.ndim == 1 else levels[:, row, column]
-            order = np.argsort(p_here)
+            order, outside = np.argsort(p_here), {"left": np.nan, "right": np.nan}
             for c, one in enumerate((u, v)):
-                value = np.interp(
-                    np.log(p),
-                    np.log(p_here[order]),
-                    one[order, row, column],
-                    left=np.nan,
-                    right=np.nan,
-                )
-                total[c] += weight * value
+                values = one[order, row, column]
+                total[c] += weight * np.interp(np.log(p), np.log(p_here[order]), values, **outside)
         found[:, n] = total
     return found[0], found[1]
 

@@ -135,5 +135,7 @@ def test_wkt_alone_and_a_string_in_the_configuration() -> None:
     for name in ("ua", "va"):
         del bare[name].attrs["grid_mapping"]
     text = "+proj=lcc +lat_1=30 +lat_2=60 +lat_0=38.5 +lon_0=-97.5 +x_0=100000 +R=6371229"
-    said = airswing.build_catalogue(bare, name="x", naming={"projection": text})
-    np.testing.assert_allclose(winds(airswing.collocate(reports, {"x": said})), expected, atol=1e-6)
+    configured = airswing.build_catalogue(bare, name="x", naming={"projection": text})
+    np.testing.assert_allclose(
+        winds(airswing.collocate(reports, {"x": configured})), expected, atol=1e-6
+    )

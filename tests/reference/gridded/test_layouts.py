@@ -181,15 +181,10 @@ def ncep() -> xr.Dataset:
 
 
 def merra() -> xr.Dataset:
-    wind = {"units": "m s-1"}
-    level = {"units": "hPa", "long_name": "vertical level", "positive": "down"}
-    level |= {"coordinate": "PLE", "standard_name": "PLE_level"}
-    attrs = {
-        "U": wind | {"standard_name": "eastward_wind"},
-        "V": wind | {"standard_name": "northward_wind"},
-        "lev": level,
-    }
-    return renamed(attrs, u="U", v="V")
+    level = {"units": "hPa", "long_name": "vertical level", "standard_name": "PLE_level"}
+    wind = {c: f"{w}ward_wind" for c, w in (("U", "east"), ("V", "north"))}
+    attrs = {c: {"units": "m s-1", "standard_name": name} for c, name in wind.items()}
+    return renamed(attrs | {"lev": level}, u="U", v="V")
 
 
 def pascals(attrs: Mapping[str, Mapping[str, object]], level: str, **names: str) -> xr.Dataset:
@@ -197,12 +192,6 @@ def pascals(attrs: Mapping[str, Mapping[str, object]], level: str, **names: str)
     for name, new in attrs.items():
         ds[name].attrs |= new
     return ds
-
-
-def cmip() -> xr.Dataset:
-    attrs = {name: {"cell_methods": "time: point"} for name in ("ua", "va")}
-    attrs["plev"] = {"units": "Pa", "axis": "Z", "positive": "down"}
-    return pascals(attrs, "plev", u="ua", v="va")
 
 
 def ncl() -> xr.Dataset:
@@ -282,7 +271,13 @@ LAYOUTS: dict[str, Callable[[], xr.Dataset]] = {
     ),
     "NCEP": ncep,
     "MERRA-2": merra,
-    "CMIP": cmip,
+    "CMIP": lambda: pascals(
+        {name: {"cell_methods": "time: point"} for name in ("ua", "va")}
+        | {"plev": {"units": "Pa", "axis": "Z", "positive": "down"}},
+        "plev",
+        u="ua",
+        v="va",
+    ),
     "NCL": ncl,
     "GrADS": grads,
     "knots": knots,
@@ -440,7 +435,7 @@ def test_a_projection_that_the_points_do_not_have() -> None:
 
 
 @pytest.mark.parametrize(
-    ("standard", "flag", "said", "along"),
+    ("standard", "flag", "configured", "along"),
     [
         (("x_wind", "y_wind"), None, None, True),
         (("grid_eastward_wind", "grid_northward_wind"), None, None, True),
@@ -453,7 +448,7 @@ def test_a_projection_that_the_points_do_not_have() -> None:
     ],
 )
 def test_whether_winds_point_along_the_grid(
-    standard: tuple[str, str], flag: int | None, said: str | None, along: bool
+    standard: tuple[str, str], flag: int | None, configured: str | None, along: bool
 ) -> None:
     ds = projected("lambert")
     for name, one in zip(("ua", "va"), standard, strict=True):
@@ -461,10 +456,12 @@ def test_whether_winds_point_along_the_grid(
         ds[name].attrs["long_name"] = "eastward wind" if name == "ua" else "northward wind"
         if flag is not None:
             ds[name].attrs["GRIB_uvRelativeToGrid"] = flag
-    model = airswing.build_catalogue(ds, name="m", naming={"winds": said} if said else None)
+    model = airswing.build_catalogue(
+        ds, name="m", naming={"winds": configured} if configured else None
+    )
     assert model.grids[0].wind_along_grid is along
     notes = " ".join(model.notes)
     assert ("along the grid" if along else "to true east") in notes
-    assert ("not given" in notes) is (standard[0] == "" and said is None)
+    assert ("not given" in notes) is (standard[0] == "" and configured is None)
     found = airswing.collocate(points([40.0], [-97.0], 50000.0), {"m": model})
     assert notes in found.attrs["reference_notes"]

@@ -18,12 +18,11 @@ RNG = np.random.default_rng(5)
 
 
 def at(when: np.datetime64, lat: np.ndarray, lon: np.ndarray, p: np.ndarray) -> xr.Dataset:
-    found = points(lat, lon, p)
-    return found.assign(time=("report", np.full(found.sizes["report"], when.astype("M8[ns]"))))
+    return points(lat, lon, p).assign(time=("report", np.full(lat.size, when.astype("M8[ns]"))))
 
 
 def test_wrf_pythons_own_winds_and_pressure(real: Real) -> None:
-    """wrf-python's ua, va turned (uvmet) and pressure, at its own grid points."""
+    """wrf-python's ua, va turned (uvmet) and pressure, at the grid points of its file."""
     path = real("models/wrfpython_ci_test_file.nc")
     with (
         xr.open_dataset(path) as raw,

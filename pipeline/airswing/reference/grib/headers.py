@@ -53,7 +53,7 @@ _SHORTEST = {1: 21, 3: 14, 4: 34, 5: 11, 6: 6}  # bytes of every section of a nu
 _LENGTHS_4 = {0: 34, 1: 37, 2: 36, 60: 37}
 _LENGTHS_5 = {0: 21, 2: 47, 3: 49, 4: 12, 40: 23, 41: 21, 42: 25, 40000: 23, 40010: 21}
 _SCALED = (0, 2, 3, 40, 41, 42, 40000, 40010)
-_SMALLEST_NORMAL = 2.0**-126  # ecCodes reads smaller reference values in a way of its own
+_SMALLEST_NORMAL = 2.0**-126  # ecCodes reads smaller reference values in another way
 
 
 class Field(NamedTuple):
@@ -237,7 +237,7 @@ def _large_length(window: Window, at: int, stated: int) -> int:
     """Length of a GRIB1 message above 8 MB, by ECMWF's convention.
 
     The message's length counts in units of 120 bytes, and the length of section 4 holds the excess,
-    less than a unit. If section 4 states a length of its own, the message's is in bytes.
+    less than a unit. If section 4 states its length, that of the message is in bytes.
     """
     place, flags = at + 8, window.get(at + 15, 1)[0]
     for present in (0xFF, flags & 0x80, flags & 0x40):
@@ -247,7 +247,7 @@ def _large_length(window: Window, at: int, stated: int) -> int:
 
 
 def single_fields(message: bytes, edition: int) -> Iterator[tuple[bytes, dict[int, bytes]]]:
-    """Each field of a message as a message of its own, and its sections by number.
+    """Each field of a message as a separate message, and its sections by number.
 
     GRIB1 holds one field; its sections are the product's (1) and the grid's (2), if present. In
     GRIB2 sections 2 to 7 may be repeated (regulation 92.1.5): a field has the last section of

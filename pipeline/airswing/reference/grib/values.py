@@ -128,7 +128,7 @@ def _impossible(kind: int, values: Floats) -> str:
 
 
 def field_message(descriptor: int, row: np.void) -> bytes:
-    """A field as a message of its own."""
+    """A field as a separate message."""
     message = _read_bytes(descriptor, int(row["offset"]), int(row["length"]))
     if message[:4] != b"GRIB" or message[7] != row["edition"]:
         raise UnreadableMessageError(_CHANGED)

@@ -153,8 +153,8 @@ def coordinate(ds: xr.Dataset, name: str, key: str) -> xr.DataArray:
 def _horizontal(
     ds: xr.Dataset, parsed: xr.DataArray, found: dict[str, xr.DataArray | None], naming: Naming
 ) -> tuple[xr.DataArray, xr.DataArray]:
-    said = {"y": naming.y or naming.latitude, "x": naming.x or naming.longitude}
-    named = {key: coordinate(ds, name, key) for key, name in said.items() if name}
+    asked = {"y": naming.y or naming.latitude, "x": naming.x or naming.longitude}
+    named = {key: coordinate(ds, name, key) for key, name in asked.items() if name}
     y, x = (named.get(key, found[key]) for key in ("y", "x"))
     # by axis first: a projected grid has y and x and also latitudes and longitudes of points
     if y is None or x is None or y.ndim != 1 or x.ndim != 1:
@@ -473,7 +473,7 @@ def _roles(
 
 
 def _one_of(found: list[xr.DataArray], name: str) -> xr.DataArray | None:
-    """The valid time among the candidates: a dimension's own coordinate, or the only one."""
+    """The valid time among the candidates: the coordinate of a dimension, or the only one."""
     most = max((one.ndim for one in found), default=0)
     for test in (
         lambda one: one.attrs.get("standard_name") == "time" or one.name == "valid_time",

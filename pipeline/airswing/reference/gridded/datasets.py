@@ -100,7 +100,7 @@ def _opened(file: SourceFile, engine: str) -> tuple[xr.Dataset, ...]:
             return (_netcdf(file.path, engine),)
         except InputError:
             raise
-        except Exception as error:  # each backend raises its own
+        except Exception as error:  # backends raise many kinds
             missing = isinstance(error, ImportError) and is_url(file.path)
             raise InputError(
                 f"cannot be opened as {engine}",
@@ -367,7 +367,7 @@ class DatasetReader(Reader):
                 try:
                     self.n_bytes += _add(datasets[part].variables[name], stored, together)
                     self.decoded += 1
-                except Exception as error:  # each backend raises its own
+                except Exception as error:  # backends raise many kinds
                     reason = f"{type(error).__name__}: {' '.join(str(error).split())[:200]}"
                     self.problems[file.path, f"{name}: cannot be read: {reason}"] = None
                     for piece in together:

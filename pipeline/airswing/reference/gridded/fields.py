@@ -62,7 +62,7 @@ from airswing.reference.winds import (
 # what attributes and coordinates of an unexpected kind lead to, here and in libraries
 _FAULTS = (ArithmeticError, AttributeError, LookupError, RuntimeError, TypeError, ValueError)
 _NATIVE = ("hybrid", "sigma", "eta", "model_level", "generalvertical", "theta_level")
-# a pressure that is not the level's own, such as that above the ground
+# a pressure that is not that of the level, such as that above the ground
 _RELATIVE = re.compile(r"difference|above|from ?ground|potential ?vorticity|tropopause", re.I)
 _NO_UNITS = ("", "1", "level", "levels", "layer", "dimensionless")
 _LIKE_PRESSURE = ("lev", "plev", "pres", "isobar")
