@@ -1,12 +1,13 @@
 """Headers of GRIB files, kept between runs in the user's cache folder, one entry for each file.
 
 An entry is valid for a file's path, size, modification time and a sample of its bytes, and for the
-code that read it. In place of a damaged entry the file is read again; a folder that cannot be
-written costs time and one warning, not the run.
+code that read it. In place of a damaged or half-written entry the file is read again; a folder that
+cannot be written costs time and one warning, not the run.
 """
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import os
@@ -32,28 +33,30 @@ def contents_of(
     The cache is by default in ``AIRSWING_CACHE``, else the system's cache folder.
     """
     cache = (Path(folder) if folder is not None else _default_folder()) / "grib-headers"
-    writable = True
+    known, writable = set[str](), False
+    with contextlib.suppress(OSError):
+        cache.mkdir(parents=True, exist_ok=True)
+        known, writable = set(os.listdir(cache)), os.access(cache, os.W_OK)
+    if not writable:
+        text = f"cache folder {cache} cannot be written: GRIB headers are read again"
+        warnings.warn(text, stacklevel=2)
     for file in files:
         key = "\0".join([*map(str, file), code_digest()]).encode()
-        entry = cache / hashlib.blake2b(key, digest_size=16).hexdigest()
-        try:
-            contents = _from_bytes(entry.read_bytes())
-        except (OSError, zlib.error, ValueError, TypeError):  # absent or damaged
+        name = hashlib.blake2b(key, digest_size=16).hexdigest()
+        entry, contents = os.path.join(cache, name), None
+        if name in known:
+            # a damaged entry is replaced
+            with contextlib.suppress(OSError, zlib.error, ValueError, TypeError):
+                contents = _from_bytes(Path(entry).read_bytes())
+        if contents is None:
             try:
                 contents = headers.scan_file(local_path(file.path))
             except (OSError, InputError) as error:
                 yield error
                 continue
             if writable:
-                try:
-                    _write(entry, contents)
-                except OSError as error:
-                    writable = False
-                    warnings.warn(
-                        f"cache folder {cache} cannot be written ({error}): GRIB headers are read "
-                        "again",
-                        stacklevel=2,
-                    )
+                with contextlib.suppress(OSError), open(entry, "wb") as kept:
+                    kept.write(_to_bytes(contents))
         yield contents
 
 
@@ -77,12 +80,8 @@ def _from_bytes(entry: bytes) -> FileContents:
     )
 
 
-def _write(entry: Path, contents: FileContents) -> None:
-    """Write under another name first: other processes may read the entry."""
+def _to_bytes(contents: FileContents) -> bytes:
     grids = [(edition, section.hex()) for edition, section in contents.grids]
     skipped = [(*reason, count) for reason, count in contents.skipped.items()]
     plain = contents.fields, grids, skipped, contents.messages, contents.parts
-    entry.parent.mkdir(parents=True, exist_ok=True)
-    partial = entry.with_suffix(f".{os.getpid()}")
-    partial.write_bytes(zlib.compress(json.dumps(plain).encode(), 1))
-    partial.replace(entry)
+    return zlib.compress(json.dumps(plain).encode(), 1)

@@ -31,6 +31,10 @@ MAX_BITS = 57  # widest packed integer that one unaligned 64-bit load holds at a
 PADDING = 16  # bytes a section may have beyond its values
 _READ_BYTES = 512  # read at once where a message begins
 _SPEED = -1  # kind of a wind speed or direction, which is counted
+#: Kinds by parameter: of GRIB1 in ECMWF's table 128 and in WMO's code table 2, and of GRIB2.
+_ECMWF_1 = {131: U, 132: V, 54: PRESSURE}
+_WMO_1 = {33: U, 34: V, 1: PRESSURE, 31: _SPEED, 32: _SPEED}
+_KINDS_2 = {(0, 2, 2): U, (0, 2, 3): V, (0, 3, 0): PRESSURE, (0, 2, 0): _SPEED, (0, 2, 1): _SPEED}
 LENGTHS = "garbage: section lengths do not add up"
 #: GRIB1 lengths from here on count in units of `_LARGE_UNIT` bytes (see `_large_length`).
 _LARGE, _LARGE_UNIT = 0x800000, 120
@@ -301,17 +305,12 @@ def _parts_of_1(window: Window, start: int, length: int, contents: FileContents)
     product = window.get(start + 8, max(28, min(unsigned(window.get(start + 8, 3), 0, 3), 80)))
     # bytes 4, 5 and 9; NCEP (centre 7) has another table 128
     table, centre, parameter = product[3], product[4], product[8]
-    kinds: dict[int, int] = {}
+    kind = None
     if table == 128 and centre != 7:
-        kinds = {131: U, 132: V, 54: PRESSURE}
-    elif table in (1, 2, 3):
-        kinds = {33: U, 34: V, 1: PRESSURE, 31: _SPEED, 32: _SPEED}
-    elif table in (130, 131) and centre == 7:
-        kinds = {33: U, 34: V, 1: PRESSURE}
-    yield (
-        kinds.get(parameter),
-        lambda kind: _field_1(window, start, length, kind, product, contents),
-    )
+        kind = _ECMWF_1.get(parameter)
+    elif table in (1, 2, 3) or (table in (130, 131) and centre == 7 and parameter not in (31, 32)):
+        kind = _WMO_1.get(parameter)
+    yield kind, lambda kind: _field_1(window, start, length, kind, product, contents)
 
 
 def _field_1(
@@ -401,13 +400,8 @@ def _parts_of_2(window: Window, start: int, length: int, contents: FileContents)
     for part, (sections, bitmap) in enumerate(_sections_2(window.get, start, length)):
         product = window.get(sections[4], 37)
         # bytes 10 and 11: category and number (code table 4.2 of discipline 0)
-        kinds = {(0, 2, 2): U, (0, 2, 3): V, (0, 3, 0): PRESSURE}
-        kinds |= {(0, 2, 0): _SPEED, (0, 2, 1): _SPEED}
-        place = start, length, part
-        yield (
-            kinds.get((discipline, product[9], product[10])),
-            partial(_field_2, window, product, sections, bitmap, contents, place),
-        )
+        kind, place = _KINDS_2.get((discipline, product[9], product[10])), (start, length, part)
+        yield kind, partial(_field_2, window, product, sections, bitmap, contents, place)
 
 
 def _field_2(

@@ -77,7 +77,8 @@ class GribReader(Reader):
             if descriptor is None:
                 continue
             size = model.grids[int(row["kind"])].size
-            places = np.concatenate([points.ravel(), _probes(row, size)])
+            probes = _probes(row, size)
+            places = np.concatenate([points.ravel(), probes]) if probes.size else points.ravel()
             try:
                 if self.sparse and row["sparse"]:
                     results[number] = sparse_values(descriptor, row, size, places)
