@@ -433,3 +433,8 @@ def test_directions_of_weak_winds_in_steps():
     found = direction_lattice(speed * np.sin(angle), speed * np.cos(angle))
     assert (found.step, found.share) == (30.0, pytest.approx(1.0, abs=0.02))
     assert found.below == pytest.approx(3.0, abs=0.1)
+    direction = np.radians(rng.uniform(0, 360, 2000))  # the weakest report may lie on any lattice
+    for first in range(0, 2000, 100):
+        part = slice(first, first + 100)
+        u, v = speed[part] * np.sin(direction[part]), speed[part] * np.cos(direction[part])
+        assert direction_lattice(u, v) is None

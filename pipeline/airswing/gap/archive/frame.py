@@ -31,7 +31,7 @@ from airswing.units import DAY, EARTH_RADIUS, Picked
 
 Columns = dict[str, NDArray[Any]]  # arrays of integers and of floats
 
-#: Approximate number of reports of a diagnosis in memory, 2.7 kB of whitened columns each.
+#: Approximate number of reports of a diagnosis in memory, 5.7 kB of whitened columns each.
 MOST = 150_000
 #: Multiplicative hash (Knuth, The Art of Computer Programming, 6.4).
 _FACTOR, _RANGE = 2654435761, 2**32

@@ -121,13 +121,16 @@ class DirectionLattice:
 
 
 def direction_lattice(u: Floats, v: Floats) -> DirectionLattice | None:
-    """Steps of the directions of winds up to a speed; None where none holds half of the reports."""
+    """Steps of the directions of winds up to a speed.
+
+    None where none holds half of the reports, or no likelihood ratio exceeds the number of choices.
+    """
     speed, angle = np.hypot(u, v), np.degrees(np.arctan2(u, v))
     order = np.argsort(speed)
     order = order[speed[order] > 0]  # calm has no direction
     speed, angle = speed[order], angle[order]
     number = np.arange(1, speed.size + 1)
-    best, largest = None, 0.0
+    best, largest = None, float(np.log(max(1, len(DIRECTION_STEPS) * speed.size)))
     for step in DIRECTION_STEPS:
         on = np.abs(angle - step * np.round(angle / step)) < MARGIN
         share, chance = np.clip(np.cumsum(on) / number, 1e-9, 1 - 1e-9), 2 * MARGIN / step
