@@ -129,7 +129,7 @@ def typical_airspeed(
     flight: NDArray[np.integer],
 ) -> Floats:
     """Airspeed from the aircraft's own profile and the flight's mean departure from it, (n,)."""
-    # a hair beyond the last: knots increase where all are flown at one level
+    # slightly beyond the last, so that knots increase where all reports are at one level
     knots = np.linspace(log_pressure.min(), log_pressure.max() + 1e-6, 7)
     base = hats(log_pressure, knots).T
     climbing = np.stack([phase == 1, phase == 3], -1)[:, :, None]
@@ -199,7 +199,7 @@ def unit_vectors(heading: Floats) -> tuple[Floats, Floats]:
 
 
 def _lasting_rounding(frame: Frame, heading: Floats, step: Floats) -> Floats:
-    """Standard deviation of white errors whose means scatter as those of rounding do, (n,) rad.
+    """Standard deviation of white errors whose means scatter like rounding errors, (n,) rad.
 
     Rounding to ``step`` (n,) rad is the same for as long as an aircraft holds its heading: the
     variance step^2 / 12 counts as many times as that of sums over a flight exceeds it. These sums

@@ -1,4 +1,4 @@
-"""The diagnosis of an archive in one call: model, closure, what no mean shows, checks, statement.
+"""Diagnosis of an archive: model, closure, effects that change no mean, checks, statement.
 
 Validity: at least two aircraft-weeks and some thousand reports for anything but "nothing found".
 """

@@ -1,1 +1,1 @@
-"""What no mean shows: coded values, gross errors, distributions of what is sent."""
+"""Effects that change no mean: coded values, gross errors, distributions of reported values."""

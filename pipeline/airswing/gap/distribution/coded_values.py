@@ -43,7 +43,7 @@ LEAST_SHARE = 0.15
 
 
 def _on_lattice(values: Floats, step: float, *, base: float) -> tuple[float, float]:
-    """Share of values on a lattice, and what chance puts there."""
+    """Share of values on a lattice, and its expectation by chance."""
     offset = np.abs(values - step * np.round(values / step))
     # under half the finest coding: what is rounded to it lies on the lattice or a whole one
     # next to it

@@ -1,4 +1,4 @@
-"""Entries of gap.json of what shows in no mean: on whom, how surely, and what it closes."""
+"""Entries of gap.json for effects that change no mean: aircraft, evidence and closure."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def effect_of(
     period: list[str | None] | None = None,
     errors: Mapping[str, float] | None = None,
 ) -> EffectEntry:
-    """Combine what was found on each aircraft, with the median of their parameters.
+    """Combine the findings of aircraft, with the median of their parameters.
 
     The evidence is the log likelihood ratio of the clearest aircraft against chance, less the
     logarithm of the number of aircraft and steps that were tried.

@@ -100,7 +100,7 @@ def simulated_rate(frame: Frame, noise: NoiseFit, *, seed: int = 0) -> Floats:
 
 
 def shared_rate(hits: Floats, count: Floats, chance: Floats) -> tuple[float, Floats]:
-    """One rate of gross errors of those aircraft that have them, and what speaks for each.
+    """Common rate of gross errors of the affected aircraft, and the evidence of each.
 
     The rate is beyond chance: beginning with the clearest aircraft, that of a two-part mixture of
     Poisson laws. The gain (m,) is the log likelihood ratio of that rate and chance against chance.

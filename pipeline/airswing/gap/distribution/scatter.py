@@ -1,4 +1,4 @@
-"""Reports that scatter more than simulated ones: on some aircraft, or by what they record.
+"""Reports that scatter more than simulated ones: of some aircraft, or as a function of a variable.
 
 The logarithm of the squared interpolation error of a report, in units of what the noise model
 expects, less that of simulated archives of the same paths, noise and coding, is a scalar y (Harvey
@@ -204,7 +204,7 @@ def _by_variable(
 def _by_aircraft(
     frame: Frame, y: Floats, variance: Floats, residual: Floats, gross: Booleans
 ) -> PlaceEntry | None:
-    """Aircraft whose reports scatter more than the fleet's, whatever they record."""
+    """Aircraft whose reports scatter more than those of the fleet, whatever their variables."""
     known = np.isfinite(y)
     count = np.bincount(frame.aircraft[known], minlength=len(frame.tails))
     total = np.bincount(frame.aircraft[known], y[known], minlength=len(frame.tails))
@@ -238,7 +238,7 @@ def _place(
     sizes: Floats,
     curve: CurveEntry,
 ) -> PlaceEntry:
-    """Entry with what the disagreement shrinks by without the excess, of each report (n,) m/s.
+    """Entry with the closure by each report (n,) without the excess, m/s.
 
     Independent errors add in squares: reports of a cell would differ less by the root of the share
     of the mean square that is left.

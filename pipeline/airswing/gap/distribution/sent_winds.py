@@ -175,7 +175,7 @@ def _aircraft_of(
 
 
 def _speed_map(real: Floats, drawn: list[Floats], whole: Booleans) -> tuple[Floats, Floats]:
-    """Speeds and what is sent in their place, (m,) each, m/s."""
+    """Speeds and the speeds that are reported instead, (m,) each, m/s."""
     levels = (np.arange(QUANTILES) + 0.5) / QUANTILES
     made = np.stack([np.quantile(np.hypot(*wind[whole].T), levels) for wind in drawn])
     speeds = made.mean(axis=0)

@@ -159,7 +159,7 @@ def curve_of(name: str, values: Floats, count: int | None = None) -> Curve:
 
 @dataclass
 class Table:
-    """A table as built: what evaluates its columns again on other reports."""
+    """Variables and component of a table."""
 
     curves: tuple[Curve, ...]
     component: str

@@ -1,4 +1,4 @@
-"""How far the gap closes: mean vector disagreement on held-out days without what was found, kt.
+"""Closure of the gap: mean vector disagreement on held-out days without the effects found, kt.
 
 Terms are fitted to four of five groups of days and subtracted from the fifth, at the heading,
 airspeed and wind that were reported. The interval is from a bootstrap over days and from draws of
@@ -87,7 +87,7 @@ def _step(value: float, drawn: Floats, doubt: float, unseen: float) -> ClosesEnt
 
 
 def _unseen(fitted: Fitted, claim: Sequence[int]) -> float:
-    """What a claim may close in addition, over what it closes: (1 / q - 1).
+    """Ratio of the closure that a claim may miss to its closure, 1 / q - 1.
 
     q is the share of an effect's energy that its columns hold: the reliability of inferred context,
     of tables times `SHAPE` a variable.
@@ -122,7 +122,7 @@ def _coefficient_doubt(
 def day_interval(values: Floats, day: Integers, seed: int) -> tuple[float, float]:
     """Bootstrap 95 % interval over days of a mean over reports, (n,) each.
 
-    Means of days drawn again scatter by (n - 1) / n of the variance; the difference is put back.
+    Means of days drawn again scatter by (n - 1) / n of the variance; the difference is added.
     """
     count, total = np.bincount(day), np.bincount(day, values)
     used = np.flatnonzero(count)

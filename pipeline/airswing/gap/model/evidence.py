@@ -69,9 +69,9 @@ def common_variance(found: Statistics) -> tuple[Floats, Floats]:
 
 
 class _Common:
-    """Integrates the common part: evidence of aircraft whose own part is integrated already.
+    """Integrates the common part, given aircraft whose individual parts are integrated.
 
-    An aircraft with its own part integrated is a Gaussian in the common part phi,
+    An aircraft with its individual part integrated is a Gaussian in the common part phi,
     exp(l + j'phi - phi'J phi / 2).
     """
 
@@ -111,7 +111,7 @@ def _nested(
         apart = _at(*slab, phi) - _at(*null, phi) + add
         return np.where(able, apart, -np.inf)
 
-    for _ in range(3):  # the order of the aircraft hangs on phi, which hangs on who is affected
+    for _ in range(3):  # the order of the aircraft depends on phi, which depends on those affected
         inside = gain_at(phi) > 0
         information = np.where(inside[:, None, None], slab[2], null[2]).sum(axis=0)
         phi = common.mean(information, np.where(inside[:, None], slab[1], null[1]).sum(axis=0))
@@ -191,7 +191,7 @@ def static_evidence(
     small = usual**2 + np.broadcast_to(found.remainder, aircraft)[:, None]
 
     def parts(variance: Floats) -> Parts:
-        """Each aircraft with a part of its own of these variances (A, 1) integrated."""
+        """Each aircraft with its individual part of these variances (A, 1) integrated."""
         spread = kappa * values + variance * values**2
         shrunk = values / (kappa + variance * values)
         information = np.einsum("aij,aj,akj->aik", vectors, shrunk, vectors)
@@ -243,7 +243,7 @@ def _inclusion(gain: Floats) -> Floats:
 
 # ------------------------------------------------------------------------------------------- dates
 def dated_evidence(model: Model, group: Group, kappa: float, least: float) -> tuple[Found, Found]:
-    """Evidence of a change at a date, each aircraft's own or one for all, for two noise factors.
+    """Evidence of a change at a date, of each aircraft or one for all, for two noise factors.
 
     The second factor is that of the candidate itself given the change, worked out only where the
     evidence by the first, ``kappa``, is ``least`` or more.
@@ -346,7 +346,7 @@ def _dated(
     small = SMALL**2 + np.broadcast_to(found.remainder, aircraft)
 
     def with_small(information: Floats, score: Floats) -> Parts:
-        """An aircraft's own small undated part integrated; (A, ..., m, m), (A, ..., m)."""
+        """The small undated part of each aircraft integrated; (A, ..., m, m), (A, ..., m)."""
         free = small.reshape(-1, *[1] * (score.ndim - 2))
         spread = eye + free[..., None, None] * information
         solved = np.linalg.solve(spread, score[..., None])[..., 0]

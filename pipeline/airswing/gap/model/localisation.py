@@ -25,7 +25,7 @@ from airswing.gap.result.schema import CurveEntry, SliceEntry
 
 #: Table by which an aircraft as a whole is judged.
 AIRCRAFT_TABLE = "magnetic_heading|heading_angle"
-#: Directions of a slice known a thousandth as well as the best one say nothing.
+#: Least information of a direction of a slice that counts, relative to the largest.
 KNOWN = 1e-3
 
 

@@ -1,7 +1,7 @@
 """From reports to a fitted model: noise, sums, search, exchange of identifiers, second pass.
 
-Where two aircraft look as if they had exchanged identifiers, the archive with their reports given
-back is searched as well, and the labelling with the larger evidence is kept. Where sensor effects
+Where two aircraft look as if they had exchanged identifiers, the archive with corrected identifiers
+is searched as well, and the labelling with the larger evidence is kept. Where sensor effects
 are large, a second pass is linearised about them: heading and airspeed are corrected by what was
 found, and the effects found are added to the residual as their columns have them, so that what the
 columns do not hold of a large effect is not searched.
@@ -36,7 +36,7 @@ LARGE, PEAK = 1.0, 2.5
 
 @dataclass
 class Fitted:
-    """A model with all that it was made of; exchanged identifiers are given back in the frame."""
+    """A model and what it was made of; exchanged identifiers are corrected in the frame."""
 
     frame: Frame
     context: Frame
@@ -89,7 +89,7 @@ def fit_model(
     seed: int = 0,
     say: Say = lambda text: None,
 ) -> Fitted:
-    """Search an archive for what is at work, with the effects that can be tested.
+    """Search an archive for effects, of the catalogue and outside it.
 
     ``tables`` also looks outside the catalogue, ``exchanges`` for exchanged identifiers. The noise
     is fitted to flights drawn with the ``seed``; ``say`` gets a line on every step of the search.
@@ -120,7 +120,7 @@ def _exchange(fitted: Fitted, effects: Mapping[str, Effect]) -> Exchange | None:
 
 
 def exchanged(frame: Frame, found: Exchange, sums: Sums) -> Frame:
-    """Frame with the later reports of a pair given back to each other."""
+    """Frame with the identifiers of the later reports of a pair exchanged."""
     first, second = found.pair
     late = sums.day >= found.day
     aircraft = frame.aircraft.copy()
@@ -137,7 +137,7 @@ def _with_exchange(
     seed: int,
     say: Say,
 ) -> Fitted | None:
-    """The archive with identifiers given back, where its evidence is larger."""
+    """The archive with corrected identifiers, where its evidence is larger."""
     frame = exchanged(fitted.frame, found, fitted.model.sums)
     other = prepared(frame, effects, tables=tables, seed=seed, noise=fitted.noise)
     other.terms = search(other.model, say=say)

@@ -70,11 +70,11 @@ def screen(model: Model) -> list[Term]:
 def usual_sizes(
     statistics: Sequence[tuple[Group, Statistics]], kappa: float
 ) -> dict[str, tuple[float, float]]:
-    """Variances of what no aircraft and no fleet is free of, by part, from the bulk of tables.
+    """Variances of the errors that all aircraft, and all fleets, have, by part, from all tables.
 
     With coefficients theta of variance v by their noise, the variance m^2 (m2 s-2) for which the
     median of theta^2 / (v + m^2) is that of chi squared; over all tables, aircraft and directions,
-    of which an effect concerns few. Directions that are hardly known say nothing of it.
+    of which an effect concerns few. Directions that are hardly known are left out.
     """
     out = {}
     for part in ("heading", "airspeed", "wind"):
@@ -175,7 +175,7 @@ def contest(
     best = scored[0]
     if not best.group.named:
         named_terms = [t for t in scored if t.group.named]
-        # a name need only be likelier than not by its own noise to be the cause of a table
+        # a name represents a table already if, by its noise factor, it is likelier than not
         likely = [exactly(t) for t in ranked if t.group.named and 0.0 < t.gate <= gate]
         represented = [t for t in named_terms + likely if t.score > REPRESENTS * best.score]
         if represented:
@@ -214,7 +214,7 @@ def _names_together(
 def _with_rest(
     model: Model, terms: Sequence[Term], name: Term, table: Term, before: float
 ) -> float:
-    """Exact evidence, with log priors, of a name and of the table fitted to what it leaves.
+    """Exact evidence, with log priors, of a name and of a table fitted to the residual without it.
 
     An effect of some aircraft is part of a table where others have small errors of the same kind.
     """

@@ -39,7 +39,7 @@ CLIMATOLOGY = 0.6
 
 @dataclass(frozen=True)
 class Term:
-    """A candidate at work: on whom, since when, with which prior scale and evidence."""
+    """A candidate in the model: its aircraft, dates, prior scale and evidence."""
 
     group: Group
     scope: str  # ``a`` or ``f``
@@ -48,7 +48,7 @@ class Term:
     # aircraft -> index of the first day it is in force; empty for the whole archive
     start: Mapping[int, int] = field(default_factory=dict)
     score: float = 0.0  # log evidence with the log prior: of the exact contest after one
-    gate: float = 0.0  # the same by the candidate's own noise factor
+    gate: float = 0.0  # the same by the candidate's noise factor
     inclusion: Floats | None = None  # (A,): posterior probability of each aircraft
     # ratio of tau to s where aircraft share a mean, theta_a ~ N(mu, tau^2), mu ~ N(0, s^2); or 0
     spread: float = 0.0
@@ -111,7 +111,7 @@ def number_prior(aircraft: int) -> Floats:
 
 
 class Columns:
-    """Columns of a term on the rows of each aircraft, and what they share with the day fields.
+    """Columns of a term on the rows of each aircraft, and their products with the day fields.
 
     Parameters
     ----------
@@ -321,7 +321,7 @@ class Model:
         day_score = self.day_score[:, :, group.columns] @ t
         score = day_score.sum(axis=1)
         ridge = 1e-7 * np.trace(whole.sum(axis=0)) / m * np.eye(m) + 1e-12 * np.eye(m)
-        # the aircraft's own fit, whose part in the scores of its days is no scatter of theirs
+        # the fit of each aircraft, whose part in the scores of days is no scatter
         fit = np.linalg.solve(information + np.eye(m) / WIDE**2, score[..., None])[..., 0]
         back = np.einsum("amn,an->am", np.linalg.solve(whole + ridge, information), fit)
         apart = day_score - np.einsum("adij,aj->adi", by_day, back)
@@ -336,7 +336,7 @@ class Model:
         return replace(found, remainder=found.remainder + aircraft, lasting=self.lasting(group))
 
     def lasting(self, group: Group) -> float:
-        """L^2 of a candidate: what is usual in this archive, at least `LASTING`, m2 s-2."""
+        """L^2 of a candidate: the usual variance in this archive, at least `LASTING`, m2 s-2."""
         least = LASTING["wind" if group.part == "wind" else "aircraft"] ** 2
         return max(least, self.usual.get(group.part, (0.0, 0.0))[1])
 
@@ -378,7 +378,7 @@ def noise_factor(score: Floats, by_day: Floats) -> Statistics:
 def _with_factors(
     found: Statistics, apart: Floats, by_day: Floats, fleet_by_day: Floats
 ) -> Statistics:
-    """Statistics with the noise factors of day scores (A, D, m) less the aircraft's own fits."""
+    """Statistics with the noise factors of day scores (A, D, m) less the fits of the aircraft."""
     ridge = found.ridge
     inverse = np.asarray(np.linalg.inv(found.information + ridge), np.float64)
     fleet_inverse = np.asarray(np.linalg.inv(found.fleet_information + ridge), np.float64)
@@ -400,9 +400,9 @@ BLOCKS = (1, 4)
 def cluster_factor(
     score: Floats, by_day: Floats, inverse: Floats, ridge: Floats, block: int
 ) -> Floats:
-    """Scatter of scores of blocks of days over what independent errors give, by aircraft.
+    """Scatter of scores of blocks of days relative to that of independent errors, by aircraft.
 
-    ``score`` (A, D, m) is less what the aircraft's own fit explains, ``by_day`` the information by
+    ``score`` (A, D, m) is less what the fit of the aircraft explains, ``by_day`` the information by
     day, ``inverse`` (A, m, m) the inverse of the information given the terms. With the fit taking a
     part of every block's score the factor is sum_d s_d' G^-1 s_d / (m - tr sum_d (G^-1 G_d)^2).
     """

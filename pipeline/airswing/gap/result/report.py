@@ -60,7 +60,7 @@ def assemble(
     unseen: Sequence[EffectEntry | PlaceEntry],
     where: Sequence[SliceEntry],
 ) -> GapReport:
-    """Content of gap.json, but for the checks; ``unseen`` is what shows in no mean."""
+    """Content of gap.json without the checks; ``unseen`` are effects that change no mean."""
     frame, sums = fitted.frame, fitted.model.sums
 
     entries: list[EffectEntry | PlaceEntry] = [
@@ -210,7 +210,7 @@ def _evidence_entries(fitted: Fitted) -> list[EvidenceEntry]:
 
 
 def _noise_entry(fitted: Fitted) -> NoiseEntry:
-    """Noise model, and what weather and climatology vary by."""
+    """Noise model, and standard deviations of weather and climatology."""
     noise, model = fitted.noise, fitted.noise.model
     theta = fitted.exact.theta[: fitted.model.base.group.size]
     return NoiseEntry(
@@ -310,7 +310,7 @@ def residual_maps(frame: Frame) -> xr.Dataset:
     # hPa: layers a turboprop climbs through; few reports are from above 400
     edges = np.array([0, 400, 500, 600, 700, 850, 1100.0]) * 100
     level = np.searchsorted(edges, frame.pressure) - 1
-    # a hair beyond, for the northernmost and easternmost reports to lie in the last cell
+    # slightly beyond, so that the outermost reports are in the last cell
     lat = np.linspace(frame.latitude.min(), frame.latitude.max() + 1e-6, 9)
     lon = np.linspace(frame.longitude.min(), frame.longitude.max() + 1e-6, 11)
     box = (np.searchsorted(lat, frame.latitude, "right") - 1) * 10

@@ -3,7 +3,7 @@
 Names and units are those of docs/formats.md: kt for disagreement and closure, m s-1 for sizes and
 curves, degrees, parameters as in the catalogue. A number that is not known is NaN here and null in
 the file; a field marked `LEFT_OUT` is not in the file where it is None. Keys of a file that are not
-known here are passed over.
+known here are ignored.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ Parameter = bool | int | float | str | list[str] | list[float] | None
 #: First and last date, ISO 8601; null at the archive's ends.
 Period = list[str | None]
 
-#: Metadata of a field that does not stand in the file where it is None.
+#: Metadata of a field that is left out of the file where it is None.
 LEFT_OUT = {"left_out": True}
 
 
 @dataclass(frozen=True)
 class DisagreementEntry:
-    """Mean vector disagreement, the floor no effect can pass, and the probability by luck."""
+    """Mean vector disagreement, noise floor, and probability of the effects by chance."""
 
     mean_vector_disagreement_kt: float
     noise_floor_kt: float
@@ -72,7 +72,7 @@ class SliceEntry:
 
 @dataclass(frozen=True)
 class ClosesEntry:
-    """What something closes on held-out reports, kt, with its 95 % interval."""
+    """Closure of an effect on held-out reports, kt, with its 95 % interval."""
 
     reduction: float
     reduction_ci: Sequence[float]
@@ -82,8 +82,7 @@ class ClosesEntry:
 class RivalEntry:
     """An effect that cannot be distinguished from one found, and what data would distinguish them.
 
-    ``difference_nats`` is the evidence it lies behind; None of one that looks alike whatever the
-    evidence.
+    ``difference_nats`` is the log Bayes factor against it; None where the columns are alike.
     """
 
     name: str
@@ -101,7 +100,7 @@ class TailEntry:
 
 @dataclass(frozen=True)
 class EffectEntry:
-    """An effect of the catalogue that is at work.
+    """A diagnosed effect of the catalogue.
 
     ``parameters`` are medians over aircraft where ``per_tail`` has several. ``closure`` is what the
     effect closes in addition to those before it. ``by_reference`` holds the parameters of an effect
@@ -142,7 +141,7 @@ class StepsEntry:
 
 @dataclass(frozen=True)
 class PlaceEntry:
-    """Where an effect outside the catalogue sits; no ``tails`` of a table is the whole fleet."""
+    """An effect outside the catalogue; of the whole fleet where ``tails`` is empty."""
 
     component: str
     variable: str
@@ -178,7 +177,7 @@ class UnknownClosureEntry:
 
 @dataclass(frozen=True)
 class UnknownEntry:
-    """Whether something outside the catalogue is at work, and where."""
+    """Effects outside the catalogue."""
 
     present: bool
     where: Sequence[PlaceEntry]
@@ -258,7 +257,7 @@ class NoiseEntry:
 
 @dataclass(frozen=True)
 class CountsEntry:
-    """What a diagnosis rests on; reports held in memory; those set aside."""
+    """Numbers of reports, flights, days and aircraft of a diagnosis."""
 
     reports: int
     flights: int
@@ -271,7 +270,7 @@ class CountsEntry:
 
 @dataclass(frozen=True)
 class CalibrationEntry:
-    """How held-out reports keep to what was predicted for them; NaN where it is not known."""
+    """Agreement of held-out reports with their prediction; NaN where it is not known."""
 
     crps_m_s: Number
     crps_expected_m_s: Number
@@ -292,7 +291,7 @@ class CalibrationPair:
 
 @dataclass(frozen=True)
 class PlaceboEntry:
-    """What a cause that cannot be at work closes, kt."""
+    """Closure by an effect that cannot exist, kt."""
 
     reduction_kt: Number
     reduction_ci_kt: Sequence[Number]
@@ -303,7 +302,7 @@ class PlaceboEntry:
 
 @dataclass(frozen=True)
 class AliasEntry:
-    """Two effects whose columns share energy on these flights, 0 to 1, and what would tell them."""
+    """Two effects whose columns share energy, and data that would separate them."""
 
     effect: str
     other: str
@@ -325,7 +324,7 @@ class AssumptionEntry:
 class FitEntry:
     """A fitted deviation before and after the other effects are removed, degrees.
 
-    ``stays``: both within 1.96 standard errors of before; None where a fit is not to be trusted.
+    ``stays``: both within 1.96 standard errors of before; None where a fit is not accepted.
     """
 
     aircraft: str
@@ -350,7 +349,7 @@ class FieldTestEntry:
 
 @dataclass(frozen=True)
 class ClaimsEntry:
-    """What of the fits and the field test stays without the other effects."""
+    """Fits and field test before and after the other effects are removed."""
 
     taken_off: Sequence[str]
     aircraft: Sequence[FitEntry] = ()
@@ -386,9 +385,9 @@ class SimulationEntry:
 class GapReport:
     """Content of gap.json.
 
-    ``where`` holds the slices beyond chance, ``slices`` all of them; ``effects`` stand by what they
-    explain on held-out reports. ``reference``, ``headings_uuid`` and ``claims`` are of a diagnosis
-    of products, None of one in a notebook.
+    ``where`` holds the significant slices, ``slices`` all of them; ``effects`` are in the order of
+    their evidence. ``reference``, ``headings_uuid`` and ``claims`` are None of a diagnosis in a
+    notebook.
     """
 
     gap: DisagreementEntry
@@ -423,12 +422,12 @@ class GapReport:
 
     @classmethod
     def of(cls, content: Mapping[str, object]) -> GapReport:
-        """Make a report of what a file holds; pydantic.ValidationError where something is wrong."""
+        """Make a report of the content of a file; pydantic.ValidationError if it is not valid."""
         return TypeAdapter(cls).validate_python(content)
 
     @classmethod
     def read(cls, path: Path) -> GapReport:
-        """Read gap.json; InputError where it does not hold what it should."""
+        """Read gap.json; InputError where it is not valid."""
         try:
             return TypeAdapter(cls).validate_json(path.read_bytes())
         except OSError as err:
