@@ -9,7 +9,8 @@ columns do not hold of a large effect is not searched.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import logging
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -26,8 +27,7 @@ from airswing.gap.model.sums import Sums
 from airswing.gap.model.terms import GATE, Model, Term, set_prior
 from airswing.gap.noise import NoiseFit, fit_noise
 
-Say = Callable[[str], None]
-
+LOG = logging.getLogger(__name__)
 #: Size from which the model is linearised about an effect, m/s rms where it acts: at 120 m/s it is
 #: half a degree, where first order errs by 0.4 % of the effect; and at single reports, where an
 #: effect is in danger of being taken for gross errors.
@@ -87,23 +87,22 @@ def fit_model(
     tables: bool = True,
     exchanges: bool = True,
     seed: int = 0,
-    say: Say = lambda text: None,
 ) -> Fitted:
     """Search an archive for effects, of the catalogue and outside it.
 
     ``tables`` also looks outside the catalogue, ``exchanges`` for exchanged identifiers. The noise
-    is fitted to flights drawn with the ``seed``; ``say`` gets a line on every step of the search.
+    is fitted to flights drawn with the ``seed``.
     """
     fitted = prepared(frame, effects, tables=tables, seed=seed)
     found = _exchange(fitted, effects) if exchanges else None
-    fitted.terms = search(fitted.model, say=say)
+    fitted.terms = search(fitted.model)
     if found is not None:
-        say(f"exchange {found}")
-        other = _with_exchange(fitted, found, effects, tables, seed, say)
+        LOG.debug("exchange %s", found)
+        other = _with_exchange(fitted, found, effects, tables, seed)
         if other is not None:
             fitted = other
     fitted.refit(effects)
-    return _linearised(fitted, effects, tables, seed, say)
+    return _linearised(fitted, effects, tables, seed)
 
 
 def _exchange(fitted: Fitted, effects: Mapping[str, Effect]) -> Exchange | None:
@@ -135,17 +134,16 @@ def _with_exchange(
     effects: Mapping[str, Effect],
     tables: bool,
     seed: int,
-    say: Say,
 ) -> Fitted | None:
     """The archive with corrected identifiers, where its evidence is larger."""
     frame = exchanged(fitted.frame, found, fitted.model.sums)
     other = prepared(frame, effects, tables=tables, seed=seed, noise=fitted.noise)
-    other.terms = search(other.model, say=say)
+    other.terms = search(other.model)
     kappa = max(fitted.model.kappa, other.model.kappa)
     gain = total_evidence(other, kappa) - total_evidence(fitted, kappa)
     pairs = fitted.model.sums.A * (fitted.model.sums.A - 1) / 2 * fitted.model.sums.D
     evidence = gain - float(np.log(pairs))
-    say(f"exchange with all other terms: {evidence:.1f}")
+    LOG.debug("exchange with all other terms: %.1f", evidence)
     if evidence - np.log(2 * len(effects)) < GATE:
         return None
     other.exchange = replace(found, evidence=evidence)
@@ -166,9 +164,7 @@ def is_sensor(term: Term, effects: Mapping[str, Effect]) -> bool:
     return term.group.component in PARTS
 
 
-def _linearised(
-    fitted: Fitted, effects: Mapping[str, Effect], tables: bool, seed: int, say: Say
-) -> Fitted:
+def _linearised(fitted: Fitted, effects: Mapping[str, Effect], tables: bool, seed: int) -> Fitted:
     """A second pass about the sensor effects found, where they are large."""
     exact, terms = fitted.exact, fitted.terms
     linear = [exact.effect(k) for k in range(len(terms))]
@@ -178,7 +174,7 @@ def _linearised(
     acting = size[size > 1e-3 * size.max(initial=0.0)]
     if not acting.size or (np.sqrt((acting**2).mean()) < LARGE and acting.max() < PEAK):
         return fitted
-    say("second pass")
+    LOG.debug("second pass")
     corrected, _, _ = without_errors(fitted.frame, errors)
     fitted.model.sums.release()
     again = prepared(
@@ -207,7 +203,7 @@ def _linearised(
             columns = candidates.raw(group.columns)
             residual = residual + exact.response.linear(k, exact.theta, columns)
     again.model.renew(residual)
-    again.terms = search(again.model, start=start, say=say)
+    again.terms = search(again.model, start=start)
     again.frame, again.exchange = fitted.frame, fitted.exchange
     again.refit(effects)
     return again

@@ -7,7 +7,8 @@ replace each other for ever.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import logging
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -18,6 +19,7 @@ from airswing.gap.model.candidates import Group, Table
 from airswing.gap.model.evidence import dated_evidence, static_evidence
 from airswing.gap.model.terms import GATE, Model, Statistics, Term, describe, set_prior
 
+LOG = logging.getLogger(__name__)
 #: Share of a table's log evidence that a name must hold: a deviation of 5 degrees turns the heading
 #: its columns are evaluated at, an error of first order of (5 degrees)^2 / 2 = 0.4 % of the energy;
 #: ten times that for context that is inferred.
@@ -260,26 +262,24 @@ def _without_idle(model: Model, terms: Sequence[Term], term: Term, before: float
     return term
 
 
-def search(
-    model: Model, *, start: Sequence[Term] = (), say: Callable[[str], None] = lambda text: None
-) -> list[Term]:
-    """Add terms, and replace or remove them, until nothing changes."""
+def search(model: Model, *, start: Sequence[Term] = ()) -> list[Term]:
+    """Add terms, and replace or remove them, until nothing changes; steps are logged (debug)."""
     terms = list(start)
     model.condition(terms)
     if terms:
         learn_usual(model)
-        terms = revisit(model, terms, 1, say)
+        terms = revisit(model, terms, 1)
     seen: set[frozenset[tuple[object, ...]]] = set()
     for _ in range(MOST):
         found = contest(model, terms, screen(model))
         if not found:
             break
-        say(f"+ {describe(found[0])}")
+        LOG.debug("+ %s", describe(found[0]))
         terms = [*terms, found[0]]
         model.condition(terms)
-        terms = refined(model, terms, found[0], say)
+        terms = refined(model, terms, found[0])
         learn_usual(model)
-        terms = revisit(model, terms, ROUNDS, say)
+        terms = revisit(model, terms, ROUNDS)
         state = frozenset(term.label for term in terms)
         if state in seen:
             break
@@ -293,7 +293,7 @@ def learn_usual(model: Model) -> None:
     model.usual = usual_sizes([(g, model.statistics(g)) for g in groups], model.kappa)
 
 
-def revisit(model: Model, terms: list[Term], rounds: int, say: Callable[[str], None]) -> list[Term]:
+def revisit(model: Model, terms: list[Term], rounds: int) -> list[Term]:
     """Remove each term and contest its place, until nothing changes."""
     for _ in range(rounds):
         changed = False
@@ -308,17 +308,17 @@ def revisit(model: Model, terms: list[Term], rounds: int, say: Callable[[str], N
                 ranked.append(replace(term, score=score, gate=score / model.kappa))
             found = contest(model, rest, ranked)
             if not found:
-                say(f"- {describe(term)}")
+                LOG.debug("- %s", describe(term))
                 terms, changed = rest, True
                 continue
             new = found[0]
             if new.label != term.label:
-                say(f"~ {describe(term)} -> {describe(new)}")
+                LOG.debug("~ %s -> %s", describe(term), describe(new))
             changed |= new.key != term.key
             terms = [new if other is term else other for other in terms]
             if new.label != term.label:
                 model.condition(terms)
-                terms = refined(model, terms, new, say)
+                terms = refined(model, terms, new)
         model.condition(terms)
         if not changed:
             break
@@ -326,7 +326,7 @@ def revisit(model: Model, terms: list[Term], rounds: int, say: Callable[[str], N
 
 
 # ------------------------------------------------------------------------------------- refinement
-def refined(model: Model, terms: list[Term], term: Term, say: Callable[[str], None]) -> list[Term]:
+def refined(model: Model, terms: list[Term], term: Term) -> list[Term]:
     """Terms, on which the model is conditioned, with one of their tables refined."""
     if term.group.kind != "table" or term.group.refined or term.score < LEAST:
         return terms
@@ -340,7 +340,7 @@ def refined(model: Model, terms: list[Term], term: Term, say: Callable[[str], No
         options += [Table((fine,), known), Table((fine,), LEVERS[known])]
     best = _contested(model, terms, term, options, float(np.log(1 + len(options))))
     if best is not term:
-        say(f"~ {describe(term)} -> {describe(best)}")
+        LOG.debug("~ %s -> %s", describe(term), describe(best))
         terms = [best if other is term else other for other in terms]
         model.condition(terms)
     second = _second_variable(model, best)
@@ -352,7 +352,7 @@ def refined(model: Model, terms: list[Term], term: Term, say: Callable[[str], No
         table = Table(curves, best.group.component)
         pair = _contested(model, terms, best, [table], weight)
         if pair is not best:
-            say(f"~ {describe(best)} -> {describe(pair)}")
+            LOG.debug("~ %s -> %s", describe(best), describe(pair))
             terms = [pair if other is best else other for other in terms]
     model.condition(terms)
     return terms
