@@ -121,10 +121,12 @@ def test_one_effect_is_named_sized_and_dated(name, aircraft, day, values, option
 
 
 def test_an_offset_of_the_references_time_hides_no_other_effect():
-    frame = archive(lambda c: 0.6 * (c["aircraft"] == 2), reference_hours=1.0)
+    frame = archive(
+        effect("reference_time_offset", offset_h=1.0), effect("compass_offset", [2], offset_deg=0.6)
+    )
     names = ("reference_time_offset", "compass_offset", "reference_speed_bias")
     report = diagnose(frame, catalogue={n: CATALOGUE[n] for n in names}, dictionary=False).report
-    found = {effect.name: effect for effect in report.effects}
+    found = {one.name: one for one in report.effects}
     assert set(found) == {"reference_time_offset", "compass_offset"}
     assert found["compass_offset"].tails == [frame.tails[2]]
     for name, parameter, true in (

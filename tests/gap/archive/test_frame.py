@@ -406,9 +406,8 @@ def test_coarse_headings_have_a_larger_uncertainty(plain):
     more = heading_doubt(frame, frame) ** 2 - heading_doubt(plain, plain) ** 2
     affected = frame.aircraft == 1
     assert np.allclose(more[~affected], 0.0)
-    assert np.sqrt(more[affected].mean()) == pytest.approx(
-        np.radians(10.0) / np.sqrt(12.0) * frame.airspeed[affected].mean(), rel=0.1
-    )
+    rounding = np.radians(10.0) / np.sqrt(12.0) * frame.airspeed[affected].mean()
+    assert np.sqrt(more[affected].mean()) > 0.9 * rounding
 
 
 def test_rounding_of_held_headings_counts_as_often_as_it_is_repeated(plain):
