@@ -25,7 +25,7 @@ T = TypeVar("T")
 
 
 def _text(given: str) -> str:
-    # An empty path would be the current directory; scripts give one where a variable is unset.
+    # An empty path, as from an unset variable of a script, would be the current directory.
     if not given.strip():
         raise typer.BadParameter("an empty path names nothing")
     return given
@@ -267,7 +267,7 @@ def monitor(
 class _WithFormats(TyperCommand):
     """Lists the export formats at the end of its help; they are looked up only then."""
 
-    # typer takes both from a private module, another one from release to release
+    # typer imports both from a private module that differs between releases
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Write the help."""
         from airswing.handover.export import FORMATS

@@ -55,8 +55,8 @@ Moment = Annotated[
     AfterValidator(lambda time: time.astimezone(UTC) if time.tzinfo else time.replace(tzinfo=UTC)),
 ]
 Day = Annotated[date, BeforeValidator(spelt_out)]
-# Screening rules whose reports may be handed over all the same, and winds corrected by an offset
-# alone.
+# Reports that may be exported although marked by these screening rules or corrected by an offset
+# only.
 Screened = Literal[
     "phase",
     "turn",
@@ -85,15 +85,15 @@ class Reports(_Section):
 
     @property
     def mapping(self) -> dict[str, str | list[str] | dict[str, object]]:
-        """Columns with what is wanted of them, as `airswing.read_reports` takes them."""
+        """Columns and the values to keep, in the form that `airswing.read_reports` accepts."""
         return {**self.columns, **{name: {"only": values} for name, values in self.only.items()}}
 
 
 class Reference(_Section):
     """Where one model's winds are, which lead times and ensemble member are used.
 
-    The names (`u` to `units`) say what a file does not say itself. Engine `fleet` has no files: the
-    wind is that of the aircraft themselves.
+    The names (`u` to `units`) state metadata that a file lacks. Engine `fleet` has no files: the
+    wind is computed from the aircraft's reports.
     """
 
     files: Strings = []
@@ -122,13 +122,13 @@ class Reference(_Section):
         return self
 
     def naming(self) -> dict[str, object]:
-        """What the configuration says of the files' variables."""
+        """Names and metadata of the files' variables that the configuration states."""
         kept = self.model_dump(exclude={"files", "engine", "lead", "member", "on_bad_file"})
         return {name: value for name, value in kept.items() if value is not None}
 
 
 class Collocation(_Section):
-    """How model winds are brought to the reports."""
+    """How model winds are collocated with the reports."""
 
     max_time_gap: Seconds = Field(3 * 3600.0, gt=0, le=366 * DAY)
     sparse: bool = True
@@ -163,14 +163,14 @@ class Table(_Section):
 
 
 class Correction(_Section):
-    """What the archive's winds are corrected by."""
+    """How the archive's winds are corrected."""
 
-    # the table is what a unit in flight would do; the fitted curve has no steps and knows the field
+    # the table is that of a unit in flight; the curve has no steps and allows for the local field
     method: Literal["table", "curve"] = "table"
 
 
 class FieldTest(_Section):
-    """A field test: who was corrected, who was not, and from when."""
+    """A field test: corrected aircraft, controls, and dates."""
 
     start: Day
     before_start: Day
@@ -195,28 +195,28 @@ class FieldTest(_Section):
 
 
 class Gap(_Section):
-    """What the gap diagnosis looks at."""
+    """Input of the gap diagnosis."""
 
     reference: str | None = None
     phases: list[Phase] = Field(["ascent", "cruise", "descent"], min_length=1)
 
 
 class ObservationErrors(_Section):
-    """What is known of the references beforehand (``observation_errors.nc``)."""
+    """Prior knowledge of the references' errors (``observation_errors.nc``)."""
 
     reference_covariance: float = Field(0.0, ge=-100.0, le=100.0)
-    """Of the errors of two references, a component of the wind, m2/s2."""
+    """Covariance of the errors of two references in a wind component, m2/s2."""
 
 
 class Monitoring(_Section):
-    """What the watch over the fleet compares with (`airswing monitor`)."""
+    """Tables with which the fleet is monitored (`airswing monitor`)."""
 
     tables_in_use: Path | None = None
-    """Tables on board, as ``tables.csv`` has them; else those that were first seen."""
+    """Tables on board, in the format of ``tables.csv``; by default those of the first run."""
 
 
 class Handover(_Section):
-    """How corrected winds are handed over (`airswing export`)."""
+    """How corrected winds are exported (`airswing export`)."""
 
     platform: Literal["auto", Platform] = "auto"
     aircraft: dict[Platform, list[str]] = {}
@@ -235,7 +235,7 @@ class Handover(_Section):
 
 
 class ForecastTable(_Section):
-    """Tables that hold a forecast and what was observed, a line each."""
+    """Tables with a forecast and its observation in each line."""
 
     files: Strings
     columns: dict[str, str] = {}
@@ -250,7 +250,7 @@ class Forecasts(_Section):
 
 
 class Stations(_Section):
-    """Tables of what was observed at stations."""
+    """Tables of station observations."""
 
     files: Strings
     columns: dict[str, str] = {}
@@ -298,7 +298,7 @@ class Metadata(_Section):
 
 
 class Compute(_Section):
-    """Where the work runs."""
+    """Computing resources of a run."""
 
     workers: Annotated[int, Field(ge=1, le=4096)] | Literal["auto"] = "auto"
     threads: Annotated[int, Field(ge=1, le=4096)] | Literal["auto"] = "auto"
@@ -380,7 +380,7 @@ class Config(_Section):
 
 
 class PostprocessConfig(_Section):
-    """A configuration of nothing but forecasts to correct."""
+    """A configuration that only corrects forecasts."""
 
     postprocess: Postprocess
     output: Folder

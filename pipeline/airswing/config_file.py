@@ -159,7 +159,7 @@ def _section_of(annotation: object) -> type[BaseModel] | None:
 
 
 def load_yaml(path: Path, kind: type[InputError] = InputError) -> object:
-    """Read a YAML file; an error of the class `kind` says that it is not plain YAML."""
+    """Read a YAML file; raise an error of the class `kind` if it is not plain YAML."""
     try:
         with path.open("rb") as file:
             content = file.read(MOST_BYTES + 1)
@@ -195,7 +195,7 @@ class _Loader(yaml.SafeLoader):
             written = shortened(getattr(node, "value", ""), 80)
             what = f"{written!r} is not a valid {node.tag.rpartition(':')[2]}"
             raise _fault(what, node) from err
-        # lone surrogates are no text that can be written
+        # lone surrogates cannot be encoded
         if isinstance(value, str) and re.search("[\0\ud800-\udfff]", value):
             raise _fault("text that cannot be used", node)
         if isinstance(value, int) and value.bit_length() > _MOST_BITS:

@@ -68,7 +68,7 @@ if hasattr(os, "register_at_fork"):  # workers serve the process that started th
 def guarded(
     function: Callable[Parameters, Result], *args: Parameters.args, **kwargs: Parameters.kwargs
 ) -> Result:
-    """Call a function in a worker process; what it returns or raises is passed on.
+    """Call a function in a worker process; its result or exception is passed on.
 
     Raises
     ------

@@ -31,7 +31,7 @@ from airswing.synthetic.sealed.labels import Label, open_seal, seal
 from airswing.synthetic.sealed.sealed_archives import Archivist
 
 Say = Callable[[str], None]
-# From configuration, output folder and effects to withhold to the content of gap.json.
+# Content of gap.json from the configuration, output folder and withheld effects.
 Diagnoser = Callable[[Path, Path, Sequence[str]], Mapping[str, Any]]
 # Seconds; a diagnosis takes a minute or two, and one that hangs must not stop the check.
 _TIMEOUT = 1800.0
@@ -72,7 +72,7 @@ class Plan:
 
     @property
     def played(self) -> list[int]:
-        """Rungs for which the data are there."""
+        """Rungs whose data are available."""
         available = self.real is not None and (self.real / "heading").is_dir()
         return [rung for rung in self.rungs or (1, 2, 3, 4, 5) if rung != 5 or available]
 
@@ -89,7 +89,7 @@ class Plan:
         )
 
     def settings(self) -> dict[str, object]:
-        """Return what identifies the check, with a digest of the drawn cases."""
+        """Return the settings that identify the check, with a digest of the drawn cases."""
         cases = [
             (
                 case.name,

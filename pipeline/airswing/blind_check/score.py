@@ -1,8 +1,8 @@
 """Score of one diagnosis (the documented keys of ``gap.json``) against the label of its case.
 
-Hard worlds contain gross errors, and archives with the record of a real sensor irregular heading
-errors of all aircraft: such background effects are neither required nor counted as false. A false
-name precedes an unknown if it closes more than every entry of the unknown.
+Hard worlds contain gross errors, and archives with the record of a real sensor contain irregular
+heading errors of all aircraft. Such background effects are neither required nor counted as false. A
+false name precedes an unknown if it closes more than every entry of the unknown.
 
 Units: kt for closures, days for dates, fractions of 1 for shares.
 """
@@ -66,8 +66,8 @@ def score_case(
     Returns
     -------
     dict
-        What was asked (``name, rung, kind, variant, world, size, focus``), ``failure``, and for a
-        diagnosis that succeeded what was found. A key that does not apply is absent or None.
+        The case (``name, rung, kind, variant, world, size, focus``), ``failure`` and, for a
+        diagnosis that succeeded, its scores. A key that does not apply is absent or None.
     """
     keys = ("name", "rung", "kind", "variant", "world", "size", "focus")
     asked: Score = {key: label[key] for key in keys}  # type: ignore[literal-required]

@@ -77,7 +77,7 @@ def _figures(scores: Sequence[Score]) -> list[tuple[str, str, Target, Reached]]:
     removed = [s for s in done if s["kind"] == "removed" and s["closure_true"] >= WORTH_KT]
     raised = [s for s in outside if s["unknown"]]
     named = [s for s in singles if s["all_named"]]
-    # Something that is present was stated.
+    # Cases in which an effect of the archive was identified.
     stated = named + [s for s in pairs if s["all_named"]] + raised
     deviations = [abs(z) <= 2.0 for s in named for z in s["standardised_errors"]]
     claims = [claim for s in done for claim in s["claims"]]
@@ -230,7 +230,7 @@ Command: `{command}`. SHA-256 of the labels, published before the first diagnosi
 
 
 def check_figure(scores: Sequence[Score]) -> Figure:
-    """Draw identification against size, closure, reliability, and what was named for what."""
+    """Draw identification against size, closure, reliability, and the confusion matrix."""
     done = [score for score in scores if score["failure"] is None]
     figure = Figure(figsize=(11, 10), layout="constrained")
     axes = figure.subplot_mosaic(
@@ -300,7 +300,7 @@ def _draw_reliability(axes: Axes, scores: Sequence[Score]) -> None:
 
 
 def confusion(scores: Sequence[Score]) -> tuple[list[str], list[str], NDArray[np.float64]]:
-    """Truths, statements, and how often each was stated first for each; pairs are left out."""
+    """Truths, statements, and the confusion matrix of first statements; pairs are omitted."""
     pairs = []
     for score in scores:
         if score["kind"] == "pair":

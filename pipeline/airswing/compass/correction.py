@@ -22,8 +22,8 @@ error, as a navigator's deviation card does (east positive = magnetic - compass)
 
 Standard error
 --------------
-Of the corrected wind as a vector, relative to the report of an aircraft without compass error. The
-correction adds V (e^(-i delta) - 1) along the heading, of length V delta. Its errors are
+The error of the corrected wind vector relative to the report of an aircraft without compass error.
+The correction adds V (e^(-i delta) - 1) along the heading, of length V delta. Its errors are
 independent and add in quadrature:
 
 * the curve: V times its standard error at the heading, and V times the difference of the unit's
@@ -150,7 +150,7 @@ def add_tables(
     resolution : float
         Degrees that the unit can hold; 0 for no rounding.
     sign : {"subtract_error", "add_error"}
-        What the table holds, see the module.
+        Sign convention of the table; see the module docstring.
 
     Returns
     -------
@@ -365,7 +365,7 @@ def correct(
         From :func:`~airswing.compass.fit.deviation.fit_deviation`, with tables for
         ``method="table"``.
     reference : str, optional
-        Whose fit to apply; by default that of the first pool, without pools the first reference.
+        Reference or pool of the fits; by default the first pool, without pools the first reference.
     method : {"table", "curve"}
         Apply what the unit would do with its table, or the fitted curve itself.
     apply_airspeed_scale : bool
@@ -418,7 +418,7 @@ def correct(
 
 
 def main_reference(fits: xr.Dataset) -> str:
-    """First pool, else first reference, of fits as a run makes them."""
+    """First pool of the fits of a run; without pools the first reference."""
     names = fits["reference"].to_numpy().astype(str)
     single = int(fits.attrs.get("reference_count", names.size))
     return str(names[single if single < names.size else 0])
@@ -436,7 +436,7 @@ def _correct(headings: xr.Dataset, fit: xr.Dataset, *, method: str, scaled: bool
     columns = [headings[name].to_numpy().astype(np.float64) for name in names]
     flag = _flags(headings, columns, fit, row)
     done = is_corrected(flag)
-    # from here on only the reports that are corrected
+    # only corrected reports from here on
     u, v, speed, heading, argument = (values[done] for values in columns)
     row, aircraft = row[done], aircraft[done]
 
@@ -464,12 +464,12 @@ def _correct(headings: xr.Dataset, fit: xr.Dataset, *, method: str, scaled: bool
     if method == "table":
         table = error_from_table(fit).to_numpy()[row]
         from_table = unit_interpolation(table, argument)
-        # the difference of table and curve is known but stays: the unit would not remove it
+        # the known difference of table and curve counts as an error: the unit does not remove it
         curve_error, error = np.hypot(curve_error, from_table - error), from_table
         lower, upper, _ = _nodes_around(table, argument)
         slope = (upper - lower) * table.shape[-1] / 360.0  # degrees per degree
     scale, scale_error = np.zeros(row.size), np.zeros(row.size)
-    if scaled:  # an offset comes without one
+    if scaled:  # fits of an offset have no airspeed scale
         scale = np.nan_to_num(fit["airspeed_scale"].to_numpy()[row])
         scale_error = np.nan_to_num(fit["airspeed_scale_standard_error"].to_numpy()[row])
     heading_error = np.radians(known("heading_standard_error"))
@@ -505,7 +505,7 @@ def _correct(headings: xr.Dataset, fit: xr.Dataset, *, method: str, scaled: bool
 def _flags(
     headings: xr.Dataset, columns: list[Array], fit: xr.Dataset, row: NDArray[np.int64]
 ) -> NDArray[np.int8]:
-    """Codes of `CORRECTION`; of several reasons the one that is hardest to remove."""
+    """Codes of `CORRECTION`; if several reasons apply, the one that is hardest to remove."""
     status = np.append(fit["status"].to_numpy(), STATUS["too_few_reports"])[row]
     u, v, speed, heading, argument = columns
     by_unit = np.zeros(row.size, dtype=bool)

@@ -18,9 +18,9 @@ the heading that the chords imply by less than 1.5 degrees in the median absolut
 than 0.6 degrees in the signed median (a magnetic heading differs by the declination, which would
 become part of coefficient A), each plus the effect of rounding, and by no more than it differs from
 the track (a track column agrees with the track to its rounding); airspeeds must differ by less than
-3 m/s in the median. With fewer than 20 reports the chords are used. Where an aircraft passes,
-single reports that differ from their chord by more than 15 m/s plus five standard errors keep the
-chord.
+3 m/s in the median. With fewer than 20 reports the chords are used. Of an aircraft that passes the
+test, single reports that differ from their chord by more than 15 m/s plus five standard errors keep
+the chord.
 
 Standard errors
 ---------------
@@ -291,7 +291,7 @@ def _choose_ground_vector(
     apart = np.hypot(vector[0] - chord.eastward, vector[1] - chord.northward)
     explained = np.hypot(chord.along_error, chord.cross_error) + np.hypot(along, cross)
     agrees = ~(apart > MAX_VECTOR_DIFFERENCE + 5.0 * explained)
-    # a wind that was derived from heading, airspeed and ground vector goes with that vector
+    # a wind derived from heading, airspeed and ground vector is consistent with that vector only
     derived = _column(ds, "wind_source") > 0
     chosen = known & (derived | ((use == REPORTED_HEADING_USE["used"])[aircraft] & agrees))
     pairs = zip((*vector, along, cross), chord, strict=True)

@@ -1,16 +1,16 @@
 """Plausibility of reported quantities against model winds and the standard atmosphere.
 
-A wrong unit or convention in a column of the reports gives winds that a fit takes without a word.
-Here every reported quantity of each aircraft is compared with what it must agree with, and with
-what it would be under the usual mistakes. A finding names the quantity, the aircraft and the likely
+A wrong unit or convention in a column of the reports gives winds that a fit accepts without a
+message. Here every reported quantity of each aircraft is compared with an independent estimate, as
+reported and under the usual mistakes. A finding names the quantity, the aircraft and the likely
 mistake.
 
 Tests
 -----
-Of each aircraft with at least 100 reports and 3 flights (at most 2,000 reports, evenly spread), and
-of all other aircraft together, because the errors of one flight are alike. Let w be the reported
-wind, r the reference wind, g the ground velocity, c the wind w after removal of a deviation curve
-A to E fitted to the directions of ``g - w`` and ``g - r``.
+Tested are each aircraft with at least 100 reports and 3 flights (at most 2,000 reports, evenly
+spread) and all other aircraft together, because the errors of one flight are alike. Let w be the
+reported wind, r the reference wind, g the ground velocity, c the wind w after removal of a
+deviation curve A to E fitted to the directions of ``g - w`` and ``g - r``.
 
 * Impossible values: more than half of a quantity's values are beyond their physical limits.
 * Position: the median speed between positions above 3,000 m is below 20 m/s.
@@ -48,18 +48,18 @@ A to E fitted to the directions of ``g - w`` and ``g - r``.
 * Time, where nothing else is found: ``|c - r|^2`` between reports within 100 km and 400 m of each
   other that are 3, 6, 9 or 12 hours apart is smaller than between those of one time by
   `CLOCK_RATIO`, and by four standard errors over at least 8 days. Errors of 1 or 2 hours remain
-  unnoticed. In three sample archives no sound one has a ratio that is significant, and clocks in
-  error by 3 to 8 hours have 1.2 to 2.2.
+  unnoticed. In three sample archives no correct clock has a significant ratio, and clocks in error
+  by 3 to 8 hours have 1.2 to 2.2.
 
 The wind tests need reference winds of at least 5 m/s (root mean square); scale and correlation
 along g need a standard deviation of 5 m/s.
 
 ``python -m benchmarks.units`` on sample archives of two seeds: with any `RATIO` from 1.5 to 3 every
-wrong unit of every column is named for all aircraft, and no sound archive has a finding (deviations
-of 25 degrees and winds of a third of the strength included); with 1.2 a sound one has, and with 5
-some mistakes remain unnoticed. Valid for aircraft that fly as airliners and commuter aircraft do,
-in air within 15 K of the standard atmosphere or colder by any amount at low level. A reference in
-the wrong unit looks like reports in the wrong unit; the sentence says so.
+wrong unit of every column is named for all aircraft, and no correct archive has a finding
+(deviations of 25 degrees and winds of a third of the strength included); with 1.2 a correct one has
+one, and with 5 some mistakes remain unnoticed. Valid for aircraft that fly as airliners and
+commuter aircraft do, in air within 15 K of the standard atmosphere or colder by any amount at low
+level. A reference in the wrong unit looks like reports in the wrong unit; the sentence says so.
 """
 
 from __future__ import annotations
@@ -90,23 +90,23 @@ Complex = NDArray[np.complex128]
 Sample = Mapping[str, NDArray[Any]]
 
 FEWEST, MOST = 30, 2000  # reports: needed for a test, and used of an aircraft
-FEWEST_OF_AIRCRAFT, FEWEST_FLIGHTS = 100, 3  # for an aircraft to be judged by itself
+FEWEST_OF_AIRCRAFT, FEWEST_FLIGHTS = 100, 3  # for an aircraft to be tested separately
 FASTEST_CALIBRATED = 195.0  # m/s, 380 kt
 RATIO = 2.0
-"""By which a mistake of an angle must reduce the mean square difference (see the module)."""
+"""Factor by which a mistake of an angle must reduce the mean square difference (see the module)."""
 LARGEST_DEVIATION = 45.0  # degrees: validity of the fit
 SAME_COLUMN = 2.0 / 3.0
-"""Share of the aircraft from which on a finding holds for all, because a column has one unit."""
+"""Share of the aircraft above which a finding applies to all, because a column has one unit."""
 HIGH, SLOWEST = 3000.0, 20.0  # m, m/s: no aircraft flies so slowly at such altitudes
 LOWEST, FASTEST_LOW = 600.0, 80.0  # m, m/s: no aircraft flies all its reports so low and so fast
 WEAKEST = 5.0  # m/s: standard deviation of reference winds by which a scale is judged
 MOST_TOGETHER = 30  # aircraft whose reports are compared with each other's reference winds
-SHIFT, _MOST_SHIFTS = 3.0, 4  # h: steps of the clock error that is looked for
+SHIFT, _MOST_SHIFTS = 3.0, 4  # h: steps of the clock errors that are tested
 FEWEST_DAYS, CLOCK_RATIO = 8, 1.2
 FLEET_MEAN, SCATTER = 1.0, 0.7
 """Degrees: standard deviation of the mean compass offset of a fleet, and scatter between its
 aircraft: in Mode-S data of 27 types (de Haan 2016, KNMI) mean and scatter."""
-EVIDENCE = float(np.log(100.0))  # log odds from which on another kind of heading is stated
+EVIDENCE = float(np.log(100.0))  # log odds above which another kind of heading is stated
 _VECTORS = {
     "wind": ("eastward_wind", "northward_wind"),
     "reference": ("reference_eastward_wind", "reference_northward_wind"),
@@ -146,7 +146,7 @@ _TEMPERATURE_MISTAKES: dict[str, Callable[[Array], Array]] = {
     ),
     "minus signs missing": lambda kelvin: ZERO_CELSIUS - np.abs(kelvin - ZERO_CELSIUS),
 }
-# Of an angle in degrees: what it would be without the mistake.
+# From an angle in degrees with the mistake to the angle without it.
 _ANGLE_MISTAKES: dict[str, Callable[[Array], Array]] = {
     "values in radians read as degrees": np.degrees,
     "values in grads read as degrees": lambda angle: 0.9 * angle,
@@ -405,7 +405,7 @@ def _level_findings(sample: Sample) -> list[Finding]:
     altitude, kelvin = _finite(sample["pressure_altitude"], sample["air_temperature"])
     if altitude.size:
         return _against_standard_atmosphere(altitude, kelvin)
-    # Wrong levels may lie outside the reference's, which leaves the ground speed.
+    # Wrong levels may lie outside those of the reference; the ground speed is then used.
     air = sample["ground"] - sample["reference"]
     speed = np.abs(np.where(np.isnan(air), sample["ground"], air))
     altitude, speed = _finite(sample["pressure_altitude"], speed)
@@ -484,7 +484,7 @@ def _scaled(quantity: str, factor: float) -> Finding:
 
 
 def _reported_ground(sample: Sample) -> Complex:
-    """Ground velocity as reported, in rows whose wind is derived from it; as derived without."""
+    """Ground velocity of rows with derived winds, else NaN; as in the sample if there are none."""
     derived = _derived(sample)
     if not derived.any():
         return np.asarray(sample["ground"])
@@ -505,7 +505,7 @@ def _ground_findings(sample: Sample) -> list[Finding]:
 
 
 def _angle_findings(quantity: str, angle: Array, expected: Array, *, curve: bool) -> list[Finding]:
-    """Angles (degrees) that agree with what is expected of them under a mistake alone."""
+    """Findings for angles (degrees) that agree with the expected ones only under a mistake."""
 
     def apart(angle: Array) -> float:
         difference = wrap_degrees(angle - expected)
@@ -613,7 +613,7 @@ def _wind_findings(sample: Sample) -> list[Finding]:
 
 
 def _wind_speed_by_ground_speed(sample: Sample) -> list[Finding]:
-    """Wrong unit of the wind speed where the reference is of another level."""
+    """Wrong unit of the wind speed where altitudes, and thus the reference, are wrong."""
     ground = np.where(np.abs(sample["ground"]) > 20.0, sample["ground"], np.nan)
     wind, ground, altitude, flight = _finite(
         sample["wind"], ground, sample["pressure_altitude"], sample["flight"]
@@ -633,7 +633,7 @@ def _wind_speed_by_ground_speed(sample: Sample) -> list[Finding]:
 
 
 def _less_deviation(wind: Complex, reference: Complex, ground: Complex) -> Complex:
-    """Winds without what a deviation of the compass explains of their difference."""
+    """Winds after removal of a deviation curve fitted to their difference."""
     air = ground - wind
     heading = _direction(air)
     error = wrap_degrees(heading - _direction(ground - reference))
@@ -658,7 +658,7 @@ def _wind_directions(wind: Complex, reference: Complex, ground: Complex) -> list
     of_reference = _direction(-reference) % 360.0
     share = float(np.mean((of_reference < low - 20.0) | (of_reference > high + 20.0)))
     inside = (of_reference >= low) & (of_reference <= high)
-    # Inside winds agree; a mistake of the direction leaves the speeds as they are.
+    # Inside that part winds agree; a mistake of the direction does not change the speeds.
     scale = float(np.sqrt(np.mean(speed**2) / np.mean(np.abs(reference) ** 2)))
     if share < 0.15 or high - low > 270.0 or not 0.8 <= scale <= 1.25:
         return []
@@ -673,7 +673,7 @@ def _wind_directions(wind: Complex, reference: Complex, ground: Complex) -> list
 
 
 def _scale(ours: Array, theirs: Array, flight: Array) -> float:
-    """Scale of our winds by their components along the ground velocity; 0 where it may be one."""
+    """Scale of the reported winds along the ground velocity; 0 where it may be one."""
     ours, theirs = ours - ours.mean(), theirs - theirs.mean()
     if np.std(theirs) < WEAKEST or not np.any(ours):
         return 0.0

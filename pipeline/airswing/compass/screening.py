@@ -1,9 +1,9 @@
 """Screening: which reports the fit may use, as flag bits, and what each rule removed.
 
-Headings of `airswing.compass.headings`. Every rule is applied by itself and sets one bit: a report
-may carry several and is kept where it carries none. An absent value breaks only the rule about its
-absence: a missing roll flag is no bad roll flag unless the policy says so, and the end of a flight,
-where no turn can be computed, is no turn.
+Headings of `airswing.compass.headings`. Every rule is applied independently and sets one bit; a
+report without any bit is kept. A missing value violates only the rule about missing values: a
+missing roll flag is not a bad one unless the policy says so, and the end of a flight, where no turn
+can be computed, is not a turn.
 
 Screening on the residual itself attenuates every deviation that is fitted afterwards. The gross
 error rule is therefore loose: 40 m/s or a third of the airspeed (a deviation of 19 degrees),

@@ -1,8 +1,8 @@
 """Functions over ragged Datasets in blocks of whole aircraft, lazy where the Dataset is.
 
 Assumes contiguous ragged reports: those of one aircraft are consecutive, ``row_size`` counts them.
-The functions that are mapped look at one aircraft at a time, so that their result does not depend
-on the blocks. Blocks of a dask-backed Dataset are about as long as its chunks, moved to the borders
+The mapped functions process one aircraft at a time, so that their result does not depend on the
+blocks. Blocks of a dask-backed Dataset are about as long as its chunks, moved to the borders
 between aircraft. Where ``row_size`` itself is a dask array, the borders are not known without
 computing it; the Dataset is then one block.
 """

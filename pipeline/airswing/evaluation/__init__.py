@@ -20,7 +20,7 @@ The function that makes it documents the keys.
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Products of the evaluation; None is what the configuration does not allow."""
+    """Products of the evaluation; None where the configuration does not allow one."""
 
     profiles: xr.Dataset | None = None  # ``error_profiles.nc``
     observation_errors: xr.Dataset | None = None  # ``observation_errors.nc``

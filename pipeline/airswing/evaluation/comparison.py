@@ -48,7 +48,7 @@ Mask = NDArray[np.bool_]
 Columns = dict[str, NDArray[Any]]
 
 SIGNIFICANCE = 0.02
-"""Of each of the two tests, curves and winds: equal references pass both in 95 % of cases."""
+"""Level of each of the two tests, curves and winds: equal references pass both in 95 % of cases."""
 CURVE_RMS_DEG, REGION_BIAS = 0.2, 0.4
 """Degrees and m/s: a smaller difference does not matter, however significant it is."""
 NAMES = ("A", "B", "C", "D", "E")
@@ -56,7 +56,7 @@ COMPONENTS = ("eastward", "northward")
 REGIONS = 9
 """Thirds of the reports by latitude, and of each by longitude."""
 FEWEST_REPORTS, FEWEST_DAYS = 50, 10
-"""Below these an aircraft has no difference: eight coefficients leave no scatter to so few days."""
+"""Fewest for the difference of an aircraft: with fewer days eight coefficients fit the scatter."""
 FEWEST_OF_SLICE, FEWEST_OF_HAT = 500, 100
 """Fewest reports of a slice that is tested, and of a three-cornered hat."""
 _LAG = 3  # days that a weather situation, and with it a model's error, lasts
@@ -265,7 +265,7 @@ class PairSums:
         self.squares = np.zeros(self.days)  # halved squares of the difference, m2/s2
 
     def add(self, rows: Columns, chosen: Mask, aircraft: int | None = None) -> None:
-        """Add the chosen reports of one aircraft; its number where its difference is wanted."""
+        """Add the chosen reports of one aircraft; ``aircraft`` also requests its difference."""
         if not chosen.any():
             return
         du, dv = (rows[f"wind {self.one}"] - rows[f"wind {self.two}"])[:, chosen]
@@ -300,7 +300,7 @@ def common_equations(equations: Floats) -> Floats:
     """Equations (day, 5, 6) of A to E alone, from those of one aircraft, (day, 8, 9).
 
     The airspeed scale and the bias are eliminated. The equations of all aircraft add up, day by
-    day: what an aircraft cannot determine (few reports, few headings) has no weight in the sum.
+    day: parameters that an aircraft cannot determine (few reports, few headings) have no weight.
     """
     total = equations.sum(axis=0)
     rest = np.linalg.pinv(total[5:, 5:-1], hermitian=True) @ total[5:]
@@ -370,8 +370,8 @@ def regional_bias(sums: Floats) -> list[Content]:
     seen = np.flatnonzero(number.any(axis=0))
     block = np.zeros(number.shape[1], dtype=np.int64)
     if seen.size:
-        # five days outlast the weather's memory; under six blocks Student's quantile is wide, and
-        # beyond twelve it is hardly narrower
+        # five days exceed the persistence of the weather; under six blocks Student's quantile is
+        # wide, and beyond twelve it is hardly narrower
         length = int(np.ptp(seen)) + 1
         block[seen] = (seen - seen[0]) * int(np.clip(length // 5, 6, 12)) // length
     found: list[Content] = []

@@ -3,22 +3,22 @@
 *Neighbours.* Two aircraft that meet see the same error of the reference and the same weather. Half
 the mean squared difference of two neighbours' differences from the reference, extrapolated to zero
 separation, is the error variance of the reports (the intercept of Hollingsworth & Loennberg 1986,
-Tellus 38A, 111-136, as a variogram, in which what differs from region to region cancels). Errors of
+Tellus 38A, 111-136, as a variogram, in which differences between regions cancel). Errors of
 different aircraft are taken as independent; motion of the air on scales below the nearest pairs
 counts as error of the reports.
 
 The expected half square of a pair is the mean of both reports' error variances (of the cell, phase
 of flight and layer, plus that of the aircraft's class) plus the difference of the reference's
-errors at that separation, proportional to the disagreement of both cells. All of it is linear,
-fitted with weights by days, and drawn again over blocks of days. Cells weigh as reports do.
+errors at that separation, proportional to the disagreement of both cells. This linear model is
+fitted by weighted least squares for each bootstrap draw of days. Cells weigh as reports do.
 
-*Reported winds.* Their error variance exceeds that of the corrected winds by the mean square of
-what the correction changed, c (reported minus corrected), which is known exactly, plus twice the
-mean of c d, d being the corrected wind's disagreement. The mean of c d contains what c has in
-common with the error of the corrected wind, which belongs to it, and with the reference's error,
-which does not: the error of the estimate. Neither days nor aircraft are independent, and its
-variance is that of both clusters less that of their intersection (Cameron, Gelbach & Miller 2011,
-J. Bus. Econ. Stat. 29, 238-249), for this fleet in this archive.
+*Reported winds.* Their error variance exceeds that of the corrected winds by the mean square of the
+correction c (reported minus corrected), which is known exactly, plus twice the mean of c d, d being
+the corrected wind's disagreement. The mean of c d contains the covariance of c with the error of
+the corrected wind, which is wanted, and with the reference's error, which is the error of the
+estimate. Neither days nor aircraft are independent, and its variance is that of both clusters less
+that of their intersection (Cameron, Gelbach & Miller 2011, J. Bus. Econ. Stat. 29, 238-249), for
+this fleet in this archive.
 
 Plain arrays, SI units, degrees for places, seconds for time; variances in m2/s2.
 """
@@ -40,9 +40,9 @@ REACH = (30_000.0, 0.06, 1350.0)
 """Separation beyond which a pair is no longer near: m, ln p, s."""
 FEWEST_PAIRS, FEWEST_OF_CELL, FEWEST_DAYS = 400, 150, 8
 """Below these the parts of the error cannot be separated."""
-_MOST_AT_ONCE = 20_000  # reports of a day; of more, some are drawn
+_MOST_AT_ONCE = 20_000  # reports of a day; more are thinned at random
 _TERMS = 4  # of the reference's error with separation
-_BINS = 8  # of separation, in which the scatter of half squares is taken as one
+_BINS = 8  # classes of separation, each with one variance of half squares
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class PairTable:
 
 @dataclass(frozen=True)
 class Separated:
-    """Error variances, the first as estimated, the others with days drawn again."""
+    """Error variances: the estimate first, then those of the bootstrap draws of days."""
 
     by_cell: Floats  # (1 + draw, cell): cells with too few pairs have one value in common
     by_class: Floats  # (1 + draw, class)
@@ -109,7 +109,7 @@ def separate(
     """
     if table.day.size < FEWEST_PAIRS or np.unique(table.day).size < FEWEST_DAYS:
         return None
-    # a pair has two ends
+    # each pair counts in the cells of both its reports
     resolved = np.bincount(table.cells.ravel(), minlength=len(number)) >= 2 * FEWEST_OF_CELL
     column = np.where(resolved, np.cumsum(resolved) - 1, int(resolved.sum()))
     cells, classes = int(column.max()) + 1, number.shape[1]

@@ -64,7 +64,7 @@ class DaySums:
     count: Floats  # (aircraft, day)
     total: Floats  # (aircraft, day): kt
     corrected: NDArray[np.bool_]  # (aircraft,)
-    during: NDArray[np.bool_]  # (day,): whether the day is of the test
+    during: NDArray[np.bool_]  # (day,): whether the day is in the test
 
     def means(self, weights: Floats) -> Floats:
         """Mean disagreement (draw, group, window) with days weighted (draw, day).
@@ -84,7 +84,7 @@ class DaySums:
         return [ratio(self.total[:, days].sum(1), self.count[:, days].sum(1)) for days in periods]
 
     def bootstrap(self, *, draws: int, seed: int) -> Floats:
-        """Draw the means again, whole days within each window: (draw, group, window)."""
+        """Bootstrap the means over days within each window: (draw, group, window)."""
         weights = np.ones((draws, self.during.size))
         for k, days in enumerate((~self.during, self.during)):
             # days are independent units
@@ -274,7 +274,7 @@ def _checks(sums: DaySums, names: NDArray[np.str_], *, draws: int, seed: int) ->
     )
     matched: Content = {"adjusted_reduction_kt": None}
     if group.any() and not group.all():
-        # of each corrected aircraft and the control nearest to it before the test
+        # pair each corrected aircraft with the control of the nearest disagreement before the test
         apart, change = np.abs(first[group][:, np.newaxis] - first[~group]), first - second
         less = change[group] - change[~group][apart.argmin(axis=1)]
         matched["adjusted_reduction_kt"] = float(less.mean())
@@ -306,7 +306,7 @@ def _checks(sums: DaySums, names: NDArray[np.str_], *, draws: int, seed: int) ->
 
 
 def regression_to_the_mean(sums: DaySums) -> Content:
-    """Choose the worst aircraft in the first half of the window before, follow the second half.
+    """Spurious reduction of the aircraft that are worst in the first half of the window before.
 
     None and ``why`` where there are too few.
     """
@@ -343,7 +343,7 @@ def require_aircraft(names: NDArray[np.str_], chosen: list[str], field: str) -> 
 def _required_flags(
     headings: xr.Dataset, *, roll: str, temperature_qc: str
 ) -> tuple[list[tuple[str, tuple[int, bool]]], list[str]]:
-    """Flags with the code asked for and whether it must be or must not be; and notes."""
+    """Flags with a code and whether it is required or rejected; and notes."""
     rules, notes = [], []
     for name, policy, codes, good, bad in (
         ("roll_flag", roll, ROLL, "good", "bad"),

@@ -54,7 +54,7 @@ from airswing.products.ragged import row_bounds, time_span
 from airswing.units import KNOT
 
 MOST_REPORTS = 1500
-"""Reports of an aircraft that the interval is drawn over; the gain itself uses all."""
+"""Most reports of an aircraft used for the interval; the gain itself uses all."""
 DRAWS = 300
 
 
@@ -105,7 +105,7 @@ def expected_gain(
     sums = cluster_sums(gains - gains.mean(), np.zeros(gains.size, np.int64), day, 1)
     by_day = float(clustered_mean(sums)[1][0])
     sampled = np.random.default_rng([seed, 1]).standard_normal(draws)
-    # the optimism is an expectation: how far this curve is off is known to half of it only
+    # the optimism is an expectation: its standard error for this curve is taken as half of it
     wide = np.hypot(by_day, optimism / 2.0) if np.isfinite(by_day) else np.inf
     return float(lengths[0].mean()), gain, gain + drawn - drawn.mean() + wide * sampled
 
@@ -221,7 +221,7 @@ class TableOptions(FitOptions, total=False):
 
 
 def only(headings: xr.Dataset, chosen: Mask) -> xr.Dataset:
-    """The same headings, the other reports marked ``no_reference`` so that no fit uses them."""
+    """Headings with all other reports marked ``no_reference``, so that no fit uses them."""
     screening = headings["screening"].to_numpy()
     marked = np.where(chosen, screening, screening | SCREENING["no_reference"])
     return headings.assign(screening=("report", marked.astype(screening.dtype)))
@@ -259,9 +259,8 @@ def virtual_field_test(
     Parameters
     ----------
     headings : Dataset
-        Screened headings; of a part of them, as :func:`only` marks it.
-    learned_until : date
-        Reports before it are learned from, reports from it on are used for the comparison.
+        Screened headings; a subset is marked by :func:`only`. learned_until : date
+        Reports before it give the corrections, reports from it on are used for the comparison.
     pools, reference : mapping of str to list of str, str
         Members of each reference and pool; the one of them that is used.
     corrected : list of str, optional
@@ -326,7 +325,7 @@ def virtual_field_test(
         if not number.all():
             continue
         level, uncorrected = (before / number).tolist()
-        # controls stay as reported, though they have a fit too
+        # controls remain as reported, although they also have fits
         during = float(after[1] / number[1]) if group == "corrected" else uncorrected
         groups[group] = {
             "aircraft": int(member.sum()),
@@ -477,7 +476,7 @@ class _DaySums:
     """Reports and their summed disagreement by aircraft and day, (aircraft, day); knots."""
 
     first: int  # day since 1970
-    correctable: Mask  # (aircraft,): there is a table that the unit would use
+    correctable: Mask  # (aircraft,): whether the aircraft has a table
     number: Floats
     before: Floats
     after: list[Floats]  # as corrected; as reported where an aircraft has no table
@@ -486,7 +485,7 @@ class _DaySums:
 def _sum_by_day(
     headings: xr.Dataset, members: list[str], fit: xr.Dataset, tables: Sequence[Floats]
 ) -> _DaySums:
-    """Sum the disagreement as reported and as corrected by each of some sets of tables.
+    """Sum the disagreement as reported and as corrected by each set of tables.
 
     A set of tables, (part, aircraft, node) in degrees of heading error, has one part, or one for
     each part of the days that are held out.

@@ -1,11 +1,11 @@
 """Innovations (observation minus reference): error profiles, and statistics by aircraft.
 
-By phase of flight and layer of pressure, as reported and as corrected; the errors of the reference
-are contained. A pool is the mean of its members. *Error profiles* are rms over the fleet, with
-standard errors clustered by flight, whose reports have the model's error in common. *Statistics*
-are bias, standard deviation and root mean square (for example Drüe et al. 2008, Q. J. R. Meteorol.
-Soc. 134, 229-239); every report counts alike, and a standard error from the count would be too
-small. Directions are taken the shorter way round. m/s, degrees.
+Both are given by phase of flight and pressure layer, as reported and as corrected; they include the
+errors of the reference. A pool is the mean of its members. *Error profiles* are rms over the fleet,
+with standard errors clustered by flight, because reports of one flight share the model's error.
+*Statistics* are bias, standard deviation and root mean square (for example Drüe et al. 2008, Q. J.
+R. Meteorol. Soc. 134, 229-239); all reports have equal weight, and a standard error from their
+number would be too small. Differences of direction are between -180 and 180 degrees. m/s, degrees.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
 """The standard error of a wind component of the reports alone: ``observation_errors.nc``.
 
-*Separation*: what neighbouring aircraft have in common belongs to the reference
-(:mod:`airswing.evaluation.error_separation`). One reference suffices; different aircraft must meet.
-An error common to all aircraft, and motion on scales below their distance, cannot be separated.
+*Separation*: the common part of neighbouring aircraft's errors is attributed to the reference
+(:mod:`airswing.evaluation.error_separation`). One reference suffices; reports of different aircraft
+must be near each other. An error common to all aircraft, and motion on scales below their distance,
+cannot be separated.
 
 *Three-cornered hat*: with two references the mean product of a report's two disagreements is the
 report's error variance plus the covariance of the references' errors (Gray & Allan 1974). With that
@@ -10,7 +11,7 @@ covariance assumed (0 by default) it is an upper bound wherever the errors of th
 correlated, as those of models that assimilate the same observations are. The covariance is
 estimated too: the hat's variance less that of the separation.
 
-Both use the corrected winds; the variance of the reported winds follows from what was changed. The
+Both use the corrected winds; the variance of the reported winds follows from the corrections. The
 preferred method is the separation; it is the hat where no interval of the separation is known, or
 where the covariance is not significant and the interval of the hat is the narrower one. Intervals
 (95 %) are a bootstrap over blocks of days, of the reported winds over aircraft too.
@@ -55,13 +56,13 @@ from airswing.flags import CORRECTION, PHASE
 METHODS = ("separation", "three_cornered_hat")
 FLIGHT_PHASES = ("all", "ascent", "cruise", "descent")
 DRAWS = 400
-"""Either end of a 95 % interval rests on ten draws."""
+"""Ten draws lie beyond either end of a 95 % interval."""
 FEWEST_REPORTS = 100
-"""Of a cell, below which the hat has no value for it."""
+"""Fewest of a cell for a value of the hat."""
 KNOWN_SHARE = 0.8
 """Share of a layer's reports in cells with a value, below which the layer has none."""
 MOST_REPORTS, MOST_PAIRS, MOST_CLASSES = 1_000_000, 800_000, 40
-"""Used at most, so that years take no more memory than months."""
+"""Most that are used, so that years take no more memory than months."""
 USED = {
     # pressures, hPa, and errors of a component, m/s; WRFDA: var/obsproc/obserr.txt of WRF 4.7.1
     "wrfda_tamdar": (
@@ -90,9 +91,9 @@ class Disagreements:
     days: NDArray[np.datetime64]  # (day,)
     number: int  # of aircraft
     # by aircraft, day and cell: ``number`` of reports; summed squares, ``reported`` and
-    # ``corrected`` of the disagreement, ``change`` of c, what the correction changed, all three
-    # means of both components; ``crossed``: summed products of c and the corrected disagreement,
-    # both components; and of the disagreements with two references, by their places
+    # ``corrected`` of the disagreement, ``change`` of the correction c, all three means of both
+    # components; ``crossed``: summed products of c and the corrected disagreement, both components;
+    # and of the disagreements with two references, by their places
     sums: pd.DataFrame
     speeds: Floats  # (layer, speed class): reports
     # the reports that are paired, of whole days; ``east`` and ``north``: disagreement of the
@@ -124,7 +125,7 @@ def disagreements(
     time = headings["time"].to_numpy()
     days = np.unique(time[~np.isnat(time)].astype("datetime64[D]"))
     stride = -(-headings.sizes["report"] // MOST_REPORTS)
-    stride += stride > 1 and stride % 7 == 0  # else one day of the week would represent all
+    stride += stride > 1 and stride % 7 == 0  # otherwise one day of the week would represent all
     sums, kept = [], []
     speeds = np.zeros((CELLS, _SPEED_BINS))
     # a pool and its members may have the same name
@@ -246,7 +247,7 @@ def observation_errors(
         found.sums[name].to_numpy() for name in ("number", "change", "crossed")
     )
     added = added_variance(key, of_key, change, crossed, weights, cells=CELLS, seed=seed)
-    # of different references the pair with the smallest mean product of disagreements
+    # use the pair of references with the smallest mean product of disagreements
     pairs = [name for name in found.sums if isinstance(name, tuple) and len(found.sums)]
     hat_pair = min(pairs, key=lambda pair: found.sums[pair].sum(), default=None)
     # Variances of corrected winds by cell and of the fleet, (draw, cell) and (draw,), by method;
@@ -324,7 +325,7 @@ def _separation(
         return None
     flown = found.by("aircraft", "cell", "number")
     squares = np.stack([found.by("aircraft", "day", state) for state in STATES])
-    # Aircraft of a similar disagreement are a class; each is one while there are few.
+    # Aircraft of similar disagreement form a class; in a small fleet each is a class.
     disagreement = squares[-1].sum(axis=1) / np.maximum(flown.sum(axis=1), 1.0)
     order, classes = np.argsort(disagreement, kind="stable"), np.empty(found.number, np.int64)
     count = min(MOST_CLASSES, found.number)

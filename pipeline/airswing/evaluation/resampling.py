@@ -1,8 +1,8 @@
 """Resampling of days, standard errors of clusters, and the permutation test.
 
-*Bootstrap* of functions of sums over days, of which neighbours may be correlated (weather lasts):
-blocks of successive days are drawn with replacement from the circle of all days (Politis & Romano
-1992; Kuensch 1989, Ann. Stat. 17, 1217-1241). Valid from about ten days; one day has no spread.
+*Bootstrap* of functions of sums over days, which may be correlated with their neighbours: blocks of
+successive days are drawn with replacement from the circle of all days (Politis & Romano 1992;
+Kuensch 1989, Ann. Stat. 17, 1217-1241). Valid from about ten days; one day has no spread.
 
 *Clustered mean* of clusters (flights, days) that are independent of each other (Liang & Zeger 1986,
 Biometrika 73; Cameron & Miller 2015, J. Hum. Resour. 50, 317-372), from sums that add up over parts
@@ -34,8 +34,8 @@ def day_weights(days: int, *, draws: int, seed: int, length: int | None = None) 
     """How often each day is drawn by a bootstrap over blocks of days, (draw, day), mean 1.
 
     A block has the cube root of the number of days by default, 1 for independent days. The distance
-    from 1 is stretched by sqrt(m / (m - 1)), m the blocks of a draw, as drawing m of m again has a
-    variance too small by that much.
+    from 1 is stretched by sqrt(m / (m - 1)), m the blocks of a draw, because drawing m of m with
+    replacement has a variance smaller by that factor squared.
     """
     length = block_length(days) if length is None else length
     number = -(-days // length)
@@ -151,6 +151,6 @@ def permutation_test(
         shuffled = rng.permuted(np.tile(outcome - fitted, (rows, 1)), axis=1)
         parts.append(statistics(fitted + shuffled))
     effects, t = np.concatenate(parts, axis=1)
-    # draws that change nothing count as large, whatever the rounding
+    # draws that change nothing count as large, irrespective of rounding
     p_value = (1.0 + (t[1:] >= t[0] * (1 - 1e-12)).sum()) / (draws + 1.0)
     return float(effects[0]), float(p_value), effects[1:]

@@ -34,7 +34,7 @@ from airswing.products.whole_files import write_text
 LEVELS = (10, 20, 30, 40, 50, *range(100, 1101, 50))  # hPa of the values of a wind table
 FILE_NAME = "obserr.txt"
 GROSS_CHECK = 5.0  # errors beyond which WRFDA rejects a component (``max_error_uv``)
-LARGEST_ANGLE = 90.0  # degrees; a direction error of that size says that nothing is known
+LARGEST_ANGLE = 90.0  # degrees; a direction error of that size means an unknown direction
 _SECTION = re.compile(r"\b(\w+)\s+SENSOR ERRORS")
 _ROW = re.compile(r"((?:\s*-?\d+\.\d*){7})(\s*)(.*)", re.DOTALL)
 _A_LINE, _LINES = 7, 4  # numbers in a line, lines of a type of report

@@ -5,11 +5,12 @@ columns 1-8 are an identifier, columns 11, 13 and 15 hold ``T``, ``W`` and ``R``
 wind and humidity are rejected, columns 22-29 are a second (MDCRS) identifier. The rest of a line
 and the criteria in the header, such as ``bias_DIR > 7`` (m/s, degrees), are for people.
 
-An aircraft loses its ``W`` when every reason of its entry is a criterion of wind with a limit in
-the header and its corrected winds meet all criteria of wind on `FEWEST` reports or more; with no
-``T`` or ``R`` left its line goes. All other lines are unchanged byte for byte. Statistics are of
-report minus reference: speed (``S``), direction (``DIR``, where the reference blows at 5 m/s or
-more) and length of the vector difference (``W``). Identifiers are compared without leading zeros.
+The ``W`` of an aircraft is removed when every reason of its entry is a criterion of wind with a
+limit in the header and its corrected winds meet all criteria of wind on `FEWEST` reports or more;
+without ``T`` and ``R`` its line is removed. All other lines are unchanged byte for byte. Statistics
+are of report minus reference: speed (``S``), direction (``DIR``, where the reference blows at 5 m/s
+or more) and length of the vector difference (``W``). Identifiers are compared without leading
+zeros.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ from airswing.products.whole_files import atomic
 FILE_NAME = "current_bad_aircraft"
 HEADER_LINES = 16  # that GSI skips, whatever they hold
 FEWEST = 200
-"""Reports below which an aircraft is not judged; the least that real lists name."""
+"""Fewest reports for a decision on an aircraft; the smallest number in real lists."""
 LARGEST_LIST = 500
 """Identifiers that GSI's lists hold; the number is not tested for winds."""
 WIND_CRITERIA = ("bias_S", "std_S", "bias_DIR", "std_DIR", "std_W", "rms_W")
@@ -149,12 +150,12 @@ def write_reject_list(request: Request) -> dict[str, Any]:
 def _verdict(
     entry: Entry, judged: dict[str, Any] | None, criteria: dict[str, float]
 ) -> tuple[bool, str]:
-    """Whether the wind of an entry is accepted again, and why; None is not in the archive."""
+    """Whether the wind of an entry is accepted again, and why; None: not in the archive."""
     if judged is None:
         return False, "not in the archive"
     if judged["reports"] == 0:
         return False, "its winds could not be corrected"
-    # Reasons of temperature or humidity are answered by the flags T and R that remain.
+    # Reasons of temperature or humidity are covered by the flags T and R, which remain.
     others = "T" in entry.flags or "R" in entry.flags
     unanswered = [
         name

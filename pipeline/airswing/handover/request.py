@@ -1,4 +1,4 @@
-"""What every format of an export takes, and the other products of the run that some need."""
+"""Arguments of every export format, and the other products of the run that some formats need."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ ERRORS = "observation_errors.nc"
 
 @dataclass(frozen=True)
 class Request:
-    """Arguments of one export, as every format takes them."""
+    """Arguments of one export, common to all formats."""
 
     corrected: xr.Dataset  # corrected reports, in memory or opened lazily
     path: Path  # file or folder to write

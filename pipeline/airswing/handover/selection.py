@@ -1,10 +1,10 @@
 """Reports that are exported, joined soundings, and identifiers and platforms of the aircraft.
 
 A report is exported when every screening rule let it pass, except the rules the configuration
-accepts (by default ``phase`` and ``field_test``). Reports without a model wind could not be checked
-for gross errors and are left out, and of corrected winds those without a correction or with a
-constant alone. The platform comes from the configuration, else from the reports, else it is TAMDAR;
-the code after ``FM-`` decides how a reader treats a report.
+accepts (by default ``phase`` and ``field_test``). Reports without a model wind are omitted, because
+they could not be checked for gross errors; for corrected winds also reports without a correction or
+corrected by a constant only. The platform comes from the configuration, else from the reports, else
+it is TAMDAR; the code after ``FM-`` decides how a reader treats a report.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ _LARGEST_NUMBER = 99_999  # WRFDA's bias correction reads identifiers as five-di
 
 @dataclass
 class Selected:
-    """Reports to export, and counts of those left out or moved."""
+    """Reports to export, and counts of those omitted or moved."""
 
     rows: Rows  # of `ROW`
     order: NDArray[np.int64]  # of the rows by time, report and descending pressure
@@ -224,7 +224,7 @@ def _join_soundings(
     order = np.lexsort((np.arange(rows.size), -rows["pressure"], run))
     members, run = order, run[order]
     step = -np.diff(rows["pressure"][members])
-    # Of levels too near to each other the earlier report keeps the level.
+    # If levels are too close to each other, the earlier report keeps the level.
     repeated = np.r_[False, (np.diff(run) == 0) & (step < _LEAST_STEP)]
     members, run = members[~repeated], run[~repeated]
     pressure = rows["pressure"][members]

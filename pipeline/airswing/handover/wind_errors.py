@@ -124,7 +124,7 @@ class WindErrors:
         return np.asarray(np.sqrt(np.where(np.isnan(base), table, bounded(base, excess))))
 
     def _cell(self, rows: Rows) -> NDArray[np.int64]:
-        # A report is in the layer above as many tops as its pressure does not exceed.
+        # The index of the layer is the number of layer tops at or below the report.
         layer = np.sum(rows["pressure"][:, np.newaxis] <= self._tops, axis=1)
         layer = np.minimum(layer, self._tops.size - 1)
         return np.asarray(rows["phase"] * np.int64(self._tops.size) + layer, dtype=np.int64)

@@ -1,8 +1,8 @@
 """From the fits of single aircraft to the published fits: the fleet, choice of cycles, status.
 
-Works on the sums that are kept of each aircraft, not on reports. Without the shared error of the
-reference, biases are pooled over the fleet (`airswing.compass.fit.pooling`) and errors are
-clustered by flight, enlarged where days scatter more. With it, the whole fleet is solved together
+Works on the sums of each aircraft, not on reports. Without the shared error of the reference,
+biases are pooled over the fleet (`airswing.compass.fit.pooling`) and errors are clustered by
+flight, enlarged where days scatter more. With it, the whole fleet is solved together
 (`airswing.compass.fleet.solution`) and errors are clustered by day. Where headings or flights do
 not allow a curve the constant alone is published: A, the other coefficients zero with the variance
 of cycles as large as the fleet's, without amplitude. Coefficients are NaN where nothing is
@@ -19,7 +19,7 @@ vector disagreement with the reference is a quadratic function of the coefficien
 part the fit has kept. The bias of the reference that goes with the published coefficients is
 removed before and after the correction, but no more of it than `MAX_BIAS`.
 
-* A mean difference from every reference beyond `IMPLAUSIBLE`, which no model's wind has:
+* A mean difference from every reference above `IMPLAUSIBLE`, too large for an error of a model:
   ``implausible_reports``.
 * A curve that is zero within its error (Wald's statistic below the 95 % quantile of chi-square):
   ``no_correction_needed``.
@@ -125,7 +125,7 @@ class Options:
 
 @dataclass
 class AircraftSums:
-    """Fit of one aircraft by itself, before the fleet."""
+    """Fit of a single aircraft, before the fit of the fleet."""
 
     reports: int
     flights: int
@@ -304,7 +304,7 @@ def _without_field(fits: list[AircraftFit], ratio: Array, options: Options) -> _
 def _without_days(fit: AircraftFit, covariance: Array) -> Array:
     """Change of A to E (FOLDS, 5) without each part of the days, from the influences of the days.
 
-    Influences are brought to the published covariance, which holds what the fleet knows.
+    Influences are scaled to the published covariance, which includes information from the fleet.
     """
     used = np.flatnonzero(np.diagonal(fit.day_covariance)[:COMPASS])
     influence = fit.day[:, used] @ _matched(fit.covariance, covariance, used)
@@ -315,7 +315,7 @@ def _without_days(fit: AircraftFit, covariance: Array) -> Array:
 
 
 def _matched(covariance: Array, other: Array, used: Index) -> Array:
-    """Matrix that brings influences of one covariance of some parameters to another."""
+    """Matrix that scales influences from one covariance of some parameters to another."""
     square = np.ix_(used, used)
     old, new = np.linalg.cholesky(covariance[square]), np.linalg.cholesky(other[square])
     return np.asarray(np.linalg.solve(old.T, new.T))
@@ -335,7 +335,7 @@ def _choice(
     normal: Array,
     options: Options,
 ) -> tuple[int, Array, Array]:
-    """Number of cycles, the map to the estimate with so many, and the covariance to add."""
+    """Number of cycles, the matrix that maps to the estimate with it, and the covariance to add."""
     keep, added = np.eye(theta.size), np.zeros_like(covariance)
     if fit.cycles == 1 or options.harmonics != "auto":
         return fit.cycles, keep, added
@@ -349,7 +349,7 @@ def _choice(
     keep[np.ix_(others, [3, 4])] = np.linalg.solve(
         normal[np.ix_(others, others)], normal[np.ix_(others, [3, 4])]
     )
-    # of A, B and C this is their possible bias plus noise; the positive part of Stein's factor
+    # for A, B and C the shift is possible bias plus noise; the positive part of Stein's factor
     # removes the noise
     shift = theta - keep @ theta
     added += (max(0.0, 1.0 - 2.0 / statistic) if statistic > 0 else 0.0) * np.outer(shift, shift)
@@ -407,7 +407,7 @@ def _publish_offsets(
 
 
 def _improves(table: _Table, k: int, fit: AircraftFit, theta: Array, covariance: Array) -> bool:
-    """Set status and residuals by the days held out; False where nothing is to be published."""
+    """Set status and residuals from held-out days; False where nothing is to be published."""
     from scipy.special import chdtri
 
     gain = _held_out_improvement(table, k, fit, theta, covariance)
@@ -462,7 +462,7 @@ def _held_out_improvement(
 
 
 def _bias(sums: HeldOut, theta: Array) -> Array:
-    """Mean difference from a reference that the deviation leaves, (2,), m s-1."""
+    """Mean difference from a reference after removal of the deviation, (2,), m s-1."""
     total = sums.offset.sum(axis=0) - theta @ sums.bias.sum(axis=0)
     return np.asarray(total / max(float(sums.weight.sum()), 1e-9))
 
@@ -477,7 +477,7 @@ def sinusoid(coefficients: Array, covariance: Array) -> tuple[Array, Array]:
     a, b, c = coefficients[:3]
     amplitude = float(np.hypot(b, c))
     square = covariance[1:3, 1:3]
-    # at zero amplitude no direction is given: the one with the largest variance
+    # at zero amplitude the direction is undefined: use that with the largest variance
     along = np.array([b, c]) / amplitude if amplitude > 0 else np.linalg.eigh(square)[1][:, -1]
     across = np.array([-along[1], along[0]])
     wide = NORMAL_95 * float(np.sqrt(max(float(across @ square @ across), 0.0)))

@@ -56,7 +56,7 @@ _PER_REFERENCE = ("heading_error", "airspeed_error", "heading_error_standard_err
 FITTED_FROM = (*_PER_REPORT, *_PER_REFERENCE, "row_size", "horizontal_field")
 """Variables a fit reads; the last one is optional."""
 BATCH_REPORTS = 500_000
-"""Reports of one batch of aircraft, where no single aircraft has more."""
+"""Most reports of a batch of aircraft, unless a single aircraft has more."""
 
 
 def fit_deviation(
@@ -76,8 +76,7 @@ def fit_deviation(
     pools : mapping of str to list of str, optional
         Name of a pool -> its references, fitted together.
     alone : bool
-        Also fit each reference by itself; without pools always.
-    **options
+        Also fit each reference separately (always done without pools). **options
         ``abscissa``, ``harmonics``, ``joint``, ``shared_error``, ``min_reports``,
         ``min_compass_points``: see :class:`airswing.compass.fit.acceptance.Options`.
 
@@ -113,7 +112,7 @@ def sum_aircraft(
     alone: bool = True,
     **options: Unpack[FitOptions],
 ) -> xr.DataArray:
-    """Fit each aircraft by itself: the part of :func:`fit_deviation` that reads reports.
+    """Fit each aircraft separately: the part of :func:`fit_deviation` that reads reports.
 
     The result (reference, aircraft) holds objects. That of an aircraft depends on its reports
     alone, so that parts of a fleet may be summed and concatenated for :func:`fit_sums`.
@@ -211,11 +210,11 @@ def _fit_batch(
 def _observations(
     columns: dict[str, NDArray[Any]], members: list[int], abscissa: str
 ) -> tuple[list[Reports], Index, Array, float]:
-    """Reports of one aircraft that count.
+    """Input of the kernel from the usable reports of one aircraft.
 
-    For each member ready for the kernel; the days (since 1970) on which the flights began; the
-    abscissa (radians) of those that count for any member; their mean horizontal field, nT, NaN
-    where none is known.
+    The reports usable for each member; the days (since 1970) on which the flights began; the
+    abscissa (radians) of the reports usable for any member; their mean horizontal field, nT, NaN
+    where unknown.
     """
     flight, time = columns["flight"], columns["time"]
     if np.any(flight[1:] < flight[:-1]):
@@ -272,7 +271,7 @@ def _fit_one(
     columns: dict[str, NDArray[Any]], members: list[int], options: Options
 ) -> AircraftSums:
     sets, flight_day, angle, field = _observations(columns, members, options.abscissa)
-    # compass points that three headings, or one in 500, are nearest to; fewer are turns or errors
+    # compass points with at least three headings and one in 500; fewer are turns or errors
     counts = np.bincount(np.rint(angle / (np.pi / 4)).astype(np.int64) % 8, minlength=8)
     points = int(np.count_nonzero(counts >= max(3.0, 0.002 * angle.size)))
     found = AircraftSums(angle.size, flight_day.size, points, None, STATUS["ok"], field)
@@ -284,7 +283,7 @@ def _fit_one(
         found.status = STATUS["poor_heading_coverage"]
     blocks = options.joint and options.shared_error
     fit = partial(fit_aircraft, sets, flight_day, joint=options.joint)
-    # also where no curve will be published: its condition number is
+    # also where no curve will be published, because its condition number is published
     if points >= 3 and flight_day.size >= 2 and angle.size >= 20:
         one = fit(harmonics=1 if options.harmonics == 1 else 2, with_blocks=blocks)
         if options.harmonics == "auto" and one and condition_number(one.normal, 2) > MAX_CONDITION:

@@ -12,10 +12,10 @@ The noise is added to V'_A and does not enter psi, m or V, so that least squares
 equation has no bias, however large delta is. Residuals are resolved along and across the fitted
 true heading, with a variance each. Each member of a pool has a bias and variances.
 
-Gauss-Newton steps with Tukey's weights of the standardised vector residual, so that gross errors
-have weight zero. The variances come from medians of the residuals, anew at each step until a step
-is below `LARGEST_STEP` clustered standard errors; further steps follow with these variances, until
-a step is as small again.
+The fit takes Gauss-Newton steps with Tukey's weights of the standardised vector residual: gross
+errors have weight zero. The variances are computed from medians of the residuals at each step until
+a step is below `LARGEST_STEP` clustered standard errors; they are then held fixed until a step is
+again as small.
 
 Clusters (flights, days) are independent of each other; nothing is assumed inside one. The parameter
 error is the sum over clusters of M s_g, M the inverse of the slope matrix and s_g the cluster's
@@ -57,7 +57,7 @@ ENOUGH = 2e-6
 FOLDS = 10
 """Parts of the days that are held out in turn."""
 MANY = 150
-"""Number of clusters from which on one common factor accounts for the leverage."""
+"""Least number of clusters for which one common factor accounts for the leverage."""
 
 
 @dataclass(frozen=True)
@@ -227,7 +227,7 @@ def robust_scatter(residual: Array, variance: Array) -> Scatter:
         part = min(max(float(above - np.median(cross)) / MEDIAN_CHI2 / spread, 0.0), 1.0)
         known = part * small
     along_total, cross_total = (float(np.median(each)) / MEDIAN_CHI2 for each in (along, cross))
-    # the known variance may be overstated: a tenth at least is left to the wind
+    # the known variance may be overstated: at least a tenth is attributed to the wind
     return Scatter(
         max(along_total - known, 0.1 * along_total, 1e-6),
         max(cross_total - known, 0.1 * cross_total, 1e-6),
@@ -291,7 +291,7 @@ def fit_aircraft(
         # slope of the robust score over the mean weight (Huber): about 0.8 for normal errors; near
         # zero or negative where almost all residuals are gross
         kappa = max(sum(one.slope for one in passes) / total, 0.2) if total else 1.0
-        # at a distance from the solution most weights are zero, and the step would be too long
+        # far from the solution most weights are zero, and the step would be too long
         step = solve(normal[square], score[free]) / (kappa if held else max(kappa, 0.6))
         half = solve(normal[square], scores[:, free].T @ scores[:, free])
         spread = np.sqrt(np.maximum(np.diagonal(solve(normal[square], half.T)), 0.0)) / kappa
@@ -312,7 +312,7 @@ def fit_aircraft(
             each = np.einsum("kin,kjn->nij", one.weighted, one.design, optimize=False)
             every[:, place[:, np.newaxis], place] += group_sums(each, one.reports.flight, flights)
         normals = every[:, free[:, np.newaxis], free]
-    # at the solution the scores add up to zero but for the last step
+    # at the solution the scores add up to zero except for the last step
     centred = scores[:, free] - scores[:, free].mean(axis=0)
     root = inverse_root(normal[square])
     by_flight, by_day = np.zeros((flights, size)), np.zeros((day_number.size, size))

@@ -1,13 +1,13 @@
-"""What the fits of single aircraft learn from the fleet: bias of the reference, and constants.
+"""Fleet estimates for the fits of single aircraft: bias of the reference, and constants.
 
 *Partial pooling of the bias.* The reference bias b of an aircraft is the fleet's mean mu plus a
 part of the aircraft (its network's region, levels and hours), normal with variance tau^2 a
 component. tau is averaged over its restricted likelihood with a flat prior, which does not collapse
 to zero in a small fleet. The second pass is closed-form on the first one's normal equations:
-theta + Cov(theta, b) (Cov(b) + tau^2)^-1 (mu - b), so knowing b better sharpens B and C. Flights
-are independent except that those of a day share the model's error. Both sandwiches use every
-aircraft's influence on the final estimate (mu included); the one by flight is enlarged by the
-fleet's mean ratio of day to flight variance, parameter by parameter, where that exceeds one,
+theta + Cov(theta, b) (Cov(b) + tau^2)^-1 (mu - b), so that a smaller error of b reduces those of B
+and C. Flights are independent except that those of a day share the model's error. Both sandwiches
+use every aircraft's influence on the final estimate (mu included); the one by flight is enlarged by
+the fleet's mean ratio of day to flight variance, parameter by parameter, where that exceeds one,
 because a single aircraft's days are too few to estimate it.
 
 *One constant* for an aircraft whose headings or flights do not allow a curve: psi_err = A over the
@@ -46,21 +46,20 @@ TAU_GRID = np.linspace(0.0, 3.0, 61)
 FIRST_BIAS = COMPASS + 1
 _BIASES, _CYCLES = slice(FIRST_BIAS, None), slice(1, COMPASS)  # in theta
 MIN_FLIGHTS = 5
-"""Flights below which the clusters are stretches within flights."""
+"""Number of flights below which the clusters are stretches within flights."""
 STRETCH = 120
 """Seconds of a cluster within a flight where there are too few flights."""
 FEWEST_CURVES = 3
-"""Aircraft with curves from which the size of the cycles is estimated."""
+"""Fewest aircraft with curves from which the size of the cycles is estimated."""
 USUAL_CYCLE = (np.radians(3.0), np.radians(1.0))
 """Radians: rms amplitude of one and of two cycles in the sample fleets and published tables."""
 FEWEST_AIRCRAFT = 6
-"""Aircraft from whose along-track errors the scatter of the reference's bias is estimated."""
+"""Fewest aircraft whose along-track errors give the scatter of the reference's bias."""
 USUAL_BIAS = 0.5
 """m/s: scatter of the reference's bias between aircraft where it cannot be estimated."""
 HALVES_APART, HALVES_CHI2 = np.radians(1.0), 18.7
-"""Difference between the halves of the period, and its chi-square, from which on a compass has
-changed: as for curves, whose chi-square of 25 on three degrees of freedom is as rare as this on
-one."""
+"""Least difference between the halves of the period, and its chi-square, of a changed compass: on
+one degree of freedom as rare as 25 on three, the limit for curves."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +87,7 @@ class Offset:
 
 
 def t_inflation(freedom: Array) -> Array:
-    """Factor of a standard error for +-1.96 of it to be Student's 95 % interval."""
+    """Factor with which +-1.96 standard errors are Student's 95 % interval."""
     from scipy.special import stdtrit
 
     # scipy gives NaN at infinity

@@ -5,15 +5,15 @@ over the archive (hat functions in latitude, longitude and ln p) and a part that
 hours (hat functions about 400 km apart). Both are Gaussian random effects with variances estimated
 from the data, so that a reference without error leaves the fits unchanged. A flight has in addition
 an error common to a *piece* of it, an error of each block of some 200 km, and white noise. The
-deviation of an aircraft varies with its heading and is the same at all places; the field is
-neither, which separates the two.
+deviation of an aircraft depends on its heading and not on the place, the field on the place and not
+on the heading, which separates the two.
 
-The seam of longitude is where the fewest blocks are, so that the date line and a hemisphere need no
+Longitudes are cut where the fewest blocks are, so that the date line and a hemisphere need no
 special case. A passing part of more than `MOST_NODES` nodes is divided into regions: within a
 segment, blocks of different regions are taken as independent, although nodes reach over the border.
 The borders move from one segment to the next, so that no place is always at a border. The lasting
-part is never divided. Valid for any number of aircraft; the more of them fly in the same air, the
-more it helps. SI units and radians; latitude and longitude in degrees.
+part is never divided. Valid for any number of aircraft; the benefit grows with the number in the
+same air. SI units and radians; latitude and longitude in degrees.
 
 *Blocks.* The error of the reference hardly changes over a block (about 200 km, half the distance
 between the nodes of the field), so that its reports can be placed at the middle one. The sums are
@@ -51,13 +51,13 @@ Short = NDArray[np.int32]
 LENGTH = 240e3
 """Metres: longest block at the aircraft's median airspeed."""
 DURATIONS = (1800, 1200, 900, 600)
-"""Seconds that a block may last, all of them parts of a segment."""
+"""Durations of a block in seconds; each divides a segment."""
 SEGMENT_SECONDS = 6 * 3600
 """Time over which a passing error of the reference is taken as constant."""
 SLOPES = 6
 """A to E and the airspeed scale."""
 LEAST_WEIGHT = 0.3
-"""Weight, in reports, below which a block is left out: gross errors."""
+"""Weight, in reports, below which a block is omitted (gross errors)."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ class Reports:
     time: NDArray[np.datetime64]
 
     def take(self, index: Index) -> Reports:
-        """Some of the reports."""
+        """Return a subset of the reports."""
         return Reports(*(getattr(self, one.name)[..., index] for one in fields(self)))
 
 
@@ -183,7 +183,7 @@ SHIFTS = 5
 LARGEST_VARIANCE = 9.0
 """(m/s)2: bound of every variance; a larger one is no error of the reference."""
 ROUNDS = 6
-"""Rounds of the variances, each with the field removed that the round before found."""
+"""Iterations of the variances, each with the field of the previous one removed."""
 
 
 @dataclass(frozen=True)
@@ -321,7 +321,7 @@ class Stretch:
     share: Array  # (n, up to 4): values of their functions
     lasting: Short  # (n, up to 9): functions of the lasting part and, last, its mean
     lasting_share: Array  # (n, up to 9): their values
-    segment: Index  # (n,): place among the segments
+    segment: Index  # (n,): index of the segment
     segments: Index  # numbers of the segments, not decreasing
     nodes: int  # largest number of nodes with blocks in one segment; others are filled up to it
     every: int  # number of nodes of a segment, with or without blocks
@@ -409,8 +409,8 @@ class Precision:
     weight : array, shape (n,)
         Inverse variance of each block.
     tied : array, shape (pieces,)
-        Variance of a piece's error that is left by its blocks.
-    inverse : array, shape (segment, nodes, nodes)
+        Posterior variance of a piece's error given its blocks. inverse : array, shape (segment,
+    nodes, nodes)
         Posterior covariance of the nodes.
     """
 

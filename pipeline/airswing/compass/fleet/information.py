@@ -9,9 +9,9 @@ separate block. The passing part reduces it by H' G H, with G the posterior cova
 segment's nodes and H the weighted sums of an aircraft's design at the nodes it flew near, a sparse
 matrix. The whole matrix is multiplied without being formed.
 
-Of the blocks' sums whole days are laid out at a time, about `MOST_BLOCKS` blocks, so that memory
-grows with the archive only by the sums and by a score of each unknown a day. With more blocks than
-that, variances and information are those of an even choice of segments, scaled to all blocks; the
+The equations of whole days are formed together, about `MOST_BLOCKS` blocks, so that memory grows
+with the archive only by the blocks' sums and by a score of each unknown a day. With more blocks,
+variances and information are computed from evenly chosen segments and scaled to all blocks; the
 scores are always of every block.
 """
 
@@ -40,14 +40,14 @@ UNKNOWNS = SLOPES + 2
 KEPT = tuple([*range(SLOPES), SLOPES + c] for c in range(2))
 """Unknowns that enter each component of the residual."""
 MOST_BLOCKS = 50_000
-"""Blocks laid out at a time, about."""
+"""Approximate number of blocks whose equations are formed together."""
 AIRCRAFT = 125
 """Number of aircraft above which `MOST_BLOCKS` grows in proportion: an aircraft must occur on some
 of the days."""
 MOST_NUMBERS = 100_000_000
-"""Numbers of the passing part's covariances laid out at a time."""
+"""Most elements of the passing part's covariances that are formed together."""
 LEAST_FREEDOM = 30
-"""Degrees of freedom within blocks from which an aircraft's white noise is estimated."""
+"""Fewest degrees of freedom within blocks for an estimate of an aircraft's white noise."""
 
 
 class Reference:
@@ -79,12 +79,12 @@ class Reference:
         within, freedom = np.array([(part.within, part.freedom) for part in blocks]).T
         known, white = freedom >= LEAST_FREEDOM, within / np.maximum(freedom, 1.0)
         white = np.where(known, white, np.median(white[known]) if known.any() else 1.0)
-        # above zero also for made winds without noise: the precision divides by it
+        # positive also for synthetic winds without noise: the precision divides by it
         self.variances = estimate_variances(some, np.maximum(white, 1e-3))
         self.some = Precision(some, self.variances)
         self.runs = _runs(segments, count, self._day_of(segments), most)
-        # what needs every block: report counts by aircraft and by function of the lasting part,
-        # the information with the field known, and the scores where every unknown is zero, by day
+        # sums over every block: report counts by aircraft and by function of the lasting part, the
+        # information with the field known, and the scores where every unknown is zero, by day
         self.worth, self.lasting_worth = np.zeros(self.aircraft), np.zeros(self.functions)
         weight, self.direct = 0.0, np.zeros((self.aircraft, UNKNOWNS, UNKNOWNS))
         self.start = np.zeros((self.days.size, self.size + self.free.size))
@@ -95,8 +95,8 @@ class Reference:
             weight += float(part.weight.sum())
             self.direct += _direct_information(part, self.aircraft)
             self._add_scores(part, one.residual, self.start)
-        # scaling from the chosen segments to all blocks, where the field has a part in the
-        # information: F N F' for the aircraft's unknowns, N times ``gain`` for the lasting part's
+        # scaling from the chosen segments to all blocks, where the information depends on the
+        # field: F N F' for the aircraft's unknowns, N times ``gain`` for the lasting part's
         self.factor, self.gain = np.broadcast_to(np.eye(UNKNOWNS), self.direct.shape), 1.0
         if self.thinned:
             self.factor = _factor(_direct_information(self.some, self.aircraft), self.direct)
@@ -105,7 +105,7 @@ class Reference:
 
     @property
     def size(self) -> int:
-        """Number of unknowns besides the coefficients."""
+        """Number of unknowns other than the coefficients."""
         return int(2 * (self.aircraft + self.functions))
 
     def _sum_information(self) -> None:
@@ -114,7 +114,7 @@ class Reference:
         weighted = sparse.diags(precision.weight) @ one.lasting_design
         tied = sparse.diags(precision.tied) @ (one.piece_sums @ weighted)
         lasting = weighted - sparse.diags(precision.weight) @ (one.piece_sums.T @ tied)
-        # of one component's lasting part, and between it and the aircraft's unknowns
+        # information about one component's lasting part, and between it and the aircraft's unknowns
         self.lasting = (one.lasting_design.T @ lasting).toarray()
         self.border = np.zeros((self.aircraft, UNKNOWNS, 2, functions))
         # transposed H of each component, (7 * aircraft, segment * nodes), rows by coefficient (A to
@@ -301,7 +301,7 @@ def _runs(segments: Index, count: Index, day: Index, most: int) -> list[Index]:
 
 
 def _factor(some: Array, every: Array) -> Array:
-    """Matrices that bring the information of some blocks to that of all, (aircraft, 8, 8)."""
+    """Matrices that scale the information of some blocks to all blocks, (aircraft, 8, 8)."""
     # an aircraft without information on a parameter has no Cholesky factor without the ridge
     ridge = 1e-9 * np.trace(every, axis1=1, axis2=2)[:, np.newaxis, np.newaxis] * np.eye(UNKNOWNS)
     thin, whole = (np.linalg.cholesky(one + ridge) for one in (some, every))

@@ -1,10 +1,10 @@
 """Deviations of a fleet and the error of its references, estimated together.
 
-The fits of single aircraft are near enough for one linear step. The unknowns are those of
+The fits of single aircraft are accurate enough for one linear step. The unknowns are those of
 `airswing.compass.fleet.information`, for all references together. Prior variances of the biases and
 of the lasting parts are estimated by restricted maximum likelihood (Schall's steps). The
-coefficients of the aircraft have no prior: a fleet with large deviations must not be drawn to its
-mean. Up to `WRITTEN_OUT` unknowns the matrix is formed and inverted. Of more unknowns
+coefficients of the aircraft have no prior: a fleet with large deviations must not be shrunk to its
+mean. Up to `WRITTEN_OUT` unknowns the matrix is formed and inverted. With more unknowns
 
 * systems are solved by `scipy.sparse.linalg.cg`, preconditioned with the blocks of each aircraft
   and of each lasting part;
@@ -12,10 +12,10 @@ mean. Up to `WRITTEN_OUT` unknowns the matrix is formed and inverted. Of more un
 * an aircraft's covariance is the inverse of its block, plus what the lasting part adds, which is
   exact, times the mean over the fleet of the ratio of the true variances to these.
 
-Errors of different days (four segments, UTC) are taken as independent, whatever they are within a
-day. The covariance is the model's times the fleet's mean ratio of the sandwich over days to the
-model's, for each coefficient, because the days of one aircraft are too few; in an archive of few
-days this ratio is at least one.
+Errors of different days (four segments, UTC) are taken as independent; within a day any correlation
+is allowed. The covariance is the model's times the fleet's mean ratio of the sandwich over days to
+the model's, for each coefficient, because the days of one aircraft are too few; in an archive of
+few days this ratio is at least one.
 
 References
 ----------
@@ -37,7 +37,7 @@ from airswing.compass.fleet.information import Reference
 from airswing.errors import InputError
 
 SEGMENTS_A_DAY = 4
-"""Six hours each, as `airswing.compass.fleet.field` divides the time."""
+"""Segments of six hours, as in `airswing.compass.fleet.field`."""
 FEW_DAYS = 15
 """Number of days below which their scatter may widen the model's covariance and not narrow it."""
 WRITTEN_OUT = 1500
@@ -49,15 +49,15 @@ STEP, COARSE_STEP = 1e-8, 1e-3
 FIRST_VARIANCE, SMALLEST_VARIANCE = 0.05, 1e-4
 """(m/s)2."""
 UNKNOWN_VARIANCE = 1e6
-"""(m/s)2: of an unknown without prior."""
+"""(m/s)2: variance of an unknown without prior."""
 FINE, COARSE = 1e-7, 1e-4
-"""Relative residual of a solution: of the estimate, of variances."""
+"""Relative residual at which the solver stops, for the estimate and for variances."""
 ITERATIONS = 1000
 """Most iterations of the conjugate gradients."""
 COLUMNS = 32
 """Columns multiplied at a time."""
 SIGNS, MANY_SIGNS = 8, 32
-"""Vectors of random signs for a trace, and for a sum of squares."""
+"""Number of vectors of random signs for a trace, and for a sum of squares."""
 
 
 @dataclass(frozen=True)
@@ -66,8 +66,8 @@ class FleetFit:
 
     step: Array  # (aircraft, 6): to add to A to E and airspeed scale of the single fits, radians
     covariance: Array  # (aircraft, 6, 6)
-    # (FOLDS, aircraft, 6): change of the estimate without the days of each part, but for the weight
-    # of the other days: to first order, the equations of the days being additive
+    # (FOLDS, aircraft, 6): change of the estimate without the days of each part, except for the
+    # weight of the other days: to first order, the equations of the days being additive
     without: Array
     bias: Array  # (2,): mean error of the references over the blocks, m/s
     bias_covariance: Array  # (2, 2)
@@ -177,7 +177,7 @@ class Written:
         )
         newton = (newton + newton.T) / 2.0
         diagonal = np.arange(shared)
-        # a coefficient held at zero: as stiff as the stiffest, so that it hardly moves
+        # a coefficient held at zero gets the largest information, so that it hardly changes
         newton[diagonal, diagonal] += np.where(
             equations.free.ravel(), 0.0, np.diagonal(newton)[:shared].max()
         )
@@ -242,7 +242,7 @@ class Iterated:
         unit[low, np.arange(low.size)] = 1.0
         solved = self._solved(unit, COARSE)
         among = solved[low]
-        # solved to a tolerance only, it is symmetric within that
+        # symmetric only within the tolerance of the solver
         root = np.linalg.cholesky(np.linalg.inv((among + among.T) / 2.0))
         part = solved[self.place[:, :SLOPES]] @ root
         found = self.inverse[:, :SLOPES, :SLOPES] + part @ part.transpose(0, 2, 1)

@@ -1,16 +1,16 @@
-"""Changes of compasses within an archive, and fits by calendar window next to them.
+"""Changes of compasses within an archive, and fits by calendar window.
 
-Assumes that a change is a step of A to E from one day to the next. The test is that of every night
+Assumes that a change is a step of A to E from one day to the next. The test is the nightly one
 (:mod:`airswing.evaluation.monitoring.fleet_watch`), but with all days before and after a date. An
-archive is cut at the most likely date, and each part again. A likelihood ratio exceeds exp(c) with
-probability exp(-c) at most where there is no step; a change is stated where the expected number of
-false ones in the fleet is at most :data:`FALSE_CHANGES`.
+archive is divided at the most likely date, and each part again. A likelihood ratio exceeds exp(c)
+with probability exp(-c) at most where there is no step; a change is stated where the expected
+number of false ones in the fleet is at most :data:`FALSE_CHANGES`.
 
 The test works on a normal matrix and a right side of each aircraft and day. Each report gives two
 equations, across and along the indicated heading, in the unknowns :data:`UNKNOWNS`. The third and
-fourth harmonics absorb what A to E leave of a curve; without them it looks like a change wherever
-an aircraft turns to other headings. The reference's error is common to the reports of a flight:
-each flight has a bias, a random effect that is eliminated.
+fourth harmonics absorb the residual of A to E; without them it looks like a change when an aircraft
+flies other headings. The reference's error is common to the reports of a flight: each flight has a
+bias, a random effect that is eliminated.
 
 Dates are days, UTC; angles in degrees in the results.
 """
@@ -40,21 +40,21 @@ from airswing.products.ragged import blocks, row_bounds, some_reports
 from airswing.vocabulary import describe
 
 FALSE_CHANGES = 0.02
-"""Expected number of false changes in a fleet without any, up to which a change is stated."""
+"""Largest expected number of false changes in a fleet without any for which a change is stated."""
 RATE = 1.0
 """Bound of the false steps of an aircraft-year whose log likelihood ratio exceeds c, over exp(-c).
 
 ``python -m benchmarks.monitoring --part changes`` measures less than this in every world.
 """
 MOST_CHANGES = 4
-"""Depth of the search: each part of an archive is cut in two at its date."""
+"""Depth of the search: each part of an archive is divided at its most likely date."""
 ANGLES = 5  # A, B, C, D, E
 UNKNOWNS = 12
 """A to E, sin 3m, cos 3m, sin 4m, cos 4m (radians), airspeed scale, b_u, b_v (m/s)."""
 FLIGHT_BIAS_PRECISION = 1.0
 """Error variance of a report over that of a flight's bias: correlation of 0.5 within a flight."""
 GROSS = 8.0
-"""Robust standard deviations from a first fit beyond which a report is left out."""
+"""Robust standard deviations from a first fit beyond which a report is omitted."""
 
 
 @dataclass(frozen=True)
@@ -86,11 +86,11 @@ class CompassWatch:
     def changes(self) -> list[Content]:
         """Changes stated of every aircraft, as ``stability.json`` holds them.
 
-        One entry an aircraft: ``aircraft``, ``days`` with reports, ``p_value`` and ``statistic`` of
-        the largest step (None with too few days for a test), and ``changes``, each with ``date``
-        (first day of the new compass), ``date_ci``, ``change_deg`` and ``standard_error_deg`` of A
-        to E, ``curve_rms_deg`` (rms over the compass) and ``p_value``: the expected number of
-        changes as clear as this in a fleet without any.
+        One entry for each aircraft: ``aircraft``, ``days`` with reports, ``p_value`` and
+        ``statistic`` of the largest step (None with too few days for a test), and ``changes``, each
+        with ``date`` (first day of the new compass), ``date_ci``, ``change_deg`` and
+        ``standard_error_deg`` of A to E, ``curve_rms_deg`` (rms over the compass) and ``p_value``:
+        the expected number of changes as clear as this in a fleet without any.
         """
         rows = rows_by_aircraft(self.days.aircraft, self.aircraft.size)
         return [self._entry(number, part) for number, part in enumerate(rows)]
@@ -129,7 +129,7 @@ class CompassWatch:
             edges = np.searchsorted(day, [day[0], *dates, day[-1] + 1]).tolist()
             new = stated([step(*ends) for ends in pairwise(edges)])
         if dates:
-            # each once more between its neighbours, so that its error is that of both parts
+            # test each date again between its neighbours, so that its error is that of both parts
             changes = stated([step(*ends) for ends in zip(edges[:-2], edges[2:], strict=True)])
         return {
             "aircraft": str(self.aircraft[number]),

@@ -3,8 +3,8 @@
 A run tests the whole archive and reports the events that no earlier run reported. A state gives, of
 every aircraft, the table in use and the one that would be sent now.
 
-An aircraft is silent when it has not reported for longer than twice its longest gap, and than a gap
-that has the probability :data:`RARE` at its share of days with reports. Days on which hardly any
+An aircraft is silent when it has not reported for longer than twice its longest gap and longer than
+a gap of probability :data:`RARE` at its share of days with reports. Days on which hardly any
 aircraft reports are gaps of the archive. Two tables differ where the difference at a node is beyond
 the 95 % limit of the largest of eight independent ones (Sidak 1967, J. Am. Stat. Assoc. 62,
 626-633) and beyond the resolution of a unit. Days are UTC dates, angles degrees, winds knots.
@@ -47,13 +47,13 @@ from airswing.units import KNOT
 
 VERSION = 1
 NAMED = 20
-"""Aircraft of a list that the text names; the file names all."""
+"""Most aircraft of a list that the text names; the file names all."""
 LAST_DAYS = 7
 """Days with reports whose disagreement is compared with that of the days before."""
 LEARNING = 14
 """Days of an archive in which an aircraft's first report is not reported as new."""
 SAME = 3
-"""Days by which the date of one silence may differ between two runs."""
+"""Days by which the date of a silence may differ between two runs."""
 RARE = 1e-6
 """Probability of a silence by chance, at the aircraft's share of days with reports."""
 SHORTEST = 5
@@ -65,7 +65,7 @@ LARGEST_OF_EIGHT = 2.727
 RESOLUTION = 0.1
 """Degrees by which two tables may differ from rounding."""
 LEAST = 0.3
-"""m/s: smaller differences are taken as this, so that rounding does not enter the logarithm."""
+"""m/s: smaller differences are set to this, so that rounding does not enter the logarithm."""
 Kind = Literal[
     "compass_changed", "disagreement_rose", "aircraft_new", "aircraft_silent", "reference_changed"
 ]
@@ -83,8 +83,8 @@ class Event:
     """Something that happened."""
 
     kind: Kind
-    date: str  # first day of it
-    noticed: str  # day whose reports showed it
+    date: str  # its first day
+    noticed: str  # day on which it was detected
     aircraft: str | None  # None: all aircraft
     # of a step ``date_ci``, ``statistic``, its ``threshold`` and ``aircraft_that_night``; of a
     # compass ``change_deg``, ``standard_error_deg`` (of A to E) and ``curve_rms_deg``; of a
@@ -128,7 +128,7 @@ class State:
     silent: bool = False
     table_in_use: UnitTable | None = None  # on board, or applied
     table_now: UnitTable | None = None  # would be sent now
-    tables_differ: bool | None = None  # follows from the tables; None: there are not two
+    tables_differ: bool | None = None  # follows from the tables; None without both
     table_difference_deg: float | None = None  # rms over the nodes
     disagreement_kt: float | None = None  # mean wind vector difference of the last days
     past_disagreement_kt: float | None = None  # and of the days before
@@ -150,8 +150,8 @@ class Monitoring:
     states: list[State]
     events: list[Event]  # of all runs, in the order they were noticed
     told_before: int = 0  # number of events that earlier runs reported; the others are new
-    # number of the last events that no command is known to have shown (it was killed before): they
-    # are new to the next run too
+    # number of the last events that may not have been shown, because a command was killed: they are
+    # also new to the next run
     unsaid: int = 0
 
     def __repr__(self) -> str:
@@ -249,7 +249,7 @@ def find_events(
         Tables on board, by aircraft. By default those of ``previous``, else those of the fits.
     compass : CompassWatch, optional
         Of :func:`airswing.evaluation.monitoring.changes.watch_compasses` for the same headings,
-        where it was made already.
+        if it exists already.
 
     Returns
     -------
@@ -294,7 +294,8 @@ def find_events(
     found += [
         _step_event(alarm, aircraft, "disagreement_rose")
         for alarm in risen
-        # a fall needs no action, and a step of the compass or the reference explains a rise
+        # a decrease needs no action, and a step of the compass or the reference explains an
+        # increase
         if alarm.step.change[0] > 0
         and not any(
             other.step.number == alarm.step.number
@@ -326,7 +327,7 @@ def find_events(
     ]
     news = _not_reported(found, previous)
     news.sort(key=lambda event: (event.noticed, event.date, event.aircraft or ""))
-    same = previous.reference == name  # else its tables are of another reference
+    same = previous.reference == name  # otherwise its tables are of another reference
     before = {
         state.aircraft: state if same else replace(state, table_in_use=None)
         for state in previous.states
@@ -346,7 +347,7 @@ def find_events(
         ]
         state = State(who, first, seen, number in silent, in_use.get(who), now.get(who))
         present[who] = replace(state, disagreement_kt=means[0], past_disagreement_kt=means[1])
-    # an aircraft whose reports were removed is still known, and not new when it returns
+    # an aircraft whose reports were removed is remembered, and is not new when it returns
     gone = [state for who, state in before.items() if who not in present]
     return Monitoring(
         date_of(last),
@@ -394,7 +395,7 @@ def changed_since(found: Monitoring) -> dict[str, str]:
 
 
 def with_tables(found: Monitoring, now: Mapping[str, UnitTable | None]) -> Monitoring:
-    """The same with other tables that would be sent now, by aircraft; None: none yet."""
+    """States with other tables that would be sent now, by aircraft (None: no table yet)."""
     states = [
         replace(state, table_now=now.get(state.aircraft, state.table_now)) for state in found.states
     ]
@@ -456,7 +457,7 @@ def first_days_and_silences(
         edge = np.append(open_days[day[rows] - base], open_days[-1])
         gaps = np.diff(edge) - 1  # open days between two days with reports
         gaps[-1] += 1
-        # longest gap that the days before each gap make usual
+        # longest gap that is usual by the days before each gap
         flown = np.arange(1, gaps.size + 1)
         before = np.concatenate([[0], np.cumsum(gaps)[:-1]])
         idle = (before + 1.0) / (flown + before + 2.0)
@@ -474,10 +475,10 @@ def first_days_and_silences(
 
 
 def _not_reported(found: list[Event], before: Monitoring) -> list[Event]:
-    """Events that none of the earlier ones is: dates move a little when reports arrive late.
+    """Events not among the earlier ones, whose dates may differ slightly when reports arrive late.
 
-    What earlier runs could have noticed of the same aircraft a month ago and more, and did not, is
-    not reported either: the errors of the days were estimated otherwise then.
+    An event of a month ago and more that earlier runs could have noticed and did not is not
+    reported either: they estimated the errors of the days differently.
     """
     remaining: dict[tuple[str, str | None], list[Event]] = {}
     for event in before.events:
@@ -489,7 +490,7 @@ def _not_reported(found: list[Event], before: Monitoring) -> list[Event]:
         alike = remaining.get((event.kind, event.aircraft), [])
         gaps = [(abs(_day(one.date) - _day(event.date)), k) for k, one in enumerate(alike)]
         gap, k = min(gaps, default=(span + 1, -1))
-        # an aircraft is new once, whatever its first day is now
+        # an aircraft is new only once, even if its first day has changed
         if gap <= span or (gaps and event.kind == "aircraft_new"):
             # an old event explains one new one: a second at the same date is new
             del alike[k]
@@ -531,10 +532,10 @@ def tables_of(fits: xr.Dataset) -> dict[str, UnitTable]:
 
 
 def read_tables(path: Path | str, *, reference: str) -> dict[str, UnitTable]:
-    """Tables in use by aircraft, from a file as a run writes it (``tables.csv``).
+    """Tables in use by aircraft, from a file in the format of ``tables.csv``.
 
-    Of the rows of ``reference``, where the file holds those of several; of the aircraft that have
-    all eight nodes. Rows without a number are no table. InputError if it is not such a file.
+    Only rows of ``reference`` are used if the file has several references, and only aircraft with
+    all eight nodes. Rows without a number are ignored. InputError if it is not such a file.
     """
     try:
         numbers = ("table_correction_deg", "standard_error_deg")

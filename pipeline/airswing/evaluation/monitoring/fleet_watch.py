@@ -1,10 +1,10 @@
 """Test of a whole fleet, night by night: separates fleet-wide from single-aircraft changes.
 
 The innovations that all aircraft have in common on a day are an error of the reference; each
-aircraft is tested (:mod:`airswing.evaluation.monitoring.step_test`) after the common part, as the
-*other* aircraft show it, has been removed. The common part is a robust mean, drawn towards the
-level of the days before, and is tested like one more aircraft: a step of it belongs to the
-reference, as does a night on which half of a small fleet or more seem to step. The errors of a day
+aircraft is tested (:mod:`airswing.evaluation.monitoring.step_test`) after removal of the common
+part, estimated from the *other* aircraft. The common part is a robust mean, shrunk towards the
+level of the days before, and is tested like one more aircraft: its step is attributed to the
+reference, as is a night on which half of a small fleet or more seem to step. The errors of a day
 are estimated from the months before it. Radians; logarithms of the wind vector difference.
 """
 
@@ -20,16 +20,16 @@ from airswing.evaluation.disagreement import Floats, Ints
 from airswing.evaluation.monitoring.step_test import Law, Noise, Step, StepTest
 
 FEWEST = 5
-"""Aircraft of a day that have a common part."""
+"""Fewest aircraft of a day for a common part."""
 FAR = 9.0
-"""Squared distance from the common part at which an aircraft counts half."""
-_ROUNDS = 3  # of the common part and the weights of aircraft far from it, in turn
+"""Squared distance from the common part at which an aircraft has half weight."""
+_ROUNDS = 3  # iterations of the common part and of the weights of aircraft far from it
 FEWEST_IN_BLOCK, FEWEST_BLOCKS = 7, 3
-"""Days of an aircraft in a block, and such blocks, below which the usual errors are taken."""
+"""Fewest days of an aircraft in a block, and blocks; with fewer the default errors are used."""
 BLOCK_DAYS = 21
 """Days over which a level is taken as constant when the errors are estimated."""
 ENOUGH_ROWS, FEWEST_AIRCRAFT = 20_000, 20
-"""Rows that suffice to estimate the errors of a day, and the fewest aircraft among them."""
+"""Rows used to estimate the errors of a day, and the fewest aircraft among them."""
 MONTH_BEFORE = 28
 """Days before a month that its errors are estimated from; where fewer, the month itself is used."""
 LIKELY = 3.0
@@ -122,7 +122,7 @@ def watch_fleet(
     for month in np.unique(months).tolist():
         begin, end = np.array([month, month + 1], "M8[M]").astype("M8[D]").astype(np.int64)
         known = day < (begin if begin - first >= MONTH_BEFORE else end)
-        # of large fleets every so many aircraft
+        # large fleets are thinned by aircraft
         every = max(min(int(known.sum()) // ENOUGH_ROWS, number // FEWEST_AIRCRAFT), 1)
         known &= aircraft % every == 0
         sums = normal[known].astype(np.float64), right[known].astype(np.float64)
@@ -153,7 +153,7 @@ def _night(
     normal: Floats,
     right: Floats,
 ) -> tuple[list[Step], Floats]:
-    """Take in a day: its steps (number -1: the fleet), and the common part of each aircraft."""
+    """Process a day: its steps (number -1: the fleet), and the common part for each aircraft."""
     weight, right = single.noise.weights(normal, right)
     level = shared.level(np.array([0]))[0][0]
     without, total, shown = common_part(*single.innovation(of, weight, right), level, sigma)
@@ -178,7 +178,7 @@ def _night(
 def common_part(
     weight: Floats, score: Floats, level: Floats, sigma: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    """Innovation that the aircraft of a day have in common, as the others of each show it.
+    """Common innovation of a day, for each aircraft estimated from the others.
 
     ``weight`` (n, p, p) and ``score`` (n, p) are the innovations of the aircraft; ``level`` and
     ``sigma`` (p,) the common level of the days before and the standard deviation about it. Returns
@@ -189,7 +189,7 @@ def common_part(
     if n < FEWEST:
         return np.tile(level, (n, 1)), np.zeros((p, p)), np.zeros(p)
     precision = np.diag(sigma**-2.0)
-    # a prior five times as wide: an aircraft's day must not be drawn to the level
+    # a prior five times as wide, so that an aircraft's day is not shrunk to the level
     each = np.linalg.solve(precision / 25.0 + weight, score[..., np.newaxis])[..., 0]
     middle = np.median(each, axis=0)
     for _ in range(_ROUNDS):
@@ -212,8 +212,8 @@ def estimated_noise(
     """Errors of the days of a fleet, from their scatter about levels of three weeks.
 
     ``normal`` (row, p, p), ``right`` (row, p), ``aircraft`` and ``day`` (row,) as in
-    :func:`watch_fleet`. ``usual`` is taken where there are too few days; its components of one size
-    stay of one size.
+    :func:`watch_fleet`. ``usual`` is used with too few days; its components of equal size keep
+    equal sizes.
     """
     # one number for both: days since 1970 have five digits
     block = aircraft * 100_000 + day // BLOCK_DAYS
@@ -224,7 +224,7 @@ def estimated_noise(
         return usual
     rest, inflation = np.zeros(right.shape), np.zeros(day.size)
     for rows in groups:
-        # pseudo-inverse: a component that no report sees stays zero
+        # pseudo-inverse: a component without information stays zero
         level = np.linalg.pinv(normal[rows].sum(0), hermitian=True) @ right[rows].sum(0)
         rest[rows] = right[rows] - normal[rows] @ level
         inflation[rows] = rows.size / (rows.size - 1.0)
@@ -243,7 +243,7 @@ def estimated_noise(
 
 
 def _without_common(normal: Floats, rest: Floats, day: Ints, rows: Ints) -> Floats:
-    """Residuals less what the rows of a day have in common, scaled for its degrees of freedom."""
+    """Residuals minus the common part of the rows of a day, scaled for its degrees of freedom."""
     _, place = np.unique(day[rows], return_inverse=True)
     number = np.bincount(place)
     total = np.zeros((number.size, *normal.shape[1:]))
@@ -262,15 +262,15 @@ def _without_common(normal: Floats, rest: Floats, day: Ints, rows: Ints) -> Floa
 
 def _variances(terms: Floats, squares: Floats) -> Floats:
     """Non-negative variances s with E(squares) = terms s, large squares limited."""
-    # Moments, not a likelihood: the days hold the very steps and gross days that are looked for,
-    # and the limit on each square keeps them out.
+    # Moments, not a likelihood: the days contain the steps and gross errors to be detected, and the
+    # limit on each square reduces their effect.
     terms, squares = terms[terms[:, 0] > 0], squares[terms[:, 0] > 0]
     # the median of a chi-square of one degree of freedom is 0.455
     middle = float(np.median(squares / terms[:, 0]) / 0.455)
     found = np.eye(terms.shape[1])[0] * middle
     for _ in range(8):
         expected = np.maximum(terms @ found, 1e-30)
-        # three standard deviations: a step or a gross day counts as that much
+        # three standard deviations: the most that a step or a gross error contributes
         limited = np.minimum(squares, 9.0 * expected)
         found = nnls(terms / expected[:, np.newaxis], limited / expected)[0]
         # the scatter within days is never zero, which would make weights infinite
@@ -285,11 +285,11 @@ def _persistence(
     product = square = 0.0
     for rows in groups:
         weight, score = noise.weights(normal[rows], rest[rows])
-        # a day may not see a component
+        # a day may have no information on a component
         root = np.sqrt(np.maximum(np.diagonal(weight, axis1=1, axis2=2), 1e-30))
         z = np.clip(score / root, -3.0, 3.0)[:, noise.between > 0]
         next_day = np.diff(day[rows]) == 1
-        # a level fitted to n days makes them look correlated by -1/n
+        # a level fitted to n days gives them an apparent correlation of -1/n
         product += float((z[1:] * z[:-1])[next_day].sum() + (z**2).sum() / rows.size)
         square += float((z[1:] ** 2)[next_day].sum())
     # a level that drifts looks like persistence

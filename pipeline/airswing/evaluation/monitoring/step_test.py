@@ -2,10 +2,10 @@
 
 Assumes that a day gives a quantity x (the coefficients of a compass; the logarithm of a wind vector
 difference) by a normal matrix N and a right side r, with errors of covariance phi N^-1 + tau^2: phi
-from the reports of the day, tau^2 from what they have in common. The weight of a day is
-W = (phi N^-1 + tau^2)^-1, which exists for singular N too. The scale of the errors of each aircraft
-is estimated by empirical Bayes; successive days are correlated (first-order autoregression), which
-inflates the variance of a period.
+from the independent errors of the reports of the day, tau^2 from their common error. The weight of
+a day is W = (phi N^-1 + tau^2)^-1, which exists for singular N too. The scale of the errors of each
+aircraft is estimated by empirical Bayes; successive days are correlated (first-order
+autoregression), which inflates the variance of a period.
 
 Every night a step at any of the last 30 days is compared with no step. The level before has its
 error and a slow drift, the step a prior over shapes: the offset alone, A to C, or A to E. The
@@ -33,9 +33,9 @@ LAGS = (1, 2, 3, 4, 5, 7, 10, 14, 20, 30)
 SCALE_FREEDOM = 60.0
 """Degrees of freedom of the fleet's noise in the noise of one aircraft."""
 FEWEST_DAYS = 14
-"""Days with reports before a step."""
+"""Fewest days with reports before a step."""
 FEWEST_AFTER = 3
-"""Days with reports after a step that all days of an archive show."""
+"""Fewest days with reports after a step that is found from all days of an archive."""
 FREEDOM = 6.0
 """Degrees of freedom of a day's Student's t: a day is the mean of a few heavy-tailed flights."""
 SINGLE_DAY = 5.5
@@ -45,7 +45,7 @@ LIKELIHOOD_RATIO_95 = 7.35
 Econ. 6, 463-497)."""
 _ROUNDS = 8
 _SUMS = ("weight", "limited", "right", "days")
-_SINGULAR = 1e-9  # a weight is known to about this share: directions below are rounding
+_SINGULAR = 1e-9  # relative accuracy of a weight: smaller eigenvalues are rounding errors
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class Law:
 
     shapes: Floats  # (shape, p): standard deviation of a step, by shape; all equally probable
     level: Floats  # (p,): standard deviation of the level before any report
-    drift: Floats  # (p,): standard deviation of the level's drift, which is no step
+    drift: Floats  # (p,): standard deviation of the level's drift, which does not count as a step
     farthest: float  # squared distance to which a day is limited when the level is updated
     threshold: float  # log likelihood ratio of an alarm
     # log likelihood ratio by normal errors from which Student's t is evaluated; None: normal
@@ -67,7 +67,7 @@ class Noise:
     """Errors of a day."""
 
     within: float  # phi: of the reports
-    between: Floats  # (p,): tau^2: of what the reports of a day have in common
+    between: Floats  # (p,): tau^2: of the common error of the reports of a day
     persistence: float = 0.0  # correlation of a day with the next
 
     def weights(self, normal: Floats, right: Floats) -> tuple[Floats, Floats]:
@@ -103,12 +103,12 @@ class StepTest:
 
     def __init__(self, law: Law, noise: Noise, number: int) -> None:
         self.law, self.noise, p = law, noise, law.level.size
-        # of all days so far; the right side with far days limited, and without that limit
+        # sums of all days so far; the right side with and without the limit of far days
         parts = [("weight", "f8", (p, p)), ("limited", "f8", p), ("right", "f8", p), ("days", "f8")]
         self.sums = np.zeros(number, parts)
         # squared distances and their degrees of freedom, for the scale of each aircraft's noise
         self.excess, self.freedom = np.zeros((2, number))
-        # day, and the sums as they were before it
+        # day, and the sums before it
         self._ring: deque[tuple[int, NDArray[np.void]]] = deque(maxlen=LONGEST)
 
     def scale(self, of: Ints) -> Floats:
@@ -121,7 +121,7 @@ class StepTest:
         return _level(self.law, self.noise, sums["weight"], sums["limited"], self.scale(of))
 
     def innovation(self, of: Ints, weight: Floats, right: Floats) -> tuple[Floats, Floats]:
-        """Weight and score of a day's difference from the level, the level's error included."""
+        """Weight and score of a day's difference from the level, including the level's error."""
         level, covariance = self.level(of)
         scale = self.scale(of)
         weight = weight / scale[:, np.newaxis, np.newaxis]
@@ -152,7 +152,7 @@ class StepTest:
         self.freedom[of] += freedom
 
     def steps(self, of: Ints) -> list[Step]:
-        """Steps of aircraft that the last day taken in shows."""
+        """Steps of aircraft detected on the last day."""
         law, lags = self.law, self._lags()
         if law.student_from is None:
             return self.likely(of, law.threshold)
@@ -187,11 +187,11 @@ class StepTest:
         return corroborated_ratio(daily[flew] / inflated, score, covariance, self.law.shapes)
 
     def restart(self, step: Step) -> None:
-        """Begin the level of an aircraft anew after its step."""
+        """Restart the level of an aircraft after its step."""
         k = step.number
         before = next(sums for day, sums in self._ring if day == step.day)[k].copy()
         for sums in [*(sums for _, sums in self._ring), self.sums]:
-            # days before the step say nothing of the new level
+            # days before the step contain no information on the new level
             after = sums["days"][k] > before["days"]
             for name in ("weight", "right", "days"):
                 sums[name][k] = sums[name][k] - before[name] if after else 0.0
@@ -219,7 +219,7 @@ class StepTest:
         best = int(np.argmax(ratio))
         likely = np.flatnonzero(2.0 * (ratio[best] - ratio) <= LIKELIHOOD_RATIO_95)
         day = [self._ring[-lag][0] for lag in lags]
-        # by the days as they were, not limited
+        # without the limit of far days
         before = self._ring[-(best + 1)][1][of][np.newaxis]
         weight, score = self._after(of, [best + 1], before, "right")
         change, error = _step_estimate(weight[0, 0], score[0, 0], self.law)
@@ -235,7 +235,7 @@ def step_of_series(
 
     Days far from the levels on both sides of the step weigh less, by Student's t. ``scale`` is the
     error variance of the aircraft over that of the fleet; ``weight`` (d, p, p) and ``right`` (d, p)
-    are those of each day, what the fleet has in common removed. None with fewer days than
+    are those of each day after removal of the fleet's common part. None with fewer days than
     :data:`FEWEST_DAYS` before and :data:`FEWEST_AFTER` after.
     """
     places = np.arange(FEWEST_DAYS, day.size - FEWEST_AFTER + 1)
@@ -283,7 +283,7 @@ def _level(
     law: Law, noise: Noise, weight: Floats, right: Floats, scale: Floats | float
 ) -> tuple[Floats, Floats]:
     """Level from the sums of days, and its covariance with the drift."""
-    # a level rests on many days: the inflation of a year
+    # a level is the mean of many days: use the inflation of a year
     inflated = noise.inflation(365.0) * np.asarray(scale)[..., np.newaxis, np.newaxis]
     precision = weight / inflated + np.diag(law.level**-2.0)
     inverse = np.linalg.inv(precision)
@@ -342,7 +342,7 @@ def _step_estimate(weight: Floats, score: Floats, law: Law) -> tuple[Floats, Flo
 
 def _distance(weight: Floats, score: Floats, wide: Floats) -> tuple[Floats, Floats]:
     """Squared distance of days from their expectation, and its degrees of freedom."""
-    # a prior of ten times the widest step keeps days solvable that do not see a component
+    # a prior of ten times the widest step makes days without information on a component solvable
     root = 10.0 * wide
     inside = np.eye(wide.size) + root[:, np.newaxis] * weight * root
     scaled = score * root
@@ -399,7 +399,7 @@ def _student_densities(weight: Floats, score: Floats, covariance: Floats) -> tup
     flat = weight.reshape(dimensions.size, -1)
     eye, best = np.eye(unit.size), np.full(covariance.shape[0], -np.inf)
     first = np.zeros(dimensions.size)
-    # from equal weights and from the days near the level: gross days may make two maxima
+    # from equal weights and from the days near the level: gross errors may cause two maxima
     for start in (np.ones(dimensions.size), (FREEDOM + dimensions) / (FREEDOM + square)):
         share = np.tile(start, (best.size, 1))
         for _ in range(_ROUNDS):

@@ -1,8 +1,8 @@
 """Forecasts corrected by their errors on earlier days, and scores of the correction.
 
-A forecast is corrected by nothing observed after its start. Each hour of start, lead time, station
-and variable has a filter over whole days. Its error y = forecast - observation is taken as a slowly
-wandering bias and white noise (Delle Monache et al. 2006, J. Geophys. Res. 111, D05308)::
+The correction of a forecast uses no observation after its start. Each hour of start, lead time,
+station and variable has a filter over whole days. Its error y = forecast - observation is taken as
+a slowly wandering bias and white noise (Delle Monache et al. 2006, J. Geophys. Res. 111, D05308)::
 
     y(t) = x(t) + eps(t),    x(t) = x(t-1) + eta(t),    var(eta) = ratio * var(eps)
 
@@ -15,10 +15,10 @@ error is smaller by 2 % in 10 days than after a start without prior knowledge, a
 of three. A change of regime is followed in about 1/sqrt(ratio) days.
 
 The ratio is one number a variable: the one of least mean square error over the first part of the
-days; the other days are held out and judge it. Where no ratio has a smaller error than the raw
-forecast, the variable is left unchanged (ratio 0). Scores compare all methods on the same pairs;
-skill is one minus the mean square error over that of the raw forecast (Murphy 1988, Mon. Wea. Rev.
-116, 2417-2424). Intervals (95 %) are a bootstrap over blocks of start days.
+days; the other days are held out for its evaluation. Where no ratio has a smaller error than the
+raw forecast, the variable is left unchanged (ratio 0). Scores compare all methods on the same
+pairs; skill is one minus the mean square error over that of the raw forecast (Murphy 1988, Mon.
+Wea. Rev. 116, 2417-2424). Intervals (95 %) are a bootstrap over blocks of start days.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ Floats = NDArray[np.float64]
 # Second filter: variance of the daily change of the noise variance, and of one sample of it.
 VARIANCE_OF_NOISE_CHANGE, VARIANCE_OF_NOISE_SAMPLE = 0.0005, 1.0
 FIRST_VARIANCE = 4.0  # of the bias before the first error, in units of that of the noise
-_SERIES_AT_ONCE = 2048  # so many that the numbers of a day stay in the processor's cache
+_SERIES_AT_ONCE = 2048  # the values of a day fit into the processor's cache
 
 
 def correct_forecasts(
@@ -77,8 +77,7 @@ def correct_forecasts(
         Of the filter; chosen by variable on the training days when "auto", 0 where it does not
         help.
     training : float, default 0.5
-        Share of the days that choose.
-    window : int, default 7
+        Share of the days used for the choice. window : int, default 7
         Days of the running mean, and pairs of the mean of the last pairs.
 
     Returns
@@ -132,7 +131,7 @@ def correct_forecasts(
     for method, bias in biases.items():
         forecast = pairs["forecast"] - bias.transpose(*DIMS)
         pairs[FORECASTS[method]] = forecast.where((forecast >= bound) | forecast.isnull(), bound)
-    # In ns, rounded, for 1/3 h to be a time that others have as well.
+    # Rounded to ns, so that lead times such as 1/3 h give equal valid times.
     hours = (pairs["lead"] * 3.6e12).round().astype("timedelta64[ns]")
     return pairs.assign(
         held_out=(TIME, held_out.astype(np.int8)),
@@ -163,9 +162,9 @@ def _ratios(
 def _known_bias(
     errors: xr.DataArray, kernel: Callable[..., Floats], setting: xr.DataArray | float
 ) -> xr.DataArray:
-    """Bias of each forecast as known at its start, 0 where nothing was known."""
+    """Bias of each forecast known at its start, 0 without earlier errors."""
     starts = errors[TIME].to_numpy()
-    # A lead time of 24 h is one day: less a margin, so that rounding makes it no second one.
+    # A lead time of 24 h is one day; the margin prevents that rounding makes it two.
     days_ahead = np.maximum(np.ceil(errors["lead"].to_numpy() / 24.0 - 1e-9), 1.0)
     ahead = xr.DataArray(days_ahead.astype(np.int64), dims="lead")
     parts: list[xr.DataArray] = []
@@ -243,7 +242,7 @@ def _with_intervals(moments: xr.DataArray, suffix: str) -> dict[str, xr.DataArra
         return found | {f"{name}{suffix}_interval": one + nothing for name, one in scores.items()}
     weights = xr.DataArray(day_weights(days, draws=_DRAWS, seed=0), dims=("draw", "day"))
     bounds: dict[str, list[xr.DataArray]] = {name: [] for name in SCORES}
-    # A variable at a time, for the draws to fit into memory.
+    # One variable at a time, so that the draws fit into memory.
     for variable in by_day["variable"].to_numpy():
         drawn = _scores(xr.dot(weights, by_day.sel(variable=[variable])))
         for name, values in drawn.items():
@@ -369,7 +368,7 @@ def mean_of_pairs(errors: Floats, pairs: int) -> Floats:
 
 
 def known_before(filtered: Floats, ahead: NDArray[np.int64]) -> Floats:
-    """Bias (..., day) as known when a forecast started, 0 where nothing was known.
+    """Bias (..., day) known at the start of a forecast, 0 without earlier errors.
 
     ``filtered`` (..., day) is the bias after each day; ``ahead`` (...) the days from the start of a
     forecast to the first start at which its error is known: 1 for lead times up to a day.
